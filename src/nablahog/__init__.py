@@ -1,0 +1,1 @@
+from .hog import HOG, HOGSpec, hog, presets

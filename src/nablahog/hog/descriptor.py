@@ -1,0 +1,64 @@
+"""The operator ∇HOG: the four steps of Section 2 in a row."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from .gradient import gradient
+from .normalize import normalize
+from .orientation import votes
+from .pooling import pool
+from .spec import HOGSpec
+
+
+def _scaled(images: Tensor, spec: HOGSpec) -> Tensor:
+    """Checked images in 0…``spec.value_range``, floating point."""
+    if not isinstance(images, Tensor):
+        raise TypeError(f"images must be a torch tensor (B, C, H, W), got {type(images).__name__}")
+    if images.dim() != 4 or images.shape[1] < 1:
+        raise ValueError(f"images must have shape (B, C, H, W) with at least one channel, got {tuple(images.shape)}")
+    spec.grid(*images.shape[-2:])
+    if images.dtype == torch.uint8:
+        return images.to(torch.get_default_dtype()) * (spec.value_range / 255)
+    if images.dtype not in (torch.float32, torch.float64):
+        raise TypeError(f"images must be float32 or float64 in 0…1, or uint8 in 0…255, got {images.dtype}")
+    return images if spec.value_range == 1 else images * spec.value_range
+
+
+def hog(images: Tensor, spec: HOGSpec) -> Tensor:
+    """The HOG descriptor of a batch of images, exactly differentiable (Section 2 of the paper).
+
+    Works on CPU and CUDA, under reverse and forward mode, ``vmap`` and ``torch.compile``; second derivatives exist away
+    from kinks.  At kinks it returns the derivatives stated in ``docs/derivatives.md``, never NaN.  A NaN pixel makes
+    NaN of the cells that see it.
+
+    Args:
+        images: (B, C, H, W), float32 or float64 in 0…1, or uint8 in 0…255; any number of channels (three are R, G, B).
+        spec: the dialect, from :mod:`nablahog.presets`.
+
+    Returns:
+        (B, rows, cols, channels), the dtype of the images (the default dtype for uint8).
+
+    Raises:
+        TypeError: ``images`` is no tensor, or of another dtype.
+        ValueError: ``images`` is not four-dimensional, or smaller than one cell.
+    """
+    gx, gy = gradient(_scaled(images, spec), spec)  # Eq. 1-2
+    histograms = pool(votes(gx, gy, spec), spec)  # Eq. 3-6
+    return normalize(histograms, spec).permute(0, 2, 3, 1).contiguous()  # Eq. 7
+
+
+class HOG(nn.Module):
+    """:func:`hog` with its spec, as a module to put into a network.  It has no parameters."""
+
+    def __init__(self, spec: HOGSpec) -> None:
+        super().__init__()
+        self.spec = spec
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Images (B, C, H, W) to descriptors (B, rows, cols, channels); see :func:`hog`."""
+        return hog(images, self.spec)
+
+    def extra_repr(self) -> str:
+        return self.spec.name + f", cell_size={self.spec.cell_size}"
