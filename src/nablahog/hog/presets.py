@@ -60,7 +60,7 @@ def uoctti(
     orientations: int = 9,
     colour: Colour = "largest",
 ) -> HOGSpec:
-    """The UoCTTI HOG of Felzenszwalb et al. as VLFeat computes it (``vl/hog.c``): 18 directed + 9 undirected + 4 texture.
+    """The UoCTTI HOG of Felzenszwalb et al. as VLFeat computes it (``vl/hog.c``): 18 + 9 + 4 channels.
 
     Args:
         cell_size: pixels of a cell, one number or (height, width).
