@@ -26,6 +26,15 @@ def _scaled(images: Tensor, spec: HOGSpec) -> Tensor:
     return images if spec.value_range == 1 else images * spec.value_range
 
 
+def histograms(images: Tensor, spec: HOGSpec) -> Tensor:
+    """Cell histograms before normalisation, Eq. 1-6: images as for :func:`hog` to (B, bins, rows, cols).
+
+    Entries are votes, gradient magnitudes in units of the spec's ``value_range``, 0 or more.
+    """
+    gx, gy = gradient(_scaled(images, spec), spec)  # Eq. 1-2
+    return pool(votes(gx, gy, spec), spec)  # Eq. 3-6
+
+
 def hog(images: Tensor, spec: HOGSpec) -> Tensor:
     """The HOG descriptor of a batch of images, exactly differentiable (Section 2 of the paper).
 
@@ -44,9 +53,7 @@ def hog(images: Tensor, spec: HOGSpec) -> Tensor:
         TypeError: ``images`` is no tensor, or of another dtype.
         ValueError: ``images`` is not four-dimensional, or smaller than one cell.
     """
-    gx, gy = gradient(_scaled(images, spec), spec)  # Eq. 1-2
-    histograms = pool(votes(gx, gy, spec), spec)  # Eq. 3-6
-    return normalize(histograms, spec).permute(0, 2, 3, 1).contiguous()  # Eq. 7
+    return normalize(histograms(images, spec), spec).permute(0, 2, 3, 1).contiguous()  # Eq. 7
 
 
 class HOG(nn.Module):

@@ -42,7 +42,7 @@ def _linear_votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
     before = torch.where(bin_ == 0, spec.bins - 1, bin_ - 1)
     bins = torch.stack([bin_, before, after], dim=1)
     votes = gx.new_zeros((gx.shape[0], spec.bins, *gx.shape[1:]))
-    return votes.scatter_add(1, bins, weights * magnitude(gx, gy).unsqueeze(1))
+    return votes.scatter_add_(1, bins, weights * magnitude(gx, gy).unsqueeze(1))
 
 
 def _hard_votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
@@ -56,7 +56,7 @@ def _hard_votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
     if spec.signed:
         bins = torch.where(dots.gather(1, bins) < 0, bins + axes, bins)
     votes = gx.new_zeros((gx.shape[0], spec.bins, *gx.shape[1:]))
-    return votes.scatter_add(1, bins, magnitude(gx, gy).unsqueeze(1))
+    return votes.scatter_add_(1, bins, magnitude(gx, gy).unsqueeze(1))
 
 
 def votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:

@@ -1,0 +1,34 @@
+# `make demo` and `make test` need nothing but Python (3.10 or newer, with venv) and make.
+
+PYTHON ?= python3
+VENV ?= .venv
+OUT ?= out/demo
+
+bin := $(VENV)/bin
+installed := $(VENV)/.installed
+
+.PHONY: demo test coverage lint clean
+
+demo: $(installed)  ## invert a photograph, write pictures, figures and a page into out/demo
+	$(bin)/nablahog demo -o $(OUT)
+
+test: $(installed)  ## all tests but the slow ones
+	$(bin)/python -m pytest
+
+coverage: $(installed)  ## the same, with the lines that no test runs
+	$(bin)/python -m pytest --cov=nablahog --cov-report=term-missing:skip-covered
+
+lint: $(installed)  ## style and types
+	$(bin)/ruff check .
+	$(bin)/ruff format --check .
+	$(bin)/mypy
+
+# the stamp is made last, so an installation that failed is tried again
+$(installed): pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(bin)/python -m pip install -c constraints.txt -e '.[dev]'
+	touch $@
+
+clean:  ## what the other targets made, except the virtual environment
+	rm -rf out build dist .coverage .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find src tests -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,7 @@
+"""``python -m nablahog``: the same as the command ``nablahog``."""
+
+import sys
+
+from .cli import main
+
+sys.exit(main())

@@ -1,0 +1,154 @@
+"""The arguments of the command ``nablahog``."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Callable
+from importlib.metadata import version
+from typing import NoReturn, get_args
+
+import torch
+
+from .hog.spec import Vote
+from .sources import DEFAULT_CELL, DEFAULT_DESCRIPTOR, PRESETS
+
+SIZE = 256
+
+
+class _Parser(argparse.ArgumentParser):
+    """An argument parser whose errors are one line, as all errors of this command are."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+
+
+def _integer(least: int) -> Callable[[str], int]:
+    def parse(text: str) -> int:
+        if not re.fullmatch(r"\d{1,18}", text) or int(text) < least:
+            raise argparse.ArgumentTypeError(f"expected an integer of at least {least}, got {text!r}")
+        return int(text)
+
+    return parse
+
+
+def _cell(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"([1-9]\d{0,5})(?:[x×]([1-9]\d{0,5}))?", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(
+            f"expected pixels of a cell, one number or HEIGHTxWIDTH, each at least 1, got {text!r}"
+        )
+    return int(match[1]), int(match[2] or match[1])
+
+
+def _device(text: str) -> torch.device:
+    match = re.fullmatch(r"cpu|cuda(?::(\d{1,3}))?", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"expected cpu, cuda or cuda:N, got {text!r}")
+    if text != "cpu":
+        devices = torch.cuda.device_count() if torch.cuda.is_available() else 0
+        if devices == 0:
+            raise argparse.ArgumentTypeError(f"expected a CUDA device for {text}, but PyTorch finds none here")
+        if int(match[1] or 0) >= devices:
+            raise argparse.ArgumentTypeError(f"expected cuda:0 … cuda:{devices - 1}, got {text}")
+    return torch.device(text)
+
+
+def parser() -> argparse.ArgumentParser:
+    """The parser of the command; the name of the subcommand is its ``command``."""
+    top = _Parser(
+        prog="nablahog",
+        description="HOG descriptors of photographs, and photographs from HOG descriptors.",
+        epilog="`nablahog COMMAND --help` lists the options of a command.",
+    )
+    top.add_argument("--version", action="version", version=f"nablahog {version('nablahog')}")
+    commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=_Parser)
+
+    hog = commands.add_parser(
+        "hog",
+        help="compute the descriptors of photographs",
+        description="Computes the HOG descriptor of each photograph and saves it with its spec.",
+    )
+    hog.add_argument("inputs", nargs="+", metavar="PHOTO", help="an image of any format that Pillow reads")
+    _output(hog, "FILE", "descriptor file (.npz) of one photograph; of several, a folder for one file each")
+    _common(hog, size=0)
+
+    glyph = commands.add_parser(
+        "glyph",
+        help="draw descriptors",
+        description="Draws each descriptor as glyphs: in each cell, strokes along its edges.",
+    )
+    _inputs(glyph)
+    _output(glyph, "FILE", "PNG file for one input; any name that does not end in .png is a folder for one file each")
+    _common(glyph, size=SIZE)
+
+    invert = commands.add_parser(
+        "invert",
+        help="find images that have given descriptors",
+        description="Finds, for each descriptor, an image that has it, and compares it with the photograph if known. "
+        "Leaves <stem>_preimage.png, _glyphs.png and _thumbnails.png in the folder, and results.json.",
+    )
+    _inputs(invert)
+    _output(invert, "DIR", "folder for the results, made if missing")
+    _common(invert, size=SIZE)
+    _minimiser(invert)
+
+    demo = commands.add_parser(
+        "demo",
+        help="invert a photograph that comes with scikit-image",
+        description="Inverts both descriptors of one photograph and writes pictures, figures and a page to look at.",
+    )
+    _output(demo, "DIR", "folder for the results, made if missing")
+    _device_option(demo)
+    _minimiser(demo)
+    return top
+
+
+def _inputs(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "inputs",
+        nargs="+",
+        metavar="PHOTO_or_DESCRIPTOR",
+        help="an image of any format that Pillow reads, or a file that `nablahog hog` wrote",
+    )
+
+
+def _output(command: argparse.ArgumentParser, metavar: str, text: str) -> None:
+    command.add_argument("-o", "--output", required=True, metavar=metavar, help=text)
+
+
+def _common(command: argparse.ArgumentParser, *, size: int) -> None:
+    cell = f"{DEFAULT_CELL[0]}"
+    command.add_argument(
+        "--descriptor",
+        choices=PRESETS,
+        help=f"type of descriptor (default: {DEFAULT_DESCRIPTOR}); descriptor files state theirs and must agree",
+    )
+    command.add_argument(
+        "--cell", type=_cell, metavar="N|HxW", help=f"pixels of a cell, one number or height x width (default: {cell})"
+    )
+    command.add_argument(
+        "--vote", choices=get_args(Vote), help="orientation votes of uoctti: shared by two bins, or all to one bin"
+    )
+    command.add_argument(
+        "--size",
+        type=_integer(0),
+        default=size,
+        metavar="N",
+        help=f"shrink photographs to at most N pixels on the longer side, 0 for never (default: {size})",
+    )
+    _device_option(command)
+    command.add_argument("--json", action="store_true", help="print the results as JSON instead of a table")
+
+
+def _device_option(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--device", type=_device, default=torch.device("cpu"), help="cpu, cuda or cuda:N (default: cpu)"
+    )
+
+
+def _minimiser(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--seed", type=_integer(0), default=0, help="of the starting image (default: 0)")
+    command.add_argument(
+        "--max-evaluations", type=_integer(1), metavar="N", help="of the objective, for each image; fewer is faster"
+    )

@@ -1,0 +1,230 @@
+"""The command ``nablahog``: reads and checks all inputs, does the work, writes the results."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import sys
+from argparse import Namespace
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
+
+from .arguments import parser
+from .demo import run_demo
+from .descriptor_file import save_descriptor
+from .draw import glyphs
+from .images import write_image
+from .inversion import Inversion, batches, invert_batch, result_names
+from .metrics import DEFINITIONS
+from .output import output_folder, replacing
+from .report import figure
+from .sources import PRESETS, Source, Wanted, read_sources
+
+INTERRUPTED = 130  # what shells report of a command ended by Ctrl-C
+
+
+class UserError(Exception):
+    """Something the user can mend; its message is one sentence."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the command with ``argv``, by default the arguments of this process.
+
+    Returns:
+        The exit status: 0; 1 after an error, which one line on stderr has told; 2 for wrong arguments; 130 when
+        interrupted.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # file names and units need not fit the terminal's encoding
+    try:
+        arguments = parser().parse_args(argv)
+    except SystemExit as stop:  # --help, --version or wrong arguments: all said
+        return int(stop.code or 0)
+    name = f"nablahog {arguments.command}"
+    try:
+        _COMMANDS[arguments.command](arguments)
+        sys.stdout.flush()  # a closed pipe should fail here, not at exit
+    except KeyboardInterrupt:
+        return _failed(name, "interrupted", INTERRUPTED)
+    except BrokenPipeError:
+        # whoever read our output has enough; Python would complain when it flushes stdout at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except (UserError, OSError) as error:
+        return _failed(name, str(error))
+    except (MemoryError, RuntimeError) as error:
+        if not isinstance(error, MemoryError) and "memory" not in str(error):
+            raise
+        return _failed(name, "not enough memory; a smaller --size, or fewer inputs at once, need less")
+    return 0
+
+
+def _failed(name: str, message: str, status: int = 1) -> int:
+    print(f"{name}: error: {' '.join(message.split())}", file=sys.stderr)
+    return status
+
+
+def _hog(arguments: Namespace) -> None:
+    def write(path: Path, source: Source) -> None:
+        save_descriptor(path, source.descriptor, source.spec, source.image_size)
+
+    is_file = not arguments.output.endswith(os.sep)  # a file of any name, since np.load does not mind
+    _write_each(arguments, ".npz", write, is_file=is_file)
+
+
+def _glyph(arguments: Namespace) -> None:
+    def write(path: Path, source: Source) -> None:
+        write_image(path, glyphs(source.descriptor, source.spec))
+
+    suffix = Path(arguments.output).suffix.lower()
+    if suffix != ".png" and suffix in Image.registered_extensions():
+        raise UserError(f"glyphs are written as PNG: expected -o FILE.png or a folder, got {arguments.output}")
+    _write_each(arguments, "_glyphs.png", write, is_file=suffix == ".png")
+
+
+def _invert(arguments: Namespace) -> None:
+    sources = _read(arguments)
+    folder = Path(arguments.output)
+    _spare_inputs(arguments, [folder / name for source in sources for name in result_names(source)])
+    done: dict[int, Inversion] = {}
+    with output_folder(folder):
+        for number, batch in enumerate(groups := batches(sources), start=1):
+            about = f"batch {number} of {len(groups)}, {len(batch)} x {sources[batch[0]].spec.name}"
+            with _progress() as progress:
+                done.update(zip(batch, _inverted([sources[i] for i in batch], arguments, progress(about)), strict=True))
+            for index in batch:
+                done[index].write(folder)
+            # after each batch, so that an interrupted run leaves its finished part whole
+            figures = [done[index].figures() for index in sorted(done)]
+            with replacing(folder / "results.json") as file:
+                file.write((json.dumps(figures, indent=2, allow_nan=False) + "\n").encode())
+    if arguments.json:
+        print(json.dumps(figures, indent=2, allow_nan=False))
+    else:
+        _print_figures([done[index] for index in sorted(done)])
+        _console().print(Text(f"Results in {folder}"), soft_wrap=True)
+
+
+def _demo(arguments: Namespace) -> None:
+    with output_folder(arguments.output) as folder, _progress() as progress:
+        tasks = {name: progress(name) for name in PRESETS}
+        inversions = run_demo(
+            folder,
+            device=arguments.device,
+            seed=arguments.seed,
+            progress=lambda name, done, total: tasks[name](done, total),
+            max_evaluations=arguments.max_evaluations,
+        )
+    _print_figures(inversions)
+    _console().print(Text(f"Look at {folder / 'index.html'}"), soft_wrap=True)
+
+
+_COMMANDS: dict[str, Callable[[Namespace], None]] = {"hog": _hog, "glyph": _glyph, "invert": _invert, "demo": _demo}
+
+
+def _read(arguments: Namespace) -> list[Source]:
+    try:
+        return read_sources(
+            arguments.inputs,
+            Wanted(arguments.descriptor, arguments.cell, arguments.vote),
+            size=arguments.size,
+            device=arguments.device,
+            keep_photos=arguments.command == "invert",
+        )
+    except ValueError as error:
+        raise UserError(str(error)) from None
+
+
+def _inverted(sources: list[Source], arguments: Namespace, progress: Callable[[int, int], None]) -> list[Inversion]:
+    try:
+        return invert_batch(
+            sources,
+            device=arguments.device,
+            seed=arguments.seed,
+            max_evaluations=arguments.max_evaluations,
+            progress=progress,
+        )
+    except ValueError as error:
+        raise UserError(f"{', '.join(source.path for source in sources)}: {error}") from None
+
+
+def _write_each(arguments: Namespace, ending: str, write: Callable[[Path, Source], None], *, is_file: bool) -> None:
+    """One result for each input: the file ``-o`` for a single one, if ``is_file``; else files in the folder ``-o``."""
+    sources = _read(arguments)
+    output = Path(arguments.output)
+    if len(sources) > 1 and output.suffix and ending.endswith(output.suffix.lower()):
+        raise UserError(f"several inputs need a folder: expected -o DIR, got the file name {output}")
+    if len(sources) == 1 and is_file and not output.is_dir():
+        folder, targets = output.parent, [output]
+    else:
+        folder, targets = output, [output / f"{source.stem}{ending}" for source in sources]
+    _spare_inputs(arguments, targets)
+    with output_folder(folder):
+        for target, source in zip(targets, sources, strict=True):
+            write(target, source)
+    rows = [
+        {
+            "input": source.path,
+            "descriptor": source.spec.name,
+            "image_size": list(source.image_size),
+            "shape": list(source.descriptor.shape),
+            "output": str(target),
+        }
+        for target, source in zip(targets, sources, strict=True)
+    ]
+    if arguments.json:
+        print(json.dumps(rows, indent=2))
+    else:
+        _print_table(rows)
+
+
+def _spare_inputs(arguments: Namespace, targets: Sequence[Path]) -> None:
+    inputs = {os.path.realpath(path) for path in arguments.inputs}
+    for target in targets:
+        if os.path.realpath(target) in inputs:
+            raise UserError(f"the result {target} would overwrite an input: expected another -o")
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[str], Callable[[int, int], None]]]:
+    """On a terminal, progress bars on stderr: gives a function that starts one and returns the function to move it."""
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
+
+        def start(description: str) -> Callable[[int, int], None]:
+            task = bars.add_task(description, total=None)
+            return lambda done, total: bars.update(task, completed=done, total=total)
+
+        yield start
+
+
+def _console() -> Console:
+    return Console(width=None if sys.stdout.isatty() else 120)
+
+
+def _print_figures(inversions: Sequence[Inversion]) -> None:
+    _print_table([inversion.row() for inversion in inversions])
+    for name, definition in DEFINITIONS.items():
+        _console().print(Text(f"{name}: {definition}", style="dim"))
+
+
+def _print_table(rows: Sequence[dict[str, Any]]) -> None:
+    table = Table()
+    for key, value in rows[0].items():
+        number = value is None or isinstance(value, float)
+        table.add_column(key, justify="right" if number else "left", overflow="fold", no_wrap=number)
+    for row in rows:
+        # Text, because a file name in brackets is no markup
+        table.add_row(*(Text("x".join(map(str, v)) if isinstance(v, list) else figure(v)) for v in row.values()))
+    _console().print(table)

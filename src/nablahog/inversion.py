@@ -1,0 +1,170 @@
+"""Inverting a list of sources in batches, with the figures of each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from . import metrics
+from .draw import Panel, contact_sheet, difference, glyphs
+from .hog.gradient import gray
+from .images import write_image
+from .invert import reconstruct
+from .output import replacing
+from .sources import Source
+
+BATCH_PIXELS = 2**21  # 32 images of 256x256: beyond that a batch only needs more memory
+
+
+@dataclass(frozen=True)
+class Inversion:
+    """A source with its pre-image and figures.
+
+    Attributes:
+        source: the input.
+        preimage: (H, W), float32 in 0…1, on the CPU.
+        reference: the gray photograph (Eq. 1) it is compared with, (H, W) in 0…1; None if it is not known.
+        cc, mi, ssim: see :mod:`nablahog.metrics`; None where the reference is not known or the measure not defined.
+        distance: relative distance ‖φ(x) − d‖ / ‖d‖; None where it is not finite.
+        seconds: the source's share of the time of its batch.
+        stop_reason: why the minimiser stopped.
+    """
+
+    source: Source
+    preimage: Tensor
+    reference: Tensor | None
+    cc: float | None
+    mi: float | None
+    ssim: float | None
+    distance: float | None
+    seconds: float
+    stop_reason: str
+
+    def figures(self) -> dict[str, Any]:
+        """What ``results.json`` says of this input, ready for JSON."""
+        return {
+            "input": self.source.path,
+            "descriptor": self.source.spec.name,
+            "cc": self.cc,
+            "mi": self.mi,
+            "ssim": self.ssim,
+            "distance": self.distance,
+            "seconds": round(self.seconds, 4),
+            "stop_reason": self.stop_reason,
+            "image_size": list(self.source.image_size),
+            "cell_size": list(self.source.spec.cell_size),
+            "preimage": result_names(self.source)[0],
+        }
+
+    def row(self) -> dict[str, object]:
+        """The figures for a table, under the names of :data:`nablahog.metrics.DEFINITIONS`."""
+        return {
+            "input": self.source.path,
+            "descriptor": self.source.spec.name,
+            "size": "x".join(map(str, self.source.image_size)),
+            "CC": self.cc,
+            "MI": self.mi,
+            "SSIM": self.ssim,
+            "distance": self.distance,
+            "seconds": self.seconds,
+        }
+
+    def panels(self) -> list[Panel]:
+        """The pictures to show side by side: photograph and difference only where the photograph is known."""
+        drawn = [Panel(self.glyphs(), f"glyphs, {self.source.spec.name}"), Panel(self.preimage, "pre-image")]
+        if self.source.photo is None or self.reference is None:
+            return drawn
+        compared = Panel(difference(self.preimage, self.reference), "pre-image - photograph")
+        return [Panel(self.source.photo, "photograph"), *drawn, compared]
+
+    def glyphs(self) -> NDArray[Any]:
+        """The glyph picture of the given descriptor, as :func:`nablahog.draw.glyphs` draws it."""
+        return glyphs(self.source.descriptor, self.source.spec)
+
+    def write(self, folder: Path) -> None:
+        """Writes ``<stem>_preimage.png``, ``<stem>_glyphs.png`` and ``<stem>_thumbnails.png`` into ``folder``.
+
+        Raises:
+            OSError: a file cannot be written.
+        """
+        preimage, drawn, thumbnails = (folder / name for name in result_names(self.source))
+        write_image(preimage, self.preimage)
+        write_image(drawn, self.glyphs())
+        with replacing(thumbnails) as file:
+            contact_sheet([self.panels()]).save(file, format="PNG")
+
+
+def result_names(source: Source) -> list[str]:
+    """The names of the files that :meth:`Inversion.write` leaves."""
+    return [f"{source.stem}_{what}.png" for what in ("preimage", "glyphs", "thumbnails")]
+
+
+def batches(sources: Sequence[Source]) -> list[list[int]]:
+    """Indices of sources of one spec and image size together, at most ``BATCH_PIXELS`` pixels in a batch."""
+    groups: dict[object, list[int]] = {}
+    for index, source in enumerate(sources):
+        groups.setdefault((source.spec, source.image_size), []).append(index)
+    result = []
+    for members in groups.values():
+        at_once = max(1, BATCH_PIXELS // math.prod(sources[members[0]].image_size))
+        result += [members[start : start + at_once] for start in range(0, len(members), at_once)]
+    return result
+
+
+def invert_batch(
+    sources: Sequence[Source],
+    *,
+    device: torch.device,
+    seed: int,
+    max_evaluations: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Inversion]:
+    """Inverts sources of one spec and image size together.
+
+    Args:
+        sources: at least one.
+        device: where to compute.
+        seed: of the starting images.
+        max_evaluations: of the objective; None for the default of :func:`nablahog.reconstruct`.
+        progress: called with the evaluations done and their largest number.
+
+    Returns:
+        One inversion for each source, in order.
+    """
+    descriptors = torch.stack([source.descriptor for source in sources]).to(device)
+    limit: dict[str, Any] = {} if max_evaluations is None else {"max_evaluations": max_evaluations}
+    first = sources[0]
+    result = reconstruct(descriptors, first.spec, image_size=first.image_size, seed=seed, progress=progress, **limit)
+    inversions = []
+    for index, source in enumerate(sources):
+        preimage = result.image[index, 0].detach().float().cpu()
+        reference = None if source.photo is None else gray(source.photo[None])[0, 0]
+        inversion = Inversion(
+            source,
+            preimage,
+            reference,
+            **_compared(preimage, reference),
+            distance=_finite(float(result.distance[index])),
+            seconds=result.seconds / len(sources),
+            stop_reason=result.stop_reason[index],
+        )
+        inversions.append(inversion)
+    return inversions
+
+
+def _compared(preimage: Tensor, reference: Tensor | None) -> dict[str, float | None]:
+    measures = {"cc": metrics.cross_correlation, "mi": metrics.mutual_information, "ssim": metrics.ssim}
+    if reference is None:
+        return dict.fromkeys(measures)
+    return {name: _finite(measure(preimage, reference)) for name, measure in measures.items()}
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None  # JSON knows no NaN

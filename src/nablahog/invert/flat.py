@@ -1,0 +1,45 @@
+"""What an empty cell says: every pixel that votes into it has no gradient at all.
+
+A normaliser divides the faintest texture up to full strength, so "almost flat" and "flat" have very different
+descriptors, and between them lies a plateau on which no descent finds its way.  Images from cameras and scanners do
+have exactly flat, saturated regions.  Where the descriptor of a cell is zero, the image is therefore made constant by
+construction: one gray value for each connected region.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from scipy import ndimage
+from torch import Tensor
+
+from ..hog.pooling import pooling_matrix
+from ..hog.spec import HOGSpec
+
+
+class FlatRegions:
+    """Replaces each region known to be constant by its mean.  Linear; the identity where nothing is known."""
+
+    def __init__(self, descriptor: Tensor, spec: HOGSpec, height: int, width: int) -> None:
+        empty = (descriptor == 0).all(dim=-1)
+        rows, cols = empty.shape[1:]
+        ring = spec.border == "ignore"
+        by_row = pooling_matrix(height, spec.cell_size[0], rows, ring, descriptor) > 0
+        by_col = pooling_matrix(width, spec.cell_size[1], cols, ring, descriptor) > 0
+        silent = (by_row.T.to(descriptor) @ empty.to(descriptor) @ by_col.to(descriptor)) > 0
+        # a pixel without gradient has equal neighbours; that the pixel itself equals them is the smoothest choice
+        cross = ndimage.generate_binary_structure(2, 1)[np.newaxis]
+        joined = ndimage.binary_dilation(silent.cpu().numpy(), cross)
+        in_plane = np.zeros((3, 3, 3), dtype=bool)
+        in_plane[1] = cross[0]
+        regions, count = ndimage.label(joined, in_plane)
+        self.regions = torch.from_numpy(regions.astype(np.int64)).to(descriptor.device)  # (B, H, W), 0: not known
+        self.sizes = torch.bincount(self.regions.flatten(), minlength=count + 1).to(descriptor)
+
+    def __call__(self, image: Tensor, index: Tensor) -> Tensor:
+        """Images (A, 1, H, W) of the problems ``index`` (A,), with their regions made constant."""
+        if len(self.sizes) == 1:
+            return image
+        regions = self.regions[index].unsqueeze(1)
+        sums = image.new_zeros(len(self.sizes)).index_add(0, regions.flatten(), image.flatten())
+        return torch.where(regions > 0, (sums / self.sizes.clamp(min=1))[regions], image)

@@ -1,0 +1,85 @@
+"""Eq. 7-8 of Section 3.1: how far an image is from explaining a descriptor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from ..hog.descriptor import histograms
+from ..hog.normalize import normalize
+from ..hog.spec import HOGSpec
+from .flat import FlatRegions
+from .parameterize import Parameterization
+from .priors import smoothness
+
+VOTES_AT_ONCE = 3_000_000  # images evaluated together: their votes fit a processor's cache
+
+
+def _share(residual: Tensor, size: Tensor) -> Tensor:
+    return residual.square().sum(dim=(1, 2, 3)) / size
+
+
+def squared_norm(x: Tensor) -> Tensor:
+    """‖x‖² of each row of a batch (B, …), kept above 0 to be divided by."""
+    return x.square().flatten(1).sum(1).clamp(min=torch.finfo(x.dtype).tiny)
+
+
+class PreimageObjective:
+    """‖φ(Î) - φ(I)‖² / ‖φ(I)‖² + ξ · smoothness, where φ is the descriptor or the histograms before Eq. 7.
+
+    Histograms are compared at their own scale, a strong edge counting for what it is; they have no clip and no
+    division, and are by far the easier problem.  The descriptor is what was asked for.
+
+    Attributes:
+        distance: (B,) after each call, the relative descriptor distance ‖φ(Î) - φ(I)‖ / ‖φ(I)‖ at the points given.
+    """
+
+    def __init__(
+        self,
+        descriptor: Tensor,
+        votes: Tensor | None,
+        spec: HOGSpec,
+        parameterization: Parameterization,
+        flat: FlatRegions,
+        weight: float,
+        report: Callable[[Tensor, Tensor], None],
+    ) -> None:
+        self.descriptor = descriptor.permute(0, 3, 1, 2)
+        self.votes = votes
+        self.spec = spec
+        self.parameterization = parameterization
+        self.flat = flat
+        self.weight = weight
+        self.report = report
+        self.descriptor_size = squared_norm(descriptor)
+        self.votes_size = None if votes is None else squared_norm(votes)
+
+    def image(self, unknowns: Tensor, index: Tensor) -> Tensor:
+        """Unknowns (A, N) of the problems ``index`` to images (A, 1, H, W)."""
+        return self.flat(self.parameterization.image(unknowns), index)
+
+    def __call__(self, unknowns: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
+        at_once = max(1, VOTES_AT_ONCE // (unknowns.shape[1] * self.spec.bins))
+        starts = range(0, len(unknowns), at_once)
+        pieces = [self._evaluate(unknowns[i : i + at_once], index[i : i + at_once]) for i in starts]
+        values, gradients, distances = (torch.cat(parts) for parts in zip(*pieces, strict=True))
+        self.report(distances, index)
+        return values, gradients
+
+    def _evaluate(self, unknowns: Tensor, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        unknowns = unknowns.detach().requires_grad_()
+        image = self.image(unknowns, index)
+        cells = histograms(image, self.spec)
+        if self.votes is None or self.votes_size is None:
+            value = _share(normalize(cells, self.spec) - self.descriptor[index], self.descriptor_size[index])
+            distance = value.detach()
+        else:
+            value = _share(cells - self.votes[index], self.votes_size[index])
+            with torch.no_grad():
+                distance = _share(normalize(cells, self.spec) - self.descriptor[index], self.descriptor_size[index])
+        if self.weight:
+            value = value + self.weight * smoothness(image)
+        (gradient,) = torch.autograd.grad(value.sum(), unknowns)
+        return value.detach(), gradient, distance.sqrt()

@@ -1,0 +1,62 @@
+"""The unknowns of a reconstruction: how a vector becomes an image."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+
+class Parameterization(Protocol):
+    """A linear, invertible map between unknowns (A, H·W) and images (A, 1, H, W)."""
+
+    def image(self, unknowns: Tensor) -> Tensor: ...
+
+    def unknowns(self, image: Tensor) -> Tensor: ...
+
+
+class Pixels:
+    """The gray values themselves, as in the paper."""
+
+    def __init__(self, height: int, width: int) -> None:
+        self.shape = (height, width)
+
+    def image(self, unknowns: Tensor) -> Tensor:
+        return unknowns.reshape(-1, 1, *self.shape)
+
+    def unknowns(self, image: Tensor) -> Tensor:
+        return image.flatten(1)
+
+
+def cosines(n: int, like: Tensor) -> Tensor:
+    """The orthonormal DCT-II matrix (n, n)."""
+    k, x = torch.meshgrid(torch.arange(n), torch.arange(n), indexing="ij")
+    matrix = torch.cos(math.pi * k * (x + 0.5) / n) * math.sqrt(2 / n)
+    matrix[0] /= math.sqrt(2)
+    return matrix.to(like)
+
+
+class CosineBasis:
+    """Cosine coefficients, each in units of 1/f^exponent at its spatial frequency f.
+
+    HOG sees differences only, which are weakest in smooth components; in pixels those converge last.  Natural images
+    have amplitudes of about 1/f, so in these units all unknowns are of one size, and the first descent step from a
+    nearly flat image already integrates the gradient field (exponent 1: it solves Poisson's equation).
+    """
+
+    def __init__(self, height: int, width: int, like: Tensor, exponent: float = 1.0) -> None:
+        self.rows, self.cols = cosines(height, like), cosines(width, like)
+        # cycles across the longer side, twice; the mean has no frequency and takes the lowest
+        scale = max(height, width)
+        fy, fx = torch.arange(height) * scale / height, torch.arange(width) * scale / width
+        frequency = torch.sqrt(fy.square().unsqueeze(1) + fx.square()).clamp(min=1)
+        self.weights = frequency.pow(-exponent).to(like)
+
+    def image(self, unknowns: Tensor) -> Tensor:
+        coefficients = unknowns.reshape(-1, 1, *self.weights.shape) * self.weights
+        return self.rows.T @ coefficients @ self.cols
+
+    def unknowns(self, image: Tensor) -> Tensor:
+        return ((self.rows @ image @ self.cols.T) / self.weights).flatten(1)

@@ -1,0 +1,25 @@
+"""Priors on images, made independent of the contrast that HOG leaves open."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ..hog.orientation import magnitude
+
+ROUNDING = 0.05  # of the mean gradient magnitude: below it an absolute difference is rounded off, for the minimiser
+
+
+def smoothness(image: Tensor) -> Tensor:
+    """The sum of Eq. 8's smoothness term over 4-neighbours, Σ |i_p - i_q|, as a share of Σ‖∇i‖: (A, 1, H, W) to (A,).
+
+    The mask [-1, 0, 1] of ∇ skips the pixel in the middle, so the descriptor fixes Σ‖∇i‖ and leaves patterns of period
+    two open; this ratio is smallest where neighbours change monotonically, and grows with each such pattern.
+    """
+    dx, dy = image[..., :, 1:] - image[..., :, :-1], image[..., 1:, :] - image[..., :-1, :]
+    gx, gy = (dx[..., 1:] + dx[..., :-1])[..., 1:-1, :], (dy[..., 1:, :] + dy[..., :-1, :])[..., 1:-1]
+    visible = magnitude(gx, gy).mean(dim=(1, 2, 3)).clamp(min=torch.finfo(image.dtype).tiny)
+    rounding = (ROUNDING * visible).square().reshape(-1, 1, 1, 1)
+    return (
+        sum(((d.square() + rounding).sqrt().mean(dim=(1, 2, 3)) for d in (dx, dy)), torch.zeros_like(visible)) / visible
+    )

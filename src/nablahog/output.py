@@ -1,0 +1,93 @@
+"""Writing results so that nothing is ever half-written."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import BinaryIO
+
+MAX_STEM_BYTES = 180  # file systems allow 255 a name; the endings of our files need some of them
+_part = itertools.count()
+
+
+@contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+    """A binary file that becomes ``path`` when the block ends, and vanishes when the block fails.
+
+    Written beside ``path``, so that the last step is one rename: a reader sees the old file or the new one, never a
+    part.
+
+    Raises:
+        FileExistsError: ``path`` is a folder or a device.
+        OSError: the folder does not exist or cannot be written.
+    """
+    path = Path(os.path.realpath(path))  # a link goes on pointing to what it points to
+    if path.exists() and not path.is_file():
+        raise FileExistsError(f"{path} cannot be written: it is no regular file")
+    # not mkstemp, whose files only their owner may read
+    part = path.with_name(f".nablahog-{os.getpid()}-{next(_part)}.part")
+    try:
+        with open(part, "xb") as file:
+            yield file
+        os.replace(part, path)
+    except BaseException:
+        with suppress(OSError):  # what went wrong first is what the caller should hear
+            part.unlink(missing_ok=True)
+        raise
+
+
+@contextmanager
+def output_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """The folder ``path``, made and tried before the block starts; if the block fails and left it empty, gone again.
+
+    Raises:
+        NotADirectoryError: ``path``, or a folder above it, is a file.
+        PermissionError: the folder cannot be made or written, for whatever reason the system has.
+    """
+    path = Path(path)
+    above = [path, *path.parents]
+    missing = list(itertools.takewhile(lambda folder: not os.path.lexists(folder), above))
+    existing = above[len(missing)] if len(missing) < len(above) else path
+    if not existing.is_dir():
+        raise NotADirectoryError(f"the output folder {path} cannot be made: {existing} is not a folder")
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=path).close()  # permission bits say less than a try
+    except OSError as error:
+        _remove_empty(missing)
+        raise PermissionError(f"the output folder {path} cannot be written: {error.strerror}") from None
+    try:
+        yield path
+    except BaseException:
+        _remove_empty(missing)
+        raise
+
+
+def _remove_empty(folders: Sequence[Path]) -> None:
+    with suppress(OSError):  # stops at the first one that holds something
+        for folder in folders:
+            folder.rmdir()
+
+
+def distinct_stems(paths: Sequence[Path]) -> list[str]:
+    """The stems of ``paths``, numbered where two would be the same: ``a``, ``b``, ``a_2``.
+
+    Stems that differ only in case count as the same, as they are on some file systems; very long ones are cut.
+    """
+    stems = [os.fsencode(path.stem)[:MAX_STEM_BYTES].decode(errors="ignore") or "input" for path in paths]
+    first_come = {stem.casefold() for stem in stems}  # a number must not make the stem of another input
+    taken: set[str] = set()
+    result = []
+    for stem in stems:
+        name = stem
+        for number in itertools.count(2):
+            if name.casefold() not in taken and (name == stem or name.casefold() not in first_come):
+                break
+            name = f"{stem}_{number}"
+        taken.add(name.casefold())
+        result.append(name)
+    return result

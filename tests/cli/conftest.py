@@ -1,0 +1,48 @@
+"""A photograph, a descriptor file, and what a refusal looks like."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from nablahog.cli import main
+
+from .common import CHELSEA
+
+
+@pytest.fixture
+def photo(tmp_path: Path) -> str:
+    """A colour photograph of 60x80 pixels."""
+    path = tmp_path / "in" / "cat.png"
+    path.parent.mkdir()
+    Image.fromarray(CHELSEA).save(path)
+    return str(path)
+
+
+@pytest.fixture
+def descriptor(tmp_path: Path, photo: str) -> str:
+    """A UoCTTI descriptor file of an image of 36x48 pixels."""
+    path = tmp_path / "in" / "stored.npz"
+    assert main(["hog", photo, "-o", str(path), "--size", "48"]) == 0
+    return str(path)
+
+
+@pytest.fixture
+def refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Callable[..., None]:
+    """Runs the command and checks that it says one line, ending in failure, and leaves nothing on disk."""
+
+    def check(*argv: str, message: str, status: int = 1) -> None:
+        before = sorted(tmp_path.rglob("*"))
+        capsys.readouterr()
+        assert main(argv) == status
+        printed = capsys.readouterr()
+        assert printed.out == ""
+        assert printed.err.startswith(f"nablahog {argv[0]}: error: ")
+        assert printed.err.count("\n") == 1
+        assert message in printed.err
+        assert sorted(tmp_path.rglob("*")) == before
+
+    return check

@@ -1,0 +1,112 @@
+"""Work that fails half-way, and the command as a process."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from PIL import Image
+
+from nablahog import cli, inversion
+from nablahog.cli import main
+
+from .common import CHELSEA, FAST, names
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "message"),
+    [
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (MemoryError(), 1, "not enough memory"),
+        (RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried"), 1, "not enough memory"),
+        (torch.OutOfMemoryError("CUDA out of memory"), 1, "not enough memory"),
+        (OSError(28, "No space left on device"), 1, "No space left on device"),
+        (ValueError("the descriptor\nmust not be zero"), 1, "cat.png: the descriptor must not be zero"),
+    ],
+)
+def test_work_that_fails(
+    tmp_path: Path,
+    photo: str,
+    refused: Callable[..., None],
+    monkeypatch: pytest.MonkeyPatch,
+    error: BaseException,
+    status: int,
+    message: str,
+) -> None:
+    def fail(*args: object, **options: object) -> None:
+        raise error
+
+    monkeypatch.setattr(inversion, "reconstruct", fail)
+    refused("invert", photo, "-o", str(tmp_path / "out"), message=message, status=status)
+
+
+def test_what_is_finished_survives(tmp_path: Path, photo: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    Image.fromarray(CHELSEA[:, :48]).save(tmp_path / "in" / "second.png")
+    real, calls = cli.invert_batch, []
+
+    def second_fails(*args: Any, **options: Any) -> Any:
+        calls.append(args)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return real(*args, **options)
+
+    monkeypatch.setattr(cli, "invert_batch", second_fails)
+    assert main(["invert", photo, str(tmp_path / "in" / "second.png"), "-o", str(tmp_path / "out"), *FAST]) == 130
+    assert names(tmp_path / "out") == ["cat_glyphs.png", "cat_preimage.png", "cat_thumbnails.png", "results.json"]
+    assert len(json.loads((tmp_path / "out" / "results.json").read_text())) == 1
+
+
+def test_a_bug_is_not_hidden(tmp_path: Path, photo: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*args: object, **options: object) -> None:
+        raise RuntimeError("shapes differ")
+
+    monkeypatch.setattr(inversion, "reconstruct", fail)
+    with pytest.raises(RuntimeError, match="shapes differ"):
+        main(["invert", photo, "-o", str(tmp_path / "out")])
+
+
+def test_as_a_process(tmp_path: Path, photo: str) -> None:
+    command = [sys.executable, "-m", "nablahog"]
+    odd = tmp_path / "in" / "[red] é\n.png"
+    os.rename(photo, odd)
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    run = subprocess.run(
+        [*command, "hog", str(odd), "-o", str(tmp_path / "d")], capture_output=True, text=True, env=environment
+    )
+    assert (run.returncode, run.stderr) == (0, "")
+    assert "[red]" in run.stdout
+    run = subprocess.run([*command, "hog", f"{odd}x", "-o", str(tmp_path / "e")], capture_output=True, env=environment)
+    assert run.returncode == 1
+    assert run.stderr.count(b"\n") == 1
+    assert b"Traceback" not in run.stderr
+    assert names(tmp_path) == ["d", "in"]
+
+
+def test_interrupted_as_a_process(tmp_path: Path, photo: str) -> None:
+    out = tmp_path / "out"
+    # a test run in the background may have told its children to ignore interrupts
+    program = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); " + (
+        "from nablahog.cli import main; sys.exit(main())"
+    )
+    command = [sys.executable, "-c", program, "invert", photo, "-o", str(out), "--max-evaluations", "1000000"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            while not out.exists() and process.poll() is None:  # made when all inputs are read, just before the work
+                time.sleep(0.05)
+            time.sleep(0.5)
+            process.send_signal(signal.SIGINT)
+            _, error = process.communicate(timeout=60)
+        finally:
+            process.kill()
+    assert process.returncode == 130
+    assert error == "nablahog invert: error: interrupted\n"
+    assert not out.exists()

@@ -1,0 +1,93 @@
+"""The figures, on pairs whose values are known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from skimage import data
+
+from nablahog import metrics
+from nablahog.metrics import DEFINITIONS, cross_correlation, mutual_information, ssim
+
+CAMERA = data.camera()[::4, ::4] / 255.0
+RANDOM = np.random.default_rng(0)
+
+
+def test_an_image_and_itself() -> None:
+    assert cross_correlation(CAMERA, CAMERA) == pytest.approx(1)
+    assert ssim(CAMERA, CAMERA) == pytest.approx(1)
+    levels, counts = np.unique(CAMERA, return_counts=True)
+    assert len(levels) > 100
+    p = counts / counts.sum()
+    # 256 bins keep all 8-bit levels apart, so the information is the entropy of the levels
+    assert mutual_information(CAMERA, CAMERA) == pytest.approx(-(p * np.log2(p)).sum())
+
+
+def test_an_image_and_its_negative() -> None:
+    assert cross_correlation(CAMERA, 1 - CAMERA) == pytest.approx(-1)
+    assert mutual_information(CAMERA, 1 - CAMERA) == pytest.approx(mutual_information(CAMERA, CAMERA), abs=0.05)
+    assert ssim(CAMERA, 1 - CAMERA) < 0
+
+
+def test_correlation_ignores_brightness_and_contrast() -> None:
+    assert cross_correlation(CAMERA, 0.3 + 0.5 * CAMERA) == pytest.approx(1)
+
+
+def test_independent_noise() -> None:
+    a, b = RANDOM.random((2, 512, 512))
+    assert abs(cross_correlation(a, b)) < 0.01
+    assert abs(ssim(a, b)) < 0.05
+    assert mutual_information(a, b, bins=8) < 0.001
+    # the stated bias of 256 bins: (255² / (2 ln 2 · 512²)) bits
+    assert mutual_information(a, b) == pytest.approx(255**2 / (2 * math.log(2) * 512**2), rel=0.05)
+
+
+def test_mutual_information_of_two_bits() -> None:
+    quarters = np.repeat(np.array([[0.1, 0.4, 0.6, 0.9]]), 4, axis=0)
+    assert mutual_information(quarters, quarters) == pytest.approx(2)
+    assert mutual_information(quarters, quarters > 0.5) == pytest.approx(1)
+    assert mutual_information(quarters, quarters.T) == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize("level", [0.0, 0.1, 1 / 3, 1.0])
+def test_constant_images_correlate_with_nothing(level: float) -> None:
+    flat = np.full(CAMERA.shape, level)
+    assert cross_correlation(flat, CAMERA) == cross_correlation(CAMERA, flat) == cross_correlation(flat, flat) == 0.0
+    assert mutual_information(flat, CAMERA) == pytest.approx(0, abs=1e-9)
+
+
+def test_images_whose_squares_vanish() -> None:
+    assert cross_correlation(np.array([[0.0, 1e-200]]), np.array([[0.0, 1e-200]])) == 0.0
+
+
+def test_tensors_and_rounded_white() -> None:
+    a, b = torch.rand(2, 16, 16, generator=torch.Generator().manual_seed(0))
+    for measure in (cross_correlation, mutual_information, ssim):
+        assert measure(a, b) == pytest.approx(measure(a.numpy(), b.numpy()))
+    assert mutual_information(np.full((4, 4), 1 + 1e-7), np.full((4, 4), 1.0)) == 0
+
+
+def test_ssim_needs_its_window() -> None:
+    assert math.isnan(ssim(CAMERA[:6], CAMERA[:6]))
+    assert ssim(CAMERA[:7], CAMERA[:7]) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("measure", [cross_correlation, mutual_information, ssim])
+def test_wrong_images(measure: object) -> None:
+    assert callable(measure)
+    with pytest.raises(ValueError, match=r"one shape \(H, W\), got \(8, 8\) and \(8, 9\)"):
+        measure(np.zeros((8, 8)), np.zeros((8, 9)))
+    with pytest.raises(ValueError, match="one shape"):
+        measure(np.zeros((1, 8, 8)), np.zeros((1, 8, 8)))
+    with pytest.raises(ValueError, match=r"images in 0…1, got values in 0 … 255"):
+        measure(np.zeros((8, 8)), np.array([[0.0, 255.0]]).repeat(8, 0).repeat(4, 1))
+    with pytest.raises(ValueError, match="nan"):
+        measure(np.zeros((8, 8)), np.full((8, 8), np.nan))
+
+
+def test_every_figure_is_defined() -> None:
+    assert set(DEFINITIONS) == {"CC", "MI", "SSIM", "distance"}
+    assert str(metrics.BINS) in DEFINITIONS["MI"]
