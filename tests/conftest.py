@@ -11,6 +11,9 @@ from hypothesis import settings
 settings.register_profile("nablahog", deadline=None, max_examples=20, derandomize=True)
 settings.load_profile("nablahog")
 
+# On a machine that is busy with something else, threads that wait for each other make minutes of seconds.
+torch.set_num_threads(1)
+
 # The first use of forward mode in a process makes PyTorch itself call a function it has deprecated, and our tests turn
 # warnings into errors.
 with warnings.catch_warnings():

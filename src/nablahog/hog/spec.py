@@ -126,6 +126,8 @@ class HOGSpec:
     normalizer: Normalizer
 
     def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise ValueError(f"name must be text, got {self.name!r}")
         _check_positive("value_range", self.value_range)
         _check_choice("colour", self.colour, Colour)
         _check_choice("border", self.border, Border)

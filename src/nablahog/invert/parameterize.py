@@ -31,8 +31,8 @@ class Pixels:
 
 
 def cosines(n: int, like: Tensor) -> Tensor:
-    """The orthonormal DCT-II matrix (n, n)."""
-    k, x = torch.meshgrid(torch.arange(n), torch.arange(n), indexing="ij")
+    """The orthonormal DCT-II matrix (n, n), dtype and device of ``like``."""
+    k, x = torch.meshgrid(*(torch.arange(n, dtype=torch.float64),) * 2, indexing="ij")
     matrix = torch.cos(math.pi * k * (x + 0.5) / n) * math.sqrt(2 / n)
     matrix[0] /= math.sqrt(2)
     return matrix.to(like)

@@ -18,8 +18,8 @@ def smoothness(image: Tensor) -> Tensor:
     """
     dx, dy = image[..., :, 1:] - image[..., :, :-1], image[..., 1:, :] - image[..., :-1, :]
     gx, gy = (dx[..., 1:] + dx[..., :-1])[..., 1:-1, :], (dy[..., 1:, :] + dy[..., :-1, :])[..., 1:-1]
-    visible = magnitude(gx, gy).mean(dim=(1, 2, 3)).clamp(min=torch.finfo(image.dtype).tiny)
-    rounding = (ROUNDING * visible).square().reshape(-1, 1, 1, 1)
-    return (
-        sum(((d.square() + rounding).sqrt().mean(dim=(1, 2, 3)) for d in (dx, dy)), torch.zeros_like(visible)) / visible
-    )
+    visible = magnitude(gx, gy).mean(dim=(1, 2, 3))
+    scale = torch.where(visible > 0, visible, 1)
+    rounding = (ROUNDING * scale).square().reshape(-1, 1, 1, 1)
+    terms = [(d.square() + rounding).sqrt().mean(dim=(1, 2, 3)) for d in (dx, dy)]
+    return (terms[0] + terms[1]) / scale
