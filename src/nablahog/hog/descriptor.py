@@ -31,8 +31,10 @@ def histograms(images: Tensor, spec: HOGSpec) -> Tensor:
 
     Entries are votes, gradient magnitudes in units of the spec's ``value_range``, 0 or more.
     """
-    gx, gy = gradient(_scaled(images, spec), spec)  # Eq. 1-2
-    return pool(votes(gx, gy, spec), spec)  # Eq. 3-6
+    images = _scaled(images, spec)
+    with torch.autocast(images.device.type, enabled=False):  # its half precision would show in every library's parity
+        gx, gy = gradient(images, spec)  # Eq. 1-2
+        return pool(votes(gx, gy, spec), spec)  # Eq. 3-6
 
 
 def hog(images: Tensor, spec: HOGSpec) -> Tensor:

@@ -23,7 +23,7 @@ def _difference(image: Tensor, dim: int, border: Border) -> Tensor:
     """The mask [-1, 0, 1] along ``dim`` (-1: x, -2: y), same shape as the image."""
     n = image.shape[dim]
     if n == 1:
-        return torch.zeros_like(image)  # by every border rule the two neighbours of a lone pixel are equal
+        return image - image  # by every border rule the two neighbours of a lone pixel are equal
     central = image.narrow(dim, 2, n - 2) - image.narrow(dim, 0, n - 2)
     if border == "replicate":
         first = image.narrow(dim, 1, 1) - image.narrow(dim, 0, 1)

@@ -11,16 +11,24 @@ from torch import Tensor
 from .spec import HOGSpec
 
 
+def _vanishes(squared: Tensor) -> Tensor:
+    """Where a squared magnitude counts as 0: from there on its reciprocal's square would overflow in a derivative.
+
+    In float32 that is a gradient of 3e-10, a hundred-thousandth of the rounding error of a gray value.
+    """
+    return squared < math.sqrt(torch.finfo(squared.dtype).tiny)
+
+
 def magnitude(gx: Tensor, gy: Tensor) -> Tensor:
     """‖∇‖ of Eq. 2.  Its derivative at a zero gradient, the tip of a cone, is 0."""
     squared = gx * gx + gy * gy
-    zero = squared == 0
+    zero = _vanishes(squared)
     return torch.where(zero, 0.0, torch.sqrt(torch.where(zero, 1.0, squared)))
 
 
 def direction(gx: Tensor, gy: Tensor) -> Tensor:
     """Θ of Eq. 2 in radians, (-π, π].  Its value and derivative at a zero gradient are 0."""
-    zero = (gx * gx + gy * gy) == 0
+    zero = _vanishes(gx * gx + gy * gy)
     return torch.atan2(torch.where(zero, 0.0, gy), torch.where(zero, 1.0, gx))
 
 
@@ -31,7 +39,8 @@ def _linear_votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
     (|r| + r)/2; one of the last two is 0.  Written with |r|, whose derivative at 0 is 0, every derivative at a bin
     centre is the mean of the two one-sided ones.
     """
-    position = direction(gx, gy) * (spec.bins / spec.period) - spec.bin_offset
+    # divided first: a right angle is then exactly a quarter of a turn, and on a bin centre if the bins say so
+    position = direction(gx, gy) / spec.period * spec.bins - spec.bin_offset
     nearest = position.detach().round()
     r = position - nearest
     a = r.abs()
