@@ -212,7 +212,6 @@ def test_bytes_follow_the_default_dtype(dtype: torch.dtype) -> None:
         torch.set_default_dtype(before)
 
 
-@pytest.mark.xfail(strict=True, reason="matrix products in autocast are of half precision")
 @pytest.mark.parametrize("name", PRESETS)
 def test_autocast_keeps_precision(name: str) -> None:
     image = noise(1, 3, 8, 8, dtype=torch.float32)

@@ -42,7 +42,7 @@ def hog(images: Tensor, spec: HOGSpec) -> Tensor:
 
     Works on CPU and CUDA, under reverse and forward mode, ``vmap`` and ``torch.compile``; second derivatives exist away
     from kinks.  At kinks it returns the derivatives stated in ``docs/derivatives.md``, never NaN.  A NaN pixel makes
-    NaN of the cells that see it.
+    its image's descriptor NaN.
 
     Args:
         images: (B, C, H, W), float32 or float64 in 0…1, or uint8 in 0…255; any number of channels (three are R, G, B).

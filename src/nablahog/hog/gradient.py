@@ -16,7 +16,11 @@ def gray(image: Tensor) -> Tensor:
     if channels == 1:
         return image
     weights = GRAY_WEIGHTS if channels == 3 else (1 / channels,) * channels
-    return torch.einsum("bchw,c->bhw", image, image.new_tensor(weights)).unsqueeze(1)
+    # pixel by pixel: a matrix product may round equal pixels differently, and a flat area must have a zero gradient
+    total = weights[0] * image[:, :1]
+    for k in range(1, channels):
+        total = total + weights[k] * image[:, k : k + 1]
+    return total
 
 
 def _difference(image: Tensor, dim: int, border: Border) -> Tensor:

@@ -59,8 +59,8 @@ def _hard_votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
     axes = spec.bins // 2 if spec.signed else spec.bins
     angles = (np.arange(axes) + spec.bin_offset) * math.pi / axes
     # float32 tables, as VLFeat's: an exactly vertical gradient ties between two bins in 8-bit images
-    cos, sin = (torch.from_numpy(f(angles).astype(np.float32)).to(gx) for f in (np.cos, np.sin))
-    dots = torch.einsum("bhw,k->bkhw", gx.detach(), cos) + torch.einsum("bhw,k->bkhw", gy.detach(), sin)
+    cos, sin = (torch.from_numpy(f(angles).astype(np.float32)).to(gx).view(-1, 1, 1) for f in (np.cos, np.sin))
+    dots = gx.detach().unsqueeze(1) * cos + gy.detach().unsqueeze(1) * sin
     bins = dots.abs().max(dim=1, keepdim=True).indices
     if spec.signed:
         bins = torch.where(dots.gather(1, bins) < 0, bins + axes, bins)

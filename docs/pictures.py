@@ -1,0 +1,62 @@
+"""Makes the pictures in docs/ from photographs that scikit-image installs: `python docs/pictures.py`.
+
+preimages.png: eight photographs of 128x128, their UoCTTI glyphs, pre-images and differences.
+readme.png: one photograph of 256x256.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+from skimage import data
+from torch import Tensor
+
+from nablahog import hog, metrics, presets, reconstruct
+from nablahog.draw import Panel, contact_sheet, difference, glyphs
+from nablahog.hog.gradient import gray
+from nablahog.images import limit_size
+
+HERE = Path(__file__).parent
+NAMES = ("astronaut", "camera", "chelsea", "coffee", "rocket", "coins", "clock", "brick")
+
+
+def photograph(name: str, size: int) -> Tensor:
+    """(1, 1, size, size), gray, in 0…1: the middle square, shrunk."""
+    picture = torch.from_numpy(getattr(data, name)())
+    picture = picture.permute(2, 0, 1)[:3] if picture.dim() == 3 else picture[None]
+    side = min(picture.shape[1:])
+    top, left = ((n - side) // 2 for n in picture.shape[1:])
+    return gray(limit_size(picture[:, top : top + side, left : left + side] / 255, size)[None])
+
+
+def main() -> None:
+    spec = presets.uoctti(cell_size=8)
+    images = torch.cat([photograph(name, 128) for name in NAMES])
+    descriptors = hog(images, spec)
+    found = reconstruct(descriptors, spec)
+    rows = []
+    for name, image, descriptor, pre_image in zip(NAMES, images, descriptors, found.image, strict=True):
+        pair = pre_image[0], image[0]
+        caption = f"CC {metrics.cross_correlation(*pair):.2f}, SSIM {metrics.ssim(*pair):.2f}"
+        rows.append(
+            [
+                Panel(image[0], name),
+                Panel(glyphs(descriptor, spec), "UoCTTI HOG"),
+                Panel(pre_image[0], caption),
+                Panel(difference(*pair), "difference"),
+            ]
+        )
+    paired = [left + right for left, right in zip(rows[::2], rows[1::2], strict=True)]
+    contact_sheet(paired, height=192).save(HERE / "preimages.png", optimize=True)
+
+    image = photograph("astronaut", 256)
+    descriptor = hog(image, spec)
+    found = reconstruct(descriptor, spec)
+    drawn = Panel(glyphs(descriptor[0], spec), "its HOG (UoCTTI, cells of 8 pixels)")
+    panels = [Panel(image[0], "a photograph"), drawn, Panel(found.image[0], "pre-image, from the HOG alone")]
+    contact_sheet([panels], height=320).save(HERE / "readme.png", optimize=True)
+
+
+if __name__ == "__main__":
+    main()
