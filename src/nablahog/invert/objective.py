@@ -1,4 +1,4 @@
-"""Eq. 7-8 of Section 3.1: how far an image is from explaining a descriptor."""
+"""Eq. 8-9 of Section 3.1: how far an image is from explaining a descriptor."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .flat import FlatRegions
 from .parameterize import Parameterization
 from .priors import smoothness
 
-VOTES_AT_ONCE = 3_000_000  # images evaluated together: their votes fit a processor's cache
+VOTES_AT_ONCE = 3_000_000  # of the images evaluated together, so that they stay in a processor's cache
 
 
 def _share(residual: Tensor, size: Tensor) -> Tensor:
@@ -32,8 +32,15 @@ class PreimageObjective:
     Histograms are compared at their own scale, a strong edge counting for what it is; they have no clip and no
     division, and are by far the easier problem.  The descriptor is what was asked for.
 
-    Attributes:
-        distance: (B,) after each call, the relative descriptor distance ‖φ(Î) - φ(I)‖ / ‖φ(I)‖ at the points given.
+    Args:
+        descriptor: (B, rows, cols, channels), φ(I).
+        votes: histograms (B, bins, rows, cols) to compare instead; None to compare the descriptor.
+        spec: the dialect.
+        parameterization: how unknowns become images.
+        flat: the regions known to be constant.
+        weight: ξ of Eq. 9.
+        report: called after each evaluation with the relative descriptor distances ‖φ(Î) - φ(I)‖ / ‖φ(I)‖ (A,) at the
+            points given, whatever is compared, and the indices (A,) of their problems.
     """
 
     def __init__(

@@ -88,7 +88,7 @@ def reconstruct(
         image_size: (height, width); by default whole cells, rows · cell height and cols · cell width.
         seed: of the noise that the search starts from.  The same for every image of the batch.
         max_evaluations: operator evaluations an image may spend.
-        smoothness: ξ of Eq. 8, on the distance's own scale (see :func:`.priors.smoothness`).
+        smoothness: ξ of Eq. 9, on the distance's own scale (see :func:`.priors.smoothness`).
         basis: the unknowns, ``"cosine"`` or, as in the paper, ``"pixels"``.
         progress: called with the evaluations done and the most there can be.
 

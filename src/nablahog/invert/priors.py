@@ -11,7 +11,7 @@ ROUNDING = 0.05  # of the mean gradient magnitude: below it an absolute differen
 
 
 def smoothness(image: Tensor) -> Tensor:
-    """The sum of Eq. 8's smoothness term over 4-neighbours, Σ |i_p - i_q|, as a share of Σ‖∇i‖: (A, 1, H, W) to (A,).
+    """The sum of Eq. 9's smoothness term over 4-neighbours, Σ |i_p - i_q|, as a share of Σ‖∇i‖: (A, 1, H, W) to (A,).
 
     The mask [-1, 0, 1] of ∇ skips the pixel in the middle, so the descriptor fixes Σ‖∇i‖ and leaves patterns of period
     two open; this ratio is smallest where neighbours change monotonically, and grows with each such pattern.
