@@ -71,7 +71,7 @@ def reconstruct(
     image_size: tuple[int, int] | None = None,
     *,
     seed: int = 0,
-    max_evaluations: int = 400,
+    max_evaluations: int = 320,
     smoothness: float = 0.02,
     basis: Basis = "cosine",
     progress: Callable[[int, int], None] | None = None,
