@@ -48,14 +48,14 @@ def main() -> None:
             ]
         )
     paired = [left + right for left, right in zip(rows[::2], rows[1::2], strict=True)]
-    contact_sheet(paired, height=192).save(HERE / "preimages.png", optimize=True)
+    contact_sheet(paired, height=192).convert("L").save(HERE / "preimages.png", optimize=True)
 
     image = photograph("astronaut", 256)
     descriptor = hog(image, spec)
     found = reconstruct(descriptor, spec)
     drawn = Panel(glyphs(descriptor[0], spec), "its HOG (UoCTTI, cells of 8 pixels)")
     panels = [Panel(image[0], "a photograph"), drawn, Panel(found.image[0], "pre-image, from the HOG alone")]
-    contact_sheet([panels], height=320).save(HERE / "readme.png", optimize=True)
+    contact_sheet([panels], height=320).convert("L").save(HERE / "readme.png", optimize=True)
 
 
 if __name__ == "__main__":
