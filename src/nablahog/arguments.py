@@ -150,5 +150,5 @@ def _device_option(command: argparse.ArgumentParser) -> None:
 def _minimiser(command: argparse.ArgumentParser) -> None:
     command.add_argument("--seed", type=_integer(0), default=0, help="of the starting image (default: 0)")
     command.add_argument(
-        "--max-evaluations", type=_integer(1), metavar="N", help="of the objective, for each image; fewer is faster"
+        "--max-evaluations", type=_integer(2), metavar="N", help="of the objective, for each image; fewer is faster"
     )

@@ -159,7 +159,7 @@ def test_one_file_for_several_inputs(tmp_path: Path, photo: str, refused: Callab
         (["--seed", "many"], "got 'many'"),
         (["--device", "tpu"], "expected cpu, cuda or cuda:N, got 'tpu'"),
         (["--descriptor", "sift"], "invalid choice: 'sift'"),
-        (["--max-evaluations", "0"], "at least 1, got '0'"),
+        (["--max-evaluations", "1"], "at least 2, got '1'"),
     ],
 )
 def test_bad_options(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import pytest
 import torch
@@ -79,11 +80,39 @@ def test_a_flat_photograph_is_found_exactly() -> None:
         assert found.distance.item() == 0
 
 
-def test_progress_counts_up_to_the_total() -> None:
+@pytest.mark.parametrize("budget", [2, 3, 5, 10])
+def test_progress_counts_up_to_the_budget(budget: int) -> None:
     calls: list[tuple[int, int]] = []
     spec = presets.paper(8)
-    reconstruct(hog(photograph(32), spec), spec, max_evaluations=10, progress=lambda *call: calls.append(call))
-    assert calls == [(i, 10) for i in range(1, 11)]
+    found = reconstruct(
+        hog(photograph(32), spec), spec, max_evaluations=budget, progress=lambda *call: calls.append(call)
+    )
+    assert calls == [(i, budget) for i in range(1, budget + 1)]
+    assert found.evaluations.tolist() == [budget]
+
+
+@pytest.mark.parametrize("size", [(1, 9), (9, 1), (2, 9), (3, 3)])
+@pytest.mark.parametrize("spec", [presets.paper(1), presets.uoctti(2)], ids=["paper", "uoctti"])
+def test_images_of_a_few_pixels(size: tuple[int, int], spec: HOGSpec) -> None:
+    image = torch.rand(1, 1, *size, generator=torch.Generator().manual_seed(0))
+    found = reconstruct(hog(image, spec), spec, image_size=size, max_evaluations=20)
+    assert torch.isfinite(found.image).all()
+    assert torch.isfinite(found.history).all()
+    assert torch.isfinite(found.distance).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"basis": "wavelets"}, "'cosine', 'pixels', got 'wavelets'"),
+        ({"max_evaluations": 1}, "at least 2.*got 1"),
+        ({"smoothness": -1.0}, "at least 0, got -1"),
+        ({"smoothness": float("nan")}, "finite"),
+    ],
+)
+def test_options_out_of_range(options: dict[str, Any], says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        reconstruct(torch.rand(1, 4, 4, 9), presets.paper(8), **options)
 
 
 def test_pixels_are_a_basis_too() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import torch
 from torch import Tensor
@@ -87,16 +87,22 @@ def reconstruct(
         spec: the dialect that made it.
         image_size: (height, width); by default whole cells, rows · cell height and cols · cell width.
         seed: of the noise that the search starts from.  The same for every image of the batch.
-        max_evaluations: operator evaluations an image may spend.
+        max_evaluations: operator evaluations an image may spend, at least 2.
         smoothness: ξ of Eq. 9, on the distance's own scale (see :func:`.priors.smoothness`).
         basis: the unknowns, ``"cosine"`` or, as in the paper, ``"pixels"``.
         progress: called with the evaluations done and the most there can be.
 
     Raises:
         TypeError: the descriptor is no floating-point tensor.
-        ValueError: its shape contradicts spec and image size, or it holds NaN or Inf.
+        ValueError: its shape contradicts spec and image size, it holds NaN or Inf, or an option is out of range.
     """
     height, width = _check(descriptor, spec, image_size)
+    if basis not in get_args(Basis):
+        raise ValueError(f"basis must be one of {', '.join(map(repr, get_args(Basis)))}, got {basis!r}")
+    if max_evaluations < 2:
+        raise ValueError(f"max_evaluations must be at least 2, one for each objective, got {max_evaluations}")
+    if not 0 <= smoothness < float("inf"):
+        raise ValueError(f"smoothness must be a finite number of at least 0, got {smoothness}")
     began = time.perf_counter()
     descriptor = descriptor.detach()
     distances: list[Tensor] = []
@@ -116,9 +122,10 @@ def reconstruct(
     start = unknowns.unknowns(starting_image(votes, spec, height, width, seed))
     evaluations = torch.zeros(len(descriptor), dtype=torch.long, device=descriptor.device)
     reasons: list[str] = []
-    for target, share in ((votes, SHARE_OF_VOTES), (None, 1 - SHARE_OF_VOTES)):
+    on_votes = max(1, min(max_evaluations - 1, round(SHARE_OF_VOTES * max_evaluations)))
+    for target, budget in ((votes, on_votes), (None, max_evaluations - on_votes)):
         objective = PreimageObjective(descriptor, target, spec, unknowns, flat, smoothness, report)
-        found = lbfgs(objective, start, max_evaluations=max(1, round(share * max_evaluations)), progress_tolerance=1e-3)
+        found = lbfgs(objective, start, max_evaluations=budget, progress_tolerance=1e-3)
         start, reasons, evaluations = found.x, found.stop_reason, evaluations + found.evaluations
     index = torch.arange(len(descriptor), device=descriptor.device)
     image = to_unit_range(objective.image(start, index), spec)

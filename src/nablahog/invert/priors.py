@@ -18,8 +18,9 @@ def smoothness(image: Tensor) -> Tensor:
     """
     dx, dy = image[..., :, 1:] - image[..., :, :-1], image[..., 1:, :] - image[..., :-1, :]
     gx, gy = (dx[..., 1:] + dx[..., :-1])[..., 1:-1, :], (dy[..., 1:, :] + dy[..., :-1, :])[..., 1:-1]
-    visible = magnitude(gx, gy).mean(dim=(1, 2, 3))
+    pixels = image[0].numel()  # sums over them, since the mean of no differences, in one row or column, is NaN
+    visible = magnitude(gx, gy).sum(dim=(1, 2, 3)) / pixels
     scale = torch.where(visible > 0, visible, 1)
     rounding = (ROUNDING * scale).square().reshape(-1, 1, 1, 1)
-    terms = [(d.square() + rounding).sqrt().mean(dim=(1, 2, 3)) for d in (dx, dy)]
-    return (terms[0] + terms[1]) / scale
+    terms = [(d.square() + rounding).sqrt().sum(dim=(1, 2, 3)) for d in (dx, dy)]
+    return (terms[0] + terms[1]) / (pixels * scale)
