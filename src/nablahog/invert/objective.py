@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor
@@ -12,7 +12,7 @@ from ..hog.normalize import normalize
 from ..hog.spec import HOGSpec
 from .flat import FlatRegions
 from .parameterize import Parameterization
-from .priors import smoothness
+from .priors import Prior
 
 VOTES_AT_ONCE = 3_000_000  # of the images evaluated together, so that they stay in a processor's cache
 
@@ -27,10 +27,12 @@ def squared_norm(x: Tensor) -> Tensor:
 
 
 class PreimageObjective:
-    """‖φ(Î) - φ(I)‖² / ‖φ(I)‖² + ξ · smoothness, where φ is the descriptor or the histograms before Eq. 7.
+    """‖φ(Î) - φ(I)‖² / ‖φ(I)‖² + priors, where φ is the descriptor or the histograms before Eq. 7.
 
     Histograms are compared at their own scale, a strong edge counting for what it is; they have no clip and no
     division, and are by far the easier problem.  The descriptor is what was asked for.
+
+    A :class:`~nablahog.optimize.LeastSquares` problem.
 
     Args:
         descriptor: (B, rows, cols, channels), φ(I).
@@ -38,7 +40,7 @@ class PreimageObjective:
         spec: the dialect.
         parameterization: how unknowns become images.
         flat: the regions known to be constant.
-        weight: ξ of Eq. 9.
+        priors: added to the distance.
         report: called after each evaluation with the relative descriptor distances ‖φ(Î) - φ(I)‖ / ‖φ(I)‖ (A,) at the
             points given, whatever is compared, and the indices (A,) of their problems.
     """
@@ -50,7 +52,7 @@ class PreimageObjective:
         spec: HOGSpec,
         parameterization: Parameterization,
         flat: FlatRegions,
-        weight: float,
+        priors: Sequence[Prior],
         report: Callable[[Tensor, Tensor], None],
     ) -> None:
         self.descriptor = descriptor.permute(0, 3, 1, 2)
@@ -58,7 +60,7 @@ class PreimageObjective:
         self.spec = spec
         self.parameterization = parameterization
         self.flat = flat
-        self.weight = weight
+        self.priors = tuple(priors)
         self.report = report
         self.descriptor_size = squared_norm(descriptor)
         self.votes_size = None if votes is None else squared_norm(votes)
@@ -68,12 +70,33 @@ class PreimageObjective:
         return self.flat(self.parameterization.image(unknowns), index)
 
     def __call__(self, unknowns: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
-        at_once = max(1, VOTES_AT_ONCE // (unknowns.shape[1] * self.spec.bins))
-        starts = range(0, len(unknowns), at_once)
-        pieces = [self._evaluate(unknowns[i : i + at_once], index[i : i + at_once]) for i in starts]
+        pieces = [self._evaluate(*piece) for piece in self._pieces(unknowns, index)]
         values, gradients, distances = (torch.cat(parts) for parts in zip(*pieces, strict=True))
         self.report(distances, index)
         return values, gradients
+
+    def residuals(self, unknowns: Tensor, index: Tensor) -> Tensor:
+        """Unknowns (A, N) to residuals (A, M) whose squares sum to the values.
+
+        A product with their Jacobian runs through the operator step by step.  That of Eq. 7 is (I - c·vvᵀ)·a, which
+        couples all cells, times that of the histograms, which is local: it stays two factors, each applied in turn,
+        the first by one dot product with v, and neither is ever formed.  The same holds for means over the image.
+        """
+        return torch.cat([self._residuals(*piece) for piece in self._pieces(unknowns, index)])
+
+    def _pieces(self, unknowns: Tensor, index: Tensor) -> list[tuple[Tensor, Tensor]]:
+        at_once = max(1, VOTES_AT_ONCE // (unknowns.shape[1] * self.spec.bins))
+        return [(unknowns[i : i + at_once], index[i : i + at_once]) for i in range(0, len(unknowns), at_once)]
+
+    def _residuals(self, unknowns: Tensor, index: Tensor) -> Tensor:
+        image = self.image(unknowns, index)
+        cells = histograms(image, self.spec)
+        if self.votes is None or self.votes_size is None:
+            difference, size = normalize(cells, self.spec) - self.descriptor[index], self.descriptor_size[index]
+        else:
+            difference, size = cells - self.votes[index], self.votes_size[index]
+        distance = difference.flatten(1) / size.sqrt().unsqueeze(1)
+        return torch.cat([distance, *(prior.residuals(image) for prior in self.priors)], dim=1)
 
     def _evaluate(self, unknowns: Tensor, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         unknowns = unknowns.detach().requires_grad_()
@@ -86,7 +109,7 @@ class PreimageObjective:
             value = _share(cells - self.votes[index], self.votes_size[index])
             with torch.no_grad():
                 distance = _share(normalize(cells, self.spec) - self.descriptor[index], self.descriptor_size[index])
-        if self.weight:
-            value = value + self.weight * smoothness(image)
+        for prior in self.priors:
+            value = value + prior(image)
         (gradient,) = torch.autograd.grad(value.sum(), unknowns)
         return value.detach(), gradient, distance.sqrt()

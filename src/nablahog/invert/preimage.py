@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
@@ -12,11 +12,12 @@ from torch import Tensor
 
 from ..hog.descriptor import hog
 from ..hog.spec import HOGSpec
-from ..optimize import lbfgs
+from ..optimize import History, Minimiser, minimise
 from .flat import FlatRegions
 from .histograms import fixes_contrast, recover_histograms
 from .objective import PreimageObjective, squared_norm
 from .parameterize import CosineBasis, Parameterization, Pixels
+from .priors import Prior, RelativeSmoothness
 from .start import starting_image
 
 Basis: TypeAlias = Literal["cosine", "pixels"]
@@ -33,9 +34,10 @@ class Reconstruction:
         image: (B, 1, H, W) in 0…1.
         distance: (B,), ‖φ(image) - descriptor‖ / ‖descriptor‖, of exactly this image.
         stop_reason: why the search for each image ended.
-        history: (evaluations, B), the relative distance at each evaluated image; a search that has ended repeats its
-            last.
-        evaluations: (B,), operator evaluations (forward and backward) spent on each image.
+        history: (evaluations, B), the relative distance of the image evaluated last, after each evaluation; a search
+            that has ended repeats its last.
+        evaluations: (B,), operator evaluations spent on each image, one forward and backward; a product of the Jacobian
+            or its transpose with a vector is half of one.
         seconds: wall time for the whole batch.
     """
 
@@ -73,13 +75,15 @@ def reconstruct(
     seed: int = 0,
     max_evaluations: int = 320,
     smoothness: float = 0.02,
+    prior: Prior | Sequence[Prior] = (),
     basis: Basis = "cosine",
+    minimiser: Minimiser = "lbfgs",
     progress: Callable[[int, int], None] | None = None,
 ) -> Reconstruction:
     """Images whose HOG is the given descriptor, from the descriptor alone, for a whole batch at once.
 
     Three steps: the histograms before normalisation (:mod:`.histograms`), an image with these histograms, and from
-    there an image with this descriptor.  Each image has its own line search and its own stop, so a batch finds what its
+    there an image with this descriptor.  Each image has its own steps and its own stop, so a batch finds what its
     images alone would find, up to rounding, which a long search may amplify.
 
     Args:
@@ -89,7 +93,9 @@ def reconstruct(
         seed: of the noise that the search starts from.  The same for every image of the batch.
         max_evaluations: operator evaluations an image may spend, at least 2.
         smoothness: ξ of Eq. 9, on the distance's own scale (see :func:`.priors.smoothness`).
+        prior: one or several, added to the above; with ``smoothness=0``, instead of it.
         basis: the unknowns, ``"cosine"`` or, as in the paper, ``"pixels"``.
+        minimiser: ``"lbfgs"``, ``"dogleg"`` (the paper's), ``"momentum"`` or ``"adam"``.
         progress: called with the evaluations done and the most there can be.
 
     Raises:
@@ -103,16 +109,25 @@ def reconstruct(
         raise ValueError(f"max_evaluations must be at least 2, one for each objective, got {max_evaluations}")
     if not 0 <= smoothness < float("inf"):
         raise ValueError(f"smoothness must be a finite number of at least 0, got {smoothness}")
+    priors: list[Prior] = [RelativeSmoothness(smoothness)] if smoothness else []
+    priors += [prior] if isinstance(prior, Prior) else prior
     began = time.perf_counter()
     descriptor = descriptor.detach()
-    distances: list[Tensor] = []
-    current = torch.full((len(descriptor),), torch.inf, dtype=descriptor.dtype, device=descriptor.device)
+    distances = torch.full((len(descriptor),), torch.inf, dtype=descriptor.dtype, device=descriptor.device)
+    evaluations = torch.zeros(len(descriptor), dtype=torch.long, device=descriptor.device)
+    history = History(descriptor, len(descriptor))
+    done = 0
 
     def report(distance: Tensor, index: Tensor) -> None:
-        current[index] = distance
-        distances.append(current.clone())
-        if progress is not None:
-            progress(len(distances), max_evaluations)
+        distances[index] = distance
+
+    def watch(index: Tensor, spent: Tensor) -> None:
+        nonlocal done
+        spent = evaluations[index] + spent
+        history.add(spent, index, distances[index])
+        if progress is not None and int(spent.max()) > done:
+            done = int(spent.max())
+            progress(done, max_evaluations)
 
     unknowns: Parameterization = (
         CosineBasis(height, width, descriptor, EXPONENT) if basis == "cosine" else Pixels(height, width)
@@ -120,19 +135,19 @@ def reconstruct(
     flat = FlatRegions(descriptor, spec, height, width)
     votes = recover_histograms(descriptor, spec)
     start = unknowns.unknowns(starting_image(votes, spec, height, width, seed))
-    evaluations = torch.zeros(len(descriptor), dtype=torch.long, device=descriptor.device)
     reasons: list[str] = []
     on_votes = max(1, min(max_evaluations - 1, round(SHARE_OF_VOTES * max_evaluations)))
     for target, budget in ((votes, on_votes), (None, max_evaluations - on_votes)):
-        objective = PreimageObjective(descriptor, target, spec, unknowns, flat, smoothness, report)
-        found = lbfgs(objective, start, max_evaluations=budget, progress_tolerance=1e-3)
+        objective = PreimageObjective(descriptor, target, spec, unknowns, flat, priors, report)
+        found = minimise(minimiser, objective, start, max_evaluations=budget, progress_tolerance=1e-3, watch=watch)
         start, reasons, evaluations = found.x, found.stop_reason, evaluations + found.evaluations
     index = torch.arange(len(descriptor), device=descriptor.device)
     image = to_unit_range(objective.image(start, index), spec)
     with torch.no_grad():
         residual = (hog(image, spec) - descriptor).flatten(1).norm(dim=1)
         distance = residual / squared_norm(descriptor).sqrt()
-    return Reconstruction(image, distance, reasons, torch.stack(distances), evaluations, time.perf_counter() - began)
+    seconds = time.perf_counter() - began
+    return Reconstruction(image, distance, reasons, history.filled(int(evaluations.max())), evaluations, seconds)
 
 
 def _check(descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int] | None) -> tuple[int, int]:

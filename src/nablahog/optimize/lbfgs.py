@@ -11,10 +11,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from .result import BUDGET, GRADIENT, LINE_SEARCH, PROGRESS, Minimum, Objective
+from .result import BUDGET, GRADIENT, LINE_SEARCH, PROGRESS, WINDOW, Minimum, Objective, Watch
 
 ARMIJO, CURVATURE = 1e-4, 0.9  # constants of the Wolfe conditions, Nocedal & Wright p. 62
-WINDOW = 20  # evaluations over which progress is judged
 
 
 class _Memory:
@@ -82,6 +81,7 @@ def lbfgs(
     first_step: float = 1.0,
     gradient_tolerance: float = 0.0,
     progress_tolerance: float = 0.0,
+    watch: Watch | None = None,
 ) -> Minimum:
     """Minimise a batch of problems.
 
@@ -93,6 +93,7 @@ def lbfgs(
         first_step: length of the very first trial step, in the norm of the unknowns.
         gradient_tolerance: stop a problem whose largest absolute gradient entry is at most this.
         progress_tolerance: stop a problem whose value fell by less than this share of itself in 20 evaluations.
+        watch: see :data:`Watch`.
 
     Returns:
         For each problem the lowest point found, never worse than its start.
@@ -104,6 +105,8 @@ def lbfgs(
     reasons = [BUDGET] * len(x)
     evaluations = torch.ones(len(x), dtype=torch.long, device=x.device)
     history = [value.clone()]
+    if watch is not None:
+        watch(index, evaluations)
 
     def steepest(gradient: Tensor) -> Tensor:
         norm = gradient.norm(dim=1, keepdim=True)
@@ -119,6 +122,8 @@ def lbfgs(
         trial = x + step.unsqueeze(1) * direction
         trial_value, trial_gradient = objective(trial, index)
         evaluations[index] += 1
+        if watch is not None:
+            watch(index, evaluations[index])
 
         enough = trial_value <= value + ARMIJO * step * slope  # False for NaN
         accepted = enough & ((trial_gradient * direction).sum(1) >= CURVATURE * slope)

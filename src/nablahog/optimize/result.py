@@ -4,27 +4,55 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Protocol, TypeAlias, runtime_checkable
 
+import torch
 from torch import Tensor
 
 Objective: TypeAlias = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
-"""(points (A, N), indices (A,) of their problems in the batch) to (values (A,), gradients (A, N))."""
+"""(points (A, N), indices (A,) of their problems in the batch, all different) to (values (A,), gradients (A, N))."""
+
+Watch: TypeAlias = Callable[[Tensor, Tensor], None]
+"""Called after each call of the objective: the indices (A,) of its problems, and their evaluations (A,) so far."""
+
+
+@runtime_checkable
+class LeastSquares(Protocol):
+    """An :data:`Objective` whose value is a sum of squares, and which tells them apart."""
+
+    def __call__(self, points: Tensor, index: Tensor, /) -> tuple[Tensor, Tensor]: ...
+
+    def residuals(self, points: Tensor, index: Tensor, /) -> Tensor:
+        """Points (A, N) of the problems ``index`` (A,) to residuals (A, M) whose squares sum to the values.
+
+        Row a depends on point a only.  Differentiable by PyTorch, and the derivative again (for J·v).
+        """
+        ...
+
 
 BUDGET = "evaluation budget spent"
 GRADIENT = "gradient below tolerance"
 PROGRESS = "progress below tolerance"
 LINE_SEARCH = "no lower point along the descent direction"
+STEP = "step below tolerance"
+RADIUS = "trust region collapsed"
+ITERATIONS = "iteration limit reached"
+NOT_FINITE = "no finite step from the derivatives"
+
+WINDOW = 20  # evaluations over which progress is judged
 
 
 @dataclass(frozen=True)
 class Minimum:
     """Outcome of a batched minimisation.
 
+    One evaluation is a value with its gradient.  Residuals alone, and a product of the Jacobian or its transpose with a
+    vector, are half of one each, about their cost.
+
     Attributes:
         x: (B, N), the lowest point found for each problem.
         value: (B,), the objective there.
-        evaluations: (B,) int64, how often each problem's objective was evaluated.
+        evaluations: (B,) int64, how often each problem's objective was evaluated, halves rounded up.
         stop_reason: for each problem, why it stopped.
         history: (evaluations of the longest problem, B): the value of each problem's current point after each
             evaluation; a problem that has stopped repeats its last value.
@@ -35,3 +63,31 @@ class Minimum:
     evaluations: Tensor
     stop_reason: list[str]
     history: Tensor
+
+
+class History:
+    """Collects one number a problem and evaluation, where problems spend their evaluations at different times.
+
+    Args:
+        like: tensor whose dtype and device the numbers have.
+        batch: number of problems.
+    """
+
+    def __init__(self, like: Tensor, batch: int) -> None:
+        self.table = like.new_zeros(0, batch)
+        self.known = torch.zeros(0, batch, dtype=torch.bool, device=like.device)
+
+    def add(self, evaluations: Tensor, index: Tensor, numbers: Tensor) -> None:
+        """The problems ``index`` (A,) have ``numbers`` (A,) after ``evaluations`` (A,), counted from 1."""
+        grow = int(evaluations.max()) - len(self.table)
+        if grow > 0:
+            grow = max(grow, len(self.table))  # doubled, so that the copies cost no more than the entries
+            self.table, self.known = (torch.cat([t, t.new_zeros(grow, t.shape[1])]) for t in (self.table, self.known))
+        self.table[evaluations - 1, index], self.known[evaluations - 1, index] = numbers, True
+
+    def filled(self, length: int) -> Tensor:
+        """(length, B): where a problem has no number it repeats its last.  Each has one after its first evaluation."""
+        rows = torch.arange(len(self.known), device=self.known.device).unsqueeze(1)
+        last = torch.where(self.known, rows, 0).cummax(dim=0).values
+        last = last[torch.arange(length, device=last.device).clamp(max=len(last) - 1)]
+        return self.table.gather(0, last)

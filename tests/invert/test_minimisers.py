@@ -1,0 +1,146 @@
+"""The objective as a sum of squares, and reconstruct with other minimisers and priors than its own."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+
+from nablahog import hog, presets, reconstruct
+from nablahog.invert.flat import FlatRegions
+from nablahog.invert.histograms import recover_histograms
+from nablahog.invert.objective import PreimageObjective
+from nablahog.invert.parameterize import CosineBasis, Pixels
+from nablahog.invert.priors import Norm, Prior, RelativeSmoothness, Smoothness, TotalVariation
+from nablahog.optimize import LeastSquares, Minimiser
+from nablahog.optimize.gauss_newton import Linearization
+
+from .photographs import photograph
+
+SPECS = {"uoctti": presets.uoctti(8), "paper": presets.paper(8)}
+PRIORS: tuple[Prior, ...] = (RelativeSmoothness(0.02), TotalVariation(1e-3, 1), Norm(1e-4))
+both_specs = pytest.mark.parametrize("name", SPECS)
+
+
+def objective(name: str, on_votes: bool) -> PreimageObjective:
+    """Of two images, one with a flat region."""
+    spec = SPECS[name]
+    images = torch.cat([photograph(32), photograph(32, "coins")]).double()
+    images[1, :, :, :20] = 0.8
+    descriptor = hog(images, spec)
+    votes = recover_histograms(descriptor, spec) if on_votes else None
+    basis, flat = CosineBasis(32, 32, descriptor), FlatRegions(descriptor, spec, 32, 32)
+    return PreimageObjective(descriptor, votes, spec, basis, flat, PRIORS, lambda distance, index: None)
+
+
+def points(rows: int) -> Tensor:
+    return torch.randn(rows, 32 * 32, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+
+
+@both_specs
+@pytest.mark.parametrize("on_votes", [True, False])
+def test_the_value_is_the_sum_of_the_squares(name: str, on_votes: bool) -> None:
+    problem = objective(name, on_votes)
+    assert isinstance(problem, LeastSquares)
+    index = torch.tensor([1, 0])
+    value, gradient = problem(points(2), index)
+    x = points(2).requires_grad_()
+    residuals = problem.residuals(x, index)
+    torch.testing.assert_close(residuals.square().sum(1), value)
+    torch.testing.assert_close(torch.autograd.grad(residuals, x, 2 * residuals)[0], gradient)
+
+
+@both_specs
+def test_residuals_have_products_with_their_jacobian_by_torch_func(name: str) -> None:
+    problem, index = objective(name, False), torch.tensor([0, 1])
+    x, v = points(2), points(4)[2:]
+    residuals, image = torch.func.jvp(lambda p: problem.residuals(p, index), (x,), (v,))
+    _, pull = torch.func.vjp(lambda p: problem.residuals(p, index), x)
+    u = torch.randn_like(residuals)
+    torch.testing.assert_close((image * u).sum(1), (pull(u)[0] * v).sum(1))
+
+
+@both_specs
+def test_linearisation_is_the_jacobian_at_kinks_too(name: str) -> None:
+    # 8-bit levels: flat regions, gradients on bin centres
+    problem, index = objective(name, False), torch.tensor([1, 0])
+    problem.parameterization = Pixels(32, 32)
+    x, v = torch.cat([photograph(32, "coins"), photograph(32)]).double().flatten(1), points(2)
+    model = Linearization(problem, x, index)
+    residuals, image = torch.func.jvp(lambda p: problem.residuals(p, index), (x,), (v,))
+    torch.testing.assert_close(model.times(v), image)
+    _, pull = torch.func.vjp(lambda p: problem.residuals(p, index), x)
+    torch.testing.assert_close(model.transpose_times(residuals), pull(residuals)[0])
+    assert torch.isfinite(image).all()
+
+
+@both_specs
+def test_residuals_are_evaluated_in_pieces(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, index = objective(name, False), torch.tensor([1, 0])
+    whole = problem.residuals(points(2), index)
+    monkeypatch.setattr("nablahog.invert.objective.VOTES_AT_ONCE", 1)
+    torch.testing.assert_close(problem.residuals(points(2), index), whole)
+
+
+@both_specs
+@pytest.mark.parametrize("minimiser", ["dogleg", "momentum", "adam"])
+def test_reconstruct_by_other_minimisers(name: str, minimiser: Minimiser) -> None:
+    spec = SPECS[name]
+    descriptor = hog(torch.cat([photograph(48), photograph(48, "coins")]), spec)
+    calls: list[int] = []
+    found = reconstruct(
+        descriptor, spec, max_evaluations=120, minimiser=minimiser, progress=lambda done, most: calls.append(done)
+    )
+    assert found.distance.max() < 0.3
+    assert found.evaluations.max() <= 120
+    assert found.history.shape == (int(found.evaluations.max()), 2)
+    assert torch.isfinite(found.history).all()
+    assert (found.history[-1] < found.history[0] / 2).all()
+    assert calls == sorted(set(calls))
+    assert calls[-1] <= found.evaluations.max()
+
+
+def test_a_batch_by_dogleg_equals_a_loop() -> None:
+    spec = SPECS["paper"]
+    descriptors = hog(torch.cat([photograph(32), photograph(32, "coins")]).double(), spec)
+    together = reconstruct(descriptors, spec, max_evaluations=60, minimiser="dogleg")
+    for i in range(2):
+        alone = reconstruct(descriptors[i : i + 1], spec, max_evaluations=60, minimiser="dogleg")
+        torch.testing.assert_close(together.image[i], alone.image[0], atol=1e-5, rtol=0)
+        assert together.evaluations[i] == alone.evaluations[0]
+
+
+@pytest.mark.parametrize("minimiser", ["lbfgs", "dogleg", "momentum", "adam"])
+def test_a_flat_photograph_by_any_minimiser(minimiser: Minimiser) -> None:
+    found = reconstruct(
+        hog(torch.full((1, 1, 32, 32), 0.7), SPECS["uoctti"]), SPECS["uoctti"], max_evaluations=20, minimiser=minimiser
+    )
+    assert found.distance.item() == 0
+
+
+@pytest.mark.parametrize("minimiser", ["lbfgs", "dogleg"])
+def test_a_prior_does_what_it_says(minimiser: Minimiser) -> None:
+    spec = SPECS["paper"]
+    descriptor = hog(photograph(48), spec)
+
+    def total(image: Tensor) -> Tensor:
+        return image.diff(dim=-1).abs().sum() + image.diff(dim=-2).abs().sum()
+
+    without, with_one, with_two = (
+        reconstruct(descriptor, spec, max_evaluations=100, smoothness=0, prior=prior, minimiser=minimiser).image
+        for prior in ((), Smoothness(1e-4), (Smoothness(1e-4), TotalVariation(1e-2)))
+    )
+    assert total(with_two) < total(with_one) < total(without)
+
+
+def test_smoothness_is_the_relative_prior() -> None:
+    spec = SPECS["paper"]
+    descriptor = hog(photograph(32), spec)
+    named = reconstruct(descriptor, spec, max_evaluations=10, smoothness=0.1).image
+    given = reconstruct(descriptor, spec, max_evaluations=10, smoothness=0, prior=RelativeSmoothness(0.1)).image
+    assert torch.equal(named, given)
+
+
+def test_unknown_minimiser() -> None:
+    with pytest.raises(ValueError, match="'lbfgs', 'dogleg', 'momentum', 'adam', got 'newton'"):
+        reconstruct(torch.rand(1, 4, 4, 9), SPECS["paper"], minimiser="newton")  # type: ignore[arg-type]

@@ -1,0 +1,220 @@
+"""The dogleg, step by step against a dense reference, and where its matrices are singular or its steps fail."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from nablahog.hog import hog, presets
+from nablahog.invert.flat import FlatRegions
+from nablahog.invert.objective import PreimageObjective
+from nablahog.invert.parameterize import Pixels
+from nablahog.invert.priors import Norm, RelativeSmoothness
+from nablahog.optimize import dogleg
+from nablahog.optimize.gauss_newton import GaussNewtonSteps, Linearization
+from nablahog.optimize.result import BUDGET, GRADIENT, ITERATIONS, NOT_FINITE, PROGRESS, RADIUS, STEP
+
+from . import chumpy
+from .problems import CASES, SumOfSquares, beale, exponentials, mixed, only, powell_singular, rosenbrock
+
+# conjugate gradients as good as a direct solution, and no steps at the level of rounding
+EXACT = {"cg_iterations": 600, "cg_tolerance": 1e-12, "max_evaluations": 100_000, "gradient_tolerance": 1e-6}
+
+
+def network(seed: int) -> Callable[[Tensor], Tensor]:
+    """Nine residuals of six unknowns, curved everywhere, by fixed random numbers."""
+    generator = torch.Generator().manual_seed(seed)
+    inner, outer = (torch.randn(9, 6, generator=generator, dtype=torch.float64) for _ in range(2))
+    target = torch.randn(9, generator=generator, dtype=torch.float64)
+    return lambda x: torch.sin(2 * x @ inner.T) + (x**2) @ outer.T / 2 - target
+
+
+def compare(problem: SumOfSquares, start: Tensor, iterations: int, radius: float | None = None) -> list[bool]:
+    """Our trial points beside Chumpy's, for one problem (1, N).  Returns which were accepted."""
+    index = torch.zeros(1, dtype=torch.long)
+
+    def function(x: Tensor) -> Tensor:
+        return problem.function(x[None], index)[0]
+
+    tried, accepted = chumpy.dogleg(
+        lambda p: function(torch.from_numpy(p)).numpy(),
+        lambda p: torch.autograd.functional.jacobian(function, torch.from_numpy(p), vectorize=True).numpy(),
+        start[0].numpy(),
+        iterations,
+        radius,
+        e_1=EXACT["gradient_tolerance"],
+    )
+    found = dogleg(problem, start, max_iterations=iterations, radius=radius, **EXACT)
+    # Chumpy tries one and the same rejected step until the radius cuts it; we once
+    new = [i for i in range(len(tried)) if i == 0 or not np.array_equal(tried[i], tried[i - 1])]
+    ours = [p[0].numpy() for p in problem.points[1:]]
+    assert len(ours) == len(new)
+    for mine, i in zip(ours, new, strict=True):
+        np.testing.assert_allclose(mine, tried[i], rtol=0, atol=1e-8)
+    end = max(i for i in range(len(tried)) if accepted[i])
+    np.testing.assert_allclose(found.x[0].numpy(), tried[end], rtol=0, atol=1e-8)
+    return [accepted[i] for i in new]
+
+
+@pytest.mark.parametrize("radius", [None, 0.3, 1e-3])
+@pytest.mark.parametrize(
+    ("function", "n"), [(rosenbrock, 2), (beale, 2), (exponentials, 3), (network(0), 6), (network(1), 6)]
+)
+def test_steps_are_those_of_chumpy(function: Callable[[Tensor], Tensor], n: int, radius: float | None) -> None:
+    start = torch.randn(1, n, generator=torch.Generator().manual_seed(n), dtype=torch.float64)
+    if function is rosenbrock:
+        start = CASES["rosenbrock"].points()
+    accepted = compare(SumOfSquares(lambda x, index: function(x)), start, 12, radius)
+    if function is rosenbrock and radius is None:
+        assert not all(accepted)  # a rejected step is among them
+
+
+def test_steps_of_an_inversion_are_those_of_chumpy() -> None:
+    spec = presets.paper(4)
+    generator = torch.Generator().manual_seed(0)
+    image, noise = (torch.rand(1, 1, 16, 16, generator=generator, dtype=torch.float64) for _ in range(2))
+    descriptor = hog(image, spec)
+    objective = PreimageObjective(
+        descriptor,
+        None,
+        spec,
+        Pixels(16, 16),
+        FlatRegions(descriptor, spec, 16, 16),
+        (RelativeSmoothness(0.02), Norm(0.1, alpha=2)),
+        lambda distance, index: None,
+    )
+    problem = SumOfSquares(objective.residuals)
+    accepted = compare(problem, noise.flatten(1), 3)
+    assert sum(accepted) == 3
+    # the same through the objective's own value and gradient
+    found = dogleg(objective, noise.flatten(1), max_iterations=3, **EXACT)
+    torch.testing.assert_close(found.x, problem.points[-1], rtol=0, atol=1e-8)
+
+
+def test_no_more_is_linearised_than_accepted() -> None:
+    problem = SumOfSquares(lambda x, index: rosenbrock(x))
+    dogleg(problem, torch.tensor([[-1.2, 1.0]]).double(), max_iterations=5)
+    assert problem.linearised == 5  # a rejected step is retried with the Gauss-Newton step that is there
+    assert len(problem.points) > 6
+
+
+def test_jacobian_products_are_those_of_the_matrix() -> None:
+    problem, start = mixed()
+    rows = torch.tensor([2, 0])
+    model = Linearization(problem, start[rows], rows)
+    generator = torch.Generator().manual_seed(0)
+    for i, row in enumerate(rows):
+        J = torch.autograd.functional.jacobian(lambda x: problem.function(x[None], row[None])[0], start[row])  # noqa: B023
+        v, u = torch.randn(2, 2, 4, generator=generator, dtype=torch.float64)
+        torch.testing.assert_close(model.times(v)[i], J @ v[i])
+        torch.testing.assert_close(model.transpose_times(u)[i], J.T @ u[i])
+
+
+def test_singular_equations_give_the_shortest_step() -> None:
+    generator = torch.Generator().manual_seed(0)
+    A = torch.randn(5, 3, generator=generator, dtype=torch.float64) @ torch.randn(3, 8, generator=generator).double()
+    b = torch.randn(5, generator=generator, dtype=torch.float64)
+    problem = SumOfSquares(lambda x, index: x @ A.T - b)
+    start = torch.zeros(1, 8, dtype=torch.float64)
+    steps, rows = GaussNewtonSteps(start), torch.tensor([0])
+    steps.begin(problem, start, rows, b[None] @ A)
+    for _ in range(3):  # the rank
+        assert steps.advance(rows).all()
+        error = steps.turn(rows)
+    assert error < 1e-10
+    torch.testing.assert_close(steps.step[0], torch.linalg.pinv(A) @ b)
+    torch.testing.assert_close(steps.image[0], A @ steps.step[0])
+    # and the whole search stops there, as no step lowers the value any more
+    found = dogleg(problem, start, cg_tolerance=1e-12, gradient_tolerance=1e-12)
+    assert found.stop_reason == [GRADIENT]
+    torch.testing.assert_close(found.x[0], torch.linalg.pinv(A) @ b)
+
+
+def test_a_jacobian_that_vanishes_at_the_minimum() -> None:
+    found = dogleg(SumOfSquares(lambda x, index: powell_singular(x)), torch.tensor([[3.0, -1, 0, 1]]).double())
+    assert found.stop_reason == [GRADIENT]
+    assert found.x.abs().max() < 1e-4
+
+
+def test_a_gradient_that_lies_collapses_the_radius() -> None:
+    class Liar(SumOfSquares):
+        def __call__(self, points: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
+            value, gradient = super().__call__(points, index)
+            return value, -gradient
+
+    problem = Liar(lambda x, index: x - 3)
+    start = torch.ones(2, 3, dtype=torch.float64)
+    found = dogleg(problem, start)
+    assert found.stop_reason == [RADIUS] * 2
+    assert torch.equal(found.x, start)
+    assert dogleg(problem, start, radius=1e-16).stop_reason == [STEP] * 2
+
+
+def test_stops_on_iterations_and_on_progress() -> None:
+    start = torch.tensor([[-1.2, 1.0]]).double()
+    assert dogleg(SumOfSquares(lambda x, i: rosenbrock(x)), start, max_iterations=3).stop_reason == [ITERATIONS]
+    problem = SumOfSquares(lambda x, i: exponentials(x))  # at its minimum, residuals remain
+    found = dogleg(problem, torch.ones(1, 3, dtype=torch.float64), progress_tolerance=1e-3)
+    assert found.stop_reason == [PROGRESS]
+    assert found.value < found.history[-2]
+
+
+@pytest.mark.parametrize("budget", range(1, 16))
+def test_the_budget_counts_products_too(budget: int) -> None:
+    class Counted(SumOfSquares):
+        halves = 0
+
+    problem = Counted(lambda x, index: network(3)(x))
+    start = torch.ones(1, 6, dtype=torch.float64)
+    times, transpose_times = Linearization.times, Linearization.transpose_times
+
+    def counted(product: Callable[[Linearization, Tensor], Tensor]) -> Callable[[Linearization, Tensor], Tensor]:
+        def call(model: Linearization, vectors: Tensor) -> Tensor:
+            problem.halves += 1
+            return product(model, vectors)
+
+        return call
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Linearization, "times", counted(times))
+        patch.setattr(Linearization, "transpose_times", counted(transpose_times))
+        found = dogleg(problem, start, max_evaluations=budget, cg_tolerance=1e-12)
+    halves = problem.halves + problem.linearised + 2 * len(problem.points)
+    assert halves <= 2 * budget
+    assert found.evaluations.tolist() == [(halves + 1) // 2]
+    assert found.history.shape == (int(found.evaluations[0]), 1)
+    assert found.stop_reason == [BUDGET]
+    if budget >= 3:  # conjugate gradients were cut short, and their step tried
+        assert len(problem.points) >= 2
+
+
+def test_problems_at_different_stages_share_no_linearisation() -> None:
+    # problem 0 needs one iteration of conjugate gradients a step, problem 1 many, so their steps never coincide
+    curvatures = torch.stack([torch.ones(40), torch.logspace(0, 4, 40)]).double().sqrt()
+    problem = SumOfSquares(lambda x, index: curvatures[index] * (x + 0.1 * x**2 - 1))
+    start = torch.full((2, 40), 3.0, dtype=torch.float64)
+    together = dogleg(problem, start, max_evaluations=60, cg_iterations=7)
+    assert together.evaluations[0] < together.evaluations[1]
+    for row in range(2):
+        alone = dogleg(only(problem, row), start[row : row + 1], max_evaluations=60, cg_iterations=7)
+        torch.testing.assert_close(together.x[row], alone.x[0], rtol=1e-9, atol=1e-12)
+        assert together.evaluations[row] == alone.evaluations[0]
+        assert together.stop_reason[row] == alone.stop_reason[0]
+
+
+def test_derivatives_that_are_not_finite() -> None:
+    # √x at 0 and below
+    problem = SumOfSquares(lambda x, index: x.sqrt() - 2)
+    found = dogleg(problem, torch.tensor([[0.0], [-1.0], [0.5]]).double())
+    assert found.stop_reason[:2] == [NOT_FINITE] * 2
+    assert found.x[:2].flatten().tolist() == [0, -1]
+    torch.testing.assert_close(found.x[2].item(), 4.0)
+
+
+def test_needs_residuals() -> None:
+    with pytest.raises(TypeError, match="residuals"):
+        dogleg(lambda x, index: (x.square().sum(1), 2 * x), torch.ones(1, 2))

@@ -1,0 +1,185 @@
+"""What all minimisers have in common, on the same problems."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+from nablahog.optimize import Minimiser, minimise
+from nablahog.optimize.result import BUDGET, GRADIENT, PROGRESS
+
+from .problems import CASES, SumOfSquares, mixed, only
+
+ALL: tuple[Minimiser, ...] = ("lbfgs", "dogleg", "momentum", "adam")
+FAST = ("lbfgs", "dogleg")  # methods that learn the curvature
+
+all_minimisers = pytest.mark.parametrize("name", ALL)
+
+
+@all_minimisers
+@pytest.mark.parametrize("case", CASES)
+def test_reaches_the_known_minimum(name: Minimiser, case: str) -> None:
+    problem, start, minimum = CASES[case].problem(), CASES[case].points(), CASES[case].minimum
+    found = minimise(name, problem, start, max_evaluations=400)
+    assert found.value < (1e-8 if name in FAST else 1e-3)
+    far = (found.x[0] - torch.tensor(minimum, dtype=torch.float64)).abs().max()
+    flat = case == "powell"  # whose valley is quartic
+    assert far < ((1e-3 if flat else 1e-4) if name in FAST else 0.05)
+
+
+@all_minimisers
+def test_mixed_problems_do_not_influence_each_other(name: Minimiser) -> None:
+    problem, start = mixed()
+    together = minimise(name, problem, start, max_evaluations=80)
+    for row in range(3):
+        alone = minimise(name, only(problem, row), start[row : row + 1], max_evaluations=80)
+        torch.testing.assert_close(together.x[row], alone.x[0], rtol=1e-6, atol=1e-9)
+        assert together.evaluations[row] == alone.evaluations[0]
+        assert together.stop_reason[row] == alone.stop_reason[0]
+        length = len(alone.history)
+        torch.testing.assert_close(together.history[:length, row], alone.history[:, 0], rtol=1e-6, atol=1e-12)
+        assert (together.history[length:, row] == together.history[length - 1, row]).all()
+
+
+@all_minimisers
+@pytest.mark.parametrize("budget", [1, 2, 3, 4, 7, 30])
+def test_budget_and_watch(name: Minimiser, budget: int) -> None:
+    problem, start = mixed()
+    seen: list[tuple[list[int], list[int]]] = []
+    found = minimise(
+        name, problem, start, max_evaluations=budget, watch=lambda i, spent: seen.append((i.tolist(), spent.tolist()))
+    )
+    assert found.evaluations.max() <= budget
+    assert found.history.shape == (int(found.evaluations.max()), 3)
+    if budget <= 7:
+        assert found.stop_reason == [BUDGET] * 3
+    # once for each call of the objective
+    assert len(seen) == len(problem.points)
+    assert seen[0] == ([0, 1, 2], [1, 1, 1])
+    last = {row: spent for rows, spends in seen for row, spent in zip(rows, spends, strict=True)}
+    assert all(last[row] <= found.evaluations[row] for row in range(3))
+
+
+@all_minimisers
+def test_returns_the_lowest_point_evaluated(name: Minimiser) -> None:
+    problem, start = mixed()
+    rows = torch.arange(3)
+    found = minimise(name, problem, start, max_evaluations=25)
+    values = torch.stack(
+        [problem.function(points, rows).square().sum(1) for points in problem.points if len(points) == 3]
+    )
+    torch.testing.assert_close(found.value, problem.function(found.x, rows).square().sum(1))
+    assert (found.value <= values.amin(0) * (1 + 1e-12)).all()
+    assert (found.value <= found.history.amin(0)).all()
+
+
+@all_minimisers
+def test_a_constant_problem_stops_at_once_and_no_other_does(name: Minimiser) -> None:
+    scale = torch.tensor([[0.0], [1.0]], dtype=torch.float64)
+    problem = SumOfSquares(lambda x, index: scale[index] * x**2 + 1)
+    start = torch.full((2, 3), 2.0, dtype=torch.float64)
+    found = minimise(name, problem, start, max_evaluations=40)
+    assert found.stop_reason[0] == GRADIENT
+    assert found.evaluations[0] <= 2
+    assert torch.equal(found.x[0], start[0])
+    assert found.evaluations[1] > 5
+    assert found.value[1] < found.history[0, 1]
+
+
+@all_minimisers
+def test_stops_when_there_is_no_progress(name: Minimiser) -> None:
+    problem = SumOfSquares(
+        lambda x, index: torch.cat([CASES["long"].residuals(x), torch.ones(len(x), 1)], dim=1).double()
+    )
+    found = minimise(name, problem, CASES["long"].points(), max_evaluations=2000, progress_tolerance=1e-3)
+    assert found.stop_reason == [PROGRESS]
+    assert found.value < 1.1
+
+
+@all_minimisers
+def test_stops_when_the_gradient_is_small(name: Minimiser) -> None:
+    found = minimise(
+        name, CASES["beale"].problem(), CASES["beale"].points(), max_evaluations=2000, gradient_tolerance=1e-3
+    )
+    assert found.stop_reason == [GRADIENT]
+    _, gradient = CASES["beale"].problem()(found.x, torch.tensor([0]))
+    assert gradient.abs().max() <= 2e-3  # of the dogleg it is half the gradient
+
+
+@all_minimisers
+def test_steps_into_nan_are_taken_back(name: Minimiser) -> None:
+    # log x - log 3, undefined for x <= 0, with a problem beside it that is defined everywhere
+    def residuals(x: Tensor, index: Tensor) -> Tensor:
+        return torch.where(index.unsqueeze(1) == 0, torch.where(x > 0, x, torch.nan).log() - 3**0.5, x - 1)
+
+    options: dict[str, Any] = {"radius": 100.0} if name == "dogleg" else {"first_step": 100.0}
+    start = torch.tensor([[20.0, 0.05], [3.0, 4.0]], dtype=torch.float64)
+    found = minimise(name, SumOfSquares(residuals), start, max_evaluations=800, **options)
+    assert torch.isfinite(found.x).all()
+    torch.testing.assert_close(found.x[0], torch.full((2,), 3**0.5).double().exp(), rtol=0.02, atol=0)
+    torch.testing.assert_close(found.x[1], torch.ones(2).double(), rtol=0, atol=1e-3)
+
+
+@all_minimisers
+def test_a_start_that_is_not_finite_stops_and_spoils_nothing(name: Minimiser) -> None:
+    problem = SumOfSquares(lambda x, index: torch.where(x > 0, x, torch.nan).log())
+    found = minimise(name, problem, torch.tensor([[-1.0], [2.0]]).double(), max_evaluations=200)
+    assert found.x[0] == -1
+    assert found.evaluations[0] < 200
+    torch.testing.assert_close(found.x[1].item(), 1.0, rtol=1e-3, atol=0)
+
+
+@all_minimisers
+@pytest.mark.parametrize("case", ["long", "rosenbrock", "powell"])
+def test_float32(name: Minimiser, case: str) -> None:
+    problem, start = CASES[case].problem(), CASES[case].points(torch.float32)
+    found = minimise(name, problem, start, max_evaluations=400)
+    assert found.x.dtype == found.value.dtype == found.history.dtype == torch.float32
+    assert torch.isfinite(found.x).all()
+    assert found.value < (1e-6 if name in FAST else 2e-3)
+
+
+@all_minimisers
+def test_the_start_is_not_changed(name: Minimiser) -> None:
+    start = CASES["rosenbrock"].points()
+    before = start.clone()
+    minimise(name, CASES["rosenbrock"].problem(), start, max_evaluations=10)
+    assert torch.equal(start, before)
+
+
+def test_unknown_names_are_refused() -> None:
+    with pytest.raises(ValueError, match="one of 'lbfgs', 'dogleg', 'momentum', 'adam', got 'newton'"):
+        minimise("newton", CASES["beale"].problem(), CASES["beale"].points())  # type: ignore[arg-type]
+
+
+def test_momentum_is_the_heavy_ball() -> None:
+    # x² from 1 with steps that never rise: v ← 0.9·v - g, x ← x + step·v, and 5 % more step after each new lowest point
+    found = minimise(
+        "momentum", SumOfSquares(lambda x, index: x), torch.ones(1, 1).double(), max_evaluations=6, first_step=0.02
+    )
+    x, v, step, values = 1.0, 0.0, 0.01, [1.0]
+    for _ in range(5):
+        v = 0.9 * v - 2 * x
+        x += step * v
+        step *= 1.05
+        values.append(x * x)
+    torch.testing.assert_close(found.history[:, 0], torch.tensor(values).double(), rtol=1e-6, atol=0)
+
+
+def test_adam_is_adam() -> None:
+    start = torch.tensor([[3.0, -2.0]], dtype=torch.float64)
+    residuals = CASES["beale"].residuals
+    found = minimise(
+        "adam", SumOfSquares(lambda x, index: residuals(x)), start, max_evaluations=12, first_step=2**0.5 * 1e-3
+    )
+    x = start.clone().requires_grad_()
+    reference = torch.optim.Adam([x], lr=1e-3, eps=1e-30)
+    for _ in range(11):
+        reference.zero_grad()
+        residuals(x).square().sum().backward()
+        reference.step()
+        reference.param_groups[0]["lr"] *= 1.05
+    torch.testing.assert_close(found.x, x.detach())
