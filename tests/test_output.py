@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from nablahog.output import distinct_stems, output_folder, replacing
+from nablahog.output import distinct_stems, output_folder, remove_parts, replacing
 
 
 def test_replacing(tmp_path: Path) -> None:
@@ -41,6 +41,19 @@ def test_a_failure_leaves_the_old_file(tmp_path: Path, error: type[BaseException
         fail()
     assert path.read_text() == "old"
     assert os.listdir(tmp_path) == ["file"]
+
+
+def test_what_a_killed_process_left(tmp_path: Path) -> None:
+    with replacing(tmp_path / "file") as file:
+        (part,) = tmp_path.iterdir()
+        remove_parts(tmp_path, older_than=60)  # of a process that still writes
+        assert part.exists()
+        os.link(part, tmp_path / ".nablahog-1-0.part")  # of one that was killed
+        file.write(b"new")
+    os.utime(tmp_path / ".nablahog-1-0.part", (0, 0))
+    remove_parts(tmp_path, older_than=60)
+    assert os.listdir(tmp_path) == ["file"]
+    remove_parts(tmp_path / "missing", older_than=60)
 
 
 def test_links_and_special_files(tmp_path: Path) -> None:

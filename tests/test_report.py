@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image
 
 from nablahog.draw import Panel
-from nablahog.report import Section, figure, page
+from nablahog.report import Cell, Section, figure, page
 
 TABLE = [{"input": "<b>", "CC": 0.12345, "SSIM": None}, {"input": "x", "CC": None, "SSIM": None}]
 SECTIONS = [Section("A & B", "text", [Panel(np.eye(4), '"quoted"')])]
@@ -51,3 +51,23 @@ def test_page_of_nothing() -> None:
 
 def test_figures() -> None:
     assert [figure(v) for v in (None, 0.5, 3, "x", float("nan"))] == ["–", "0.500", "3", "x", "nan"]
+
+
+def test_remarks_and_headings_in_tables() -> None:
+    table = [{"method": "group <1>"}, {"method": "a", "CC": Cell(0.5, "0.4 … 0.6 <")}, {"method": "b", "CC": None}]
+    html = page("T", "", table, [], {})
+    _Balanced().feed(html)
+    assert '<th colspan="2">group &lt;1&gt;</th>' in html
+    assert "<td class=number>0.500<small>0.4 … 0.6 &lt;</small></td>" in html
+    assert "<td class=number>–</td>" in html
+
+
+def test_tables_of_pictures() -> None:
+    row = {"image": Cell(Panel(np.eye(4), "x <"), "x <"), "found": None}
+    html = page("T", "", [], [Section("Pictures", "text", table=[row, {"image": "more"}, row])], {})
+    _Balanced().feed(html)
+    assert html.count("data:image/png;base64,") == 2
+    assert 'alt="x &lt;"' in html
+    assert "<small>x &lt;</small>" in html
+    assert 'class="grid"' in html
+    assert 'class="pictures"' not in html

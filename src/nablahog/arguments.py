@@ -10,10 +10,12 @@ from typing import NoReturn, get_args
 
 import torch
 
+from .evaluate.methods import METHODS
 from .hog.spec import Vote
 from .sources import DEFAULT_CELL, DEFAULT_DESCRIPTOR, PRESETS
 
 SIZE = 256
+TABLE1_SIZE = 128  # that of the paper's images
 
 
 class _Parser(argparse.ArgumentParser):
@@ -101,7 +103,40 @@ def parser() -> argparse.ArgumentParser:
     _output(demo, "DIR", "folder for the results, made if missing")
     _device_option(demo)
     _minimiser(demo)
+
+    table1 = commands.add_parser(
+        "table1",
+        help="compare all methods on a folder of images",
+        description="Inverts the descriptors of all images by all methods of the paper's Table 1 and writes the table: "
+        "index.html to look at, summary.csv, per_image.csv, times.csv and failures.csv. A run that was interrupted "
+        "goes on when it is repeated.",
+    )
+    table1.add_argument(
+        "--images", metavar="DIR", help="folder of images (default: photographs that come with scikit-image)"
+    )
+    _output(table1, "DIR", "folder for the results, made if missing")
+    table1.add_argument(
+        "--methods",
+        type=_methods,
+        metavar="NAME,…",
+        help=f"only these, separated by commas, of: {', '.join(METHODS)}",
+    )
+    table1.add_argument("--limit", type=_integer(1), metavar="N", help="only the first N images")
+    _size(table1, TABLE1_SIZE)
+    _minimiser(table1)
+    table1.add_argument("--prior", metavar="FILE", help="a learned prior instead of the one that comes with nablahog")
+    table1.add_argument(
+        "--workers", type=_integer(1), metavar="N", help="processes to work in (default: one for each core)"
+    )
     return top
+
+
+def _methods(text: str) -> list[str]:
+    names = text.split(",")
+    for name in names:
+        if name not in METHODS:
+            raise argparse.ArgumentTypeError(f"expected methods of {', '.join(METHODS)}, got {name!r}")
+    return names
 
 
 def _inputs(command: argparse.ArgumentParser) -> None:
@@ -130,6 +165,12 @@ def _common(command: argparse.ArgumentParser, *, size: int) -> None:
     command.add_argument(
         "--vote", choices=get_args(Vote), help="orientation votes of uoctti: shared by two bins, or all to one bin"
     )
+    _size(command, size)
+    _device_option(command)
+    command.add_argument("--json", action="store_true", help="print the results as JSON instead of a table")
+
+
+def _size(command: argparse.ArgumentParser, size: int) -> None:
     command.add_argument(
         "--size",
         type=_integer(0),
@@ -137,8 +178,6 @@ def _common(command: argparse.ArgumentParser, *, size: int) -> None:
         metavar="N",
         help=f"shrink photographs to at most N pixels on the longer side, 0 for never (default: {size})",
     )
-    _device_option(command)
-    command.add_argument("--json", action="store_true", help="print the results as JSON instead of a table")
 
 
 def _device_option(command: argparse.ArgumentParser) -> None:

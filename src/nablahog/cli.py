@@ -7,27 +7,26 @@ import json
 import os
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from PIL import Image
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
-from rich.text import Text
 
 from .arguments import parser
 from .demo import run_demo
 from .descriptor_file import save_descriptor
 from .draw import glyphs
+from .evaluate import table1_page
+from .evaluate.methods import METHODS, Method, Settings
+from .evaluate.photographs import Photographs, read_folder, shipped
+from .evaluate.runner import cores
+from .evaluate.table1 import Table1, run_table1, write_tables
 from .images import write_image
 from .inversion import Inversion, batches, invert_batch, result_names
 from .metrics import DEFINITIONS
 from .output import output_folder, replacing
-from .report import figure
 from .sources import PRESETS, Source, Wanted, read_sources
+from .terminal import counter, print_definitions, print_table, progress_bars, say
 
 INTERRUPTED = 130  # what shells report of a command ended by Ctrl-C
 
@@ -100,7 +99,7 @@ def _invert(arguments: Namespace) -> None:
     with output_folder(folder):
         for number, batch in enumerate(groups := batches(sources), start=1):
             about = f"batch {number} of {len(groups)}, {len(batch)} x {sources[batch[0]].spec.name}"
-            with _progress() as progress:
+            with progress_bars() as progress:
                 done.update(zip(batch, _inverted([sources[i] for i in batch], arguments, progress(about)), strict=True))
             for index in batch:
                 done[index].write(folder)
@@ -112,11 +111,11 @@ def _invert(arguments: Namespace) -> None:
         print(json.dumps(figures, indent=2, allow_nan=False))
     else:
         _print_figures([done[index] for index in sorted(done)])
-        _console().print(Text(f"Results in {folder}"), soft_wrap=True)
+        say(f"Results in {folder}")
 
 
 def _demo(arguments: Namespace) -> None:
-    with output_folder(arguments.output) as folder, _progress() as progress:
+    with output_folder(arguments.output) as folder, progress_bars() as progress:
         tasks = {name: progress(name) for name in PRESETS}
         inversions = run_demo(
             folder,
@@ -126,10 +125,69 @@ def _demo(arguments: Namespace) -> None:
             max_evaluations=arguments.max_evaluations,
         )
     _print_figures(inversions)
-    _console().print(Text(f"Look at {folder / 'index.html'}"), soft_wrap=True)
+    say(f"Look at {folder / 'index.html'}")
 
 
-_COMMANDS: dict[str, Callable[[Namespace], None]] = {"hog": _hog, "glyph": _glyph, "invert": _invert, "demo": _demo}
+def _table1(arguments: Namespace) -> None:
+    methods = [METHODS[name] for name in METHODS if name in (arguments.methods or METHODS)]
+    settings = Settings(arguments.seed, arguments.max_evaluations, _prior(arguments, methods))
+    photographs, origin = _photographs(arguments)
+    with output_folder(arguments.output) as folder:
+        with counter("nablahog table1") as progress:
+            workers = arguments.workers or cores()
+            table = run_table1(folder, photographs, methods, settings, workers=workers, progress=progress)
+        if not any(table.seconds.values()):
+            first = table.failures[0]
+            raise UserError(f"there is no result for any image; the first: {first.image}: {first.reason}")
+        write_tables(folder, table)
+        with replacing(folder / "index.html") as file:
+            file.write(table1_page.page(table, settings, origin).encode())
+    _print_table1(table)
+    say(f"Look at {folder / 'index.html'}")
+
+
+def _photographs(arguments: Namespace) -> tuple[Photographs, str]:
+    """The images for the table, and a sentence that says where they are from."""
+    if arguments.images is None:
+        photographs = shipped(size=arguments.size, limit=arguments.limit)
+        return photographs, f"{len(photographs.images)} photographs that come with scikit-image, their middle squares."
+    folder = Path(arguments.images)
+    try:
+        photographs = read_folder(folder, size=arguments.size, limit=arguments.limit)
+    except ValueError as error:
+        raise UserError(str(error)) from None
+    number = len(photographs.images) + len(photographs.failed)
+    return photographs, f"{number} images of the folder {folder.resolve().name}."
+
+
+def _prior(arguments: Namespace, methods: Sequence[Method]) -> Path | None:
+    if arguments.prior is None:
+        return None
+    path = Path(arguments.prior)
+    if not path.is_file():
+        raise UserError(f"{path}: no such file" if not path.exists() else f"{path}: expected a file of a prior")
+    if not any(method.uses_prior for method in methods):
+        names = ", ".join(method.name for method in METHODS.values() if method.uses_prior)
+        raise UserError(f"none of the methods asked for uses --prior; these do: {names}")
+    return path.resolve()
+
+
+def _print_table1(table: Table1) -> None:
+    print_table(table1_page.terminal_rows(table))
+    print_definitions(table1_page.DEFINITIONS)
+    for failure in table.failures:
+        say(f"Failed: {failure.image}, {failure.method or 'all methods'}: {failure.reason}")
+    if table.photographs.ignored:
+        say(f"Passed over, as no images by their endings: {', '.join(table.photographs.ignored)}")
+
+
+_COMMANDS: dict[str, Callable[[Namespace], None]] = {
+    "hog": _hog,
+    "glyph": _glyph,
+    "invert": _invert,
+    "demo": _demo,
+    "table1": _table1,
+}
 
 
 def _read(arguments: Namespace) -> list[Source]:
@@ -185,7 +243,7 @@ def _write_each(arguments: Namespace, ending: str, write: Callable[[Path, Source
     if arguments.json:
         print(json.dumps(rows, indent=2))
     else:
-        _print_table(rows)
+        print_table(rows)
 
 
 def _spare_inputs(arguments: Namespace, targets: Sequence[Path]) -> None:
@@ -195,36 +253,6 @@ def _spare_inputs(arguments: Namespace, targets: Sequence[Path]) -> None:
             raise UserError(f"the result {target} would overwrite an input: expected another -o")
 
 
-@contextmanager
-def _progress() -> Iterator[Callable[[str], Callable[[int, int], None]]]:
-    """On a terminal, progress bars on stderr: gives a function that starts one and returns the function to move it."""
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
-
-        def start(description: str) -> Callable[[int, int], None]:
-            task = bars.add_task(description, total=None)
-            return lambda done, total: bars.update(task, completed=done, total=total)
-
-        yield start
-
-
-def _console() -> Console:
-    return Console(width=None if sys.stdout.isatty() else 120)
-
-
 def _print_figures(inversions: Sequence[Inversion]) -> None:
-    _print_table([inversion.row() for inversion in inversions])
-    for name, definition in DEFINITIONS.items():
-        _console().print(Text(f"{name}: {definition}", style="dim"))
-
-
-def _print_table(rows: Sequence[dict[str, Any]]) -> None:
-    table = Table()
-    for key, value in rows[0].items():
-        number = value is None or isinstance(value, float)
-        table.add_column(key, justify="right" if number else "left", overflow="fold", no_wrap=number)
-    for row in rows:
-        # Text, because a file name in brackets is no markup
-        table.add_row(*(Text("x".join(map(str, v)) if isinstance(v, list) else figure(v)) for v in row.values()))
-    _console().print(table)
+    print_table([inversion.row() for inversion in inversions])
+    print_definitions(DEFINITIONS)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import itertools
 import os
 import tempfile
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
 MAX_STEM_BYTES = 180  # file systems allow 255 a name; the endings of our files need some of them
+PART = ".part"
 _part = itertools.count()
 
 
@@ -29,7 +31,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     if path.exists() and not path.is_file():
         raise FileExistsError(f"{path} cannot be written: it is no regular file")
     # not mkstemp, whose files only their owner may read
-    part = path.with_name(f".nablahog-{os.getpid()}-{next(_part)}.part")
+    part = path.with_name(f".nablahog-{os.getpid()}-{next(_part)}{PART}")
     try:
         with open(part, "xb") as file:
             yield file
@@ -38,6 +40,19 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         with suppress(OSError):  # what went wrong first is what the caller should hear
             part.unlink(missing_ok=True)
         raise
+
+
+def remove_parts(folder: Path, *, older_than: float) -> None:
+    """Removes, in ``folder``, what :func:`replacing` left when its process was killed.
+
+    Args:
+        folder: where.
+        older_than: seconds; a younger file may be one that another process is writing now.
+    """
+    for part in folder.glob(f".nablahog-*{PART}"):
+        with suppress(OSError):
+            if time.time() - part.stat().st_mtime > older_than:
+                part.unlink()
 
 
 @contextmanager

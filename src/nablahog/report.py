@@ -26,10 +26,18 @@ h2 {{ margin-top: 2.5rem; }}
 .table {{ overflow-x: auto; }}
 table {{ border-collapse: collapse; font-variant-numeric: tabular-nums; }}
 th, td {{ border-bottom: 1px solid var(--line); padding: .35rem 1.2rem .35rem 0; text-align: left; }}
+td {{ vertical-align: top; }}
+td:first-child {{ white-space: nowrap; }}
 th.number, td.number {{ text-align: right; }}
 .pictures {{ display: grid; gap: 1rem; grid-template-columns: repeat(auto-fit, minmax(13rem, 1fr)); }}
 figure {{ margin: 0; }}
-figure img {{ width: 100%; height: auto; display: block; }}
+img {{ width: 100%; height: auto; display: block; }}
+th {{ vertical-align: bottom; }}
+th[colspan] {{ padding-top: 1.2rem; }}
+td small {{ display: block; opacity: .7; font-size: .72rem; line-height: 1.3; white-space: pre; }}
+table.grid {{ table-layout: fixed; }}
+.grid th, .grid td {{ border: 0; padding: .2rem .4rem .4rem 0; font-size: .9rem; overflow-wrap: break-word; }}
+.grid small {{ white-space: pre-line; }}
 figcaption, dl, footer {{ font-size: .9rem; opacity: .85; }}
 dt {{ font-weight: 600; }}
 dd {{ margin: 0 0 .6rem; }}
@@ -51,13 +59,25 @@ footer {{ border-top: 1px solid var(--line); margin-top: 3rem; padding-top: 1rem
 """
 
 
+GRID = 6.8  # width of the columns of a table of pictures, in the page's rem: ten fit
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A figure of a table, or a :class:`Panel`, with a smaller remark below it."""
+
+    value: object
+    remark: str
+
+
 @dataclass(frozen=True)
 class Section:
-    """A heading, a sentence, and pictures side by side."""
+    """A heading, a sentence, and below them pictures side by side, or a table as :func:`page` takes it."""
 
     heading: str
     text: str
-    panels: Sequence[Panel]
+    panels: Sequence[Panel] = ()
+    table: Sequence[Mapping[str, object]] = ()
 
 
 def figure(value: object) -> str:
@@ -79,8 +99,9 @@ def page(
 
     Args:
         title, lead, footer: plain text; all text is escaped.
-        table: one mapping for each row, all with the keys of the first, which head the columns.
-        sections: the pictures.
+        table: one mapping for each row, all with the keys of the first, which head the columns.  A value may be a
+            :class:`Cell` or a :class:`Panel`.  A mapping with a single key is a heading across the table.
+        sections: what follows the table.
         definitions: what each figure means, printed under the table's figures.
     """
     return _PAGE.format(
@@ -96,26 +117,44 @@ def page(
 def _table(rows: Sequence[Mapping[str, object]]) -> str:
     if not rows:
         return ""
-    numeric = {key: all(isinstance(row[key], int | float | None) for row in rows) for key in rows[0]}
+    columns = max(rows, key=len).keys()
+    whole = [row for row in rows if len(row) == len(columns)]
+    numeric = {key: all(isinstance(_value(row[key]), int | float | None) for row in whole) for key in columns}
+    grid = any(isinstance(_value(value), Panel) for row in whole for value in row.values())
+    style = f' class="grid" style="width: {GRID * len(columns)}rem"' if grid else ""
 
-    def cells(tag: str, texts: Mapping[str, str]) -> str:
-        return "".join(
-            f"<{tag}{' class=number' if numeric[key] else ''}>{escape(texts[key])}</{tag}>" for key in numeric
-        )
+    def line(row: Mapping[str, object]) -> str:
+        if len(row) < len(columns):
+            return f'<tr><th colspan="{len(columns)}">{escape(figure(*row.values()))}</th></tr>'
+        return f"<tr>{''.join(_cell(row[key], numeric[key]) for key in columns)}</tr>"
 
-    head = cells("th", {key: key for key in numeric})
-    body = "\n".join(f"<tr>{cells('td', {key: figure(row[key]) for key in numeric})}</tr>" for row in rows)
-    return f'<div class="table"><table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table></div>'
+    head = "".join(f"<th{' class=number' if numeric[key] else ''}>{escape(key)}</th>" for key in columns)
+    body = "\n".join(line(row) for row in rows)
+    table = f"<table{style}>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table>"
+    return f'<div class="table">{table}</div>'
+
+
+def _value(value: object) -> object:
+    return value.value if isinstance(value, Cell) else value
+
+
+def _cell(value: object, numeric: bool) -> str:
+    inner = _value(value)
+    shown = _image(inner) if isinstance(inner, Panel) else escape(figure(inner))
+    remark = f"<small>{escape(value.remark)}</small>" if isinstance(value, Cell) else ""
+    return f"<td{' class=number' if numeric else ''}>{shown}{remark}</td>"
 
 
 def _section(section: Section) -> str:
     figures = "\n".join(
-        f'<figure><img src="data:image/png;base64,{_png(panel)}" alt="{escape(panel.caption)}">'
-        f"<figcaption>{escape(panel.caption)}</figcaption></figure>"
-        for panel in section.panels
+        f"<figure>{_image(panel)}<figcaption>{escape(panel.caption)}</figcaption></figure>" for panel in section.panels
     )
-    heading, text = escape(section.heading), escape(section.text)
-    return f'<h2>{heading}</h2>\n<p>{text}</p>\n<div class="pictures">\n{figures}\n</div>'
+    pictures = f'\n<div class="pictures">\n{figures}\n</div>' if figures else ""
+    return f"<h2>{escape(section.heading)}</h2>\n<p>{escape(section.text)}</p>{pictures}\n{_table(section.table)}"
+
+
+def _image(panel: Panel) -> str:
+    return f'<img src="data:image/png;base64,{_png(panel)}" alt="{escape(panel.caption)}">'
 
 
 def _png(panel: Panel) -> str:

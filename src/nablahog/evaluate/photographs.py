@@ -1,0 +1,98 @@
+"""What the table is made from: gray photographs of a folder, or those that scikit-image installs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import torch
+from PIL import Image
+from torch import Tensor
+
+from ..hog.gradient import gray
+from ..images import limit_size, read_image
+
+SHIPPED = ("astronaut", "brick", "camera", "chelsea", "clock", "coffee", "coins", "rocket")
+"""Photographs that are in the wheel of scikit-image; none is downloaded."""
+
+
+@dataclass
+class Photographs:
+    """Photographs by name, in order.
+
+    Attributes:
+        images: (H, W), float32 in 0…1, gray by Eq. 1.
+        failed: why an image file could not be read, by its name.
+        ignored: names of what is no image file by its ending.
+    """
+
+    images: dict[str, Tensor] = field(default_factory=dict)
+    failed: dict[str, str] = field(default_factory=dict)
+    ignored: list[str] = field(default_factory=list)
+
+
+def read_folder(folder: Path, *, size: int, limit: int | None = None) -> Photographs:
+    """The images of a folder, sorted by name.
+
+    Files count as images if Pillow reads files of their ending.  Hidden files and folders below are passed over, the
+    latter noted as ignored.
+
+    Args:
+        folder: where.
+        size: images are shrunk to at most so many pixels on the longer side; 0 leaves them as they are.
+        limit: only the first so many image files.
+
+    Raises:
+        FileNotFoundError, NotADirectoryError: there is no such folder.
+        ValueError: it holds no image file.
+    """
+    if not folder.exists():
+        raise FileNotFoundError(f"{folder}: no such folder")
+    if not folder.is_dir():
+        raise NotADirectoryError(f"{folder}: expected a folder of images, got a file")
+    readable = {ending for ending, kind in Image.registered_extensions().items() if kind in Image.OPEN}
+    entries = [entry for entry in sorted(folder.iterdir()) if not entry.name.startswith(".")]
+    files = [entry for entry in entries if entry.suffix.lower() in readable and not entry.is_dir()]
+    if not files:
+        raise ValueError(f"{folder}: expected a folder of images, but it holds none")
+    result = Photographs(ignored=[_name(entry) for entry in entries if entry not in files])
+    for path in files[:limit]:
+        _read(path, size, result)
+    return result
+
+
+def _read(path: Path, size: int, result: Photographs) -> None:
+    try:
+        result.images[_name(path)] = _prepared(read_image(path), size)
+    except (OSError, ValueError) as error:
+        result.failed[_name(path)] = str(error).removeprefix(f"{path}: ")
+
+
+def shipped(*, size: int, limit: int | None = None) -> Photographs:
+    """The middle squares of :data:`SHIPPED`, otherwise as :func:`read_folder`."""
+    return Photographs({name: _prepared(_square(photo), size) for name, photo in _shipped(limit)})
+
+
+def _shipped(limit: int | None) -> Iterator[tuple[str, Tensor]]:
+    from skimage import data  # slow to import
+
+    for name in SHIPPED[:limit]:
+        photo = torch.from_numpy(getattr(data, name)())
+        yield name, (photo.permute(2, 0, 1) if photo.dim() == 3 else photo[None]) / 255
+
+
+def _square(image: Tensor) -> Tensor:
+    side = min(image.shape[1:])
+    top, left = ((n - side) // 2 for n in image.shape[1:])
+    return image[:, top : top + side, left : left + side]
+
+
+def _prepared(image: Tensor, size: int) -> Tensor:
+    small = limit_size(image, size) if size else image
+    return gray(small[None])[0, 0].clamp(0, 1)  # the weights' sum may pass 1 by a rounding
+
+
+def _name(path: Path) -> str:
+    return os.fsencode(path.name).decode(errors="backslashreplace")  # a name of any bytes fits the tables

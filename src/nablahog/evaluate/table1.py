@@ -1,0 +1,212 @@
+"""Table 1: every method on every image, and what comes out in the mean."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..output import remove_parts, replacing
+from . import store
+from .methods import METHODS, Method, Settings
+from .photographs import Photographs
+from .published import GROUPS, PUBLISHED
+from .runner import run_jobs
+from .statistics import Statistics, statistics
+from .store import Figures, Job, Result
+
+METRICS = ("cc", "abs_cc", "mi", "ssim", "distance")
+SHOWN = 6  # images whose pictures are kept for the page
+
+
+@dataclass(frozen=True)
+class Failure:
+    """An image that a method, or with ``method=None`` every one, has no result for, and one sentence why."""
+
+    image: str
+    method: str | None
+    reason: str
+
+
+@dataclass(frozen=True)
+class Line:
+    """A row of the table: ours and the paper's.
+
+    Attributes:
+        row: the name of the row.
+        group: one of :data:`.published.GROUPS`.
+        statistics: by metric.
+        paper: published means by metric, None where there are none.
+        seconds: mean time for an image; None for levels and for methods that did not run.
+    """
+
+    row: str
+    group: str
+    statistics: Mapping[str, Statistics]
+    paper: Mapping[str, float | None]
+    seconds: float | None
+
+
+@dataclass(frozen=True)
+class Table1:
+    """All of it.
+
+    Attributes:
+        methods: that ran.
+        photographs: that they ran on.
+        figures: by row and image.
+        seconds: by method and image.
+        failures: images without a result.
+        pictures: by row and image, 8-bit (H, W), of :data:`SHOWN` images.
+    """
+
+    methods: Sequence[Method]
+    photographs: Photographs
+    figures: Mapping[str, Mapping[str, Figures]]
+    seconds: Mapping[str, Mapping[str, float]]
+    failures: Sequence[Failure]
+    pictures: Mapping[str, Mapping[str, NDArray[np.uint8]]]
+
+    def lines(self) -> list[Line]:
+        """The table, group by group: what only the paper has a method for, then the methods that ran."""
+        result = []
+        for group in GROUPS:
+            known = {row for method in METHODS.values() for row in method.rows}
+            known.update(row for method in self.methods for row in method.rows)
+            rows = [row for row, published in PUBLISHED.items() if published.group == group and row not in known]
+            rows += [row for method in self.methods if method.group == group for row in method.rows]
+            result += [self._line(row, group) for row in rows]
+        return result
+
+    def _line(self, row: str, group: str) -> Line:
+        figures, seconds = self.figures.get(row, {}), self.seconds.get(row, {})
+        values = {metric: [each[metric] for each in figures.values()] for metric in METRICS}
+        published = PUBLISHED.get(row)
+        return Line(
+            row,
+            group,
+            {metric: statistics([v for v in of if v is not None]) for metric, of in values.items()},
+            {metric: getattr(published, metric, None) for metric in METRICS},
+            sum(seconds.values()) / len(seconds) if seconds else None,
+        )
+
+
+def run_table1(
+    folder: Path,
+    photographs: Photographs,
+    methods: Sequence[Method],
+    settings: Settings,
+    *,
+    workers: int,
+    progress: Callable[[int, int, str], None] = lambda done, total, at_work: None,
+) -> Table1:
+    """Does what is not done yet, and collects all.
+
+    Each finished image and method is stored in ``folder/work`` at once, under a hash of all it depends on, so a run
+    that was interrupted, or damaged since, goes on, and one with other settings begins anew beside it.
+
+    Args:
+        folder: for the results, which exists.
+        photographs: the images.
+        methods: the methods, of different names.
+        settings: for all of them.
+        workers: processes to work in.
+        progress: called with what is done, the total, and the methods at work.
+
+    Raises:
+        ChildProcessError: worker processes do not start.
+        OSError: a result cannot be stored.
+    """
+    work = folder / "work"
+    for written in (folder, *(work / method.name for method in methods)):
+        remove_parts(written, older_than=60)
+    todo: dict[tuple[str, str], tuple[Path, Job]] = {}
+    for image, pixels in photographs.images.items():
+        for method in methods:
+            job = Job(method, pixels.numpy(), settings)
+            todo[image, method.name] = work / method.name / f"{store.key(job)}.npz", job
+    reasons = _do(dict(todo.values()), workers, progress)
+
+    failures = [Failure(image, None, reason) for image, reason in photographs.failed.items()]
+    shown = shown_images(list(photographs.images))
+    figures: dict[str, dict[str, Figures]] = {row: {} for method in methods for row in method.rows}
+    pictures: dict[str, dict[str, NDArray[np.uint8]]] = {row: {} for row in figures}
+    seconds: dict[str, dict[str, float]] = {method.name: {} for method in methods}
+    for (image, name), (path, job) in todo.items():
+        result = store.load(path, job)
+        if result is None:
+            failures.append(Failure(image, name, reasons.get(path, "its stored result has vanished")))
+            continue
+        seconds[name][image] = result.seconds
+        for row, row_figures, picture in zip(job.method.rows, result.figures, result.pictures, strict=True):
+            figures[row][image] = row_figures
+            if image in shown:
+                pictures[row][image] = picture
+    return Table1(methods, photographs, figures, seconds, failures, pictures)
+
+
+def _do(jobs: Mapping[Path, Job], workers: int, progress: Callable[[int, int, str], None]) -> dict[Path, str]:
+    """Does the jobs that have no whole result at their path; returns why some have none afterwards."""
+    missing = [path for path, job in jobs.items() if store.load(path, job) is None]
+    at_work: dict[int, str] = {}
+    done = len(jobs) - len(missing)
+
+    def tell() -> None:
+        progress(done, len(jobs), ", ".join(dict.fromkeys(at_work.values())))
+
+    def started(index: int) -> None:
+        at_work[index] = jobs[missing[index]].method.name
+        tell()
+
+    reasons = {}
+    tell()
+    with closing(run_jobs([jobs[path] for path in missing], workers=workers, started=started)) as outcomes:
+        for index, outcome in outcomes:
+            if isinstance(outcome, Result):
+                store.save(missing[index], outcome)
+            else:
+                reasons[missing[index]] = outcome
+            del at_work[index]
+            done += 1
+            tell()
+    return reasons
+
+
+def shown_images(names: Sequence[str]) -> list[str]:
+    """At most :data:`SHOWN` of ``names``, evenly spread over all."""
+    count = min(SHOWN, len(names))
+    return [names[i * len(names) // count] for i in range(count)]
+
+
+def write_tables(folder: Path, table: Table1) -> None:
+    """Writes ``per_image.csv``, ``summary.csv``, ``times.csv`` and ``failures.csv``.
+
+    Only the times differ between runs of the same settings, however often they were interrupted.
+    """
+    lines = table.lines()
+    files: dict[str, list[Sequence[object]]] = {
+        "per_image.csv": [("method", "image", *METRICS)],
+        "summary.csv": [("method", "metric", "mean", "median", "low", "high", "paper", "n")],
+        "times.csv": [("method", "image", "seconds")],
+        "failures.csv": [("image", "method", "reason")],
+    }
+    for line in lines:
+        for image, figures in table.figures.get(line.row, {}).items():
+            files["per_image.csv"].append((line.row, image, *(figures[metric] for metric in METRICS)))
+        for metric, of in line.statistics.items():
+            row = (line.row, metric, of.mean, of.median, of.low, of.high, line.paper[metric], of.n)
+            files["summary.csv"].append(row)
+    for name, seconds in table.seconds.items():
+        files["times.csv"] += [(name, image, round(value, 4)) for image, value in seconds.items()]
+    files["failures.csv"] += [(failure.image, failure.method, failure.reason) for failure in table.failures]
+    for file_name, rows in files.items():
+        text = io.StringIO(newline="")
+        csv.writer(text, lineterminator="\n").writerows(rows)  # full precision; nothing where there is no figure
+        with replacing(folder / file_name) as file:
+            file.write(text.getvalue().encode(errors="backslashreplace"))

@@ -1,0 +1,181 @@
+"""Table 1 as people look at it: on the terminal and as a page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from importlib.metadata import version
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from .. import metrics, report
+from ..draw import Panel, glyphs
+from ..hog import HOGSpec, hog
+from .methods import SCALES, Method, Settings
+from .statistics import RESAMPLES, Statistics
+from .table1 import Line, Table1
+
+HEADINGS = {"cc": "CC", "abs_cc": "|CC|", "mi": "MI", "ssim": "SSIM", "distance": "distance"}
+LEVEL_IMAGES = 2  # for each method in the figure of the levels
+
+DEFINITIONS = {
+    "CC": metrics.DEFINITIONS["CC"],
+    "|CC|": "The magnitude of CC, image by image, for descriptors that hardly tell an image from its negative.",
+    **{name: text for name, text in metrics.DEFINITIONS.items() if name != "CC"},
+    "mean, interval, median": "Over the images that the method has a result for and the measure is defined for; their "
+    f"number is n. The interval holds the mean with 95 %: percentile bootstrap, {RESAMPLES:,} resamples of the images "
+    "with a fixed seed.",
+    "paper": "The mean that the paper prints, over the 101 images of its own, by measures of the same names that it "
+    "does not define; a dash where it prints none.",
+    "multi-scale": "Begins with an image of a 64th of the pixels, in whose descriptor cells have an 8th of the sides, "
+    "and enlarges it step by step.",
+    "multi-scale-more": "The same, but each level is given the descriptor of the image shrunk to that level. That is "
+    "more than other methods are given, so, as the paper says, its figures are not to be compared with theirs.",
+    "NAME@1/s": "A level of a multi-scale method: an image with an s-th of the pixels. To be compared with the "
+    "photograph it is enlarged to its size (bicubic); its distance is that of the level's own image from the "
+    "descriptor sought at that level. The row NAME is the last level, NAME@1/1.",
+    "seconds": "Wall time of a method for one image, in a process that computes in one thread; of all levels together.",
+}
+"""What each figure means, printed under the table."""
+
+LEAD = (
+    "Each image was described by its HOG descriptor, and an image with this descriptor was sought from the descriptor "
+    "alone. The figures say how alike the two are, in the mean over all images, beside those of Table 1 of See the "
+    "Difference (ICCV 2015)."
+)
+
+
+def terminal_rows(table: Table1) -> list[dict[str, object]]:
+    """The means, ours and the paper's, one mapping for each row."""
+    return [
+        {
+            "method": line.row,
+            "n": line.statistics["cc"].n,
+            **{
+                heading: value
+                for metric, name in HEADINGS.items()
+                for heading, value in _means(line, metric, name).items()
+            },
+            "seconds": line.seconds,
+        }
+        for line in table.lines()
+    ]
+
+
+def _means(line: Line, metric: str, name: str) -> dict[str, object]:
+    mean: dict[str, object] = {name: line.statistics[metric].mean}
+    return {**mean, f"{name}\npaper": line.paper[metric]} if metric in ("cc", "mi", "ssim") else mean
+
+
+def page(table: Table1, settings: Settings, origin: str) -> str:
+    """The page.
+
+    Args:
+        table: what it shows.
+        settings: of the run.
+        origin: where the images are from, a sentence.
+    """
+    failed = f" {len(table.failures)} failed, see below." if table.failures else ""
+    ignored = table.photographs.ignored
+    passed_over = f" Passed over, as no images by their endings: {', '.join(ignored)}." if ignored else ""
+    limit = f", at most {settings.max_evaluations} evaluations" if settings.max_evaluations else ""
+    return report.page(
+        "Table 1: images from HOG descriptors",
+        f"{LEAD} {origin}{failed}{passed_over}",
+        list(_table(table.lines())),
+        [section for section in (_failures(table), _pictures(table), _levels(table)) if section is not None],
+        DEFINITIONS,
+        f"Made by nablahog {version('nablahog')} with PyTorch {torch.__version__}, seed {settings.seed}{limit}. All "
+        "figures, with their full precision, are in summary.csv and per_image.csv beside this page, the times in "
+        "times.csv.",
+    )
+
+
+def _table(lines: Sequence[Line]) -> Iterator[Mapping[str, object]]:
+    group = None
+    for line in lines:
+        if line.group != group:
+            group = line.group
+            yield {"method": group}
+        row: dict[str, object] = {"method": line.row, "n": line.statistics["cc"].n}
+        for metric, name in HEADINGS.items():
+            row |= _means(line, metric, name) | {name: _cell(line.statistics[metric])}
+        yield {**row, "seconds": line.seconds}
+
+
+def _cell(of: Statistics) -> report.Cell | None:
+    if of.n == 0:
+        return None
+    return report.Cell(
+        of.mean, f"{report.figure(of.low)} … {report.figure(of.high)}\nmedian {report.figure(of.median)}"
+    )
+
+
+def _failures(table: Table1) -> report.Section | None:
+    if not table.failures:
+        return None
+    rows = [{"image": each.image, "method": each.method or "all", "reason": each.reason} for each in table.failures]
+    return report.Section(
+        f"Failed: {len(rows)}",
+        "These are in no figure above. A further run of the same settings tries them again.",
+        table=rows,
+    )
+
+
+def _shown(table: Table1) -> list[str]:
+    names = {image for of_row in table.pictures.values() for image in of_row}
+    return [name for name in table.photographs.images if name in names]
+
+
+def _photograph(table: Table1, image: str) -> report.Cell:
+    return report.Cell(Panel(table.photographs.images[image], image), image)
+
+
+def _found(table: Table1, row: str, image: str) -> report.Cell | None:
+    """The picture a method found, over what is said of it; None where it failed."""
+    picture, figures = table.pictures[row].get(image), table.figures[row].get(image)
+    if picture is None or figures is None:
+        return None
+    remark = f"CC {report.figure(figures['cc'])}\nSSIM {report.figure(figures['ssim'])}"
+    return report.Cell(Panel(picture / np.float64(255), f"{image}, {row}"), remark)
+
+
+def _glyphs(image: str, pixels: Tensor, spec: HOGSpec) -> Panel | None:
+    try:
+        descriptor = hog(pixels[None, None], spec)[0]
+    except ValueError:  # too small for this dialect, if not for another
+        return None
+    return Panel(glyphs(descriptor, spec), f"{image}, glyphs of {spec.name}")
+
+
+def _pictures(table: Table1) -> report.Section | None:
+    specs = {method.group: method.spec for method in table.methods if method.spec is not None}
+    rows = []
+    for image in _shown(table):
+        pixels = table.photographs.images[image]
+        row: dict[str, object] = {"image": _photograph(table, image)}
+        row |= {group: _glyphs(image, pixels, spec) for group, spec in specs.items()}
+        rows.append(row | {method.name: _found(table, method.name, image) for method in table.methods})
+    if not rows:
+        return None
+    text = "The image, its descriptors as glyphs, and what each method found from a descriptor."
+    return report.Section("Pictures", text, table=rows)
+
+
+def _levels(table: Table1) -> report.Section | None:
+    rows: list[Mapping[str, object]] = []
+    for method in table.methods:
+        images = list(table.pictures[method.name])[:LEVEL_IMAGES]
+        if method.levels and images:
+            rows.append({"image": method.name})
+            rows += [_level_row(table, method, image) for image in images]
+    if not rows:
+        return None
+    text = "What was found at each level, from the smallest to the size of the image, enlarged to that size."
+    return report.Section("Levels", text, table=rows)
+
+
+def _level_row(table: Table1, method: Method, image: str) -> Mapping[str, object]:
+    levels = {f"1/{s}": _found(table, row, image) for s, row in zip(SCALES, method.levels, strict=True)}
+    return {"image": _photograph(table, image), **levels}

@@ -1,0 +1,82 @@
+"""What a worker process does: one method on one image at a time."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+import traceback
+from contextlib import suppress
+from multiprocessing import parent_process
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from .. import metrics
+from ..images import as_array
+from .methods import Found
+from .store import Figures, Job, Result
+
+
+def serve(connection: Connection) -> None:
+    """Says that it is ready, and then answers each :class:`Job` with a :class:`Result` or the reason for none."""
+    torch.set_num_threads(1)  # the same sums in the same order, however many workers there are
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    with suppress(EOFError, OSError):  # the parent has gone, so nobody waits for the rest
+        connection.send(None)
+        while True:
+            connection.send(attempt(connection.recv()))
+
+
+def _end_with_parent() -> None:
+    """Ends this process at once when its parent has gone, even a parent that could not say so."""
+    parent = parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)
+
+
+def attempt(job: Job) -> Result | str:
+    """The result of a job, or one sentence why there is none."""
+    began = time.perf_counter()
+    try:
+        found = job.method.run(torch.from_numpy(job.image)[None, None], job.settings)
+        seconds = time.perf_counter() - began
+        if len(found) != len(job.method.rows):
+            raise TypeError(f"expected one finding for each of {', '.join(job.method.rows)}, got {len(found)}")
+        figures = [_figures(one, job.image) for one in found]
+        return Result(figures, np.stack([_levels(one.image) for one in found]), seconds)
+    except (ValueError, OSError) as error:
+        return _sentence(error)
+    except MemoryError:
+        return "not enough memory"
+    except Exception as error:  # a mistake in one method should not end hours of work on others
+        if isinstance(error, RuntimeError) and "memory" in str(error):
+            return "not enough memory"
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        return f"{type(error).__name__} at {Path(frame.filename).name}:{frame.lineno}: {_sentence(error)}"
+
+
+def _sentence(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+def _figures(found: Found, reference: NDArray[np.float32]) -> Figures:
+    pair = found.image.detach(), reference
+    cc = metrics.cross_correlation(*pair)
+    figures = {
+        "cc": cc,
+        "abs_cc": abs(cc),
+        "mi": metrics.mutual_information(*pair),
+        "ssim": metrics.ssim(*pair),
+        "distance": found.distance,
+    }
+    return {name: value if np.isfinite(value) else None for name, value in figures.items()}  # JSON knows no NaN
+
+
+def _levels(image: Tensor) -> NDArray[np.uint8]:
+    return np.rint(as_array(image) * 255).astype(np.uint8)

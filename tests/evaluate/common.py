@@ -1,0 +1,43 @@
+"""What the tests of the table share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import torch
+from skimage import data
+from torch import Tensor
+
+from nablahog.evaluate.methods import Method, Settings
+from nablahog.evaluate.photographs import Photographs
+from nablahog.evaluate.store import Job, Result
+from nablahog.evaluate.table1 import Table1, run_table1
+from nablahog.evaluate.work import attempt
+
+
+def photographs(count: int = 3, size: int = 32) -> Photographs:
+    """Squares of one photograph."""
+    camera = torch.from_numpy(data.camera() / 255).float()[::4, ::4]
+    return Photographs({f"{k}.png": camera[:size, 20 * k : 20 * k + size].contiguous() for k in range(count)})
+
+
+def image() -> Tensor:
+    return photographs(1).images["0.png"]
+
+
+def job(method: Method, **settings: object) -> Job:
+    return Job(method, image().numpy(), Settings(**settings))  # type: ignore[arg-type]
+
+
+def here(
+    jobs: Sequence[Job], *, workers: int, started: Callable[[int], None] = lambda index: None
+) -> Iterator[tuple[int, Result | str]]:
+    """Stands in for ``run_jobs`` where no process is needed; finishes in another order than it begins."""
+    for index in reversed(range(len(jobs))):
+        started(index)
+        yield index, attempt(jobs[index])
+
+
+def made(folder: Path, of: Photographs, *methods: Method, seed: int = 0) -> Table1:
+    return run_table1(folder, of, methods, Settings(seed), workers=1)

@@ -1,0 +1,27 @@
+"""Without processes, unless a test is about them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import pytest
+
+from nablahog.evaluate import table1
+from nablahog.evaluate.store import Job, Result
+
+from .common import here
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Runs jobs in this process, and lists the methods of those that were begun."""
+    done: list[str] = []
+
+    def counted(
+        jobs: Sequence[Job], *, workers: int, started: Callable[[int], None]
+    ) -> Iterator[tuple[int, Result | str]]:
+        done.extend(job.method.name for job in jobs)
+        yield from here(jobs, workers=workers, started=started)
+
+    monkeypatch.setattr(table1, "run_jobs", counted)
+    return done

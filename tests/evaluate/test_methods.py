@@ -1,0 +1,74 @@
+"""The registry: names, rows, published figures, and each method on a small image."""
+
+from __future__ import annotations
+
+import pickle
+
+import pytest
+import torch
+
+from nablahog import hog
+from nablahog.evaluate.methods import METHODS, Method, Settings
+from nablahog.evaluate.published import GROUPS, PUBLISHED
+
+from .common import image
+
+FAST = Settings(max_evaluations=8)
+
+
+def test_names() -> None:
+    expected = [f"{d}-{v}" for d in ("uoctti", "dalal") for v in ("single", "multi-scale", "multi-scale-more")]
+    assert {*expected, "uoctti-learned"} <= set(METHODS)
+    assert all(name == method.name and method.group in GROUPS for name, method in METHODS.items())
+
+
+def test_rows() -> None:
+    assert METHODS["dalal-single"].rows == ("dalal-single",)
+    levels = tuple(f"dalal-multi-scale@1/{s}" for s in (64, 16, 4, 1))
+    assert METHODS["dalal-multi-scale"].rows == ("dalal-multi-scale", *levels)
+    rows = [row for method in METHODS.values() for row in method.rows]
+    assert len(rows) == len(set(rows))
+
+
+def test_published_figures() -> None:
+    assert METHODS["uoctti-single"].paper["uoctti-single"].cc == 0.760
+    assert METHODS["dalal-multi-scale-more"].paper["dalal-multi-scale-more@1/16"].ssim == 0.291
+    assert len(METHODS["dalal-multi-scale"].paper) == 5
+    assert METHODS["uoctti-multi-scale"].paper == {}
+    assert (PUBLISHED["hoggles"].cc, PUBLISHED["hoggles"].mi, PUBLISHED["hoggles"].ssim) == (0.409, 1.497, 0.271)
+    for name in ("dalal-multi-scale", "dalal-multi-scale-more"):
+        assert PUBLISHED[name] == PUBLISHED[f"{name}@1/1"]
+    for method in METHODS.values():
+        assert all(published.group == method.group for published in method.paper.values())
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_method(name: str) -> None:
+    method = METHODS[name]
+    original = image()
+    sent: Method = pickle.loads(pickle.dumps(method))  # as it reaches the workers
+    found = sent.run(original[None, None], FAST)
+    assert len(found) == len(method.rows)
+    for one in found:
+        assert one.image.shape == original.shape
+        assert 0 <= one.image.min() <= one.image.max() <= 1
+        assert one.distance > 0
+    if method.multiscale:
+        assert torch.equal(found[0].image, found[-1].image)
+        assert found[0].distance == found[-1].distance
+    if method.spec is not None:
+        d, x = (hog(each[None, None], method.spec) for each in (original, found[0].image))
+        assert found[0].distance == pytest.approx(float((x - d).norm() / d.norm()), rel=1e-3)
+
+
+def test_the_seed_decides() -> None:
+    run = METHODS["dalal-single"].run
+    made = [run(image()[None, None], Settings(seed, max_evaluations=4))[0].image for seed in (0, 0, 1)]
+    assert torch.equal(made[0], made[1])
+    assert not torch.equal(made[0], made[2])
+
+
+@pytest.mark.parametrize("name", [name for name, method in METHODS.items() if method.multiscale])
+def test_images_without_a_64th(name: str) -> None:
+    with pytest.raises(ValueError, match="1/64"):
+        METHODS[name].run(image()[None, None, :30, :28], FAST)

@@ -1,0 +1,84 @@
+"""Reading a folder: sorted, gray, shrunk; what is wrong is kept with its reason."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from nablahog.evaluate.photographs import SHIPPED, read_folder, shipped
+
+COLOURS = np.random.default_rng(0).integers(0, 256, (40, 60, 3), dtype=np.uint8)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    Image.fromarray(COLOURS).save(tmp_path / "b.png")
+    Image.fromarray(COLOURS[:16, :16, 0]).save(tmp_path / "a.BMP")
+    (tmp_path / "c.jpg").write_bytes(b"no image")
+    (tmp_path / "d.png").write_bytes((tmp_path / "b.png").read_bytes()[:400])
+    (tmp_path / "notes.txt").touch()
+    (tmp_path / ".hidden.png").touch()
+    (tmp_path / "below.png").mkdir()
+    return tmp_path
+
+
+def test_a_folder(folder: Path) -> None:
+    read = read_folder(folder, size=30)
+    assert list(read.images) == ["a.BMP", "b.png"]
+    assert read.images["b.png"].shape == (20, 30)
+    assert torch.equal(read.images["a.BMP"], torch.from_numpy(COLOURS[:16, :16, 0] / np.float32(255)))
+    assert list(read.failed) == ["c.jpg", "d.png"]
+    assert read.failed["c.jpg"].startswith("expected an image, got a file")
+    assert read.failed["d.png"].startswith("the image cannot be read")
+    assert read.ignored == ["below.png", "notes.txt"]
+
+
+def test_as_they_are(folder: Path) -> None:
+    found = read_folder(folder, size=0).images["b.png"]
+    expected = COLOURS.astype(np.float32) / 255 @ np.array([0.299, 0.587, 0.114], dtype=np.float32)
+    assert found.dtype == torch.float32
+    torch.testing.assert_close(found, torch.from_numpy(expected))
+
+
+def test_a_limit(folder: Path) -> None:
+    read = read_folder(folder, size=0, limit=3)
+    assert (list(read.images), list(read.failed)) == (["a.BMP", "b.png"], ["c.jpg"])
+
+
+def test_names_of_any_bytes(tmp_path: Path) -> None:
+    Image.fromarray(COLOURS).save(tmp_path / "a.png")
+    try:
+        os.rename(tmp_path / "a.png", os.fsencode(tmp_path) + b"/\xff.png")
+    except OSError:
+        pytest.skip("this file system takes no such name")
+    (name,) = read_folder(tmp_path, size=0).images
+    assert name == "\\xff.png"
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "message"),
+    [
+        (lambda path: None, FileNotFoundError, "no such folder"),
+        (lambda path: path.touch(), NotADirectoryError, "expected a folder of images, got a file"),
+        (lambda path: path.mkdir(), ValueError, "it holds none"),
+    ],
+)
+def test_no_images(tmp_path: Path, make: object, error: type[Exception], message: str) -> None:
+    assert callable(make)
+    make(tmp_path / "x")
+    with pytest.raises(error, match=f"^{re.escape(str(tmp_path / 'x'))}: .*{message}$"):
+        read_folder(tmp_path / "x", size=0)
+
+
+def test_those_of_scikit_image() -> None:
+    read = shipped(size=64)
+    assert tuple(read.images) == SHIPPED
+    assert {tuple(image.shape) for image in read.images.values()} == {(64, 64)}
+    assert all(image.min() >= 0 and image.max() <= 1 and image.std() > 0.05 for image in read.images.values())
+    assert list(shipped(size=64, limit=2).images) == list(SHIPPED[:2])

@@ -1,0 +1,34 @@
+"""Mean, median and bootstrap interval."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from nablahog.evaluate.statistics import Statistics, statistics
+
+
+def test_against_the_normal_interval() -> None:
+    values = np.random.default_rng(1).normal(0.7, 0.1, 400).tolist()
+    found = statistics(values)
+    assert (found.mean, found.median, found.n) == (np.mean(values), np.median(values), 400)
+    error = 1.96 * np.std(values) / 20
+    assert found.low == pytest.approx(found.mean - error, abs=5e-4)
+    assert found.high == pytest.approx(found.mean + error, abs=5e-4)
+
+
+def test_coverage() -> None:
+    """The interval of 101 skewed values holds the true mean about as often as it says."""
+    samples = np.random.default_rng(2).exponential(1, (100, 101))
+    intervals = [statistics(sample.tolist()) for sample in samples]
+    covered = sum(found.low <= 1 <= found.high for found in intervals)  # type: ignore[operator]
+    assert 87 <= covered <= 99
+
+
+def test_the_same_every_time() -> None:
+    assert statistics([0.1, 0.5, 0.4]) == statistics([0.1, 0.5, 0.4])
+
+
+def test_few_values() -> None:
+    assert statistics([]) == Statistics(None, None, None, None, 0)
+    assert statistics([0.3]) == Statistics(0.3, 0.3, 0.3, 0.3, 1)

@@ -1,0 +1,92 @@
+"""The page and what the terminal shows of it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from nablahog.evaluate import table1_page
+from nablahog.evaluate.methods import METHODS, Method, Settings
+from nablahog.evaluate.published import UOCTTI
+from nablahog.evaluate.table1 import Table1
+
+from .common import made, photographs
+from .fakes import BRIGHT, LEVELS
+
+SEEN = Method("uoctti-single", UOCTTI, BRIGHT.run, METHODS["uoctti-single"].spec)
+
+
+@pytest.fixture
+def table(tmp_path: Path, calls: list[str]) -> Table1:
+    some = photographs(3)
+    some.images["<b>.png"] = some.images["0.png"][:30].contiguous()
+    some.failed["bad.png"] = "no <image>"
+    some.ignored.append("notes.txt")
+    return made(tmp_path, some, SEEN, LEVELS)
+
+
+def _html(table: Table1) -> str:
+    return table1_page.page(table, Settings(7, max_evaluations=9), "Images of mine.")
+
+
+def _text(html: str) -> str:
+    return re.sub(r"<[^>]*>", "\n", html)
+
+
+def test_figures_and_definitions(table: Table1) -> None:
+    html = _html(table)
+    mean = table.lines()[4].statistics["cc"]
+    for number in (mean.mean, mean.median, 0.760, 1.908, 0.433, 0.287, 0.121):
+        assert f"{number:.3f}" in html
+    assert f"{mean.low:.3f} … {mean.high:.3f}\nmedian {mean.median:.3f}" in html
+    for name in ("UoCTTI HOG", "Dalal&#x27;s HOG", *LEVELS.rows, "bovw", "seconds"):
+        assert name in html
+    for name in ("CC", "|CC|", "MI", "SSIM", "distance", "NAME@1/s", "paper", "seconds", "mean, interval, median"):
+        assert f"<dt>{name}</dt>" in html
+    assert "Images of mine." in html
+    assert "seed 7, at most 9 evaluations" in html
+    assert "nan" not in _text(html).lower().split()
+
+
+def test_failures_are_listed_and_counted(table: Table1) -> None:
+    text = _text(_html(table))
+    assert "2 failed, see below" in text
+    assert "Failed: 2" in text
+    for failure in ("no &lt;image&gt;", "no scale 1/64", "&lt;b&gt;.png"):
+        assert failure in text
+    assert "notes.txt" in text
+
+
+def test_pictures(table: Table1) -> None:
+    html = _html(table)
+    glyphs = 4
+    photographed, found = 4 + 2, 4 + 3  # the picture table, and two images at four levels below it
+    assert html.count("data:image/png;base64,") == glyphs + photographed + found + 2 * 4
+    assert 'alt="1.png, dalal-multi-scale@1/16"' in html
+    assert 'alt="&lt;b&gt;.png, dalal-multi-scale"' not in html
+    assert "http" not in html
+
+
+def test_without_failures_and_levels(tmp_path: Path, calls: list[str]) -> None:
+    html = _html(made(tmp_path, photographs(1), BRIGHT))
+    assert "Failed" not in html
+    assert "Levels" not in html
+    assert html.count("data:image/png;base64,") == 2
+
+
+def test_an_image_too_small_for_one_dialect(tmp_path: Path, calls: list[str]) -> None:
+    dalal = Method("dalal", "Dalal's HOG", BRIGHT.run, METHODS["dalal-single"].spec)
+    html = _html(made(tmp_path, photographs(1, size=7), SEEN, dalal))
+    assert html.count("data:image/png;base64,") == 4
+
+
+def test_terminal(table: Table1) -> None:
+    rows = {row["method"]: row for row in table1_page.terminal_rows(table)}
+    assert rows["bovw"]["CC"] is None
+    assert rows["bovw"]["CC\npaper"] == 0.287
+    assert rows["uoctti-single"]["n"] == 4
+    assert rows["dalal-multi-scale"]["n"] == 3
+    assert rows["dalal-multi-scale"]["SSIM\npaper"] == 0.293
+    assert len({tuple(row) for row in rows.values()}) == 1
