@@ -16,6 +16,8 @@ from .sources import DEFAULT_CELL, DEFAULT_DESCRIPTOR, PRESETS
 
 SIZE = 256
 TABLE1_SIZE = 128  # that of the paper's images
+LEARN_SIZE = 512
+MOST_THREADS = 1024
 
 
 class _Parser(argparse.ArgumentParser):
@@ -25,10 +27,12 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
 
 
-def _integer(least: int) -> Callable[[str], int]:
+def _integer(least: int, most: int = 10**18 - 1) -> Callable[[str], int]:
     def parse(text: str) -> int:
         if not re.fullmatch(r"\d{1,18}", text) or int(text) < least:
             raise argparse.ArgumentTypeError(f"expected an integer of at least {least}, got {text!r}")
+        if int(text) > most:
+            raise argparse.ArgumentTypeError(f"expected an integer of at most {most}, got {text!r}")
         return int(text)
 
     return parse
@@ -94,6 +98,7 @@ def parser() -> argparse.ArgumentParser:
     _output(invert, "DIR", "folder for the results, made if missing")
     _common(invert, size=SIZE)
     _minimiser(invert)
+    _prior(invert, "for descriptors of the spec that it was learned for")
 
     demo = commands.add_parser(
         "demo",
@@ -111,9 +116,7 @@ def parser() -> argparse.ArgumentParser:
         "index.html to look at, summary.csv, per_image.csv, times.csv and failures.csv. A run that was interrupted "
         "goes on when it is repeated.",
     )
-    table1.add_argument(
-        "--images", metavar="DIR", help="folder of images (default: photographs that come with scikit-image)"
-    )
+    _images(table1)
     _output(table1, "DIR", "folder for the results, made if missing")
     table1.add_argument(
         "--methods",
@@ -124,11 +127,44 @@ def parser() -> argparse.ArgumentParser:
     table1.add_argument("--limit", type=_integer(1), metavar="N", help="only the first N images")
     _size(table1, TABLE1_SIZE)
     _minimiser(table1)
-    table1.add_argument("--prior", metavar="FILE", help="a learned prior instead of the one that comes with nablahog")
+    _prior(table1, "needed by, and only by, uoctti-learned")
     table1.add_argument(
         "--workers", type=_integer(1), metavar="N", help="processes to work in (default: one for each core)"
     )
+
+    learn = commands.add_parser(
+        "learn", help="learn from photographs", description="Learns from photographs what helps to invert descriptors."
+    )
+    _learn_prior(learn.add_subparsers(metavar="WHAT", required=True, parser_class=_Parser))
     return top
+
+
+def _learn_prior(kinds: argparse._SubParsersAction[_Parser]) -> None:
+    prior = kinds.add_parser(
+        "prior",
+        help="what photographs look like, given a descriptor, for --prior",
+        description="Teaches a network which image to expect for a descriptor: near the mean of all photographs that "
+        "have it. What is learned is kept in FILE.npz.checkpoint after each epoch, so a run that was interrupted goes "
+        "on when it is repeated; that file is removed at the end.",
+    )
+    prior.set_defaults(command="learn prior")
+    _output(prior, "FILE.npz", "the prior, for `nablahog invert --prior` and `nablahog table1 --prior`")
+    _images(prior)
+    prior.add_argument(
+        "--epochs",
+        type=_integer(1),
+        metavar="N",
+        help="passes over the images (default: as many as take about an hour and a half on one core)",
+    )
+    prior.add_argument("--seed", type=_integer(0), default=0, help="of everything random (default: 0)")
+    prior.add_argument(
+        "--threads",
+        type=_integer(1, MOST_THREADS),
+        metavar="N",
+        help="to compute in (default: one for each core); another number rounds otherwise",
+    )
+    _dialect(prior, f"type of descriptor (default: {DEFAULT_DESCRIPTOR})")
+    _size(prior, LEARN_SIZE)
 
 
 def _methods(text: str) -> list[str]:
@@ -152,22 +188,35 @@ def _output(command: argparse.ArgumentParser, metavar: str, text: str) -> None:
     command.add_argument("-o", "--output", required=True, metavar=metavar, help=text)
 
 
-def _common(command: argparse.ArgumentParser, *, size: int) -> None:
-    cell = f"{DEFAULT_CELL[0]}"
+def _images(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "--descriptor",
-        choices=PRESETS,
-        help=f"type of descriptor (default: {DEFAULT_DESCRIPTOR}); descriptor files state theirs and must agree",
+        "--images", metavar="DIR", help="folder of images (default: photographs that come with scikit-image)"
     )
+
+
+def _prior(command: argparse.ArgumentParser, use: str) -> None:
+    command.add_argument("--prior", metavar="FILE", help=f"a prior that `nablahog learn prior` wrote; {use}")
+
+
+def _common(command: argparse.ArgumentParser, *, size: int) -> None:
+    _dialect(
+        command,
+        f"type of descriptor (default: {DEFAULT_DESCRIPTOR}); descriptor files state theirs and must agree",
+    )
+    _size(command, size)
+    _device_option(command)
+    command.add_argument("--json", action="store_true", help="print the results as JSON instead of a table")
+
+
+def _dialect(command: argparse.ArgumentParser, descriptor: str) -> None:
+    cell = f"{DEFAULT_CELL[0]}"
+    command.add_argument("--descriptor", choices=PRESETS, help=descriptor)
     command.add_argument(
         "--cell", type=_cell, metavar="N|HxW", help=f"pixels of a cell, one number or height x width (default: {cell})"
     )
     command.add_argument(
         "--vote", choices=get_args(Vote), help="orientation votes of uoctti: shared by two bins, or all to one bin"
     )
-    _size(command, size)
-    _device_option(command)
-    command.add_argument("--json", action="store_true", help="print the results as JSON instead of a table")
 
 
 def _size(command: argparse.ArgumentParser, size: int) -> None:

@@ -7,9 +7,11 @@ import json
 import os
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
+import torch
 from PIL import Image
 
 from .arguments import parser
@@ -17,12 +19,16 @@ from .demo import run_demo
 from .descriptor_file import save_descriptor
 from .draw import glyphs
 from .evaluate import table1_page
-from .evaluate.methods import METHODS, Method, Settings
+from .evaluate.methods import Settings, choose, load_prior
 from .evaluate.photographs import Photographs, read_folder, shipped
 from .evaluate.runner import cores
 from .evaluate.table1 import Table1, run_table1, write_tables
+from .hog import HOGSpec
 from .images import write_image
 from .inversion import Inversion, batches, invert_batch, result_names
+from .invert import LearnedPrior
+from .invert.network import default_architecture
+from .learning import learn_prior, lessons
 from .metrics import DEFINITIONS
 from .output import output_folder, replacing
 from .sources import PRESETS, Source, Wanted, read_sources
@@ -68,6 +74,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
+@contextmanager
+def _refusing(prefix: str = "") -> Iterator[None]:
+    """What the block raises because of its inputs is the user's to mend."""
+    try:
+        yield
+    except ValueError as error:
+        raise UserError(f"{prefix}{error}") from None
+
+
 def _failed(name: str, message: str, status: int = 1) -> int:
     print(f"{name}: error: {' '.join(message.split())}", file=sys.stderr)
     return status
@@ -93,14 +108,23 @@ def _glyph(arguments: Namespace) -> None:
 
 def _invert(arguments: Namespace) -> None:
     sources = _read(arguments)
+    prior = _prior_for(arguments, [(source.path, source.spec) for source in sources])
     folder = Path(arguments.output)
     _spare_inputs(arguments, [folder / name for source in sources for name in result_names(source)])
     done: dict[int, Inversion] = {}
     with output_folder(folder):
         for number, batch in enumerate(groups := batches(sources), start=1):
             about = f"batch {number} of {len(groups)}, {len(batch)} x {sources[batch[0]].spec.name}"
-            with progress_bars() as progress:
-                done.update(zip(batch, _inverted([sources[i] for i in batch], arguments, progress(about)), strict=True))
+            with progress_bars() as progress, _refusing(f"{', '.join(sources[i].path for i in batch)}: "):
+                found = invert_batch(
+                    [sources[i] for i in batch],
+                    device=arguments.device,
+                    seed=arguments.seed,
+                    max_evaluations=arguments.max_evaluations,
+                    prior=prior,
+                    progress=progress(about),
+                )
+            done.update(zip(batch, found, strict=True))
             for index in batch:
                 done[index].write(folder)
             # after each batch, so that an interrupted run leaves its finished part whole
@@ -129,9 +153,13 @@ def _demo(arguments: Namespace) -> None:
 
 
 def _table1(arguments: Namespace) -> None:
-    methods = [METHODS[name] for name in METHODS if name in (arguments.methods or METHODS)]
-    settings = Settings(arguments.seed, arguments.max_evaluations, _prior(arguments, methods))
+    with _refusing():
+        methods, left_out = choose(arguments.methods, with_prior=arguments.prior is not None)
+    prior = _prior_for(arguments, ((method.name, method.spec) for method in methods if method.uses_prior))
+    path = None if prior is None else Path(arguments.prior).resolve()
+    settings = Settings(arguments.seed, arguments.max_evaluations, path)
     photographs, origin = _photographs(arguments)
+    remarks = table1_page.remarks(left_out, prior, photographs)
     with output_folder(arguments.output) as folder:
         with counter("nablahog table1") as progress:
             workers = arguments.workers or cores()
@@ -141,8 +169,10 @@ def _table1(arguments: Namespace) -> None:
             raise UserError(f"there is no result for any image; the first: {first.image}: {first.reason}")
         write_tables(folder, table)
         with replacing(folder / "index.html") as file:
-            file.write(table1_page.page(table, settings, origin).encode())
+            file.write(table1_page.page(table, settings, origin, remarks).encode())
     _print_table1(table)
+    for remark in remarks:
+        say(remark)
     say(f"Look at {folder / 'index.html'}")
 
 
@@ -152,24 +182,22 @@ def _photographs(arguments: Namespace) -> tuple[Photographs, str]:
         photographs = shipped(size=arguments.size, limit=arguments.limit)
         return photographs, f"{len(photographs.images)} photographs that come with scikit-image, their middle squares."
     folder = Path(arguments.images)
-    try:
+    with _refusing():
         photographs = read_folder(folder, size=arguments.size, limit=arguments.limit)
-    except ValueError as error:
-        raise UserError(str(error)) from None
     number = len(photographs.images) + len(photographs.failed)
     return photographs, f"{number} images of the folder {folder.resolve().name}."
 
 
-def _prior(arguments: Namespace, methods: Sequence[Method]) -> Path | None:
+def _prior_for(arguments: Namespace, uses: Iterable[tuple[str, HOGSpec | None]]) -> LearnedPrior | None:
+    """The prior asked for, if any, once it fits all ``uses``: what it is for, and the spec of its descriptors."""
     if arguments.prior is None:
         return None
-    path = Path(arguments.prior)
-    if not path.is_file():
-        raise UserError(f"{path}: no such file" if not path.exists() else f"{path}: expected a file of a prior")
-    if not any(method.uses_prior for method in methods):
-        names = ", ".join(method.name for method in METHODS.values() if method.uses_prior)
-        raise UserError(f"none of the methods asked for uses --prior; these do: {names}")
-    return path.resolve()
+    with _refusing():
+        prior = load_prior(Path(arguments.prior))
+    for name, spec in uses:
+        with _refusing(f"{name}: "):
+            prior.check(spec or prior.spec)
+    return prior
 
 
 def _print_table1(table: Table1) -> None:
@@ -177,8 +205,37 @@ def _print_table1(table: Table1) -> None:
     print_definitions(table1_page.DEFINITIONS)
     for failure in table.failures:
         say(f"Failed: {failure.image}, {failure.method or 'all methods'}: {failure.reason}")
-    if table.photographs.ignored:
-        say(f"Passed over, as no images by their endings: {', '.join(table.photographs.ignored)}")
+    _say_ignored(table.photographs)
+
+
+def _say_ignored(photographs: Photographs) -> None:
+    if photographs.ignored:
+        say(f"Passed over, as no images by their endings: {', '.join(photographs.ignored)}")
+
+
+def _learn_prior(arguments: Namespace) -> None:
+    output = Path(arguments.output)
+    if output.suffix.lower() != ".npz" or output.is_dir():
+        raise UserError(f"a prior is one file: expected -o FILE.npz, got {output}")
+    if arguments.threads is not None:
+        torch.set_num_threads(arguments.threads)
+    with _refusing():
+        spec = _wanted(arguments).spec()
+        default_architecture(spec)  # raises before the images are read
+        photographs = lessons(None if arguments.images is None else Path(arguments.images), spec, arguments.size)
+    with output_folder(output.parent), _refusing():
+        for name, reason in photographs.failed.items():
+            say(f"Passed over: {name}: {reason}")
+        _say_ignored(photographs)
+        with counter("nablahog learn prior") as progress:
+            prior = learn_prior(
+                output, photographs, spec, epochs=arguments.epochs, seed=arguments.seed, progress=progress
+            )
+    training = prior.training
+    say(
+        f"Learned prior in {output}: {len(training.images)} images, {training.epochs} epochs, last loss "
+        f"{training.losses[-1]:.4f}, {len(prior.weights):,} weights"
+    )
 
 
 _COMMANDS: dict[str, Callable[[Namespace], None]] = {
@@ -187,33 +244,23 @@ _COMMANDS: dict[str, Callable[[Namespace], None]] = {
     "invert": _invert,
     "demo": _demo,
     "table1": _table1,
+    "learn prior": _learn_prior,
 }
 
 
 def _read(arguments: Namespace) -> list[Source]:
-    try:
+    with _refusing():
         return read_sources(
             arguments.inputs,
-            Wanted(arguments.descriptor, arguments.cell, arguments.vote),
+            _wanted(arguments),
             size=arguments.size,
             device=arguments.device,
             keep_photos=arguments.command == "invert",
         )
-    except ValueError as error:
-        raise UserError(str(error)) from None
 
 
-def _inverted(sources: list[Source], arguments: Namespace, progress: Callable[[int, int], None]) -> list[Inversion]:
-    try:
-        return invert_batch(
-            sources,
-            device=arguments.device,
-            seed=arguments.seed,
-            max_evaluations=arguments.max_evaluations,
-            progress=progress,
-        )
-    except ValueError as error:
-        raise UserError(f"{', '.join(source.path for source in sources)}: {error}") from None
+def _wanted(arguments: Namespace) -> Wanted:
+    return Wanted(arguments.descriptor, arguments.cell, arguments.vote)
 
 
 def _write_each(arguments: Namespace, ending: str, write: Callable[[Path, Source], None], *, is_file: bool) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,11 +13,11 @@ from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
+from .archive import check_format, read_arrays, text
 from .hog import HOGSpec
 from .output import replacing
 
 FORMAT = 1
-MAX_BYTES = 2**30  # what an archive may unpack to: 270 megapixels at 31 channels and cells of 8
 _ARRAYS = ("format", "descriptor", "spec", "image_size")
 
 
@@ -91,10 +90,7 @@ def load_descriptor(path: str | os.PathLike[str]) -> StoredDescriptor:
         ValueError: it is no such archive, is damaged, lacks an array, holds pickled objects, NaN or Inf, or its
             descriptor, spec and image size contradict each other.
     """
-    path = Path(path)
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: no such file")
-    arrays = _read_arrays(path)
+    arrays = read_arrays(path, "descriptor file", _ARRAYS)
     try:
         return _checked(arrays)
     except (TypeError, ValueError, OverflowError, RecursionError) as error:
@@ -113,37 +109,13 @@ def is_descriptor_file(path: str | os.PathLike[str]) -> bool:
         return False
 
 
-def _read_arrays(path: Path) -> dict[str, NDArray[np.generic]]:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            size = sum(member.file_size for member in archive.infolist())
-    except Exception as error:  # zipfile has no common base for what damage makes it raise
-        raise ValueError(f"{path}: expected a descriptor file (.npz), but it cannot be read: {error}") from None
-    if size > MAX_BYTES:
-        raise ValueError(f"{path}: the archive unpacks to {size:,} bytes, more than the {MAX_BYTES:,} allowed")
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            missing = [name for name in _ARRAYS if name not in archive]
-            arrays = {} if missing else {name: archive[name] for name in _ARRAYS}
-    except Exception as error:  # a damaged archive fails in zipfile, zlib or numpy, each with its own kinds of error
-        if "allow_pickle" in str(error):
-            raise ValueError(f"{path}: the archive holds pickled objects, which are never loaded") from None
-        raise ValueError(f"{path}: the archive is damaged: {error}") from None
-    if missing:
-        raise ValueError(f"{path}: expected a descriptor file, but the archive lacks {', '.join(missing)}")
-    return arrays
-
-
 def _checked(arrays: dict[str, NDArray[np.generic]]) -> StoredDescriptor:
-    version, spec, size, descriptor = (arrays[name] for name in ("format", "spec", "image_size", "descriptor"))
-    if version.shape != () or version.item() != FORMAT:
-        raise ValueError(f"this version reads descriptor files of format {FORMAT}, got {version!s}")
-    if spec.shape != () or spec.dtype.kind != "U":
-        raise ValueError(f"spec must be one string, got {spec.dtype} of shape {spec.shape}")
+    check_format(arrays, "descriptor file", FORMAT)
+    spec, size, descriptor = HOGSpec.from_json(text(arrays, "spec")), arrays["image_size"], arrays["descriptor"]
     if size.shape != (2,) or size.dtype.kind not in "iu":
         raise ValueError(f"image_size must be two integers (height, width), got {size.dtype} of shape {size.shape}")
     native = np.ascontiguousarray(descriptor, dtype=descriptor.dtype.newbyteorder("="))
     if native.dtype not in (np.float32, np.float64):
         raise ValueError(f"the descriptor must be float32 or float64, got {native.dtype}")
     height, width = size.tolist()
-    return StoredDescriptor(torch.from_numpy(native), HOGSpec.from_json(str(spec.item())), (height, width))
+    return StoredDescriptor(torch.from_numpy(native), spec, (height, width))

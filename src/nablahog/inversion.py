@@ -16,7 +16,7 @@ from . import metrics
 from .draw import Panel, contact_sheet, difference, glyphs
 from .hog.gradient import gray
 from .images import write_image
-from .invert import reconstruct
+from .invert import LearnedPrior, reconstruct
 from .output import replacing
 from .sources import Source
 
@@ -124,6 +124,7 @@ def invert_batch(
     device: torch.device,
     seed: int,
     max_evaluations: int | None = None,
+    prior: LearnedPrior | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Inversion]:
     """Inverts sources of one spec and image size together.
@@ -133,15 +134,20 @@ def invert_batch(
         device: where to compute.
         seed: of the starting images.
         max_evaluations: of the objective; None for the default of :func:`nablahog.reconstruct`.
+        prior: what to expect of the images, learned for the spec; None for nothing learned.
         progress: called with the evaluations done and their largest number.
 
     Returns:
         One inversion for each source, in order.
+
+    Raises:
+        ValueError: as :func:`nablahog.reconstruct`, or the prior was learned for another spec.
     """
     descriptors = torch.stack([source.descriptor for source in sources]).to(device)
     limit: dict[str, Any] = {} if max_evaluations is None else {"max_evaluations": max_evaluations}
-    first = sources[0]
-    result = reconstruct(descriptors, first.spec, image_size=first.image_size, seed=seed, progress=progress, **limit)
+    spec, image_size = sources[0].spec, sources[0].image_size
+    find = reconstruct if prior is None else prior.reconstruct
+    result = find(descriptors, spec, image_size, seed=seed, progress=progress, **limit)
     inversions = []
     for index, source in enumerate(sources):
         preimage = result.image[index, 0].detach().float().cpu()

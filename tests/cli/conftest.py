@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
 from PIL import Image
 
 from nablahog.cli import main
+from nablahog.evaluate import table1
+from nablahog.evaluate.store import Job, Result
+from nablahog.evaluate.work import attempt
 
 from .common import CHELSEA
 
@@ -31,6 +34,18 @@ def descriptor(tmp_path: Path, photo: str) -> str:
 
 
 @pytest.fixture
+def here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The table is made in this process."""
+
+    def run(jobs: Sequence[Job], *, workers: int, started: Callable[[int], None]) -> Iterator[tuple[int, Result | str]]:
+        for index, job in enumerate(jobs):
+            started(index)
+            yield index, attempt(job)
+
+    monkeypatch.setattr(table1, "run_jobs", run)
+
+
+@pytest.fixture
 def refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Callable[..., None]:
     """Runs the command and checks that it says one line, ending in failure, and leaves nothing on disk."""
 
@@ -40,7 +55,8 @@ def refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Callable[...,
         assert main(argv) == status
         printed = capsys.readouterr()
         assert printed.out == ""
-        assert printed.err.startswith(f"nablahog {argv[0]}: error: ")
+        command = "learn prior" if argv[:2] == ("learn", "prior") else argv[0]
+        assert printed.err.startswith(f"nablahog {command}: error: ")
         assert printed.err.count("\n") == 1
         assert message in printed.err
         assert sorted(tmp_path.rglob("*")) == before

@@ -139,6 +139,6 @@ def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: p
 def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--version"]) == 0
     assert capsys.readouterr().out.startswith("nablahog 0")
-    for command in ([], ["hog"], ["glyph"], ["invert"], ["demo"], ["table1"]):
+    for command in ([], ["hog"], ["glyph"], ["invert"], ["demo"], ["table1"], ["learn"], ["learn", "prior"]):
         assert main([*command, "--help"]) == 0
         assert "usage: nablahog" in capsys.readouterr().out

@@ -17,9 +17,6 @@ import pytest
 from PIL import Image
 
 from nablahog.cli import main
-from nablahog.evaluate import table1
-from nablahog.evaluate.store import Job, Result
-from nablahog.evaluate.work import attempt
 
 from .common import CHELSEA, names
 
@@ -38,18 +35,6 @@ def images(tmp_path: Path) -> str:
         Image.fromarray(CHELSEA[4 * k : 4 * k + 32, 8 * k : 8 * k + 32]).save(folder / f"{k}.png")
     (folder / "x.png").write_bytes(b"no image")
     return str(folder)
-
-
-@pytest.fixture
-def here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Works in this process."""
-
-    def run(jobs: Sequence[Job], *, workers: int, started: Callable[[int], None]) -> Iterator[tuple[int, Result | str]]:
-        for index, job in enumerate(jobs):
-            started(index)
-            yield index, attempt(job)
-
-    monkeypatch.setattr(table1, "run_jobs", run)
 
 
 def _tables(folder: Path) -> dict[str, bytes]:
@@ -106,7 +91,7 @@ def test_bad_inputs(tmp_path: Path, images: str, refused: Callable[..., None]) -
     )
     refused("table1", "--images", images, "-o", f"{images}/0.png/out", message="is not a folder")
     refused("table1", "--images", images, *to, "--prior", f"{images}/no", message="no such file")
-    refused("table1", "--images", images, *to, "--prior", images, message="expected a file of a prior")
+    refused("table1", "--images", images, *to, "--prior", images, message="expected a learned prior (.npz)")
     options = ["--prior", f"{images}/0.png", "--methods", "dalal-single"]
     refused("table1", "--images", images, *to, *options, message="these do: uoctti-learned")
 

@@ -9,11 +9,14 @@ import torch
 from skimage import data
 from torch import Tensor
 
+from nablahog import HOGSpec, LearnedPrior
 from nablahog.evaluate.methods import Method, Settings
 from nablahog.evaluate.photographs import Photographs
 from nablahog.evaluate.store import Job, Result
 from nablahog.evaluate.table1 import Table1, run_table1
 from nablahog.evaluate.work import attempt
+from nablahog.invert.learned import Training
+from nablahog.invert.network import Architecture, weight_count
 
 
 def photographs(count: int = 3, size: int = 32) -> Photographs:
@@ -24,6 +27,14 @@ def photographs(count: int = 3, size: int = 32) -> Photographs:
 
 def image() -> Tensor:
     return photographs(1).images["0.png"]
+
+
+def write_prior(path: Path, spec: HOGSpec, *, images: Sequence[str] = (), value: float = 0.1) -> Path:
+    """A prior for cells of 8 that has learned nothing."""
+    tiny = Architecture((4, 4, 4, 4), (0, 0, 0, 0))
+    weights = torch.full((weight_count(spec, tiny),), value, dtype=torch.float16)
+    LearnedPrior(spec, tiny, weights, Training(tuple(images), "00", 1, 0, (1.0,))).save(path)
+    return path
 
 
 def job(method: Method, **settings: object) -> Job:

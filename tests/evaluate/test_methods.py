@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import torch
 
 from nablahog import hog
-from nablahog.evaluate.methods import METHODS, Method, Settings
+from nablahog.evaluate.methods import METHODS, Method, Settings, choose, load_prior
 from nablahog.evaluate.published import GROUPS, PUBLISHED
 
-from .common import image
+from .common import image, write_prior
 
 FAST = Settings(max_evaluations=8)
 
@@ -43,11 +45,12 @@ def test_published_figures() -> None:
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_a_method(name: str) -> None:
+def test_a_method(name: str, tmp_path: Path) -> None:
     method = METHODS[name]
     original = image()
     sent: Method = pickle.loads(pickle.dumps(method))  # as it reaches the workers
-    found = sent.run(original[None, None], FAST)
+    prior = write_prior(tmp_path / "p.npz", method.spec) if method.uses_prior and method.spec else None
+    found = sent.run(original[None, None], replace(FAST, prior=prior))
     assert len(found) == len(method.rows)
     for one in found:
         assert one.image.shape == original.shape
@@ -59,6 +62,35 @@ def test_a_method(name: str) -> None:
     if method.spec is not None:
         d, x = (hog(each[None, None], method.spec) for each in (original, found[0].image))
         assert found[0].distance == pytest.approx(float((x - d).norm() / d.norm()), rel=1e-3)
+
+
+def test_the_prior_decides(tmp_path: Path) -> None:
+    method, path = METHODS["uoctti-learned"], tmp_path / "p.npz"
+    assert method.spec is not None
+    made = []
+    for value in (0.1, 0.1, -0.1):
+        write_prior(path, method.spec, value=value)  # a file that changed is read again
+        made.append(method.run(image()[None, None], replace(FAST, prior=path))[0].image)
+    assert torch.equal(made[0], made[1])
+    assert not torch.equal(made[0], made[2])
+    assert load_prior(path) is load_prior(path)
+    with pytest.raises(ValueError, match="needs a learned prior"):
+        method.run(image()[None, None], FAST)
+    with pytest.raises(FileNotFoundError, match="no such file"):
+        load_prior(tmp_path / "no")
+
+
+def test_choosing() -> None:
+    every, learned = list(METHODS.values()), METHODS["uoctti-learned"]
+    assert choose(None, with_prior=True) == (every, [])
+    assert choose(None, with_prior=False) == ([method for method in every if method is not learned], [learned])
+    two = ["dalal-single", "uoctti-single"]
+    assert choose(two, with_prior=False) == ([METHODS[name] for name in reversed(two)], [])
+    assert choose(["uoctti-learned"], with_prior=True) == ([learned], [])
+    with pytest.raises(ValueError, match="uoctti-learned needs --prior FILE"):
+        choose([*two, "uoctti-learned"], with_prior=False)
+    with pytest.raises(ValueError, match="none of the methods asked for uses --prior; these do: uoctti-learned"):
+        choose(two, with_prior=True)
 
 
 def test_the_seed_decides() -> None:

@@ -82,3 +82,5 @@ def test_those_of_scikit_image() -> None:
     assert {tuple(image.shape) for image in read.images.values()} == {(64, 64)}
     assert all(image.min() >= 0 and image.max() <= 1 and image.std() > 0.05 for image in read.images.values())
     assert list(shipped(size=64, limit=2).images) == list(SHIPPED[:2])
+    whole = shipped(size=64, limit=4, whole=True).images
+    assert whole["chelsea"].shape == (43, 64)

@@ -7,12 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from nablahog import LearnedPrior
 from nablahog.evaluate import table1_page
 from nablahog.evaluate.methods import METHODS, Method, Settings
 from nablahog.evaluate.published import UOCTTI
 from nablahog.evaluate.table1 import Table1
 
-from .common import made, photographs
+from .common import made, photographs, write_prior
 from .fakes import BRIGHT, LEVELS
 
 SEEN = Method("uoctti-single", UOCTTI, BRIGHT.run, METHODS["uoctti-single"].spec)
@@ -67,6 +68,21 @@ def test_pictures(table: Table1) -> None:
     assert 'alt="1.png, dalal-multi-scale@1/16"' in html
     assert 'alt="&lt;b&gt;.png, dalal-multi-scale"' not in html
     assert "http" not in html
+
+
+def test_remarks(table: Table1, tmp_path: Path) -> None:
+    learned = METHODS["uoctti-learned"]
+    assert learned.spec is not None
+    assert table1_page.remarks([], None, photographs(2)) == []
+    assert table1_page.remarks([learned], None, photographs(2)) == [
+        "uoctti-learned is left out: it needs --prior FILE, see `nablahog learn prior`."
+    ]
+    for images, expected in [(("a.png",), []), (("a.png", "1.png"), ["The prior was learned from images of the same"])]:
+        prior = LearnedPrior.load(write_prior(tmp_path / "p.npz", learned.spec, images=images))
+        said = table1_page.remarks([], prior, photographs(2))
+        assert [one[: len(start)] for one, start in zip(said, expected, strict=True)] == expected
+    html = table1_page.page(table, Settings(), "Images of mine.", ["One.", "Two <b>."])
+    assert "notes.txt. One. Two &lt;b&gt;." in html
 
 
 def test_without_failures_and_levels(tmp_path: Path, calls: list[str]) -> None:

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 import torch
+from torch import Tensor
 
-from nablahog.hog import hog, presets
+from nablahog.hog import HOGSpec, hog, presets
 from nablahog.hog.descriptor import histograms
 from nablahog.hog.gradient import gradient
 from nablahog.hog.normalize import normalize
 from nablahog.invert.flat import FlatRegions
 from nablahog.invert.histograms import recover_histograms
-from nablahog.invert.parameterize import CosineBasis, Pixels
+from nablahog.invert.parameterize import CosineBasis, Pixels, cosines, low_pass
 from nablahog.invert.preimage import to_unit_range
 from nablahog.invert.priors import smoothness
-from nablahog.invert.start import integrate, mean_gradient, starting_image
+from nablahog.invert.start import NOISE, SPREAD, at_contrast, enlarge, integrate, mean_gradient, noise, starting_images
 
 from .photographs import photograph
 
@@ -79,7 +82,7 @@ def test_flat_regions_leave_a_textured_image_alone() -> None:
 
 
 @pytest.mark.parametrize("image", [photograph(64).double(), torch.zeros(1, 1, 64, 64).double()])
-def test_printed_normaliser_is_undone_exactly(image: torch.Tensor) -> None:
+def test_printed_normaliser_is_undone_exactly(image: Tensor) -> None:
     spec = presets.paper(8)
     torch.testing.assert_close(recover_histograms(hog(image, spec), spec), histograms(image, spec))
 
@@ -122,15 +125,104 @@ def test_integration_inverts_the_gradient_of_a_smooth_image() -> None:
     torch.testing.assert_close(integrate(gx, gy), image - image.mean(), atol=2e-3, rtol=0)
 
 
-def test_starting_image_looks_like_the_photograph_for_signed_votes_only() -> None:
+def correlation(a: Tensor, b: Tensor) -> float:
+    return float(torch.corrcoef(torch.stack([a.flatten(), b.flatten()]))[0, 1])
+
+
+def test_starting_images_look_like_the_photograph_up_to_the_sign_if_unsigned() -> None:
     image = photograph(64)
     signed, unsigned = presets.uoctti(8), presets.paper(8)
-    start = starting_image(histograms(image, signed), signed, 64, 64, seed=0)
-    assert torch.corrcoef(torch.stack([start.flatten(), image.flatten()]))[0, 1] > 0.8
-    noise = starting_image(histograms(image, unsigned), unsigned, 64, 64, seed=0)
-    assert torch.corrcoef(torch.stack([noise.flatten(), image.flatten()]))[0, 1].abs() < 0.1
-    assert torch.equal(noise, starting_image(histograms(image, unsigned), unsigned, 64, 64, seed=0))
-    assert not torch.equal(noise, starting_image(histograms(image, unsigned), unsigned, 64, 64, seed=1))
+    assert correlation(starting_images(histograms(image, signed), signed, 64, 64, 1, seed=0), image) > 0.8
+    start = starting_images(histograms(image, unsigned), unsigned, 64, 64, 1, seed=0)
+    assert abs(correlation(start, image)) > 0.6
+
+
+@pytest.mark.parametrize("spec", [presets.uoctti(8), presets.paper(8)], ids=["signed", "unsigned"])
+def test_starting_images_differ_by_seed_and_number_but_not_by_batch(spec: HOGSpec) -> None:
+    votes = histograms(torch.cat([photograph(64), photograph(64, "coins")]).double(), spec)
+    start = starting_images(votes, spec, 64, 64, 3, seed=0)
+    assert start.shape == (2, 3, 1, 64, 64)
+    assert start.dtype == torch.float64
+    assert start.mean().item() == pytest.approx(0.5, abs=0.01)
+    assert torch.equal(start, starting_images(votes, spec, 64, 64, 3, seed=0))
+    assert not torch.equal(start[:, 0], start[:, 1])
+    assert not torch.equal(start, starting_images(votes, spec, 64, 64, 3, seed=1))
+    torch.testing.assert_close(start[1:], starting_images(votes[1:], spec, 64, 64, 3, seed=0))
+
+
+@pytest.mark.parametrize(
+    "spec", [presets.uoctti(8), presets.uoctti((8, 4)), presets.paper(8)], ids=["signed", "rectangular", "unsigned"]
+)
+def test_a_starting_image_has_about_the_contrast_of_the_votes(spec: HOGSpec) -> None:
+    y, x = torch.meshgrid(torch.arange(64.0), torch.arange(64.0), indexing="ij")
+    image = (0.5 + 0.3 * torch.exp(-((x - 30).square() + (y - 34).square()) / 300)).double()[None, None]
+    start = starting_images(histograms(image, spec), spec, 64, 64, 1, seed=0)
+    assert 0.7 < (start.std() / image.std()).item() < 1.3
+
+
+def test_noise_is_seeded_and_the_same_in_every_batch_and_precision() -> None:
+    one, several = noise(LIKE, 40, 50, 1, seed=3), noise(LIKE, 40, 50, 4, seed=3)
+    assert one.shape == (1, 1, 1, 40, 50)
+    assert several.shape == (1, 4, 1, 40, 50)
+    for found, spread in ((one, NOISE), (several, SPREAD)):
+        assert found.std().item() == pytest.approx(spread, rel=0.1)
+        assert abs(found.mean().item()) < 0.1 * spread
+    assert torch.equal(one, noise(LIKE.expand(7, 1), 40, 50, 1, seed=3))
+    assert torch.equal(one.float(), noise(LIKE.float(), 40, 50, 1, seed=3))
+    assert not torch.equal(one, noise(LIKE, 40, 50, 1, seed=4))
+    before = torch.get_rng_state()
+    noise(LIKE, 4, 5, 1, seed=3)
+    assert torch.equal(torch.get_rng_state(), before)
+
+
+@pytest.mark.parametrize("spec", [presets.uoctti(8), presets.paper(8)], ids=["uoctti", "paper"])
+def test_at_contrast_is_the_projection_of_the_histograms(spec: HOGSpec) -> None:
+    images, others = (
+        torch.cat([photograph(32, name) for name in names]).double()
+        for names in (("camera", "coins"), ("coffee", "astronaut"))
+    )
+    votes = histograms(others, spec)
+    made = at_contrast(images, votes, spec)
+    torch.testing.assert_close(made.mean(dim=(1, 2, 3)), torch.full((2,), 0.5, dtype=torch.float64))
+    own = histograms(made, spec)
+    torch.testing.assert_close((own * (votes - own)).sum(dim=(1, 2, 3)), torch.zeros(2, dtype=torch.float64))
+    torch.testing.assert_close(at_contrast(0.2 + 0.3 * images, votes, spec), made)
+    torch.testing.assert_close(
+        at_contrast(images, histograms(images, spec), spec), images - images.mean((2, 3), True) + 0.5
+    )
+    constant = torch.full_like(images, 0.2)
+    torch.testing.assert_close(at_contrast(constant, votes, spec), torch.full_like(images, 0.5))
+    silent = torch.zeros_like(votes)
+    torch.testing.assert_close(at_contrast(images, silent, spec), torch.full_like(images, 0.5))
+
+
+def test_enlarge_keeps_constants_and_its_own_size() -> None:
+    image = torch.rand(2, 3, 5, 7)
+    assert enlarge(image, 5, 7) is image
+    assert enlarge(image, 10, 21).shape == (2, 3, 10, 21)
+    torch.testing.assert_close(enlarge(torch.full((1, 1, 5, 7), 0.3), 11, 13), torch.full((1, 1, 11, 13), 0.3))
+
+
+@pytest.mark.parametrize("sigma", [0.0, 1.0, 2.5])
+def test_low_pass_damps_each_cosine_by_its_frequency(sigma: float) -> None:
+    height, width = 9, 14
+    for ky, kx in ((0, 0), (0, 1), (3, 0), (5, 8), (8, 13)):
+        mode = torch.outer(cosines(height, LIKE)[ky], cosines(width, LIKE)[kx])[None, None]
+        damping = math.exp(-0.5 * (math.pi * sigma) ** 2 * ((ky / height) ** 2 + (kx / width) ** 2))
+        torch.testing.assert_close(low_pass(mode, sigma), damping * mode)
+
+
+def test_low_pass_keeps_constants_and_is_a_gaussian() -> None:
+    constant = torch.full((2, 1, 8, 5), 0.7, dtype=torch.float64)
+    torch.testing.assert_close(low_pass(constant, 2.0), constant)
+    impulse = torch.zeros(1, 1, 41, 41, dtype=torch.float64)
+    impulse[..., 20, 20] = 1
+    distance = torch.arange(-20, 21, dtype=torch.float64)
+    bell = torch.exp(-distance.square() / (2 * 2.0**2)) / (2.0 * math.sqrt(2 * math.pi))
+    torch.testing.assert_close(low_pass(impulse, 2.0)[0, 0], torch.outer(bell, bell), atol=1e-6, rtol=0)
+    image = torch.rand(3, 1, 8, 5)
+    assert low_pass(image, 1.0).dtype == torch.float32
+    torch.testing.assert_close(low_pass(image, 1.0).mean(dim=(1, 2, 3)), image.mean(dim=(1, 2, 3)))
 
 
 def test_brightness_rule() -> None:

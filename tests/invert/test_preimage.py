@@ -11,6 +11,12 @@ from torch import Tensor
 
 import nablahog
 from nablahog import HOGSpec, hog, presets, reconstruct
+from nablahog.invert.histograms import recover_histograms
+from nablahog.invert.parameterize import low_pass
+from nablahog.invert.polarity import upright
+from nablahog.invert.preimage import LEAST_EVALUATIONS, SHARE_OF_SAMPLES
+from nablahog.invert.start import at_contrast
+from nablahog.optimize import minimise
 
 from .photographs import photograph
 
@@ -49,28 +55,57 @@ def test_the_returned_image_explains_the_descriptor(name: str) -> None:
 
 def test_a_photograph_comes_back() -> None:
     spec = presets.uoctti(8)
-    images = torch.cat([photograph(128, name) for name in ("camera", "astronaut", "coffee")])
+    images = torch.cat([photograph(96, name) for name in ("camera", "astronaut", "coffee")])
     found = reconstruct(hog(images, spec), spec, max_evaluations=150)
     for pre_image, image in zip(found.image, images, strict=True):
         assert correlation(pre_image, image) > 0.85
 
 
-def test_same_seed_same_image() -> None:
-    spec = presets.uoctti(8)
+@pytest.mark.parametrize("name", ["signed-global", "paper"])
+def test_same_seed_same_image(name: str) -> None:
+    spec = SPECS[name]
     descriptor = hog(photograph(32), spec)
     first, again, other = (reconstruct(descriptor, spec, seed=s, max_evaluations=30).image for s in (0, 0, 1))
     assert torch.equal(first, again)
     assert not torch.equal(first, other)
 
 
-def test_batch_equals_loop() -> None:
-    spec = presets.uoctti(8)
-    images = torch.cat([photograph(48, name) for name in ("camera", "coins")]).double()
-    descriptors = hog(images, spec)
-    together = reconstruct(descriptors, spec, max_evaluations=25)
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("uoctti", {}),
+        ("signed-global", {"max_evaluations": 90, "samples": 2}),
+        ("signed-global", {"start": photograph(32, "coffee"), "closeness": 1.0}),
+        ("paper", {}),
+        ("paper", {"expected": photograph(32, "coffee")}),
+        ("paper-robust", {"region_signs": False}),
+    ],
+)
+def test_batch_equals_loop(name: str, options: dict[str, Any]) -> None:
+    images = torch.cat([photograph(32, name) for name in ("camera", "coins")]).double()
+    descriptors = hog(images, SPECS[name])
+    own = {k: v.double() if isinstance(v, Tensor) else v for k, v in {"max_evaluations": 25, **options}.items()}
+    shared = {k: v.expand(2, -1, -1, -1) if isinstance(v, Tensor) else v for k, v in own.items()}
+    together = reconstruct(descriptors, SPECS[name], **shared)
+    assert together.image.dtype == together.distance.dtype == together.history.dtype == torch.float64
     for i in range(2):
-        alone = reconstruct(descriptors[i : i + 1], spec, max_evaluations=25)
+        alone = reconstruct(descriptors[i : i + 1], SPECS[name], **own)
         torch.testing.assert_close(together.image[i], alone.image[0], atol=1e-3, rtol=0)
+        assert together.evaluations[i] == alone.evaluations[0]
+
+
+def test_a_batch_spends_what_its_images_alone_would(monkeypatch: pytest.MonkeyPatch) -> None:
+    def impatient(name: Any, problem: Any, *given: Any, progress_tolerance: float, **options: Any) -> Any:
+        if problem.votes is not None:  # samples end early, each after another number of evaluations
+            progress_tolerance = 0.6
+        return minimise(name, problem, *given, progress_tolerance=progress_tolerance, **options)
+
+    monkeypatch.setattr("nablahog.invert.search.minimise", impatient)
+    spec = SPECS["signed-global"]
+    descriptors = hog(torch.cat([photograph(32), photograph(32, "coins")]).double(), spec)
+    together = reconstruct(descriptors, spec, samples=1, max_evaluations=80)
+    alone = [reconstruct(descriptors[i : i + 1], spec, samples=1, max_evaluations=80) for i in range(2)]
+    assert together.evaluations.tolist() == [int(a.evaluations) for a in alone]
 
 
 def test_a_flat_photograph_is_found_exactly() -> None:
@@ -80,15 +115,21 @@ def test_a_flat_photograph_is_found_exactly() -> None:
         assert found.distance.item() == 0
 
 
-@pytest.mark.parametrize("budget", [2, 3, 5, 10])
-def test_progress_counts_up_to_the_budget(budget: int) -> None:
+@pytest.mark.parametrize("name", ["signed-global", "paper"])
+@pytest.mark.parametrize("budget", [2, 3, 5, 10, 90])  # the last one draws two samples
+def test_progress_rises_up_to_the_budget(name: str, budget: int) -> None:
     calls: list[tuple[int, int]] = []
-    spec = presets.paper(8)
+    images = torch.cat([photograph(32), torch.full((1, 1, 32, 32), 0.7)])  # a flat one is found at once
     found = reconstruct(
-        hog(photograph(32), spec), spec, max_evaluations=budget, progress=lambda *call: calls.append(call)
+        hog(images, SPECS[name]), SPECS[name], max_evaluations=budget, progress=lambda *call: calls.append(call)
     )
-    assert calls == [(i, budget) for i in range(1, budget + 1)]
-    assert found.evaluations.tolist() == [budget]
+    done = [call[0] for call in calls]
+    assert done == sorted(set(done))
+    assert {most for _, most in calls} == {budget}
+    assert done[-1] == found.evaluations.max() <= budget
+    assert found.evaluations.min() >= 2
+    assert found.history.shape == (done[-1], 2)
+    assert torch.isfinite(found.history).all()
 
 
 @pytest.mark.parametrize("size", [(1, 9), (9, 1), (2, 9), (3, 3)])
@@ -108,11 +149,160 @@ def test_images_of_a_few_pixels(size: tuple[int, int], spec: HOGSpec) -> None:
         ({"max_evaluations": 1}, "at least 2.*got 1"),
         ({"smoothness": -1.0}, "at least 0, got -1"),
         ({"smoothness": float("nan")}, "finite"),
+        ({"closeness": -0.1}, "closeness.*at least 0, got -0.1"),
+        ({"closeness": float("nan")}, "closeness.*finite"),
+        ({"closeness": float("inf")}, "closeness.*finite"),
+        ({"samples": 0}, "samples must be at least 1, got 0"),
+        ({"start": torch.zeros(1, 1, 32, 31)}, r"start must have shape \(1, 1, 32, 32\), got \(1, 1, 32, 31\)"),
+        ({"start": torch.zeros(2, 1, 32, 32)}, r"start must have shape \(1, 1, 32, 32\), got \(2, 1, 32, 32\)"),
+        ({"expected": torch.zeros(32, 32)}, r"expected must have shape \(1, 1, 32, 32\), got \(32, 32\)"),
+        ({"expected": torch.zeros(1, 3, 32, 32)}, r"expected must have shape \(1, 1, 32, 32\), got \(1, 3, 32, 32\)"),
     ],
 )
 def test_options_out_of_range(options: dict[str, Any], says: str) -> None:
     with pytest.raises(ValueError, match=says):
         reconstruct(torch.rand(1, 4, 4, 9), presets.paper(8), **options)
+
+
+@pytest.mark.parametrize("name", ["signed-global", "paper-robust"])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"samples": 1},
+        {"max_evaluations": 90, "samples": 2},
+        {"closeness": 0.0},
+        {"closeness": 3.0},
+        {"start": photograph(32, "coffee")},
+        {"expected": photograph(32, "coffee")},
+        {"start": photograph(32, "coins"), "expected": photograph(32, "coffee")},
+        {"region_signs": False},
+        {"polarity": False},
+        {"smoothness": 0.0},
+        {"basis": "pixels"},
+    ],
+    ids=lambda options: ",".join(f"{k}={v if not isinstance(v, Tensor) else '...'}" for k, v in options.items()),
+)
+def test_every_option_reports_its_images_distance(name: str, options: dict[str, Any]) -> None:
+    spec, descriptor = SPECS[name], hog(photograph(32), SPECS[name])
+    found = reconstruct(descriptor, spec, **{"max_evaluations": 30, **options})
+    recomputed = (hog(found.image, spec) - descriptor).norm() / descriptor.norm()
+    torch.testing.assert_close(found.distance, recomputed.reshape(1))
+    assert found.distance < 0.9
+    assert found.image.shape == (1, 1, 32, 32)
+    assert found.image.min() >= 0
+    assert found.image.max() <= 1
+    assert len(found.history) == int(found.evaluations)
+
+
+def test_samples_of_too_few_evaluations_are_not_drawn() -> None:
+    spec = SPECS["signed-global"]
+    descriptor = hog(photograph(32), spec)
+    enough_for_two = -(-2 * LEAST_EVALUATIONS // SHARE_OF_SAMPLES)
+
+    def images(budget: float) -> list[Tensor]:
+        return [reconstruct(descriptor, spec, max_evaluations=int(budget), samples=s).image for s in (1, 2, 6)]
+
+    one, two, six = images(enough_for_two - 2)
+    assert torch.equal(one, two)
+    assert torch.equal(one, six)
+    one, two, six = images(enough_for_two)
+    assert not torch.equal(one, two)
+    assert torch.equal(two, six)
+
+
+def test_what_samples_agree_on_depends_less_on_the_seed() -> None:
+    spec = SPECS["signed-global"]
+    descriptor = hog(photograph(32), spec)
+
+    def agreement(samples: int) -> float:
+        return correlation(
+            *(reconstruct(descriptor, spec, max_evaluations=120, samples=samples, seed=s).image for s in (0, 1))
+        )
+
+    assert agreement(3) > agreement(1)
+
+
+@pytest.mark.parametrize("name", ["signed-global", "paper"])
+def test_what_is_expected_is_where_the_search_begins_and_stays_close_to(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(*given: Any) -> Tensor:
+        raise AssertionError("no start but the expected is needed")
+
+    monkeypatch.setattr("nablahog.invert.preimage.starting_images", never)
+    monkeypatch.setattr("nablahog.invert.preimage.noise", never)
+    spec = SPECS[name]
+    descriptor = hog(photograph(48).double(), spec)
+    expected = low_pass(photograph(48).double(), 3.0)
+    weak, strong = (
+        reconstruct(descriptor, spec, max_evaluations=40, expected=expected, closeness=c, polarity=False)
+        for c in (0.0, 10.0)
+    )
+    begun = at_contrast(expected, recover_histograms(descriptor, spec), spec)
+    torch.testing.assert_close(weak.history[0, 0], (hog(begun, spec) - descriptor).norm() / descriptor.norm())
+    assert correlation(strong.image, expected) > correlation(weak.image, expected)
+    assert strong.distance > weak.distance
+    for found in (weak, strong):
+        assert correlation(low_pass(found.image, 3.0), expected) > 0.95
+        assert correlation(found.image, photograph(48)) > correlation(expected, photograph(48))
+
+
+@pytest.mark.parametrize("name", ["signed-global", "paper"])
+def test_a_start_is_where_samples_begin(name: str) -> None:
+    spec, image = SPECS[name], photograph(48)
+    found = reconstruct(hog(image, spec), spec, max_evaluations=40, start=image, polarity=False)
+    assert correlation(found.image, image) > 0.97
+    negative = reconstruct(hog(image, spec), spec, max_evaluations=40, start=1 - image, polarity=False)
+    assert (correlation(negative.image, image) < -0.97) == (not spec.signed)
+
+
+@pytest.mark.parametrize("name", ["signed-global", "paper", "paper-robust"])
+@pytest.mark.parametrize("which", ["start", "expected"])
+def test_the_contrast_of_given_images_does_not_matter(name: str, which: str) -> None:
+    spec, image = SPECS[name], photograph(32, "coffee").double()
+    descriptor = hog(photograph(32).double(), spec)
+    mean = image.mean()
+    full, half = (
+        reconstruct(descriptor, spec, max_evaluations=25, **{which: mean + contrast * (image - mean)}).image
+        for contrast in (1.0, 0.5)
+    )
+    torch.testing.assert_close(full, half, atol=1e-6, rtol=0)
+
+
+def test_polarity_chooses_between_an_image_and_its_negative() -> None:
+    for name in ("camera", "coins", "coffee"):
+        descriptor = hog(photograph(32, name), SPECS["paper"])
+        found = reconstruct(descriptor, SPECS["paper"], max_evaluations=30, polarity=False)
+        chosen = reconstruct(descriptor, SPECS["paper"], max_evaluations=30)
+        assert torch.equal(chosen.image, found.image) or torch.equal(chosen.image, 1 - found.image)
+        assert torch.equal(chosen.image, upright(found.image))
+        torch.testing.assert_close(chosen.distance, found.distance)
+        assert torch.equal(chosen.history, found.history)
+
+
+def test_polarity_of_a_signed_descriptor_is_known() -> None:
+    descriptor = hog(1 - photograph(32), SPECS["signed-global"])
+    found, chosen = (
+        reconstruct(descriptor, SPECS["signed-global"], max_evaluations=20, polarity=p).image for p in (False, True)
+    )
+    assert torch.equal(found, chosen)
+
+
+def test_without_region_signs_the_search_begins_with_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    spec, descriptor = SPECS["paper"], hog(photograph(32), SPECS["paper"])
+    given = reconstruct(descriptor, spec, max_evaluations=40).image
+
+    def never(*given: Any) -> Tensor:
+        raise AssertionError("no signs are needed")
+
+    monkeypatch.setattr("nablahog.invert.start.signed_cells", never)
+    first, again, other = (
+        reconstruct(descriptor, spec, max_evaluations=40, region_signs=False, seed=s) for s in (0, 0, 1)
+    )
+    assert torch.equal(first.image, again.image)
+    assert abs(correlation(first.image, other.image)) < 0.9  # noise decides the signs
+    assert not torch.equal(first.image, given)
+    assert first.distance < 0.25
 
 
 def test_pixels_are_a_basis_too() -> None:
@@ -124,8 +314,8 @@ def test_pixels_are_a_basis_too() -> None:
 
 def test_smoothness_makes_neighbours_agree() -> None:
     spec = presets.uoctti(8)
-    descriptor = hog(photograph(64), spec)
-    rough, smooth = (reconstruct(descriptor, spec, smoothness=w, max_evaluations=80).image for w in (0.0, 0.3))
+    descriptor = hog(photograph(48), spec)
+    rough, smooth = (reconstruct(descriptor, spec, smoothness=w, max_evaluations=60).image for w in (0.0, 0.3))
 
     def variation(image: Tensor) -> Tensor:
         return image.diff(dim=-1).abs().mean() + image.diff(dim=-2).abs().mean()

@@ -10,7 +10,16 @@ import pytest
 import torch
 from torch import Tensor
 
-from nablahog.invert.priors import EPSILON, Norm, Prior, RelativeSmoothness, Smoothness, TotalVariation, smoothness
+from nablahog.invert.priors import (
+    EPSILON,
+    Norm,
+    Prior,
+    Range,
+    RelativeSmoothness,
+    Smoothness,
+    TotalVariation,
+    smoothness,
+)
 
 PRIORS = {
     "relative": RelativeSmoothness(0.7),
@@ -24,12 +33,15 @@ PRIORS = {
     "norm^2": Norm(0.7, alpha=2),
     "norm^3": Norm(0.7, alpha=3),
     "norm^6": Norm(0.7),
+    "range": Range(0.7),
 }
 all_priors = pytest.mark.parametrize("prior", PRIORS.values(), ids=PRIORS)
 
 
 def images(batch: int = 2, height: int = 7, width: int = 6) -> Tensor:
-    return torch.rand(batch, 1, height, width, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    """In -0.5…1.5."""
+    unit = torch.rand(batch, 1, height, width, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    return 2 * unit - 0.5
 
 
 def as_printed(prior: Prior, image: np.ndarray) -> float:
@@ -50,6 +62,8 @@ def as_printed(prior: Prior, image: np.ndarray) -> float:
                 total += (dx**2 + dy**2) ** (prior.beta / 2)
             elif isinstance(prior, Norm):
                 total += abs(image[y, x] - image.mean()) ** prior.alpha
+            elif isinstance(prior, Range):
+                total += max(image[y, x] - 1, 0 - image[y, x], 0) ** 2 / image.size
     return prior.weight * total
 
 
@@ -99,7 +113,10 @@ def test_images_of_a_few_pixels(prior: Prior, size: tuple[int, int]) -> None:
 
 
 @all_priors
-def test_no_prior_sees_the_brightness(prior: Prior) -> None:
+def test_no_prior_but_the_range_sees_the_brightness(prior: Prior) -> None:
+    if isinstance(prior, Range):
+        assert (prior(images() + 3) > prior(images())).all()
+        return
     torch.testing.assert_close(prior(images() + 3), prior(images()))
 
 
@@ -127,6 +144,22 @@ def test_powers_are_rounded_off_below_epsilon_only() -> None:
         assert Smoothness(1)(step).item() == pytest.approx(d, rel=(EPSILON / d) ** 2)
 
 
+def test_range_is_zero_with_no_gradient_inside() -> None:
+    inside = torch.tensor([0.0, 0.2, 0.5, 1.0], dtype=torch.float64).reshape(1, 1, 2, 2).requires_grad_()
+    value = Range(3.0)(inside)
+    assert value.item() == 0
+    assert (torch.autograd.grad(value.sum(), inside)[0] == 0).all()
+    outside = torch.tensor([1.5, -0.1, 0.5, 1.0], dtype=torch.float64).reshape(1, 1, 2, 2).requires_grad_()
+    value = Range(3.0)(outside)
+    assert value.item() == pytest.approx(3 * (0.5**2 + 0.1**2) / 4)
+    expected = 3 * 2 / 4 * torch.tensor([0.5, -0.1, 0, 0], dtype=torch.float64).reshape(1, 1, 2, 2)
+    torch.testing.assert_close(torch.autograd.grad(value.sum(), outside)[0], expected)
+
+
+def test_range_is_the_same_for_an_image_and_its_negative() -> None:
+    torch.testing.assert_close(Range(1.0)(images()), Range(1.0)(1 - images()))
+
+
 @pytest.mark.parametrize(
     ("make", "says"),
     [
@@ -135,6 +168,7 @@ def test_powers_are_rounded_off_below_epsilon_only() -> None:
         (lambda: Smoothness(1, "cubed"), "'absolute' or 'squared', got 'cubed'"),
         (lambda: Smoothness(1, neighbours=6), "4 or 8, got 6"),
         (lambda: TotalVariation(1, beta=0.5), "beta.*at least 1, got 0.5"),
+        (lambda: Range(-2.0), "weight.*at least 0, got -2"),
         (lambda: Norm(1, alpha=float("inf")), "alpha.*finite.*got inf"),
     ],
 )

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
-import torch
 from torch import Tensor
-from torch.nn import functional
 
 from ..hog import HOGSpec, hog, presets
-from ..invert import reconstruct
+from ..invert import LearnedPrior, reconstruct, reconstruct_multiscale, scale_descriptors
+from ..invert.multiscale import SCALES, level_spec
+from ..invert.start import enlarge
 from .published import DALAL, PUBLISHED, UOCTTI, Published
-
-SCALES = (64, 16, 4, 1)  # a level of scale s has an s-th of the image's pixels
 
 
 @dataclass(frozen=True)
@@ -26,7 +24,7 @@ class Settings:
     Attributes:
         seed: of everything random.
         max_evaluations: of the objective, for each image; None for the method's own default.
-        prior: the file of a learned prior, for methods that use one; None for the one that comes with the package.
+        prior: the file of a learned prior, which methods that use one need; none comes with the package.
     """
 
     seed: int = 0
@@ -57,7 +55,7 @@ class Method:
             processes import it, so it is a function of a module, or a ``functools.partial`` of one.
         spec: the dialect of the descriptor it starts from; None if that is no HOG.
         multiscale: whether it has a row for each of :data:`SCALES`, too.
-        uses_prior: whether ``Settings.prior`` changes what it finds.
+        uses_prior: whether it needs ``Settings.prior``.  Then what it finds depends on what that file holds.
     """
 
     name: str
@@ -93,59 +91,51 @@ def _single(image: Tensor, settings: Settings, *, spec: HOGSpec) -> list[Found]:
     return [Found(result.image[0, 0], float(result.distance[0]))]
 
 
-@dataclass(frozen=True)
-class Level:
-    """STUB of a level: scale, image (1, 1, h, w) and distance (1,)."""
-
-    scale: int
-    image: Tensor
-    distance: Tensor
-
-
-def _multi_scale(image: Tensor, settings: Settings, *, spec: HOGSpec) -> list[Level]:
-    """STUB: the single scale, shrunk."""
-    height, width = image.shape[2:]
-    if height % 8 or width % 8:
-        raise ValueError(f"expected sides that are multiples of 8, so that there is a scale 1/64, got {height}x{width}")
-    (found,) = _single(image, settings, spec=spec)
-    whole, distance = found.image[None, None], torch.tensor([found.distance])
-    return [Level(s, functional.avg_pool2d(whole, round(s**0.5)), distance) for s in SCALES]
-
-
-_multi_scale_more = _multi_scale  # STUB
-
-
-def _learned(image: Tensor, settings: Settings, *, spec: HOGSpec) -> list[Found]:
-    """STUB: the single scale, without the prior."""
-    return _single(image, settings, spec=spec)
-
-
-LevelsRun: TypeAlias = Callable[..., Sequence[Level]]
-
-
-def _levels(image: Tensor, settings: Settings, *, spec: HOGSpec, run: LevelsRun) -> list[Found]:
+def _multi_scale(image: Tensor, settings: Settings, *, spec: HOGSpec, more: bool) -> list[Found]:
     """The rows of a multi-scale method: its last level, and all of them enlarged to the image's size."""
+    size = (image.shape[2], image.shape[3])
+    for scale in SCALES:
+        level_spec(spec, scale, size)  # raises before the work, not after
+    descriptors = scale_descriptors(image, spec, SCALES) if more else hog(image, spec)
+    found = reconstruct_multiscale(descriptors, spec, size, scales=SCALES, seed=settings.seed, **_limit(settings))
     levels = [
-        Found(_enlarged(level.image, image.shape[2:])[0, 0], float(level.distance[0]))
-        for level in run(image, settings, spec=spec)
+        Found(enlarge(level.found.image, *size)[0, 0].clamp(0, 1), float(level.found.distance[0])) for level in found
     ]
     return [levels[-1], *levels]
 
 
-def _enlarged(image: Tensor, size: torch.Size) -> Tensor:
-    if image.shape[2:] == size:
-        return image
-    return functional.interpolate(image, list(size), mode="bicubic", align_corners=False).clamp(0, 1)
+def _learned(image: Tensor, settings: Settings, *, spec: HOGSpec) -> list[Found]:
+    if settings.prior is None:
+        raise ValueError("this method needs a learned prior")
+    size = (image.shape[2], image.shape[3])
+    prior = load_prior(settings.prior)
+    result = prior.reconstruct(hog(image, spec), spec, size, seed=settings.seed, **_limit(settings))
+    return [Found(result.image[0, 0], float(result.distance[0]))]
+
+
+def load_prior(path: Path) -> LearnedPrior:
+    """The learned prior in a file, read once however many images it is used for.
+
+    Raises:
+        OSError, ValueError: as :meth:`LearnedPrior.load`.
+    """
+    state = path.stat() if path.exists() else None
+    return _loaded(path, state and state.st_mtime_ns, state and state.st_size)
+
+
+@lru_cache(maxsize=1)
+def _loaded(path: Path, changed: int | None, size: int | None) -> LearnedPrior:
+    return LearnedPrior.load(path)
 
 
 def _variants(prefix: str, group: str, spec: HOGSpec) -> list[Method]:
-    def several(run: LevelsRun) -> Run:
-        return partial(_levels, spec=spec, run=run)
+    def several(more: bool) -> Run:
+        return partial(_multi_scale, spec=spec, more=more)
 
     return [
         Method(f"{prefix}-single", group, partial(_single, spec=spec), spec),
-        Method(f"{prefix}-multi-scale", group, several(_multi_scale), spec, multiscale=True),
-        Method(f"{prefix}-multi-scale-more", group, several(_multi_scale_more), spec, multiscale=True),
+        Method(f"{prefix}-multi-scale", group, several(False), spec, multiscale=True),
+        Method(f"{prefix}-multi-scale-more", group, several(True), spec, multiscale=True),
     ]
 
 
@@ -158,3 +148,25 @@ METHODS = {
     )
 }
 """All methods by name, each group in the order of the table."""
+
+
+def choose(names: Sequence[str] | None, *, with_prior: bool) -> tuple[list[Method], list[Method]]:
+    """The methods to run, and those left out because they need a prior, each in the order of the table.
+
+    Args:
+        names: of those asked for; None for all that can run.
+        with_prior: whether there is a learned prior.
+
+    Raises:
+        ValueError: one is asked for that needs a prior and there is none, or there is one that none asked for needs.
+    """
+    methods = [method for name, method in METHODS.items() if names is None or name in names]
+    learned = [method for method in methods if method.uses_prior]
+    if with_prior and not learned:
+        of = ", ".join(method.name for method in METHODS.values() if method.uses_prior)
+        raise ValueError(f"none of the methods asked for uses --prior; these do: {of}")
+    if with_prior or not learned:
+        return methods, []
+    if names is not None:
+        raise ValueError(f"{learned[0].name} needs --prior FILE, see `nablahog learn prior`")
+    return [method for method in methods if not method.uses_prior], learned

@@ -70,9 +70,9 @@ def _read(path: Path, size: int, result: Photographs) -> None:
         result.failed[_name(path)] = str(error).removeprefix(f"{path}: ")
 
 
-def shipped(*, size: int, limit: int | None = None) -> Photographs:
-    """The middle squares of :data:`SHIPPED`, otherwise as :func:`read_folder`."""
-    return Photographs({name: _prepared(_square(photo), size) for name, photo in _shipped(limit)})
+def shipped(*, size: int, limit: int | None = None, whole: bool = False) -> Photographs:
+    """The photographs :data:`SHIPPED`, ``whole`` or their middle squares, otherwise as :func:`read_folder`."""
+    return Photographs({name: _prepared(photo if whole else _square(photo), size) for name, photo in _shipped(limit)})
 
 
 def _shipped(limit: int | None) -> Iterator[tuple[str, Tensor]]:

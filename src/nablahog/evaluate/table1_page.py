@@ -12,7 +12,10 @@ from torch import Tensor
 from .. import metrics, report
 from ..draw import Panel, glyphs
 from ..hog import HOGSpec, hog
-from .methods import SCALES, Method, Settings
+from ..invert import LearnedPrior
+from ..invert.multiscale import SCALES
+from .methods import Method, Settings
+from .photographs import Photographs
 from .statistics import RESAMPLES, Statistics
 from .table1 import Line, Table1
 
@@ -32,6 +35,8 @@ DEFINITIONS = {
     "and enlarges it step by step.",
     "multi-scale-more": "The same, but each level is given the descriptor of the image shrunk to that level. That is "
     "more than other methods are given, so, as the paper says, its figures are not to be compared with theirs.",
+    "learned": "Starts from, and stays close to, the image that a network expects for the descriptor. The network is "
+    "that of --prior, and has learned from photographs.",
     "NAME@1/s": "A level of a multi-scale method: an image with an s-th of the pixels. To be compared with the "
     "photograph it is enlarged to its size (bicubic); its distance is that of the level's own image from the "
     "descriptor sought at that level. The row NAME is the last level, NAME@1/1.",
@@ -44,6 +49,18 @@ LEAD = (
     "alone. The figures say how alike the two are, in the mean over all images, beside those of Table 1 of See the "
     "Difference (ICCV 2015)."
 )
+
+
+def remarks(left_out: Sequence[Method], prior: LearnedPrior | None, photographs: Photographs) -> list[str]:
+    """What to know of the methods that need a prior, a sentence each: that there is none, or what it has seen."""
+    said = [f"{each.name} is left out: it needs --prior FILE, see `nablahog learn prior`." for each in left_out]
+    seen = set() if prior is None else {*prior.training.images} & {*photographs.images}
+    if seen:
+        said.append(
+            f"The prior was learned from images of the same names as {len(seen)} of these; if they are the same "
+            "images, what was found for them says nothing about others."
+        )
+    return said
 
 
 def terminal_rows(table: Table1) -> list[dict[str, object]]:
@@ -68,13 +85,14 @@ def _means(line: Line, metric: str, name: str) -> dict[str, object]:
     return {**mean, f"{name}\npaper": line.paper[metric]} if metric in ("cc", "mi", "ssim") else mean
 
 
-def page(table: Table1, settings: Settings, origin: str) -> str:
+def page(table: Table1, settings: Settings, origin: str, remarks: Sequence[str] = ()) -> str:
     """The page.
 
     Args:
         table: what it shows.
         settings: of the run.
         origin: where the images are from, a sentence.
+        remarks: what else to know, whole sentences.
     """
     failed = f" {len(table.failures)} failed, see below." if table.failures else ""
     ignored = table.photographs.ignored
@@ -82,7 +100,7 @@ def page(table: Table1, settings: Settings, origin: str) -> str:
     limit = f", at most {settings.max_evaluations} evaluations" if settings.max_evaluations else ""
     return report.page(
         "Table 1: images from HOG descriptors",
-        f"{LEAD} {origin}{failed}{passed_over}",
+        " ".join([f"{LEAD} {origin}{failed}{passed_over}", *remarks]),
         list(_table(table.lines())),
         [section for section in (_failures(table), _pictures(table), _levels(table)) if section is not None],
         DEFINITIONS,

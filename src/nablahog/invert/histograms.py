@@ -79,6 +79,7 @@ def _undo_blocks(target: Tensor, spec: HOGSpec, max_evaluations: int) -> Tensor:
         level, entries = unknowns[:, : rows * cols], unknowns[:, rows * cols :].reshape(-1, spec.bins, rows, cols)
         return torch.where(directed[index] > 0, torch.exp(levels.image(level) + entries), 0)
 
+    @torch.enable_grad()
     def objective(unknowns: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
         unknowns = unknowns.detach().requires_grad_()
         residual = normalize(histograms(unknowns, index), spec) - target[index]

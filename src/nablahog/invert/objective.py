@@ -27,7 +27,7 @@ def squared_norm(x: Tensor) -> Tensor:
 
 
 class PreimageObjective:
-    """‖φ(Î) - φ(I)‖² / ‖φ(I)‖² + priors, where φ is the descriptor or the histograms before Eq. 7.
+    """‖φ(Î) - φ(I)‖² / ‖φ(I)‖² + λ‖Î - Ī‖² / ‖Ī‖² + priors, where φ is the descriptor or the histograms before Eq. 7.
 
     Histograms are compared at their own scale, a strong edge counting for what it is; they have no clip and no
     division, and are by far the easier problem.  The descriptor is what was asked for.
@@ -41,6 +41,8 @@ class PreimageObjective:
         parameterization: how unknowns become images.
         flat: the regions known to be constant.
         priors: added to the distance.
+        expected: Ī, what the image is believed to be on average (B, 1, H, W); None where nothing is believed.
+        closeness: λ.  Brightness does not count, and ‖Ī‖ is that of Ī without its mean.
         report: called after each evaluation with the relative descriptor distances ‖φ(Î) - φ(I)‖ / ‖φ(I)‖ (A,) at the
             points given, whatever is compared, and the indices (A,) of their problems.
     """
@@ -54,6 +56,8 @@ class PreimageObjective:
         flat: FlatRegions,
         priors: Sequence[Prior],
         report: Callable[[Tensor, Tensor], None],
+        expected: Tensor | None = None,
+        closeness: float = 0.0,
     ) -> None:
         self.descriptor = descriptor.permute(0, 3, 1, 2)
         self.votes = votes
@@ -64,6 +68,10 @@ class PreimageObjective:
         self.report = report
         self.descriptor_size = squared_norm(descriptor)
         self.votes_size = None if votes is None else squared_norm(votes)
+        self.expected = expected
+        if expected is not None:
+            size = (expected - expected.mean(dim=(2, 3), keepdim=True)).square().sum(dim=(1, 2, 3))
+            self.closeness = torch.where(size > 0, closeness / torch.where(size > 0, size, 1), 0)
 
     def image(self, unknowns: Tensor, index: Tensor) -> Tensor:
         """Unknowns (A, N) of the problems ``index`` to images (A, 1, H, W)."""
@@ -96,8 +104,17 @@ class PreimageObjective:
         else:
             difference, size = cells - self.votes[index], self.votes_size[index]
         distance = difference.flatten(1) / size.sqrt().unsqueeze(1)
+        if self.expected is not None:
+            away = self._away(image, index) * self.closeness[index].sqrt().unsqueeze(1)
+            distance = torch.cat([distance, away], dim=1)
         return torch.cat([distance, *(prior.residuals(image) for prior in self.priors)], dim=1)
 
+    def _away(self, image: Tensor, index: Tensor) -> Tensor:
+        assert self.expected is not None
+        difference = (image - self.expected[index]).flatten(1)
+        return difference - difference.mean(dim=1, keepdim=True)
+
+    @torch.enable_grad()
     def _evaluate(self, unknowns: Tensor, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         unknowns = unknowns.detach().requires_grad_()
         image = self.image(unknowns, index)
@@ -109,6 +126,8 @@ class PreimageObjective:
             value = _share(cells - self.votes[index], self.votes_size[index])
             with torch.no_grad():
                 distance = _share(normalize(cells, self.spec) - self.descriptor[index], self.descriptor_size[index])
+        if self.expected is not None:
+            value = value + self.closeness[index] * self._away(image, index).square().sum(1)
         for prior in self.priors:
             value = value + prior(image)
         (gradient,) = torch.autograd.grad(value.sum(), unknowns)

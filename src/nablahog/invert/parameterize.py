@@ -60,3 +60,14 @@ class CosineBasis:
 
     def unknowns(self, image: Tensor) -> Tensor:
         return ((self.rows @ image @ self.cols.T) / self.weights).flatten(1)
+
+
+def low_pass(image: Tensor, sigma: float) -> Tensor:
+    """Images (A, 1, H, W) convolved with a Gaussian of ``sigma`` pixels, mirrored at the borders."""
+    height, width = image.shape[-2:]
+    rows, cols = cosines(height, image), cosines(width, image)
+    damping = [
+        torch.exp(-0.5 * (math.pi * sigma * torch.arange(n, dtype=torch.float64) / n) ** 2) for n in (height, width)
+    ]
+    coefficients = (rows @ image @ cols.T) * torch.outer(*damping).to(image)
+    return rows.T @ coefficients @ cols

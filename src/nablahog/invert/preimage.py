@@ -5,24 +5,26 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, get_args
 
 import torch
 from torch import Tensor
 
 from ..hog.descriptor import hog
 from ..hog.spec import HOGSpec
-from ..optimize import History, Minimiser, minimise
-from .flat import FlatRegions
+from ..optimize import Minimiser
 from .histograms import fixes_contrast, recover_histograms
-from .objective import PreimageObjective, squared_norm
-from .parameterize import CosineBasis, Parameterization, Pixels
-from .priors import Prior, RelativeSmoothness
-from .start import starting_image
+from .objective import squared_norm
+from .parameterize import low_pass
+from .polarity import upright
+from .priors import Prior, Range, RelativeSmoothness
+from .search import Basis, Search
+from .start import at_contrast, noise, starting_images
 
-Basis: TypeAlias = Literal["cosine", "pixels"]
-EXPONENT = 0.75  # of the cosine basis: 1 converges first in the large, 0.5 in the small
-SHARE_OF_VOTES = 0.7  # of the evaluations go to the histograms, the rest to the descriptor
+MAX_EVALUATIONS = 480
+SHARE_OF_SAMPLES = 0.75  # of the evaluations, the rest goes to the descriptor itself
+LEAST_EVALUATIONS = 30  # of a sample: fewer evaluations make fewer samples
+RANGE_WEIGHT = 100.0  # of mean squares of gray values
+SMOOTHING = 1.0  # pixels: what the samples agree on is coarser
 TAILS = 0.005  # share of pixels that may be clipped at either end when the image is brought to 0…1
 
 
@@ -73,7 +75,13 @@ def reconstruct(
     image_size: tuple[int, int] | None = None,
     *,
     seed: int = 0,
-    max_evaluations: int = 320,
+    max_evaluations: int = MAX_EVALUATIONS,
+    samples: int = 6,
+    closeness: float | None = None,
+    start: Tensor | None = None,
+    expected: Tensor | None = None,
+    region_signs: bool = True,
+    polarity: bool = True,
     smoothness: float = 0.02,
     prior: Prior | Sequence[Prior] = (),
     basis: Basis = "cosine",
@@ -82,9 +90,14 @@ def reconstruct(
 ) -> Reconstruction:
     """Images whose HOG is the given descriptor, from the descriptor alone, for a whole batch at once.
 
-    Three steps: the histograms before normalisation (:mod:`.histograms`), an image with these histograms, and from
-    there an image with this descriptor.  Each image has its own steps and its own stop, so a batch finds what its
-    images alone would find, up to rounding, which a long search may amplify.
+    The histograms before normalisation are recovered (:mod:`.histograms`); several images with these histograms are
+    found from different starts, the samples; their mean, smoothed, is what the image is expected to be, since what
+    they disagree on is made up; and from there, close to it, an image with this descriptor.  Of an unsigned
+    descriptor, whose samples would differ in the signs of whole regions, what is expected comes from :mod:`.signs`;
+    and of the image found and its negative, the one that looks more like a photograph is returned (:mod:`.polarity`).
+
+    Each image has its own steps and its own stop, so a batch finds what its images alone would find, up to rounding,
+    which a long search may amplify.
 
     Args:
         descriptor: (B, rows, cols, channels), float32 or float64, on any device.
@@ -92,66 +105,117 @@ def reconstruct(
         image_size: (height, width); by default whole cells, rows · cell height and cols · cell width.
         seed: of the noise that the search starts from.  The same for every image of the batch.
         max_evaluations: operator evaluations an image may spend, at least 2.
+        samples: of a signed descriptor, or where a ``start`` is given, at least 1; fewer are drawn if each could spend
+            less than 30 evaluations.  A single one is where the descriptor itself is matched from, and nothing is
+            expected.
+        closeness: λ of :class:`.objective.PreimageObjective`, how strongly the image is kept at what is expected; by
+            default 0.3 for signed specs, 0.1 for unsigned ones.
+        start: (B, 1, H, W) in 0…1, images to begin with, of any contrast; by default what the votes integrate to.
+        expected: (B, 1, H, W) in 0…1, of any contrast, instead of the samples' mean; no samples are drawn.
         smoothness: ξ of Eq. 9, on the distance's own scale (see :func:`.priors.smoothness`).
         prior: one or several, added to the above; with ``smoothness=0``, instead of it.
+        region_signs: whether an unsigned descriptor's regions get signs first.  If not, the search begins with noise,
+            and nothing is expected.
+        polarity: whether, of an unsigned descriptor's image and its negative, the likelier is returned.  If not, it is
+            the one that was found.
         basis: the unknowns, ``"cosine"`` or, as in the paper, ``"pixels"``.
         minimiser: ``"lbfgs"``, ``"dogleg"`` (the paper's), ``"momentum"`` or ``"adam"``.
         progress: called with the evaluations done and the most there can be.
 
     Raises:
-        TypeError: the descriptor is no floating-point tensor.
-        ValueError: its shape contradicts spec and image size, it holds NaN or Inf, or an option is out of range.
+        TypeError: the descriptor, ``start`` or ``expected`` is no floating-point tensor.
+        ValueError: their shape contradicts spec and image size, they hold NaN or Inf, or an option is out of range.
     """
-    height, width = _check(descriptor, spec, image_size)
-    if basis not in get_args(Basis):
-        raise ValueError(f"basis must be one of {', '.join(map(repr, get_args(Basis)))}, got {basis!r}")
+    began = time.perf_counter()
+    height, width = check_descriptor(descriptor, spec, image_size)
+    start = _checked("start", start, descriptor, (height, width))
+    expected = _checked("expected", expected, descriptor, (height, width))
+    check_budget(max_evaluations)
+    if samples < 1:
+        raise ValueError(f"samples must be at least 1, got {samples}")
+    if closeness is None:
+        closeness = 0.3 if spec.signed else 0.1
+    for name, number in (("smoothness", smoothness), ("closeness", closeness)):
+        if not 0 <= number < float("inf"):
+            raise ValueError(f"{name} must be a finite number of at least 0, got {number}")
+    priors: list[Prior] = [RelativeSmoothness(smoothness)] if smoothness else []
+    if fixes_contrast(spec):
+        priors.append(Range(RANGE_WEIGHT))
+    priors += [prior] if isinstance(prior, Prior) else prior
+    descriptor = descriptor.detach()
+    search = Search(descriptor, spec, (height, width), priors, basis, minimiser, max_evaluations, progress)
+    votes = recover_histograms(descriptor, spec)
+    if expected is None and start is None and not spec.signed:
+        samples = 1
+        if region_signs:
+            expected = starting_images(votes, spec, height, width, 1, seed)[:, 0]
+        else:
+            start = 0.5 + noise(votes, height, width, 1, seed)[:, 0].expand(len(descriptor), -1, -1, -1)
+    if expected is None:
+        on_samples = max(1, min(max_evaluations - 1, round(SHARE_OF_SAMPLES * max_evaluations)))
+        count = max(1, min(samples, on_samples // LEAST_EVALUATIONS))
+        if start is None:
+            starts = starting_images(votes, spec, height, width, count, seed)
+        else:
+            starts = at_contrast(start, votes, spec).unsqueeze(1) + noise(votes, height, width, count, seed)
+        found = search.match(starts, votes, on_samples // count)
+        start = found.mean(dim=1)
+        if count > 1:
+            start = expected = low_pass(start, SMOOTHING)
+    else:
+        expected = at_contrast(expected, votes, spec)
+        start = expected if start is None else at_contrast(start, votes, spec)
+        constant = (start == start[..., :1, :1]).flatten(1).all(dim=1)
+        if constant.any():  # there all derivatives vanish, and no search would leave it
+            grainy = start + noise(votes, height, width, 1, seed)[:, 0]
+            start = torch.where(constant.reshape(-1, 1, 1, 1), grainy, start)
+    found = search.match(start.unsqueeze(1), None, search.left(), expected, closeness)
+    image = to_unit_range(found[:, 0], spec)
+    if polarity and not spec.signed:
+        image = upright(image)
+    return Reconstruction(
+        image,
+        relative_distance(image, descriptor, spec),
+        search.stop_reason,
+        search.history(),
+        search.evaluations,
+        time.perf_counter() - began,
+    )
+
+
+@torch.no_grad()
+def relative_distance(image: Tensor, descriptor: Tensor, spec: HOGSpec) -> Tensor:
+    """‖φ(image) - descriptor‖ / ‖descriptor‖ of images (B, 1, H, W) and descriptors (B, rows, cols, channels): (B,)."""
+    residual: Tensor = (hog(image, spec) - descriptor).flatten(1).norm(dim=1)
+    return residual / squared_norm(descriptor).sqrt()
+
+
+def check_budget(max_evaluations: int) -> None:
+    """Raises ValueError unless an image may be searched with so many evaluations."""
     if max_evaluations < 2:
         raise ValueError(f"max_evaluations must be at least 2, one for each objective, got {max_evaluations}")
-    if not 0 <= smoothness < float("inf"):
-        raise ValueError(f"smoothness must be a finite number of at least 0, got {smoothness}")
-    priors: list[Prior] = [RelativeSmoothness(smoothness)] if smoothness else []
-    priors += [prior] if isinstance(prior, Prior) else prior
-    began = time.perf_counter()
-    descriptor = descriptor.detach()
-    distances = torch.full((len(descriptor),), torch.inf, dtype=descriptor.dtype, device=descriptor.device)
-    evaluations = torch.zeros(len(descriptor), dtype=torch.long, device=descriptor.device)
-    history = History(descriptor, len(descriptor))
-    done = 0
-
-    def report(distance: Tensor, index: Tensor) -> None:
-        distances[index] = distance
-
-    def watch(index: Tensor, spent: Tensor) -> None:
-        nonlocal done
-        spent = evaluations[index] + spent
-        history.add(spent, index, distances[index])
-        if progress is not None and int(spent.max()) > done:
-            done = int(spent.max())
-            progress(done, max_evaluations)
-
-    unknowns: Parameterization = (
-        CosineBasis(height, width, descriptor, EXPONENT) if basis == "cosine" else Pixels(height, width)
-    )
-    flat = FlatRegions(descriptor, spec, height, width)
-    votes = recover_histograms(descriptor, spec)
-    start = unknowns.unknowns(starting_image(votes, spec, height, width, seed))
-    reasons: list[str] = []
-    on_votes = max(1, min(max_evaluations - 1, round(SHARE_OF_VOTES * max_evaluations)))
-    for target, budget in ((votes, on_votes), (None, max_evaluations - on_votes)):
-        objective = PreimageObjective(descriptor, target, spec, unknowns, flat, priors, report)
-        found = minimise(minimiser, objective, start, max_evaluations=budget, progress_tolerance=1e-3, watch=watch)
-        start, reasons, evaluations = found.x, found.stop_reason, evaluations + found.evaluations
-    index = torch.arange(len(descriptor), device=descriptor.device)
-    image = to_unit_range(objective.image(start, index), spec)
-    with torch.no_grad():
-        residual = (hog(image, spec) - descriptor).flatten(1).norm(dim=1)
-        distance = residual / squared_norm(descriptor).sqrt()
-    seconds = time.perf_counter() - began
-    return Reconstruction(image, distance, reasons, history.filled(int(evaluations.max())), evaluations, seconds)
 
 
-def _check(descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int] | None) -> tuple[int, int]:
-    """Height and width of the image to find, once descriptor, spec and image size agree."""
+def _checked(name: str, images: Tensor | None, descriptor: Tensor, size: tuple[int, int]) -> Tensor | None:
+    """``images`` in the descriptor's dtype and on its device, once they are known to be usable."""
+    if images is None:
+        return None
+    if not isinstance(images, Tensor) or not images.is_floating_point():
+        got = images.dtype if isinstance(images, Tensor) else type(images).__name__
+        raise TypeError(f"{name} must be a floating-point tensor, got {got}")
+    if images.shape != (len(descriptor), 1, *size):
+        raise ValueError(f"{name} must have shape {(len(descriptor), 1, *size)}, got {tuple(images.shape)}")
+    if not torch.isfinite(images).all():
+        raise ValueError(f"{name} must be finite, got NaN or Inf")
+    return images.detach().to(descriptor)
+
+
+def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int] | None) -> tuple[int, int]:
+    """Height and width of the image to find, once descriptor, spec and image size agree.
+
+    Raises:
+        TypeError, ValueError: as :func:`reconstruct`.
+    """
     if not isinstance(descriptor, Tensor) or descriptor.dtype not in (torch.float32, torch.float64):
         got = descriptor.dtype if isinstance(descriptor, Tensor) else type(descriptor).__name__
         raise TypeError(f"the descriptor must be a float32 or float64 tensor, got {got}")

@@ -178,3 +178,12 @@ class Norm(Prior):
         pixels = image.flatten(1)
         centred = pixels - pixels.mean(dim=1, keepdim=True)
         return _power(centred, centred.square(), self.alpha)
+
+
+@dataclass(frozen=True)
+class Range(Prior):
+    """Mean squared excess of gray values over 0…1: where the descriptor fixes the contrast, no image exceeds them."""
+
+    def terms(self, image: Tensor) -> Tensor:
+        pixels = image.flatten(1)
+        return ((pixels - 0.5).abs() - 0.5).clamp(min=0) / math.sqrt(pixels.shape[1])

@@ -1,10 +1,10 @@
-"""Where the search begins: the smooth image that the directed votes integrate to, and a little noise.
+"""Where the search begins: the smooth image that the votes integrate to, and noise.
 
 The mean gradient of a cell, Σ_b h_b · direction of b, is what a signed histogram keeps of the gradient field at low
 resolution.  Interpolated between cells and integrated (Poisson's equation, solved in the cosine basis), it is already a
 blurred version of the image.  A descent from noise alone would have to build that from the votes of pixels that point
-anywhere, and would carry their randomness along to the end.  An unsigned histogram has no such mean: there the search
-begins with noise alone.
+anywhere, and would carry their randomness along to the end.  An unsigned histogram has no such mean: there each start
+is another guess of which way its cells' gradients point (:mod:`.signs`).
 """
 
 from __future__ import annotations
@@ -13,23 +13,61 @@ import math
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
+from torch.nn.functional import interpolate, pad
 
+from ..hog.descriptor import histograms
 from ..hog.pooling import pooling_matrix
 from ..hog.spec import HOGSpec
 from .parameterize import cosines
+from .signs import signed_cells
 
-NOISE = 0.01  # standard deviation of the noise, in 0…1; without any, nothing tells a thin line's two sides apart
+NOISE = 0.01  # standard deviation, in 0…1; without any, nothing tells a thin line's two sides apart
+INVISIBLE = 1e-5  # in 0…1, far below a step of 8 bits and above the rounding of an enlargement
+SPREAD = 0.1  # the same where several starts are to end in images that differ in all that the descriptor leaves open
 
 
-def starting_image(votes: Tensor, spec: HOGSpec, height: int, width: int, seed: int) -> Tensor:
-    """Images (B, 1, H, W) around 0.5 from histograms (B, bins, rows, cols).  The noise is the same for every image."""
-    generator = torch.Generator().manual_seed(seed)
-    noise = torch.randn((1, 1, height, width), generator=generator, dtype=torch.float64)
-    image = (0.5 + NOISE * noise).to(votes).expand(len(votes), -1, -1, -1)
+def starting_images(votes: Tensor, spec: HOGSpec, height: int, width: int, count: int, seed: int) -> Tensor:
+    """Images (B, count, 1, H, W) around 0.5 from histograms (B, bins, rows, cols).
+
+    The noise differs from start to start, and is the same for every image of the batch.
+    """
     if spec.signed:
-        image = image + integrate(*mean_gradient(votes, spec, height, width)) / spec.value_range
-    return image
+        smooth = integrate(*mean_gradient(votes, spec, height, width)).unsqueeze(1)
+    else:
+        cells = signed_cells(votes, spec, count, seed).images
+        # votes of a cell, each the difference of two pixels, to the difference of two cells
+        per_step = math.sqrt(spec.cell_size[0] * spec.cell_size[1])
+        smooth = enlarge(cells / per_step, height, width).unsqueeze(2)
+    return 0.5 + smooth / spec.value_range + noise(votes, height, width, count, seed)
+
+
+def noise(like: Tensor, height: int, width: int, count: int, seed: int) -> Tensor:
+    """(1, count, 1, H, W), of zero mean."""
+    generator = torch.Generator().manual_seed(seed)
+    unit = torch.randn((1, count, 1, height, width), generator=generator, dtype=torch.float64)
+    return (unit * (NOISE if count == 1 else SPREAD)).to(like)
+
+
+def at_contrast(image: Tensor, votes: Tensor, spec: HOGSpec) -> Tensor:
+    """Images (B, 1, H, W) at the contrast for which their histograms come closest to ``votes``, around 0.5.
+
+    Histograms are proportional to the contrast, so this is one division.  Images that vary by rounding only become
+    constant.
+    """
+    image = image - image.mean(dim=(2, 3), keepdim=True)
+    varies = image.abs().amax(dim=(1, 2, 3), keepdim=True) > INVISIBLE
+    image = torch.where(varies, image, 0)
+    own = histograms(image, spec)
+    size = own.square().sum(dim=(1, 2, 3))
+    contrast = torch.where(size > 0, (own * votes).sum(dim=(1, 2, 3)) / torch.where(size > 0, size, 1), 1)
+    return 0.5 + image * contrast.reshape(-1, 1, 1, 1)
+
+
+def enlarge(images: Tensor, height: int, width: int) -> Tensor:
+    """Images (B, K, h, w) to (B, K, H, W), bicubic; as they are if that is their size."""
+    if images.shape[2:] == (height, width):
+        return images
+    return interpolate(images, size=(height, width), mode="bicubic", align_corners=False)
 
 
 def mean_gradient(votes: Tensor, spec: HOGSpec, height: int, width: int) -> tuple[Tensor, Tensor]:

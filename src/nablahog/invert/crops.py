@@ -1,0 +1,62 @@
+"""Squares of photographs to learn from."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+from torch.nn.functional import interpolate
+
+WINDOW = 128  # pixels of a crop's side, at most
+LEAST_SHRUNK = 64  # pixels of an image's shorter side, below which it is not shrunk
+LEAST_FACTOR = 0.5
+
+
+def least_side(cell: int) -> int:
+    """Pixels that both sides of an image must have at least, to learn for cells of ``cell`` pixels from it."""
+    return max(32, 4 * cell)
+
+
+def crop_count(height: int, width: int) -> int:
+    """How many crops an image of this size gives in an epoch: about as many as cover it."""
+    return max(1, round(height * width / WINDOW**2))
+
+
+def draw_crops(images: Sequence[Tensor], cell: int, rng: random.Random) -> Tensor:
+    """One crop of each image, all of one size, (B, 1, h, w) in 0…1.
+
+    The place is random, and so is whether the crop is mirrored.  An image larger than :data:`WINDOW` is shrunk first,
+    by a random factor.  Half of the sizes hold whole cells, as images do that were cut for HOG.
+
+    Args:
+        images: (H, W) each, float32 in 0…1, each side at least :func:`least_side`.
+        cell: pixels of a cell's side.
+        rng: decides.
+    """
+    factors = [_factor(image.shape, rng) for image in images]
+    sides = [min(int(image.shape[axis] * f) for image, f in zip(images, factors, strict=True)) for axis in (0, 1)]
+    height, width = (_side(min(side, WINDOW), cell, rng) for side in sides)
+    return torch.stack([_crop(image, f, height, width, rng) for image, f in zip(images, factors, strict=True)])
+
+
+def _factor(shape: torch.Size, rng: random.Random) -> float:
+    if max(shape) <= WINDOW:
+        return 1.0
+    return rng.uniform(min(1.0, max(LEAST_FACTOR, LEAST_SHRUNK / min(shape))), 1.0)
+
+
+def _side(available: int, cell: int, rng: random.Random) -> int:
+    whole = (available - 1) // cell * cell  # less than there is, so that cells begin anywhere in an image
+    return whole if rng.random() < 0.5 else whole - rng.randrange(cell)
+
+
+def _crop(image: Tensor, factor: float, height: int, width: int, rng: random.Random) -> Tensor:
+    rows, cols = (min(had, round(n / factor)) for n, had in zip((height, width), image.shape, strict=True))
+    top, left = (rng.randrange(had - n + 1) for n, had in zip((rows, cols), image.shape, strict=True))
+    crop = image[None, top : top + rows, left : left + cols]
+    if (rows, cols) != (height, width):
+        crop = interpolate(crop[None], (height, width), mode="bicubic", antialias=True, align_corners=False)[0]
+        crop = crop.clamp(0, 1)  # bicubic overshoots at edges
+    return crop.flip(2) if rng.random() < 0.5 else crop

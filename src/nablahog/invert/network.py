@@ -1,0 +1,170 @@
+"""The network of a learned prior: from what a descriptor says of each cell to the image that it most likely had.
+
+It is given the descriptor, the histograms recovered from it (:mod:`.histograms`), and the image that these integrate to
+(:mod:`.start`), and adds to that image what photographs have besides.  All of it has no contrast: the image it makes
+has about unit variance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from ..hog.spec import FourBlockNorm, HOGSpec
+from .histograms import recover_histograms
+from .start import integrate, mean_gradient
+
+CELLS = (2, 4, 8, 16)  # sides of cells in pixels, which doubling the resolution leads to
+HISTOGRAM_EVALUATIONS = 60  # of the recovery, which are enough for a network; the search wants more
+FLAT = 0.01  # standard deviation, in 0…1, below which an image counts as flat
+_DESCRIPTOR, _VOTES = 5.0, 3.84  # bring typical entries of a four-block descriptor, and votes of a pixel, to about 1
+
+
+@dataclass(frozen=True)
+class Architecture:
+    """Sizes of a network, one entry for each resolution: cells, and each time twice as fine, down to pixels.
+
+    Attributes:
+        widths: channels, 1 … 1024.
+        blocks: residual blocks, 0 … 64.
+
+    Raises:
+        ValueError: they are out of their range, or not of the same length.
+    """
+
+    widths: tuple[int, ...]
+    blocks: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        if not self.widths or len(self.widths) != len(self.blocks):
+            raise ValueError(f"expected as many widths as blocks, got {self.widths} and {self.blocks}")
+        for name, numbers, least, most in (("widths", self.widths, 1, 1024), ("blocks", self.blocks, 0, 64)):
+            if not all(type(n) is int and least <= n <= most for n in numbers):
+                raise ValueError(f"{name} must be integers of {least} … {most}, got {numbers}")
+
+
+def default_architecture(spec: HOGSpec) -> Architecture:
+    """The one that priors for ``spec`` have if nothing is said: 5.9 million weights for UoCTTI with cells of 8.
+
+    Raises:
+        ValueError: there can be no prior for descriptors of ``spec``.
+    """
+    _check_dialect(spec)
+    doublings = spec.cell_size[0].bit_length() - 1
+    return Architecture((192, *(64 >> k for k in range(doublings))), (8, 4, 2, 1, 1)[: doublings + 1])
+
+
+def check_spec(spec: HOGSpec, architecture: Architecture) -> None:
+    """Raises ValueError unless there can be a prior of this architecture for descriptors of ``spec``."""
+    _check_dialect(spec)
+    side = spec.cell_size[0]
+    if 2 ** (len(architecture.widths) - 1) != side:
+        raise ValueError(f"{len(architecture.widths)} resolutions do not lead from cells of {side} pixels to pixels")
+
+
+def _check_dialect(spec: HOGSpec) -> None:
+    if not spec.signed:
+        raise ValueError(
+            f"a prior can be learned for signed gradients only: {spec.name} does not tell an image from its negative"
+        )
+    height, width = spec.cell_size
+    if height != width or height not in CELLS:
+        raise ValueError(
+            f"a prior can be learned for square cells of {', '.join(map(str, CELLS))} pixels only, got {height}x{width}"
+        )
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What the network is given for descriptors of images of H x W pixels; R x C cells of c pixels cover them.
+
+    Attributes:
+        cells: (B, channels, R, C).
+        integral: (B, 1, R · c, C · c), what the histograms integrate to, with zero mean and unit variance.
+        votes: (B, bins, rows, cols), the recovered histograms.
+    """
+
+    cells: Tensor
+    integral: Tensor
+    votes: Tensor
+
+
+@torch.no_grad()
+def network_inputs(descriptor: Tensor, spec: HOGSpec, height: int, width: int) -> Inputs:
+    """Inputs for descriptors (B, rows, cols, channels), float32, of images of ``height`` x ``width`` pixels."""
+    cell = spec.cell_size[0]
+    votes = recover_histograms(descriptor, spec, max_evaluations=HISTOGRAM_EVALUATIONS)
+    integral = integrate(*mean_gradient(votes, spec, height, width))
+    contrast = integral.std(dim=(2, 3), keepdim=True, correction=0).clamp(min=FLAT * spec.value_range)
+    integral = _extended((integral - integral.mean(dim=(2, 3), keepdim=True)) / contrast, height, width, cell)
+    rows, cols = (n // cell for n in integral.shape[2:])
+    entries = descriptor.permute(0, 3, 1, 2)
+    if isinstance(spec.normalizer, FourBlockNorm):
+        entries = entries * _DESCRIPTOR
+    else:  # of any scale
+        size = entries.square().mean(dim=(1, 2, 3), keepdim=True).sqrt()
+        entries = entries / torch.where(size > 0, size, 1)
+    of_pixels = torch.asinh(votes / contrast * (_VOTES / cell**2))
+    per_cell = _extended(torch.cat([entries, of_pixels], dim=1), rows, cols, 1)
+    return Inputs(torch.cat([per_cell, functional.pixel_unshuffle(integral, cell)], dim=1), integral, votes)
+
+
+def _extended(x: Tensor, height: int, width: int, multiple: int) -> Tensor:
+    """``x`` with its last rows and columns repeated up to the next multiples from ``height`` and ``width`` on."""
+    bottom, right = (-(-n // multiple) * multiple - had for n, had in zip((height, width), x.shape[2:], strict=True))
+    return functional.pad(x, (0, right, 0, bottom), mode="replicate") if bottom or right else x
+
+
+class _Block(nn.Module):
+    """x plus a correction that is 0 before training."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.a, self.b = (nn.Conv2d(width, width, 3, padding=1) for _ in range(2))
+        nn.init.zeros_(self.b.weight)
+        nn.init.zeros_(_bias(self.b))
+
+    def forward(self, x: Tensor) -> Tensor:
+        correction: Tensor = self.b(functional.gelu(self.a(functional.gelu(x))))
+        return x + correction
+
+
+def _bias(layer: nn.Conv2d) -> Tensor:
+    assert layer.bias is not None
+    return layer.bias
+
+
+class PriorNetwork(nn.Module):
+    """From :class:`Inputs` to images (B, 1, R · c, C · c); before training these are the integrals.
+
+    Residual blocks at the resolution of cells, and after each doubling (a 1x1 convolution to four pixels of each).
+    """
+
+    def __init__(self, spec: HOGSpec, architecture: Architecture) -> None:
+        super().__init__()
+        widths = architecture.widths
+        self.gain = nn.Parameter(torch.ones(1))
+        self.inp = nn.Conv2d(spec.channels + spec.bins + spec.cell_size[0] ** 2, widths[0], 3, padding=1)
+        body: list[nn.Module] = []
+        for level, (width, blocks) in enumerate(zip(widths, architecture.blocks, strict=True)):
+            body += [_Block(width) for _ in range(blocks)]
+            if level + 1 < len(widths):
+                body += [nn.Conv2d(width, 4 * widths[level + 1], 1), nn.PixelShuffle(2)]
+        self.body = nn.Sequential(*body)
+        self.out = nn.Conv2d(widths[-1], 1, 3, padding=1)
+        nn.init.zeros_(self.out.weight)
+        nn.init.zeros_(_bias(self.out))
+
+    def forward(self, inputs: Inputs) -> Tensor:
+        """Images of zero mean and unit variance, as far as it can tell."""
+        correction: Tensor = self.out(self.body(self.inp(inputs.cells)))
+        return self.gain * inputs.integral + correction
+
+
+def weight_count(spec: HOGSpec, architecture: Architecture) -> int:
+    """The number of weights of a network, found without making one."""
+    with torch.device("meta"):
+        return sum(weight.numel() for weight in PriorNetwork(spec, architecture).parameters())

@@ -1,0 +1,140 @@
+"""Region signs: which side of each edge is the brighter one, as far as an unsigned descriptor can tell.
+
+An unsigned histogram says how strong a cell's edges are and where they point, but not which of the two ways.  The signs
+are not free, though: they must make a gradient field, one that integrates to an image.  Along a contour they therefore
+agree, and around a closed path they must add up to nothing.  With one sign s per cell this is a quadratic problem,
+
+    min over images u and signs s ∈ {-1, 1}:   Σ_cells τ (∂u/∂n - s a)² + (∂u/∂t)²   +   μ Σ_neighbours (u_p - u_q)²,
+
+n the cell's dominant gradient direction, t the direction along its edge, a its votes' resultant.  For given signs the
+best u is linear in s, which leaves sᵀQs: a maximum-cut problem.  It is relaxed to unit vectors instead of signs
+(Goemans & Williamson 1995) of low dimension (Burer & Monteiro 2003), solved by the generalised power method, rounded by
+random hyperplanes, and improved by single flips.
+
+What remains unknown is one sign for the whole image (:mod:`.polarity`), and every region's that no edge ties to others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn.functional import avg_pool2d, interpolate, normalize, pad
+
+from ..hog.spec import HOGSpec
+
+SMOOTHING = 0.1  # μ: the mask [-1, 0, 1] splits the grid in four; this ties them together again
+TRUST = 0.1  # τ of cells of several pixels, whose votes may cancel: a is then an upper bound only
+DIMENSION = 12  # of the relaxed signs
+ITERATIONS = 300  # of the power method
+ROUNDINGS = 32  # random hyperplanes
+MAX_CELLS = 1024  # Q is dense; a larger grid is solved at half its resolution
+
+
+@dataclass(frozen=True)
+class SignedCells:
+    """Images of one gray value a cell, for several choices of signs.
+
+    Attributes:
+        images: (B, K, rows, cols), in the units of the votes, the choice of least energy first; each of zero mean, and
+            of the sign that agrees best with the first.
+        energy: (B, K), sᵀQs.
+    """
+
+    images: Tensor
+    energy: Tensor
+
+
+def signed_cells(votes: Tensor, spec: HOGSpec, count: int, seed: int) -> SignedCells:
+    """The ``count`` best sign patterns found for unsigned histograms (B, bins, rows, cols), as images of cells."""
+    rows, cols = votes.shape[2:]
+    if rows * cols > MAX_CELLS:
+        halves = [2 if n > 1 else 1 for n in (rows, cols)]
+        even = pad(votes, (0, -cols % halves[1], 0, -rows % halves[0]))
+        coarse = signed_cells(avg_pool2d(even, halves), spec, count, seed)
+        images = interpolate(2 * coarse.images, size=even.shape[2:], mode="bilinear", align_corners=False)
+        return SignedCells(_centred(images[..., :rows, :cols]), coarse.energy)
+    single = spec.cell_size == (1, 1)
+    response, energy = _sign_problem(votes.double(), spec, 1.0 if single else TRUST)
+    signs, energies = _round(energy, _relax(energy, seed), count, seed)
+    images = torch.einsum("bij,bkj->bki", response, signs)
+    images = _centred(images.view(-1, count, rows, cols))
+    agreement = torch.sign((images * images[:, :1]).sum(dim=(2, 3), keepdim=True))
+    images = torch.where(agreement < 0, -images, images)
+    return SignedCells(images.to(votes), energies.to(votes))
+
+
+def _centred(images: Tensor) -> Tensor:
+    return images - images.mean(dim=(2, 3), keepdim=True)
+
+
+def dominant_gradient(votes: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
+    """Length and angle, each (B, rows, cols), of the votes' resultant; opposite directions count as one."""
+    bins = torch.arange(spec.bins, dtype=votes.dtype, device=votes.device)
+    doubled = 2 * (bins + spec.bin_offset) * spec.period / spec.bins
+    x, y = (torch.einsum("bkrc,k->brc", votes, f(doubled)) for f in (torch.cos, torch.sin))
+    return torch.hypot(x, y), torch.atan2(y, x) / 2
+
+
+def _differences(n: int, like: Tensor) -> tuple[Tensor, Tensor]:
+    """The mask [-1, 0, 1], 0 at both ends, and the differences of neighbours, as matrices (n, n) and (n - 1, n)."""
+    steps = torch.diff(torch.eye(n, dtype=like.dtype, device=like.device), dim=0)
+    central = torch.zeros(n, n, dtype=like.dtype, device=like.device)
+    central[1:-1] = steps[1:] + steps[:-1]
+    return central, steps
+
+
+def _sign_problem(votes: Tensor, spec: HOGSpec, trust: float) -> tuple[Tensor, Tensor]:
+    """(B, n, n) matrices, n cells: signs to their best image, and Q."""
+    rows, cols = votes.shape[2:]
+    eye_r, eye_c = (torch.eye(n, dtype=votes.dtype, device=votes.device) for n in (rows, cols))
+    (central_y, steps_y), (central_x, steps_x) = _differences(rows, votes), _differences(cols, votes)
+    # cells that are not square: a step along the longer side passes more pixels of the same gradient
+    height, width = spec.cell_size
+    across_x, across_y = (height / width) ** 0.5, (width / height) ** 0.5
+    dx, dy = across_x * torch.kron(eye_r, central_x), across_y * torch.kron(central_y, eye_c)
+    neighbours = torch.cat([torch.kron(eye_r, steps_x), torch.kron(steps_y, eye_c)])
+
+    strength, angle = (field.flatten(1).unsqueeze(2) for field in dominant_gradient(votes, spec))
+    unit = strength.square().mean(dim=1, keepdim=True).sqrt()
+    strength = strength / torch.where(unit > 0, unit, 1)
+    across = torch.cos(angle) * dx + torch.sin(angle) * dy
+    along = torch.cos(angle) * dy - torch.sin(angle) * dx
+    fixed = SMOOTHING * neighbours.T @ neighbours + 1e-3 / (rows * cols)  # the last term makes the mean 0
+    system = trust * across.mT @ across + along.mT @ along + fixed
+    pull = trust * across.mT * strength.mT
+    response = torch.linalg.solve(system, pull)
+    energy = trust * torch.diag_embed(strength.squeeze(2).square()) - pull.mT @ response
+    return response * unit, (energy + energy.mT) / 2
+
+
+def _relax(energy: Tensor, seed: int) -> Tensor:
+    """(B, n, n) to unit vectors (B, n, DIMENSION) of low Σ_ij Q_ij v_i·v_j."""
+    generator = torch.Generator().manual_seed(seed)
+    vectors = torch.randn(1, energy.shape[1], DIMENSION, generator=generator, dtype=torch.float64)
+    vectors = normalize(vectors.to(energy).expand(len(energy), -1, -1), dim=2)
+    free = energy - torch.diag_embed(torch.diagonal(energy, dim1=1, dim2=2))  # s_i² = 1 whatever s
+    shift = torch.linalg.matrix_norm(free, ord=2).reshape(-1, 1, 1) / 2  # half of what makes each step a sure descent
+    for _ in range(ITERATIONS):
+        vectors = normalize(shift * vectors - free @ vectors, dim=2)
+    return vectors
+
+
+def _round(energy: Tensor, vectors: Tensor, count: int, seed: int) -> tuple[Tensor, Tensor]:
+    """Signs (B, count, n) and their energies (B, count), lowest first."""
+    n, dimension = vectors.shape[1:]
+    roundings = max(ROUNDINGS, count)
+    generator = torch.Generator().manual_seed(seed)
+    planes = torch.randn(1, dimension, roundings, generator=generator, dtype=torch.float64).to(vectors)
+    signs = torch.where((vectors @ planes).mT < 0, -1.0, 1.0).to(energy)
+    free = energy - torch.diag_embed(torch.diagonal(energy, dim1=1, dim2=2))
+    for _ in range(n):  # flip, in every rounding, the sign that gains most, while one does
+        gain, best = (signs * (signs @ free)).max(dim=2, keepdim=True)
+        if not (gain > 1e-9).any():
+            break
+        flip = torch.zeros_like(signs).scatter(2, best, (gain > 1e-9).to(signs))
+        signs = signs * (1 - 2 * flip)
+    energies = ((signs @ energy) * signs).sum(dim=2)
+    energies, order = energies.sort(dim=1, stable=True)
+    return signs.gather(1, order.unsqueeze(2).expand_as(signs))[:, :count], energies[:, :count]

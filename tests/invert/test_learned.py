@@ -1,0 +1,378 @@
+"""Learned priors: what is saved comes back, what is wrong is refused, and training neither depends on luck nor on
+interruptions."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import random
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+import nablahog
+from nablahog import LearnedPrior, hog, presets, train_prior
+from nablahog.hog import FourBlockNorm, GlobalNorm, HOGSpec
+from nablahog.hog.descriptor import histograms
+from nablahog.invert import network, training
+from nablahog.invert.crops import draw_crops
+from nablahog.invert.learned import Training
+from nablahog.invert.mirror import mirrored
+from nablahog.invert.network import CELLS, Architecture, check_spec, default_architecture, network_inputs, weight_count
+
+from .photographs import photograph
+
+SPEC = presets.uoctti(8)
+TINY = Architecture((8, 8, 8, 8), (1, 1, 0, 0))
+EPOCHS = 3
+
+
+def _prior(spec: HOGSpec = SPEC) -> LearnedPrior:
+    """One that has learned nothing, of random weights."""
+    generator = torch.Generator().manual_seed(1)
+    weights = 0.2 * torch.randn(weight_count(spec, TINY), generator=generator)
+    return LearnedPrior(spec, TINY, weights.half(), Training(("a", "b"), "00", 2, 3, (1.5, 0.1 + 0.2)))
+
+
+# --- files
+
+
+def test_round_trip(tmp_path: Path) -> None:
+    prior = _prior()
+    prior.save(tmp_path / "p")
+    assert os.listdir(tmp_path) == ["p"]
+    stored = LearnedPrior.load(tmp_path / "p")
+    assert torch.equal(stored.weights, prior.weights)
+    assert (stored.spec, stored.architecture, stored.training) == (prior.spec, prior.architecture, prior.training)
+    descriptor = hog(photograph(64), SPEC)
+    expected = prior.expected(descriptor, SPEC, (64, 64))
+    assert torch.equal(stored.expected(descriptor, SPEC, (64, 64)), expected)
+
+
+def _changed(path: Path, **changed: Any) -> None:
+    _prior().save(path)
+    with np.load(path, allow_pickle=False) as archive:
+        arrays = {**archive, **changed}
+    np.savez(path, **{name: value for name, value in arrays.items() if value is not None})
+
+
+def _weights(count: int, value: float = 0.0) -> np.ndarray[Any, Any]:
+    return np.full(count, value, np.float16)
+
+
+COUNT = weight_count(SPEC, TINY)
+WRONG: dict[str, tuple[dict[str, Any], str]] = {
+    "NaN": ({"weights": _weights(COUNT, np.nan)}, "must be finite, got NaN or Inf"),
+    "Inf": ({"weights": _weights(COUNT, np.inf)}, "must be finite, got NaN or Inf"),
+    "too few weights": (
+        {"weights": _weights(COUNT - 1)},
+        rf"shape \({COUNT},\), got torch.float16 of \({COUNT - 1},\)",
+    ),
+    "weights of another type": ({"weights": np.zeros(COUNT, np.float32)}, "must be float16, got float32"),
+    "another spec": ({"spec": np.array(presets.uoctti(4).to_json())}, "do not lead from cells of 4 pixels"),
+    "an unsigned spec": ({"spec": np.array(presets.paper(8).to_json())}, "signed gradients only"),
+    "no spec": ({"spec": np.array("{}")}, "not the JSON of a HOGSpec"),
+    "other widths": ({"widths": np.array([8, 8, 8, 9])}, "the weights must be"),
+    "no widths": ({"widths": np.array([8, 8, 8, 0])}, "widths must be integers of 1 … 1024"),
+    "fractional widths": ({"widths": np.array([8.0, 8, 8, 8])}, "widths must be a list of integers, got float64"),
+    "more blocks": ({"blocks": np.array([1, 1, 0, 0, 0])}, "as many widths as blocks"),
+    "no account of the training": ({"training": np.array("{}")}, "its account of the training cannot be read"),
+    "a later format": ({"format": np.array(2)}, "learned priors of format 1, got 2"),
+    "no weights": ({"weights": None}, "expected a learned prior, but the archive lacks weights"),
+    "pickled": ({"training": np.array([{}], dtype=object)}, "pickled objects, which are never loaded"),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_wrong_contents(tmp_path: Path, what: str) -> None:
+    changed, message = WRONG[what]
+    _changed(tmp_path / "p.npz", **changed)
+    with pytest.raises(ValueError, match=message) as caught:
+        LearnedPrior.load(tmp_path / "p.npz")
+    assert str(caught.value).startswith(f"{tmp_path / 'p.npz'}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_damaged_files(tmp_path: Path) -> None:
+    path = tmp_path / "p.npz"
+    with pytest.raises(FileNotFoundError, match="no such file"):
+        LearnedPrior.load(path)
+    _prior().save(path)
+    whole = path.read_bytes()
+    middle = len(whole) // 2
+    turned = whole[:middle] + bytes([whole[middle] ^ 0xFF]) + whole[middle + 1 :]
+    for damaged in (b"", b"hello", whole[:100], whole[:middle], whole[:-1], turned):
+        path.write_bytes(damaged)
+        with pytest.raises(ValueError, match=r"expected a learned prior|damaged"):
+            LearnedPrior.load(path)
+
+
+# --- what to expect
+
+
+@pytest.mark.parametrize("size", [(64, 64), (43, 50), (8, 8), (61, 9)])
+def test_expected_has_the_images_size(size: tuple[int, int]) -> None:
+    descriptor = hog(photograph(64)[..., : size[0], : size[1]], SPEC)
+    expected = _prior().expected(descriptor, SPEC, size)
+    assert expected.shape == (1, 1, *size)
+    assert expected.dtype == descriptor.dtype
+    assert torch.isfinite(expected).all()
+    assert float(expected.mean()) == pytest.approx(0.5, abs=1e-4)
+    found = nablahog.reconstruct(descriptor, SPEC, size, expected=expected, max_evaluations=4)
+    assert torch.isfinite(found.image).all()
+
+
+def test_expected_of_a_batch_is_that_of_each() -> None:
+    photographs = torch.cat([photograph(64, name)[..., :44, :] for name in ("camera", "coins")])
+    descriptors = hog(photographs, SPEC)
+    prior = _prior()
+    together = prior.expected(descriptors, SPEC, (44, 64))
+    alone = [prior.expected(descriptor[None], SPEC, (44, 64)) for descriptor in descriptors]
+    torch.testing.assert_close(together, torch.cat(alone), atol=1e-3, rtol=0)
+
+
+def test_expected_of_the_mirrored_image_is_mirrored() -> None:
+    image = photograph(64)
+    prior = _prior()
+    one, other = (prior.expected(hog(each, SPEC), SPEC, (64, 64)) for each in (image, image.flip(3)))
+    torch.testing.assert_close(other, one.flip(3), atol=1e-3, rtol=0)
+
+
+def test_expected_has_the_contrast_of_the_histograms() -> None:
+    image = photograph(64)
+    expected = _prior().expected(hog(image, SPEC), SPEC, (64, 64))
+    votes = network_inputs(hog(image, SPEC), SPEC, 64, 64).votes
+    own = histograms(expected, SPEC)
+    assert float((own * votes).sum() / own.square().sum()) == pytest.approx(1, abs=1e-3)
+
+
+def test_a_known_contrast_is_kept() -> None:
+    """Eq. 7 as printed tells the contrast; half of it is expected at half of it."""
+    spec = dataclasses.replace(presets.paper(8), signed=True, bins=18)
+    image = photograph(64)
+    prior = _prior(spec)
+    whole, half = (prior.expected(hog(0.5 + c * (image - 0.5), spec), spec, (64, 64)) - 0.5 for c in (1, 0.5))
+    torch.testing.assert_close(half, whole / 2, atol=1e-3, rtol=0)
+
+
+def test_a_flat_image() -> None:
+    expected = _prior().expected(hog(torch.full((1, 1, 32, 32), 0.3), SPEC), SPEC, (32, 32))
+    torch.testing.assert_close(expected, torch.full((1, 1, 32, 32), 0.5))
+
+
+def test_double_precision_and_the_name() -> None:
+    descriptor = hog(photograph(64).double(), SPEC)
+    renamed = dataclasses.replace(SPEC, name="mine")
+    assert _prior().expected(descriptor, renamed, (64, 64)).dtype == torch.float64
+
+
+def test_what_does_not_fit() -> None:
+    prior, descriptor = _prior(), hog(photograph(64), SPEC)
+    for other, message in [
+        (presets.uoctti(4), r"its cell_size is \(8, 8\), the uoctti descriptor's \(4, 4\)"),
+        (presets.uoctti(8, vote="hard"), "its vote is 'linear', the uoctti descriptor's 'hard'"),
+    ]:
+        with pytest.raises(ValueError, match=f"learned for another spec: {message}"):
+            prior.expected(descriptor, other, (64, 64))
+    for wrong, size in [(descriptor, (64, 72)), (descriptor[..., :30], (64, 64)), (descriptor[0], (64, 64))]:
+        with pytest.raises(ValueError, match="must have shape"):
+            prior.expected(wrong, SPEC, size)
+    with pytest.raises(ValueError, match="must be finite"):
+        prior.expected(descriptor / 0, SPEC, (64, 64))
+
+
+def _dialect(**changes: Any) -> HOGSpec:
+    return dataclasses.replace(presets.paper(4), name="test", **changes)
+
+
+MIRRORED = {
+    "uoctti": presets.uoctti(4),
+    "uoctti of gray": presets.uoctti((6, 4), colour="gray", orientations=7),
+    "paper": presets.paper(4),
+    "robust": presets.paper((3, 8), bins=6, bin_offset=0, global_form="robust"),
+    "replicate": _dialect(border="replicate", partial_cells="ceil", cell_size=(5, 4)),
+    "zero": _dialect(border="zero", colour="largest", signed=True, bins=12),
+    "odd": _dialect(signed=True, bins=7, bin_offset=0.25),
+    "four blocks, bins on edges": _dialect(signed=True, bins=12, bin_offset=0.5, normalizer=FourBlockNorm(0.5, 0.35)),
+}
+NOT_MIRRORED = {
+    "hard votes": (presets.uoctti(4, vote="hard"), 24),
+    "bins off the axis": (_dialect(bin_offset=0.25), 24),
+    "odd signed bins on it": (_dialect(signed=True, bins=7, bin_offset=0.0, normalizer=GlobalNorm()), 24),
+    "a part of a cell": (presets.uoctti(4), 26),
+    "less than a cell": (presets.paper(4), 25),
+}
+
+
+@pytest.mark.parametrize("name", MIRRORED)
+def test_mirrored(name: str) -> None:
+    spec = MIRRORED[name]
+    images = torch.rand(2, 3, 21, 24, dtype=torch.float64)
+    found = mirrored(hog(images, spec), spec, 24)
+    assert found is not None
+    torch.testing.assert_close(found, hog(images.flip(3), spec), atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize("name", NOT_MIRRORED)
+def test_not_mirrored(name: str) -> None:
+    spec, width = NOT_MIRRORED[name]
+    assert mirrored(hog(torch.rand(1, 1, 21, width), spec), spec, width) is None
+
+
+# --- learning
+
+
+@pytest.fixture
+def images(monkeypatch: pytest.MonkeyPatch) -> dict[str, Tensor]:
+    """Four small photographs, two to a step, whose histograms are found in a hurry."""
+    monkeypatch.setattr(training, "BATCH", 2)
+    monkeypatch.setattr(network, "HISTOGRAM_EVALUATIONS", 5)
+    names = ("camera", "coins", "clock", "brick")
+    return {name: photograph(64, name)[0, 0, :40, :48].contiguous() for name in names}
+
+
+def _trained(images: dict[str, Tensor], **options: Any) -> LearnedPrior:
+    return train_prior(images, SPEC, **{"epochs": EPOCHS, "architecture": TINY, **options})
+
+
+def test_the_seed_decides(images: dict[str, Tensor]) -> None:
+    first = _trained(images)
+    torch.rand(1)  # the global generator does not
+    second = _trained(dict(reversed(images.items())))
+    assert torch.equal(first.weights, second.weights)
+    assert first.training == second.training
+    assert first.training.images == ("brick", "camera", "clock", "coins")
+    assert len(first.training.losses) == first.training.epochs == EPOCHS
+    other = _trained(images, seed=1)
+    assert not torch.equal(first.weights, other.weights)
+    assert _trained({**images, "brick": images["coins"]}).training.sha256 != first.training.sha256
+
+
+def test_the_global_generator_is_left_alone(images: dict[str, Tensor]) -> None:
+    before = torch.get_rng_state()
+    _trained(images, epochs=1)
+    assert torch.equal(torch.get_rng_state(), before)
+
+
+def test_training_lowers_the_loss(images: dict[str, Tensor]) -> None:
+    rounds = training.ROUNDS
+    losses = _trained(images, epochs=3 * rounds).training.losses
+    assert sum(losses[-rounds:]) < 0.95 * sum(losses[:rounds])  # of the same crops
+
+
+class _Stop:
+    """Progress that is interrupted when ``at`` steps are done."""
+
+    def __init__(self, at: int | None) -> None:
+        self.at = at
+        self.seen: list[int] = []
+
+    def __call__(self, done: int, total: int, what: str) -> None:
+        if done == self.at:
+            raise KeyboardInterrupt
+        self.seen.append(done)
+
+
+def test_interrupted_and_resumed(tmp_path: Path, images: dict[str, Tensor]) -> None:
+    path = tmp_path / "kept"
+    undisturbed = _trained(images)
+    with pytest.raises(KeyboardInterrupt):
+        _trained(images, checkpoint=path, progress=_Stop(3))  # two steps an epoch: in the middle of the second
+    resumed = _Stop(None)
+    found = _trained(images, checkpoint=path, progress=resumed)
+    assert resumed.seen == [2, 3, 4, 5, 6]
+    assert torch.equal(found.weights, undisturbed.weights)
+    assert found.training == undisturbed.training
+    again = _Stop(None)
+    assert torch.equal(_trained(images, checkpoint=path, progress=again).weights, undisturbed.weights)
+    assert again.seen == [6]
+    assert os.listdir(tmp_path) == ["kept"]
+
+
+def test_checkpoints_of_another_training(tmp_path: Path, images: dict[str, Tensor]) -> None:
+    path = tmp_path / "kept"
+    _trained(images, epochs=1, checkpoint=path)
+    for changed, message in [
+        ({"seed": 1}, "seed"),
+        ({"epochs": 2}, "epochs"),
+        ({"architecture": Architecture((8, 8, 8, 9), (1, 1, 0, 0))}, "architecture"),
+        ({"images": {"camera": images["camera"]}}, "images"),
+    ]:
+        options: dict[str, Any] = {"images": images, "epochs": 1, **changed}
+        with pytest.raises(ValueError, match=rf"checkpoint of another training \(of other {message}\)"):
+            _trained(checkpoint=path, **options)
+
+
+def test_damaged_checkpoints(tmp_path: Path, images: dict[str, Tensor]) -> None:
+    path = tmp_path / "kept"
+    _trained(images, epochs=1, checkpoint=path)
+    whole = path.read_bytes()
+    with np.load(path, allow_pickle=False) as archive:
+        arrays = dict(archive)
+
+    def replaced(**changed: Any) -> Callable[[], None]:
+        def write() -> None:
+            with open(path, "wb") as file:
+                np.savez(file, **{**arrays, **changed})
+
+        return write
+
+    damages: list[tuple[Callable[[], object], str]] = [
+        (lambda: path.write_bytes(whole[: len(whole) // 2]), "expected a checkpoint of a training"),
+        (lambda: path.write_bytes(b""), "expected a checkpoint of a training"),
+        (replaced(state=arrays["state"][:, 1:]), "the checkpoint is damaged"),
+        (replaced(state=arrays["state"] * np.float32(np.nan)), "the checkpoint is damaged"),
+        (replaced(losses=np.array("x")), "the checkpoint is damaged"),
+        (replaced(identity=np.array("{}")), "the checkpoint cannot be read"),
+        (replaced(identity=np.array([{}], dtype=object)), "pickled objects, which are never loaded"),
+    ]
+    for damage, message in damages:
+        damage()
+        with pytest.raises(ValueError, match=message) as caught:
+            _trained(images, epochs=1, checkpoint=path)
+        assert str(caught.value).startswith(f"{path}: ")
+
+
+def test_what_cannot_be_learned_from(images: dict[str, Tensor]) -> None:
+    camera = images["camera"]
+    wrong: list[tuple[dict[str, Any], str]] = [
+        ({"images": {}}, "expected images to learn from, got none"),
+        ({"images": {"a": camera[:31]}}, "a: expected at least 32x32 pixels, got 31x48"),
+        ({"images": {"a": camera * 255}}, "a: expected an image"),
+        ({"images": {"a": camera.double()}}, "a: expected an image"),
+        ({"images": {"a": camera * torch.nan}}, "a: expected an image"),
+        ({"images": {"a": camera[None]}}, "a: expected an image"),
+        ({"epochs": 0}, "epochs must be at least 1, got 0"),
+        ({"architecture": Architecture((8, 8, 8), (0, 0, 0))}, "3 resolutions do not lead from cells of 8 pixels"),
+    ]
+    for changed, message in wrong:
+        with pytest.raises(ValueError, match=message):
+            _trained(**{"images": images, **changed})
+
+
+def test_default_architectures() -> None:
+    for cell in CELLS:
+        check_spec(presets.uoctti(cell), default_architecture(presets.uoctti(cell)))
+    for spec, message in [
+        (presets.uoctti(32), "square cells of 2, 4, 8, 16 pixels only, got 32x32"),
+        (presets.uoctti(3), "got 3x3"),
+        (presets.uoctti((8, 4)), "got 8x4"),
+        (presets.paper(8), "paper does not tell an image from its negative"),
+    ]:
+        with pytest.raises(ValueError, match=message):
+            train_prior({}, spec)
+
+
+def test_crops() -> None:
+    large = photograph(64).expand(-1, -1, -1, 64)[0, 0].repeat(3, 5)  # 192x320
+    for images in ([large, large], [large, large[:32, :40]]):
+        for seed in range(20):
+            crops = draw_crops(images, 8, random.Random(seed))
+            assert crops.shape[:2] == (2, 1)
+            assert all(16 < side <= 128 for side in crops.shape[2:])
+            assert 0 <= crops.min() <= crops.max() <= 1

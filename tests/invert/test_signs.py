@@ -1,0 +1,266 @@
+"""Region signs: the directions they are for, the energy they minimise, and what they make of known images."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from torch import Tensor
+from torch.nn.functional import avg_pool2d
+
+from nablahog import HOGSpec, presets
+from nablahog.hog.descriptor import histograms
+from nablahog.invert.signs import SMOOTHING, TRUST, dominant_gradient, signed_cells
+
+SIDE = 12  # cells
+
+
+def correlation(a: Tensor, b: Tensor) -> float:
+    return float(torch.corrcoef(torch.stack([a.flatten(), b.flatten()]))[0, 1])
+
+
+def ramp(angle: float, size: int) -> Tensor:
+    """(1, 1, size, size), rising by 0.01 a pixel towards ``angle``."""
+    y, x = torch.meshgrid(*(torch.arange(size, dtype=torch.float64),) * 2, indexing="ij")
+    return (0.5 + 0.01 * (math.cos(angle) * x + math.sin(angle) * y))[None, None]
+
+
+def scene(name: str, height: int, width: int | None = None) -> Tensor:
+    """(1, 1, height, width): regions whose signs all edges tie together."""
+    y, x = torch.meshgrid(*(torch.arange(n, dtype=torch.float64) / n for n in (height, width or height)), indexing="ij")
+    image = {
+        "disc": (x - 0.5).square() + (y - 0.5).square() < 0.09,
+        "square": (x - 0.5).abs().maximum((y - 0.5).abs()) < 0.3,
+        "bump": torch.exp(-((x - 0.5).square() + (y - 0.4).square()) / 0.05),
+        "waves": torch.sin(7 * x) * torch.cos(5 * y),
+    }[name]
+    return image.double()[None, None]
+
+
+def random_votes(seed: int, rows: int, cols: int, batch: int = 1) -> Tensor:
+    generator = torch.Generator().manual_seed(seed)
+    return torch.rand(batch, 9, rows, cols, generator=generator, dtype=torch.float64)
+
+
+def least_squares(votes: Tensor, spec: HOGSpec, trust: float) -> tuple[Tensor, Tensor]:
+    """The module's problem solved for every sign pattern: all energies, and the image (rows, cols) of the least."""
+    rows, cols = votes.shape[2:]
+    length, angle = (field[0].flatten() for field in dominant_gradient(votes, spec))
+    unit = length.square().mean().sqrt()
+    equations, pulls = [], []  # u times an equation is to be the sign times a pull
+    for y, x in itertools.product(range(rows), range(cols)):
+        dx, dy = torch.zeros(2, rows, cols, dtype=torch.float64)
+        if 0 < x < cols - 1:
+            dx[y, x + 1], dx[y, x - 1] = 1, -1
+        if 0 < y < rows - 1:
+            dy[y + 1, x], dy[y - 1, x] = 1, -1
+        cell = y * cols + x
+        across = torch.cos(angle[cell]) * dx + torch.sin(angle[cell]) * dy
+        along = torch.cos(angle[cell]) * dy - torch.sin(angle[cell]) * dx
+        pull = torch.zeros(rows * cols, dtype=torch.float64)
+        pull[cell] = length[cell] / unit
+        equations += [math.sqrt(trust) * across, along]
+        pulls += [math.sqrt(trust) * pull, torch.zeros_like(pull)]
+        for neighbour_y, neighbour_x in ((y, x + 1), (y + 1, x)):
+            if neighbour_y < rows and neighbour_x < cols:
+                difference = torch.zeros(rows, cols, dtype=torch.float64)
+                difference[y, x], difference[neighbour_y, neighbour_x] = 1, -1
+                equations.append(math.sqrt(SMOOTHING) * difference)
+                pulls.append(torch.zeros_like(pull))
+    matrix, targets = torch.stack(equations).flatten(1), torch.stack(pulls)
+    patterns = torch.tensor(list(itertools.product([-1.0, 1.0], repeat=rows * cols)), dtype=torch.float64)
+    images = torch.linalg.pinv(matrix) @ targets @ patterns.T  # the shortest: of zero mean
+    energies = (matrix @ images - targets @ patterns.T).square().sum(0)
+    return energies, images[:, energies.argmin()].view(rows, cols) * unit
+
+
+@given(angle=st.floats(0, 2 * math.pi))
+@pytest.mark.parametrize("spec", [presets.paper(8), presets.paper(8, bin_offset=0.0), presets.uoctti(8)], ids=repr)
+def test_the_dominant_gradient_of_a_ramp_is_its_own(spec: HOGSpec, angle: float) -> None:
+    votes = histograms(ramp(angle, 24), spec)
+    length, found = dominant_gradient(votes, spec)
+    error = (found[0, 1, 1].item() - angle + math.pi / 2) % math.pi - math.pi / 2
+    assert abs(error) < math.radians(0.2)  # Eq. 3 shares a vote along the chord between two bins, not the arc
+    total = votes[0, :, 1, 1].sum().item()
+    assert 0.9 * total < length[0, 1, 1].item() <= total * (1 + 1e-9)
+
+
+@given(angle=st.floats(0, 2 * math.pi))
+def test_opposite_gradients_are_one(angle: float) -> None:
+    for spec in (presets.paper(8), presets.uoctti(8)):
+        there, back = (dominant_gradient(histograms(ramp(a, 24), spec), spec) for a in (angle, angle + math.pi))
+        torch.testing.assert_close(there[0], back[0])
+        doubled = 2 * (there[1] - back[1])[0, 1, 1]
+        assert math.cos(doubled) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("bin_", range(9))
+def test_votes_of_one_bin_point_to_its_centre(bin_: int) -> None:
+    votes = torch.zeros(1, 9, 2, 3, dtype=torch.float64)
+    votes[:, bin_] = 3.0
+    length, angle = dominant_gradient(votes, presets.paper(8))
+    torch.testing.assert_close(length, torch.full((1, 2, 3), 3.0, dtype=torch.float64))
+    turn = (angle - math.radians(20 * bin_ + 10)) / math.pi
+    torch.testing.assert_close(turn, turn.round())
+
+
+@pytest.mark.parametrize("name", ["disc", "square", "bump", "waves"])
+@pytest.mark.parametrize("cell", [1, 4, 8])
+def test_known_regions_come_back_up_to_one_sign(name: str, cell: int) -> None:
+    spec = presets.paper(cell)
+    image = scene(name, SIDE * cell)
+    found = signed_cells(histograms(image, spec), spec, 1, seed=0).images
+    assert abs(correlation(found, avg_pool2d(image, cell))) > 0.95
+
+
+@pytest.mark.parametrize("cell", [(8, 4), (8, 2), (16, 4)])
+@pytest.mark.parametrize("name", ["disc", "bump"])
+def test_cells_need_not_be_square(name: str, cell: tuple[int, int]) -> None:
+    spec = presets.paper(cell)
+    image = scene(name, 96)
+    found = signed_cells(histograms(image, spec), spec, 1, seed=0).images
+    assert abs(correlation(found, avg_pool2d(image, cell))) > 0.97
+
+
+def test_cells_of_one_pixel_have_the_images_own_contrast() -> None:
+    # there votes are the gradients themselves; of a smooth image little is lost to their bins
+    spec = presets.paper(1)
+    image = scene("bump", SIDE)
+    found = signed_cells(histograms(image, spec), spec, 1, seed=0).images[0]
+    true = image[0] - image.mean()
+    slope = (found * true).sum() / true.square().sum()
+    assert slope.abs().item() == pytest.approx(1, abs=0.1)
+
+
+@pytest.mark.parametrize("cell", [1, 8])
+@pytest.mark.parametrize("size", [(3, 3), (2, 4), (1, 6)])
+def test_tiny_grids_reach_the_least_energy_of_all_patterns(size: tuple[int, int], cell: int) -> None:
+    spec = presets.paper(cell)
+    for seed in range(5):
+        votes = random_votes(seed, *size)
+        energies, image = least_squares(votes, spec, 1.0 if cell == 1 else TRUST)
+        found = signed_cells(votes, spec, 4, seed)
+        assert found.energy[0, 0].item() == pytest.approx(energies.min().item(), abs=1e-8)
+        for energy in found.energy[0]:
+            assert (energies - energy).abs().min() < 1e-8  # each is some pattern's
+        assert min((sign * found.images[0, 0] - image).abs().max() for sign in (1, -1)) < 1e-2 * image.abs().max()
+
+
+def test_choices_are_sorted_and_of_the_firsts_sign() -> None:
+    votes = random_votes(0, 7, 6, batch=3)
+    found = signed_cells(votes, presets.paper(8), 40, seed=0)  # more than are rounded without being asked for
+    assert found.images.shape == (3, 40, 7, 6)
+    assert found.energy.shape == (3, 40)
+    assert (found.energy.diff(dim=1) >= 0).all()
+    assert (found.energy[:, -1] > found.energy[:, 0] + 1e-6).all()
+    assert (found.energy > -1e-9).all()  # sums of squares
+    assert ((found.images * found.images[:, :1]).sum(dim=(2, 3)) >= 0).all()
+    torch.testing.assert_close(found.images.mean(dim=(2, 3)), torch.zeros(3, 40, dtype=torch.float64))
+    fewer = signed_cells(votes, presets.paper(8), 5, seed=0)
+    assert (fewer.energy[:, 0] >= found.energy[:, 0] - 1e-9).all()
+
+
+def test_the_same_seed_finds_the_same() -> None:
+    votes = random_votes(3, 8, 9)
+    first, again, other = (signed_cells(votes, presets.paper(8), 3, seed) for seed in (0, 0, 1))
+    assert torch.equal(first.images, again.images)
+    assert torch.equal(first.energy, again.energy)
+    assert not torch.equal(first.images, other.images)
+
+
+def test_batch_equals_loop_in_both_precisions() -> None:
+    spec = presets.paper(8)
+    votes = torch.cat([histograms(scene(name, 64), spec) for name in ("disc", "bump", "waves")])
+    together = signed_cells(votes, spec, 2, seed=0)
+    for i in range(3):
+        alone = signed_cells(votes[i : i + 1], spec, 2, seed=0)
+        torch.testing.assert_close(together.images[i], alone.images[0])
+        torch.testing.assert_close(together.energy[i], alone.energy[0])
+    single = signed_cells(votes.float(), spec, 2, seed=0)
+    assert single.images.dtype == single.energy.dtype == torch.float32
+    torch.testing.assert_close(single.images.double(), together.images, atol=1e-3, rtol=1e-3)
+
+
+def test_energy_does_not_depend_on_the_votes_unit_and_the_image_does() -> None:
+    votes = random_votes(1, 5, 6)
+    one, many = (signed_cells(unit * votes, presets.paper(8), 1, seed=0) for unit in (1.0, 1e4))
+    torch.testing.assert_close(one.energy, many.energy)
+    torch.testing.assert_close(1e4 * one.images, many.images)
+
+
+@pytest.mark.parametrize("size", [(4, 5), (1, 1), (1, 4), (2, 1), (2, 2)])
+@pytest.mark.parametrize("cell", [1, 8])
+def test_no_votes_make_no_image(size: tuple[int, int], cell: int) -> None:
+    found = signed_cells(torch.zeros(2, 9, *size), presets.paper(cell), 3, seed=0)
+    assert found.images.shape == (2, 3, *size)
+    assert (found.images == 0).all()
+    assert (found.energy == 0).all()
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 4), (3, 1), (2, 2)])
+def test_grids_of_a_few_cells(size: tuple[int, int]) -> None:
+    found = signed_cells(random_votes(0, *size), presets.paper(8), 3, seed=0)
+    assert torch.isfinite(found.images).all()
+    assert torch.isfinite(found.energy).all()
+
+
+@pytest.mark.parametrize("name", ["disc", "bump", "waves"])
+@pytest.mark.parametrize("size", [(15, 13), (16, 16), (13, 16)])
+def test_a_large_grid_is_solved_at_half_its_resolution(
+    name: str, size: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec = presets.paper(8)
+    image = scene(name, 8 * size[0], 8 * size[1])
+    votes = histograms(image, spec)
+    full = signed_cells(votes, spec, 2, seed=0)
+    monkeypatch.setattr("nablahog.invert.signs.MAX_CELLS", 64)
+    halved = signed_cells(votes, spec, 2, seed=0)
+    assert halved.images.shape == full.images.shape == (1, 2, *size)
+    assert halved.energy.shape == (1, 2)
+    assert not torch.equal(halved.images, full.images)
+    assert abs(correlation(halved.images[0, 0], avg_pool2d(image, 8))) > 0.93
+    assert 0.7 < (halved.images[0, 0].std() / full.images[0, 0].std()).item() < 1.3
+
+
+@pytest.mark.parametrize("size", [(9, 7), (8, 8), (33, 2), (2, 35), (5, 5), (17, 19)])
+def test_a_grid_is_halved_as_often_as_it_takes(size: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("nablahog.invert.signs.MAX_CELLS", 20)
+    found = signed_cells(random_votes(0, *size, batch=2), presets.paper(8), 3, seed=0)
+    assert found.images.shape == (2, 3, *size)
+    assert torch.isfinite(found.images).all()
+    assert (found.energy.diff(dim=1) >= 0).all()
+
+
+@pytest.mark.parametrize(
+    "size",
+    [
+        (8, 8),
+        pytest.param((9, 7)),
+    ],
+)
+def test_images_of_a_large_grid_have_zero_mean_too(size: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("nablahog.invert.signs.MAX_CELLS", 20)
+    images = signed_cells(random_votes(0, *size), presets.paper(8), 2, seed=0).images
+    torch.testing.assert_close(images.mean(dim=(2, 3)), torch.zeros(1, 2, dtype=torch.float64), atol=1e-9, rtol=0)
+
+
+@pytest.mark.parametrize("name", ["bump", "waves"])
+@pytest.mark.parametrize("motion", ["turn", "mirror", "upside down", "transpose"])
+def test_a_turned_image_has_turned_signs(name: str, motion: str) -> None:
+    def move(image: Tensor) -> Tensor:
+        if motion == "turn":
+            return image.rot90(1, (-2, -1))
+        return image.mT if motion == "transpose" else image.flip(-1 if motion == "mirror" else -2)
+
+    spec = presets.paper(8, bins=8)  # whose bins a quarter turn maps to each other
+    still, moved = (
+        signed_cells(histograms(x, spec), spec, 1, seed=0) for x in (scene(name, 64), move(scene(name, 64)))
+    )
+    torch.testing.assert_close(still.energy, moved.energy)
+    expected = move(still.images)
+    sign = torch.sign((expected * moved.images).sum())
+    torch.testing.assert_close(moved.images, sign * expected)
