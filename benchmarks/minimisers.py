@@ -18,38 +18,23 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from skimage import data
 from torch import Tensor
-from torch.nn.functional import interpolate
 
 from nablahog import HOGSpec, hog, presets
-from nablahog.hog.gradient import gray
-from nablahog.images import read_image
 from nablahog.invert.flat import FlatRegions
 from nablahog.invert.histograms import recover_histograms
 from nablahog.invert.objective import PreimageObjective
 from nablahog.invert.parameterize import CosineBasis
-from nablahog.invert.preimage import EXPONENT
 from nablahog.invert.priors import RelativeSmoothness
-from nablahog.invert.start import starting_image
+from nablahog.invert.search import EXPONENT
+from nablahog.invert.start import starting_images
 from nablahog.optimize import Minimiser, minimise
+from photographs import photographs
 
 SIDE, CELL = 128, 8
 EVALUATIONS = (50, 100, 200, 400)
 MOST = 600  # so that no method that is faster than L-BFGS is cut short at equal time
 NAMES: tuple[Minimiser, ...] = ("lbfgs", "dogleg", "momentum", "adam")  # L-BFGS first: its times are the others' limits
-SHIPPED = ("camera", "astronaut", "coffee", "coins", "chelsea", "clock", "rocket", "brick")
-
-
-def shipped() -> Tensor:
-    """(8, 1, 128, 128): photographs that scikit-image installs, cropped to a square, 8-bit levels."""
-    images = []
-    for name in SHIPPED:
-        picture = torch.from_numpy(np.atleast_3d(getattr(data, name)())).float()
-        side = min(picture.shape[:2])
-        square = gray(picture[:side, :side].permute(2, 0, 1)[None])
-        images.append(interpolate(square, size=(SIDE, SIDE), mode="area").round() / 255)
-    return torch.cat(images)
 
 
 def search(
@@ -69,7 +54,7 @@ def search(
         lowest.append(min([float(distance), *lowest[-1:]]))
 
     objective = PreimageObjective(descriptor, None, spec, basis, flat, (RelativeSmoothness(0.02),), report)
-    start = basis.unknowns(starting_image(votes, spec, SIDE, SIDE, seed=0))
+    start = basis.unknowns(starting_images(votes, spec, SIDE, SIDE, 1, seed=0)[:, 0])
     began = time.perf_counter()
     minimise(name, objective, start, max_evaluations=most, watch=lambda _, spent: evaluations.append(int(spent)))
     return evaluations, seconds, lowest
@@ -88,11 +73,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="write the figures of each image to this file, too")
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
-    if options.images is None:
-        images = shipped()[: options.limit]
-    else:
-        files = sorted(p for p in options.images.iterdir() if p.suffix.lower() in {".png", ".jpg", ".jpeg"})
-        images = torch.stack([gray(read_image(file)[None])[0] for file in files[: options.limit]])
+    images = photographs(options.images)[: options.limit]
 
     rows = []
     for spec in (presets.paper(CELL), presets.uoctti(CELL)):

@@ -1,6 +1,7 @@
 """Makes the pictures in docs/ from photographs that scikit-image installs: `python docs/pictures.py`.
 
 preimages.png: eight photographs of 128x128, their UoCTTI glyphs, pre-images and differences.
+scales.png: the multi-scale variants of the paper's descriptor, level by level.
 readme.png: one photograph of 256x256.
 """
 
@@ -16,6 +17,7 @@ from nablahog import hog, metrics, presets, reconstruct
 from nablahog.draw import Panel, contact_sheet, difference, glyphs
 from nablahog.hog.gradient import gray
 from nablahog.images import limit_size
+from nablahog.invert import reconstruct_multiscale, scale_descriptors
 
 HERE = Path(__file__).parent
 NAMES = ("astronaut", "camera", "chelsea", "coffee", "rocket", "coins", "clock", "brick")
@@ -30,7 +32,28 @@ def photograph(name: str, size: int) -> Tensor:
     return gray(limit_size(picture[:, top : top + side, left : left + side] / 255, size)[None])
 
 
+def scales() -> None:
+    spec = presets.paper(cell_size=8)
+    names = ("astronaut", "coffee", "rocket")
+    images = torch.cat([photograph(name, 128) for name in names])
+    variants = {
+        "multi-scale": reconstruct_multiscale(hog(images, spec), spec),
+        "multi-scale-more": reconstruct_multiscale(scale_descriptors(images, spec), spec),
+    }
+    rows = []
+    for i, name in enumerate(names):
+        row = [Panel(images[i, 0], name)]
+        for variant, levels in variants.items():
+            for level in levels:
+                height, width = level.found.image.shape[2:]
+                enlarged = level.found.image[i].repeat_interleave(128 // height, 1).repeat_interleave(128 // width, 2)
+                row.append(Panel(enlarged[0], f"{variant}, 1/{level.scale}"))
+        rows.append(row)
+    contact_sheet(rows, height=128).convert("L").save(HERE / "scales.png", optimize=True)
+
+
 def main() -> None:
+    scales()
     spec = presets.uoctti(cell_size=8)
     images = torch.cat([photograph(name, 128) for name in NAMES])
     descriptors = hog(images, spec)
