@@ -208,7 +208,7 @@ def test_reconstruct_by_other_minimisers(name: str, minimiser: Minimiser) -> Non
 def test_several_samples_by_other_minimisers(minimiser: Minimiser) -> None:
     spec = dataclasses.replace(SPECS["paper"], signed=True, bins=18)
     descriptor = hog(torch.cat([photograph(32), photograph(32, "coins")]), spec)
-    found = reconstruct(descriptor, spec, max_evaluations=120, samples=3, minimiser=minimiser)
+    found = reconstruct(descriptor, spec, max_evaluations=120, samples=3, closeness=0.1, minimiser=minimiser)
     assert found.evaluations.max() <= 120
     assert found.history.shape == (int(found.evaluations.max()), 2)
     assert torch.isfinite(found.history).all()

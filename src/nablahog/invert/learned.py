@@ -24,7 +24,6 @@ from .preimage import Reconstruction, check_descriptor, reconstruct
 from .start import at_contrast
 
 FORMAT = 1
-CLOSENESS = 1.0  # λ, larger than for a mean of samples: what was learned is closer
 _ARRAYS = ("format", "spec", "widths", "blocks", "weights", "training")
 
 
@@ -127,8 +126,6 @@ class LearnedPrior:
         descriptor: Tensor,
         spec: HOGSpec,
         image_size: tuple[int, int] | None = None,
-        *,
-        closeness: float = CLOSENESS,
         **options: Any,
     ) -> Reconstruction:
         """:func:`nablahog.reconstruct` with what this prior expects, and its other ``options``.
@@ -140,7 +137,7 @@ class LearnedPrior:
         size = check_descriptor(descriptor, spec, image_size)
         began = time.perf_counter()
         expected = self.expected(descriptor, spec, size)
-        found = reconstruct(descriptor, spec, size, expected=expected, closeness=closeness, **options)
+        found = reconstruct(descriptor, spec, size, expected=expected, **options)
         return replace(found, seconds=time.perf_counter() - began)
 
     @cached_property

@@ -21,6 +21,7 @@ from .histograms import fixes_contrast, recover_histograms
 from .polarity import looks_negative, negated
 from .preimage import (
     MAX_EVALUATIONS,
+    WITHOUT_SAMPLES,
     Reconstruction,
     check_budget,
     check_descriptor,
@@ -30,6 +31,7 @@ from .preimage import (
 from .start import enlarge, starting_images
 
 SCALES = (64, 16, 4, 1)
+BEFORE_THE_LAST = 120  # evaluations of an image at a level before the last
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,7 @@ def reconstruct_multiscale(
     *,
     scales: Sequence[int] = SCALES,
     seed: int = 0,
-    max_evaluations: int = MAX_EVALUATIONS,
+    max_evaluations: int | None = None,
     closeness: float | None = None,
     polarity: bool = True,
     progress: Callable[[int, int], None] | None = None,
@@ -106,7 +108,8 @@ def reconstruct_multiscale(
         image_size: (height, width); by default whole cells.
         scales: falling square numbers.
         seed: of the noise.
-        max_evaluations: of an image at the last level; each level before may spend a quarter of it, "few iterations".
+        max_evaluations: of an image at the last level, by default as :func:`.preimage.reconstruct`; each level before
+            may spend 120 of them, "few iterations".
         closeness: to what a level expects, see :func:`.preimage.reconstruct`.
         polarity: whether, of an unsigned descriptor, the last level decides which of its image and the negative is the
             likelier, for all levels.
@@ -122,12 +125,14 @@ def reconstruct_multiscale(
         raise ValueError(f"the scales must fall from level to level, got {tuple(scales)}")
     if len(several) != len(scales):
         raise ValueError(f"expected a descriptor for each of {len(scales)} scales, got {len(several)}")
+    if max_evaluations is None:
+        max_evaluations = MAX_EVALUATIONS if spec.signed else WITHOUT_SAMPLES
     check_budget(max_evaluations)
     size = image_size or check_descriptor(several[-1], spec, None)  # the grid is the same at each level
     plan = [level_spec(spec, scale, size) for scale in scales]
     for descriptor, level in zip(several, plan, strict=True):
         check_descriptor(descriptor, *(level if more else (spec, size)))
-    budgets = [max(2, max_evaluations // 4)] * (len(scales) - 1) + [max_evaluations]
+    budgets = [min(BEFORE_THE_LAST, max_evaluations)] * (len(scales) - 1) + [max_evaluations]
     levels: list[Level] = []
     matched: list[Tensor] = []
     for scale, descriptor, (small, small_size), budget in zip(scales, several, plan, budgets, strict=True):

@@ -20,7 +20,8 @@ from .priors import Prior, Range, RelativeSmoothness
 from .search import Basis, Search
 from .start import at_contrast, noise, starting_images
 
-MAX_EVALUATIONS = 480
+MAX_EVALUATIONS = 1000
+WITHOUT_SAMPLES = 480  # evaluations where none are drawn
 SHARE_OF_SAMPLES = 0.75  # of the evaluations, the rest goes to the descriptor itself
 LEAST_EVALUATIONS = 30  # of a sample: fewer evaluations make fewer samples
 RANGE_WEIGHT = 100.0  # of mean squares of gray values
@@ -75,8 +76,8 @@ def reconstruct(
     image_size: tuple[int, int] | None = None,
     *,
     seed: int = 0,
-    max_evaluations: int = MAX_EVALUATIONS,
-    samples: int = 6,
+    max_evaluations: int | None = None,
+    samples: int = 8,
     closeness: float | None = None,
     start: Tensor | None = None,
     expected: Tensor | None = None,
@@ -104,12 +105,13 @@ def reconstruct(
         spec: the dialect that made it.
         image_size: (height, width); by default whole cells, rows · cell height and cols · cell width.
         seed: of the noise that the search starts from.  The same for every image of the batch.
-        max_evaluations: operator evaluations an image may spend, at least 2.
+        max_evaluations: operator evaluations an image may spend, at least 2; by default 1000 where several samples are
+            drawn, else 480.
         samples: of a signed descriptor, or where a ``start`` is given, at least 1; fewer are drawn if each could spend
             less than 30 evaluations.  A single one is where the descriptor itself is matched from, and nothing is
             expected.
         closeness: λ of :class:`.objective.PreimageObjective`, how strongly the image is kept at what is expected; by
-            default 0.3 for signed specs, 0.1 for unsigned ones.
+            default 1 for signed specs, 0.1 for unsigned ones, whose region signs are uncertain.
         start: (B, 1, H, W) in 0…1, images to begin with, of any contrast; by default what the votes integrate to.
         expected: (B, 1, H, W) in 0…1, of any contrast, instead of the samples' mean; no samples are drawn.
         smoothness: ξ of Eq. 9, on the distance's own scale (see :func:`.priors.smoothness`).
@@ -130,11 +132,14 @@ def reconstruct(
     height, width = check_descriptor(descriptor, spec, image_size)
     start = _checked("start", start, descriptor, (height, width))
     expected = _checked("expected", expected, descriptor, (height, width))
+    sampling = expected is None and samples > 1 and (spec.signed or start is not None)
+    if max_evaluations is None:
+        max_evaluations = MAX_EVALUATIONS if sampling else WITHOUT_SAMPLES
     check_budget(max_evaluations)
     if samples < 1:
         raise ValueError(f"samples must be at least 1, got {samples}")
     if closeness is None:
-        closeness = 0.3 if spec.signed else 0.1
+        closeness = 1.0 if spec.signed else 0.1
     for name, number in (("smoothness", smoothness), ("closeness", closeness)):
         if not 0 <= number < float("inf"):
             raise ValueError(f"{name} must be a finite number of at least 0, got {number}")
