@@ -20,7 +20,7 @@ from .methods import Method, Settings
 
 Figures: TypeAlias = dict[str, float | None]  # by metric; None where one is not defined
 PACKAGE = Path(__file__).parents[1]
-DECIDING = ("hog", "optimize", "invert", "metrics.py")
+DECIDING = ("compile.py", "hog", "optimize", "invert", "metrics.py")
 """The parts of the package that decide what is found and how it is measured."""
 
 

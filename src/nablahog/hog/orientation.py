@@ -5,18 +5,23 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import numpy.typing as npt
 import torch
 from torch import Tensor
 
 from .spec import HOGSpec
 
 
-def _vanishes(squared: Tensor) -> Tensor:
-    """Where a squared magnitude counts as 0: from there on its reciprocal's square would overflow in a derivative.
+def vanishing(dtype: torch.dtype) -> float:
+    """Squared magnitudes below this count as 0, for their reciprocal's square would overflow in a derivative.
 
     In float32 that is a gradient of 3e-10, a hundred-thousandth of the rounding error of a gray value.
     """
-    return squared < math.sqrt(torch.finfo(squared.dtype).tiny)
+    return math.sqrt(torch.finfo(dtype).tiny)
+
+
+def _vanishes(squared: Tensor) -> Tensor:
+    return squared < vanishing(squared.dtype)
 
 
 def magnitude(gx: Tensor, gy: Tensor) -> Tensor:
@@ -54,16 +59,23 @@ def _linear_votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
     return votes.scatter_add_(1, bins, weights * magnitude(gx, gy).unsqueeze(1))
 
 
-def _hard_votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
-    """The whole magnitude to the bin direction of largest |dot product|, the first on ties, as in VLFeat and DPM."""
+def hard_directions(spec: HOGSpec) -> npt.NDArray[np.float32]:
+    """(cos, sin) of the bin centres, (2, axes): of half of them where bins are signed, the others being opposite.
+
+    In float32, as VLFeat's: an exactly vertical gradient ties between two bins in 8-bit images.
+    """
     axes = spec.bins // 2 if spec.signed else spec.bins
     angles = (np.arange(axes) + spec.bin_offset) * math.pi / axes
-    # float32 tables, as VLFeat's: an exactly vertical gradient ties between two bins in 8-bit images
-    cos, sin = (torch.from_numpy(f(angles).astype(np.float32)).to(gx).view(-1, 1, 1) for f in (np.cos, np.sin))
+    return np.stack([np.cos(angles), np.sin(angles)]).astype(np.float32)
+
+
+def _hard_votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
+    """The whole magnitude to the bin direction of largest |dot product|, the first on ties, as in VLFeat and DPM."""
+    cos, sin = torch.from_numpy(hard_directions(spec)).to(gx).unsqueeze(2).unsqueeze(3)
     dots = gx.detach().unsqueeze(1) * cos + gy.detach().unsqueeze(1) * sin
     bins = dots.abs().max(dim=1, keepdim=True).indices
     if spec.signed:
-        bins = torch.where(dots.gather(1, bins) < 0, bins + axes, bins)
+        bins = torch.where(dots.gather(1, bins) < 0, bins + spec.bins // 2, bins)
     votes = gx.new_zeros((gx.shape[0], spec.bins, *gx.shape[1:]))
     return votes.scatter_add_(1, bins, magnitude(gx, gy).unsqueeze(1))
 

@@ -12,7 +12,7 @@ import math
 import torch
 from torch import Tensor
 
-from ..hog.normalize import normalize
+from ..hog.kernels import steps
 from ..hog.spec import GlobalNorm, HOGSpec
 from ..optimize import lbfgs
 from .objective import squared_norm
@@ -73,6 +73,7 @@ def _undo_blocks(target: Tensor, spec: HOGSpec, max_evaluations: int) -> Tensor:
     start = torch.log(directed / directed.amax(dim=(1, 2, 3), keepdim=True).clamp(min=tiny) + FLOOR)
     start += math.log(spec.value_range * NOMINAL_CONTRAST * spec.cell_size[0] * spec.cell_size[1])
     size = squared_norm(target)
+    _, normalize = steps(target.device)
     levels = CosineBasis(rows, cols, target, exponent=0.5)
 
     def histograms(unknowns: Tensor, index: Tensor) -> Tensor:

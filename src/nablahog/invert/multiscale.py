@@ -31,7 +31,7 @@ from .preimage import (
 from .start import enlarge, starting_images
 
 SCALES = (64, 16, 4, 1)
-BEFORE_THE_LAST = 120  # evaluations of an image at a level before the last
+BEFORE_THE_LAST = 120  # evaluations at most of an image at each level before
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def reconstruct_multiscale(
         scales: falling square numbers.
         seed: of the noise.
         max_evaluations: of an image at the last level, by default as :func:`.preimage.reconstruct`; each level before
-            may spend 120 of them, "few iterations".
+            may spend a quarter of it and at most 120, "few iterations".
         closeness: to what a level expects, see :func:`.preimage.reconstruct`.
         polarity: whether, of an unsigned descriptor, the last level decides which of its image and the negative is the
             likelier, for all levels.
@@ -132,7 +132,7 @@ def reconstruct_multiscale(
     plan = [level_spec(spec, scale, size) for scale in scales]
     for descriptor, level in zip(several, plan, strict=True):
         check_descriptor(descriptor, *(level if more else (spec, size)))
-    budgets = [min(BEFORE_THE_LAST, max_evaluations)] * (len(scales) - 1) + [max_evaluations]
+    budgets = [min(BEFORE_THE_LAST, max(2, max_evaluations // 4))] * (len(scales) - 1) + [max_evaluations]
     levels: list[Level] = []
     matched: list[Tensor] = []
     for scale, descriptor, (small, small_size), budget in zip(scales, several, plan, budgets, strict=True):

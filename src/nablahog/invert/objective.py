@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from ..hog.descriptor import histograms
+from ..hog.kernels import steps
 from ..hog.normalize import normalize
 from ..hog.spec import HOGSpec
 from .flat import FlatRegions
@@ -68,6 +69,7 @@ class PreimageObjective:
         self.report = report
         self.descriptor_size = squared_norm(descriptor)
         self.votes_size = None if votes is None else squared_norm(votes)
+        self.histograms, self.normalize = steps(descriptor.device)
         self.expected = expected
         if expected is not None:
             size = (expected - expected.mean(dim=(2, 3), keepdim=True)).square().sum(dim=(1, 2, 3))
@@ -118,14 +120,16 @@ class PreimageObjective:
     def _evaluate(self, unknowns: Tensor, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         unknowns = unknowns.detach().requires_grad_()
         image = self.image(unknowns, index)
-        cells = histograms(image, self.spec)
+        cells = self.histograms(image, self.spec)
         if self.votes is None or self.votes_size is None:
-            value = _share(normalize(cells, self.spec) - self.descriptor[index], self.descriptor_size[index])
+            value = _share(self.normalize(cells, self.spec) - self.descriptor[index], self.descriptor_size[index])
             distance = value.detach()
         else:
             value = _share(cells - self.votes[index], self.votes_size[index])
             with torch.no_grad():
-                distance = _share(normalize(cells, self.spec) - self.descriptor[index], self.descriptor_size[index])
+                distance = _share(
+                    self.normalize(cells, self.spec) - self.descriptor[index], self.descriptor_size[index]
+                )
         if self.expected is not None:
             value = value + self.closeness[index] * self._away(image, index).square().sum(1)
         for prior in self.priors:

@@ -8,12 +8,51 @@ objectives (Math. Program. 141, 2013).
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 import torch
 from torch import Tensor
 
+from ..compile import compiled
 from .result import BUDGET, GRADIENT, LINE_SEARCH, PROGRESS, WINDOW, Minimum, Objective, Watch
 
 ARMIJO, CURVATURE = 1e-4, 0.9  # constants of the Wolfe conditions, Nocedal & Wright p. 62
+
+
+@compiled
+def _two_loops(products: Any, with_gradient: Any, pairs: Any) -> tuple[Any, Any]:
+    """H·gradient = γ·gradient + Σ coefficient·vector (algorithm 7.4), for each problem.
+
+    Takes the dot products of the stored vectors with each other (B, 2m, 2m) and with the gradient (B, 2m), and the
+    number of pairs stored so far (B,).  Returns γ (B,) and the coefficients (B, 2m).
+    """
+    batch, both = with_gradient.shape
+    m = both // 2
+    gammas, found = np.ones_like(with_gradient[:, 0]), np.zeros_like(with_gradient)
+    alphas = np.zeros_like(with_gradient[0, :m])
+    for i in range(batch):
+        product, gradient, coefficients = products[i], with_gradient[i], found[i]
+        stored = min(m, pairs[i])
+        for age in range(1, stored + 1):
+            at = (pairs[i] - age) % m
+            alpha = gradient[at]
+            for k in range(both):
+                alpha += product[at, k] * coefficients[k]
+            alphas[at] = alpha / product[at, at + m]
+            coefficients[at + m] -= alphas[at]
+        if stored > 0:
+            at = (pairs[i] - 1) % m
+            gammas[i] = product[at, at + m] / product[at + m, at + m]
+        for k in range(both):
+            coefficients[k] *= gammas[i]
+        for age in range(stored, 0, -1):
+            at = (pairs[i] - age) % m
+            beta = gammas[i] * gradient[at + m]
+            for k in range(both):
+                beta += product[at + m, k] * coefficients[k]
+            coefficients[at] += alphas[at] - beta / product[at, at + m]
+    return gammas, found
 
 
 class _Memory:
@@ -43,7 +82,7 @@ class _Memory:
 
         The two-loop recursion (Nocedal & Wright, algorithm 7.4), on the coefficients of the stored vectors.
         """
-        m, rows = self.size, torch.arange(len(gradient), device=gradient.device)
+        m = self.size
         slot = self.pairs % m
         new, at = stored.nonzero().squeeze(1), slot[stored]
         self.vectors[new, at], self.vectors[new, at + m] = s[new], y[new]
@@ -53,22 +92,8 @@ class _Memory:
             self.products[new, :, position] = products[new]
         self.pairs += stored
 
-        coefficients = torch.zeros_like(with_gradient)
-        alphas, ages = [], []
-        for age in range(1, m + 1):
-            used = self.pairs >= age
-            at = (self.pairs - age) % m
-            rho = torch.where(used, 1 / self.products[rows, at, at + m], 0)
-            alpha = rho * (with_gradient[rows, at] + (self.products[rows, at] * coefficients).sum(1))
-            coefficients[rows, at + m] -= alpha
-            alphas.append(alpha)
-            ages.append((used, at, rho))
-        used, at, _ = ages[0]
-        gamma = torch.where(used, self.products[rows, at, at + m] / self.products[rows, at + m, at + m], 1)
-        coefficients *= gamma.unsqueeze(1)
-        for alpha, (used, at, rho) in zip(reversed(alphas), reversed(ages), strict=True):
-            y_product = gamma * with_gradient[rows, at + m] + (self.products[rows, at + m] * coefficients).sum(1)
-            coefficients[rows, at] += torch.where(used, alpha - rho * y_product, 0)
+        small = (x.cpu().numpy() for x in (self.products, with_gradient, self.pairs))
+        gamma, coefficients = (torch.from_numpy(x).to(gradient) for x in _two_loops(*small))
         return -(gamma.unsqueeze(1) * gradient + (coefficients.unsqueeze(1) @ self.vectors).squeeze(1))
 
 

@@ -1,0 +1,187 @@
+"""The compiled steps return what the plain ones return, and their derivatives, also where those are conventions."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numba
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch import Tensor
+from torch.testing import assert_close
+
+from nablahog.compile import compiled
+from nablahog.hog import FourBlockNorm
+from nablahog.hog.descriptor import histograms
+from nablahog.hog.kernels import blocks, cells, steps
+from nablahog.hog.normalize import four_block_norm, normalize
+
+from .zoo import SPECS, integers, noise, spec
+
+DTYPES = [torch.float32, torch.float64]
+dtypes = pytest.mark.parametrize("dtype", DTYPES, ids=["float32", "float64"])
+specs = pytest.mark.parametrize("name", SPECS)
+
+
+def with_derivative(step: object, x: Tensor, s: object) -> tuple[Tensor, Tensor]:
+    """A step's result, and the gradient of its product with some fixed numbers."""
+    assert callable(step)
+    x = x.detach().requires_grad_()
+    result = step(x, s)
+    weights = torch.linspace(0, 40, result.numel(), dtype=x.dtype).cos().view(result.shape)
+    (derivative,) = torch.autograd.grad((result * weights).sum(), x)
+    return result.detach(), derivative
+
+
+def assert_same(compiled_step: object, plain: object, x: Tensor, s: object) -> None:
+    """Up to rounding, relative to the largest entry; the plain steps in float64, where diagonals are exact."""
+    for got, exact in zip(with_derivative(compiled_step, x, s), with_derivative(plain, x.double(), s), strict=True):
+        assert got.shape == exact.shape
+        assert got.dtype == x.dtype
+        size = float(exact.abs().max()) or 1.0
+        # of the float32 arctangent, and of a difference of nearly equal gray values in float32
+        assert_close(got.double() / size, exact / size, rtol=0, atol=2e-5 if x.dtype == torch.float32 else 1e-11)
+
+
+@dtypes
+@specs
+def test_histograms_are_those_of_the_plain_steps(name: str, dtype: torch.dtype) -> None:
+    assert_same(cells.histograms, histograms, noise(3, 1, 17, 14, dtype=dtype), SPECS[name])
+
+
+@dtypes
+@specs
+def test_on_kinks_too(name: str, dtype: torch.dtype) -> None:
+    """Few gray levels: gradients of zero, on bin centres, and on the diagonals, with the derivatives agreed upon."""
+    assert_same(cells.histograms, histograms, integers(3, 1, 17, 14, levels=3, dtype=dtype), SPECS[name])
+
+
+@dtypes
+@pytest.mark.parametrize("bins", [8, 16])
+def test_diagonals_that_are_bin_centres(bins: int, dtype: torch.dtype) -> None:
+    x = integers(2, 1, 16, 16, levels=2, dtype=dtype)
+    assert_same(cells.histograms, histograms, x, spec(signed=True, bins=bins, bin_offset=0.0))
+
+
+@settings(max_examples=60)
+@given(
+    height=st.integers(1, 40),
+    width=st.integers(1, 40),
+    cell=st.tuples(st.integers(1, 9), st.integers(1, 9)),
+    bins=st.integers(3, 20),
+    offset=st.floats(0, 0.99),
+    border=st.sampled_from(["reflect", "replicate", "zero", "ignore"]),
+    partial=st.sampled_from(["round", "ceil", "floor"]),
+    signed=st.booleans(),
+    seed=st.integers(0, 99),
+)
+def test_any_size(
+    height: int,
+    width: int,
+    cell: tuple[int, int],
+    bins: int,
+    offset: float,
+    border: str,
+    partial: str,
+    signed: bool,
+    seed: int,
+) -> None:
+    s = spec(
+        cell_size=cell,
+        bins=bins,
+        bin_offset=offset,
+        border=border,
+        partial_cells=partial,
+        signed=signed,
+        value_range=9.0,
+    )
+    try:
+        s.grid(height, width)
+    except ValueError:
+        return  # no cell in it
+    assert_same(cells.histograms, histograms, noise(2, 1, height, width, seed=seed), s)
+
+
+@dtypes
+@pytest.mark.parametrize(("rows", "cols"), [(1, 1), (1, 5), (4, 1), (6, 7)])
+def test_four_blocks(rows: int, cols: int, dtype: torch.dtype) -> None:
+    x = noise(3, 12, rows, cols, dtype=dtype)
+    x[:, :, 0] = 0
+    for scheme in (FourBlockNorm(), FourBlockNorm(epsilon=0.5, clip=0.1)):
+        assert_same(blocks.four_block_norm, four_block_norm, x, scheme)
+
+
+def test_an_entry_exactly_at_the_clip() -> None:
+    scheme = FourBlockNorm(epsilon=1.0, clip=1.0)
+    x = torch.tensor([math.sqrt(1 / 3)] * 2 + [0.0] * 2, dtype=torch.float64).view(1, 4, 1, 1)
+    exact = FourBlockNorm(epsilon=1.0, clip=float((x[0, 0] / torch.sqrt(8 * x[0, 0] ** 2 / 2 + 1)).item()))
+    for s in (scheme, exact):
+        assert_same(blocks.four_block_norm, four_block_norm, x, s)
+
+
+@specs
+def test_constant_images_have_no_derivative(name: str) -> None:
+    x = torch.full((1, 1, 12, 12), 0.3)
+    assert_same(cells.histograms, histograms, x, SPECS[name])
+    if SPECS[name].border != "zero":  # which sees an edge around any image
+        assert not with_derivative(cells.histograms, x, SPECS[name])[1].any()
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1e30])
+@dtypes
+@specs
+def test_what_is_no_number_stays_none_and_harms_no_memory(name: str, dtype: torch.dtype, value: float) -> None:
+    x = noise(1, 1, 16, 16, dtype=dtype)
+    x[0, 0, 7, 7] = value
+    found = cells.histograms(x, SPECS[name])
+    if not math.isfinite(float(torch.tensor(value, dtype=dtype).square())):
+        assert not torch.isfinite(found).all()
+    descriptor = blocks.normalize(torch.full_like(found, math.nan), SPECS[name])
+    assert descriptor.isnan().all()
+
+
+def test_not_contiguous() -> None:
+    s = SPECS["uoctti"]
+    x = noise(2, 1, 12, 16).mT.flip(0)
+    assert_same(cells.histograms, histograms, x, s)
+    h = noise(2, 5, 4, 18).permute(0, 3, 1, 2)
+    assert_same(blocks.normalize, normalize, h, s)
+
+
+def test_derivatives_of_derivatives_are_refused() -> None:
+    x = noise(1, 1, 8, 8).requires_grad_()
+    squares = cells.histograms(x, SPECS["paper"]).square().sum()
+    (derivative,) = torch.autograd.grad(squares, x, create_graph=True)
+    with pytest.raises(RuntimeError, match="once_differentiable"):
+        derivative.sum().backward()
+
+
+def test_compiled_steps_are_for_cpus() -> None:
+    assert steps(torch.device("cpu")) == (cells.histograms, blocks.normalize)
+    assert steps(torch.device("cuda")) == (histograms, normalize)
+
+
+def test_without_a_folder_to_keep_machine_code_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    compile_in_memory = numba.njit
+
+    def njit(**options: Any) -> object:
+        if options.pop("cache", False):
+            raise RuntimeError("cannot cache function: no locator available")
+        return compile_in_memory(**options)
+
+    monkeypatch.setattr(numba, "njit", njit)
+
+    @compiled
+    def doubled(x: float) -> float:
+        return 2 * x
+
+    assert doubled(1.5) == 3.0
+
+
+def test_pooling_weights_of_one_spec_are_not_those_of_another() -> None:
+    x = noise(1, 1, 12, 12)
+    for s in (spec(cell_size=(4, 4)), spec(cell_size=(3, 3)), spec(cell_size=(4, 4), border="ignore")):
+        assert_same(cells.histograms, histograms, x, s)
