@@ -175,10 +175,12 @@ def our_variants(of: str) -> list[Variant]:
         rows += [
             ("one sample, nothing expected", run(samples=1)),
             ("3 samples", run(samples=3)),
-            ("8 samples, 800 evaluations", run(samples=8, max_evaluations=800)),
+            ("6 samples, 480 evaluations", run(samples=6, max_evaluations=480)),
+            ("12 samples, 1500 evaluations", run(samples=12, max_evaluations=1500)),
             ("λ = 0, from the samples' mean", run(closeness=0.0)),
             ("λ = 0.1", run(closeness=0.1)),
-            ("λ = 1", run(closeness=1.0)),
+            ("λ = 0.3", run(closeness=0.3)),
+            ("λ = 3", run(closeness=3.0)),
         ]
     else:
         rows += [
@@ -187,13 +189,13 @@ def our_variants(of: str) -> list[Variant]:
             ("neither", run(region_signs=False, polarity=False)),
             ("λ = 0, from the region signs", run(closeness=0.0)),
             ("λ = 1", run(closeness=1.0)),
+            ("960 evaluations", run(max_evaluations=960)),
         ]
     rows += [
         ("no smoothness", run(smoothness=0.0)),
         ("smoothness 0.1", run(smoothness=0.1)),
         ("pixels as unknowns", run(basis="pixels")),
         ("240 evaluations", run(max_evaluations=240)),
-        ("960 evaluations", run(max_evaluations=960)),
         ("multi-scale", run_levels(False)),
         ("multi-scale-more", run_levels(True)),
     ]

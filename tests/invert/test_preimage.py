@@ -295,7 +295,7 @@ def test_without_region_signs_the_search_begins_with_noise(monkeypatch: pytest.M
     def never(*given: Any) -> Tensor:
         raise AssertionError("no signs are needed")
 
-    monkeypatch.setattr("nablahog.invert.start.signed_cells", never)
+    monkeypatch.setattr("nablahog.invert.start.expected_cells", never)
     first, again, other = (
         reconstruct(descriptor, spec, max_evaluations=40, region_signs=False, seed=s) for s in (0, 0, 1)
     )

@@ -14,7 +14,16 @@ from torch.nn.functional import avg_pool2d
 
 from nablahog import HOGSpec, presets
 from nablahog.hog.descriptor import histograms
-from nablahog.invert.signs import SMOOTHING, TRUST, dominant_gradient, signed_cells
+from nablahog.invert.signs import (
+    BACKGROUND,
+    FAINT,
+    ROUNDINGS,
+    SMOOTHING,
+    TRUST,
+    dominant_gradient,
+    expected_cells,
+    signed_cells,
+)
 
 SIDE = 12  # cells
 
@@ -46,7 +55,7 @@ def random_votes(seed: int, rows: int, cols: int, batch: int = 1) -> Tensor:
     return torch.rand(batch, 9, rows, cols, generator=generator, dtype=torch.float64)
 
 
-def least_squares(votes: Tensor, spec: HOGSpec, trust: float) -> tuple[Tensor, Tensor]:
+def least_squares(votes: Tensor, spec: HOGSpec, trust: float, background: float) -> tuple[Tensor, Tensor]:
     """The module's problem solved for every sign pattern: all energies, and the image (rows, cols) of the least."""
     rows, cols = votes.shape[2:]
     length, angle = (field[0].flatten() for field in dominant_gradient(votes, spec))
@@ -71,6 +80,14 @@ def least_squares(votes: Tensor, spec: HOGSpec, trust: float) -> tuple[Tensor, T
                 difference[y, x], difference[neighbour_y, neighbour_x] = 1, -1
                 equations.append(math.sqrt(SMOOTHING) * difference)
                 pulls.append(torch.zeros_like(pull))
+    total = votes[0].sum(dim=0)
+    faint = torch.exp(-total / (FAINT * total.mean()))
+    faint[1:-1, 1:-1] = 0
+    for cell, weight in enumerate(faint.flatten().tolist()):
+        away = -(faint / faint.sum())
+        away[cell // cols, cell % cols] += 1
+        equations.append(math.sqrt(background * weight) * away)
+        pulls.append(torch.zeros(rows * cols, dtype=torch.float64))
     matrix, targets = torch.stack(equations).flatten(1), torch.stack(pulls)
     patterns = torch.tensor(list(itertools.product([-1.0, 1.0], repeat=rows * cols)), dtype=torch.float64)
     images = torch.linalg.pinv(matrix) @ targets @ patterns.T  # the shortest: of zero mean
@@ -142,7 +159,7 @@ def test_tiny_grids_reach_the_least_energy_of_all_patterns(size: tuple[int, int]
     spec = presets.paper(cell)
     for seed in range(5):
         votes = random_votes(seed, *size)
-        energies, image = least_squares(votes, spec, 1.0 if cell == 1 else TRUST)
+        energies, image = least_squares(votes, spec, *((1.0, 0.0) if cell == 1 else (TRUST, BACKGROUND)))
         found = signed_cells(votes, spec, 4, seed)
         assert found.energy[0, 0].item() == pytest.approx(energies.min().item(), abs=1e-8)
         for energy in found.energy[0]:
@@ -162,6 +179,22 @@ def test_choices_are_sorted_and_of_the_firsts_sign() -> None:
     torch.testing.assert_close(found.images.mean(dim=(2, 3)), torch.zeros(3, 40, dtype=torch.float64))
     fewer = signed_cells(votes, presets.paper(8), 5, seed=0)
     assert (fewer.energy[:, 0] >= found.energy[:, 0] - 1e-9).all()
+
+
+def test_what_is_expected_is_the_mean_of_patterns_but_of_single_pixels_the_best() -> None:
+    votes = random_votes(0, 7, 6, batch=2)
+    for cell, count in ((8, ROUNDINGS), (1, 1)):
+        found = signed_cells(votes, presets.paper(cell), count, seed=4)
+        torch.testing.assert_close(expected_cells(votes, presets.paper(cell), seed=4), found.images.mean(dim=1))
+
+
+def test_the_flat_border_is_one_background() -> None:
+    """A bar has an edge up and an edge down; two steps up would have the same votes."""
+    spec, image = presets.paper(8), torch.full((1, 1, 64, 64), 0.3, dtype=torch.float64)
+    image[..., 20:44] = 0.7
+    cells = expected_cells(histograms(image, spec), spec, seed=0)[0]
+    left, bar, right = cells[:, 0].mean(), cells[:, 3:5].mean(), cells[:, -1].mean()
+    assert (left - right).abs() < 0.1 * (bar - left).abs()
 
 
 def test_the_same_seed_finds_the_same() -> None:

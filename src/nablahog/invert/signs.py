@@ -4,12 +4,14 @@ An unsigned histogram says how strong a cell's edges are and where they point, b
 are not free, though: they must make a gradient field, one that integrates to an image.  Along a contour they therefore
 agree, and around a closed path they must add up to nothing.  With one sign s per cell this is a quadratic problem,
 
-    min over images u and signs s ∈ {-1, 1}:   Σ_cells τ (∂u/∂n - s a)² + (∂u/∂t)²   +   μ Σ_neighbours (u_p - u_q)²,
+    min over images u and signs s ∈ {-1, 1}:
+        Σ_cells τ (∂u/∂n - s a)² + (∂u/∂t)²   +   μ Σ_neighbours (u_p - u_q)²   +   κ Σ_border w_p (u_p - ū)²,
 
-n the cell's dominant gradient direction, t the direction along its edge, a its votes' resultant.  For given signs the
-best u is linear in s, which leaves sᵀQs: a maximum-cut problem.  It is relaxed to unit vectors instead of signs
-(Goemans & Williamson 1995) of low dimension (Burer & Monteiro 2003), solved by the generalised power method, rounded by
-random hyperplanes, and improved by single flips.
+n the cell's dominant gradient direction, t the direction along its edge, a its votes' resultant.  The last sum is the
+one thing assumed of photographs: what is flat along their border is one background, of one brightness ū.  For given
+signs the best u is linear in s, which leaves sᵀQs: a maximum-cut problem.  It is relaxed to unit vectors instead of
+signs (Goemans & Williamson 1995) of low dimension (Burer & Monteiro 2003), solved by the generalised power method,
+rounded by random hyperplanes, and improved by single flips.
 
 What remains unknown is one sign for the whole image (:mod:`.polarity`), and every region's that no edge ties to others.
 """
@@ -26,6 +28,8 @@ from ..hog.spec import HOGSpec
 
 SMOOTHING = 0.1  # μ: the mask [-1, 0, 1] splits the grid in four; this ties them together again
 TRUST = 0.1  # τ of cells of several pixels, whose votes may cancel: a is then an upper bound only
+BACKGROUND = 0.5  # κ of cells of several pixels; cells of one pixel tell the signs without
+FAINT = 0.3  # of the mean cell's votes: cells of less count as flat
 DIMENSION = 12  # of the relaxed signs
 ITERATIONS = 300  # of the power method
 ROUNDINGS = 32  # random hyperplanes
@@ -55,14 +59,24 @@ def signed_cells(votes: Tensor, spec: HOGSpec, count: int, seed: int) -> SignedC
         coarse = signed_cells(avg_pool2d(even, halves), spec, count, seed)
         images = interpolate(2 * coarse.images, size=even.shape[2:], mode="bilinear", align_corners=False)
         return SignedCells(_centred(images[..., :rows, :cols]), coarse.energy)
-    single = spec.cell_size == (1, 1)
-    response, energy = _sign_problem(votes.double(), spec, 1.0 if single else TRUST)
+    trust, background = (1.0, 0.0) if spec.cell_size == (1, 1) else (TRUST, BACKGROUND)
+    response, energy = _sign_problem(votes.double(), spec, trust, background)
     signs, energies = _round(energy, _relax(energy, seed), count, seed)
     images = torch.einsum("bij,bkj->bki", response, signs)
     images = _centred(images.view(-1, count, rows, cols))
     agreement = torch.sign((images * images[:, :1]).sum(dim=(2, 3), keepdim=True))
     images = torch.where(agreement < 0, -images, images)
     return SignedCells(images.to(votes), energies.to(votes))
+
+
+def expected_cells(votes: Tensor, spec: HOGSpec, seed: int) -> Tensor:
+    """Unsigned histograms (B, bins, rows, cols) to an image of cells (B, rows, cols), in the units of the votes.
+
+    Of cells of one pixel it is the sign pattern of least energy.  Of larger ones the energy is a weak judge, and many
+    patterns have nearly the least: their mean is faint where they disagree.
+    """
+    count = 1 if spec.cell_size == (1, 1) else ROUNDINGS
+    return signed_cells(votes, spec, count, seed).images.mean(dim=1)
 
 
 def _centred(images: Tensor) -> Tensor:
@@ -85,7 +99,7 @@ def _differences(n: int, like: Tensor) -> tuple[Tensor, Tensor]:
     return central, steps
 
 
-def _sign_problem(votes: Tensor, spec: HOGSpec, trust: float) -> tuple[Tensor, Tensor]:
+def _sign_problem(votes: Tensor, spec: HOGSpec, trust: float, background: float) -> tuple[Tensor, Tensor]:
     """(B, n, n) matrices, n cells: signs to their best image, and Q."""
     rows, cols = votes.shape[2:]
     eye_r, eye_c = (torch.eye(n, dtype=votes.dtype, device=votes.device) for n in (rows, cols))
@@ -102,11 +116,22 @@ def _sign_problem(votes: Tensor, spec: HOGSpec, trust: float) -> tuple[Tensor, T
     across = torch.cos(angle) * dx + torch.sin(angle) * dy
     along = torch.cos(angle) * dy - torch.sin(angle) * dx
     fixed = SMOOTHING * neighbours.T @ neighbours + 1e-3 / (rows * cols)  # the last term makes the mean 0
-    system = trust * across.mT @ across + along.mT @ along + fixed
+    system = trust * across.mT @ across + along.mT @ along + fixed + background * _background(votes)
     pull = trust * across.mT * strength.mT
     response = torch.linalg.solve(system, pull)
     energy = trust * torch.diag_embed(strength.squeeze(2).square()) - pull.mT @ response
     return response * unit, (energy + energy.mT) / 2
+
+
+def _background(votes: Tensor) -> Tensor:
+    """(B, n, n), the last sum: w_p is exp(-votes / faint votes) along the border, 0 elsewhere, ū the mean by w."""
+    at_border = torch.zeros(votes.shape[2:], dtype=votes.dtype, device=votes.device)
+    at_border[[0, -1]] = at_border[:, [0, -1]] = 1
+    total = votes.sum(dim=1)
+    mean = total.mean(dim=(1, 2), keepdim=True)
+    weights = (at_border * torch.exp(-total / (FAINT * torch.where(mean > 0, mean, 1)))).flatten(1)
+    share = weights / weights.sum(dim=1, keepdim=True).clamp(min=torch.finfo(votes.dtype).tiny)
+    return torch.diag_embed(weights) - weights.unsqueeze(2) * share.unsqueeze(1)
 
 
 def _relax(energy: Tensor, seed: int) -> Tensor:

@@ -19,7 +19,7 @@ from ..hog.descriptor import histograms
 from ..hog.pooling import pooling_matrix
 from ..hog.spec import HOGSpec
 from .parameterize import cosines
-from .signs import signed_cells
+from .signs import expected_cells
 
 NOISE = 0.01  # standard deviation, in 0…1; without any, nothing tells a thin line's two sides apart
 INVISIBLE = 1e-5  # in 0…1, far below a step of 8 bits and above the rounding of an enlargement
@@ -34,7 +34,7 @@ def starting_images(votes: Tensor, spec: HOGSpec, height: int, width: int, count
     if spec.signed:
         smooth = integrate(*mean_gradient(votes, spec, height, width)).unsqueeze(1)
     else:
-        cells = signed_cells(votes, spec, count, seed).images
+        cells = expected_cells(votes, spec, seed).unsqueeze(1)
         # votes of a cell, each the difference of two pixels, to the difference of two cells
         per_step = math.sqrt(spec.cell_size[0] * spec.cell_size[1])
         smooth = enlarge(cells / per_step, height, width).unsqueeze(2)
