@@ -10,6 +10,10 @@ each about its own mean, beside the same without knowing any, Σ covariance.
 The second splits the image found (the better of it and its negative) into octaves of spatial frequency, and correlates
 each with the same of the photograph.  *Share* is how much of the photographs' variance is in the octave.  With only the
 octaves before it known perfectly, an image would reach the correlation in the last row.
+
+The third asks what the levels of multi-scale look for, which are given the descriptor of the whole image: how far from
+it the descriptor of the photograph itself is, shrunk to the level and at the contrast that suits best, and how far that
+of the image found there.  Where the second is smaller, the level rightly prefers another image to the photograph.
 """
 
 from __future__ import annotations
@@ -22,10 +26,11 @@ from pathlib import Path
 
 import torch
 from torch import Tensor
-from torch.nn.functional import unfold
+from torch.nn.functional import avg_pool2d, unfold
 
 from nablahog import HOGSpec, hog, presets, reconstruct
-from nablahog.invert.multiscale import reconstruct_multiscale, scale_descriptors
+from nablahog.invert.histograms import fixes_contrast
+from nablahog.invert.multiscale import SCALES, level_spec, reconstruct_multiscale, scale_descriptors
 from nablahog.invert.parameterize import cosines
 from photographs import photographs
 
@@ -61,6 +66,21 @@ def octaves(image: Tensor) -> list[Tensor]:
         coefficients[..., (frequency > low) & (frequency <= high)].flatten(1)
         for low, high in zip([0.0, *bounds[1:-1]], bounds[1:], strict=True)
     ]
+
+
+def distances_at_levels(images: Tensor, spec: HOGSpec) -> list[tuple[float, float]]:
+    """Of each level of multi-scale: the mean distances of the shrunk photographs, and of what is found."""
+    size = (images.shape[2], images.shape[3])
+    descriptor = hog(images, spec)
+    rows = []
+    for level in reconstruct_multiscale(descriptor, spec, size):
+        small, _ = level_spec(spec, level.scale, size)
+        own = hog(avg_pool2d(images, math.isqrt(level.scale)), small).flatten(1)
+        asked = (descriptor / level.scale**0.25 if fixes_contrast(spec) else descriptor).flatten(1)
+        contrast = (own * asked).sum(dim=1, keepdim=True) / own.square().sum(dim=1, keepdim=True)
+        distance = (contrast * own - asked).norm(dim=1) / asked.norm(dim=1)
+        rows.append((float(distance.mean()), float(level.found.distance.mean())))
+    return rows
 
 
 def methods() -> dict[str, Callable[[Tensor], Tensor]]:
@@ -116,6 +136,12 @@ def main() -> None:
         print(f"| {name} | {' | '.join(f'{float(c.mean()):.3f}' for c in each)} |")
     known = (power.cumsum(dim=0) / power.sum(dim=0)).sqrt().mean(dim=1)
     print(f"| up to here perfect, CC | {' | '.join(f'{float(c):.3f}' for c in known)} |")
+
+    print(f"\n| distance at | {' | '.join(f'1/{scale}' for scale in SCALES)} |\n|---|{'---:|' * len(SCALES)}")
+    for preset in ("uoctti", "paper"):
+        levels = distances_at_levels(images, getattr(presets, preset)())
+        for who, column in (("the photograph itself", 0), ("what multi-scale finds", 1)):
+            print(f"| {preset}, {who} | {' | '.join(f'{row[column]:.3f}' for row in levels)} |")
 
 
 if __name__ == "__main__":
