@@ -8,7 +8,7 @@ from typing import Any
 import numba
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 from torch.testing import assert_close
@@ -101,7 +101,7 @@ def test_any_size(
     try:
         s.grid(height, width)
     except ValueError:
-        return  # no cell in it
+        assume(False)  # no cell in it
     assert_same(cells.histograms, histograms, noise(2, 1, height, width, seed=seed), s)
 
 

@@ -130,7 +130,7 @@ def test_votes_of_one_bin_point_to_its_centre(bin_: int) -> None:
 def test_known_regions_come_back_up_to_one_sign(name: str, cell: int) -> None:
     spec = presets.paper(cell)
     image = scene(name, SIDE * cell)
-    found = signed_cells(histograms(image, spec), spec, 1, seed=0).images
+    found = signed_cells(histograms(image, spec), spec, seed=0).images[:, :1]
     assert abs(correlation(found, avg_pool2d(image, cell))) > 0.95
 
 
@@ -139,7 +139,7 @@ def test_known_regions_come_back_up_to_one_sign(name: str, cell: int) -> None:
 def test_cells_need_not_be_square(name: str, cell: tuple[int, int]) -> None:
     spec = presets.paper(cell)
     image = scene(name, 96)
-    found = signed_cells(histograms(image, spec), spec, 1, seed=0).images
+    found = signed_cells(histograms(image, spec), spec, seed=0).images[:, :1]
     assert abs(correlation(found, avg_pool2d(image, cell))) > 0.97
 
 
@@ -147,7 +147,7 @@ def test_cells_of_one_pixel_have_the_images_own_contrast() -> None:
     # there votes are the gradients themselves; of a smooth image little is lost to their bins
     spec = presets.paper(1)
     image = scene("bump", SIDE)
-    found = signed_cells(histograms(image, spec), spec, 1, seed=0).images[0]
+    found = signed_cells(histograms(image, spec), spec, seed=0).images[0, :1]
     true = image[0] - image.mean()
     slope = (found * true).sum() / true.square().sum()
     assert slope.abs().item() == pytest.approx(1, abs=0.1)
@@ -160,7 +160,7 @@ def test_tiny_grids_reach_the_least_energy_of_all_patterns(size: tuple[int, int]
     for seed in range(5):
         votes = random_votes(seed, *size)
         energies, image = least_squares(votes, spec, *((1.0, 0.0) if cell == 1 else (TRUST, BACKGROUND)))
-        found = signed_cells(votes, spec, 4, seed)
+        found = signed_cells(votes, spec, seed)
         assert found.energy[0, 0].item() == pytest.approx(energies.min().item(), abs=1e-8)
         for energy in found.energy[0]:
             assert (energies - energy).abs().min() < 1e-8  # each is some pattern's
@@ -169,23 +169,22 @@ def test_tiny_grids_reach_the_least_energy_of_all_patterns(size: tuple[int, int]
 
 def test_choices_are_sorted_and_of_the_firsts_sign() -> None:
     votes = random_votes(0, 7, 6, batch=3)
-    found = signed_cells(votes, presets.paper(8), 40, seed=0)  # more than are rounded without being asked for
-    assert found.images.shape == (3, 40, 7, 6)
-    assert found.energy.shape == (3, 40)
+    found = signed_cells(votes, presets.paper(8), seed=0)
+    assert found.images.shape == (3, ROUNDINGS, 7, 6)
+    assert found.energy.shape == (3, ROUNDINGS)
     assert (found.energy.diff(dim=1) >= 0).all()
     assert (found.energy[:, -1] > found.energy[:, 0] + 1e-6).all()
     assert (found.energy > -1e-9).all()  # sums of squares
     assert ((found.images * found.images[:, :1]).sum(dim=(2, 3)) >= 0).all()
-    torch.testing.assert_close(found.images.mean(dim=(2, 3)), torch.zeros(3, 40, dtype=torch.float64))
-    fewer = signed_cells(votes, presets.paper(8), 5, seed=0)
-    assert (fewer.energy[:, 0] >= found.energy[:, 0] - 1e-9).all()
+    torch.testing.assert_close(found.images.mean(dim=(2, 3)), torch.zeros(3, ROUNDINGS, dtype=torch.float64))
 
 
 def test_what_is_expected_is_the_mean_of_patterns_but_of_single_pixels_the_best() -> None:
     votes = random_votes(0, 7, 6, batch=2)
-    for cell, count in ((8, ROUNDINGS), (1, 1)):
-        found = signed_cells(votes, presets.paper(cell), count, seed=4)
-        torch.testing.assert_close(expected_cells(votes, presets.paper(cell), seed=4), found.images.mean(dim=1))
+    for cell, patterns in ((8, slice(None)), (1, slice(1))):
+        found = signed_cells(votes, presets.paper(cell), seed=4)
+        mean = found.images[:, patterns].mean(dim=1)
+        torch.testing.assert_close(expected_cells(votes, presets.paper(cell), seed=4), mean)
 
 
 def test_the_flat_border_is_one_background() -> None:
@@ -199,7 +198,7 @@ def test_the_flat_border_is_one_background() -> None:
 
 def test_the_same_seed_finds_the_same() -> None:
     votes = random_votes(3, 8, 9)
-    first, again, other = (signed_cells(votes, presets.paper(8), 3, seed) for seed in (0, 0, 1))
+    first, again, other = (signed_cells(votes, presets.paper(8), seed) for seed in (0, 0, 1))
     assert torch.equal(first.images, again.images)
     assert torch.equal(first.energy, again.energy)
     assert not torch.equal(first.images, other.images)
@@ -208,35 +207,35 @@ def test_the_same_seed_finds_the_same() -> None:
 def test_batch_equals_loop_in_both_precisions() -> None:
     spec = presets.paper(8)
     votes = torch.cat([histograms(scene(name, 64), spec) for name in ("disc", "bump", "waves")])
-    together = signed_cells(votes, spec, 2, seed=0)
+    together = signed_cells(votes, spec, seed=0)
     for i in range(3):
-        alone = signed_cells(votes[i : i + 1], spec, 2, seed=0)
-        torch.testing.assert_close(together.images[i], alone.images[0])
+        alone = signed_cells(votes[i : i + 1], spec, seed=0)
+        torch.testing.assert_close(together.images[i, :2], alone.images[0, :2])  # further ones may be equally good
         torch.testing.assert_close(together.energy[i], alone.energy[0])
-    single = signed_cells(votes.float(), spec, 2, seed=0)
+    single = signed_cells(votes.float(), spec, seed=0)
     assert single.images.dtype == single.energy.dtype == torch.float32
-    torch.testing.assert_close(single.images.double(), together.images, atol=1e-3, rtol=1e-3)
+    torch.testing.assert_close(single.images[:, :2].double(), together.images[:, :2], atol=1e-3, rtol=1e-3)
 
 
 def test_energy_does_not_depend_on_the_votes_unit_and_the_image_does() -> None:
     votes = random_votes(1, 5, 6)
-    one, many = (signed_cells(unit * votes, presets.paper(8), 1, seed=0) for unit in (1.0, 1e4))
+    one, many = (signed_cells(unit * votes, presets.paper(8), seed=0) for unit in (1.0, 1e4))
     torch.testing.assert_close(one.energy, many.energy)
-    torch.testing.assert_close(1e4 * one.images, many.images)
+    torch.testing.assert_close(1e4 * one.images[:, 0], many.images[:, 0])
 
 
 @pytest.mark.parametrize("size", [(4, 5), (1, 1), (1, 4), (2, 1), (2, 2)])
 @pytest.mark.parametrize("cell", [1, 8])
 def test_no_votes_make_no_image(size: tuple[int, int], cell: int) -> None:
-    found = signed_cells(torch.zeros(2, 9, *size), presets.paper(cell), 3, seed=0)
-    assert found.images.shape == (2, 3, *size)
+    found = signed_cells(torch.zeros(2, 9, *size), presets.paper(cell), seed=0)
+    assert found.images.shape == (2, ROUNDINGS, *size)
     assert (found.images == 0).all()
     assert (found.energy == 0).all()
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 4), (3, 1), (2, 2)])
 def test_grids_of_a_few_cells(size: tuple[int, int]) -> None:
-    found = signed_cells(random_votes(0, *size), presets.paper(8), 3, seed=0)
+    found = signed_cells(random_votes(0, *size), presets.paper(8), seed=0)
     assert torch.isfinite(found.images).all()
     assert torch.isfinite(found.energy).all()
 
@@ -249,11 +248,11 @@ def test_a_large_grid_is_solved_at_half_its_resolution(
     spec = presets.paper(8)
     image = scene(name, 8 * size[0], 8 * size[1])
     votes = histograms(image, spec)
-    full = signed_cells(votes, spec, 2, seed=0)
+    full = signed_cells(votes, spec, seed=0)
     monkeypatch.setattr("nablahog.invert.signs.MAX_CELLS", 64)
-    halved = signed_cells(votes, spec, 2, seed=0)
-    assert halved.images.shape == full.images.shape == (1, 2, *size)
-    assert halved.energy.shape == (1, 2)
+    halved = signed_cells(votes, spec, seed=0)
+    assert halved.images.shape == full.images.shape == (1, ROUNDINGS, *size)
+    assert halved.energy.shape == (1, ROUNDINGS)
     assert not torch.equal(halved.images, full.images)
     assert abs(correlation(halved.images[0, 0], avg_pool2d(image, 8))) > 0.93
     assert 0.7 < (halved.images[0, 0].std() / full.images[0, 0].std()).item() < 1.3
@@ -262,8 +261,8 @@ def test_a_large_grid_is_solved_at_half_its_resolution(
 @pytest.mark.parametrize("size", [(9, 7), (8, 8), (33, 2), (2, 35), (5, 5), (17, 19)])
 def test_a_grid_is_halved_as_often_as_it_takes(size: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("nablahog.invert.signs.MAX_CELLS", 20)
-    found = signed_cells(random_votes(0, *size, batch=2), presets.paper(8), 3, seed=0)
-    assert found.images.shape == (2, 3, *size)
+    found = signed_cells(random_votes(0, *size, batch=2), presets.paper(8), seed=0)
+    assert found.images.shape == (2, ROUNDINGS, *size)
     assert torch.isfinite(found.images).all()
     assert (found.energy.diff(dim=1) >= 0).all()
 
@@ -277,8 +276,10 @@ def test_a_grid_is_halved_as_often_as_it_takes(size: tuple[int, int], monkeypatc
 )
 def test_images_of_a_large_grid_have_zero_mean_too(size: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("nablahog.invert.signs.MAX_CELLS", 20)
-    images = signed_cells(random_votes(0, *size), presets.paper(8), 2, seed=0).images
-    torch.testing.assert_close(images.mean(dim=(2, 3)), torch.zeros(1, 2, dtype=torch.float64), atol=1e-9, rtol=0)
+    images = signed_cells(random_votes(0, *size), presets.paper(8), seed=0).images
+    torch.testing.assert_close(
+        images.mean(dim=(2, 3)), torch.zeros(1, ROUNDINGS, dtype=torch.float64), atol=1e-9, rtol=0
+    )
 
 
 @pytest.mark.parametrize("name", ["bump", "waves"])
@@ -290,10 +291,8 @@ def test_a_turned_image_has_turned_signs(name: str, motion: str) -> None:
         return image.mT if motion == "transpose" else image.flip(-1 if motion == "mirror" else -2)
 
     spec = presets.paper(8, bins=8)  # whose bins a quarter turn maps to each other
-    still, moved = (
-        signed_cells(histograms(x, spec), spec, 1, seed=0) for x in (scene(name, 64), move(scene(name, 64)))
-    )
-    torch.testing.assert_close(still.energy, moved.energy)
-    expected = move(still.images)
-    sign = torch.sign((expected * moved.images).sum())
-    torch.testing.assert_close(moved.images, sign * expected)
+    still, moved = (signed_cells(histograms(x, spec), spec, seed=0) for x in (scene(name, 64), move(scene(name, 64))))
+    torch.testing.assert_close(still.energy[:, 0], moved.energy[:, 0])  # the others may end elsewhere
+    expected, found = move(still.images[:, :1]), moved.images[:, :1]
+    sign = torch.sign((expected * found).sum())
+    torch.testing.assert_close(found, sign * expected)

@@ -38,7 +38,7 @@ MAX_CELLS = 1024  # Q is dense; a larger grid is solved at half its resolution
 
 @dataclass(frozen=True)
 class SignedCells:
-    """Images of one gray value a cell, for several choices of signs.
+    """Images of one gray value a cell, for :data:`ROUNDINGS` choices K of signs.
 
     Attributes:
         images: (B, K, rows, cols), in the units of the votes, the choice of least energy first; each of zero mean, and
@@ -50,20 +50,20 @@ class SignedCells:
     energy: Tensor
 
 
-def signed_cells(votes: Tensor, spec: HOGSpec, count: int, seed: int) -> SignedCells:
-    """The ``count`` best sign patterns found for unsigned histograms (B, bins, rows, cols), as images of cells."""
+def signed_cells(votes: Tensor, spec: HOGSpec, seed: int) -> SignedCells:
+    """Sign patterns of low energy for unsigned histograms (B, bins, rows, cols), as images of cells."""
     rows, cols = votes.shape[2:]
     if rows * cols > MAX_CELLS:
         halves = [2 if n > 1 else 1 for n in (rows, cols)]
         even = pad(votes, (0, -cols % halves[1], 0, -rows % halves[0]))
-        coarse = signed_cells(avg_pool2d(even, halves), spec, count, seed)
+        coarse = signed_cells(avg_pool2d(even, halves), spec, seed)
         images = interpolate(2 * coarse.images, size=even.shape[2:], mode="bilinear", align_corners=False)
         return SignedCells(_centred(images[..., :rows, :cols]), coarse.energy)
     trust, background = (1.0, 0.0) if spec.cell_size == (1, 1) else (TRUST, BACKGROUND)
     response, energy = _sign_problem(votes.double(), spec, trust, background)
-    signs, energies = _round(energy, _relax(energy, seed), count, seed)
+    signs, energies = _round(energy, _relax(energy, seed), seed)
     images = torch.einsum("bij,bkj->bki", response, signs)
-    images = _centred(images.view(-1, count, rows, cols))
+    images = _centred(images.view(-1, ROUNDINGS, rows, cols))
     agreement = torch.sign((images * images[:, :1]).sum(dim=(2, 3), keepdim=True))
     images = torch.where(agreement < 0, -images, images)
     return SignedCells(images.to(votes), energies.to(votes))
@@ -75,8 +75,8 @@ def expected_cells(votes: Tensor, spec: HOGSpec, seed: int) -> Tensor:
     Of cells of one pixel it is the sign pattern of least energy.  Of larger ones the energy is a weak judge, and many
     patterns have nearly the least: their mean is faint where they disagree.
     """
-    count = 1 if spec.cell_size == (1, 1) else ROUNDINGS
-    return signed_cells(votes, spec, count, seed).images.mean(dim=1)
+    images = signed_cells(votes, spec, seed).images
+    return images[:, 0] if spec.cell_size == (1, 1) else images.mean(dim=1)
 
 
 def _centred(images: Tensor) -> Tensor:
@@ -146,12 +146,11 @@ def _relax(energy: Tensor, seed: int) -> Tensor:
     return vectors
 
 
-def _round(energy: Tensor, vectors: Tensor, count: int, seed: int) -> tuple[Tensor, Tensor]:
-    """Signs (B, count, n) and their energies (B, count), lowest first."""
+def _round(energy: Tensor, vectors: Tensor, seed: int) -> tuple[Tensor, Tensor]:
+    """Signs (B, ROUNDINGS, n) and their energies (B, ROUNDINGS), lowest first."""
     n, dimension = vectors.shape[1:]
-    roundings = max(ROUNDINGS, count)
     generator = torch.Generator().manual_seed(seed)
-    planes = torch.randn(1, dimension, roundings, generator=generator, dtype=torch.float64).to(vectors)
+    planes = torch.randn(1, dimension, ROUNDINGS, generator=generator, dtype=torch.float64).to(vectors)
     signs = torch.where((vectors @ planes).mT < 0, -1.0, 1.0).to(energy)
     free = energy - torch.diag_embed(torch.diagonal(energy, dim1=1, dim2=2))
     for _ in range(n):  # flip, in every rounding, the sign that gains most, while one does
@@ -162,4 +161,4 @@ def _round(energy: Tensor, vectors: Tensor, count: int, seed: int) -> tuple[Tens
         signs = signs * (1 - 2 * flip)
     energies = ((signs @ energy) * signs).sum(dim=2)
     energies, order = energies.sort(dim=1, stable=True)
-    return signs.gather(1, order.unsqueeze(2).expand_as(signs))[:, :count], energies[:, :count]
+    return signs.gather(1, order.unsqueeze(2).expand_as(signs)), energies

@@ -3,8 +3,8 @@
 The mean gradient of a cell, Σ_b h_b · direction of b, is what a signed histogram keeps of the gradient field at low
 resolution.  Interpolated between cells and integrated (Poisson's equation, solved in the cosine basis), it is already a
 blurred version of the image.  A descent from noise alone would have to build that from the votes of pixels that point
-anywhere, and would carry their randomness along to the end.  An unsigned histogram has no such mean: there each start
-is another guess of which way its cells' gradients point (:mod:`.signs`).
+anywhere, and would carry their randomness along to the end.  An unsigned histogram has no such mean: there the image is
+a guess of which way the cells' gradients point (:mod:`.signs`).
 """
 
 from __future__ import annotations
