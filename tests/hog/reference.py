@@ -111,7 +111,7 @@ def global_norm(v: Array, scheme: GlobalNorm) -> Array:
 
 
 def four_block_norm(v: Array, scheme: FourBlockNorm) -> Array:
-    """UoCTTI: directed, undirected and texture channels of each cell."""
+    """UoCTTI: directed, undirected and texture channels of each cell, as far as the scheme has them."""
     rows, cols, directions = v.shape
     n = directions // 2
     undirected = v[..., :n] + v[..., n:]
@@ -130,7 +130,8 @@ def four_block_norm(v: Array, scheme: FourBlockNorm) -> Array:
                 result[row, col, :directions] += h / 2
                 result[row, col, directions : 3 * n] += u / 2
                 result[row, col, 3 * n + block] = u.sum() / math.sqrt(18)
-    return result
+    parts = {"directed": slice(2 * n), "undirected": slice(2 * n, 3 * n), "texture": slice(3 * n, None)}
+    return np.concatenate([result[..., parts[part]] for part in scheme.parts], axis=-1)
 
 
 def hog(image: Array, spec: HOGSpec) -> Array:

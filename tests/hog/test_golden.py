@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -65,3 +66,14 @@ def test_archive_holds_what_its_readme_says() -> None:
         (5, 6, True),
     }
     assert str(VLFEAT["version"]).startswith("git 1b9075fc")
+
+
+@pytest.mark.parametrize("number", range(len(CASES)), ids=name)
+def test_aubrys_channels_are_vlfeats_undirected_ones_but_for_epsilon(number: int) -> None:
+    image, spec, expected = load(number)
+    n = spec.bins // 2
+    nine = presets.aubry(spec.cell_size, vote=spec.vote, orientations=n)
+    normalizer = dataclasses.replace(nine.normalizer, epsilon=1e-4)
+    descriptor = hog(image.float() / 255, dataclasses.replace(nine, value_range=255.0, normalizer=normalizer))
+    tolerance = 1e-4 if spec.vote == "linear" else 1e-6
+    torch.testing.assert_close(descriptor, expected[..., 2 * n : 3 * n], rtol=0, atol=tolerance)

@@ -18,6 +18,7 @@ from nablahog.hog import FourBlockNorm
 from nablahog.hog.descriptor import histograms
 from nablahog.hog.kernels import blocks, cells, steps
 from nablahog.hog.normalize import four_block_norm, normalize
+from nablahog.hog.spec import PARTS
 
 from .zoo import SPECS, integers, noise, spec
 
@@ -66,6 +67,22 @@ def test_diagonals_that_are_bin_centres(bins: int, dtype: torch.dtype) -> None:
     assert_same(cells.histograms, histograms, x, spec(signed=True, bins=bins, bin_offset=0.0))
 
 
+@specs
+def test_batches_that_no_cache_holds(name: str) -> None:
+    """A few images at a time, the last time fewer; most of their pixels without a gradient."""
+    x = noise(5, 1, 120, 130, dtype=torch.float32)
+    x[:, :, 10:] = 0.5
+    x[2:] *= 0.3
+    together = with_derivative(cells.histograms, x, SPECS[name])[0]
+    for image, found in zip(x, together, strict=True):
+        assert torch.equal(cells.histograms(image[None], SPECS[name])[0], found)
+    assert_same(cells.histograms, histograms, x, SPECS[name])
+
+
+def test_an_empty_batch() -> None:
+    assert cells.histograms(torch.zeros(0, 1, 16, 16), SPECS["uoctti"]).shape == (0, 18, 4, 4)
+
+
 @settings(max_examples=60)
 @given(
     height=st.integers(1, 40),
@@ -110,8 +127,17 @@ def test_any_size(
 def test_four_blocks(rows: int, cols: int, dtype: torch.dtype) -> None:
     x = noise(3, 12, rows, cols, dtype=dtype)
     x[:, :, 0] = 0
-    for scheme in (FourBlockNorm(), FourBlockNorm(epsilon=0.5, clip=0.1)):
-        assert_same(blocks.four_block_norm, four_block_norm, x, scheme)
+    for parts in (PARTS, PARTS[:1], PARTS[1:2], PARTS[:2], PARTS[1:], PARTS[::2]):
+        for scheme in (FourBlockNorm(parts=parts), FourBlockNorm(epsilon=0.5, clip=0.1, parts=parts)):
+            assert_same(blocks.four_block_norm, four_block_norm, x, scheme)
+
+
+def test_parts_are_some_of_all_channels() -> None:
+    x = noise(2, 12, 4, 5)
+    directed, undirected, texture = four_block_norm(x, FourBlockNorm()).split([12, 6, 4], dim=1)
+    assert torch.equal(four_block_norm(x, FourBlockNorm(parts=("undirected",))), undirected)
+    both = four_block_norm(x, FourBlockNorm(parts=("directed", "texture")))
+    assert torch.equal(both, torch.cat([directed, texture], dim=1))
 
 
 def test_an_entry_exactly_at_the_clip() -> None:

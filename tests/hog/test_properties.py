@@ -41,7 +41,11 @@ def flip_permutation(s: HOGSpec, axis: str) -> list[int]:
     n = s.bins // 2
     undirected = mirrored(n, 2 * n, turns, s.bin_offset)
     texture = [1, 0, 3, 2] if axis == "x" else [2, 3, 0, 1]  # blocks up-left, up-right, down-left, down-right
-    return directed + [2 * n + k for k in undirected] + [3 * n + k for k in texture]
+    of_parts = {"directed": directed, "undirected": undirected, "texture": texture}
+    channels: list[int] = []
+    for part in s.normalizer.parts:
+        channels += [len(channels) + k for k in of_parts[part]]
+    return channels
 
 
 def test_flip_permutation_of_the_presets() -> None:
@@ -51,6 +55,7 @@ def test_flip_permutation_of_the_presets() -> None:
         *(18, 26, 25, 24, 23, 22, 21, 20, 19),
         *(28, 27, 30, 29),
     ]
+    assert flip_permutation(presets.aubry(), "x") == [0, 8, 7, 6, 5, 4, 3, 2, 1]
     assert flip_permutation(presets.paper(), "x") == [8, 7, 6, 5, 4, 3, 2, 1, 0]
     assert flip_permutation(presets.paper(bin_offset=0), "x") == [0, 8, 7, 6, 5, 4, 3, 2, 1]
 
@@ -150,7 +155,8 @@ def test_range_and_shape(seed: int, name: str, channels: int) -> None:
     assert descriptor.is_contiguous()
     assert (descriptor >= 0).all()
     if isinstance(s.normalizer, FourBlockNorm):
-        assert (descriptor[..., : s.bins * 3 // 2] <= 2 * s.normalizer.clip + 1e-15).all()
+        orientations = s.channels - s.normalizer.channels_of("texture", s.bins)
+        assert (descriptor[..., :orientations] <= 2 * s.normalizer.clip + 1e-15).all()
     elif s.normalizer.form == "robust":
         assert (descriptor.flatten(1).norm(dim=1) <= 1).all()
 

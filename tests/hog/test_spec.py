@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import math
 from typing import Any
@@ -13,9 +14,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nablahog.hog import FourBlockNorm, GlobalNorm, HOGSpec, hog, presets
+from nablahog.hog.spec import PARTS
 
 from .zoo import SPECS, spec
 
+PARTS_THERE_ARE = [
+    parts
+    for n in (1, 2, 3)
+    for parts in itertools.combinations(PARTS, n)
+    if "directed" in parts or "undirected" in parts
+]
 positive = st.floats(min_value=0, exclude_min=True, allow_infinity=False)
 
 
@@ -25,7 +33,7 @@ def specs(draw: st.DrawFn) -> HOGSpec:
     normalizer = draw(
         st.one_of(
             st.builds(GlobalNorm, positive, st.sampled_from(["printed", "robust"])),
-            st.builds(FourBlockNorm, positive, positive),
+            st.builds(FourBlockNorm, positive, positive, st.sampled_from(PARTS_THERE_ARE)),
         )
     )
     vote = draw(st.sampled_from(["linear", "hard"]))
@@ -62,6 +70,13 @@ def test_json_holds_every_field(name: str) -> None:
     stored = json.loads(SPECS[name].to_json())
     assert set(stored) == {field.name for field in dataclasses.fields(HOGSpec)}
     assert stored["normalizer"]["kind"] == SPECS[name].normalizer.kind
+
+
+def test_json_without_parts_means_all_of_them() -> None:
+    """As version 0.1 wrote it."""
+    stored = json.loads(presets.uoctti().to_json())
+    del stored["normalizer"]["parts"]
+    assert HOGSpec.from_json(json.dumps(stored)) == presets.uoctti()
 
 
 def changed(**changes: Any) -> str:
@@ -107,6 +122,9 @@ def without(field: str) -> str:
         changed(normalizer={"kind": "global", "epsilon": 0}),
         changed(normalizer={"kind": "global", "surplus": 0}),
         changed(normalizer={"kind": "four-block"}),  # needs signed bins
+        changed(normalizer={"kind": "four-block", "parts": ["colour"]}, signed=True, bins=18),
+        changed(normalizer={"kind": "four-block", "parts": [["directed"]]}, signed=True, bins=18),
+        changed(normalizer={"kind": "four-block", "parts": 3}, signed=True, bins=18),
         *(without(field.name) for field in dataclasses.fields(HOGSpec)),
     ],
 )
@@ -195,6 +213,15 @@ def test_global_norm_refuses_form(form: Any) -> None:
         GlobalNorm(form=form)
 
 
+@pytest.mark.parametrize(
+    "value",
+    [(), ("texture",), ("texture", "directed"), ("directed",) * 2, ("colour",), ["directed"], "directed", None, ([],)],
+)
+def test_refuses_parts(value: Any) -> None:
+    with pytest.raises(ValueError, match=r"^parts must be a tuple of 'directed', 'undirected', 'texture', in this "):
+        FourBlockNorm(parts=value)
+
+
 def test_is_immutable() -> None:
     with pytest.raises(dataclasses.FrozenInstanceError):
         presets.paper().bins = 18  # type: ignore[misc]
@@ -208,11 +235,14 @@ def test_channels() -> None:
     assert presets.paper(bins=12).channels == 12
     assert presets.uoctti().channels == 31
     assert presets.uoctti(orientations=4).channels == 16
+    assert presets.aubry().channels == 9
+    assert presets.aubry(orientations=4).channels == 4
 
 
 def test_presets_take_one_cell_size_or_two() -> None:
     assert presets.paper(5) == presets.paper((5, 5))
     assert presets.uoctti((4, 7)).cell_size == (4, 7)
+    assert presets.aubry(5) == presets.aubry((5, 5)) == presets.aubry()
 
 
 @given(pixels=st.integers(1, 500), cell=st.integers(1, 40))

@@ -18,6 +18,7 @@ PRESETS: dict[str, Callable[..., HOGSpec]] = {
     "paper-robust": lambda cell_size=8: presets.paper(cell_size, global_form="robust"),
     "uoctti": presets.uoctti,
     "uoctti-hard": lambda cell_size=8: presets.uoctti(cell_size, vote="hard"),
+    "aubry": presets.aubry,
 }
 
 
@@ -38,6 +39,10 @@ UNUSUAL: dict[str, HOGSpec] = {
     "four-block-reflect": spec(
         signed=True, bins=12, bin_offset=0.5, colour="largest", normalizer=FourBlockNorm(epsilon=0.5, clip=0.35)
     ),
+    **{
+        "-".join(parts): dataclasses.replace(presets.uoctti(4), normalizer=FourBlockNorm(0.3, 0.25, parts))
+        for parts in (("directed", "texture"), ("undirected", "texture"))
+    },
 }
 
 SPECS: dict[str, HOGSpec] = {**{name: make(4) for name, make in PRESETS.items()}, **UNUSUAL}

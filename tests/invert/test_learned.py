@@ -75,6 +75,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "weights of another type": ({"weights": np.zeros(COUNT, np.float32)}, "must be float16, got float32"),
     "another spec": ({"spec": np.array(presets.uoctti(4).to_json())}, "do not lead from cells of 4 pixels"),
+    "a spec without signs": ({"spec": np.array(presets.aubry(8).to_json())}, "only with its directed channels, which "),
     "an unsigned spec": ({"spec": np.array(presets.paper(8).to_json())}, "signed gradients only"),
     "no spec": ({"spec": np.array("{}")}, "not the JSON of a HOGSpec"),
     "other widths": ({"widths": np.array([8, 8, 8, 9])}, "the weights must be"),
@@ -193,6 +194,8 @@ def _dialect(**changes: Any) -> HOGSpec:
 MIRRORED = {
     "uoctti": presets.uoctti(4),
     "uoctti of gray": presets.uoctti((6, 4), colour="gray", orientations=7),
+    "undirected only": presets.aubry(3),
+    "no undirected": _dialect(signed=True, bins=8, normalizer=FourBlockNorm(parts=("directed", "texture"))),
     "paper": presets.paper(4),
     "robust": presets.paper((3, 8), bins=6, bin_offset=0, global_form="robust"),
     "replicate": _dialect(border="replicate", partial_cells="ceil", cell_size=(5, 4)),

@@ -11,6 +11,7 @@ from torch import Tensor
 
 import nablahog
 from nablahog import HOGSpec, hog, presets, reconstruct
+from nablahog.hog import FourBlockNorm
 from nablahog.invert.histograms import recover_histograms
 from nablahog.invert.parameterize import low_pass
 from nablahog.invert.polarity import upright
@@ -162,6 +163,18 @@ def test_images_of_a_few_pixels(size: tuple[int, int], spec: HOGSpec) -> None:
 def test_options_out_of_range(options: dict[str, Any], says: str) -> None:
     with pytest.raises(ValueError, match=says):
         reconstruct(torch.rand(1, 4, 4, 9), presets.paper(8), **options)
+
+
+def test_undirected_channels_alone_are_refused() -> None:
+    with pytest.raises(ValueError, match="can be inverted only with its directed channels, which aubry leaves out"):
+        reconstruct(torch.rand(1, 4, 4, 9), presets.aubry(8))
+
+
+def test_without_texture_channels() -> None:
+    spec = dataclasses.replace(presets.uoctti(8), normalizer=FourBlockNorm(parts=("directed", "undirected")))
+    image = photograph(48)
+    found = reconstruct(hog(image, spec), spec, max_evaluations=60, samples=1)
+    assert found.distance.item() < 0.3
 
 
 @pytest.mark.parametrize("name", ["signed-global", "paper-robust"])

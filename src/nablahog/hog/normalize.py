@@ -27,9 +27,9 @@ def _repeat_edge(x: Tensor, dim: int) -> Tensor:
 
 
 def four_block_norm(histograms: Tensor, scheme: FourBlockNorm) -> Tensor:
-    """UoCTTI (VLFeat ``vl/hog.c``): directed histograms (B, 2n, rows, cols) to (B, 3n + 4, rows, cols)."""
-    directions = histograms.shape[1]
-    undirected = histograms[:, : directions // 2] + histograms[:, directions // 2 :]
+    """UoCTTI (VLFeat ``vl/hog.c``): directed histograms (B, 2n, rows, cols) to (B, channels, rows, cols)."""
+    n = histograms.shape[1] // 2
+    undirected = histograms[:, :n] + histograms[:, n:]
     energy = _repeat_edge(_repeat_edge(undirected.square().sum(dim=1, keepdim=True), -2), -1)
     energy = energy[..., :-1] + energy[..., 1:]
     energy = energy[..., :-1, :] + energy[..., 1:, :]  # of the block around each cell corner: (B, 1, rows+1, cols+1)
@@ -37,11 +37,19 @@ def four_block_norm(histograms: Tensor, scheme: FourBlockNorm) -> Tensor:
     top, bottom = factor[..., :-1, :], factor[..., 1:, :]
     # (B, 4, 1, rows, cols): the blocks up-left, up-right, down-left, down-right of each cell
     blocks = torch.stack([top[..., :-1], top[..., 1:], bottom[..., :-1], bottom[..., 1:]], dim=1)
-    entries = torch.cat([histograms, undirected], dim=1).unsqueeze(1) * blocks
-    # minimum, unlike clamp, has the mean of its one-sided derivatives where both are equal
-    entries = torch.minimum(entries, entries.new_tensor(scheme.clip))
-    texture = entries[:, :, directions:].sum(dim=2) * TEXTURE_SCALE
-    return torch.cat([entries.sum(dim=1) / 2, texture], dim=1)
+
+    def clipped(entries: Tensor) -> Tensor:
+        # minimum, unlike clamp, has the mean of its one-sided derivatives where both are equal
+        return torch.minimum(entries.unsqueeze(1) * blocks, entries.new_tensor(scheme.clip))
+
+    found = []
+    if "directed" in scheme.parts:
+        found.append(clipped(histograms).sum(dim=1) / 2)
+    if "undirected" in scheme.parts:
+        found.append(clipped(undirected).sum(dim=1) / 2)
+    if "texture" in scheme.parts:
+        found.append(clipped(undirected).sum(dim=2) * TEXTURE_SCALE)
+    return torch.cat(found, dim=1)
 
 
 def normalize(histograms: Tensor, spec: HOGSpec) -> Tensor:

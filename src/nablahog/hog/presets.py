@@ -82,3 +82,41 @@ def uoctti(
         partial_cells="round",
         normalizer=FourBlockNorm(),
     )
+
+
+def aubry(
+    cell_size: int | tuple[int, int] = 5,
+    *,
+    vote: Vote = "linear",
+    orientations: int = 9,
+    colour: Colour = "largest",
+) -> HOGSpec:
+    """The contrast-insensitive channels with which Aubry et al. ("Seeing 3D chairs") find renderings in photographs.
+
+    As their ``features.cc``: cells of 5, ε = 0.1 for images in 0…1 (they describe their renderings in 0…255, where ε
+    does nothing, but photographs in 0…1), clip 0.2, no directed and no texture channels.  With hard votes and sides
+    that are multiples of the cell, all but the outermost ring of cells is exactly theirs, up to their rounding of
+    directions to four decimals.  That ring they leave out and put zeros in its place, while here, as in VLFeat, blocks
+    beyond the edge repeat it; and where a cell is cut by the border they count its last gradient again for each pixel
+    that is missing.  Linear votes, the default, are not theirs: they make the descriptor continuous, so that its
+    derivative says how it changes with orientation.
+
+    Args:
+        cell_size: pixels of a cell, one number or (height, width).
+        vote: ``"linear"``, differentiable in the orientation too, or ``"hard"``, theirs.
+        orientations: undirected orientations n over 180°, one channel each.
+        colour: ``"largest"``, theirs; ``"gray"`` converts first, as Eq. 1 of the paper.
+    """
+    return HOGSpec(
+        name="aubry",
+        value_range=1.0,
+        colour=colour,
+        border="ignore",
+        bins=2 * orientations,
+        signed=True,
+        bin_offset=0.0,
+        vote=vote,
+        cell_size=_pair(cell_size),
+        partial_cells="round",
+        normalizer=FourBlockNorm(epsilon=0.1, parts=("undirected",)),
+    )

@@ -8,6 +8,7 @@ or invert it.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import math
 import sys
@@ -19,6 +20,8 @@ Border: TypeAlias = Literal["reflect", "replicate", "zero", "ignore"]
 Vote: TypeAlias = Literal["linear", "hard"]
 PartialCells: TypeAlias = Literal["floor", "round", "ceil"]
 GlobalForm: TypeAlias = Literal["printed", "robust"]
+Part: TypeAlias = Literal["directed", "undirected", "texture"]
+PARTS: tuple[Part, ...] = get_args(Part)
 
 
 def _check_choice(field: str, value: object, choices: Any) -> None:
@@ -67,19 +70,32 @@ class FourBlockNorm:
     Attributes:
         epsilon: added to a block's energy under the root; absolute, in squared votes at the spec's ``value_range``.
         clip: upper bound of a normalised entry.
+        parts: which of these channels the descriptor has: all, or some of ``"directed"``, ``"undirected"`` and
+            ``"texture"``, in this order, but not texture alone.
     """
 
     epsilon: float = 1e-4
     clip: float = 0.2
+    parts: tuple[Part, ...] = PARTS
     kind: ClassVar[str] = "four-block"
 
     def __post_init__(self) -> None:
         _check_positive("epsilon", self.epsilon)
         _check_positive("clip", self.clip)
+        allowed = [parts for n in (1, 2, 3) for parts in itertools.combinations(PARTS, n) if parts != ("texture",)]
+        if self.parts not in allowed:
+            raise ValueError(
+                f"parts must be a tuple of {', '.join(map(repr, PARTS))}, in this order, not of the last alone, "
+                f"got {self.parts!r}"
+            )
+
+    def channels_of(self, part: Part, bins: int) -> int:
+        """Channels of one part, 0 if it is left out: of ``bins`` = 2n directed orientation bins 2n, n and 4."""
+        return {"directed": bins, "undirected": bins // 2, "texture": 4}[part] if part in self.parts else 0
 
     def channels(self, bins: int) -> int:
-        """Descriptor channels made from ``bins`` = 2n directed orientation bins: 3n + 4."""
-        return bins + bins // 2 + 4
+        """Descriptor channels made from ``bins`` = 2n directed orientation bins: 3n + 4 with all parts."""
+        return sum(self.channels_of(part, bins) for part in PARTS)
 
 
 Normalizer: TypeAlias = GlobalNorm | FourBlockNorm
@@ -196,6 +212,8 @@ class HOGSpec:
             fields = json.loads(text)
             normalizer = dict(fields.pop("normalizer"))
             kind = normalizer.pop("kind")
+            if "parts" in normalizer:  # which the first version did not know
+                normalizer["parts"] = tuple(normalizer["parts"])
             fields["normalizer"] = _NORMALIZERS[kind](**normalizer)
             fields["cell_size"] = tuple(fields["cell_size"])
             return cls(**fields)

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from ..hog.kernels import steps
-from ..hog.spec import GlobalNorm, HOGSpec
+from ..hog.spec import FourBlockNorm, GlobalNorm, HOGSpec
 from ..optimize import lbfgs
 from .objective import squared_norm
 from .parameterize import CosineBasis
@@ -25,6 +25,14 @@ FLOOR = 1e-3  # of the largest entry: where a sparse histogram's logarithm start
 def fixes_contrast(spec: HOGSpec) -> bool:
     """Whether the descriptor determines the image's contrast: Eq. 7 as printed scales with its square root."""
     return isinstance(spec.normalizer, GlobalNorm) and spec.normalizer.form == "printed"
+
+
+def check_directed(spec: HOGSpec) -> None:
+    """Raises ValueError if ``spec`` sums directed histograms and keeps nothing else of them, which no step undoes."""
+    if isinstance(spec.normalizer, FourBlockNorm) and "directed" not in spec.normalizer.parts:
+        raise ValueError(
+            f"a four-block descriptor can be inverted only with its directed channels, which {spec.name} leaves out"
+        )
 
 
 def recover_histograms(descriptor: Tensor, spec: HOGSpec, *, max_evaluations: int = 200) -> Tensor:

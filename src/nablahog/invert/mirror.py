@@ -26,7 +26,12 @@ def mirrored(descriptor: Tensor, spec: HOGSpec, width: int) -> Tensor | None:
     channels = [(int(target) - k) % spec.bins for k in range(spec.bins)]
     if isinstance(spec.normalizer, FourBlockNorm):
         undirected = spec.bins // 2
-        channels += [spec.bins + (int(target) - k) % undirected for k in range(undirected)]
-        texture = spec.bins + undirected
-        channels += [texture + 1, texture, texture + 3, texture + 2]  # left and right blocks
+        of_parts = {
+            "directed": channels,
+            "undirected": [(int(target) - k) % undirected for k in range(undirected)],
+            "texture": [1, 0, 3, 2],  # left and right blocks
+        }
+        channels = []
+        for part in spec.normalizer.parts:
+            channels += [len(channels) + k for k in of_parts[part]]
     return descriptor.flip(2)[..., channels]

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from ..hog.spec import FourBlockNorm, HOGSpec
-from .histograms import recover_histograms
+from .histograms import check_directed, recover_histograms
 from .start import integrate, mean_gradient
 
 CELLS = (2, 4, 8, 16)  # sides of cells in pixels, which doubling the resolution leads to
@@ -70,6 +70,7 @@ def _check_dialect(spec: HOGSpec) -> None:
         raise ValueError(
             f"a prior can be learned for signed gradients only: {spec.name} does not tell an image from its negative"
         )
+    check_directed(spec)
     height, width = spec.cell_size
     if height != width or height not in CELLS:
         raise ValueError(

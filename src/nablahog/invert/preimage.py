@@ -12,7 +12,7 @@ from torch import Tensor
 from ..hog.descriptor import hog
 from ..hog.spec import HOGSpec
 from ..optimize import Minimiser
-from .histograms import fixes_contrast, recover_histograms
+from .histograms import check_directed, fixes_contrast, recover_histograms
 from .objective import squared_norm
 from .parameterize import low_pass
 from .polarity import upright
@@ -126,7 +126,8 @@ def reconstruct(
 
     Raises:
         TypeError: the descriptor, ``start`` or ``expected`` is no floating-point tensor.
-        ValueError: their shape contradicts spec and image size, they hold NaN or Inf, or an option is out of range.
+        ValueError: their shape contradicts spec and image size, they hold NaN or Inf, the spec leaves directed channels
+            out, or an option is out of range.
     """
     began = time.perf_counter()
     height, width = check_descriptor(descriptor, spec, image_size)
@@ -238,4 +239,5 @@ def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, i
         )
     if not torch.isfinite(descriptor).all():
         raise ValueError("the descriptor must be finite, got NaN or Inf")
+    check_directed(spec)
     return height, width

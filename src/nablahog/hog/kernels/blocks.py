@@ -12,119 +12,174 @@ from torch.autograd.function import once_differentiable
 
 from ...compile import compiled
 from ..normalize import TEXTURE_SCALE, global_norm
-from ..spec import FourBlockNorm, GlobalNorm, HOGSpec
+from ..spec import PARTS, FourBlockNorm, GlobalNorm, HOGSpec
 
 
 @compiled
-def _factors(histograms: Any, epsilon: Any) -> Any:
-    """1 / √(energy + ε) of the blocks around cell corners, (rows + 1, cols + 1); beyond the grid the edge repeats."""
-    bins, rows, cols = histograms.shape
+def _factors(histograms: Any, epsilon: Any, rows: int, cols: int) -> Any:
+    """1 / √(energy + ε) of the four blocks of each cell, (B, 4, cells); beyond the grid the edge repeats."""
+    batch, bins, cells = histograms.shape
     n = bins // 2
-    energy = np.zeros((rows, cols), histograms.dtype)
-    for o in range(n):
-        for y in range(rows):
-            for x in range(cols):
-                undirected = histograms[o, y, x] + histograms[o + n, y, x]
-                energy[y, x] += undirected * undirected
-    factors = np.empty((rows + 1, cols + 1), histograms.dtype)
-    for y in range(rows + 1):
-        up, down = max(y - 1, 0), min(y, rows - 1)
-        for x in range(cols + 1):
-            left, right = max(x - 1, 0), min(x, cols - 1)
-            block = (energy[up, left] + energy[up, right]) + (energy[down, left] + energy[down, right])
-            factors[y, x] = 1 / math.sqrt(block + epsilon)
+    energy = np.empty(cells, histograms.dtype)
+    factors = np.empty((batch, 4, cells), histograms.dtype)
+    for b in range(batch):
+        energy[:] = 0
+        for o in range(n):
+            for i in range(cells):
+                undirected = histograms[b, o, i] + histograms[b, o + n, i]
+                energy[i] += undirected * undirected
+        for y in range(rows + 1):
+            up, down = max(y - 1, 0) * cols, min(y, rows - 1) * cols
+            for x in range(cols + 1):
+                left, right = max(x - 1, 0), min(x, cols - 1)
+                block = (energy[up + left] + energy[up + right]) + (energy[down + left] + energy[down + right])
+                factor = 1 / math.sqrt(block + epsilon)
+                for k in range(4):  # this block is the up-left one of the cell to its down-right, and so on
+                    row, col = y - k // 2, x - k % 2
+                    if 0 <= row < rows and 0 <= col < cols:
+                        factors[b, k, row * cols + col] = factor
     return factors
 
 
 @compiled
-def _normalize(histograms: Any, clip: Any, texture_scale: Any, half: Any, factors: Any, found: Any) -> None:
-    """Histograms (2n, rows, cols) to ``found`` (3n + 4, rows, cols), which is 0 before."""
-    bins, rows, cols = histograms.shape
+def _normalize(
+    histograms: Any, clip: Any, texture_scale: Any, half: Any, factors: Any, first: Any, wanted: Any, found: Any
+) -> None:
+    """Histograms (B, 2n, cells) to ``found`` (B, channels, cells), which is 0 before.
+
+    The parts ``wanted``, three flags in the order of ``PARTS``, have their channels from ``first`` on.
+    """
+    batch, bins, cells = histograms.shape
     n = bins // 2
-    for block in range(4):
-        dy, dx = block // 2, block % 2
-        for o in range(bins + n):
-            for y in range(rows):
-                for x in range(cols):
-                    entry = histograms[o, y, x] if o < bins else histograms[o - bins, y, x] + histograms[o - n, y, x]
-                    entry *= factors[y + dy, x + dx]
-                    entry = clip if entry > clip else entry
-                    found[o, y, x] += half * entry
-                    if o >= bins:
-                        found[bins + n + block, y, x] += texture_scale * entry
+    undirected = np.empty(cells, histograms.dtype)
+    for b in range(batch):
+        for o in range(bins if wanted[0] else 0):
+            entries, to = histograms[b, o], found[b, o]
+            for k in range(4):
+                factor = factors[b, k]
+                for i in range(cells):
+                    entry = entries[i] * factor[i]
+                    to[i] += half * (clip if entry > clip else entry)
+        for o in range(n if wanted[1] or wanted[2] else 0):
+            for i in range(cells):
+                undirected[i] = histograms[b, o, i] + histograms[b, o + n, i]
+            for k in range(4):
+                factor = factors[b, k]
+                if wanted[1]:
+                    to = found[b, first[1] + o]
+                    for i in range(cells):
+                        entry = undirected[i] * factor[i]
+                        to[i] += half * (clip if entry > clip else entry)
+                if wanted[2]:
+                    to = found[b, first[2] + k]
+                    for i in range(cells):
+                        entry = undirected[i] * factor[i]
+                        to[i] += texture_scale * (clip if entry > clip else entry)
 
 
 @compiled
 def _normalize_adjoint(
-    histograms: Any, clip: Any, texture_scale: Any, half: Any, factors: Any, given: Any, found: Any
+    histograms: Any,
+    clip: Any,
+    texture_scale: Any,
+    half: Any,
+    factors: Any,
+    first: Any,
+    wanted: Any,
+    given: Any,
+    rows: int,
+    cols: int,
+    found: Any,
 ) -> None:
-    """Adds to ``found`` (2n, rows, cols) what reaches the histograms from ``given`` (3n + 4, rows, cols)."""
-    bins, rows, cols = histograms.shape
+    """Adds to ``found`` (B, 2n, cells) what reaches the histograms from ``given`` (B, channels, cells)."""
+    batch, bins, cells = histograms.shape
     n = bins // 2
-    to_factors = np.zeros_like(factors)
-    for block in range(4):
-        dy, dx = block // 2, block % 2
-        for o in range(bins + n):
-            for y in range(rows):
-                for x in range(cols):
-                    factor = factors[y + dy, x + dx]
-                    to_entry = half * given[o, y, x]
-                    if o < bins:
-                        entry = histograms[o, y, x]
-                    else:
-                        entry = histograms[o - bins, y, x] + histograms[o - n, y, x]
-                        to_entry += texture_scale * given[bins + n + block, y, x]
-                    product = entry * factor
-                    if product > clip:
-                        to_entry = half - half
-                    elif product == clip:  # the mean of both sides
-                        to_entry *= half
-                    to_factors[y + dy, x + dx] += to_entry * entry
-                    if o < bins:
-                        found[o, y, x] += to_entry * factor
-                    else:
-                        found[o - bins, y, x] += to_entry * factor
-                        found[o - n, y, x] += to_entry * factor
-    to_energy = np.zeros((rows, cols), histograms.dtype)
-    for y in range(rows + 1):
-        up, down = max(y - 1, 0), min(y, rows - 1)
-        for x in range(cols + 1):
-            left, right = max(x - 1, 0), min(x, cols - 1)
-            to_block = -half * to_factors[y, x] * factors[y, x] * factors[y, x] * factors[y, x]
-            to_energy[up, left] += to_block
-            to_energy[up, right] += to_block
-            to_energy[down, left] += to_block
-            to_energy[down, right] += to_block
-    for o in range(n):
-        for y in range(rows):
-            for x in range(cols):
-                to_undirected = 2 * (histograms[o, y, x] + histograms[o + n, y, x]) * to_energy[y, x]
-                found[o, y, x] += to_undirected
-                found[o + n, y, x] += to_undirected
+    zero = half - half
+    to_factors = np.empty((4, cells), histograms.dtype)
+    to_energy, undirected = np.empty(cells, histograms.dtype), np.empty(cells, histograms.dtype)
+    to_undirected, to_entries = np.empty(cells, histograms.dtype), np.empty(cells, histograms.dtype)
+    for b in range(batch):
+        to_factors[:] = 0
+        for o in range(bins if wanted[0] else 0):
+            entries, to_channel, to = histograms[b, o], given[b, o], found[b, o]
+            for k in range(4):
+                factor, to_factor = factors[b, k], to_factors[k]
+                for i in range(cells):
+                    product, share = entries[i] * factor[i], half * to_channel[i]
+                    # at the clip itself, the mean of both sides
+                    share = zero if product > clip else half * share if product == clip else share
+                    to_factor[i] += share * entries[i]
+                    to[i] += share * factor[i]
+        for o in range(n if wanted[1] or wanted[2] else 0):
+            for i in range(cells):
+                undirected[i] = histograms[b, o, i] + histograms[b, o + n, i]
+                to_undirected[i] = 0
+            for k in range(4):
+                to_entries[:] = 0
+                if wanted[1]:
+                    to_channel = given[b, first[1] + o]
+                    for i in range(cells):
+                        to_entries[i] += half * to_channel[i]
+                if wanted[2]:
+                    to_channel = given[b, first[2] + k]
+                    for i in range(cells):
+                        to_entries[i] += texture_scale * to_channel[i]
+                factor, to_factor = factors[b, k], to_factors[k]
+                for i in range(cells):
+                    product, share = undirected[i] * factor[i], to_entries[i]
+                    share = zero if product > clip else half * share if product == clip else share
+                    to_factor[i] += share * undirected[i]
+                    to_undirected[i] += share * factor[i]
+            for k in range(2):
+                to = found[b, o + k * n]
+                for i in range(cells):
+                    to[i] += to_undirected[i]
+        to_energy[:] = 0
+        for y in range(rows + 1):
+            up, down = max(y - 1, 0) * cols, min(y, rows - 1) * cols
+            for x in range(cols + 1):
+                left, right = max(x - 1, 0), min(x, cols - 1)
+                to_block = zero
+                for k in range(4):
+                    row, col = y - k // 2, x - k % 2
+                    if 0 <= row < rows and 0 <= col < cols:
+                        factor = factors[b, k, row * cols + col]
+                        to_block -= to_factors[k, row * cols + col] * factor * factor * factor
+                to_energy[up + left] += to_block
+                to_energy[up + right] += to_block
+                to_energy[down + left] += to_block
+                to_energy[down + right] += to_block
+        for o in range(n):
+            one, opposite = found[b, o], found[b, o + n]
+            for i in range(cells):
+                to_both = (histograms[b, o, i] + histograms[b, o + n, i]) * to_energy[i]
+                one[i] += to_both
+                opposite[i] += to_both
 
 
 class _FourBlocks(torch.autograd.Function):
-    """Histograms (B, 2n, rows, cols) to (B, 3n + 4, rows, cols)."""
+    """Histograms (B, 2n, rows, cols) to (B, channels, rows, cols)."""
 
     @staticmethod
     def forward(ctx: Any, histograms: Tensor, scheme: FourBlockNorm) -> Tensor:
-        entries = histograms.detach().contiguous().numpy()
-        dtype = entries.dtype.type
-        batch, bins, rows, cols = entries.shape
-        ctx.constants = dtype(scheme.clip), dtype(TEXTURE_SCALE), dtype(0.5)
-        ctx.entries, ctx.factors = entries, [_factors(one, dtype(scheme.epsilon)) for one in entries]
-        found = np.zeros((batch, scheme.channels(bins), rows, cols), dtype)
-        for one, factors, to in zip(entries, ctx.factors, found, strict=True):
-            _normalize(one, *ctx.constants, factors, to)
-        return torch.from_numpy(found)
+        batch, bins, ctx.rows, ctx.cols = histograms.shape
+        ctx.entries = histograms.detach().contiguous().numpy().reshape(batch, bins, -1)
+        dtype = ctx.entries.dtype.type
+        ctx.factors = _factors(ctx.entries, dtype(scheme.epsilon), ctx.rows, ctx.cols)
+        channels = [scheme.channels_of(part, bins) for part in PARTS]
+        first, wanted = np.cumsum([0, *channels[:-1]]), np.array(channels) > 0
+        ctx.constants = dtype(scheme.clip), dtype(TEXTURE_SCALE), dtype(0.5), ctx.factors, first, wanted
+        found = np.zeros((batch, sum(channels), ctx.rows * ctx.cols), dtype)
+        _normalize(ctx.entries, *ctx.constants, found)
+        return torch.from_numpy(found).view(batch, -1, ctx.rows, ctx.cols)
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, given: Tensor) -> tuple[Tensor, None]:
         found = np.zeros_like(ctx.entries)
-        for one, factors, of, to in zip(ctx.entries, ctx.factors, given.contiguous().numpy(), found, strict=True):
-            _normalize_adjoint(one, *ctx.constants, factors, of, to)
-        return torch.from_numpy(found), None
+        to_channels = given.contiguous().flatten(2).numpy()
+        _normalize_adjoint(ctx.entries, *ctx.constants, to_channels, ctx.rows, ctx.cols, found)
+        return torch.from_numpy(found).view(*found.shape[:2], ctx.rows, ctx.cols), None
 
 
 def four_block_norm(histograms: Tensor, scheme: FourBlockNorm) -> Tensor:
