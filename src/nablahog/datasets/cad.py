@@ -1,0 +1,85 @@
+"""Folders of CAD models, such as PASCAL3D+'s ``CAD/chair``."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ..render.mesh import Mesh, load_mesh
+from ..render.mesh_file import ENDINGS
+
+_BESIDE = (".mtl", ".jpg", ".jpeg", ".png", ".bmp", ".tga")  # what an OBJ names
+
+
+@dataclass
+class Models:
+    """CAD models by name, in order; read only when asked for.
+
+    Attributes:
+        paths: their files.
+        ignored: names of what is no mesh by its ending, and of folders further down.
+        failed: why a file could not be read, by its model's name; noted by :meth:`meshes`.
+    """
+
+    paths: dict[str, Path]
+    ignored: list[str]
+    failed: dict[str, str] = field(default_factory=dict)
+
+    def meshes(self) -> Iterator[tuple[str, Mesh]]:
+        """Reads one after the other as :func:`~nablahog.render.mesh.load_mesh` does; what fails is passed over."""
+        for name in self.paths:
+            mesh = self._read(name)
+            if mesh is not None:
+                yield name, mesh
+
+    def _read(self, name: str) -> Mesh | None:
+        path = self.paths[name]
+        try:
+            return load_mesh(path)
+        except (OSError, ValueError) as error:
+            self.failed[name] = str(error).removeprefix(f"{path}: ")
+            return None
+
+
+def read_models(folder: str | os.PathLike[str]) -> Models:
+    """The models in a folder and in the folders in it, which hold an OBJ with its materials each, or a category each.
+
+    A model's name is its path in the folder without the ending, or with it where two would have the same.  Hidden files
+    and folders are passed over; materials and textures are not noted as ignored.
+
+    Args:
+        folder: where.
+
+    Raises:
+        FileNotFoundError, NotADirectoryError: there is no such folder.
+        ValueError: it holds no model.
+    """
+    folder = Path(folder)
+    if not folder.exists():
+        raise FileNotFoundError(f"{folder}: no such folder")
+    if not folder.is_dir():
+        raise NotADirectoryError(f"{folder}: expected a folder of CAD models, got a file")
+    above = _visible(folder)
+    below = [entry for inner in above if inner.is_dir() for entry in _visible(inner)]
+    entries = [entry for entry in above if not entry.is_dir()] + below
+    files = sorted(entry for entry in entries if entry.suffix.lower() in ENDINGS and not entry.is_dir())
+    if not files:
+        expected = ", ".join(ENDINGS)
+        raise ValueError(f"{folder}: expected a folder of CAD models ({expected}), but it holds none")
+    whole = {path: _name(path.relative_to(folder)) for path in files}
+    short = {path: _name(path.relative_to(folder).with_suffix("")) for path in files}
+    often = Counter(short.values())
+    paths = {short[path] if often[short[path]] == 1 else whole[path]: path for path in files}
+    ignored = [entry for entry in entries if entry not in whole and entry.suffix.lower() not in _BESIDE]
+    return Models(dict(sorted(paths.items())), sorted(_name(entry.relative_to(folder)) for entry in ignored))
+
+
+def _visible(folder: Path) -> list[Path]:
+    return [entry for entry in folder.iterdir() if not entry.name.startswith(".")]
+
+
+def _name(path: Path) -> str:
+    return os.fsencode(path.as_posix()).decode(errors="backslashreplace")  # a name of any bytes fits the tables

@@ -1,0 +1,185 @@
+"""MATLAB's .mat files of version 5, as numbers, texts and structures.
+
+``scipy.io.loadmat`` reads them, too, but ends the process where a file that is damaged names a type of number it does
+not know.  Nothing in a file is ever run here: objects and functions are passed over.
+
+Source: MAT-File Format, The MathWorks, chapter 1.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+MAX_BYTES = 2**26  # what a file may unpack to, far above any record of a photograph
+MAX_DEPTH = 16  # of structures in structures
+
+_NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+_TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
+_MATRIX, _COMPRESSED = 14, 15
+_CELL, _STRUCT, _CHARACTERS, _OPAQUE = 1, 2, 4, 17
+_NUMERIC = range(6, 16)  # the classes double, single, int8 … uint64
+
+
+def read_mat(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The variables of a .mat file by name.
+
+    Args:
+        path: the file.
+
+    Returns:
+        Arrays of numbers are float64 arrays of their shape, of complex ones the real parts; arrays of characters are
+        one string, column by column; cells are lists; arrays of structures are lists of dictionaries by field, column
+        by column.  Sparse arrays, objects and functions are None.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is no .mat file of version 5, is damaged, or unpacks to more than :data:`MAX_BYTES`.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")
+    with open(path, "rb") as file:
+        data = file.read(MAX_BYTES + 1)
+    try:
+        return _variables(data)
+    except _Damaged as error:
+        raise ValueError(f"{path}: expected a MATLAB file of version 5, but {error}") from None
+
+
+class _Damaged(Exception):
+    """What is wrong with the file, the end of a sentence."""
+
+
+class _Element(NamedTuple):
+    kind: int
+    data: memoryview
+
+
+def _variables(data: bytes) -> dict[str, Any]:
+    if len(data) > MAX_BYTES:
+        raise _Damaged(f"it has more than {MAX_BYTES:,} bytes")
+    if data[:8] == b"\x89HDF\r\n\x1a\n" or data[512:520] == b"\x89HDF\r\n\x1a\n":
+        raise _Damaged("it is of version 7.3; save it with `save -v7`")
+    order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
+    if order is None:
+        raise _Damaged("its header says nothing like it")
+    left, result = MAX_BYTES - len(data), {}
+    for element in _elements(memoryview(data)[128:], order):
+        if element.kind == _COMPRESSED:
+            unpacked = _unpacked(element.data, left)
+            left -= len(unpacked)
+            element = next(_elements(memoryview(unpacked), order), _Element(0, memoryview(b"")))
+        if element.kind != _MATRIX:
+            raise _Damaged(f"a variable is of the type {element.kind}")
+        name, value = _matrix(element.data, order, 0)
+        result[name] = value
+    return result
+
+
+def _unpacked(data: memoryview, most: int) -> bytes:
+    stream = zlib.decompressobj()
+    try:
+        unpacked = stream.decompress(data, most + 1)
+    except zlib.error as error:
+        raise _Damaged(f"it is damaged: {error}") from None
+    if len(unpacked) > most:
+        raise _Damaged(f"it unpacks to more than {MAX_BYTES:,} bytes")
+    if not stream.eof:
+        raise _Damaged("it ends too early")
+    return unpacked
+
+
+def _elements(data: memoryview, order: str) -> Iterator[_Element]:
+    """The elements in a row: a tag of 8 bytes and data padded to 8 bytes, or both in 8 bytes."""
+    position = 0
+    while position < len(data):
+        if len(data) - position < 8:
+            raise _Damaged("it ends too early")
+        first, size = (int(word) for word in np.frombuffer(data, f"{order}u4", 2, position))
+        kind, start, padded = first, position + 8, size + (-size % 8)
+        if first >> 16:
+            kind, size, start, padded = first & 0xFFFF, first >> 16, position + 4, 4
+        elif kind == _COMPRESSED:
+            padded = size
+        if start + size > len(data) or size > padded:
+            raise _Damaged("it ends too early")
+        yield _Element(kind, data[start : start + size])
+        position = start + padded
+
+
+def _matrix(data: memoryview, order: str, depth: int) -> tuple[str, Any]:
+    """The name and the value of an array of any class; an empty element is an array without a name."""
+    if depth > MAX_DEPTH:
+        raise _Damaged(f"it has more than {MAX_DEPTH} structures in each other")
+    parts = _elements(data, order)
+    if not len(data):
+        return "", np.empty((0, 0))
+    flags = _numbers(next(parts, None), order)
+    kind = int(flags[0]) & 0xFF if len(flags) else 0
+    if kind == _OPAQUE:  # has no shape
+        return "", None
+    shape, name = _numbers(next(parts, None), order), _text(next(parts, None), order)
+    if len(shape) < 2 or (shape < 0).any():
+        raise _Damaged("it is damaged: an array has no shape")
+    sides = [int(side) for side in shape]
+    count = math.prod(sides)  # in Python's numbers, which do not overflow
+    if kind == _CHARACTERS:
+        text = _text(next(parts, None), order) if count else ""
+        units = len(text.encode("utf-16-le", errors="surrogatepass")) // 2
+        if units != count:
+            raise _Damaged(f"it is damaged: {count} characters are said to follow, {units} do")
+        return name, text
+    if kind in _NUMERIC:
+        values = _numbers(next(parts, None), order)
+        if len(values) != count:
+            raise _Damaged(f"it is damaged: {count} numbers are said to follow, {len(values)} do")
+        return name, values.reshape(sides, order="F")
+    if kind == _CELL:
+        return name, [_value(part, order, depth) for part in _exactly(count, parts)]
+    if kind == _STRUCT:
+        width, names = _numbers(next(parts, None), order), next(parts, None)
+        if len(width) != 1 or width[0] < 1 or names is None:
+            raise _Damaged("it is damaged: a structure has no fields")
+        step = int(width[0])
+        fields = [bytes(names.data[i : i + step]) for i in range(0, len(names.data), step)]
+        keys = [field.partition(b"\0")[0].decode("latin-1") for field in fields]
+        values_of = [_value(part, order, depth) for part in _exactly(count * len(keys), parts)]
+        rows = [values_of[i : i + len(keys)] for i in range(0, len(values_of), max(1, len(keys)))]
+        return name, [dict(zip(keys, row, strict=True)) for row in rows]
+    return name, None
+
+
+def _value(element: _Element, order: str, depth: int) -> Any:
+    if element.kind != _MATRIX:
+        raise _Damaged(f"it is damaged: a field is of the type {element.kind}")
+    return _matrix(element.data, order, depth + 1)[1]
+
+
+def _exactly(count: int, parts: Iterator[_Element]) -> list[_Element]:
+    found = list(parts)
+    if len(found) != count:
+        raise _Damaged(f"it is damaged: {count} values are said to follow, {len(found)} do")
+    return found
+
+
+def _numbers(element: _Element | None, order: str) -> NDArray[np.float64]:
+    code = None if element is None else _NUMBERS.get(element.kind)
+    if element is None or code is None or len(element.data) % int(code[1]):
+        raise _Damaged("it is damaged: expected numbers")
+    return np.frombuffer(element.data, order + code).astype(np.float64)
+
+
+def _text(element: _Element | None, order: str) -> str:
+    encoding = None if element is None else _TEXTS.get(element.kind)
+    if element is None or encoding is None:
+        raise _Damaged("it is damaged: expected text")
+    wide = {"<": "-le", ">": "-be"}[order] if encoding in ("utf-16", "utf-32") else ""
+    return bytes(element.data).decode(encoding + wide, errors="replace")

@@ -1,0 +1,254 @@
+"""PASCAL3D+: viewpoints of the objects of PASCAL VOC, and the selection of them that Table 2 is made on.
+
+``DIR`` is the folder ``PASCAL3D+_release1.1`` with ``Annotations/chair_pascal/*.mat`` and ``CAD/chair/*.off``.
+
+Source: Xiang, Mottaghi and Savarese, Beyond PASCAL (WACV 2014), and the code published with it.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from torch import Tensor
+from torch.nn import functional
+
+from ..images import read_image
+from .matfile import read_mat
+from .voc import Box, VOCObject, check_voc, read_annotation, read_image_ids
+
+SHORTEST = 100  # pixels of the shortest side of an object's picture (the paper, Section 3.2, Setup)
+SAME_BOX = 0.5  # intersection over union from which the boxes of VOC and of a record are those of one object
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """From where an object is seen, in degrees.
+
+    Attributes:
+        azimuth: of the camera, in 0…360, 0 in front of the object and 90 at its left.
+        elevation: of the camera, above the object's horizontal plane.
+        theta: in the picture's plane, counter-clockwise.
+        distance: in units of the CAD model; 0 for coarse viewpoints.
+        coarse: only a rough guess of azimuth and elevation is annotated.
+    """
+
+    azimuth: float
+    elevation: float
+    theta: float
+    distance: float
+    coarse: bool
+
+
+@dataclass(frozen=True)
+class Record:
+    """What PASCAL3D+ says of an object.
+
+    Attributes:
+        category: such as "chair".
+        box: as :data:`.voc.Box`.
+        viewpoint: None if none is annotated.
+        cad: the number of the CAD model most like it, from 1; None if none is annotated.
+    """
+
+    category: str
+    box: Box
+    viewpoint: Viewpoint | None
+    cad: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class AnnotatedObject:
+    """The picture of an object and how it is seen there.
+
+    Attributes:
+        name: of the image and the object's number in it, from 1, as "2008_000003#1".
+        image: (C, H, W), C 1 or 3, float32 in 0…1: the photograph cut along its box.
+        viewpoint: as annotated.
+        cad: the stem of the file of the CAD model most like it, as "03"; None if none is annotated.
+    """
+
+    name: str
+    image: Tensor
+    viewpoint: Viewpoint
+    cad: str | None
+
+
+@dataclass
+class Selection:
+    """The objects of a split to estimate the pose of.
+
+    Attributes:
+        objects: in the order of the split.
+        left_out: how many others, by the reason: the first that holds.
+        failed: why the files of an image could not be read, by its name.
+    """
+
+    objects: list[AnnotatedObject] = field(default_factory=list)
+    left_out: Counter[str] = field(default_factory=Counter)
+    failed: dict[str, str] = field(default_factory=dict)
+
+    def summary(self) -> str:
+        """How many there are, and how many are left out for what: one sentence."""
+        photographs = len({each.name.partition("#")[0] for each in self.objects})
+        why = ", ".join(f"{count} {reason}" for reason, count in self.left_out.items())
+        coarse = sum(each.viewpoint.coarse for each in self.objects)
+        roughly = f", {coarse} of them with coarse viewpoints only" if coarse else ""
+        return f"{len(self.objects)} objects of {photographs} photographs{roughly}; left out: {why or 'none'}."
+
+
+def read_record(path: Path) -> list[Record]:
+    """The objects of a record of PASCAL3D+, in its order.
+
+    Where the distance is 0 or missing only the coarse viewpoint is annotated, and counts, as in the published code.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is no such record or is damaged.
+    """
+    variables = read_mat(path)
+    try:
+        (record,) = _structures(variables, "record")
+        return [_record(each) for each in _structures(record, "objects")]
+    except ValueError as error:
+        raise ValueError(f"{path}: expected a record of PASCAL3D+, but {error}") from None
+
+
+def _structures(of: dict[str, Any], name: str) -> list[dict[str, Any]]:
+    value = of.get(name)
+    if not isinstance(value, list) or not all(isinstance(each, dict) for each in value):
+        raise ValueError(f"{name} is no structure")
+    return value
+
+
+def _record(of: dict[str, Any]) -> Record:
+    category, box, seen, cad = of.get("class"), of.get("bbox"), of.get("viewpoint"), _number(of, "cad_index")
+    if not isinstance(category, str) or not isinstance(box, np.ndarray) or box.size != 4 or not np.isfinite(box).all():
+        raise ValueError("an object has no class or no bbox")
+    left, top, right, bottom = (float(side) for side in box.flat)
+    known = isinstance(seen, list) and len(seen) == 1 and isinstance(seen[0], dict)
+    return Record(
+        category,
+        (left - 1, top - 1, right, bottom),
+        _viewpoint(_structures(of, "viewpoint")[0]) if known else None,
+        int(cad) if cad is not None and cad >= 1 else None,
+    )
+
+
+def _viewpoint(of: dict[str, Any]) -> Viewpoint | None:
+    distance = _number(of, "distance") or 0.0
+    fine = _number(of, "azimuth"), _number(of, "elevation")
+    rough = _number(of, "azimuth_coarse"), _number(of, "elevation_coarse")
+    coarse = distance == 0 or None in fine
+    azimuth, elevation = rough if coarse else fine
+    if azimuth is None or elevation is None:
+        return None
+    return Viewpoint(azimuth % 360, elevation, _number(of, "theta") or 0.0, distance, coarse)
+
+
+def _number(of: dict[str, Any], name: str) -> float | None:
+    value = of.get(name)
+    if not isinstance(value, np.ndarray) or value.size != 1:
+        return None
+    number = float(value.flat[0])
+    return number if math.isfinite(number) else None
+
+
+def read_pascal3d(voc: Path, pascal3d: Path, category: str = "chair", split: str = "val") -> Selection:
+    """The paper's selection: objects that are not difficult, occluded or truncated by VOC and have a viewpoint.
+
+    Each is cut out along its box and, if its shortest side has less than :data:`SHORTEST` pixels, enlarged to that
+    (bicubic).  VOC and PASCAL3D+ are put together by the boxes.
+
+    Args:
+        voc: the folder ``VOC2012``.
+        pascal3d: the folder ``PASCAL3D+_release1.1``.
+        category, split: in the names of PASCAL VOC.
+
+    Raises:
+        FileNotFoundError: a folder or the list of the split is missing.
+        ValueError: the list of the split is damaged, or no object is selected.
+    """
+    check_voc(voc)
+    records = pascal3d / "Annotations" / f"{category}_pascal"
+    if not records.is_dir():
+        raise FileNotFoundError(
+            f"{pascal3d}: expected the folder PASCAL3D+_release1.1, but it has no Annotations/{category}_pascal"
+        )
+    result = Selection()
+    for image_id in read_image_ids(voc, category, split):
+        _select(voc, records, category, image_id, result)
+    if not result.objects:
+        failure = next(iter(result.failed.values()), None)
+        raise ValueError(f"{voc}: no {category} of {split} is selected: {failure or result.summary()}")
+    return result
+
+
+def _select(voc: Path, records: Path, category: str, image_id: str, result: Selection) -> None:
+    """Adds the objects of an image, all or, if a file cannot be read, none."""
+    try:
+        annotated = read_annotation(voc / "Annotations" / f"{image_id}.xml")
+        wanted = [(number, each) for number, each in enumerate(annotated, start=1) if each.category == category]
+        usable = [(number, each) for number, each in wanted if _flaw(each) is None]
+        found: list[AnnotatedObject] = []
+        if usable:  # the other photographs need not be read
+            photograph = read_image(voc / "JPEGImages" / f"{image_id}.jpg")
+            known = [each for each in read_record(records / f"{image_id}.mat") if each.category == category]
+            for number, each in usable:
+                record = max(known, key=lambda one: _overlap(one.box, each.box), default=None)
+                if record is None or record.viewpoint is None or _overlap(record.box, each.box) < SAME_BOX:
+                    continue
+                cad = None if record.cad is None else f"{record.cad:02d}"
+                picture = cut_out(photograph, each.box)
+                found.append(AnnotatedObject(f"{image_id}#{number}", picture, record.viewpoint, cad))
+    except (OSError, ValueError) as error:
+        result.failed[image_id] = str(error).replace(f"{voc}{os.sep}", "").replace(f"{records}{os.sep}", "")
+        return
+    result.objects += found
+    result.left_out.update(flaw for _, each in wanted if (flaw := _flaw(each)) is not None)
+    result.left_out.update(["without a viewpoint"] * (len(usable) - len(found)))
+
+
+def _flaw(of: VOCObject) -> str | None:
+    flaws = {"difficult": of.difficult, "occluded": of.occluded, "truncated": of.truncated}
+    return next((name for name, holds in flaws.items() if holds), None)
+
+
+def _overlap(a: Box, b: Box) -> float:
+    """Intersection over union."""
+    width, height = (min(a[i + 2], b[i + 2]) - max(a[i], b[i]) for i in (0, 1))
+    both = max(0.0, width) * max(0.0, height)
+    areas = sum((box[2] - box[0]) * (box[3] - box[1]) for box in (a, b))
+    return both / (areas - both) if areas > both else 0.0
+
+
+def cut_out(image: Tensor, box: Box, shortest: int = SHORTEST) -> Tensor:
+    """The part of an image in a box, enlarged if its shortest side has less than ``shortest`` pixels.
+
+    Args:
+        image: (C, H, W), floating point in 0…1.
+        box: is rounded to whole pixels; what lies outside the image is left out.
+        shortest: at least 1.
+
+    Returns:
+        (C, h, w) in 0…1.
+
+    Raises:
+        ValueError: the box and the image have no pixel in common.
+    """
+    height, width = image.shape[1:]
+    left, right = (min(max(round(side), 0), width) for side in box[::2])
+    top, bottom = (min(max(round(side), 0), height) for side in box[1::2])
+    if right <= left or bottom <= top:
+        raise ValueError(f"expected a box in the image of {height}x{width} pixels, got {box}")
+    part = image[:, top:bottom, left:right]
+    scale = shortest / min(part.shape[1:])
+    if scale <= 1:
+        return part.contiguous()
+    size = [max(shortest, round(side * scale)) for side in part.shape[1:]]
+    return functional.interpolate(part[None], size, mode="bicubic", align_corners=False)[0].clamp(0, 1)

@@ -1,0 +1,88 @@
+"""From where objects are seen: lists of viewpoints from CSV files, and a distribution of our own."""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+_REQUIRED = ("azimuth", "elevation")
+_COLUMNS = (*_REQUIRED, "theta")
+
+
+def read_viewpoints(path: str | os.PathLike[str]) -> Floats:
+    """The viewpoints in a CSV file: a line of column names, then one line for each viewpoint.
+
+    Args:
+        path: the file, in UTF-8.  Of its columns, ``azimuth``, ``elevation`` and, if there is one, ``theta`` are read,
+            in degrees as :data:`~nablahog.render.camera.PARAMETERS` says.
+
+    Returns:
+        (N, 3), float64: azimuth in 0…360 (without 360), elevation in -90…90, theta (0 without such a column).
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is no such file, has no viewpoints, or a value is no finite number or out of its range; the
+            message names the line.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such file")
+    if not path.is_file():
+        raise ValueError(f"{path}: expected a CSV file, got a {'folder' if path.is_dir() else 'special file'}")
+    with open(path, newline="", encoding="utf-8-sig") as file:
+        reader = csv.DictReader(file, skipinitialspace=True)
+        try:
+            names = [name.strip() for name in reader.fieldnames or ()]
+            missing = [name for name in _REQUIRED if name not in names]
+            if missing:
+                raise ValueError(f"expected the columns azimuth and elevation, but {' and '.join(missing)} is missing")
+            reader.fieldnames = names
+            rows = [[_number(row, name) for name in _COLUMNS if name in names] for row in reader]
+        except (ValueError, csv.Error) as error:  # UnicodeDecodeError is a ValueError
+            raise ValueError(f"{path}, line {max(1, reader.line_num)}: {error}") from None
+    if not rows:
+        raise ValueError(f"{path}: expected at least one viewpoint below the names of the columns, got none")
+    viewpoints = np.zeros((len(rows), 3))
+    viewpoints[:, : len(rows[0])] = rows
+    viewpoints[:, 0] %= 360
+    viewpoints[viewpoints[:, 0] == 360, 0] = 0  # what is a rounding below 0
+    return viewpoints
+
+
+def _number(row: Mapping[str, str | None], name: str) -> float:
+    text = row[name]
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ValueError(f"expected a finite number of degrees as {name}, got {text!r}")
+    if name == "elevation" and abs(value) > 90:
+        raise ValueError(f"elevation must lie in -90…90 degrees, got {text}")
+    return value
+
+
+def sample_viewpoints(count: int, generator: np.random.Generator) -> Floats:
+    """Viewpoints as people photograph chairs: standing, from all around, most often from near the front.
+
+    Azimuth: for half of them normal about the front, σ = 45°, for the others uniform.  Elevation: triangular from 0° to
+    45° with its peak at 15°.  Theta: normal, σ = 3°.
+
+    Args:
+        count: how many.
+        generator: where randomness comes from.
+
+    Returns:
+        (``count``, 3), float64, as :func:`read_viewpoints`.
+    """
+    frontal = generator.random(count) < 0.5
+    azimuth = np.where(frontal, generator.normal(0, 45, count), generator.uniform(0, 360, count)) % 360
+    return np.stack([azimuth, generator.triangular(0, 15, 45, count), generator.normal(0, 3, count)], axis=1)

@@ -1,0 +1,113 @@
+"""PASCAL VOC as it is published: lists of images, photographs, and the objects annotated in them.
+
+``DIR`` is the folder ``VOC2012`` with ``Annotations/*.xml``, ``ImageSets/Main/*.txt`` and ``JPEGImages/*.jpg``.
+
+Source: Everingham et al., The PASCAL Visual Object Classes Challenge: A Retrospective (IJCV 2015), and its devkit.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+from xml.etree import ElementTree
+
+Box: TypeAlias = tuple[float, float, float, float]
+"""Left, top, right, bottom, in pixels from the left upper corner of the image, so that the whole is 0, 0, W, H."""
+
+MAX_BYTES = 2**20  # of an annotation; published ones have at most some ten thousand
+
+
+@dataclass(frozen=True)
+class VOCObject:
+    """An annotated object.
+
+    Attributes:
+        category: such as "chair".
+        box: where; the file counts pixels from 1 and includes both ends.
+        truncated: it goes on outside the image or the box.
+        occluded: something is in front of it; absent from the oldest files, which then means False.
+        difficult: not to be counted.
+    """
+
+    category: str
+    box: Box
+    truncated: bool
+    occluded: bool
+    difficult: bool
+
+
+def check_voc(voc: Path) -> None:
+    """Raises FileNotFoundError unless ``voc`` has the three folders of VOC."""
+    for name in ("Annotations", "ImageSets/Main", "JPEGImages"):
+        if not (voc / name).is_dir():
+            raise FileNotFoundError(f"{voc}: expected the folder VOC2012 of PASCAL VOC, but it has no {name}")
+
+
+def read_image_ids(voc: Path, category: str, split: str) -> list[str]:
+    """The images of a split that hold the category: ``CATEGORY_SPLIT.txt``, or all of ``SPLIT.txt`` if it is missing.
+
+    Raises:
+        FileNotFoundError: both are missing.
+        ValueError: a line is not the name of an image, with or without 1, 0 or -1.
+    """
+    lists = voc / "ImageSets" / "Main"
+    path = next((path for path in (lists / f"{category}_{split}.txt", lists / f"{split}.txt") if path.is_file()), None)
+    if path is None:
+        raise FileNotFoundError(f"{lists}: expected {category}_{split}.txt or {split}.txt, got neither")
+    result = []
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+        match = re.fullmatch(r"\s*([\w-]+)(?:\s+(-1|0|1))?\s*", line, re.ASCII)  # no names that lead elsewhere
+        if match is None and line.strip():
+            raise ValueError(f"{path}: expected lines as '2008_000003 1', got {line[:60]!r}")
+        if match is not None and match[2] != "-1":
+            result.append(match[1])
+    return result
+
+
+class _NoDocumentType(ElementTree.TreeBuilder):
+    """A document type may define entities; annotations have none."""
+
+    def doctype(self, name: str, pubid: str, system: str) -> None:
+        raise ElementTree.ParseError("a document type is refused")
+
+
+def read_annotation(path: Path) -> list[VOCObject]:
+    """The objects of an annotation file, in its order; what is said of their parts is passed over.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is no such annotation, is damaged, has a document type, or is larger than :data:`MAX_BYTES`.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")
+    with open(path, "rb") as file:
+        data = file.read(MAX_BYTES + 1)
+    try:
+        if len(data) > MAX_BYTES:
+            raise ValueError(f"it has more than {MAX_BYTES:,} bytes")
+        root = ElementTree.fromstring(data, ElementTree.XMLParser(target=_NoDocumentType()))
+        if root.tag != "annotation":
+            raise ValueError(f"its root is {root.tag[:60]!r}")
+        return [_object(element) for element in root.iterfind("object")]
+    except (ElementTree.ParseError, ValueError, LookupError) as error:  # the last for encodings that nobody knows
+        raise ValueError(f"{path}: expected an annotation of PASCAL VOC, but {error}") from None
+
+
+def _object(element: ElementTree.Element) -> VOCObject:
+    left, top, right, bottom = _sides(element)
+    return VOCObject(
+        (element.findtext("name") or "").strip(),
+        (left - 1, top - 1, right, bottom),
+        **{flag: (element.findtext(flag) or "").strip() == "1" for flag in ("truncated", "occluded", "difficult")},
+    )
+
+
+def _sides(element: ElementTree.Element) -> Iterator[float]:
+    for side in ("xmin", "ymin", "xmax", "ymax"):
+        text = element.findtext(f"bndbox/{side}") or ""
+        if not re.fullmatch(r"\s*\d{1,6}(\.\d*)?\s*", text):
+            raise ValueError(f"{side} of a box is {text[:60]!r}")
+        yield float(text)

@@ -1,0 +1,63 @@
+"""Triangles cut at the near plane: what is behind the camera has no place in the image."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+NEAR = 1e-3
+"""Depth of the near plane, as a share of the camera's distance from the object."""
+
+
+class Clipped(NamedTuple):
+    """The part of a mesh in front of the near plane.
+
+    Attributes:
+        points: (V', 3) in the camera frame: the mesh's own and those of the cuts.
+        faces: (F', 3), none of them with a corner behind the plane.
+        corners: (F', 3): their brightness.
+    """
+
+    points: Tensor
+    faces: Tensor
+    corners: Tensor
+
+
+def clip(points: Tensor, faces: Tensor, corners: Tensor, near: float) -> Clipped:
+    """Cuts triangles at depth ``near``; differentiable in ``points`` (V, 3) and ``corners`` (F, 3).
+
+    A triangle with one corner in front stays one, with two in front it becomes two.
+    """
+    front = points[:, 2] > near
+    inside = front[faces].sum(1)
+    found = [(faces[inside == 3], corners[inside == 3])]
+    new_points = [points]
+    count = len(points)
+    for number in (1, 2):
+        which = (inside == number).nonzero().squeeze(1)
+        # the odd corner, alone in front or alone behind, comes first
+        odd = (front[faces[which]] == (number == 1)).int().argmax(1)
+        turn = (odd[:, None] + torch.arange(3, device=faces.device)) % 3
+        corner, bright = faces[which].gather(1, turn), corners[which].gather(1, turn)
+        cuts, shades = [], []
+        for other in (1, 2):
+            # from front to back, so that two triangles cut their common edge in the very same point
+            a, b = (0, other) if number == 1 else (other, 0)
+            start, end = points[corner[:, a]], points[corner[:, b]]
+            t = (near - start[:, 2:]) / (end[:, 2:] - start[:, 2:])
+            new_points.append(torch.lerp(start, end, t))
+            cuts.append(count + torch.arange(len(which), device=faces.device))
+            shades.append(torch.lerp(bright[:, a], bright[:, b], t[:, 0]))
+            count += len(which)
+        if number == 1:
+            found.append((torch.stack([corner[:, 0], *cuts], 1), torch.stack([bright[:, 0], *shades], 1)))
+        else:
+            for triangle, brightness in (
+                ((corner[:, 1], corner[:, 2], cuts[0]), (bright[:, 1], bright[:, 2], shades[0])),
+                ((corner[:, 2], cuts[1], cuts[0]), (bright[:, 2], shades[1], shades[0])),
+            ):
+                found.append((torch.stack(triangle, 1), torch.stack(brightness, 1)))
+    parts = [torch.cat(part) for part in zip(*found, strict=True)]
+    return Clipped(torch.cat(new_points), *parts)

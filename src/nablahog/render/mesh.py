@@ -1,0 +1,152 @@
+"""Triangle meshes, as the renderer takes them: vertices V, faces, and per-vertex brightness A."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from .mesh_file import Soup, read_soup
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+FLAT = 1e-12
+"""Of twice a triangle's area, where the bounding box's diagonal is 1: at most so much is a triangle of no area."""
+
+_Y_UP = (".obj", ".glb")
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles with a brightness at each vertex.  Immutable.
+
+    The object's frame is that of PASCAL3D+: z up, the front looks to -y.  Triangles have no inner side: the renderer
+    shades both alike, so the order of their corners does not matter.
+
+    Attributes:
+        vertices: (V, 3), float64, finite; any unit.
+        faces: (F, 3), int64 in 0…V-1, at least one.
+        brightness: (V,), float64 in 0…1: the albedo as gray, which light multiplies.
+
+    Raises:
+        ValueError: an array is none of the above.
+    """
+
+    vertices: Tensor
+    faces: Tensor
+    brightness: Tensor
+
+    def __post_init__(self) -> None:
+        count = len(self.vertices)
+        _check("vertices", self.vertices, (count, 3), torch.float64)
+        _check("faces", self.faces, (len(self.faces), 3), torch.int64)
+        _check("brightness", self.brightness, (count,), torch.float64)
+        if not len(self.faces):
+            raise ValueError("a mesh must have at least one face, got none")
+        if not bool(torch.isfinite(self.vertices).all()):
+            raise ValueError("vertices must be finite, got NaN or infinite coordinates")
+        low, high = int(self.faces.min()), int(self.faces.max())
+        if low < 0 or high >= count:
+            raise ValueError(f"faces must refer to the vertices 0…{count - 1}, got {low if low < 0 else high}")
+        if not bool(((self.brightness >= 0) & (self.brightness <= 1)).all()):  # NaN fails too
+            raise ValueError("brightness must lie in 0…1")
+
+    def normalized(self) -> Mesh:
+        """The mesh with its bounding box centred at 0 and the box's diagonal 1; differentiable in the vertices.
+
+        Raises:
+            ValueError: all vertices are one point, or too far apart for float64.
+        """
+        low, high = self.vertices.amin(0), self.vertices.amax(0)
+        longest = (high - low).max()
+        extent = float(longest.detach())
+        if not 0 < extent < float("inf"):
+            raise ValueError(f"a mesh must have an extent above 0 and below infinity, got {extent:g}")
+        diagonal = longest * ((high - low) / longest).norm()  # squares of the extents themselves may not fit float64
+        return Mesh((self.vertices - (low + (high - low) / 2)) / diagonal, self.faces, self.brightness)
+
+
+def _check(name: str, array: Tensor, shape: tuple[int, ...], dtype: torch.dtype) -> None:
+    if array.shape != shape or array.dtype != dtype:
+        expected = f"{str(dtype).removeprefix('torch.')} of shape {shape}"
+        got = f"{str(array.dtype).removeprefix('torch.')} of shape {tuple(array.shape)}"
+        raise ValueError(f"{name} must be {expected}, got {got}")
+
+
+def load_mesh(path: str | os.PathLike[str], *, up: Literal["z", "y"] | None = None) -> Mesh:
+    """The mesh in a file, :meth:`~Mesh.normalized`, in the object's frame (z up, front to -y).
+
+    Formats, by the file's ending: OFF (with the colours of COFF), OBJ with MTL, PLY, STL, and GLB that needs no other
+    file.  Polygons become triangles, all geometries of a file one mesh, where GLB's nodes put them.  Triangles of no
+    area, repeated triangles and unused vertices are dropped; vertices at the very same place and of the same
+    brightness become one, so that triangles know their neighbours whatever the format.
+
+    Brightness is 0.299 R + 0.587 G + 0.114 B, with the numbers as the file has them (no colour management), of the
+    texture at the vertex (its mean over 1/64 of the picture) times GLB's factor; or else of the material's diffuse or
+    base colour; or else of the vertex's colour; GLB's vertex colours multiply its materials.  Where nothing is known,
+    it is 0.8.  Transparency is ignored.
+
+    A file is untrusted: of the files that an OBJ or a PLY names, only those in the same folder or below are read, and
+    nothing else; those that cannot be read are as if not named.  A network is never asked.
+
+    Args:
+        path: the file.
+        up: which of the file's axes points up.  With "y", the front looks to the file's +z, and (x, y, z) becomes
+            (x, -z, y).  None: "y" for OBJ and GLB, "z" for the others, as these formats are mostly used.
+
+    Returns:
+        The mesh, on the CPU.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is a folder, of another ending, too big, damaged, or holds no triangle of any area, coordinates
+            that are not finite, or faces that refer to vertices that it does not hold; or ``up`` is none of the above.
+    """
+    if up not in ("z", "y", None):
+        raise ValueError(f"up must be 'z', 'y' or None, got {up!r}")
+    path = Path(path)
+    soup = read_soup(path)
+    if up == "y" or (up is None and path.suffix.lower() in _Y_UP):
+        x, y, z = soup.vertices.T
+        soup = Soup(np.stack([x, -z, y], axis=1), soup.faces, soup.brightness)
+    try:
+        whole = Mesh(*map(torch.from_numpy, (soup.vertices, soup.faces, soup.brightness))).normalized()
+        return _tidied(whole).normalized()  # without what was flat or unused, the box may be smaller
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _tidied(mesh: Mesh) -> Mesh:
+    vertices, faces, brightness = mesh.vertices.numpy(), mesh.faces.numpy(), mesh.brightness.numpy()
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    faces = faces[np.linalg.norm(np.cross(b - a, c - a), axis=1) > FLAT]
+    if not len(faces):
+        raise ValueError("a mesh must have at least one triangle of an area above 0, got none")
+    first, vertex = _distinct(np.column_stack([vertices, brightness]))
+    faces = vertex[faces]
+    faces = faces[np.sort(_distinct(np.sort(faces, axis=1))[0])]
+    used, flat = np.unique(faces, return_inverse=True)
+    kept = first[used]
+    return Mesh(
+        torch.from_numpy(vertices[kept]), torch.from_numpy(flat.reshape(-1, 3)), torch.from_numpy(brightness[kept])
+    )
+
+
+def _distinct(rows: Floats | Integers) -> tuple[Integers, Integers]:
+    """Where each distinct row comes first, in any order, and which of these each row equals.
+
+    ``np.unique(rows, axis=0)`` says the same in twice the time.
+    """
+    order = np.lexsort(rows.T)
+    new = np.ones(len(rows), dtype=bool)
+    new[1:] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
+    which = np.empty(len(rows), dtype=np.int64)
+    which[order] = np.cumsum(new) - 1
+    return order[new], which

@@ -1,0 +1,191 @@
+"""Reading mesh files, whoever wrote them, with trimesh: OFF, OBJ with MTL, PLY, STL and GLB."""
+
+from __future__ import annotations
+
+import io
+import logging
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from .mesh_bytes import MAX_BYTES, MAX_FACES, as_utf8, is_coff, mended, off_lines
+
+if TYPE_CHECKING:  # slow to import
+    import trimesh
+
+Floats = NDArray[np.float64]
+
+BRIGHTNESS = 0.8
+"""Where a file says nothing of colour."""
+TEXTURE = 64  # a texture is shrunk to so many texels a side: vertices are further apart than its details
+
+_FORMATS = {".off": "OFF", ".obj": "OBJ", ".ply": "PLY", ".stl": "STL", ".glb": "GLB"}
+ENDINGS = tuple(_FORMATS)
+_GRAY = (0.299, 0.587, 0.114)
+
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else its remarks go to the terminal
+
+
+class Soup(NamedTuple):
+    """What a file holds: vertices (V, 3) float64, faces (F, 3) int64, brightness (V,) float64 in 0…1; unchecked."""
+
+    vertices: Floats
+    faces: NDArray[np.int64]
+    brightness: Floats
+
+
+def read_soup(path: Path) -> Soup:
+    """All triangles of the file ``path``, one of :func:`~nablahog.render.mesh.load_mesh`'s formats.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is no such file, too big or damaged.
+    """
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such file")
+    if not path.is_file():
+        raise ValueError(f"{path}: expected a mesh file, got a {'folder' if path.is_dir() else 'special file'}")
+    kind = _FORMATS.get(path.suffix.lower())
+    if kind is None:
+        expected = ", ".join(ENDINGS)
+        raise ValueError(f"{path}: expected a mesh file ({expected}), got the ending {path.suffix or 'of no kind'!r}")
+    if path.stat().st_size > MAX_BYTES:
+        raise ValueError(f"{path}: a mesh file of more than {MAX_BYTES:,} bytes is refused")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # remarks on odd numbers
+        warnings.simplefilter("error", Image.DecompressionBombWarning)  # such a texture counts as unreadable
+        try:
+            return _joined(list(_pieces(path, kind)))
+        except Exception as error:  # parsers of damaged files raise nearly anything
+            reason = (str(error).splitlines() or [""])[0][:300] or type(error).__name__
+            raise ValueError(f"{path}: expected a mesh in the format {kind}, but it cannot be read: {reason}") from None
+
+
+def _pieces(path: Path, kind: str) -> Iterator[Soup]:
+    """The file's geometries, each as often as the file places it."""
+    import trimesh
+
+    data = mended(path.read_bytes(), kind)
+    colours = _off_colours(data) if kind == "OFF" else None
+    resolver = _beside(path) if kind in ("OBJ", "PLY") else None
+    scene = trimesh.load_scene(io.BytesIO(data), file_type=kind.lower(), resolver=resolver, process=False)
+    places = [scene.graph[node] for node in scene.graph.nodes_geometry]
+    placed = [(matrix, scene.geometry[name]) for matrix, name in places]
+    placed = [(matrix, geometry) for matrix, geometry in placed if isinstance(geometry, trimesh.Trimesh)]
+    faces = sum(len(geometry.faces) for _, geometry in placed)
+    if faces > MAX_FACES:
+        raise ValueError(f"at most {MAX_FACES:,} faces are allowed, got {faces:,}")
+    for matrix, geometry in placed:
+        if kind == "PLY":
+            _check_ply(geometry)
+        vertices = np.asarray(geometry.vertices, dtype=np.float64)
+        if vertices.shape[1:] != (3,):
+            raise ValueError("its vertices do not have three coordinates each")
+        vertices = trimesh.transform_points(vertices, matrix)
+        brightness = _brightness(geometry) if colours is None else _gray(colours)
+        yield Soup(vertices, np.asarray(geometry.faces, dtype=np.int64), brightness)
+
+
+def _beside(path: Path) -> trimesh.resolvers.Resolver:
+    """Finds the files that ``path`` names, in its folder and below."""
+    from trimesh.resolvers import FilePathResolver
+
+    class Beside(FilePathResolver):
+        def absolute(self, name: str) -> Path:
+            found: Path = super().absolute(name)
+            if found.exists() and not found.is_file():  # reading a pipe never ends
+                raise ValueError(f"{name} is no regular file")
+            return found
+
+        def get(self, name: str) -> bytes:
+            found: bytes = super().get(name)
+            return as_utf8(found) if name.lower().endswith(".mtl") else found
+
+    return Beside(str(path))
+
+
+def _joined(pieces: list[Soup]) -> Soup:
+    if not any(len(piece.faces) for piece in pieces):
+        raise ValueError("it holds no faces")
+    for piece in pieces:
+        if not np.isfinite(piece.vertices).all():
+            raise ValueError("it holds coordinates that are not finite")
+        if len(piece.faces) and not (piece.faces.min() >= 0 and piece.faces.max() < len(piece.vertices)):
+            raise ValueError("a face refers to a vertex that it does not hold")
+    starts = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
+    return Soup(
+        np.concatenate([piece.vertices for piece in pieces]),
+        np.concatenate([piece.faces + start for piece, start in zip(pieces, starts, strict=False)]),
+        np.concatenate([piece.brightness for piece in pieces]),
+    )
+
+
+def _brightness(geometry: trimesh.Trimesh) -> Floats:
+    visual: Any = geometry.visual  # ColorVisuals or TextureVisuals, which share no interface
+    count = len(geometry.vertices)
+    if visual.kind == "texture":
+        brightness = _material(visual.material, visual.uv, count)
+        colours = visual.vertex_attributes.get("color", ())  # GLB's, which multiply
+        return brightness * _gray(np.asarray(colours)) if len(colours) == count else brightness
+    if visual.kind in ("vertex", "face"):
+        return _gray(np.asarray(visual.vertex_colors))
+    return np.full(count, BRIGHTNESS)
+
+
+def _material(material: Any, uv: Floats | None, count: int) -> Floats:
+    """Of MTL's materials, the texture replaces the colour, which many files leave black; of GLB's, it multiplies."""
+    import trimesh
+
+    if isinstance(material, trimesh.visual.material.PBRMaterial):
+        factor, texture = material.baseColorFactor, material.baseColorTexture
+        multiplied = factor
+    else:
+        factor, texture = (material.diffuse if "kd" in material.kwargs else None), material.image
+        multiplied = None
+    sampled = None if texture is None or uv is None or len(uv) != count else _sampled(texture, uv)
+    if sampled is not None:
+        return sampled if multiplied is None else sampled * _gray(np.asarray(multiplied)[None])
+    return np.full(count, BRIGHTNESS if factor is None else _gray(np.asarray(factor)[None])[0])
+
+
+def _sampled(texture: Image.Image, uv: Floats) -> Floats | None:
+    try:
+        small = texture.convert("RGB")
+    except Exception:  # a damaged picture is as if not named
+        return None
+    small.thumbnail((TEXTURE, TEXTURE), Image.Resampling.BOX)
+    gray = _gray(np.asarray(small))
+    u, v = np.nan_to_num(np.asarray(uv, dtype=np.float64), posinf=0, neginf=0).T % 1  # textures repeat; v points up
+    rows, columns = gray.shape
+    sampled: Floats = gray[((1 - v) * rows).astype(int) % rows, (u * columns).astype(int) % columns]
+    return sampled
+
+
+def _gray(colours: NDArray[Any]) -> Floats:
+    """Gray in 0…1 of colours (..., at least 3): integers up to their type's largest, or floats in 0…1."""
+    scale = np.iinfo(colours.dtype).max if colours.dtype.kind in "iu" else 1
+    gray: Floats = (colours[..., :3].astype(np.float64) / scale) @ np.array(_GRAY)
+    return np.nan_to_num(gray).clip(0, 1)
+
+
+def _off_colours(data: bytes) -> Floats | NDArray[np.uint8] | None:
+    """The vertices' colours, which trimesh passes over: in 0…1 or 0…255."""
+    if not is_coff(data):
+        return None
+    count, lines = off_lines(data)
+    colours = np.array([line.split()[3:6] for line in lines[:count]], dtype=np.float64)
+    return colours if colours.max(initial=0) <= 1 else colours.clip(0, 255).astype(np.uint8)
+
+
+def _check_ply(geometry: trimesh.Trimesh) -> None:
+    for name, element in geometry.metadata.get("_ply_raw", {}).items():
+        found = element.get("data")
+        columns = list(found.values()) if isinstance(found, dict) else [found]
+        rows = min((0 if column is None else len(column) for column in columns), default=0)
+        if rows < element["length"]:
+            raise ValueError(f"it promises {element['length']:,} rows of the element {name}, but has {rows:,}")

@@ -1,0 +1,105 @@
+"""Visibility: which triangle is seen at each sample, and how far away it is.  The only step that has backends."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from .kernels.visibility import visibility as compiled_visibility
+
+_CHUNK = 2**22  # candidates (a sample in a triangle's bounding box) at a time
+
+
+def visibility(screen: Tensor, faces: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
+    """The nearest triangle at each sample.
+
+    A sample on the common edge of two triangles belongs to both; of triangles at equal depth the first is seen.
+    Triangles with a corner behind the camera (1 / depth ≤ 0) are not drawn: cut them first, :func:`.clip.clip`.
+
+    Args:
+        screen: (B, V, 3), float32 or float64: x and y in samples, sample (row i, column j) being at (j + ½, i + ½), and
+            1 / depth.
+        faces: (F, 3), int64 into the points.
+        height, width: samples.
+
+    Returns:
+        The triangle, int64, -1 where there is none, and 1 / depth, 0 where there is none; both (B, height, width), and
+        constants to any differentiation.
+    """
+    screen = screen.detach().contiguous()
+    try:
+        points = screen.numpy()
+    except (TypeError, RuntimeError):  # it is on another device, or of a function transform, which shows no numbers
+        return visibility_steps(screen, faces, height, width)
+    ids = np.empty((len(points), height, width), np.int32)
+    inverse = np.empty(ids.shape, points.dtype)
+    box, triangles = np.array([0, height, 0, width]), faces.to(torch.int32).numpy()
+    for one, seen, w in zip(points, ids, inverse, strict=True):
+        compiled_visibility(one, triangles, box, seen, w)
+    return torch.from_numpy(ids).long(), torch.from_numpy(inverse)
+
+
+def visibility_steps(screen: Tensor, faces: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
+    """:func:`visibility` in plain PyTorch, on any device."""
+    corners = screen[:, faces]  # (B, F, 3, 3)
+    low, high = corners[..., :2].amin(2), corners[..., :2].amax(2)
+    limit = screen.new_tensor([width, height])
+    first = (low - 0.5).ceil().clamp(min=0)
+    count = ((high - 0.5).floor().minimum(limit - 1) - first + 1).clamp(min=0)
+    drawn = (corners[..., 2] > 0).all(2) & torch.isfinite(corners).all(3).all(2)
+    boxes = torch.where(drawn, count.prod(2), 0).nan_to_num(0).long().flatten()
+    listed = boxes.nonzero().squeeze(1)
+    total = boxes[listed].cumsum(0)
+    nothing = len(faces)
+    ids = torch.full((len(screen) * height * width,), nothing, dtype=torch.int64, device=screen.device)
+    inverse = screen.new_zeros(len(ids))
+    start = 0
+    while start < len(listed):
+        done = int(total[start - 1]) if start else 0
+        stop = max(start + 1, int(torch.searchsorted(total, done + _CHUNK)))
+        chunk = listed[start:stop]
+        which = chunk.repeat_interleave(boxes[chunk])
+        step = torch.arange(len(which), device=screen.device) - (
+            total[start:stop] - boxes[chunk] - done
+        ).repeat_interleave(boxes[chunk])
+        batch, face = which // len(faces), which % len(faces)
+        across = count[batch, face, 0].long()
+        x = first[batch, face, 0] + step % across + 0.5
+        y = first[batch, face, 1] + step // across + 0.5
+        weights = barycentric(corners[batch, face], faces[face], x, y)
+        inside = (weights >= 0).all(1)  # false for triangles of no area, whose weights are NaN
+        batch, face, x, y, weights = (part[inside] for part in (batch, face, x, y, weights))
+        w = (weights * corners[batch, face, :, 2]).sum(1)
+        place = (batch * height + y.long()) * width + x.long()
+        nearer = inverse.scatter_reduce(0, place, w, "amax")
+        ids[nearer > inverse] = nothing
+        best = w == nearer[place]
+        ids.scatter_reduce_(0, place[best], face[best], "amin")
+        inverse = nearer
+        start = stop
+    ids[ids == nothing] = -1
+    return ids.reshape(-1, height, width), inverse.reshape(-1, height, width)
+
+
+def barycentric(corners: Tensor, faces: Tensor, x: Tensor, y: Tensor) -> Tensor:
+    """Screen-space barycentric coordinates (N, 3) of points x, y (N,) in triangles with corners (N, 3, ≥ 2).
+
+    ``faces`` (N, 3), the corners' numbers, decide in which direction an edge is taken, so that two triangles compute
+    the same number for their common edge.
+    """
+    parts = []
+    for k in range(3):
+        a, b = (k + 1) % 3, (k + 2) % 3
+        swap = faces[:, a] > faces[:, b]
+        p = torch.where(swap[:, None], corners[:, b, :2], corners[:, a, :2])
+        q = torch.where(swap[:, None], corners[:, a, :2], corners[:, b, :2])
+        cross = (q[:, 0] - p[:, 0]) * (y - p[:, 1]) - (q[:, 1] - p[:, 1]) * (x - p[:, 0])
+        parts.append(torch.where(swap, -cross, cross))
+    weights = torch.stack(parts, 1)
+    return weights / weights.sum(1, keepdim=True)
+
+
+def normalized(weights: Tensor) -> Tensor:
+    """Weights (N, 3) with a sum of 1; all alike where they have none, as those of triangles of no area."""
+    return (weights / weights.sum(1, keepdim=True)).nan_to_num(1 / 3)

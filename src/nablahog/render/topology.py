@@ -1,0 +1,130 @@
+"""Which triangles of a mesh are neighbours: its edges, and which faces a smooth surface joins at a corner."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from .mesh import Mesh
+
+CREASE = 30.0
+"""Degrees: where two faces meet at more, they make a crease, else they approximate a smooth surface."""
+_STRAIGHTEST = math.cos(math.radians(CREASE)) - 1e-9  # of a crease; the sides of a twelve-gon meet at 30 exactly
+_CROWD = 64  # faces at a vertex; where more meet, as at the tip of a fan, they are not smoothed: pairs grow as squares
+
+SMOOTH, OPEN, SHARP = 0, 1, 2
+"""Kinds of edges: between two faces of a smooth surface; of one face, or of more than two; a crease."""
+
+
+class Edges(NamedTuple):
+    """The edges that can be seen: all but those inside a plane.
+
+    Attributes:
+        ends: (E, 2), int64 into the mesh's vertices.
+        opposite: (E, 2), int64: the third corners of the two faces; twice the same where there is one face.
+        kind: (E,), int64, one of :data:`SMOOTH`, :data:`OPEN`, :data:`SHARP`.
+    """
+
+    ends: Tensor
+    opposite: Tensor
+    kind: Tensor
+
+
+def _values(tensor: Tensor) -> NDArray[np.float64]:
+    """The numbers of a tensor: neighbourhoods depend on these, but are constants to any differentiation."""
+    tensor = tensor.detach()
+    try:
+        return tensor.cpu().numpy()
+    except RuntimeError:  # of a function transform, which has numbers but shows no memory
+        return np.array(tensor.tolist())
+
+
+def _welded(places: NDArray[np.float64]) -> NDArray[np.int64]:
+    """For each vertex the first one at the same place: colours split vertices, but not the surface."""
+    order = np.lexsort(places.T)
+    new = np.ones(len(order), dtype=bool)
+    new[1:] = (places[order[1:]] != places[order[:-1]]).any(axis=1)
+    first = np.minimum.reduceat(order, np.flatnonzero(new))
+    result = np.empty(len(order), dtype=np.int64)
+    result[order] = first[np.cumsum(new) - 1]
+    return result
+
+
+def edges(mesh: Mesh) -> Edges:
+    """The edges of a mesh; which kind they are is decided by its vertices as they are now, and is a constant.
+
+    Triangles with two corners at one place have no edges.
+    """
+    places = _values(mesh.vertices)
+    a, b, c = _welded(places)[mesh.faces.cpu().numpy()].T
+    proper = (a != b) & (b != c) & (c != a)
+    a, b, c = a[proper], b[proper], c[proper]
+    one, other, opposite = np.concatenate([a, b, c]), np.concatenate([b, c, a]), np.concatenate([c, a, b])
+    key = np.maximum(one, other) * len(places) + np.minimum(one, other)
+    order = np.argsort(key, kind="stable")
+    key, opposite = key[order], opposite[order]
+    starts = np.flatnonzero(np.diff(key, prepend=-1))
+    counts = np.diff(starts, append=len(key))
+    second = np.where(counts > 1, starts + 1, starts)
+    ends = np.stack([key[starts] % len(places), key[starts] // len(places)], axis=1)
+    opposite = np.stack([opposite[starts], opposite[second]], axis=1)
+
+    base = places[ends[:, 0]]
+    along = places[ends[:, 1]] - base
+    along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
+    away = places[opposite] - base[:, None]
+    away -= (away * along[:, None]).sum(axis=2, keepdims=True) * along[:, None]
+    away /= np.maximum(np.linalg.norm(away, axis=2, keepdims=True), 1e-300)
+    straight = -(away[:, 0] * away[:, 1]).sum(axis=1)  # cosine of the angle between the faces: 1 in a plane
+    kind = np.where(straight < _STRAIGHTEST, SHARP, SMOOTH)
+    kind[counts != 2] = OPEN
+    seen = (kind != SMOOTH) | (straight < 1 - 1e-9)
+    device = mesh.vertices.device
+    return Edges(*(torch.from_numpy(array[seen]).to(device) for array in (ends, opposite, kind)))
+
+
+class Smoothing(NamedTuple):
+    """Which faces' normals add up at each corner: entry k adds ``sign[k]`` times the normal of ``face[k]`` to
+    ``corner[k]``, one of 3 F corners; corner 3 f + i is the i-th of face f."""
+
+    corner: Tensor
+    face: Tensor
+    sign: Tensor
+
+
+def smoothing(mesh: Mesh) -> Smoothing:
+    """Faces around a corner that meet its own at no more than :data:`CREASE`, whatever their order of corners."""
+    places = _values(mesh.vertices)
+    faces = mesh.faces.cpu().numpy()
+    a, b, c = places[faces[:, 0]], places[faces[:, 1]], places[faces[:, 2]]
+    normal = np.cross(b - a, c - a)
+    vertex = _welded(places)[faces].ravel()
+    corner = np.argsort(vertex, kind="stable")  # those at a vertex follow each other
+    vertex, face = vertex[corner], corner // 3
+    unit = (normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300))[face]
+    found = [(corner, face, np.ones(len(corner)))]
+    sizes = np.bincount(vertex)[vertex]
+    first = np.flatnonzero((sizes > 1) & (sizes <= _CROWD))
+    for step in range(1, _CROWD):  # pairs of a corner and the step-th after it
+        first = first[first + step < len(corner)]
+        first = first[vertex[first] == vertex[first + step]]
+        if not len(first):
+            break
+        cosine = (unit[first] * unit[first + step]).sum(axis=1)
+        joined = np.abs(cosine) >= _STRAIGHTEST
+        one, other, sign = first[joined], first[joined] + step, np.sign(cosine[joined])
+        found += [(corner[one], face[other], sign), (corner[other], face[one], sign)]
+    device = mesh.vertices.device
+    return Smoothing(*(torch.from_numpy(np.concatenate(parts)).to(device) for parts in zip(*found, strict=True)))
+
+
+def face_normals(mesh: Mesh) -> Tensor:
+    """(F, 3): perpendicular to each face, as long as twice its area; differentiable in the vertices."""
+    a, b, c = mesh.vertices[mesh.faces].unbind(1)
+    normals: Tensor = torch.linalg.cross(b - a, c - a)
+    return normals
