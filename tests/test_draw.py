@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -12,8 +13,16 @@ from numpy.typing import NDArray
 import nablahog
 from nablahog import HOGSpec, presets
 from nablahog.draw import Panel, contact_sheet, difference, edge_votes, glyphs
+from nablahog.hog import FourBlockNorm
 
-SPECS = [presets.paper(), presets.uoctti(), presets.uoctti(vote="hard"), presets.paper((8, 4)), presets.paper(bins=36)]
+SPECS = [
+    presets.paper(),
+    presets.uoctti(),
+    presets.aubry(),
+    presets.uoctti(vote="hard"),
+    presets.paper((8, 4)),
+    presets.paper(bins=36),
+]
 SIZE = 96
 
 
@@ -86,6 +95,13 @@ def test_brightness_follows_the_vote() -> None:
     np.testing.assert_allclose(glyphs(7 * descriptor, spec), picture)
 
 
+def test_without_undirected_channels_the_directed_ones_show() -> None:
+    spec = dataclasses.replace(presets.uoctti(), normalizer=FourBlockNorm(parts=("directed", "texture")))
+    votes, angles = edge_votes(torch.arange(22.0).reshape(1, 1, 22), spec)
+    assert votes.ravel().tolist() == list(range(18))
+    np.testing.assert_allclose(np.degrees(angles), np.arange(18) * 20)
+
+
 def test_four_block_descriptors_show_their_undirected_channels() -> None:
     spec = presets.uoctti()
     descriptor = torch.zeros(1, 1, 31)
@@ -94,6 +110,9 @@ def test_four_block_descriptors_show_their_undirected_channels() -> None:
     assert not glyphs(descriptor, spec).any()
     votes, angles = edge_votes(torch.arange(31.0).reshape(1, 1, 31), spec)
     assert votes.ravel().tolist() == list(range(18, 27))
+    np.testing.assert_allclose(np.degrees(angles), np.arange(9) * 20)
+    votes, angles = edge_votes(torch.arange(9.0).reshape(1, 1, 9), presets.aubry())
+    assert votes.ravel().tolist() == list(range(9))
     np.testing.assert_allclose(np.degrees(angles), np.arange(9) * 20)
     _, angles = edge_votes(torch.zeros(1, 1, 9), presets.paper())
     np.testing.assert_allclose(np.degrees(angles), np.arange(9) * 20 + 10)

@@ -51,6 +51,7 @@ def test_page_of_nothing() -> None:
 
 def test_figures() -> None:
     assert [figure(v) for v in (None, 0.5, 3, "x", float("nan"))] == ["–", "0.500", "3", "x", "nan"]
+    assert [figure(v) for v in (9.9994, 47.33, -123.46)] == ["9.999", "47.3", "-123.5"]
 
 
 def test_remarks_and_headings_in_tables() -> None:

@@ -7,15 +7,14 @@ import json
 import os
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import torch
 from PIL import Image
 
 from .arguments import parser
-from .demo import run_demo
+from .demo import DESCRIPTORS, run_demo
 from .descriptor_file import save_descriptor
 from .draw import glyphs
 from .evaluate import table1_page
@@ -27,18 +26,19 @@ from .hog import HOGSpec
 from .images import write_image
 from .inversion import Inversion, batches, invert_batch, result_names
 from .invert import LearnedPrior
+from .invert.crops import least_side
 from .invert.network import default_architecture
 from .learning import learn_prior, lessons
 from .metrics import DEFINITIONS
 from .output import output_folder, replacing
-from .sources import PRESETS, Source, Wanted, read_sources
+from .pose.background import learn_background, least_size
+from .pose.whitening import check_spec
+from .refusal import UserError, refusing
+from .sources import Source, Wanted, read_sources
+from .table2_command import table2
 from .terminal import counter, print_definitions, print_table, progress_bars, say
 
 INTERRUPTED = 130  # what shells report of a command ended by Ctrl-C
-
-
-class UserError(Exception):
-    """Something the user can mend; its message is one sentence."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -74,15 +74,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-@contextmanager
-def _refusing(prefix: str = "") -> Iterator[None]:
-    """What the block raises because of its inputs is the user's to mend."""
-    try:
-        yield
-    except ValueError as error:
-        raise UserError(f"{prefix}{error}") from None
-
-
 def _failed(name: str, message: str, status: int = 1) -> int:
     print(f"{name}: error: {' '.join(message.split())}", file=sys.stderr)
     return status
@@ -115,7 +106,7 @@ def _invert(arguments: Namespace) -> None:
     with output_folder(folder):
         for number, batch in enumerate(groups := batches(sources), start=1):
             about = f"batch {number} of {len(groups)}, {len(batch)} x {sources[batch[0]].spec.name}"
-            with progress_bars() as progress, _refusing(f"{', '.join(sources[i].path for i in batch)}: "):
+            with progress_bars() as progress, refusing(f"{', '.join(sources[i].path for i in batch)}: "):
                 found = invert_batch(
                     [sources[i] for i in batch],
                     device=arguments.device,
@@ -140,7 +131,7 @@ def _invert(arguments: Namespace) -> None:
 
 def _demo(arguments: Namespace) -> None:
     with output_folder(arguments.output) as folder, progress_bars() as progress:
-        tasks = {name: progress(name) for name in PRESETS}
+        tasks = {name: progress(name) for name in DESCRIPTORS}
         inversions = run_demo(
             folder,
             device=arguments.device,
@@ -153,7 +144,7 @@ def _demo(arguments: Namespace) -> None:
 
 
 def _table1(arguments: Namespace) -> None:
-    with _refusing():
+    with refusing():
         methods, left_out = choose(arguments.methods, with_prior=arguments.prior is not None)
     prior = _prior_for(arguments, ((method.name, method.spec) for method in methods if method.uses_prior))
     path = None if prior is None else Path(arguments.prior).resolve()
@@ -182,7 +173,7 @@ def _photographs(arguments: Namespace) -> tuple[Photographs, str]:
         photographs = shipped(size=arguments.size, limit=arguments.limit)
         return photographs, f"{len(photographs.images)} photographs that come with scikit-image, their middle squares."
     folder = Path(arguments.images)
-    with _refusing():
+    with refusing():
         photographs = read_folder(folder, size=arguments.size, limit=arguments.limit)
     number = len(photographs.images) + len(photographs.failed)
     return photographs, f"{number} images of the folder {folder.resolve().name}."
@@ -192,10 +183,10 @@ def _prior_for(arguments: Namespace, uses: Iterable[tuple[str, HOGSpec | None]])
     """The prior asked for, if any, once it fits all ``uses``: what it is for, and the spec of its descriptors."""
     if arguments.prior is None:
         return None
-    with _refusing():
+    with refusing():
         prior = load_prior(Path(arguments.prior))
     for name, spec in uses:
-        with _refusing(f"{name}: "):
+        with refusing(f"{name}: "):
             prior.check(spec or prior.spec)
     return prior
 
@@ -208,25 +199,27 @@ def _print_table1(table: Table1) -> None:
     _say_ignored(table.photographs)
 
 
+def _say_passed_over(photographs: Photographs) -> None:
+    for name, reason in photographs.failed.items():
+        say(f"Passed over: {name}: {reason}")
+    _say_ignored(photographs)
+
+
 def _say_ignored(photographs: Photographs) -> None:
     if photographs.ignored:
         say(f"Passed over, as no images by their endings: {', '.join(photographs.ignored)}")
 
 
 def _learn_prior(arguments: Namespace) -> None:
-    output = Path(arguments.output)
-    if output.suffix.lower() != ".npz" or output.is_dir():
-        raise UserError(f"a prior is one file: expected -o FILE.npz, got {output}")
+    output = _npz_file(arguments, "a prior")
     if arguments.threads is not None:
         torch.set_num_threads(arguments.threads)
-    with _refusing():
+    with refusing():
         spec = _wanted(arguments).spec()
         default_architecture(spec)  # raises before the images are read
-        photographs = lessons(None if arguments.images is None else Path(arguments.images), spec, arguments.size)
-    with output_folder(output.parent), _refusing():
-        for name, reason in photographs.failed.items():
-            say(f"Passed over: {name}: {reason}")
-        _say_ignored(photographs)
+    photographs = _lessons(arguments, (least_side(spec.cell_size[0]),) * 2)
+    with output_folder(output.parent), refusing():
+        _say_passed_over(photographs)
         with counter("nablahog learn prior") as progress:
             prior = learn_prior(
                 output, photographs, spec, epochs=arguments.epochs, seed=arguments.seed, progress=progress
@@ -238,18 +231,49 @@ def _learn_prior(arguments: Namespace) -> None:
     )
 
 
+def _learn_background(arguments: Namespace) -> None:
+    output = _npz_file(arguments, "a background")
+    with refusing():
+        spec = _wanted(arguments).spec()
+        check_spec(spec)
+    photographs = _lessons(arguments, least_size(spec, arguments.order))
+    with output_folder(output.parent), refusing():
+        _say_passed_over(photographs)
+        with counter("nablahog learn background") as progress:
+            background = learn_background(photographs.images, spec, order=arguments.order, progress=progress)
+        background.save(output)
+    say(
+        f"Background in {output}: {len(background.images)} images, {spec.channels} channels, templates of up to "
+        f"{background.order + 1}x{background.order + 1} cells"
+    )
+
+
+def _npz_file(arguments: Namespace, what: str) -> Path:
+    output = Path(arguments.output)
+    if output.suffix.lower() != ".npz" or output.is_dir():
+        raise UserError(f"{what} is one file: expected -o FILE.npz, got {output}")
+    return output
+
+
+def _lessons(arguments: Namespace, least: tuple[int, int]) -> Photographs:
+    with refusing():
+        return lessons(None if arguments.images is None else Path(arguments.images), least, arguments.size)
+
+
 _COMMANDS: dict[str, Callable[[Namespace], None]] = {
     "hog": _hog,
     "glyph": _glyph,
     "invert": _invert,
     "demo": _demo,
     "table1": _table1,
+    "table2": table2,
     "learn prior": _learn_prior,
+    "learn background": _learn_background,
 }
 
 
 def _read(arguments: Namespace) -> list[Source]:
-    with _refusing():
+    with refusing():
         return read_sources(
             arguments.inputs,
             _wanted(arguments),

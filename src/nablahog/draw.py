@@ -23,7 +23,8 @@ def edge_votes(descriptor: Picture, spec: HOGSpec) -> tuple[NDArray[np.float64],
 
     Returns:
         The votes (rows, cols, n) and the gradient directions (n,) they stand for, in radians as in ``HOGSpec``.  Of
-        a four-block descriptor these are its undirected channels, of others all bins.
+        a four-block descriptor these are its undirected channels, or for want of them its directed ones, of others all
+        bins.
 
     Raises:
         ValueError: the shape is none of the spec's.
@@ -33,8 +34,10 @@ def edge_votes(descriptor: Picture, spec: HOGSpec) -> tuple[NDArray[np.float64],
         raise ValueError(f"expected a descriptor of shape (rows, cols, {spec.channels}), got {values.shape}")
     angles = (np.arange(spec.bins) + spec.bin_offset) * (spec.period / spec.bins)
     if isinstance(spec.normalizer, FourBlockNorm):
-        n = spec.bins // 2
-        return values[..., 2 * n : 3 * n], angles[:n]
+        directed, undirected = (spec.normalizer.channels_of(part, spec.bins) for part in ("directed", "undirected"))
+        if undirected:
+            return values[..., directed : directed + undirected], angles[:undirected]
+        values = values[..., :directed]
     return values, angles
 
 

@@ -8,16 +8,15 @@ from pathlib import Path
 from .evaluate.photographs import Photographs, read_folder, shipped
 from .hog import HOGSpec
 from .invert import LearnedPrior, train_prior
-from .invert.crops import least_side
 from .output import remove_parts
 
 
-def lessons(folder: Path | None, spec: HOGSpec, size: int) -> Photographs:
+def lessons(folder: Path | None, least: tuple[int, int], size: int) -> Photographs:
     """The photographs to learn from.
 
     Args:
         folder: of images; None for those that come with scikit-image.
-        spec: the dialect, whose cells decide how small an image may be.
+        least: (height, width) in pixels of the smallest image that is of use.
         size: images are shrunk to at most so many pixels on the longer side; 0 leaves them as they are.
 
     Returns:
@@ -28,11 +27,10 @@ def lessons(folder: Path | None, spec: HOGSpec, size: int) -> Photographs:
         ValueError: it holds no image, or none to learn from.
     """
     read = shipped(size=size, whole=True) if folder is None else read_folder(folder, size=size)
-    least = least_side(spec.cell_size[0])
     for name, image in list(read.images.items()):
-        if min(image.shape) < least:
-            height, width = image.shape
-            read.failed[name] = f"expected at least {least}x{least} pixels, got {height}x{width}"
+        height, width = image.shape
+        if height < least[0] or width < least[1]:
+            read.failed[name] = f"expected at least {least[0]}x{least[1]} pixels, got {height}x{width}"
             del read.images[name]
     if not read.images:
         name, reason = next(iter(read.failed.items()))

@@ -1,17 +1,19 @@
-"""How alike two pictures are, as the figures of this package state it.
+"""How alike two pictures, and two viewpoints, are, as the figures of this package state it.
 
-The paper names the three measures but not their definitions; these are ours, and :data:`DEFINITIONS` is printed with
-every table.
+The paper names the three measures of pictures but not their definitions; these are ours, and :data:`DEFINITIONS` is
+printed with every table of them.  Viewpoints are counted as in the code published with PASCAL3D+.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .images import Picture, as_array
 
 BINS = 256
+VIEWS = (4, 8, 16, 24)
+"""Into how many equal views the azimuth is divided, for the columns of Table 2."""
 
 DEFINITIONS = {
     "CC": "Pearson correlation over all pixels of the gray reference (Eq. 1) and the pre-image, 0 if either is "
@@ -99,3 +101,59 @@ def ssim(a: Picture, b: Picture) -> float:
     if min(first.shape) < 7:
         return float("nan")
     return float(structural_similarity(first, second, data_range=1.0))  # type: ignore[no-untyped-call]
+
+
+def azimuth_error(found: ArrayLike, true: ArrayLike) -> NDArray[np.float64]:
+    """How far two azimuths are apart, the shorter way round.
+
+    Args:
+        found, true: degrees, finite, of shapes that broadcast; 360° more or less make no difference.
+
+    Returns:
+        Degrees in 0…180.
+
+    Raises:
+        ValueError: an azimuth is NaN or infinite.
+    """
+    apart = np.mod(_finite(found) - _finite(true), 360)
+    error: NDArray[np.float64] = np.minimum(apart, 360 - apart)
+    return error
+
+
+def view(azimuth: ArrayLike, views: int) -> NDArray[np.int64]:
+    """Which of ``views`` equal intervals an azimuth is in: the first, 0, has 0° in its middle.
+
+    An edge belongs to the interval above it, but the last one, 360° - 180°/views, to that below, as in the published
+    code.
+
+    Args:
+        azimuth: degrees, finite, of any shape.
+        views: at least 1.
+
+    Returns:
+        0…views - 1, of the same shape.
+
+    Raises:
+        ValueError: an azimuth is NaN or infinite.
+    """
+    edges = (np.arange(views) + 0.5) * (360 / views)
+    turned = np.mod(_finite(azimuth), 360)
+    return np.where(turned > edges[-1], 0, np.searchsorted(edges[:-1], turned, side="right"))
+
+
+def same_view(found: ArrayLike, true: ArrayLike, views: int) -> NDArray[np.bool_]:
+    """The interval criterion: whether two azimuths are in the same :func:`view`."""
+    return np.equal(view(found, views), view(true, views))
+
+
+def near_view(found: ArrayLike, true: ArrayLike, views: int) -> NDArray[np.bool_]:
+    """The threshold criterion: whether two azimuths are less than 360°/views apart, for 4, 8, 16 and 24 views 90, 45,
+    22.5 and 15°."""
+    return np.less(azimuth_error(found, true), 360 / views)
+
+
+def _finite(azimuth: ArrayLike) -> NDArray[np.float64]:
+    values = np.asarray(azimuth, dtype=np.float64)
+    if not np.isfinite(values).all():
+        raise ValueError("expected azimuths in degrees, got NaN or infinity")
+    return values

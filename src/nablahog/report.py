@@ -81,10 +81,12 @@ class Section:
 
 
 def figure(value: object) -> str:
-    """A figure as people read it: three decimals, an en dash for None, anything else as it is."""
+    """A figure as people read it: three decimals, one from 10 on, an en dash for None, anything else as it is."""
     if value is None:
         return "–"
-    return f"{value:.3f}" if isinstance(value, float) else str(value)
+    if not isinstance(value, float):
+        return str(value)
+    return f"{value:.3f}" if abs(value) < 10 else f"{value:.1f}"
 
 
 def page(

@@ -15,7 +15,11 @@ from .hog.spec import Vote
 from .images import limit_size, read_image
 from .output import distinct_stems
 
-PRESETS: dict[str, Callable[..., HOGSpec]] = {"paper": presets.paper, "uoctti": presets.uoctti}
+PRESETS: dict[str, Callable[..., HOGSpec]] = {
+    "paper": presets.paper,
+    "uoctti": presets.uoctti,
+    "aubry": presets.aubry,
+}
 DEFAULT_DESCRIPTOR, DEFAULT_CELL = "uoctti", (8, 8)
 
 
@@ -47,7 +51,7 @@ class Wanted:
     Attributes:
         descriptor: a key of :data:`PRESETS`.
         cell: (height, width) of a cell in pixels.
-        vote: orientation votes, for ``"uoctti"`` only.
+        vote: orientation votes, for ``"uoctti"`` and ``"aubry"`` only.
     """
 
     descriptor: str | None = None
@@ -60,10 +64,10 @@ class Wanted:
 
     def spec(self) -> HOGSpec:
         """The spec for photographs: what was asked for, completed by the defaults."""
-        cell = self.cell or DEFAULT_CELL
-        if (self.descriptor or DEFAULT_DESCRIPTOR) == "paper":
+        name, cell = self.descriptor or DEFAULT_DESCRIPTOR, self.cell or DEFAULT_CELL
+        if name == "paper":
             return presets.paper(cell)
-        return presets.uoctti(cell, vote=self.vote or "linear")
+        return PRESETS[name](cell, vote=self.vote or "linear")
 
     def check(self, spec: HOGSpec) -> None:
         """Raises ValueError if ``spec``, that of a descriptor file, contradicts what was asked for."""

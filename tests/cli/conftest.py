@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from nablahog.cli import main
-from nablahog.evaluate import table1
+from nablahog.evaluate import resume
 from nablahog.evaluate.store import Job, Result
 from nablahog.evaluate.work import attempt
 
@@ -35,14 +35,14 @@ def descriptor(tmp_path: Path, photo: str) -> str:
 
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The table is made in this process."""
+    """Tables are made in this process."""
 
     def run(jobs: Sequence[Job], *, workers: int, started: Callable[[int], None]) -> Iterator[tuple[int, Result | str]]:
         for index, job in enumerate(jobs):
             started(index)
             yield index, attempt(job)
 
-    monkeypatch.setattr(table1, "run_jobs", run)
+    monkeypatch.setattr(resume, "run_jobs", run)
 
 
 @pytest.fixture
@@ -55,7 +55,8 @@ def refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Callable[...,
         assert main(argv) == status
         printed = capsys.readouterr()
         assert printed.out == ""
-        command = "learn prior" if argv[:2] == ("learn", "prior") else argv[0]
+        kinds = {("learn", kind) for kind in ("prior", "background")}
+        command = " ".join(argv[:2]) if argv[:2] in kinds else argv[0]
         assert printed.err.startswith(f"nablahog {command}: error: ")
         assert printed.err.count("\n") == 1
         assert message in printed.err

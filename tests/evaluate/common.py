@@ -12,6 +12,7 @@ from torch import Tensor
 from nablahog import HOGSpec, LearnedPrior
 from nablahog.evaluate.methods import Method, Settings
 from nablahog.evaluate.photographs import Photographs
+from nablahog.evaluate.reconstruction import ReconstructionJob
 from nablahog.evaluate.store import Job, Result
 from nablahog.evaluate.table1 import Table1, run_table1
 from nablahog.evaluate.work import attempt
@@ -37,8 +38,8 @@ def write_prior(path: Path, spec: HOGSpec, *, images: Sequence[str] = (), value:
     return path
 
 
-def job(method: Method, **settings: object) -> Job:
-    return Job(method, image().numpy(), Settings(**settings))  # type: ignore[arg-type]
+def job(method: Method, **settings: object) -> ReconstructionJob:
+    return ReconstructionJob(method, image().numpy(), Settings(**settings))  # type: ignore[arg-type]
 
 
 def here(

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import pytest
 
-from nablahog.evaluate import table1
+from nablahog.evaluate import resume
 from nablahog.evaluate.store import Job, Result
 
 from .common import here
@@ -20,8 +20,8 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     def counted(
         jobs: Sequence[Job], *, workers: int, started: Callable[[int], None]
     ) -> Iterator[tuple[int, Result | str]]:
-        done.extend(job.method.name for job in jobs)
+        done.extend(job.name for job in jobs)
         yield from here(jobs, workers=workers, started=started)
 
-    monkeypatch.setattr(table1, "run_jobs", counted)
+    monkeypatch.setattr(resume, "run_jobs", counted)
     return done

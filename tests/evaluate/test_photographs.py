@@ -11,7 +11,8 @@ import pytest
 import torch
 from PIL import Image
 
-from nablahog.evaluate.photographs import SHIPPED, read_folder, shipped
+from nablahog.evaluate.photographs import read_folder, shipped
+from nablahog.shipped import SHIPPED
 
 COLOURS = np.random.default_rng(0).integers(0, 256, (40, 60, 3), dtype=np.uint8)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from nablahog.evaluate.statistics import Statistics, statistics
+from nablahog.evaluate.statistics import Statistics, interval, statistics
 
 
 def test_against_the_normal_interval() -> None:
@@ -32,3 +32,12 @@ def test_the_same_every_time() -> None:
 def test_few_values() -> None:
     assert statistics([]) == Statistics(None, None, None, None, 0)
     assert statistics([0.3]) == Statistics(0.3, 0.3, 0.3, 0.3, 1)
+
+
+def test_an_interval_of_the_median() -> None:
+    """Against the order statistics that hold the median of 101 values with 95 %."""
+    values = np.sort(np.random.default_rng(3).exponential(1, 101))
+    low, high = interval(values, np.median)
+    assert values[38] <= low <= values[42]
+    assert values[58] <= high <= values[62]
+    assert interval(values, np.mean) == (statistics(values.tolist()).low, statistics(values.tolist()).high)

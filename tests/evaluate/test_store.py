@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 import torch
 
-from nablahog.evaluate import store
+from nablahog.evaluate import reconstruction, store
 from nablahog.evaluate.methods import METHODS
-from nablahog.evaluate.store import Result, key, load, save
+from nablahog.evaluate.reconstruction import DECIDING
+from nablahog.evaluate.store import Result, load, save
 
 from .common import job
 from .fakes import BRIGHT, DARK, LEVELS
@@ -70,25 +71,23 @@ def test_keys_tell_work_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         replace(base, image=brighter),
         replace(base, image=base.image.reshape(16, 64)),
     ]
-    keys = {key(each) for each in jobs}
+    keys = {each.key() for each in jobs}
     assert len(keys) == len(jobs)
-    assert key(job(DARK)) == key(base)
-    assert key(job(DARK, prior=first)) == key(base)  # which it does not use
+    assert job(DARK).key() == base.key()
+    assert job(DARK, prior=first).key() == base.key()  # which it does not use
     first.write_bytes(b"2")
-    assert key(job(learned, prior=first)) == key(job(learned, prior=second))
+    assert job(learned, prior=first).key() == job(learned, prior=second).key()
     monkeypatch.setattr(torch, "__version__", "0")
-    assert key(base) not in keys
+    assert base.key() not in keys
 
 
 def test_other_code_is_other_work(monkeypatch: pytest.MonkeyPatch) -> None:
-    before = key(job(DARK))
-    store._code.cache_clear()
-    monkeypatch.setattr(store, "DECIDING", ("hog", "metrics.py"))
-    assert key(job(DARK)) != before
-    store._code.cache_clear()
+    before = job(DARK).key()
+    monkeypatch.setattr(reconstruction, "DECIDING", ("hog", "metrics.py"))
+    assert job(DARK).key() != before
 
 
 def test_the_code_that_decides() -> None:
-    names = {path.name for path in store._files()}
+    names = {path.name for path in store.files(*DECIDING)}
     assert {"preimage.py", "descriptor.py", "lbfgs.py", "metrics.py"} <= names
     assert "cli.py" not in names

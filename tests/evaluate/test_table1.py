@@ -12,7 +12,8 @@ import pytest
 
 from nablahog.evaluate.methods import Settings
 from nablahog.evaluate.statistics import statistics
-from nablahog.evaluate.table1 import METRICS, Failure, run_table1, shown_images, write_tables
+from nablahog.evaluate.table1 import METRICS, run_table1, write_tables
+from nablahog.evaluate.tables import Failure, evenly_spread
 
 from .common import made, photographs
 from .fakes import BRIGHT, DARK, LEVELS, MISTAKEN, UNDEFINED
@@ -153,9 +154,9 @@ def test_progress(tmp_path: Path, calls: list[str]) -> None:
 
 
 @pytest.mark.parametrize("count", [0, 1, 6, 7, 101])
-def test_shown_images(count: int) -> None:
+def test_evenly_spread(count: int) -> None:
     names = [str(k) for k in range(count)]
-    shown = shown_images(names)
+    shown = evenly_spread(names, 6)
     assert len(shown) == min(6, count) == len(set(shown))
     assert shown == sorted(shown, key=int)
     assert np.all(np.diff([int(name) for name in shown]) >= count // 6)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from nablahog import metrics
@@ -44,7 +46,7 @@ def test_the_magnitude_of_cc() -> None:
     ("method", "reason"),
     [
         (fakes.HUNGRY, "not enough memory"),
-        (fakes.SILENT, "TypeError at work.py:"),
+        (fakes.SILENT, "TypeError at reconstruction.py:"),
         (fakes.MISTAKEN, "KeyError at fakes.py:"),
     ],
 )
@@ -54,4 +56,4 @@ def test_failures(method: fakes.Method, reason: str) -> None:
 
 def test_a_refusal_is_one_sentence() -> None:
     odd = fakes.LEVELS
-    assert attempt(type(job(odd))(odd, job(odd).image[:30], job(odd).settings)) == "no scale 1/64"
+    assert attempt(replace(job(odd), image=job(odd).image[:30])) == "no scale 1/64"

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import torch
 from PIL import Image
 from torch import Tensor
 
 from ..hog.gradient import gray
 from ..images import limit_size, read_image
-
-SHIPPED = ("astronaut", "brick", "camera", "chelsea", "clock", "coffee", "coins", "rocket")
-"""Photographs that are in the wheel of scikit-image; none is downloaded."""
+from ..shipped import SHIPPED, shipped_photograph
 
 
 @dataclass
@@ -72,15 +68,8 @@ def _read(path: Path, size: int, result: Photographs) -> None:
 
 def shipped(*, size: int, limit: int | None = None, whole: bool = False) -> Photographs:
     """The photographs :data:`SHIPPED`, ``whole`` or their middle squares, otherwise as :func:`read_folder`."""
-    return Photographs({name: _prepared(photo if whole else _square(photo), size) for name, photo in _shipped(limit)})
-
-
-def _shipped(limit: int | None) -> Iterator[tuple[str, Tensor]]:
-    from skimage import data  # slow to import
-
-    for name in SHIPPED[:limit]:
-        photo = torch.from_numpy(getattr(data, name)())
-        yield name, (photo.permute(2, 0, 1) if photo.dim() == 3 else photo[None]) / 255
+    photographs = {name: shipped_photograph(name) for name in SHIPPED[:limit]}
+    return Photographs({name: _prepared(p if whole else _square(p), size) for name, p in photographs.items()})
 
 
 def _square(image: Tensor) -> Tensor:

@@ -1,77 +1,67 @@
-"""Finished work on disk: one file for each image and method, found again only by exactly the same work."""
+"""Finished work on disk: one file for each job, found again only by exactly the same work."""
 
 from __future__ import annotations
 
 import hashlib
 import inspect
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Protocol
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from ..output import replacing
-from .methods import Method, Settings
 
-Figures: TypeAlias = dict[str, float | None]  # by metric; None where one is not defined
 PACKAGE = Path(__file__).parents[1]
-DECIDING = ("compile.py", "hog", "optimize", "invert", "metrics.py")
-"""The parts of the package that decide what is found and how it is measured."""
-
-
-@dataclass(frozen=True)
-class Job:
-    """One method on one image, (H, W) float32 in 0…1."""
-
-    method: Method
-    image: NDArray[np.float32]
-    settings: Settings
 
 
 @dataclass(frozen=True)
 class Result:
-    """What became of it, for each row of the method.
+    """What became of a job.
 
     Attributes:
-        figures: one mapping for each row.
-        pictures: (rows, H, W), 8-bit.
+        figures: one mapping for each row of its method, ready for JSON, which knows no NaN.
+        pictures: one for each row, 8-bit, their number first.
         seconds: wall time of the method.
     """
 
-    figures: Sequence[Figures]
+    figures: Sequence[Mapping[str, Any]]
     pictures: NDArray[np.uint8]
     seconds: float
 
 
-def key(job: Job) -> str:
-    """A hash of everything a result depends on: image, method, settings, and the code that makes it."""
-    settings, method = job.settings, job.method
-    prior = settings.prior if method.uses_prior else None
-    facts = {
-        "method": method.name,
-        "rows": method.rows,
-        "spec": None if method.spec is None else method.spec.to_json(),
-        "seed": settings.seed,
-        "max_evaluations": settings.max_evaluations,
-        "prior": None if prior is None else _digest(prior),
-        "code": [_code(), _digest(_source(method))],
-        "torch": torch.__version__,
-        "shape": job.image.shape,
-    }
-    return hashlib.sha256(json.dumps(facts).encode() + job.image.tobytes()).hexdigest()
+class Job(Protocol):
+    """Work of one method, sent to another process to be done there."""
+
+    @property
+    def name(self) -> str:
+        """That of the method."""
+
+    def key(self) -> str:
+        """A hash of everything the result depends on, the code that makes it included: see :func:`code`."""
+
+    def run(self) -> Result:
+        """Does it, the same every time.
+
+        Raises:
+            ValueError, OSError: there is no result, and why, in one sentence.
+        """
+
+    def fits(self, result: Result) -> bool:
+        """Whether a stored result can be of this job: one of another version, or damaged, is not."""
 
 
-def _source(method: Method) -> Path:
-    run: Any = method.run
-    return Path(inspect.getfile(run.func if isinstance(run, partial) else run))
+def source(function: Callable[..., Any]) -> Path:
+    """The file that a function, or the function of a ``functools.partial``, is written in."""
+    return Path(inspect.getfile(function.func if isinstance(function, partial) else function))
 
 
-def _digest(path: Path) -> str:
+def digest(path: Path) -> str:
+    """A hash of what a file holds, computed again when it changes."""
     state = path.stat()
     return _digest_of(path, state.st_mtime_ns, state.st_size)
 
@@ -82,12 +72,14 @@ def _digest_of(path: Path, changed: int, size: int) -> str:
 
 
 @cache
-def _code() -> str:
-    return hashlib.sha256("".join(f"{path.name} {_digest(path)}\n" for path in _files()).encode()).hexdigest()
+def code(*parts: str) -> str:
+    """A hash of files of this package, and of all files in folders of it, by their names."""
+    return hashlib.sha256("".join(f"{path.name} {digest(path)}\n" for path in files(*parts)).encode()).hexdigest()
 
 
-def _files() -> Iterator[Path]:
-    for part in DECIDING:
+def files(*parts: str) -> Iterator[Path]:
+    """What :func:`code` is made of."""
+    for part in parts:
         path = PACKAGE / part
         below = sorted(file for file in path.rglob("*") if file.is_file() and "__pycache__" not in file.parts)
         yield from below if path.is_dir() else [path]
@@ -108,8 +100,6 @@ def load(path: Path, job: Job) -> Result | None:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             stored, pictures = json.loads(str(archive["figures"])), archive["pictures"]
         result = Result(stored["figures"], pictures, float(stored["seconds"]))
+        return result if job.fits(result) else None
     except Exception:  # damaged archives raise nearly anything
         return None
-    rows = len(job.method.rows)
-    whole = len(result.figures) == rows and pictures.shape == (rows, *job.image.shape) and pictures.dtype == np.uint8
-    return result if whole else None

@@ -2,36 +2,23 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..output import remove_parts, replacing
-from . import store
 from .methods import METHODS, Method, Settings
 from .photographs import Photographs
 from .published import GROUPS, PUBLISHED
-from .runner import run_jobs
+from .reconstruction import Figures, ReconstructionJob
+from .resume import do_all
 from .statistics import Statistics, statistics
-from .store import Figures, Job, Result
+from .tables import Failure, evenly_spread, write_csv
 
 METRICS = ("cc", "abs_cc", "mi", "ssim", "distance")
 SHOWN = 6  # images whose pictures are kept for the page
-
-
-@dataclass(frozen=True)
-class Failure:
-    """An image that a method, or with ``method=None`` every one, has no result for, and one sentence why."""
-
-    image: str
-    method: str | None
-    reason: str
 
 
 @dataclass(frozen=True)
@@ -106,10 +93,7 @@ def run_table1(
     workers: int,
     progress: Callable[[int, int, str], None] = lambda done, total, at_work: None,
 ) -> Table1:
-    """Does what is not done yet, and collects all.
-
-    Each finished image and method is stored in ``folder/work`` at once, under a hash of all it depends on, so a run
-    that was interrupted, or damaged since, goes on, and one with other settings begins anew beside it.
+    """Does what is not done yet, as :func:`.resume.do_all` has it, and collects all.
 
     Args:
         folder: for the results, which exists.
@@ -123,65 +107,27 @@ def run_table1(
         ChildProcessError: worker processes do not start.
         OSError: a result cannot be stored.
     """
-    work = folder / "work"
-    for written in (folder, *(work / method.name for method in methods)):
-        remove_parts(written, older_than=60)
-    todo: dict[tuple[str, str], tuple[Path, Job]] = {}
-    for image, pixels in photographs.images.items():
-        for method in methods:
-            job = Job(method, pixels.numpy(), settings)
-            todo[image, method.name] = work / method.name / f"{store.key(job)}.npz", job
-    reasons = _do(dict(todo.values()), workers, progress)
-
+    jobs = {
+        (image, method.name): ReconstructionJob(method, pixels.numpy(), settings)
+        for image, pixels in photographs.images.items()
+        for method in methods
+    }
     failures = [Failure(image, None, reason) for image, reason in photographs.failed.items()]
-    shown = shown_images(list(photographs.images))
+    shown = evenly_spread(list(photographs.images), SHOWN)
     figures: dict[str, dict[str, Figures]] = {row: {} for method in methods for row in method.rows}
     pictures: dict[str, dict[str, NDArray[np.uint8]]] = {row: {} for row in figures}
     seconds: dict[str, dict[str, float]] = {method.name: {} for method in methods}
-    for (image, name), (path, job) in todo.items():
-        result = store.load(path, job)
-        if result is None:
-            failures.append(Failure(image, name, reasons.get(path, "its stored result has vanished")))
+    for (image, name), result in do_all(folder, jobs, workers=workers, progress=progress):
+        if isinstance(result, str):
+            failures.append(Failure(image, name, result))
             continue
         seconds[name][image] = result.seconds
-        for row, row_figures, picture in zip(job.method.rows, result.figures, result.pictures, strict=True):
-            figures[row][image] = row_figures
+        rows = jobs[image, name].method.rows
+        for row, row_figures, picture in zip(rows, result.figures, result.pictures, strict=True):
+            figures[row][image] = dict(row_figures)
             if image in shown:
                 pictures[row][image] = picture
     return Table1(methods, photographs, figures, seconds, failures, pictures)
-
-
-def _do(jobs: Mapping[Path, Job], workers: int, progress: Callable[[int, int, str], None]) -> dict[Path, str]:
-    """Does the jobs that have no whole result at their path; returns why some have none afterwards."""
-    missing = [path for path, job in jobs.items() if store.load(path, job) is None]
-    at_work: dict[int, str] = {}
-    done = len(jobs) - len(missing)
-
-    def tell() -> None:
-        progress(done, len(jobs), ", ".join(dict.fromkeys(at_work.values())))
-
-    def started(index: int) -> None:
-        at_work[index] = jobs[missing[index]].method.name
-        tell()
-
-    reasons = {}
-    tell()
-    with closing(run_jobs([jobs[path] for path in missing], workers=workers, started=started)) as outcomes:
-        for index, outcome in outcomes:
-            if isinstance(outcome, Result):
-                store.save(missing[index], outcome)
-            else:
-                reasons[missing[index]] = outcome
-            del at_work[index]
-            done += 1
-            tell()
-    return reasons
-
-
-def shown_images(names: Sequence[str]) -> list[str]:
-    """At most :data:`SHOWN` of ``names``, evenly spread over all."""
-    count = min(SHOWN, len(names))
-    return [names[i * len(names) // count] for i in range(count)]
 
 
 def write_tables(folder: Path, table: Table1) -> None:
@@ -206,7 +152,4 @@ def write_tables(folder: Path, table: Table1) -> None:
         files["times.csv"] += [(name, image, round(value, 4)) for image, value in seconds.items()]
     files["failures.csv"] += [(failure.image, failure.method, failure.reason) for failure in table.failures]
     for file_name, rows in files.items():
-        text = io.StringIO(newline="")
-        csv.writer(text, lineterminator="\n").writerows(rows)  # full precision; nothing where there is no figure
-        with replacing(folder / file_name) as file:
-            file.write(text.getvalue().encode(errors="backslashreplace"))
+        write_csv(folder / file_name, rows)

@@ -1,25 +1,18 @@
-"""What a worker process does: one method on one image at a time."""
+"""What a worker process does: one job at a time."""
 
 from __future__ import annotations
 
 import os
 import threading
-import time
 import traceback
 from contextlib import suppress
 from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
-from torch import Tensor
 
-from .. import metrics
-from ..images import as_array
-from .methods import Found
-from .store import Figures, Job, Result
+from .store import Job, Result
 
 
 def serve(connection: Connection) -> None:
@@ -42,14 +35,8 @@ def _end_with_parent() -> None:
 
 def attempt(job: Job) -> Result | str:
     """The result of a job, or one sentence why there is none."""
-    began = time.perf_counter()
     try:
-        found = job.method.run(torch.from_numpy(job.image)[None, None], job.settings)
-        seconds = time.perf_counter() - began
-        if len(found) != len(job.method.rows):
-            raise TypeError(f"expected one finding for each of {', '.join(job.method.rows)}, got {len(found)}")
-        figures = [_figures(one, job.image) for one in found]
-        return Result(figures, np.stack([_levels(one.image) for one in found]), seconds)
+        return job.run()
     except (ValueError, OSError) as error:
         return _sentence(error)
     except MemoryError:
@@ -63,20 +50,3 @@ def attempt(job: Job) -> Result | str:
 
 def _sentence(error: Exception) -> str:
     return " ".join(str(error).split())
-
-
-def _figures(found: Found, reference: NDArray[np.float32]) -> Figures:
-    pair = found.image.detach(), reference
-    cc = metrics.cross_correlation(*pair)
-    figures = {
-        "cc": cc,
-        "abs_cc": abs(cc),
-        "mi": metrics.mutual_information(*pair),
-        "ssim": metrics.ssim(*pair),
-        "distance": found.distance,
-    }
-    return {name: value if np.isfinite(value) else None for name, value in figures.items()}  # JSON knows no NaN
-
-
-def _levels(image: Tensor) -> NDArray[np.uint8]:
-    return np.rint(as_array(image) * 255).astype(np.uint8)

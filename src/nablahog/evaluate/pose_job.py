@@ -1,0 +1,76 @@
+"""The work of Table 2: from an object in an image to its pose, by one method."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import time
+from dataclasses import asdict, dataclass, fields
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from ..images import as_array
+from ..pose import Box
+from .models import Model
+from .pose_methods import Found, PoseMethod, PoseProblem, PoseSettings, coverage
+from .store import Result, code, digest, source
+
+DECIDING = ("compile.py", "hog", "optimize", "render", "pose", "datasets")
+"""The parts of the package that decide what is found."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseJob:
+    """One method on one object: a problem, whose image is an array (C, H, W), float32 in 0…1, and the settings."""
+
+    method: PoseMethod
+    image: NDArray[np.float32]
+    box: Box
+    models: tuple[Model, ...]
+    initial: tuple[float, float]
+    settings: PoseSettings
+
+    @property
+    def name(self) -> str:
+        """That of the method."""
+        return self.method.name
+
+    def key(self) -> str:
+        """A hash of the problem, the method, the settings, and the code that makes the result."""
+        facts = {
+            "method": self.method.name,
+            "box": self.box,
+            "models": [[model.name, model.digest()] for model in self.models],
+            "initial": self.initial,
+            "settings": asdict(self.settings),
+            "code": [code(*DECIDING), digest(source(self.method.run))],
+            "torch": torch.__version__,
+            "shape": self.image.shape,
+        }
+        return hashlib.sha256(json.dumps(facts).encode() + self.image.tobytes()).hexdigest()
+
+    def run(self) -> Result:
+        """Runs the method: the pose as figures, its silhouette as the picture; reading the models takes no time of it.
+
+        Raises:
+            ValueError, OSError: it finds no pose, or a model cannot be read.
+        """
+        meshes = {model.name: model.mesh() for model in self.models}
+        problem = PoseProblem(torch.from_numpy(self.image), self.box, meshes, self.initial)
+        began = time.perf_counter()
+        found = self.method.run(problem, self.settings)
+        seconds = time.perf_counter() - began
+        figures = asdict(found)
+        if not all(math.isfinite(value) for value in figures.values() if not isinstance(value, str)):
+            raise ValueError(f"the pose found is not finite: {figures}")
+        silhouette = np.rint(as_array(coverage(problem, found)).clip(0, 1) * 255)
+        return Result([figures], silhouette[None].astype(np.uint8), seconds)
+
+    def fits(self, result: Result) -> bool:
+        """Whether there is a pose, and a silhouette of the image's size."""
+        poses = [set(figures) == {field.name for field in fields(Found)} for figures in result.figures]
+        pictures = result.pictures
+        return poses == [True] and pictures.shape == (1, *self.image.shape[1:]) and pictures.dtype == np.uint8

@@ -1,0 +1,91 @@
+"""The work of Table 1: from an image to its descriptor and back, by one method."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from .. import metrics
+from ..images import as_array
+from .methods import Found, Method, Settings
+from .store import Result, code, digest, source
+
+Figures: TypeAlias = dict[str, float | None]  # by metric; None where one is not defined
+DECIDING = ("compile.py", "hog", "optimize", "invert", "metrics.py")
+"""The parts of the package that decide what is found and how it is measured."""
+
+
+@dataclass(frozen=True)
+class ReconstructionJob:
+    """One method on one image, (H, W) float32 in 0…1."""
+
+    method: Method
+    image: NDArray[np.float32]
+    settings: Settings
+
+    @property
+    def name(self) -> str:
+        """That of the method."""
+        return self.method.name
+
+    def key(self) -> str:
+        """A hash of image, method, settings, and the code that makes the result."""
+        settings, method = self.settings, self.method
+        prior = settings.prior if method.uses_prior else None
+        facts = {
+            "method": method.name,
+            "rows": method.rows,
+            "spec": None if method.spec is None else method.spec.to_json(),
+            "seed": settings.seed,
+            "max_evaluations": settings.max_evaluations,
+            "prior": None if prior is None else digest(prior),
+            "code": [code(*DECIDING), digest(source(method.run))],
+            "torch": torch.__version__,
+            "shape": self.image.shape,
+        }
+        return hashlib.sha256(json.dumps(facts).encode() + self.image.tobytes()).hexdigest()
+
+    def run(self) -> Result:
+        """Runs the method and measures what it found: figures and pictures for each of its rows.
+
+        Raises:
+            ValueError: the method cannot take the image.
+        """
+        began = time.perf_counter()
+        found = self.method.run(torch.from_numpy(self.image)[None, None], self.settings)
+        seconds = time.perf_counter() - began
+        if len(found) != len(self.method.rows):
+            raise TypeError(f"expected one finding for each of {', '.join(self.method.rows)}, got {len(found)}")
+        figures = [_figures(one, self.image) for one in found]
+        return Result(figures, np.stack([_levels(one.image) for one in found]), seconds)
+
+    def fits(self, result: Result) -> bool:
+        """Whether there are figures and a picture of the image's size for each row."""
+        rows, pictures = len(self.method.rows), result.pictures
+        whole = pictures.shape == (rows, *self.image.shape) and pictures.dtype == np.uint8
+        return whole and len(result.figures) == rows
+
+
+def _figures(found: Found, reference: NDArray[np.float32]) -> Figures:
+    pair = found.image.detach(), reference
+    cc = metrics.cross_correlation(*pair)
+    figures = {
+        "cc": cc,
+        "abs_cc": abs(cc),
+        "mi": metrics.mutual_information(*pair),
+        "ssim": metrics.ssim(*pair),
+        "distance": found.distance,
+    }
+    return {name: value if np.isfinite(value) else None for name, value in figures.items()}  # JSON knows no NaN
+
+
+def _levels(image: Tensor) -> NDArray[np.uint8]:
+    return np.rint(as_array(image) * 255).astype(np.uint8)

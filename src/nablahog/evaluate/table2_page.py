@@ -1,0 +1,188 @@
+"""Table 2 as people look at it: on the terminal and as a page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+from scipy import ndimage
+
+from .. import report
+from ..draw import Panel
+from ..images import Picture, as_array
+from ..metrics import VIEWS
+from .examples import Example
+from .pose_methods import POSE_METHODS, PoseSettings
+from .statistics import RESAMPLES, Statistics
+from .table2 import NO_POSE, Line, Table2
+
+BARS = 12  # of the histograms, 15° each
+OUTLINE = (1.0, 0.15, 0.1)
+
+LEAD = (
+    "In each image the pose of one object was estimated from the similarity of its HOG descriptors to those of "
+    "renderings of CAD models. The figures say in how many percent of the objects the azimuth is right, beside those "
+    "of Table 2 of See the Difference (ICCV 2015)."
+)
+
+DEFINITIONS = {
+    "views, by interval": "The azimuth is right if it is in the same of 4, 8, 16 or 24 equal intervals as the true "
+    "one; the first has 0° in its middle, as in the code published with PASCAL3D+.",
+    "views, by threshold": f"The azimuth is right if it differs from the true one by less than "
+    f"{', '.join(f'{360 / views:g}' for views in VIEWS)}°.",
+    "median error": "Half of the azimuths differ from the true ones by no more, the shorter way round.",
+    "objects": f"All of them count: where a method has no pose, it is wrong, by {NO_POSE:g}°.",
+    "interval below a figure": f"It holds the figure with 95 %: percentile bootstrap, {RESAMPLES:,} resamples of the "
+    "objects with a fixed seed.",
+    "paper": "What the paper prints, for 247 chairs of PASCAL VOC and 1393 CAD models. It does not say by which "
+    "criterion; only by interval the baseline is better than chance at 4 views, so it is compared with that.",
+    "seconds": "Median wall time of a method for one object, in a process that computes in one thread and has read the "
+    "models; a process's first object takes longer, while code is compiled or loaded.",
+    **{name: method.about for name, method in POSE_METHODS.items()},
+}
+"""What each figure, and each method, means, printed under the table."""
+
+
+def terminal_rows(table: Table2) -> list[dict[str, object]]:
+    """The accuracies by interval, ours and the paper's, one mapping for each row."""
+    rows = []
+    for line in table.lines():
+        row: dict[str, object] = {"method": line.method, "objects": line.accuracy["interval", VIEWS[0]].n}
+        for views in VIEWS:
+            row |= {f"{views} views": line.accuracy["interval", views].mean}
+            row |= {f"{views} views\npaper": line.paper.get(views)}
+        rows.append({**row, "median error": line.error.value, "seconds": line.seconds})
+    return rows
+
+
+def page(table: Table2, settings: PoseSettings) -> str:
+    """The page."""
+    failed = f" {len(table.failures)} failed, see below." if table.failures else ""
+    lines = table.lines()
+    sections = [_failures(table), _thresholds(lines), _errors(table), _pictures(table)]
+    return report.page(
+        "Table 2: poses from HOG descriptors",
+        f"{LEAD} {table.examples.origin}{failed}",
+        [_row(line) for line in lines],
+        [section for section in sections if section is not None],
+        DEFINITIONS,
+        f"Made by nablahog {version('nablahog')} with PyTorch {torch.__version__}, seed {settings.seed}. All figures, "
+        "with their full precision, are in summary.csv, median_error.csv and per_object.csv beside this page.",
+    )
+
+
+def _row(line: Line) -> Mapping[str, object]:
+    row: dict[str, object] = {"method": line.method, "objects": line.accuracy["interval", VIEWS[0]].n}
+    for views in VIEWS:
+        row[f"{views} views"] = _cell(line.accuracy["interval", views])
+        row[f"{views} views\npaper"] = line.paper.get(views)
+    error = line.error
+    median = None if error.value is None else report.Cell(error.value, _span(error.low, error.high))
+    return {**row, "median error": median, "seconds": line.seconds}
+
+
+def _cell(of: Statistics) -> report.Cell | None:
+    return None if of.n == 0 else report.Cell(of.mean, _span(of.low, of.high))
+
+
+def _span(low: float | None, high: float | None) -> str:
+    return f"{report.figure(low)} … {report.figure(high)}"
+
+
+def _failures(table: Table2) -> report.Section | None:
+    if not table.failures:
+        return None
+    rows = [{"object": each.image, "method": each.method or "all", "reason": each.reason} for each in table.failures]
+    text = "Where a method failed it counts as wrong above. A further run of the same settings tries it again."
+    return report.Section(f"Failed: {len(rows)}", text, table=rows)
+
+
+def _thresholds(lines: Sequence[Line]) -> report.Section:
+    rows = [
+        {
+            "method": line.method,
+            **{f"{views} views\n{360 / views:g}°": _cell(line.accuracy["threshold", views]) for views in VIEWS},
+        }
+        for line in lines
+        if line.accuracy["threshold", VIEWS[0]].n
+    ]
+    return report.Section("By threshold", "The same azimuths by the other criterion, in percent.", table=rows)
+
+
+def _errors(table: Table2) -> report.Section:
+    counts = {each.name: np.histogram(table.errors(each.name), BARS, (0, 180))[0] for each in table.methods}
+    shares = {name: of / max(1, of.sum()) for name, of in counts.items()}
+    highest = max((float(of.max()) for of in shares.values()), default=1.0) or 1.0
+    panels = [
+        Panel(histogram(of, highest), f"{name}: {', '.join(f'{100 * share:.0f}' for share in of)} %")
+        for name, of in shares.items()
+    ]
+    text = f"Share of the objects whose azimuth differs from the true one by 0 … 180°, {180 // BARS}° a bar."
+    return report.Section("How far off", text, panels)
+
+
+def histogram(shares: NDArray[np.float64], highest: float) -> NDArray[np.float64]:
+    """Bars over 0 … 180° with marks below.
+
+    Args:
+        shares: (n,), each in 0…highest.
+        highest: the share that is as high as the picture.
+
+    Returns:
+        (H, W) in 0…1, dark bars on white.
+    """
+    width, height, foot, margin = 20, 110, 18, 12
+    picture = Image.new("L", (len(shares) * width + 2 * margin, height + foot), 255)
+    draw, font = ImageDraw.Draw(picture), ImageFont.load_default(11)
+    for k, share in enumerate(shares):
+        left = margin + k * width
+        draw.rectangle((left + 1, height - round(share / highest * (height - 4)), left + width - 2, height), fill=70)
+    draw.line((margin, height, margin + len(shares) * width, height), fill=0)
+    for degrees in (0, 45, 90, 135, 180):
+        at = margin + degrees / 180 * len(shares) * width
+        draw.text((at, height + 2), f"{degrees}°", fill=0, font=font, anchor="ma")
+    return np.asarray(picture, dtype=np.float64) / 255
+
+
+def outlined(picture: Picture, silhouette: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """A picture with the outline of a silhouette drawn on it, two pixels wide.
+
+    Args:
+        picture: (C, H, W), C 1 or 3, in 0…1.
+        silhouette: (H, W), 0…255.
+
+    Returns:
+        (3, H, W) in 0…1.
+    """
+    drawn: NDArray[np.float64] = np.broadcast_to(as_array(picture), (3, *silhouette.shape)).copy()
+    inside = silhouette >= 128
+    line = ndimage.binary_dilation(inside) & ~ndimage.binary_erosion(inside, border_value=1)
+    drawn[:, line] = np.array(OUTLINE)[:, None]
+    return drawn
+
+
+def _pictures(table: Table2) -> report.Section | None:
+    """As in the paper: the images side by side, and what each method found below them."""
+    names = {name for of in table.silhouettes.values() for name in of}
+    shown = [each for each in table.examples.objects if each.name in names]
+    if not shown:
+        return None
+    images = {each.name: report.Cell(Panel(each.image, each.name), f"azimuth {each.azimuth:.0f}°") for each in shown}
+    found = [
+        {"": method.name, **{each.name: _found(table, method.name, each) for each in shown}} for method in table.methods
+    ]
+    text = "The outline of the model at the pose that each method found, and how far its azimuth is off."
+    return report.Section("Pictures", text, table=[{"": "test images", **images}, *found])
+
+
+def _found(table: Table2, method: str, example: Example) -> report.Cell | None:
+    found, silhouette = table.found[method].get(example.name), table.silhouettes[method].get(example.name)
+    if found is None or silhouette is None:
+        return None
+    off = round((found.azimuth - example.azimuth + 180) % 360 - 180)
+    remark = f"{off:+d}°" if found.model == example.model else f"{off:+d}°\n{found.model}"
+    return report.Cell(Panel(outlined(example.image, silhouette), f"{example.name}, {method}"), remark)

@@ -1,0 +1,162 @@
+"""What the arguments of several commands have in common: options, and the types of their values."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+from collections.abc import Callable, Collection
+from typing import NoReturn, get_args
+
+import torch
+
+from .hog.spec import Vote
+from .sources import DEFAULT_CELL, DEFAULT_DESCRIPTOR, PRESETS
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser whose errors are one line, as all errors of this command are."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+
+
+def integer(least: int, most: int = 10**18 - 1) -> Callable[[str], int]:
+    def parse(text: str) -> int:
+        if not re.fullmatch(r"\d{1,18}", text) or int(text) < least:
+            raise argparse.ArgumentTypeError(f"expected an integer of at least {least}, got {text!r}")
+        if int(text) > most:
+            raise argparse.ArgumentTypeError(f"expected an integer of at most {most}, got {text!r}")
+        return int(text)
+
+    return parse
+
+
+def cell(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"([1-9]\d{0,5})(?:[x×]([1-9]\d{0,5}))?", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(
+            f"expected pixels of a cell, one number or HEIGHTxWIDTH, each at least 1, got {text!r}"
+        )
+    return int(match[1]), int(match[2] or match[1])
+
+
+def numbers(names: str) -> Callable[[str], tuple[float, ...]]:
+    """Finite numbers, separated by commas, one for each of ``names``, which are, too."""
+
+    def parse(text: str) -> tuple[float, ...]:
+        try:
+            values = tuple(float(part) for part in text.split(","))
+        except ValueError:
+            values = ()
+        if len(values) != len(names.split(",")) or not all(map(math.isfinite, values)):
+            raise argparse.ArgumentTypeError(f"expected the numbers {names}, got {text!r}")
+        return values
+
+    return parse
+
+
+def device(text: str) -> torch.device:
+    match = re.fullmatch(r"cpu|cuda(?::(\d{1,3}))?", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"expected cpu, cuda or cuda:N, got {text!r}")
+    if text != "cpu":
+        devices = torch.cuda.device_count() if torch.cuda.is_available() else 0
+        if devices == 0:
+            raise argparse.ArgumentTypeError(f"expected a CUDA device for {text}, but PyTorch finds none here")
+        if int(match[1] or 0) >= devices:
+            raise argparse.ArgumentTypeError(f"expected cuda:0 … cuda:{devices - 1}, got {text}")
+    return torch.device(text)
+
+
+def table(command: argparse.ArgumentParser, methods: Collection[str]) -> None:
+    """What the commands of tables have in common."""
+
+    def parse(text: str) -> list[str]:
+        names = text.split(",")
+        for name in names:
+            if name not in methods:
+                raise argparse.ArgumentTypeError(f"expected methods of {', '.join(methods)}, got {name!r}")
+        return names
+
+    output(command, "DIR", "folder for the results, made if missing")
+    only = f"only these, separated by commas, of: {', '.join(methods)}"
+    command.add_argument("--methods", type=parse, metavar="NAME,…", help=only)
+    command.add_argument(
+        "--workers", type=integer(1), metavar="N", help="processes to work in (default: one for each core)"
+    )
+
+
+def inputs(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "inputs",
+        nargs="+",
+        metavar="PHOTO_or_DESCRIPTOR",
+        help="an image of any format that Pillow reads, or a file that `nablahog hog` wrote",
+    )
+
+
+def output(command: argparse.ArgumentParser, metavar: str, text: str) -> None:
+    command.add_argument("-o", "--output", required=True, metavar=metavar, help=text)
+
+
+def images(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--images", metavar="DIR", help="folder of images (default: photographs that come with scikit-image)"
+    )
+
+
+def prior(command: argparse.ArgumentParser, use: str) -> None:
+    command.add_argument("--prior", metavar="FILE", help=f"a prior that `nablahog learn prior` wrote; {use}")
+
+
+def common(command: argparse.ArgumentParser, longer_side: int) -> None:
+    dialect(
+        command,
+        f"type of descriptor (default: {DEFAULT_DESCRIPTOR}); descriptor files state theirs and must agree",
+    )
+    size(command, longer_side)
+    device_option(command)
+    command.add_argument("--json", action="store_true", help="print the results as JSON instead of a table")
+
+
+def dialect(command: argparse.ArgumentParser, descriptor: str) -> None:
+    command.add_argument("--descriptor", choices=PRESETS, help=descriptor)
+    command.add_argument(
+        "--cell",
+        type=cell,
+        metavar="N|HxW",
+        help=f"pixels of a cell, one number or height x width (default: {DEFAULT_CELL[0]})",
+    )
+    command.add_argument(
+        "--vote",
+        choices=get_args(Vote),
+        help="orientation votes of uoctti and aubry: shared by two bins, or all to one bin",
+    )
+
+
+def size(command: argparse.ArgumentParser, longer_side: int) -> None:
+    command.add_argument(
+        "--size",
+        type=integer(0),
+        default=longer_side,
+        metavar="N",
+        help=f"shrink photographs to at most N pixels on the longer side, 0 for never (default: {longer_side})",
+    )
+
+
+def device_option(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--device", type=device, default=torch.device("cpu"), help="cpu, cuda or cuda:N (default: cpu)"
+    )
+
+
+def minimiser(command: argparse.ArgumentParser) -> None:
+    seed(command, "the starting image")
+    command.add_argument(
+        "--max-evaluations", type=integer(2), metavar="N", help="of the objective, for each image; fewer is faster"
+    )
+
+
+def seed(command: argparse.ArgumentParser, of: str = "everything random") -> None:
+    command.add_argument("--seed", type=integer(0), default=0, help=f"of {of} (default: 0)")

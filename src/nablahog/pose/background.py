@@ -1,0 +1,123 @@
+"""Learning the background of exemplar LDA from photographs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import lru_cache
+
+import torch
+from torch import Tensor
+
+from ..hog.gradient import gray
+from ..hog.kernels import steps
+from ..hog.spec import HOGSpec
+from ..images import limit_size
+from ..shipped import SHIPPED, shipped_photograph
+from .whitening import Background, check_spec
+
+ORDER = 9  # of cells: for templates of up to 10x10
+STEP = 2**-0.5  # between two scales of a photograph
+RING = 1  # of cells next to the border of an image, which are unlike all others
+
+
+def least_size(spec: HOGSpec, order: int = ORDER) -> tuple[int, int]:
+    """(height, width) of the smallest image to learn from."""
+    height, width = ((order + 1 + 2 * RING) * side for side in spec.cell_size)
+    return height, width
+
+
+def learn_background(
+    images: Mapping[str, Tensor],
+    spec: HOGSpec,
+    *,
+    order: int = ORDER,
+    regularization: float = 0.01,
+    progress: Callable[[int, int, str], None] = lambda done, total, what: None,
+) -> Background:
+    """Mean and autocovariance of the descriptor over photographs and all their scales.
+
+    Each image is shrunk by √2 until it is smaller than :func:`least_size`; the outermost cells of each do not count.
+    Both are exact averages over all cells, or all pairs of cells at an offset, that there are.
+
+    Args:
+        images: (H, W) each, float32 in 0…1, by name.
+        spec: the dialect, not globally normalised.
+        order: the largest offset between cells, at least 0; templates may have one row and column more.
+        regularization: see :class:`.whitening.Background`.
+        progress: called with the images done, their number and the name of the one at work.
+
+    Raises:
+        ValueError: there are no images, or one is too small or holds NaN or Inf; the spec is globally normalised;
+            ``order`` is below 0.
+    """
+    check_spec(spec)
+    if order < 0:
+        raise ValueError(f"order must be at least 0, got {order}")
+    if not images:
+        raise ValueError("expected images to learn from, got none")
+    channels = spec.channels
+    sums = torch.zeros(2 * order + 1, 2 * order + 1, channels + 1, channels + 1, dtype=torch.float64)
+    for done, (name, image) in enumerate(images.items()):
+        progress(done, len(images), name)
+        _check(name, image, least_size(spec, order))
+        for cells in _pyramid(image, spec, order):
+            _add_products(cells, sums)
+    progress(len(images), len(images), "")
+    # of both cells of a pair: their products, the sums of either over all pairs, and the number of pairs
+    products, first, second, pairs = sums[..., :-1, :-1], sums[..., :-1, -1:], sums[..., -1:, :-1], sums[..., -1:, -1:]
+    mean = first[order, order, :, 0] / pairs[order, order, 0, 0]
+    a, b = mean[:, None], mean[None, :]
+    covariance = (products - b * first - a * second) / pairs + a * b
+    covariance = (covariance + covariance.flip(0, 1).mT) / 2  # equal already, but for rounding
+    return Background(spec, mean, covariance[order:].contiguous(), tuple(images), regularization)
+
+
+@lru_cache(maxsize=8)
+def default_background(spec: HOGSpec, order: int = ORDER) -> Background:
+    """The background of the photographs that come with scikit-image, learned at the first call for ``spec``.
+
+    Raises:
+        ValueError: as :func:`learn_background`.
+    """
+    return learn_background({name: gray(shipped_photograph(name)[None])[0, 0] for name in SHIPPED}, spec, order=order)
+
+
+def _check(name: str, image: Tensor, least: tuple[int, int]) -> None:
+    if image.dim() != 2 or image.shape[0] < least[0] or image.shape[1] < least[1]:
+        got = "x".join(map(str, image.shape))
+        raise ValueError(f"{name}: expected a gray image of at least {least[0]}x{least[1]} pixels, got {got}")
+    if not torch.isfinite(image).all():
+        raise ValueError(f"{name}: the image must be finite, got NaN or Inf")
+
+
+def _pyramid(image: Tensor, spec: HOGSpec, order: int) -> Iterator[Tensor]:
+    """Descriptors (C, rows, cols), float64, of an image (H, W) at all scales, without their outermost cells."""
+    histograms, normalize = steps(image.device)
+    height, width = least_size(spec, order)
+    scale, small = 1.0, image
+    while small.shape[0] >= height and small.shape[1] >= width:
+        cells = normalize(histograms(small[None, None], spec), spec)[0]
+        yield cells[:, RING:-RING, RING:-RING].double()
+        scale *= STEP
+        small = limit_size(image[None], max(1, round(scale * max(image.shape))))[0]
+
+
+def _add_products(cells: Tensor, sums: Tensor) -> None:
+    """Adds, for each offset (dy, dx) and channels a and b, Σ a(y, x) · b(y + dy, x + dx) over all pairs of cells.
+
+    One more channel, of ones, makes sums over pairs, and their number, of the same form.
+
+    Args:
+        cells: (C, rows, cols).
+        sums: (2 · order + 1, 2 · order + 1, C + 1, C + 1), changed in place; offset 0 is in the middle.
+    """
+    order = len(sums) // 2
+    channels = torch.cat([cells, torch.ones_like(cells[:1])])
+    padded = [n + order for n in cells.shape[1:]]  # zeros that keep opposite sides apart
+    spectra = torch.fft.rfft2(channels, s=padded)
+    offsets = torch.arange(-order, order + 1)
+    for a in range(len(channels)):
+        products = torch.fft.irfft2(spectra[a].conj() * spectra[a:], s=padded)
+        products = products[:, offsets][:, :, offsets].permute(1, 2, 0)
+        sums[:, :, a, a:] += products
+        sums[:, :, a + 1 :, a] += products.flip(0, 1)[..., 1:]

@@ -1,0 +1,105 @@
+"""The object cut out of its photograph: a small gray square around its box, the same size for every object."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from ..hog.gradient import gray
+from ..render import Camera
+
+Box: TypeAlias = tuple[float, float, float, float]
+"""x0, y0, x1, y1 in pixels; the whole image is 0, 0, W, H."""
+
+SIDE = 128  # pixels of the square
+FILL = 112.0  # pixels of the box's longer side in it
+DISTANCE = 3.0
+"""From the camera to the object where nothing is known, in diagonals of its bounding box: as people stand."""
+_SEEN = 0.85  # of the diagonal, the longer side of a typical view; the fit to the box makes good what it is off
+
+
+@dataclass(frozen=True, eq=False)
+class Canvas:
+    """A square cut-out around the middle of a box.
+
+    Attributes:
+        image: (1, 1, S, S), float32 in 0…1; beyond the photograph, its border repeats.
+        size: (width, height) of the box in it, pixels.
+        zoom: its pixels for one of the photograph.
+        middle: x, y of its middle in the photograph.
+        camera: that sees an object at :data:`DISTANCE` about as large as the box.
+    """
+
+    image: Tensor
+    size: tuple[float, float]
+    zoom: float
+    middle: tuple[float, float]
+    camera: Camera
+
+    def in_photograph(self, pose: Tensor, height: int, width: int) -> tuple[Tensor, Camera]:
+        """A pose (6,) for this canvas as one for the whole photograph, with its camera."""
+        moved = pose.clone()
+        x, y = self.middle
+        moved[4] = pose[4] / self.zoom + x - width / 2
+        moved[5] = pose[5] / self.zoom + y - height / 2
+        return moved, Camera(self.camera.focal / self.zoom, height, width)
+
+
+def check_box(box: Box, height: int, width: int) -> None:
+    """Raises ValueError unless the box is finite, has at least 8 pixels a side, and meets an image of this size."""
+    x0, y0, x1, y1 = box
+    if not all(map(math.isfinite, box)) or not (x1 - x0 >= 8 and y1 - y0 >= 8):
+        raise ValueError(f"the box must be x0, y0, x1, y1 with sides of at least 8 pixels, got {box}")
+    if x1 <= 0 or y1 <= 0 or x0 >= width or y0 >= height:
+        raise ValueError(f"the box must lie in the image of {height}x{width} pixels (height x width), got {box}")
+
+
+def cut_out(photograph: Tensor, box: Box, side: int = SIDE, fill: float = FILL) -> Canvas:
+    """The square of ``side`` pixels around a box, shrunk or enlarged so that the box's longer side has ``fill``.
+
+    Args:
+        photograph: (C, H, W), float32 or float64 in 0…1, one channel or R, G, B.
+        box: of the object.
+
+    Raises:
+        ValueError: the photograph is of another shape, holds NaN, or the box is empty or beside it.
+    """
+    if photograph.dim() != 3 or photograph.shape[0] not in (1, 3) or not photograph.is_floating_point():
+        raise ValueError(
+            f"the photograph must be a floating point tensor (1 or 3, H, W), "
+            f"got {photograph.dtype} of shape {tuple(photograph.shape)}"
+        )
+    if not torch.isfinite(photograph).all():
+        raise ValueError("the photograph must be finite, got NaN or Inf")
+    height, width = photograph.shape[1:]
+    check_box(box, height, width)
+    x0, y0, x1, y1 = box
+    zoom = fill / max(x1 - x0, y1 - y0)
+    middle = (x0 + x1) / 2, (y0 + y1) / 2
+    # enough of it, repeated beyond its border, then resampled without aliasing
+    reach = math.ceil(side / zoom / 2) + 2
+    left, top = math.floor(middle[0]) - reach, math.floor(middle[1]) - reach
+    rows = torch.arange(top, top + 2 * reach + 1).clamp(0, height - 1)
+    cols = torch.arange(left, left + 2 * reach + 1).clamp(0, width - 1)
+    part = gray(photograph[None].float())[:, :, rows][:, :, :, cols]
+    if zoom < 1:
+        part = _blurred(part, 0.5 * math.sqrt(1 / zoom**2 - 1))
+    at = (torch.arange(side) + 0.5 - side / 2) / zoom
+    x, y = ((at + m - start) / (2 * reach + 1) * 2 - 1 for m, start in zip(middle, (left, top), strict=True))
+    grid = torch.stack(torch.meshgrid(y, x, indexing="ij")[::-1], dim=-1)[None].float()
+    image = functional.grid_sample(part, grid, mode="bilinear", padding_mode="border", align_corners=False)
+    camera = Camera(DISTANCE * fill / _SEEN, side, side)
+    return Canvas(image.clamp(0, 1), ((x1 - x0) * zoom, (y1 - y0) * zoom), zoom, middle, camera)
+
+
+def _blurred(image: Tensor, sigma: float) -> Tensor:
+    reach = max(1, math.ceil(3 * sigma))
+    taps = torch.exp(-0.5 * (torch.arange(-reach, reach + 1) / sigma) ** 2)
+    taps = taps / taps.sum()
+    padded = functional.pad(image, (reach,) * 4, mode="replicate")
+    return functional.conv2d(functional.conv2d(padded, taps.view(1, 1, 1, -1)), taps.view(1, 1, -1, 1))

@@ -1,0 +1,66 @@
+"""Σ⁻¹ for a whole descriptor: the whitening of :mod:`.whitening`, but for templates of hundreds of cells.
+
+Σ of a stationary background is a convolution over cells; so is its inverse, where the border is far.  On a torus a
+little larger than the descriptor, the Fourier transform turns both into one C x C matrix for each frequency.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from .whitening import Background
+
+_MARGIN = 4  # cells, between a descriptor and itself around the torus
+
+
+class Whitener:
+    """Applies Σ⁻¹ to descriptors of one size.
+
+    The autocovariance is known for offsets up to the background's order only; a triangular window lets it fade out
+    there, and no frequency's matrix gets an eigenvalue below λ.
+
+    Args:
+        background: μ and Σ.
+        rows, cols: of the descriptors, in cells.
+        regularization: λ, by default the background's.
+    """
+
+    def __init__(self, background: Background, rows: int, cols: int, regularization: float | None = None) -> None:
+        least = background.regularization if regularization is None else regularization
+        order = background.order
+        self.rows, self.cols, self.mean = rows, cols, background.mean.to(torch.float32)
+        self.size = _next_size(rows + _MARGIN), _next_size(cols + _MARGIN)
+        above = background.covariance[1:].flip(0, 1).mT
+        offsets = torch.cat([above, background.covariance])  # (2 · order + 1, 2 · order + 1, C, C)
+        fade = 1 - torch.arange(-order, order + 1, dtype=torch.float64).abs() / (order + 1)
+        offsets = offsets * (fade[:, None] * fade)[:, :, None, None]
+        torus = offsets.new_zeros((*self.size, *offsets.shape[2:]))
+        dy, dx = (torch.arange(-order, order + 1) % side for side in self.size)
+        # an offset beyond half the torus meets one from the other side: both count
+        torus.index_put_((dy[:, None], dx[None, :]), offsets, accumulate=True)
+        # entry [dy, dx, a, b] is E a(y) b(y + d): Σ maps b to a by correlation, the conjugate of convolution
+        spectrum = torch.fft.rfft2(torus, dim=(0, 1)).conj()
+        spectrum = (spectrum + spectrum.mH) / 2
+        values, vectors = torch.linalg.eigh(spectrum)
+        inverse = (vectors / (values.clamp(min=0) + least)[..., None, :]) @ vectors.mH
+        self.inverse = inverse.to(torch.complex64)
+
+    def __call__(self, descriptors: Tensor) -> Tensor:
+        """Σ⁻¹ q: (B, C, rows, cols) to the same, float32; nothing is taken to lie beyond the border."""
+        spectrum = torch.fft.rfft2(descriptors, s=self.size).permute(2, 3, 1, 0)
+        found = (self.inverse @ spectrum).permute(3, 2, 0, 1)
+        white: Tensor = torch.fft.irfft2(found, s=self.size)[..., : self.rows, : self.cols]
+        return white
+
+    def centred(self, descriptors: Tensor) -> Tensor:
+        """q − μ of descriptors (B, C, rows, cols)."""
+        return descriptors - self.mean[:, None, None]
+
+
+def _next_size(least: int) -> int:
+    """The next power of two, or three quarters of one: sides that are fast to transform."""
+    power = 1
+    while power < least:
+        power *= 2
+    return power * 3 // 4 if power * 3 // 4 >= least and power >= 8 else power

@@ -1,0 +1,109 @@
+"""A photograph and a model brought together: what a similarity needs, prepared once and kept."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property, lru_cache
+from typing import Literal, TypeAlias
+from weakref import WeakKeyDictionary
+
+from torch import Tensor
+
+from ..hog import HOGSpec, presets
+from ..render import Camera, Mesh, Renderer
+from ..render.renderer import Method
+from .background import default_background
+from .canvas import Canvas
+from .elements import elements
+from .filter import Whitener
+from .placing import hull
+from .similarity import Similarity, Template, by_elements, calibrated, describe
+from .whitening import Background
+
+Kind: TypeAlias = Literal["dot", "whitened", "calibrated"]
+
+ELEMENT = (5, 5)  # cells of a visual element
+ELEMENTS = 25  # the most of a photograph
+_COARSE, _FINE = 8, 4  # pixels of a cell: half of them tell poses apart that are half as far from each other
+_REGULARIZATION = {_COARSE: 0.003, _FINE: 0.01}
+
+
+@lru_cache(maxsize=4)
+def pose_spec(cell_size: int = _COARSE) -> HOGSpec:
+    """The descriptor of poses by default: Aubry et al.'s nine contrast-insensitive channels, of gray images."""
+    return presets.aubry(cell_size, colour="gray")
+
+
+class Photograph:
+    """An object's canvas with its templates.
+
+    Args:
+        canvas: the object.
+        background: of the coarse templates; None for the default one of :func:`pose_spec`.
+    """
+
+    def __init__(self, canvas: Canvas, background: Background | None = None) -> None:
+        self.canvas = canvas
+        self.background = background or default_background(pose_spec())
+
+    def template(self, kind: Kind) -> Template:
+        """What to compare renderings with, by one of the similarities of :mod:`.similarity`."""
+        if kind == "calibrated":
+            return self.calibrated
+        spec = self.background.spec
+        descriptor = describe(self.canvas.image, spec)[0].permute(1, 2, 0)
+        found = elements(descriptor, self.background, ELEMENT, count=ELEMENTS, threshold=0.0)
+        patches = found.patches if kind == "dot" else found.weights
+        return by_elements(found, patches, spec, *descriptor.shape[:2])
+
+    @cached_property
+    def calibrated(self) -> Template:
+        return _calibrated(self.canvas.image, self.background)
+
+    @cached_property
+    def fine(self) -> Template:
+        """The calibrated template of smaller cells, for the last fraction of a degree."""
+        spec = dataclasses.replace(self.background.spec, cell_size=(_FINE, _FINE))
+        return _calibrated(self.canvas.image, default_background(spec))
+
+
+def _calibrated(image: Tensor, background: Background) -> Template:
+    spec = background.spec
+    rows, cols = spec.grid(*image.shape[2:])
+    return calibrated(image, spec, _whitener(background, rows, cols))
+
+
+@lru_cache(maxsize=16)
+def _whitener(background: Background, rows: int, cols: int) -> Whitener:
+    return Whitener(background, rows, cols, _REGULARIZATION.get(background.spec.cell_size[0]))
+
+
+class Model:
+    """A mesh with its renderings for one camera.
+
+    Args:
+        mesh: normalised.
+        camera: of the canvas.
+    """
+
+    def __init__(self, mesh: Mesh, camera: Camera) -> None:
+        self.mesh, self.camera, self.hull = mesh, camera, hull(mesh)
+        self._renderers: dict[tuple[Method, int], Renderer] = {}
+
+    def similarity(self, template: Template, method: Method = "edges", supersampling: int = 1) -> Similarity:
+        """Of renderings, with ``supersampling`` samples of a pixel along a side, to a template."""
+        key = method, supersampling
+        if key not in self._renderers:
+            self._renderers[key] = Renderer(self.mesh, self.camera, method=method, supersampling=supersampling)
+        return Similarity(self._renderers[key], template)
+
+
+_models: WeakKeyDictionary[Mesh, Model] = WeakKeyDictionary()
+
+
+def model_of(mesh: Mesh, camera: Camera) -> Model:
+    """The prepared model of a mesh; all canvases have one camera, so it is prepared once."""
+    known = _models.get(mesh)
+    if known is None or known.camera != camera:
+        known = _models[mesh] = Model(mesh, camera)
+    return known

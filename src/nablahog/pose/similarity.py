@@ -1,0 +1,105 @@
+"""How much a rendering's HOG is like the photograph's (Section 3.2), with its derivative by the pose.
+
+Each similarity is a linear template w of the photograph, ⟨w, φ(P_f)⟩, one of them divided by what it would vary by:
+
+* ``dot``, the paper's: Σ ⟨φ(P_I), φ(P_f)⟩ over the visual elements P_I of the photograph;
+* ``whitened``: Σ ⟨Σ⁻¹(φ(P_I) − μ), φ(P_f)⟩ over the same: what photographs have everywhere does not count;
+* ``calibrated``: the same over the whole window at once, divided by √(φ(P_f)ᵀ Σ⁻¹ φ(P_f)).  That is the score of the
+  rendering's own linear discriminant Σ⁻¹ φ(P_f) on the photograph, in its standard deviations over photographs of
+  anything: comparable between poses and models, however many edges they show.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..hog.kernels import steps
+from ..hog.spec import HOGSpec
+from ..render import Renderer
+from ..render.renderer import pull_back
+from .elements import Elements
+from .filter import Whitener
+
+_BATCH = 16  # renderings at a time: their arrays stay in the processor's cache
+
+
+def describe(images: Tensor, spec: HOGSpec) -> Tensor:
+    """φ: gray images (B, 1, H, W) to (B, C, rows, cols)."""
+    histograms, normalize = steps(images.device)
+    return normalize(histograms(images, spec), spec)
+
+
+@dataclass(frozen=True, eq=False)
+class Template:
+    """A photograph to compare renderings with.
+
+    Attributes:
+        spec: of both descriptors.
+        weights: w, (C, rows, cols), float32.
+        whitener: of the ``calibrated`` similarity, else None.
+    """
+
+    spec: HOGSpec
+    weights: Tensor
+    whitener: Whitener | None = None
+
+    def scores(self, descriptors: Tensor) -> tuple[Tensor, Tensor]:
+        """Similarities (B,) of descriptors (B, C, rows, cols), and their derivatives by these."""
+        values = (descriptors * self.weights).sum(dim=(1, 2, 3))
+        if self.whitener is None:
+            return values, self.weights.expand_as(descriptors)
+        white = self.whitener(descriptors)
+        squared = (descriptors * white).sum(dim=(1, 2, 3))
+        # an empty rendering looks like nothing: 0, and no way is up
+        spread = torch.where(squared > 1e-9, squared, torch.inf).sqrt()
+        values = values / spread
+        slope = (self.weights - (values / spread)[:, None, None, None] * white) / spread[:, None, None, None]
+        return values, slope
+
+
+def calibrated(image: Tensor, spec: HOGSpec, whitener: Whitener) -> Template:
+    """The template of a photograph (1, 1, H, W) as a whole."""
+    descriptor = describe(image, spec)
+    return Template(spec, whitener(whitener.centred(descriptor))[0], whitener)
+
+
+def by_elements(found: Elements, patches: Tensor, spec: HOGSpec, rows: int, cols: int) -> Template:
+    """The template of a photograph's elements with ``patches`` (N, r, c, C): φ(P_I) itself, or whitened."""
+    return Template(spec, found.spread(patches, rows, cols).permute(2, 0, 1).float().contiguous())
+
+
+class Similarity:
+    """The similarity of renderings to a photograph as a function of their poses."""
+
+    def __init__(self, renderer: Renderer, template: Template) -> None:
+        self.renderer, self.template = renderer, template
+        camera = renderer.camera
+        self.background = torch.ones(1, camera.height, camera.width)
+        self.renderings = 0
+
+    def values(self, poses: Tensor) -> Tensor:
+        """(B,) at poses (B, 6)."""
+        return torch.cat([self._values(part) for part in torch.split(poses, _BATCH)])
+
+    def derivatives(self, poses: Tensor) -> tuple[Tensor, Tensor]:
+        """Values (B,) and derivatives (B, 6) by the parameters of the poses, as :data:`nablahog.render.PARAMETERS`."""
+        values, slopes = zip(*(self._derivatives(part) for part in torch.split(poses, _BATCH)), strict=True)
+        return torch.cat(values), torch.cat(slopes)
+
+    def _values(self, poses: Tensor) -> Tensor:
+        picture = self.renderer.rigid.draw(poses, self.background, False)
+        self.renderings += len(poses)
+        return self.template.scores(describe(picture.image[:, None], self.template.spec))[0].double()
+
+    def _derivatives(self, poses: Tensor) -> tuple[Tensor, Tensor]:
+        picture = self.renderer.rigid.draw(poses, self.background, True)
+        self.renderings += len(poses)
+        images = picture.image[:, None].requires_grad_(True)
+        with torch.enable_grad():
+            descriptors = describe(images, self.template.spec)
+        values, slope = self.template.scores(descriptors.detach())
+        (given,) = torch.autograd.grad(descriptors, images, slope)
+        return values.double(), pull_back(given[:, 0], picture.motion, poses, self.renderer.camera).double()

@@ -1,0 +1,159 @@
+"""`nablahog table2` on scenes and on files as PASCAL3D+ has them, with methods that need no time."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+from scipy import io
+from torch import Tensor
+
+from nablahog.cli import main
+from nablahog.evaluate import pose_job
+from nablahog.evaluate.pose_methods import POSE_METHODS, Found, PoseMethod, PoseProblem, PoseSettings
+
+from .common import names
+
+TABLES = ["failures.csv", "index.html", "median_error.csv", "per_object.csv", "summary.csv"]
+TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
+
+
+def _guess(problem: PoseProblem, settings: PoseSettings) -> Found:
+    azimuth, elevation = problem.initial
+    return Found(azimuth, elevation, 3.0, 0.0, 0.0, 0.0, 100.0, ",".join(problem.models), 0.5)
+
+
+def _none(problem: PoseProblem, settings: PoseSettings) -> Found:
+    raise ValueError("no detection")
+
+
+def _box(problem: PoseProblem, found: Found) -> Tensor:
+    x0, y0, x1, y1 = (round(side) for side in problem.box)
+    covered = torch.zeros(problem.image.shape[1:])
+    covered[y0:y1, x0:x1] = 1
+    return covered
+
+
+@pytest.fixture(autouse=True)
+def fast(here: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, method in list(POSE_METHODS.items()):
+        run = _none if name == "exemplar" else _guess
+        monkeypatch.setitem(POSE_METHODS, name, PoseMethod(name, method.about, run))
+    monkeypatch.setattr(pose_job, "coverage", _box)
+
+
+@pytest.fixture
+def models(tmp_path: Path) -> str:
+    folder = tmp_path / "my models"
+    folder.mkdir()
+    for name in "abc":
+        (folder / f"{name}.off").write_text(TETRAHEDRON)
+    (folder / "bad.off").write_text("hello")
+    return str(folder)
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    with open(path, newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_scenes_of_procedural_chairs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    assert main(["table2", "-o", str(out), "--objects", "3", "--methods", "paper,exemplar", "--workers", "1"]) == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    for text in ("58.9", "by interval", "3 scenes of 24 procedural chairs", "looked for by its own model"):
+        assert text in printed.out
+    assert "Failed: 0000, exemplar: no detection" in printed.out
+    assert f"Look at {out / 'index.html'}" in printed.out
+    assert names(out) == [*TABLES, "work"]
+    rows = _rows(out / "per_object.csv")
+    assert [row["object"] for row in rows] == ["0000", "0001", "0002"]
+    assert all(row["model"] == row["found_model"] for row in rows)
+    assert all(abs(float(row["true_elevation"]) - float(row["elevation"])) <= 5 for row in rows)
+    assert [row["reason"] for row in _rows(out / "failures.csv")] == ["no detection"] * 3
+    assert "base64" in (out / "index.html").read_text()
+
+
+def test_models_and_viewpoints_of_mine(tmp_path: Path, models: str, capsys: pytest.CaptureFixture[str]) -> None:
+    viewpoints = tmp_path / "mine.csv"
+    viewpoints.write_text("azimuth,elevation\n10,5\n200,6\n")
+    options = ["--models", models, "--viewpoints", str(viewpoints), "--objects", "4", "--methods", "best"]
+    assert main(["table2", "-o", str(tmp_path / "out"), *options, "--unknown-model"]) == 0
+    printed = capsys.readouterr().out
+    assert "4 scenes of 3 models of the folder my models, seen from the 2 viewpoints of mine.csv" in printed
+    assert "looked for by all models but its own" in printed
+    assert "Passed over: bad: " in printed
+    for row in _rows(tmp_path / "out" / "per_object.csv"):
+        assert row["found_model"] == ",".join(sorted({*"abc"} - {row["model"]}))
+        assert (row["true_azimuth"], row["true_elevation"]) in (("10.0", "5.0"), ("200.0", "6.0"))
+
+
+@pytest.fixture
+def published(tmp_path: Path) -> list[str]:
+    """One photograph with two chairs, and two CAD models."""
+    voc, pascal3d = tmp_path / "VOC2012", tmp_path / "PASCAL3D+_release1.1"
+    for folder in (voc / "Annotations", voc / "ImageSets" / "Main", voc / "JPEGImages", pascal3d / "CAD" / "chair"):
+        folder.mkdir(parents=True)
+    (voc / "ImageSets" / "Main" / "chair_val.txt").write_text("2008_000001 1\n2008_000002 1\n")
+    Image.fromarray(np.full((60, 80, 3), 99, np.uint8)).save(voc / "JPEGImages" / "2008_000001.jpg")
+    boxes = ((1, 1, 40, 60), (41, 1, 80, 60))
+    objects = [
+        "<object><name>chair</name><bndbox>"
+        + "".join(f"<{n}>{v}</{n}>" for n, v in zip(("xmin", "ymin", "xmax", "ymax"), box, strict=True))
+        + "</bndbox></object>"
+        for box in boxes
+    ]
+    (voc / "Annotations" / "2008_000001.xml").write_text(f"<annotation>{''.join(objects)}</annotation>")
+    viewpoint = {"azimuth": 30.0, "elevation": 10.0, "distance": 5.0, "theta": 0.0}
+    fields = [(name, object) for name in ("class", "bbox", "viewpoint", "cad_index")]
+    stored = np.array([("chair", list(map(float, box)), viewpoint, 2.0) for box in boxes], dtype=fields)
+    (pascal3d / "Annotations" / "chair_pascal").mkdir(parents=True)
+    io.savemat(pascal3d / "Annotations" / "chair_pascal" / "2008_000001.mat", {"record": {"objects": stored}})
+    for name in ("01", "02"):
+        (pascal3d / "CAD" / "chair" / f"{name}.off").write_text(TETRAHEDRON)
+    return ["--voc", str(voc), "--pascal3d", str(pascal3d)]
+
+
+def test_photographs(tmp_path: Path, published: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["table2", "-o", str(tmp_path / "out"), *published, "--methods", "paper"]) == 0
+    printed = capsys.readouterr().out
+    assert "2 objects of 1 photographs; left out: none. Each object is looked for by all of 2 models" in printed
+    assert "Failed: 2008_000002, all methods: Annotations/2008_000002.xml: no such file" in printed
+    rows = _rows(tmp_path / "out" / "per_object.csv")
+    assert [(row["object"], row["model"], row["found_model"], row["true_azimuth"]) for row in rows] == [
+        (f"2008_000001#{number}", "02", "01,02", "30.0") for number in (1, 2)
+    ]
+    options = [*published, "--methods", "paper", "--unknown-model", "--objects", "1"]
+    assert main(["table2", "-o", str(tmp_path / "out"), *options]) == 0
+    (row,) = _rows(tmp_path / "out" / "per_object.csv")
+    assert row["found_model"] == "01"
+
+
+def test_refusals(tmp_path: Path, models: str, published: list[str], refused: Callable[..., None]) -> None:
+    to = ["table2", "-o", str(tmp_path / "out")]
+    refused(*to, *published[:2], message="--voc and --pascal3d need each other")
+    refused(*to, *published[2:], message="--voc and --pascal3d need each other")
+    refused(*to, *published, "--viewpoints", "v.csv", message="--viewpoints is for scenes")
+    refused(*to, "--voc", models, *published[2:], message="expected the folder VOC2012 of PASCAL VOC")
+    refused(*to, *published[:2], "--pascal3d", models, message="no such folder")
+    refused(*to, "--models", f"{models}x", message="no such folder")
+    refused(*to, "--viewpoints", str(tmp_path / "no.csv"), message="no.csv: no such file")
+    (tmp_path / "few").mkdir()
+    (tmp_path / "few" / "a.off").write_text(TETRAHEDRON)
+    refused(*to, "--models", str(tmp_path / "few"), "--unknown-model", message="at least 2 models to leave one out")
+    (tmp_path / "few" / "a.off").write_text("hello")
+    refused(*to, "--models", str(tmp_path / "few"), message="no model can be read; the first: a: ")
+    refused(*to, "--methods", "hog", message="expected methods of exemplar, exhaustive, paper, best, got", status=2)
+    refused(*to, "--objects", "0", message="at least 1, got '0'", status=2)
+
+
+def test_no_pose_at_all(tmp_path: Path, models: str, refused: Callable[..., None]) -> None:
+    options = ["--models", models, "--objects", "1", "--methods", "exemplar"]
+    message = "there is no pose of any object; the first: 0000: no detection"
+    refused("table2", "-o", str(tmp_path / "out"), *options, message=message)

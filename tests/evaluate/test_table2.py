@@ -1,0 +1,150 @@
+"""From poses to tables: how they are counted, formats, failures, reuse."""
+
+from __future__ import annotations
+
+import csv
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nablahog.evaluate.pose_methods import PoseMethod, PoseSettings
+from nablahog.evaluate.table2 import Table2, run_table2, write_tables
+from nablahog.evaluate.tables import Failure
+
+from .pose_fakes import FAR, NEAR, OTHER, examples
+
+AZIMUTHS = [0, 90, 40, 350]
+FILES = ["failures.csv", "median_error.csv", "per_object.csv", "summary.csv"]
+
+
+def _made(folder: Path, *methods: PoseMethod, seed: int = 0) -> Table2:
+    return run_table2(folder, examples(AZIMUTHS), methods, PoseSettings(seed), workers=1)
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    with open(path, newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_how_they_are_counted(tmp_path: Path, calls: list[str]) -> None:
+    """8° more: 40° leaves the first of 4 views, whose edge is 45°, and all but 40° leave theirs of 24, 15° wide."""
+    table = _made(tmp_path, NEAR)
+    (exemplar, paper) = table.lines()
+    assert (exemplar.method, exemplar.accuracy["interval", 4].n, exemplar.error.value) == ("exemplar", 0, None)
+    assert exemplar.paper == {4: 47.33, 8: 35.39, 16: 20.16, 24: 15.23}
+    assert exemplar.seconds is None
+    means = {of: paper.accuracy[of].mean for of in paper.accuracy}
+    assert [means["interval", views] for views in (4, 8, 16, 24)] == [75, 100, 100, 25]
+    assert [means["threshold", views] for views in (4, 8, 16, 24)] == [100] * 4
+    assert paper.error.value == pytest.approx(8, abs=1e-4)
+    assert table.errors("paper") == pytest.approx([8] * 4, abs=1e-4)
+    accuracy = paper.accuracy["interval", 4]
+    assert accuracy.low is not None
+    assert accuracy.high is not None
+    assert 0 <= accuracy.low < 75 < accuracy.high <= 100
+
+
+def test_no_pose_is_wrong(tmp_path: Path, calls: list[str]) -> None:
+    table = _made(tmp_path, FAR)
+    assert table.failures == [Failure("0", "exemplar", "no element")]
+    assert table.errors("exemplar") == pytest.approx([180, 100, 100, 100], abs=1e-4)
+    line = {line.method: line for line in table.lines()}["exemplar"]
+    assert line.accuracy["threshold", 4].n == 4
+    assert line.accuracy["threshold", 4].mean == 0
+
+
+def test_a_method_that_finds_nothing(tmp_path: Path, calls: list[str]) -> None:
+    table = run_table2(tmp_path, examples([0, 0]), [FAR], PoseSettings(), workers=1)
+    line = {line.method: line for line in table.lines()}["exemplar"]
+    assert line.accuracy["interval", 24].n == 2
+    assert (line.error.value, line.seconds) == (180, None)
+
+
+def test_files(tmp_path: Path, calls: list[str]) -> None:
+    table = _made(tmp_path, FAR, NEAR)
+    write_tables(tmp_path, table)
+    assert sorted(os.listdir(tmp_path)) == [*FILES, "work"]
+
+    rows = _rows(tmp_path / "per_object.csv")
+    assert list(rows[0]) == [
+        *("object", "model", "method", "true_azimuth", "true_elevation"),
+        *("azimuth", "elevation", "distance", "theta", "found_model", "error", "seconds"),
+    ]
+    assert [(row["method"], row["object"]) for row in rows] == [
+        *(("exemplar", each) for each in "123"),
+        *(("paper", each) for each in "0123"),
+    ]
+    first = rows[3]
+    assert float(first["azimuth"]) == table.found["paper"]["0"].azimuth  # to the last bit
+    assert [first[name] for name in ("true_azimuth", "elevation", "model", "found_model")] == [
+        "0",
+        "15.0",
+        "one",
+        "two",
+    ]
+
+    summary = _rows(tmp_path / "summary.csv")
+    assert list(summary[0]) == ["method", "criterion", "views", "accuracy", "low", "high", "paper"]
+    assert [(row["method"], row["criterion"], row["views"]) for row in summary] == [
+        (method, criterion, views)
+        for method in ("exemplar", "paper")
+        for criterion in ("interval", "threshold")
+        for views in ("4", "8", "16", "24")
+    ]
+    assert (summary[8]["accuracy"], summary[8]["paper"]) == ("75.0", "58.85")
+    assert summary[12]["paper"] == ""
+
+    median = _rows(tmp_path / "median_error.csv")
+    assert list(median[0]) == ["method", "objects", "median_error", "low", "high"]
+    assert [(row["method"], row["objects"], float(row["median_error"])) for row in median] == [
+        ("exemplar", "4", pytest.approx(100, abs=1e-4)),
+        ("paper", "4", pytest.approx(8, abs=1e-4)),
+    ]
+    assert (tmp_path / "failures.csv").read_text() == "object,method,reason\n0,exemplar,no element\n"
+
+
+def test_a_method_that_is_not_published(tmp_path: Path, calls: list[str]) -> None:
+    table = _made(tmp_path, OTHER)
+    write_tables(tmp_path, table)
+    assert [line.method for line in table.lines()] == ["exemplar", "paper", "other"]
+    summary = _rows(tmp_path / "summary.csv")
+    assert (summary[0]["accuracy"], summary[0]["paper"], summary[-1]["paper"]) == ("", "47.33", "")
+    assert [row["method"] for row in _rows(tmp_path / "median_error.csv")] == ["other"]
+
+
+def test_done_once(tmp_path: Path, calls: list[str]) -> None:
+    first = _made(tmp_path, NEAR, FAR)
+    assert sorted(calls) == ["exemplar"] * 4 + ["paper"] * 4
+    calls.clear()
+    second = _made(tmp_path, NEAR, FAR)
+    assert calls == ["exemplar"]  # the failure
+    assert second.found == first.found
+    assert second.seconds == first.seconds
+    calls.clear()
+    assert _made(tmp_path, NEAR, seed=1).found != first.found
+    assert calls == ["paper"] * 4
+
+
+def test_in_processes(tmp_path: Path, calls: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    here = _made(tmp_path / "here", NEAR, FAR)
+    monkeypatch.undo()
+    there = _made(tmp_path / "there", NEAR, FAR)
+    assert there.found == here.found
+    assert there.failures == here.failures
+
+
+def test_pictures_of_a_few(tmp_path: Path, calls: list[str]) -> None:
+    table = run_table2(tmp_path, examples(range(20)), [NEAR], PoseSettings(), workers=1)
+    assert len(table.silhouettes["paper"]) == 9
+    assert table.silhouettes["paper"]["0"].shape == (16, 16)
+    assert table.silhouettes["paper"]["0"].any()
+
+
+def test_images_that_cannot_be_read(tmp_path: Path, calls: list[str]) -> None:
+    of = examples([0])
+    of.failed["bad"] = "no image"
+    table = run_table2(tmp_path, of, [NEAR], PoseSettings(), workers=1)
+    assert table.failures == [Failure("bad", None, "no image")]
+    assert table.lines()[1].accuracy["interval", 4].n == 1

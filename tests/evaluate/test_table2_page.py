@@ -1,0 +1,108 @@
+"""The page and what the terminal shows of it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nablahog.evaluate import table2_page
+from nablahog.evaluate.pose_methods import PoseSettings
+from nablahog.evaluate.table2 import Table2, run_table2
+from nablahog.evaluate.table2_page import histogram, outlined
+
+from .pose_fakes import FAR, NEAR, OTHER, examples
+
+
+@pytest.fixture
+def table(tmp_path: Path, calls: list[str]) -> Table2:
+    some = examples([0, 90, 40, 350])
+    some.failed["<bad>"] = "no <image>"
+    return run_table2(tmp_path, some, [FAR, NEAR, OTHER], PoseSettings(), workers=1)
+
+
+def _html(table: Table2) -> str:
+    return table2_page.page(table, PoseSettings(7))
+
+
+def _text(html: str) -> str:
+    return re.sub(r"<[^>]*>", "\n", html)
+
+
+def test_figures_and_definitions(table: Table2) -> None:
+    html = _html(table)
+    for figure in ("75.0", "58.9", "47.3", "16.9", "8.000", "100.0"):
+        assert f">{figure}<" in html
+    accuracy = table.lines()[1].accuracy["interval", 4]
+    assert f"{accuracy.low:.1f} … {accuracy.high:.1f}" in html
+    for name in ("views, by interval", "views, by threshold", "median error", "paper", "best", "exemplar"):
+        assert f"<dt>{name}</dt>" in html
+    assert "90, 45, 22.5, 15°" in html
+    assert "Made up." in html
+    assert "seed 7" in html
+    assert "nan" not in _text(html).lower().split()
+
+
+def test_failures_are_listed_and_counted(table: Table2) -> None:
+    text = _text(_html(table))
+    assert "2 failed, see below" in text
+    assert "Failed: 2" in text
+    for failure in ("no &lt;image&gt;", "no element", "&lt;bad&gt;"):
+        assert failure in text
+
+
+def test_pictures(table: Table2) -> None:
+    html = _html(table)
+    images, found, histograms = 4, 3 + 4 + 4, 3
+    assert html.count("data:image/png;base64,") == images + found + histograms
+    assert 'alt="1, paper"' in html
+    assert 'alt="0, exemplar"' not in html
+    assert "+8°\ntwo" in html
+    assert "http" not in html
+
+
+def test_histograms_say_what_they_show(table: Table2) -> None:
+    text = _text(_html(table))
+    assert "paper: 100, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0 %" in text or "paper: 100, 0" in _html(table)
+    assert "exemplar: 0, 0, 0, 0, 0, 0, 75, 0, 0, 0, 0, 25 %" in text
+
+
+def test_bars() -> None:
+    low, high = histogram(np.array([0.25, 0.5]), 0.5), histogram(np.array([0.5, 0.25]), 0.5)
+    assert low.shape == high.shape
+    dark = [(picture[:110] < 0.5).sum(axis=0) for picture in (low, high)]
+    half = low.shape[1] // 2
+    assert dark[0][:half].sum() < 0.6 * dark[0][half:].sum()
+    assert dark[1][half:].sum() < 0.6 * dark[1][:half].sum()
+
+
+def test_an_outline() -> None:
+    picture = np.full((1, 12, 12), 0.5)
+    silhouette = np.zeros((12, 12), np.uint8)
+    silhouette[4:, 4:8] = 255
+    drawn = outlined(picture, silhouette)
+    changed = (drawn != 0.5).any(axis=0)
+    assert drawn.shape == (3, 12, 12)
+    assert changed[4:, 3].all()
+    assert changed[3, 4:8].all()
+    assert changed[4:, 4].all()
+    assert not changed[6:, 5:7].any()  # inside, and where the object leaves the picture
+    assert not changed[:3].any()
+    assert drawn[:, 6, 4].tolist() == list(table2_page.OUTLINE)
+
+
+def test_terminal(table: Table2) -> None:
+    rows = {row["method"]: row for row in table2_page.terminal_rows(table)}
+    assert rows["paper"]["4 views"] == 75
+    assert rows["paper"]["4 views\npaper"] == 58.85
+    assert rows["other"]["24 views\npaper"] is None
+    assert rows["exemplar"]["objects"] == 4
+    assert len({tuple(row) for row in rows.values()}) == 1
+
+
+def test_without_failures_and_methods(tmp_path: Path, calls: list[str]) -> None:
+    html = _html(run_table2(tmp_path, examples([10.0]), [OTHER], PoseSettings(), workers=1))
+    assert "Failed" not in html
+    assert ">–<" in html  # the baseline did not run

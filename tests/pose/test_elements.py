@@ -1,0 +1,186 @@
+"""Elements: the patches that stand out, apart from each other, their scores on one scale."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+from torch.nn.functional import conv2d
+from torch.testing import assert_close
+
+from nablahog.hog import hog, presets
+from nablahog.pose.background import default_background
+from nablahog.pose.elements import EMPTY, Elements, all_patches, calibration, elements
+from nablahog.pose.whitening import Background
+from nablahog.shipped import shipped_photograph
+
+SPEC = presets.aubry(8)
+
+
+@pytest.fixture(scope="module")
+def background() -> Background:
+    return default_background(SPEC)
+
+
+def drawing() -> Tensor:
+    """A triangle, a bar and a grid on white, 128x160."""
+    image = torch.ones(1, 1, 128, 160)
+    image[..., 20:50, 30:34] = 0.2
+    for y in range(60, 100):
+        image[..., y, 80 : 80 + y // 2] = 0.6
+    image[..., 90:120:6, 20:60] = 0.1
+    return image
+
+
+@pytest.fixture(scope="module")
+def descriptor() -> Tensor:
+    return hog(drawing(), SPEC)[0]
+
+
+@pytest.fixture(scope="module")
+def found(descriptor: Tensor, background: Background) -> Elements:
+    return elements(descriptor, background, (4, 5), count=None, threshold=1.2)
+
+
+def test_all_patches() -> None:
+    descriptor = torch.rand(6, 7, 9)
+    patches = all_patches(descriptor, (2, 3))
+    assert patches.shape == (5, 5, 2, 3, 9)
+    assert torch.equal(patches[3, 4], descriptor[3:5, 4:7])
+
+
+def test_they_are_patches_of_the_descriptor(found: Elements, descriptor: Tensor, background: Background) -> None:
+    assert len(found) > 5
+    for position, patch in zip(found.positions.tolist(), found.patches, strict=True):
+        row, col = position
+        assert torch.equal(patch, descriptor[row : row + 4, col : col + 5])
+    assert_close(found.discriminability, background.discriminability(found.patches))
+
+
+def overlap(a: Tensor, b: Tensor, size: tuple[int, int]) -> float:
+    """Shared cells in those of the box around both, counted."""
+    cells = [
+        {(y, x) for y in range(r, r + size[0]) for x in range(c, c + size[1])} for r, c in (a.tolist(), b.tolist())
+    ]
+    rows, cols = zip(*(cells[0] | cells[1]), strict=True)
+    return len(cells[0] & cells[1]) / ((max(rows) - min(rows) + 1) * (max(cols) - min(cols) + 1))
+
+
+@pytest.mark.parametrize("limit", [0.0, 0.25, 0.6])
+def test_greedy_by_discriminability_with_little_overlap(
+    descriptor: Tensor, background: Background, limit: float
+) -> None:
+    """Every patch is either kept, or overlaps too much with a better one that is."""
+    size = (4, 5)
+    found = elements(descriptor, background, size, count=None, overlap=limit, threshold=1.2)
+    assert (found.discriminability.diff() <= 0).all()
+    patches = all_patches(descriptor, size)
+    norms = background.discriminability(patches.flatten(0, 1)).view(patches.shape[:2])
+    least = 1.2 * background.discriminability(torch.zeros(1, *size, 9))
+    kept = {tuple(position): k for k, position in enumerate(found.positions.tolist())}
+    assert len(kept) > 3
+    for row in range(patches.shape[0]):
+        for col in range(patches.shape[1]):
+            here, norm = torch.tensor([row, col]), norms[row, col]
+            better = [k for k in range(len(found)) if found.discriminability[k] >= norm]
+            near = [k for k in better if overlap(here, found.positions[k], size) > limit]
+            if (row, col) in kept:
+                assert near == [kept[row, col]]
+                assert norm > least
+            else:
+                assert near or norm <= least
+
+
+def test_count_keeps_the_best(found: Elements, descriptor: Tensor, background: Background) -> None:
+    few = elements(descriptor, background, (4, 5), count=3, threshold=1.2)
+    assert torch.equal(few.positions, found.positions[:3])
+    assert torch.equal(few.weights, found.weights[:3])
+
+
+def test_overlap_of_one_excludes_nothing(descriptor: Tensor, background: Background) -> None:
+    found = elements(descriptor, background, count=None, overlap=1.0, threshold=0.0)
+    assert len(found) == (16 - 4) * (20 - 4)
+    assert len(found.positions.unique(dim=0)) == len(found)
+
+
+def test_weights(found: Elements, background: Background) -> None:
+    empty = found.patches.sum(dim=3) <= EMPTY
+    assert 0 < empty.float().mean() < 1
+    assert not found.weights[empty].any()
+    assert_close(found.weights[~empty], background.whiten(found.patches)[~empty])
+
+
+def test_scores_have_one_scale(found: Elements, background: Background) -> None:
+    """The mean of photographs scores -1, an element itself far above 0."""
+    scale, offset = found.scale, found.offset
+    assert_close((found.weights * background.mean.float()).sum((1, 2, 3)) * scale + offset, -torch.ones(len(found)))
+    own = (found.weights * found.patches).sum((1, 2, 3)) * scale + offset
+    assert (own[:10] > 0.5).all()  # those after them have many empty cells
+
+
+@pytest.mark.parametrize("size", [(5, 5), (10, 10)])
+def test_one_of_ten_thousand_patches_of_photographs_scores_0(background: Background, size: tuple[int, int]) -> None:
+    descriptors = [hog(shipped_photograph(name)[None], SPEC)[0] for name in ("astronaut", "camera", "coffee", "rocket")]
+    weights = elements(hog(drawing(), SPEC)[0], background, size, count=8).weights
+    scale, offset = calibration(weights, background)
+    maps = [conv2d(each.permute(2, 0, 1)[None], weights.permute(0, 3, 1, 2))[0].flatten(1) for each in descriptors]
+    scores = scale[:, None] * torch.cat(maps, dim=1) + offset[:, None]
+    assert scores.shape[1] > 9000
+    assert abs(scores.mean() + 1) < 0.1
+    assert abs(scores.quantile(0.9999, dim=1).mean()) < 0.15
+    assert scores.quantile(0.9999, dim=1).abs().max() < 0.3
+
+
+def test_regions_of_other_descriptors(found: Elements, descriptor: Tensor) -> None:
+    others = torch.rand(3, *descriptor.shape)
+    regions = found.of(others)
+    assert regions.shape == (3, *found.patches.shape)
+    assert torch.equal(found.of(descriptor[None])[0], found.patches)
+    row, col = found.positions[2].tolist()
+    assert torch.equal(regions[1, 2], others[1, row : row + 4, col : col + 5])
+
+
+def test_spread_values_score_as_elements_do(found: Elements, descriptor: Tensor) -> None:
+    others = torch.rand(3, *descriptor.shape)
+    spread = found.spread(found.weights, *descriptor.shape[:2])
+    assert spread.shape == descriptor.shape
+    assert_close((others * spread).sum((1, 2, 3)), (found.of(others) * found.weights).sum((1, 2, 3, 4)))
+
+
+@pytest.mark.parametrize("shape", [(16, 20, 9), (3, 20, 9), (16, 4, 9), (0, 5, 9)])
+def test_nothing_there(background: Background, shape: tuple[int, ...]) -> None:
+    for threshold in (0.0, 2.0) if shape[0] < 5 or shape[1] < 5 else (1.0, 2.0):
+        none = elements(torch.zeros(shape), background, threshold=threshold)
+        assert len(none) == 0
+        assert none.positions.shape == (0, 2)
+        assert none.weights.shape == none.patches.shape == (0, 5, 5, 9)
+        assert none.scale.shape == none.offset.shape == none.discriminability.shape == (0,)
+        assert not none.spread(none.weights, 6, 6).any()
+
+
+def test_double_precision(descriptor: Tensor, background: Background) -> None:
+    single, double = elements(descriptor, background), elements(descriptor.double(), background)
+    assert single.weights.dtype == torch.float32
+    assert double.weights.dtype == double.scale.dtype == torch.float64
+    assert_close(single.weights, double.weights.float(), rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"descriptor": torch.zeros(8, 9)}, r"must be a floating-point tensor \(rows, cols, 9\), got .*\(8, 9\)"),
+        ({"descriptor": torch.zeros(8, 8, 31)}, r"\(rows, cols, 9\), got torch.float32 of shape \(8, 8, 31\)"),
+        ({"descriptor": torch.zeros(8, 8, 9).int()}, "got torch.int32"),
+        ({"count": 0}, "count must be at least 1, or None, got 0"),
+        ({"overlap": -0.1}, "overlap must lie in 0…1"),
+        ({"overlap": float("nan")}, "overlap must lie in 0…1"),
+        ({"threshold": float("nan")}, "threshold be at least 0"),
+        ({"size": (11, 5)}, r"must have 1…10 rows and columns of cells here, got 11x5"),
+        ({"size": (0, 5)}, r"got 0x5"),
+    ],
+)
+def test_refuses(descriptor: Tensor, background: Background, changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        elements(**{"descriptor": descriptor, "background": background} | changes)

@@ -1,0 +1,298 @@
+"""The background model: exactly the averages it should be, and whitening that whitens."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+from torch.testing import assert_close
+
+from nablahog.hog import FourBlockNorm, HOGSpec, hog, presets
+from nablahog.images import limit_size
+from nablahog.pose import background as learning
+from nablahog.pose.background import default_background, learn_background, least_size
+from nablahog.pose.whitening import Background
+
+SPEC = presets.aubry(4, orientations=3)
+ORDER = 2
+
+
+def images(count: int = 3) -> dict[str, Tensor]:
+    generator = torch.Generator().manual_seed(0)
+    sizes = itertools.cycle([(40, 32), (21, 50), (20, 20)])
+    return {str(k): torch.rand(next(sizes), generator=generator) for k in range(count)}
+
+
+@pytest.fixture(scope="module")
+def background() -> Background:
+    return learn_background(images(), SPEC, order=ORDER)
+
+
+@pytest.fixture(scope="module")
+def photographs() -> Background:
+    """Of real ones, whose cells correlate far more."""
+    return default_background(presets.aubry(8), 5)
+
+
+def inner_cells(of: dict[str, Tensor], spec: HOGSpec, order: int) -> list[Tensor]:
+    """(rows, cols, C) of each image at each scale, float64."""
+    found = []
+    for image in of.values():
+        for k in range(100):
+            small = limit_size(image[None], round(max(image.shape) * 2 ** (-k / 2))) if k else image[None]
+            rows, cols = (n // c - 2 for n, c in zip(small.shape[1:], spec.cell_size, strict=True))
+            if min(rows, cols) < order + 1:
+                break
+            found.append(hog(small[None], spec)[0, 1:-1, 1:-1].double())
+    return found
+
+
+# --- what is learned -------------------------------------------------------------------------------------------------
+
+
+def test_mean_and_covariance_are_the_averages_over_all_cells_and_pairs(background: Background) -> None:
+    cells = inner_cells(images(), SPEC, ORDER)
+    assert len(cells) > 3  # several scales
+    mean = torch.cat([each.flatten(0, 1) for each in cells]).mean(0)
+    assert_close(background.mean, mean, rtol=0, atol=1e-6)  # compiled steps in float32
+    for dy, dx in itertools.product(range(ORDER + 1), range(-ORDER, ORDER + 1)):
+        products = [
+            torch.outer(each[y, x] - mean, each[y + dy, x + dx] - mean)
+            for each in cells
+            for y in range(each.shape[0] - dy)
+            for x in range(max(0, -dx), each.shape[1] - max(0, dx))
+        ]
+        expected = torch.stack(products).mean(0)
+        assert_close(background.covariance[dy, ORDER + dx], expected, rtol=0, atol=1e-6)
+
+
+def test_it_knows_its_images(background: Background) -> None:
+    assert background.images == ("0", "1", "2")
+    assert background.order == ORDER
+
+
+def test_progress() -> None:
+    calls = []
+    learn_background(images(2), SPEC, order=1, progress=lambda *call: calls.append(call))
+    assert calls == [(0, 2, "0"), (1, 2, "1"), (2, 2, "")]
+
+
+def test_the_default_is_learned_once() -> None:
+    background = default_background(presets.aubry(8), 5)
+    assert background is default_background(presets.aubry(8), 5)
+    assert background.images == learning.SHIPPED
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"images": {}}, "expected images to learn from, got none"),
+        ({"order": -1}, "order must be at least 0, got -1"),
+        ({"spec": presets.paper(4)}, "locally normalised descriptors only"),
+        ({"images": {"low": torch.zeros(19, 50)}}, "low: expected a gray image of at least 20x20 pixels, got 19x50"),
+        ({"images": {"rgb": torch.zeros(3, 50, 50)}}, "rgb: expected a gray image of .*, got 3x50x50"),
+        ({"images": {"nan": torch.full((30, 30), torch.nan)}}, "nan: the image must be finite"),
+    ],
+)
+def test_what_cannot_be_learned_from(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        learn_background(**{"images": images(), "spec": SPEC, "order": ORDER} | changes)
+
+
+def test_the_smallest_image() -> None:
+    spec = presets.aubry((4, 5))
+    height, width = least_size(spec, 3)
+    learn_background({"": torch.rand(height, width)}, spec, order=3)
+    with pytest.raises(ValueError, match="at least 24x30 pixels"):
+        learn_background({"": torch.rand(height, width - 1)}, spec, order=3)
+
+
+# --- templates -------------------------------------------------------------------------------------------------------
+
+
+def test_covariance_of_a_template_has_that_of_each_pair_of_its_entries(background: Background) -> None:
+    rows, cols, channels = 3, 2, SPEC.channels
+    sigma = background.template_covariance(rows, cols).view(rows, cols, channels, rows, cols, channels)
+    for y, x, v, u in itertools.product(range(rows), range(cols), range(rows), range(cols)):
+        dy, dx = v - y, u - x
+        expected = background.covariance[abs(dy), ORDER + (dx if dy >= 0 else -dx)]
+        assert torch.equal(sigma[y, x, :, v, u], expected if dy >= 0 else expected.T)
+
+
+def test_stationary(photographs: Background) -> None:
+    sigma = photographs.template_covariance(3, 4)
+    assert torch.equal(sigma, sigma.T)
+    blocks = sigma.view(3, 4, 9, 3, 4, 9)
+    assert torch.equal(blocks[:2, :3, :, :2, :3], blocks[1:, 1:, :, 1:, 1:])  # moved by a cell in both directions
+    assert torch.equal(photographs.template_covariance(2, 3).view(2, 3, 9, 2, 3, 9), blocks[:2, :3, :, :2, :3])
+
+
+@pytest.mark.parametrize("size", [(1, 1), (2, 5), (6, 6)])
+def test_positive_definite(photographs: Background, size: tuple[int, int]) -> None:
+    factor = photographs.factor(*size)
+    sigma = photographs.template_covariance(*size) + 0.01 * torch.eye(len(factor), dtype=torch.float64)
+    assert_close(factor @ factor.T, sigma, rtol=0, atol=1e-12)
+    assert torch.linalg.eigvalsh(sigma)[0] >= 0.01 - 1e-12  # averages over the same images at all offsets
+    assert photographs.factor(*size) is factor
+
+
+def test_regularization_is_raised_until_it_is_positive_definite() -> None:
+    covariance = torch.zeros(2, 3, 3, 3, dtype=torch.float64)
+    covariance[0, 1] = torch.diag(torch.tensor([0.5, -0.025, 0.1], dtype=torch.float64))
+    background = Background(SPEC, torch.zeros(3, dtype=torch.float64), covariance, ())
+    factor = background.factor(1, 1)
+    assert_close(factor @ factor.T, covariance[0, 1] + 0.03 * torch.eye(3, dtype=torch.float64))
+
+
+def samples(background: Background, count: int, rows: int, cols: int) -> Tensor:
+    size = rows * cols * background.spec.channels
+    normal = torch.randn(count, size, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    sigma = background.template_covariance(rows, cols) + 0.01 * torch.eye(size, dtype=torch.float64)
+    eigenvalues, vectors = torch.linalg.eigh(sigma)
+    root = vectors * eigenvalues.sqrt() @ vectors.T
+    return (normal @ root).view(count, rows, cols, -1) + background.template_mean(rows, cols)
+
+
+def test_samples_of_the_model_are_white_after_whitening(photographs: Background) -> None:
+    q = samples(photographs, 60_000, 2, 2)
+    white = photographs.decorrelate(q).flatten(1)
+    assert_close(white.T.cov(), torch.eye(36, dtype=torch.float64), rtol=0, atol=0.03)
+    assert abs(photographs.discriminability(q).square().mean() - 36) < 0.3
+
+
+def test_whitening_solves_for_sigma(photographs: Background) -> None:
+    q = torch.rand(5, 3, 4, 9, dtype=torch.float64)
+    sigma = photographs.template_covariance(3, 4) + 0.01 * torch.eye(108, dtype=torch.float64)
+    centred = (q - photographs.mean).flatten(1)
+    weights = photographs.whiten(q)
+    assert weights.shape == q.shape
+    assert_close(weights.flatten(1) @ sigma, centred)
+    mahalanobis = (weights.flatten(1) * centred).sum(1).sqrt()
+    assert_close(photographs.discriminability(q), mahalanobis)
+    assert_close(photographs.deviation(weights), mahalanobis)  # wᵀΣw = (q − μ)ᵀΣ⁻¹(q − μ)
+    assert not photographs.whiten(photographs.template_mean(3, 4)[None]).any()
+
+
+def test_dtype_and_gradient(photographs: Background) -> None:
+    q = torch.rand(2, 3, 3, 9)
+    for method in (photographs.whiten, photographs.decorrelate, photographs.discriminability, photographs.deviation):
+        single = method(q)
+        assert single.dtype == torch.float32
+        assert_close(single, method(q.double()).float(), rtol=1e-5, atol=1e-5)
+        assert len(method(q[:0])) == 0
+    small = torch.rand(2, 1, 2, 9, dtype=torch.float64).requires_grad_()
+    assert torch.autograd.gradcheck(photographs.discriminability, small)
+
+
+def test_contrast_insensitive_photographs_are_less_unlike_than_noise(photographs: Background) -> None:
+    """The model says something: patches of a photograph are nearer to it than the same numbers in disorder."""
+    from skimage import data
+
+    image = torch.from_numpy(data.camera()).float()[None, None] / 255
+    patches = hog(image, presets.aubry(8))[0].unfold(0, 4, 4).unfold(1, 4, 4).flatten(0, 1).permute(0, 2, 3, 1)
+    shuffled = patches.flatten(1)[:, torch.randperm(144, generator=torch.Generator().manual_seed(0))].view_as(patches)
+    own, other = photographs.discriminability(patches), photographs.discriminability(shuffled)
+    assert own.mean() < 0.9 * other.mean()
+
+
+@pytest.mark.parametrize("size", [(0, 1), (7, 1), (1, 7)])
+def test_templates_it_knows_nothing_of(photographs: Background, size: tuple[int, int]) -> None:
+    with pytest.raises(ValueError, match=r"must have 1…6 rows and columns of cells here, got \dx\d"):
+        photographs.template_covariance(*size)
+
+
+@pytest.mark.parametrize("templates", [torch.rand(3, 3, 9), torch.rand(1, 3, 3, 8), torch.zeros(1, 3, 3, 9).long()])
+def test_no_templates(photographs: Background, templates: Tensor) -> None:
+    with pytest.raises(ValueError, match=r"templates must be floating-point tensors \(N, rows, cols, 9\), got "):
+        photographs.whiten(templates)
+
+
+# --- the model itself ------------------------------------------------------------------------------------------------
+
+
+def test_check(background: Background) -> None:
+    background.check(dataclasses.replace(SPEC, name="other"))
+    with pytest.raises(ValueError, match=r"its cell_size is \(4, 4\), the aubry descriptor's \(5, 5\)"):
+        background.check(presets.aubry(5, orientations=3))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"spec": presets.paper(4)}, "locally normalised descriptors only"),
+        ({"spec": presets.aubry(4)}, r"mean must be float64 of shape \(9,\), got torch.float64 of \(3,\)"),
+        ({"mean": torch.zeros(3)}, r"mean must be float64 of shape \(3,\), got torch.float32"),
+        ({"mean": torch.full((3,), torch.nan, dtype=torch.float64)}, r"mean must lie within ±1e\+06, got NaN"),
+        ({"covariance": torch.zeros(3, 4, 3, 3, dtype=torch.float64)}, r"covariance must be float64 of shape \(3, 5,"),
+        ({"covariance": torch.full((1, 1, 3, 3), torch.inf, dtype=torch.float64)}, "got NaN, Inf or more"),
+        ({"covariance": torch.rand(1, 3, 3, 3, dtype=torch.float64)[:, :1]}, "must not depend on which of them"),
+        ({"regularization": 0.0}, "regularization must lie in 1e-9…1e"),
+        ({"regularization": float("nan")}, "regularization must lie in"),
+    ],
+)
+def test_refuses(background: Background, changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(background, **changes)
+
+
+def test_saved_and_loaded(tmp_path: Path, background: Background) -> None:
+    path = tmp_path / "b.npz"
+    background.save(path)
+    found = Background.load(path)
+    assert found.spec == background.spec
+    assert torch.equal(found.mean, background.mean)
+    assert torch.equal(found.covariance, background.covariance)
+    assert (found.images, found.regularization) == (background.images, background.regularization)
+
+
+def stored(background: Background) -> dict[str, Any]:
+    return {
+        "format": np.array(1),
+        "spec": np.array(background.spec.to_json()),
+        "mean": background.mean.numpy(),
+        "covariance": background.covariance.numpy(),
+        "images": np.array("[]"),
+        "regularization": np.array(0.01),
+    }
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"format": np.array(2)}, "reads backgrounds of format 1, got 2"),
+        ({"spec": np.array("{}")}, "not the JSON of a HOGSpec"),
+        ({"spec": np.array(presets.aubry(4).to_json())}, "mean must be float64 of shape"),
+        ({"mean": np.zeros(3, np.float32)}, "mean must be float64, got float32"),
+        ({"mean": np.zeros(())}, "mean must be float64 of shape"),
+        ({"covariance": np.zeros(3)}, "covariance must be float64 of shape"),
+        ({"covariance": np.zeros((0, 1, 3, 3))}, "covariance"),
+        ({"images": np.array("{")}, "b.npz"),
+        ({"images": np.array("3")}, "not iterable"),
+        ({"images": np.array(3)}, "images must be one string"),
+        ({"regularization": np.zeros(3)}, "b.npz"),
+        ({"regularization": np.array(-1.0)}, "regularization must lie in"),
+        ({"mean": np.array([{}], dtype=object)}, "pickled objects, which are never loaded"),
+    ],
+)
+def test_what_is_no_background(tmp_path: Path, background: Background, changes: dict[str, Any], message: str) -> None:
+    path = tmp_path / "b.npz"
+    np.savez(path, **stored(background) | changes)
+    with pytest.raises(ValueError, match=f"b.npz: .*{message}" if message != "b.npz" else message):
+        Background.load(path)
+
+
+def test_no_file(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="no such file"):
+        Background.load(tmp_path / "b.npz")
+
+
+def test_other_four_block_parts() -> None:
+    spec = dataclasses.replace(SPEC, normalizer=FourBlockNorm(parts=("undirected", "texture")))
+    background = learn_background(images(1), spec, order=1)
+    assert background.whiten(torch.rand(1, 2, 2, 7)).isfinite().all()

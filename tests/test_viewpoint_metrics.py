@@ -1,0 +1,80 @@
+"""Viewpoints by the rules of PASCAL3D+."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from nablahog.metrics import VIEWS, azimuth_error, near_view, same_view, view
+
+# quarters of degrees: sums of them are exact, and edges of all divisions are among them
+AZIMUTHS = st.integers(-4 * 1080, 4 * 1080).map(lambda quarters: quarters / 4)
+DIVISIONS = st.sampled_from(VIEWS)
+
+
+def _published(azimuth: float, views: int) -> int:
+    """What the published code does, for an azimuth in 0…360: the edges in turn, and the last interval is the first."""
+    width = 360 / views
+    edges = [0.0, *(width / 2 + k * width for k in range(views))]
+    if azimuth > edges[-1]:
+        return 0
+    return next((k for k, edge in enumerate(edges) if azimuth < edge), len(edges) - 1) - 1
+
+
+@given(AZIMUTHS, DIVISIONS)
+def test_the_published_intervals(azimuth: float, views: int) -> None:
+    assert view(azimuth, views) == _published(azimuth % 360, views)
+
+
+def test_intervals_by_hand() -> None:
+    assert view([0, 44.9, 45, 90, 134.9, 135, 225, 314.9, 315, 315.1, 359.9, 360, -44], 4).tolist() == [
+        *(0, 0, 1, 1, 1, 2, 3, 3, 3, 0, 0, 0, 0)
+    ]
+    assert view([7.4, 7.5, 352.5, 352.6], 24).tolist() == [0, 1, 23, 0]
+    assert view(-1e-17, 24) == 0  # whose remainder is rounded to 360
+    assert view([10, 200], 1).tolist() == [0, 0]
+
+
+@given(AZIMUTHS, AZIMUTHS, AZIMUTHS, st.integers(-2, 2))
+def test_errors(found: float, true: float, turn: float, times: int) -> None:
+    error = azimuth_error(found, true)
+    assert 0 <= error <= 180
+    assert error == azimuth_error(true, found) == azimuth_error(found + turn, true + turn)
+    assert error == azimuth_error(found + 360 * times, true)
+    assert azimuth_error(found, found) == 0
+    assert azimuth_error(found + 180, true) == 180 - error
+    assert np.cos(np.radians(error)) == pytest.approx(np.cos(np.radians(found - true)), abs=1e-9)
+
+
+@given(AZIMUTHS, AZIMUTHS, DIVISIONS)
+def test_criteria(found: float, true: float, views: int) -> None:
+    assert near_view(found, true, views) == (azimuth_error(found, true) < 360 / views)
+    if azimuth_error(found, true) == 0:
+        assert same_view(found, true, views)
+    if same_view(found, true, views):
+        assert azimuth_error(found, true) <= 360 / views
+    assert same_view(found, true, views) == same_view(found + 360, true - 720, views)
+
+
+@given(AZIMUTHS, AZIMUTHS)
+def test_finer_thresholds_are_stricter(found: float, true: float) -> None:
+    near = [bool(near_view(found, true, views)) for views in VIEWS]
+    assert near == sorted(near, reverse=True)
+
+
+def test_chance() -> None:
+    """Of azimuths that say nothing one of each n is in the right interval, and two of each n within the threshold."""
+    found, true = np.random.default_rng(0).uniform(0, 360, (2, 20_000))
+    for views in VIEWS:
+        assert same_view(found, true, views).mean() == pytest.approx(1 / views, abs=0.02)
+        assert near_view(found, true, views).mean() == pytest.approx(2 / views, abs=0.02)
+
+
+def test_no_azimuth() -> None:
+    for bad in (float("nan"), float("inf")):
+        with pytest.raises(ValueError, match="expected azimuths in degrees, got NaN or infinity"):
+            azimuth_error([0, bad], 0)
+        with pytest.raises(ValueError, match="expected azimuths"):
+            same_view(0, bad, 4)
