@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import nablahog
 from nablahog import HOGSpec, presets
-from nablahog.draw import Panel, contact_sheet, difference, edge_votes, glyphs
+from nablahog.draw import RED, Panel, contact_sheet, difference, edge_votes, glyphs, outlined
 from nablahog.hog import FourBlockNorm
 
 SPECS = [
@@ -136,6 +136,21 @@ def test_difference() -> None:
     np.testing.assert_allclose(difference(a, np.array([[1.0, 0.0, 0.3]])), [[0, 1, 0.5]])
     with pytest.raises(ValueError, match="one shape"):
         difference(a, a.T)
+
+
+def test_an_outline() -> None:
+    picture = np.full((1, 12, 12), 0.5)
+    inside = np.zeros((12, 12), bool)
+    inside[4:, 4:8] = True
+    drawn = outlined(picture, inside)
+    changed = (drawn != 0.5).any(axis=0)
+    assert drawn.shape == (3, 12, 12)
+    assert changed[4:, 3].all()
+    assert changed[3, 4:8].all()
+    assert changed[4:, 4].all()
+    assert not changed[6:, 5:7].any()  # inside, and where the object leaves the picture
+    assert not changed[:3].any()
+    assert drawn[:, 6, 4].tolist() == list(RED)
 
 
 def test_contact_sheet() -> None:

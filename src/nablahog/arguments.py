@@ -6,7 +6,7 @@ import argparse
 from importlib.metadata import version
 
 from . import options
-from .arguments_pose import pose, table2
+from .arguments_pose import exemplars, pose, table2
 from .evaluate.methods import METHODS
 from .options import Parser, integer
 from .pose.background import ORDER
@@ -95,6 +95,7 @@ def parser() -> argparse.ArgumentParser:
     kinds = learn.add_subparsers(metavar="WHAT", required=True, parser_class=Parser)
     _learn_prior(kinds)
     _learn_background(kinds)
+    exemplars(kinds)
     return top
 
 

@@ -1,4 +1,4 @@
-"""The arguments of the commands of Section 3.2: ``nablahog pose`` and ``nablahog table2``."""
+"""The arguments of the commands of Section 3.2: ``nablahog pose``, ``table2`` and ``learn exemplars``."""
 
 from __future__ import annotations
 
@@ -8,10 +8,17 @@ from typing import get_args
 from . import options
 from .evaluate.pose_methods import POSE_METHODS
 from .options import Parser, integer, numbers
-from .pose.estimate import Search
 from .pose.matching import Kind
+from .pose.strategies import Search
 
 SCENES = 200  # of Table 2
+
+
+def _view(text: str) -> tuple[float, ...]:
+    azimuth, elevation = numbers("az,el")(text)
+    if not -90 <= elevation <= 90:
+        raise argparse.ArgumentTypeError(f"expected an elevation in -90…90 degrees, got {text!r}")
+    return azimuth, elevation
 
 
 def pose(commands: argparse._SubParsersAction[Parser]) -> None:
@@ -40,7 +47,7 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
     )
     command.add_argument(
         "--init",
-        type=numbers("az,el"),
+        type=_view,
         metavar="az,el",
         help="azimuth and elevation to begin at, in degrees, as --init=-30,10 if below 0 (default: unknown)",
     )
@@ -86,3 +93,26 @@ def table2(commands: argparse._SubParsersAction[Parser]) -> None:
     command.add_argument("--voc", metavar="DIR", help="the folder VOC2012 of PASCAL VOC")
     command.add_argument("--pascal3d", metavar="DIR", help="the folder PASCAL3D+_release1.1; needs --voc")
     options.seed(command)
+
+
+def exemplars(kinds: argparse._SubParsersAction[Parser]) -> None:
+    """Adds ``nablahog learn exemplars``."""
+    command = kinds.add_parser(
+        "exemplars",
+        help="what CAD models look like from all around, for the baseline of Table 2",
+        description="Renders each model from 62 viewpoints and finds the discriminative elements of each rendering, as "
+        "Aubry et al. do. What is learned of a model is kept in a file of its own, so a run that was interrupted goes "
+        "on when it is repeated.",
+    )
+    command.set_defaults(command="learn exemplars")
+    command.add_argument(
+        "--models", required=True, metavar="DIR", help="folder of CAD models, as for `nablahog pose --mesh`"
+    )
+    options.output(command, "DIR", "folder to keep them in, made if missing")
+    command.add_argument(
+        "--background",
+        metavar="FILE",
+        help="what `nablahog learn background --cell 5` wrote (default: learned from photographs that come with "
+        "scikit-image)",
+    )
+    options.workers(command)

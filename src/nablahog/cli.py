@@ -22,6 +22,7 @@ from .evaluate.methods import Settings, choose, load_prior
 from .evaluate.photographs import Photographs, read_folder, shipped
 from .evaluate.runner import cores
 from .evaluate.table1 import Table1, run_table1, write_tables
+from .exemplars_command import learn_exemplars
 from .hog import HOGSpec
 from .images import write_image
 from .inversion import Inversion, batches, invert_batch, result_names
@@ -33,7 +34,8 @@ from .metrics import DEFINITIONS
 from .output import output_folder, replacing
 from .pose.background import learn_background, least_size
 from .pose.whitening import check_spec
-from .refusal import UserError, refusing
+from .pose_command import pose
+from .refusal import UserError, refusing, spare
 from .sources import Source, Wanted, read_sources
 from .table2_command import table2
 from .terminal import counter, print_definitions, print_table, progress_bars, say
@@ -101,7 +103,7 @@ def _invert(arguments: Namespace) -> None:
     sources = _read(arguments)
     prior = _prior_for(arguments, [(source.path, source.spec) for source in sources])
     folder = Path(arguments.output)
-    _spare_inputs(arguments, [folder / name for source in sources for name in result_names(source)])
+    spare(arguments.inputs, [folder / name for source in sources for name in result_names(source)])
     done: dict[int, Inversion] = {}
     with output_folder(folder):
         for number, batch in enumerate(groups := batches(sources), start=1):
@@ -267,8 +269,10 @@ _COMMANDS: dict[str, Callable[[Namespace], None]] = {
     "demo": _demo,
     "table1": _table1,
     "table2": table2,
+    "pose": pose,
     "learn prior": _learn_prior,
     "learn background": _learn_background,
+    "learn exemplars": learn_exemplars,
 }
 
 
@@ -297,7 +301,7 @@ def _write_each(arguments: Namespace, ending: str, write: Callable[[Path, Source
         folder, targets = output.parent, [output]
     else:
         folder, targets = output, [output / f"{source.stem}{ending}" for source in sources]
-    _spare_inputs(arguments, targets)
+    spare(arguments.inputs, targets)
     with output_folder(folder):
         for target, source in zip(targets, sources, strict=True):
             write(target, source)
@@ -315,13 +319,6 @@ def _write_each(arguments: Namespace, ending: str, write: Callable[[Path, Source
         print(json.dumps(rows, indent=2))
     else:
         print_table(rows)
-
-
-def _spare_inputs(arguments: Namespace, targets: Sequence[Path]) -> None:
-    inputs = {os.path.realpath(path) for path in arguments.inputs}
-    for target in targets:
-        if os.path.realpath(target) in inputs:
-            raise UserError(f"the result {target} would overwrite an input: expected another -o")
 
 
 def _print_figures(inversions: Sequence[Inversion]) -> None:

@@ -1,4 +1,4 @@
-"""Pictures for people: HOG glyphs, differences, contact sheets."""
+"""Pictures for people: HOG glyphs, differences, outlines, contact sheets."""
 
 from __future__ import annotations
 
@@ -9,9 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
+from scipy import ndimage
 
 from .hog import FourBlockNorm, HOGSpec
 from .images import Picture, as_array, to_pil
+
+RED = (1.0, 0.15, 0.1)
 
 
 def edge_votes(descriptor: Picture, spec: HOGSpec) -> tuple[NDArray[np.float64], NDArray[np.floating]]:
@@ -95,6 +98,22 @@ def difference(picture: Picture, reference: Picture) -> NDArray[np.float64]:
     if a.shape != b.shape:
         raise ValueError(f"expected two pictures of one shape, got {a.shape} and {b.shape}")
     return (a - b) / 2 + 0.5
+
+
+def outlined(picture: Picture, inside: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """A picture with the outline of a region drawn on it in red, two pixels wide.
+
+    Args:
+        picture: (C, H, W), C 1 or 3, in 0…1.
+        inside: (H, W), the region.
+
+    Returns:
+        (3, H, W) in 0…1.
+    """
+    drawn: NDArray[np.float64] = np.broadcast_to(as_array(picture), (3, *inside.shape)).copy()
+    line = ndimage.binary_dilation(inside) & ~ndimage.binary_erosion(inside, border_value=1)
+    drawn[:, line] = np.array(RED)[:, None]
+    return drawn
 
 
 @dataclass(frozen=True)

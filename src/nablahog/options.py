@@ -82,6 +82,10 @@ def table(command: argparse.ArgumentParser, methods: Collection[str]) -> None:
     output(command, "DIR", "folder for the results, made if missing")
     only = f"only these, separated by commas, of: {', '.join(methods)}"
     command.add_argument("--methods", type=parse, metavar="NAME,…", help=only)
+    workers(command)
+
+
+def workers(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--workers", type=integer(1), metavar="N", help="processes to work in (default: one for each core)"
     )

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 
 class UserError(Exception):
@@ -17,3 +19,11 @@ def refusing(prefix: str = "") -> Iterator[None]:
         yield
     except ValueError as error:
         raise UserError(f"{prefix}{error}") from None
+
+
+def spare(inputs: Iterable[str | os.PathLike[str]], targets: Iterable[Path]) -> None:
+    """Refuses, if a file that is to be written is one that is read."""
+    read = {os.path.realpath(path) for path in inputs}
+    for target in targets:
+        if os.path.realpath(target) in read:
+            raise UserError(f"the result {target} would overwrite an input: expected another -o")

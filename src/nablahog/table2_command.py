@@ -34,10 +34,10 @@ def table2(arguments: Namespace) -> None:
         OSError: a file or folder is missing or cannot be written.
     """
     methods = [method for name, method in POSE_METHODS.items() if name in (arguments.methods or POSE_METHODS)]
-    settings = PoseSettings(arguments.seed)
     with refusing():
         examples, passed_over = _examples(arguments)
     with output_folder(arguments.output) as folder:
+        settings = PoseSettings(arguments.seed, folder / "exemplars")
         with counter("nablahog table2") as progress:
             workers = arguments.workers or cores()
             table = run_table2(folder, examples, methods, settings, workers=workers, progress=progress)

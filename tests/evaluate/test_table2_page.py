@@ -11,7 +11,7 @@ import pytest
 from nablahog.evaluate import table2_page
 from nablahog.evaluate.pose_methods import PoseSettings
 from nablahog.evaluate.table2 import Table2, run_table2
-from nablahog.evaluate.table2_page import histogram, outlined
+from nablahog.evaluate.table2_page import histogram
 
 from .pose_fakes import FAR, NEAR, OTHER, examples
 
@@ -76,21 +76,6 @@ def test_bars() -> None:
     half = low.shape[1] // 2
     assert dark[0][:half].sum() < 0.6 * dark[0][half:].sum()
     assert dark[1][half:].sum() < 0.6 * dark[1][:half].sum()
-
-
-def test_an_outline() -> None:
-    picture = np.full((1, 12, 12), 0.5)
-    silhouette = np.zeros((12, 12), np.uint8)
-    silhouette[4:, 4:8] = 255
-    drawn = outlined(picture, silhouette)
-    changed = (drawn != 0.5).any(axis=0)
-    assert drawn.shape == (3, 12, 12)
-    assert changed[4:, 3].all()
-    assert changed[3, 4:8].all()
-    assert changed[4:, 4].all()
-    assert not changed[6:, 5:7].any()  # inside, and where the object leaves the picture
-    assert not changed[:3].any()
-    assert drawn[:, 6, 4].tolist() == list(table2_page.OUTLINE)
 
 
 def test_terminal(table: Table2) -> None:

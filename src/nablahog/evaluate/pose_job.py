@@ -45,7 +45,7 @@ class PoseJob:
             "box": self.box,
             "models": [[model.name, model.digest()] for model in self.models],
             "initial": self.initial,
-            "settings": asdict(self.settings),
+            "seed": self.settings.seed,
             "code": [code(*DECIDING), digest(source(self.method.run))],
             "torch": torch.__version__,
             "shape": self.image.shape,
@@ -53,13 +53,15 @@ class PoseJob:
         return hashlib.sha256(json.dumps(facts).encode() + self.image.tobytes()).hexdigest()
 
     def run(self) -> Result:
-        """Runs the method: the pose as figures, its silhouette as the picture; reading the models takes no time of it.
+        """Runs the method: the pose as figures, its silhouette as the picture; what is done once a model takes no time.
 
         Raises:
             ValueError, OSError: it finds no pose, or a model cannot be read.
         """
         meshes = {model.name: model.mesh() for model in self.models}
         problem = PoseProblem(torch.from_numpy(self.image), self.box, meshes, self.initial)
+        if self.method.prepare is not None:
+            self.method.prepare(problem, self.settings)
         began = time.perf_counter()
         found = self.method.run(problem, self.settings)
         seconds = time.perf_counter() - began

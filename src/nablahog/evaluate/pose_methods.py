@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from pathlib import Path
 
 import torch
 from torch import Tensor
 
-from ..pose import Box, estimate_pose
-from ..pose.estimate import Search
+from ..pose import Box, default_background, estimate_pose
+from ..pose.canvas import DISTANCE, cut_out
+from ..pose.exemplar import Detection, detect
+from ..pose.matching import model_of
+from ..pose.placing import place
+from ..pose.strategies import Search
+from ..pose.views import SPEC, Library, Views
 from ..render import Camera, Mesh, silhouette
 
 
@@ -61,9 +67,11 @@ class PoseSettings:
 
     Attributes:
         seed: of everything random.
+        exemplars: a folder to keep the views' elements of models in; where it is makes no difference to what is found.
     """
 
     seed: int = 0
+    exemplars: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -75,11 +83,13 @@ class PoseMethod:
         about: what it does, a sentence.
         run: depends on nothing but its arguments, and raises ValueError with one sentence where it finds no pose.
             Worker processes import it, so it is a function of a module, or a ``functools.partial`` of one.
+        prepare: what is done once for each model and then kept, so that it takes no time of any object; likewise.
     """
 
     name: str
     about: str
     run: Callable[[PoseProblem, PoseSettings], Found]
+    prepare: Callable[[PoseProblem, PoseSettings], object] | None = None
 
 
 def coverage(problem: PoseProblem, found: Found) -> Tensor:
@@ -113,19 +123,61 @@ def _estimate(problem: PoseProblem, settings: PoseSettings, *, method: Search) -
     )
 
 
+@lru_cache(maxsize=2)
+def _library(folder: Path | None) -> Library:
+    return Library(folder, default_background(SPEC))
+
+
+def _views(problem: PoseProblem, settings: PoseSettings) -> dict[str, Views]:
+    library = _library(settings.exemplars)
+    return {name: library.views(mesh) for name, mesh in problem.models.items()}
+
+
+def _detect(problem: PoseProblem, settings: PoseSettings) -> Detection:
+    return detect(problem.image, problem.box, _views(problem, settings))
+
+
+def _exemplar(problem: PoseProblem, settings: PoseSettings) -> Found:
+    seen = _detect(problem, settings)
+    # it has no distance; the object's box says how far away the model would be
+    height, width = problem.image.shape[1:]
+    canvas = cut_out(problem.image, problem.box)
+    start = torch.tensor([[seen.azimuth, seen.elevation, DISTANCE, 0, 0, 0]], dtype=torch.float64)
+    placed = place(start, model_of(problem.models[seen.model], canvas.camera).hull, canvas.camera, canvas.size)[0]
+    pose, camera = canvas.in_photograph(placed, height, width)
+    azimuth, elevation, distance, theta, x, y = pose.tolist()
+    return Found(azimuth, elevation, distance, theta, x, y, camera.focal, seen.model, seen.confidence)
+
+
+def _paper(problem: PoseProblem, settings: PoseSettings) -> Found:
+    """From the model and pose that Aubry et al.'s search finds, as in the paper."""
+    seen = _detect(problem, settings)
+    models = {seen.model: problem.models[seen.model]}
+    start = replace(problem, models=models, initial=(seen.azimuth, seen.elevation))
+    return _estimate(start, settings, method="paper")
+
+
 POSE_METHODS = {
     method.name: method
     for method in (
         PoseMethod(
+            "exemplar",
+            "The baseline of Aubry et al.: detects renderings of all candidates by their discriminative elements, and "
+            "takes the viewpoint of the most confident detection whose box is the object's.",
+            _exemplar,
+            _views,
+        ),
+        PoseMethod(
             "exhaustive",
-            "Compares with renderings of every degree of azimuth, and takes the most similar.",
+            "Compares with renderings of every degree of azimuth at the initial elevation, and takes the most similar.",
             partial(_estimate, method="exhaustive"),
         ),
         PoseMethod(
             "paper",
-            "The paper's: momentum over azimuth, every few steps over the distance, too, from the initial pose and 8 "
-            "azimuths around.",
-            partial(_estimate, method="paper"),
+            "The paper's: momentum over azimuth, every few steps over the distance, too, from the pose that the "
+            "baseline finds and 8 azimuths around, with OpenDR's derivatives.",
+            _paper,
+            _views,
         ),
         PoseMethod(
             "best",

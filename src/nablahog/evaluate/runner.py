@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection, wait
 
-from .store import Job, Result
+from .store import Result, Work
 from .work import serve
 
 ATTEMPTS = 2  # at a job whose worker dies; one may die for want of memory that the next finds
@@ -84,7 +84,7 @@ def _no_interrupts() -> Iterator[None]:
 
 
 def run_jobs(
-    jobs: Sequence[Job], *, workers: int, started: Callable[[int], None] = lambda index: None
+    jobs: Sequence[Work], *, workers: int, started: Callable[[int], None] = lambda index: None
 ) -> Generator[tuple[int, Result | str], None, None]:
     """Does all jobs, ``workers`` at a time, each in a process that computes in one thread.
 

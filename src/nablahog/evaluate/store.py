@@ -34,15 +34,8 @@ class Result:
     seconds: float
 
 
-class Job(Protocol):
-    """Work of one method, sent to another process to be done there."""
-
-    @property
-    def name(self) -> str:
-        """That of the method."""
-
-    def key(self) -> str:
-        """A hash of everything the result depends on, the code that makes it included: see :func:`code`."""
+class Work(Protocol):
+    """What is sent to another process to be done there."""
 
     def run(self) -> Result:
         """Does it, the same every time.
@@ -50,6 +43,17 @@ class Job(Protocol):
         Raises:
             ValueError, OSError: there is no result, and why, in one sentence.
         """
+
+
+class Job(Work, Protocol):
+    """Work of one method, whose result is stored."""
+
+    @property
+    def name(self) -> str:
+        """That of the method."""
+
+    def key(self) -> str:
+        """A hash of everything the result depends on, the code that makes it included: see :func:`code`."""
 
     def fits(self, result: Result) -> bool:
         """Whether a stored result can be of this job: one of another version, or damaged, is not."""

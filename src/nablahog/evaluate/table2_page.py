@@ -9,11 +9,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
-from scipy import ndimage
 
 from .. import report
-from ..draw import Panel
-from ..images import Picture, as_array
+from ..draw import Panel, outlined
 from ..metrics import VIEWS
 from .examples import Example
 from .pose_methods import POSE_METHODS, PoseSettings
@@ -21,7 +19,6 @@ from .statistics import RESAMPLES, Statistics
 from .table2 import NO_POSE, Line, Table2
 
 BARS = 12  # of the histograms, 15° each
-OUTLINE = (1.0, 0.15, 0.1)
 
 LEAD = (
     "In each image the pose of one object was estimated from the similarity of its HOG descriptors to those of "
@@ -148,23 +145,6 @@ def histogram(shares: NDArray[np.float64], highest: float) -> NDArray[np.float64
     return np.asarray(picture, dtype=np.float64) / 255
 
 
-def outlined(picture: Picture, silhouette: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """A picture with the outline of a silhouette drawn on it, two pixels wide.
-
-    Args:
-        picture: (C, H, W), C 1 or 3, in 0…1.
-        silhouette: (H, W), 0…255.
-
-    Returns:
-        (3, H, W) in 0…1.
-    """
-    drawn: NDArray[np.float64] = np.broadcast_to(as_array(picture), (3, *silhouette.shape)).copy()
-    inside = silhouette >= 128
-    line = ndimage.binary_dilation(inside) & ~ndimage.binary_erosion(inside, border_value=1)
-    drawn[:, line] = np.array(OUTLINE)[:, None]
-    return drawn
-
-
 def _pictures(table: Table2) -> report.Section | None:
     """As in the paper: the images side by side, and what each method found below them."""
     names = {name for of in table.silhouettes.values() for name in of}
@@ -185,4 +165,4 @@ def _found(table: Table2, method: str, example: Example) -> report.Cell | None:
         return None
     off = round((found.azimuth - example.azimuth + 180) % 360 - 180)
     remark = f"{off:+d}°" if found.model == example.model else f"{off:+d}°\n{found.model}"
-    return report.Cell(Panel(outlined(example.image, silhouette), f"{example.name}, {method}"), remark)
+    return report.Cell(Panel(outlined(example.image, silhouette >= 128), f"{example.name}, {method}"), remark)

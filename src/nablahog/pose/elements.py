@@ -122,7 +122,7 @@ def elements(
     order = torch.argsort(discriminability, descending=True, stable=True)
     order = order[discriminability[order] > least]
     positions = torch.stack([order // across, order % across], dim=1)
-    kept = _apart(positions, size, count, overlap)
+    kept = apart(torch.cat([positions, positions + torch.tensor(size, device=order.device)], dim=1), count, overlap)
     chosen = order[kept]
     best = flat[chosen]
     weights = background.whiten(best) * (best.abs().sum(dim=3, keepdim=True) > EMPTY)
@@ -137,15 +137,24 @@ def calibration(weights: Tensor, background: Background) -> tuple[Tensor, Tensor
     return scale, -scale * of_mean - 1
 
 
-def _apart(positions: Tensor, size: tuple[int, int], count: int | None, overlap: float) -> Tensor:
-    """Indices of the patches, the best first, that overlap with no better one that is kept."""
+def apart(corners: Tensor, count: int | None, overlap: float) -> Tensor:
+    """Which of some boxes to keep, the best first: those that overlap with no better one that is kept.
+
+    Args:
+        corners: (N, 4): top, left, bottom and right, in this order of preference.
+        count: the most to keep; None for no limit.
+        overlap: of area shared in the area of the smallest box around both, that is allowed.
+
+    Returns:
+        Indices (K,), int64, ascending.
+    """
     kept: list[Tensor] = []
-    left = torch.arange(len(positions), device=positions.device)
+    left = torch.arange(len(corners), device=corners.device)
     while len(left) and (count is None or len(kept) < count):
-        kept.append(left[0])
-        dy, dx = (positions[left] - positions[left[0]]).abs().T
-        shared = (size[0] - dy).clamp(min=0) * (size[1] - dx).clamp(min=0)
-        around = (size[0] + dy) * (size[1] + dx)
-        left = left[shared <= overlap * around]
-        left = left[left != kept[-1]]  # with an overlap of 1 nothing excludes anything
+        best, others = left[0], left[1:]
+        kept.append(best)
+        low, high = corners[others, :2], corners[others, 2:]
+        shared = (torch.minimum(high, corners[best, 2:]) - torch.maximum(low, corners[best, :2])).clamp(min=0).prod(1)
+        around = (torch.maximum(high, corners[best, 2:]) - torch.minimum(low, corners[best, :2])).prod(1)
+        left = others[shared <= overlap * around]
     return torch.stack(kept) if kept else left

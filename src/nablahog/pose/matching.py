@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from functools import cached_property, lru_cache
 from typing import Literal, TypeAlias
 from weakref import WeakKeyDictionary
 
+import torch
 from torch import Tensor
 
 from ..hog import HOGSpec, presets
@@ -14,7 +16,7 @@ from ..render import Camera, Mesh, Renderer
 from ..render.renderer import Method
 from .background import default_background
 from .canvas import Canvas
-from .elements import elements
+from .elements import Elements, elements
 from .filter import Whitener
 from .placing import hull
 from .similarity import Similarity, Template, by_elements, calibrated, describe
@@ -25,7 +27,7 @@ Kind: TypeAlias = Literal["dot", "whitened", "calibrated"]
 ELEMENT = (5, 5)  # cells of a visual element
 ELEMENTS = 25  # the most of a photograph
 _COARSE, _FINE = 8, 4  # pixels of a cell: half of them tell poses apart that are half as far from each other
-_REGULARIZATION = {_COARSE: 0.003, _FINE: 0.01}
+_REGULARIZATION = {_COARSE: 0.003, _FINE: 0.03}
 
 
 @lru_cache(maxsize=4)
@@ -50,11 +52,25 @@ class Photograph:
         """What to compare renderings with, by one of the similarities of :mod:`.similarity`."""
         if kind == "calibrated":
             return self.calibrated
+        descriptor, found = self.elements
+        patches = found.patches if kind == "dot" else found.weights
+        return by_elements(found, patches, self.background.spec, *descriptor.shape[:2])
+
+    @cached_property
+    def elements(self) -> tuple[Tensor, Elements]:
+        """The descriptor (rows, cols, C) of the canvas, and the visual elements inside the object's box."""
         spec = self.background.spec
         descriptor = describe(self.canvas.image, spec)[0].permute(1, 2, 0)
-        found = elements(descriptor, self.background, ELEMENT, count=ELEMENTS, threshold=0.0)
-        patches = found.patches if kind == "dot" else found.weights
-        return by_elements(found, patches, spec, *descriptor.shape[:2])
+        low, high = zip(*map(self._cells, self.canvas.size[::-1], descriptor.shape[:2], spec.cell_size), strict=True)
+        inside = descriptor[low[0] : high[0], low[1] : high[1]]
+        found = elements(inside, self.background, ELEMENT, count=ELEMENTS, threshold=0.0)
+        return descriptor, dataclasses.replace(found, positions=found.positions + torch.tensor(low))
+
+    @staticmethod
+    def _cells(pixels: float, cells: int, cell: int) -> tuple[int, int]:
+        """The cells in the middle of ``cells`` that the box's ``pixels`` reach into, but no fewer than an element's."""
+        middle, half = cells / 2, max(pixels / cell, max(ELEMENT)) / 2
+        return max(0, math.floor(middle - half)), min(cells, math.ceil(middle + half))
 
     @cached_property
     def calibrated(self) -> Template:

@@ -25,6 +25,10 @@ _FLATTEST = 0.15  # of the steepest curvature: the least that is believed
 _REACH = 2.0  # of the spread: how far from its samples the hill is believed
 
 
+_SURE = 0.8  # of calibrated similarity: a view that has so much less counts a factor e less
+_BLUR = 8.0  # degrees
+
+
 @dataclass(frozen=True)
 class Hill:
     """A quadratic fitted around a pose: rounds of samples, each closer than the one before.
@@ -55,6 +59,14 @@ def summits(values: Tensor, count: int) -> Tensor:
     found = highest.nonzero().squeeze(1)
     order: Tensor = found[values[found].argsort(descending=True)]
     return order[:count]
+
+
+def consensus(azimuths: Tensor, values: Tensor) -> float:
+    """The whole degree of azimuth for which views of many models (N,) speak most, by their calibrated similarities."""
+    weights = torch.exp((values - values.max()) / _SURE)
+    degrees = torch.arange(360, dtype=azimuths.dtype)
+    apart = (degrees[:, None] - azimuths + 180) % 360 - 180
+    return float((torch.exp(-0.5 * (apart / _BLUR) ** 2) @ weights).argmax())
 
 
 def climb(similarity: Similarity, pose: Tensor, hill: Hill, generator: torch.Generator) -> Tensor:
@@ -96,7 +108,8 @@ def _top(offsets: Tensor, values: Tensor, slopes: Tensor) -> Tensor:
     steepest = bends.abs().max().clamp(min=1e-9)
     bends = bends.clamp(max=-_FLATTEST * float(steepest))
     way: Tensor = -axes @ ((axes.T @ found[1 : 1 + parameters]) / bends)
-    return way * (_REACH / way.norm().clamp(min=_REACH))
+    capped: Tensor = way * (_REACH / way.norm().clamp(min=_REACH))
+    return capped
 
 
 def momentum(

@@ -6,29 +6,29 @@ Constants and steps are those of their released code (``DEinit_n100_ms4.m``), wh
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import math
 import os
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from ..archive import check_format, read_arrays, text
+from ..archive import check_format, read_arrays
 from ..hog.kernels import steps
 from ..hog.presets import aubry
-from ..hog.spec import HOGSpec
 from ..output import replacing
 from ..render import Camera, Light, Mesh, Renderer, silhouette
 from .elements import EMPTY, all_patches, apart, calibration
 from .whitening import Background
 
 FORMAT = 1
-SPEC = aubry(5)
+CELL = 5  # pixels of a cell
+SPEC = aubry(CELL)
 LEVELS = 3  # of a pyramid, an octave
 SIDE = 200  # pixels of a rendering: a model of diagonal 1, and half an element around it
 FOCAL = 150 / math.tan(math.radians(54.611 / 2))  # pixels; they render 600 pixels at 54.611° and begin at half of it
@@ -60,8 +60,8 @@ class Viewing:
 
     def poses(self) -> Tensor:
         """(V, 6), see :data:`nablahog.render.PARAMETERS`."""
-        rows = [(azimuth, elevation, self.distance, 0, 0, 0) for elevation in self.elevations for azimuth in self.azimuths]
-        return torch.tensor(rows, dtype=torch.float64)
+        rows = itertools.product(self.azimuths, self.elevations)
+        return torch.tensor([(*row, self.distance, 0, 0, 0) for row in rows], dtype=torch.float64)
 
 
 VIEWING = Viewing()
@@ -103,7 +103,8 @@ class Views:
             for name, shape in shapes.items():
                 array: Tensor = getattr(self, name)
                 if array.dtype != dtype or array.shape != shape or not bool(torch.isfinite(array).all()):
-                    raise ValueError(f"{name} must be {dtype} of shape {shape} and finite, got {array.dtype} of {tuple(array.shape)}")
+                    got = f"{array.dtype} of {tuple(array.shape)}"
+                    raise ValueError(f"{name} must be finite, {dtype} of shape {shape}, got {got}")
         bounded = bool(((self.level >= 0) & (self.level < 64)).all()) and bool((self.positions >= 0).all())
         in_order = bool((self.first.diff() >= 0).all()) and int(self.first[0]) == 0 and int(self.first[-1]) == elements
         if len(cells) != 3 or not bounded or not in_order:
@@ -136,3 +137,125 @@ class Views:
             return cls(**{name: torch.from_numpy(arrays[name]) for name in _COLUMNS})
         except (TypeError, ValueError, IndexError, RuntimeError) as error:
             raise ValueError(f"{os.fspath(path)}: {error}") from None
+
+
+@torch.no_grad()
+def learn_views(mesh: Mesh, background: Background, viewing: Viewing = VIEWING) -> Views:
+    """Renders a model from all around, white behind it, and finds the elements of each rendering.
+
+    Patches of all levels of a rendering's pyramid compete; only those centred on the object do, since others are mostly
+    empty.
+
+    Args:
+        mesh: normalised, on the CPU.
+        background: of the dialect :data:`SPEC`, what to tell elements from.
+        viewing: from where, and how many.
+
+    Raises:
+        ValueError: the background is of another dialect, or knows no templates of the elements' size.
+    """
+    background.check(SPEC)
+    poses = viewing.poses()
+    camera = Camera(FOCAL * viewing.distance / VIEWING.distance, SIDE, SIDE)
+    images = Renderer(mesh, camera, light=LIGHT, supersampling=2)(poses).float()
+    seen = silhouette(mesh, poses, camera, supersampling=1)[:, 0] > 0
+    boxes = torch.stack([_box_of(each) for each in seen])
+    found = [_elements(image[0], box, background, viewing) for image, box in zip(images, boxes, strict=True)]
+    weights, level, positions = (torch.cat(parts) for parts in zip(*found, strict=True))
+    scale, offset = calibration(weights, background)
+    counts = torch.tensor([0, *(len(each[1]) for each in found)])
+    return Views(weights, scale, offset, level, positions, counts.cumsum(0), boxes, poses[:, :2].float())
+
+
+def _box_of(seen: Tensor) -> Tensor:
+    """Top, left, bottom and right of the pixels seen, (4,); of none, 0."""
+    pixels = seen.nonzero()
+    return torch.cat([pixels.amin(0), pixels.amax(0) + 1]).float() if len(pixels) else torch.zeros(4)
+
+
+def _elements(image: Tensor, box: Tensor, background: Background, viewing: Viewing) -> tuple[Tensor, Tensor, Tensor]:
+    """Of a rendering (S, S): weights (E, r, c, C), levels (E,) and positions (E, 2) of its elements."""
+    size = torch.tensor(viewing.size)
+    patches, places = [], []
+    for level, cells in enumerate(pyramid(image, viewing.size)):
+        every = all_patches(cells, viewing.size)
+        pixels: float = CELL * 2 ** (level / LEVELS)
+        at = torch.cartesian_prod(*(torch.arange(n) for n in every.shape[:2]))
+        middle = (at + size / 2) * pixels
+        at = at[((middle >= box[:2]) & (middle <= box[2:])).all(1)]
+        patches.append(every[at[:, 0], at[:, 1]])
+        places.append(torch.cat([torch.full((len(at), 1), level), at], dim=1))
+    patch, place = torch.cat(patches), torch.cat(places)
+    discriminability = background.discriminability(patch)
+    least = viewing.threshold * background.discriminability(torch.zeros_like(patch[:1]))
+    order = torch.argsort(discriminability, descending=True, stable=True)
+    order = order[discriminability[order] > least]
+    enlarged = CELL * 2 ** (place[order, :1] / LEVELS)
+    corners = torch.cat([place[order, 1:] * enlarged, (place[order, 1:] + size) * enlarged], dim=1)
+    kept = order[apart(corners, viewing.count, viewing.overlap)]
+    weights = background.whiten(patch[kept]) * (patch[kept].abs().sum(dim=3, keepdim=True) > EMPTY)
+    return weights, place[kept, 0], place[kept, 1:]
+
+
+def pyramid(image: Tensor, size: tuple[int, int]) -> list[Tensor]:
+    """Descriptors (rows, cols, C) of a gray image (H, W), each 2^(1/:data:`LEVELS`) times smaller than the one before,
+    as long as they have ``size`` (rows, cols) cells."""
+    histograms, normalize = steps(image.device)
+    found: list[Tensor] = []
+    while True:
+        sides = [max(1, round(side * 2 ** (-len(found) / LEVELS))) for side in image.shape]
+        if any((side + CELL // 2) // CELL < least for side, least in zip(sides, size, strict=True)):
+            return found
+        small = image[None, None]
+        if found:
+            small = functional.interpolate(small, sides, mode="bicubic", antialias=True, align_corners=False).clamp(
+                0, 1
+            )
+        found.append(normalize(histograms(small, SPEC), SPEC)[0].permute(1, 2, 0))
+
+
+class Library:
+    """Views of models, each learned once.
+
+    Args:
+        folder: where to keep them, made if missing; None for this process only.
+        background: what to tell elements from.
+        viewing: from where, and how many.
+    """
+
+    def __init__(self, folder: Path | None, background: Background, viewing: Viewing = VIEWING) -> None:
+        self.folder, self.background, self.viewing = folder, background, viewing
+        self._known: dict[str, Views] = {}
+        self._common = hashlib.sha256(json.dumps([FORMAT, asdict(viewing), background.spec.to_json()]).encode())
+        for array in (background.mean, background.covariance):
+            self._common.update(array.numpy().tobytes())
+
+    def views(self, mesh: Mesh) -> Views:
+        """The views of a normalised mesh: remembered, read, or learned and kept.
+
+        Raises:
+            ValueError: as :func:`learn_views`.
+            OSError: the folder cannot be written.
+        """
+        key = self._key(mesh)
+        if key not in self._known:
+            self._known[key] = self._read_or_learn(mesh, key)
+        return self._known[key]
+
+    def _key(self, mesh: Mesh) -> str:
+        """A hash of all that the views depend on."""
+        whole = self._common.copy()
+        for array in (mesh.vertices, mesh.faces, mesh.brightness):
+            whole.update(array.numpy().tobytes())
+        return whole.hexdigest()
+
+    def _read_or_learn(self, mesh: Mesh, key: str) -> Views:
+        if self.folder is None:
+            return learn_views(mesh, self.background, self.viewing)
+        path = self.folder / f"{key}.npz"
+        try:
+            return Views.load(path)
+        except (FileNotFoundError, ValueError):  # a damaged one is made again
+            self.folder.mkdir(parents=True, exist_ok=True)
+            learn_views(mesh, self.background, self.viewing).save(path)
+            return Views.load(path)  # with the weights as rounded on disk, whoever learned them

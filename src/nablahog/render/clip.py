@@ -47,7 +47,8 @@ def clip(points: Tensor, faces: Tensor, corners: Tensor, near: float) -> Clipped
             a, b = (0, other) if number == 1 else (other, 0)
             start, end = points[corner[:, a]], points[corner[:, b]]
             t = (near - start[:, 2:]) / (end[:, 2:] - start[:, 2:])
-            new_points.append(torch.lerp(start, end, t))
+            place = torch.lerp(start[:, :2], end[:, :2], t)
+            new_points.append(torch.cat([place, torch.full_like(t, near)], 1))  # rounding puts none behind the plane
             cuts.append(count + torch.arange(len(which), device=faces.device))
             shades.append(torch.lerp(bright[:, a], bright[:, b], t[:, 0]))
             count += len(which)

@@ -70,7 +70,8 @@ def visibility_steps(screen: Tensor, faces: Tensor, height: int, width: int) -> 
         weights = barycentric(corners[batch, face], faces[face], x, y)
         inside = (weights >= 0).all(1)  # false for triangles of no area, whose weights are NaN
         batch, face, x, y, weights = (part[inside] for part in (batch, face, x, y, weights))
-        w = (weights * corners[batch, face, :, 2]).sum(1)
+        w = corners[batch, face, :, 2]
+        w = (weights * w).sum(1).maximum(w.amin(1)).minimum(w.amax(1))  # rounding must not decide who is first
         place = (batch * height + y.long()) * width + x.long()
         nearer = inverse.scatter_reduce(0, place, w, "amax")
         ids[nearer > inverse] = nothing

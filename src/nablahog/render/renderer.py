@@ -56,10 +56,7 @@ class Renderer:
         self.method, self.supersampling = method, supersampling
         self.edges: Edges = edges(mesh)
         self._smoothing = smoothing(mesh)
-
-    @cached_property
-    def _lit(self) -> Tensor:
-        return corner_brightness(self.mesh, self._smoothing, self.light).detach()
+        self._lit = corner_brightness(mesh, self._smoothing, light).detach()
 
     @cached_property
     def rigid(self) -> Rigid:

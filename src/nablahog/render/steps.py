@@ -53,8 +53,10 @@ def render_steps(
     face = ids[place]
     at = screen.detach()[place[0][:, None], faces[face]]
     weights = barycentric(at, faces[face], place[2] + 0.5, place[1] + 0.5) * at[..., 2]
-    weights = normalized(weights.clamp(min=0))
-    samples = samples.index_put(place, (weights * corners[face].to(samples)).sum(1))
+    weights = normalized(weights.clamp(min=0))[:, 1:]
+    bright = corners[face].to(samples)
+    first = bright[:, :1]  # so that a face of one brightness is exactly of one brightness
+    samples = samples.index_put(place, (first + (weights * (bright[:, 1:] - first)).sum(1, keepdim=True)).squeeze(1))
 
     found = by_edges.crossings(screen, edges, ids, inverse)
     if method == "edges":

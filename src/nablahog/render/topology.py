@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -35,12 +35,11 @@ class Edges(NamedTuple):
     kind: Tensor
 
 
-def _values(tensor: Tensor) -> NDArray[np.float64]:
+def _values(tensor: Tensor) -> NDArray[Any]:
     """The numbers of a tensor: neighbourhoods depend on these, but are constants to any differentiation."""
-    tensor = tensor.detach()
     try:
-        return tensor.cpu().numpy()
-    except RuntimeError:  # of a function transform, which has numbers but shows no memory
+        return tensor.numpy(force=True)
+    except RuntimeError:  # inside a function transform tensors have numbers but show no memory
         return np.array(tensor.tolist())
 
 
@@ -61,7 +60,7 @@ def edges(mesh: Mesh) -> Edges:
     Triangles with two corners at one place have no edges.
     """
     places = _values(mesh.vertices)
-    a, b, c = _welded(places)[mesh.faces.cpu().numpy()].T
+    a, b, c = _welded(places)[_values(mesh.faces)].T
     proper = (a != b) & (b != c) & (c != a)
     a, b, c = a[proper], b[proper], c[proper]
     one, other, opposite = np.concatenate([a, b, c]), np.concatenate([b, c, a]), np.concatenate([c, a, b])
@@ -100,7 +99,7 @@ class Smoothing(NamedTuple):
 def smoothing(mesh: Mesh) -> Smoothing:
     """Faces around a corner that meet its own at no more than :data:`CREASE`, whatever their order of corners."""
     places = _values(mesh.vertices)
-    faces = mesh.faces.cpu().numpy()
+    faces = _values(mesh.faces)
     a, b, c = places[faces[:, 0]], places[faces[:, 1]], places[faces[:, 2]]
     normal = np.cross(b - a, c - a)
     vertex = _welded(places)[faces].ravel()

@@ -50,7 +50,8 @@ def depth_and_normals(mesh: Mesh, poses: Tensor, camera: Camera) -> tuple[Tensor
             away = (normals * a).sum(1, keepdim=True) > 0
             normals = torch.where(away, -normals, normals)
             seen = ids >= 0
-            normal = torch.where(seen[..., None], normals[ids], 0.0).permute(0, 3, 1, 2)
-            found.append((torch.where(seen, 1 / inverse, math.inf), normal))
+            normal = normals.new_zeros((*ids.shape, 3))
+            normal[seen] = normals[ids[seen]]
+            found.append((torch.where(seen, 1 / inverse, math.inf), normal.permute(0, 3, 1, 2)))
     depths, directions = zip(*found, strict=True)
     return torch.cat(depths), torch.cat(directions)

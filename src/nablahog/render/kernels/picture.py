@@ -1,9 +1,13 @@
-"""Brightness of samples, visible edges between them, and from both the image with its motion."""
+"""Brightness of samples, visible edges between them, and from both the image with its motion.
+
+All arrays of samples are those of a box of the image, whose first pixel is ``corner``: row and column.
+"""
 
 from __future__ import annotations
 
-import math
 from typing import Any
+
+import numpy as np
 
 from ...compile import compiled
 
@@ -12,73 +16,83 @@ from ...compile import compiled
 def shade(
     screen: Any,
     faces: Any,
-    corners: Any,
-    box: Any,
+    brightness: Any,
     ids: Any,
     inverse: Any,
     background: Any,
+    corner: Any,
     step: int,
     planes: Any,
     samples: Any,
 ) -> None:
-    """The brightness of each sample inside the box: perspective-correct between the corners of its triangle.
+    """The brightness of each sample: perspective-correct between the corners of its triangle.
 
     Args:
-        corners: (F, 3) brightness at the corners of each face.
-        background: (H, W), a value for each pixel.
+        brightness: (F, 3), at the corners of each face.
+        background: (H, W), a value for each pixel of the image.
         step: samples of a pixel, along a side.
-        planes: (F, 6), scratch, its last column 0 before and after.
+        planes: (F, 7), scratch.
         samples: gets the brightness.
         others: as for :func:`.visibility.visibility`.
     """
-    half = screen.dtype.type(0.5)
+    number = screen.dtype.type
+    half = number(0.5)
+    known = np.zeros(faces.shape[0], np.uint8)
     before = -1
-    v0 = gx = gy = g0 = low = high = half - half
-    flat = True
-    for i in range(box[0], box[1]):
-        row = i // step
-        y = i + half
-        for j in range(box[2], box[3]):
-            f = ids[i, j]
-            if f < 0:
-                samples[i, j] = background[row, j // step]
-                continue
-            if f != before:
-                before = f
-                b0, b1, b2 = corners[f, 0], corners[f, 1], corners[f, 2]
-                flat = b0 == b1 and b1 == b2
-                v0 = b0
-                if not flat:
-                    if planes[f, 5] == 0:
-                        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-                        xa, ya = screen[a, 0], screen[a, 1]
-                        xb, yb, xc, yc = screen[b, 0] - xa, screen[b, 1] - ya, screen[c, 0] - xa, screen[c, 1] - ya
+    v = by_x = by_y = x = y = low = high = half
+    for i in range(samples.shape[0]):
+        row = np.uintp(i)
+        for pixel in range(samples.shape[1] // step):
+            behind = background[corner[0] + i // step, corner[1] + pixel]
+            for j in range(pixel * step, pixel * step + step):
+                col = np.uintp(j)
+                f = ids[row, col]
+                if f < 0:
+                    samples[row, col] = behind
+                    continue
+                if f != before:
+                    before = f
+                    plane = planes[np.uintp(f)]
+                    if not known[np.uintp(f)]:
+                        known[np.uintp(f)] = 1
+                        a, b, c = np.uintp(faces[f, 0]), np.uintp(faces[f, 1]), np.uintp(faces[f, 2])
+                        va, vb, vc = brightness[f, 0], brightness[f, 1], brightness[f, 2]
+                        x, y = screen[a, 0], screen[a, 1]
+                        xb, yb, xc, yc = screen[b, 0] - x, screen[b, 1] - y, screen[c, 0] - x, screen[c, 1] - y
                         # brightness less that of the first corner, over depth, is linear on the screen
-                        qb, qc = (b1 - b0) * screen[b, 2], (b2 - b0) * screen[c, 2]
+                        qb, qc = (vb - va) * screen[b, 2], (vc - va) * screen[c, 2]
                         area = xb * yc - xc * yb
-                        planes[f, 0] = (qb * yc - qc * yb) / area
-                        planes[f, 1] = (xb * qc - xc * qb) / area
-                        planes[f, 2] = -planes[f, 0] * xa - planes[f, 1] * ya
-                        planes[f, 3], planes[f, 4], planes[f, 5] = min(b0, b1, b2), max(b0, b1, b2), 1
-                    gx, gy, g0 = planes[f, 0], planes[f, 1], planes[f, 2]
-                    low, high = planes[f, 3], planes[f, 4]
-            if flat:
-                samples[i, j] = v0
-            else:
-                v = v0 + (gx * (j + half) + gy * y + g0) / inverse[i, j]
-                samples[i, j] = min(max(v, low), high)
-    for f in range(planes.shape[0]):
-        planes[f, 5] = 0
+                        plane[0], plane[1] = (qb * yc - qc * yb) / area, (xb * qc - xc * qb) / area
+                        plane[2], plane[3], plane[4] = x - half, y - half, va
+                        plane[5], plane[6] = min(va, vb, vc), max(va, vb, vc)
+                    by_x, by_y, x, y, v = plane[0], plane[1], plane[2], plane[3], plane[4]
+                    low, high = plane[5], plane[6]
+                value = v + (by_x * (number(j) - x) + by_y * (number(i) - y)) / inverse[row, col]
+                samples[row, col] = min(max(value, low), high)
+
+
+@compiled
+def outlines(planes: Any, kind: Any, eye: Any, outline: Any) -> None:
+    """Which edges are outlines from ``eye`` (3,): of one face, or both faces on one side of them.
+
+    Args:
+        planes: (2, 4, E): for the planes of both faces, n and d such that n·x = d; 0 for faces of no area.
+        kind: of :class:`..topology.Edges`.
+        outline: (E,), gets 1 or 0.
+    """
+    x, y, z = eye[0], eye[1], eye[2]
+    for e in range(kind.shape[0]):
+        side = planes[0, 0, e] * x + planes[0, 1, e] * y + planes[0, 2, e] * z - planes[0, 3, e]
+        other = planes[1, 0, e] * x + planes[1, 1, e] * y + planes[1, 2, e] * z - planes[1, 3, e]
+        outline[e] = (kind[e] == 1) | (side * other >= 0)
 
 
 @compiled
 def visible_edges(
     screen: Any,
     ends: Any,
-    opposite: Any,
     kind: Any,
-    box: Any,
-    ids: Any,
+    outline: Any,
     inverse: Any,
     slots: Any,
     places: Any,
@@ -91,9 +105,10 @@ def visible_edges(
     several on one link, the outermost of the nearer surface where there is a gap in depth, else the nearest.
 
     Args:
-        ends, opposite, kind: of :class:`..topology.Edges`.
-        slots: (2, H, W), -1 before: gets which entry of the next two belongs to the link from sample (i, j) down [0] or
-            right [1].
+        ends, kind: of :class:`..topology.Edges`.
+        outline: (E,), of :func:`outlines`.
+        slots: (2, H, W): gets 0, or 1 more than which entry of the next two belongs to the link from sample (i, j)
+            down [0] or right [1].
         places: (N, 3): axis, row and column of that link.
         crossings: (N, 4): how far along the link the edge crosses, in 0…1; the edge's slope there, samples along the
             link for each sample across; its 1 / depth; 1 if the link is along the edge's minor axis, on which it is
@@ -103,68 +118,64 @@ def visible_edges(
     Returns:
         The number of links crossed, at most N; those beyond are left out.
     """
-    one = screen.dtype.type(1)
-    half = screen.dtype.type(0.5)
-    near_enough, gap_from = screen.dtype.type(1 - 0.004), screen.dtype.type(0.01)
+    number = screen.dtype.type
+    zero, half, one = number(0), number(0.5), number(1)
+    near_enough, gap_from = number(1 - 0.004), number(0.01)
+    slots[:] = 0
     count = 0
     for e in range(ends.shape[0]):
-        a, b = ends[e, 0], ends[e, 1]
+        if kind[e] == 0 and not outline[e]:
+            continue
+        a, b = np.uintp(ends[e, 0]), np.uintp(ends[e, 1])
         xa, ya, wa = screen[a, 0], screen[a, 1], screen[a, 2]
         xb, yb, wb = screen[b, 0], screen[b, 1], screen[b, 2]
         if not (wa > 0 and wb > 0):
             continue
-        outline = kind[e] == 1
-        if not outline:  # both faces on one side of it: a fold
-            c, d = opposite[e, 0], opposite[e, 1]
-            side = (xb - xa) * (screen[c, 1] - ya) - (screen[c, 0] - xa) * (yb - ya)
-            other = (xb - xa) * (screen[d, 1] - ya) - (screen[d, 0] - xa) * (yb - ya)
-            outline = side * other >= 0
-            if not outline and kind[e] == 0:
-                continue
         steep = abs(yb - ya) > abs(xb - xa)
         for axis in range(2):
             # links down are crossed at the middles of columns, links to the right at those of rows
             if axis == 0:
                 p0, q0, p1, q1 = xa, ya, xb, yb
-                low, high, short, long = box[2], box[3], box[0], box[1]
+                across, along = inverse.shape[1], inverse.shape[0]
             else:
                 p0, q0, p1, q1 = ya, xa, yb, xb
-                low, high, short, long = box[0], box[1], box[2], box[3]
-            if p0 == p1:
-                continue
+                across, along = inverse.shape
             w0, w1 = wa, wb
             if p1 < p0:
                 p0, q0, w0, p1, q1, w1 = p1, q1, w1, p0, q0, w0
+            first = int(np.ceil(max(zero, p0 - half)))
+            last = int(np.ceil(min(number(across), p1 - half))) - 1
+            if first > last:
+                continue
             slope, deepening = (q1 - q0) / (p1 - p0), (w1 - w0) / (p1 - p0)
             measured = steep == (axis == 1)
-            first = int(max(math.ceil(p0 - half), low))
-            last = int(min(math.ceil(p1 - half) - 1, high - 1))
+            end = number(along - 1)
             for p in range(first, last + 1):
-                along = p + half - p0
-                q = q0 + along * slope - half
-                if not (q >= short and q < long - 1):
+                further = number(p) + half - p0
+                q = q0 + further * slope - half
+                if not (q >= 0 and q < end):
                     continue
                 k = int(q)
-                w = w0 + along * deepening
-                i, j, i2, j2 = (k, p, k + 1, p) if axis == 0 else (p, k, p, k + 1)
-                if ids[i, j] < 0 and ids[i2, j2] < 0:
+                w = w0 + further * deepening
+                i, j = (np.uintp(k), np.uintp(p)) if axis == 0 else (np.uintp(p), np.uintp(k))
+                here, there = inverse[i, j], inverse[i + np.uintp(1 - axis), j + np.uintp(axis)]
+                low, high = min(here, there), max(here, there)
+                if high == 0:
                     continue
-                here, there = inverse[i, j], inverse[i2, j2]
-                low_w, high_w = min(here, there), max(here, there)
-                gap = high_w - low_w > gap_from * high_w
+                gap = high - low > gap_from * high
                 if gap:
-                    if not outline or w < half * (low_w + high_w):
+                    if not outline[e] or w < half * (low + high):
                         continue
-                elif w < near_enough * low_w:
+                elif w < near_enough * low:
                     continue
-                t = q - k
-                h = slots[axis, i, j]
+                t = q - number(k)
+                h = slots[axis, i, j] - 1
                 if h < 0:
                     if count == places.shape[0]:
                         continue
                     h = count
                     count += 1
-                    slots[axis, i, j] = h
+                    slots[axis, i, j] = count
                     places[h, 0], places[h, 1], places[h, 2] = axis, i, j
                 elif gap:
                     if (t <= crossings[h, 0]) if here > there else (t >= crossings[h, 0]):
@@ -172,14 +183,24 @@ def visible_edges(
                 elif crossings[h, 2] >= w:
                     continue
                 crossings[h, 0], crossings[h, 1], crossings[h, 2] = t, slope, w
-                crossings[h, 3] = one if measured else one - one
+                crossings[h, 3] = one if measured else zero
                 followed[h] = e
     return count
 
 
 @compiled
 def blend(
-    samples: Any, ids: Any, inverse: Any, box: Any, slots: Any, crossings: Any, step: int, image: Any, motion: Any
+    samples: Any,
+    ids: Any,
+    inverse: Any,
+    slots: Any,
+    places: Any,
+    crossings: Any,
+    count: int,
+    corner: Any,
+    step: int,
+    image: Any,
+    motion: Any,
 ) -> None:
     """Samples to pixels: the mean of a pixel's samples, with each visible edge where it crosses between samples.
 
@@ -189,65 +210,79 @@ def blend(
             along x [0] and y [2], and of the same times 1 / depth [1], [3].  When surfaces at 1 / depth w move by
             a + b w pixels, the pixel changes by a_x [0] + b_x [1] + a_y [2] + b_y [3].
     """
-    zero = samples.dtype.type(0)
-    half, one = samples.dtype.type(0.5), samples.dtype.type(1)
-    share, side = one / (step * step), one / step
-    share, side = samples.dtype.type(share), samples.dtype.type(side)
+    number = samples.dtype.type
+    zero, half, one = number(0), number(0.5), number(1)
+    side = one / number(step)
+    share = side * side
     moves = motion.shape[0] > 0
-    for row in range(box[0] // step, box[1] // step):
-        for col in range(box[2] // step, box[3] // step):
-            total = zero
-            for i in range(row * step, row * step + step):
-                for j in range(col * step, col * step + step):
-                    total += samples[i, j]
-            image[row, col] = total * share
-    for i in range(box[0], box[1]):
-        row = i // step
-        for axis in range(2):
-            i2 = i + 1 - axis
-            if i2 >= box[1]:
+    height, width = samples.shape
+    # of this row of pixels and the next, sample by sample: brightness, and what makes the four kinds of motion
+    sums = np.zeros((2, 5, width), samples.dtype)
+    links = np.zeros((2, width), samples.dtype)
+    for row in range(height // step):
+        for i in range(row * step, row * step + step):
+            here = np.uintp(i)
+            for j in range(width):
+                sums[0, 0, np.uintp(j)] += samples[here, np.uintp(j)]
+            if not moves:
                 continue
-            row2 = i2 // step
-            for j in range(box[2], box[3] - axis):
-                j2 = j + axis
-                here, there = ids[i, j], ids[i2, j2]
-                if here < 0 and there < 0:
+            # Where brightness changes without an edge, half-way between two samples, both move.  One loop for each
+            # step, since only short ones are turned into instructions for eight links at a time.
+            for axis in range(2):
+                if axis == 0 and i + 1 == height:
                     continue
-                d = samples[i2, j2] - samples[i, j]
-                if d == 0:
-                    continue
-                col, col2 = j // step, j2 // step
-                h = slots[axis, i, j]
-                if h < 0:  # where it is between both samples, nobody knows
-                    if moves:
-                        w = max(inverse[i, j], inverse[i2, j2])
-                        if here == there:
-                            w = half * (inverse[i, j] + inverse[i2, j2])
-                        k = 2 - 2 * axis
-                        d *= half * side
-                        motion[k, row, col] -= d
-                        motion[k + 1, row, col] -= d * w
-                        motion[k, row2, col2] -= d
-                        motion[k + 1, row2, col2] -= d * w
-                    continue
-                if crossings[h, 3] == 0:  # counted on the links of the other axis
-                    continue
-                t = crossings[h, 0]
-                r, c = (row, col) if t < half else (row2, col2)
-                image[r, c] += (half - t) * d * share
-                if moves:
-                    w, m = crossings[h, 2], crossings[h, 1]
-                    k = 2 - 2 * axis
-                    d *= side
-                    motion[k, r, c] -= d
-                    motion[k + 1, r, c] -= d * w
-                    d *= m
-                    motion[2 - k, r, c] += d
-                    motion[3 - k, r, c] += d * w
-
-
-@compiled
-def forget(slots: Any, places: Any, count: int) -> None:
-    """Makes ``slots`` -1 again."""
+                there, shift = np.uintp(i + 1 - axis), np.uintp(axis)
+                for first in range(width - axis):
+                    j = np.uintp(first)
+                    d = samples[there, j + shift] - samples[here, j]
+                    links[0, j] = d if slots[axis, here, j] == 0 else zero
+                for first in range(width - axis):
+                    j = np.uintp(first)
+                    w, w2 = inverse[here, j], inverse[there, j + shift]
+                    w = half * (w + w2) if ids[here, j] == ids[there, j + shift] else max(w, w2)
+                    d = links[0, j]
+                    links[0, j] = d if w > 0 else zero
+                    links[1, j] = d * w
+                other = np.uintp((i + 1 - axis) // step - row)
+                for k in range(2):
+                    kind = np.uintp(3 - 2 * axis + k)
+                    for j in range(width - axis):
+                        sums[0, kind, np.uintp(j)] -= links[np.uintp(k), np.uintp(j)]
+                    for j in range(width - axis):
+                        sums[other, kind, np.uintp(j) + shift] -= links[np.uintp(k), np.uintp(j)]
+        y = np.uintp(corner[0] + row)
+        for pixel in range(width // step):
+            x = np.uintp(corner[1] + pixel)
+            total = first_x = second_x = first_y = second_y = zero
+            for j in range(pixel * step, pixel * step + step):
+                col = np.uintp(j)
+                total += sums[0, 0, col]
+                first_x += sums[0, 1, col]
+                second_x += sums[0, 2, col]
+                first_y += sums[0, 3, col]
+                second_y += sums[0, 4, col]
+            image[y, x] = total * share
+            if moves:
+                motion[0, y, x], motion[1, y, x] = half * side * first_x, half * side * second_x
+                motion[2, y, x], motion[3, y, x] = half * side * first_y, half * side * second_y
+        sums[0] = sums[1]
+        sums[1] = 0
     for h in range(count):
-        slots[places[h, 0], places[h, 1], places[h, 2]] = -1
+        if crossings[h, 3] == 0:  # counted on the links of the other axis
+            continue
+        axis, i, j = places[h, 0], places[h, 1], places[h, 2]
+        i2, j2 = i + 1 - axis, j + axis
+        d = samples[i2, j2] - samples[i, j]
+        t = crossings[h, 0]
+        y, x = (i // step, j // step) if t < half else (i2 // step, j2 // step)
+        y, x = corner[0] + y, corner[1] + x
+        image[y, x] += (half - t) * d * share
+        if moves:
+            slope, w = crossings[h, 1], crossings[h, 2]
+            k = 2 - 2 * axis
+            d *= side
+            motion[k, y, x] -= d
+            motion[k + 1, y, x] -= d * w
+            d *= slope
+            motion[2 - k, y, x] += d
+            motion[3 - k, y, x] += d * w

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import threading
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -14,12 +17,13 @@ from torch.nn.functional import avg_pool2d
 from .. import opendr
 from ..camera import Camera, rotations
 from ..clip import NEAR, clip
-from ..edges import Crossings, outlines
+from ..edges import Crossings
 from ..topology import Edges
-from .picture import blend, forget, shade, visible_edges
-from .visibility import extent, project, visibility
+from .picture import blend, outlines, shade, visible_edges
+from .visibility import frame, project, visibility
 
 Floats = NDArray[np.float32]
+Integers = NDArray[np.int32]
 
 
 class Picture(NamedTuple):
@@ -36,23 +40,46 @@ class Picture(NamedTuple):
 
 
 class _Scratch(threading.local):
-    """Arrays of the size of the samples, for each thread and size once."""
+    """Memory that each thread keeps, since new memory is slow at first."""
 
     def __init__(self) -> None:
-        self.size: tuple[int, int] | None = None
+        self.room = self.faces = 0
 
-    def fit(self, height: int, width: int) -> None:
-        if self.size != (height, width):
-            self.size = (height, width)
-            self.ids = np.empty(self.size, np.int32)
-            self.inverse, self.samples = np.empty(self.size, np.float32), np.empty(self.size, np.float32)
-            self.slots = np.full((2, height, width), -1, np.int32)
-            self.places = np.empty((2 * height * width, 3), np.int32)
-            self.crossings = np.empty((2 * height * width, 4), np.float32)
-            self.followed = np.empty(2 * height * width, np.int32)
+    def samples(self, height: int, width: int) -> tuple[Integers, Floats, Floats, Integers]:
+        """Arrays for a box of so many samples: ids, inverse, samples and slots, as the kernels call them.
+
+        Afterwards ``edges`` are places, crossings and followed.
+        """
+        count = height * width
+        if count > self.room:
+            # Apart by odd parts of a page: at equal places in their pages, they would compete for the same cache lines.
+            self.room = (count + count // 2) // 1024 * 1024 + 1024 + 208
+            self.block = np.empty((5, self.room), np.int32)
+            # of edges: as long as there are links, but what is not used takes no place
+            links = 2 * self.room
+            self.edges = np.empty((links, 3), np.int32), np.empty((links, 4), np.float32), np.empty(links, np.int32)
+        ids, inverse, samples = (part[:count].reshape(height, width) for part in self.block[2:])
+        slots = self.block[:2].reshape(-1)[: 2 * count].reshape(2, height, width)
+        return ids, inverse.view(np.float32), samples.view(np.float32), slots
+
+    def planes(self, faces: int) -> Floats:
+        """For :func:`.picture.shade`."""
+        if faces > self.faces:
+            self.faces = faces
+            self.block_of_faces = np.empty((faces, 7), np.float32)
+        return self.block_of_faces
 
 
 _scratch = _Scratch()
+
+
+@lru_cache
+def _workers(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, "nablahog-render")
+
+
+if hasattr(os, "register_at_fork"):  # a forked process has the pool, but not its threads
+    os.register_at_fork(after_in_child=_workers.cache_clear)
 
 
 class Rigid:
@@ -72,28 +99,38 @@ class Rigid:
         self.vertices = vertices.detach().to(torch.float32).contiguous().numpy()
         self.faces = faces.to(torch.int32).contiguous().numpy()
         self.corners = corners.detach().to(torch.float32).contiguous().numpy()
-        self.topology = edges
-        self.edges = [part.to(torch.int32).contiguous().numpy() for part in edges]
+        self.ends, _, self.kind = (part.to(torch.int32).contiguous().numpy() for part in edges)
+        self.planes = _planes(vertices.detach().numpy(), edges)
         self.camera, self.step, self.method = camera, step, method
 
     def draw(self, poses: Tensor, background: Tensor, derivative: bool) -> Picture:
-        """Poses (B, 6) float64 before backgrounds (1 or B, H, W); ``derivative`` says whether ``motion`` is needed."""
+        """Poses (B, 6) float64 before backgrounds (1 or B, H, W); ``derivative`` says whether ``motion`` is needed.
+
+        It takes as many threads as PyTorch does; the result does not depend on them.
+        """
         camera, batch = self.camera, len(poses)
         image = background.detach().to(torch.float32).expand(batch, -1, -1).contiguous().clone()
         moved = torch.zeros((batch, 4 if derivative else 0, camera.height, camera.width))
-        turns, rows = rotations(poses.detach()).to(torch.float32).numpy(), poses.detach().numpy()
-        for k in range(batch):
-            self._draw(turns[k], rows[k], image[k], moved[k])
+        turns = rotations(poses.detach()).to(torch.float32).numpy()
+        distances = poses.detach()[:, 2].to(torch.float32).numpy()
+        middles = (poses.detach().numpy()[:, 4:] + (camera.width / 2, camera.height / 2)) * self.step
+        each = turns, distances, middles.astype(np.float32), image.numpy(), moved.numpy()
+        threads = min(torch.get_num_threads(), batch)
+
+        def share(first: int) -> None:
+            for k in range(first, batch, threads):
+                self._draw(*(part[k] for part in each))
+
+        if threads == 1:
+            share(0)
+        else:
+            list(_workers(threads).map(share, range(threads)))
         return Picture(image, moved)
 
-    def _draw(self, turn: Floats, pose: NDArray[np.float64], image: Tensor, moved: Tensor) -> None:
+    def _draw(self, turn: Floats, distance: np.float32, middle: Floats, image: Floats, moved: Floats) -> None:
         step, camera = self.step, self.camera
-        height, width = camera.height * step, camera.width * step
-        scratch = _scratch
-        scratch.fit(height, width)
         screen = np.empty((len(self.vertices), 3), np.float32)
-        middle = np.array([camera.width / 2 + pose[4], camera.height / 2 + pose[5]], np.float32) * np.float32(step)
-        distance, focal = np.float32(pose[2]), np.float32(camera.focal * step)
+        focal = np.float32(camera.focal * step)
         least = project(self.vertices, turn, distance, focal, middle, screen)
         faces, corners = self.faces, self.corners
         near = NEAR * float(distance)
@@ -105,50 +142,53 @@ class Rigid:
             project(cut.points.numpy(), np.eye(3, dtype=np.float32), np.float32(0), focal, middle, screen)
             screen[cut.points.numpy()[:, 2] < near * (1 - 1e-6)] = 0
         box = np.empty(4, np.int64)
-        extent(screen[screen[:, 2] > 0] if least <= near else screen, step, height, width, box)
+        frame(screen, step, camera.height, camera.width, box)
         if box[0] >= box[1] or box[2] >= box[3] or not len(faces):
             return
-        seen = scratch.ids, scratch.inverse
-        visibility(screen, faces, box, *seen)
-        shade(
-            screen,
-            faces,
-            corners,
-            box,
-            *seen,
-            image.numpy(),
-            step,
-            np.zeros((len(faces), 6), np.float32),
-            scratch.samples,
-        )
-        count = visible_edges(
-            screen, *self.edges, box, *seen, scratch.slots, scratch.places, scratch.crossings, scratch.followed
-        )
+        corner, size = box[::2].copy(), (box[1::2] - box[::2]) * step
+        ids, inverse, samples, slots = _scratch.samples(*size.tolist())
+        places, crossings, followed = _scratch.edges
+        visibility(screen, faces, np.array([0, size[0], 0, size[1]]), ids, inverse)
+        shade(screen, faces, corners, ids, inverse, image, corner, step, _scratch.planes(len(faces)), samples)
+        outline = np.empty(len(self.kind), np.uint8)
+        outlines(self.planes, self.kind, -distance * turn[2], outline)
+        count = visible_edges(screen, self.ends, self.kind, outline, inverse, slots, places, crossings, followed)
         if self.method == "edges":
-            blend(scratch.samples, *seen, box, scratch.slots, scratch.crossings, step, image.numpy(), moved.numpy())
+            blend(samples, ids, inverse, slots, places, crossings, count, corner, step, image, moved)
         else:
-            self._opendr(box, count, screen, image, moved)
-        forget(scratch.slots, scratch.places, count)
+            rows, cols = slice(box[0], box[1]), slice(box[2], box[3])
+            found = places[:count], crossings[:count], followed[:count]
+            _opendr(*found, outline, inverse, samples, step, image[rows, cols], moved[:, rows, cols])
 
-    def _opendr(self, box: NDArray[np.int64], count: int, screen: Floats, image: Tensor, moved: Tensor) -> None:
-        scratch, step = _scratch, self.step
-        top, bottom, left, right = (int(side) for side in box)
-        inside = slice(top, bottom), slice(left, right)
-        axis, row, col = torch.from_numpy(scratch.places[:count]).long().T
-        values = torch.from_numpy(scratch.crossings[:count])
-        edge = torch.from_numpy(scratch.followed[:count]).long()
-        found = Crossings(
-            torch.zeros_like(axis), axis, row - top, col - left, values[:, 0], values[:, 1], values[:, 3] > 0, edge,
-            values[:, 0],
-        )  # fmt: skip
-        inverse, samples = (torch.from_numpy(part[inside].copy())[None] for part in (scratch.inverse, scratch.samples))
-        on_outline, (inverse, samples) = opendr.overdraw(
-            found, outlines(torch.from_numpy(screen)[None], self.topology), inverse, samples
-        )
-        pixels = slice(top // step, bottom // step), slice(left // step, right // step)
-        image[pixels] = avg_pool2d(samples, step)[0]
-        if len(moved):
-            along = opendr.differences(samples, on_outline)
-            covered = [-step * torch.where(inverse > 0, part, 0) for part in along]
-            parts = [covered[0], covered[0] * inverse, covered[1], covered[1] * inverse]
-            moved[:, pixels[0], pixels[1]] = avg_pool2d(torch.cat(parts), step)
+
+def _opendr(
+    places: Integers, crossings: Floats, followed: Integers, outline: NDArray[np.uint8],
+    inverse: Floats, samples: Floats, step: int, image: Floats, moved: Floats,
+) -> None:  # fmt: skip
+    """:mod:`..opendr` instead of :func:`.picture.blend`; ``image`` and ``moved`` are those of the box."""
+    axis, row, col = torch.from_numpy(places).long().T
+    values, edge = torch.from_numpy(crossings), torch.from_numpy(followed).long()
+    found = Crossings(
+        torch.zeros_like(axis), axis, row, col, values[:, 0], values[:, 1], values[:, 3] > 0, edge, values[:, 0]
+    )
+    pictures = (torch.from_numpy(part)[None] for part in (inverse, samples))
+    on_outline, (depths, drawn) = opendr.overdraw(found, torch.from_numpy(outline)[None] > 0, *pictures)
+    image[:] = avg_pool2d(drawn, step)[0].numpy()
+    if len(moved):
+        along = opendr.differences(drawn, on_outline)
+        covered = [-step * torch.where(depths > 0, part, 0) for part in along]
+        parts = [covered[0], covered[0] * depths, covered[1], covered[1] * depths]
+        moved[:] = avg_pool2d(torch.cat(parts), step).numpy()
+
+
+def _planes(vertices: NDArray[np.float64], edges: Edges) -> Floats:
+    """(2, 4, E): of the planes of both faces at each edge, unit normal n and n·x on it; 0 for faces of no area."""
+    ends, opposite, _ = (part.numpy() for part in edges)
+    base = vertices[ends[:, :1]]
+    along, across = vertices[ends[:, 1:]] - base, vertices[opposite] - base
+    normal = np.cross(along, across)
+    size = np.linalg.norm(normal, axis=2, keepdims=True)
+    proper = size > 1e-12 * np.linalg.norm(along, axis=2, keepdims=True) * np.linalg.norm(across, axis=2, keepdims=True)
+    normal = np.where(proper, normal / np.where(proper, size, 1), 0)
+    planes = np.concatenate([normal, (normal * base).sum(axis=2, keepdims=True)], axis=2)
+    return np.ascontiguousarray(planes.transpose(1, 2, 0), dtype=np.float32)

@@ -1,0 +1,177 @@
+"""Time and memory of renderings, forward and with their derivative by the pose, as Markdown tables.
+
+    python benchmarks/render_speed.py [--seconds 3] [--quick] [--json FILE]
+
+A turned chair, the finer the more faces it has, is seen from eight sides in one batch.  Times are those of the batch
+over eight.  With derivative means the image, its motion, and what a gradient of the image is by the six parameters of
+the pose.  Preparing a mesh, once for all renderings, finds its edges and shades it.  Memory is by how much the batch
+raises the peak of the resident set of a fresh process (Linux only: VmHWM).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import platform
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+
+from hog_speed import cell, peak_kib, summary
+from nablahog.datasets.solids import joined, tube, turned
+from nablahog.render import Camera, Mesh, Renderer, pose
+from nablahog.render.renderer import pull_back
+
+BATCH = 8
+ALL = os.cpu_count() or 1
+
+
+class Case(NamedTuple):
+    faces: int
+    side: int
+    samples: int
+    threads: int
+
+
+STEPS = (1, 2, 4)
+TABLES = {
+    "Faces": [Case(faces, 128, step, 1) for faces in (500, 5000, 50_000, 500_000) for step in STEPS],
+    "Pixels": [Case(5000, side, step, 1) for side in (64, 128, 256, 512) for step in STEPS],
+    "Threads": [Case(5000, 128, step, threads) for threads in sorted({1, ALL}) for step in STEPS],
+}
+QUICK = {"Quick": [Case(500, 64, 1, 1), Case(500, 64, 2, ALL)]}
+
+
+def turned_chair(faces: int) -> Mesh:
+    """Eleven parts from a lathe: four legs, a seat, and a rail on five spindles; about so many faces."""
+    sides = 2 * max(2, round(math.sqrt(faces / 33) / 2))
+    share = np.linspace(0, 1, round(faces / 22 / sides))
+    baluster = 3 + np.cos(6 * np.pi * share) + np.sin(np.pi * share)
+
+    def part(start: tuple[float, ...], end: tuple[float, ...], diameters: Any) -> Any:
+        return turned(start, end, list(zip(share, diameters, strict=True)), sides=sides)
+
+    parts = [part((1.2 * x, 1.2 * y, 0), (x, y, 42), baluster) for x in (-15, 15) for y in (-15, 15)]
+    parts.append(part((0, 0, 41), (0, 0, 47), 46 * (1 - 0.2 * np.abs(2 * share - 1) ** 4)))
+    parts += [part((x, 18, 45), (1.2 * x, 24, 88), baluster / 2) for x in (-14, -7, 0, 7, 14)]
+    rail = np.stack([np.linspace(-20, 20, len(share)), 25 - 2 * (2 * share - 1) ** 2, 0 * share + 89], axis=1)
+    parts.append(tube(rail, [(3, 7)], sides=sides))
+    whole = joined(parts)
+    brightness = torch.full((len(whole.vertices),), 0.8, dtype=torch.float64)
+    return Mesh(torch.from_numpy(whole.vertices), torch.from_numpy(whole.faces), brightness).normalized()
+
+
+def prepared(case: Case) -> Renderer:
+    """The renderer with everything made that it makes once."""
+    renderer = Renderer(
+        turned_chair(case.faces), Camera(2.6 * case.side, case.side, case.side), supersampling=case.samples
+    )
+    assert renderer.rigid
+    return renderer
+
+
+def calls(renderer: Renderer) -> dict[str, Callable[[], object]]:
+    """One batch each, ready to be timed."""
+    camera = renderer.camera
+    poses = torch.cat([pose(45 * k + 10, 20) for k in range(BATCH)])
+    background = torch.ones(1, camera.height, camera.width)
+    given = torch.rand(BATCH, camera.height, camera.width, generator=torch.Generator().manual_seed(0))
+
+    def with_derivative() -> object:
+        picture = renderer.rigid.draw(poses, background, True)
+        return pull_back(given, picture.motion, poses, camera)
+
+    return {"forward": lambda: renderer.rigid.draw(poses, background, False), "with derivative": with_derivative}
+
+
+def timed(case: Case, seconds: float) -> dict[str, Any]:
+    """Milliseconds a rendering, by wall clock and of the processors, in turns for about ``seconds``."""
+    torch.set_num_threads(case.threads)
+    start = time.perf_counter()
+    renderer = prepared(case)
+    preparing = 1e3 * (time.perf_counter() - start)
+    programs = calls(renderer)
+    for call in programs.values():
+        call()  # not counted: allocates, and loads what is loaded on first use
+    times: dict[str, dict[str, list[float]]] = {name: {"wall": [], "cpu": []} for name in programs}
+    end = time.perf_counter() + seconds
+    while len(times["forward"]["wall"]) < 3 or time.perf_counter() < end:
+        for name, call in programs.items():
+            wall, cpu = time.perf_counter(), time.process_time()
+            call()
+            times[name]["wall"].append(1e3 * (time.perf_counter() - wall) / BATCH)
+            times[name]["cpu"].append(1e3 * (time.process_time() - cpu) / BATCH)
+    found = {name: {clock: summary(values) for clock, values in both.items()} for name, both in times.items()}
+    faces = len(renderer.mesh.faces)
+    return {
+        **case._asdict(),
+        "faces": faces,
+        "preparing_ms": preparing,
+        **found,
+        "repeats": len(times["forward"]["wall"]),
+    }
+
+
+def memory_case(case: Case) -> None:
+    """Print by how many MiB one batch raises the peak; run in a process of its own."""
+    torch.set_num_threads(case.threads)
+    calls(prepared(Case(500, 16, case.samples, 1)))["with derivative"]()  # loads what is loaded on first use
+    call = calls(prepared(case))["with derivative"]
+    # imports peak higher than they end, and a new process even inherits the peak of its parent in ru_maxrss
+    Path("/proc/self/clear_refs").write_text("5")
+    before = peak_kib()
+    call()
+    print((peak_kib() - before) / 1024)
+
+
+def memory_mib(case: Case) -> float | None:
+    """Memory of one batch in a fresh process; None where the system does not tell."""
+    command = [sys.executable, __file__, "--memory-case", *map(str, case)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return float(done.stdout) if done.returncode == 0 else None
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="two small cases: does it run at all?")
+    parser.add_argument("--seconds", type=float, default=3, help="time to spend on each case (default 3)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers there as well")
+    parser.add_argument("--memory-case", nargs=4, type=int, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.memory_case:
+        memory_case(Case(*options.memory_case))
+        return
+    machine = f"torch {torch.__version__}, python {platform.python_version()}, {platform.machine()}, {ALL} CPUs"
+    print(f"{machine}; batches of {BATCH}, milliseconds a rendering: median (min…max)")
+    rows = []
+    for title, cases in (QUICK if options.quick else TABLES).items():
+        print(f"\n{title}\n")
+        print(
+            "| faces | pixels | samples | threads | preparing | forward | with derivative | its CPU | a second | MiB |"
+        )
+        print("|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|")
+        for case in cases:
+            row = timed(case, 0.5 if options.quick else options.seconds) | {"memory_mib": memory_mib(case)}
+            rows.append(row)
+            both = row["with derivative"]
+            memory = "–" if row["memory_mib"] is None else f"{row['memory_mib']:.0f}"
+            print(
+                f"| {row['faces']} | {case.side}² | {case.samples}×{case.samples} | {case.threads} "
+                f"| {row['preparing_ms']:.0f} | {cell(row['forward']['wall'])} | {cell(both['wall'])} "
+                f"| {cell(both['cpu'])} | {1e3 / both['wall']['median']:.0f} | {memory} |",
+                flush=True,
+            )
+    if options.json:
+        options.json.write_text(json.dumps({"machine": machine, "rows": rows}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,137 @@
+"""The baseline of Section 3.2: Aubry et al. ("Seeing 3D chairs") find renderings of all models in the image.
+
+Their steps, with the constants of their released code: the elements of each rendering (:mod:`.views`) are scored at all
+cells and levels of the image's pyramid, each votes for where the rendering lies (:mod:`.star`), and the view of the
+most confident detection is the pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from .canvas import Box, Canvas, cut_out
+from .elements import all_patches
+from .star import NOTHING, star_match
+from .views import CELL, LEVELS, Views, pyramid
+
+FILL = (
+    150.0  # pixels of the longer side of the object's box: no less than in renderings, whose levels are then all here
+)
+SIDE = 200  # of the square that is searched: half an element around the box
+MARGIN = 10.0  # pixels around the box that the middle of an element may lie in
+
+
+@dataclass(frozen=True)
+class Detection:
+    """A rendering found in an image.
+
+    Attributes:
+        model: its name.
+        azimuth, elevation: from where it was rendered, degrees.
+        box: x0, y0, x1, y1 of the model as it lies in the photograph, pixels.
+        confidence: the sum of its elements' calibrated scores; Aubry et al. believe a detection above 0.5.
+        inliers: how many elements score above 0.
+    """
+
+    model: str
+    azimuth: float
+    elevation: float
+    box: Box
+    confidence: float
+    inliers: int
+
+
+@torch.no_grad()
+def detect(photograph: Tensor, box: Box, models: Mapping[str, Views], *, agreement: float = 0.7) -> Detection:
+    """The most confident detection of any view of any model.
+
+    Args:
+        photograph: (C, H, W), float32 or float64 in 0…1, one channel or R, G, B.
+        box: x0, y0, x1, y1 of the object, pixels.
+        models: their views by name, at least one.
+        agreement: detections whose box has less than this intersection over union with ``box`` come after all others.
+            Aubry et al. know no box, which is 0; with it, their method is the stronger.
+
+    Raises:
+        ValueError: the photograph or the box is not as above, there are no models, or nothing is found: no element of
+            any view scores above 0.
+    """
+    if not models:
+        raise ValueError("expected models to detect, got none")
+    if not 0 <= agreement <= 1:
+        raise ValueError(f"agreement must lie in 0…1, got {agreement!r}")
+    canvas = cut_out(photograph, box, SIDE, FILL)
+    images: dict[tuple[int, int], _Image] = {}
+    best: tuple[float, str, int, list[float]] | None = None
+    for name, views in models.items():
+        size = views.weights.shape[1], views.weights.shape[2]
+        if size not in images:
+            images[size] = _Image(canvas, size)
+        found = images[size].match(views, agreement)
+        view = int(found[:, 0].argmax())
+        rank, *detection = found[view].tolist()
+        if np.isfinite(rank) and (best is None or rank > best[0]):
+            best = rank, name, view, detection
+    if best is None:
+        raise ValueError("no element of any view is found in the image")
+    _, name, view, (confidence, inliers, *corners) = best
+    azimuth, elevation = models[name].viewpoints[view].tolist()
+    top, left, bottom, right = ((value - SIDE / 2) / canvas.zoom for value in corners)
+    x, y = canvas.middle
+    return Detection(name, azimuth, elevation, (x + left, y + top, x + right, y + bottom), confidence, int(inliers))
+
+
+class _Image:
+    """The patches of a pyramid, ready to be scored.
+
+    Args:
+        canvas: what is searched.
+        size: rows and columns of an element.
+    """
+
+    def __init__(self, canvas: Canvas, size: tuple[int, int]) -> None:
+        width, height = canvas.size
+        self.box = (np.array([-height, -width, height, width]) + SIDE) / 2
+        levels = [all_patches(cells, size) for cells in pyramid(canvas.image[0, 0], size)]
+        self.rows, self.cols = (np.array([level.shape[axis] for level in levels]) for axis in (0, 1))
+        self.start = np.concatenate([[0], np.cumsum(self.rows * self.cols)])
+        near = [self._near(level, size, CELL * 2 ** (k / LEVELS)) for k, level in enumerate(levels)]
+        self.places = torch.cat([mask.flatten() for mask in near]).nonzero()[:, 0]
+        self.patches = torch.cat([level[mask].flatten(1) for level, mask in zip(levels, near, strict=True)])
+
+    def _near(self, level: Tensor, size: tuple[int, int], pixels: float) -> Tensor:
+        """Which patches of a level have their middle near the box, (rows, cols)."""
+        y, x = ((torch.arange(level.shape[axis]) + size[axis] / 2) * pixels for axis in (0, 1))
+        top, left, bottom, right = self.box
+        rows, cols = (y >= top - MARGIN) & (y <= bottom + MARGIN), (x >= left - MARGIN) & (x <= right + MARGIN)
+        near: Tensor = rows[:, None] & cols
+        return near
+
+    def match(self, views: Views, agreement: float) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """The best detection of each view, (V, 7), see :func:`.star.star_match`."""
+        scores = torch.full((len(views.scale), int(self.start[-1])), NOTHING)
+        products = views.weights.flatten(1) @ self.patches.T
+        scores[:, self.places] = views.scale[:, None] * products + views.offset[:, None]
+        found = np.empty((len(views.viewpoints), 7))
+        star_match(
+            scores.numpy(),
+            self.rows,
+            self.cols,
+            self.start,
+            views.level.numpy(),
+            views.positions.numpy(),
+            views.first.numpy(),
+            views.boxes.double().numpy(),
+            float(CELL),
+            float(LEVELS),
+            self.box,
+            agreement,
+            found,
+        )
+        return found

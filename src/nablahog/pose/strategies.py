@@ -1,0 +1,178 @@
+"""The searches by name: from a photograph and candidate models to the model and pose of highest similarity."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import torch
+from torch import Tensor
+
+from ..optimize import lbfgs
+from .canvas import DISTANCE
+from .matching import Kind, Model, Photograph
+from .placing import place
+from .search import UNITS, Hill, climb, consensus, momentum, summits, turn_table
+from .similarity import Similarity
+
+Search: TypeAlias = Literal["best", "paper", "exhaustive"]
+Ascent: TypeAlias = Literal["hill", "momentum", "lbfgs"]
+
+VIEWS = 48  # of the coarse search around an object
+ELEVATIONS = (0.0, 15.0, 30.0, 45.0)  # where nothing is known of it, degrees
+EVERY_DEGREE = 360
+PAPER_STARTS = 8  # azimuths all around, beside the initial one
+_STARTS = 3  # at most, views of the coarse search to climb from
+_NEARLY = 0.75  # of the best view's similarity: others that reach so much may yet turn out to be the one
+_AROUND = 15.0  # degrees from where the models agree
+_COARSE, _FINE = Hill(rounds=1), Hill(rounds=4, spread=0.8)
+_ASCENT_STEPS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """A search from one start.
+
+    Attributes:
+        model: the model's name.
+        azimuths: on the way, degrees.
+        similarities: there.
+    """
+
+    model: str
+    azimuths: tuple[float, ...]
+    similarities: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A pose (6,) on the canvas of a model, what has been paid for it, and how it was found."""
+
+    model: str
+    pose: Tensor
+    value: float
+    kind: Kind
+    renderings: int
+    paths: tuple[Path, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    photograph: Photograph
+    models: Mapping[str, Model]
+    initial: tuple[float, float] | None
+    similarity: Kind | None
+    ascent: Ascent
+    generator: torch.Generator
+    progress: Callable[[int, int, str], None]
+
+    def each_model(self) -> Iterator[tuple[str, Model]]:
+        """The models by name, one after the other."""
+        for done, (name, model) in enumerate(self.models.items()):
+            self.progress(done, len(self.models), name)
+            yield name, model
+
+    def views(self, model: Model, azimuth: float, elevation: float, count: int) -> Tensor:
+        """``count`` views around from an azimuth, (count, 6), each placed so that it fills the box."""
+        canvas = self.photograph.canvas
+        start = torch.tensor([azimuth, elevation, DISTANCE, 0, 0, 0], dtype=torch.float64)
+        return place(turn_table(start, count), model.hull, canvas.camera, canvas.size)
+
+    @property
+    def elevations(self) -> tuple[float, ...]:
+        return ELEVATIONS if self.initial is None else (self.initial[1],)
+
+
+@dataclass(frozen=True, eq=False)
+class _Start:
+    value: float
+    model: str
+    pose: Tensor
+
+
+def _best(task: Task) -> Found:
+    kind = task.similarity or "calibrated"
+    template = task.photograph.template(kind)
+    starts, azimuths, all_values = [], [], []
+    renderings = 0
+    for name, model in task.each_model():
+        similarity = model.similarity(template)
+        for elevation in task.elevations:
+            views = task.views(model, 0.0, elevation, VIEWS)
+            values = similarity.values(views)
+            starts += [_Start(float(values[k]), name, views[k]) for k in summits(values, _STARTS)]
+            azimuths.append(views[:, 0])
+            all_values.append(values)
+        renderings += similarity.renderings
+    if len(task.models) > 1 and kind == "calibrated":
+        # one wrong model may fit anywhere; where many fit is the object
+        agreed = consensus(torch.cat(azimuths), torch.cat(all_values))
+        near = [start for start in starts if abs((float(start.pose[0]) - agreed + 180) % 360 - 180) <= _AROUND]
+        starts = near or starts
+    starts.sort(key=lambda start: -start.value)
+    reached: list[_Start] = []
+    for start in starts[:_STARTS]:
+        if reached and start.value < _NEARLY * starts[0].value:
+            break
+        similarity = task.models[start.model].similarity(template)
+        pose = _ascend(similarity, start.pose, _COARSE, task)
+        reached.append(_Start(float(similarity.values(pose[None])), start.model, pose))
+        renderings += similarity.renderings
+    top = max(reached, key=lambda one: one.value)
+    if kind != "calibrated":
+        return Found(top.model, top.pose, top.value, kind, renderings)
+    similarity = task.models[top.model].similarity(task.photograph.fine)
+    pose = _ascend(similarity, top.pose, _FINE, task)
+    value = float(similarity.values(pose[None]))
+    return Found(top.model, pose, value, kind, renderings + similarity.renderings)
+
+
+def _ascend(similarity: Similarity, pose: Tensor, hill: Hill, task: Task) -> Tensor:
+    if task.ascent == "hill":
+        return climb(similarity, pose, hill, task.generator)
+    if task.ascent == "momentum":
+        return momentum(similarity, pose[None], steps=_ASCENT_STEPS, every=1)[0][0]
+
+    def objective(points: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
+        values, slopes = similarity.derivatives(pose + points * UNITS)
+        return -values, -slopes * UNITS
+
+    found = lbfgs(objective, torch.zeros_like(pose)[None], max_evaluations=_ASCENT_STEPS, first_step=0.3)
+    return pose + found.x[0] * UNITS
+
+
+def _paper(task: Task) -> Found:
+    kind = task.similarity or "dot"
+    template = task.photograph.template(kind)
+    azimuth, elevation = task.initial or (0.0, ELEVATIONS[1])
+    best, paths, renderings = [], [], 0
+    for name, model in task.each_model():
+        similarity = model.similarity(template, "opendr")
+        starts = torch.cat([task.views(model, azimuth, elevation, 1), task.views(model, 0.0, elevation, PAPER_STARTS)])
+        poses, values, path = momentum(similarity, starts)
+        top = int(values.argmax())
+        best.append((float(values[top]), name, poses[top]))
+        paths += [Path(name, tuple(one[:, 0].tolist()), tuple(one[:, 1].tolist())) for one in path.unbind(1)]
+        renderings += similarity.renderings
+    value, name, pose = max(best, key=lambda one: one[0])
+    return Found(name, pose, value, kind, renderings, tuple(paths))
+
+
+def _exhaustive(task: Task) -> Found:
+    kind = task.similarity or "calibrated"
+    template = task.photograph.template(kind)
+    best, renderings = [], 0
+    for name, model in task.each_model():
+        similarity = model.similarity(template)
+        for elevation in task.elevations:
+            views = task.views(model, 0.0, elevation, EVERY_DEGREE)
+            values = similarity.values(views)
+            top = int(values.argmax())
+            best.append((float(values[top]), name, views[top]))
+        renderings += similarity.renderings
+    value, name, pose = max(best, key=lambda one: one[0])
+    return Found(name, pose, value, kind, renderings)
+
+
+SEARCHES = {"best": _best, "paper": _paper, "exhaustive": _exhaustive}

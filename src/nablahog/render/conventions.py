@@ -1,0 +1,200 @@
+"""Poses and cameras in the conventions of others: PASCAL3D+, pytorch3d, and Aubry et al. (Seeing 3D chairs, CVPR 2014).
+
+All turn the camera about the object's upright axis by its azimuth and lift it by its elevation, but start elsewhere:
+
+=============  ==========================  =======================  ==========================
+convention     azimuth 0: the camera at    azimuth 90: at           the object's up
+=============  ==========================  =======================  ==========================
+ours           -y, in front of the object  +x                       +z
+PASCAL3D+      -y                          +x                       +z
+pytorch3d      +z                          +x                       +y
+Aubry et al.   +x                          +y                       +z
+=============  ==========================  =======================  ==========================
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from .camera import Camera, check_poses, rotations
+from .camera import pose as one_pose
+
+VIEWPORT = 3000.0
+"""Pixels of PASCAL3D+'s viewport: its focal lengths are in units of this."""
+SEEING3D_FIELD = 54.611
+"""Degrees that the renderings of Aubry et al. see from edge to edge; they are square, 600 pixels a side."""
+SEEING3D_DISTANCE = 96.0
+"""From where Aubry et al. render, in the units of their models, inches."""
+
+_Y_UP = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))  # (x, y, z) of ours is (x, z, -y) of pytorch3d's world
+_LEFT_UP = (-1.0, -1.0, 1.0)  # pytorch3d's camera frame: x left, y up, z forward
+
+
+class Pascal3D(NamedTuple):
+    """A viewpoint as PASCAL3D+ annotates it.
+
+    Attributes:
+        azimuth, elevation, theta: degrees; theta turns the picture counter-clockwise.
+        distance: in units of the CAD model.
+        focal: in units of :data:`VIEWPORT`.
+        px, py: where the object's origin is seen, pixels of the whole photograph; as in MATLAB, the middle of the first
+            pixel is at 1.
+    """
+
+    azimuth: float
+    elevation: float
+    distance: float
+    theta: float
+    focal: float
+    px: float
+    py: float
+
+
+def from_pascal3d(view: Pascal3D, height: int, width: int) -> tuple[Tensor, Camera]:
+    """The pose (1, 6), float64, and the camera of an image of ``height`` x ``width`` pixels.
+
+    The CAD models of PASCAL3D+ are in our object frame, but must not be :meth:`~.mesh.Mesh.normalized`, or the distance
+    be divided by what the normalisation divides by.  For a part of a photograph, subtract its left and upper edge from
+    px and py.
+
+    Raises:
+        ValueError: a number is not finite, or the distance or the focal length is not above 0: coarse viewpoints have
+            none.
+    """
+    x, y = view.px - 0.5 - width / 2, view.py - 0.5 - height / 2
+    poses = one_pose(view.azimuth, view.elevation, view.distance, view.theta, x, y)
+    check_poses(poses)
+    return poses, Camera(view.focal * VIEWPORT, height, width)
+
+
+def to_pascal3d(pose: Tensor, camera: Camera) -> Pascal3D:
+    """The annotation that :func:`from_pascal3d` makes ``pose`` (1, 6) and ``camera`` of.
+
+    Raises:
+        ValueError: ``pose`` is no finite (1, 6) tensor with a distance above 0.
+    """
+    check_poses(pose)
+    if len(pose) != 1:
+        raise ValueError(f"expected one pose (1, 6), got {tuple(pose.shape)}")
+    azimuth, elevation, distance, theta, x, y = pose[0].tolist()
+    focal = camera.focal / VIEWPORT
+    px, py = x + camera.width / 2 + 0.5, y + camera.height / 2 + 0.5
+    return Pascal3D(azimuth, elevation, distance, theta, focal, px, py)
+
+
+def from_pytorch3d(
+    rotation: Tensor, translation: Tensor, field_of_view: float, height: int, width: int
+) -> tuple[Tensor, Camera]:
+    """The poses (B, 6), float64, and the camera of pytorch3d's ``FoVPerspectiveCameras(R=, T=, fov=)``.
+
+    A point X of the world, a row, is X R + T in the camera frame (x left, y up, z forward).  The world is that of its
+    ``look_at_view_transform``: y up, the object's front to +z; our (x, y, z) is (x, z, -y) there.
+
+    Args:
+        rotation: R, (B, 3, 3).
+        translation: T, (B, 3): (0, 0, distance), since the camera looks at the origin.
+        field_of_view: degrees along the image's shorter side.
+        height, width: of the image in pixels.
+
+    Raises:
+        ValueError: R is no rotation, T is not (0, 0, distance) with a distance above 0, or not 0 < field_of_view < 180.
+    """
+    if rotation.shape != (len(rotation), 3, 3) or translation.shape != (len(rotation), 3):
+        raise ValueError(
+            f"expected R (B, 3, 3) and T (B, 3), got {tuple(rotation.shape)} and {tuple(translation.shape)}"
+        )
+    rotation, translation = rotation.double(), translation.double()
+    identity = rotation @ rotation.transpose(1, 2)
+    unit = torch.eye(3, dtype=rotation.dtype, device=rotation.device).expand_as(identity)
+    if not torch.allclose(identity, unit, atol=1e-4) or not bool((torch.linalg.det(rotation) > 0).all()):
+        raise ValueError("R must be rotations: orthogonal, with a determinant of 1")
+    distance = translation[:, 2]
+    if not bool((translation[:, :2].abs() <= 1e-4 * distance[:, None]).all()):
+        raise ValueError("the cameras must look at the origin from a distance above 0: T = (0, 0, distance)")
+    ours = rotation.new_tensor(_LEFT_UP)[:, None] * rotation.transpose(1, 2) @ rotation.new_tensor(_Y_UP)
+    zero = torch.zeros_like(distance)
+    azimuth, elevation, theta = _angles(ours)
+    poses = torch.stack([azimuth, elevation, distance, theta, zero, zero], dim=1)
+    check_poses(poses)
+    focal = Camera.from_field_of_view(field_of_view, min(height, width), min(height, width)).focal
+    return poses, Camera(focal, height, width)
+
+
+def to_pytorch3d(poses: Tensor, camera: Camera) -> tuple[Tensor, Tensor, float]:
+    """R (B, 3, 3), T (B, 3), both float64, and fov in degrees: what :func:`from_pytorch3d` takes.
+
+    Raises:
+        ValueError: ``poses`` is no finite (B, 6) tensor with distances above 0, or moves the picture (x, y): such a
+            camera has no field of view of its own.
+    """
+    poses = _centred(poses)
+    turned = rotations(poses).transpose(1, 2) * poses.new_tensor(_LEFT_UP)
+    translation = torch.nn.functional.pad(poses[:, 2:3], (2, 0))
+    return poses.new_tensor(_Y_UP) @ turned, translation, _degrees(min(camera.height, camera.width), camera.focal)
+
+
+def from_seeing3d(
+    azimuth: Tensor, elevation: Tensor, distance: float = SEEING3D_DISTANCE, size: int = 600
+) -> tuple[Tensor, Camera]:
+    """The poses (B, 6), float64, and the camera of renderings of Aubry et al.: square, :data:`SEEING3D_FIELD` wide.
+
+    The camera is at ρ (cos θ cos φ, sin θ cos φ, sin φ) and looks at the origin.  Where the front of their models looks
+    differs from one to the next: they turn each by an angle of its own first.
+
+    Args:
+        azimuth: θ, (B,), degrees; elevation: φ, (B,), degrees.
+        distance: ρ, in units of the mesh.
+        size: pixels along a side.
+
+    Raises:
+        ValueError: the angles are not two finite (B,), or the distance is not above 0.
+    """
+    if azimuth.dim() != 1 or elevation.shape != azimuth.shape:
+        raise ValueError(f"expected angles (B,) and (B,), got {tuple(azimuth.shape)} and {tuple(elevation.shape)}")
+    azimuth, elevation = azimuth.double(), elevation.double()
+    zero = torch.zeros_like(azimuth)
+    poses = torch.stack([azimuth + 90, elevation, zero + distance, zero, zero, zero], dim=1)
+    check_poses(poses)
+    return poses, Camera.from_field_of_view(SEEING3D_FIELD, size, size)
+
+
+def to_seeing3d(poses: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """θ and φ in degrees, and ρ, all (B,) and float64.
+
+    Raises:
+        ValueError: ``poses`` is no finite (B, 6) tensor with distances above 0, or moves or turns the picture.
+    """
+    poses = _centred(poses)
+    if bool((poses[:, 3] != 0).any()):
+        raise ValueError("Aubry et al. do not turn the picture: theta must be 0")
+    return poses[:, 0] - 90, poses[:, 1], poses[:, 2]
+
+
+def _centred(poses: Tensor) -> Tensor:
+    check_poses(poses)
+    if bool((poses[:, 4:] != 0).any()):
+        raise ValueError("the camera must look at the object's origin: x and y must be 0")
+    return poses.double()
+
+
+def _degrees(pixels: int, focal: float) -> float:
+    return math.degrees(2 * math.atan(pixels / 2 / focal))
+
+
+def _angles(rotation: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Azimuth, elevation and theta of :func:`.camera.rotations` (B, 3, 3), in degrees.
+
+    From straight above or below, azimuth and theta do the same; then this finds one pair of many.
+    """
+    right, forward = rotation[:, 0], rotation[:, 2]
+    azimuth = torch.atan2(-forward[:, 0], forward[:, 1])
+    elevation = torch.atan2(-forward[:, 2], torch.hypot(forward[:, 0], forward[:, 1]))
+    sa, ca, se, ce = azimuth.sin(), azimuth.cos(), elevation.sin(), elevation.cos()
+    level = torch.stack([ca, sa, torch.zeros_like(sa)], dim=1)
+    down = torch.stack([se * sa, -se * ca, -ce], dim=1)
+    theta = torch.atan2((right * down).sum(1), (right * level).sum(1))
+    return torch.rad2deg(azimuth), torch.rad2deg(elevation), torch.rad2deg(theta)

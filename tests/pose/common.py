@@ -1,0 +1,45 @@
+"""Chairs in front of photographs, as the tests of poses need them."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import torch
+from torch import Tensor
+
+from nablahog.datasets.chairs import chair
+from nablahog.hog.gradient import gray
+from nablahog.pose.canvas import Box
+from nablahog.render import Camera, Mesh, pose, render, silhouette
+from nablahog.shipped import shipped_photograph
+
+WOODEN, SWIVEL = 4, 2  # seeds of chairs that are quickly rendered
+
+
+@lru_cache
+def model(seed: int = WOODEN) -> Mesh:
+    return chair(seed)
+
+
+def photographed(mesh: Mesh, azimuth: float, elevation: float, *, behind: str = "") -> tuple[Tensor, Box]:
+    """An object on white, or in front of a photograph, (1, 150, 180), with its box, away from the middle."""
+    camera = Camera(300.0, 150, 180)
+    at = pose(azimuth, elevation, 2.8, x=22, y=-8)
+    background = gray(shipped_photograph(behind)[None])[:, :, 100:250, 60:240] if behind else 1.0
+    image = render(mesh, at, camera, background=background)[0]
+    rows, cols = (silhouette(mesh, at, camera)[0, 0] > 0.5).nonzero().unbind(1)
+    return image, (float(cols.min()), float(rows.min()), float(cols.max() + 1), float(rows.max() + 1))
+
+
+def degrees_between(one: float, other: float) -> float:
+    return abs((one - other + 180) % 360 - 180)
+
+
+def overlap(one: Tensor, other: Tensor) -> float:
+    """Of two masks: shared pixels in those of either."""
+    return float((one & other).sum() / (one | other).sum())
+
+
+def columns(azimuths: Tensor, elevation: float = 15.0, distance: float = 3.0) -> Tensor:
+    """Poses (N, 6) at azimuths (N,)."""
+    return torch.cat([pose(float(azimuth), elevation, distance) for azimuth in azimuths])

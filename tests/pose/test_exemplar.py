@@ -1,0 +1,183 @@
+"""The baseline finds renderings again, and its compiled star matching does what its description says."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from nablahog.datasets.chairs import chair
+from nablahog.pose.background import default_background
+from nablahog.pose.exemplar import detect
+from nablahog.pose.star import NOTHING, UNLIKE, star_match
+from nablahog.pose.views import SPEC, Viewing, Views, learn_views
+from nablahog.render import Camera, Mesh, render
+from nablahog.shipped import shipped_photograph
+
+VIEWING = Viewing(azimuths=(0, 30, 60, 150, 250), elevations=(20,))
+HEIGHT, WIDTH = 300, 400
+
+
+@pytest.fixture(scope="module")
+def meshes() -> dict[str, Mesh]:
+    return {name: chair(seed) for name, seed in (("a", 1), ("b", 4))}
+
+
+@pytest.fixture(scope="module")
+def models(meshes: dict[str, Mesh]) -> dict[str, Views]:
+    background = default_background(SPEC)
+    return {name: learn_views(mesh, background, VIEWING) for name, mesh in meshes.items()}
+
+
+def scene(mesh: Mesh, azimuth: float, x: float, y: float, focal: float, behind: Tensor) -> tuple[Tensor, Any]:
+    """A model before a photograph (1, H, W), and the box around it."""
+    pose = torch.tensor([[azimuth, 20, 2, 0, x, y]], dtype=torch.float64)
+    camera = Camera(focal, *behind.shape[1:])
+    image = render(mesh, pose, camera, background=behind[None], supersampling=2)[0].float()
+    alone = render(mesh, pose, camera, background=0.0, supersampling=2)[0, 0]
+    rows, cols = (alone > 0).nonzero().T
+    box = float(cols.min()), float(rows.min()), float(cols.max()) + 1, float(rows.max()) + 1
+    noise = torch.randn(image.shape, generator=torch.Generator().manual_seed(0))
+    return (image + 0.02 * noise).clamp(0, 1), box
+
+
+@pytest.fixture(scope="module")
+def clutter() -> Tensor:
+    return shipped_photograph("coffee")[:, :HEIGHT, :WIDTH].mean(0, keepdim=True)
+
+
+def iou(a: Any, b: Any) -> float:
+    wide, high = (max(0, min(a[k + 2], b[k + 2]) - max(a[k], b[k])) for k in (0, 1))
+    areas = sum((c[2] - c[0]) * (c[3] - c[1]) for c in (a, b))
+    return wide * high / (areas - wide * high)
+
+
+@pytest.mark.parametrize(("name", "azimuth"), [("a", 30), ("b", 150), ("b", 250)])
+@pytest.mark.parametrize("focal", [200, 560])
+def test_a_rendering_is_found_again(
+    meshes: dict[str, Mesh], models: dict[str, Views], clutter: Tensor, name: str, azimuth: float, focal: float
+) -> None:
+    image, box = scene(meshes[name], azimuth, 30, -10, focal, clutter)
+    found = detect(image, box, models)
+    assert (found.model, found.azimuth, found.elevation) == (name, azimuth, 20)
+    assert found.confidence > 0.5
+    assert 5 <= found.inliers <= 10
+    assert iou(found.box, box) > 0.65  # sizes come in steps of a quarter
+    colour = detect(image.expand(3, -1, -1).double(), box, models)
+    assert (colour.model, colour.azimuth) == (name, azimuth)
+    assert colour.confidence == pytest.approx(found.confidence, rel=1e-2)
+
+
+def test_between_views_it_is_the_nearest(meshes: dict[str, Mesh], models: dict[str, Views], clutter: Tensor) -> None:
+    image, box = scene(meshes["b"], 56, 0, 0, 300, clutter)
+    assert detect(image, box, models).azimuth == 60
+
+
+def test_the_box_says_which_object_is_meant(meshes: dict[str, Mesh], models: dict[str, Views], clutter: Tensor) -> None:
+    image, left = scene(meshes["a"], 0, -45, 0, 250, clutter)
+    image, right = scene(meshes["b"], 150, 45, 0, 250, image)
+    assert detect(image, left, models).model == "a"
+    assert detect(image, right, models).model == "b"
+    boxes = [detect(image, left, {"b": models["b"]}, agreement=agreement).box for agreement in (0.0, 0.7)]
+    assert iou(boxes[1], left) > 0.7
+
+
+def test_refuses(models: dict[str, Views], clutter: Tensor) -> None:
+    box = (10.0, 10.0, 110.0, 110.0)
+    with pytest.raises(ValueError, match="expected models to detect, got none"):
+        detect(clutter, box, {})
+    for agreement in (-0.1, 1.1, math.nan):
+        with pytest.raises(ValueError, match="agreement must lie in 0…1"):
+            detect(clutter, box, models, agreement=agreement)
+    with pytest.raises(ValueError, match="box must"):
+        detect(clutter, (0.0, 0.0, 0.0, 5.0), models)
+    with pytest.raises(ValueError, match="no element of any view is found"):
+        detect(torch.full((1, 120, 120), 0.5), box, models)
+
+
+# --- star matching ---------------------------------------------------------------------------------------------------
+
+ROWS, COLS = np.array([6, 5, 3]), np.array([7, 5, 4])
+START = np.concatenate([[0], np.cumsum(ROWS * COLS)])
+CELL, OCTAVE = 4.0, 2.0
+
+
+def expected_matches(
+    scores: NDArray[np.float32], level: Any, positions: Any, first: Any, boxes: Any, expected: Any, agreement: float
+) -> list[list[float]]:
+    """What ``star_match`` says of itself, step by step."""
+    maps = [
+        [scores[e, START[k] : START[k + 1]].reshape(ROWS[k], COLS[k]) for k in range(len(ROWS))]
+        for e in range(len(scores))
+    ]
+    result = []
+    for view in range(len(first) - 1):
+        members = range(first[view], first[view + 1])
+        best = [-math.inf] + 6 * [math.nan]
+        for root in members:
+            for at in range(len(ROWS)):
+                left = maps[root][at].copy()
+                while left.max() > 0:
+                    y, x = np.unravel_index(left.argmax(), left.shape)
+                    left[max(0, y - 1) : y + 2, max(0, x - 1) : x + 2] = NOTHING
+                    pixels = CELL * 2 ** (at / OCTAVE)
+                    origin = (np.array([y, x]) - positions[root]) * pixels
+                    larger = at - level[root]
+                    confidence, inliers = 0.0, 0
+                    for e in members:
+                        there = level[e] + larger
+                        if not 0 <= there < len(ROWS):
+                            continue
+                        row, col = np.rint(positions[e] + origin / (CELL * 2 ** (there / OCTAVE))).astype(int)
+                        near = maps[e][there][max(0, row - 1) : max(0, row + 2), max(0, col - 1) : max(0, col + 2)]
+                        score = float(near.max()) if near.size else NOTHING
+                        if e == root:
+                            score = float(maps[root][at][y, x])
+                        if not (0 <= row < ROWS[there] and 0 <= col < COLS[there]) or score == NOTHING:
+                            score = max(0.0, score)
+                        confidence += score
+                        inliers += score > 0
+                    box = np.tile(origin, 2) + boxes[view] * 2 ** (larger / OCTAVE)
+                    rank = confidence + min(0, inliers - 5)
+                    if iou(box, expected) < agreement:
+                        rank -= UNLIKE
+                    if rank > best[0]:
+                        best = [rank, confidence, inliers, *box]
+        result.append(best)
+    return result
+
+
+@pytest.mark.parametrize("agreement", [0.0, 0.3])
+@pytest.mark.parametrize("seed", range(20))
+def test_star_matching_step_by_step(seed: int, agreement: float) -> None:
+    generator = np.random.default_rng(seed)
+    first = np.array([0, 4, 4, 10])  # the second view has no element
+    elements = first[-1]
+    scores = generator.normal(-1.2, 1, (elements, START[-1])).astype(np.float32)
+    scores[:, generator.random(START[-1]) < 0.2] = NOTHING
+    level = generator.integers(0, 3, elements)
+    positions = generator.integers(0, 5, (elements, 2))
+    boxes = np.sort(generator.uniform(0, 30, (3, 2, 2)), axis=1).reshape(3, 4)
+    box = np.array([3.0, 2.0, 20.0, 18.0])
+    found = np.empty((3, 7))
+    geometry = ROWS, COLS, START, level, positions, first, boxes
+    star_match(scores, *geometry, CELL, OCTAVE, box, agreement, found)
+    expected = np.array(expected_matches(scores, level, positions, first, boxes, box, agreement))
+    assert found[1, 0] == -math.inf
+    assert np.isfinite(found[[0, 2]]).all()
+    np.testing.assert_allclose(found[[0, 2]], expected[[0, 2]], rtol=1e-5, atol=1e-4)
+    assert expected[1, 0] == -math.inf
+
+
+def test_nothing_scores_above_0() -> None:
+    found = np.empty((1, 7))
+    one = np.zeros((1, 2), np.int64)
+    scores = np.full((1, START[-1]), -0.1, np.float32)
+    geometry = ROWS, COLS, START, one[0, :1], one, np.array([0, 1]), np.zeros((1, 4))
+    star_match(scores, *geometry, CELL, OCTAVE, np.array([0.0, 0, 9, 9]), 0.0, found)
+    assert found[0, 0] == -math.inf

@@ -1,0 +1,71 @@
+"""Placing: the projected object has the box's area and middle, whatever side it shows."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+from torch.testing import assert_close
+
+from nablahog.datasets.chairs import chair
+from nablahog.pose.placing import hull, place
+from nablahog.render import Camera, Mesh
+from nablahog.render.camera import to_camera, to_screen
+
+CAMERA = Camera(400.0, 128, 160)
+
+
+def around(points: Tensor, poses: Tensor) -> tuple[Tensor, Tensor]:
+    """The corners (B, 2) of the boxes around the points' projections."""
+    screen = to_screen(to_camera(points, poses), poses, CAMERA)[..., :2]
+    return screen.amin(1), screen.amax(1)
+
+
+def views() -> Tensor:
+    azimuths = torch.arange(0.0, 360, 40, dtype=torch.float64)
+    poses = torch.tensor([0.0, 25, 3, 0, 0, 0], dtype=torch.float64).repeat(len(azimuths), 1)
+    poses[:, 0] = azimuths
+    poses[:, 3] = torch.linspace(-10, 10, len(azimuths))
+    poses[:, 4:] = torch.rand(len(azimuths), 2, dtype=torch.float64) * 20
+    return poses
+
+
+@pytest.fixture(scope="module")
+def mesh() -> Mesh:
+    return chair(2)
+
+
+def test_the_hull_decides_the_box(mesh: Mesh) -> None:
+    points, poses = hull(mesh), views()
+    assert len(points) < len(mesh.vertices) / 2
+    for few, all_of_them in zip(around(points, poses), around(mesh.vertices, poses), strict=True):
+        assert_close(few, all_of_them)
+
+
+@pytest.mark.parametrize("size", [(112.0, 60.0), (30.0, 80.0), (10.0, 10.0)])
+def test_area_and_middle_are_those_of_the_box(mesh: Mesh, size: tuple[float, float]) -> None:
+    poses = views()
+    given = poses.clone()
+    placed = place(poses, hull(mesh), CAMERA, size)
+    assert torch.equal(poses, given)
+    assert torch.equal(placed[:, [0, 1, 3]], given[:, [0, 1, 3]])
+    low, high = around(mesh.vertices, placed)
+    assert_close((high - low).prod(1), torch.full_like(low[:, 0], size[0] * size[1]), rtol=0.005, atol=0)
+    assert_close((low + high) / 2, torch.tensor([[80.0, 64.0]]).expand(len(low), -1).double(), rtol=0, atol=1e-3)
+
+
+def test_it_comes_no_closer_than_a_diagonal(mesh: Mesh) -> None:
+    placed = place(views(), hull(mesh), CAMERA, (2000.0, 2000.0))
+    assert (placed[:, 2] == 1).all()
+    low, high = around(mesh.vertices, placed)
+    assert_close((low + high) / 2, torch.tensor([[80.0, 64.0]]).expand(len(low), -1).double())
+
+
+@pytest.mark.parametrize("corners", [3, 4])
+def test_of_flat_meshes_all_corners_count(corners: int) -> None:
+    vertices = torch.tensor([[0, 0, 0], [1, 0, 0], [0, 0, 1], [0, 0, 1]], dtype=torch.float64)[:corners]
+    flat = Mesh(vertices, torch.tensor([[0, 1, 2]]), torch.ones(corners, dtype=torch.float64)).normalized()
+    half = 0.5**1.5
+    assert_close(hull(flat), torch.tensor([[-half, 0, -half], [-half, 0, half], [half, 0, -half]]).double())
+    edge_on = torch.tensor([[90.0, 0, 3, 0, 0, 0]], dtype=torch.float64)
+    assert torch.isfinite(place(edge_on, hull(flat), CAMERA, (100.0, 50.0))).all()

@@ -1,0 +1,134 @@
+"""Similarities: what they add up, what they are invariant to, and their derivatives."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+from torch.testing import assert_close
+
+from nablahog.hog import hog
+from nablahog.pose.canvas import Canvas, cut_out
+from nablahog.pose.elements import elements
+from nablahog.pose.matching import Kind, Photograph
+from nablahog.pose.similarity import Similarity, Template, by_elements, describe
+from nablahog.render import Renderer, render
+
+from .common import columns, model, photographed
+
+KINDS: tuple[Kind, ...] = ("dot", "whitened", "calibrated")
+
+
+@pytest.fixture(scope="module")
+def canvas() -> Canvas:
+    return cut_out(*photographed(model(), 40, 15, behind="coffee"))
+
+
+@pytest.fixture(scope="module")
+def photograph(canvas: Canvas) -> Photograph:
+    return Photograph(canvas)
+
+
+def similarity(photograph: Photograph, kind: Kind, supersampling: int = 1) -> Similarity:
+    renderer = Renderer(model(), photograph.canvas.camera, supersampling=supersampling)
+    return Similarity(renderer, photograph.template(kind))
+
+
+def some(template: Template, count: int = 3) -> Tensor:
+    return torch.rand(count, *template.weights.shape)
+
+
+def test_descriptors_are_those_of_the_operator(canvas: Canvas, photograph: Photograph) -> None:
+    spec = photograph.background.spec
+    assert_close(describe(canvas.image, spec).permute(0, 2, 3, 1), hog(canvas.image, spec))
+
+
+def test_elements_add_up_in_one_template(canvas: Canvas, photograph: Photograph) -> None:
+    spec = photograph.background.spec
+    (descriptor,) = hog(canvas.image, spec)
+    found = elements(descriptor, photograph.background, (4, 3), count=9)
+    assert len(found) == 9
+    renderings = torch.rand(4, *descriptor.shape)
+    for patches in (found.patches, found.weights):
+        template = by_elements(found, patches, spec, *descriptor.shape[:2])
+        values, slopes = template.scores(renderings.permute(0, 3, 1, 2))
+        assert_close(values, (found.of(renderings) * patches).sum((1, 2, 3, 4)), rtol=1e-4, atol=1e-4)
+        assert (slopes == template.weights).all()
+
+
+def test_calibrated_is_the_score_of_the_renderings_discriminant(photograph: Photograph, canvas: Canvas) -> None:
+    """w = Σ⁻¹ q of the rendering, on the photograph, in standard deviations √(wᵀ Σ w)."""
+    template = photograph.calibrated
+    assert template.whitener is not None
+    q = some(template)
+    w = template.whitener(q)
+    x = template.whitener.centred(describe(canvas.image, template.spec))
+    deviation = (w * q).sum((1, 2, 3)).sqrt()  # Σ w is q again
+    assert_close(template.scores(q)[0], (w * x).sum((1, 2, 3)) / deviation, rtol=1e-3, atol=1e-3)
+
+
+def test_calibrated_does_not_depend_on_contrast(photograph: Photograph) -> None:
+    template = photograph.calibrated
+    q = some(template)
+    values, slopes = template.scores(q)
+    scaled, flatter = template.scores(7 * q)
+    assert_close(scaled, values, rtol=1e-4, atol=1e-4)
+    assert_close(7 * flatter, slopes, rtol=1e-3, atol=1e-4)
+    assert (slopes * q).sum((1, 2, 3)).abs().max() < 1e-3 * (slopes.norm() * q.norm())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_derivatives_by_the_descriptor(photograph: Photograph, kind: Kind) -> None:
+    template = photograph.template(kind)
+    q = some(template).requires_grad_(True)
+    values, slopes = template.scores(q)
+    (expected,) = torch.autograd.grad(values.sum(), q)
+    assert_close(slopes.detach(), expected, rtol=1e-3, atol=1e-4 * float(expected.abs().max()))
+
+
+def test_an_empty_rendering_is_like_nothing(photograph: Photograph) -> None:
+    for kind in KINDS:
+        values, slopes = photograph.template(kind).scores(torch.zeros(2, *photograph.template(kind).weights.shape))
+        assert values.tolist() == [0, 0]
+        assert torch.isfinite(slopes).all()
+    assert not slopes.any()
+
+
+@pytest.mark.parametrize("method", ["edges", "opendr"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_derivatives_by_the_pose_are_the_chain_rules(photograph: Photograph, kind: Kind, method: str) -> None:
+    """Through images that are rendered on white, whose derivatives have tests of their own."""
+    renderer = Renderer(model(), photograph.canvas.camera, method=method, supersampling=1)  # type: ignore[arg-type]
+    of = Similarity(renderer, photograph.template(kind))
+    poses = columns(torch.tensor([10.0, 100, 200])).requires_grad_(True)
+    values, slopes = of.derivatives(poses.detach())
+    expected = of.template.scores(describe(renderer(poses), of.template.spec))[0]
+    (by_pose,) = torch.autograd.grad(expected.sum(), poses)
+    assert_close(values, expected.detach().double(), rtol=1e-4, atol=1e-4)
+    assert_close(slopes, by_pose, rtol=0, atol=1e-3 * float(by_pose.abs().max()))
+    assert_close(of.values(poses.detach()), values)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_derivatives_by_azimuth_are_the_slopes_of_fine_renderings(photograph: Photograph, kind: Kind) -> None:
+    azimuths = torch.arange(3.0, 360, 30)
+    step = 0.1
+    of, fine = similarity(photograph, kind, 8), similarity(photograph, kind, 12)
+    slopes = of.derivatives(columns(azimuths))[1][:, 0]
+    expected = (fine.values(columns(azimuths + step)) - fine.values(columns(azimuths - step))) / (2 * step)
+    assert torch.cosine_similarity(slopes, expected, dim=0) > 0.9
+    assert slopes.norm() / expected.norm() == pytest.approx(1, abs=0.25)
+
+
+def test_many_poses_are_as_good_as_one(photograph: Photograph, canvas: Canvas) -> None:
+    of = similarity(photograph, "calibrated")
+    poses = columns(torch.linspace(0, 340, 35))
+    values, slopes = of.derivatives(poses)
+    assert of.renderings == 35
+    assert_close(of.values(poses), values)
+    assert of.renderings == 70
+    for k in (0, 15, 16, 34):
+        value, slope = of.derivatives(poses[k : k + 1])
+        assert_close((values[k : k + 1], slopes[k : k + 1]), (value, slope), rtol=1e-4, atol=1e-4)
+    image = render(model(), poses[3:4], canvas.camera, supersampling=1)
+    assert_close(values[3], of.template.scores(describe(image, of.template.spec))[0][0].double(), rtol=1e-4, atol=1e-4)

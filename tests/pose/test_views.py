@@ -1,0 +1,204 @@
+"""Exemplars: what is kept of the renderings of a model, and that it is learned only once."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch.testing import assert_close
+
+from nablahog.datasets.chairs import chair
+from nablahog.pose import views as learning
+from nablahog.pose.background import default_background
+from nablahog.pose.elements import EMPTY, calibration
+from nablahog.pose.views import CELL, FOCAL, LEVELS, LIGHT, SIDE, SPEC, Library, Viewing, Views, learn_views, pyramid
+from nablahog.pose.whitening import Background
+from nablahog.render import Camera, Mesh, Renderer
+
+FEW = Viewing(azimuths=(0, 75), elevations=(20,))
+
+
+@pytest.fixture(scope="module")
+def background() -> Background:
+    return default_background(SPEC)
+
+
+@pytest.fixture(scope="module")
+def mesh() -> Mesh:
+    return chair(1)
+
+
+@pytest.fixture(scope="module")
+def views(mesh: Mesh, background: Background) -> Views:
+    return learn_views(mesh, background, FEW)
+
+
+def test_viewpoints_of_the_released_code() -> None:
+    assert Viewing().azimuths[:4] == (0, 11, 23, 34)
+    assert Viewing().azimuths[-1] == 348
+    assert len(Viewing().azimuths) == 31
+    poses = Viewing().poses()
+    assert poses.shape == (62, 6)
+    assert len(poses.unique(dim=0)) == 62
+    assert (poses[:, 2] == 2).all()
+
+
+def test_elements_are_patches_of_renderings(mesh: Mesh, views: Views, background: Background) -> None:
+    images = Renderer(mesh, Camera(FOCAL, SIDE, SIDE), light=LIGHT, supersampling=2)(FEW.poses())[:, 0]
+    assert views.viewpoints.tolist() == [[0, 20], [75, 20]]
+    assert 8 <= len(views.scale) <= 20
+    for view, image in enumerate(images):
+        levels = pyramid(image, (10, 10))
+        assert len(levels) > 6
+        for e in range(*views.first[view : view + 2].tolist()):
+            row, col = views.positions[e].tolist()
+            patch = levels[views.level[e]][None, row : row + 10, col : col + 10]
+            weights = background.whiten(patch)[0] * (patch[0].sum(-1, keepdim=True) > EMPTY)
+            assert_close(views.weights[e], weights, rtol=1e-4, atol=1e-4)
+            assert background.discriminability(patch) > 2 * background.discriminability(torch.zeros_like(patch))
+        dark = (image < 0.95).nonzero()
+        assert_close(views.boxes[view, :2], dark.amin(0).float(), rtol=0, atol=1)
+        assert_close(views.boxes[view, 2:], dark.amax(0).float() + 1, rtol=0, atol=1)
+    scale, offset = calibration(views.weights, background)
+    assert_close((views.scale, views.offset), (scale, offset))
+
+
+def test_elements_of_a_view_are_apart_and_on_the_object(views: Views) -> None:
+    pixels = CELL * 2 ** (views.level / LEVELS)
+    low = views.positions * pixels[:, None]
+    high = (views.positions + 10) * pixels[:, None]
+    for view in range(2):
+        of_view = range(*views.first[view : view + 2].tolist())
+        box = views.boxes[view]
+        for a, b in itertools.combinations(of_view, 2):
+            shared = (torch.minimum(high[a], high[b]) - torch.maximum(low[a], low[b])).clamp(min=0).prod()
+            around = (torch.maximum(high[a], high[b]) - torch.minimum(low[a], low[b])).prod()
+            assert shared <= 0.2501 * around
+        for a in of_view:
+            middle = (low[a] + high[a]) / 2
+            assert (middle >= box[:2]).all()
+            assert (middle <= box[2:]).all()
+    assert len(views.level.unique()) > 1
+
+
+def test_levels_of_a_pyramid() -> None:
+    image = torch.rand(100, 200)
+    shapes = [tuple(level.shape) for level in pyramid(image, (5, 5))]
+    assert shapes[:4] == [(20, 40, 9), (16, 32, 9), (13, 25, 9), (10, 20, 9)]
+    assert shapes[-1][0] == 5
+    assert pyramid(image[:20], (5, 5)) == []
+
+
+def test_another_distance_keeps_the_size(mesh: Mesh, views: Views, background: Background) -> None:
+    far = learn_views(mesh, background, dataclasses.replace(FEW, distance=4.0))
+    sizes, far_sizes = (boxes[:, 2:] - boxes[:, :2] for boxes in (views.boxes, far.boxes))
+    assert_close(far_sizes, sizes, rtol=0.15, atol=0)
+    assert not torch.equal(far.boxes, views.boxes)
+
+
+def test_other_backgrounds_are_refused(mesh: Mesh, background: Background) -> None:
+    other = dataclasses.replace(background, spec=dataclasses.replace(SPEC, cell_size=(8, 8)))
+    with pytest.raises(ValueError, match="learned for another spec: its cell_size is "):
+        learn_views(mesh, other, FEW)
+    with pytest.raises(ValueError, match="must have 1…10 rows and columns of cells here, got 11x11"):
+        learn_views(mesh, background, dataclasses.replace(FEW, size=(11, 11)))
+
+
+def test_saved_and_loaded(tmp_path: Path, views: Views) -> None:
+    views.save(tmp_path / "v.npz")
+    found = Views.load(tmp_path / "v.npz")
+    assert_close(found.weights, views.weights, rtol=1e-3, atol=1e-6)
+    for field in dataclasses.fields(Views)[1:]:
+        assert torch.equal(getattr(found, field.name), getattr(views, field.name))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"format": np.array(2)}, "reads exemplars of format 1"),
+        ({"weights": np.zeros((3, 10, 10, 9), np.float16)}, "weights must be finite, torch.float32 of shape"),
+        ({"weights": np.zeros(20)}, "weights must be finite"),
+        ({"scale": np.full(2, np.nan, np.float32)}, "must be finite"),
+        ({"level": np.zeros(2)}, "level must be finite, torch.int64"),
+        ({"level": np.array([0, -1])}, "in order of the views"),
+        ({"level": np.array([0, 64])}, "in order of the views"),
+        ({"positions": np.array([[0, 0], [-1, 0]])}, "in order of the views"),
+        ({"first": np.array([0, 3, 2])}, "in order of the views"),
+        ({"first": np.array([0, 1, 1])}, "in order of the views"),
+        ({"first": np.array([1, 1, 2])}, "in order of the views"),
+        ({"first": np.array([0, 1])}, "first must be finite, torch.int64 of shape"),
+        ({"boxes": np.zeros(3, np.float32)}, "boxes must be finite"),
+        ({"viewpoints": np.array([{}], dtype=object)}, "pickled objects, which are never loaded"),
+    ],
+)
+def test_what_are_no_views(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+    arrays = {
+        "format": np.array(1),
+        "weights": np.zeros((2, 10, 10, 9), np.float16),
+        "scale": np.ones(2, np.float32),
+        "offset": np.ones(2, np.float32),
+        "level": np.zeros(2, np.int64),
+        "positions": np.zeros((2, 2), np.int64),
+        "first": np.array([0, 1, 2]),
+        "boxes": np.zeros((2, 4), np.float32),
+        "viewpoints": np.zeros((2, 2), np.float32),
+    }
+    path = tmp_path / "v.npz"
+    np.savez(path, **arrays)
+    Views.load(path)
+    np.savez(path, **arrays | changes)
+    with pytest.raises(ValueError, match=message):
+        Views.load(path)
+
+
+def test_a_library_learns_each_model_once(
+    tmp_path: Path, mesh: Mesh, background: Background, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = []
+
+    def learn(mesh: Mesh, *options: Any) -> Views:
+        calls.append(mesh)
+        return learn_views(mesh, *options)
+
+    monkeypatch.setattr(learning, "learn_views", learn)
+    folder = tmp_path / "new" / "library"
+    one = Viewing(azimuths=(30,), elevations=(20,))
+    library = Library(folder, background, one)
+    first = library.views(mesh)
+    assert library.views(mesh) is first
+    assert len(calls) == 1
+    (path,) = folder.iterdir()
+
+    again = Library(folder, background, one).views(mesh)
+    assert len(calls) == 1
+    assert torch.equal(again.weights, first.weights)
+
+    path.write_bytes(path.read_bytes()[:1000])
+    assert torch.equal(Library(folder, background, one).views(mesh).weights, first.weights)
+    assert len(calls) == 2
+
+    other = Mesh(mesh.vertices, mesh.faces, mesh.brightness * 0.9)
+    for changed in (
+        Library(folder, background, one).views(other),
+        Library(folder, background, dataclasses.replace(one, count=3)).views(mesh),
+        Library(folder, dataclasses.replace(background, mean=background.mean * 1.1), one).views(mesh),
+        Library(None, background, one).views(mesh),
+    ):
+        assert not torch.equal(changed.weights, first.weights)
+    assert len(calls) == 6
+    assert len(list(folder.iterdir())) == 4
+
+
+def test_a_model_that_is_not_seen(background: Background) -> None:
+    """Smaller than a pixel's sample: no element, and no error."""
+    speck = torch.tensor([[0, 0, 0], [1e-6, 0, 0], [0, 0, 1e-6]], dtype=torch.float64)
+    mesh = Mesh(speck, torch.tensor([[0, 1, 2]]), torch.ones(3, dtype=torch.float64))
+    views = learn_views(mesh, background, FEW)
+    assert len(views.scale) == 0
+    assert views.weights.shape == (0, 10, 10, 9)
+    assert views.first.tolist() == [0, 0, 0]

@@ -1,0 +1,140 @@
+"""Cameras: where points are seen, which way every parameter of a pose moves them, and how fast."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from torch import Tensor
+from torch.testing import assert_close
+
+from nablahog.render import PARAMETERS, Camera, pose
+from nablahog.render.camera import check_poses, motion, rotations, to_camera, to_screen
+
+CAMERA = Camera(100.0, 60, 80)
+ANY_POSE = st.tuples(
+    st.floats(-400, 400), st.floats(-90, 90), st.floats(2, 50), st.floats(-180, 180), st.floats(-9, 9), st.floats(-9, 9)
+)
+
+
+def seen(point: tuple[float, float, float], poses: Tensor) -> list[float]:
+    points = torch.tensor([point], dtype=torch.float64)
+    return to_screen(to_camera(points, poses), poses, CAMERA)[0, 0].tolist()
+
+
+def test_projection_by_hand() -> None:
+    assert seen((0, 0, 0), pose(0, distance=2)) == pytest.approx([40, 30, 1 / 2])
+    assert seen((0.5, 0, 0.25), pose(0, distance=2)) == pytest.approx([40 + 100 * 0.5 / 2, 30 - 100 * 0.25 / 2, 1 / 2])
+    assert seen((0.5, -1, 0), pose(0, distance=2)) == pytest.approx([40 + 100 * 0.5, 30, 1])  # the front is nearer
+    assert seen((0, 0.5, 0), pose(90, distance=2)) == pytest.approx([40 + 100 * 0.5 / 2, 30, 1 / 2])
+    assert seen((0, 1, 0), pose(0, 90, 2)) == pytest.approx([40, 30 - 100 / 2, 1 / 2])  # the back is above, from above
+
+
+@given(ANY_POSE)
+def test_the_camera_is_where_it_is_said_to_be(numbers: tuple[float, ...]) -> None:
+    azimuth, elevation, distance = math.radians(numbers[0]), math.radians(numbers[1]), numbers[2]
+    level = distance * math.cos(elevation)
+    place = [level * math.sin(azimuth), -level * math.cos(azimuth), distance * math.sin(elevation)]
+    found = to_camera(torch.tensor([place], dtype=torch.float64), pose(*numbers))
+    assert_close(found, torch.zeros(1, 1, 3, dtype=torch.float64), rtol=0, atol=1e-12)
+
+
+@given(ANY_POSE)
+def test_rotations_turn_and_do_not_mirror(numbers: tuple[float, ...]) -> None:
+    (turn,) = rotations(pose(*numbers))
+    assert_close(turn @ turn.T, torch.eye(3, dtype=torch.float64), rtol=0, atol=1e-12)
+    assert_close(torch.linalg.cross(turn[0], turn[1]), turn[2], rtol=0, atol=1e-12)  # right x down is forward
+
+
+@pytest.mark.parametrize(
+    ("changed", "point", "axis", "sign"),
+    [
+        ({"azimuth": 10}, (0, -0.5, 0), 0, -1),  # the camera goes to its right, what is near to its left
+        ({"elevation": 10}, (0, -0.5, 0), 1, 1),  # the camera goes up, what is near down
+        ({"theta": 10}, (0.5, 0, 0), 1, -1),  # counter-clockwise: what is right goes up,
+        ({"theta": 10}, (0, 0, 0.5), 0, -1),  # and what is above to the left
+        ({"distance": 5}, (0.5, 0, 0), 0, -1),  # towards the middle
+        ({"x": 10}, (0, 0, 0), 0, 1),
+        ({"y": 10}, (0, 0, 0), 1, 1),
+    ],
+)
+def test_signs(changed: dict[str, float], point: tuple[float, float, float], axis: int, sign: int) -> None:
+    before, after = seen(point, pose(0)), seen(point, pose(**{"azimuth": 0, **changed}))
+    assert sign * (after[axis] - before[axis]) > 1
+    assert after[1 - axis] == pytest.approx(before[1 - axis], abs=1)
+
+
+def test_theta_turns_about_the_moved_middle() -> None:
+    assert seen((0, 0, 0), pose(30, 20, 3, 77, 5, -4)) == pytest.approx([45, 26, 1 / 3])
+
+
+def test_columns_are_those_of_parameters() -> None:
+    numbers = {name: float(k + 1) for k, name in enumerate(PARAMETERS)}
+    assert pose(**numbers).tolist() == [[1, 2, 3, 4, 5, 6]]
+    assert pose(0).dtype == torch.float64
+
+
+@given(ANY_POSE)
+def test_motion_is_the_derivative_of_the_projection(numbers: tuple[float, ...]) -> None:
+    at = pose(*numbers)
+    points = torch.randn(5, 3, dtype=torch.float64) * 0.4
+    turn, move, shift = (part[0] for part in motion(at))
+    inside = to_camera(points, at)[0]
+    velocity = torch.linalg.cross(turn[:, None].expand(6, 5, 3), inside.expand(6, 5, 3)) + move[:, None]
+    inverse = 1 / inside[:, 2:]
+    flow = CAMERA.focal * (velocity[..., :2] - inside[:, :2] * inverse * velocity[..., 2:]) * inverse + shift[:, None]
+    for k in range(6):
+        step = torch.zeros(1, 6, dtype=torch.float64)
+        step[0, k] = 1e-4
+        before, after = (to_screen(to_camera(points, p), p, CAMERA)[0] for p in (at - step, at + step))
+        difference = (after - before) / 2e-4
+        assert_close(flow[k], difference[:, :2], rtol=1e-6, atol=1e-6)
+        assert_close(-velocity[k, :, 2] * inverse[:, 0] ** 2, difference[:, 2], rtol=1e-6, atol=1e-7)
+
+
+def test_the_field_of_view_goes_from_top_to_bottom() -> None:
+    camera = Camera.from_field_of_view(40, 48, 64)
+    up = 3 * math.tan(math.radians(20))
+    for z, y in ((up, 0), (-up, 48)):
+        at = pose(0, distance=3)
+        point = torch.tensor([[0, 0, z]], dtype=torch.float64)
+        assert to_screen(to_camera(point, at), at, camera)[0, 0].tolist() == pytest.approx([32, y, 1 / 3])
+
+
+@pytest.mark.parametrize("degrees", [0, -1, 180, math.nan, math.inf])
+def test_no_field_of_view(degrees: float) -> None:
+    with pytest.raises(ValueError, match="between 0 and 180"):
+        Camera.from_field_of_view(degrees, 10, 10)
+
+
+@pytest.mark.parametrize("focal", [0, -3, math.nan, math.inf])
+def test_no_focal_length(focal: float) -> None:
+    with pytest.raises(ValueError, match="focal length must be a finite number of pixels above 0"):
+        Camera(focal, 10, 10)
+
+
+@pytest.mark.parametrize("size", [(0, 4), (4, -1)])
+def test_no_image(size: tuple[int, int]) -> None:
+    with pytest.raises(ValueError, match="at least 1x1 pixels"):
+        Camera(10.0, *size)
+
+
+@pytest.mark.parametrize(
+    "poses",
+    [
+        torch.zeros(6),
+        torch.ones(2, 5),
+        torch.ones(0, 6),
+        torch.ones(1, 6, dtype=torch.int64),
+        pose(0, distance=0),
+        pose(0, distance=-1),
+        pose(math.nan),
+        pose(0, x=math.inf),
+    ],
+)
+def test_no_poses(poses: Tensor) -> None:
+    with pytest.raises(ValueError, match="poses must be"):
+        check_poses(poses)

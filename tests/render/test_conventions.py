@@ -1,0 +1,185 @@
+"""Other conventions: the same points are seen at the same places by few lines of each convention's own formulas."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.testing import assert_close
+
+from nablahog.render import (
+    Camera,
+    Pascal3D,
+    from_pascal3d,
+    from_pytorch3d,
+    from_seeing3d,
+    pose,
+    to_pascal3d,
+    to_pytorch3d,
+    to_seeing3d,
+)
+from nablahog.render.camera import to_camera, to_screen
+
+Floats = NDArray[np.float64]
+POINTS = np.random.default_rng(0).uniform(-0.5, 0.5, (7, 3))
+AZIMUTH, ELEVATION, THETA = st.floats(-360, 360), st.floats(-85, 85), st.floats(-170, 170)
+
+
+def ours(poses: Tensor, camera: Camera) -> Floats:
+    found: Floats = to_screen(to_camera(torch.from_numpy(POINTS), poses), poses, camera)[0, :, :2].numpy()
+    return found
+
+
+def turned(axis: str, degrees: float) -> Floats:
+    """The matrix that turns columns about an axis, counter-clockwise when it looks at you."""
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return np.array({"x": [[1, 0, 0], [0, c, -s], [0, s, c]], "z": [[c, -s, 0], [s, c, 0], [0, 0, 1]]}[axis])
+
+
+def by_pascal3d(view: Pascal3D) -> Floats:
+    """Its camera looks along -z with y up; R = Rx(e - 90°) Rz(-a); 2D points are turned by theta, then y flipped."""
+    turn = turned("x", view.elevation - 90) @ turned("z", -view.azimuth)
+    a, e = math.radians(view.azimuth), math.radians(view.elevation)
+    centre = view.distance * np.array([math.cos(e) * math.sin(a), -math.cos(e) * math.cos(a), math.sin(e)])
+    x, y, z = turn @ (POINTS - centre).T
+    flat = turned("z", view.theta)[:2, :2] @ (3000 * view.focal * np.array([x, y]) / -z)
+    return np.stack([flat[0] + view.px, -flat[1] + view.py], axis=1)
+
+
+@given(AZIMUTH, ELEVATION, THETA, st.floats(1.5, 20), st.floats(0.5, 2), st.floats(-50, 400), st.floats(-50, 400))
+def test_pascal3d(
+    azimuth: float, elevation: float, theta: float, distance: float, focal: float, px: float, py: float
+) -> None:
+    view = Pascal3D(azimuth, elevation, distance, theta, focal, px, py)
+    poses, camera = from_pascal3d(view, 333, 500)
+    expected = by_pascal3d(view) - 0.5  # the middle of its first pixel is at 1, that of ours at ½
+    np.testing.assert_allclose(ours(poses, camera), expected, rtol=0, atol=1e-7)
+    assert to_pascal3d(poses, camera) == pytest.approx(view)
+    assert (camera.height, camera.width) == (333, 500)
+
+
+def look_at(azimuth: float, elevation: float, distance: float) -> tuple[Floats, Floats]:
+    """pytorch3d's ``look_at_view_transform``: R, whose columns are the camera's axes left, up, forward, and T."""
+    a, e = math.radians(azimuth), math.radians(elevation)
+    centre = distance * np.array([math.cos(e) * math.sin(a), math.sin(e), math.cos(e) * math.cos(a)])
+    forward = -centre / np.linalg.norm(centre)
+    left = np.cross([0, 1, 0], forward)
+    left /= np.linalg.norm(left)
+    rotation = np.stack([left, np.cross(forward, left), forward], axis=1)
+    return rotation, -centre @ rotation
+
+
+def by_pytorch3d(rotation: Floats, translation: Floats, fov: float, height: int, width: int) -> Floats:
+    """Rows: X R + T; its screen has +x to the left and +y up, and 2 / min(H, W) of a unit to a pixel."""
+    world = np.stack([POINTS[:, 0], POINTS[:, 2], -POINTS[:, 1]], axis=1)
+    x, y, z = (world @ rotation + translation).T
+    scale = min(height, width) / 2 / math.tan(math.radians(fov) / 2)
+    return np.stack([width / 2 - scale * x / z, height / 2 - scale * y / z], axis=1)
+
+
+@given(AZIMUTH, ELEVATION, THETA, st.floats(1.5, 20), st.floats(5, 120))
+def test_pytorch3d(azimuth: float, elevation: float, theta: float, distance: float, fov: float) -> None:
+    rotation, translation = look_at(azimuth, elevation, distance)
+    rotation = rotation @ turned("z", theta).T  # about its optical axis
+    poses, camera = from_pytorch3d(torch.tensor(rotation)[None], torch.tensor(translation)[None], fov, 60, 90)
+    expected = by_pytorch3d(rotation, translation, fov, 60, 90)
+    np.testing.assert_allclose(ours(poses, camera), expected, rtol=0, atol=1e-7)
+    back = to_pytorch3d(poses, camera)
+    assert_close(back[0][0].numpy(), rotation, rtol=0, atol=1e-9)
+    assert_close(back[1][0].numpy(), np.array([0, 0, distance]), rtol=0, atol=1e-9)
+    assert back[2] == pytest.approx(fov)
+
+
+def test_azimuth_and_elevation_are_those_of_pytorch3d() -> None:
+    rotation, translation = look_at(35, 20, 3)
+    poses, _ = from_pytorch3d(torch.tensor(rotation)[None], torch.tensor(translation)[None], 60, 64, 64)
+    assert_close(poses, pose(35, 20, 3))
+
+
+@pytest.mark.parametrize("elevation", [90.0, -90.0])
+def test_pytorch3d_straight_from_above_and_below(elevation: float) -> None:
+    """Azimuth and theta do the same there; another pair may come back, but the same picture."""
+    camera = Camera.from_field_of_view(40, 64, 64)
+    at = pose(33, elevation, 3, 12)
+    back, _ = from_pytorch3d(*to_pytorch3d(at, camera), 64, 64)
+    np.testing.assert_allclose(ours(back, camera), ours(at, camera), atol=1e-9)
+
+
+def by_seeing3d(azimuth: float, elevation: float, distance: float, size: int) -> Floats:
+    """The camera at ρ (cos θ cos φ, sin θ cos φ, sin φ) looks at the origin, z up; 54.611° fill the square."""
+    t, p = math.radians(azimuth), math.radians(elevation)
+    centre = distance * np.array([math.cos(t) * math.cos(p), math.sin(t) * math.cos(p), math.sin(p)])
+    forward = -centre / distance
+    right = np.cross(forward, [0, 0, 1])
+    right /= np.linalg.norm(right)
+    x, y, z = np.stack([right, np.cross(forward, right), forward]) @ (POINTS - centre).T
+    scale = size / 2 / math.tan(math.radians(54.611) / 2)
+    return np.stack([size / 2 + scale * x / z, size / 2 + scale * y / z], axis=1)
+
+
+@given(AZIMUTH, ELEVATION, st.floats(1.5, 96))
+def test_seeing3d(azimuth: float, elevation: float, distance: float) -> None:
+    angles = torch.tensor([azimuth], dtype=torch.float64), torch.tensor([elevation], dtype=torch.float64)
+    poses, camera = from_seeing3d(*angles, distance)
+    np.testing.assert_allclose(ours(poses, camera), by_seeing3d(azimuth, elevation, distance, 600), rtol=0, atol=1e-7)
+    back = torch.cat(to_seeing3d(poses)).tolist()
+    assert back == pytest.approx([azimuth, elevation, distance])
+
+
+def test_the_published_viewpoints() -> None:
+    """31 azimuths and two elevations from 96 inches."""
+    azimuths = torch.linspace(0, 360, 32, dtype=torch.float64).floor()[:-1]
+    poses, camera = from_seeing3d(azimuths, torch.full_like(azimuths, 20.0))
+    assert poses.shape == (31, 6)
+    assert poses[0].tolist() == [90, 20, 96, 0, 0, 0]
+    assert (camera.height, camera.width) == (600, 600)
+
+
+R, T = (torch.tensor(part)[None] for part in look_at(30, 20, 3))
+
+
+@pytest.mark.parametrize(
+    ("rotation", "translation", "fov", "message"),
+    [
+        (R * 1.1, T, 60, "R must be rotations"),
+        (R * torch.tensor([-1.0, 1, 1]), T, 60, "R must be rotations"),
+        (R, T + torch.tensor([0.5, 0, 0]), 60, "must look at the origin"),
+        (R, -T, 60, "must look at the origin"),
+        (R[0], T, 60, "expected R"),
+        (R, T[:, :2], 60, "expected R"),
+        (R, T, 0, "between 0 and 180"),
+    ],
+)
+def test_no_pytorch3d_camera(rotation: Tensor, translation: Tensor, fov: float, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        from_pytorch3d(rotation, translation, fov, 64, 64)
+
+
+def test_what_cannot_be_said_in_other_conventions() -> None:
+    camera = Camera.from_field_of_view(40, 64, 64)
+    with pytest.raises(ValueError, match="x and y must be 0"):
+        to_pytorch3d(pose(0, x=1), camera)
+    with pytest.raises(ValueError, match="x and y must be 0"):
+        to_seeing3d(pose(0, y=1))
+    with pytest.raises(ValueError, match="theta must be 0"):
+        to_seeing3d(pose(0, theta=1))
+    with pytest.raises(ValueError, match="one pose"):
+        to_pascal3d(pose(0).expand(2, 6), camera)
+
+
+def test_coarse_viewpoints_of_pascal3d_have_no_camera() -> None:
+    with pytest.raises(ValueError, match="distances above 0"):
+        from_pascal3d(Pascal3D(30, 0, 0, 0, 1, 0, 0), 64, 64)
+    with pytest.raises(ValueError, match="focal length"):
+        from_pascal3d(Pascal3D(30, 0, 3, 0, 0, 0, 0), 64, 64)
+
+
+def test_angles_that_do_not_belong_together() -> None:
+    with pytest.raises(ValueError, match="expected angles"):
+        from_seeing3d(torch.zeros(3), torch.zeros(2))

@@ -1,0 +1,217 @@
+"""The ``edges`` method's derivatives against finite differences of its own images, and against what must come out.
+
+Outlines, creases and flat brightness are differentiated exactly: pixels are piecewise smooth functions of the vertices.
+Smooth shading moves with the surface, its change along the surface being taken between neighbouring samples; there the
+derivative is compared with that of a finely sampled image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+import torch
+from torch import Tensor
+from torch.autograd import forward_ad
+from torch.nn.functional import avg_pool2d, cosine_similarity
+from torch.testing import assert_close
+
+from nablahog.render import Mesh, Renderer, pose, render
+from nablahog.render.renderer import Method
+
+from .shapes import CAMERA, FLAT, box, cylinder, joined, mesh, poses, quads, rectangle, split
+
+AT = pose(33.3, 27.7, 13.1, 7.7, 1.3, -2.1)
+BEHIND = torch.full((1, 1, 48, 40), 0.1, dtype=torch.float64)
+TRIANGLE = mesh([(-0.5, 0.1, -0.4), (0.6, -0.2, -0.3), (0.1, 0.2, 0.5)], [(0, 1, 2)])
+TWO = joined(box((0.9, 0.7, 0.8), 0.6), mesh([(-0.5, -0.9, -0.4), (0.4, -1, -0.3), (0.1, -0.9, 0.6)], [(0, 1, 2)], 0.9))
+SCENES = {"triangle": TRIANGLE, "box": split(box()), "triangle before a box": TWO}
+scenes = pytest.mark.parametrize("one", SCENES.values(), ids=SCENES.keys())
+methods = pytest.mark.parametrize("method", ["edges", "opendr"])
+
+
+def difference(function: Callable[[Tensor], Tensor], at: Tensor, direction: Tensor, size: float = 1e-6) -> Tensor:
+    return (function(at + size * direction) - function(at - size * direction)) / (2 * size)
+
+
+def slope(function: Callable[[Tensor], Tensor], at: Tensor, direction: Tensor) -> Tensor:
+    return torch.func.jvp(function, (at,), (direction,))[1]
+
+
+@scenes
+@pytest.mark.parametrize("step", [1, 2])
+@pytest.mark.parametrize("k", range(6))
+def test_by_poses(one: Mesh, step: int, k: int) -> None:
+    renderer = Renderer(one, CAMERA, supersampling=step)
+    for at in (pose(47, 34, 13.1, 7.7, 1.3, -2.1), pose(-40, 40, 13, 0, 0.3, 0.4)):
+        direction = torch.eye(6, dtype=torch.float64)[k : k + 1]
+        expected = difference(lambda p: renderer(p, BEHIND), at, direction)
+        assert expected.abs().max() > 1e-3
+        assert_close(slope(lambda p: renderer(p, BEHIND), at, direction), expected, rtol=1e-5, atol=1e-6)
+
+
+@scenes
+def test_by_vertices(one: Mesh) -> None:
+    """Every vertex for itself: outlines, creases and, as normals turn, brightness."""
+
+    def image(vertices: Tensor) -> Tensor:
+        return render(Mesh(vertices, one.faces, one.brightness), AT, CAMERA, background=BEHIND, supersampling=2)
+
+    direction = torch.randn(one.vertices.shape, dtype=torch.float64)
+    if len(direction) > 20:  # vertices at one place stay together
+        direction = box().vertices[box().faces.flatten()] @ torch.randn(3, 3, dtype=torch.float64)
+    expected = difference(image, one.vertices, direction)
+    assert expected.abs().max() > 0.1
+    assert_close(slope(image, one.vertices, direction), expected, rtol=1e-5, atol=1e-5)
+
+
+@scenes
+def test_by_brightness_and_background(one: Mesh) -> None:
+    """Linear in each: any step will do."""
+    picture = torch.rand(1, 1, 48, 40, dtype=torch.float64) * 0.8 + 0.1
+
+    def by_brightness(albedo: Tensor) -> Tensor:
+        return render(Mesh(one.vertices, one.faces, albedo), AT, CAMERA, background=picture, supersampling=2)
+
+    def by_background(behind: Tensor) -> Tensor:
+        return render(one, AT, CAMERA, background=behind, supersampling=2)
+
+    direction = torch.rand(len(one.brightness), dtype=torch.float64) - 0.5
+    expected = difference(by_brightness, one.brightness, direction, 0.1)
+    assert_close(slope(by_brightness, one.brightness, direction), expected)
+    direction = torch.rand(picture.shape, dtype=torch.float64) - 0.5
+    expected = difference(by_background, picture, direction, 0.1)
+    assert_close(slope(by_background, picture, direction), expected)
+
+
+@methods
+def test_forward_is_reverse(method: Method) -> None:
+    """⟨w, J t⟩ = ⟨Jᵀ w, t⟩ for all that makes an image, together; by function transforms and by dual numbers."""
+    one = joined(TWO, cylinder(24))
+
+    def image(poses: Tensor, vertices: Tensor, albedo: Tensor, behind: Tensor) -> Tensor:
+        return render(
+            Mesh(vertices, one.faces, albedo), poses, CAMERA, background=behind, method=method, supersampling=2
+        )
+
+    inputs = (poses(2, 13), one.vertices, one.brightness, torch.rand(1, 1, 48, 40, dtype=torch.float64))
+    tangents = tuple(torch.randn_like(each) for each in inputs)
+    _, forward = torch.func.jvp(image, inputs, tangents)
+    weights = torch.randn_like(forward)
+    followed = tuple(each.clone().requires_grad_() for each in inputs)
+    reverse = torch.autograd.grad((image(*followed) * weights).sum(), followed)
+    transformed = torch.func.grad(lambda *each: (image(*each) * weights).sum(), argnums=(0, 1, 2, 3))(*inputs)
+    total = sum((slope * tangent).sum() for slope, tangent in zip(reverse, tangents, strict=True))
+    assert_close((forward * weights).sum(), total)
+    for k in range(4):
+        assert reverse[k].abs().max() > 0
+        assert_close(transformed[k], reverse[k])
+        with forward_ad.dual_level():
+            dual = [forward_ad.make_dual(x, t) if i == k else x for i, (x, t) in enumerate(zip(inputs, tangents))]  # noqa: B905
+            alone = forward_ad.unpack_dual(image(*dual)).tangent
+        assert_close((alone * weights).sum(), (reverse[k] * tangents[k]).sum())
+
+
+@methods
+def test_forward_is_reverse_where_it_is_compiled(method: Method) -> None:
+    renderer = Renderer(TWO, CAMERA, method=method)
+    at, picture = poses(2, 13), torch.rand(1, 1, 48, 40)
+
+    def image(poses: Tensor) -> Tensor:
+        return renderer(poses, picture)
+
+    tangent = torch.randn_like(at)
+    plain, forward = torch.func.jvp(image, (at,), (tangent,))
+    assert torch.equal(plain, image(at))
+    with forward_ad.dual_level():
+        assert torch.equal(forward_ad.unpack_dual(image(forward_ad.make_dual(at, tangent))).tangent, forward)
+    weights = torch.randn_like(forward)
+    followed = at.clone().requires_grad_()
+    (reverse,) = torch.autograd.grad((image(followed) * weights).sum(), followed)
+    assert_close((forward * weights).sum().double(), (reverse * tangent).sum(), rtol=1e-4, atol=1e-4)
+    assert_close(torch.func.grad(lambda p: (image(p) * weights).sum())(at), reverse)
+    columns = torch.func.jacfwd(image)(at)
+    assert_close(torch.einsum("bchwnk,nk->bchw", columns, tangent.float()), forward, rtol=1e-4, atol=1e-4)
+
+
+def test_one_renderer_many_derivatives() -> None:
+    """Each call of a mesh that varies has a graph of its own, and sees the mesh as it is."""
+    vertices = TWO.vertices.clone().requires_grad_()
+    renderer = Renderer(Mesh(vertices, TWO.faces, TWO.brightness), CAMERA)
+    first, second = (torch.autograd.grad(renderer(AT, 0.1).sum(), vertices)[0] for _ in range(2))
+    assert torch.equal(first, second)
+    albedo = TWO.brightness.clone()
+    renderer = Renderer(Mesh(TWO.vertices, TWO.faces, albedo), CAMERA)
+    before = renderer(AT, 0.1)
+    albedo.requires_grad_()
+    after = renderer(AT, 0.1)
+    assert_close(after, before, rtol=0, atol=1e-5)
+    assert torch.autograd.grad(after.sum(), albedo)[0].abs().max() > 1
+
+
+def test_no_derivative_where_none_is_asked_for() -> None:
+    at = AT.clone().requires_grad_()
+    with torch.no_grad():
+        assert not render(TWO, at, CAMERA).requires_grad
+    assert not render(TWO, AT, CAMERA).requires_grad
+
+
+def test_the_area_of_a_square() -> None:
+    """It is as 1 / distance², its middle moves with the shift, and turning it does nothing."""
+    square = rectangle(9.3, 13.2, 30.7, 34.8, CAMERA, brightness=1.0)
+    at = pose(0, distance=3).requires_grad_()
+    image = render(square, at, CAMERA, background=BEHIND * 0, light=FLAT)[0, 0]
+    (by_area,) = torch.autograd.grad(image.sum(), at, retain_graph=True)
+    area = 21.4 * 21.6
+    assert_close(by_area[0, 2], torch.tensor(-2 * area / 3, dtype=torch.float64), rtol=2e-3, atol=0)
+    others = by_area[0, [0, 1, 3, 4, 5]]
+    assert_close(others, torch.zeros_like(others), rtol=0, atol=5e-2)
+    for k, places in ((4, torch.arange(40)), (5, torch.arange(48)[:, None])):
+        (by_middle,) = torch.autograd.grad((image * (places + 0.5)).sum(), at, retain_graph=True)
+        # a pixel's places are all that of its middle
+        assert_close(by_middle[0, k], torch.tensor(area, dtype=torch.float64), rtol=3e-2, atol=0)
+
+
+def fine(one: Mesh, at: Tensor, k: int, size: float) -> Tensor:
+    renderer = Renderer(one, CAMERA, supersampling=16)
+    direction = torch.eye(6, dtype=torch.float64)[k : k + 1]
+    return difference(renderer, at, direction, size)
+
+
+@pytest.mark.parametrize("step", [1, 2, 4])
+def test_smooth_shading_and_surfaces_that_pass_through_each_other(step: int) -> None:
+    """There no edge of the mesh says where brightness changes."""
+    crossing = Mesh(box((1.3, 0.05, 0.9)).vertices, box().faces, torch.full((8,), 0.3, dtype=torch.float64))
+    one = joined(cylinder(24), crossing)
+    at = pose(33, 25, 13, 3)
+    for k, size in ((0, 0.2), (1, 0.2), (2, 0.01), (3, 0.2)):
+        expected = fine(one, at, k, size)
+        direction = torch.eye(6, dtype=torch.float64)[k : k + 1]
+        for background in (1.0, BEHIND * 0 + 1):
+            renderer = Renderer(one, CAMERA, supersampling=step)
+            found = slope(lambda p, r=renderer, b=background: r(p, b), at, direction)  # type: ignore[misc]
+            blurred = (avg_pool2d(part.double(), 3, 1).flatten() for part in (found, expected))
+            assert cosine_similarity(*blurred, dim=0) > (0.95 if step == 1 else 0.985)
+
+
+def test_a_picture_behind_moves_with_nothing() -> None:
+    """Only where something covers more or less of it does the image change."""
+    picture = torch.rand(1, 1, 48, 40, dtype=torch.float64)
+    change = slope(lambda p: render(TRIANGLE, p, CAMERA, background=picture), AT, torch.ones(1, 6, dtype=torch.float64))
+    flat = render(TRIANGLE, AT, CAMERA, background=torch.zeros_like(picture), light=FLAT) / 0.8
+    boundary = (flat > 0) & (flat < 1)
+    near = torch.nn.functional.max_pool2d(boundary.double(), 3, 1, 1) > 0
+    assert change[near].abs().max() > 0.01
+    assert not change[~near].any()
+
+
+def test_a_sheet_without_thickness_has_two_outlines() -> None:
+    """Seen from its edge it covers nothing, a little to the side it covers as much to either."""
+    sheet = mesh([(0, -0.5, -0.5), (0, 0.5, -0.5), (0, 0.5, 0.5), (0, -0.5, 0.5)], quads([(0, 1, 2, 3)]), 1.0)
+    left, right = (render(sheet, pose(a, distance=13), CAMERA, background=BEHIND * 0).sum() for a in (-20, 20))
+    assert left > 50
+    assert_close(left, right, rtol=1e-2, atol=0)
+    for azimuth in (-20, 20):
+        at = pose(azimuth, distance=13).requires_grad_()
+        (change,) = torch.autograd.grad(render(sheet, at, CAMERA, background=BEHIND * 0).sum(), at)
+        assert float(change[0, 0]) * azimuth > 0

@@ -1,0 +1,259 @@
+"""The image: how much of each pixel is covered, by what brightness, before which background."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import pytest
+import torch
+from torch import Tensor
+from torch.testing import assert_close
+
+from nablahog.render import Camera, Mesh, Renderer, depth_and_normals, pose, render, silhouette
+from nablahog.render.renderer import Method
+
+from .shapes import CAMERA, FLAT, box, cylinder, joined, mesh, poses, quads, rectangle, upright
+
+IN_FRONT = pose(0, distance=3)
+methods = pytest.mark.parametrize("method", ["edges", "opendr"])
+dtypes = pytest.mark.parametrize("dtype", [torch.float32, torch.float64], ids=["compiled", "plain"])
+
+
+def on(background: float, dtype: torch.dtype, camera: Camera = CAMERA, count: int = 1) -> Tensor:
+    return torch.full((count, 1, camera.height, camera.width), background, dtype=dtype)
+
+
+def covered(low: float, high: float, size: int) -> Tensor:
+    """How much of each of ``size`` pixels in a row lies between ``low`` and ``high``."""
+    start = torch.arange(size, dtype=torch.float64)
+    return (start.add(1).clamp(max=high) - start.clamp(min=low)).clamp(min=0)
+
+
+@dtypes
+@pytest.mark.parametrize("step", [1, 2, 3, 4])
+@pytest.mark.parametrize("sides", [(5.3, 3.6, 20.8, 30.25), (9.95, 8.05, 30.45, 40.55), (4.4, 4.6, 9.7, 9.3)])
+def test_sides_of_a_rectangle_cover_pixels_by_their_share(
+    sides: tuple[float, float, float, float], step: int, dtype: torch.dtype
+) -> None:
+    """Exactly, except at corners, where shares of samples add up instead of multiplying."""
+    one = rectangle(*sides, CAMERA)
+    image = render(one, IN_FRONT, CAMERA, background=on(0.1, dtype), light=FLAT, supersampling=step)[0, 0]
+    x, y = covered(sides[0], sides[2], 40), covered(sides[1], sides[3], 48)
+    expected = 0.1 + 0.7 * y[:, None] * x
+    corner = ((y > 0) & (y < 1))[:, None] & ((x > 0) & (x < 1))
+    assert_close(image[~corner].double(), expected[~corner], rtol=0, atol=3e-6)
+    assert (image - expected)[corner].abs().max() <= 0.7 / 4 / step**2 + 1e-6
+
+
+@dtypes
+def test_slanted_sides_cover_pixels_by_their_share(dtype: torch.dtype) -> None:
+    """Where a side crosses no more than one pixel of a row, its share is a trapezium, exactly."""
+    slope, start = 0.3, 10.2
+    corners = [(start, 0), (start + 48 * slope, 48), (38, 48), (38, 0)]
+    one = mesh(upright(corners, CAMERA, 3), quads([(0, 1, 2, 3)]), 1.0)
+    image = render(one, IN_FRONT, CAMERA, background=on(0.0, dtype), light=FLAT, supersampling=1)[0, 0]
+    for row in range(48):
+        upper, lower = start + row * slope, start + (row + 1) * slope
+        middle = (upper + lower) / 2
+        found = float(image[row, :38].sum())
+        assert found == pytest.approx(38 - middle, abs=1e-5)  # whatever pixel it is given to, none is lost
+        if math.floor(upper) == math.floor(lower):
+            assert float(image[row, math.floor(upper)]) == pytest.approx(math.ceil(middle) - middle, abs=1e-5)
+
+
+@dtypes
+@methods
+def test_supersampling_converges(method: Method, dtype: torch.dtype) -> None:
+    one, where = joined(box((1, 0.2, 1)), cylinder(24)), poses(2, 13)
+    truth = render(one, where, CAMERA, background=0.1, supersampling=16)
+    errors = []
+    for step in (1, 2, 4):
+        image = Renderer(one, CAMERA, method=method, supersampling=step)(where, on(0.1, dtype))
+        errors.append(float((image - truth).norm()))
+    assert all(fine < 0.7 * coarse for coarse, fine in itertools.pairwise(errors))
+
+
+def test_edges_are_smoother_than_samples() -> None:
+    """What the method is for: at one sample a pixel it is nearer to the truth than the mean of four samples."""
+    one, where = box(), poses(4, 13)
+    truth = render(one, where, CAMERA, light=FLAT, supersampling=16)
+    found = render(one, where, CAMERA, light=FLAT, supersampling=1)
+    ids = torch.stack([depth_and_normals(one, pose, Camera(CAMERA.focal * 2, 96, 80))[0][0] for pose in twice(where)])
+    samples = torch.nn.functional.avg_pool2d(torch.where(torch.isinf(ids), 1.0, 0.8), 2)[:, None]
+    assert (found - truth).norm() < 0.5 * (samples - truth).norm()
+
+
+def twice(where: Tensor) -> list[Tensor]:
+    """Poses for an image of twice the size."""
+    return list((where * torch.tensor([1, 1, 1, 1, 2, 2])).split(1))  # type: ignore[no-untyped-call]
+
+
+@dtypes
+@methods
+@pytest.mark.parametrize("step", [1, 2])
+def test_a_batch_is_its_images_one_by_one(method: Method, step: int, dtype: torch.dtype) -> None:
+    renderer = Renderer(box(), CAMERA, method=method, supersampling=step)
+    where = poses(5, 13)
+    for background in (on(0.2, dtype), torch.rand(5, 1, 48, 40, dtype=dtype)):
+        images = renderer(where, background)
+        assert (images.shape, images.dtype) == ((5, 1, 48, 40), dtype)
+        for k in range(5):
+            one = background[k : k + 1] if len(background) > 1 else background
+            assert torch.equal(images[k : k + 1], renderer(where[k : k + 1], one))
+
+
+@dtypes
+@methods
+def test_the_background_shows_where_nothing_is(method: Method, dtype: torch.dtype) -> None:
+    picture = torch.rand(1, 1, 48, 40, dtype=dtype)
+    renderer = Renderer(box(), CAMERA, method=method)
+    where = poses(1, 13)
+    image = renderer(where, picture)
+    share = silhouette(box(), where, CAMERA)
+    untouched = torch.nn.functional.max_pool2d(share, 3, 1, 1) == 0
+    assert untouched.sum() > 300
+    assert_close(image[untouched], picture[untouched])
+    inside = torch.nn.functional.max_pool2d(1 - share, 3, 1, 1) == 0
+    assert inside.sum() > 200
+    assert_close(image[inside], renderer(where, 1 - picture)[inside])
+    away = pose(0, distance=13, x=1e4)
+    assert_close(renderer(away, picture), picture)
+
+
+@dtypes
+def test_a_number_is_a_background_too(dtype: torch.dtype) -> None:
+    renderer = Renderer(box(), CAMERA)
+    assert_close(renderer(poses(2, 13), 0.25).to(dtype), renderer(poses(2, 13), on(0.25, dtype)), rtol=0, atol=1e-5)
+
+
+def test_poses_in_float32_are_poses() -> None:
+    renderer = Renderer(box(), CAMERA)
+    where = poses(2, 13)
+    for background in (1.0, on(1.0, torch.float64)):
+        assert_close(renderer(where.float(), background), renderer(where, background), rtol=0, atol=1e-4)
+
+
+@dtypes
+def test_brightness_is_linear_on_the_surface_not_on_the_screen(dtype: torch.dtype) -> None:
+    """A road that goes far away and gets brighter all along."""
+    camera = Camera.from_field_of_view(60, 40, 40)
+    road = mesh([(-9, -2, -1), (9, -2, -1), (9, 12, -1), (-9, 12, -1)], quads([(0, 1, 2, 3)]), [0, 0, 1, 1])
+    image = render(road, IN_FRONT, camera, background=on(0.0, dtype, camera), light=FLAT, supersampling=1)[0, 0]
+    rows = torch.arange(24, 40, dtype=torch.float64)
+    far = camera.focal / (rows + 0.5 - 20)  # where the ray through a row meets the plane 1 below the camera
+    expected = ((far - 3 + 2) / 14).clamp(min=0)
+    assert_close(image[24:, 10:30].double(), expected[:, None].expand(-1, 20), rtol=0, atol=2e-5)
+
+
+@dtypes
+def test_nearer_things_hide_others(dtype: torch.dtype) -> None:
+    near, far = rectangle(10, 10, 20, 30, CAMERA, 2.0, 0.2), rectangle(5, 15, 35, 40, CAMERA, 3.0, 0.6)
+    both = joined(Mesh(near.vertices - torch.tensor([0, 1.0, 0]), near.faces, near.brightness), far)
+    for one in (both, Mesh(both.vertices, both.faces.flip(0), both.brightness)):
+        image = render(one, IN_FRONT, CAMERA, background=on(1.0, dtype), light=FLAT)[0, 0]
+        expected = torch.ones(48, 40, dtype=dtype)
+        expected[15:40, 5:35] = 0.6
+        expected[10:30, 10:20] = 0.2
+        assert_close(image, expected, rtol=0, atol=1e-5)
+
+
+@dtypes
+def test_images_lie_between_0_and_1(dtype: torch.dtype) -> None:
+    """Also those of things smaller than a pixel, whose edges all cross in it."""
+    where = poses(60, 400)
+    for one in (box(), box((1, 1, 1), 0.0), cylinder(5)):
+        for background in (0.0, 1.0):
+            image = render(one, where, CAMERA, background=on(background, dtype), light=FLAT, supersampling=1)
+            assert image.min() >= 0
+            assert image.max() <= 1
+
+
+@dtypes
+def test_theta_turns_the_picture_counter_clockwise(dtype: torch.dtype) -> None:
+    square = Camera(300.0, 40, 40)
+    one, at = box((0.5, 1, 1.5)), pose(30, 20, 13)
+    turned = render(one, at + pose(0, 0, 0, 90), square, background=on(1, dtype, square))
+    upright = render(one, at, square, background=on(1, dtype, square))
+    assert_close(turned, upright.rot90(1, (2, 3)), rtol=0, atol=1e-4)
+
+
+@dtypes
+def test_whole_pixels_of_shift_move_the_picture(dtype: torch.dtype) -> None:
+    image = render(box(), pose(30, 20, 13), CAMERA, background=on(1, dtype))
+    moved = render(box(), pose(30, 20, 13, 0, 3, -2), CAMERA, background=on(1, dtype))
+    assert_close(moved, image.roll((-2, 3), (2, 3)), rtol=0, atol=1e-4)
+
+
+@dtypes
+def test_the_front_is_seen_at_azimuth_0_and_the_right_side_at_90(dtype: torch.dtype) -> None:
+    sides = {"front": (0, 0.1), "x": (90, 0.3), "back": (180, 0.5), "-x": (270, 0.7)}
+    for azimuth, brightness in sides.values():
+        a = math.radians(azimuth)
+        towards = torch.tensor([math.sin(a), -math.cos(a), 0.0], dtype=torch.float64)
+        core = box((0.9, 0.9, 0.9), 1.0)
+        plate = box((0.2, 0.2, 0.2), brightness)
+        plate = Mesh(plate.vertices + 0.5 * towards, plate.faces, plate.brightness)
+        image = render(joined(core, plate), pose(azimuth, distance=13), CAMERA, background=on(1, dtype), light=FLAT)
+        assert float(image[0, 0, 24, 20]) == pytest.approx(brightness, abs=1e-5)
+
+
+def test_silhouettes() -> None:
+    share = silhouette(rectangle(5.3, 3.6, 20.8, 30.25, CAMERA, brightness=0.0), IN_FRONT, CAMERA)
+    assert share.shape == (1, 1, 48, 40)
+    assert float(share.sum()) == pytest.approx((20.8 - 5.3) * (30.25 - 3.6), abs=0.1)
+    assert share.min() == 0
+    assert share.max() == 1
+
+
+def test_depths_and_normals() -> None:
+    """Seen from above or in front of its middle, a box shows one side, half a unit nearer than the middle."""
+    depth, normals = depth_and_normals(box(), torch.cat([pose(0, 90, 13), pose(0, 0, 13)]), CAMERA)
+    assert (depth.shape, normals.shape) == ((2, 48, 40), (2, 3, 48, 40))
+    for k in range(2):
+        seen = torch.isfinite(depth[k])
+        assert_close(depth[k][seen], torch.full_like(depth[k][seen], 12.5))
+        assert_close(normals[k][:, seen].T, torch.tensor([0.0, 0, -1]).double().expand(int(seen.sum()), 3))
+        assert not normals[k][:, ~seen].any()
+        assert 400 < seen.sum() < 48 * 40
+
+
+def test_normals_of_a_slope_look_towards_the_camera() -> None:
+    depth, normals = depth_and_normals(box(), pose(45, 30, 13), CAMERA)
+    found = normals[0][:, torch.isfinite(depth[0])].T
+    assert (found[:, 2] < 0).all()
+    assert len(found.round(decimals=6).unique(dim=0)) == 3
+    assert_close(found.norm(dim=1), torch.ones(len(found), dtype=torch.float64))
+
+
+@pytest.mark.parametrize(
+    ("background", "message"),
+    [
+        (1.5, "must lie in 0…1, got 1.5"),
+        (math.nan, "must lie in 0…1, got nan"),
+        (torch.full((1, 1, 48, 40), -0.5), "must lie in 0…1"),
+        (torch.full((1, 1, 48, 40), math.nan), "must lie in 0…1"),
+        (torch.ones(1, 1, 40, 48), "must be a number or have shape"),
+        (torch.ones(3, 1, 48, 40), "must be a number or have shape"),
+        (torch.ones(48, 40), "must be a number or have shape"),
+        (torch.ones(1, 1, 48, 40, dtype=torch.uint8), "must be float32 or float64"),
+    ],
+)
+def test_no_background(background: float | Tensor, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        render(box(), poses(2, 13), CAMERA, background=background)
+
+
+def test_no_such_method_or_supersampling() -> None:
+    with pytest.raises(ValueError, match="'edges' or 'opendr', got 'soft'"):
+        Renderer(box(), CAMERA, method="soft")  # type: ignore[arg-type]
+    for step in (0, 17, 2.0):
+        with pytest.raises(ValueError, match="integer from 1 to 16"):
+            Renderer(box(), CAMERA, supersampling=step)  # type: ignore[arg-type]
+
+
+def test_no_poses() -> None:
+    with pytest.raises(ValueError, match="poses must be"):
+        render(box(), torch.zeros(6), CAMERA)
+    with pytest.raises(ValueError, match="poses must be"):
+        depth_and_normals(box(), pose(0, distance=-1), CAMERA)

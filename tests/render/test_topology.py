@@ -1,0 +1,142 @@
+"""Edges and smooth corners of meshes: proper ones, open, non-manifold, degenerate, and with split vertices."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import pytest
+import torch
+
+from nablahog.render import Mesh
+from nablahog.render.topology import OPEN, SHARP, SMOOTH, Edges, edges, smoothing
+
+from .shapes import box, cylinder, flipped, joined, mesh, quads, split
+
+TETRAHEDRON = mesh([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)])
+
+
+def places(one: Mesh, found: Edges) -> dict[frozenset[tuple[float, ...]], int]:
+    """The kind of each edge by where its ends are."""
+    ends = one.vertices[found.ends].tolist()
+    return {frozenset(map(tuple, pair)): kind for pair, kind in zip(ends, found.kind.tolist(), strict=True)}
+
+
+def joins(one: Mesh) -> set[tuple[int, int]]:
+    """Which face's normal counts at which corner."""
+    found = smoothing(one)
+    return set(zip(found.corner.tolist(), found.face.tolist(), strict=True))
+
+
+def sheet(size: int) -> Mesh:
+    """size x size squares on a hill that is nowhere steep."""
+    steps = [k / size - 0.5 for k in range(size + 1)]
+    vertices = [(x, y, 0.1 * math.cos(2 * x + 0.3) * math.cos(2 * y - 0.2)) for x in steps for y in steps]
+    row = size + 1
+    faces = [(row * i + j, row * i + j + 1, row * i + row + j + 1, row * i + row + j)
+             for i in range(size) for j in range(size)]  # fmt: skip
+    return mesh(vertices, quads(faces))
+
+
+def test_a_cube_has_twelve_edges() -> None:
+    cube = box()
+    found = edges(cube)
+    expected = {
+        frozenset((a, b))
+        for a, b in itertools.combinations(map(tuple, cube.vertices.tolist()), 2)
+        if math.dist(a, b) == pytest.approx(1)
+    }
+    assert places(cube, found) == dict.fromkeys(expected, SHARP)
+
+
+def test_a_tetrahedron() -> None:
+    found = edges(TETRAHEDRON)
+    assert found.ends.tolist() == [[0, 1], [0, 2], [1, 2], [0, 3], [1, 3], [2, 3]]
+    assert [sorted(pair) for pair in found.opposite.tolist()] == [[2, 3], [1, 3], [0, 3], [1, 2], [0, 2], [0, 1]]
+    assert found.kind.tolist() == [SHARP] * 6
+
+
+def test_a_triangle_is_open() -> None:
+    found = edges(mesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)]))
+    assert found.kind.tolist() == [OPEN] * 3
+    assert found.opposite.tolist() == [[2, 2], [1, 1], [0, 0]]
+
+
+def test_an_open_curved_sheet() -> None:
+    found = edges(sheet(5))
+    assert int((found.kind == OPEN).sum()) == 20
+    assert int((found.kind == SMOOTH).sum()) == 2 * 5 * 4 + 25
+    assert not (found.kind == SHARP).any()
+
+
+def test_three_faces_at_an_edge() -> None:
+    fins = mesh([(0, 0, 0), (0, 0, 1), (1, 0, 0), (-1, 1, 0), (-1, -1, 0)], [(0, 1, 2), (1, 0, 3), (0, 1, 4)])
+    found = places(fins, edges(fins))
+    assert len(found) == 7
+    assert set(found.values()) == {OPEN}
+
+
+@pytest.mark.parametrize("one", [box(), cylinder(12), TETRAHEDRON, sheet(4)], ids=["box", "prism", "4 faces", "sheet"])
+def test_the_order_of_corners_does_not_matter(one: Mesh) -> None:
+    other = flipped(one)
+    assert places(other, edges(other)) == places(one, edges(one))
+    assert {(c // 3, f) for c, f in joins(other)} == {(c // 3, f) for c, f in joins(one)}
+
+
+@pytest.mark.parametrize("one", [box(), cylinder(12), TETRAHEDRON, sheet(4)], ids=["box", "prism", "4 faces", "sheet"])
+def test_vertices_split_by_colour_are_one(one: Mesh) -> None:
+    other = split(one)
+    assert places(other, edges(other)) == places(one, edges(one))
+    assert joins(other) == joins(one)
+
+
+@pytest.mark.parametrize(("sides", "kind"), [(8, SHARP), (11, SHARP), (12, SMOOTH), (32, SMOOTH)])
+def test_creases_are_where_faces_meet_at_more_than_30_degrees(sides: int, kind: int) -> None:
+    """At twelve sides it is 30 exactly, whatever the rounding."""
+    tube = cylinder(sides, caps=False)
+    found = edges(tube)
+    assert found.kind[found.kind != OPEN].tolist() == [kind] * sides
+    # one side has two triangles at each vertex, the other side one: all of them join, or each side's own
+    assert len(joins(tube)) == 2 * sides * (3 * 3 if kind == SMOOTH else 2 * 2 + 1)
+
+
+def test_degenerate_triangles_have_no_edges_and_hide_none() -> None:
+    cube = box()
+    lines = mesh(cube.vertices, [(0, 0, 1), (2, 3, 2), (5, 5, 5)])
+    both = Mesh(cube.vertices, torch.cat([lines.faces, cube.faces]), cube.brightness)
+    assert places(both, edges(both)) == places(cube, edges(cube))
+    assert len(edges(lines).ends) == 0
+
+
+def test_one_triangle_twice() -> None:
+    """An edge of four faces is open; nothing else comes of it."""
+    found = edges(joined(TETRAHEDRON, TETRAHEDRON))
+    assert found.kind.tolist() == [OPEN] * 6
+
+
+def test_a_crowded_vertex_is_no_hang() -> None:
+    """A fan of 100 000 triangles: pairs of these would be 10 000 000 000."""
+    count = 100_000
+    angle = torch.linspace(0, 2 * math.pi, count + 1, dtype=torch.float64)[:-1]
+    rim = torch.stack([angle.cos(), angle.sin(), torch.zeros_like(angle)], dim=1)
+    around = torch.arange(1, count + 1)
+    faces = torch.stack([torch.zeros_like(around), around, around.roll(-1)], dim=1)
+    fan = mesh(torch.cat([torch.tensor([[0.0, 0, 1]], dtype=torch.float64), rim]), faces)
+    assert int((edges(fan).kind == OPEN).sum()) == count
+    found = smoothing(fan)
+    at_tip = found.corner % 3 == 0
+    assert at_tip.sum() == count  # each alone; on the rim two meet
+    assert len(found.corner) == count + 4 * count
+
+
+def test_faces_of_a_large_angle_do_not_join() -> None:
+    assert joins(TETRAHEDRON) == {(corner, corner // 3) for corner in range(12)}
+
+
+def test_both_corners_of_a_smooth_pair_know_each_other() -> None:
+    found = joins(sheet(3))
+    own = sheet(3).faces
+    for corner, face in found:
+        vertex = own.flatten()[corner]
+        (back,) = (3 * face + (own[face] == vertex).nonzero()[0]).tolist()
+        assert (back, corner // 3) in found

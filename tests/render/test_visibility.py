@@ -1,0 +1,199 @@
+"""The z-buffer: both backends against looking at every triangle at every sample."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+from torch.testing import assert_close
+
+from nablahog.render.rasterize import barycentric, normalized, visibility, visibility_steps
+
+HEIGHT, WIDTH = 23, 31
+dtypes = pytest.mark.parametrize("dtype", [torch.float32, torch.float64], ids=["float32", "float64"])
+backends = pytest.mark.parametrize("find", [visibility, visibility_steps], ids=["compiled", "steps"])
+
+
+def soup(seed: int, count: int = 40) -> tuple[Tensor, Tensor]:
+    """Triangles all over the image and beyond, at any depth, some of them slivers: (B, V, 3) and faces."""
+    generator = torch.Generator().manual_seed(seed)
+    points = torch.rand(2, 3 * count, 3, generator=generator, dtype=torch.float64)
+    points = points * torch.tensor([50.0, 40, 0.9]) + torch.tensor([-10.0, -8, 0.1])
+    points[:, 2 : 3 * count // 2 : 3, :2] = points[:, : 3 * count // 2 : 3, :2] + 0.8
+    return points, torch.arange(3 * count).reshape(count, 3)
+
+
+def one_by_one(points: Tensor, faces: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """The nearest triangle at each sample, 1 / depth, and whether it is beyond doubt: (H, W) each."""
+    y, x = torch.meshgrid(*(torch.arange(n).double() + 0.5 for n in (HEIGHT, WIDTH)), indexing="ij")
+    depths = torch.zeros(len(faces), HEIGHT, WIDTH, dtype=torch.float64)
+    clear = torch.ones(HEIGHT, WIDTH, dtype=torch.bool)
+    for k, (a, b, c) in enumerate(points[faces].double()):
+        sides = [(q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0]) for p, q in ((b, c), (c, a), (a, b))]
+        area = sum(sides)
+        weights = torch.stack([side / area for side in sides])
+        inside = (weights >= 0).all(0)
+        w = sum(weight * corner[2] for weight, corner in zip(weights, (a, b, c), strict=True))
+        depths[k] = torch.where(inside, w, 0)
+        lengths = torch.stack([(c - b)[:2].norm(), (a - c)[:2].norm(), (b - a)[:2].norm()])
+        away = torch.stack(sides).abs() / lengths[:, None, None]  # from the lines through the sides, in samples
+        clear &= (away > 1e-3).all(0)
+    best, second = depths.topk(2, dim=0).values
+    ids = torch.where(best > 0, depths.argmax(0), -1)
+    return ids, best, clear & ((best - second > 1e-4) | (best == 0))
+
+
+@dtypes
+@backends
+def test_the_nearest_triangle_at_each_sample(find: object, dtype: torch.dtype) -> None:
+    assert callable(find)
+    compared = 0
+    for seed in range(6):
+        points, faces = soup(seed)
+        points = points.to(dtype)
+        ids, inverse = find(points, faces, HEIGHT, WIDTH)
+        assert (ids.dtype, inverse.dtype) == (torch.int64, dtype)
+        for k in range(2):
+            expected, w, clear = one_by_one(points[k], faces)
+            assert torch.equal(ids[k][clear], expected[clear])
+            tolerance = 1e-12 if dtype == torch.float64 else 2e-4  # that of planes of slivers
+            assert_close(inverse[k][clear].double(), w[clear], rtol=0, atol=tolerance)
+            compared += int(clear.sum())
+    assert compared > 0.8 * 12 * HEIGHT * WIDTH
+
+
+@dtypes
+@backends
+def test_no_holes_between_triangles(find: object, dtype: torch.dtype) -> None:
+    """A crumpled sheet over all of the image; in half of the cases its vertices lie on samples and between."""
+    assert callable(find)
+    size = 16
+    for seed in range(12):
+        generator = torch.Generator().manual_seed(seed)
+        x, y = torch.meshgrid(torch.linspace(-4, 35, size), torch.linspace(-4, 27, size), indexing="xy")
+        flat = torch.stack([x, y], dim=2).reshape(-1, 2) + torch.rand(size * size, 2, generator=generator) - 0.5
+        flat = (2 * flat).round() / 2 if seed % 2 else flat
+        points = torch.cat([flat, 0.5 + 0.5 * torch.rand(size * size, 1, generator=generator)], dim=1)
+        number = torch.arange(size * size).reshape(size, size)
+        a, b, c, d = (part.flatten() for part in (number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]))
+        faces = torch.cat([torch.stack([a, b, c], 1), torch.stack([d, b, c], 1)])
+        faces = faces[torch.randperm(len(faces), generator=generator)]
+        turn = torch.randint(3, (len(faces), 1), generator=generator)
+        faces = faces.gather(1, (turn + torch.arange(3)) % 3)  # the corners in any order
+        ids, _ = find(points[None].to(dtype), faces, HEIGHT, WIDTH)
+        assert (ids >= 0).all()
+
+
+def triangle(w: float, size: float = 100.0) -> list[list[float]]:
+    return [[-size, -size, w], [3 * size, -size, w], [-size, 3 * size, w]]
+
+
+@dtypes
+@backends
+def test_the_nearer_is_seen_whatever_the_order(find: object, dtype: torch.dtype) -> None:
+    assert callable(find)
+    points = torch.tensor([triangle(0.2) + triangle(0.5) + triangle(0.3)], dtype=dtype)
+    for order in ([0, 1, 2], [2, 1, 0], [1, 0, 2]):
+        faces = torch.arange(9).reshape(3, 3)[order]
+        ids, inverse = find(points, faces, HEIGHT, WIDTH)
+        assert (ids == order.index(1)).all()
+        assert_close(inverse, torch.full((1, HEIGHT, WIDTH), 0.5, dtype=dtype))
+
+
+@dtypes
+@backends
+def test_of_equal_depths_the_first_is_seen(find: object, dtype: torch.dtype) -> None:
+    assert callable(find)
+    small = [[3.3, 2.2, 0.3], [28.1, 4.4, 0.3], [9.9, 20.8, 0.3]]
+    points = torch.tensor([small + triangle(0.3) + small], dtype=dtype)
+    ids, _ = find(points, torch.arange(9).reshape(3, 3), HEIGHT, WIDTH)
+    assert set(ids.unique().tolist()) == {0, 1}
+    ids, _ = find(points, torch.arange(9).reshape(3, 3)[[1, 2, 0]], HEIGHT, WIDTH)
+    assert (ids == 0).all()
+
+
+@dtypes
+@backends
+def test_flipped_triangles_are_the_same(find: object, dtype: torch.dtype) -> None:
+    assert callable(find)
+    points, faces = soup(1)
+    ids, inverse = find(points.to(dtype), faces, HEIGHT, WIDTH)
+    for order in ([2, 1, 0], [1, 2, 0], [0, 2, 1]):
+        other, w = find(points.to(dtype), faces[:, order], HEIGHT, WIDTH)
+        assert (other != ids).float().mean() < 2e-3
+        assert_close(w[other == ids], inverse[other == ids], rtol=1e-4, atol=1e-6)
+
+
+@dtypes
+@backends
+def test_triangles_of_no_area_and_those_behind_are_not_seen(find: object, dtype: torch.dtype) -> None:
+    assert callable(find)
+    line = [[2.5, 2.5, 0.5], [9.5, 9.5, 0.5], [5.5, 5.5, 0.5]]
+    points = torch.tensor(
+        [line + [[5, 5, 0.5]] * 3 + triangle(-0.5) + triangle(0.0) + triangle(float("nan")) + [[3, 3, -1.0]]],
+        dtype=dtype,
+    )
+    faces = torch.cat([torch.arange(15).reshape(5, 3), torch.tensor([[0, 1, 15], [0, 0, 1]])])
+    ids, inverse = find(points, faces, HEIGHT, WIDTH)
+    assert (ids == -1).all()
+    assert not inverse.any()
+
+
+@dtypes
+@backends
+@pytest.mark.parametrize("size", [1e6, 1e12, 1e18, 1e30])
+def test_huge_coordinates(find: object, dtype: torch.dtype, size: float) -> None:
+    """A right angle in the image whose sides leave it far away; and anything at all, without a crash or NaN."""
+    assert callable(find)
+    points = torch.tensor([[[2.2, 3.3, 0.5], [size, 3.3, 0.5], [2.2, size, 0.5]]], dtype=dtype)
+    ids, _ = find(points, torch.tensor([[0, 1, 2]]), HEIGHT, WIDTH)
+    if size == 1e6:
+        expected = torch.full((HEIGHT, WIDTH), -1)
+        expected[3:, 2:] = 0
+        assert torch.equal(ids[0], expected)
+    points, faces = soup(2)
+    points[:, ::3, :2] *= size
+    ids, inverse = find(points.to(dtype), faces, HEIGHT, WIDTH)
+    assert ids.max() < len(faces)
+    assert torch.isfinite(inverse).all()
+    assert inverse.max() <= 1
+
+
+@dtypes
+@backends
+def test_no_faces(find: object, dtype: torch.dtype) -> None:
+    assert callable(find)
+    ids, inverse = find(torch.rand(2, 3, 3, dtype=dtype), torch.zeros(0, 3, dtype=torch.int64), 4, 5)
+    assert torch.equal(ids, torch.full((2, 4, 5), -1))
+    assert not inverse.any()
+
+
+def test_function_transforms_see_the_same() -> None:
+    """Their tensors show no memory, so that the steps are taken."""
+    points, faces = soup(4)
+    found: list[Tensor] = []
+
+    def look(points: Tensor) -> Tensor:
+        ids, inverse = visibility(points, faces, HEIGHT, WIDTH)
+        found.append(ids.sum())
+        return points.sum() + inverse.sum()
+
+    slope = torch.func.grad(look)(points)
+    assert torch.equal(slope, torch.ones_like(points))  # what is seen is a constant
+    assert int(found[0]) == int(visibility(points, faces, HEIGHT, WIDTH)[0].sum())
+
+
+def test_barycentric_coordinates() -> None:
+    corners = torch.rand(9, 3, 2, dtype=torch.float64)
+    weights = torch.rand(9, 3, dtype=torch.float64)
+    weights = normalized(weights)
+    assert_close(weights.sum(1), torch.ones(9, dtype=torch.float64))
+    x, y = (weights[..., None] * corners).sum(1).T
+    faces = torch.arange(27).reshape(9, 3).flip(0)
+    assert_close(barycentric(corners, faces, x, y), weights)
+
+
+def test_weights_of_a_triangle_of_no_area() -> None:
+    line = torch.tensor([[[0.0, 0], [1, 1], [2, 2]]])
+    weights = normalized(barycentric(line, torch.tensor([[0, 1, 2]]), torch.tensor([1.0]), torch.tensor([1.0])))
+    assert_close(weights, torch.full((1, 3), 1 / 3))
