@@ -133,18 +133,34 @@ class _Axes:
         self, azimuths: Sequence[float] | Floats, values: Sequence[float] | Floats, fill: Colour, width: float
     ) -> None:
         """Of azimuths of any turn: it leaves on one side and comes back on the other."""
-        along = np.asarray(azimuths, dtype=np.float64)
-        for turn in range(math.floor(along.min() / 360), math.floor(along.max() / 360) + 1):
+        along, upwards = np.asarray(azimuths, dtype=np.float64), np.asarray(values, dtype=np.float64)
+        number = np.arange(len(along))
+        # one point more where it leaves and comes back
+        at = np.concatenate([number, *(_crossings(along, 360 * turn) for turn in _turns(along))])
+        along, upwards = (np.interp(np.sort(at), number, of) for of in (along, upwards))
+        for turn in _turns(along):
             here = along - 360 * turn
-            inside = (here >= 0) & (here <= 360)
-            for part in np.split(np.arange(len(along)), np.flatnonzero(np.diff(inside)) + 1):
+            inside = (here > -1e-6) & (here < 360 + 1e-6)
+            for part in np.split(np.arange(len(here)), np.flatnonzero(np.diff(inside)) + 1):
                 if inside[part[0]]:
-                    _stroke(self.draw, [(self.x(here[k]), self.y(float(values[k]))) for k in part], fill, width)
+                    _stroke(self.draw, [(self.x(here[k]), self.y(upwards[k])) for k in part], fill, width)
 
     def ring(self, azimuth: float, value: float, colour: Colour) -> None:
         x, y = self.x(azimuth % 360), self.y(value)
         corners = tuple(FINER * side for side in (x - 5, y - 5, x + 5, y + 5))
         self.draw.ellipse(corners, fill=(255, 255, 255), outline=colour, width=2 * FINER)
+
+
+def _turns(azimuths: Floats) -> range:
+    return range(math.floor(azimuths.min() / 360), math.floor(azimuths.max() / 360) + 1)
+
+
+def _crossings(azimuths: Floats, at: float) -> Floats:
+    """Where, in numbers of points, a line passes an azimuth."""
+    before = azimuths[:-1] - at
+    (k,) = np.nonzero(before * (azimuths[1:] - at) < 0)
+    crossings: Floats = k - before[k] / np.diff(azimuths)[k]
+    return crossings
 
 
 def _step(about: float) -> float:

@@ -109,6 +109,7 @@ def _glyphs(result: PoseResult) -> list[Panel]:
     """The visual elements of the photograph, and the same regions of the rendering."""
     canvas, spec = result.matched.canvas, result.matched.background.spec
     rendering = render(result.mesh, result.found.on_canvas[None], canvas.camera)
+    _, elements = result.matched.elements
     panels = []
     for image, what in ((canvas.image, "the object"), (rendering, f"rendering of {result.found.model}")):
         (descriptor,) = describe(image, spec).permute(0, 2, 3, 1)
@@ -116,7 +117,7 @@ def _glyphs(result: PoseResult) -> list[Panel]:
         down, across = (drawn.shape[axis] / descriptor.shape[axis] for axis in range(2))
         boxes = [
             (col * across, row * down, (col + ELEMENT[1]) * across, (row + ELEMENT[0]) * down)
-            for row, col in result.elements.positions.tolist()
+            for row, col in elements.positions.tolist()
         ]
         panels += [Panel(image[0], what), Panel(boxed(drawn, boxes), f"its glyphs, {len(boxes)} elements")]
     return panels

@@ -17,11 +17,9 @@ from torch import Tensor
 
 from .images import as_array
 from .pose.canvas import SIDE, Box
-from .pose.elements import Elements, elements
 from .pose.estimate import PoseEstimate
-from .pose.matching import ELEMENT, ELEMENTS, Photograph, model_of
+from .pose.matching import ELEMENT, Photograph, model_of
 from .pose.search import turn_table
-from .pose.similarity import describe
 from .pose.strategies import Path as Way
 from .pose.strategies import Search
 from .render import Mesh
@@ -135,6 +133,7 @@ class PoseResult:
         """All there is to say, ready for JSON."""
         found, spec = self.found, self.matched.background.spec
         similarities, derivatives = self.around
+        _, parts = self.matched.elements
         return {
             "photograph": self.path,
             "image_size": list(self.photograph.shape[1:]),
@@ -171,8 +170,8 @@ class PoseResult:
             ],
             "elements": {
                 "size": list(ELEMENT),
-                "positions": self.elements.positions.tolist(),
-                "discriminability": self.elements.discriminability.tolist(),
+                "positions": parts.positions.tolist(),
+                "discriminability": parts.discriminability.tolist(),
             },
             "units": _UNITS,
             "definitions": self._definitions(),
@@ -183,12 +182,6 @@ class PoseResult:
     def paths(self) -> list[Way]:
         """Of the searches with the best model."""
         return [path for path in self.found.paths if path.model == self.found.model]
-
-    @cached_property
-    def elements(self) -> Elements:
-        """The visual elements of the photograph."""
-        (descriptor,) = describe(self.matched.canvas.image, self.matched.background.spec).permute(0, 2, 3, 1)
-        return elements(descriptor, self.matched.background, ELEMENT, count=ELEMENTS, threshold=0.0)
 
     @cached_property
     def around(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

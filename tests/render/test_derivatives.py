@@ -147,6 +147,14 @@ def test_one_renderer_many_derivatives() -> None:
     after = renderer(AT, 0.1)
     assert_close(after, before, rtol=0, atol=1e-5)
     assert torch.autograd.grad(after.sum(), albedo)[0].abs().max() > 1
+    with torch.no_grad():
+        albedo *= 0.5
+        assert_close(
+            renderer(AT, 0.0),
+            render(Mesh(TWO.vertices, TWO.faces, TWO.brightness / 2), AT, CAMERA, background=0.0),
+            rtol=0,
+            atol=1e-5,
+        )
 
 
 def test_no_derivative_where_none_is_asked_for() -> None:

@@ -31,11 +31,11 @@ DEFINITIONS = {
     "one; the first has 0° in its middle, as in the code published with PASCAL3D+.",
     "views, by threshold": f"The azimuth is right if it differs from the true one by less than "
     f"{', '.join(f'{360 / views:g}' for views in VIEWS)}°.",
-    "median error": "Half of the azimuths differ from the true ones by no more, the shorter way round.",
+    "median error, error": "Half of the azimuths differ from the true ones by no more, the shorter way round.",
     "objects": f"All of them count: where a method has no pose, it is wrong, by {NO_POSE:g}°.",
     "interval below a figure": f"It holds the figure with 95 %: percentile bootstrap, {RESAMPLES:,} resamples of the "
     "objects with a fixed seed.",
-    "paper": "What the paper prints, for 247 chairs of PASCAL VOC and 1393 CAD models. It does not say by which "
+    "the paper's, in brackets": "What it prints, for 247 chairs of PASCAL VOC and 1393 CAD models. It does not say by which "
     "criterion; only by interval the baseline is better than chance at 4 views, so it is compared with that.",
     "seconds": "Median wall time of a method for one object, in a process that computes in one thread and has read the "
     "models; a process's first object takes longer, while code is compiled or loaded.",
@@ -45,14 +45,15 @@ DEFINITIONS = {
 
 
 def terminal_rows(table: Table2) -> list[dict[str, object]]:
-    """The accuracies by interval, ours and the paper's, one mapping for each row."""
+    """The accuracies by interval, the paper's in brackets, one mapping for each row."""
     rows = []
     for line in table.lines():
         row: dict[str, object] = {"method": line.method, "objects": line.accuracy["interval", VIEWS[0]].n}
         for views in VIEWS:
-            row |= {f"{views} views": line.accuracy["interval", views].mean}
-            row |= {f"{views} views\npaper": line.paper.get(views)}
-        rows.append({**row, "median error": line.error.value, "seconds": line.seconds})
+            ours, paper = line.accuracy["interval", views].mean, line.paper.get(views)
+            figure = "–" if ours is None else f"{ours:.1f}"
+            row[f"{views} views"] = figure if paper is None else f"{figure} ({paper:.1f})"
+        rows.append({**row, "error": line.error.value, "seconds": line.seconds})
     return rows
 
 

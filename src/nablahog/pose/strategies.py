@@ -26,6 +26,7 @@ PAPER_STARTS = 8  # azimuths all around, beside the initial one
 _STARTS = 3  # at most, views of the coarse search to climb from
 _NEARLY = 0.75  # of the best view's similarity: others that reach so much may yet turn out to be the one
 _AROUND = 15.0  # degrees from where the models agree
+_TURNS, _TILTS = (-6.0, -3.0, 0.0, 3.0, 6.0), (-10.0, -5.0, 0.0, 5.0, 10.0)  # degrees of azimuth and in the image plane
 _COARSE, _FINE = Hill(rounds=1), Hill(rounds=4, spread=0.8)
 _ASCENT_STEPS = 30
 
@@ -79,6 +80,16 @@ class Task:
         start = torch.tensor([azimuth, elevation, DISTANCE, 0, 0, 0], dtype=torch.float64)
         return place(turn_table(start, count), model.hull, canvas.camera, canvas.size)
 
+    def tilted(self, model: Model, pose: Tensor) -> Tensor:
+        """A view (6,) with the azimuths between it and its neighbours, each turned in the image plane, too, (N, 6).
+
+        The two are hard to tell apart: seen from above, either moves the top of an object across its foot.
+        """
+        canvas = self.photograph.canvas
+        poses = pose.repeat(len(_TILTS) * len(_TURNS), 1)
+        poses[:, [0, 3]] += torch.cartesian_prod(torch.tensor(_TURNS), torch.tensor(_TILTS))
+        return place(poses, model.hull, canvas.camera, canvas.size)
+
     @property
     def elevations(self) -> tuple[float, ...]:
         return ELEVATIONS if self.initial is None else (self.initial[1],)
@@ -115,8 +126,10 @@ def _best(task: Task) -> Found:
     for start in starts[:_STARTS]:
         if reached and start.value < _NEARLY * starts[0].value:
             break
-        similarity = task.models[start.model].similarity(template)
-        pose = _ascend(similarity, start.pose, _COARSE, task)
+        model = task.models[start.model]
+        similarity = model.similarity(template)
+        tilted = task.tilted(model, start.pose)
+        pose = _ascend(similarity, tilted[similarity.values(tilted).argmax()], _COARSE, task)
         reached.append(_Start(float(similarity.values(pose[None])), start.model, pose))
         renderings += similarity.renderings
     top = max(reached, key=lambda one: one.value)

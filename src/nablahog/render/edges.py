@@ -4,6 +4,10 @@ The derivative of an image of surfaces is that of brightness on the surfaces, pl
 two places, the difference times the way the boundary moves.  Two neighbouring samples of different brightness are such
 a place.  An edge of the mesh between them says exactly where the boundary is and how it moves; without one (smooth
 shading, or surfaces that pass through each other) it is half-way between them, and moves with the surface in front.
+
+What this leaves out: half a sample along the image's border; corners, where the shares of two edges in a sample add up
+instead of multiplying; creases of faces so steep that 1 / depth changes by :data:`GAP` between samples, and edges that
+the near plane cuts, which move but are not smoothed.  More samples to a pixel make all of these as much smaller.
 """
 
 from __future__ import annotations
@@ -65,11 +69,14 @@ def crossings(screen: Tensor, edges: Edges, ids: Tensor, inverse: Tensor) -> Cro
 
 
 def outlines(screen: Tensor, edges: Edges) -> Tensor:
-    """(B, E): whether an edge is one of an open surface, or both its faces lie on one side of it on the screen."""
+    """(B, E): whether an edge, before the camera, is one of an open surface, or both its faces lie on one side of it on
+    the screen (B, V, 3)."""
     a, b = screen[:, edges.ends, :2].unbind(2)
     along = (b - a).unsqueeze(2)
-    third = screen[:, edges.opposite, :2] - a.unsqueeze(2)
+    opposite = screen[:, edges.opposite]
+    third = opposite[..., :2] - a.unsqueeze(2)
     side = along[..., 0] * third[..., 1] - third[..., 0] * along[..., 1]
+    side = side * opposite[..., 2].sign()  # what is behind the camera is projected to the other side
     return (side[..., 0] * side[..., 1] >= 0) | (edges.kind == OPEN)
 
 

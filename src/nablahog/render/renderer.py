@@ -84,13 +84,21 @@ class Renderer:
             ValueError: ``poses`` is no finite (B, 6) tensor with distances above 0, or ``background`` is not as above.
         """
         check_poses(poses)
-        poses, behind, mesh = poses.double(), self._background(background, poses), self.mesh
-        shape = varies(mesh.vertices) or varies(mesh.brightness)
-        if shape or varies(behind) or behind.dtype == torch.float64 or mesh.vertices.device.type != "cpu":
+        behind, mesh = self._background(background, poses), self.mesh
+        derivative = varies(poses)
+        poses = poses.double()
+        # a mesh to be differentiated by is looked at anew each time: an optimiser may have changed it
+        shape = any(part.requires_grad or varies(part) for part in (mesh.vertices, mesh.brightness))
+        if (
+            shape
+            or (isinstance(background, Tensor) and varies(background))
+            or behind.dtype == torch.float64
+            or mesh.vertices.device.type != "cpu"
+        ):
             corners = corner_brightness(mesh, self._smoothing, self.light) if shape else self._lit
             step, method = self.supersampling, self.method
             return render_steps(mesh, corners, self.edges, poses, self.camera, behind, step, method)[:, None]
-        images: Tensor = _Picture.apply(poses, behind, self, varies(poses))[0]  # type: ignore[no-untyped-call]
+        images: Tensor = _Picture.apply(poses, behind, self, derivative)[0]  # type: ignore[no-untyped-call]
         return images[:, None]
 
     def _background(self, background: float | Tensor, poses: Tensor) -> Tensor:

@@ -42,9 +42,9 @@ def render_steps(
         each = zip(torch.split(poses, 1), torch.split(background.expand(len(poses), -1, -1), 1), strict=True)
         images = [render_steps(mesh, corners, edges, pose, camera, behind, step, method) for pose, behind in each]
         return torch.cat(images)
-    front = points[..., 2:] >= near  # what is not is not drawn, but its 1 / depth might be infinite, and have no slope
-    screen = to_screen(torch.where(front, points, 1.0), poses, camera)
-    screen = torch.where(front, torch.cat([screen[..., :2] * step, screen[..., 2:]], dim=-1), 0.0).to(background.dtype)
+    beside = points[..., 2:].abs() < 1e-3 * near  # is not drawn, but its 1 / depth might be infinite, and have no slope
+    screen = to_screen(torch.where(beside, -1.0, points), poses, camera)
+    screen = torch.cat([screen[..., :2] * step, screen[..., 2:]], dim=-1).to(background.dtype)
 
     ids, inverse = visibility(screen, faces, camera.height * step, camera.width * step)
     behind = background.expand(len(poses), -1, -1)

@@ -1,0 +1,201 @@
+"""`nablahog pose` on a rendered chair in front of a photograph."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from nablahog import presets
+from nablahog.cli import main
+from nablahog.images import write_image
+from nablahog.pose.background import default_background
+from nablahog.pose_result import AZIMUTHS
+from nablahog.render import Mesh
+from pose.common import SWIVEL, WOODEN, degrees_between, model, photographed
+
+from .common import names
+
+AZIMUTH, ELEVATION = 130, 12
+WEDGE = "OFF\n6 5 0\n0 0 0\n2 0 0\n2 1 0\n0 1 0\n0 1 2\n2 1 2\n4 0 1 2 3\n4 3 2 5 4\n4 4 5 1 0\n3 0 3 4\n3 1 5 2\n"
+RESULTS = ["chair_elements.png", "chair_overlay.png", "chair_pose.json", "chair_similarity.png", "index.html"]
+
+
+def write_off(path: Path, mesh: Mesh) -> None:
+    lines = ["OFF", f"{len(mesh.vertices)} {len(mesh.faces)} 0"]
+    lines += [" ".join(map(str, vertex)) for vertex in mesh.vertices.tolist()]
+    lines += ["3 " + " ".join(map(str, face)) for face in mesh.faces.tolist()]
+    path.write_text("\n".join(lines) + "\n")
+
+
+@pytest.fixture
+def wedge(tmp_path: Path) -> str:
+    """A model that is rendered in no time."""
+    path = tmp_path / "wedge.off"
+    path.write_text(WEDGE)
+    return str(path)
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> list[str]:
+    """The arguments that name the photograph, two models and a damaged one, and the box."""
+    folder = tmp_path / "models"
+    folder.mkdir()
+    for name, seed in (("wooden", WOODEN), ("swivel", SWIVEL)):
+        write_off(folder / f"{name}.off", model(seed))
+    (folder / "bad.off").write_text("hello")
+    image, box = photographed(model(), AZIMUTH, ELEVATION, behind="coffee")
+    write_image(tmp_path / "chair.png", image)
+    return [str(tmp_path / "chair.png"), "--mesh", str(folder), "--box", ",".join(f"{side:g}" for side in box)]
+
+
+def red(path: Path, box: tuple[int, int, int, int] | None = None) -> int:
+    """How many pixels are red."""
+    levels = np.asarray(Image.open(path).convert("RGB").crop(box), dtype=int)
+    return int(((levels[..., 0] > 180) & (levels[..., 1:] < 90).all(-1)).sum())
+
+
+def test_the_best_of_several_models(tmp_path: Path, scene: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    photograph, out = Path(scene[0]), tmp_path / "new" / "out"
+    before = photograph.read_bytes()
+    assert main(["pose", *scene, "--init", f"-20,{ELEVATION}", "-o", str(out)]) == 2  # argparse takes it for an option
+    capsys.readouterr()
+    assert main(["pose", *scene, f"--init=-20,{ELEVATION}", "-o", str(out)]) == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    for text in ("wooden", "azimuth", "Degrees that the camera", "Passed over: bad: ", f"Look at {out / 'index.html'}"):
+        assert text in printed.out
+    assert names(out) == RESULTS
+    assert photograph.read_bytes() == before
+
+    found = json.loads((out / "chair_pose.json").read_text())
+    assert found["model"] == "wooden"
+    assert degrees_between(found["azimuth"], AZIMUTH) < 2
+    assert abs(found["elevation"] - ELEVATION) < 4
+    assert found["candidates"] == ["swivel", "wooden"]
+    assert list(found["passed_over"]) == ["bad"]
+    assert found["image_size"] == [150, 180]
+    assert found["settings"]["initial"] == [-20, ELEVATION]
+    assert found["settings"]["descriptor"]["name"] == "aubry"
+    assert {"azimuth", "distance", "focal_length", "x, y", "similarity"} <= set(found["definitions"])
+    around = found["around"]
+    assert [len(around[key]) for key in ("azimuths", "similarities", "derivatives")] == [AZIMUTHS] * 3
+    best = around["azimuths"][int(np.argmax(around["similarities"]))]
+    assert degrees_between(best, found["azimuth"]) <= 4
+    assert found["paths"] == []
+    assert len(found["elements"]["positions"]) == len(found["elements"]["discriminability"]) > 0
+
+    assert red(out / "chair_overlay.png", (0, 0, 400, 400)) > 1000  # the box, and the outline
+    assert red(out / "chair_elements.png") > 1000
+    assert red(out / "chair_similarity.png") > 300
+    page = (out / "index.html").read_text()
+    assert page.count("data:image/png;base64,") == 4 + 1 + 4
+    assert "http" not in page
+    for text in ("Pose of chair.png", "<td>wooden</td>", "passed over: bad", "<dt>elevation</dt>", "azimuth -20°"):
+        assert text in page
+
+
+def test_the_papers_method_as_json(tmp_path: Path, scene: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    scene[2] = str(tmp_path / "models" / "wooden.off")
+    out = tmp_path / "out"
+    options = ["--method", "paper", "--init", f"120,{ELEVATION}", "--json", "-o", str(out)]
+    assert main(["pose", *scene, *options]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == json.loads((out / "chair_pose.json").read_text())
+    assert (printed["settings"]["method"], printed["settings"]["similarity"]) == ("paper", "dot")
+    assert printed["candidates"] == ["wooden"]
+    assert len(printed["paths"]) == 9
+    assert max(value for path in printed["paths"] for value in path["similarities"]) == printed["similarity"]
+    levels = np.asarray(Image.open(out / "chair_similarity.png").convert("RGB"), dtype=int)
+    assert ((levels - (222, 130, 20)) ** 2).sum(-1).min() < 100  # paths
+    assert "the paths of the search" in (out / "index.html").read_text()
+
+
+def test_the_whole_photograph_with_another_background(
+    tmp_path: Path, scene: list[str], wedge: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    background = tmp_path / "my.npz"
+    default_background(presets.uoctti(16, colour="gray"), 4).save(background)
+    options = ["--background", str(background), "--similarity", "whitened", "--method", "exhaustive", "--init", "0,10"]
+    assert main(["pose", scene[0], "--mesh", wedge, *options, "-o", str(tmp_path), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["box"] == [0, 0, 180, 150]
+    assert found["settings"]["background"] == str(background)
+    assert found["settings"]["descriptor"]["name"] == "uoctti"
+    assert found["renderings"] == 360
+    assert found["azimuth"] % 1 == 0
+
+
+def test_odd_names(tmp_path: Path, scene: list[str], wedge: str, capsys: pytest.CaptureFixture[str]) -> None:
+    odd = os.fsdecode(b"\xff<b>[x]")
+    photograph = tmp_path / f"{odd}.png"
+    os.rename(scene[0], photograph)
+    mesh = tmp_path / f"{odd}.off"
+    os.rename(wedge, mesh)
+    options = ["--method", "exhaustive", "--init", "0,10"]
+    assert main(["pose", str(photograph), "--mesh", str(mesh), *options, "-o", str(tmp_path / "out")]) == 0
+    assert r"\xff<b>[x]" in capsys.readouterr().out
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert "&lt;b&gt;" in page
+    assert "<b>" not in page
+    assert "<b>[x]_pose.json" in os.listdir(tmp_path / "out")
+
+
+def test_bad_inputs(tmp_path: Path, scene: list[str], refused: Callable[..., None]) -> None:
+    photograph, _, folder, _, box = scene
+    to = ["-o", str(tmp_path / "out")]
+
+    def check(message: str, status: int = 1, **changes: Any) -> None:
+        given: dict[str, Any] = {"mesh": folder, "box": box} | changes
+        argv = [str(part) for key, value in given.items() for part in (f"--{key}={value}",)]
+        refused("pose", photograph, *argv, *to, message=message, status=status)
+
+    check("the box must lie in the image of 150x180 pixels", box="200,0,300,100")
+    check("sides of at least 8 pixels", box="0,0,5,100")
+    check("expected the numbers x0,y0,x1,y1, got '1,2,3'", 2, box="1,2,3")
+    check("expected the numbers x0,y0,x1,y1, got '0,0,inf,9'", 2, box="0,0,inf,9")
+    check("expected the numbers az,el, got '10'", 2, init="10")
+    check("expected the numbers az,el, got 'a,b'", 2, init="a,b")
+    check("expected an elevation in -90…90 degrees, got '0,91'", 2, init="0,91")
+    check("invalid choice: 'fast'", 2, method="fast")
+    check("invalid choice: 'cosine'", 2, similarity="cosine")
+    check("no.off: no such file", mesh=tmp_path / "no.off")
+    check("models/bad.off: ", mesh=Path(folder, "bad.off"))
+    check("expected a mesh file (.off, .obj, .ply, .stl, .glb), got the ending '.png'", mesh=photograph)
+    check("no.npz: no such file", background=tmp_path / "no.npz")
+    check("bad.off: expected", background=Path(folder, "bad.off"))
+    (tmp_path / "empty").mkdir()
+    check("expected a folder of CAD models", mesh=tmp_path / "empty")
+    for name in ("a.off", "b.ply"):
+        (tmp_path / "empty" / name).write_text("hello")
+    check("no model can be read; the first: ", mesh=tmp_path / "empty")
+    small = tmp_path / "small.npz"
+    default_background(presets.aubry(16), 2).save(small)
+    check("visual elements of 5x5 cells in pictures of 128x128 pixels, got one of order 2", background=small)
+    refused("pose", folder, "--mesh", folder, *to, message="expected an image file, got a folder")
+    refused("pose", str(tmp_path / "no.png"), "--mesh", folder, *to, message="no.png: no such file")
+    refused("pose", photograph, "--mesh", folder, "-o", photograph, message="is not a folder")
+    refused("pose", photograph, *to, message="the following arguments are required: --mesh", status=2)
+
+
+def test_it_never_overwrites_an_input(tmp_path: Path, scene: list[str], refused: Callable[..., None]) -> None:
+    page = tmp_path / "index.html"  # Pillow does not mind the name
+    os.rename(scene[0], page)
+    refused("pose", str(page), *scene[1:], "-o", str(tmp_path), message="would overwrite an input")
+
+
+def test_what_fails_leaves_nothing(
+    tmp_path: Path, scene: list[str], wedge: str, refused: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*args: object, **options: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("nablahog.pose_page.silhouette", fail)
+    options = ["--method", "exhaustive", "--init", "0,10", "-o", str(tmp_path / "out")]
+    refused("pose", scene[0], "--mesh", wedge, *options, message="not enough memory")

@@ -1,0 +1,169 @@
+"""Poses of chairs whose pose is known."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+from nablahog.hog import presets
+from nablahog.pose import Box, PoseEstimate, estimate_pose
+from nablahog.pose.background import default_background
+from nablahog.render import silhouette
+
+from .common import SWIVEL, WOODEN, degrees_between, model, overlap, photographed
+
+Scene = tuple[Tensor, Box]
+
+
+@pytest.fixture(scope="module")
+def clean() -> Scene:
+    return photographed(model(), 215, 18)
+
+
+@pytest.fixture(scope="module")
+def cluttered() -> Scene:
+    return photographed(model(), 325, 12, behind="coffee")
+
+
+def same(one: PoseEstimate, other: PoseEstimate) -> bool:
+    return bool(torch.equal(one.pose, other.pose)) and one.similarity == other.similarity
+
+
+@pytest.mark.parametrize("azimuth", [5, 120, 215])
+def test_a_clean_rendering(azimuth: float) -> None:
+    image, box = photographed(model(), azimuth, 18)
+    found = estimate_pose(image, model(), box=box)
+    assert degrees_between(found.azimuth, azimuth) < 2
+    assert abs(found.elevation - 18) < 4
+    assert abs(found.theta) < 3
+    assert found.similarity_kind == "calibrated"
+    assert found.renderings > 100
+    assert found.paths == ()
+
+
+def test_the_pose_is_one_for_the_photograph(cluttered: Scene) -> None:
+    """The box is away from the middle, so that a pose for the canvas would not do."""
+    image, box = cluttered
+    found = estimate_pose(image, model(), box=box, initial=(0, 15))
+    assert degrees_between(found.azimuth, 325) < 2
+    assert (found.camera.height, found.camera.width) == image.shape[1:]
+    covered = silhouette(model(), found.pose, found.camera)[0, 0] > 0.5
+    rows, cols = covered.nonzero().unbind(1)
+    reached = (cols.min(), rows.min(), cols.max() + 1, rows.max() + 1)
+    assert all(abs(float(a) - b) <= 4 for a, b in zip(reached, box, strict=True))
+    clean, _ = photographed(model(), 325, 12)
+    assert overlap(covered, clean[0] < 0.999) > 0.75
+
+
+def test_colour_and_precision_make_no_difference(clean: Scene) -> None:
+    image, box = clean
+    options: dict[str, Any] = {"box": box, "initial": (210, 15)}
+    found = estimate_pose(image, model(), **options)
+    assert same(estimate_pose(image.double(), model(), **options), found)
+    in_colour = estimate_pose(image.expand(3, -1, -1), model(), **options)
+    assert degrees_between(in_colour.azimuth, found.azimuth) < 0.5
+
+
+def test_the_seed_decides(cluttered: Scene) -> None:
+    image, box = cluttered
+    found = [estimate_pose(image, model(), box=box, initial=(300, 15), seed=seed) for seed in (5, 5, 6)]
+    assert same(found[0], found[1])
+    assert not same(found[0], found[2])
+    assert degrees_between(found[0].azimuth, found[2].azimuth) < 2
+
+
+def test_one_mesh_or_a_mapping(clean: Scene) -> None:
+    image, box = clean
+    alone = estimate_pose(image, model(), box=box, initial=(0, 15))
+    named = estimate_pose(image, {"my chair": model()}, box=box, initial=(0, 15))
+    assert (alone.model, named.model) == ("", "my chair")
+    assert same(alone, named)
+
+
+@pytest.mark.parametrize("method", ["best", "exhaustive"])
+def test_of_several_models_it_is_the_right_one(method: Any) -> None:
+    models = {"wooden": model(WOODEN), "swivel": model(SWIVEL)}
+    calls: list[tuple[int, int, str]] = []
+    image, box = photographed(models["swivel"], 60, 15, behind="coffee")
+    found = estimate_pose(
+        image, models, box=box, initial=(0, 15), method=method, progress=lambda *call: calls.append(call)
+    )
+    assert found.model == "swivel"
+    assert degrees_between(found.azimuth, 60) < 3
+    assert calls == [(0, 2, "wooden"), (1, 2, "swivel")]
+
+
+def test_the_papers_method_keeps_its_paths(clean: Scene) -> None:
+    image, box = clean
+    found = estimate_pose(image, model(), box=box, initial=(200, 18), method="paper")
+    assert found.similarity_kind == "dot"
+    assert degrees_between(found.azimuth, 215) < 10
+    assert (found.elevation, found.theta) == (18, 0)
+    assert [round(path.azimuths[0]) for path in found.paths] == [200, 0, 45, 90, 135, 180, 225, 270, 315]
+    assert found.renderings == sum(len(path.azimuths) for path in found.paths)
+    best = max(found.paths, key=lambda path: max(path.similarities))
+    assert max(best.similarities) == found.similarity
+    assert best.azimuths[best.similarities.index(found.similarity)] % 360 == pytest.approx(found.azimuth)
+
+
+def test_exhaustive_search_is_of_whole_degrees(clean: Scene) -> None:
+    image, box = clean
+    found = estimate_pose(image, model(), box=box, initial=(200, 18), method="exhaustive")
+    assert degrees_between(found.azimuth, 215) <= 1
+    assert found.azimuth % 1 == 0
+    assert found.renderings == 360
+
+
+@pytest.mark.parametrize("ascent", ["momentum", "lbfgs"])
+def test_other_ascents(clean: Scene, ascent: Any) -> None:
+    image, box = clean
+    found = estimate_pose(image, model(), box=box, initial=(0, 18), ascent=ascent)
+    assert degrees_between(found.azimuth, 215) < 4
+
+
+@pytest.mark.parametrize("similarity", ["dot", "whitened"])
+def test_other_similarities(clean: Scene, similarity: Any) -> None:
+    image, box = clean
+    found = estimate_pose(image, model(), box=box, initial=(0, 18), similarity=similarity)
+    assert found.similarity_kind == similarity
+    assert degrees_between(found.azimuth, 215) < 10
+
+
+def test_another_background(clean: Scene) -> None:
+    image, box = clean
+    background = default_background(presets.uoctti(16, colour="gray"), 4)
+    found = estimate_pose(image, model(), box=box, initial=(0, 18), similarity="whitened", background=background)
+    assert degrees_between(found.azimuth, 215) < 10
+
+
+@pytest.mark.parametrize("image", [torch.full((1, 60, 50), 0.5), torch.zeros(3, 200, 200)])
+def test_where_there_is_nothing_to_see_any_pose_will_do(image: Tensor) -> None:
+    for models in (model(), {"a": model(WOODEN), "b": model(SWIVEL)}):
+        found = estimate_pose(image, models, initial=(0, 10))
+        assert torch.isfinite(found.pose).all()
+        assert math.isfinite(found.similarity)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"models": {}}, "at least one model, got none"),
+        ({"method": "aubry"}, "method must be one of 'best', 'paper', 'exhaustive', got 'aubry'"),
+        ({"ascent": "sgd"}, "ascent must be 'hill', 'momentum' or 'lbfgs', got 'sgd'"),
+        ({"similarity": "cosine"}, "similarity must be 'dot', 'whitened' or 'calibrated', got 'cosine'"),
+        ({"initial": (math.nan, 0)}, "finite azimuth and an elevation in -90…90"),
+        ({"initial": (0, 91)}, "finite azimuth and an elevation in -90…90"),
+        ({"box": (200, 0, 300, 150)}, "must lie in the image of 150x180 pixels"),
+        ({"box": (0, 0, 5, 150)}, "sides of at least 8 pixels"),
+        ({"photograph": torch.zeros(150, 180)}, r"must be a floating point tensor \(1 or 3, H, W\)"),
+        ({"photograph": torch.full((1, 150, 180), math.nan)}, "must be finite"),
+    ],
+)
+def test_refuses(clean: Scene, changes: dict[str, Any], message: str) -> None:
+    options = {"photograph": clean[0], "models": model()} | changes
+    with pytest.raises(ValueError, match=message):
+        estimate_pose(**options)
