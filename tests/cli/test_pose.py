@@ -101,15 +101,17 @@ def test_the_best_of_several_models(tmp_path: Path, scene: list[str], capsys: py
         assert text in page
 
 
-def test_the_papers_method_as_json(tmp_path: Path, scene: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    scene[2] = str(tmp_path / "models" / "wooden.off")
+def test_the_papers_method_as_json(
+    tmp_path: Path, scene: list[str], wedge: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene[2] = wedge
     out = tmp_path / "out"
     options = ["--method", "paper", "--init", f"120,{ELEVATION}", "--json", "-o", str(out)]
     assert main(["pose", *scene, *options]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed == json.loads((out / "chair_pose.json").read_text())
     assert (printed["settings"]["method"], printed["settings"]["similarity"]) == ("paper", "dot")
-    assert printed["candidates"] == ["wooden"]
+    assert printed["candidates"] == ["wedge"]
     assert len(printed["paths"]) == 9
     assert max(value for path in printed["paths"] for value in path["similarities"]) == printed["similarity"]
     levels = np.asarray(Image.open(out / "chair_similarity.png").convert("RGB"), dtype=int)

@@ -13,7 +13,7 @@ from torch.testing import assert_close
 from nablahog.render import Camera, Mesh, Renderer, depth_and_normals, pose, render, silhouette
 from nablahog.render.renderer import Method
 
-from .shapes import CAMERA, FLAT, box, cylinder, joined, mesh, poses, quads, rectangle, upright
+from .shapes import CAMERA, FLAT, box, cylinder, flipped, joined, mesh, poses, quads, rectangle, upright
 
 IN_FRONT = pose(0, distance=3)
 methods = pytest.mark.parametrize("method", ["edges", "opendr"])
@@ -219,7 +219,7 @@ def test_depths_and_normals() -> None:
 
 
 def test_normals_of_a_slope_look_towards_the_camera() -> None:
-    depth, normals = depth_and_normals(box(), pose(45, 30, 13), CAMERA)
+    depth, normals = depth_and_normals(flipped(box()), pose(45, 30, 13), CAMERA)
     found = normals[0][:, torch.isfinite(depth[0])].T
     assert (found[:, 2] < 0).all()
     assert len(found.round(decimals=6).unique(dim=0)) == 3

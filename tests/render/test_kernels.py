@@ -1,7 +1,9 @@
 """The compiled renderings are those of the plain steps, up to rounding in float32.
 
-So are their derivatives by the pose, up to about 1 %: the steps move every crossing of an edge by the motion of the
-edge there, the compiled loops by that of its surface in the middle of the pixel.
+So are their derivatives by the pose, up to some percent, the fewer the smaller the pixels are: the steps move every
+crossing of an edge by the motion of the edge there, the compiled loops by that of its surface in the middle of the
+pixel.  What ``opendr`` draws over an outline has no place on a surface: the steps continue the triangle's plane, the
+compiled loops take its depth at the next sample.  For faces seen from their side that is not the same at all.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 import torch
 from torch import Tensor
+from torch.nn.functional import cosine_similarity
 from torch.testing import assert_close
 
 from nablahog.datasets.chairs import chair
@@ -21,7 +24,12 @@ from nablahog.render.renderer import Method, pull_back
 from .shapes import box, cylinder, joined, poses
 
 CAMERA = Camera.from_field_of_view(25, 72, 64)
-MESHES = {"box": box((0.6, 0.5, 0.5)), "round": cylinder(24).normalized(), "chair": chair(2), "other chair": chair(0)}
+MESHES = {
+    "box": box((0.6, 0.5, 0.5)),
+    "round": joined(cylinder(24), box((1.5, 0.2, 0.3))).normalized(),
+    "chair": chair(2),
+    "other chair": chair(0),
+}
 meshes = pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES.keys())
 methods = pytest.mark.parametrize("method", ["edges", "opendr"])
 steps = pytest.mark.parametrize("step", [1, 2, 4])
@@ -68,7 +76,12 @@ def test_derivatives(mesh: Mesh, method: Method, step: int) -> None:
         jacobian(renderer, where, background).double() for jacobian in (compiled_jacobian, plain_jacobian)
     )
     error = (found - expected).flatten(1).norm(dim=1) / expected.flatten(1).norm(dim=1)
-    assert error.max() < 0.015, error
+    assert error[4:].max() < 2e-2, error  # a shift moves all alike; a tie falls to either side
+    if method == "edges":
+        assert error.max() < (0.05, 0.03, 0.03)[step // 2], error
+    else:
+        assert error[2] < 0.04
+        assert cosine_similarity(found.flatten(1), expected.flatten(1)).min() > (0.7, 0.85, 0.95)[step // 2]
 
 
 @methods
@@ -93,7 +106,7 @@ def test_near_the_camera_too(method: Method) -> None:
     renderer = Renderer(one, Camera.from_field_of_view(100, 72, 64), method=method, supersampling=2)
     background = torch.rand(1, 1, 72, 64)
     found, expected = renderer(where, background), plain(renderer, where, background)
-    print(((found - expected).abs() > 2e-3).float().mean(),(found - expected).abs().mean())
+    print(((found - expected).abs() > 2e-3).float().mean(), (found - expected).abs().mean())
     assert ((found - expected).abs() > 2e-3).float().mean() < 5e-3
 
 

@@ -7,6 +7,7 @@ little larger than the descriptor, the Fourier transform turns both into one C x
 from __future__ import annotations
 
 import torch
+from scipy.fft import next_fast_len
 from torch import Tensor
 
 from .whitening import Background
@@ -30,7 +31,7 @@ class Whitener:
         least = background.regularization if regularization is None else regularization
         order = background.order
         self.rows, self.cols, self.mean = rows, cols, background.mean.to(torch.float32)
-        self.size = _next_size(rows + _MARGIN), _next_size(cols + _MARGIN)
+        self.size = next_fast_len(rows + _MARGIN, real=True), next_fast_len(cols + _MARGIN, real=True)
         above = background.covariance[1:].flip(0, 1).mT
         offsets = torch.cat([above, background.covariance])  # (2 · order + 1, 2 · order + 1, C, C)
         fade = 1 - torch.arange(-order, order + 1, dtype=torch.float64).abs() / (order + 1)
@@ -56,11 +57,3 @@ class Whitener:
     def centred(self, descriptors: Tensor) -> Tensor:
         """q − μ of descriptors (B, C, rows, cols)."""
         return descriptors - self.mean[:, None, None]
-
-
-def _next_size(least: int) -> int:
-    """The next power of two, or three quarters of one: sides that are fast to transform."""
-    power = 1
-    while power < least:
-        power *= 2
-    return power * 3 // 4 if power * 3 // 4 >= least and power >= 8 else power

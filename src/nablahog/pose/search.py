@@ -42,7 +42,7 @@ class Hill:
 
     rounds: int = 3
     samples: int = 16
-    spread: float = 1.0
+    spread: float = 0.8
     shrink: float = 0.6
 
 

@@ -27,7 +27,6 @@ _STARTS = 3  # at most, views of the coarse search to climb from
 _NEARLY = 0.75  # of the best view's similarity: others that reach so much may yet turn out to be the one
 _AROUND = 15.0  # degrees from where the models agree
 _TURNS, _TILTS = (-6.0, -3.0, 0.0, 3.0, 6.0), (-10.0, -5.0, 0.0, 5.0, 10.0)  # degrees of azimuth and in the image plane
-_COARSE, _FINE = Hill(rounds=1), Hill(rounds=4, spread=0.8)
 _ASCENT_STEPS = 30
 
 
@@ -122,28 +121,26 @@ def _best(task: Task) -> Found:
         near = [start for start in starts if abs((float(start.pose[0]) - agreed + 180) % 360 - 180) <= _AROUND]
         starts = near or starts
     starts.sort(key=lambda start: -start.value)
-    reached: list[_Start] = []
+    tried: list[_Start] = []
     for start in starts[:_STARTS]:
-        if reached and start.value < _NEARLY * starts[0].value:
+        if tried and start.value < _NEARLY * starts[0].value:
             break
         model = task.models[start.model]
         similarity = model.similarity(template)
         tilted = task.tilted(model, start.pose)
-        pose = _ascend(similarity, tilted[similarity.values(tilted).argmax()], _COARSE, task)
-        reached.append(_Start(float(similarity.values(pose[None])), start.model, pose))
+        values = similarity.values(tilted)
+        tried.append(_Start(float(values.max()), start.model, tilted[values.argmax()]))
         renderings += similarity.renderings
-    top = max(reached, key=lambda one: one.value)
-    if kind != "calibrated":
-        return Found(top.model, top.pose, top.value, kind, renderings)
-    similarity = task.models[top.model].similarity(task.photograph.fine)
-    pose = _ascend(similarity, top.pose, _FINE, task)
+    top = max(tried, key=lambda one: one.value)
+    similarity = task.models[top.model].similarity(task.photograph.fine if kind == "calibrated" else template)
+    pose = _ascend(similarity, top.pose, task)
     value = float(similarity.values(pose[None]))
     return Found(top.model, pose, value, kind, renderings + similarity.renderings)
 
 
-def _ascend(similarity: Similarity, pose: Tensor, hill: Hill, task: Task) -> Tensor:
+def _ascend(similarity: Similarity, pose: Tensor, task: Task) -> Tensor:
     if task.ascent == "hill":
-        return climb(similarity, pose, hill, task.generator)
+        return climb(similarity, pose, Hill(), task.generator)
     if task.ascent == "momentum":
         return momentum(similarity, pose[None], steps=_ASCENT_STEPS, every=1)[0][0]
 

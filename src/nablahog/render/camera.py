@@ -75,7 +75,8 @@ def check_poses(poses: Tensor) -> None:
 
 
 def rotations(poses: Tensor) -> Tensor:
-    """(B, 3, 3): from the object frame to the camera frame; the rows are the camera's axes right, down, forward."""
+    """Poses (B, 6) to (B, 3, 3), which turn the object frame into the camera frame: their rows are the camera's axes
+    right, down and forward.  Differentiable."""
     azimuth, elevation, theta = (torch.deg2rad(poses[:, k]) for k in (0, 1, 3))
     sa, ca, se, ce = azimuth.sin(), azimuth.cos(), elevation.sin(), elevation.cos()
     zero = torch.zeros_like(sa)
@@ -87,13 +88,17 @@ def rotations(poses: Tensor) -> Tensor:
 
 
 def to_camera(points: Tensor, poses: Tensor) -> Tensor:
-    """Points (V, 3) of the object to (B, V, 3) in the camera frames."""
+    """Points (V, 3) of the object to (B, V, 3) in the camera frames of poses (B, 6): x right, y down, z forward, in
+    units of the mesh.  Differentiable; both of one floating point type."""
     moved = points @ rotations(poses).transpose(1, 2)
     return moved + torch.nn.functional.pad(poses[:, None, 2:3], (2, 0))
 
 
 def to_screen(points: Tensor, poses: Tensor, camera: Camera) -> Tensor:
-    """Points (B, V, 3) in the camera frames to (B, V, 3): x and y in pixels, and 1 / depth."""
+    """Points (B, V, 3) in the camera frames of poses (B, 6) to (B, V, 3): x and y in pixels, and 1 / depth.
+
+    Differentiable.  Points behind the camera have a negative depth; those beside it, at depth 0, are at infinity.
+    """
     inverse = 1 / points[..., 2:]
     middle = points.new_tensor([camera.width / 2, camera.height / 2]) + poses[:, None, 4:6]
     return torch.cat([camera.focal * points[..., :2] * inverse + middle, inverse], dim=-1)

@@ -35,6 +35,13 @@ class Renderer:
         supersampling: samples of a pixel along a side, 1 to 16.  The default is the least that was measured right
             (``benchmarks/image_derivative.py``); 1 and 2 are several times faster, for searches.
 
+    Which edges the mesh has and which of its faces are smooth is found once, here, and a constant to any
+    differentiation.
+
+    Attributes:
+        mesh, camera, light, method, supersampling: as given.
+        edges: those of the mesh.
+
     Raises:
         ValueError: ``method`` or ``supersampling`` is none of the above.
     """
@@ -70,8 +77,8 @@ class Renderer:
         Differentiable in ``poses``, the mesh's vertices and brightness, and ``background``, in reverse and forward
         mode, also by the transforms of ``torch.func``.  Where nothing but poses is differentiated, on a CPU, it takes
         compiled loops, in float32, which can be differentiated once; else plain PyTorch, :func:`.steps.render_steps`.
-        The derivatives by poses of both agree to about 1 %: the compiled loops take a surface's motion in the middle of
-        a pixel for that in the whole pixel.
+        The images of both agree up to rounding, the derivatives by poses up to one or two percent with ``"edges"``: the
+        compiled loops take a surface's motion in the middle of a pixel for that in the whole pixel.
 
         Args:
             poses: (B, 6), B at least 1, floating point, see :data:`.camera.PARAMETERS`; computed with in float64.
@@ -85,20 +92,15 @@ class Renderer:
         """
         check_poses(poses)
         behind, mesh = self._background(background, poses), self.mesh
-        derivative = varies(poses)
-        poses = poses.double()
         # a mesh to be differentiated by is looked at anew each time: an optimiser may have changed it
         shape = any(part.requires_grad or varies(part) for part in (mesh.vertices, mesh.brightness))
-        if (
-            shape
-            or (isinstance(background, Tensor) and varies(background))
-            or behind.dtype == torch.float64
-            or mesh.vertices.device.type != "cpu"
-        ):
+        plain = behind.dtype == torch.float64 or mesh.vertices.device.type != "cpu"
+        if shape or plain or (isinstance(background, Tensor) and varies(background)):
             corners = corner_brightness(mesh, self._smoothing, self.light) if shape else self._lit
             step, method = self.supersampling, self.method
-            return render_steps(mesh, corners, self.edges, poses, self.camera, behind, step, method)[:, None]
-        images: Tensor = _Picture.apply(poses, behind, self, derivative)[0]  # type: ignore[no-untyped-call]
+            return render_steps(mesh, corners, self.edges, poses.double(), self.camera, behind, step, method)[:, None]
+        inputs = poses.double(), behind, self, varies(poses)
+        images: Tensor = _Picture.apply(*inputs)[0]  # type: ignore[no-untyped-call]
         return images[:, None]
 
     def _background(self, background: float | Tensor, poses: Tensor) -> Tensor:
@@ -136,7 +138,10 @@ def render(
     method: Method = "edges",
     supersampling: int = SUPERSAMPLING,
 ) -> Tensor:
-    """Images (B, 1, H, W) of a mesh at poses (B, 6): :class:`Renderer`, which prepares the mesh once, called once."""
+    """Images (B, 1, H, W) in 0…1 of a mesh at poses (B, 6), differentiable in poses, mesh and background.
+
+    It is :class:`Renderer`, which prepares the mesh, called once; arguments and errors are described there.
+    """
     return Renderer(mesh, camera, light=light, method=method, supersampling=supersampling)(poses, background)
 
 
@@ -185,7 +190,9 @@ def _rays(poses: Tensor, camera: Camera, like: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def pose_jacobian(moved: Tensor, poses: Tensor, camera: Camera) -> Tensor:
-    """Derivatives (B, 6, H, W) of images by the parameters of their poses (B, 6), from their motion (B, 4, H, W).
+    """Derivatives (B, 6, H, W) of images by their poses (B, 6): per degree, unit of the mesh or pixel.
+
+    ``moved`` is their motion (B, 4, H, W), as ``Renderer.rigid.draw`` finds it in the same pass as the images.
 
     A point at depth 1 / w that moves by ω x X + τ moves on the screen by a + b w, where a depends on ω and the ray
     through the pixel, taken in its middle, and b on τ and the ray.

@@ -143,8 +143,9 @@ def visible_edges(
             w0, w1 = wa, wb
             if p1 < p0:
                 p0, q0, w0, p1, q1, w1 = p1, q1, w1, p0, q0, w0
-            first = int(np.ceil(max(zero, p0 - half)))
-            last = int(np.ceil(min(number(across), p1 - half))) - 1
+            beyond = number(across)
+            first = int(np.ceil(min(beyond, max(zero, p0 - half))))
+            last = int(np.ceil(max(zero, min(beyond, p1 - half)))) - 1
             if first > last:
                 continue
             slope, deepening = (q1 - q0) / (p1 - p0), (w1 - w0) / (p1 - p0)

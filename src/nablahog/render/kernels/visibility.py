@@ -114,8 +114,9 @@ def visibility(screen: Any, faces: Any, box: Any, ids: Any, inverse: Any) -> Non
                 p = x0 + (y - y0) * whole
                 q, below = x0 + (y - y0) * upper, x1 + (y - y1) * lower
                 q = q if y < y1 else below
-                start = int(np.ceil(max(left, min(p, q) - half)))
-                stop = int(np.floor(min(right, max(p, q) - half)))
+                # within the image, since no integer is as large as numbers can be
+                start = int(np.ceil(min(right + one, max(left, min(p, q) - half))))
+                stop = int(np.floor(max(left - one, min(right, max(p, q) - half))))
                 n = np.uintp(count)
                 spans[n, 0], spans[n, 1], spans[n, 2], spans[n, 3] = i, start, stop, face
                 planes[n, 0], planes[n, 1], planes[n, 2] = wa + by_y * (y - ya), by_x, xa - half

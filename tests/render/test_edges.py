@@ -1,0 +1,90 @@
+"""The steps of anti-aliasing alone: how surfaces move, which edges are outlines, and which of several edges counts."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+from torch.testing import assert_close
+
+from nablahog.render import Camera, Mesh, pose
+from nablahog.render.camera import to_camera, to_screen
+from nablahog.render.edges import crossings, highest, outlines, surface_motion
+from nablahog.render.rasterize import visibility
+from nablahog.render.topology import edges
+
+from .shapes import CAMERA, box, cylinder, joined, rectangle
+
+WIDE = Camera.from_field_of_view(90, 40, 40)
+
+
+def test_surfaces_move_as_their_points_do() -> None:
+    """Of a point on a triangle that turns, bends and comes nearer, to where it is seen a moment later."""
+    at = pose(20, 30, 2)
+    corners = torch.randn(6, 3, 3, dtype=torch.float64) * 0.4
+    velocity = torch.randn(6, 3, 3, dtype=torch.float64)
+    weights = torch.rand(6, 3, dtype=torch.float64) + 0.1
+    weights = weights / weights.sum(1, keepdim=True)
+
+    def seen(points: Tensor) -> Tensor:
+        return to_screen(to_camera(points.reshape(-1, 3), at), at, WIDE)
+
+    def after(time: float) -> tuple[Tensor, Tensor]:
+        moved = corners + time * velocity
+        return seen(moved), seen((weights[..., None] * moved).sum(1))[0, :, :2]
+
+    (early, before), (late, behind), (now, point) = after(-1e-6), after(1e-6), after(0)
+    x, y = point.T
+    faces, first = torch.arange(18).reshape(6, 3), torch.zeros(6, dtype=torch.int64)
+    found = surface_motion(now, (late - early) / 2e-6, faces, first, x, y)
+    assert_close(found, (behind - before) / 2e-6, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("where", [pose(33, 20, 3), pose(33, 20, 0.6), pose(200, -40, 0.3), pose(75, 60, 0.1)])
+def test_outlines_are_where_one_face_is_turned_to_the_camera_and_one_away(where: Tensor) -> None:
+    """Also where the faces go on behind the camera; of edges that do so themselves, nothing is said."""
+    one = joined(box(), cylinder(16), box((0.2, 0.3, 2)))
+    found = edges(one)
+    points = to_camera(one.vertices, where)
+    a, b = points[0][found.ends].unbind(1)
+    normals = torch.linalg.cross((b - a)[:, None], points[0][found.opposite] - a[:, None])
+    sides = (normals * a[:, None]).sum(2)
+    expected = sides[:, 0] * sides[:, 1] >= 0
+    front = (points[0][found.ends][..., 2] > 1e-3).all(1)
+    assert front.sum() > 5
+    assert torch.equal(outlines(to_screen(points, where, WIDE), found)[0][front], expected[front])
+
+
+def test_crossings_of_a_rectangle() -> None:
+    """Its left side crosses the links to the right in the rows that it covers, as far along as it says."""
+    one = rectangle(9.3, 11.2, 30.4, 33.1, CAMERA)
+    where = pose(0, distance=3)
+    screen = to_screen(to_camera(one.vertices, where), where, CAMERA)
+    ids, inverse = visibility(screen, one.faces, 48, 40)
+    found = crossings(screen, edges(one), ids, inverse)
+    left = (found.axis == 1) & (found.col < 20)
+    assert found.row[left].tolist() == list(range(11, 33))
+    assert (found.col[left] == 8).all()
+    assert_close(found.at[left], torch.full((22,), 0.8, dtype=torch.float64))
+    assert_close(found.slope[left], torch.zeros(22, dtype=torch.float64))
+    assert found.measured[left].all()
+    assert len(found.at) == 2 * 22 + 2 * 21
+
+
+def test_hidden_edges_cross_nothing() -> None:
+    behind = rectangle(12, 14, 20, 25, CAMERA, distance=3.5)
+    hidden = Mesh(behind.vertices + torch.tensor([0, 0.5, 0]), behind.faces, behind.brightness)
+    alone, both = rectangle(9.3, 11.2, 30.4, 33.1, CAMERA), joined(rectangle(9.3, 11.2, 30.4, 33.1, CAMERA), hidden)
+    where, found = pose(0, distance=3), []
+    for one in (alone, both):
+        screen = to_screen(to_camera(one.vertices, where), where, CAMERA)
+        found.append(crossings(screen, edges(one), *visibility(screen, one.faces, 48, 40)))
+    assert torch.equal(found[0].row, found[1].row)
+    assert torch.equal(found[0].at, found[1].at)
+
+
+def test_the_first_of_the_highest_at_each_place() -> None:
+    place, rank = torch.tensor([3, 1, 3, 3, 1, 0]), torch.tensor([0.5, 0.2, 0.7, 0.7, 0.0, 0.0])
+    assert sorted(highest(place, rank, 5).tolist()) == [1, 2, 5]
+    nothing = torch.zeros(0, dtype=torch.int64)
+    assert len(highest(nothing, nothing.double(), 5)) == 0
