@@ -6,7 +6,6 @@ import csv
 import os
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from nablahog.evaluate.pose_methods import PoseMethod, PoseSettings

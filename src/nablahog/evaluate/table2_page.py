@@ -35,8 +35,8 @@ DEFINITIONS = {
     "objects": f"All of them count: where a method has no pose, it is wrong, by {NO_POSE:g}°.",
     "interval below a figure": f"It holds the figure with 95 %: percentile bootstrap, {RESAMPLES:,} resamples of the "
     "objects with a fixed seed.",
-    "the paper's, in brackets": "What it prints, for 247 chairs of PASCAL VOC and 1393 CAD models. It does not say by which "
-    "criterion; only by interval the baseline is better than chance at 4 views, so it is compared with that.",
+    "the paper's, in brackets": "What it prints, for 247 chairs of PASCAL VOC and 1393 CAD models. It does not say "
+    "by which criterion; only by interval the baseline is better than chance at 4 views, so it is compared with that.",
     "seconds": "Median wall time of a method for one object, in a process that computes in one thread and has read the "
     "models; a process's first object takes longer, while code is compiled or loaded.",
     **{name: method.about for name, method in POSE_METHODS.items()},
