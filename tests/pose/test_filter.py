@@ -8,7 +8,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.hog import presets
-from nablahog.pose.filter import Whitener, _next_size
+from nablahog.pose.filter import Whitener
 from nablahog.pose.whitening import Background
 
 SPEC = presets.aubry(8, orientations=2)  # two channels
@@ -102,8 +102,3 @@ def test_what_is_centred_has_the_mean_of_photographs_at_0() -> None:
     mean = of.mean.float()[:, None, None].expand(1, -1, 4, 5)
     assert not whitener.centred(mean).any()
     assert_close(whitener.centred(mean + 0.5), torch.full_like(mean, 0.5))
-
-
-def test_sides_that_are_fast_to_transform() -> None:
-    fast = sorted([2**k for k in range(9)] + [3 * 2**k for k in range(1, 8)])
-    assert [_next_size(n) for n in range(1, 200)] == [min(side for side in fast if side >= n) for n in range(1, 200)]

@@ -48,7 +48,7 @@ class Detection:
 
 
 @torch.no_grad()
-def detect(photograph: Tensor, box: Box, models: Mapping[str, Views], *, agreement: float = 0.7) -> Detection:
+def detect(photograph: Tensor, box: Box, models: Mapping[str, Views], *, agreement: float = 0.5) -> Detection:
     """The most confident detection of any view of any model.
 
     Args:
@@ -56,7 +56,8 @@ def detect(photograph: Tensor, box: Box, models: Mapping[str, Views], *, agreeme
         box: x0, y0, x1, y1 of the object, pixels.
         models: their views by name, at least one.
         agreement: detections whose box has less than this intersection over union with ``box`` come after all others.
-            Aubry et al. know no box, which is 0; with it, their method is the stronger.
+            Aubry et al. know no box, which is 0; with PASCAL's criterion for a right detection, 0.5, their method is
+            the stronger.
 
     Raises:
         ValueError: the photograph or the box is not as above, there are no models, or nothing is found: no element of
