@@ -82,13 +82,14 @@ def cut_out(photograph: Tensor, box: Box, side: int = SIDE, fill: float = FILL) 
     zoom = fill / max(x1 - x0, y1 - y0)
     middle = (x0 + x1) / 2, (y0 + y1) / 2
     # enough of it, repeated beyond its border, then resampled without aliasing
-    reach = math.ceil(side / zoom / 2) + 2
+    sigma = 0.5 * math.sqrt(max(0.0, 1 / zoom**2 - 1))
+    reach = math.ceil(side / zoom / 2 + 3 * sigma) + 2
     left, top = math.floor(middle[0]) - reach, math.floor(middle[1]) - reach
     rows = torch.arange(top, top + 2 * reach + 1).clamp(0, height - 1)
     cols = torch.arange(left, left + 2 * reach + 1).clamp(0, width - 1)
-    part = gray(photograph[None].float())[:, :, rows][:, :, :, cols]
-    if zoom < 1:
-        part = _blurred(part, 0.5 * math.sqrt(1 / zoom**2 - 1))
+    part = gray(photograph[:, rows][:, :, cols][None].float())
+    if sigma > 0:
+        part = _blurred(part, sigma)
     at = (torch.arange(side) + 0.5 - side / 2) / zoom
     x, y = ((at + m - start) / (2 * reach + 1) * 2 - 1 for m, start in zip(middle, (left, top), strict=True))
     grid = torch.stack(torch.meshgrid(y, x, indexing="ij")[::-1], dim=-1)[None].float()

@@ -23,7 +23,7 @@ class PoseEstimate:
     Attributes:
         azimuth, elevation, theta: degrees; azimuth in 0…360.
         distance: units of the mesh.
-        x, y: pixels of the photograph, from its middle to where the object's origin would be seen at theta 0.
+        x, y: pixels of the photograph, from its middle to where the object's origin is seen.
         camera: that these are meant for; it sees the whole photograph.
         model: the name of the model that fits best.
         similarity: of its rendering to the photograph, as ``similarity_kind`` has it.
@@ -105,7 +105,9 @@ def estimate_pose(
         raise ValueError(f"similarity must be 'dot', 'whitened' or 'calibrated', got {similarity!r}")
     if initial is not None and not (all(map(math.isfinite, initial)) and -90 <= initial[1] <= 90):
         raise ValueError(f"initial must be a finite azimuth and an elevation in -90…90, got {initial}")
-    height, width = photograph.shape[-2:]
+    if photograph.dim() != 3:
+        raise ValueError(f"the photograph must be a floating point tensor (1 or 3, H, W), got {tuple(photograph.shape)}")
+    height, width = photograph.shape[1:]
     canvas = cut_out(photograph, box or (0.0, 0.0, float(width), float(height)))
     task = Task(
         Photograph(canvas, background),

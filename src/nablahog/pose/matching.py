@@ -6,7 +6,6 @@ import dataclasses
 import math
 from functools import cached_property, lru_cache
 from typing import Literal, TypeAlias
-from weakref import WeakKeyDictionary
 
 import torch
 from torch import Tensor
@@ -114,12 +113,7 @@ class Model:
         return Similarity(self._renderers[key], template)
 
 
-_models: WeakKeyDictionary[Mesh, Model] = WeakKeyDictionary()
-
-
+@lru_cache(maxsize=256)
 def model_of(mesh: Mesh, camera: Camera) -> Model:
     """The prepared model of a mesh; all canvases have one camera, so it is prepared once."""
-    known = _models.get(mesh)
-    if known is None or known.camera != camera:
-        known = _models[mesh] = Model(mesh, camera)
-    return known
+    return Model(mesh, camera)
