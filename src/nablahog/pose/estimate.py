@@ -106,7 +106,8 @@ def estimate_pose(
     if initial is not None and not (all(map(math.isfinite, initial)) and -90 <= initial[1] <= 90):
         raise ValueError(f"initial must be a finite azimuth and an elevation in -90…90, got {initial}")
     if photograph.dim() != 3:
-        raise ValueError(f"the photograph must be a floating point tensor (1 or 3, H, W), got {tuple(photograph.shape)}")
+        shape = tuple(photograph.shape)
+        raise ValueError(f"the photograph must be a floating point tensor (1 or 3, H, W), got the shape {shape}")
     height, width = photograph.shape[1:]
     canvas = cut_out(photograph, box or (0.0, 0.0, float(width), float(height)))
     task = Task(
