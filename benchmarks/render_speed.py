@@ -4,8 +4,8 @@
 
 A turned chair, the finer the more faces it has, is seen from eight sides in one batch.  Times are those of the batch
 over eight.  With derivative means the image, its motion, and what a gradient of the image is by the six parameters of
-the pose.  Preparing a mesh, once for all renderings, finds its edges and shades it.  Memory is by how much the batch
-raises the peak of the resident set of a fresh process (Linux only: VmHWM).
+the pose.  Preparing a mesh, once for all renderings, finds its edges and shades it.  Memory is by how much preparing
+and one batch raise the peak of the resident set of a fresh process that holds the mesh (Linux only: VmHWM).
 """
 
 from __future__ import annotations
@@ -69,11 +69,10 @@ def turned_chair(faces: int) -> Mesh:
     return Mesh(torch.from_numpy(whole.vertices), torch.from_numpy(whole.faces), brightness).normalized()
 
 
-def prepared(case: Case) -> Renderer:
+def prepared(mesh: Mesh, case: Case) -> Renderer:
     """The renderer with everything made that it makes once."""
-    renderer = Renderer(
-        turned_chair(case.faces), Camera(2.6 * case.side, case.side, case.side), supersampling=case.samples
-    )
+    camera = Camera(2.6 * case.side, case.side, case.side)
+    renderer = Renderer(mesh, camera, supersampling=case.samples)
     assert renderer.rigid
     return renderer
 
@@ -95,8 +94,9 @@ def calls(renderer: Renderer) -> dict[str, Callable[[], object]]:
 def timed(case: Case, seconds: float) -> dict[str, Any]:
     """Milliseconds a rendering, by wall clock and of the processors, in turns for about ``seconds``."""
     torch.set_num_threads(case.threads)
+    mesh = turned_chair(case.faces)
     start = time.perf_counter()
-    renderer = prepared(case)
+    renderer = prepared(mesh, case)
     preparing = 1e3 * (time.perf_counter() - start)
     programs = calls(renderer)
     for call in programs.values():
@@ -121,14 +121,15 @@ def timed(case: Case, seconds: float) -> dict[str, Any]:
 
 
 def memory_case(case: Case) -> None:
-    """Print by how many MiB one batch raises the peak; run in a process of its own."""
+    """Print by how many MiB preparing and one batch raise the peak; run in a process of its own."""
     torch.set_num_threads(case.threads)
-    calls(prepared(Case(500, 16, case.samples, 1)))["with derivative"]()  # loads what is loaded on first use
-    call = calls(prepared(case))["with derivative"]
+    tiny = Case(500, 16, case.samples, 1)
+    calls(prepared(turned_chair(tiny.faces), tiny))["with derivative"]()  # loads what is loaded on first use
+    mesh = turned_chair(case.faces)
     # imports peak higher than they end, and a new process even inherits the peak of its parent in ru_maxrss
     Path("/proc/self/clear_refs").write_text("5")
     before = peak_kib()
-    call()
+    calls(prepared(mesh, case))["with derivative"]()
     print((peak_kib() - before) / 1024)
 
 

@@ -61,12 +61,14 @@ def summits(values: Tensor, count: int) -> Tensor:
     return order[:count]
 
 
-def consensus(azimuths: Tensor, values: Tensor) -> float:
-    """The whole degree of azimuth for which views of many models (N,) speak most, by their calibrated similarities."""
+def consensus(azimuths: Tensor, values: Tensor) -> Tensor:
+    """How much views of many models (N,) speak for each whole degree of azimuth, (360,): the logarithm of a share of
+    what speaks for the best, from their calibrated similarities."""
     weights = torch.exp((values - values.max()) / _SURE)
     degrees = torch.arange(360, dtype=azimuths.dtype)
     apart = (degrees[:, None] - azimuths + 180) % 360 - 180
-    return float((torch.exp(-0.5 * (apart / _BLUR) ** 2) @ weights).argmax())
+    support = torch.exp(-0.5 * (apart / _BLUR) ** 2) @ weights
+    return torch.log((support / support.max()).clamp(min=1e-9))
 
 
 def climb(similarity: Similarity, pose: Tensor, hill: Hill, generator: torch.Generator) -> Tensor:

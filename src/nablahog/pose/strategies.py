@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -25,6 +25,7 @@ EVERY_DEGREE = 360
 PAPER_STARTS = 8  # azimuths all around, beside the initial one
 _STARTS = 3  # at most, views of the coarse search to climb from
 _NEARLY = 0.75  # of the best view's similarity: others that reach so much may yet turn out to be the one
+_RIVAL = 0.85  # of the best view's similarity, after tilting
 _AROUND = 15.0  # degrees from where the models agree
 _TURNS, _TILTS = (-6.0, -3.0, 0.0, 3.0, 6.0), (-10.0, -5.0, 0.0, 5.0, 10.0)  # degrees of azimuth and in the image plane
 _ASCENT_STEPS = 30
@@ -115,27 +116,48 @@ def _best(task: Task) -> Found:
             azimuths.append(views[:, 0])
             all_values.append(values)
         renderings += similarity.renderings
+    support = torch.zeros(360)
     if len(task.models) > 1 and kind == "calibrated":
         # one wrong model may fit anywhere; where many fit is the object
-        agreed = consensus(torch.cat(azimuths), torch.cat(all_values))
-        near = [start for start in starts if abs((float(start.pose[0]) - agreed + 180) % 360 - 180) <= _AROUND]
-        starts = near or starts
+        support = consensus(torch.cat(azimuths), torch.cat(all_values)).float()
     starts.sort(key=lambda start: -start.value)
     tried: list[_Start] = []
-    for start in starts[:_STARTS]:
-        if tried and start.value < _NEARLY * starts[0].value:
-            break
+    for start in _promising(starts, int(support.argmax()) if support.any() else None):
         model = task.models[start.model]
         similarity = model.similarity(template)
         tilted = task.tilted(model, start.pose)
         values = similarity.values(tilted)
         tried.append(_Start(float(values.max()), start.model, tilted[values.argmax()]))
         renderings += similarity.renderings
-    top = max(tried, key=lambda one: one.value)
-    similarity = task.models[top.model].similarity(task.photograph.fine if kind == "calibrated" else template)
-    pose = _ascend(similarity, top.pose, task)
-    value = float(similarity.values(pose[None]))
-    return Found(top.model, pose, value, kind, renderings + similarity.renderings)
+    reached: list[_Start] = []
+    for start in _rivals(tried, support):
+        similarity = task.models[start.model].similarity(task.photograph.fine if kind == "calibrated" else template)
+        pose = _ascend(similarity, start.pose, task)
+        reached.append(_Start(float(similarity.values(pose[None])), start.model, pose))
+        renderings += similarity.renderings
+    top = max(reached, key=lambda one: one.value + float(support[int(one.pose[0]) % 360]))
+    return Found(top.model, top.pose, top.value, kind, renderings)
+
+
+def _rivals(tried: Sequence[_Start], support: Tensor) -> list[_Start]:
+    """The best of those tried, and the best from elsewhere if it is nearly as good: front and back look much alike."""
+    order = sorted(tried, key=lambda one: -one.value - float(support[int(one.pose[0]) % 360]))
+    best = order[0]
+    others = [
+        one
+        for one in order[1:]
+        if abs(float(one.pose[0] - best.pose[0] + 180) % 360 - 180) > _AROUND and one.value >= _RIVAL * best.value
+    ]
+    return [best, *others[:1]]
+
+
+def _promising(starts: Sequence[_Start], agreed: int | None) -> list[_Start]:
+    """The best of ``starts``, the best first, and the best near an azimuth, if models agree on one."""
+    chosen = [start for start in starts[:_STARTS] if start is starts[0] or start.value >= _NEARLY * starts[0].value]
+    if agreed is not None:
+        near = [start for start in starts if abs((float(start.pose[0]) - agreed + 180) % 360 - 180) <= _AROUND]
+        chosen += [start for start in near[:_STARTS] if start not in chosen]
+    return chosen
 
 
 def _ascend(similarity: Similarity, pose: Tensor, task: Task) -> Tensor:
