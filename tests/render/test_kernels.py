@@ -19,6 +19,7 @@ from torch.testing import assert_close
 
 from nablahog.datasets.chairs import chair
 from nablahog.render import Camera, Mesh, Renderer, pose, pose_jacobian, silhouette
+from nablahog.render.kernels.moments import moments
 from nablahog.render.renderer import Method, pull_back
 
 from .shapes import box, cylinder, joined, poses
@@ -144,6 +145,29 @@ def test_the_result_does_not_depend_on_the_number_of_threads() -> None:
         assert torch.equal(renderer(where), one)
     finally:
         torch.set_num_threads(1)
+
+
+def test_sums_over_pixels_are_those_of_plain_pytorch() -> None:
+    given, moved = torch.randn(3, 7, 9), torch.randn(3, 4, 7, 9)
+    x, y = torch.randn(3, 1, 9), torch.randn(3, 7, 1)
+    found = moments(given, moved, x, y)
+    powers_of_x = torch.stack([x**m for m in range(3)], 1)  # (B, 3, 1, W)
+    powers_of_y = torch.stack([y**n for n in range(3)], 1)
+    expected = torch.einsum("bhw,bkhw,bmow,bnhp->bkmn", given, moved, powers_of_x, powers_of_y)
+    assert_close(found, expected.double(), rtol=1e-4, atol=1e-4)
+    inside = torch.func.vmap(lambda g: moments(g, moved, x, y))(given[None])
+    assert_close(inside[0], found, rtol=1e-5, atol=1e-5)
+
+
+@methods
+@pytest.mark.parametrize("size", [1e-20, 1e12, 1e30])
+def test_sizes_near_the_end_of_numbers_draw_something_or_nothing(method: Method, size: float) -> None:
+    huge = MESHES["box"].vertices * size
+    renderer = Renderer(Mesh(huge, MESHES["box"].faces, MESHES["box"].brightness), CAMERA, method=method)
+    for distance in (2.6 * size, 0.1 * size, 2.6):
+        where = poses(2, distance)
+        picture = renderer.rigid.draw(where, torch.ones(1, 72, 64), True)
+        assert torch.isfinite(picture.image).all()
 
 
 def test_silhouettes_are_compiled_and_plain_the_same() -> None:

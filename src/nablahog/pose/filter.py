@@ -6,10 +6,14 @@ little larger than the descriptor, the Fourier transform turns both into one C x
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 import torch
-from scipy.fft import next_fast_len
+from scipy.fft import irfft2, next_fast_len, rfft2
 from torch import Tensor
 
+from ..compile import compiled
 from .whitening import Background
 
 _MARGIN = 4  # cells, between a descriptor and itself around the torus
@@ -45,15 +49,32 @@ class Whitener:
         spectrum = (spectrum + spectrum.mH) / 2
         values, vectors = torch.linalg.eigh(spectrum)
         inverse = (vectors / (values.clamp(min=0) + least)[..., None, :]) @ vectors.mH
-        self.inverse = inverse.to(torch.complex64)
+        # (C, C, frequencies), which come last so that a loop over them is a fast one
+        self.inverse = inverse.to(torch.complex64).flatten(0, 1).permute(1, 2, 0).contiguous().numpy()
 
     def __call__(self, descriptors: Tensor) -> Tensor:
         """Σ⁻¹ q: (B, C, rows, cols) to the same, float32; nothing is taken to lie beyond the border."""
-        spectrum = torch.fft.rfft2(descriptors, s=self.size).permute(2, 3, 1, 0)
-        found = (self.inverse @ spectrum).permute(3, 2, 0, 1)
-        white: Tensor = torch.fft.irfft2(found, s=self.size)[..., : self.rows, : self.cols]
-        return white
+        # SciPy's transforms, since these small ones take PyTorch longer, and its threads wait for each other
+        spectrum = rfft2(descriptors.numpy(force=True), s=self.size)
+        found = np.empty_like(spectrum)
+        flat = (*spectrum.shape[:2], -1)
+        _multiply(self.inverse, spectrum.reshape(flat), found.reshape(flat))
+        return torch.from_numpy(irfft2(found, s=self.size, overwrite_x=True)[..., : self.rows, : self.cols])
 
     def centred(self, descriptors: Tensor) -> Tensor:
         """q − μ of descriptors (B, C, rows, cols)."""
         return descriptors - self.mean[:, None, None]
+
+
+@compiled
+def _multiply(matrices: Any, vectors: Any, found: Any) -> None:
+    """Matrices (C, C, F) times vectors (B, C, F) for each of F frequencies, to ``found`` (B, C, F)."""
+    batch, channels, frequencies = vectors.shape
+    for b in range(batch):
+        for a in range(channels):
+            to = found[b, a]
+            to[:] = 0
+            for c in range(channels):
+                matrix, vector = matrices[a, c], vectors[b, c]
+                for f in range(frequencies):
+                    to[f] += matrix[f] * vector[f]

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import torch
 from scipy.spatial import ConvexHull, QhullError
 from torch import Tensor
 
+from ..compile import compiled
 from ..render import Camera, Mesh
-from ..render.camera import to_camera, to_screen
+from ..render.camera import rotations
 
 _ROUNDS = 3  # perspective makes the size no exact inverse of the distance; twice is within a tenth of a pixel
 
@@ -26,17 +29,31 @@ def place(poses: Tensor, points: Tensor, camera: Camera, size: tuple[float, floa
     """``poses`` (B, 6) with distance, x and y such that the box around ``points`` has the area of one of ``size``
     (width, height), and its middle in the middle of the image."""
     placed = poses.clone()
-    for _ in range(_ROUNDS):
-        screen = to_screen(to_camera(points, placed), placed, camera)[..., :2]
-        low, high = screen.amin(1), screen.amax(1)
-        extent = (high - low).clamp(min=1e-6)
-        zoom = (size[0] * size[1] / extent.prod(1)).sqrt()
-        placed[:, 2] = (placed[:, 2] / zoom).clamp(min=1.0)
-        placed[:, 4:] = placed[:, 4:] + _middle(camera) - (low + high) / 2
-    screen = to_screen(to_camera(points, placed), placed, camera)[..., :2]
-    placed[:, 4:] = placed[:, 4:] + _middle(camera) - (screen.amin(1) + screen.amax(1)) / 2
+    turns = rotations(poses.detach()).double().numpy()
+    corners = np.empty((len(poses), 4))
+    vertices = points.double().numpy()
+    for round_ in range(_ROUNDS + 1):
+        _bounds(vertices, turns, placed[:, 2].double().numpy(), camera.focal, corners)
+        low, high = (torch.from_numpy(part) + placed[:, 4:] for part in (corners[:, :2], corners[:, 2:]))
+        if round_ < _ROUNDS:
+            zoom = (size[0] * size[1] / (high - low).clamp(min=1e-6).prod(1)).sqrt()
+            placed[:, 2] = (placed[:, 2] / zoom).clamp(min=1.0)
+        placed[:, 4:] = placed[:, 4:] - (low + high) / 2
     return placed
 
 
-def _middle(camera: Camera) -> Tensor:
-    return torch.tensor([camera.width / 2, camera.height / 2], dtype=torch.float64)
+@compiled
+def _bounds(points: Any, turns: Any, distances: Any, focal: float, found: Any) -> None:
+    """The boxes around points (N, 3) at poses, relative to the principal point: x and y of their corners, (B, 4)."""
+    for b in range(turns.shape[0]):
+        turn, distance = turns[b], distances[b]
+        left = top = np.inf
+        right = bottom = -np.inf
+        for n in range(points.shape[0]):
+            x, y, z = points[n, 0], points[n, 1], points[n, 2]
+            inverse = focal / (turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z + distance)
+            across = (turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z) * inverse
+            down = (turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z) * inverse
+            left, right = min(left, across), max(right, across)
+            top, bottom = min(top, down), max(bottom, down)
+        found[b, 0], found[b, 1], found[b, 2], found[b, 3] = left, top, right, bottom

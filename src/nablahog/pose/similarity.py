@@ -11,7 +11,10 @@ Each similarity is a linear template w of the photograph, ⟨w, φ(P_f)⟩, one 
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import torch
 from torch import Tensor
@@ -20,8 +23,11 @@ from ..hog.kernels import steps
 from ..hog.spec import HOGSpec
 from ..render import Renderer
 from ..render.renderer import pull_back
+from ..threads import in_threads
 from .elements import Elements
 from .filter import Whitener
+
+Result = TypeVar("Result")
 
 _BATCH = 16  # renderings at a time: their arrays stay in the processor's cache
 
@@ -82,21 +88,27 @@ class Similarity:
 
     def values(self, poses: Tensor) -> Tensor:
         """(B,) at poses (B, 6)."""
-        return torch.cat([self._values(part) for part in torch.split(poses, _BATCH)])
+        return torch.cat(self._in_parts(self._values, poses))
 
     def derivatives(self, poses: Tensor) -> tuple[Tensor, Tensor]:
         """Values (B,) and derivatives (B, 6) by the parameters of the poses, as :data:`nablahog.render.PARAMETERS`."""
-        values, slopes = zip(*(self._derivatives(part) for part in torch.split(poses, _BATCH)), strict=True)
+        values, slopes = zip(*self._in_parts(self._derivatives, poses), strict=True)
         return torch.cat(values), torch.cat(slopes)
+
+    def _in_parts(self, work: Callable[[Tensor], Result], poses: Tensor) -> list[Result]:
+        self.renderings += len(poses)
+        assert self.renderer.rigid  # once, before threads ask for it
+        threads = torch.get_num_threads()
+        rounds = math.ceil(len(poses) / (_BATCH * threads))  # each of which has a part for every thread
+        parts = torch.split(poses, math.ceil(len(poses) / (rounds * threads)))
+        return in_threads(lambda k: work(parts[k]), len(parts))
 
     def _values(self, poses: Tensor) -> Tensor:
         picture = self.renderer.rigid.draw(poses, self.background, False)
-        self.renderings += len(poses)
         return self.template.scores(describe(picture.image[:, None], self.template.spec))[0].double()
 
     def _derivatives(self, poses: Tensor) -> tuple[Tensor, Tensor]:
         picture = self.renderer.rigid.draw(poses, self.background, True)
-        self.renderings += len(poses)
         images = picture.image[:, None].requires_grad_(True)
         with torch.enable_grad():
             descriptors = describe(images, self.template.spec)

@@ -10,6 +10,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from .camera import Camera, check_poses, motion
+from .kernels.moments import moments
 from .kernels.rigid import Rigid
 from .mesh import Mesh
 from .shading import Light, corner_brightness
@@ -212,16 +213,17 @@ def pose_jacobian(moved: Tensor, poses: Tensor, camera: Camera) -> Tensor:
 def pull_back(given: Tensor, moved: Tensor, poses: Tensor, camera: Camera) -> Tensor:
     """The adjoint of :func:`pose_jacobian`: images (B, H, W) to poses (B, 6).
 
-    a and b are polynomials in the ray, so that six sums over pixels serve all parameters.
+    a and b are polynomials in the ray, so that few sums over pixels serve all parameters.
     """
-    turn, move, shift = (part.to(moved) for part in motion(poses))
-    x, y = (part.expand(-1, camera.height, camera.width) for part in _rays(poses, camera, moved))
-    powers = torch.stack([torch.ones_like(x), x, y, x * x, x * y, y * y], dim=1).flatten(2)
-    weighted = (moved * given[:, None]).flatten(2) @ powers.transpose(1, 2)  # (B, 4, 6)
-    first, second, third, fourth = weighted.unsqueeze(1).unbind(2)
-    (tx, ty, tz), (mx, my, mz) = turn.unbind(2), move.unbind(2)
-    one, by_x, by_y, xx, xy, yy = range(6)
-    total = ty * first[..., one] - tz * first[..., by_y] - tx * first[..., xy] + ty * first[..., xx]
-    total = total + tz * third[..., by_x] - tx * third[..., one] - tx * third[..., yy] + ty * third[..., xy]
-    total = total + mx * second[..., one] - mz * second[..., by_x] + my * fourth[..., one] - mz * fourth[..., by_y]
-    return camera.focal * total + shift[..., 0] * first[..., one] + shift[..., 1] * third[..., one]
+    turn, move, shift = motion(poses.double())
+    # [..., m, n] is with x^m y^n
+    along_x, near_x, along_y, near_y = moments(given, moved, *_rays(poses, camera, moved)).unbind(1)
+    by_turn = [
+        -along_x[:, 1, 1] - along_y[:, 0, 0] - along_y[:, 0, 2],
+        along_x[:, 0, 0] + along_x[:, 2, 0] + along_y[:, 1, 1],
+        along_y[:, 1, 0] - along_x[:, 0, 1],
+    ]
+    by_move = [near_x[:, 0, 0], near_y[:, 0, 0], -near_x[:, 1, 0] - near_y[:, 0, 1]]
+    by_shift = [along_x[:, 0, 0], along_y[:, 0, 0]]
+    motions = torch.cat([camera.focal * turn, camera.focal * move, shift], 2)
+    return (motions @ torch.stack(by_turn + by_move + by_shift, 1)[..., None])[..., 0].to(moved)

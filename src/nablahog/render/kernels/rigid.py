@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-import os
 import threading
-from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.nn.functional import avg_pool2d
 
-from .. import opendr
+from ...threads import in_threads
 from ..camera import Camera, rotations
 from ..clip import NEAR, clip
-from ..edges import Crossings
 from ..topology import Edges
-from .picture import blend, outlines, shade, visible_edges
-from .visibility import frame, project, visibility
+from .draw import draw
 
 Floats = NDArray[np.float32]
 Integers = NDArray[np.int32]
+
+_TOUCHING = 1e-6  # as a share of the near plane's depth: rounding puts cuts no farther before it
 
 
 class Picture(NamedTuple):
@@ -43,43 +40,23 @@ class _Scratch(threading.local):
     """Memory that each thread keeps, since new memory is slow at first."""
 
     def __init__(self) -> None:
-        self.room = self.faces = 0
+        self.room = 0
 
-    def samples(self, height: int, width: int) -> tuple[Integers, Floats, Floats, Integers]:
-        """Arrays for a box of so many samples: ids, inverse, samples and slots, as the kernels call them.
-
-        Afterwards ``edges`` are places, crossings and followed.
-        """
-        count = height * width
-        if count > self.room:
+    def arrays(self, samples: int) -> tuple[Integers | Floats, ...]:
+        """For an image of so many samples: ids, inverse, samples, slots, places, crossings and followed, as
+        :func:`.draw.draw` calls them."""
+        if samples > self.room:
             # Apart by odd parts of a page: at equal places in their pages, they would compete for the same cache lines.
-            self.room = (count + count // 2) // 1024 * 1024 + 1024 + 208
-            self.block = np.empty((5, self.room), np.int32)
+            self.room = (samples + samples // 2) // 1024 * 1024 + 1024 + 208
+            slots, block = np.empty(2 * self.room, np.int32), np.empty((3, self.room), np.int32)
             # of edges: as long as there are links, but what is not used takes no place
             links = 2 * self.room
-            self.edges = np.empty((links, 3), np.int32), np.empty((links, 4), np.float32), np.empty(links, np.int32)
-        ids, inverse, samples = (part[:count].reshape(height, width) for part in self.block[2:])
-        slots = self.block[:2].reshape(-1)[: 2 * count].reshape(2, height, width)
-        return ids, inverse.view(np.float32), samples.view(np.float32), slots
-
-    def planes(self, faces: int) -> Floats:
-        """For :func:`.picture.shade`."""
-        if faces > self.faces:
-            self.faces = faces
-            self.block_of_faces = np.empty((faces, 7), np.float32)
-        return self.block_of_faces
+            edges = np.empty((links, 3), np.int32), np.empty((links, 4), np.float32), np.empty(links, np.int32)
+            self.kept = block[0], block[1].view(np.float32), block[2].view(np.float32), slots, *edges
+        return self.kept
 
 
 _scratch = _Scratch()
-
-
-@lru_cache
-def _workers(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, "nablahog-render")
-
-
-if hasattr(os, "register_at_fork"):  # a forked process has the pool, but not its threads
-    os.register_at_fork(after_in_child=_workers.cache_clear)
 
 
 class Rigid:
@@ -109,76 +86,47 @@ class Rigid:
         It takes as many threads as PyTorch does; the result does not depend on them.
         """
         camera, batch = self.camera, len(poses)
-        image = background.detach().to(torch.float32).expand(batch, -1, -1).contiguous().clone()
-        moved = torch.zeros((batch, 4 if derivative else 0, camera.height, camera.width))
-        turns = rotations(poses.detach()).to(torch.float32).numpy()
-        distances = poses.detach()[:, 2].to(torch.float32).numpy()
-        middles = (poses.detach().numpy()[:, 4:] + (camera.width / 2, camera.height / 2)) * self.step
-        each = turns, distances, middles.astype(np.float32), image.numpy(), moved.numpy()
+        shape = batch, camera.height, camera.width
+        image = np.broadcast_to(background.detach().to(torch.float32).numpy(), shape).copy()
+        moved = np.zeros((batch, 4 if derivative else 0, *shape[1:]), np.float32)
+        turns, distances = rotations(poses.detach()), poses.detach()[:, 2]
+        eyes = -distances[:, None] * turns[:, 2]
+        middles = (poses.detach()[:, 4:] + torch.tensor([camera.width / 2, camera.height / 2])) * self.step
+        near = NEAR * distances
+        nearest = near * (1 - _TOUCHING)
+        of_pose = [part.to(torch.float32).numpy() for part in (turns, distances, eyes, middles, near, nearest)]
+        cut = np.zeros(batch, np.bool_)
         threads = min(torch.get_num_threads(), batch)
 
         def share(first: int) -> None:
-            for k in range(first, batch, threads):
-                self._draw(*(part[k] for part in each))
+            of_mesh = self.vertices, self.faces, self.corners
+            self._draw(of_mesh, of_pose, first, threads, image, moved, cut)
 
-        if threads == 1:
-            share(0)
-        else:
-            list(_workers(threads).map(share, range(threads)))
-        return Picture(image, moved)
+        in_threads(share, threads)
+        for b in cut.nonzero()[0]:
+            self._draw_cut([part[b : b + 1] for part in of_pose], image[b : b + 1], moved[b : b + 1])
+        return Picture(torch.from_numpy(image), torch.from_numpy(moved))
 
-    def _draw(self, turn: Floats, distance: np.float32, middle: Floats, image: Floats, moved: Floats) -> None:
-        step, camera = self.step, self.camera
-        screen = np.empty((len(self.vertices), 3), np.float32)
-        focal = np.float32(camera.focal * step)
-        least = project(self.vertices, turn, distance, focal, middle, screen)
-        faces, corners = self.faces, self.corners
-        near = NEAR * float(distance)
-        if least <= near:
-            points = torch.from_numpy(self.vertices @ turn.T + np.array([0, 0, distance], np.float32))
-            cut = clip(points, torch.from_numpy(faces).long(), torch.from_numpy(corners), near)
-            faces, corners = cut.faces.to(torch.int32).numpy(), cut.corners.contiguous().numpy()
-            screen = np.empty((len(cut.points), 3), np.float32)
-            project(cut.points.numpy(), np.eye(3, dtype=np.float32), np.float32(0), focal, middle, screen)
-            screen[cut.points.numpy()[:, 2] < near * (1 - 1e-6)] = 0
-        box = np.empty(4, np.int64)
-        frame(screen, step, camera.height, camera.width, box)
-        if box[0] >= box[1] or box[2] >= box[3] or not len(faces):
-            return
-        corner, size = box[::2].copy(), (box[1::2] - box[::2]) * step
-        ids, inverse, samples, slots = _scratch.samples(*size.tolist())
-        places, crossings, followed = _scratch.edges
-        visibility(screen, faces, np.array([0, size[0], 0, size[1]]), ids, inverse)
-        shade(screen, faces, corners, ids, inverse, image, corner, step, _scratch.planes(len(faces)), samples)
-        outline = np.empty(len(self.kind), np.uint8)
-        outlines(self.planes, self.kind, -distance * turn[2], outline)
-        count = visible_edges(screen, self.ends, self.kind, outline, inverse, slots, places, crossings, followed)
-        if self.method == "edges":
-            blend(samples, ids, inverse, slots, places, crossings, count, corner, step, image, moved)
-        else:
-            rows, cols = slice(box[0], box[1]), slice(box[2], box[3])
-            found = places[:count], crossings[:count], followed[:count]
-            _opendr(*found, outline, inverse, samples, step, image[rows, cols], moved[:, rows, cols])
+    def _draw(
+        self, of_mesh: Sequence[Floats | Integers], of_pose: Sequence[Floats], first: int, every: int, *to: NDArray[Any]
+    ) -> None:
+        camera, step = self.camera, self.step
+        scratch = _scratch.arrays(camera.height * camera.width * step**2)
+        draw(
+            *of_mesh, self.ends, self.kind, self.planes, *of_pose[:4], np.float32(camera.focal * step), *of_pose[4:],
+            step, self.method == "edges", first, every, *to, *scratch,
+        )  # fmt: skip
 
-
-def _opendr(
-    places: Integers, crossings: Floats, followed: Integers, outline: NDArray[np.uint8],
-    inverse: Floats, samples: Floats, step: int, image: Floats, moved: Floats,
-) -> None:  # fmt: skip
-    """:mod:`..opendr` instead of :func:`.picture.blend`; ``image`` and ``moved`` are those of the box."""
-    axis, row, col = torch.from_numpy(places).long().T
-    values, edge = torch.from_numpy(crossings), torch.from_numpy(followed).long()
-    found = Crossings(
-        torch.zeros_like(axis), axis, row, col, values[:, 0], values[:, 1], values[:, 3] > 0, edge, values[:, 0]
-    )
-    pictures = (torch.from_numpy(part)[None] for part in (inverse, samples))
-    on_outline, (depths, drawn) = opendr.overdraw(found, torch.from_numpy(outline)[None] > 0, *pictures)
-    image[:] = avg_pool2d(drawn, step)[0].numpy()
-    if len(moved):
-        along = opendr.differences(drawn, on_outline)
-        covered = [-step * torch.where(depths > 0, part, 0) for part in along]
-        parts = [covered[0], covered[0] * depths, covered[1], covered[1] * depths]
-        moved[:] = avg_pool2d(torch.cat(parts), step).numpy()
+    def _draw_cut(self, of_pose: Sequence[Floats], image: Floats, moved: Floats) -> None:
+        """The same for one pose with a part of the object behind the near plane."""
+        turns, distances, eyes, middles, near, nearest = of_pose
+        points = torch.from_numpy(self.vertices @ turns[0].T)
+        points[:, 2] += float(distances[0])
+        faces, corners = torch.from_numpy(self.faces).long(), torch.from_numpy(self.corners)
+        found = clip(points, faces, corners, float(near[0]))
+        of_mesh = found.points.numpy(), found.faces.to(torch.int32).numpy(), found.corners.contiguous().numpy()
+        here = np.eye(3, dtype=np.float32)[None], np.zeros_like(distances), eyes, middles, near - np.inf, nearest
+        self._draw(of_mesh, here, 0, 1, image, moved, np.zeros(1, np.bool_))
 
 
 def _planes(vertices: NDArray[np.float64], edges: Edges) -> Floats:

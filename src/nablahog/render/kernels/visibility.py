@@ -13,8 +13,9 @@ from ...compile import compiled
 
 
 @compiled
-def project(points: Any, rotation: Any, distance: Any, focal: Any, middle: Any, screen: Any) -> Any:
-    """Points (V, 3) of an object to ``screen`` (V, 3): x and y in samples, and 1 / depth; returns the least depth."""
+def project(points: Any, rotation: Any, distance: Any, focal: Any, middle: Any, nearest: Any, screen: Any) -> Any:
+    """Points (V, 3) of an object to ``screen`` (V, 3): x and y in samples, and 1 / depth, 0 for depths below
+    ``nearest``; returns the least depth."""
     least = distance - distance + math.inf
     for v in range(points.shape[0]):
         x, y, z = points[v, 0], points[v, 1], points[v, 2]
@@ -22,7 +23,7 @@ def project(points: Any, rotation: Any, distance: Any, focal: Any, middle: Any, 
         inverse = 1 / depth
         screen[v, 0] = focal * (rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z) * inverse + middle[0]
         screen[v, 1] = focal * (rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z) * inverse + middle[1]
-        screen[v, 2] = inverse
+        screen[v, 2] = inverse if depth >= nearest else depth - depth
         least = min(least, depth)
     return least
 
