@@ -20,7 +20,7 @@ UNITS = torch.tensor([3.0, 3.0, 0.06, 3.0, 1.5, 1.5], dtype=torch.float64)
 
 _PAIRS = torch.triu_indices(len(PARAMETERS), len(PARAMETERS))
 _COEFFICIENTS = 1 + len(PARAMETERS) + _PAIRS.shape[1]
-_STIFFNESS = 0.3  # of second derivatives towards 0, against one value or derivative each
+_STIFFNESS = 0.05  # of second derivatives towards 0, against one value or derivative each
 _FLATTEST = 0.15  # of the steepest curvature: the least that is believed
 _REACH = 2.0  # of the spread: how far from its samples the hill is believed
 

@@ -20,7 +20,7 @@ from torch import Tensor
 from .rasterize import barycentric, normalized
 from .topology import OPEN, SMOOTH, Edges
 
-GAP = 0.01
+GAP = 0.05
 """Where 1 / depth differs by more than this share between neighbouring samples, one surface ends before another."""
 _TOUCHING = 0.004  # as a share of 1 / depth: so far behind a surface an edge may still be its crease
 

@@ -120,7 +120,7 @@ def visible_edges(
     """
     number = screen.dtype.type
     zero, half, one = number(0), number(0.5), number(1)
-    near_enough, gap_from = number(1 - 0.004), number(0.01)
+    near_enough, gap_from = number(1 - 0.004), number(0.05)
     slots[:] = 0
     count = 0
     for e in range(ends.shape[0]):
