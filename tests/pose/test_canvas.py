@@ -33,6 +33,13 @@ def test_beyond_the_photograph_its_border_repeats() -> None:
     assert_close(canvas.image[0, 0, 8:120, :beside], photograph[0, :, :1].expand(-1, beside), rtol=0, atol=1e-4)
     assert_close(canvas.image[0, 0, 8:120, -beside:], photograph[0, :, -1:].expand(-1, beside), rtol=0, atol=1e-4)
     assert_close(canvas.image[0, 0, :8], canvas.image[0, 0, 8:9].expand(8, -1), rtol=0, atol=1e-4)
+    assert canvas.seen == (beside, 8, SIDE - beside, 120)
+
+
+def test_the_part_that_is_the_photograph() -> None:
+    canvas = cut_out(torch.rand(3, 200, 220), (50.0, 30.0, 50 + 2 * FILL, 110.0))
+    assert canvas.zoom == 0.5
+    assert canvas.seen == pytest.approx((64 - 81, 64 - 35, 64 + 110 - 81, 64 + 100 - 35))
 
 
 @pytest.mark.parametrize("box", [(10.0, 20.0, 38.0, 60.0), (33.5, 1.25, 90.0, 57.75), (-9.0, 40.0, 300.0, 600.0)])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 import torch
 from torch.testing import assert_close
@@ -47,6 +49,19 @@ def test_a_narrow_box_has_elements_of_its_middle() -> None:
     _, found = photograph.elements
     assert len(found) > 0
     assert ((found.positions[:, 1] - 5.5).abs() <= 1).all()
+
+
+def test_what_is_beyond_the_photograph_does_not_count() -> None:
+    """Its border repeats there, as streaks that the descriptor sees."""
+    canvas = cut_out(torch.rand(1, 112, 60), (0.0, 0.0, 60.0, 112.0))
+    image = canvas.image.clone()
+    image[..., :18] = torch.rand(18)  # the photograph begins at 34; a cell's own votes reach 12 pixels from its middle
+    other = dataclasses.replace(canvas, image=image)
+    for template in ("calibrated", "fine"):
+        found, expected = (getattr(Photograph(each), template).weights for each in (other, canvas))
+        assert torch.equal(found, expected)
+    everywhere = dataclasses.replace(canvas, seen=(0.0, 0.0, 128.0, 128.0))
+    assert not torch.allclose(Photograph(everywhere).calibrated.weights, Photograph(canvas).calibrated.weights)
 
 
 def test_templates_of_elements(canvas: Canvas) -> None:

@@ -33,6 +33,7 @@ class Canvas:
         zoom: its pixels for one of the photograph.
         middle: x, y of its middle in the photograph.
         camera: that sees an object at :data:`DISTANCE` about as large as the box.
+        seen: x0, y0, x1, y1: the part of it, perhaps beyond its border, that is the photograph.
     """
 
     image: Tensor
@@ -40,6 +41,7 @@ class Canvas:
     zoom: float
     middle: tuple[float, float]
     camera: Camera
+    seen: Box
 
     def in_photograph(self, pose: Tensor, height: int, width: int) -> tuple[Tensor, Camera]:
         """A pose (6,) for this canvas as one for the whole photograph, with its camera."""
@@ -80,7 +82,7 @@ def cut_out(photograph: Tensor, box: Box, side: int = SIDE, fill: float = FILL) 
     check_box(box, height, width)
     x0, y0, x1, y1 = box
     zoom = fill / max(x1 - x0, y1 - y0)
-    middle = (x0 + x1) / 2, (y0 + y1) / 2
+    middle, size = ((x0 + x1) / 2, (y0 + y1) / 2), ((x1 - x0) * zoom, (y1 - y0) * zoom)
     # enough of it, repeated beyond its border, then resampled without aliasing
     sigma = 0.5 * math.sqrt(max(0.0, 1 / zoom**2 - 1))
     reach = math.ceil(side / zoom / 2 + 3 * sigma) + 2
@@ -95,7 +97,11 @@ def cut_out(photograph: Tensor, box: Box, side: int = SIDE, fill: float = FILL) 
     grid = torch.stack(torch.meshgrid(y, x, indexing="ij")[::-1], dim=-1)[None].float()
     image = functional.grid_sample(part, grid, mode="bilinear", padding_mode="border", align_corners=False)
     camera = Camera(DISTANCE * fill / _SEEN, side, side)
-    return Canvas(image.clamp(0, 1), ((x1 - x0) * zoom, (y1 - y0) * zoom), zoom, middle, camera)
+    (x0, x1), (y0, y1) = (
+        (zoom * (0 - at) + side / 2, zoom * (length - at) + side / 2)
+        for at, length in zip(middle, (width, height), strict=True)
+    )
+    return Canvas(image.clamp(0, 1), size, zoom, middle, camera, (x0, y0, x1, y1))
 
 
 def _blurred(image: Tensor, sigma: float) -> Tensor:

@@ -73,19 +73,19 @@ class Photograph:
 
     @cached_property
     def calibrated(self) -> Template:
-        return _calibrated(self.canvas.image, self.background)
+        return _calibrated(self.canvas, self.background)
 
     @cached_property
     def fine(self) -> Template:
         """The calibrated template of smaller cells, for the last fraction of a degree."""
         spec = dataclasses.replace(self.background.spec, cell_size=(_FINE, _FINE))
-        return _calibrated(self.canvas.image, default_background(spec))
+        return _calibrated(self.canvas, default_background(spec))
 
 
-def _calibrated(image: Tensor, background: Background) -> Template:
+def _calibrated(canvas: Canvas, background: Background) -> Template:
     spec = background.spec
-    rows, cols = spec.grid(*image.shape[2:])
-    return calibrated(image, spec, _whitener(background, rows, cols))
+    rows, cols = spec.grid(*canvas.image.shape[2:])
+    return calibrated(canvas, spec, _whitener(background, rows, cols))
 
 
 @lru_cache(maxsize=16)

@@ -24,6 +24,7 @@ from ..hog.spec import HOGSpec
 from ..render import Renderer
 from ..render.renderer import pull_back
 from ..threads import in_threads
+from .canvas import Canvas
 from .elements import Elements
 from .filter import Whitener
 
@@ -66,10 +67,15 @@ class Template:
         return values, slope
 
 
-def calibrated(image: Tensor, spec: HOGSpec, whitener: Whitener) -> Template:
-    """The template of a photograph (1, 1, H, W) as a whole."""
-    descriptor = describe(image, spec)
-    return Template(spec, whitener(whitener.centred(descriptor))[0], whitener)
+def calibrated(canvas: Canvas, spec: HOGSpec, whitener: Whitener) -> Template:
+    """The template of a canvas as a whole; its cells beyond the photograph are as likely as any, μ."""
+    descriptor = whitener.centred(describe(canvas.image, spec))
+    x0, y0, x1, y1 = canvas.seen
+    y, x = (
+        (torch.arange(cells) + 0.5) * cell for cells, cell in zip(descriptor.shape[2:], spec.cell_size, strict=True)
+    )
+    seen = ((y >= y0) & (y <= y1))[:, None] & (x >= x0) & (x <= x1)
+    return Template(spec, whitener(descriptor * seen)[0], whitener)
 
 
 def by_elements(found: Elements, patches: Tensor, spec: HOGSpec, rows: int, cols: int) -> Template:
