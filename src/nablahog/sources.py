@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -57,6 +58,11 @@ class Wanted:
     descriptor: str | None = None
     cell: tuple[int, int] | None = None
     vote: Vote | None = None
+
+    @classmethod
+    def of(cls, arguments: Namespace) -> Wanted:
+        """By the options ``--descriptor``, ``--cell`` and ``--vote``."""
+        return cls(arguments.descriptor, arguments.cell, arguments.vote)
 
     def __post_init__(self) -> None:
         if self.vote == "hard" and (self.descriptor or DEFAULT_DESCRIPTOR) == "paper":

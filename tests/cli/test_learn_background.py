@@ -9,8 +9,9 @@ import pytest
 import torch
 from PIL import Image
 
-from nablahog import cli, presets
+from nablahog import presets
 from nablahog.cli import main
+from nablahog.evaluate.photographs import read_folder
 from nablahog.pose.background import learn_background
 from nablahog.pose.whitening import Background
 
@@ -47,7 +48,7 @@ def test_learning(tmp_path: Path, images: str, capsys: pytest.CaptureFixture[str
         f"Background in {out}: 3 images, 9 channels, templates of up to 4x4 cells",
     ]
     assert names(tmp_path / "new") == ["background.npz"]
-    read = cli.read_folder(Path(images), size=0).images
+    read = read_folder(Path(images), size=0).images
     del read["low.png"]
     assert torch.equal(found.covariance, learn_background(read, presets.aubry(4), order=3).covariance)
 

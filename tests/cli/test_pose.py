@@ -88,7 +88,8 @@ def test_the_best_of_several_models(tmp_path: Path, scene: list[str], capsys: py
     assert [len(around[key]) for key in ("azimuths", "similarities", "derivatives")] == [AZIMUTHS] * 3
     best = around["azimuths"][int(np.argmax(around["similarities"]))]
     assert degrees_between(best, found["azimuth"]) <= 4
-    assert found["paths"] == []
+    assert {len(path["azimuths"]) for path in found["paths"]} <= {2, 3}
+    assert degrees_between(found["paths"][0]["azimuths"][-1], found["azimuth"]) < 1
     assert len(found["elements"]["positions"]) == len(found["elements"]["discriminability"]) > 0
 
     assert red(out / "chair_overlay.png", (0, 0, 400, 400)) > 1000  # the box, and the outline

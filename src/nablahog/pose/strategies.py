@@ -97,9 +97,20 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class _Start:
+    """A pose (6,) of a model, how similar it is, and azimuths with similarities on the way there."""
+
     value: float
     model: str
     pose: Tensor
+    way: tuple[tuple[float, float], ...] = ()
+
+    def then(self, pose: Tensor, value: float, coarse: float) -> _Start:
+        """A better pose, with its similarity and that of the coarse descriptor."""
+        return _Start(value, self.model, pose, (*self.way, (float(pose[0]), coarse)))
+
+    def path(self) -> Path:
+        azimuths, similarities = zip(*self.way, strict=True)
+        return Path(self.model, azimuths, similarities)
 
 
 def _best(task: Task) -> Found:
@@ -112,7 +123,9 @@ def _best(task: Task) -> Found:
         for elevation in task.elevations:
             views = task.views(model, 0.0, elevation, VIEWS)
             values = similarity.values(views)
-            starts += [_Start(float(values[k]), name, views[k]) for k in summits(values, _STARTS)]
+            for k in summits(values, _STARTS):
+                value = float(values[k])
+                starts.append(_Start(value, name, views[k], ((float(views[k, 0]), value),)))
             azimuths.append(views[:, 0])
             all_values.append(values)
         renderings += similarity.renderings
@@ -127,16 +140,20 @@ def _best(task: Task) -> Found:
         similarity = model.similarity(template)
         tilted = task.tilted(model, start.pose)
         values = similarity.values(tilted)
-        tried.append(_Start(float(values.max()), start.model, tilted[values.argmax()]))
+        value = float(values.max())
+        tried.append(start.then(tilted[values.argmax()], value, value))
         renderings += similarity.renderings
     reached: list[_Start] = []
-    for start in _rivals(tried, support):
-        similarity = task.models[start.model].similarity(task.photograph.fine if kind == "calibrated" else template)
+    rivals = _rivals(tried, support)
+    for start in rivals:
+        coarse = task.models[start.model].similarity(template)
+        similarity = coarse if kind != "calibrated" else task.models[start.model].similarity(task.photograph.fine)
         pose = _ascend(similarity, start.pose, task)
-        reached.append(_Start(float(similarity.values(pose[None])), start.model, pose))
-        renderings += similarity.renderings
+        reached.append(start.then(pose, float(similarity.values(pose[None])), float(coarse.values(pose[None]))))
+        renderings += coarse.renderings if similarity is coarse else coarse.renderings + similarity.renderings
     top = max(reached, key=lambda one: one.value + float(support[int(one.pose[0]) % 360]))
-    return Found(top.model, top.pose, top.value, kind, renderings)
+    paths = [one.path() for one in [*reached, *(one for one in tried if one not in rivals)]]
+    return Found(top.model, top.pose, top.value, kind, renderings, tuple(paths))
 
 
 def _rivals(tried: Sequence[_Start], support: Tensor) -> list[_Start]:

@@ -1,0 +1,97 @@
+"""What each choice of a search for the pose gains and costs: accuracy, renderings and time an object.
+
+    python benchmarks/poses.py [--models DIR] [--viewpoints CSV] [--objects 60] [--seed 0] [--threads 2]
+        [--unknown-model] [--rows 'NAME;…']
+
+The objects are those of `nablahog table2` with the same options: scenes of known models, or among all others, from a
+random azimuth and an elevation near the true one, unless a row says that it is unknown.  Times are those of
+`nablahog.estimate_pose` alone, for models that have been prepared: in the second of two passes over all objects.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+import torch
+
+from nablahog.datasets.viewpoints import read_viewpoints, sample_viewpoints
+from nablahog.evaluate.examples import Example, rendered
+from nablahog.evaluate.models import models_in, procedural_chairs
+from nablahog.metrics import VIEWS, azimuth_error, same_view
+from nablahog.pose import PoseEstimate, estimate_pose
+from nablahog.shipped import SHIPPED, shipped_photograph
+
+ROWS: dict[str, dict[str, Any]] = {
+    "best": {},
+    "best, elevation unknown": {"initial": None},
+    "best, whitened elements": {"similarity": "whitened"},
+    "best, dot product of elements": {"similarity": "dot"},
+    "best, by L-BFGS": {"ascent": "lbfgs"},
+    "best, by momentum": {"ascent": "momentum"},
+    "exhaustive": {"method": "exhaustive"},
+    "exhaustive, dot product of elements": {"method": "exhaustive", "similarity": "dot"},
+    "paper": {"method": "paper"},
+    "paper, whitened elements": {"method": "paper", "similarity": "whitened"},
+    "paper, calibrated": {"method": "paper", "similarity": "calibrated"},
+}
+
+
+def objects(options: argparse.Namespace) -> list[Example]:
+    models = procedural_chairs(24) if options.models is None else models_in(options.models)[0]
+    if options.viewpoints is None:
+        viewpoints = sample_viewpoints(10_000, np.random.default_rng(options.seed))
+    else:
+        viewpoints = read_viewpoints(options.viewpoints)
+    clutter = [shipped_photograph(name) for name in SHIPPED]
+    found = rendered(
+        options.objects, models, viewpoints, clutter, origin="", unknown_model=options.unknown_model, seed=options.seed
+    )
+    return found.objects
+
+
+def estimate(example: Example, choices: dict[str, Any]) -> PoseEstimate:
+    models = {model.name: model.mesh() for model in example.models}
+    return estimate_pose(example.image, models, box=example.box, **{"initial": example.initial, **choices})
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--models", type=Path, help="folder of CAD models; by default procedural chairs")
+    parser.add_argument("--viewpoints", type=Path, help="CSV of azimuth and elevation; by default drawn at random")
+    parser.add_argument("--objects", type=int, default=60)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--unknown-model", action="store_true", help="leave an object's own model out")
+    parser.add_argument("--rows", help="only these, separated by semicolons")
+    options = parser.parse_args()
+    torch.set_num_threads(options.threads)
+    examples = objects(options)
+    rows = ROWS if options.rows is None else {name: ROWS[name] for name in options.rows.split(";")}
+    print(f"{len(examples)} objects, seed {options.seed}, {options.threads} threads\n")
+    views = " | ".join(f"{count} views" for count in VIEWS)
+    print(f"| search | {views} | median error | renderings | s, median (min … max) | CPU s, median |")
+    print("|---|" + "---:|" * (len(VIEWS) + 4))
+    for name, choices in rows.items():
+        for example in examples:
+            estimate(example, choices)
+        right, errors, renderings, wall, cpu = [], [], [], [], []
+        for example in examples:
+            clocks = time.perf_counter(), time.process_time()
+            found = estimate(example, choices)
+            wall.append(time.perf_counter() - clocks[0])
+            cpu.append(time.process_time() - clocks[1])
+            right.append([bool(same_view(found.azimuth, example.azimuth, count)) for count in VIEWS])
+            errors.append(float(azimuth_error(found.azimuth, example.azimuth)))
+            renderings.append(found.renderings)
+        shares = " | ".join(f"{100 * sum(column) / len(examples):.1f}" for column in zip(*right, strict=True))
+        times = f"{median(wall):.3f} ({min(wall):.3f} … {max(wall):.3f}) | {median(cpu):.3f}"
+        print(f"| {name} | {shares} | {median(errors):.2f}° | {median(renderings):.0f} | {times} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
