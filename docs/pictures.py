@@ -3,21 +3,34 @@
 preimages.png: eight photographs of 128x128, their UoCTTI glyphs, pre-images and differences.
 scales.png: the multi-scale variants of the paper's descriptor, level by level.
 readme.png: one photograph of 256x256.
+pose.png: a procedural chair in front of one, with the pose found and similarity by azimuth.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+import numpy as np
 import torch
+from PIL import Image
 from skimage import data
 from torch import Tensor
 
 from nablahog import hog, metrics, presets, reconstruct
+from nablahog.datasets.viewpoints import sample_viewpoints
 from nablahog.draw import Panel, contact_sheet, difference, glyphs
+from nablahog.evaluate.examples import rendered
+from nablahog.evaluate.models import procedural_chairs
 from nablahog.hog.gradient import gray
 from nablahog.images import limit_size
 from nablahog.invert import reconstruct_multiscale, scale_descriptors
+from nablahog.pose import estimate_pose
+from nablahog.pose.canvas import cut_out
+from nablahog.pose.matching import Photograph
+from nablahog.pose_page import write
+from nablahog.pose_result import PoseResult, Settings
+from nablahog.shipped import SHIPPED, shipped_photograph
 
 HERE = Path(__file__).parent
 NAMES = ("astronaut", "camera", "chelsea", "coffee", "rocket", "coins", "clock", "brick")
@@ -52,7 +65,40 @@ def scales() -> None:
     contact_sheet(rows, height=128).convert("L").save(HERE / "scales.png", optimize=True)
 
 
+def pose() -> None:
+    models = procedural_chairs(24)
+    viewpoints = sample_viewpoints(10_000, np.random.default_rng(0))
+    clutter = [shipped_photograph(name) for name in SHIPPED]
+    scenes = rendered(6, models, viewpoints, clutter, origin="", unknown_model=False, seed=0).objects
+    one = scenes[-1]
+    meshes = {model.name: model.mesh() for model in one.models}
+    found = estimate_pose(one.image, meshes, box=one.box, initial=one.initial)
+    result = PoseResult(
+        path=one.name,
+        photograph=one.image,
+        box=one.box,
+        matched=Photograph(cut_out(one.image, one.box)),
+        found=found,
+        mesh=meshes[found.model],
+        candidates=list(meshes),
+        passed_over={},
+        seconds=0,
+        settings=Settings("best", one.initial, 0, None),
+    )
+    print(f"pose.png: azimuth {found.azimuth:.1f} for {one.azimuth:.1f}")
+    with TemporaryDirectory() as folder:
+        write(Path(folder), result)
+        parts = [Image.open(Path(folder) / f"{one.name}_{what}.png") for what in ("overlay", "similarity")]
+        sheet = Image.new("RGB", (max(part.width for part in parts), sum(part.height for part in parts)), "white")
+        top = 0
+        for part in parts:
+            sheet.paste(part, ((sheet.width - part.width) // 2, top))
+            top += part.height
+        sheet.save(HERE / "pose.png", optimize=True)
+
+
 def main() -> None:
+    pose()
     scales()
     spec = presets.uoctti(cell_size=8)
     images = torch.cat([photograph(name, 128) for name in NAMES])

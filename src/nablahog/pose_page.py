@@ -77,7 +77,7 @@ def _overlay(result: PoseResult) -> list[Panel]:
         Panel(boxed(whole_outlined, [[side * zoom for side in result.box]]), "the photograph"),
         Panel(close.image[0], "the object"),
         Panel(_outlined(close.image[0], mesh, pose, close.camera), f"outline of {found.model}"),
-        Panel(pasted[0], f"azimuth {found.azimuth:.0f}°, elevation {found.elevation:.0f}°"),
+        Panel(pasted[0], f"azimuth {round(found.azimuth)}°, elevation {round(found.elevation)}°"),
     ]
 
 

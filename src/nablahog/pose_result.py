@@ -20,8 +20,8 @@ from .pose.canvas import SIDE, Box
 from .pose.estimate import PoseEstimate
 from .pose.matching import ELEMENT, Photograph, model_of
 from .pose.search import turn_table
-from .pose.strategies import Path as Way
 from .pose.strategies import Search
+from .pose.task import Path as Way
 from .render import Mesh
 
 AZIMUTHS = 180  # at which similarity is computed

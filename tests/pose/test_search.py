@@ -66,9 +66,8 @@ def test_every_circle_has_a_summit() -> None:
 def test_consensus_is_where_many_views_are_good() -> None:
     azimuths = torch.tensor([200.0, 355, 1, 3, 90, 95, 180], dtype=torch.float64)
     values = torch.tensor([9.0, 8.7, 8.6, 8.7, 5.0, 5.0, 1.0], dtype=torch.float64)
-    assert (
-        degrees(int(consensus(azimuths, values).argmax()), 0) <= 3
-    )  # three that are almost as good as the best one alone
+    # three that are almost as good as the best one alone
+    assert degrees(int(consensus(azimuths, values).argmax()), 0) <= 3
     assert degrees(int(consensus(azimuths, values - 100).argmax()), 0) <= 3
     values[0] = 14
     assert degrees(int(consensus(azimuths, values).argmax()), 200) == 0

@@ -12,7 +12,8 @@ from torch import Tensor
 from ..render import Camera, Mesh
 from .canvas import Box, cut_out
 from .matching import Kind, Photograph, model_of
-from .strategies import SEARCHES, Ascent, Path, Search, Task
+from .strategies import SEARCHES, Search
+from .task import Ascent, Path, Task
 from .whitening import Background
 
 

@@ -23,8 +23,6 @@ _COEFFICIENTS = 1 + len(PARAMETERS) + _PAIRS.shape[1]
 _STIFFNESS = 0.05  # of second derivatives towards 0, against one value or derivative each
 _FLATTEST = 0.15  # of the steepest curvature: the least that is believed
 _REACH = 2.0  # of the spread: how far from its samples the hill is believed
-
-
 _SURE = 0.8  # of calibrated similarity: a view that has so much less counts a factor e less
 _BLUR = 8.0  # degrees
 
@@ -62,13 +60,12 @@ def summits(values: Tensor, count: int) -> Tensor:
 
 
 def consensus(azimuths: Tensor, values: Tensor) -> Tensor:
-    """How much views of many models (N,) speak for each whole degree of azimuth, (360,): the logarithm of a share of
-    what speaks for the best, from their calibrated similarities."""
-    weights = torch.exp((values - values.max()) / _SURE)
+    """How much views of several models (N,) speak for each whole degree of azimuth, (360,), from their calibrated
+    similarities."""
+    weights = torch.exp((values - values.max()) / _SURE).to(azimuths)
     degrees = torch.arange(360, dtype=azimuths.dtype)
     apart = (degrees[:, None] - azimuths + 180) % 360 - 180
-    support = torch.exp(-0.5 * (apart / _BLUR) ** 2) @ weights
-    return torch.log((support / support.max()).clamp(min=1e-9))
+    return torch.exp(-0.5 * (apart / _BLUR) ** 2) @ weights
 
 
 def climb(similarity: Similarity, pose: Tensor, hill: Hill, generator: torch.Generator) -> Tensor:

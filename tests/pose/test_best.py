@@ -1,0 +1,24 @@
+import torch
+
+from nablahog.pose.best import _agreed, _rivals, _Start
+
+
+def tried(*views: tuple[str, float, float]) -> list[_Start]:
+    return [_Start(value, model, torch.tensor([azimuth, 0, 5, 0, 0, 0]).double()) for model, azimuth, value in views]
+
+
+def test_models_that_agree_beat_one_that_fits_alone() -> None:
+    views = tried(("alone", 200, 5.2), ("one", 356, 5.0), ("two", 2, 4.9), ("three", 3, 4.8), ("four", 90, 3.0))
+    assert [one.model for one in _agreed(views)] == ["one", "two"]
+
+
+def test_one_that_fits_far_better_needs_no_others() -> None:
+    views = tried(("alone", 200, 9.0), ("one", 356, 5.0), ("two", 2, 4.9), ("three", 3, 4.8))
+    assert [one.model for one in _agreed(views)] == ["alone"]
+
+
+def test_the_rival_looks_from_elsewhere_and_is_nearly_as_good() -> None:
+    views = tried(("front", 0, 5.0), ("front", 10, 4.9), ("side", 90, 4.3), ("back", 180, 4.5))
+    assert [float(one.pose[0]) for one in _rivals(views)] == [0, 180]
+    views = tried(("front", 0, 5.0), ("front", 350, 4.9), ("back", 180, 4.2))
+    assert [float(one.pose[0]) for one in _rivals(views)] == [0]
