@@ -17,6 +17,11 @@ def test_one_that_fits_far_better_needs_no_others() -> None:
     assert [one.model for one in _agreed(views)] == ["alone"]
 
 
+def test_the_model_that_fits_best_where_they_agree_is_asked_about_elsewhere() -> None:
+    views = tried(("one", 0, 5.0), ("two", 2, 4.9), ("one", 180, 4.4), ("three", 185, 4.6))
+    assert [(one.model, float(one.pose[0])) for one in _agreed(views)] == [("one", 0), ("two", 2), ("one", 180)]
+
+
 def test_the_rival_looks_from_elsewhere_and_is_nearly_as_good() -> None:
     views = tried(("front", 0, 5.0), ("front", 10, 4.9), ("side", 90, 4.3), ("back", 180, 4.5))
     assert [float(one.pose[0]) for one in _rivals(views)] == [0, 180]

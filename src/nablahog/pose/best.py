@@ -81,7 +81,7 @@ def _look_around(task: Task, template: Template) -> tuple[list[_Start], int]:
     for name, model in task.each_model():
         similarity = model.similarity(template)
         for elevation in task.elevations:
-            views = task.views(model, task.initial[0] if task.initial else 0.0, elevation, VIEWS)
+            views = task.views(model, 0.0, elevation, VIEWS)
             values = similarity.values(views)
             for k in summits(values, _STARTS):
                 value = float(values[k])
@@ -108,18 +108,26 @@ def _promising(starts: Sequence[_Start]) -> list[_Start]:
 
 
 def _agreed(tried: Sequence[_Start]) -> list[_Start]:
-    """The best of those tried around the azimuth that most of them speak for."""
+    """The best of those tried around the azimuth that most of them speak for, with a rival of the same model: its own
+    poses can be compared as those of different models cannot."""
     support = consensus(torch.stack([one.pose[0] for one in tried]), torch.tensor([one.value for one in tried]))
     middle = float(support.argmax())
     near = [one for one in tried if _apart(float(one.pose[0]), middle) <= _AROUND]
-    return sorted(near, key=lambda one: -one.value)[:_CLIMBED]
+    best = sorted(near, key=lambda one: -one.value)[:_CLIMBED]
+    return [*best, *_rival(best[0], [one for one in tried if one.model == best[0].model and one not in best])]
 
 
 def _rivals(tried: Sequence[_Start]) -> list[_Start]:
-    """The best of those tried, and the best from elsewhere if it is nearly as good: front and back look much alike."""
-    best, *others = sorted(tried, key=lambda one: -one.value)
+    """The best of those tried, with a rival."""
+    best = max(tried, key=lambda one: one.value)
+    return [best, *_rival(best, tried)]
+
+
+def _rival(best: _Start, others: Sequence[_Start]) -> list[_Start]:
+    """The best from elsewhere, if it is nearly as good: front and back look much alike."""
     elsewhere = [one for one in others if _apart(float(one.pose[0]), float(best.pose[0])) > _AROUND]
-    return [best, *(one for one in elsewhere[:1] if one.value >= _RIVAL * best.value)]
+    found = max(elsewhere, key=lambda one: one.value, default=best)
+    return [found] if found is not best and found.value >= _RIVAL * best.value else []
 
 
 def _apart(one: float, other: float) -> float:
