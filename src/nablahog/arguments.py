@@ -83,6 +83,10 @@ def parser() -> argparse.ArgumentParser:
     options.size(table1, TABLE1_SIZE)
     options.minimiser(table1)
     options.prior(table1, "needed by, and only by, uoctti-learned")
+    for kind in ("hoggles", "bovw"):
+        text = f"what `nablahog learn {kind}` wrote, for the method {kind}"
+        default = "default: learned once from photographs that come with scikit-image"
+        table1.add_argument(f"--{kind}", metavar="FILE", help=f"{text} ({default})")
 
     pose(commands)
     table2(commands)
@@ -95,6 +99,8 @@ def parser() -> argparse.ArgumentParser:
     kinds = learn.add_subparsers(metavar="WHAT", required=True, parser_class=Parser)
     _learn_prior(kinds)
     _learn_background(kinds)
+    _learn_hoggles(kinds)
+    _learn_bovw(kinds)
     exemplars(kinds)
     return top
 
@@ -147,3 +153,33 @@ def _learn_background(kinds: argparse._SubParsersAction[Parser]) -> None:
     options.dialect(background, "type of descriptor (default: aubry); not paper, which is normalised globally")
     background.set_defaults(descriptor="aubry")
     options.size(background, LEARN_SIZE)
+
+
+def _learn_hoggles(kinds: argparse._SubParsersAction[Parser]) -> None:
+    hoggles = kinds.add_parser(
+        "hoggles",
+        help="the paired dictionaries of HOGgles, for `nablahog table1 --hoggles`",
+        description="Learns a dictionary of windows of descriptors with the gray patches that they come from, as "
+        "Vondrick et al. do.",
+    )
+    hoggles.set_defaults(command="learn hoggles")
+    options.output(hoggles, "FILE.npz", "the dictionaries")
+    options.images(hoggles)
+    hoggles.add_argument("--fast", action="store_true", help="random windows as atoms, instead of learning any")
+    options.seed(hoggles)
+    options.dialect(hoggles, f"type of descriptor (default: {DEFAULT_DESCRIPTOR})")
+    options.size(hoggles, LEARN_SIZE)
+
+
+def _learn_bovw(kinds: argparse._SubParsersAction[Parser]) -> None:
+    bovw = kinds.add_parser(
+        "bovw",
+        help="visual words and how they are arranged, for `nablahog table1 --bovw`",
+        description="Learns visual words, what they look like and where they are beside which others, from images of "
+        "one size, which is that of the images that can be found by it.",
+    )
+    bovw.set_defaults(command="learn bovw")
+    options.output(bovw, "FILE.npz", "the words")
+    options.images(bovw)
+    options.seed(bovw)
+    options.size(bovw, TABLE1_SIZE)

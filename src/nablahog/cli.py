@@ -19,7 +19,7 @@ from .draw import glyphs
 from .exemplars_command import learn_exemplars
 from .images import write_image
 from .inversion import Inversion, batches, invert_batch, result_names
-from .learn_command import learn_background, learn_prior
+from .learn_command import learn_background, learn_bovw, learn_hoggles, learn_prior
 from .metrics import DEFINITIONS
 from .output import output_folder, replacing
 from .pose_command import pose
@@ -145,6 +145,8 @@ _COMMANDS: dict[str, Callable[[Namespace], None]] = {
     "pose": pose,
     "learn prior": learn_prior,
     "learn background": learn_background,
+    "learn hoggles": learn_hoggles,
+    "learn bovw": learn_bovw,
     "learn exemplars": learn_exemplars,
 }
 

@@ -7,7 +7,11 @@ from pathlib import Path
 
 import torch
 
+from .evaluate.learned import shipped_lessons
 from .evaluate.photographs import Photographs
+from .invert.baselines.bovw_learning import learn_bovw as learn_words
+from .invert.baselines.hoggles import patch_size
+from .invert.baselines.hoggles_learning import learn_hoggles as learn_pair
 from .invert.crops import least_side
 from .invert.network import default_architecture
 from .learning import learn_prior as train
@@ -68,6 +72,42 @@ def learn_background(arguments: Namespace) -> None:
         f"Background in {output}: {len(background.images)} images, {spec.channels} channels, templates of up to "
         f"{background.order + 1}x{background.order + 1} cells"
     )
+
+
+def learn_hoggles(arguments: Namespace) -> None:
+    """Learns the paired dictionaries of HOGgles.
+
+    Raises:
+        UserError: an input is unusable.
+        OSError: a file or folder is missing or cannot be written.
+    """
+    output = _npz_file(arguments, "a pair of dictionaries")
+    with refusing():
+        spec = Wanted.of(arguments).spec()
+    photographs = _lessons(arguments, patch_size(spec))
+    with output_folder(output.parent), refusing():
+        _say_passed_over(photographs)
+        with counter("nablahog learn hoggles") as progress:
+            pair = learn_pair(photographs.images, spec, fast=arguments.fast, seed=arguments.seed, progress=progress)
+        pair.save(output)
+    say(f"Dictionaries in {output}: {len(pair.gray)} pairs of atoms, {len(pair.learning.images)} images")
+
+
+def learn_bovw(arguments: Namespace) -> None:
+    """Learns visual words, from tiles of the photographs that come with scikit-image if there is no folder.
+
+    Raises:
+        UserError: an input is unusable.
+        OSError: a file or folder is missing or cannot be written.
+    """
+    output = _npz_file(arguments, "a vocabulary")
+    photographs = Photographs(shipped_lessons("bovw")) if arguments.images is None else _lessons(arguments, (1, 1))
+    with output_folder(output.parent), refusing():
+        _say_passed_over(photographs)
+        with counter("nablahog learn bovw") as progress:
+            words = learn_words(photographs.images, seed=arguments.seed, progress=progress)
+        words.save(output)
+    say(f"Vocabulary in {output}: {len(words.vocabulary)} words, {len(words.learning.images)} images")
 
 
 def _npz_file(arguments: Namespace, what: str) -> Path:

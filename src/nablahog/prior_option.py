@@ -6,7 +6,7 @@ from argparse import Namespace
 from collections.abc import Iterable
 from pathlib import Path
 
-from .evaluate.methods import load_prior
+from .evaluate.learned import load
 from .hog import HOGSpec
 from .invert import LearnedPrior
 from .refusal import refusing
@@ -21,7 +21,7 @@ def prior_for(arguments: Namespace, uses: Iterable[tuple[str, HOGSpec | None]]) 
     if arguments.prior is None:
         return None
     with refusing():
-        prior = load_prior(Path(arguments.prior))
+        prior: LearnedPrior = load("prior", Path(arguments.prior))
     for name, spec in uses:
         with refusing(f"{name}: "):
             prior.check(spec or prior.spec)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from .evaluate import table1_page
-from .evaluate.methods import Settings, choose
+from .evaluate.learned import LEARNED, from_shipped, load
+from .evaluate.methods import Method, Settings, choose
 from .evaluate.photographs import Photographs, read_folder, shipped
 from .evaluate.runner import cores
 from .evaluate.table1 import Table1, run_table1, write_tables
 from .output import output_folder, replacing
-from .prior_option import prior_for
 from .refusal import UserError, refusing
 from .terminal import counter, print_definitions, print_table, say
 
@@ -24,13 +25,13 @@ def table1(arguments: Namespace) -> None:
         OSError: a file or folder is missing or cannot be written.
     """
     with refusing():
-        methods, left_out = choose(arguments.methods, with_prior=arguments.prior is not None)
-    prior = prior_for(arguments, ((method.name, method.spec) for method in methods if method.uses_prior))
-    path = None if prior is None else Path(arguments.prior).resolve()
-    settings = Settings(arguments.seed, arguments.max_evaluations, path)
+        given = {kind: Path(getattr(arguments, kind)).resolve() for kind in LEARNED if getattr(arguments, kind)}
+        methods, left_out = choose(arguments.methods, given)
+    _check(given, methods)
     photographs, origin = _photographs(arguments)
-    remarks = table1_page.remarks(left_out, prior, photographs)
     with output_folder(arguments.output) as folder:
+        settings = Settings(arguments.seed, arguments.max_evaluations, given | _learned_here(given, methods))
+        remarks = table1_page.remarks(left_out, settings.learned, photographs)
         with counter("nablahog table1") as progress:
             workers = arguments.workers or cores()
             table = run_table1(folder, photographs, methods, settings, workers=workers, progress=progress)
@@ -44,6 +45,26 @@ def table1(arguments: Namespace) -> None:
     for remark in remarks:
         say(remark)
     say(f"Look at {folder / 'index.html'}")
+
+
+def _check(given: Mapping[str, Path], methods: Sequence[Method]) -> None:
+    """Raises UserError if a file of what was learned cannot be read, or is for other descriptors than a method has."""
+    for kind, path in given.items():
+        with refusing():
+            found = load(kind, path)
+        for method in methods:
+            if method.needs == kind and method.spec is not None:
+                with refusing(f"{method.name}: "):
+                    found.check(method.spec)
+
+
+def _learned_here(given: Mapping[str, Path], methods: Sequence[Method]) -> dict[str, Path]:
+    """Files of what the methods need and nobody gave."""
+    found = {}
+    for kind in dict.fromkeys(method.needs for method in methods if method.needs and method.needs not in given):
+        with counter(f"nablahog table1, learning {kind}") as progress:
+            found[kind] = from_shipped(kind, progress)
+    return found
 
 
 def _photographs(arguments: Namespace) -> tuple[Photographs, str]:

@@ -55,7 +55,7 @@ def refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Callable[...,
         assert main(argv) == status
         printed = capsys.readouterr()
         assert printed.out == ""
-        kinds = {("learn", kind) for kind in ("prior", "background", "exemplars")}
+        kinds = {("learn", kind) for kind in ("prior", "background", "hoggles", "bovw", "exemplars")}
         command = " ".join(argv[:2]) if argv[:2] in kinds else argv[0]
         assert printed.err.startswith(f"nablahog {command}: error: ")
         assert printed.err.count("\n") == 1

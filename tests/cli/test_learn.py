@@ -107,7 +107,7 @@ def test_the_table_with_it(tmp_path: Path, images: str, prior: str, capsys: pyte
     printed = capsys.readouterr()
     assert printed.err == ""
     assert "left out" not in printed.out
-    remark = "The prior was learned from images of the same names as 1 of these"
+    remark = "The prior file was learned from images of the same names as 1 of these"
     html = (tmp_path / "out" / "index.html").read_text()
     assert remark in printed.out
     assert remark in html
@@ -116,9 +116,12 @@ def test_the_table_with_it(tmp_path: Path, images: str, prior: str, capsys: pyte
 
 
 @pytest.mark.usefixtures("here")
-def test_the_table_without_it(tmp_path: Path, images: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_table_without_it(
+    tmp_path: Path, images: str, learned_files: dict[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    others = [option for kind, path in learned_files.items() for option in (f"--{kind}", path)]
     command = ["table1", "--images", images, "-o", str(tmp_path / "out"), *FEW, "--limit", "1"]
-    assert main(command) == 0
+    assert main([*command, *others]) == 0
     remark = "uoctti-learned is left out: it needs --prior FILE, see `nablahog learn prior`."
     assert remark in capsys.readouterr().out.splitlines()
     assert remark in (tmp_path / "out" / "index.html").read_text()

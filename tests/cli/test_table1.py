@@ -70,7 +70,7 @@ def test_without_a_folder(tmp_path: Path, here: None, capsys: pytest.CaptureFixt
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--methods", "dalal-single,hog"], "expected methods of uoctti-single, uoctti-multi-scale"),
+        (["--methods", "dalal-single,hog"], "expected methods of bovw, hoggles, cnn-hog"),
         (["--methods", ""], "got ''"),
         (["--limit", "0"], "at least 1, got '0'"),
         (["--workers", "0"], "at least 1, got '0'"),

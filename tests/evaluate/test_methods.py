@@ -10,10 +10,11 @@ import pytest
 import torch
 
 from nablahog import hog
-from nablahog.evaluate.methods import METHODS, Method, Settings, choose, load_prior
+from nablahog.evaluate.learned import SPEC, load
+from nablahog.evaluate.methods import METHODS, Method, Settings, choose
 from nablahog.evaluate.published import GROUPS, PUBLISHED
 
-from .common import image, write_prior
+from .common import image, photographs, write_prior
 
 FAST = Settings(max_evaluations=8)
 
@@ -45,17 +46,18 @@ def test_published_figures() -> None:
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_a_method(name: str, tmp_path: Path) -> None:
+def test_a_method(name: str, tmp_path: Path, learned_files: dict[str, str]) -> None:
     method = METHODS[name]
-    original = image()
+    original = photographs(1, 40 if name == "bovw" else 32).images["0.png"]  # two windows of words, at least
     sent: Method = pickle.loads(pickle.dumps(method))  # as it reaches the workers
-    prior = write_prior(tmp_path / "p.npz", method.spec) if method.uses_prior and method.spec else None
-    found = sent.run(original[None, None], replace(FAST, prior=prior))
+    learned = {kind: Path(path) for kind, path in learned_files.items()}
+    learned["prior"] = write_prior(tmp_path / "prior.npz", SPEC)
+    found = sent.run(original[None, None], replace(FAST, learned=learned))
     assert len(found) == len(method.rows)
     for one in found:
         assert one.image.shape == original.shape
         assert 0 <= one.image.min() <= one.image.max() <= 1
-        assert one.distance > 0
+        assert one.distance >= 0
     if method.multiscale:
         assert torch.equal(found[0].image, found[-1].image)
         assert found[0].distance == found[-1].distance
@@ -70,27 +72,27 @@ def test_the_prior_decides(tmp_path: Path) -> None:
     made = []
     for value in (0.1, 0.1, -0.1):
         write_prior(path, method.spec, value=value)  # a file that changed is read again
-        made.append(method.run(image()[None, None], replace(FAST, prior=path))[0].image)
+        made.append(method.run(image()[None, None], replace(FAST, learned={"prior": path}))[0].image)
     assert torch.equal(made[0], made[1])
     assert not torch.equal(made[0], made[2])
-    assert load_prior(path) is load_prior(path)
-    with pytest.raises(ValueError, match="needs a learned prior"):
+    assert load("prior", path) is load("prior", path)
+    with pytest.raises(ValueError, match="needs what `nablahog learn prior` learns"):
         method.run(image()[None, None], FAST)
     with pytest.raises(FileNotFoundError, match="no such file"):
-        load_prior(tmp_path / "no")
+        load("prior", tmp_path / "no")
 
 
 def test_choosing() -> None:
     every, learned = list(METHODS.values()), METHODS["uoctti-learned"]
-    assert choose(None, with_prior=True) == (every, [])
-    assert choose(None, with_prior=False) == ([method for method in every if method is not learned], [learned])
+    assert choose(None, ["prior"]) == (every, [])
+    assert choose(None, []) == ([method for method in every if method is not learned], [learned])
     two = ["dalal-single", "uoctti-single"]
-    assert choose(two, with_prior=False) == ([METHODS[name] for name in reversed(two)], [])
-    assert choose(["uoctti-learned"], with_prior=True) == ([learned], [])
+    assert choose(two, []) == ([METHODS[name] for name in reversed(two)], [])
+    assert choose(["uoctti-learned"], ["prior"]) == ([learned], [])
     with pytest.raises(ValueError, match="uoctti-learned needs --prior FILE"):
-        choose([*two, "uoctti-learned"], with_prior=False)
+        choose([*two, "uoctti-learned"], [])
     with pytest.raises(ValueError, match="none of the methods asked for uses --prior; these do: uoctti-learned"):
-        choose(two, with_prior=True)
+        choose(two, ["prior"])
 
 
 def test_the_seed_decides() -> None:

@@ -22,7 +22,13 @@ from .fakes import DARK, KILLED, KILLED_ONCE, MISTAKEN
 
 
 def test_deaths_and_failures(tmp_path: Path) -> None:
-    jobs = [job(DARK), job(KILLED_ONCE, prior=tmp_path / "marker"), job(KILLED), job(MISTAKEN), job(DARK, seed=1)]
+    jobs = [
+        job(DARK),
+        job(KILLED_ONCE, learned={"prior": tmp_path / "marker"}),
+        job(KILLED),
+        job(MISTAKEN),
+        job(DARK, seed=1),
+    ]
     begun: list[int] = []
     found = dict(run_jobs(jobs, workers=1, started=begun.append))
     assert begun == [0, 1, 2, 3, 4, 1, 2]  # what died is tried again in the end

@@ -66,17 +66,17 @@ def test_keys_tell_work_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         job(BRIGHT),
         job(METHODS["dalal-single"]),
         job(learned),
-        job(learned, prior=first),
-        job(learned, prior=second),
+        job(learned, learned={"prior": first}),
+        job(learned, learned={"prior": second}),
         replace(base, image=brighter),
         replace(base, image=base.image.reshape(16, 64)),
     ]
     keys = {each.key() for each in jobs}
     assert len(keys) == len(jobs)
     assert job(DARK).key() == base.key()
-    assert job(DARK, prior=first).key() == base.key()  # which it does not use
+    assert job(DARK, learned={"prior": first}).key() == base.key()  # which it does not use
     first.write_bytes(b"2")
-    assert job(learned, prior=first).key() == job(learned, prior=second).key()
+    assert job(learned, learned={"prior": first}).key() == job(learned, learned={"prior": second}).key()
     monkeypatch.setattr(torch, "__version__", "0")
     assert base.key() not in keys
 

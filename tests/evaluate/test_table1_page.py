@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from nablahog import LearnedPrior
 from nablahog.evaluate import table1_page
 from nablahog.evaluate.methods import METHODS, Method, Settings
 from nablahog.evaluate.published import UOCTTI
@@ -73,13 +72,17 @@ def test_pictures(table: Table1) -> None:
 def test_remarks(table: Table1, tmp_path: Path) -> None:
     learned = METHODS["uoctti-learned"]
     assert learned.spec is not None
-    assert table1_page.remarks([], None, photographs(2)) == []
-    assert table1_page.remarks([learned], None, photographs(2)) == [
+    assert table1_page.remarks([], {}, photographs(2)) == []
+    assert table1_page.remarks([learned], {}, photographs(2)) == [
         "uoctti-learned is left out: it needs --prior FILE, see `nablahog learn prior`."
     ]
-    for images, expected in [(("a.png",), []), (("a.png", "1.png"), ["The prior was learned from images of the same"])]:
-        prior = LearnedPrior.load(write_prior(tmp_path / "p.npz", learned.spec, images=images))
-        said = table1_page.remarks([], prior, photographs(2))
+    for images, expected in [
+        (("a.png",), []),
+        (("a.png", "1.png"), ["The prior file was learned from images of the same"]),
+        (("a.png", "1.png, 1/2, 0, 64"), ["The prior file was learned from images of the same names as 1 of these"]),
+    ]:
+        prior = write_prior(tmp_path / "p.npz", learned.spec, images=images)
+        said = table1_page.remarks([], {"prior": prior}, photographs(2))
         assert [one[: len(start)] for one, start in zip(said, expected, strict=True)] == expected
     html = table1_page.page(table, Settings(), "Images of mine.", ["One.", "Two <b>."])
     assert "notes.txt. One. Two &lt;b&gt;." in html

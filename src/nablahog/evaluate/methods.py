@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import lru_cache, partial
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from torch import Tensor
 
 from ..hog import HOGSpec, hog, presets
-from ..invert import LearnedPrior, reconstruct, reconstruct_multiscale, scale_descriptors
+from ..invert import reconstruct, reconstruct_multiscale, scale_descriptors
+from ..invert.baselines.cnn_hog import CNNHOG
+from ..invert.baselines.triangles import TRIANGLES, reconstruct_by_triangles
 from ..invert.multiscale import SCALES, level_spec
 from ..invert.start import enlarge
-from .published import DALAL, PUBLISHED, UOCTTI, Published
+from .learned import LEARNED, SPEC, load
+from .published import DALAL, NO_HOG, PUBLISHED, UOCTTI, Published
 
 
 @dataclass(frozen=True)
@@ -24,12 +27,12 @@ class Settings:
     Attributes:
         seed: of everything random.
         max_evaluations: of the objective, for each image; None for the method's own default.
-        prior: the file of a learned prior, which methods that use one need; none comes with the package.
+        learned: files of what methods need that have learned from photographs, by the names of :data:`.LEARNED`.
     """
 
     seed: int = 0
     max_evaluations: int | None = None
-    prior: Path | None = None
+    learned: Mapping[str, Path] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,7 @@ class Method:
             processes import it, so it is a function of a module, or a ``functools.partial`` of one.
         spec: the dialect of the descriptor it starts from; None if that is no HOG.
         multiscale: whether it has a row for each of :data:`SCALES`, too.
-        uses_prior: whether it needs ``Settings.prior``.  Then what it finds depends on what that file holds.
+        needs: what of ``Settings.learned`` it needs, if anything.  Then what it finds depends on what that file holds.
     """
 
     name: str
@@ -63,7 +66,7 @@ class Method:
     run: Run
     spec: HOGSpec | None = None
     multiscale: bool = False
-    uses_prior: bool = False
+    needs: str | None = None
 
     @property
     def levels(self) -> tuple[str, ...]:
@@ -104,28 +107,36 @@ def _multi_scale(image: Tensor, settings: Settings, *, spec: HOGSpec, more: bool
     return [levels[-1], *levels]
 
 
-def _learned(image: Tensor, settings: Settings, *, spec: HOGSpec) -> list[Found]:
-    if settings.prior is None:
-        raise ValueError("this method needs a learned prior")
+def _learned(image: Tensor, settings: Settings, *, kind: str, spec: HOGSpec, seeded: bool = False) -> list[Found]:
     size = (image.shape[2], image.shape[3])
-    prior = load_prior(settings.prior)
-    result = prior.reconstruct(hog(image, spec), spec, size, seed=settings.seed, **_limit(settings))
+    options = {**_limit(settings), "seed": settings.seed} if seeded else {}
+    result = _needed(kind, settings).reconstruct(hog(image, spec), spec, size, **options)
     return [Found(result.image[0, 0], float(result.distance[0]))]
 
 
-def load_prior(path: Path) -> LearnedPrior:
-    """The learned prior in a file, read once however many images it is used for.
-
-    Raises:
-        OSError, ValueError: as :meth:`LearnedPrior.load`.
-    """
-    state = path.stat() if path.exists() else None
-    return _loaded(path, state and state.st_mtime_ns, state and state.st_size)
+def _bovw(image: Tensor, settings: Settings) -> list[Found]:
+    bovw = _needed("bovw", settings)
+    result = bovw.reconstruct(bovw.histogram(image), (image.shape[2], image.shape[3]), seed=settings.seed)
+    return [Found(result.image[0, 0], float(result.distance[0]))]
 
 
-@lru_cache(maxsize=1)
-def _loaded(path: Path, changed: int | None, size: int | None) -> LearnedPrior:
-    return LearnedPrior.load(path)
+def _needed(kind: str, settings: Settings) -> Any:
+    if kind not in settings.learned:
+        raise ValueError(f"this method needs what `nablahog learn {kind}` learns")
+    return load(kind, settings.learned[kind])
+
+
+def _cnn_hog(image: Tensor, settings: Settings, *, bilinear: bool) -> list[Found]:
+    network = CNNHOG(bilinear=bilinear)
+    result = network.reconstruct(network.descriptor(image), seed=settings.seed)
+    return [Found(result.image[0, 0], float(result.distance[0]))]
+
+
+def _triangles(image: Tensor, settings: Settings, *, spec: HOGSpec) -> list[Found]:
+    size = (image.shape[2], image.shape[3])
+    count = settings.max_evaluations or TRIANGLES
+    result = reconstruct_by_triangles(hog(image, spec), spec, size, seed=settings.seed, triangles=count)
+    return [Found(result.image[0, 0], float(result.distance[0]))]
 
 
 def _variants(prefix: str, group: str, spec: HOGSpec) -> list[Method]:
@@ -142,31 +153,42 @@ def _variants(prefix: str, group: str, spec: HOGSpec) -> list[Method]:
 METHODS = {
     method.name: method
     for method in (
-        *_variants("uoctti", UOCTTI, presets.uoctti()),
-        Method("uoctti-learned", UOCTTI, partial(_learned, spec=presets.uoctti()), presets.uoctti(), uses_prior=True),
+        Method("bovw", NO_HOG, _bovw, needs="bovw"),
+        Method("hoggles", UOCTTI, partial(_learned, kind="hoggles", spec=SPEC), SPEC, needs="hoggles"),
+        Method("cnn-hog", UOCTTI, partial(_cnn_hog, bilinear=False)),
+        Method("cnn-hogb", UOCTTI, partial(_cnn_hog, bilinear=True)),
+        Method("triangles", UOCTTI, partial(_triangles, spec=SPEC), SPEC),
+        *_variants("uoctti", UOCTTI, SPEC),
+        Method("uoctti-learned", UOCTTI, partial(_learned, kind="prior", spec=SPEC, seeded=True), SPEC, needs="prior"),
         *_variants("dalal", DALAL, presets.paper()),
     )
 }
 """All methods by name, each group in the order of the table."""
 
 
-def choose(names: Sequence[str] | None, *, with_prior: bool) -> tuple[list[Method], list[Method]]:
-    """The methods to run, and those left out because they need a prior, each in the order of the table.
+def choose(names: Sequence[str] | None, given: Collection[str]) -> tuple[list[Method], list[Method]]:
+    """The methods to run, and those left out because what they need is not given, each in the order of the table.
+
+    What nobody has to give, as it can be learned from photographs that are there, is not missed.
 
     Args:
         names: of those asked for; None for all that can run.
-        with_prior: whether there is a learned prior.
+        given: what of :data:`.LEARNED` there is.
 
     Raises:
-        ValueError: one is asked for that needs a prior and there is none, or there is one that none asked for needs.
+        ValueError: one is asked for that needs what is not given, or something is given that none asked for needs.
     """
     methods = [method for name, method in METHODS.items() if names is None or name in names]
-    learned = [method for method in methods if method.uses_prior]
-    if with_prior and not learned:
-        of = ", ".join(method.name for method in METHODS.values() if method.uses_prior)
-        raise ValueError(f"none of the methods asked for uses --prior; these do: {of}")
-    if with_prior or not learned:
-        return methods, []
-    if names is not None:
-        raise ValueError(f"{learned[0].name} needs --prior FILE, see `nablahog learn prior`")
-    return [method for method in methods if not method.uses_prior], learned
+    for kind in given:
+        if all(method.needs != kind for method in methods):
+            of = ", ".join(method.name for method in METHODS.values() if method.needs == kind)
+            raise ValueError(f"none of the methods asked for uses --{kind}; these do: {of}")
+    lacking = [
+        method
+        for method in methods
+        if method.needs and method.needs not in given and LEARNED[method.needs].learn is None
+    ]
+    if names is not None and lacking:
+        needed = lacking[0].needs
+        raise ValueError(f"{lacking[0].name} needs --{needed} FILE, see `nablahog learn {needed}`")
+    return [method for method in methods if method not in lacking], lacking

@@ -39,6 +39,9 @@ PUBLISHED = {
 }
 """By the rows of our methods; the table's last level, 1/1, is the method's own row, too."""
 
+BASELINES = ("bovw", "hoggles", "cnn-hog", "cnn-hogb")
+"""Of these, what the paper compares with: shown even where ours did not run."""
+
 POSE_PUBLISHED: dict[str, dict[int, float]] = {
     "exemplar": {4: 47.33, 8: 35.39, 16: 20.16, 24: 15.23},
     "paper": {4: 58.85, 8: 40.74, 16: 22.22, 24: 16.87},

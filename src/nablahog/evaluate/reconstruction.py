@@ -39,14 +39,14 @@ class ReconstructionJob:
     def key(self) -> str:
         """A hash of image, method, settings, and the code that makes the result."""
         settings, method = self.settings, self.method
-        prior = settings.prior if method.uses_prior else None
+        learned = settings.learned.get(method.needs) if method.needs else None
         facts = {
             "method": method.name,
             "rows": method.rows,
             "spec": None if method.spec is None else method.spec.to_json(),
             "seed": settings.seed,
             "max_evaluations": settings.max_evaluations,
-            "prior": None if prior is None else digest(prior),
+            "learned": None if learned is None else digest(learned),
             "code": [code(*DECIDING), digest(source(method.run))],
             "torch": torch.__version__,
             "shape": self.image.shape,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -12,8 +13,8 @@ from torch import Tensor
 from .. import metrics, report
 from ..draw import Panel, glyphs
 from ..hog import HOGSpec, hog
-from ..invert import LearnedPrior
 from ..invert.multiscale import SCALES
+from .learned import LEARNED, load
 from .methods import Method, Settings
 from .photographs import Photographs
 from .statistics import RESAMPLES, Statistics
@@ -37,6 +38,12 @@ DEFINITIONS = {
     "more than other methods are given, so, as the paper says, its figures are not to be compared with theirs.",
     "learned": "Starts from, and stays close to, the image that a network expects for the descriptor. The network is "
     "that of --prior, and has learned from photographs.",
+    "bovw": "The image is given as a histogram of visual words alone, which are arranged as in a jigsaw puzzle, by "
+    "what photographs have beside each other and where (after Kato and Harada; much of it is our own choice).",
+    "hoggles": "Window by window by a pair of dictionaries of descriptors and patches (Vondrick et al.).",
+    "cnn-hog, cnn-hogb": "HOG as a convolutional network, without texture channels, inverted by gradient descent under "
+    "two priors (Mahendran and Vedaldi); the distance is that of the network's own descriptor.",
+    "triangles": "10,000 random triangles, of which those stay that bring the descriptor closer (Vondrick et al.).",
     "NAME@1/s": "A level of a multi-scale method: an image with an s-th of the pixels. To be compared with the "
     "photograph it is enlarged to its size (bicubic); its distance is that of the level's own image from the "
     "descriptor sought at that level. The row NAME is the last level, NAME@1/1.",
@@ -51,15 +58,20 @@ LEAD = (
 )
 
 
-def remarks(left_out: Sequence[Method], prior: LearnedPrior | None, photographs: Photographs) -> list[str]:
-    """What to know of the methods that need a prior, a sentence each: that there is none, or what it has seen."""
-    said = [f"{each.name} is left out: it needs --prior FILE, see `nablahog learn prior`." for each in left_out]
-    seen = set() if prior is None else {*prior.training.images} & {*photographs.images}
-    if seen:
-        said.append(
-            f"The prior was learned from images of the same names as {len(seen)} of these; if they are the same "
-            "images, what was found for them says nothing about others."
-        )
+def remarks(left_out: Sequence[Method], learned: Mapping[str, Path], photographs: Photographs) -> list[str]:
+    """What to know of methods that have learned from photographs, a sentence each: what lacks, or what it has seen."""
+    said = [
+        f"{each.name} is left out: it needs --{each.needs} FILE, see `nablahog learn {each.needs}`."
+        for each in left_out
+    ]
+    for kind, path in learned.items():
+        names = {name.split(", ")[0] for name in LEARNED[kind].images(load(kind, path))}
+        seen = names & {*photographs.images}
+        if seen:
+            said.append(
+                f"The {kind} file was learned from images of the same names as {len(seen)} of these; if they are the "
+                "same images, what was found for them says nothing about others."
+            )
     return said
 
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import os
 import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-import numpy as np
 import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, mse_loss
@@ -21,6 +19,7 @@ from .checkpoint import Checkpoint
 from .crops import crop_count, draw_crops, least_side
 from .learned import LearnedPrior, Training
 from .network import Architecture, Inputs, PriorNetwork, check_spec, default_architecture, network_inputs
+from .provenance import digest_of_images
 
 BATCH = 12
 CROPS = 23_000  # that a training sees if nothing is said: about an hour and a half on one core
@@ -82,7 +81,7 @@ def train_prior(
     if epochs < 1:
         raise ValueError(f"epochs must be at least 1, got {epochs}")
     network, optimizer = _beginning(spec, architecture, seed)
-    training = Training(tuple(names), _digest(names, images), epochs, seed, ())
+    training = Training(tuple(names), digest_of_images(names, images), epochs, seed, ())
     kept = Checkpoint(checkpoint, spec, architecture, training, network, optimizer)
     losses = kept.restore(steps)
     lessons = _Lessons(order, steps, spec, seed)
@@ -116,14 +115,6 @@ def _check(name: str, image: Tensor, spec: HOGSpec) -> None:
         raise ValueError(f"{name}: expected an image (H, W) of float32 in 0…1")
     if min(image.shape) < least:
         raise ValueError(f"{name}: expected at least {least}x{least} pixels, got {image.shape[0]}x{image.shape[1]}")
-
-
-def _digest(names: Sequence[str], images: Mapping[str, Tensor]) -> str:
-    digest = hashlib.sha256()
-    for name in names:
-        digest.update(f"{name}\0{tuple(images[name].shape)}\0".encode(errors="backslashreplace"))
-        digest.update(np.ascontiguousarray(images[name].numpy()).tobytes())
-    return digest.hexdigest()
 
 
 def _beginning(spec: HOGSpec, architecture: Architecture, seed: int) -> tuple[PriorNetwork, torch.optim.AdamW]:

@@ -1,0 +1,500 @@
+"""BoVW: descriptors of known windows, arrangements that no swap betters, words that are learned, saved and placed."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from nablahog.invert.baselines.bovw import BoVW, Learning
+from nablahog.invert.baselines.bovw_arrangement import Costs, arrange
+from nablahog.invert.baselines.bovw_learning import learn_bovw
+from nablahog.invert.baselines.dense_sift import dense_sift, sift_grid
+from nablahog.metrics import cross_correlation
+
+from ..photographs import photograph
+
+NAMES = ("brick", "camera", "clock", "coins")
+CELL, PATCH, WORDS = 4, 20, 40
+
+
+# --- dense SIFT
+
+
+def _reference(image: np.ndarray[Any, Any], cell: int, top: int, left: int) -> np.ndarray[Any, Any]:
+    """The votes of one window (4, 4, 8), weighed, pixel by pixel."""
+    votes = np.zeros((4, 4, 8))
+    height, width = image.shape
+    for y, x in itertools.product(range(1, height - 1), range(1, width - 1)):
+        gx, gy = image[y, x + 1] - image[y, x - 1], image[y + 1, x] - image[y - 1, x]
+        turn = math.atan2(gy, gx) / (2 * math.pi) * 8 % 8
+        for i, j, k in itertools.product(range(4), range(4), range(8)):
+            down = 1 - abs((y + 0.5 - top) / cell - (i + 0.5))
+            across = 1 - abs((x + 0.5 - left) / cell - (j + 0.5))
+            around = 1 - min(abs(turn - k), 8 - abs(turn - k))
+            if min(down, across, around) > 0:
+                votes[i, j, k] += math.hypot(gx, gy) * down * across * around
+    for i, j in itertools.product(range(4), range(4)):
+        votes[i, j] *= math.exp(-((i - 1.5) ** 2 + (j - 1.5) ** 2) / 8)
+    return votes
+
+
+def test_against_a_pixelwise_reference() -> None:
+    image = photograph(24)
+    found = dense_sift(image.double(), 5)
+    assert found.shape == (1, 1, 1, 128)
+    expected = _reference(image[0, 0].double().numpy(), 5, 0, 0).ravel()
+    expected = np.minimum(expected / np.linalg.norm(expected), 0.2)
+    np.testing.assert_allclose(found[0, 0, 0], expected / np.linalg.norm(expected), atol=1e-12)
+
+
+@pytest.mark.parametrize(("degrees", "bins"), [(0, {0}), (45, {1}), (90, {2}), (180, {4}), (270, {6}), (22.5, {0, 1})])
+def test_a_ramp_fills_the_bins_of_its_direction(degrees: float, bins: set[int]) -> None:
+    y, x = torch.meshgrid(torch.arange(32.0), torch.arange(32.0), indexing="ij")
+    angle = math.radians(degrees)
+    ramp = 0.5 + 0.01 * ((x - 16) * math.cos(angle) + (y - 16) * math.sin(angle))
+    inner = dense_sift(ramp.double()[None, None], 4)[0, 2, 2].reshape(4, 4, 8)
+    shares = inner.sum((0, 1)) / inner.sum()
+    assert {k for k in range(8) if shares[k] > 1e-4} == bins
+    assert shares[min(bins)] == pytest.approx(1 / len(bins), abs=1e-4)
+
+
+def test_symmetries_permute() -> None:
+    image = photograph(40).double()
+    found = dense_sift(image, 4).reshape(1, 7, 7, 4, 4, 8)
+    turned = dense_sift(image.rot90(1, (2, 3)), 4).reshape(1, 7, 7, 4, 4, 8)
+    torch.testing.assert_close(turned, found.rot90(1, (1, 2)).rot90(1, (3, 4)).roll(-2, 5), atol=1e-12, rtol=0)
+    mirrored = dense_sift(image.flip(3), 4).reshape(1, 7, 7, 4, 4, 8)
+    torch.testing.assert_close(mirrored, found.flip(2, 4, 5).roll(5, 5), atol=1e-12, rtol=0)
+
+
+def test_contrast_and_brightness_do_not_matter() -> None:
+    image = photograph(64)
+    torch.testing.assert_close(dense_sift(0.3 + 0.5 * image, 4), dense_sift(image, 4), atol=1e-4, rtol=0)
+
+
+def test_length_and_flat_windows() -> None:
+    image = photograph(64)
+    image = torch.cat([image, torch.full_like(image, 0.3)])
+    length = dense_sift(image, 4).norm(dim=3)
+    torch.testing.assert_close(length[0], torch.ones(13, 13))
+    assert not length[1].any()
+
+
+@pytest.mark.parametrize("cell", [4, 8])
+def test_the_least_edge_that_is_seen(cell: int) -> None:
+    for levels, seen in ((1, False), (2, True)):
+        edge = torch.full((1, 1, 4 * cell, 4 * cell), 0.5)
+        edge[..., 2 * cell :] += levels / 255
+        assert dense_sift(edge, cell).any() == seen
+
+
+def test_one_window_at_each_cell() -> None:
+    assert sift_grid(128, 128, 8) == (13, 13)
+    assert sift_grid(31, 47, 8) == (0, 2)
+    image = photograph(64)
+    shifted = dense_sift(image[..., 8:, 4:], 4)
+    torch.testing.assert_close(dense_sift(image, 4)[:, 4:-1, 3:-1], shifted[:, 2:-1, 2:-1], atol=1e-6, rtol=0)
+
+
+# --- arrangements
+
+
+def test_costs_of_pairs() -> None:
+    costs = Costs(np.array([[[0, 1]]]), np.eye(2))
+    seen, unseen = -math.log(4 + 0.5), -math.log(0.5)  # once where a quarter is expected
+    np.testing.assert_allclose(costs.right, [[unseen, seen], [unseen, unseen]])
+    np.testing.assert_allclose(costs.below, np.full((2, 2), unseen))
+
+
+def test_costs_of_places() -> None:
+    """Two kinds of images, of words 0 and 1 above or of words 2 and 3 below; each also with the words 4 and 5."""
+    one, other = [[0, 1, 4], [4, 5, 5]], [[4, 5, 5], [2, 3, 4]]
+    costs = Costs(np.array([one, other] * 20), np.eye(6))
+    for of, absent in ((one, other), (other, one)):
+        histogram = np.bincount(np.ravel(of), minlength=6).astype(np.float64)
+        found = costs.location(histogram)
+        assert found.shape == (6, 2, 3)
+        rows, cols = np.indices((2, 3))
+        own, others = (found[np.array(words), rows, cols].mean() for words in (of, absent))
+        assert own < others - 0.1
+
+
+def test_places_of_a_histogram_that_says_nothing() -> None:
+    """All images have word 2 alike, so what is expected is their mean: a word is as often somewhere as it is at all."""
+    costs = Costs(np.array([[[0, 2]], [[2, 1]], [[0, 2]]]), np.eye(3))
+    ratio = np.exp(-costs.location(np.array([0.0, 0, 2]))) - 1
+    np.testing.assert_allclose(ratio.mean((1, 2)), np.ones(3), atol=1e-3)
+    assert ratio[0, 0, 0] > ratio[0, 0, 1]
+    assert ratio[1, 0, 0] < ratio[1, 0, 1]
+
+
+def _problem(seed: int, rows: int = 5, cols: int = 4) -> tuple[Any, Any, Costs]:
+    rng = np.random.default_rng(seed)
+    database = rng.integers(7, size=(6, rows, cols))
+    database.flat[:7] = np.arange(7)
+    costs = Costs(database, rng.random((7, 3)))
+    costs.right, costs.below = rng.normal(size=(2, 7, 7))
+    return rng.integers(7, size=rows * cols), rng.normal(size=(7, rows, cols)), costs
+
+
+def _cost(placed: Any, location: Any, costs: Costs) -> float:
+    rows, cols = placed.shape
+    total = 0.0
+    for y, x in itertools.product(range(rows), range(cols)):
+        total += location[placed[y, x], y, x]
+        total += costs.right[placed[y, x], placed[y, x + 1]] if x + 1 < cols else 0
+        total += costs.below[placed[y, x], placed[y + 1, x]] if y + 1 < rows else 0
+    return total
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_no_swap_betters_what_is_found(seed: int) -> None:
+    words, location, costs = _problem(seed)
+    found, history, settled = arrange(words, location, costs, np.random.default_rng(seed))
+    assert settled
+    assert np.array_equal(np.sort(found, axis=None), np.sort(words))
+    assert history[-1] == pytest.approx(_cost(found, location, costs))
+    assert all(after <= before for before, after in itertools.pairwise(history))
+    assert history[-1] < history[0]
+    for p, q in itertools.combinations(range(found.size), 2):
+        swapped = found.copy()
+        swapped.flat[p], swapped.flat[q] = found.flat[q], found.flat[p]
+        assert _cost(swapped, location, costs) > history[-1] - 1e-6
+
+
+def test_places_alone_are_solved_exactly() -> None:
+    words, location, costs = _problem(1, 2, 3)
+    costs.right[:] = costs.below[:] = 0
+    _, history, _ = arrange(words, location, costs, np.random.default_rng(0))
+    every = (_cost(np.reshape(each, (2, 3)), location, costs) for each in itertools.permutations(words))
+    assert history[-1] == pytest.approx(min(every))
+
+
+@pytest.mark.parametrize("shape", [(1, 2), (2, 1)])
+def test_neighbours_decide_where_places_do_not(shape: tuple[int, int]) -> None:
+    costs = Costs(np.array([[[0], [1]]]).reshape(1, *shape), np.eye(2))
+    for words in ([0, 1], [1, 0]):
+        found, _, _ = arrange(np.array(words), np.zeros((2, *shape)), costs, np.random.default_rng(0))
+        assert found.ravel().tolist() == [0, 1]
+
+
+# --- learning
+
+
+def _images() -> dict[str, Tensor]:
+    images = {name: photograph(64, name)[0, 0] for name in NAMES}
+    return images | {"flat": torch.full((64, 64), 0.25)}
+
+
+def _learned(images: dict[str, Tensor] | None = None, **options: Any) -> BoVW:
+    return learn_bovw(images or _images(), **{"words": WORDS, "cell": CELL, "patch": PATCH, **options})
+
+
+@pytest.fixture(scope="module")
+def learned() -> BoVW:
+    return _learned()
+
+
+def _stack() -> Tensor:
+    return torch.stack([image for _, image in sorted(_images().items())]).unsqueeze(1)
+
+
+def test_the_database_is_the_images_words(learned: BoVW) -> None:
+    images = _stack()
+    assert torch.equal(learned.database.long(), learned.words(torch.cat([images, images.flip(3)])))
+    assert learned.grid == (13, 13)
+    assert learned.image_size == (64, 64)
+    assert learned.learning.images == ("brick", "camera", "clock", "coins", "flat")
+
+
+def test_a_patch_is_the_mean_of_its_windows(learned: BoVW) -> None:
+    images = _stack()
+    both = torch.nn.functional.pad(torch.cat([images, images.flip(3)]), (2, 2, 2, 2), mode="replicate")[:, 0]
+    for word in (0, 1, len(learned.vocabulary) - 1):
+        seen = [
+            both[k, row * CELL : row * CELL + PATCH, col * CELL : col * CELL + PATCH]
+            for k, row, col in (learned.database == word).nonzero().tolist()
+        ]
+        torch.testing.assert_close(learned.patches[word], torch.stack(seen).mean(0), atol=1e-5, rtol=0)
+
+
+def test_words_are_means_of_their_windows(learned: BoVW) -> None:
+    """Nearly: the rounds of k-means have an end."""
+    images = _stack()
+    windows = dense_sift(torch.cat([images, images.flip(3)]), CELL)
+    assert learned.learning.windows == int(windows.any(dim=3).sum())  # all with contrast
+    means = torch.stack([windows[learned.database == word].mean(0) for word in range(len(learned.vocabulary))])
+    assert (means - learned.vocabulary).norm(dim=1).median() < 0.05
+
+
+def test_flat_windows_are_a_word(learned: BoVW) -> None:
+    histogram = learned.histogram(torch.full((1, 1, 64, 64), 0.9))
+    assert histogram[0].tolist() == [169] + [0] * (len(learned.vocabulary) - 1)
+    found = learned.reconstruct(histogram)
+    assert float(found.distance) == 0
+    assert float(found.image.std()) < 0.05
+
+
+def test_the_seed_decides(learned: BoVW) -> None:
+    torch.rand(1)  # the global generators do not
+    np.random.rand(1)  # noqa: NPY002
+    again = _learned(dict(reversed(_images().items())))
+    for name in ("vocabulary", "patches", "database"):
+        assert torch.equal(getattr(again, name), getattr(learned, name))
+    assert again.learning == learned.learning
+    assert not torch.equal(_learned(seed=1).patches[:20], learned.patches[:20])
+    changed = _images() | {"brick": photograph(64, "coins")[0, 0]}
+    assert _learned(changed).learning.sha256 != learned.learning.sha256
+
+
+def test_words_that_nothing_is_are_left_out() -> None:
+    edge = torch.cat([torch.zeros(20, 10), torch.ones(20, 10)], dim=1)
+    model = _learned({"a": edge, "b": edge * 0.5}, words=9)
+    assert 2 <= len(model.vocabulary) < 9
+    assert len(model.database.unique()) == len(model.vocabulary)
+
+
+def test_images_of_parts_of_cells() -> None:
+    images = {name: image[:42, :55] for name, image in _images().items()}
+    model = _learned(images, patch=18)
+    assert model.grid == (7, 10)
+    found = model.reconstruct(model.histogram(images["camera"][None, None]))
+    assert found.image.shape == (1, 1, 42, 55)
+
+
+def test_progress(learned: BoVW) -> None:
+    seen: list[tuple[int, int]] = []
+    _learned(progress=lambda done, total, what: seen.append((done, total)))
+    assert [done for done, _ in seen] == list(range(seen[0][1] + 1))
+    assert len({total for _, total in seen}) == 1
+    calls: list[tuple[int, int]] = []
+    learned.reconstruct(learned.histogram(_stack()[:2]), progress=lambda *call: calls.append(call))
+    assert calls == [(0, 2), (1, 2), (2, 2)]
+
+
+def test_what_cannot_be_learned_from() -> None:
+    camera = photograph(64)[0, 0]
+    wrong: list[tuple[dict[str, Any], str]] = [
+        ({"images": {}}, "expected images to learn from, got none"),
+        ({"images": {"a": camera[:18, :16]}}, r"at least two windows of 16x16 pixels, 4 apart, got 18x16"),
+        ({"images": {"a": camera, "b": camera[1:]}}, "of one size, but a has 64x64 pixels, b 63x64"),
+        ({"images": {"a": camera * 255}}, "a: expected an image"),
+        ({"images": {"a": camera.double()}}, "a: expected an image"),
+        ({"images": {"a": camera * torch.nan}}, "a: expected an image"),
+        ({"images": {"a": camera[None]}}, "a: expected an image"),
+        ({"images": {"a": camera[:20, :20]}}, r"at least 39 windows with contrast to find 40 words, got 8"),
+        ({"words": 1}, "words must be 2 … 32767, got 1"),
+        ({"words": 40_000}, "words must be 2 … 32767, got 40000"),
+        ({"cell": 0}, "a cell must have at least 1 pixel, got 0"),
+        ({"patch": 15}, "a patch must be 16 pixels wide, or an even number more, got 15"),
+        ({"patch": 17}, "a patch must be 16 pixels wide, or an even number more, got 17"),
+    ]
+    for changed, message in wrong:
+        options = {"images": {"a": camera}, "words": WORDS, "cell": CELL, "patch": PATCH, **changed}
+        with pytest.raises(ValueError, match=message):
+            learn_bovw(**options)
+
+
+# --- inversion
+
+
+def test_the_histogram_counts(learned: BoVW) -> None:
+    images = _stack()
+    words, histogram = learned.words(images), learned.histogram(images)
+    assert histogram.shape == (5, len(learned.vocabulary))
+    for some, counts in zip(words, histogram, strict=True):
+        assert counts.tolist() == torch.bincount(some.flatten(), minlength=len(counts)).tolist()
+    torch.testing.assert_close(learned.histogram(images.double()), histogram)
+
+
+def test_words_in_place_look_like_the_image(learned: BoVW) -> None:
+    images = _stack()[:4]
+    pictures = learned.picture(learned.words(images))
+    assert pictures.shape == images.shape
+    likeness = [cross_correlation(a[0], b[0]) for a, b in zip(pictures, images, strict=True)]
+    assert np.mean(likeness) > 0.6
+
+
+def test_inversion_of_what_was_learned(learned: BoVW) -> None:
+    """Its words come back to where the database has them, more or less, and never with the wrong polarity."""
+    images = _stack()[:4]
+    histogram = learned.histogram(images)
+    found = learned.reconstruct(histogram, (64, 64))
+    assert found.image.shape == images.shape
+    assert found.image.dtype == torch.float32
+    assert 0 <= found.image.min() <= found.image.max() <= 1
+    likeness = [cross_correlation(a[0], b[0]) for a, b in zip(found.image, images, strict=True)]
+    assert np.mean(likeness) > 0.3
+    own = learned.histogram(found.image)
+    torch.testing.assert_close(found.distance, (own - histogram).norm(dim=1) / histogram.norm(dim=1))
+
+
+def test_the_history_is_that_of_the_cost(learned: BoVW) -> None:
+    found = learned.reconstruct(learned.histogram(_stack()))
+    assert found.history.shape == (int(found.evaluations.max()) + 1, 5)
+    assert (found.history.diff(dim=0) <= 0).all()
+    assert (found.history[-1, :4] < found.history[0, :4]).all()
+    assert found.stop_reason == ["no swap of two words lowers the cost"] * 5
+    assert found.seconds > 0
+
+
+def test_a_batch_is_each_of_it(learned: BoVW) -> None:
+    histogram = learned.histogram(_stack())
+    together = learned.reconstruct(histogram, seed=3)
+    for k in range(5):
+        alone = learned.reconstruct(histogram[k : k + 1].double(), seed=3)
+        assert alone.image.dtype == torch.float64
+        torch.testing.assert_close(alone.image[0].float(), together.image[k])
+        assert alone.evaluations[0] == together.evaluations[k]
+
+
+def test_seeds_of_the_search(learned: BoVW) -> None:
+    histogram = learned.histogram(_stack()[:4])
+    first, second, other = (learned.reconstruct(histogram, seed=seed) for seed in (0, 0, 1))
+    assert torch.equal(first.image, second.image)
+    assert not torch.equal(first.image, other.image)
+
+
+def test_bad_histograms(learned: BoVW) -> None:
+    histogram = learned.histogram(_stack()[:1])
+    words = len(learned.vocabulary)
+    for wrong, got in (
+        (histogram.long(), "torch.int64"),
+        (histogram.numpy(), "ndarray"),
+        (histogram.half(), "float16"),
+    ):
+        with pytest.raises(TypeError, match=f"must be a float32 or float64 tensor, got .*{got}"):
+            learned.reconstruct(wrong)  # type: ignore[arg-type]
+    cases = [
+        (histogram[0], rf"must have shape \(B, {words}\), B at least 1, got \({words},\)"),
+        (histogram[:0], rf"got \(0, {words}\)"),
+        (histogram[:, 1:], rf"got \(1, {words - 1}\)"),
+        (histogram / 0, "must be finite, got NaN or Inf"),
+        (histogram / 2, "must hold counts, whole numbers of at least 0"),
+        (-histogram, "must hold counts, whole numbers of at least 0"),
+        (histogram * 2, "one word for each of the 169 places, got 338"),
+    ]
+    for wrong, message in cases:
+        with pytest.raises(ValueError, match=message):
+            learned.reconstruct(wrong)
+    with pytest.raises(ValueError, match=r"images of 64x64 pixels \(height x width\), and cannot make one of 64x32"):
+        learned.reconstruct(histogram, (64, 32))
+
+
+def test_bad_images(learned: BoVW) -> None:
+    images = _stack()
+    for wrong in (images.half(), (images * 255).byte(), images.numpy()):
+        with pytest.raises(TypeError, match="the images must be a float32 or float64 tensor, got"):
+            learned.histogram(wrong)  # type: ignore[arg-type]
+    for wrong, message in [
+        (images[:, 0], r"must have shape \('B', 1, 64, 64\), B at least 1, got \(5, 64, 64\)"),
+        (images[:0], "B at least 1"),
+        (images[..., 1:], r"got \(5, 1, 64, 63\)"),
+        (images / 0, r"must lie in 0…1, got NaN or other values"),
+        (images + 1, r"must lie in 0…1, got NaN or other values"),
+    ]:
+        with pytest.raises(ValueError, match=message):
+            learned.histogram(wrong)
+
+
+# --- files
+
+
+def test_round_trip(tmp_path: Path, learned: BoVW) -> None:
+    learned.save(tmp_path / "w")
+    assert os.listdir(tmp_path) == ["w"]
+    stored = BoVW.load(tmp_path / "w")
+    for name in ("vocabulary", "patches", "database"):
+        assert torch.equal(getattr(stored, name), getattr(learned, name))
+    for name in ("image_size", "cell", "learning"):
+        assert getattr(stored, name) == getattr(learned, name)
+    histogram = learned.histogram(_stack())
+    assert torch.equal(stored.reconstruct(histogram).image, learned.reconstruct(histogram).image)
+
+
+def _tiny() -> BoVW:
+    """Three words on a grid of 1x2."""
+    return BoVW(
+        torch.eye(3, 128),
+        torch.full((3, 16, 16), 0.5),
+        torch.tensor([[[0, 1]], [[2, 1]]], dtype=torch.int16),
+        (16, 20),
+        4,
+        Learning(("a", "b"), "00", 3, 50, 20, 1),
+    )
+
+
+WRONG: dict[str, tuple[dict[str, Any], str]] = {
+    "NaN": ({"vocabulary": np.full((3, 128), np.nan, np.float32)}, r"the vocabulary must lie in 0…1, got NaN"),
+    "too long a word": ({"vocabulary": np.full((3, 128), 2, np.float32)}, r"the vocabulary must lie in 0…1"),
+    "no descriptors": (
+        {"vocabulary": np.zeros((3, 64), np.float32)},
+        r"of shape \(3, 128\), got torch.float32 of \(3, 64",
+    ),
+    "no words": ({"vocabulary": np.zeros((0, 128), np.float32)}, r"the vocabulary must be torch.float32"),
+    "a lone number": ({"vocabulary": np.zeros((), np.float32)}, r"the vocabulary must be torch.float32"),
+    "doubles": ({"vocabulary": np.zeros((3, 128))}, "the vocabulary must be float32 or int16, got float64"),
+    "integers": ({"patches": np.zeros((3, 16, 16), np.int16)}, r"the patches must be torch.float32 of shape"),
+    "bright patches": ({"patches": np.full((3, 16, 16), 1.5, np.float32)}, "the patches must lie in 0…1"),
+    "small patches": ({"patches": np.zeros((3, 14, 14), np.float32)}, "a patch must be 16 pixels wide"),
+    "another grid": (
+        {"database": np.zeros((2, 2, 2), np.int16)},
+        r"the database must be torch.int16 of shape \(2, 1, 2",
+    ),
+    "unknown words": ({"database": np.full((2, 1, 2), 3, np.int16)}, "the database must lie in 0…2"),
+    "words of nothing": ({"database": np.zeros((2, 1, 2), np.int16)}, "each word of the vocabulary must be somewhere"),
+    "another size": ({"image_size": np.array([16, 24])}, r"the database must be torch.int16 of shape \(2, 1, 3"),
+    "too small": ({"image_size": np.array([16, 16])}, "expected images of at least two windows"),
+    "three sides": ({"image_size": np.array([16, 20, 3])}, "image_size must hold 2 integers"),
+    "half a cell": ({"cell": np.array(4.5)}, "cell must hold 1 integers, got float64"),
+    "no cell": ({"cell": np.array(0)}, "a cell must have at least 1 pixel, got 0"),
+    "no account": ({"learning": np.array("{}")}, "its account of the learning cannot be read"),
+    "a later format": ({"format": np.array(2)}, "BoVW models of format 1, got 2"),
+    "no patches": ({"patches": None}, "expected a BoVW model, but the archive lacks patches"),
+    "pickled": ({"learning": np.array([{}], dtype=object)}, "pickled objects, which are never loaded"),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_wrong_contents(tmp_path: Path, what: str) -> None:
+    changed, message = WRONG[what]
+    path = tmp_path / "w.npz"
+    _tiny().save(path)
+    with np.load(path, allow_pickle=False) as archive:
+        arrays = {**archive, **changed}
+    np.savez(path, **{name: value for name, value in arrays.items() if value is not None})
+    with pytest.raises(ValueError, match=message) as caught:
+        BoVW.load(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_damaged_files(tmp_path: Path) -> None:
+    path = tmp_path / "w.npz"
+    with pytest.raises(FileNotFoundError, match="no such file"):
+        BoVW.load(path)
+    _tiny().save(path)
+    whole = path.read_bytes()
+    middle = len(whole) // 2
+    turned = whole[:middle] + bytes([whole[middle] ^ 0xFF]) + whole[middle + 1 :]
+    for damaged in (b"", b"hello", whole[:100], whole[:middle], whole[:-1], turned):
+        path.write_bytes(damaged)
+        with pytest.raises(ValueError, match=r"expected a BoVW model|damaged"):
+            BoVW.load(path)
+
+
+def test_the_smallest_vocabulary() -> None:
+    model = _tiny()
+    found = model.reconstruct(torch.tensor([[1.0, 0, 1]]))
+    torch.testing.assert_close(found.image, torch.full((1, 1, 16, 20), 0.5))
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        model.cell = 5  # type: ignore[misc]
