@@ -17,8 +17,9 @@ import pytest
 import torch
 from PIL import Image
 
-from nablahog import LearnedPrior, cli, presets
+from nablahog import LearnedPrior, learn_command, presets
 from nablahog.cli import main
+from nablahog.evaluate.photographs import Photographs
 from nablahog.invert.network import weight_count
 
 from .common import CHELSEA, names
@@ -76,11 +77,11 @@ def test_learning(tmp_path: Path, images: str, capsys: pytest.CaptureFixture[str
 def test_the_photographs_of_scikit_image(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shapes = {}
 
-    def learn(output: Path, photographs: cli.Photographs, *args: object, **options: object) -> None:
+    def learn(output: Path, photographs: Photographs, *args: object, **options: object) -> None:
         shapes.update({name: tuple(image.shape) for name, image in photographs.images.items()})
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli, "learn_prior", learn)
+    monkeypatch.setattr(learn_command, "train", learn)
     assert main(["learn", "prior", "-o", str(tmp_path / "p.npz"), "--size", "100"]) == 130
     assert len(shapes) == 8
     assert shapes["coffee"] == (67, 100)  # whole
@@ -227,7 +228,7 @@ def test_interrupted_and_repeated(tmp_path: Path, images: str, monkeypatch: pyte
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(cli, "counter", lambda name: nullcontext(stop))
+        patched.setattr(learn_command, "counter", lambda name: nullcontext(stop))
         assert main([*command, str(tmp_path / "p.npz")]) == 130
     assert names(tmp_path) == ["images", "p.npz.checkpoint", "undisturbed.npz"]
     assert _epochs(tmp_path / "p.npz.checkpoint") == 2
