@@ -57,7 +57,7 @@ def test_a_method(name: str, tmp_path: Path, learned_files: dict[str, str]) -> N
     for one in found:
         assert one.image.shape == original.shape
         assert 0 <= one.image.min() <= one.image.max() <= 1
-        assert one.distance >= 0
+        assert one.distance > 0 or name == "bovw"  # one of few words in two places may well be right
     if method.multiscale:
         assert torch.equal(found[0].image, found[-1].image)
         assert found[0].distance == found[-1].distance

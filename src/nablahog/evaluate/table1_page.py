@@ -65,8 +65,8 @@ def remarks(left_out: Sequence[Method], learned: Mapping[str, Path], photographs
         for each in left_out
     ]
     for kind, path in learned.items():
-        names = {name.split(", ")[0] for name in LEARNED[kind].images(load(kind, path))}
-        seen = names & {*photographs.images}
+        names = LEARNED[kind].images(load(kind, path))
+        seen = {*names, *(name.split(", ")[0] for name in names)} & {*photographs.images}  # tiles say where they are
         if seen:
             said.append(
                 f"The {kind} file was learned from images of the same names as {len(seen)} of these; if they are the "

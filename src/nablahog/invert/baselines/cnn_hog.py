@@ -26,10 +26,12 @@ MOMENTUM = 0.9
 NORM_POWER = 6  # α of the prior Σxᵅ
 NORM_WEIGHT = 8e-10  # λ_α
 SMOOTHNESS = 1.0  # λ of total variation, the one of their quantitative experiments
-SPREAD = 27098.11 / math.sqrt(227 * 227 * 3)
+SPREAD = 27098.1 / math.sqrt(227 * 227 * 3)
 """Root mean square of the noise that a search starts from, in gray levels of 255.
 
-Their file holds the norm 27098.11 of an image of their convolutional networks, of 227x227 pixels and three channels."""
+Their code gives noise the norm 27098.1 whatever the size of the image, a number meant for inputs of their convolutional
+networks; here these are taken to be of 227x227 pixels and three channels, and the norm grows with the size.  As it is,
+it would be 212 gray levels a pixel for an image of 128x128, from where their schedule diverges."""
 
 _MIDDLE = 128.0  # what is subtracted from gray levels
 
