@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from pathlib import Path
 
 import pytest
 import torch
@@ -12,6 +11,8 @@ from hypothesis import settings
 from nablahog import presets
 from nablahog.invert.baselines.bovw_learning import learn_bovw
 from nablahog.invert.baselines.hoggles_learning import learn_hoggles
+from nablahog.invert.baselines.nearest import learn_nearest
+from nablahog.invert.baselines.ridge import learn_ridge
 
 # derandomized: a failure belongs to a change, never to the luck of the run
 settings.register_profile("nablahog", deadline=None, max_examples=20, derandomize=True)
@@ -33,14 +34,18 @@ def _same_numbers_every_time() -> None:
     torch.manual_seed(0)
 
 
-@pytest.fixture
-def learned_files(tmp_path: Path) -> dict[str, str]:
+@pytest.fixture(scope="session")
+def learned_files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """Files of what the baselines of the table have learned, next to nothing; words are for images of 40x40 pixels."""
     from skimage import data
 
     camera = torch.from_numpy(data.camera() / 255).float()[::4, ::4]
-    files = {kind: str(tmp_path / f"{kind}.npz") for kind in ("hoggles", "bovw")}
-    learn_hoggles({"a": camera[:96, :96].contiguous()}, presets.uoctti(), atoms=8, fast=True).save(files["hoggles"])
+    images, spec = {"a": camera[:96, :96].contiguous()}, presets.uoctti()
+    folder = tmp_path_factory.mktemp("learned")
+    files = {kind: str(folder / f"{kind}.npz") for kind in ("hoggles", "bovw", "ridge", "nearest")}
+    learn_hoggles(images, spec, atoms=8, fast=True).save(files["hoggles"])
     squares = {str(k): camera[:40, 20 * k : 20 * k + 40].contiguous() for k in range(4)}
     learn_bovw(squares, words=3, patch=32).save(files["bovw"])
+    learn_ridge(images, spec).save(files["ridge"])
+    learn_nearest(images, spec).save(files["nearest"])
     return files

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from nablahog.output import distinct_stems, output_folder, remove_parts, replacing
+from nablahog.output import checkpoint_for, distinct_stems, output_folder, remove_parts, replacing
 
 
 def test_replacing(tmp_path: Path) -> None:
@@ -54,6 +54,28 @@ def test_what_a_killed_process_left(tmp_path: Path) -> None:
     remove_parts(tmp_path, older_than=60)
     assert os.listdir(tmp_path) == ["file"]
     remove_parts(tmp_path / "missing", older_than=60)
+
+
+def test_a_checkpoint_stays_until_the_work_is_done(tmp_path: Path) -> None:
+    output = tmp_path / "x.npz"
+
+    def interrupted() -> None:
+        with checkpoint_for(output) as checkpoint:
+            checkpoint.write_text("half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert os.listdir(tmp_path) == ["x.npz.checkpoint"]
+    (tmp_path / ".nablahog-1-0.part").touch()
+    os.utime(tmp_path / ".nablahog-1-0.part", (0, 0))
+    with checkpoint_for(output) as checkpoint:
+        assert checkpoint.read_text() == "half"
+        assert os.listdir(tmp_path) == ["x.npz.checkpoint"]
+        output.touch()
+    assert os.listdir(tmp_path) == ["x.npz"]
+    with checkpoint_for(output):  # work that needs none
+        pass
 
 
 def test_links_and_special_files(tmp_path: Path) -> None:

@@ -1,14 +1,25 @@
-"""Reading our .npz archives, whoever wrote them: nothing in one is ever unpickled, so nothing in it is ever run."""
+"""Our .npz archives.  Whoever wrote one, nothing in it is ever unpickled, so nothing in it is ever run."""
 
 from __future__ import annotations
 
+import json
 import os
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .output import replacing
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+    Account = TypeVar("Account", bound=DataclassInstance)
 
 MAX_BYTES = 2**30  # what an archive may unpack to: a descriptor of 270 megapixels at 31 channels and cells of 8
 
@@ -66,3 +77,47 @@ def check_format(arrays: dict[str, NDArray[np.generic]], kind: str, expected: in
     version = arrays["format"]
     if version.shape != () or version.item() != expected:
         raise ValueError(f"this version reads {kind}s of format {expected}, got {version!s}")
+
+
+@contextmanager
+def naming(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Whatever is wrong with what is read from ``path`` in the block is a ValueError that begins with its name."""
+    try:
+        yield
+    except (TypeError, ValueError, RuntimeError, OverflowError, RecursionError) as error:
+        raise ValueError(f"{os.fspath(path)}: {error}") from None
+
+
+def write_arrays(
+    path: str | os.PathLike[str], version: int, arrays: Mapping[str, object], *, compressed: bool = False
+) -> None:
+    """Writes an archive of ``arrays`` and, as ``format``, its version.  The file is replaced whole or not at all.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    with replacing(path) as file:
+        named = {name: np.asarray(array) for name, array in {"format": version, **arrays}.items()}
+        (np.savez_compressed if compressed else np.savez)(file, **named)  # type: ignore[arg-type]
+
+
+def account_to_text(account: DataclassInstance) -> str:
+    """A dataclass of texts, numbers and tuples of these, as JSON."""
+    return json.dumps(asdict(account))
+
+
+def account_of(kind: type[Account], of: str) -> Account:
+    """What :func:`account_to_text` wrote of a dataclass.
+
+    Raises:
+        ValueError: it wrote something else.
+    """
+    try:
+        stored = json.loads(of)
+        return kind(**{name: _as(hint, stored[name]) for name, hint in get_type_hints(kind).items()})
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ValueError(f"its account of the learning cannot be read: {error!s}") from None
+
+
+def _as(hint: Any, value: Any) -> Any:
+    return tuple(map(get_args(hint)[0], value)) if get_origin(hint) is tuple else hint(value)

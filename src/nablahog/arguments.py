@@ -83,7 +83,7 @@ def parser() -> argparse.ArgumentParser:
     options.size(table1, TABLE1_SIZE)
     options.minimiser(table1)
     options.prior(table1, "needed by, and only by, uoctti-learned")
-    for kind in ("hoggles", "bovw"):
+    for kind in ("bovw", "hoggles", "ridge", "nearest"):
         text = f"what `nablahog learn {kind}` wrote, for the method {kind}"
         default = "default: learned once from photographs that come with scikit-image"
         table1.add_argument(f"--{kind}", metavar="FILE", help=f"{text} ({default})")
@@ -101,6 +101,8 @@ def parser() -> argparse.ArgumentParser:
     _learn_background(kinds)
     _learn_hoggles(kinds)
     _learn_bovw(kinds)
+    _learn_ridge(kinds)
+    _learn_nearest(kinds)
     exemplars(kinds)
     return top
 
@@ -160,7 +162,8 @@ def _learn_hoggles(kinds: argparse._SubParsersAction[Parser]) -> None:
         "hoggles",
         help="the paired dictionaries of HOGgles, for `nablahog table1 --hoggles`",
         description="Learns a dictionary of windows of descriptors with the gray patches that they come from, as "
-        "Vondrick et al. do.",
+        "Vondrick et al. do. What is learned is kept in FILE.npz.checkpoint now and then, so a run that was "
+        "interrupted goes on when it is repeated; that file is removed at the end.",
     )
     hoggles.set_defaults(command="learn hoggles")
     options.output(hoggles, "FILE.npz", "the dictionaries")
@@ -183,3 +186,33 @@ def _learn_bovw(kinds: argparse._SubParsersAction[Parser]) -> None:
     options.images(bovw)
     options.seed(bovw)
     options.size(bovw, TABLE1_SIZE)
+
+
+def _learn_ridge(kinds: argparse._SubParsersAction[Parser]) -> None:
+    ridge = kinds.add_parser(
+        "ridge",
+        help="a linear way back from descriptors to images, for `nablahog table1 --ridge`",
+        description="Learns each patch of an image as the linear function of the window of the descriptor around it "
+        "that misses it least.",
+    )
+    ridge.set_defaults(command="learn ridge")
+    _from_windows(ridge, "the regression")
+
+
+def _learn_nearest(kinds: argparse._SubParsersAction[Parser]) -> None:
+    nearest = kinds.add_parser(
+        "nearest",
+        help="a database of windows, for `nablahog table1 --nearest`",
+        description="Keeps photographs; the patches of an image are then the means of those that these have under the "
+        "most similar windows of their descriptors.",
+    )
+    nearest.set_defaults(command="learn nearest")
+    _from_windows(nearest, "the database")
+
+
+def _from_windows(command: Parser, what: str) -> None:
+    options.output(command, "FILE.npz", what)
+    options.images(command)
+    options.seed(command)
+    options.dialect(command, f"type of descriptor (default: {DEFAULT_DESCRIPTOR})")
+    options.size(command, LEARN_SIZE)

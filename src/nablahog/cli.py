@@ -19,7 +19,7 @@ from .draw import glyphs
 from .exemplars_command import learn_exemplars
 from .images import write_image
 from .inversion import Inversion, batches, invert_batch, result_names
-from .learn_command import learn_background, learn_bovw, learn_hoggles, learn_prior
+from .learn_command import learn_background, learn_bovw, learn_hoggles, learn_nearest, learn_prior, learn_ridge
 from .metrics import DEFINITIONS
 from .output import output_folder, replacing
 from .pose_command import pose
@@ -147,6 +147,8 @@ _COMMANDS: dict[str, Callable[[Namespace], None]] = {
     "learn background": learn_background,
     "learn hoggles": learn_hoggles,
     "learn bovw": learn_bovw,
+    "learn ridge": learn_ridge,
+    "learn nearest": learn_nearest,
     "learn exemplars": learn_exemplars,
 }
 

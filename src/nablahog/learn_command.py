@@ -3,27 +3,35 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
+from typing import TypeVar
 
 import torch
 
-from .evaluate.learned import shipped_lessons
+from .evaluate.learned import Progress, Saved, shipped_lessons
 from .evaluate.photographs import Photographs
+from .hog import HOGSpec
+from .invert import train_prior
 from .invert.baselines.bovw_learning import learn_bovw as learn_words
 from .invert.baselines.hoggles import patch_size
 from .invert.baselines.hoggles_learning import learn_hoggles as learn_pair
+from .invert.baselines.nearest import learn_nearest as keep_windows
+from .invert.baselines.ridge import learn_ridge as fit_regression
 from .invert.crops import least_side
 from .invert.network import default_architecture
-from .learning import learn_prior as train
 from .learning import lessons
-from .output import output_folder
-from .pose.background import learn_background as learn
+from .output import checkpoint_for, output_folder
+from .pose.background import learn_background as measure_background
 from .pose.background import least_size
 from .pose.whitening import check_spec
 from .refusal import UserError, refusing
 from .sources import Wanted
 from .table1_command import say_ignored
 from .terminal import counter, say
+
+Result = TypeVar("Result", bound=Saved)
 
 
 def learn_prior(arguments: Namespace) -> None:
@@ -36,14 +44,15 @@ def learn_prior(arguments: Namespace) -> None:
     output = _npz_file(arguments, "a prior")
     if arguments.threads is not None:
         torch.set_num_threads(arguments.threads)
-    with refusing():
-        spec = Wanted.of(arguments).spec()
-        default_architecture(spec)  # raises before the images are read
+    spec = _spec(arguments, default_architecture)
     photographs = _lessons(arguments, (least_side(spec.cell_size[0]),) * 2)
-    with output_folder(output.parent), refusing():
-        _say_passed_over(photographs)
-        with counter("nablahog learn prior") as progress:
-            prior = train(output, photographs, spec, epochs=arguments.epochs, seed=arguments.seed, progress=progress)
+    options = {"epochs": arguments.epochs, "seed": arguments.seed}
+    prior = _learn(
+        arguments,
+        photographs,
+        lambda kept, progress: train_prior(photographs.images, spec, checkpoint=kept, progress=progress, **options),
+        resumes=True,
+    )
     training = prior.training
     say(
         f"Learned prior in {output}: {len(training.images)} images, {training.epochs} epochs, last loss "
@@ -59,15 +68,13 @@ def learn_background(arguments: Namespace) -> None:
         OSError: a file or folder is missing or cannot be written.
     """
     output = _npz_file(arguments, "a background")
-    with refusing():
-        spec = Wanted.of(arguments).spec()
-        check_spec(spec)
+    spec = _spec(arguments, check_spec)
     photographs = _lessons(arguments, least_size(spec, arguments.order))
-    with output_folder(output.parent), refusing():
-        _say_passed_over(photographs)
-        with counter("nablahog learn background") as progress:
-            background = learn(photographs.images, spec, order=arguments.order, progress=progress)
-        background.save(output)
+    background = _learn(
+        arguments,
+        photographs,
+        lambda kept, progress: measure_background(photographs.images, spec, order=arguments.order, progress=progress),
+    )
     say(
         f"Background in {output}: {len(background.images)} images, {spec.channels} channels, templates of up to "
         f"{background.order + 1}x{background.order + 1} cells"
@@ -75,21 +82,22 @@ def learn_background(arguments: Namespace) -> None:
 
 
 def learn_hoggles(arguments: Namespace) -> None:
-    """Learns the paired dictionaries of HOGgles.
+    """Learns the paired dictionaries of HOGgles; an interrupted run goes on.
 
     Raises:
         UserError: an input is unusable.
         OSError: a file or folder is missing or cannot be written.
     """
     output = _npz_file(arguments, "a pair of dictionaries")
-    with refusing():
-        spec = Wanted.of(arguments).spec()
+    spec = _spec(arguments)
     photographs = _lessons(arguments, patch_size(spec))
-    with output_folder(output.parent), refusing():
-        _say_passed_over(photographs)
-        with counter("nablahog learn hoggles") as progress:
-            pair = learn_pair(photographs.images, spec, fast=arguments.fast, seed=arguments.seed, progress=progress)
-        pair.save(output)
+    options = {"fast": arguments.fast, "seed": arguments.seed}
+    pair = _learn(
+        arguments,
+        photographs,
+        lambda kept, progress: learn_pair(photographs.images, spec, checkpoint=kept, progress=progress, **options),
+        resumes=not arguments.fast,
+    )
     say(f"Dictionaries in {output}: {len(pair.gray)} pairs of atoms, {len(pair.learning.images)} images")
 
 
@@ -102,12 +110,49 @@ def learn_bovw(arguments: Namespace) -> None:
     """
     output = _npz_file(arguments, "a vocabulary")
     photographs = Photographs(shipped_lessons("bovw")) if arguments.images is None else _lessons(arguments, (1, 1))
-    with output_folder(output.parent), refusing():
-        _say_passed_over(photographs)
-        with counter("nablahog learn bovw") as progress:
-            words = learn_words(photographs.images, seed=arguments.seed, progress=progress)
-        words.save(output)
+    words = _learn(
+        arguments,
+        photographs,
+        lambda kept, progress: learn_words(photographs.images, seed=arguments.seed, progress=progress),
+    )
     say(f"Vocabulary in {output}: {len(words.vocabulary)} words, {len(words.learning.images)} images")
+
+
+def learn_ridge(arguments: Namespace) -> None:
+    """Learns the patch of an image as a linear function of a window of its descriptor.
+
+    Raises:
+        UserError: an input is unusable.
+        OSError: a file or folder is missing or cannot be written.
+    """
+    output = _npz_file(arguments, "a regression")
+    spec = _spec(arguments)
+    photographs = _lessons(arguments, spec.cell_size)
+    ridge = _learn(
+        arguments,
+        photographs,
+        lambda kept, progress: fit_regression(photographs.images, spec, seed=arguments.seed, progress=progress),
+    )
+    learning = ridge.learning
+    say(f"Regression in {output}: {ridge.weights.numel():,} weights, {len(learning.images)} images")
+
+
+def learn_nearest(arguments: Namespace) -> None:
+    """Keeps photographs, among whose windows the nearest ones are sought.
+
+    Raises:
+        UserError: an input is unusable.
+        OSError: a file or folder is missing or cannot be written.
+    """
+    output = _npz_file(arguments, "a database")
+    spec = _spec(arguments)
+    photographs = _lessons(arguments, spec.cell_size)
+    database = _learn(
+        arguments,
+        photographs,
+        lambda kept, progress: keep_windows(photographs.images, spec, seed=arguments.seed, progress=progress),
+    )
+    say(f"Database in {output}: {len(database.images)} images")
 
 
 def _npz_file(arguments: Namespace, what: str) -> Path:
@@ -117,12 +162,37 @@ def _npz_file(arguments: Namespace, what: str) -> Path:
     return output
 
 
+def _spec(arguments: Namespace, check: Callable[[HOGSpec], object] = lambda spec: None) -> HOGSpec:
+    """The dialect, which ``check`` raises for if it will not do, before any image is read."""
+    with refusing():
+        spec = Wanted.of(arguments).spec()
+        check(spec)
+    return spec
+
+
 def _lessons(arguments: Namespace, least: tuple[int, int]) -> Photographs:
     with refusing():
         return lessons(None if arguments.images is None else Path(arguments.images), least, arguments.size)
 
 
-def _say_passed_over(photographs: Photographs) -> None:
-    for name, reason in photographs.failed.items():
-        say(f"Passed over: {name}: {reason}")
-    say_ignored(photographs)
+def _learn(
+    arguments: Namespace,
+    photographs: Photographs,
+    learn: Callable[[Path | None, Progress], Result],
+    *,
+    resumes: bool = False,
+) -> Result:
+    """What ``learn`` makes of a file for its checkpoint, if it ``resumes``, and of something to report to.
+
+    It is written to the file ``-o``.
+    """
+    output = Path(arguments.output)
+    kept = checkpoint_for(output) if resumes else nullcontext()
+    with output_folder(output.parent), refusing(), kept as checkpoint:
+        for name, reason in photographs.failed.items():
+            say(f"Passed over: {name}: {reason}")
+        say_ignored(photographs)
+        with counter(f"nablahog {arguments.command}") as progress:
+            found = learn(checkpoint, progress)
+        found.save(output)
+    return found

@@ -56,6 +56,18 @@ def remove_parts(folder: Path, *, older_than: float) -> None:
 
 
 @contextmanager
+def checkpoint_for(output: Path) -> Iterator[Path]:
+    """The file beside ``output`` in which a long computation keeps what it has reached; gone once the block succeeds.
+
+    What earlier ones left half-written is removed first.
+    """
+    remove_parts(output.parent, older_than=60)
+    checkpoint = output.with_name(f"{output.name}.checkpoint")
+    yield checkpoint
+    checkpoint.unlink(missing_ok=True)
+
+
+@contextmanager
 def output_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """The folder ``path``, made and tried before the block starts; if the block fails and left it empty, gone again.
 

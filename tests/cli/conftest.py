@@ -10,6 +10,7 @@ from PIL import Image
 
 from nablahog.cli import main
 from nablahog.evaluate import resume
+from nablahog.evaluate.learned import LEARNED
 from nablahog.evaluate.store import Job, Result
 from nablahog.evaluate.work import attempt
 
@@ -55,7 +56,7 @@ def refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Callable[...,
         assert main(argv) == status
         printed = capsys.readouterr()
         assert printed.out == ""
-        kinds = {("learn", kind) for kind in ("prior", "background", "hoggles", "bovw", "exemplars")}
+        kinds = {("learn", kind) for kind in (*LEARNED, "background", "exemplars")}
         command = " ".join(argv[:2]) if argv[:2] in kinds else argv[0]
         assert printed.err.startswith(f"nablahog {command}: error: ")
         assert printed.err.count("\n") == 1

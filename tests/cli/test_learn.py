@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
+from torch import Tensor
 
 from nablahog import LearnedPrior, learn_command, presets
 from nablahog.cli import main
-from nablahog.evaluate.photographs import Photographs
 from nablahog.invert.network import weight_count
 
 from .common import CHELSEA, names
@@ -77,11 +77,11 @@ def test_learning(tmp_path: Path, images: str, capsys: pytest.CaptureFixture[str
 def test_the_photographs_of_scikit_image(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shapes = {}
 
-    def learn(output: Path, photographs: Photographs, *args: object, **options: object) -> None:
-        shapes.update({name: tuple(image.shape) for name, image in photographs.images.items()})
+    def learn(images: dict[str, Tensor], *args: object, **options: object) -> None:
+        shapes.update({name: tuple(image.shape) for name, image in images.items()})
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(learn_command, "train", learn)
+    monkeypatch.setattr(learn_command, "train_prior", learn)
     assert main(["learn", "prior", "-o", str(tmp_path / "p.npz"), "--size", "100"]) == 130
     assert len(shapes) == 8
     assert shapes["coffee"] == (67, 100)  # whole

@@ -82,7 +82,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "no widths": ({"widths": np.array([8, 8, 8, 0])}, "widths must be integers of 1 … 1024"),
     "fractional widths": ({"widths": np.array([8.0, 8, 8, 8])}, "widths must be a list of integers, got float64"),
     "more blocks": ({"blocks": np.array([1, 1, 0, 0, 0])}, "as many widths as blocks"),
-    "no account of the training": ({"training": np.array("{}")}, "its account of the training cannot be read"),
+    "no account of the training": ({"training": np.array("{}")}, "its account of the learning cannot be read"),
     "a later format": ({"format": np.array(2)}, "learned priors of format 1, got 2"),
     "no weights": ({"weights": None}, "expected a learned prior, but the archive lacks weights"),
     "pickled": ({"training": np.array([{}], dtype=object)}, "pickled objects, which are never loaded"),

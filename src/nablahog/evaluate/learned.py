@@ -18,6 +18,9 @@ from ..invert.baselines.bovw import BoVW
 from ..invert.baselines.bovw_learning import learn_bovw
 from ..invert.baselines.hoggles import PairedDictionary
 from ..invert.baselines.hoggles_learning import learn_hoggles
+from ..invert.baselines.nearest import NearestWindows, learn_nearest
+from ..invert.baselines.ridge import RidgeRegression, learn_ridge
+from ..output import checkpoint_for
 from .photographs import shipped
 from .store import code
 
@@ -37,14 +40,14 @@ class Learned:
     Attributes:
         load: reads one from a file; raises OSError or ValueError.
         images: the names of the images that one has seen.
-        learn: from gray photographs (H, W), float32 in 0…1, by name, with a seed; None for what takes hours, so that
-            nobody begins it unasked.
+        learn: from gray photographs (H, W), float32 in 0…1, by name, with a seed, and a file for a checkpoint, if it
+            takes long; None for what takes hours, so that nobody begins it unasked.
         tile: pixels of the side of all images to learn from, where they must have one; None where any will do.
     """
 
     load: Callable[[Path], Any]
     images: Callable[[Any], tuple[str, ...]]
-    learn: Callable[[Mapping[str, Tensor], int, Progress], Saved] | None = None
+    learn: Callable[[Mapping[str, Tensor], int, Path, Progress], Saved] | None = None
     tile: int | None = None
 
 
@@ -52,18 +55,28 @@ SPEC: HOGSpec = presets.uoctti()
 """The descriptor of the methods that learn, as in the paper."""
 
 
-def _hoggles(images: Mapping[str, Tensor], seed: int, progress: Progress) -> PairedDictionary:
-    return learn_hoggles(images, SPEC, seed=seed, progress=progress)
+def _hoggles(images: Mapping[str, Tensor], seed: int, checkpoint: Path, progress: Progress) -> PairedDictionary:
+    return learn_hoggles(images, SPEC, seed=seed, checkpoint=checkpoint, progress=progress)
 
 
-def _bovw(images: Mapping[str, Tensor], seed: int, progress: Progress) -> BoVW:
+def _bovw(images: Mapping[str, Tensor], seed: int, checkpoint: Path, progress: Progress) -> BoVW:
     return learn_bovw(images, seed=seed, progress=progress)
+
+
+def _ridge(images: Mapping[str, Tensor], seed: int, checkpoint: Path, progress: Progress) -> RidgeRegression:
+    return learn_ridge(images, SPEC, seed=seed, progress=progress)
+
+
+def _nearest(images: Mapping[str, Tensor], seed: int, checkpoint: Path, progress: Progress) -> NearestWindows:
+    return learn_nearest(images, SPEC, seed=seed, progress=progress)
 
 
 LEARNED = {
     "prior": Learned(LearnedPrior.load, lambda prior: tuple(prior.training.images)),
     "hoggles": Learned(PairedDictionary.load, lambda pair: tuple(pair.learning.images), _hoggles),
     "bovw": Learned(BoVW.load, lambda words: tuple(words.learning.images), _bovw, tile=128),
+    "ridge": Learned(RidgeRegression.load, lambda ridge: tuple(ridge.learning.images), _ridge),
+    "nearest": Learned(NearestWindows.load, lambda database: tuple(database.learning.images), _nearest),
 }
 """By name, which is also that of the option for a file of it, and of what ``nablahog learn`` learns."""
 
@@ -86,7 +99,7 @@ def _loaded(kind: str, path: Path, changed: int | None, size: int | None) -> Any
 def from_shipped(kind: str, progress: Progress) -> Path:
     """The file of what is learned from the photographs that come with scikit-image, once for all runs.
 
-    It is kept in the user's folder for caches.
+    It is kept in the user's folder for caches.  If the learning was interrupted, it goes on.
 
     Raises:
         OSError: it cannot be kept.
@@ -98,7 +111,8 @@ def from_shipped(kind: str, progress: Progress) -> Path:
         load(kind, path)
     except (OSError, ValueError):  # missing, or damaged by whatever else uses such folders
         path.parent.mkdir(parents=True, exist_ok=True)
-        learned.learn(shipped_lessons(kind), 0, progress).save(path)
+        with checkpoint_for(path) as checkpoint:
+            learned.learn(shipped_lessons(kind), 0, checkpoint, progress).save(path)
     return path
 
 

@@ -157,6 +157,8 @@ METHODS = {
         Method("hoggles", UOCTTI, partial(_learned, kind="hoggles", spec=SPEC), SPEC, needs="hoggles"),
         Method("cnn-hog", UOCTTI, partial(_cnn_hog, bilinear=False)),
         Method("cnn-hogb", UOCTTI, partial(_cnn_hog, bilinear=True)),
+        Method("ridge", UOCTTI, partial(_learned, kind="ridge", spec=SPEC), SPEC, needs="ridge"),
+        Method("nearest", UOCTTI, partial(_learned, kind="nearest", spec=SPEC), SPEC, needs="nearest"),
         Method("triangles", UOCTTI, partial(_triangles, spec=SPEC), SPEC),
         *_variants("uoctti", UOCTTI, SPEC),
         Method("uoctti-learned", UOCTTI, partial(_learned, kind="prior", spec=SPEC, seeded=True), SPEC, needs="prior"),

@@ -43,6 +43,8 @@ DEFINITIONS = {
     "hoggles": "Window by window by a pair of dictionaries of descriptors and patches (Vondrick et al.).",
     "cnn-hog, cnn-hogb": "HOG as a convolutional network, without texture channels, inverted by gradient descent under "
     "two priors (Mahendran and Vedaldi); the distance is that of the network's own descriptor.",
+    "ridge": "Each patch as a linear function of the window of the descriptor around it (after Vondrick et al.).",
+    "nearest": "Each patch as the mean of those under the 32 most similar windows of other photographs.",
     "triangles": "10,000 random triangles, of which those stay that bring the descriptor closer (Vondrick et al.).",
     "NAME@1/s": "A level of a multi-scale method: an image with an s-th of the pixels. To be compared with the "
     "photograph it is enlarged to its size (bicubic); its distance is that of the level's own image from the "

@@ -195,6 +195,16 @@ class HOGSpec:
             return pixels // cell
         return (pixels + cell // 2) // cell if self.partial_cells == "round" else -(-pixels // cell)
 
+    def check_same(self, other: HOGSpec, learned: str) -> None:
+        """Raises ValueError if ``other`` is another dialect than this one, of which ``learned`` was learned."""
+        for field in dataclasses.fields(self):
+            ours, theirs = getattr(self, field.name), getattr(other, field.name)
+            if field.name != "name" and ours != theirs:  # a name decides nothing
+                raise ValueError(
+                    f"{learned} was learned for another spec: its {field.name} is {ours!r}, "
+                    f"the {other.name} descriptor's {theirs!r}"
+                )
+
     def to_json(self) -> str:
         """This spec as one line of JSON, read back by :meth:`from_json`."""
         fields = dataclasses.asdict(self)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import os
 import time
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,9 +14,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.utils import vector_to_parameters
 
-from ..archive import check_format, read_arrays, text
+from ..archive import account_of, account_to_text, check_format, naming, read_arrays, text, write_arrays
 from ..hog.spec import HOGSpec
-from ..output import replacing
 from .mirror import mirrored
 from .network import Architecture, PriorNetwork, check_spec, network_inputs, weight_count
 from .preimage import Reconstruction, check_descriptor, reconstruct
@@ -79,13 +77,7 @@ class LearnedPrior:
 
     def check(self, spec: HOGSpec) -> None:
         """Raises ValueError if descriptors of ``spec`` are not what it was learned for."""
-        for field in fields(HOGSpec):
-            ours, theirs = getattr(self.spec, field.name), getattr(spec, field.name)
-            if field.name != "name" and ours != theirs:  # a name decides nothing
-                raise ValueError(
-                    f"the prior was learned for another spec: its {field.name} is {ours!r}, "
-                    f"the {spec.name} descriptor's {theirs!r}"
-                )
+        self.spec.check_same(spec, "the prior")
 
     @torch.no_grad()
     def expected(self, descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int]) -> Tensor:
@@ -157,16 +149,14 @@ class LearnedPrior:
         Raises:
             OSError: the file cannot be written.
         """
-        with replacing(path) as file:
-            np.savez(
-                file,
-                format=np.array(FORMAT),
-                spec=np.array(self.spec.to_json()),
-                widths=np.array(self.architecture.widths),
-                blocks=np.array(self.architecture.blocks),
-                weights=self.weights.cpu().numpy(),
-                training=np.array(json.dumps(asdict(self.training))),
-            )
+        arrays = {
+            "spec": self.spec.to_json(),
+            "widths": self.architecture.widths,
+            "blocks": self.architecture.blocks,
+            "weights": self.weights.cpu().numpy(),
+            "training": account_to_text(self.training),
+        }
+        write_arrays(path, FORMAT, arrays)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> LearnedPrior:
@@ -178,7 +168,7 @@ class LearnedPrior:
                 arrays contradict each other.
         """
         arrays = read_arrays(path, "learned prior", _ARRAYS)
-        try:
+        with naming(path):
             check_format(arrays, "learned prior", FORMAT)
             widths, blocks = (_integers(name, arrays[name]) for name in ("widths", "blocks"))
             weights = arrays["weights"]
@@ -188,27 +178,11 @@ class LearnedPrior:
                 HOGSpec.from_json(text(arrays, "spec")),
                 Architecture(widths, blocks),
                 torch.from_numpy(weights),
-                _training(text(arrays, "training")),
+                account_of(Training, text(arrays, "training")),
             )
-        except (TypeError, ValueError, OverflowError, RecursionError) as error:
-            raise ValueError(f"{os.fspath(path)}: {error}") from None
 
 
 def _integers(name: str, array: NDArray[Any]) -> tuple[int, ...]:
     if array.ndim != 1 or array.dtype.kind not in "iu":
         raise ValueError(f"{name} must be a list of integers, got {array.dtype} of shape {array.shape}")
     return tuple(array.tolist())
-
-
-def _training(of: str) -> Training:
-    try:
-        stored = json.loads(of)
-        return Training(
-            images=tuple(map(str, stored["images"])),
-            sha256=str(stored["sha256"]),
-            epochs=int(stored["epochs"]),
-            seed=int(stored["seed"]),
-            losses=tuple(map(float, stored["losses"])),
-        )
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ValueError(f"its account of the training cannot be read: {error!s}") from None

@@ -15,6 +15,7 @@ from torch.nn.utils import clip_grad_norm_, parameters_to_vector
 
 from ..hog.descriptor import hog
 from ..hog.spec import HOGSpec
+from . import training_state
 from .checkpoint import Checkpoint
 from .crops import crop_count, draw_crops, least_side
 from .learned import LearnedPrior, Training
@@ -82,8 +83,15 @@ def train_prior(
         raise ValueError(f"epochs must be at least 1, got {epochs}")
     network, optimizer = _beginning(spec, architecture, seed)
     training = Training(tuple(names), digest_of_images(names, images), epochs, seed, ())
-    kept = Checkpoint(checkpoint, spec, architecture, training, network, optimizer)
-    losses = kept.restore(steps)
+    identity = {
+        "images": training.sha256,
+        "spec": spec.to_json(),
+        "epochs": epochs,
+        "seed": seed,
+        "architecture": [list(architecture.widths), list(architecture.blocks)],
+    }
+    kept = Checkpoint(checkpoint, "training", identity, training_state.ARRAYS)
+    losses = training_state.restore(kept, network, optimizer, steps)
     lessons = _Lessons(order, steps, spec, seed)
     for epoch in range(len(losses), epochs):
         total = 0.0
@@ -101,7 +109,7 @@ def train_prior(
         if not math.isfinite(total):
             raise ValueError(f"the training has diverged in epoch {epoch + 1}: the loss is {total}")
         losses.append(total / steps)
-        kept.save(losses)
+        training_state.keep(kept, network, optimizer, losses)
     progress(epochs * steps, epochs * steps, _where(epochs - 1, epochs, losses))
     weights = parameters_to_vector(network.parameters()).detach().half()
     return LearnedPrior(

@@ -10,16 +10,15 @@ from __future__ import annotations
 import json
 import math
 import os
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..archive import check_format, read_arrays, text
+from ..archive import check_format, naming, read_arrays, text, write_arrays
 from ..hog.spec import GlobalNorm, HOGSpec
-from ..output import replacing
 
 FORMAT = 1
 LARGEST = 1e6  # entry of a mean or covariance: those of descriptors are far below 1
@@ -74,13 +73,7 @@ class Background:
 
     def check(self, spec: HOGSpec) -> None:
         """Raises ValueError if descriptors of ``spec`` are not what it was learned for."""
-        for each in fields(HOGSpec):
-            ours, theirs = getattr(self.spec, each.name), getattr(spec, each.name)
-            if each.name != "name" and ours != theirs:  # a name decides nothing
-                raise ValueError(
-                    f"the background was learned for another spec: its {each.name} is {ours!r}, "
-                    f"the {spec.name} descriptor's {theirs!r}"
-                )
+        self.spec.check_same(spec, "the background")
 
     def template_mean(self, rows: int, cols: int) -> Tensor:
         """μ, (rows, cols, C), float64."""
@@ -155,16 +148,14 @@ class Background:
         Raises:
             OSError: the file cannot be written.
         """
-        with replacing(path) as file:
-            np.savez_compressed(
-                file,
-                format=np.array(FORMAT),
-                spec=np.array(self.spec.to_json()),
-                mean=self.mean.numpy(),
-                covariance=self.covariance.numpy(),
-                images=np.array(json.dumps(self.images)),
-                regularization=np.array(self.regularization),
-            )
+        arrays = {
+            "spec": self.spec.to_json(),
+            "mean": self.mean.numpy(),
+            "covariance": self.covariance.numpy(),
+            "images": json.dumps(self.images),
+            "regularization": self.regularization,
+        }
+        write_arrays(path, FORMAT, arrays, compressed=True)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Background:
@@ -176,7 +167,7 @@ class Background:
                 arrays contradict each other.
         """
         arrays = read_arrays(path, "background", _ARRAYS)
-        try:
+        with naming(path):
             check_format(arrays, "background", FORMAT)
             mean, covariance = (_doubles(name, arrays[name]) for name in ("mean", "covariance"))
             return cls(
@@ -186,8 +177,6 @@ class Background:
                 tuple(map(str, json.loads(text(arrays, "images")))),
                 _doubles("regularization", arrays["regularization"]).item(),
             )
-        except (TypeError, ValueError, RuntimeError, OverflowError, RecursionError) as error:
-            raise ValueError(f"{os.fspath(path)}: {error}") from None
 
 
 def check_spec(spec: HOGSpec) -> None:

@@ -18,11 +18,10 @@ We know this much from the abstracts.  The rest is ours:
 
 from __future__ import annotations
 
-import json
 import os
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -32,8 +31,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import fold
 
-from ...archive import check_format, read_arrays, text
-from ...output import replacing
+from ...archive import account_of, account_to_text, check_format, naming, read_arrays, text, write_arrays
 from ..preimage import Reconstruction
 from .bovw_arrangement import Costs, arrange
 from .dense_sift import CELLS, LENGTH, dense_sift, sift_grid
@@ -253,17 +251,15 @@ class BoVW:
         Raises:
             OSError: the file cannot be written.
         """
-        with replacing(path) as file:
-            np.savez(
-                file,
-                format=np.array(FORMAT),
-                vocabulary=self.vocabulary.numpy(),
-                patches=self.patches.numpy(),
-                database=self.database.numpy(),
-                image_size=np.array(self.image_size),
-                cell=np.array(self.cell),
-                learning=np.array(json.dumps(asdict(self.learning))),
-            )
+        arrays = {
+            "vocabulary": self.vocabulary.numpy(),
+            "patches": self.patches.numpy(),
+            "database": self.database.numpy(),
+            "image_size": self.image_size,
+            "cell": self.cell,
+            "learning": account_to_text(self.learning),
+        }
+        write_arrays(path, FORMAT, arrays)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> BoVW:
@@ -275,16 +271,15 @@ class BoVW:
                 arrays contradict each other.
         """
         arrays = read_arrays(path, "BoVW model", _ARRAYS)
-        try:
+        with naming(path):
             check_format(arrays, "BoVW model", FORMAT)
             vocabulary, patches, database = (
                 _tensor(name, arrays[name]) for name in ("vocabulary", "patches", "database")
             )
             height, width = _integers(arrays, "image_size", 2)
             (cell,) = _integers(arrays, "cell", 1)
-            return cls(vocabulary, patches, database, (height, width), cell, _learning(text(arrays, "learning")))
-        except (TypeError, ValueError, OverflowError, RecursionError) as error:
-            raise ValueError(f"{os.fspath(path)}: {error}") from None
+            learning = account_of(Learning, text(arrays, "learning"))
+            return cls(vocabulary, patches, database, (height, width), cell, learning)
 
 
 def check_grid(image_size: tuple[int, int], cell: int) -> tuple[int, int]:
@@ -332,18 +327,3 @@ def _integers(arrays: dict[str, NDArray[Any]], name: str, count: int) -> list[in
     if array.dtype.kind not in "iu" or array.size != count:
         raise ValueError(f"{name} must hold {count} integers, got {array.dtype} of shape {array.shape}")
     return [int(number) for number in array.ravel()]
-
-
-def _learning(of: str) -> Learning:
-    try:
-        stored = json.loads(of)
-        return Learning(
-            images=tuple(map(str, stored["images"])),
-            sha256=str(stored["sha256"]),
-            words=int(stored["words"]),
-            windows=int(stored["windows"]),
-            rounds=int(stored["rounds"]),
-            seed=int(stored["seed"]),
-        )
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ValueError(f"its account of the learning cannot be read: {error!s}") from None

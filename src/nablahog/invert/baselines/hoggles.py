@@ -12,12 +12,11 @@ image out one pixel too far to the upper left.
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,12 +25,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import fold, pad
 
-from ...archive import check_format, read_arrays, text
+from ...archive import account_of, account_to_text, check_format, naming, read_arrays, text, write_arrays
 from ...compile import compiled
 from ...hog.spec import HOGSpec
-from ...output import replacing
 from ...threads import in_threads
 from ..preimage import Reconstruction, check_descriptor, relative_distance
+from .windows import stretched
 
 FORMAT = 1
 CELLS = 5  # of a window's side
@@ -105,13 +104,7 @@ class PairedDictionary:
 
     def check(self, spec: HOGSpec) -> None:
         """Raises ValueError if descriptors of ``spec`` are not what it was learned for."""
-        for field in fields(HOGSpec):
-            ours, theirs = getattr(self.spec, field.name), getattr(spec, field.name)
-            if field.name != "name" and ours != theirs:  # a name decides nothing
-                raise ValueError(
-                    f"the dictionary was learned for another spec: its {field.name} is {ours!r}, "
-                    f"the {spec.name} descriptor's {theirs!r}"
-                )
+        self.spec.check_same(spec, "the dictionary")
 
     @torch.no_grad()
     def reconstruct(
@@ -175,8 +168,7 @@ class PairedDictionary:
         canvas = ((rows + 2 * AROUND) * cell[0], (cols + 2 * AROUND) * cell[1])
         total = fold(patches, canvas, patch, stride=cell)
         image = total / fold(torch.ones_like(patches[:1]), canvas, patch, stride=cell)
-        low, high = image.amin((2, 3), keepdim=True), image.amax((2, 3), keepdim=True)
-        image = torch.where(high > low, (image - low) / torch.where(high > low, high - low, 1), 0.5)
+        image = stretched(image)
         top, left = ((BORDER + AROUND) * side for side in cell)
         return image[..., top : top + size[0], left : left + size[1]]
 
@@ -189,16 +181,14 @@ class PairedDictionary:
         Raises:
             OSError: the file cannot be written.
         """
-        with replacing(path) as file:
-            np.savez(
-                file,
-                format=np.array(FORMAT),
-                spec=np.array(self.spec.to_json()),
-                gray=self.gray.numpy(),
-                hog=self.hog.numpy(),
-                sparsity=np.array(self.sparsity),
-                learning=np.array(json.dumps(asdict(self.learning))),
-            )
+        arrays = {
+            "spec": self.spec.to_json(),
+            "gray": self.gray.numpy(),
+            "hog": self.hog.numpy(),
+            "sparsity": self.sparsity,
+            "learning": account_to_text(self.learning),
+        }
+        write_arrays(path, FORMAT, arrays)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> PairedDictionary:
@@ -210,16 +200,14 @@ class PairedDictionary:
                 arrays contradict each other.
         """
         arrays = read_arrays(path, "dictionary pair", _ARRAYS)
-        try:
+        with naming(path):
             check_format(arrays, "dictionary pair", FORMAT)
             gray, hog = (_singles(name, arrays[name]) for name in ("gray", "hog"))
             sparsity = arrays["sparsity"]
             if sparsity.shape != () or sparsity.dtype != np.float64:
                 raise ValueError(f"sparsity must be one float64, got {sparsity.dtype} of shape {sparsity.shape}")
             spec = HOGSpec.from_json(text(arrays, "spec"))
-            return cls(spec, gray, hog, float(sparsity.item()), _learning(text(arrays, "learning")))
-        except (TypeError, ValueError, OverflowError, RecursionError) as error:
-            raise ValueError(f"{os.fspath(path)}: {error}") from None
+            return cls(spec, gray, hog, float(sparsity.item()), account_of(Learning, text(arrays, "learning")))
 
 
 def patch_size(spec: HOGSpec) -> tuple[int, int]:
@@ -340,19 +328,3 @@ def _singles(name: str, array: NDArray[np.generic]) -> Tensor:
     if array.dtype != np.float32:
         raise ValueError(f"{name} must be float32, got {array.dtype}")
     return torch.from_numpy(array)
-
-
-def _learning(of: str) -> Learning:
-    try:
-        stored = json.loads(of)
-        return Learning(
-            images=tuple(map(str, stored["images"])),
-            sha256=str(stored["sha256"]),
-            windows=int(stored["windows"]),
-            iterations=int(stored["iterations"]),
-            batch=int(stored["batch"]),
-            seed=int(stored["seed"]),
-            objective=tuple(map(float, stored["objective"])),
-        )
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ValueError(f"its account of the learning cannot be read: {error!s}") from None

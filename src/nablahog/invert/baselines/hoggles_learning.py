@@ -15,16 +15,21 @@ milliseconds for a window here, six hours for a thousand batches of 400; SPAMS i
 
 from __future__ import annotations
 
+import json
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from ...archive import text
 from ...hog.descriptor import hog
 from ...hog.spec import HOGSpec
+from ..checkpoint import Checkpoint
 from ..provenance import digest_of_images
 from .hoggles import AROUND, CELLS, Learning, PairedDictionary, check_sparsity, lasso, patch_size, unit
 
@@ -49,6 +54,7 @@ def learn_hoggles(
     windows: int = WINDOWS,
     fast: bool = False,
     seed: int = 0,
+    checkpoint: str | os.PathLike[str] | None = None,
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
 ) -> PairedDictionary:
     """Learns, from photographs, what windows of HOG look like.  The published numbers are the defaults.
@@ -69,11 +75,15 @@ def learn_hoggles(
         windows: the most to learn from; if there are more, so many of them, at random.
         fast: whether random windows are the atoms, and nothing is learned.
         seed: of everything random.
+        checkpoint: a file to keep what is learned in, after every hundred iterations.  If there is one, of the same
+            learning, that learning goes on, with the same result.  It stays behind.
         progress: called with the iterations done, their number and how the learning stands.
 
     Raises:
         ValueError: there are no images, or one is too small or holds other values; they have fewer windows with any
-            contrast than there are to be atoms; a number is out of range.
+            contrast than there are to be atoms; a number is out of range; the checkpoint is of another learning, or
+            damaged.
+        OSError: the checkpoint cannot be written.
     """
     for name, number in (("atoms", atoms), ("iterations", iterations), ("windows", windows)):
         if number < 1:
@@ -85,24 +95,39 @@ def learn_hoggles(
     if not names:
         raise ValueError("expected images to learn from, got none")
     rng = np.random.default_rng(seed)
+    digest = digest_of_images(names, images)
     progress(0, iterations, "describing the images")
     pairs = _Pairs([images[name] for name in names], spec, windows, rng)
     dictionary = pairs.with_contrast(atoms, rng)
     objective: list[float] = []
     if not fast:
         learner = Learner(dictionary / math.sqrt(2), sparsity, rng)
+        identity = {
+            "images": digest,
+            "spec": spec.to_json(),
+            "atoms": atoms,
+            "sparsity": sparsity,
+            "iterations": iterations,
+            "windows": windows,
+            "seed": seed,
+        }
+        kept = Checkpoint(checkpoint, "dictionary pair", identity, ("objective", *learner.state()))
+        objective = learner.restore(kept)
+        if learner.batches > iterations:
+            raise kept.damaged()
         recent: list[float] = []
-        for done in range(iterations):
+        for done in range(learner.batches, iterations):
             progress(done, iterations, f"objective {objective[-1]:.4f}" if objective else "")
             recent.append(learner.learn(pairs.batch(done)))
             if len(recent) == REPORTED or done + 1 == iterations:
                 objective.append(sum(recent) / len(recent))
                 recent = []
+                kept.save({"objective": objective, **learner.state()})
         dictionary = learner.atoms
     progress(iterations, iterations, f"objective {objective[-1]:.4f}" if objective else "")
     pixels = math.prod(patch_size(spec))
     batch, done = min(BATCH, len(pairs)), 0 if fast else iterations
-    learning = Learning(tuple(names), digest_of_images(names, images), len(pairs), done, batch, seed, tuple(objective))
+    learning = Learning(tuple(names), digest, len(pairs), done, batch, seed, tuple(objective))
     return PairedDictionary(
         spec,
         dictionary[:, :pixels].reshape(atoms, *patch_size(spec)),
@@ -142,6 +167,40 @@ class Learner:
         self._products.mul_(past).addmm_(codes.T, windows, alpha=1 / len(windows))
         self.batches += 1
         self._update(windows)
+        return objective
+
+    def state(self) -> dict[str, Any]:
+        """All that changes with a batch, as arrays by name."""
+        return {
+            "batches": np.array(self.batches),
+            "dictionary": self.atoms.numpy(),
+            "codes": self._codes.numpy(),
+            "products": self._products.numpy(),
+            "random": np.array(json.dumps(self.rng.bit_generator.state)),
+        }
+
+    def restore(self, checkpoint: Checkpoint) -> list[float]:
+        """Brings it to the state that is kept, if one is, and gives the objectives kept beside it."""
+        arrays = checkpoint.restore()
+        if arrays is None:
+            return []
+        for name, now in self.state().items():
+            array = arrays[name]
+            if array.dtype.kind != now.dtype.kind or array.shape != now.shape:
+                raise checkpoint.damaged()
+            if array.dtype.kind == "f" and not np.isfinite(array.astype(np.float32)).all():
+                raise checkpoint.damaged()
+        self.batches = int(arrays["batches"].item())
+        self.atoms, self._codes, self._products = (
+            torch.from_numpy(arrays[name].astype(np.float32)) for name in ("dictionary", "codes", "products")
+        )
+        try:
+            self.rng.bit_generator.state = json.loads(text(arrays, "random"))
+            objective = [float(each) for each in arrays["objective"].astype(np.float64)]
+        except (KeyError, OverflowError, RecursionError, TypeError, ValueError):
+            raise checkpoint.damaged() from None
+        if self.batches < 1 or not np.isfinite(objective).all():
+            raise checkpoint.damaged()
         return objective
 
     def _past(self, size: int) -> float:
