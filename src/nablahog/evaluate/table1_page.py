@@ -40,7 +40,8 @@ DEFINITIONS = {
     "that of --prior, and has learned from photographs.",
     "bovw": "The image is given as a histogram of visual words alone, which are arranged as in a jigsaw puzzle, by "
     "what photographs have beside each other and where (after Kato and Harada; much of it is our own choice).",
-    "hoggles": "Window by window by a pair of dictionaries of descriptors and patches (Vondrick et al.).",
+    "hoggles": "Window by window by a pair of dictionaries of descriptors and patches (Vondrick et al.); from all "
+    "cells, while theirs leaves out the outermost.",
     "cnn-hog, cnn-hogb": "HOG as a convolutional network, without texture channels, inverted by gradient descent under "
     "two priors (Mahendran and Vedaldi); the distance is that of the network's own descriptor.",
     "ridge": "Each patch as a linear function of the window of the descriptor around it (after Vondrick et al.).",
