@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from nablahog.archive import account_of, account_to_text, naming, read_arrays, write_arrays
+from nablahog.archive import account_of, account_to_text, names_in, naming, numbers_in, read_arrays, write_arrays
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,27 @@ def test_round_trip(tmp_path: Path, compressed: bool) -> None:
     assert found.pop("format") == 7
     for name, array in arrays.items():
         np.testing.assert_array_equal(found[name], array)
+
+
+def test_whatever_is_in_it(tmp_path: Path) -> None:
+    arrays = {"a": np.arange(3.0), "b": np.array(True), "c": np.array("text"), "d": np.array([{}], dtype=object)}
+    np.savez(tmp_path / "a.npz", **arrays)
+    with zipfile.ZipFile(tmp_path / "a.npz", "a") as archive:
+        archive.writestr("readme.txt", "hello")
+    assert names_in(tmp_path / "a.npz", "test") == ["a", "b", "c", "d", "readme.txt"]
+    found = numbers_in(tmp_path / "a.npz", "test")
+    assert list(found) == ["a", "b"]
+    np.testing.assert_array_equal(found["a"], arrays["a"])
+    whole = (tmp_path / "a.npz").read_bytes()
+    (tmp_path / "a.npz").write_bytes(whole.replace(np.arange(3.0).tobytes(), bytes(24)))
+    with pytest.raises(ValueError, match="the archive is damaged: Bad CRC"):
+        numbers_in(tmp_path / "a.npz", "test")
+    for read in (names_in, numbers_in):
+        with pytest.raises(FileNotFoundError, match="no such file"):
+            read(tmp_path / "b.npz", "test")
+        (tmp_path / "c.npz").write_bytes(whole[:100])
+        with pytest.raises(ValueError, match=r"expected a test \(.npz\), but it cannot be read"):
+            read(tmp_path / "c.npz", "test")
 
 
 def test_a_failure_leaves_the_old_file(tmp_path: Path) -> None:

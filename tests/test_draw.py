@@ -58,6 +58,67 @@ def test_strokes_lie_along_the_edge(spec: HOGSpec, gradient: int) -> None:
     assert error <= bin_width / 2 + 2
 
 
+EVERY = {
+    **{name: getattr(presets, name)() for name in presets.__all__},
+    "vlfeat-dalaltriggs": presets.vlfeat("dalaltriggs"),
+    "skimage-oblong": presets.skimage(8, (6, 8), (2, 1), "L1-sqrt"),
+    "opencv-stride": presets.opencv((96, 96), (24, 24), (6, 4), (12, 12), signed=True, nbins=16),
+    "maskfeat-even": presets.maskfeat(nbins=8),
+    "uoctti-separate": presets.uoctti(colour="separate"),
+    "signed-blocks": dataclasses.replace(presets.uoctti(), normalizer=FourBlockNorm(parts=("blocks",))),
+}
+
+
+@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("gradient", [0, 25, 65, 90, 115, 155, 205])
+def test_every_dialect_shows_the_edge(name: str, gradient: int) -> None:
+    """In the middle of the image, whose cells the picture shows."""
+    spec = EVERY[name]
+    picture = glyphs(nablahog.hog(_step(gradient), spec)[0], spec, cell_pixels=33)
+    wide = round(33 * spec.cell_size[1] / spec.cell_size[0])
+    rows, cols = picture.shape[0] // 33, picture.shape[1] // wide
+    covered = [n * side for n, side in zip((rows, cols), spec.cell_size, strict=True)]
+    assert all(SIZE - side < n < SIZE + side for n, side in zip(covered, spec.cell_size, strict=True))
+    cell = picture[rows // 2 * 33 : (rows // 2 + 1) * 33, cols // 2 * wide : (cols // 2 + 1) * wide]
+    if wide != 33:
+        cell = cell[:, (wide - 33) // 2 : (wide - 33) // 2 + 33]
+    bin_width = 180 / (spec.bins // 2 if spec.signed else spec.bins)
+    error = abs((_line_direction(cell) - gradient) % 180 - 90)
+    assert error <= bin_width / 2 + 2
+
+
+@pytest.mark.parametrize("name", ["dpm", "dlib", "seeing3d"])
+def test_cells_that_are_left_out_are_black(name: str) -> None:
+    spec = EVERY[name]
+    descriptor = torch.ones(3, 4, spec.channels)
+    picture = glyphs(descriptor, spec, cell_pixels=10)
+    assert picture.shape == (50, 60)
+    assert picture[10:40, 10:50].reshape(3, 10, 4, 10).max(axis=(1, 3)).min() > 0.9
+    picture[10:40, 10:50] = 0
+    assert not picture.any()
+
+
+def test_a_cell_is_the_mean_over_its_blocks_and_colours() -> None:
+    spec = presets.skimage(cells_per_block=(1, 2))
+    descriptor = torch.zeros(1, 2, 1, 2, 9)
+    descriptor[0, :, 0, :, 4] = torch.tensor([[1.0, 2.0], [6.0, 3.0]])
+    votes, _ = edge_votes(descriptor.flatten(2), spec)
+    assert votes[0, :, 4].tolist() == [1, 4, 3]
+    colours = torch.zeros(2, 2, 3, 9)
+    colours[0, 1, :, 2] = torch.tensor([1.0, 2.0, 6.0])
+    votes, angles = edge_votes(colours.flatten(2), presets.maskfeat())
+    assert votes[0, 1].tolist() == [0, 0, 3, 0, 0, 0, 0, 0, 0]
+    np.testing.assert_allclose(np.degrees(angles) % 180, (90 - 10 - np.arange(9) * 20) % 180)
+
+
+def test_cells_of_overlapping_blocks_are_one() -> None:
+    spec = presets.opencv((24, 16))  # a row of two blocks, of three columns of cells
+    votes, angles = edge_votes(torch.ones(1, 2, 36), spec)
+    assert votes.shape == (2, 3, 9)
+    np.testing.assert_allclose(votes, votes.mean(), rtol=0.2)  # the Gaussian of a block is taken out again
+    np.testing.assert_allclose(np.degrees(angles), np.arange(9) * 20 + 10)
+
+
 def test_a_vertical_edge_is_a_vertical_stroke() -> None:
     spec = presets.uoctti()  # has a bin centred on 0°
     glyph = _one_cell(spec, 0)

@@ -36,6 +36,47 @@ def read_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -
         FileNotFoundError: there is no such file.
         ValueError: it is no archive, is damaged, lacks an array, holds pickled objects or unpacks to too much.
     """
+    with _opened(path, kind) as archive:
+        missing = [name for name in names if name not in archive]
+        arrays = {} if missing else {name: archive[name] for name in names}
+    if missing:
+        raise ValueError(f"{path}: expected a {kind}, but the archive lacks {', '.join(missing)}")
+    return arrays
+
+
+def names_in(path: str | os.PathLike[str], kind: str) -> list[str]:
+    """The names of the arrays of the archive ``path``, none of which is read.
+
+    Raises:
+        FileNotFoundError, ValueError: as :func:`read_arrays`.
+    """
+    with _opened(path, kind) as archive:
+        return list(archive)
+
+
+def numbers_in(path: str | os.PathLike[str], kind: str) -> dict[str, NDArray[np.generic]]:
+    """All arrays of numbers of the archive ``path``; whatever else it holds is passed over.
+
+    Raises:
+        FileNotFoundError, ValueError: as :func:`read_arrays`, but for pickled objects.
+    """
+    with _opened(path, kind) as archive:
+        arrays = {name: _unless_pickled(archive, name) for name in archive}
+    return {name: array for name, array in arrays.items() if array is not None and array.dtype.kind in "biufc"}
+
+
+def _unless_pickled(archive: np.lib.npyio.NpzFile, name: str) -> NDArray[np.generic] | None:
+    try:
+        array = archive[name]
+    except ValueError as error:
+        if "allow_pickle" in str(error):
+            return None
+        raise
+    return array if isinstance(array, np.ndarray) else None  # of a file that is none, its bytes
+
+
+@contextmanager
+def _opened(path: str | os.PathLike[str], kind: str) -> Iterator[np.lib.npyio.NpzFile]:
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file")
@@ -48,16 +89,12 @@ def read_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -
         raise ValueError(f"{path}: the archive unpacks to {size:,} bytes, more than the {MAX_BYTES:,} allowed")
     try:
         # opened here, because numpy leaves damaged files open
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
-            missing = [name for name in names if name not in archive]
-            arrays = {} if missing else {name: archive[name] for name in names}
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as arrays:
+            yield arrays
     except Exception as error:  # a damaged archive fails in zipfile, zlib or numpy, each with its own kinds of error
         if "allow_pickle" in str(error):
             raise ValueError(f"{path}: the archive holds pickled objects, which are never loaded") from None
         raise ValueError(f"{path}: the archive is damaged: {error}") from None
-    if missing:
-        raise ValueError(f"{path}: expected a {kind}, but the archive lacks {', '.join(missing)}")
-    return arrays
 
 
 def text(arrays: dict[str, NDArray[np.generic]], name: str) -> str:

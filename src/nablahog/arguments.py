@@ -6,11 +6,13 @@ import argparse
 from importlib.metadata import version
 
 from . import options
+from .arguments_dialects import dialects
 from .arguments_pose import exemplars, pose, table2
-from .evaluate.methods import METHODS
+from .arguments_template import invert_template
+from .evaluate.methods import DIALECTS, METHODS
 from .options import Parser, integer
 from .pose.background import ORDER
-from .sources import DEFAULT_DESCRIPTOR
+from .preset_parameters import DEFAULT_DESCRIPTOR
 
 SIZE = 256
 TABLE1_SIZE = 128  # that of the paper's images
@@ -60,6 +62,13 @@ def parser() -> argparse.ArgumentParser:
     options.common(invert, SIZE)
     options.minimiser(invert)
     options.prior(invert, "for descriptors of the spec that it was learned for")
+    invert.add_argument(
+        "--colour",
+        action="store_true",
+        help="find images in colour, for descriptors that read colour; which colours is a guess, as they do not say",
+    )
+
+    invert_template(commands)
 
     demo = commands.add_parser(
         "demo",
@@ -78,7 +87,7 @@ def parser() -> argparse.ArgumentParser:
         "goes on when it is repeated.",
     )
     options.images(table1)
-    options.table(table1, METHODS)
+    options.table(table1, METHODS, {"dialects": DIALECTS})
     table1.add_argument("--limit", type=integer(1), metavar="N", help="only the first N images")
     options.size(table1, TABLE1_SIZE)
     options.minimiser(table1)
@@ -90,6 +99,7 @@ def parser() -> argparse.ArgumentParser:
 
     pose(commands)
     table2(commands)
+    dialects(commands)
 
     learn = commands.add_parser(
         "learn",

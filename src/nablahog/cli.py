@@ -15,6 +15,7 @@ from PIL import Image
 from .arguments import parser
 from .demo import DESCRIPTORS, run_demo
 from .descriptor_file import save_descriptor
+from .dialects_command import dialects
 from .draw import glyphs
 from .exemplars_command import learn_exemplars
 from .images import write_image
@@ -23,11 +24,14 @@ from .learn_command import learn_background, learn_bovw, learn_hoggles, learn_ne
 from .metrics import DEFINITIONS
 from .output import output_folder, replacing
 from .pose_command import pose
+from .preset_option import Wanted
 from .prior_option import prior_for
+from .raw_option import Raw
 from .refusal import UserError, refusing, spare
-from .sources import Source, Wanted, read_sources
+from .sources import Source, read_sources
 from .table1_command import table1
 from .table2_command import table2
+from .template_command import invert_template
 from .terminal import print_definitions, print_table, progress_bars, say
 
 INTERRUPTED = 130  # what shells report of a command ended by Ctrl-C
@@ -91,6 +95,8 @@ def _glyph(arguments: Namespace) -> None:
 
 def _invert(arguments: Namespace) -> None:
     sources = _read(arguments)
+    if arguments.colour and arguments.prior:
+        raise UserError("--colour and --prior exclude each other: what is learned are gray images")
     prior = prior_for(arguments, [(source.path, source.spec) for source in sources])
     folder = Path(arguments.output)
     spare(arguments.inputs, [folder / name for source in sources for name in result_names(source)])
@@ -105,6 +111,7 @@ def _invert(arguments: Namespace) -> None:
                     seed=arguments.seed,
                     max_evaluations=arguments.max_evaluations,
                     prior=prior,
+                    colour=arguments.colour,
                     progress=progress(about),
                 )
             done.update(zip(batch, found, strict=True))
@@ -139,10 +146,12 @@ _COMMANDS: dict[str, Callable[[Namespace], None]] = {
     "hog": _hog,
     "glyph": _glyph,
     "invert": _invert,
+    "invert-template": invert_template,
     "demo": _demo,
     "table1": table1,
     "table2": table2,
     "pose": pose,
+    "dialects": dialects,
     "learn prior": learn_prior,
     "learn background": learn_background,
     "learn hoggles": learn_hoggles,
@@ -161,6 +170,7 @@ def _read(arguments: Namespace) -> list[Source]:
             size=arguments.size,
             device=arguments.device,
             keep_photos=arguments.command == "invert",
+            raw=None if arguments.command == "hog" else Raw.of(arguments),
         )
 
 

@@ -15,7 +15,8 @@ from .images import limit_size, write_image
 from .inversion import Inversion, invert_batch
 from .metrics import DEFINITIONS
 from .output import replacing
-from .sources import PRESETS, from_photo
+from .preset_parameters import PRESETS
+from .sources import from_photo
 
 SIZE = 256
 DESCRIPTORS = ("paper", "uoctti")  # both of the paper

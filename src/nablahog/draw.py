@@ -7,27 +7,31 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 from scipy import ndimage
 
-from .hog import FourBlockNorm, HOGSpec
+from .hog import BlockCells, FourBlockNorm, HOGSpec
+from .hog.entries import SideBySide, cell_entries
+from .hog.orientation import bin_angles
 from .images import Picture, as_array, to_pil
 
 RED = (1.0, 0.15, 0.1)
 
 
 def edge_votes(descriptor: Picture, spec: HOGSpec) -> tuple[NDArray[np.float64], NDArray[np.floating]]:
-    """The part of a descriptor that says how strong edges of which direction are.
+    """The part of a descriptor that says how strong edges of which direction are, for each cell of the image.
 
     Args:
         descriptor: (rows, cols, channels).
         spec: its dialect.
 
     Returns:
-        The votes (rows, cols, n) and the gradient directions (n,) they stand for, in radians as in ``HOGSpec``.  Of
-        a four-block descriptor these are its undirected channels, or for want of them its directed ones, of others all
-        bins.
+        The votes (rows, cols, n) of cells side by side and the gradient directions (n,) they stand for, in radians as
+        in ``HOGSpec``.  Of a four-block descriptor these are its undirected channels, or for want of them its directed
+        ones, or the mean over its blocks, of others all bins: the mean over all blocks, or colours, that have them.
+        Cells that a descriptor leaves out have no votes.
 
     Raises:
         ValueError: the shape is none of the spec's.
@@ -35,13 +39,27 @@ def edge_votes(descriptor: Picture, spec: HOGSpec) -> tuple[NDArray[np.float64],
     values = as_array(descriptor)
     if values.ndim != 3 or values.shape[2] != spec.channels:
         raise ValueError(f"expected a descriptor of shape (rows, cols, {spec.channels}), got {values.shape}")
-    angles = (np.arange(spec.bins) + spec.bin_offset) * (spec.period / spec.bins)
-    if isinstance(spec.normalizer, FourBlockNorm):
-        directed, undirected = (spec.normalizer.channels_of(part, spec.bins) for part in ("directed", "undirected"))
-        if undirected:
-            return values[..., directed : directed + undirected], angles[:undirected]
-        values = values[..., :directed]
-    return values, angles
+    scheme, angles = spec.normalizer, bin_angles(spec)
+    if isinstance(scheme, FourBlockNorm):
+        votes = _of_four_blocks(values, spec, scheme)
+        if scheme.outside == "drop":
+            votes = np.pad(votes, ((1, 1), (1, 1), (0, 0)))
+        return votes, angles[: votes.shape[2]]
+    entries = cell_entries(torch.from_numpy(values).unsqueeze(0), spec)
+    if isinstance(spec.pooling, BlockCells):
+        entries = SideBySide(spec, spec.image_size(*values.shape[:2]), entries)(entries)
+    return entries[0].permute(1, 2, 0).numpy(), angles
+
+
+def _of_four_blocks(values: NDArray[np.float64], spec: HOGSpec, scheme: FourBlockNorm) -> NDArray[np.float64]:
+    bins = spec.bins if spec.signed else 2 * spec.bins
+    directed, undirected = (scheme.channels_of(part, bins) for part in ("directed", "undirected"))
+    if not directed and not undirected:
+        entries = cell_entries(torch.from_numpy(values).unsqueeze(0), spec)[0, : bins // 2]
+        return entries.permute(1, 2, 0).numpy()
+    first, last = (directed, directed + undirected) if undirected else (0, directed)
+    votes: NDArray[np.float64] = values.reshape(*values.shape[:2], spec.colours, -1)[..., first:last].mean(axis=2)
+    return votes
 
 
 def _strokes(angles: NDArray[np.floating], height: int, width: int) -> NDArray[np.float64]:
@@ -69,7 +87,8 @@ def glyphs(descriptor: Picture, spec: HOGSpec, cell_pixels: int = 16) -> NDArray
         cell_pixels: height of a cell in the picture; its width follows from the shape of the spec's cells.
 
     Returns:
-        (rows · cell height, cols · cell width), float64 in 0…1; black for an all-zero descriptor.
+        (rows · cell height, cols · cell width) for the cells of the image, float64 in 0…1; black for an all-zero
+        descriptor, and where cells are left out.
 
     Raises:
         ValueError: the shape is none of the spec's, or ``cell_pixels`` is below 1.

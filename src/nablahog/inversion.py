@@ -17,6 +17,7 @@ from .draw import Panel, contact_sheet, difference, glyphs
 from .hog.gradient import gray
 from .images import write_image
 from .invert import LearnedPrior, reconstruct
+from .invert.colour import reconstruct_colour
 from .output import replacing
 from .sources import Source
 
@@ -29,9 +30,10 @@ class Inversion:
 
     Attributes:
         source: the input.
-        preimage: (H, W), float32 in 0…1, on the CPU.
+        preimage: (H, W), or (3, H, W) in colour, float32 in 0…1, on the CPU.
         reference: the gray photograph (Eq. 1) it is compared with, (H, W) in 0…1; None if it is not known.
-        cc, mi, ssim: see :mod:`nablahog.metrics`; None where the reference is not known or the measure not defined.
+        cc, mi, ssim: of the gray pre-image, see :mod:`nablahog.metrics`; None where the reference is not known or the
+            measure not defined.
         distance: relative distance ‖φ(x) − d‖ / ‖d‖; None where it is not finite.
         seconds: the source's share of the time of its batch.
         stop_reason: why the minimiser stopped.
@@ -81,7 +83,7 @@ class Inversion:
         drawn = [Panel(self.glyphs(), f"glyphs, {self.source.spec.name}"), Panel(self.preimage, "pre-image")]
         if self.source.photo is None or self.reference is None:
             return drawn
-        compared = Panel(difference(self.preimage, self.reference), "pre-image - photograph")
+        compared = Panel(difference(_gray(self.preimage), self.reference), "pre-image - photograph")
         return [Panel(self.source.photo, "photograph"), *drawn, compared]
 
     def glyphs(self) -> NDArray[Any]:
@@ -125,6 +127,7 @@ def invert_batch(
     seed: int,
     max_evaluations: int | None = None,
     prior: LearnedPrior | None = None,
+    colour: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Inversion]:
     """Inverts sources of one spec and image size together.
@@ -135,34 +138,42 @@ def invert_batch(
         seed: of the starting images.
         max_evaluations: of the objective; None for the default of :func:`nablahog.reconstruct`.
         prior: what to expect of the images, learned for the spec; None for nothing learned.
+        colour: whether images in colour are found, not gray ones; nothing learned is used then.
         progress: called with the evaluations done and their largest number.
 
     Returns:
         One inversion for each source, in order.
 
     Raises:
-        ValueError: as :func:`nablahog.reconstruct`, or the prior was learned for another spec.
+        ValueError: as :func:`nablahog.reconstruct`; the prior was learned for another spec, or the spec is of gray
+            images, which none in colour is found for.
     """
     descriptors = torch.stack([source.descriptor for source in sources]).to(device)
     limit: dict[str, Any] = {} if max_evaluations is None else {"max_evaluations": max_evaluations}
     spec, image_size = sources[0].spec, sources[0].image_size
-    find = reconstruct if prior is None else prior.reconstruct
+    find = reconstruct_colour if colour else reconstruct if prior is None else prior.reconstruct
     result = find(descriptors, spec, image_size, seed=seed, progress=progress, **limit)
     inversions = []
     for index, source in enumerate(sources):
-        preimage = result.image[index, 0].detach().float().cpu()
+        preimage = result.image[index].detach().float().cpu()
+        preimage = preimage if colour else preimage[0]
         reference = None if source.photo is None else gray(source.photo[None])[0, 0]
         inversion = Inversion(
             source,
             preimage,
             reference,
-            **_compared(preimage, reference),
+            **_compared(_gray(preimage), reference),
             distance=_finite(float(result.distance[index])),
             seconds=result.seconds / len(sources),
             stop_reason=result.stop_reason[index],
         )
         inversions.append(inversion)
     return inversions
+
+
+def _gray(preimage: Tensor) -> Tensor:
+    """(H, W), by Eq. 1, of an image (H, W) or (3, H, W)."""
+    return preimage if preimage.dim() == 2 else gray(preimage[None])[0, 0].clamp(0, 1)
 
 
 def _compared(preimage: Tensor, reference: Tensor | None) -> dict[str, float | None]:

@@ -26,8 +26,8 @@ from .output import checkpoint_for, output_folder
 from .pose.background import learn_background as measure_background
 from .pose.background import least_size
 from .pose.whitening import check_spec
+from .preset_option import Wanted
 from .refusal import UserError, refusing
-from .sources import Wanted
 from .table1_command import say_ignored
 from .terminal import counter, say
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import argparse
 import math
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from typing import NoReturn, get_args
 
 import torch
 
 from .hog.spec import Vote
-from .sources import DEFAULT_CELL, DEFAULT_DESCRIPTOR, PRESETS
+from .preset_option import setting
+from .preset_parameters import DEFAULT_DESCRIPTOR, PRESETS
 
 
 class Parser(argparse.ArgumentParser):
@@ -39,6 +40,13 @@ def cell(text: str) -> tuple[int, int]:
             f"expected pixels of a cell, one number or HEIGHTxWIDTH, each at least 1, got {text!r}"
         )
     return int(match[1]), int(match[2] or match[1])
+
+
+def image_size(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"([1-9]\d{0,5})[x×]([1-9]\d{0,5})", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"expected pixels as HEIGHTxWIDTH, each at least 1, got {text!r}")
+    return int(match[1]), int(match[2])
 
 
 def numbers(names: str) -> Callable[[str], tuple[float, ...]]:
@@ -69,18 +77,22 @@ def device(text: str) -> torch.device:
     return torch.device(text)
 
 
-def table(command: argparse.ArgumentParser, methods: Collection[str]) -> None:
-    """What the commands of tables have in common."""
+def table(
+    command: argparse.ArgumentParser, methods: Collection[str], sets: Mapping[str, Collection[str]] | None = None
+) -> None:
+    """What the commands of tables have in common; ``sets`` are several methods by one name."""
+    sets = sets or {}
 
     def parse(text: str) -> list[str]:
-        names = text.split(",")
+        names = [name for part in text.split(",") for name in sets.get(part, [part])]
         for name in names:
             if name not in methods:
                 raise argparse.ArgumentTypeError(f"expected methods of {', '.join(methods)}, got {name!r}")
         return names
 
     output(command, "DIR", "folder for the results, made if missing")
-    only = f"only these, separated by commas, of: {', '.join(methods)}"
+    several = "".join(f"; {name} for {', '.join(each)}" for name, each in sets.items())
+    only = f"only these, separated by commas, of: {', '.join(methods)}{several}"
     command.add_argument("--methods", type=parse, metavar="NAME,…", help=only)
     workers(command)
 
@@ -96,8 +108,22 @@ def inputs(command: argparse.ArgumentParser) -> None:
         "inputs",
         nargs="+",
         metavar="PHOTO_or_DESCRIPTOR",
-        help="an image of any format that Pillow reads, or a file that `nablahog hog` wrote",
+        help="an image of any format that Pillow reads, a file that `nablahog hog` wrote, or, with --preset, an array "
+        "that another library computed: .npy, .npz, or .mat but for version 7.3",
     )
+    of_arrays(command)
+
+
+def of_arrays(command: argparse.ArgumentParser) -> None:
+    """What is to be said of arrays that say nothing themselves."""
+    command.add_argument(
+        "--image-size",
+        type=image_size,
+        metavar="HxW",
+        help="height x width of the image of an array, in pixels; needed if it has neither rows nor columns (default: "
+        "whole cells; of opencv its win_size)",
+    )
+    command.add_argument("--key", metavar="NAME", help="which array of an .npz or .mat file that holds several")
 
 
 def output(command: argparse.ArgumentParser, metavar: str, text: str) -> None:
@@ -124,18 +150,34 @@ def common(command: argparse.ArgumentParser, longer_side: int) -> None:
     command.add_argument("--json", action="store_true", help="print the results as JSON instead of a table")
 
 
-def dialect(command: argparse.ArgumentParser, descriptor: str) -> None:
-    command.add_argument("--descriptor", choices=PRESETS, help=descriptor)
+def dialect(command: argparse.ArgumentParser, preset: str) -> None:
+    command.add_argument(
+        "--preset",
+        "--descriptor",
+        dest="descriptor",
+        choices=PRESETS,
+        metavar="NAME",
+        help=f"{preset}; one of {', '.join(PRESETS)}",
+    )
+    command.add_argument(
+        "--set",
+        dest="settings",
+        action="append",
+        type=setting,
+        metavar="KEY=VALUE",
+        help="a parameter of the preset, such as orientations=8 or cells_per_block=2x2, as in nablahog.presets; sizes "
+        "are height x width, but of opencv width x height, as in OpenCV; may be repeated",
+    )
     command.add_argument(
         "--cell",
         type=cell,
         metavar="N|HxW",
-        help=f"pixels of a cell, one number or height x width (default: {DEFAULT_CELL[0]})",
+        help="pixels of a cell, one number or height x width, of opencv, too (default: 8, of seeing3d 5)",
     )
     command.add_argument(
         "--vote",
         choices=get_args(Vote),
-        help="orientation votes of uoctti and aubry: shared by two bins, or all to one bin",
+        help="orientation votes, shared by two bins or all to one bin, of uoctti, aubry, vlfeat and cnn_hog",
     )
 
 

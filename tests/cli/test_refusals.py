@@ -170,7 +170,7 @@ def test_bad_options(
 
 def test_the_papers_votes_are_linear(tmp_path: Path, photo: str, refused: Callable[..., None]) -> None:
     options = ["--descriptor", "paper", "--vote", "hard"]
-    refused("hog", photo, "-o", str(tmp_path / "d"), *options, message="the paper's descriptor has linear votes")
+    refused("hog", photo, "-o", str(tmp_path / "d"), *options, message="the paper descriptor has linear votes")
 
 
 def test_cuda_asked_for_and_absent(

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from scipy import io
 
 from nablahog.datasets import matfile
-from nablahog.datasets.matfile import read_mat
+from nablahog.datasets.matfile import read_mat, read_mat_arrays
 
 NESTED = {
     "record": {
@@ -91,6 +91,34 @@ def test_damage(tmp_path: Path, compressed: bool) -> None:
         for value in (15, 255):  # odd kinds and great lengths, at the places where little-endian words differ
             with suppress(matfile._Damaged):
                 matfile._variables(whole[:position] + bytes([value]) + whole[position + 1 :])
+            with suppress(matfile._Damaged):
+                matfile._arrays(whole[:position] + bytes([value]) + whole[position + 1 :])
+
+
+def test_arrays_of_numbers_have_their_types(tmp_path: Path) -> None:
+    written = {
+        "double": np.array([[1.0, 2.0]]),  # kept as bytes, as its numbers are small integers
+        "single": np.linspace(0, 1, 5, dtype=np.float32)[:, None],
+        "bytes": np.arange(6, dtype=np.uint8).reshape(2, 3),
+        "long": np.array([[-(2**40)]]),
+        "flag": np.array([[True, False]]),
+    }
+    others = {"text": "abc", "record": {"a": 1.0}, "list": np.array(["a"], dtype=object)}
+    found = read_mat_arrays(_write(tmp_path / "a.mat", {**written, **others, "complex": np.array([[1 + 2j]])}))
+    assert set(found) == {*written, "complex"}
+    for name, array in written.items():
+        assert found[name].dtype == array.dtype
+        np.testing.assert_array_equal(found[name], array)
+    assert found["complex"].dtype == np.complex128
+
+
+def test_flags_and_shapes_that_are_no_integers(tmp_path: Path) -> None:
+    data = bytearray(_write(tmp_path / "a.mat", {"a": np.arange(3.0)}, compressed=False).read_bytes())
+    for kind, place in ((136, 144), (152, 160)):  # of the flags, of the shape
+        damaged = data.copy()
+        damaged[kind] = 7  # floating point
+        damaged[place : place + 4] = struct.pack("<f", np.nan)
+        assert "expected integers" in _refusal(tmp_path / "b.mat", bytes(damaged))
 
 
 def test_refusals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,79 +1,165 @@
-"""The operator against stored outputs of the original program, see ``tests/golden/README.md``."""
+"""The operator against stored outputs of the original programs, see ``tests/golden/README.md``."""
 
 from __future__ import annotations
 
 import dataclasses
-import json
-from pathlib import Path
+from collections.abc import Callable, Iterator
 from typing import Any
 
-import numpy as np
 import pytest
 import torch
-from torch import Tensor
+from torch.testing import assert_close
 
+from golden import PEERS, Case, archive, cases
 from nablahog.hog import HOGSpec, hog, presets
 
-with np.load(Path(__file__).parents[1] / "golden" / "vlfeat_uoctti.npz", allow_pickle=False) as archive:
-    VLFEAT = {name: archive[name] for name in archive.files}
-CASES: list[dict[str, Any]] = json.loads(str(VLFEAT["cases"]))
+TOLERANCE = 1e-6  # of descriptors whose entries reach 0.2 … 1: sums of float32 in another order
+EVERY = [case for peer in PEERS for case in cases(peer)]
+VLFEAT = [case for case in cases("vlfeat") if case.parameters["variant"] == "uoctti"]
+every_case = pytest.mark.parametrize("case", EVERY, ids=str)
+vlfeat_cases = pytest.mark.parametrize("case", VLFEAT, ids=str)
 
 
-def load(number: int) -> tuple[Tensor, HOGSpec, Tensor]:
-    """One case: the image, uint8 (1, C, H, W), the spec and VLFeat's descriptor (1, rows, cols, channels)."""
-    case = CASES[number]
-    image = torch.from_numpy(np.atleast_3d(VLFEAT[f"image_{case['image']}"])).permute(2, 0, 1).unsqueeze(0)
-    vote = "linear" if case["bilinearOrientations"] else "hard"
-    spec = presets.uoctti(case["cellSize"], vote=vote, orientations=case["numOrientations"])
-    return image, spec, torch.from_numpy(VLFEAT[f"output_{number}"]).permute(1, 2, 0).unsqueeze(0)
+def _opencv(p: dict[str, Any]) -> HOGSpec:
+    sizes = (tuple(p[name]) for name in ("winSize_wh", "blockSize", "blockStride", "cellSize"))
+    return presets.opencv(
+        *sizes,
+        p["nbins"],
+        win_sigma=p["winSigma"],
+        l2hys_threshold=p["L2HysThreshold"],
+        gamma=p["gammaCorrection"],
+        signed=p["signedGradient"],
+    )
 
 
-def name(number: int) -> str:
-    case = CASES[number]
-    return f"{case['image']}-cell{case['cellSize']}-{'linear' if case['bilinearOrientations'] else 'hard'}"
+def _skimage(p: dict[str, Any]) -> HOGSpec:
+    return presets.skimage(
+        p["orientations"],
+        tuple(p["pixels_per_cell"]),
+        tuple(p["cells_per_block"]),
+        p["block_norm"],
+        transform_sqrt=p["transform_sqrt"],
+        feature_vector=p["feature_vector"],
+        channel_axis=p["channel_axis"],
+    )
 
 
-@pytest.mark.parametrize("number", range(len(CASES)), ids=name)
-def test_uoctti_equals_vlfeat(number: int) -> None:
-    image, spec, expected = load(number)
-    descriptor = hog(image.float() / 255, spec)
-    # VLFeat gets the linear weight from a float32 arccosine, which loses digits near the bin centres; the rest is
-    # summation order
-    tolerance = 1e-4 if spec.vote == "linear" else 1e-6
-    torch.testing.assert_close(descriptor, expected, rtol=0, atol=tolerance)
+def _vlfeat(p: dict[str, Any]) -> HOGSpec:
+    return presets.vlfeat(
+        "uoctti" if p["variant"] == "uoctti" else "dalaltriggs",
+        cell_size=p["cellSize"],
+        orientations=p["numOrientations"],
+        bilinear_orientations=p["bilinearOrientations"],
+    )
 
 
-@pytest.mark.parametrize("number", range(len(CASES)), ids=name)
-def test_linear_votes_are_as_exact_as_the_stored_arccosine_allows(number: int) -> None:
-    """In float64 too: the difference to VLFeat is VLFeat's rounding, not ours."""
-    image, spec, expected = load(number)
-    descriptor = hog(image.double() / 255, spec)
-    torch.testing.assert_close(descriptor.float(), expected, rtol=0, atol=1e-4 if spec.vote == "linear" else 1e-6)
+SPEC_OF: dict[str, Callable[[dict[str, Any]], HOGSpec]] = {
+    "dlib": lambda p: presets.dlib(p["cell_size"]),
+    "maskfeat": lambda p: presets.maskfeat(p["pool"], nbins=p["nbins"], gaussian_window=p["gaussian_window"]),
+    "opencv": _opencv,
+    "skimage": _skimage,
+    "vlfeat": _vlfeat,
+    "voc_dpm": lambda p: presets.dpm(p["sbin"]),
+}
 
 
-@pytest.mark.parametrize("number", range(len(CASES)), ids=name)
-def test_bytes_equal_floats(number: int) -> None:
-    image, spec, _ = load(number)
-    torch.testing.assert_close(hog(image, spec), hog(image.float() / 255, spec), rtol=0, atol=1e-6)
+@pytest.fixture
+def dtype(case: Case) -> Iterator[torch.dtype]:
+    """The precision that the program works in, as PyTorch's default."""
+    before = torch.get_default_dtype()
+    found = torch.float64 if case.peer == "skimage" else torch.float32
+    torch.set_default_dtype(found)
+    yield found
+    torch.set_default_dtype(before)
 
 
-def test_archive_holds_what_its_readme_says() -> None:
-    assert len(CASES) == 16
-    assert {(c["cellSize"], c["numOrientations"], c["bilinearOrientations"]) for c in CASES} == {
-        (8, 9, False),
-        (8, 9, True),
-        (5, 6, False),
-        (5, 6, True),
-    }
-    assert str(VLFEAT["version"]).startswith("git 1b9075fc")
+@every_case
+def test_equals_the_program(case: Case, dtype: torch.dtype) -> None:
+    """In its own precision and layout; of OpenCV five axes are stored, of which it makes one."""
+    found = hog(case.image, SPEC_OF[case.peer](case.parameters), layout="native")[0]
+    expected = torch.from_numpy(case.output)
+    if case.peer == "opencv":
+        expected = expected.flatten()
+    assert found.dtype == dtype
+    assert found.shape == expected.shape
+    assert_close(found.float(), expected, rtol=0, atol=TOLERANCE)
 
 
-@pytest.mark.parametrize("number", range(len(CASES)), ids=name)
-def test_aubrys_channels_are_vlfeats_undirected_ones_but_for_epsilon(number: int) -> None:
-    image, spec, expected = load(number)
-    n = spec.bins // 2
-    nine = presets.aubry(spec.cell_size, vote=spec.vote, orientations=n)
+@every_case
+def test_bytes_equal_floats(case: Case) -> None:
+    """k/255·255 is k again in float32: no bin depends on which is given."""
+    spec = SPEC_OF[case.peer](case.parameters)
+    assert torch.equal(hog(case.image, spec), hog(case.image.float() / 255, spec))
+
+
+@every_case
+def test_double_precision_differs_in_rounding_only(case: Case) -> None:
+    """Of 8-bit images all gradients are exact in float32, and with them all ties."""
+    spec = SPEC_OF[case.peer](case.parameters)
+    if spec.gamma == "sqrt":
+        pytest.skip("roots are not")
+    double = hog(case.image.double() / 255, spec)
+    assert_close(hog(case.image, spec).double(), double, rtol=0, atol=TOLERANCE)
+
+
+@vlfeat_cases
+def test_exact_linear_votes_are_as_near_as_the_stored_arccosine_allows(case: Case) -> None:
+    """VLFeat has the weight from a float32 arccosine, which loses digits near the bin centres; hard votes are equal."""
+    p = case.parameters
+    vote = "linear" if p["bilinearOrientations"] else "hard"
+    spec = presets.uoctti(p["cellSize"], vote=vote, orientations=p["numOrientations"])
+    expected = torch.from_numpy(case.output).permute(1, 2, 0).unsqueeze(0)
+    for image in (case.image, case.image.double() / 255):
+        descriptor = hog(image, spec).float()
+        assert_close(descriptor, expected, rtol=0, atol=1e-4 if vote == "linear" else TOLERANCE)
+
+
+@vlfeat_cases
+def test_aubrys_channels_are_vlfeats_undirected_ones_but_for_epsilon(case: Case) -> None:
+    p, n = case.parameters, case.parameters["numOrientations"]
+    vote = "linear" if p["bilinearOrientations"] else "hard"
+    nine = presets.aubry(p["cellSize"], vote=vote, orientations=n)
     normalizer = dataclasses.replace(nine.normalizer, epsilon=1e-4)
-    descriptor = hog(image.float() / 255, dataclasses.replace(nine, value_range=255.0, normalizer=normalizer))
-    tolerance = 1e-4 if spec.vote == "linear" else 1e-6
-    torch.testing.assert_close(descriptor, expected[..., 2 * n : 3 * n], rtol=0, atol=tolerance)
+    descriptor = hog(case.image, dataclasses.replace(nine, value_range=255.0, normalizer=normalizer))
+    expected = torch.from_numpy(case.output[2 * n : 3 * n]).permute(1, 2, 0).unsqueeze(0)
+    assert_close(descriptor, expected, rtol=0, atol=1e-4 if vote == "linear" else TOLERANCE)
+
+
+@pytest.mark.parametrize("case", cases("voc_dpm"), ids=str)
+def test_seeing_3d_channels_are_dpms_undirected_ones_but_for_epsilon(case: Case) -> None:
+    nine = presets.seeing3d(case.parameters["sbin"])
+    normalizer = dataclasses.replace(nine.normalizer, epsilon=1e-4)
+    descriptor = hog(case.image, dataclasses.replace(nine, value_range=255.0, normalizer=normalizer))
+    assert_close(descriptor[0], torch.from_numpy(case.output[..., 18:27]), rtol=0, atol=TOLERANCE)
+
+
+def test_archives_hold_what_their_readme_says() -> None:
+    assert {peer: len(cases(peer)) for peer in PEERS} == {
+        "dlib": 8,
+        "maskfeat": 6,
+        "opencv": 16,
+        "skimage": 24,
+        "vlfeat": 32,
+        "voc_dpm": 8,
+    }
+    starts = {
+        "dlib": "git 3d40bf57",
+        "maskfeat": "git 287ec007",
+        "opencv": "4.14.0 and 5.0.0",
+        "skimage": "0.26.0",
+        "vlfeat": "git 1b9075fc",
+        "voc_dpm": "git c0b88564",
+    }
+    for peer, start in starts.items():
+        assert str(archive(peer)["version"]).startswith(start)
+    for case in EVERY:
+        assert case.pixels.dtype == "uint8"
+        assert case.output.dtype == "float32"
+
+
+def test_ties_are_there() -> None:
+    """What a float image would not show: many gradients of the stored images are exactly vertical."""
+    for name, pixels in archive("images").items():
+        gray = torch.from_numpy(pixels).double().reshape(*pixels.shape[:2], -1)[..., 0]
+        gx, gy = gray[1:-1, 2:] - gray[1:-1, :-2], gray[2:, 1:-1] - gray[:-2, 1:-1]
+        assert ((gx == 0) & (gy != 0)).double().mean() > 0.02, name

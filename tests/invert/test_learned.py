@@ -75,7 +75,10 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "weights of another type": ({"weights": np.zeros(COUNT, np.float32)}, "must be float16, got float32"),
     "another spec": ({"spec": np.array(presets.uoctti(4).to_json())}, "do not lead from cells of 4 pixels"),
-    "a spec without signs": ({"spec": np.array(presets.aubry(8).to_json())}, "only with its directed channels, which "),
+    "a spec without signs": (
+        {"spec": np.array(presets.aubry(8).to_json())},
+        "directed channels of all cells only",
+    ),
     "an unsigned spec": ({"spec": np.array(presets.paper(8).to_json())}, "signed gradients only"),
     "no spec": ({"spec": np.array("{}")}, "not the JSON of a HOGSpec"),
     "other widths": ({"widths": np.array([8, 8, 8, 9])}, "the weights must be"),

@@ -165,11 +165,6 @@ def test_options_out_of_range(options: dict[str, Any], says: str) -> None:
         reconstruct(torch.rand(1, 4, 4, 9), presets.paper(8), **options)
 
 
-def test_undirected_channels_alone_are_refused() -> None:
-    with pytest.raises(ValueError, match="can be inverted only with its directed channels, which aubry leaves out"):
-        reconstruct(torch.rand(1, 4, 4, 9), presets.aubry(8))
-
-
 def test_without_texture_channels() -> None:
     spec = dataclasses.replace(presets.uoctti(8), normalizer=FourBlockNorm(parts=("directed", "undirected")))
     image = photograph(48)

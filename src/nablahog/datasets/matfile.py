@@ -12,6 +12,7 @@ import math
 import os
 import zlib
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,7 +26,8 @@ _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f
 _TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
 _MATRIX, _COMPRESSED = 14, 15
 _CELL, _STRUCT, _CHARACTERS, _OPAQUE = 1, 2, 4, 17
-_NUMERIC = range(6, 16)  # the classes double, single, int8 … uint64
+_CLASSES = dict(enumerate(("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8"), start=6))
+_COMPLEX, _LOGICAL = 0x800, 0x200  # flags of a class
 
 
 def read_mat(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -43,13 +45,36 @@ def read_mat(path: str | os.PathLike[str]) -> dict[str, Any]:
         FileNotFoundError: there is no such file.
         ValueError: it is no .mat file of version 5, is damaged, or unpacks to more than :data:`MAX_BYTES`.
     """
+    with _naming(path) as data:
+        return _variables(data)
+
+
+def read_mat_arrays(path: str | os.PathLike[str]) -> dict[str, NDArray[np.generic]]:
+    """The arrays of numbers of a .mat file by name, as the types that they have in MATLAB.
+
+    Args:
+        path: the file.
+
+    Returns:
+        float64 and float32 arrays, integers, booleans; of complex arrays complex ones without the imaginary parts.
+
+    Raises:
+        FileNotFoundError, ValueError: as :func:`read_mat`.
+    """
+    with _naming(path) as data:
+        return _arrays(data)
+
+
+@contextmanager
+def _naming(path: str | os.PathLike[str]) -> Iterator[bytes]:
+    """The bytes of the file; what is wrong with them is a ValueError that begins with its name."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")
     with open(path, "rb") as file:
         data = file.read(MAX_BYTES + 1)
     try:
-        return _variables(data)
+        yield data
     except _Damaged as error:
         raise ValueError(f"{path}: expected a MATLAB file of version 5, but {error}") from None
 
@@ -64,6 +89,24 @@ class _Element(NamedTuple):
 
 
 def _variables(data: bytes) -> dict[str, Any]:
+    return dict(_matrix(element.data, order, 0) for element, order in _matrices(data))
+
+
+def _arrays(data: bytes) -> dict[str, NDArray[np.generic]]:
+    arrays = {}
+    for element, order in _matrices(data):
+        flags = _flags(next(_elements(element.data, order), None), order) if len(element.data) else 0
+        code = _CLASSES.get(flags & 0xFF)
+        if code is not None:
+            name, values = _matrix(element.data, order, 0)
+            code = "c16" if flags & _COMPLEX else "?" if flags & _LOGICAL else code
+            with np.errstate(all="ignore"):  # of a damaged file numbers need not fit their class
+                arrays[name] = values.astype(code)
+    return arrays
+
+
+def _matrices(data: bytes) -> Iterator[tuple[_Element, str]]:
+    """An array of any class for each variable, unpacked, and the order of the bytes."""
     if len(data) > MAX_BYTES:
         raise _Damaged(f"it has more than {MAX_BYTES:,} bytes")
     if data[:8] == b"\x89HDF\r\n\x1a\n" or data[512:520] == b"\x89HDF\r\n\x1a\n":
@@ -71,7 +114,7 @@ def _variables(data: bytes) -> dict[str, Any]:
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if order is None:
         raise _Damaged("its header says nothing like it")
-    left, result = MAX_BYTES - len(data), {}
+    left = MAX_BYTES - len(data)
     for element in _elements(memoryview(data)[128:], order):
         if element.kind == _COMPRESSED:
             unpacked = _unpacked(element.data, left)
@@ -79,9 +122,7 @@ def _variables(data: bytes) -> dict[str, Any]:
             element = next(_elements(memoryview(unpacked), order), _Element(0, memoryview(b"")))
         if element.kind != _MATRIX:
             raise _Damaged(f"a variable is of the type {element.kind}")
-        name, value = _matrix(element.data, order, 0)
-        result[name] = value
-    return result
+        yield element, order
 
 
 def _unpacked(data: memoryview, most: int) -> bytes:
@@ -122,14 +163,12 @@ def _matrix(data: memoryview, order: str, depth: int) -> tuple[str, Any]:
     parts = _elements(data, order)
     if not len(data):
         return "", np.empty((0, 0))
-    flags = _numbers(next(parts, None), order)
-    kind = int(flags[0]) & 0xFF if len(flags) else 0
+    kind = _flags(next(parts, None), order) & 0xFF
     if kind == _OPAQUE:  # has no shape
         return "", None
-    shape, name = _numbers(next(parts, None), order), _text(next(parts, None), order)
-    if len(shape) < 2 or (shape < 0).any():
+    sides, name = _integers(next(parts, None), order), _text(next(parts, None), order)
+    if len(sides) < 2 or min(sides) < 0:
         raise _Damaged("it is damaged: an array has no shape")
-    sides = [int(side) for side in shape]
     count = math.prod(sides)  # in Python's numbers, which do not overflow
     if kind == _CHARACTERS:
         text = _text(next(parts, None), order) if count else ""
@@ -137,7 +176,7 @@ def _matrix(data: memoryview, order: str, depth: int) -> tuple[str, Any]:
         if units != count:
             raise _Damaged(f"it is damaged: {count} characters are said to follow, {units} do")
         return name, text
-    if kind in _NUMERIC:
+    if kind in _CLASSES:
         values = _numbers(next(parts, None), order)
         if len(values) != count:
             raise _Damaged(f"it is damaged: {count} numbers are said to follow, {len(values)} do")
@@ -145,10 +184,10 @@ def _matrix(data: memoryview, order: str, depth: int) -> tuple[str, Any]:
     if kind == _CELL:
         return name, [_value(part, order, depth) for part in _exactly(count, parts)]
     if kind == _STRUCT:
-        width, names = _numbers(next(parts, None), order), next(parts, None)
+        width, names = _integers(next(parts, None), order), next(parts, None)
         if len(width) != 1 or width[0] < 1 or names is None:
             raise _Damaged("it is damaged: a structure has no fields")
-        step = int(width[0])
+        (step,) = width
         fields = [bytes(names.data[i : i + step]) for i in range(0, len(names.data), step)]
         keys = [field.partition(b"\0")[0].decode("latin-1") for field in fields]
         values_of = [_value(part, order, depth) for part in _exactly(count * len(keys), parts)]
@@ -168,6 +207,18 @@ def _exactly(count: int, parts: Iterator[_Element]) -> list[_Element]:
     if len(found) != count:
         raise _Damaged(f"it is damaged: {count} values are said to follow, {len(found)} do")
     return found
+
+
+def _flags(element: _Element | None, order: str) -> int:
+    """The class of an array and its flags."""
+    return next(iter(_integers(element, order)), 0)
+
+
+def _integers(element: _Element | None, order: str) -> list[int]:
+    numbers = _numbers(element, order)
+    if not np.isfinite(numbers).all():
+        raise _Damaged("it is damaged: expected integers")
+    return [int(number) for number in numbers]
 
 
 def _numbers(element: _Element | None, order: str) -> NDArray[np.float64]:

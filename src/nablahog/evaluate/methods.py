@@ -17,7 +17,7 @@ from ..invert.baselines.triangles import TRIANGLES, reconstruct_by_triangles
 from ..invert.multiscale import SCALES, level_spec
 from ..invert.start import enlarge
 from .learned import LEARNED, SPEC, load
-from .published import DALAL, NO_HOG, PUBLISHED, UOCTTI, Published
+from .published import DALAL, LIBRARIES, NO_HOG, PUBLISHED, UOCTTI, Published
 
 
 @dataclass(frozen=True)
@@ -59,6 +59,7 @@ class Method:
         spec: the dialect of the descriptor it starts from; None if that is no HOG.
         multiscale: whether it has a row for each of :data:`SCALES`, too.
         needs: what of ``Settings.learned`` it needs, if anything.  Then what it finds depends on what that file holds.
+        asked: whether it runs only if it is asked for by name.
     """
 
     name: str
@@ -67,6 +68,7 @@ class Method:
     spec: HOGSpec | None = None
     multiscale: bool = False
     needs: str | None = None
+    asked: bool = False
 
     @property
     def levels(self) -> tuple[str, ...]:
@@ -150,6 +152,10 @@ def _variants(prefix: str, group: str, spec: HOGSpec) -> list[Method]:
     ]
 
 
+def _dialect(name: str, spec: HOGSpec) -> Method:
+    return Method(name, LIBRARIES, partial(_single, spec=spec), spec, asked=True)
+
+
 METHODS = {
     method.name: method
     for method in (
@@ -163,9 +169,26 @@ METHODS = {
         *_variants("uoctti", UOCTTI, SPEC),
         Method("uoctti-learned", UOCTTI, partial(_learned, kind="prior", spec=SPEC, seeded=True), SPEC, needs="prior"),
         *_variants("dalal", DALAL, presets.paper()),
+        _dialect("vlfeat", presets.vlfeat()),
+        _dialect("vlfeat-bilinear", presets.vlfeat(bilinear_orientations=True)),
+        _dialect("vlfeat-dalaltriggs", presets.vlfeat("dalaltriggs")),
+        _dialect("dpm", presets.dpm()),
+        _dialect("dlib", presets.dlib()),
+        _dialect("piotr", presets.piotr()),
+        _dialect("hog-net", presets.cnn_hog()),
+        _dialect("hog-net-bilinear", presets.cnn_hog(bilinear=True)),
+        _dialect("seeing3d", presets.seeing3d(8)),
+        _dialect("aubry", presets.aubry(8)),
+        _dialect("skimage", presets.skimage()),
+        _dialect("opencv", presets.opencv()),
+        _dialect("opencv-linear", presets.opencv(gamma=False)),
+        _dialect("maskfeat", presets.maskfeat()),
     )
 }
 """All methods by name, each group in the order of the table."""
+
+DIALECTS = tuple(name for name, method in METHODS.items() if method.group == LIBRARIES)
+"""The methods that invert what a library computes, one for each dialect with cells of 8 pixels."""
 
 
 def choose(names: Sequence[str] | None, given: Collection[str]) -> tuple[list[Method], list[Method]]:
@@ -174,13 +197,13 @@ def choose(names: Sequence[str] | None, given: Collection[str]) -> tuple[list[Me
     What nobody has to give, as it can be learned from photographs that are there, is not missed.
 
     Args:
-        names: of those asked for; None for all that can run.
+        names: of those asked for; None for all that can run, but for those that have to be asked for.
         given: what of :data:`.LEARNED` there is.
 
     Raises:
         ValueError: one is asked for that needs what is not given, or something is given that none asked for needs.
     """
-    methods = [method for name, method in METHODS.items() if names is None or name in names]
+    methods = [m for name, m in METHODS.items() if (name in names if names is not None else not m.asked)]
     for kind in given:
         if all(method.needs != kind for method in methods):
             of = ", ".join(method.name for method in METHODS.values() if method.needs == kind)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-NO_HOG, UOCTTI, DALAL = "No HOG", "UoCTTI HOG", "Dalal's HOG"
-GROUPS = (NO_HOG, UOCTTI, DALAL)
+NO_HOG, UOCTTI, DALAL, LIBRARIES = "No HOG", "UoCTTI HOG", "Dalal's HOG", "What libraries compute"
+GROUPS = (NO_HOG, UOCTTI, DALAL, LIBRARIES)
 """What the methods of the table start from, in its order."""
 
 

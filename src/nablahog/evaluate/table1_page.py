@@ -47,6 +47,9 @@ DEFINITIONS = {
     "ridge": "Each patch as a linear function of the window of the descriptor around it (after Vondrick et al.).",
     "nearest": "Each patch as the mean of those under the 32 most similar windows of other photographs.",
     "triangles": "10,000 random triangles, of which those stay that bring the descriptor closer (Vondrick et al.).",
+    "what libraries compute": "Single-scale, from the descriptor that a library computes, with its own defaults and "
+    "cells of 8 pixels; opencv-linear is OpenCV's without the root of gray values (gammaCorrection), hog-net the "
+    "network of cnn-hog, inverted as the others are.",
     "NAME@1/s": "A level of a multi-scale method: an image with an s-th of the pixels. To be compared with the "
     "photograph it is enlarged to its size (bicubic); its distance is that of the level's own image from the "
     "descriptor sought at that level. The row NAME is the last level, NAME@1/1.",

@@ -2,6 +2,20 @@
 
 from . import presets
 from .descriptor import HOG, hog
-from .spec import FourBlockNorm, GlobalNorm, HOGSpec
+from .normalizers import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm
+from .poolings import BilinearCells, BlockCells, BoxCells
+from .spec import HOGSpec
 
-__all__ = ["HOG", "FourBlockNorm", "GlobalNorm", "HOGSpec", "hog", "presets"]
+__all__ = [
+    "HOG",
+    "BilinearCells",
+    "BlockCells",
+    "BlockNorm",
+    "BoxCells",
+    "CellNorm",
+    "FourBlockNorm",
+    "GlobalNorm",
+    "HOGSpec",
+    "hog",
+    "presets",
+]

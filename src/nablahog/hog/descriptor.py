@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import torch
 from torch import Tensor, nn
 
 from .gradient import gradient
+from .layout import to_layout
 from .normalize import normalize
 from .orientation import votes
 from .pooling import pool
-from .spec import HOGSpec
+from .spec import COLOURS, HOGSpec
 
 
 def _scaled(images: Tensor, spec: HOGSpec) -> Tensor:
@@ -18,6 +21,8 @@ def _scaled(images: Tensor, spec: HOGSpec) -> Tensor:
         raise TypeError(f"images must be a torch tensor (B, C, H, W), got {type(images).__name__}")
     if images.dim() != 4 or images.shape[1] < 1:
         raise ValueError(f"images must have shape (B, C, H, W) with at least one channel, got {tuple(images.shape)}")
+    if spec.colour == "separate" and images.shape[1] not in (1, COLOURS):
+        raise ValueError(f"a {spec.name} descriptor is of images of 1 or {COLOURS} channels, got {images.shape[1]}")
     spec.grid(*images.shape[-2:])
     if images.dtype == torch.uint8:
         return images.to(torch.get_default_dtype()) * (spec.value_range / 255)
@@ -27,17 +32,18 @@ def _scaled(images: Tensor, spec: HOGSpec) -> Tensor:
 
 
 def histograms(images: Tensor, spec: HOGSpec) -> Tensor:
-    """Cell histograms before normalisation, Eq. 1-6: images as for :func:`hog` to (B, bins, rows, cols).
+    """Cell histograms before normalisation, Eq. 1-6: images as for :func:`hog` to (B, colours · bins, rows, cols).
 
     Entries are votes, gradient magnitudes in units of the spec's ``value_range``, 0 or more.
     """
     images = _scaled(images, spec)
     with torch.autocast(images.device.type, enabled=False):  # its half precision would show in every library's parity
         gx, gy = gradient(images, spec)  # Eq. 1-2
-        return pool(votes(gx, gy, spec), spec)  # Eq. 3-6
+        cells = pool(votes(gx, gy, spec), spec)  # Eq. 3-6
+        return cells.reshape(-1, spec.colours * spec.bins, *cells.shape[2:])
 
 
-def hog(images: Tensor, spec: HOGSpec) -> Tensor:
+def hog(images: Tensor, spec: HOGSpec, *, layout: Literal["cells", "native"] = "cells") -> Tensor:
     """The HOG descriptor of a batch of images, exactly differentiable (Section 2 of the paper).
 
     Works on CPU and CUDA, under reverse and forward mode, ``vmap`` and ``torch.compile``; second derivatives exist away
@@ -47,15 +53,18 @@ def hog(images: Tensor, spec: HOGSpec) -> Tensor:
     Args:
         images: (B, C, H, W), float32 or float64 in 0…1, or uint8 in 0…255; any number of channels (three are R, G, B).
         spec: the dialect, from :mod:`nablahog.presets`.
+        layout: ``"cells"``, or ``"native"``, the shape and order that the library itself returns.
 
     Returns:
-        (B, rows, cols, channels), the dtype of the images (the default dtype for uint8).
+        (B, rows, cols, channels), or B in front of the library's own shape; the dtype of the images (the default dtype
+        for uint8).
 
     Raises:
         TypeError: ``images`` is no tensor, or of another dtype.
         ValueError: ``images`` is not four-dimensional, or smaller than one cell.
     """
-    return normalize(histograms(images, spec), spec).permute(0, 2, 3, 1).contiguous()  # Eq. 7
+    found = normalize(histograms(images, spec), spec).permute(0, 2, 3, 1).contiguous()  # Eq. 7
+    return found if layout == "cells" else to_layout(found, spec)
 
 
 class HOG(nn.Module):

@@ -5,9 +5,12 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from .spec import Border, HOGSpec
+from .spec import COLOURS, HOGSpec
 
 GRAY_WEIGHTS = (0.299, 0.587, 0.114)  # Eq. 1
+MIDDLE = 128 / 255  # what lies beyond the border "gray"
+BLACK = 1e-9  # at most: the derivatives of a root below would be beyond a float32, two at a time
+_GROUP = 8  # columns that dlib does at a time
 
 
 def gray(image: Tensor) -> Tensor:
@@ -23,33 +26,89 @@ def gray(image: Tensor) -> Tensor:
     return total
 
 
-def _difference(image: Tensor, dim: int, border: Border) -> Tensor:
+def _difference(image: Tensor, dim: int, spec: HOGSpec) -> Tensor:
     """The mask [-1, 0, 1] along ``dim`` (-1: x, -2: y), same shape as the image."""
     n = image.shape[dim]
     if n == 1:
         return image - image  # by every border rule the two neighbours of a lone pixel are equal
     central = image.narrow(dim, 2, n - 2) - image.narrow(dim, 0, n - 2)
-    if border == "replicate":
-        first = image.narrow(dim, 1, 1) - image.narrow(dim, 0, 1)
-        last = image.narrow(dim, n - 1, 1) - image.narrow(dim, n - 2, 1)
-    elif border == "zero":
-        first, last = image.narrow(dim, 1, 1), -image.narrow(dim, n - 2, 1)
+    if spec.border in ("replicate", "extrapolate"):
+        times = 1 if spec.border == "replicate" else 2
+        first = times * (image.narrow(dim, 1, 1) - image.narrow(dim, 0, 1))
+        last = times * (image.narrow(dim, n - 1, 1) - image.narrow(dim, n - 2, 1))
+    elif spec.border in ("zero", "gray"):
+        beyond = MIDDLE * spec.value_range if spec.border == "gray" else 0.0
+        first, last = image.narrow(dim, 1, 1) - beyond, beyond - image.narrow(dim, n - 2, 1)
     else:  # "reflect"; and "ignore", whose ring is left out when votes are pooled
         first = last = torch.zeros_like(image.narrow(dim, 0, 1))
     return torch.cat([first, central, last], dim)
+
+
+def _smoothed(image: Tensor, dim: int) -> Tensor:
+    """[1, 2, 1] along ``dim``, as if the image were mirrored at its outermost pixels."""
+    n = image.shape[dim]
+    if n == 1:
+        return 4 * image
+    before = torch.cat([image.narrow(dim, 1, 1), image.narrow(dim, 0, n - 1)], dim)
+    after = torch.cat([image.narrow(dim, 1, n - 1), image.narrow(dim, n - 2, 1)], dim)
+    return before + 2 * image + after
+
+
+def _root(image: Tensor) -> Tensor:
+    """√ of each value, with derivative 0 at 0.
+
+    Correctly rounded, which PyTorch's on a CPU is not: differences of roots, and bins, hang on the last digit.
+    """
+    dark = image <= BLACK
+    safe = torch.where(dark, 1, image).double()
+    root = torch.sqrt(safe)
+    if image.dtype == torch.float64:
+        root = root + _correction(safe.detach(), root.detach())
+    return torch.where(dark, 0.0, root).to(image.dtype)
+
+
+def _correction(value: Tensor, root: Tensor) -> Tensor:
+    """What brings ``root`` to the floating-point number nearest to √value, by the exact residual (Veltkamp, Dekker)."""
+    big = 134217729.0 * root
+    high = big - (big - root)
+    low = root - high
+    residual = ((value - high * high) - 2 * high * low) - low * low
+    return (root + residual / (2 * root)) - root
+
+
+def _winner(squared: Tensor, spec: HOGSpec) -> Tensor:
+    """The channel (B, 1, H, W) of largest magnitude, of equals the spec's."""
+    # max, unlike argmax on some devices, is documented to return the first of equal maxima
+    first = squared.max(dim=1, keepdim=True).indices
+    if spec.colour_ties == "first":
+        return first
+    last = squared.shape[1] - 1 - squared.flip(1).max(dim=1, keepdim=True).indices
+    width = squared.shape[3]
+    column = torch.arange(width, device=squared.device)
+    if spec.colour_ties == "opencv":
+        return torch.where(column < width // 4 * 4, first, last)
+    votes = min(spec.cells(*squared.shape[2:])[1] * spec.cell_size[1], width) - 2  # columns 1 … votes do
+    return torch.where((column >= 1) & (column <= votes // _GROUP * _GROUP), last, first)
 
 
 def gradient(image: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     """Gx, Gy of Eq. 2, each (B, H, W), of an image (B, C, H, W) in 0…``spec.value_range``.
 
     Linear in the image for ``colour="gray"``.  For ``"largest"`` it follows the winning channel: piecewise linear, with
-    a jump where the winner changes.
+    a jump where the winner changes.  For ``"separate"`` B becomes three times as large, channel after channel of each
+    image.
     """
+    if spec.gamma == "sqrt":
+        image = _root(image)
     if spec.colour == "gray":
         image = gray(image)
-    gx, gy = _difference(image, -1, spec.border), _difference(image, -2, spec.border)
+    gx, gy = _difference(image, -1, spec), _difference(image, -2, spec)
+    if spec.mask == "sobel":
+        gx, gy = _smoothed(gx, -2), _smoothed(gy, -1)
+    if spec.colour == "separate":
+        shape = (image.shape[0], COLOURS, *image.shape[2:])
+        return gx.expand(shape).flatten(0, 1), gy.expand(shape).flatten(0, 1)
     if image.shape[1] > 1:
-        # max, unlike argmax on some devices, is documented to return the first of equal maxima
-        winner = (gx * gx + gy * gy).detach().max(dim=1, keepdim=True).indices
+        winner = _winner((gx * gx + gy * gy).detach(), spec)
         gx, gy = gx.gather(1, winner), gy.gather(1, winner)
     return gx.squeeze(1), gy.squeeze(1)

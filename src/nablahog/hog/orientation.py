@@ -9,7 +9,10 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from . import angles
 from .spec import HOGSpec
+
+_SLACK = 1e-9  # radians
 
 
 def vanishing(dtype: torch.dtype) -> float:
@@ -37,6 +40,12 @@ def direction(gx: Tensor, gy: Tensor) -> Tensor:
     return torch.atan2(torch.where(zero, 0.0, gy), torch.where(zero, 1.0, gx))
 
 
+def bin_angles(spec: HOGSpec) -> npt.NDArray[np.float64]:
+    """The directions (bins,) of gradients that the bins are centred at, in radians."""
+    centres = (np.arange(spec.bins, dtype=np.float64) + spec.bin_offset) * (spec.period / spec.bins)
+    return -centres if spec.counterclockwise else centres
+
+
 def _linear_votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
     """Eq. 3-4, as three candidate bins a pixel: the nearest, the one before, the one after.
 
@@ -45,9 +54,17 @@ def _linear_votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
     centre is the mean of the two one-sided ones.
     """
     # divided first: a right angle is then exactly a quarter of a turn, and on a bin centre if the bins say so
-    position = direction(gx, gy) / spec.period * spec.bins - spec.bin_offset
-    nearest = position.detach().round()
-    r = position - nearest
+    turned = direction(gx, gy) / spec.period
+    position = (-turned if spec.counterclockwise else turned) * spec.bins - spec.bin_offset
+    if spec.angle == "opencv":
+        theirs = angles.opencv(gx.detach(), gy.detach(), spec)
+        nearest = theirs.round()
+        r = position - nearest
+        r = r - spec.bins * (r / spec.bins).detach().round()  # their angles begin elsewhere
+        r = r + (theirs - nearest - r).detach()
+    else:
+        nearest = position.detach().round()
+        r = position - nearest
     a = r.abs()
     weights = torch.stack([1 - a, (a - r) / 2, (a + r) / 2], dim=1)
     # clamp only matters for NaN, whose integer is arbitrary: the vote is NaN, the bin must exist
@@ -55,6 +72,8 @@ def _linear_votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
     after = torch.where(bin_ == spec.bins - 1, 0, bin_ + 1)
     before = torch.where(bin_ == 0, spec.bins - 1, bin_ - 1)
     bins = torch.stack([bin_, before, after], dim=1)
+    if spec.angle == "vlfeat":
+        weights = weights + (angles.vlfeat(gx.detach(), gy.detach(), bins, spec) - weights).detach()
     votes = gx.new_zeros((gx.shape[0], spec.bins, *gx.shape[1:]))
     return votes.scatter_add_(1, bins, weights * magnitude(gx, gy).unsqueeze(1))
 
@@ -64,26 +83,67 @@ def hard_directions(spec: HOGSpec) -> npt.NDArray[np.float32]:
 
     In float32, as VLFeat's: an exactly vertical gradient ties between two bins in 8-bit images.
     """
-    axes = spec.bins // 2 if spec.signed else spec.bins
-    angles = (np.arange(axes) + spec.bin_offset) * math.pi / axes
-    return np.stack([np.cos(angles), np.sin(angles)]).astype(np.float32)
+    centres = bin_angles(spec)[: spec.bins // 2 if spec.signed else spec.bins]
+    table = np.stack([np.cos(centres), np.sin(centres)])
+    return (table.round(4) if spec.directions == "four-decimals" else table).astype(np.float32)
+
+
+def _nearest_axes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
+    """The bin direction (B, 1, H, W) of largest |dot product|, the first on ties, as in VLFeat and DPM.
+
+    Opposite gradients vote into opposite bins where bins are signed.
+    """
+    cos, sin = torch.from_numpy(hard_directions(spec)).to(gx).unsqueeze(2).unsqueeze(3)
+    dots = gx.unsqueeze(1) * cos + gy.unsqueeze(1) * sin
+    bins = dots.abs().max(dim=1, keepdim=True).indices
+    return torch.where(dots.gather(1, bins) < 0, bins + spec.bins // 2, bins) if spec.signed else bins
+
+
+def _begun_bins(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
+    """The last bin (B, 1, H, W) at or before whose beginning, and none after, the gradient points.
+
+    By cross products with the beginnings of all bins, in float64, where those of multiples of 45° are exact.
+    """
+    width = spec.period / spec.bins
+    # a beginning of 0 must not be taken for one of a whole period
+    starts = [((k + spec.bin_offset - 0.5) * width + _SLACK) % spec.period - _SLACK for k in range(spec.bins)]
+    first = starts.index(min(starts))
+    x, y = gx.double(), -gy.double() if spec.counterclockwise else gy.double()
+    if not spec.signed:  # to the half-plane of angles in [0, π)
+        back = (y < 0) | ((y == 0) & (x < 0))
+        x, y = torch.where(back, -x, x), torch.where(back, -y, y)
+    begun = torch.zeros_like(x, dtype=torch.long)
+    for start in sorted(starts):
+        begun = begun + _at_or_after(x, y, start, spec.signed)
+    return ((begun - 1 + first) % spec.bins).unsqueeze(1)
+
+
+def _at_or_after(x: Tensor, y: Tensor, start: float, signed: bool) -> Tensor:
+    """Whether directions, of [0, 2π) or of its first half, are at ``start`` or after it."""
+    cos, sin = (round(f(start), 12) for f in (math.cos, math.sin))  # equal where they should be
+    ahead = y * cos - x * sin >= 0
+    if not signed:
+        return ahead
+    upper = (y > 0) | ((y == 0) & (x >= 0))  # of [0, π)
+    return ahead | ~upper if start < math.pi else ahead & ~upper
 
 
 def _hard_votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
-    """The whole magnitude to the bin direction of largest |dot product|, the first on ties, as in VLFeat and DPM."""
-    cos, sin = torch.from_numpy(hard_directions(spec)).to(gx).unsqueeze(2).unsqueeze(3)
-    dots = gx.detach().unsqueeze(1) * cos + gy.detach().unsqueeze(1) * sin
-    bins = dots.abs().max(dim=1, keepdim=True).indices
-    if spec.signed:
-        bins = torch.where(dots.gather(1, bins) < 0, bins + spec.bins // 2, bins)
+    """The whole magnitude to one bin."""
+    choose = _nearest_axes if spec.boundary == "first" else _begun_bins
+    bins = choose(gx.detach(), gy.detach(), spec)
     votes = gx.new_zeros((gx.shape[0], spec.bins, *gx.shape[1:]))
-    return votes.scatter_add_(1, bins, magnitude(gx, gy).unsqueeze(1))
+    votes = votes.scatter_add_(1, bins, magnitude(gx, gy).unsqueeze(1))
+    if spec.derivative == "own":
+        return votes
+    linear = _linear_votes(gx, gy, spec.with_linear_votes())
+    return linear - linear.detach() + votes.detach()
 
 
 def votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
     """F^o of Eq. 4: gradients (B, H, W) to weighted votes (B, bins, H, W).
 
     Linear votes are continuous in the gradient.  Hard votes jump where the winning bin changes; their derivative is
-    that of the magnitude, at a fixed bin.
+    that of the magnitude, at a fixed bin, or, if the spec says so, that of linear votes.
     """
     return _linear_votes(gx, gy, spec) if spec.vote == "linear" else _hard_votes(gx, gy, spec)

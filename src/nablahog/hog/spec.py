@@ -8,98 +8,28 @@ or invert it.
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import json
 import math
-import sys
-from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, TypeAlias, get_args
+from dataclasses import dataclass, field
+from typing import Any, Literal, TypeAlias
 
-Colour: TypeAlias = Literal["gray", "largest"]
-Border: TypeAlias = Literal["reflect", "replicate", "zero", "ignore"]
+from .checks import check_choice, check_pair, check_positive
+from .normalizers import NORMALIZERS, BlockNorm, FourBlockNorm, Normalizer
+from .poolings import POOLINGS, BilinearCells, BlockCells, Pooling
+
+Gamma: TypeAlias = Literal["none", "sqrt"]
+Colour: TypeAlias = Literal["gray", "largest", "separate"]
+ColourTies: TypeAlias = Literal["first", "opencv", "dlib"]
+Mask: TypeAlias = Literal["central", "sobel"]
+Border: TypeAlias = Literal["reflect", "replicate", "extrapolate", "zero", "gray", "ignore"]
 Vote: TypeAlias = Literal["linear", "hard"]
+Angle: TypeAlias = Literal["exact", "opencv", "vlfeat"]
+Directions: TypeAlias = Literal["float32", "four-decimals"]
+Derivative: TypeAlias = Literal["own", "linear"]
+Boundary: TypeAlias = Literal["first", "upper"]
 PartialCells: TypeAlias = Literal["floor", "round", "ceil"]
-GlobalForm: TypeAlias = Literal["printed", "robust"]
-Part: TypeAlias = Literal["directed", "undirected", "texture"]
-PARTS: tuple[Part, ...] = get_args(Part)
-
-
-def _check_choice(field: str, value: object, choices: Any) -> None:
-    allowed = get_args(choices)
-    if value not in allowed:
-        raise ValueError(f"{field} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
-
-
-def _check_positive(field: str, value: object) -> None:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= sys.float_info.max:
-        raise ValueError(f"{field} must be a finite number above 0, got {value!r}")
-
-
-@dataclass(frozen=True)
-class GlobalNorm:
-    """One normaliser for the whole descriptor, Eq. 7.
-
-    Attributes:
-        epsilon: the small positive constant ε, in units of votes on images of the spec's ``value_range``.
-        form: ``"printed"`` is v / √(‖v‖ + ε), letter by letter what Eq. 7 says; ``"robust"`` is v / √(‖v‖² + ε²),
-            Dalal and Triggs's L2-norm, which the paper's prose names.
-    """
-
-    epsilon: float = 1e-5
-    form: GlobalForm = "printed"
-    kind: ClassVar[str] = "global"
-
-    def __post_init__(self) -> None:
-        _check_positive("epsilon", self.epsilon)
-        _check_choice("form", self.form, GlobalForm)
-
-    def channels(self, bins: int) -> int:
-        """Descriptor channels made from ``bins`` orientation bins."""
-        return bins
-
-
-@dataclass(frozen=True)
-class FourBlockNorm:
-    """The UoCTTI normaliser: each cell by the four 2x2-cell blocks it lies in (VLFeat ``vl/hog.c``).
-
-    The energy of a block is the sum of squares of its cells' contrast-insensitive histograms; cells beyond the grid
-    repeat the edge.  The channels are the ½-weighted sums over the four blocks of the clipped directed (2n) and
-    undirected (n) histograms, and four texture channels, Σ of the clipped undirected histogram / √18, for the
-    blocks up-left, up-right, down-left, down-right.
-
-    Attributes:
-        epsilon: added to a block's energy under the root; absolute, in squared votes at the spec's ``value_range``.
-        clip: upper bound of a normalised entry.
-        parts: which of these channels the descriptor has: all, or some of ``"directed"``, ``"undirected"`` and
-            ``"texture"``, in this order, but not texture alone.
-    """
-
-    epsilon: float = 1e-4
-    clip: float = 0.2
-    parts: tuple[Part, ...] = PARTS
-    kind: ClassVar[str] = "four-block"
-
-    def __post_init__(self) -> None:
-        _check_positive("epsilon", self.epsilon)
-        _check_positive("clip", self.clip)
-        allowed = [parts for n in (1, 2, 3) for parts in itertools.combinations(PARTS, n) if parts != ("texture",)]
-        if self.parts not in allowed:
-            raise ValueError(
-                f"parts must be a tuple of {', '.join(map(repr, PARTS))}, in this order, not of the last alone, "
-                f"got {self.parts!r}"
-            )
-
-    def channels_of(self, part: Part, bins: int) -> int:
-        """Channels of one part, 0 if it is left out: of ``bins`` = 2n directed orientation bins 2n, n and 4."""
-        return {"directed": bins, "undirected": bins // 2, "texture": 4}[part] if part in self.parts else 0
-
-    def channels(self, bins: int) -> int:
-        """Descriptor channels made from ``bins`` = 2n directed orientation bins: 3n + 4 with all parts."""
-        return sum(self.channels_of(part, bins) for part in PARTS)
-
-
-Normalizer: TypeAlias = GlobalNorm | FourBlockNorm
-_NORMALIZERS: dict[str, type[GlobalNorm] | type[FourBlockNorm]] = {n.kind: n for n in (GlobalNorm, FourBlockNorm)}
+Layout: TypeAlias = Literal["cells", "planes", "colour-planes", "blocks", "block-vector", "opencv-vector"]
+COLOURS = 3  # that a spec with separate colours has
 
 
 @dataclass(frozen=True)
@@ -111,20 +41,39 @@ class HOGSpec:
         value_range: the largest value of the images that the constants ε were made for (1 or 255).  The operator
             multiplies an image in 0…1 by it.
         colour: ``"gray"``, one gray image before differentiation (Eq. 1); ``"largest"``, at each pixel the channel of
-            largest gradient magnitude, the first on ties.
+            largest gradient magnitude; ``"separate"``, a descriptor of each of three channels, which a gray image has
+            three times.
         border: derivative across the image border (Eq. 2).  ``"reflect"``: 0, as with a mirrored image;
-            ``"replicate"``: the one-sided difference; ``"zero"``: black beyond the border; ``"ignore"``: pixels of the
-            outermost ring cast no votes.
+            ``"replicate"``: the one-sided difference; ``"extrapolate"``: twice that, as if the image went on straight;
+            ``"zero"``: black beyond the border; ``"gray"``: 128/255 beyond it; ``"ignore"``: pixels of the outermost
+            ring cast no votes.
         bins: number of orientation bins over 180° (unsigned) or 360° (signed).
         signed: whether opposite gradients vote into different bins.
         bin_offset: bin k is centred at (k + bin_offset) · period / bins; angles start at +x and grow from +x to +y,
             that is clockwise on screen.
         vote: ``"linear"``, shared between the two nearest bins (Eq. 3-4); ``"hard"``, all to the bin direction of
-            largest dot product, the first on ties.
+            largest dot product.
         cell_size: (height, width) of a cell in pixels.
         partial_cells: how many cells n pixels make with cells of c: ``"floor"`` ⌊n/c⌋, ``"round"`` ⌊(n + ⌊c/2⌋)/c⌋,
-            ``"ceil"`` ⌈n/c⌉.  Pixels beyond the last cell's centre still vote into it, with their bilinear weight.
-        normalizer: a :class:`GlobalNorm` or a :class:`FourBlockNorm`.
+            ``"ceil"`` ⌈n/c⌉.
+        normalizer: what becomes of the histograms, see :mod:`.normalizers`.
+        pooling: how pixels vote into cells, see :mod:`.poolings`.
+        gamma: ``"sqrt"``, the root of all values first; its derivative at black counts as 0.
+        colour_ties: which of several channels of largest magnitude counts.  ``"first"``; ``"opencv"``: the first, but
+            the last in the width % 4 last columns; ``"dlib"``: the last, but the first in the last columns, those left
+            by groups of eight from the second column on.
+        mask: ``"central"``, [-1, 0, 1]; ``"sobel"``, the same, averaged over three rows or columns with 1, 2, 1.
+        counterclockwise: whether bins follow each other in the other sense than angles: bin k is then centred at
+            -(k + bin_offset) · period / bins.
+        angle: of linear votes.  ``"exact"``; ``"opencv"``: its arctangent, a polynomial that errs by up to 3e-4 rad;
+            ``"vlfeat"``: its arccosine of a float32, which errs by as much near a bin's centre.  The derivative is that
+            of the exact angle.
+        directions: of hard votes, the table of sines and cosines: ``"float32"``, or rounded to ``"four-decimals"``.
+        derivative: of hard votes.  ``"own"``, through the magnitude alone, for the bin does not move; ``"linear"``,
+            straight through: that of the linear votes.
+        boundary: the bin of a gradient exactly between two, of hard votes.  ``"first"`` in the order of bins, as for
+            largest dot products; ``"upper"``, the one that begins there.
+        layout: how the library lays its descriptor out, see :mod:`.layout`.
 
     Raises:
         ValueError: a field is out of its range, or two fields contradict each other.
@@ -141,30 +90,63 @@ class HOGSpec:
     cell_size: tuple[int, int]
     partial_cells: PartialCells
     normalizer: Normalizer
+    pooling: Pooling = field(default_factory=BilinearCells)
+    gamma: Gamma = "none"
+    colour_ties: ColourTies = "first"
+    mask: Mask = "central"
+    counterclockwise: bool = False
+    angle: Angle = "exact"
+    directions: Directions = "float32"
+    derivative: Derivative = "own"
+    boundary: Boundary = "first"
+    layout: Layout = "cells"
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
             raise ValueError(f"name must be text, got {self.name!r}")
-        _check_positive("value_range", self.value_range)
-        _check_choice("colour", self.colour, Colour)
-        _check_choice("border", self.border, Border)
-        _check_choice("vote", self.vote, Vote)
-        _check_choice("partial_cells", self.partial_cells, PartialCells)
-        if not isinstance(self.bins, int) or self.bins < 3:
+        check_positive("value_range", self.value_range)
+        for name, choices in _CHOICES.items():
+            check_choice(name, getattr(self, name), choices)
+        if type(self.bins) is not int or self.bins < 3:
             raise ValueError(f"bins must be an integer of at least 3, got {self.bins!r}")
-        if not isinstance(self.signed, bool):
-            raise ValueError(f"signed must be True or False, got {self.signed!r}")
-        if not isinstance(self.bin_offset, int | float) or not 0 <= self.bin_offset < 1:
-            raise ValueError(f"bin_offset must lie in [0, 1), in bins, got {self.bin_offset!r}")
-        size = self.cell_size
-        if not (isinstance(size, tuple) and len(size) == 2 and all(type(c) is int and c >= 1 for c in size)):
-            raise ValueError(f"cell_size must be a pair (height, width) of integers of at least 1, got {size!r}")
-        needs_opposites = isinstance(self.normalizer, FourBlockNorm) or (self.signed and self.vote == "hard")
-        if needs_opposites and (not self.signed or self.bins % 2):
+        for name in ("signed", "counterclockwise"):
+            if not isinstance(getattr(self, name), bool):
+                raise ValueError(f"{name} must be True or False, got {getattr(self, name)!r}")
+        if not isinstance(self.bin_offset, int | float) or not 0 <= self.bin_offset < self.bins:
+            raise ValueError(f"bin_offset must lie in [0, bins), in bins, got {self.bin_offset!r}")
+        check_pair("cell_size", self.cell_size)
+        self._check_together()
+
+    def _check_together(self) -> None:
+        four = isinstance(self.normalizer, FourBlockNorm)
+        if isinstance(self.normalizer, FourBlockNorm) and self.normalizer.needs_directed and not self.signed:
             raise ValueError(
-                f"a four-block normaliser, or hard signed votes, pair each bin with its opposite: "
-                f"signed must be True and bins even, got signed={self.signed}, bins={self.bins}"
+                f"a four-block normaliser with the parts {', '.join(map(repr, self.normalizer.parts))} sums directed "
+                f"histograms: signed must be True, got {self.signed}"
             )
+        if self.signed and self.bins % 2 and (four or self.vote == "hard" or self.angle == "vlfeat"):
+            raise ValueError(
+                f"a four-block normaliser, and hard signed votes, pair each bin with its opposite: bins must be even, "
+                f"got {self.bins}"
+            )
+        if self.angle == "opencv" and self.counterclockwise:
+            raise ValueError("angle 'opencv' goes with bins that follow each other clockwise")
+        if self.angle == "vlfeat" and (self.bin_offset or self.counterclockwise):
+            raise ValueError("angle 'vlfeat' goes with bins of which the first is centred at 0, clockwise")
+        if isinstance(self.pooling, BlockCells):
+            if any(b % c for b, c in zip(self.pooling.block, self.cell_size, strict=True)):
+                raise ValueError(f"blocks of {self.pooling.block} pixels are no whole cells of {self.cell_size}")
+            cells = self._cells_of_block()
+            if not (isinstance(self.normalizer, BlockNorm) and self.normalizer.block == self.normalizer.step == cells):
+                raise ValueError(f"votes within blocks go with a BlockNorm of block and step {cells}")
+        if self.layout == "colour-planes" and self.colour != "separate":
+            raise ValueError("the layout 'colour-planes' goes with separate colours")
+        if self.layout in ("blocks", "block-vector", "opencv-vector") and not isinstance(self.normalizer, BlockNorm):
+            raise ValueError(f"the layout {self.layout!r} goes with a BlockNorm")
+
+    def _cells_of_block(self) -> tuple[int, int]:
+        assert isinstance(self.pooling, BlockCells)
+        return self.pooling.block[0] // self.cell_size[0], self.pooling.block[1] // self.cell_size[1]
 
     @property
     def period(self) -> float:
@@ -172,60 +154,134 @@ class HOGSpec:
         return 2 * math.pi if self.signed else math.pi
 
     @property
-    def channels(self) -> int:
-        """Length of the descriptor of one cell."""
-        return self.normalizer.channels(self.bins)
+    def colours(self) -> int:
+        """How many channels of an image are described separately."""
+        return COLOURS if self.colour == "separate" else 1
 
-    def grid(self, height: int, width: int) -> tuple[int, int]:
-        """Rows and columns of cells of an image of ``height`` x ``width`` pixels.
+    @property
+    def channels(self) -> int:
+        """Length of the descriptor of one cell, or block."""
+        four = isinstance(self.normalizer, FourBlockNorm)
+        return self.colours * self.normalizer.channels(2 * self.bins if four and not self.signed else self.bins)
+
+    def cells(self, height: int, width: int) -> tuple[int, int]:
+        """Rows and columns of cell histograms of an image of ``height`` x ``width`` pixels.
 
         Raises:
             ValueError: the image holds no cell.
         """
-        rows, cols = (self._cells(n, c) for n, c in zip((height, width), self.cell_size, strict=True))
+        if isinstance(self.pooling, BlockCells):
+            blocks = [
+                (n - b) // s + 1 for n, b, s in zip((height, width), self.pooling.block, self.pooling.step, strict=True)
+            ]
+            rows, cols = (n * c for n, c in zip(blocks, self._cells_of_block(), strict=True))
+            what, size = "block", self.pooling.block
+        else:
+            rows, cols = (self._along(n, c) for n, c in zip((height, width), self.cell_size, strict=True))
+            what, size = "cell", self.cell_size
         if rows < 1 or cols < 1:
             raise ValueError(
-                f"the image must hold at least one cell of {self.cell_size[0]}x{self.cell_size[1]} pixels "
+                f"the image must hold at least one {what} of {size[0]}x{size[1]} pixels "
                 f"(height x width), got an image of {height}x{width}"
             )
         return rows, cols
 
-    def _cells(self, pixels: int, cell: int) -> int:
+    def grid(self, height: int, width: int) -> tuple[int, int]:
+        """Rows and columns of the descriptor of an image of ``height`` x ``width`` pixels: of cells, or of blocks.
+
+        Raises:
+            ValueError: the image is too small to have any.
+        """
+        cells = self.cells(height, width)
+        rows, cols = self.normalizer.grid(*cells)
+        if rows < 1 or cols < 1:
+            raise ValueError(
+                f"an image of {height}x{width} pixels (height x width) has {cells[0]}x{cells[1]} cells, too few for a "
+                f"{self.name} descriptor: {self._needs()}"
+            )
+        return rows, cols
+
+    def image_size(self, rows: int, cols: int) -> tuple[int, int]:
+        """(height, width) of the image of whole cells whose descriptor has so many rows and columns."""
+        scheme, pooling, counts = self.normalizer, self.pooling, (rows, cols)
+        if isinstance(pooling, BlockCells):
+            sides = [(n - 1) * step + block for n, step, block in zip(counts, pooling.step, pooling.block, strict=True)]
+        elif isinstance(scheme, BlockNorm):
+            cells = [(n - 1) * step + block for n, step, block in zip(counts, scheme.step, scheme.block, strict=True)]
+            sides = [n * cell for n, cell in zip(cells, self.cell_size, strict=True)]
+        else:
+            dropped = 2 if isinstance(scheme, FourBlockNorm) and scheme.outside == "drop" else 0
+            sides = [(n + dropped) * cell for n, cell in zip(counts, self.cell_size, strict=True)]
+        return sides[0], sides[1]
+
+    def _needs(self) -> str:
+        if isinstance(self.normalizer, BlockNorm):
+            return f"a block has {self.normalizer.block[0]}x{self.normalizer.block[1]}"
+        return "it leaves the outermost out, and needs at least 3x3"
+
+    def _along(self, pixels: int, cell: int) -> int:
         if self.partial_cells == "floor":
             return pixels // cell
         return (pixels + cell // 2) // cell if self.partial_cells == "round" else -(-pixels // cell)
 
     def check_same(self, other: HOGSpec, learned: str) -> None:
         """Raises ValueError if ``other`` is another dialect than this one, of which ``learned`` was learned."""
-        for field in dataclasses.fields(self):
-            ours, theirs = getattr(self, field.name), getattr(other, field.name)
-            if field.name != "name" and ours != theirs:  # a name decides nothing
+        for each in dataclasses.fields(self):
+            ours, theirs = getattr(self, each.name), getattr(other, each.name)
+            if each.name not in ("name", "layout", "derivative") and ours != theirs:  # these decide nothing
                 raise ValueError(
-                    f"{learned} was learned for another spec: its {field.name} is {ours!r}, "
+                    f"{learned} was learned for another spec: its {each.name} is {ours!r}, "
                     f"the {other.name} descriptor's {theirs!r}"
                 )
+
+    def with_linear_votes(self) -> HOGSpec:
+        """The continuous counterpart: the same dialect with linear votes by the exact angle."""
+        return dataclasses.replace(
+            self, vote="linear", angle="exact", directions="float32", derivative="own", boundary="first"
+        )
 
     def to_json(self) -> str:
         """This spec as one line of JSON, read back by :meth:`from_json`."""
         fields = dataclasses.asdict(self)
-        fields["normalizer"]["kind"] = self.normalizer.kind
+        for part in ("normalizer", "pooling"):
+            fields[part]["kind"] = getattr(self, part).kind
         return json.dumps(fields)
 
     @classmethod
     def from_json(cls, text: str) -> HOGSpec:
-        """The spec that :meth:`to_json` wrote.
+        """The spec that :meth:`to_json` wrote, now or before there were more than the first eleven fields.
 
         Raises:
             ValueError: the text is not JSON, or names unknown, missing or invalid fields.
         """
         try:
             fields = json.loads(text)
-            normalizer = dict(fields.pop("normalizer"))
-            kind = normalizer.pop("kind")
-            if "parts" in normalizer:  # which the first version did not know
-                normalizer["parts"] = tuple(normalizer["parts"])
-            fields["normalizer"] = _NORMALIZERS[kind](**normalizer)
+            fields["normalizer"] = _part(fields["normalizer"], NORMALIZERS)
+            if "pooling" in fields:
+                fields["pooling"] = _part(fields["pooling"], POOLINGS)
             fields["cell_size"] = tuple(fields["cell_size"])
             return cls(**fields)
         except (KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
             raise ValueError(f"not the JSON of a HOGSpec: {error!s}") from None
+
+
+_CHOICES: dict[str, Any] = {
+    "colour": Colour,
+    "border": Border,
+    "vote": Vote,
+    "partial_cells": PartialCells,
+    "gamma": Gamma,
+    "colour_ties": ColourTies,
+    "mask": Mask,
+    "angle": Angle,
+    "directions": Directions,
+    "derivative": Derivative,
+    "boundary": Boundary,
+    "layout": Layout,
+}
+
+
+def _part(stored: dict[str, Any], kinds: dict[str, Any]) -> Any:
+    """A normaliser or pooling from its JSON, whose lists were tuples."""
+    fields: dict[str, Any] = {n: tuple(value) if isinstance(value, list) else value for n, value in stored.items()}
+    return kinds[fields.pop("kind")](**fields)

@@ -12,8 +12,11 @@ import numpy as np
 import torch
 from scipy import ndimage
 from torch import Tensor
+from torch.nn.functional import pad
 
-from ..hog.pooling import pooling_matrix
+from ..hog.entries import cell_entries
+from ..hog.normalizers import FourBlockNorm
+from ..hog.pooling import pooling_matrices
 from ..hog.spec import HOGSpec
 
 
@@ -21,11 +24,10 @@ class FlatRegions:
     """Replaces each region known to be constant by its mean.  Linear; the identity where nothing is known."""
 
     def __init__(self, descriptor: Tensor, spec: HOGSpec, height: int, width: int) -> None:
-        empty = (descriptor == 0).all(dim=-1)
-        rows, cols = empty.shape[1:]
-        ring = spec.border == "ignore"
-        by_row = pooling_matrix(height, spec.cell_size[0], rows, ring, descriptor) > 0
-        by_col = pooling_matrix(width, spec.cell_size[1], cols, ring, descriptor) > 0
+        empty = (cell_entries(descriptor, spec) == 0).all(dim=1)
+        if isinstance(spec.normalizer, FourBlockNorm) and spec.normalizer.outside == "drop":
+            empty = pad(empty, (1, 1, 1, 1))  # nothing is known of the outermost cells
+        by_row, by_col = (matrix > 0 for matrix in pooling_matrices(spec, height, width, descriptor))
         silent = (by_row.T.to(descriptor) @ empty.to(descriptor) @ by_col.to(descriptor)) > 0
         # a pixel without gradient has equal neighbours; that the pixel itself equals them is the smoothest choice
         cross = ndimage.generate_binary_structure(2, 1)[np.newaxis]

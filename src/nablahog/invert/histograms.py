@@ -8,12 +8,18 @@ to one factor for the whole image, on the cells alone, before a single pixel is 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
+from ..hog.entries import SideBySide, cell_entries
 from ..hog.kernels import steps
-from ..hog.spec import FourBlockNorm, GlobalNorm, HOGSpec
+from ..hog.normalizers import CellNorm, FourBlockNorm, GlobalNorm
+from ..hog.pooling import pooling_matrices
+from ..hog.poolings import BilinearCells
+from ..hog.spec import HOGSpec
 from ..optimize import lbfgs
 from .objective import squared_norm
 from .parameterize import CosineBasis
@@ -27,37 +33,70 @@ def fixes_contrast(spec: HOGSpec) -> bool:
     return isinstance(spec.normalizer, GlobalNorm) and spec.normalizer.form == "printed"
 
 
-def check_directed(spec: HOGSpec) -> None:
-    """Raises ValueError if ``spec`` sums directed histograms and keeps nothing else of them, which no step undoes."""
-    if isinstance(spec.normalizer, FourBlockNorm) and "directed" not in spec.normalizer.parts:
+def searchable(spec: HOGSpec) -> HOGSpec:
+    """The spec by which images of a descriptor are sought: nearly the same, and kinder to a search.
+
+    * Votes are linear: hard ones do not tell how to turn a gradient.
+    * Where the root of an image is described, that root is sought, which has no least value to run into.
+    * Directed histograms of which the descriptor keeps only undirected sums are not told from them.
+
+    Raises:
+        ValueError: the descriptor keeps directed texture without directed histograms, which no step undoes.
+    """
+    spec = spec.with_linear_votes()
+    if spec.gamma == "sqrt":
+        spec = replace(spec, gamma="none", value_range=math.sqrt(spec.value_range))
+    scheme = spec.normalizer
+    if not isinstance(scheme, FourBlockNorm) or not spec.signed or "directed" in scheme.parts:
+        return spec
+    if scheme.needs_directed:
         raise ValueError(
-            f"a four-block descriptor can be inverted only with its directed channels, which {spec.name} leaves out"
+            f"a four-block descriptor with this texture can be inverted only with its directed channels, which "
+            f"{spec.name} leaves out"
         )
+    half = spec.bins // 2
+    return replace(spec, signed=False, bins=half, bin_offset=spec.bin_offset % half)
 
 
-def recover_histograms(descriptor: Tensor, spec: HOGSpec, *, max_evaluations: int = 200) -> Tensor:
+def recover_histograms(
+    descriptor: Tensor, spec: HOGSpec, size: tuple[int, int] | None = None, *, max_evaluations: int = 200
+) -> Tensor:
     """Cell histograms whose normalisation is the descriptor.
 
     Args:
         descriptor: (B, rows, cols, channels).
-        spec: its dialect.
-        max_evaluations: of the block normaliser, which is inverted iteratively; each costs the cells, not the pixels.
+        spec: its dialect, as :func:`searchable` gives it.
+        size: (height, width) of the image; by default whole cells.
+        max_evaluations: of a block normaliser, which is inverted iteratively; each costs the cells, not the pixels.
 
     Returns:
-        (B, bins, rows, cols), in votes.  Their common scale is the original's if the spec fixes the contrast, else it
-        is set so that the mean vote of a pixel is that of an ordinary photograph.
+        (B, colours · bins, rows, cols) of cells, in votes.  Their common scale is the original's if the spec fixes the
+        contrast, else it is set so that the mean vote of a pixel is that of an ordinary photograph.
     """
     target = descriptor.permute(0, 3, 1, 2)
+    size = size or spec.image_size(*descriptor.shape[1:3])
     if isinstance(spec.normalizer, GlobalNorm):
         histograms = _undo_global(target, spec.normalizer)
+    elif isinstance(spec.normalizer, CellNorm):
+        histograms = target.clamp(min=0)  # nothing tells one cell's level from another's
     else:
-        histograms = _undo_blocks(target, spec, max_evaluations)
-    if fixes_contrast(spec):
-        return histograms
-    pixels = target.shape[-1] * target.shape[-2] * spec.cell_size[0] * spec.cell_size[1]
-    nominal = NOMINAL_CONTRAST * spec.value_range * pixels
+        histograms = _undo_blocks(descriptor, spec, size, max_evaluations)
+    return histograms if fixes_contrast(spec) else at_nominal_contrast(histograms, spec, size)
+
+
+def at_nominal_contrast(histograms: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
+    """Histograms (B, colours · bins, rows, cols), scaled to the mean vote of an ordinary photograph's pixel."""
+    nominal = NOMINAL_CONTRAST * spec.value_range * _votes_per_magnitude(spec, size, histograms)
     total = histograms.sum(dim=(1, 2, 3), keepdim=True)
     return histograms * torch.where(total > 0, nominal / total, 1)
+
+
+def _votes_per_magnitude(spec: HOGSpec, size: tuple[int, int], like: Tensor) -> float:
+    """The sum of all histograms of an image whose pixels all have a gradient of 1."""
+    if isinstance(spec.pooling, BilinearCells):  # as if no vote were lost at the border
+        return math.prod(spec.cells(*size)) * math.prod(spec.cell_size)
+    by_row, by_col = pooling_matrices(spec, *size, like)
+    return spec.colours * float(by_row.sum()) * float(by_col.sum())
 
 
 def _undo_global(target: Tensor, scheme: GlobalNorm) -> Tensor:
@@ -69,30 +108,37 @@ def _undo_global(target: Tensor, scheme: GlobalNorm) -> Tensor:
     return target * torch.sqrt(norm + scheme.epsilon)
 
 
-def _undo_blocks(target: Tensor, spec: HOGSpec, max_evaluations: int) -> Tensor:
-    """Least squares for the logarithms of the directed histograms: they span four decades in one photograph.
+def _undo_blocks(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max_evaluations: int) -> Tensor:
+    """Least squares for the logarithms of the histograms: they span four decades in one photograph.
 
     What neighbourhoods tell of each other's energy passes from cell to cell, so the logarithm of each cell's level
-    gets a cosine basis of its own beside the entries: in it, levels far apart settle together.
+    gets a cosine basis of its own beside the entries: in it, levels far apart settle together.  Cells that lie on each
+    other in the image are one.
     """
-    batch, _, rows, cols = target.shape
-    directed = target[:, : spec.bins].clamp(min=0)
+    target = descriptor.permute(0, 3, 1, 2)
+    batch = len(target)
+    side_by_side = SideBySide(spec, size, target)
+    known = cell_entries(descriptor, spec).clamp(min=0)
+    if isinstance(spec.normalizer, FourBlockNorm) and spec.normalizer.outside == "drop":
+        known = pad(known, (1, 1, 1, 1), mode="replicate")
+    known = side_by_side(known)
+    rows, cols = known.shape[2:]
     tiny = torch.finfo(target.dtype).tiny
-    start = torch.log(directed / directed.amax(dim=(1, 2, 3), keepdim=True).clamp(min=tiny) + FLOOR)
+    start = torch.log(known / known.amax(dim=(1, 2, 3), keepdim=True).clamp(min=tiny) + FLOOR)
     start += math.log(spec.value_range * NOMINAL_CONTRAST * spec.cell_size[0] * spec.cell_size[1])
-    size = squared_norm(target)
-    _, normalize = steps(target.device)
+    scale = squared_norm(target)
+    _, normalize = steps(target.device, spec)
     levels = CosineBasis(rows, cols, target, exponent=0.5)
 
     def histograms(unknowns: Tensor, index: Tensor) -> Tensor:
         level, entries = unknowns[:, : rows * cols], unknowns[:, rows * cols :].reshape(-1, spec.bins, rows, cols)
-        return torch.where(directed[index] > 0, torch.exp(levels.image(level) + entries), 0)
+        return side_by_side.back(torch.where(known[index] > 0, torch.exp(levels.image(level) + entries), 0))
 
     @torch.enable_grad()
     def objective(unknowns: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
         unknowns = unknowns.detach().requires_grad_()
         residual = normalize(histograms(unknowns, index), spec) - target[index]
-        value = squared_norm(residual) / size[index]
+        value = squared_norm(residual) / scale[index]
         (gradient,) = torch.autograd.grad(value.sum(), unknowns)
         return value.detach(), gradient
 

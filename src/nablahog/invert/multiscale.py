@@ -173,5 +173,5 @@ def _first_start(
     descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], small_size: tuple[int, int], seed: int
 ) -> Tensor:
     """What the votes integrate to at full size, shrunk: cells of many pixels say so, whatever the level's own are."""
-    starts = starting_images(recover_histograms(descriptor, spec), spec, *size, 1, seed)
+    starts = starting_images(recover_histograms(descriptor, spec, size), spec, *size, 1, seed)
     return avg_pool2d(starts[:, 0], size[0] // small_size[0])

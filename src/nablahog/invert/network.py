@@ -13,8 +13,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from ..hog.spec import FourBlockNorm, HOGSpec
-from .histograms import check_directed, recover_histograms
+from ..hog.normalizers import FourBlockNorm, GlobalNorm
+from ..hog.poolings import BilinearCells
+from ..hog.spec import HOGSpec
+from .histograms import recover_histograms
 from .start import integrate, mean_gradient
 
 CELLS = (2, 4, 8, 16)  # sides of cells in pixels, which doubling the resolution leads to
@@ -70,7 +72,14 @@ def _check_dialect(spec: HOGSpec) -> None:
         raise ValueError(
             f"a prior can be learned for signed gradients only: {spec.name} does not tell an image from its negative"
         )
-    check_directed(spec)
+    scheme = spec.normalizer
+    if isinstance(scheme, FourBlockNorm) and ("directed" not in scheme.parts or scheme.outside == "drop"):
+        raise ValueError(
+            f"a prior can be learned for four-block descriptors with directed channels of all cells only, unlike "
+            f"{spec.name}"
+        )
+    if not isinstance(scheme, FourBlockNorm | GlobalNorm) or not isinstance(spec.pooling, BilinearCells):
+        raise ValueError(f"a prior can be learned for descriptors of single cells only, unlike {spec.name}")
     height, width = spec.cell_size
     if height != width or height not in CELLS:
         raise ValueError(
@@ -97,7 +106,7 @@ class Inputs:
 def network_inputs(descriptor: Tensor, spec: HOGSpec, height: int, width: int) -> Inputs:
     """Inputs for descriptors (B, rows, cols, channels), float32, of images of ``height`` x ``width`` pixels."""
     cell = spec.cell_size[0]
-    votes = recover_histograms(descriptor, spec, max_evaluations=HISTOGRAM_EVALUATIONS)
+    votes = recover_histograms(descriptor, spec, (height, width), max_evaluations=HISTOGRAM_EVALUATIONS)
     integral = integrate(*mean_gradient(votes, spec, height, width))
     contrast = integral.std(dim=(2, 3), keepdim=True, correction=0).clamp(min=FLAT * spec.value_range)
     integral = _extended((integral - integral.mean(dim=(2, 3), keepdim=True)) / contrast, height, width, cell)

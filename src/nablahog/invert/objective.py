@@ -69,7 +69,7 @@ class PreimageObjective:
         self.report = report
         self.descriptor_size = squared_norm(descriptor)
         self.votes_size = None if votes is None else squared_norm(votes)
-        self.histograms, self.normalize = steps(descriptor.device)
+        self.histograms, self.normalize = steps(descriptor.device, spec)
         self.expected = expected
         if expected is not None:
             size = (expected - expected.mean(dim=(2, 3), keepdim=True)).square().sum(dim=(1, 2, 3))

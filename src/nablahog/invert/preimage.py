@@ -12,7 +12,7 @@ from torch import Tensor
 from ..hog.descriptor import hog
 from ..hog.spec import HOGSpec
 from ..optimize import Minimiser
-from .histograms import check_directed, fixes_contrast, recover_histograms
+from .histograms import fixes_contrast, recover_histograms, searchable
 from .objective import squared_norm
 from .parameterize import low_pass
 from .polarity import upright
@@ -126,13 +126,15 @@ def reconstruct(
 
     Raises:
         TypeError: the descriptor, ``start`` or ``expected`` is no floating-point tensor.
-        ValueError: their shape contradicts spec and image size, they hold NaN or Inf, the spec leaves directed channels
-            out, or an option is out of range.
+        ValueError: their shape contradicts spec and image size, they hold NaN or Inf, the spec keeps DPM's texture
+            without directed channels, or an option is out of range.
     """
     began = time.perf_counter()
     height, width = check_descriptor(descriptor, spec, image_size)
-    start = _checked("start", start, descriptor, (height, width))
-    expected = _checked("expected", expected, descriptor, (height, width))
+    dialect, spec = spec, searchable(spec)
+    rooted = dialect.gamma == "sqrt"
+    start = _checked("start", start, descriptor, (height, width), rooted)
+    expected = _checked("expected", expected, descriptor, (height, width), rooted)
     sampling = expected is None and samples > 1 and (spec.signed or start is not None)
     if max_evaluations is None:
         max_evaluations = MAX_EVALUATIONS if sampling else WITHOUT_SAMPLES
@@ -150,7 +152,7 @@ def reconstruct(
     priors += [prior] if isinstance(prior, Prior) else prior
     descriptor = descriptor.detach()
     search = Search(descriptor, spec, (height, width), priors, basis, minimiser, max_evaluations, progress)
-    votes = recover_histograms(descriptor, spec)
+    votes = recover_histograms(descriptor, spec, (height, width))
     if expected is None and start is None and not spec.signed:
         samples = 1
         if region_signs:
@@ -179,9 +181,11 @@ def reconstruct(
     image = to_unit_range(found[:, 0], spec)
     if polarity and not spec.signed:
         image = upright(image)
+    if rooted:
+        image = image.square()
     return Reconstruction(
         image,
-        relative_distance(image, descriptor, spec),
+        relative_distance(image, descriptor, dialect),
         search.stop_reason,
         search.history(),
         search.evaluations,
@@ -202,8 +206,10 @@ def check_budget(max_evaluations: int) -> None:
         raise ValueError(f"max_evaluations must be at least 2, one for each objective, got {max_evaluations}")
 
 
-def _checked(name: str, images: Tensor | None, descriptor: Tensor, size: tuple[int, int]) -> Tensor | None:
-    """``images`` in the descriptor's dtype and on its device, once they are known to be usable."""
+def _checked(
+    name: str, images: Tensor | None, descriptor: Tensor, size: tuple[int, int], rooted: bool
+) -> Tensor | None:
+    """``images``, or their roots, in the descriptor's dtype and on its device, once they are known to be usable."""
     if images is None:
         return None
     if not isinstance(images, Tensor) or not images.is_floating_point():
@@ -213,7 +219,8 @@ def _checked(name: str, images: Tensor | None, descriptor: Tensor, size: tuple[i
         raise ValueError(f"{name} must have shape {(len(descriptor), 1, *size)}, got {tuple(images.shape)}")
     if not torch.isfinite(images).all():
         raise ValueError(f"{name} must be finite, got NaN or Inf")
-    return images.detach().to(descriptor)
+    images = images.detach().to(descriptor)
+    return images.clamp(min=0).sqrt() if rooted else images
 
 
 def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int] | None) -> tuple[int, int]:
@@ -230,7 +237,7 @@ def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, i
             f"the descriptor must have shape (B, rows, cols, channels), B at least 1, got {tuple(descriptor.shape)}"
         )
     rows, cols, channels = descriptor.shape[1:]
-    height, width = image_size or (rows * spec.cell_size[0], cols * spec.cell_size[1])
+    height, width = image_size or spec.image_size(rows, cols)
     expected = (*spec.grid(height, width), spec.channels)
     if (rows, cols, channels) != expected:
         raise ValueError(
@@ -239,5 +246,4 @@ def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, i
         )
     if not torch.isfinite(descriptor).all():
         raise ValueError("the descriptor must be finite, got NaN or Inf")
-    check_directed(spec)
     return height, width

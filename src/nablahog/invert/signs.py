@@ -24,6 +24,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, interpolate, normalize, pad
 
+from ..hog.orientation import bin_angles
 from ..hog.spec import HOGSpec
 
 SMOOTHING = 0.1  # μ: the mask [-1, 0, 1] splits the grid in four; this ties them together again
@@ -85,8 +86,7 @@ def _centred(images: Tensor) -> Tensor:
 
 def dominant_gradient(votes: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     """Length and angle, each (B, rows, cols), of the votes' resultant; opposite directions count as one."""
-    bins = torch.arange(spec.bins, dtype=votes.dtype, device=votes.device)
-    doubled = 2 * (bins + spec.bin_offset) * spec.period / spec.bins
+    doubled = 2 * torch.from_numpy(bin_angles(spec)).to(votes)
     x, y = (torch.einsum("bkrc,k->brc", votes, f(doubled)) for f in (torch.cos, torch.sin))
     return torch.hypot(x, y), torch.atan2(y, x) / 2
 

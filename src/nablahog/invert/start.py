@@ -10,35 +10,46 @@ a guess of which way the cells' gradients point (:mod:`.signs`).
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import torch
 from torch import Tensor
 from torch.nn.functional import interpolate, pad
 
 from ..hog.descriptor import histograms
-from ..hog.pooling import pooling_matrix
+from ..hog.entries import SideBySide
+from ..hog.orientation import bin_angles
+from ..hog.pooling import pooling_matrices
+from ..hog.poolings import BilinearCells
 from ..hog.spec import HOGSpec
 from .parameterize import cosines
 from .signs import expected_cells
 
 NOISE = 0.01  # standard deviation, in 0…1; without any, nothing tells a thin line's two sides apart
 INVISIBLE = 1e-5  # in 0…1, far below a step of 8 bits and above the rounding of an enlargement
+TINY = 1e-30
 SPREAD = 0.1  # the same where several starts are to end in images that differ in all that the descriptor leaves open
 
 
 def starting_images(votes: Tensor, spec: HOGSpec, height: int, width: int, count: int, seed: int) -> Tensor:
-    """Images (B, count, 1, H, W) around 0.5 from histograms (B, bins, rows, cols).
+    """Images (B, count, 1, H, W) around 0.5 from histograms (B, colours · bins, rows, cols).
 
     The noise differs from start to start, and is the same for every image of the batch.
     """
     if spec.signed:
         smooth = integrate(*mean_gradient(votes, spec, height, width)).unsqueeze(1)
     else:
-        cells = expected_cells(votes, spec, seed).unsqueeze(1)
+        cells = expected_cells(of_one_colour(votes, spec, (height, width)), spec, seed).unsqueeze(1)
         # votes of a cell, each the difference of two pixels, to the difference of two cells
         per_step = math.sqrt(spec.cell_size[0] * spec.cell_size[1])
         smooth = enlarge(cells / per_step, height, width).unsqueeze(2)
     return 0.5 + smooth / spec.value_range + noise(votes, height, width, count, seed)
+
+
+def of_one_colour(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
+    """Histograms (B, colours · bins, rows, cols) to the mean over colours, of cells side by side."""
+    mean = votes.reshape(len(votes), spec.colours, spec.bins, *votes.shape[2:]).mean(dim=1)
+    return SideBySide(spec, size, votes)(mean)
 
 
 def noise(like: Tensor, height: int, width: int, count: int, seed: int) -> Tensor:
@@ -72,14 +83,12 @@ def enlarge(images: Tensor, height: int, width: int) -> Tensor:
 
 def mean_gradient(votes: Tensor, spec: HOGSpec, height: int, width: int) -> tuple[Tensor, Tensor]:
     """Smooth fields Gx, Gy, each (B, H, W) in units of Eq. 2, from a signed spec's histograms (B, bins, rows, cols)."""
-    bins = torch.arange(spec.bins, dtype=votes.dtype, device=votes.device)
-    angles = (bins + spec.bin_offset) * spec.period / spec.bins
-    by_row, by_col = (
-        pooling_matrix(pixels, cell, cells, False, votes)
-        for pixels, cell, cells in zip((height, width), spec.cell_size, votes.shape[2:], strict=True)
-    )
+    angles = torch.from_numpy(bin_angles(spec)).to(votes)
+    by_row, by_col = pooling_matrices(replace(spec, border="reflect"), height, width, votes)
     # a cell's votes over its weights' sum are its mean, which the same weights interpolate between the centres
     mean = votes / (by_row.sum(dim=1, keepdim=True) * by_col.sum(dim=1))
+    if not isinstance(spec.pooling, BilinearCells):  # whose weights of a pixel sum to 1
+        by_row, by_col = (matrix / matrix.sum(dim=0).clamp(min=TINY) for matrix in (by_row, by_col))
     gx, gy = (by_row.T @ torch.einsum("bkrc,k->brc", mean, f(angles)) @ by_col for f in (torch.cos, torch.sin))
     return gx, gy
 

@@ -92,7 +92,7 @@ def _check(name: str, image: Tensor, least: tuple[int, int]) -> None:
 
 def _pyramid(image: Tensor, spec: HOGSpec, order: int) -> Iterator[Tensor]:
     """Descriptors (C, rows, cols), float64, of an image (H, W) at all scales, without their outermost cells."""
-    histograms, normalize = steps(image.device)
+    histograms, normalize = steps(image.device, spec)
     height, width = least_size(spec, order)
     scale, small = 1.0, image
     while small.shape[0] >= height and small.shape[1] >= width:

@@ -35,7 +35,7 @@ _BATCH = 16  # renderings at a time: their arrays stay in the processor's cache
 
 def describe(images: Tensor, spec: HOGSpec) -> Tensor:
     """φ: gray images (B, 1, H, W) to (B, C, rows, cols)."""
-    histograms, normalize = steps(images.device)
+    histograms, normalize = steps(images.device, spec)
     return normalize(histograms(images, spec), spec)
 
 

@@ -200,7 +200,7 @@ def _elements(image: Tensor, box: Tensor, background: Background, viewing: Viewi
 def pyramid(image: Tensor, size: tuple[int, int]) -> list[Tensor]:
     """Descriptors (rows, cols, C) of a gray image (H, W), each 2^(1/:data:`LEVELS`) times smaller than the one before,
     as long as they have ``size`` (rows, cols) cells."""
-    histograms, normalize = steps(image.device)
+    histograms, normalize = steps(image.device, SPEC)
     found: list[Tensor] = []
     while True:
         sides = [max(1, round(side * 2 ** (-len(found) / LEVELS))) for side in image.shape]

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..archive import check_format, naming, read_arrays, text, write_arrays
-from ..hog.spec import GlobalNorm, HOGSpec
+from ..hog.normalizers import GlobalNorm
+from ..hog.spec import HOGSpec
 
 FORMAT = 1
 LARGEST = 1e6  # entry of a mean or covariance: those of descriptors are far below 1

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,30 +10,59 @@ import pytest
 import torch
 from torch import Tensor
 
+from golden import Case, cases
+from nablahog.hog import hog, presets
 from nablahog.invert.baselines import cnn_hog
 from nablahog.invert.baselines.cnn_hog import CNNHOG
 
-with np.load(Path(__file__).parents[2] / "golden" / "vlfeat_uoctti.npz", allow_pickle=False) as archive:
-    VLFEAT = {name: archive[name] for name in archive.files}
-CASES: list[dict[str, Any]] = json.loads(str(VLFEAT["cases"]))
-GRAY = [number for number, case in enumerate(CASES) if VLFEAT[f"image_{case['image']}"].ndim == 2]
+VLFEAT = [
+    case
+    for case in cases("vlfeat")
+    if case.pixels.ndim == 2 and case.parameters["variant"] == "uoctti" and case.parameters["cellSize"] == 8
+]
 
 
-@pytest.mark.parametrize("number", [number for number in GRAY if CASES[number]["cellSize"] == 8])
-def test_the_interior_equals_vlfeat(number: int) -> None:
-    case = CASES[number]
-    pixels = VLFEAT[f"image_{case['image']}"]
-    expected = VLFEAT[f"output_{number}"].transpose(1, 2, 0)[..., :27]
-    rows, cols = (side // 8 for side in pixels.shape)
-    image = torch.from_numpy(pixels[: 8 * rows, : 8 * cols])[None, None].double() / 255
-    found = CNNHOG(8, bilinear=case["bilinearOrientations"]).descriptor(image)[0]
+@pytest.mark.parametrize("case", VLFEAT, ids=str)
+def test_the_interior_equals_vlfeat(case: Case) -> None:
+    bilinear = case.parameters["bilinearOrientations"]
+    expected = case.output.transpose(1, 2, 0)[..., :27]
+    rows, cols = (side // 8 for side in case.pixels.shape)
+    image = case.image[..., : 8 * rows, : 8 * cols].double() / 255
+    found = CNNHOG(8, bilinear=bilinear).descriptor(image)[0]
     # the outermost cells see the false border, and the next share blocks with them
     inside = slice(2, rows - 2), slice(2, cols - 2)
-    assert np.abs(found[inside].numpy() - expected[inside]).max() < (1e-4 if case["bilinearOrientations"] else 1e-5)
+    assert np.abs(found[inside].numpy() - expected[inside]).max() < (1e-4 if bilinear else 1e-5)
 
 
 def textured(*shape: int, seed: int = 0) -> Tensor:
     return torch.rand(shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+
+
+def of_preset(image: Tensor, net: CNNHOG) -> Tensor:
+    """The dialect without the network, channels last, and as the network lays it out."""
+    spec = presets.cnn_hog(net.cell_size, orientations=net.orientations, bilinear=net.bilinear)
+    found = hog(image, spec)
+    assert torch.equal(hog(image, spec, layout="native"), found.permute(0, 3, 1, 2))
+    return found
+
+
+@pytest.mark.parametrize("orientations", [4, 6, 9])
+@pytest.mark.parametrize("cell_size", [2, 4, 8])
+@pytest.mark.parametrize("bilinear", [False, True])
+def test_the_preset_is_the_networks_dialect(cell_size: int, orientations: int, bilinear: bool) -> None:
+    """False edges and missing blocks included.  The network measures angles by an arccosine of 1 - 1e-7 at most."""
+    net = CNNHOG(cell_size, orientations, bilinear=bilinear)
+    image = textured(2, 1, 6 * cell_size, 5 * cell_size, seed=orientations)
+    assert net.channels == presets.cnn_hog(orientations=orientations).channels
+    tolerance = 1e-4 if bilinear else 1e-6
+    torch.testing.assert_close(of_preset(image, net), net.descriptor(image), rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize("bilinear", [False, True])
+def test_the_preset_describes_photographs_as_the_network_does(photographs: Tensor, bilinear: bool) -> None:
+    net = CNNHOG(8, bilinear=bilinear)
+    image = photographs.double()
+    torch.testing.assert_close(of_preset(image, net), net.descriptor(image), rtol=0, atol=1e-4 if bilinear else 1e-6)
 
 
 def test_bilinear_votes_have_their_own_derivative() -> None:

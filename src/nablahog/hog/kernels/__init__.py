@@ -20,6 +20,10 @@ from . import blocks, cells
 Step: TypeAlias = Callable[[Tensor, HOGSpec], Tensor]
 
 
-def steps(device: torch.device) -> tuple[Step, Step]:
-    """The fastest ``histograms`` of gray images (B, 1, H, W) and ``normalize`` on that device."""
-    return (cells.histograms, blocks.normalize) if device.type == "cpu" else (histograms, normalize)
+def steps(device: torch.device, spec: HOGSpec) -> tuple[Step, Step]:
+    """The fastest ``histograms`` of gray images (B, 1, H, W) and ``normalize`` of the dialect on that device."""
+    on_cpu = device.type == "cpu"
+    return (
+        cells.histograms if on_cpu and cells.supports(spec) else histograms,
+        blocks.normalize if on_cpu and blocks.supports(spec) else normalize,
+    )

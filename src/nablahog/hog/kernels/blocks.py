@@ -11,8 +11,11 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from ...compile import compiled
-from ..normalize import TEXTURE_SCALE, global_norm
-from ..spec import PARTS, FourBlockNorm, GlobalNorm, HOGSpec
+from ..normalize import VLFEAT_TEXTURE, global_norm
+from ..normalizers import FourBlockNorm, GlobalNorm, Part
+from ..spec import HOGSpec
+
+_PARTS: tuple[Part, ...] = ("directed", "undirected", "texture")
 
 
 @compiled
@@ -47,7 +50,7 @@ def _normalize(
 ) -> None:
     """Histograms (B, 2n, cells) to ``found`` (B, channels, cells), which is 0 before.
 
-    The parts ``wanted``, three flags in the order of ``PARTS``, have their channels from ``first`` on.
+    The parts ``wanted``, three flags in the order of :data:`_PARTS`, have their channels from ``first`` on.
     """
     batch, bins, cells = histograms.shape
     n = bins // 2
@@ -166,9 +169,9 @@ class _FourBlocks(torch.autograd.Function):
         ctx.entries = histograms.detach().contiguous().numpy().reshape(batch, bins, -1)
         dtype = ctx.entries.dtype.type
         ctx.factors = _factors(ctx.entries, dtype(scheme.epsilon), ctx.rows, ctx.cols)
-        channels = [scheme.channels_of(part, bins) for part in PARTS]
+        channels = [scheme.channels_of(part, bins) for part in _PARTS]
         first, wanted = np.cumsum([0, *channels[:-1]]), np.array(channels) > 0
-        ctx.constants = dtype(scheme.clip), dtype(TEXTURE_SCALE), dtype(0.5), ctx.factors, first, wanted
+        ctx.constants = dtype(scheme.clip), dtype(VLFEAT_TEXTURE), dtype(0.5), ctx.factors, first, wanted
         found = np.zeros((batch, sum(channels), ctx.rows * ctx.cols), dtype)
         _normalize(ctx.entries, *ctx.constants, found)
         return torch.from_numpy(found).view(batch, -1, ctx.rows, ctx.cols)
@@ -188,8 +191,20 @@ def four_block_norm(histograms: Tensor, scheme: FourBlockNorm) -> Tensor:
     return found
 
 
+def supports(spec: HOGSpec) -> bool:
+    """Whether these loops do what the plain steps do for the dialect."""
+    scheme = spec.normalizer
+    if spec.colours > 1:
+        return False
+    if not isinstance(scheme, FourBlockNorm):
+        return isinstance(scheme, GlobalNorm)
+    plain = spec.signed and scheme.texture == "vlfeat" and scheme.outside == "repeat" and not scheme.floor
+    return plain and set(scheme.parts) <= set(_PARTS)
+
+
 def normalize(histograms: Tensor, spec: HOGSpec) -> Tensor:
     """:func:`nablahog.hog.normalize.normalize` on a CPU, differentiable once, in reverse mode."""
+    assert isinstance(spec.normalizer, FourBlockNorm | GlobalNorm)
     if isinstance(spec.normalizer, GlobalNorm):
         return global_norm(histograms, spec.normalizer)  # a few passes over cells, no loop of its own would be faster
     return four_block_norm(histograms, spec.normalizer)

@@ -17,9 +17,11 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from ...compile import compiled
-from ..pooling import pooling_matrix
+from ..orientation import bin_angles
+from ..pooling import pooling_matrices
+from ..poolings import BlockCells
 from ..spec import HOGSpec
-from .votes import Voter
+from .votes import BORDERS, Voter
 
 
 @compiled
@@ -131,24 +133,19 @@ def _pool_adjoint(
                 vs[x] = along * v + across * u
 
 
-@lru_cache(maxsize=64)
-def _two_cells(pixels: int, cell: int, cells: int, ignore_ring: bool, dtype: torch.dtype) -> tuple[Any, Any]:
-    """Of :func:`..pooling.pooling_matrix`: the first cell of each pixel (pixels,), and its and the next's weight."""
-    matrix = pooling_matrix(pixels, cell, cells, ignore_ring, torch.empty(0, dtype=dtype)).numpy()
+def _two_cells(matrix: Any) -> tuple[Any, Any]:
+    """Of a matrix (cells, pixels): the first cell of each pixel (pixels,), and its and the next's weight."""
     first = (matrix > 0).argmax(axis=0)
     padded = np.concatenate([matrix, np.zeros_like(matrix[:1])])
-    pixel = np.arange(pixels)
+    pixel = np.arange(matrix.shape[1])
     return first, np.stack([padded[first, pixel], padded[first + 1, pixel]])
 
 
+@lru_cache(maxsize=64)
 def _pooling(spec: HOGSpec, height: int, width: int, dtype: torch.dtype) -> tuple[Any, ...]:
     """The first row of each row of pixels with both weights, and the same of columns."""
-    rows, cols = spec.grid(height, width)
-    ring = spec.border == "ignore"
-    return (
-        *_two_cells(height, spec.cell_size[0], rows, ring, dtype),
-        *_two_cells(width, spec.cell_size[1], cols, ring, dtype),
-    )
+    by_row, by_col = pooling_matrices(spec, height, width, torch.empty(0, dtype=dtype))
+    return *_two_cells(by_row.numpy()), *_two_cells(by_col.numpy())
 
 
 class _Cells(torch.autograd.Function):
@@ -161,7 +158,7 @@ class _Cells(torch.autograd.Function):
         batch, _, height, width = images.shape
         pooling = _pooling(spec, height, width, images.dtype)
         pixels = images.detach().contiguous().numpy()[:, 0]
-        found = np.empty((batch, *spec.grid(height, width), spec.bins), pixels.dtype)
+        found = np.empty((batch, *spec.cells(height, width), spec.bins), pixels.dtype)
         for few, _, votes in Voter(spec, pixels):
             _pool(*votes, *pooling, found[few])
         return torch.from_numpy(found).permute(0, 3, 1, 2)
@@ -183,12 +180,29 @@ class _Cells(torch.autograd.Function):
         return torch.from_numpy(found).unsqueeze(1), None
 
 
+def supports(spec: HOGSpec) -> bool:
+    """Whether these loops do what the plain steps do for the dialect."""
+    return (
+        spec.border in BORDERS
+        and spec.colour != "separate"
+        and not isinstance(spec.pooling, BlockCells)
+        and (spec.gamma, spec.mask, spec.angle, spec.counterclockwise) == ("none", "central", "exact", False)
+        and (spec.vote == "linear" or ((spec.boundary, spec.derivative) == ("first", "own") and not _ties(spec)))
+    )
+
+
+def _ties(spec: HOGSpec) -> bool:
+    """Whether diagonal gradients are exactly between two bins, of which fused products and sums prefer one."""
+    boundaries = np.degrees(bin_angles(spec)) + np.degrees(spec.period) / spec.bins / 2
+    return bool((np.abs(boundaries % 90 - 45) < 1e-9).any())
+
+
 def histograms(images: Tensor, spec: HOGSpec) -> Tensor:
     """:func:`nablahog.hog.descriptor.histograms` of gray images on a CPU.
 
     Args:
         images: (B, 1, H, W), float32 or float64, in 0…1.
-        spec: any dialect; with one channel, ``colour`` makes no difference.
+        spec: a dialect that :func:`supports`; with one channel, ``colour`` makes no difference.
 
     Returns:
         (B, bins, rows, cols), differentiable once, in reverse mode.

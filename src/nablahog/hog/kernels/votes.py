@@ -13,7 +13,7 @@ from ...compile import compiled
 from ..orientation import hard_directions, vanishing
 from ..spec import HOGSpec
 
-_BORDERS = {"reflect": 0, "ignore": 0, "replicate": 1, "zero": 2}
+BORDERS = {"reflect": 0, "ignore": 0, "replicate": 1, "zero": 2}
 _PIXELS_AT_ONCE = 2**15  # of the images between whose steps five planes wait in a processor's cache
 
 # atan(t) / π for t in 0…1, within 8e-8: an odd polynomial, so that right angles stay exactly on their bin centres
@@ -182,7 +182,7 @@ class Voter:
 
     def __init__(self, spec: HOGSpec, images: Any) -> None:
         self.spec, self.images, self.dtype = spec, images, images.dtype.type
-        self.scale, self.border = self.dtype(spec.value_range), _BORDERS[spec.border]
+        self.scale, self.border = self.dtype(spec.value_range), BORDERS[spec.border]
         self.at_once = max(1, _PIXELS_AT_ONCE // max(1, images[:1].size))
         shape = (min(self.at_once, len(images)), *images.shape[1:])
         types = [images.dtype] * 4 + [np.dtype(np.int32)]

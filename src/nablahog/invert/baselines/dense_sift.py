@@ -13,7 +13,8 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from ...hog.kernels import steps
-from ...hog.spec import GlobalNorm, HOGSpec
+from ...hog.normalizers import GlobalNorm
+from ...hog.spec import HOGSpec
 
 CELLS = 4  # of a window's side
 ORIENTATIONS = 8
@@ -57,7 +58,7 @@ def dense_sift(images: Tensor, cell: int) -> Tensor:
         partial_cells="floor",
         normalizer=GlobalNorm(),
     )
-    histograms, _ = steps(images.device)
+    histograms, _ = steps(images.device, spec)
     windows = histograms(images, spec).unfold(2, CELLS, 1).unfold(3, CELLS, 1).permute(0, 2, 3, 4, 5, 1)
     away = (torch.arange(CELLS).to(images) - (CELLS - 1) / 2) / SIGMA
     weights = torch.exp(-away.square() / 2)

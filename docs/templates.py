@@ -1,0 +1,39 @@
+"""Makes docs/templates.png, what OpenCV's two people detectors look for: `python docs/templates.py`.
+
+Their weights are in OpenCV before version 5 (`pip install "opencv-python-headless<5"`), under the Apache licence.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+
+from nablahog import presets, reconstruct
+from nablahog.draw import Panel, contact_sheet, glyphs
+from nablahog.hog.layout import from_layout
+from nablahog.invert.template import seen
+
+DETECTORS = {
+    "default": ((64, 128), cv2.HOGDescriptor_getDefaultPeopleDetector),
+    "Daimler": ((48, 96), cv2.HOGDescriptor_getDaimlerPeopleDetector),
+}
+
+
+def main() -> None:
+    row = []
+    for name, (window, weights_of) in DETECTORS.items():
+        spec, size = presets.opencv(window), window[::-1]
+        vector = torch.from_numpy(np.asarray(weights_of(), np.float32).ravel()[:-1])  # the last is the bias
+        weights = from_layout(vector[None], spec, size)
+        for sign, negative in (("positive", False), ("negative", True)):
+            found = reconstruct(seen(weights, spec, size, negative=negative), spec, size)
+            drawn = glyphs((weights[0] * (-1 if negative else 1)).clamp(min=0), spec)
+            row += [Panel(drawn, f"{name}, {sign}"), Panel(found.image[0, 0], "what they see")]
+    contact_sheet([row], height=256).convert("L").save(Path(__file__).with_name("templates.png"), optimize=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,141 @@
+"""``skimage.feature.hog`` of scikit-image 0.26, for arrays as there and for tensors with a derivative."""
+
+from __future__ import annotations
+
+import operator
+from typing import Any, TypeVar
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ..hog import HOGSpec, presets
+from ..hog.gradient import gradient
+from ..hog.layout import to_layout
+from ..hog.normalize import normalize
+from ..hog.normalizers import BlockForm
+from ..hog.orientation import magnitude
+from .glyphs import glyphs
+
+Image = TypeVar("Image", NDArray[Any], Tensor)
+
+
+def hog(
+    image: Image,
+    orientations: int = 9,
+    pixels_per_cell: tuple[int, int] = (8, 8),
+    cells_per_block: tuple[int, int] = (3, 3),
+    block_norm: BlockForm = "L2-Hys",
+    visualize: bool = False,
+    transform_sqrt: bool = False,
+    feature_vector: bool = True,
+    *,
+    channel_axis: int | None = None,
+) -> Image | tuple[Image, Image]:
+    """What ``skimage.feature.hog`` returns for the same arguments.
+
+    Values are taken as they are, whatever their range; ε is absolute.  A gradient on the boundary of two bins, or of
+    the same magnitude in two channels, is decided by scikit-image's own arithmetic, also where rounding decides.  That
+    includes its flaw that a gradient less than 1.4e-14° below 0° votes nowhere.  What is not the same: scikit-image
+    adds up the votes of a cell in float32, here they are added in float64, which moves entries by about 1e-7; and fewer
+    than three orientations are refused.
+
+    Args:
+        image: (M, N), or with channels on ``channel_axis``; an array, or a tensor on any device.
+        orientations: bins over 180°, at least 3.
+        pixels_per_cell: (height, width).
+        cells_per_block: (rows, cols).
+        block_norm: ``"L1"``, ``"L1-sqrt"``, ``"L2"`` or ``"L2-Hys"``.
+        visualize: whether to return a picture, too: in each cell a line for each bin, along the edges that vote for
+            it, as bright as the bin's mean vote.
+        transform_sqrt: whether the root of the image is described.  A negative value is NaN in an array, with NumPy's
+            warning, and in the blocks around it; its root is 0 in a tensor.
+        feature_vector: whether the descriptor is one row.
+        channel_axis: None for gray images; otherwise of several channels the one of largest gradient counts.
+
+    Returns:
+        The descriptor, (rows of blocks, columns of blocks, rows of cells, columns of cells, bins) or all in one row;
+        and the picture (M, N), if asked for.  Arrays if ``image`` is one, else tensors on its device, both
+        differentiable; float32 for images of float32 or less, otherwise float64.
+
+    Raises:
+        ValueError: the image has not two dimensions beside its channels, holds no block, or is complex; or an argument
+            is out of its range.
+    """
+    is_tensor = isinstance(image, Tensor)
+    spec = presets.skimage(
+        operator.index(orientations),
+        _pair(pixels_per_cell),
+        _pair(cells_per_block),
+        block_norm,
+        transform_sqrt=transform_sqrt and is_tensor,  # the root of an array is NumPy's
+        feature_vector=feature_vector,
+        value_range=1.0,
+    )
+    values = _tensor(image) if isinstance(image, Tensor) else torch.from_numpy(_array(image, transform_sqrt))
+    planes = _planes(values, channel_axis)
+    size = planes.shape[1], planes.shape[2]
+    spec.grid(*size)
+    cells = _cells(planes, spec)
+    descriptor = to_layout(normalize(cells.unsqueeze(0), spec).permute(0, 2, 3, 1), spec)[0]
+    found = [descriptor.to(values.dtype).contiguous()]
+    if visualize:
+        found.append(glyphs(cells, spec.cell_size, size, values.dtype))
+    results: list[Any] = found if is_tensor else [each.numpy() for each in found]
+    return (results[0], results[1]) if visualize else results[0]
+
+
+def _pair(sizes: tuple[int, int]) -> tuple[int, int]:
+    """Also lists, and integers of NumPy."""
+    first, second = sizes
+    return operator.index(first), operator.index(second)
+
+
+def _array(image: NDArray[Any], transform_sqrt: bool) -> NDArray[Any]:
+    """A copy of the image, of at least two dimensions, in float32 or float64."""
+    image = np.atleast_2d(image)
+    if image.dtype.kind == "c":
+        raise ValueError(f"the image must be real, got {image.dtype}")
+    values = image.astype(np.float32 if image.dtype.char in "ef" else np.float64, order="C")
+    return np.sqrt(values) if transform_sqrt else values
+
+
+def _tensor(image: Tensor) -> Tensor:
+    """The same of a tensor, which may not be copied."""
+    image = torch.atleast_2d(image)  # type: ignore[no-untyped-call]
+    if image.is_complex():
+        raise ValueError(f"the image must be real, got {image.dtype}")
+    return image.to(torch.float32 if image.is_floating_point() and image.dtype != torch.float64 else torch.float64)
+
+
+def _planes(values: Tensor, channel_axis: int | None) -> Tensor:
+    """The image's channels (C, M, N)."""
+    if values.dim() != (2 if channel_axis is None else 3):
+        raise ValueError(
+            f"the image must have two dimensions, and a third for channels if channel_axis says which, got the shape "
+            f"{tuple(values.shape)} and channel_axis {channel_axis}"
+        )
+    return values.unsqueeze(0) if channel_axis is None else values.movedim(channel_axis, 0)
+
+
+def _cells(planes: Tensor, spec: HOGSpec) -> Tensor:
+    """Mean votes (bins, rows, cols) of the cells, float64.  A NaN stays in its cell."""
+    gx, gy = gradient(planes.unsqueeze(1), spec)
+    along_x, along_y = (g.detach().cpu().numpy() for g in (gx, gy))
+    if len(planes) > 1:
+        winner = np.hypot(along_x, along_y).argmax(axis=0, keepdims=True)
+        along_x, along_y = (np.take_along_axis(g, winner, axis=0) for g in (along_x, along_y))
+        gx, gy = (g.gather(0, torch.from_numpy(winner).to(g.device)) for g in (gx, gy))
+    outside = torch.from_numpy(_outside(along_x, along_y, spec.bins)).to(gx.device)
+    votes = torch.where(outside, 0.0, magnitude(gx.double(), gy.double()))
+    (rows, cols), (high, wide) = spec.cells(*planes.shape[1:]), spec.cell_size
+    whole = votes[:, : rows * high, : cols * wide]
+    return whole.reshape(spec.bins, rows, high, cols, wide).mean(dim=(2, 4))
+
+
+def _outside(gx: NDArray[Any], gy: NDArray[Any], bins: int) -> NDArray[np.bool_]:
+    """Whether gradients (1, M, N) are of no interest to each bin: (bins, M, N)."""
+    angle = np.rad2deg(np.arctan2(gy.astype(np.float64), gx.astype(np.float64))) % 180
+    begins = (180.0 / bins * np.arange(bins + 1)).reshape(-1, 1, 1)
+    return (angle < begins[:-1]) | (angle >= begins[1:])

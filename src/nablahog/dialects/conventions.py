@@ -1,0 +1,146 @@
+"""In what two specs differ: groups of conventions that can be exchanged one after the other."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from ..hog import FourBlockNorm, HOGSpec
+
+# Of each group the fields, with what a reader calls each.  "normalizer.x" is the field x of two four-block normalisers.
+_GROUPS: tuple[dict[str, str], ...] = (
+    {"gamma": "gamma", "value_range": "value range"},
+    {"colour": "colour rule"},
+    {"colour_ties": "colour ties"},
+    {"mask": "mask", "border": "border"},
+    {"bins": "bins", "signed": "bins", "bin_offset": "bins", "counterclockwise": "bins"},
+    {"vote": "votes", "angle": "arctangent", "directions": "direction table", "boundary": "bin ties"},
+    {"partial_cells": "partial cells", "pooling": "pooling"},
+)
+_NORMALIZER: tuple[dict[str, str], ...] = ({"normalizer": "normaliser"},)
+_FOUR_BLOCKS: tuple[dict[str, str], ...] = (
+    {"normalizer.epsilon": "ε", "normalizer.floor": "ε"},
+    {"normalizer.clip": "clip"},
+    {"normalizer.texture": "texture"},
+    {"normalizer.outside": "outermost blocks"},
+    {"normalizer.parts": "channels"},
+)
+
+
+@dataclass(frozen=True)
+class Convention:
+    """Fields of a spec that are exchanged together.
+
+    Attributes:
+        name: what a reader calls it.
+        fields: names of fields of the spec, or "normalizer.x".
+    """
+
+    name: str
+    fields: tuple[str, ...]
+
+    def said(self, spec: HOGSpec) -> str:
+        """What the spec says of it, short."""
+        return ", ".join(f"{field.split('.')[-1]}={_said(_get(spec, field))}" for field in self.fields)
+
+
+def _get(spec: HOGSpec, field: str) -> Any:
+    value: Any = spec
+    for name in field.split("."):
+        value = getattr(value, name)
+    return value
+
+
+def _said(value: Any) -> str:
+    if not dataclasses.is_dataclass(value) or isinstance(value, type):
+        return f"{value:g}" if isinstance(value, float) else str(value)
+    fields = ", ".join(f"{each.name}={_said(getattr(value, each.name))}" for each in dataclasses.fields(value))
+    return f"{value.kind}({fields})"  # type: ignore[attr-defined]
+
+
+def essential(spec: HOGSpec, channels: int) -> HOGSpec:
+    """The spec with defaults in all fields that decide nothing for 8-bit images of so many channels.
+
+    Two specs of the same descriptors are then equal, up to normalisers.
+    """
+    hard, one = spec.vote == "hard", channels == 1
+    changes: dict[str, Any] = {"name": "", "layout": "cells", "derivative": "own"}
+    changes |= {"angle": "exact"} if hard else {"directions": "float32", "boundary": "first"}
+    if one:
+        changes |= {"colour": "gray"}
+    if one or spec.colour != "largest":
+        changes |= {"colour_ties": "first"}
+    return dataclasses.replace(spec, **changes)
+
+
+def differing(a: HOGSpec, b: HOGSpec) -> list[Convention]:
+    """The groups of conventions in which two specs differ, in the order in which a HOG applies them.
+
+    Fields that decide nothing (the name, the layout, the derivative) and the cell size are passed over.  A group is
+    called by those of its fields that differ.
+    """
+    four = isinstance(a.normalizer, FourBlockNorm) and isinstance(b.normalizer, FourBlockNorm)
+    found = []
+    for group in _GROUPS + (_FOUR_BLOCKS if four else _NORMALIZER):
+        names = [name for field, name in group.items() if _get(a, field) != _get(b, field)]
+        names = next(([name] for name in ("votes", "bin ties") if name in names), names)  # the others are their details
+        if names:
+            fields = tuple(field for field in group if _get(a, field) != _get(b, field))
+            found.append(Convention(" and ".join(dict.fromkeys(names)), fields))
+    return found
+
+
+def exchanged(a: HOGSpec, b: HOGSpec, conventions: Iterable[Convention]) -> HOGSpec:
+    """``a`` with some conventions of ``b``.
+
+    Raises:
+        ValueError: there is no such HOG.
+    """
+    changes: dict[str, Any] = {}
+    of_normalizer: dict[str, Any] = {}
+    for field in itertools.chain.from_iterable(each.fields for each in conventions):
+        *part, name = field.split(".")
+        (of_normalizer if part else changes)[name] = _get(b, field)
+    if of_normalizer:
+        changes["normalizer"] = dataclasses.replace(a.normalizer, **of_normalizer)
+    return dataclasses.replace(a, **changes)
+
+
+def exchangeable(
+    a: HOGSpec, b: HOGSpec, accept: Callable[[HOGSpec], bool] = lambda spec: True
+) -> tuple[list[Convention], list[HOGSpec]]:
+    """The conventions in which two specs differ, and all mixtures of both.
+
+    Conventions that cannot be exchanged one without the other are one, "this + that": as long as some mixture is
+    refused, those two are joined that leave the fewest such mixtures.
+
+    Args:
+        a, b: two specs as of :func:`essential`, with cells of one size.
+        accept: whether a mixture is of use; both specs themselves are.
+
+    Returns:
+        The conventions; and ``a`` with every subset of those of ``b``.  Number s of these has the conventions whose
+        bits are set in s, of which the first has the highest.
+    """
+
+    def mixture(taken: Iterable[bool]) -> HOGSpec | None:
+        try:
+            found = exchanged(a, b, itertools.compress(conventions, taken))
+        except ValueError:
+            return None
+        return found if accept(found) else None
+
+    conventions = differing(a, b)
+    subsets = itertools.product((False, True), repeat=len(conventions))
+    found = [(taken, mixture(taken)) for taken in subsets]
+    while None in (spec for _, spec in found):
+        refused = [taken for taken, spec in found if spec is None]
+        pairs = itertools.combinations(range(len(conventions)), 2)
+        i, j = min(pairs, key=lambda pair: sum(taken[pair[0]] == taken[pair[1]] for taken in refused))
+        one, other = conventions[i], conventions.pop(j)
+        conventions[i] = Convention(f"{one.name} + {other.name}", one.fields + other.fields)
+        found = [(taken[:j] + taken[j + 1 :], spec) for taken, spec in found if taken[i] == taken[j]]
+    return conventions, [spec for _, spec in found if spec]

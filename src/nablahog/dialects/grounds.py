@@ -1,0 +1,180 @@
+"""What descriptors of different shapes are compared by: the part that both have, in one form."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Protocol
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..hog import BlockCells, BlockNorm, FourBlockNorm, HOGSpec
+from ..hog.entries import SideBySide, cell_entries
+from ..hog.normalizers import Part
+from ..hog.orientation import bin_angles
+
+DIRECTIONS = 18  # over 180°: the centres of 9 bins, whether the first is at 0° or at half a bin, are among them
+_SLACK = 1e-9  # radians
+
+Region = tuple[int, int, int, int]
+"""Rows and columns of cells: the first row and column, and those after the last."""
+
+
+@dataclass(frozen=True)
+class Entries:
+    """A descriptor in a common form.
+
+    Attributes:
+        values: (rows, cols, entries of a cell).
+        top, left: row and column of its first cell in the image.
+    """
+
+    values: Tensor
+    top: int
+    left: int
+
+    @property
+    def region(self) -> Region:
+        """The cells that it has."""
+        return self.top, self.left, self.top + self.values.shape[0], self.left + self.values.shape[1]
+
+    def within(self, region: Region) -> Tensor:
+        """The values of these cells, (entries,); the region lies within :attr:`region`."""
+        top, left, bottom, right = region
+        return self.values[top - self.top : bottom - self.top, left - self.left : right - self.left].flatten()
+
+
+class Ground(Protocol):
+    """A part that two descriptors have in common; hashable."""
+
+    def reduced(self, spec: HOGSpec) -> HOGSpec:
+        """The spec of the descriptor's part that counts here."""
+
+    def entries(self, descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int]) -> Entries:
+        """A descriptor (1, rows, cols, channels) of a reduced spec in the common form."""
+
+
+@dataclass(frozen=True)
+class Orientations:
+    """What every HOG says: how strong the gradients of each cell are by orientation, unsigned.
+
+    Opposite bins are added, of a four-block descriptor the undirected channels count if it has them, of blocks the
+    mean over all that a cell lies in.  Between the centres of bins entries are interpolated linearly, and read every
+    10°, so that 9 bins keep their own entries wherever the first is centred.
+    """
+
+    def reduced(self, spec: HOGSpec) -> HOGSpec:
+        scheme = spec.normalizer
+        if not isinstance(scheme, FourBlockNorm):
+            return spec
+        for part in ("undirected", "directed", "blocks"):
+            if part in scheme.parts:
+                parts: tuple[Part, ...] = (part,)
+                break
+        return replace(spec, normalizer=replace(scheme, parts=parts, texture="vlfeat"))
+
+    def entries(self, descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int]) -> Entries:
+        of_cells = cell_entries(descriptor, spec)
+        if isinstance(spec.pooling, BlockCells):  # cells that lie on each other are one
+            of_cells = SideBySide(spec, image_size, of_cells)(of_cells)
+        values = torch.einsum("db,brc->rcd", readings(spec).to(of_cells), of_cells[0])
+        return Entries(values, *_first(spec))
+
+
+@dataclass(frozen=True)
+class Channels:
+    """Channels of two four-block descriptors that have the same meaning in both, as they are.
+
+    Attributes:
+        parts: which.
+    """
+
+    parts: tuple[Part, ...]
+
+    def reduced(self, spec: HOGSpec) -> HOGSpec:
+        assert isinstance(spec.normalizer, FourBlockNorm)
+        scheme = replace(spec.normalizer, parts=self.parts)
+        return replace(spec, normalizer=scheme if "texture" in self.parts else replace(scheme, texture="vlfeat"))
+
+    def entries(self, descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int]) -> Entries:
+        return Entries(descriptor[0], *_first(spec))
+
+
+def same_channels(a: HOGSpec, b: HOGSpec) -> Channels | None:
+    """The channels that mean the same in two descriptors: histograms of the same orientations, and texture."""
+    if not isinstance(a.normalizer, FourBlockNorm) or not isinstance(b.normalizer, FourBlockNorm):
+        return None
+    if a.colours != b.colours:
+        return None
+    parts: list[Part] = []
+    if a.signed and b.signed and _same_angles(a, b, 2 * math.pi):
+        parts.append("directed")
+    if _same_angles(a, b, math.pi):
+        parts += ["undirected", "texture", "blocks"]
+    common = tuple(part for part in parts if part in a.normalizer.parts and part in b.normalizer.parts)
+    return Channels(common) if {*common} - {"texture"} else None
+
+
+def _same_angles(a: HOGSpec, b: HOGSpec, period: float) -> bool:
+    """Whether the undirected bins, or with a period of 360° all, are centred at the same angles."""
+    some = [bin_angles(s)[: s.bins // 2 if s.signed and period == math.pi else s.bins] for s in (a, b)]
+    if len(some[0]) != len(some[1]):
+        return False
+    apart = np.mod(some[0] - some[1] + _SLACK, period)
+    return bool((apart < 2 * _SLACK).all())
+
+
+def readings(spec: HOGSpec) -> Tensor:
+    """Weights (directions, bins) that interpolate entries of bins linearly at k·10°, and there add opposite ones."""
+    return _readings(tuple(bin_angles(spec).tolist()), spec.signed)
+
+
+@lru_cache(maxsize=64)
+def _readings(centres: tuple[float, ...], signed: bool) -> Tensor:
+    period = 2 * math.pi if signed else math.pi
+    directions = torch.arange(DIRECTIONS, dtype=torch.float64) * (math.pi / DIRECTIONS)
+    found = torch.zeros(DIRECTIONS, len(centres), dtype=torch.float64)
+    for turn in (0.0, math.pi) if signed else (0.0,):
+        apart = (directions + turn).unsqueeze(1) - torch.tensor(centres, dtype=torch.float64)
+        apart = apart - period * (apart / period).round()
+        found += (1 - apart.abs() * (len(centres) / period)).clamp(min=0)
+    return found
+
+
+def _first(spec: HOGSpec) -> tuple[int, int]:
+    """Row and column of the first cell."""
+    dropped = int(isinstance(spec.normalizer, FourBlockNorm) and spec.normalizer.outside == "drop")
+    return dropped, dropped
+
+
+def region(spec: HOGSpec, image_size: tuple[int, int]) -> Region:
+    """The cells that the descriptor of an image of (height, width) has.
+
+    Raises:
+        ValueError: the image is too small to have any.
+    """
+    (rows, cols), scheme = spec.grid(*image_size), spec.normalizer
+    if isinstance(spec.pooling, BlockCells):
+        of_axes = zip((rows, cols), spec.pooling.step, spec.pooling.block, spec.cell_size, strict=True)
+        rows, cols = (round((n - 1) * step / cell) + block // cell for n, step, block, cell in of_axes)
+    elif isinstance(scheme, BlockNorm):
+        rows, cols = ((n - 1) * s + b for n, s, b in zip((rows, cols), scheme.step, scheme.block, strict=True))
+    top, left = _first(spec)
+    return top, left, top + rows, left + cols
+
+
+def common_region(regions: list[Region]) -> Region | None:
+    """The cells that all have, or None."""
+    tops, lefts, bottoms, rights = zip(*regions, strict=True)
+    top, left, bottom, right = max(tops), max(lefts), min(bottoms), min(rights)
+    return (top, left, bottom, right) if top < bottom and left < right else None
+
+
+def unit(values: Tensor) -> Tensor:
+    """Scaled to length 1, in float64; 0 stays 0."""
+    values = values.double()
+    length = float(values.norm())
+    return values / length if length else values

@@ -1,0 +1,78 @@
+"""A comparison of dialects as a page to look at."""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from .. import report
+from ..draw import Panel, glyphs
+from ..hog import hog
+from . import tables
+from .compare import Comparison
+
+
+def lead(comparison: Comparison, photograph: str, size: tuple[int, int], shrunk: bool) -> str:
+    """What was compared, in a sentence or two."""
+    (height, width), cell = size, next(iter(comparison.specs.values())).cell_size
+    how = "shrunk to" if shrunk else "of"
+    return (
+        f"How far apart the HOGs of {len(comparison.specs)} presets are on {photograph}, {how} {height}x{width} pixels "
+        f"(height x width) and rounded to 8 bits, all with cells of {cell[0]}x{cell[1]} pixels, and which of their "
+        "conventions that is."
+    )
+
+
+def page(comparison: Comparison, image: Tensor, introduction: str, heat_map: NDArray[np.float64]) -> str:
+    """The page.
+
+    Args:
+        comparison: what it shows.
+        image: the photograph compared, (C, H, W), uint8.
+        introduction: what was compared.
+        heat_map: the picture of the distances.
+    """
+    sections = [
+        report.Section(
+            "Distances", "The darker the further apart; neighbours are alike.", [Panel(heat_map, "all distances")]
+        ),
+        report.Section("Why", "Every pair, the closest first.", table=tables.pairs(comparison)),
+        _channels(comparison),
+        report.Section(
+            "Ties",
+            "8-bit values make gradients that lie exactly between two bins, or are equal in two channels. Libraries "
+            "have different rules for these.",
+            table=tables.tie_rows(comparison.ties),
+        ),
+        report.Section(
+            "What each says of the photograph",
+            "The descriptors as glyphs: in each cell, strokes along its edges.",
+            [Panel(image / 255, "the photograph"), *_glyphs(comparison, image)],
+        ),
+        report.Section("The presets", "Their conventions.", table=tables.conventions(comparison.specs)),
+    ]
+    return report.page(
+        "Dialects of HOG",
+        " ".join([introduction, *tables.same(comparison)]),
+        [],
+        [section for section in sections if section is not None],
+        tables.DEFINITIONS,
+        f"Made by nablahog {version('nablahog')} with PyTorch {torch.__version__}. All figures, with their full "
+        "precision, are in dialects.csv and ties.csv beside this page.",
+    )
+
+
+def _channels(comparison: Comparison) -> report.Section | None:
+    rows = tables.channels(comparison)
+    if not rows:
+        return None
+    text = "Pairs of which some channels mean the same in both: their entries compared as they are."
+    return report.Section("Channels with the same meaning", text, table=rows)
+
+
+def _glyphs(comparison: Comparison, image: Tensor) -> list[Panel]:
+    return [Panel(glyphs(hog(image.unsqueeze(0), spec)[0], spec), name) for name, spec in comparison.specs.items()]

@@ -1,0 +1,246 @@
+"""A comparison as tables: on the terminal, on a page, as CSV and JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from ..hog import HOGSpec
+from ..hog.normalizers import Normalizer
+from ..hog.orientation import bin_angles
+from ..hog.poolings import Pooling
+from .compare import Comparison, Pair, alike
+from .distances import SAME, Distance
+from .grounds import DIRECTIONS
+from .ties import Ties
+
+LEAST = 0.005  # of a squared distance; smaller shares are in the CSV file only
+
+_OF_PAIRS = ("a", "b", "compared", "rows", "cols", "distance", "largest", "rms")
+CSV_HEADS = (*_OF_PAIRS, "convention", "a_says", "b_says", "share", "percent")
+
+DEFINITIONS = {
+    "distance": "‖a − b‖ of what two descriptors say of the strength of gradients by cell and orientation, each scaled "
+    "to length 1: 0 if they are equal, √2 = 1.414 if they have nothing in common. It is measured on common ground: "
+    "opposite bins are added; of four-block descriptors the contrast-insensitive channels count; of blocks the mean "
+    "over all that a cell lies in, without OpenCV's Gaussian; of separate colours their mean. Entries are interpolated "
+    f"linearly between the centres of bins and read at {DIRECTIONS} directions, {180 // DIRECTIONS}° apart, among "
+    "which are the centres of 9 bins, wherever the first begins. Only cells count that both descriptors, and all "
+    "mixtures of both, have. Texture and the sign of contrast do not count.",
+    "shares": "What each convention contributes to the squared distance: conventions of the one are exchanged for "
+    "those of the other, one after the other, and the share is the mean, over all orders and both ways, of how much "
+    "closer each brings them (Shapley value). Below 0: it brings them further apart. “This + that”: neither can be "
+    "exchanged alone. Shares below half a percent are not shown.",
+    "same": f"No further apart than {SAME:g}, which is rounding.",
+    "largest, RMS": "Largest and root mean square difference of the entries as the libraries return them, of the "
+    "channels that mean the same in both and the cells that both have; the texture channels in the order that each has "
+    "them in. Here, distance and shares are of these entries, too.",
+    "between two bins": "Of the pixels with a gradient (of separate colours, three a pixel), the share whose gradient "
+    "points exactly between two bins, and is counted in one of them by a rule, for hard votes. Directions are degrees "
+    "from +x to +y, downwards; 90° is a gradient straight down, that of a horizontal edge.",
+    "between two channels": "The share whose largest gradient two channels have, in different directions, so that a "
+    "rule says which one counts.",
+}
+"""What each figure means, printed under the tables."""
+
+
+def matrix(comparison: Comparison) -> list[dict[str, object]]:
+    """All distances, by numbers of the dialects in the columns."""
+    names, given = comparison.by_likeness(), list(comparison.specs)
+    found = comparison.matrix()
+    return [
+        {
+            "distance": f"{i} {name}",
+            **{
+                str(j): None if name == other else float(found[given.index(name), given.index(other)])
+                for j, other in enumerate(names, start=1)
+            },
+        }
+        for i, name in enumerate(names, start=1)
+    ]
+
+
+def pairs(comparison: Comparison) -> list[dict[str, object]]:
+    """Every pair with its shares, the closest first."""
+    found = sorted(comparison.pairs, key=lambda pair: pair.orientations.distance)
+    return [{"pair": named(pair), **_row(pair.orientations)} for pair in found]
+
+
+def channels(comparison: Comparison) -> list[dict[str, object]]:
+    """The pairs with channels of the same meaning, the closest first."""
+    found = [(pair, pair.channels) for pair in comparison.pairs if pair.channels]
+    return [
+        {
+            "pair": named(pair),
+            "channels": ", ".join(pair.parts),
+            "largest": short(distance.largest),
+            "RMS": short(distance.rms),
+            **_row(distance),
+        }
+        for pair, distance in sorted(found, key=lambda each: each[1].rms)
+    ]
+
+
+def named(pair: Pair) -> str:
+    """The names of both."""
+    return f"{pair.a} – {pair.b}"
+
+
+def _row(distance: Distance) -> dict[str, object]:
+    return {"distance": distance.distance, "shares of the squared distance": shares(distance)}
+
+
+def shares(distance: Distance) -> str:
+    """The shares of a squared distance in percent, the largest first."""
+    if distance.same:
+        return "the same"
+    whole = distance.distance**2
+    counting = [each for each in distance.shares if abs(each.share) >= LEAST * whole]
+    return ", ".join(f"{each.convention.name} {_percent(each.share / whole)}" for each in counting)
+
+
+def short(value: float) -> str:
+    """Two digits."""
+    return f"{value:#.2g}" if value else "0"
+
+
+def _percent(share: float, decimals: int = 0) -> str:
+    return f"{100 * share:.{decimals}f}%".replace("-", "−")
+
+
+def tie_rows(ties: Mapping[str, Ties]) -> list[dict[str, object]]:
+    """The ties of each dialect."""
+    return [
+        {
+            "preset": name,
+            "gradients": each.gradients,
+            "between two bins": None if each.between_bins is None else _percent(each.between_bins, 1),
+            "at": ", ".join(f"{angle:g}°" for angle in each.directions) if each.directions else None,
+            "between two channels": None if each.between_colours is None else _percent(each.between_colours, 1),
+        }
+        for name, each in ties.items()
+    ]
+
+
+def same(comparison: Comparison) -> list[str]:
+    """A sentence for each group of dialects whose common parts are the same."""
+    names = list(comparison.specs)
+    on_ground = [(pair.a, pair.b) for pair in comparison.pairs if pair.orientations.same]
+    said = [f"The same on common ground: {', '.join(group)}." for group in alike(names, on_ground)]
+    of_parts: dict[str, list[tuple[str, str]]] = {}
+    for pair in comparison.pairs:
+        if pair.channels and pair.channels.same:
+            of_parts.setdefault(", ".join(pair.parts), []).append((pair.a, pair.b))
+    for parts, equal in of_parts.items():
+        said += [f"The same {parts} channels: {', '.join(group)}." for group in alike(names, equal)]
+    return said
+
+
+def conventions(specs: Mapping[str, HOGSpec]) -> list[dict[str, object]]:
+    """What each spec says, one row for each."""
+    return [
+        {
+            "preset": name,
+            "image": f"0…{spec.value_range:g}" + (", root" if spec.gamma == "sqrt" else ""),
+            "colour": spec.colour + (f", ties {spec.colour_ties}" if spec.colour == "largest" else ""),
+            "gradient": f"{spec.mask}, border {spec.border}",
+            "bins": f"{spec.bins} over {360 if spec.signed else 180}°, first at {_first_bin(spec):g}°",
+            "votes": _votes(spec),
+            "cells": f"{_plain(spec.partial_cells)}, {_part(spec.pooling)}",
+            "normaliser": _part(spec.normalizer),
+            "channels": spec.channels,
+            "layout": spec.layout,
+        }
+        for name, spec in specs.items()
+    ]
+
+
+def _first_bin(spec: HOGSpec) -> float:
+    return math.degrees(float(bin_angles(spec)[0])) % math.degrees(spec.period)
+
+
+def _votes(spec: HOGSpec) -> str:
+    if spec.vote == "linear":
+        return "linear" if spec.angle == "exact" else f"linear, angle {spec.angle}"
+    return f"hard, ties {spec.boundary}" + (f", {spec.directions}" if spec.boundary == "first" else "")
+
+
+def _part(part: Pooling | Normalizer) -> str:
+    fields = (f"{each.name.replace('_', ' ')} {_plain(getattr(part, each.name))}" for each in dataclasses.fields(part))
+    return ", ".join([part.kind, *fields])
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, tuple):
+        return ("x" if isinstance(value[0], int) else "+").join(map(str, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def csv_rows(comparison: Comparison) -> Iterator[Sequence[object]]:
+    """A row for each convention of each pair; what is compared is the common ground, or the channels of one meaning."""
+    yield CSV_HEADS
+    for pair in comparison.pairs:
+        for compared, distance in (("common ground", pair.orientations), (" ".join(pair.parts), pair.channels)):
+            if distance is not None:
+                yield from _csv_rows(pair, compared, distance)
+
+
+def _csv_rows(pair: Pair, compared: str, distance: Distance) -> Iterator[Sequence[object]]:
+    top, left, bottom, right = distance.region
+    plain = (distance.largest, distance.rms) if distance is pair.channels else (None, None)
+    start = (pair.a, pair.b, compared, bottom - top, right - left, distance.distance, *plain)
+    for each in distance.shares:
+        percent = 100 * each.share / distance.distance**2
+        yield (*start, each.convention.name, *each.says, each.share, percent)
+    if not distance.shares:
+        yield (*start, None, None, None, None, None)
+
+
+def csv_ties(ties: Mapping[str, Ties]) -> Iterator[Sequence[object]]:
+    """The ties of each dialect, shares of its gradients."""
+    yield "preset", "gradients", "between_bins", "between_colours", "directions"
+    for name, each in ties.items():
+        directions = " ".join(f"{angle:g}" for angle in each.directions)
+        yield name, each.gradients, each.between_bins, each.between_colours, directions
+
+
+def figures(comparison: Comparison) -> dict[str, Any]:
+    """All of it, ready for JSON."""
+    return {
+        "presets": {name: json.loads(spec.to_json()) for name, spec in comparison.specs.items()},
+        "pairs": [
+            {
+                "a": pair.a,
+                "b": pair.b,
+                "common_ground": _figures(pair.orientations),
+                "channels": None
+                if pair.channels is None
+                else {
+                    "parts": list(pair.parts),
+                    "largest": pair.channels.largest,
+                    "rms": pair.channels.rms,
+                    **_figures(pair.channels),
+                },
+            }
+            for pair in comparison.pairs
+        ],
+        "ties": {name: vars(each) for name, each in comparison.ties.items()},
+        "definitions": DEFINITIONS,
+    }
+
+
+def _figures(distance: Distance) -> dict[str, Any]:
+    return {
+        "distance": distance.distance,
+        "same": distance.same,
+        "cells": list(distance.region),
+        "shares": [
+            {"convention": each.convention.name, "a": each.says[0], "b": each.says[1], "share": each.share}
+            for each in distance.shares
+        ],
+    }

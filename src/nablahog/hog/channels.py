@@ -1,0 +1,175 @@
+"""The channels of a descriptor: of the mirrored image, in another library's order, or some of them."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from .normalize import VLFEAT_TEXTURE
+from .normalizers import PARTS, BlockNorm, FourBlockNorm, Part, Texture
+from .spec import HOGSpec
+
+# what left and right blocks become, in either order of the four texture channels
+_MIRRORED: dict[Texture, tuple[int, ...]] = {"vlfeat": (1, 0, 3, 2), "dpm": (2, 3, 0, 1)}
+# what says where gradients are counted and what an entry is; other fields matter at borders, at ties, or through ε
+_SAME = ("colour", "bin_offset", "counterclockwise", "cell_size", "vote", "gamma", "mask")
+
+
+def mirrored_channels(spec: HOGSpec) -> tuple[int, ...] | None:
+    """Which channel of an image each channel of the image flipped from left to right is.
+
+    VLFeat's ``vl_hog_get_permutation`` for any dialect.  With ``order`` what this returns,
+
+        ``hog(images.flip(3), spec)`` is ``hog(images, spec).flip(2)[..., order]``
+
+    up to rounding where a dialect treats left and right alike.  That is if cells, blocks at their step, and tiles of a
+    window cover the width exactly, and nothing ties that goes the same way in either image: channels of an image, or
+    two bins of a hard vote, as with scikit-image and MaskFeat in the first and last row, which have no derivative
+    across the border.  OpenCV's blocks are never quite alike: the middle of their Gaussian is half a pixel to the
+    right of their own.
+
+    Args:
+        spec: the dialect.
+
+    Returns:
+        As many different indices as there are channels; its own inverse.  None if bins are not mirrored onto bins: an
+        orientation θ becomes π - θ.
+    """
+    target = spec.bins / (2 if spec.signed else 1) - 2 * spec.bin_offset
+    if target != int(target):
+        return None
+    scheme, bins = spec.normalizer, _mirrored_bins(int(target), spec.bins)
+    one = bins
+    if isinstance(scheme, FourBlockNorm):
+        one = _mirrored_four_blocks(scheme, bins, _mirrored_bins(int(target), _axes(spec)))
+    elif isinstance(scheme, BlockNorm):
+        one = _grouped([row * scheme.block[1] + col for row in range(scheme.block[0]) for col in _back(scheme)], bins)
+    return tuple(_grouped(list(range(spec.colours)), one))
+
+
+def _mirrored_bins(target: int, bins: int) -> list[int]:
+    return [(target - k) % bins for k in range(bins)]
+
+
+def _back(scheme: BlockNorm) -> range:
+    return range(scheme.block[1] - 1, -1, -1)
+
+
+def _grouped(groups: list[int], inner: list[int]) -> list[int]:
+    """The same order ``inner`` in groups of channels one after another."""
+    return [group * len(inner) + k for group in groups for k in inner]
+
+
+def _mirrored_four_blocks(scheme: FourBlockNorm, directed: list[int], undirected: list[int]) -> list[int]:
+    of_parts: dict[Part, list[int]] = {
+        "directed": directed,
+        "undirected": undirected,
+        "texture": list(_MIRRORED[scheme.texture]),
+        "blocks": _grouped([1, 0, 3, 2], undirected),
+        "zero": [0],
+    }
+    order: list[int] = []
+    for part in scheme.parts:
+        order += [len(order) + k for k in of_parts[part]]
+    return order
+
+
+def reorder_texture(descriptor: Tensor, spec: HOGSpec) -> Tensor:
+    """A four-block descriptor with its texture channels in the order of the other library.
+
+    VLFeat's go by the blocks up-left, up-right, down-left, down-right, DPM's (and dlib's and Piotr Dollár's) by
+    down-right, up-right, down-left, up-left.  Their values stay what they are: VLFeat sums undirected histograms, the
+    others directed ones, and neither can be made of the other.
+
+    Args:
+        descriptor: (..., channels).
+        spec: its dialect, in which the texture is in the spec's own order or, if this function made it, the other.
+
+    Returns:
+        The same shape.
+
+    Raises:
+        ValueError: the dialect has no texture, or the shape is not its own.
+    """
+    parts = _split(descriptor, spec)
+    if "texture" not in parts:
+        raise ValueError(f"a {spec.name} descriptor has no texture channels that could be put in another order")
+    parts["texture"] = parts["texture"][..., [3, 1, 2, 0]]
+    return torch.cat(list(parts.values()), dim=-1).flatten(-2)
+
+
+def convert_channels(descriptor: Tensor, source: HOGSpec, target: HOGSpec) -> Tensor:
+    """The channels that another four-block dialect has, in its order, if they are exactly those at hand.
+
+    Directed and undirected channels mean the same in all of them: VLFeat's 31 become DPM's first 27, DPM's 32 dlib's
+    31 and back.  Channels can be left out, the zero added, and blocks of a ``"dalaltriggs"`` summed to undirected and
+    texture channels.  Only the channels change.  How each library treats the borders of images and cells that are cut
+    by them, ties, and the range of values stays the source's.
+
+    Args:
+        descriptor: (..., channels) of ``source``.
+        source: the dialect it is of.
+        target: the dialect whose channels to make of it.
+
+    Returns:
+        (..., channels) of ``target``, the dtype and device of ``descriptor``; linear in it.
+
+    Raises:
+        ValueError: ``target`` has channels that cannot be made exactly: directed or undirected ones that are not
+            there, or another library's texture; its histograms or clip are others; a dialect is not four-block; or
+            the shape is not the source's.
+    """
+    parts, scheme, goal = _split(descriptor, source), _four_block(source), _four_block(target)
+    ours, theirs = ({**{n: getattr(s, n) for n in _SAME}, "orientations": _axes(s)} for s in (source, target))
+    ours["clip"], theirs["clip"] = scheme.clip, goal.clip
+    for name, value in ours.items():
+        if value != theirs[name]:
+            raise ValueError(
+                f"a {source.name} descriptor has no channels of a {target.name} one: its {name} is {value!r}, not "
+                f"{theirs[name]!r}"
+            )
+    made = _made(parts, scheme, _axes(source))
+    found = []
+    for part in goal.parts:
+        kind = f"{goal.texture} texture" if part == "texture" else part
+        if kind not in made:
+            raise ValueError(f"the {kind} channels of {target.name} cannot be made exactly of those of {source.name}")
+        found.append(made[kind])
+    return torch.cat(found, dim=-1).flatten(-2)
+
+
+def _made(parts: dict[Part, Tensor], scheme: FourBlockNorm, axes: int) -> dict[str, Tensor]:
+    """All channels that a descriptor's parts (..., colours, n) hold."""
+    made: dict[str, Tensor] = {f"{scheme.texture} texture" if p == "texture" else p: x for p, x in parts.items()}
+    made["zero"] = torch.zeros_like(next(iter(parts.values()))[..., :1])
+    if "blocks" in parts:
+        blocks = parts["blocks"].reshape(*parts["blocks"].shape[:-1], 4, axes)
+        made.setdefault("undirected", blocks.sum(dim=-2) / 2)
+        made.setdefault("vlfeat texture", blocks.sum(dim=-1) * VLFEAT_TEXTURE)
+    return made
+
+
+def _split(descriptor: Tensor, spec: HOGSpec) -> dict[Part, Tensor]:
+    """A descriptor (..., channels) by its parts, each (..., colours, n)."""
+    scheme = _four_block(spec)
+    if descriptor.dim() < 1 or descriptor.shape[-1] != spec.channels:
+        raise ValueError(
+            f"a {spec.name} descriptor has {spec.channels} channels in its last dimension, got the shape "
+            f"{tuple(descriptor.shape)}"
+        )
+    lengths = [scheme.channels_of(part, 2 * _axes(spec)) for part in scheme.parts]
+    pieces = descriptor.reshape(*descriptor.shape[:-1], spec.colours, -1).split_with_sizes(lengths, dim=-1)
+    return dict(zip(scheme.parts, pieces, strict=True))
+
+
+def _four_block(spec: HOGSpec) -> FourBlockNorm:
+    if not isinstance(spec.normalizer, FourBlockNorm):
+        raise ValueError(
+            f"the channels of {spec.name} are no {', '.join(PARTS)}: only a four-block normaliser makes these"
+        )
+    return spec.normalizer
+
+
+def _axes(spec: HOGSpec) -> int:
+    """Undirected orientations over 180°."""
+    return spec.bins // 2 if spec.signed else spec.bins

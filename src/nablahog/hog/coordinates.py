@@ -1,0 +1,116 @@
+"""Where in the image the rows and columns of a descriptor are, and the way back."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .normalizers import BlockNorm, FourBlockNorm
+from .poolings import BlockCells
+from .spec import HOGSpec
+
+
+class Box(NamedTuple):
+    """Rows ``top`` … ``bottom`` - 1 and columns ``left`` … ``right`` - 1, of pixels or of a descriptor."""
+
+    top: int
+    left: int
+    bottom: int
+    right: int
+
+
+def cell_centres(spec: HOGSpec, image_size: tuple[int, int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where the middles of a descriptor's rows and columns are: of its cells, or of its blocks.
+
+    Args:
+        spec: the dialect.
+        image_size: (height, width) of the image.
+
+    Returns:
+        y of each row and x of each column, in pixels; 0 is the middle of the first pixel, as where ``imshow`` draws it.
+
+    Raises:
+        ValueError: the image has no descriptor.
+    """
+    rows, cols = spec.grid(*image_size)
+    y, x = (
+        first + step * np.arange(n, dtype=np.float64) + (side - 1) / 2
+        for n, (first, step, side) in zip((rows, cols), _spacing(spec), strict=True)
+    )
+    return y, x
+
+
+def pixel_box(spec: HOGSpec, image_size: tuple[int, int], cells: Box) -> Box:
+    """The pixels that a window of a descriptor's rows and columns stands for: those of its cells, or blocks.
+
+    More pixels matter for its entries: gradients are differences of neighbours, bilinear votes reach half a cell
+    further, and four-block normalisers see the cells around.
+
+    Args:
+        spec: the dialect.
+        image_size: (height, width) of the image.
+        cells: the window, of rows and columns of the descriptor, cells or blocks.
+
+    Returns:
+        The box in pixels of the image, in which a last cell may be cut.
+
+    Raises:
+        ValueError: the window is empty or not within the descriptor.
+    """
+    spans = []
+    for begins, ends, (first, last) in zip(*_edges(spec, image_size), _sides(cells), strict=True):
+        if not 0 <= first < last <= len(begins):
+            rows, cols = spec.grid(*image_size)
+            raise ValueError(f"a window must hold some of the descriptor's {rows} rows and {cols} columns, got {cells}")
+        spans.append((int(begins[first]), int(ends[last - 1])))
+    (top, bottom), (left, right) = spans
+    return Box(top, left, bottom, right)
+
+
+def cell_box(spec: HOGSpec, image_size: tuple[int, int], pixels: Box) -> Box:
+    """The rows and columns of a descriptor whose own pixels all lie in a box: the inverse of :func:`pixel_box`.
+
+    Args:
+        spec: the dialect.
+        image_size: (height, width) of the image.
+        pixels: the box, which may reach beyond the image.
+
+    Returns:
+        The window of rows and columns; of no rows, or no columns, if no cell, or block, fits in.
+
+    Raises:
+        ValueError: the image has no descriptor.
+    """
+    spans = []
+    for begins, ends, (first, last) in zip(*_edges(spec, image_size), _sides(pixels), strict=True):
+        start = int(np.searchsorted(begins, first))
+        spans.append((start, max(start, int((ends <= last).sum()))))
+    (top, bottom), (left, right) = spans
+    return Box(top, left, bottom, right)
+
+
+def _sides(box: Box) -> tuple[tuple[int, int], tuple[int, int]]:
+    top, left, bottom, right = box
+    return (top, bottom), (left, right)
+
+
+def _spacing(spec: HOGSpec) -> list[tuple[int, int, int]]:
+    """Of rows and of columns: the first pixel of the first, pixels from one to the next, pixels of each."""
+    scheme, pooling = spec.normalizer, spec.pooling
+    if isinstance(pooling, BlockCells):
+        return [(0, step, side) for step, side in zip(pooling.step, pooling.block, strict=True)]
+    if isinstance(scheme, BlockNorm):
+        return [(0, s * c, b * c) for s, b, c in zip(scheme.step, scheme.block, spec.cell_size, strict=True)]
+    dropped = isinstance(scheme, FourBlockNorm) and scheme.outside == "drop"
+    return [(c if dropped else 0, c, c) for c in spec.cell_size]
+
+
+def _edges(spec: HOGSpec, image_size: tuple[int, int]) -> tuple[list[NDArray[np.int64]], list[NDArray[np.int64]]]:
+    """Where each row, and each column, begins and ends, cut by the image."""
+    begins, ends = [], []
+    for n, pixels, (first, step, side) in zip(spec.grid(*image_size), image_size, _spacing(spec), strict=True):
+        begins.append(first + step * np.arange(n))
+        ends.append(np.minimum(begins[-1] + side, pixels))
+    return begins, ends

@@ -1,0 +1,76 @@
+"""How libraries lay a descriptor out: shapes and orders, there and back."""
+
+from __future__ import annotations
+
+import math
+
+from torch import Tensor
+
+from .normalizers import BlockNorm
+from .spec import COLOURS, HOGSpec
+
+
+def native_shape(spec: HOGSpec, image_size: tuple[int, int]) -> tuple[int, ...]:
+    """The shape in which the library returns the descriptor of an image of (height, width) pixels."""
+    rows, cols = spec.grid(*image_size)
+    if spec.layout == "cells":
+        return rows, cols, spec.channels
+    if spec.layout == "planes":
+        return spec.channels, rows, cols
+    if spec.layout == "colour-planes":
+        return COLOURS, spec.channels // COLOURS, rows, cols
+    if spec.layout == "blocks":
+        return rows, cols, *_block(spec)
+    return (rows * cols * spec.channels,)
+
+
+def to_layout(descriptor: Tensor, spec: HOGSpec) -> Tensor:
+    """Descriptors (B, rows, cols, channels) to the spec's layout.
+
+    It is, by ``spec.layout``: ``"cells"``, the same; ``"planes"``, (B, channels, rows, cols); ``"colour-planes"``,
+    (B, 3, bins, rows, cols); ``"blocks"``, (B, rows, cols, rows of cells, columns of cells, bins);
+    ``"block-vector"``, the same in one row; ``"opencv-vector"``, in one row, too, but column by column of blocks, and
+    in a block column by column of cells.
+    """
+    batch, rows, cols, channels = descriptor.shape
+    if spec.layout == "cells":
+        return descriptor
+    if spec.layout in ("planes", "colour-planes"):
+        planes = descriptor.permute(0, 3, 1, 2)
+        return planes if spec.layout == "planes" else planes.reshape(batch, COLOURS, channels // COLOURS, rows, cols)
+    blocks = descriptor.reshape(batch, rows, cols, *_block(spec))
+    if spec.layout == "blocks":
+        return blocks
+    return (blocks if spec.layout == "block-vector" else blocks.permute(0, 2, 1, 4, 3, 5)).flatten(1)
+
+
+def from_layout(native: Tensor, spec: HOGSpec, image_size: tuple[int, int]) -> Tensor:
+    """The descriptors (B, rows, cols, channels) that :func:`to_layout` makes ``native`` of.
+
+    Args:
+        native: B in front of the library's own shape, or of its entries in one row.
+        spec: the dialect.
+        image_size: (height, width) of the images.
+
+    Raises:
+        ValueError: the shape is none of the spec's for images of that size.
+    """
+    rows, cols = spec.grid(*image_size)
+    expected = native_shape(spec, image_size)
+    if tuple(native.shape[1:]) not in (expected, (math.prod(expected),)):
+        raise ValueError(
+            f"a {spec.name} descriptor of an image of {image_size[0]}x{image_size[1]} pixels (height x width) has the "
+            f"shape {expected}, got {tuple(native.shape[1:])}"
+        )
+    batch = len(native)
+    if spec.layout in ("planes", "colour-planes"):
+        return native.reshape(batch, spec.channels, rows, cols).permute(0, 2, 3, 1)
+    if spec.layout == "opencv-vector":
+        high, wide, bins = _block(spec)
+        native = native.reshape(batch, cols, rows, wide, high, bins).permute(0, 2, 1, 4, 3, 5)
+    return native.reshape(batch, rows, cols, spec.channels)
+
+
+def _block(spec: HOGSpec) -> tuple[int, int, int]:
+    assert isinstance(spec.normalizer, BlockNorm)
+    return *spec.normalizer.block, spec.bins

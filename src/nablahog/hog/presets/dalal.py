@@ -1,0 +1,148 @@
+"""Descriptors after Dalal and Triggs, as libraries compute them."""
+
+from __future__ import annotations
+
+from ..normalizers import BlockForm, BlockNorm, CellNorm
+from ..poolings import BlockCells, BoxCells
+from ..spec import HOGSpec
+from ._pairs import pair
+
+
+def skimage(
+    orientations: int = 9,
+    pixels_per_cell: tuple[int, int] = (8, 8),
+    cells_per_block: tuple[int, int] = (3, 3),
+    block_norm: BlockForm = "L2-Hys",
+    *,
+    transform_sqrt: bool = False,
+    feature_vector: bool = True,
+    channel_axis: int | None = None,
+    value_range: float = 255.0,
+) -> HOGSpec:
+    """What ``skimage.feature.hog`` returns (``feature/_hog.py``), with the names of its parameters.
+
+    Args:
+        orientations: bins over 180°.
+        pixels_per_cell: (height, width).
+        cells_per_block: (rows, cols).
+        block_norm: ``"L1"``, ``"L1-sqrt"``, ``"L2"`` or ``"L2-Hys"``.
+        transform_sqrt: whether the root of the image is described.
+        feature_vector: whether the native layout is one row, or (rows, cols, rows of cells, columns of cells, bins).
+        channel_axis: None for gray images, to which Eq. 1 makes one of several channels; of any other value, which
+            does not count here, the channel of largest gradient.
+        value_range: 255 for what scikit-image finds for images of 8 bits, 1 for images in 0…1: its ε is absolute.  Of
+            the latter, rounding decides ties of colours and bins; :func:`nablahog.compat.skimage.hog` rounds alike.
+    """
+    return HOGSpec(
+        name="skimage",
+        value_range=value_range,
+        colour="gray" if channel_axis is None else "largest",
+        border="reflect",
+        bins=orientations,
+        signed=False,
+        bin_offset=0.5,
+        vote="hard",
+        cell_size=pair(pixels_per_cell),
+        partial_cells="floor",
+        normalizer=BlockNorm(pair(cells_per_block), form=block_norm),
+        pooling=BoxCells(mean=True),
+        gamma="sqrt" if transform_sqrt else "none",
+        boundary="upper",
+        layout="block-vector" if feature_vector else "blocks",
+    )
+
+
+def opencv(
+    win_size: tuple[int, int] = (64, 128),
+    block_size: tuple[int, int] = (16, 16),
+    block_stride: tuple[int, int] = (8, 8),
+    cell_size: tuple[int, int] = (8, 8),
+    nbins: int = 9,
+    *,
+    win_sigma: float = -1,
+    l2hys_threshold: float = 0.2,
+    gamma: bool = True,
+    signed: bool = False,
+) -> HOGSpec:
+    """What ``cv2.HOGDescriptor.compute`` returns of one window (``hog.cpp``).  Sizes are (width, height), as there.
+
+    An image is one window, of any size that holds a block.  Channels are in the order of the array; it decides which
+    of two of equal gradient counts.
+
+    Args:
+        win_size: pixels of the window that the other sizes must suit.
+        block_size: pixels of a block, whole cells.
+        block_stride: pixels from one block to the next; divides the window less a block.
+        cell_size: pixels of a cell.
+        nbins: bins over 180°, or 360° if signed.
+        win_sigma: of the Gaussian over a block, pixels; 0 or less: a quarter of the mean of its sides.
+        l2hys_threshold: the clip.  OpenCV keeps the first one of a process for all descriptors to come.
+        gamma: ``gammaCorrection``, the root of all values; on by default in OpenCV if no size is given.
+        signed: ``signedGradient``.
+
+    Raises:
+        ValueError: the sizes do not suit each other.
+    """
+    block, step, cell = ((h, w) for w, h in (block_size, block_stride, cell_size))
+    for (window, b, s, c), axis in zip(
+        zip(win_size, block_size, block_stride, cell_size, strict=True), ("width", "height"), strict=True
+    ):
+        if min(window, b, s, c) < 1 or b > window or (window - b) % s or b % c:
+            raise ValueError(
+                f"along the {axis}, a block must be whole cells, and the window a block and whole strides, got a "
+                f"window of {window}, a block of {b}, a stride of {s} and a cell of {c} pixels"
+            )
+    cells = block[0] // cell[0], block[1] // cell[1]
+    return HOGSpec(
+        name="opencv",
+        value_range=255.0,
+        colour="largest",
+        border="reflect",
+        bins=nbins,
+        signed=signed,
+        bin_offset=0.5,
+        vote="linear",
+        cell_size=cell,
+        partial_cells="floor",
+        normalizer=BlockNorm(
+            cells,
+            step=cells,
+            epsilon=0.1 * cells[0] * cells[1] * nbins,
+            epsilon_again=1e-3,
+            added=True,
+            clip=l2hys_threshold,
+        ),
+        pooling=BlockCells(block, step, (block[0] + block[1]) / 8 if win_sigma <= 0 else win_sigma),
+        gamma="sqrt" if gamma else "none",
+        colour_ties="opencv",
+        angle="opencv",
+        layout="opencv-vector",
+    )
+
+
+def maskfeat(cell_size: int = 8, *, nbins: int = 9, gaussian_window: int = 16) -> HOGSpec:
+    """What MaskFeat's ``HOGLayerC`` returns (SlowFast ``models/operators.py``), in (3, bins, rows, cols).
+
+    Args:
+        cell_size: ``pool``, pixels of a cell.
+        nbins: bins over 180°.
+        gaussian_window: pixels of the side of a Gaussian that is tiled over the image and weighs its votes, 0 for none.
+    """
+    return HOGSpec(
+        name="maskfeat",
+        value_range=255.0,
+        colour="separate",
+        border="reflect",
+        bins=nbins,
+        signed=False,
+        bin_offset=0.5 + nbins / 2,  # its angles begin at the vertical
+        vote="hard",
+        cell_size=pair(cell_size),
+        partial_cells="floor",
+        normalizer=CellNorm(),
+        pooling=BoxCells(window=gaussian_window),
+        mask="sobel",
+        counterclockwise=True,
+        boundary="upper",
+        layout="colour-planes",
+    )

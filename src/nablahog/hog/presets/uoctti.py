@@ -1,0 +1,263 @@
+"""The HOG of Felzenszwalb et al. (UoCTTI), as their code and six others compute it."""
+
+from __future__ import annotations
+
+from typing import Literal, TypeAlias
+
+from ..normalizers import FourBlockNorm, Part
+from ..poolings import BilinearCells
+from ..spec import Colour, HOGSpec, Vote
+from ._pairs import pair
+
+Variant: TypeAlias = Literal["uoctti", "dalaltriggs"]
+
+
+def uoctti(
+    cell_size: int | tuple[int, int] = 8,
+    *,
+    vote: Vote = "linear",
+    orientations: int = 9,
+    colour: Colour = "largest",
+) -> HOGSpec:
+    """The UoCTTI HOG of Felzenszwalb et al. as VLFeat computes it (``vl/hog.c``): 18 + 9 + 4 channels.
+
+    Args:
+        cell_size: pixels of a cell, one number or (height, width).
+        vote: ``"linear"`` (VLFeat's ``bilinearOrientations``), differentiable in the orientation too, or ``"hard"``
+            (VLFeat's default).
+        orientations: undirected orientations n over 180°; 3n + 4 channels.
+        colour: ``"largest"``, as in VLFeat and DPM; ``"gray"`` converts first, as Eq. 1 of the paper.
+    """
+    return HOGSpec(
+        name="uoctti",
+        value_range=255.0,
+        colour=colour,
+        border="ignore",
+        bins=2 * orientations,
+        signed=True,
+        bin_offset=0.0,
+        vote=vote,
+        cell_size=pair(cell_size),
+        partial_cells="round",
+        normalizer=FourBlockNorm(),
+    )
+
+
+def aubry(
+    cell_size: int | tuple[int, int] = 5,
+    *,
+    vote: Vote = "linear",
+    orientations: int = 9,
+    colour: Colour = "largest",
+) -> HOGSpec:
+    """The contrast-insensitive channels with which Aubry et al. ("Seeing 3D chairs") find renderings in photographs.
+
+    As their ``features.cc``: cells of 5, ε = 0.1 for images in 0…1 (they describe their renderings in 0…255, where ε
+    does nothing, but photographs in 0…1), clip 0.2, no directed and no texture channels.  With hard votes and sides
+    that are multiples of the cell, all but the outermost ring of cells is exactly theirs, up to their rounding of
+    directions to four decimals.  That ring they leave out and put zeros in its place, while here, as in VLFeat, blocks
+    beyond the edge repeat it; and where a cell is cut by the border they count its last gradient again for each pixel
+    that is missing.  Linear votes, the default, are not theirs: they make the descriptor continuous, so that its
+    derivative says how it changes with orientation.
+
+    Args:
+        cell_size: pixels of a cell, one number or (height, width).
+        vote: ``"linear"``, differentiable in the orientation too, or ``"hard"``, theirs.
+        orientations: undirected orientations n over 180°, one channel each.
+        colour: ``"largest"``, theirs; ``"gray"`` converts first, as Eq. 1 of the paper.
+    """
+    return HOGSpec(
+        name="aubry",
+        value_range=1.0,
+        colour=colour,
+        border="ignore",
+        bins=2 * orientations,
+        signed=True,
+        bin_offset=0.0,
+        vote=vote,
+        cell_size=pair(cell_size),
+        partial_cells="round",
+        normalizer=FourBlockNorm(epsilon=0.1, parts=("undirected",)),
+    )
+
+
+def vlfeat(
+    variant: Variant = "uoctti",
+    *,
+    cell_size: int = 8,
+    orientations: int = 9,
+    bilinear_orientations: bool = False,
+) -> HOGSpec:
+    """What VLFeat's ``vl_hog`` returns (``vl/hog.c``), in (channels, rows, cols).
+
+    For images in rows, as in C and in cyvlfeat with ``transposed=False``; MATLAB's has its axes exchanged.
+
+    Args:
+        variant: ``"uoctti"``, 3n + 4 channels; ``"dalaltriggs"``, 4n: the folded histogram, clipped, for each of the
+            four blocks, which is not Dalal and Triggs's descriptor.
+        cell_size: pixels of a cell.
+        orientations: n, over 180°.
+        bilinear_orientations: whether votes are shared by the two nearest bins, by an arccosine in float32.
+    """
+    parts: dict[Variant, tuple[Part, ...]] = {
+        "uoctti": ("directed", "undirected", "texture"),
+        "dalaltriggs": ("blocks",),
+    }
+    if variant not in parts:
+        raise ValueError(f"variant must be one of {', '.join(map(repr, parts))}, got {variant!r}")
+    return HOGSpec(
+        name="vlfeat" if variant == "uoctti" else "vlfeat-dalaltriggs",
+        value_range=255.0,
+        colour="largest",
+        border="ignore",
+        bins=2 * orientations if variant == "uoctti" else orientations,
+        signed=variant == "uoctti",
+        bin_offset=0.0,
+        vote="linear" if bilinear_orientations else "hard",
+        cell_size=pair(cell_size),
+        partial_cells="round",
+        normalizer=FourBlockNorm(parts=parts[variant]),
+        angle="vlfeat" if bilinear_orientations else "exact",
+        layout="planes",
+    )
+
+
+def dpm(cell_size: int = 8) -> HOGSpec:
+    """What ``features.cc`` of voc-release5 returns, and HOGgles works with: 18 + 9 + 4 channels and a zero.
+
+    Grids have two rows and columns less than the image has cells.
+
+    Args:
+        cell_size: ``sbin``, pixels of a cell.
+    """
+    return HOGSpec(
+        name="dpm",
+        value_range=255.0,
+        colour="largest",
+        border="ignore",
+        bins=18,
+        signed=True,
+        bin_offset=0.0,
+        vote="hard",
+        cell_size=pair(cell_size),
+        partial_cells="round",
+        normalizer=FourBlockNorm(parts=("directed", "undirected", "texture", "zero"), texture="dpm", outside="drop"),
+        pooling=BilinearCells(beyond="repeat"),
+        directions="four-decimals",
+    )
+
+
+def dlib(cell_size: int = 8) -> HOGSpec:
+    """What dlib's ``extract_fhog_features`` returns (``fhog.h``), without padding, in (31, rows, cols).
+
+    Of two channels with the same gradient magnitude it takes the last in columns that it does eight at a time, the
+    first in those left.  A build without vector instructions has other ties.
+
+    Args:
+        cell_size: pixels of a cell, at least 2: cells of one pixel are another descriptor in dlib.
+    """
+    if cell_size < 2:
+        raise ValueError(
+            f"cell_size must be at least 2: dlib makes another descriptor of cells of one, got {cell_size}"
+        )
+    return HOGSpec(
+        name="dlib",
+        value_range=255.0,
+        colour="largest",
+        border="ignore",
+        bins=18,
+        signed=True,
+        bin_offset=0.0,
+        vote="hard",
+        cell_size=pair(cell_size),
+        partial_cells="round",
+        normalizer=FourBlockNorm(texture="dpm", outside="drop"),
+        pooling=BilinearCells(beyond="drop"),
+        colour_ties="dlib",
+        directions="four-decimals",
+        layout="planes",
+    )
+
+
+def piotr(cell_size: int = 8, *, orientations: int = 9, clip: float = 0.2) -> HOGSpec:
+    """What Piotr Dollár's ``fhog`` computes (``channels/private/gradientMex.cpp``): 3n + 4 channels and a zero.
+
+    From reading; it was not run.  His arccosine comes from a table with steps of 1e-4, so that a gradient beside the
+    boundary of two bins may be in the other.
+
+    Args:
+        cell_size: ``binSize``, pixels of a cell.
+        orientations: n, over 180°.
+        clip: upper bound of a normalised entry.
+    """
+    return HOGSpec(
+        name="piotr",
+        # his gradients are halved and his histograms divided by the pixels of a cell, but so is the root of his ε
+        value_range=1.0,
+        colour="largest",
+        border="extrapolate",
+        bins=2 * orientations,
+        signed=True,
+        bin_offset=0.0,
+        vote="hard",
+        cell_size=pair(cell_size),
+        partial_cells="floor",
+        normalizer=FourBlockNorm(clip=clip, parts=("directed", "undirected", "texture", "zero"), texture="dpm"),
+        pooling=BilinearCells(beyond="drop", edge_gain=8 / 7),
+        boundary="upper",
+    )
+
+
+def cnn_hog(cell_size: int = 8, *, orientations: int = 9, bilinear: bool = False) -> HOGSpec:
+    """The HOG network of Mahendran and Vedaldi (``hog_net.m``): 3n channels of a gray image, in (channels, rows, cols).
+
+    It sees a false edge around the image, beyond which it has middle gray, and outermost cells lie in fewer blocks.
+    :class:`nablahog.invert.baselines.cnn_hog.CNNHOG` is the same with the network's own derivative.
+
+    Args:
+        cell_size: pixels of a cell, even.
+        orientations: n, over 180°.
+        bilinear: whether votes are shared by the two nearest bins (their HOGb).
+    """
+    if cell_size % 2:
+        raise ValueError(f"cell_size must be even, got {cell_size}")
+    return HOGSpec(
+        name="cnn-hogb" if bilinear else "cnn-hog",
+        value_range=127.5,  # their gradients are halved
+        colour="gray",
+        border="gray",
+        bins=2 * orientations,
+        signed=True,
+        bin_offset=0.0,
+        vote="linear" if bilinear else "hard",
+        cell_size=pair(cell_size),
+        partial_cells="floor",
+        normalizer=FourBlockNorm(epsilon=1e-6, floor=True, parts=("directed", "undirected"), outside="missing"),
+        layout="planes",
+    )
+
+
+def seeing3d(cell_size: int = 5) -> HOGSpec:
+    """What ``features.cc`` of Aubry et al. ("Seeing 3D chairs") returns: 9 contrast-insensitive channels, ε = 0.1.
+
+    Their search pads it with one empty cell on each side.  From reading; it was not run.  :func:`aubry` is what poses
+    are found with here.
+
+    Args:
+        cell_size: ``sbin``, pixels of a cell.
+    """
+    return HOGSpec(
+        name="seeing3d",
+        value_range=1.0,
+        colour="largest",
+        border="ignore",
+        bins=9,
+        signed=False,
+        bin_offset=0.0,
+        vote="hard",
+        cell_size=pair(cell_size),
+        partial_cells="round",
+        normalizer=FourBlockNorm(epsilon=0.1, parts=("undirected",), outside="drop"),
+        pooling=BilinearCells(beyond="repeat"),
+        directions="four-decimals",
+    )

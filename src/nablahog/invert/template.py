@@ -1,0 +1,71 @@
+"""What a linear detector looks for: from its weights to a descriptor that an image can have.
+
+A template is no descriptor.  Its weights have both signs, and their size says how much a cell matters, not how strong
+its edges are.  But an image whose histograms are a template's positive weights has edges where the detector wants them,
+in the direction in which it wants them, the stronger the more they matter; and that image has a descriptor.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from ..hog.entries import SideBySide, cell_entries
+from ..hog.normalize import normalize
+from ..hog.normalizers import FourBlockNorm
+from ..hog.spec import HOGSpec
+from .histograms import at_nominal_contrast
+
+EMPHASIS = 2.0  # power of the weights: a few strong ones make the shape, and many weak ones only noise
+
+
+def seen(
+    weights: Tensor, spec: HOGSpec, image_size: tuple[int, int] | None = None, *, negative: bool = False
+) -> Tensor:
+    """Descriptors of images whose histograms are what templates want, or, if ``negative``, what they do not want.
+
+    Of each cell they are the squares of its positive, or negative, mean weights: over the blocks that it is part of,
+    and of directed and undirected channels together.  Weights of texture say nothing of edges, and are left out.
+
+    Args:
+        weights: (B, rows, cols, channels), float32 or float64, of the detector's scores over descriptors.
+        spec: their dialect.
+        image_size: (height, width) of the images; by default whole cells.
+        negative: whether negative weights count, not positive ones.
+
+    Returns:
+        (B, rows, cols, channels), to be inverted by :func:`nablahog.reconstruct` with the same spec and image size.
+
+    Raises:
+        ValueError: the weights have another shape, are not finite, or none has the sign.
+    """
+    size = image_size or spec.image_size(*weights.shape[1:3])
+    expected = (*spec.grid(*size), spec.channels)
+    if tuple(weights.shape[1:]) != expected:
+        raise ValueError(
+            f"a template for {spec.name} descriptors of images of {size[0]}x{size[1]} pixels must have shape "
+            f"{expected} (rows, cols, channels), got {tuple(weights.shape[1:])}"
+        )
+    if not torch.isfinite(weights).all():
+        raise ValueError("the weights must be finite, got NaN or Inf")
+    wanted = (_by_bin(weights, spec) * (-1 if negative else 1)).clamp(min=0) ** EMPHASIS
+    if not wanted.flatten(1).any(dim=1).all():
+        raise ValueError(f"a template has no {'negative' if negative else 'positive'} weights of edges")
+    if isinstance(spec.normalizer, FourBlockNorm) and spec.normalizer.outside == "drop":
+        wanted = pad(wanted, (1, 1, 1, 1))  # nothing is wanted of the outermost cells
+    side_by_side = SideBySide(spec, size, wanted)
+    histograms = side_by_side.back(side_by_side(wanted)).repeat(1, spec.colours, 1, 1)
+    found = normalize(at_nominal_contrast(histograms, spec, size), spec)
+    return found.permute(0, 2, 3, 1).contiguous()
+
+
+def _by_bin(weights: Tensor, spec: HOGSpec) -> Tensor:
+    """The mean weight (B, bins, rows, cols) of each bin of a cell."""
+    entries = cell_entries(weights, spec)
+    scheme = spec.normalizer
+    if not isinstance(scheme, FourBlockNorm) or not spec.signed or not {"directed", "undirected"} <= {*scheme.parts}:
+        return entries
+    half = spec.bins // 2
+    undirected = weights.permute(0, 3, 1, 2)[:, spec.bins : spec.bins + half]
+    return (entries + torch.cat([undirected, undirected], dim=1) / 2) / 2

@@ -1,0 +1,257 @@
+"""Side by side with ``cv2.HOGDescriptor``, whose thresholds are all 0.2 here: it keeps the first one of a process."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
+from skimage import data
+
+import nablahog
+from nablahog.compat.opencv import HOGDescriptor
+
+cv2 = pytest.importorskip("cv2")
+if not hasattr(cv2, "HOGDescriptor"):
+    pytest.skip("OpenCV 5 has no HOG in its main package", allow_module_level=True)
+
+TOLERANCE = 2e-6  # of the default descriptor
+FIVE = ((64, 128), (16, 16), (8, 8), (8, 8), 9)
+SMALL = ((16, 24), (8, 8), (4, 8), (4, 4), 6)
+NAMES = (
+    *("winSize", "blockSize", "blockStride", "cellSize", "nbins", "derivAperture", "winSigma", "histogramNormType"),
+    *("L2HysThreshold", "gammaCorrection", "nlevels", "signedGradient"),
+)
+
+side = st.integers(0, 40)
+stride = st.integers(1, 12)
+
+
+def crop(seed: int, height: int, width: int, colour: bool, levels: int = 256) -> np.ndarray:
+    """Somewhere in a photograph; of few levels if you want many ties of channels."""
+    row, col = np.random.default_rng(seed).integers(0, 300, 2)
+    image = data.astronaut()[row : row + height, col : col + width]
+    image = image // (256 // levels) * (256 // levels)
+    return np.ascontiguousarray(image if colour else image[..., 0])
+
+
+def assert_same(arguments: tuple[Any, ...], image: np.ndarray, *options: Any, **named: Any) -> None:
+    ours, theirs = (make(*arguments).compute(image, *options, **named) for make in (HOGDescriptor, cv2.HOGDescriptor))
+    assert (ours.dtype, ours.shape) == (theirs.dtype, theirs.shape)
+    # two float32 arctangents differ by up to 1e-6; in bins, and normalised again after the clip, an entry by more
+    bins = arguments[4] if arguments else 9
+    assert np.abs(ours - theirs).max(initial=0) <= (TOLERANCE * bins / np.pi if arguments else TOLERANCE)
+
+
+# --- constructor -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        (),
+        FIVE,
+        SMALL,
+        (*SMALL, 3, 2.5, 0, 0.2, True, 13, True),
+        ([16, 24], np.array([8, 8]), (np.int64(4), 8), [4, 4], np.int32(6)),
+    ],
+    ids=["none", "five", "small", "all", "sequences"],
+)
+def test_attributes(arguments: tuple[Any, ...]) -> None:
+    ours, theirs = HOGDescriptor(*arguments), cv2.HOGDescriptor(*arguments)
+    for name in NAMES:
+        assert getattr(ours, name) == getattr(theirs, name), name
+        assert type(getattr(ours, name)) is type(getattr(theirs, name)), name
+        with pytest.raises(AttributeError):
+            setattr(ours, name, getattr(ours, name))
+    assert ours.getDescriptorSize() == theirs.getDescriptorSize()
+
+
+def test_keywords_are_opencvs() -> None:
+    named = {f"_{name}": value for name, value in zip(NAMES, (*SMALL, 1, -1, 0, 0.2, True, 64, True), strict=True)}
+    ours, theirs = HOGDescriptor(**named), cv2.HOGDescriptor(**named)
+    assert [getattr(ours, name) for name in NAMES] == [getattr(theirs, name) for name in NAMES]
+
+
+def test_gamma_is_on_by_default_only_without_arguments() -> None:
+    assert HOGDescriptor().gammaCorrection
+    assert not HOGDescriptor(*FIVE).gammaCorrection
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_five_arguments_or_none(count: int) -> None:
+    with pytest.raises(TypeError, match=r"got None|there is no _nbins"):
+        HOGDescriptor(*FIVE[:count])
+    with pytest.raises(cv2.error):
+        cv2.HOGDescriptor(*FIVE[:count])
+
+
+@pytest.mark.parametrize(
+    "arguments", [((64, 128), (16, 16), (7, 8), (8, 8), 9), ((64, 128), (16, 16), (8, 8), (8, 5), 9)]
+)
+def test_sizes_suit_each_other(arguments: tuple[Any, ...]) -> None:
+    with pytest.raises(ValueError, match="a block must be whole cells"):
+        HOGDescriptor(*arguments)
+    with pytest.raises(cv2.error):
+        cv2.HOGDescriptor(*arguments).getDescriptorSize()
+
+
+def test_the_spec_describes_one_window() -> None:
+    image = crop(0, 24, 16, colour=True)
+    descriptor = HOGDescriptor(*SMALL)
+    pixels = torch.from_numpy(image).permute(2, 0, 1).unsqueeze(0)
+    found = nablahog.hog(pixels, descriptor.spec, layout="native")[0]
+    assert np.abs(found.numpy() - descriptor.compute(image)).max() <= TOLERANCE
+
+
+# --- descriptors -----------------------------------------------------------------------------------------------------
+
+
+@given(
+    seed=st.integers(0, 99),
+    cell=st.tuples(st.integers(2, 9), st.integers(2, 9)),
+    cells=st.tuples(st.integers(1, 3), st.integers(1, 3)),
+    step=st.tuples(st.integers(1, 9), st.integers(1, 9)),
+    steps=st.tuples(st.integers(0, 3), st.integers(0, 3)),
+    nbins=st.integers(4, 20),
+    sigma=st.sampled_from([-1.0, 0.0, 1.5, 9.0]),
+    flags=st.tuples(st.booleans(), st.booleans()),
+    spare=st.tuples(st.integers(0, 20), st.integers(0, 20)),
+    win_stride=st.none() | st.tuples(stride, stride),
+    padding=st.none() | st.tuples(st.integers(-4, 40), st.integers(-4, 40)),
+    colour=st.booleans(),
+    levels=st.sampled_from([4, 256]),
+)
+@settings(max_examples=150)
+def test_photographs(
+    seed: int,
+    cell: tuple[int, int],
+    cells: tuple[int, int],
+    step: tuple[int, int],
+    steps: tuple[int, int],
+    nbins: int,
+    sigma: float,
+    flags: tuple[bool, bool],
+    spare: tuple[int, int],
+    win_stride: tuple[int, int] | None,
+    padding: tuple[int, int] | None,
+    colour: bool,
+    levels: int,
+) -> None:
+    """All sizes are (width, height)."""
+    block = (cell[0] * cells[0], cell[1] * cells[1])
+    window = (block[0] + step[0] * steps[0], block[1] + step[1] * steps[1])
+    image = crop(seed, window[1] + spare[1], window[0] + spare[0], colour, levels)
+    arguments = (window, block, step, cell, nbins, 1, sigma, 0, 0.2, flags[0], 64, flags[1])
+    assert_same(arguments, image, win_stride, padding)
+
+
+@given(
+    seed=st.integers(0, 99),
+    locations=st.lists(st.tuples(st.integers(-30, 60), st.integers(-30, 60)), max_size=12),
+    win_stride=st.none() | st.tuples(stride, stride),
+    padding=st.none() | st.tuples(side, side),
+)
+@settings(max_examples=60)
+def test_locations(seed: int, locations: list[tuple[int, int]], win_stride: Any, padding: Any) -> None:
+    """Zeros for windows that are not in the padded image; all windows if there is no location."""
+    assert_same(SMALL, crop(seed, 53, 47, colour=True), win_stride, padding, locations)
+
+
+@pytest.mark.parametrize("size", [(128, 64), (200, 131), (131, 70)])
+@pytest.mark.parametrize("colour", [False, True])
+def test_the_defaults(size: tuple[int, int], colour: bool) -> None:
+    image = crop(1, *size, colour=colour)
+    assert_same((), image)
+    assert_same((), image, winStride=(16, 8), padding=(8, 16))
+    assert_same((), image, (0, 0), (0, 0), ())
+    assert_same((), image, padding=(32, 32), locations=np.array([[0, 0], [-32, -32]], np.int32))
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 5), (2, 3), (5, 2)])
+def test_tiny_images_are_mirrored_as_often_as_it_takes(size: tuple[int, int]) -> None:
+    for colour in (False, True):
+        assert_same(SMALL, crop(2, *size, colour=colour), (4, 8), (40, 56))
+
+
+def test_images_may_be_views() -> None:
+    image = crop(3, 80, 120, colour=True)
+    for view in (image[::-1, ::-2], image[..., 1], image[:, :, ::-1], image[..., :1], image.transpose(1, 0, 2)):
+        assert_same(SMALL, view)
+    read_only = image.copy()
+    read_only.flags.writeable = False
+    assert_array_equal(HOGDescriptor(*SMALL).compute(read_only), HOGDescriptor(*SMALL).compute(image))
+
+
+def test_blocks_are_pooled_in_parts_that_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+    image = crop(4, 60, 70, colour=True)
+    expected = HOGDescriptor(*SMALL).compute(image, (1, 1))
+    monkeypatch.setattr("nablahog.compat.opencv._AT_ONCE", 5000)
+    assert np.abs(HOGDescriptor(*SMALL).compute(image, (1, 1)) - expected).max() < 1e-7
+
+
+def test_autocast_changes_nothing() -> None:
+    image = crop(4, 60, 70, colour=True)
+    expected = HOGDescriptor(*SMALL).compute(image)
+    with torch.autocast("cpu"):
+        assert_array_equal(HOGDescriptor(*SMALL).compute(image), expected)
+
+
+def test_each_object_has_its_own_threshold() -> None:
+    """OpenCV in a process of its own says what it is: here, the process has used 0.2."""
+    arguments = (*FIVE, 1, -1, 0, 0.05)
+    program = f"""
+import cv2, numpy, sys
+image = numpy.frombuffer(sys.stdin.buffer.read(), numpy.uint8).reshape(128, 64, 3)
+sys.stdout.buffer.write(cv2.HOGDescriptor(*{arguments!r}).compute(image).tobytes())
+"""
+    image = crop(5, 128, 64, colour=True)
+    run = subprocess.run([sys.executable, "-c", program], input=image.tobytes(), capture_output=True, check=True)
+    expected = np.frombuffer(run.stdout, np.float32)
+    assert np.abs(HOGDescriptor(*arguments).compute(image) - expected).max() <= TOLERANCE
+    assert np.abs(HOGDescriptor(*FIVE).compute(image) - expected).max() > 0.05
+
+
+# --- refusals --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("image", "error", "words"),
+    [
+        (None, TypeError, "got NoneType"),
+        (np.zeros((128, 64)), TypeError, "uint8, got float64"),
+        (np.zeros((128, 64), bool), TypeError, "uint8, got bool"),
+        (np.zeros((128, 64, 2), np.uint8), ValueError, "1 or 3 channels"),
+        (np.zeros((128, 64, 4), np.uint8), ValueError, "1 or 3 channels"),
+        (np.zeros((0, 64), np.uint8), ValueError, "1 or 3 channels"),
+        (np.zeros((128, 63), np.uint8), ValueError, "a window of 64x128 pixels .width x height., got 63x128"),
+        (np.zeros((20, 20), np.uint8), ValueError, "got 20x20"),
+    ],
+)
+def test_images_are_refused(image: Any, error: type[Exception], words: str) -> None:
+    """OpenCV's own errors are :class:`cv2.error`; images smaller than a window make it crash."""
+    with pytest.raises(error, match=words):
+        HOGDescriptor().compute(image)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "words"),
+    [
+        ({"winStride": (8, 0)}, ValueError, "winStride must be at least 1"),
+        ({"winStride": (-8, 8)}, ValueError, "winStride must be at least 1"),
+        ({"winStride": 8}, TypeError, "winStride must be a pair"),
+        ({"padding": (8.0, 8)}, TypeError, "padding must be a pair"),
+        ({"padding": (8, 8, 8)}, TypeError, "padding must be a pair"),
+        ({"locations": [(0.5, 0)]}, TypeError, "locations must be pairs"),
+        ({"locations": [0, 0]}, TypeError, "locations must be pairs"),
+    ],
+)
+def test_options_are_refused(options: dict[str, Any], error: type[Exception], words: str) -> None:
+    with pytest.raises(error, match=words):
+        HOGDescriptor().compute(crop(0, 128, 64, colour=False), **options)

@@ -1,0 +1,235 @@
+"""Side by side with ``skimage.feature.hog``."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+from skimage import data, feature, transform
+
+from nablahog.compat.skimage import hog
+
+# scikit-image adds the votes of a cell in float32; the more pixels it has, the further that is from the sum
+TOLERANCE = 1e-6
+NORMS = ["L1", "L1-sqrt", "L2", "L2-Hys"]
+TYPES = [np.uint8, np.int16, np.uint32, np.float16, np.float32, np.float64, np.dtype(">f4"), np.bool_]
+
+sides = st.tuples(st.integers(2, 9), st.integers(2, 9))
+blocks = st.tuples(st.integers(1, 3), st.integers(1, 3))
+
+
+def crop(seed: int, height: int, width: int) -> np.ndarray:
+    """Somewhere in a colour photograph of 8 bits."""
+    row, col = np.random.default_rng(seed).integers(0, 200, 2)
+    return np.ascontiguousarray(data.astronaut()[row : row + height, col : col + width])
+
+
+def assert_same(image: Any, **options: Any) -> None:
+    """Values, shapes and dtypes of descriptor and picture."""
+    for ours, theirs in zip(
+        hog(image, visualize=True, **options), feature.hog(image, visualize=True, **options), strict=True
+    ):
+        assert isinstance(ours, np.ndarray)
+        assert ours.dtype == theirs.dtype
+        assert ours.flags.c_contiguous
+        assert ours.shape == theirs.shape
+        scale = max(1.0, np.nanmax(np.abs(theirs), initial=0.0))
+        assert_allclose(ours / scale, theirs / scale, rtol=0, atol=TOLERANCE)
+    without = hog(image, **options)
+    assert_array_equal(without, hog(image, visualize=True, **options)[0])
+
+
+def test_signature_is_the_same() -> None:
+    ours, theirs = (inspect.signature(f).parameters.values() for f in (hog, feature.hog))
+    assert [(p.name, p.kind, p.default) for p in ours] == [(p.name, p.kind, p.default) for p in theirs]
+
+
+@given(
+    seed=st.integers(0, 99),
+    orientations=st.integers(3, 16),
+    pixels_per_cell=sides,
+    cells_per_block=blocks,
+    spare=st.tuples(st.integers(0, 9), st.integers(0, 9)),
+    block_norm=st.sampled_from(NORMS),
+    transform_sqrt=st.booleans(),
+    feature_vector=st.booleans(),
+    scale=st.sampled_from([1, 255]),
+    dtype=st.sampled_from([np.float32, np.float64]),
+    colour=st.booleans(),
+)
+@settings(max_examples=100)
+def test_photographs(
+    seed: int,
+    pixels_per_cell: tuple[int, int],
+    cells_per_block: tuple[int, int],
+    spare: tuple[int, int],
+    scale: int,
+    dtype: type,
+    colour: bool,
+    **options: Any,
+) -> None:
+    """Divided by 255, gradients that are equal in 8 bits differ by rounding; their order has to be the same."""
+    height, width = (c * b + more for c, b, more in zip(pixels_per_cell, cells_per_block, spare, strict=True))
+    image = crop(seed, height, width).astype(dtype) / dtype(scale)
+    assert_same(
+        image if colour else image.mean(axis=2),
+        pixels_per_cell=pixels_per_cell,
+        cells_per_block=cells_per_block,
+        channel_axis=-1 if colour else None,
+        **options,
+    )
+
+
+@pytest.mark.parametrize("dtype", TYPES, ids=str)
+def test_dtypes(dtype: Any) -> None:
+    image = crop(0, 40, 48)
+    assert_same(image.astype(dtype), channel_axis=2)
+    assert_same(image[..., 0].astype(dtype))
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2, -1, -2, -3])
+def test_channel_axes(axis: int) -> None:
+    assert_same(np.moveaxis(crop(1, 30, 40), -1, axis), channel_axis=axis, cells_per_block=(2, 2))
+
+
+def test_any_number_of_channels() -> None:
+    image = np.concatenate([crop(1, 30, 40), crop(2, 30, 40)], axis=2)
+    for channels in (1, 2, 5):
+        assert_same(image[..., :channels], channel_axis=-1)
+
+
+def test_views_and_lists() -> None:
+    image = crop(3, 60, 70)
+    for view in (image[::-1, ::-2, 0], image[..., 1].T, np.asfortranarray(image[..., 2])):
+        assert_same(view)
+    read_only = image[..., 0].copy()
+    read_only.flags.writeable = False
+    assert_same(read_only, pixels_per_cell=[np.int64(8), 8], cells_per_block=np.array([2, 2]), orientations=np.int64(9))
+
+
+def test_where_float32_adds_exactly_there_is_no_difference() -> None:
+    """Vertical edges of integer height in cells of a power of two: so 1e-7 elsewhere is scikit-image's sum."""
+    columns = np.random.default_rng(0).integers(0, 256, 64).astype(float)
+    image = np.tile(columns, (48, 1))
+    for norm in NORMS:
+        assert_allclose(hog(image, block_norm=norm), feature.hog(image, block_norm=norm), rtol=0, atol=1e-14)
+
+
+def test_the_picture_of_gradients_that_float32_adds_exactly_is_the_same() -> None:
+    image = np.tile(np.random.default_rng(0).integers(0, 256, 130).astype(float), (140, 1))
+    for cell in [(8, 8), (64, 64), (128, 64), (2, 4), (2, 2)]:
+        options = {"pixels_per_cell": cell, "cells_per_block": (1, 1), "visualize": True}
+        assert_array_equal(hog(image, **options)[1], feature.hog(image, **options)[1])
+
+
+def test_gradients_off_a_boundary_by_rounding() -> None:
+    """Resizing leaves some of 1e-17 in flat directions; scikit-image drops those just below 0°, and so it is here."""
+    image = np.zeros((64, 64))
+    image[:, 20:45] = 1
+    image = transform.resize(image, (45, 45), anti_aliasing=True)
+    down, right = image[2:, 1:-1] - image[:-2, 1:-1], image[1:-1, 2:] - image[1:-1, :-2]
+    assert (np.arctan2(down, right) * 180 / np.pi % 180 == 180).any()
+    for orientations in (4, 6, 7, 9, 12):
+        assert_same(image, orientations=orientations)
+
+
+def test_nan_stays_where_scikit_image_leaves_it() -> None:
+    image = crop(4, 80, 80).astype(float)
+    image[20, 30, 1] = np.nan
+    image[60, 61, :] = np.inf
+    with np.errstate(invalid="ignore"):
+        assert_same(image[..., 0])
+    image[60, 61, :] = 0
+    assert_same(image, channel_axis=-1)
+    assert np.isfinite(hog(image, channel_axis=-1)).any()
+
+
+def test_roots_of_negative_values_are_nan_with_a_warning() -> None:
+    image = crop(4, 64, 64)[..., 0].astype(float)
+    image[10, 10] = -1
+    found = []
+    for f in (hog, feature.hog):
+        with pytest.warns(RuntimeWarning, match="invalid value encountered in sqrt"):
+            found.append(f(image, transform_sqrt=True))
+    assert_allclose(*found, rtol=0, atol=TOLERANCE)
+    assert np.isnan(found[0]).any()
+    assert np.isfinite(found[0]).any()
+
+
+@example(dtype=torch.float32, colour=True)
+@given(dtype=st.sampled_from([torch.uint8, torch.float16, torch.float32, torch.float64]), colour=st.booleans())
+@settings(max_examples=5)
+def test_tensors_are_described_as_arrays_are(dtype: torch.dtype, colour: bool) -> None:
+    image = torch.from_numpy(crop(5, 50, 60)).to(dtype)
+    image, axis = (image, -1) if colour else (image[..., 0], None)
+    for root in (False, True):
+        found = hog(image, visualize=True, transform_sqrt=root, channel_axis=axis)
+        expected = hog(image.numpy(), visualize=True, transform_sqrt=root, channel_axis=axis)
+        for ours, theirs in zip(found, expected, strict=True):
+            assert_array_equal(ours.numpy(), theirs)
+            assert ours.numpy().dtype == theirs.dtype
+
+
+@pytest.mark.parametrize("norm", NORMS)
+def test_tensors_have_derivatives(norm: str) -> None:
+    image = torch.rand(6, 8, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0)).requires_grad_()
+
+    def both(values: torch.Tensor) -> torch.Tensor:
+        options = {"pixels_per_cell": (3, 4), "cells_per_block": (2, 1), "channel_axis": -1, "visualize": True}
+        descriptor, picture = hog(values, block_norm=norm, transform_sqrt=True, **options)
+        return torch.cat([descriptor, picture.flatten()])
+
+    assert torch.autograd.gradcheck(both, image)
+
+
+REFUSED: dict[str, tuple[Any, dict[str, Any], str]] = {
+    "three dimensions": (np.zeros((32, 32, 3)), {}, "two dimensions"),
+    "four dimensions": (np.zeros((2, 32, 32, 3)), {"channel_axis": -1}, "two dimensions"),
+    "no channels": (np.zeros((32, 32)), {"channel_axis": -1}, "two dimensions"),
+    "one row": (np.zeros(100), {}, "at least one cell"),
+    "no cell": (np.zeros((7, 40)), {}, "at least one cell"),
+    "no block": (np.zeros((23, 40)), {}, "a block has 3x3"),
+    "complex": (np.zeros((32, 32), complex), {}, "must be real"),
+    "norm": (np.zeros((32, 32)), {"block_norm": "L3"}, "form must be one of"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refusals(case: str) -> None:
+    """One sentence where scikit-image, too, raises ValueError."""
+    image, options, words = REFUSED[case]
+    with pytest.raises(ValueError, match=words):
+        hog(image, **options)
+    with pytest.raises(ValueError, match=words):
+        hog(torch.from_numpy(image), **options)
+    with pytest.raises(ValueError):  # noqa: PT011, its words are its own
+        feature.hog(image, **options)
+
+
+def test_pictures_of_cells_of_one_pixel() -> None:
+    """There are no lines that short.  scikit-image draws some that are longer, or leaves the picture."""
+    image = crop(6, 12, 20)[..., 0]
+    for cell, orientations in [((1, 1), 4), ((1, 5), 9), ((3, 1), 6)]:
+        assert_same(image, pixels_per_cell=cell, orientations=orientations)
+    options = {"pixels_per_cell": (3, 1), "visualize": True}
+    with pytest.raises(ValueError, match="9 lines in cells of one pixel's width leave the picture"):
+        hog(image, **options)
+    with pytest.raises(IndexError):
+        feature.hog(image, **options)
+
+
+def test_what_scikit_image_does_not_refuse() -> None:
+    with pytest.raises(ValueError, match="bins must be an integer of at least 3"):
+        hog(np.zeros((32, 32)), orientations=2)
+
+
+@pytest.mark.parametrize("sizes", [8, (8.0, 8), (8, 8, 8)])
+def test_cells_are_pairs_of_integers(sizes: Any) -> None:
+    with pytest.raises((TypeError, ValueError)):
+        hog(np.zeros((32, 32)), pixels_per_cell=sizes)

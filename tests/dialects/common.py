@@ -1,0 +1,46 @@
+"""Photographs, all presets with cells of 8, and the distance of two."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from skimage import data
+from torch import Tensor
+
+from nablahog.dialects.describer import Describer
+from nablahog.dialects.distances import Distance, Question, answers
+from nablahog.dialects.grounds import Ground, Orientations
+from nablahog.hog import HOGSpec, hog
+from nablahog.preset_option import Wanted
+from nablahog.preset_parameters import PRESETS
+
+SPECS = {name: Wanted(name, cell=(8, 8)).spec() for name in PRESETS}
+CAT = torch.from_numpy(data.chelsea()[40:232:4, 60:356:4].transpose(2, 0, 1).copy())  # 48x74: no whole cells
+
+
+def distance(a: HOGSpec, b: HOGSpec, ground: Ground | None = None, image: Tensor = CAT) -> Distance:
+    describer = Describer(image)
+    (found,) = answers(describer, [Question(describer, a, b, ground or Orientations())])
+    return found
+
+
+def total(found: Distance) -> float:
+    return sum(each.share for each in found.shares)
+
+
+def percent(found: Distance) -> dict[str, int]:
+    """Shares that are not 0 in whole percent."""
+    whole = found.distance**2
+    rounded = {each.convention.name: round(100 * each.share / whole) for each in found.shares}
+    return {name: share for name, share in rounded.items() if share}
+
+
+def photograph(name: str) -> Tensor:
+    """(C, H, W), uint8, as scikit-image has it."""
+    levels = getattr(data, name)()
+    return torch.from_numpy(np.atleast_3d(levels).transpose(2, 0, 1).copy())
+
+
+def entries(name: str, spec: HOGSpec) -> Tensor:
+    """The descriptor (rows, cols, channels) of the photograph, in float64."""
+    return hog(photograph(name)[None].double() / 255, spec)[0]

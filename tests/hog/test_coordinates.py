@@ -1,0 +1,138 @@
+"""Where cells are, against where the operator finds a single bright pixel."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nablahog.hog import BlockCells, BlockNorm, HOGSpec, hog, presets
+from nablahog.hog.coordinates import Box, cell_box, cell_centres, pixel_box
+
+from .zoo import spec
+
+CELLS: dict[str, HOGSpec] = {
+    "paper": presets.paper((4, 6)),
+    "vlfeat": presets.vlfeat(cell_size=5),
+    "dpm": presets.dpm(4),
+    "dlib": presets.dlib(5),
+    "piotr": presets.piotr(4),
+    "ceil": spec(partial_cells="ceil", cell_size=(5, 3)),
+}
+BLOCKS: dict[str, HOGSpec] = {
+    "skimage": presets.skimage(pixels_per_cell=(4, 5), cells_per_block=(3, 2)),
+    "steps": replace(presets.skimage(pixels_per_cell=(2, 3)), normalizer=BlockNorm((2, 1), (3, 2))),
+    "opencv": presets.opencv((40, 40), (16, 8), (6, 4), (8, 4)),
+    "maskfeat": presets.maskfeat(6),
+}
+sizes = st.tuples(st.integers(16, 60), st.integers(16, 60))
+
+
+def found_at(s: HOGSpec, size: tuple[int, int], row: int, col: int) -> np.ndarray:
+    """Which rows and columns of the descriptor see one bright pixel; and the four that have a gradient."""
+    image = torch.zeros(1, 1, *size, dtype=torch.float64)
+    image[..., row, col] = 1
+    found: np.ndarray = (hog(image, s)[0] != 0).any(dim=2).numpy()
+    return found
+
+
+def gradients(row: int, col: int) -> list[tuple[int, int]]:
+    return [(row, col - 1), (row, col + 1), (row - 1, col), (row + 1, col)]
+
+
+@given(name=st.sampled_from(sorted(CELLS)), size=sizes, data=st.data())
+@settings(max_examples=40)
+def test_cells_see_pixels_less_than_a_cell_from_their_centres(
+    name: str, size: tuple[int, int], data: st.DataObject
+) -> None:
+    """Of whole cells, and not of what DPM counts again or others leave out behind the last one."""
+    s = CELLS[name]
+    size = (size[0] // s.cell_size[0] * s.cell_size[0], size[1] // s.cell_size[1] * s.cell_size[1])
+    row, col = (data.draw(st.integers(2, n - 3)) for n in size)
+    ys, xs = cell_centres(s, size)
+    expected = np.zeros((len(ys), len(xs)), bool)
+    for y, x in gradients(row, col):
+        expected |= np.outer(np.abs(ys - y) < s.cell_size[0], np.abs(xs - x) < s.cell_size[1])
+    assert np.array_equal(found_at(s, size, row, col), expected)
+
+
+@given(name=st.sampled_from(sorted(BLOCKS)), size=sizes, data=st.data())
+@settings(max_examples=40)
+def test_blocks_and_boxes_see_their_own_pixels(name: str, size: tuple[int, int], data: st.DataObject) -> None:
+    s = BLOCKS[name]
+    row, col = (data.draw(st.integers(2, n - 3)) for n in size)
+    rows, cols = s.grid(*size)
+    seen = gradients(row, col)
+    if name == "maskfeat":  # its mask is of three rows and columns
+        seen += [(row + dy, col + dx) for dy in (-1, 1) for dx in (-1, 1)]
+    expected = np.zeros((rows, cols), bool)
+    for i, j in np.ndindex(rows, cols):
+        box = pixel_box(s, size, Box(i, j, i + 1, j + 1))
+        expected[i, j] = any(box.top <= y < box.bottom and box.left <= x < box.right for y, x in seen)
+    assert np.array_equal(found_at(s, size, row, col), expected)
+
+
+@given(name=st.sampled_from(sorted(CELLS | BLOCKS)), size=sizes, data=st.data())
+@settings(max_examples=60)
+def test_there_and_back(name: str, size: tuple[int, int], data: st.DataObject) -> None:
+    s = (CELLS | BLOCKS)[name]
+    rows, cols = s.grid(*size)
+    top, left = data.draw(st.integers(0, rows - 1)), data.draw(st.integers(0, cols - 1))
+    cells = Box(top, left, data.draw(st.integers(top + 1, rows)), data.draw(st.integers(left + 1, cols)))
+    pixels = pixel_box(s, size, cells)
+    assert pixels.top >= 0
+    assert pixels.left >= 0
+    assert pixels.bottom <= size[0]
+    assert pixels.right <= size[1]
+    assert cell_box(s, size, pixels) == cells
+    # one pixel less on a side, and its cells do not fit
+    assert cell_box(s, size, pixels._replace(top=pixels.top + 1)).top == cells.top + 1
+    assert cell_box(s, size, pixels._replace(right=pixels.right - 1)).right < cells.right
+    # everything fits into what is larger than the image
+    assert cell_box(s, size, Box(-9, -9, size[0] + 9, size[1] + 9)) == (0, 0, rows, cols)
+
+
+@pytest.mark.parametrize("name", CELLS | BLOCKS)
+def test_centres_are_those_of_the_boxes(name: str) -> None:
+    s, size = (CELLS | BLOCKS)[name], (60, 60)
+    ys, xs = cell_centres(s, size)
+    assert (len(ys), len(xs)) == s.grid(*size)
+    for i, j in np.ndindex(len(ys), len(xs)):
+        box = pixel_box(s, size, Box(i, j, i + 1, j + 1))
+        assert ys[i] == (box.top + box.bottom - 1) / 2
+        assert xs[j] == (box.left + box.right - 1) / 2
+
+
+def test_in_numbers() -> None:
+    ys, xs = cell_centres(presets.vlfeat(), (20, 32))
+    assert ys.tolist() == [3.5, 11.5, 19.5]  # the last is half in the image
+    assert xs.tolist() == [3.5, 11.5, 19.5, 27.5]
+    assert cell_centres(presets.dpm(), (32, 40))[1].tolist() == [11.5, 19.5, 27.5]
+    assert cell_centres(presets.opencv(), (128, 64))[1].tolist() == [7.5, 15.5, 23.5, 31.5, 39.5, 47.5, 55.5]
+    assert pixel_box(presets.dpm(), (64, 64), Box(0, 1, 2, 3)) == (8, 16, 24, 32)
+    assert pixel_box(presets.skimage(), (64, 64), Box(0, 1, 2, 2)) == (0, 8, 32, 32)
+    assert pixel_box(presets.vlfeat(), (20, 32), Box(2, 0, 3, 1)) == (16, 0, 20, 8)
+    assert isinstance(presets.opencv().pooling, BlockCells)
+    assert pixel_box(presets.opencv(), (128, 64), Box(0, 0, 15, 7)) == (0, 0, 128, 64)
+
+
+def test_boxes_that_hold_no_cell() -> None:
+    for pixels in [Box(1, 1, 8, 8), Box(9, 9, 3, 3), Box(-5, -5, 0, 0), Box(90, 90, 99, 99)]:
+        rows = cell_box(presets.vlfeat(), (40, 40), pixels)
+        assert rows.top == rows.bottom
+        assert rows.left == rows.right
+
+
+@pytest.mark.parametrize("cells", [Box(0, 0, 0, 1), Box(0, 0, 1, 6), Box(-1, 0, 1, 1), Box(3, 0, 2, 1)])
+def test_windows_are_within_the_descriptor(cells: Box) -> None:
+    with pytest.raises(ValueError, match="some of the descriptor's 5 rows and 5 columns"):
+        pixel_box(presets.vlfeat(), (40, 40), cells)
+
+
+def test_images_without_a_descriptor() -> None:
+    with pytest.raises(ValueError, match="too few for a dpm descriptor"):
+        cell_centres(presets.dpm(), (16, 40))

@@ -1,0 +1,77 @@
+"""What descriptors have of histograms, and cells side by side."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+import torch
+from torch import Tensor
+
+from nablahog.hog import HOGSpec, hog, presets
+from nablahog.hog.descriptor import histograms
+from nablahog.hog.entries import SideBySide, cell_entries
+
+from .zoo import noise
+
+SIZE = (48, 40)
+SPECS: dict[str, HOGSpec] = {
+    "paper": presets.paper(4),
+    "uoctti": presets.uoctti(4),
+    "aubry": presets.aubry(4),
+    "blocks": presets.vlfeat("dalaltriggs", cell_size=4),
+    "dpm": presets.dpm(4),
+    "skimage": presets.skimage(pixels_per_cell=(4, 4)),
+    "skimage L1-sqrt": presets.skimage(pixels_per_cell=(4, 4), block_norm="L1-sqrt"),
+    "opencv": presets.opencv((40, 48), (8, 8), (4, 4), (4, 4)),
+    "opencv, no overlap": presets.opencv((40, 48), (8, 8), (8, 8), (4, 4)),
+    "maskfeat": presets.maskfeat(4, gaussian_window=0),
+}
+
+
+def cosine(a: Tensor, b: Tensor) -> Tensor:
+    """Of two histograms of each cell, (B, bins, rows, cols)."""
+    return torch.cosine_similarity(a, b, dim=1)
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_entries_point_where_the_votes_do(name: str) -> None:
+    """The same bins of the same cells: clipped and scaled, so not equal, but close in direction."""
+    spec = SPECS[name]
+    image = noise(2, 1, *SIZE)
+    entries = cell_entries(hog(image, spec), spec)
+    votes = histograms(image, spec).reshape(2, spec.colours, spec.bins, *spec.cells(*SIZE)).mean(dim=1)
+    if name == "dpm":
+        votes = votes[..., 1:-1, 1:-1]
+    if name == "aubry":  # knows no sign
+        half = spec.bins // 2
+        votes = (votes[:, :half] + votes[:, half:]).repeat(1, 2, 1, 1)
+    assert entries.shape == votes.shape
+    assert cosine(entries, votes).min() > 0.85
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_cells_side_by_side_and_back(name: str) -> None:
+    spec = SPECS[name]
+    cells = torch.rand(2, spec.bins, 12, 10, dtype=torch.float64)
+    side_by_side = SideBySide(spec, SIZE, cells)
+    torch.testing.assert_close(side_by_side(side_by_side.back(cells)), cells)
+    assert side_by_side.back(cells).shape[2:] == spec.cells(*SIZE)
+
+
+def test_cells_side_by_side_count_every_vote_once() -> None:
+    """A gradient that is the same everywhere gives each inner cell the votes of its pixels."""
+    ramp = torch.linspace(0, 1, SIZE[1], dtype=torch.float64).expand(1, 1, *SIZE)
+    for name in ("skimage", "opencv", "maskfeat"):
+        spec = dataclasses.replace(SPECS[name], gamma="none")
+        cells = histograms(ramp, spec).reshape(1, spec.colours, spec.bins, *spec.cells(*SIZE))[:, 0]
+        found = SideBySide(spec, SIZE, cells)(cells).sum(dim=1)[0, 2:-2, 2:-2]
+        step = 2 * spec.value_range / (SIZE[1] - 1) * (4 if spec.mask == "sobel" else 1)
+        torch.testing.assert_close(found, torch.full_like(found, 16 * step), rtol=0.02, atol=0)
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_the_image_of_whole_cells_has_this_grid(name: str) -> None:
+    spec = SPECS[name]
+    for grid in ((3, 5), (7, 4)):
+        assert spec.grid(*spec.image_size(*grid)) == grid

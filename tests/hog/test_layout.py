@@ -1,0 +1,140 @@
+"""Layouts: what is where, there and back, and the shapes that are refused."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from torch import Tensor
+
+from nablahog.hog import HOGSpec, hog, presets
+from nablahog.hog.layout import from_layout, native_shape, to_layout
+
+from .zoo import PRESETS, SPECS, integers, noise
+
+SIZE = (29, 26)
+names = pytest.mark.parametrize("name", SPECS)
+
+
+def numbered(s: HOGSpec, size: tuple[int, int], batch: int = 2) -> Tensor:
+    """Descriptors, each entry of which is its own index."""
+    shape = (batch, *s.grid(*size), s.channels)
+    return torch.arange(math.prod(shape)).reshape(shape)
+
+
+@names
+def test_native_shape_is_that_of_the_native_layout(name: str) -> None:
+    s = SPECS[name]
+    assert hog(noise(2, 3, *SIZE), s, layout="native").shape == (2, *native_shape(s, SIZE))
+
+
+@names
+def test_native_layout_is_the_descriptor_laid_out(name: str) -> None:
+    s, image = SPECS[name], integers(1, 3, *SIZE)
+    assert torch.equal(hog(image, s, layout="native"), to_layout(hog(image, s, layout="cells"), s))
+    assert torch.equal(hog(image, s), hog(image, s, layout="cells"))
+
+
+@given(name=st.sampled_from(sorted(SPECS)), rows=st.integers(1, 5), cols=st.integers(1, 5), batch=st.integers(0, 3))
+def test_there_and_back(name: str, rows: int, cols: int, batch: int) -> None:
+    s = SPECS[name]
+    size = s.image_size(rows, cols)
+    descriptor = numbered(s, size, batch)
+    native = to_layout(descriptor, s)
+    assert native.shape == (batch, *native_shape(s, size))
+    assert torch.equal(from_layout(native, s, size), descriptor)
+    assert torch.equal(from_layout(native.flatten(1), s, size), descriptor)
+    assert torch.equal(to_layout(from_layout(native, s, size), s), native)
+
+
+def test_planes() -> None:
+    """VLFeat and dlib: the channel first."""
+    for s in (presets.vlfeat(), presets.dlib(), presets.cnn_hog()):
+        descriptor = numbered(s, (40, 56))
+        native = to_layout(descriptor, s)
+        assert native.shape[1] == s.channels
+        for row, col, channel in ((0, 0, 0), (1, 2, 5), (2, 1, 20)):
+            assert native[1, channel, row, col] == descriptor[1, row, col, channel]
+
+
+def test_colour_planes() -> None:
+    """MaskFeat: colour, bin, row, column."""
+    s = presets.maskfeat(nbins=7)
+    descriptor = numbered(s, (24, 32))
+    native = to_layout(descriptor, s)
+    assert native.shape == (2, 3, 7, 3, 4)
+    for colour, bin_, row, col in ((0, 0, 0, 0), (1, 3, 2, 1), (2, 6, 0, 3)):
+        assert native[1, colour, bin_, row, col] == descriptor[1, row, col, 7 * colour + bin_]
+
+
+def test_blocks_of_skimage() -> None:
+    """Block row, block column, cell row, cell column, bin; in one row if a feature vector is asked for."""
+    s = presets.skimage(5, (8, 6), (2, 3), feature_vector=False)
+    descriptor = numbered(s, (32, 36))
+    native = to_layout(descriptor, s)
+    assert native.shape == (2, 3, 4, 2, 3, 5)
+    for row, col, y, x, bin_ in ((0, 0, 0, 0, 0), (2, 1, 1, 0, 4), (1, 3, 0, 2, 1)):
+        assert native[1, row, col, y, x, bin_] == descriptor[1, row, col, (3 * y + x) * 5 + bin_]
+    vector = to_layout(descriptor, presets.skimage(5, (8, 6), (2, 3), feature_vector=True))
+    assert np.array_equal(vector[1].numpy(), native[1].numpy().ravel())
+
+
+def test_blocks_are_of_neighbouring_cells() -> None:
+    """Before a norm that is not the same for all: cell (1, 1) of block (0, 0) is cell (0, 0) of block (1, 1)."""
+    s = presets.skimage(cells_per_block=(2, 2), block_norm="L2", feature_vector=False)
+    found = hog(noise(1, 1, 32, 32), s, layout="native")[0]
+    one, other = found[0, 0, 1, 1], found[1, 1, 0, 0]
+    torch.testing.assert_close(one / one.norm(), other / other.norm())
+
+
+def test_vectors_of_opencv() -> None:
+    """Column by column of blocks, in a block column by column of cells."""
+    s = presets.opencv((64, 48), (16, 24), (8, 8), (8, 8), 5)
+    descriptor = numbered(s, (48, 64))
+    native = to_layout(descriptor, s).reshape(2, 7, 4, 2, 3, 5)
+    for col, row, x, y, bin_ in ((0, 0, 0, 0, 0), (6, 1, 1, 2, 4), (3, 3, 0, 1, 2)):
+        assert native[1, col, row, x, y, bin_] == descriptor[1, row, col, (2 * y + x) * 5 + bin_]
+
+
+def test_the_window_of_dalal_and_triggs() -> None:
+    assert native_shape(presets.opencv(), (128, 64)) == (3780,)
+    assert native_shape(presets.skimage(cells_per_block=(2, 2)), (128, 64)) == (3780,)
+    assert native_shape(presets.dpm(), (128, 64)) == (14, 6, 32)
+    assert native_shape(presets.dlib(), (128, 64)) == (31, 14, 6)
+    assert native_shape(presets.vlfeat(), (128, 64)) == (31, 16, 8)
+    assert native_shape(presets.vlfeat("dalaltriggs"), (128, 64)) == (36, 16, 8)
+    assert native_shape(presets.maskfeat(), (224, 224)) == (3, 9, 28, 28)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_refuses_other_shapes(name: str) -> None:
+    """All of which have as many entries as some descriptor, but not laid out as the library's."""
+    s = PRESETS[name]()
+    size = s.image_size(3, 4)
+    native = to_layout(numbered(s, size), s)
+    shapes = {
+        (*native.shape[1:], 1),
+        tuple(native.shape[1:-1]),
+        (native[0].numel() + 1,),
+        (4, 3, s.channels),
+        (3, 4, s.channels + 1),
+    }
+    for shape in shapes - {native_shape(s, size), (math.prod(native_shape(s, size)),)}:
+        message = f"a {s.name} descriptor of an image of {size[0]}x{size[1]} pixels (height x width) has the shape "
+        with pytest.raises(ValueError, match="descriptor of an image") as error:
+            from_layout(torch.zeros(2, *shape), s, size)
+        assert str(error.value) == f"{message}{native_shape(s, size)}, got {shape}"
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_refuses_images_without_a_descriptor(name: str) -> None:
+    s = PRESETS[name](8)
+    for f in (lambda size: native_shape(s, size), lambda size: from_layout(torch.zeros(1, s.channels), s, size)):
+        for size in itertools.product((0, 3), (3, 100)):
+            with pytest.raises(ValueError, match=r"must hold at least one|too few for a"):
+                f(size)

@@ -1,0 +1,232 @@
+"""The same answer in every mode: batches, precisions, devices, function transforms, compilers, modules."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch import Tensor, nn
+from torch.testing import assert_close
+
+from nablahog.hog import HOG, HOGSpec, hog, presets
+
+from .zoo import DOUBLE, PRESETS, SPECS, fits, integers, noise
+
+seeds = st.integers(0, 2**31 - 1)
+small = st.integers(1, 4)
+a_few_times = settings(max_examples=3)  # for each dialect
+
+# one for each way through the code; a compiler takes a second for each
+COMPILED = ("paper", "uoctti", "uoctti-hard", "vlfeat-bilinear", "dlib", "cnn-hog", "skimage", "opencv", "maskfeat")
+compiled = pytest.mark.parametrize("name", COMPILED)
+
+
+# --- batch, precision, device, dtype ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", SPECS)
+@given(seed=seeds, batch=st.integers(1, 5))
+@a_few_times
+def test_batch_equals_loop(name: str, seed: int, batch: int) -> None:
+    images = noise(batch, 3, 9, 10, seed=seed)
+    looped = torch.cat([hog(image.unsqueeze(0), SPECS[name]) for image in images])
+    assert_close(hog(images, SPECS[name]), looped, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", SPECS)
+@given(seed=seeds, channels=small)
+@a_few_times
+def test_single_precision_equals_double(name: str, seed: int, channels: int) -> None:
+    """Of continuous images: where hard votes tie, the rounding of one gray value may decide the bin."""
+    channels = channels if fits(SPECS[name], channels, 12, 9) else 3
+    image = noise(1, channels, 12, 9, seed=seed, dtype=torch.float32)
+    single = hog(image, SPECS[name])
+    assert single.dtype == torch.float32
+    double = hog(image.double(), SPECS[name])
+    # a float32's arccosine near 1 loses half of its digits
+    tolerance = 1e-3 if SPECS[name].angle == "vlfeat" else 1e-5
+    assert_close(single.double(), double, rtol=tolerance, atol=tolerance)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_bytes_follow_the_default_dtype(dtype: torch.dtype) -> None:
+    image = (255 * integers(1, 3, 8, 8)).round().to(torch.uint8)
+    before = torch.get_default_dtype()
+    torch.set_default_dtype(dtype)
+    try:
+        for s in SPECS.values():
+            descriptor = hog(image, s)
+            assert descriptor.dtype == dtype
+            assert_close(descriptor, hog(image.to(dtype) / 255, s), rtol=0, atol=1e-5)
+    finally:
+        torch.set_default_dtype(before)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_autocast_keeps_precision(name: str) -> None:
+    s = PRESETS[name](4)
+    image = noise(1, 3, *s.image_size(2, 2), dtype=torch.float32)
+    expected = hog(image, s)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        descriptor = hog(image, s)
+    assert descriptor.dtype == torch.float32
+    assert_close(descriptor, expected)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device here")
+@pytest.mark.parametrize("name", SPECS)
+def test_cuda_equals_cpu(name: str) -> None:
+    for image in (noise(2, 3, 12, 9), integers(2, 3, 12, 9, levels=4)):
+        for dtype, tolerance in ((torch.float64, 1e-12), (torch.float32, 1e-5)):
+            cpu = image.to(dtype).requires_grad_()
+            gpu = image.to("cuda", dtype).requires_grad_()
+            on_cpu, on_gpu = hog(cpu, SPECS[name]), hog(gpu, SPECS[name])
+            assert_close(on_gpu.cpu(), on_cpu, rtol=0, atol=tolerance)
+            on_cpu.square().sum().backward()
+            on_gpu.square().sum().backward()
+            assert cpu.grad is not None
+            assert gpu.grad is not None
+            size = cpu.grad.abs().max().item()
+            assert_close(gpu.grad.cpu(), cpu.grad, rtol=0, atol=10 * tolerance * size)
+
+
+# --- function transforms ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_vmap_equals_loop(name: str) -> None:
+    s = SPECS[name]
+    for images in (noise(3, 2, 3, 8, 8), integers(3, 2, 3, 8, 8, levels=4)):
+        looped = torch.stack([hog(batch, s) for batch in images])
+        assert_close(torch.func.vmap(lambda batch: hog(batch, s))(images), looped, rtol=0, atol=1e-13)
+        single = torch.func.vmap(lambda image: hog(image.unsqueeze(0), s)[0])(images[0])
+        assert_close(single, looped[0], rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_vmap_of_grad_equals_loop(name: str) -> None:
+    s = PRESETS[name](4)
+
+    def energy(image: Tensor) -> Tensor:
+        return hog(image.unsqueeze(0), s)[..., ::2].square().sum()
+
+    images = noise(3, 1, *s.image_size(2, 2))
+    looped = torch.stack([torch.func.grad(energy)(image) for image in images])
+    assert looped.abs().max() > 0
+    assert_close(torch.func.vmap(torch.func.grad(energy))(images), looped, rtol=0, atol=1e-12)
+
+
+def test_blocks_are_batched() -> None:
+    """Not one image after the other, of which PyTorch warns, if only once."""
+    grad = torch.func.grad(lambda image: hog(image.unsqueeze(0), presets.opencv()).sum())
+    before = torch.is_warn_always_enabled()
+    torch.set_warn_always(True)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            torch.func.vmap(grad)(noise(2, 3, 16, 16))
+    finally:
+        torch.set_warn_always(before)
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_jvp_is_a_column_of_the_jacobian(name: str) -> None:
+    s = SPECS[name]
+    image = integers(1, 3, 8, 8, levels=8)
+    jacobian = torch.func.jacrev(lambda z: hog(z, s))(image)
+    for c, y, x in ((0, 3, 4), (1, 0, 0), (2, 5, 7)):
+        tangent = torch.zeros_like(image)
+        tangent[0, c, y, x] = 1
+        _, column = torch.func.jvp(lambda z: hog(z, s), (image,), (tangent,))
+        assert_close(column, jacobian[..., 0, c, y, x], rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_hessian(name: str) -> None:
+    """Symmetric, not zero, and the Jacobian of the gradient."""
+    s = PRESETS[name](2)
+    size = s.image_size(3, 2)
+    weights = noise(1, 3, 2, s.channels, seed=1)
+
+    def energy(image: Tensor) -> Tensor:
+        return (hog(image, s) * weights).sum()
+
+    image = noise(1, 1, *size)
+    pixels = image.numel()
+    hessian = torch.func.hessian(energy)(image).reshape(pixels, pixels)
+    assert hessian.abs().max() > 0.1
+    assert_close(hessian, hessian.T, rtol=1e-9, atol=1e-9)
+    reverse = torch.func.jacrev(torch.func.jacrev(energy))(image).reshape(pixels, pixels)
+    assert_close(reverse, hessian, rtol=1e-9, atol=1e-9)
+
+
+# --- torch.compile ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def fresh_compiler() -> Iterator[None]:
+    torch._dynamo.reset()
+    yield
+    torch._dynamo.reset()
+
+
+def assert_compiled_equals_eager(s: HOGSpec, backend: str) -> None:
+    in_one_graph = torch.compile(lambda z: hog(z, s), backend=backend, fullgraph=True)
+    size = s.image_size(2, 2)
+    for image in (noise(2, 3, *size, dtype=torch.float32), integers(2, 3, *size, levels=8, dtype=torch.float32)):
+        a, b = image.clone().requires_grad_(), image.clone().requires_grad_()
+        first, second = in_one_graph(a), hog(b, s)
+        assert_close(first, second, rtol=0, atol=1e-6)
+        first.square().sum().backward()
+        second.square().sum().backward()
+        assert_close(a.grad, b.grad, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.usefixtures("fresh_compiler")
+@compiled
+def test_compiles_to_one_graph(name: str) -> None:
+    assert_compiled_equals_eager(PRESETS[name](4), "aot_eager")
+
+
+@pytest.mark.usefixtures("fresh_compiler")
+@compiled
+def test_has_no_graph_break(name: str) -> None:
+    explanation = torch._dynamo.explain(hog)(noise(1, 3, 16, 16), PRESETS[name](4))
+    assert explanation.graph_break_count == 0
+    assert explanation.graph_count == 1
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("fresh_compiler")
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of PyTorch's own modules, when inductor is loaded
+@compiled
+def test_inductor_equals_eager(name: str) -> None:
+    assert_compiled_equals_eager(PRESETS[name](4), "inductor")
+
+
+# --- the module ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_module_is_the_function(name: str) -> None:
+    s = PRESETS[name](4)
+    module = HOG(s)
+    image = noise(1, 3, *s.image_size(2, 2))
+    assert (module(image) == hog(image, s)).all()
+    assert not module.state_dict()
+    assert not list(module.parameters())
+    assert s.name in repr(module)
+    assert "(4, 4)" in repr(module)
+
+
+def test_module_in_a_network() -> None:
+    network = nn.Sequential(HOG(presets.uoctti(4)), nn.Flatten(), nn.Linear(2 * 2 * 31, 1)).to(DOUBLE)
+    image = noise(2, 3, 8, 8).requires_grad_()
+    network(image).sum().backward()
+    assert image.grad is not None
+    assert image.grad.abs().max() > 0
+    assert set(network.state_dict()) == {"2.weight", "2.bias"}

@@ -1,0 +1,151 @@
+"""Values and derivatives are finite for any finite image, and NaN stays where it is."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+from torch.testing import assert_close
+
+from nablahog.hog import HOGSpec, hog, presets
+
+from .differences import vector, voter
+from .zoo import DOUBLE, PRESETS, SPECS, fits, integers, noise, sized
+
+
+def one_pixel(level: float, by: float) -> Tensor:
+    x = torch.full((1, 3, 8, 8), level, dtype=DOUBLE)
+    x[0, 1, 3, 4] += by
+    return x
+
+
+IMAGES: dict[str, Tensor] = {
+    "black": torch.zeros(1, 3, 8, 8, dtype=DOUBLE),
+    "white": torch.ones(1, 3, 8, 8, dtype=DOUBLE),
+    "flat": torch.full((1, 3, 8, 8), 0.3, dtype=DOUBLE),
+    "one-pixel": one_pixel(0.5, 1 / 255),
+    "one-pixel-barely": one_pixel(0.5, 2e-7),
+    "binary": integers(1, 3, 8, 8, levels=2),
+    "bytes": integers(1, 3, 8, 8, levels=6),
+    "stripes": torch.arange(8, dtype=DOUBLE).remainder(2).expand(1, 3, 8, 8),
+    "1x9": noise(1, 3, 1, 9),
+    "9x1": integers(1, 1, 9, 1, levels=3),
+    "2x2": noise(1, 1, 2, 2),
+}
+TINY: dict[str, Tensor] = {
+    f"{kind}-{size:g}": size * image
+    for size in (1e-8, 1e-10, 1e-15, 1e-18, 1e-20, 1e-22, 1e-30, 1e-40)
+    for kind, image in {"noise": noise(1, 1, 8, 8), "one-pixel": one_pixel(0, 1)}.items()
+}
+
+
+def assert_finite_in_every_mode(x: Tensor, s: HOGSpec) -> None:
+    x = x.clone().requires_grad_()
+    descriptor = hog(x, s)
+    assert descriptor.isfinite().all(), "value"
+    weights = noise(*descriptor.shape, seed=7, dtype=x.dtype)
+    (grad,) = torch.autograd.grad((weights * descriptor).sum(), x, create_graph=True)
+    assert grad.isfinite().all(), "reverse mode"
+    tangent = noise(*x.shape, seed=8, dtype=x.dtype)
+    (second,) = torch.autograd.grad((tangent * grad).sum(), x)
+    assert second.isfinite().all(), "second derivative, reverse over reverse"
+    x = x.detach()
+    assert torch.func.jvp(lambda z: hog(z, s), (x,), (tangent,))[1].isfinite().all(), "forward mode"
+    gradient_of = torch.func.grad(lambda z: (weights * hog(z, s)).sum())
+    assert torch.func.jvp(gradient_of, (x,), (tangent,))[1].isfinite().all(), "second derivative, forward over reverse"
+
+
+# one of each kind of gradients, votes and normalisers
+KINDS = [
+    *("paper", "paper-robust", "uoctti", "uoctti-hard", "cnn-hogb", "skimage", "skimage-root", "opencv", "maskfeat"),
+    *("zero-largest", "sobel-separate", "derivative", "blocks-L2-added", "missing-floor"),
+]
+
+
+def assert_finite(image: str, s: HOGSpec, dtype: torch.dtype) -> None:
+    x = IMAGES[image].to(dtype)
+    fitting = s if min(x.shape[-2:]) > 4 else sized(s, (1, 1))
+    if fits(fitting, *x.shape):
+        assert_finite_in_every_mode(x, fitting)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("image", IMAGES)
+def test_never_nan(image: str, dtype: torch.dtype) -> None:
+    for name in KINDS:
+        assert_finite(image, SPECS[name], dtype)
+
+
+@pytest.mark.parametrize("name", [name for name in SPECS if name not in KINDS])
+def test_never_nan_in_any_dialect(name: str) -> None:
+    for image in ("black", "one-pixel-barely", "bytes", "2x2"):
+        assert_finite(image, SPECS[name], torch.float32)
+
+
+def test_one_pixel_has_derivative_zero() -> None:
+    """Its descriptor is constant, which must not make backward() raise."""
+    for s in SPECS.values():
+        if fits(sized(s, (1, 1)), 3, 1, 1):
+            assert_finite_in_every_mode(noise(1, 3, 1, 1), sized(s, (1, 1)))
+
+
+TINY_IN = (
+    *("paper", "paper-robust", "uoctti", "uoctti-hard"),
+    *("skimage", "skimage-root", "opencv", "opencv-signed", "maskfeat"),
+)
+
+
+@pytest.mark.parametrize("name", TINY_IN)
+def test_never_nan_for_tiny_gradients(name: str) -> None:
+    """Gradients so small that their square underflows, or one over their square overflows."""
+    s = PRESETS[name](4)
+    for dtype in (torch.float32, torch.float64):
+        for image in TINY.values():
+            assert_finite_in_every_mode(image.to(dtype), s)
+            assert_finite_in_every_mode((image**7).to(dtype), s)
+
+
+@pytest.mark.parametrize(
+    ("dtype", "kept", "dropped"),
+    [(torch.float32, (1e-3, 1e-6, 1e-9), (1e-10, 1e-20)), (torch.float64, (1e-3, 1e-30, 1e-76), (1e-78, 1e-200))],
+)
+def test_tiny_gradients_have_the_derivatives_of_large_ones(
+    dtype: torch.dtype, kept: tuple[float, ...], dropped: tuple[float, ...]
+) -> None:
+    """Votes are homogeneous: their Jacobian depends on the direction of the gradient only, until it counts as zero."""
+    f = voter(presets.paper())
+    at = vector(0.3, -0.7, dtype=dtype)
+    large = torch.func.jacrev(f)(at)
+    for size in kept:
+        assert_close(torch.func.jacrev(f)(size * at), large, rtol=1e-5, atol=1e-5)
+    for size in dropped:
+        assert (torch.func.jacrev(f)(size * at) == 0).all()
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("name", PRESETS)
+def test_nan_pixel_makes_nan_and_nothing_else(name: str, channels: int) -> None:
+    """NaN where the pixel is seen; no exception, no effect on the other images of the batch."""
+    s = PRESETS[name](4)
+    clean = noise(2, channels, 16, 16)
+    x = clean.clone()
+    x[0, 0, 2, 2] = float("nan")
+    descriptor = hog(x, s)
+    assert descriptor[0, 0, 0].isnan().any()
+    assert_close(descriptor[1], hog(clean, s)[1], rtol=0, atol=0)
+    grad = torch.func.grad(lambda z: hog(z, s).square().sum())(x)
+    assert grad[0].isnan().any()
+    assert grad[1].isfinite().all()
+    tangent = torch.func.jvp(lambda z: hog(z, s), (x,), (clean,))[1]
+    assert tangent[0, 0, 0].isnan().any()
+    assert tangent[1].isfinite().all()
+
+
+@pytest.mark.parametrize("value", [float("inf"), float("-inf")])
+@pytest.mark.parametrize("name", PRESETS)
+def test_infinite_pixel_raises_nothing(name: str, value: float) -> None:
+    x = noise(1, 3, 16, 16)
+    x[0, 0, 4, 4] = value
+    if PRESETS[name]().gamma == "none" or value > 0:  # the root of what is below 0 is taken to be 0
+        assert not hog(x, PRESETS[name](4)).isfinite().all()
+    torch.func.grad(lambda z: hog(z, PRESETS[name](4)).sum())(x)

@@ -1,0 +1,53 @@
+"""Pre-images in colour."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+
+from nablahog import hog, presets, reconstruct
+from nablahog.hog import HOGSpec
+from nablahog.hog.gradient import gray
+from nablahog.invert.colour import reconstruct_colour
+
+SPECS: dict[str, HOGSpec] = {
+    "uoctti": presets.uoctti(4),
+    "opencv": presets.opencv((40, 40), (8, 8), (4, 4), (4, 4)),
+    "maskfeat": presets.maskfeat(4),
+}
+
+
+def two_colours() -> Tensor:
+    """(1, 3, 40, 40): a red disc on a green ground of the same gray value, shaded."""
+    y, x = torch.meshgrid(torch.linspace(-1, 1, 40), torch.linspace(-1, 1, 40), indexing="ij")
+    disc = torch.sigmoid(15 * (0.6 - torch.hypot(x, y)))
+    shade = 0.1 * x
+    return torch.stack([0.9 * disc, 0.45 * (1 - disc), 0.2 * torch.ones_like(x)])[None] + 0.1 + shade
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_colour_comes_closer(name: str) -> None:
+    spec = SPECS[name]
+    descriptor = hog(two_colours().clamp(0, 1), spec)
+    options = {"max_evaluations": 100, "seed": 1}
+    plain = reconstruct(descriptor, spec, (40, 40), **options)
+    found = reconstruct_colour(descriptor, spec, (40, 40), colour_evaluations=80, **options)
+    assert found.image.shape == (1, 3, 40, 40)
+    assert ((found.image >= 0) & (found.image <= 1)).all()
+    assert (found.distance < plain.distance).all()
+    torch.testing.assert_close(
+        found.distance, (hog(found.image, spec) - descriptor).flatten(1).norm(dim=1) / descriptor.flatten(1).norm(dim=1)
+    )
+    assert (found.evaluations > plain.evaluations).all()
+    alike = torch.corrcoef(torch.stack([gray(found.image).flatten(), plain.image.flatten()]))[0, 1]
+    assert alike > 0.8  # no stronger colours than the descriptor asks for
+    assert (found.image - found.image.mean(dim=1, keepdim=True)).abs().max() > 1e-3
+
+
+def test_refusals() -> None:
+    gray_only = presets.paper(4)
+    with pytest.raises(ValueError, match="a paper descriptor is of gray images, and has no pre-image in colour"):
+        reconstruct_colour(torch.rand(1, 5, 5, 9), gray_only)
+    with pytest.raises(ValueError, match="colour_evaluations must be at least 2, got 1"):
+        reconstruct_colour(torch.rand(1, 5, 5, 31), presets.uoctti(4), colour_evaluations=1)

@@ -1,0 +1,74 @@
+"""What linear detectors look for."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from nablahog import hog, presets, reconstruct
+from nablahog.hog import HOGSpec
+from nablahog.hog.entries import cell_entries
+from nablahog.invert.template import seen
+
+SPECS: dict[str, HOGSpec] = {
+    "dpm": presets.dpm(4),
+    "uoctti": presets.uoctti(4),
+    "skimage": presets.skimage(pixels_per_cell=(4, 4)),
+    "opencv": presets.opencv((40, 40), (8, 8), (4, 4), (4, 4)),
+    "maskfeat": presets.maskfeat(4),
+    "paper": presets.paper(4),
+}
+
+
+def disc() -> Tensor:
+    y, x = torch.meshgrid(torch.linspace(-1, 1, 40), torch.linspace(-1, 1, 40), indexing="ij")
+    return (0.2 + 0.6 * torch.sigmoid(15 * (0.6 - torch.hypot(x, y))))[None, None]
+
+
+def template(spec: HOGSpec) -> Tensor:
+    """Of a disc against another picture, as a discriminant's weights would be."""
+    noise = torch.rand(1, 1, 40, 40, generator=torch.Generator().manual_seed(0))
+    return hog(disc(), spec) - hog(noise, spec)
+
+
+@pytest.mark.parametrize("name", [name for name in SPECS if name != "paper"])  # whose signs are anybody's guess
+def test_what_is_seen_has_the_shape_in_it(name: str) -> None:
+    spec = SPECS[name]
+    descriptor = seen(template(spec), spec)
+    assert descriptor.shape == (1, *spec.grid(40, 40), spec.channels)
+    assert torch.isfinite(descriptor).all()
+    assert (descriptor >= 0).all()
+    found = reconstruct(descriptor, spec, (40, 40), max_evaluations=200).image
+    assert abs(np.corrcoef(found.flatten(), disc().flatten())[0, 1]) > 0.5
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_only_one_sign_counts(name: str) -> None:
+    spec = SPECS[name]
+    weights = template(spec)
+    torch.testing.assert_close(seen(weights, spec, negative=True), seen(-weights, spec))
+    torch.testing.assert_close(seen(3 * weights, spec), seen(weights, spec), rtol=1e-4, atol=1e-5)
+
+
+def test_a_weight_becomes_an_edge_of_its_cell_and_bin() -> None:
+    spec = presets.uoctti(4)
+    weights = torch.full((1, 10, 10, spec.channels), -1.0)
+    weights[0, 4, 6, 3] = 1.0
+    entries = cell_entries(seen(weights, spec), spec)[0]
+    assert torch.nonzero(entries).tolist() == [[3, 4, 6]]
+
+
+def test_refusals() -> None:
+    spec = presets.uoctti(4)
+    with pytest.raises(ValueError, match=r"must have shape \(10, 10, 31\) .*, got \(10, 10, 32\)"):
+        seen(torch.ones(1, 10, 10, 32), spec)
+    with pytest.raises(ValueError, match="the weights must be finite, got NaN or Inf"):
+        seen(torch.full((1, 10, 10, 31), math.nan), spec)
+    with pytest.raises(ValueError, match="a template has no positive weights of edges"):
+        seen(-torch.ones(1, 10, 10, 31), spec)
+    with pytest.raises(ValueError, match="a template has no negative weights of edges"):
+        seen(torch.ones(1, 10, 10, 31), spec, negative=True)
