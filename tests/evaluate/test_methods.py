@@ -11,7 +11,7 @@ import torch
 
 from nablahog import hog
 from nablahog.evaluate.learned import SPEC, load
-from nablahog.evaluate.methods import METHODS, Method, Settings, choose
+from nablahog.evaluate.methods import DIALECTS, METHODS, Method, Settings, choose
 from nablahog.evaluate.published import GROUPS, PUBLISHED
 
 from .common import image, photographs, write_prior
@@ -83,12 +83,14 @@ def test_the_prior_decides(tmp_path: Path) -> None:
 
 
 def test_choosing() -> None:
-    every, learned = list(METHODS.values()), METHODS["uoctti-learned"]
+    every, learned = [method for method in METHODS.values() if not method.asked], METHODS["uoctti-learned"]
     assert choose(None, ["prior"]) == (every, [])
     assert choose(None, []) == ([method for method in every if method is not learned], [learned])
     two = ["dalal-single", "uoctti-single"]
     assert choose(two, []) == ([METHODS[name] for name in reversed(two)], [])
     assert choose(["uoctti-learned"], ["prior"]) == ([learned], [])
+    assert choose(DIALECTS, []) == ([METHODS[name] for name in DIALECTS], [])
+    assert all(METHODS[name].asked for name in DIALECTS)
     with pytest.raises(ValueError, match="uoctti-learned needs --prior FILE"):
         choose([*two, "uoctti-learned"], [])
     with pytest.raises(ValueError, match="none of the methods asked for uses --prior; these do: uoctti-learned"):
