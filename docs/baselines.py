@@ -64,7 +64,8 @@ def main() -> None:
                 print(f"inverting {name}")
                 rows[name] = row(name, squares[name], learned)
     sheet = contact_sheet([rows[name] for name in names], height=SIZE)
-    sheet.convert("L").save(HERE / "baselines.png", optimize=True)
+    # 64 gray levels do, and keep the file below a megabyte
+    sheet.convert("L").quantize(64).save(HERE / "baselines.png", optimize=True)
 
 
 if __name__ == "__main__":

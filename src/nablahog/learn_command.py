@@ -19,6 +19,7 @@ from .invert.baselines.hoggles import patch_size
 from .invert.baselines.hoggles_learning import learn_hoggles as learn_pair
 from .invert.baselines.nearest import learn_nearest as keep_windows
 from .invert.baselines.ridge import learn_ridge as fit_regression
+from .invert.baselines.windows import check_cells
 from .invert.crops import least_side
 from .invert.network import default_architecture
 from .learning import lessons
@@ -89,7 +90,7 @@ def learn_hoggles(arguments: Namespace) -> None:
         OSError: a file or folder is missing or cannot be written.
     """
     output = _npz_file(arguments, "a pair of dictionaries")
-    spec = _spec(arguments)
+    spec = _spec(arguments, check_cells)
     photographs = _lessons(arguments, patch_size(spec))
     options = {"fast": arguments.fast, "seed": arguments.seed}
     pair = _learn(
@@ -126,7 +127,7 @@ def learn_ridge(arguments: Namespace) -> None:
         OSError: a file or folder is missing or cannot be written.
     """
     output = _npz_file(arguments, "a regression")
-    spec = _spec(arguments)
+    spec = _spec(arguments, check_cells)
     photographs = _lessons(arguments, spec.cell_size)
     ridge = _learn(
         arguments,
@@ -145,7 +146,7 @@ def learn_nearest(arguments: Namespace) -> None:
         OSError: a file or folder is missing or cannot be written.
     """
     output = _npz_file(arguments, "a database")
-    spec = _spec(arguments)
+    spec = _spec(arguments, check_cells)
     photographs = _lessons(arguments, spec.cell_size)
     database = _learn(
         arguments,

@@ -22,8 +22,8 @@ RING = 1  # of cells next to the border of an image, which are unlike all others
 
 def least_size(spec: HOGSpec, order: int = ORDER) -> tuple[int, int]:
     """(height, width) of the smallest image to learn from."""
-    height, width = ((order + 1 + 2 * RING) * side for side in spec.cell_size)
-    return height, width
+    cells = order + 1 + 2 * RING
+    return spec.image_size(cells, cells)
 
 
 def learn_background(

@@ -219,3 +219,12 @@ def test_too_few_and_too_small_images() -> None:
     for size in ((0, 6), (1, 60), (6, 2)):
         with pytest.raises(ValueError, match=rf"^x: .* one cell of 2x3 pixels .*got an image of {size[0]}x{size[1]}"):
             check_images({"x": torch.zeros(size)}, spec)
+
+
+BLOCKS = [presets.dpm(), presets.dlib(), presets.seeing3d(), presets.skimage(), presets.opencv()]
+
+
+@pytest.mark.parametrize("spec", BLOCKS, ids=lambda spec: spec.name)
+def test_descriptors_whose_rows_are_not_those_of_the_cells(spec: HOGSpec) -> None:
+    with pytest.raises(ValueError, match=f"for itself only: {spec.name} has blocks, or leaves the outermost"):
+        check_images({"image": torch.zeros(64, 128)}, spec)

@@ -29,8 +29,8 @@ from ...archive import account_of, account_to_text, check_format, naming, read_a
 from ...compile import compiled
 from ...hog.spec import HOGSpec
 from ...threads import in_threads
-from ..preimage import Reconstruction, check_descriptor, relative_distance
-from .windows import stretched
+from ..preimage import Reconstruction, check_descriptor
+from .windows import stretched, without_search
 
 FORMAT = 1
 CELLS = 5  # of a window's side
@@ -147,15 +147,7 @@ class PairedDictionary:
             images.append(self._invert(descriptor[first : first + together].float().cpu(), atoms, gram, size))
         if progress:
             progress(count, count)
-        image = torch.cat(images).to(descriptor)
-        return Reconstruction(
-            image,
-            relative_distance(image, descriptor, spec),
-            ["all windows are coded"] * count,
-            descriptor.new_zeros(0, count),
-            torch.zeros(count, dtype=torch.long, device=descriptor.device),
-            time.perf_counter() - began,
-        )
+        return without_search(torch.cat(images), descriptor, spec, "windows are coded", began)
 
     def _invert(self, descriptor: Tensor, atoms: Tensor, gram: Tensor, size: tuple[int, int]) -> Tensor:
         """Images (B, 1, H, W) of descriptors (B, rows, cols, channels)."""

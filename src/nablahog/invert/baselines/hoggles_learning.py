@@ -32,6 +32,7 @@ from ...hog.spec import HOGSpec
 from ..checkpoint import Checkpoint
 from ..provenance import digest_of_images
 from .hoggles import AROUND, CELLS, Learning, PairedDictionary, check_sparsity, lasso, patch_size, unit
+from .windows import check_cells
 
 ATOMS = 1024
 SPARSITY = 0.02
@@ -81,7 +82,8 @@ def learn_hoggles(
 
     Raises:
         ValueError: there are no images, or one is too small or holds other values; they have fewer windows with any
-            contrast than there are to be atoms; a number is out of range; the checkpoint is of another learning, or
+            contrast than there are to be atoms; a number is out of range; the spec has no row of channels for each cell
+            (:func:`.windows.check_cells`); the checkpoint is of another learning, or
             damaged.
         OSError: the checkpoint cannot be written.
     """
@@ -89,6 +91,7 @@ def learn_hoggles(
         if number < 1:
             raise ValueError(f"{name} must be at least 1, got {number}")
     check_sparsity(sparsity)
+    check_cells(spec)
     names = sorted(images)
     for name in names:
         _check(name, images[name], spec)

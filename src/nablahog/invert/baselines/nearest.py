@@ -20,9 +20,9 @@ from torch import Tensor
 
 from ...archive import account_of, account_to_text, check_format, naming, read_arrays, text, write_arrays
 from ...hog.spec import HOGSpec
-from ..preimage import Reconstruction, check_descriptor, relative_distance
+from ..preimage import Reconstruction, check_descriptor
 from ..provenance import digest_of_images
-from .windows import Pairs, check_images, mean_of_patches, patch_size, stretched, windows_at_cells
+from .windows import Pairs, check_images, mean_of_patches, patch_size, stretched, windows_at_cells, without_search
 
 FORMAT = 1
 CELLS = 5  # of the side of a window and of a patch
@@ -126,15 +126,7 @@ class NearestWindows:
             images.append(stretched(mean_of_patches(patches.view(*windows.shape[:3], -1), spec, CELLS, size)))
         if progress:
             progress(count, count)
-        image = torch.cat(images).to(descriptor)
-        return Reconstruction(
-            image,
-            relative_distance(image, descriptor, spec),
-            ["all windows are done"] * count,
-            descriptor.new_zeros(0, count),
-            torch.zeros(count, dtype=torch.long, device=descriptor.device),
-            time.perf_counter() - began,
-        )
+        return without_search(torch.cat(images), descriptor, spec, "windows are done", began)
 
     def _expected(self, windows: Tensor, neighbours: int) -> Tensor:
         """The mean patch (N, pixels) of the windows nearest to each of (N, n)."""

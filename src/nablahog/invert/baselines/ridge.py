@@ -20,9 +20,9 @@ from torch import Tensor
 
 from ...archive import account_of, account_to_text, check_format, naming, read_arrays, text, write_arrays
 from ...hog.spec import HOGSpec
-from ..preimage import Reconstruction, check_descriptor, relative_distance
+from ..preimage import Reconstruction, check_descriptor
 from ..provenance import digest_of_images
-from .windows import Pairs, check_images, mean_of_patches, patch_size, stretched, windows_at_cells
+from .windows import Pairs, check_images, mean_of_patches, patch_size, stretched, windows_at_cells, without_search
 
 FORMAT = 1
 CELLS = 7  # of the side of a window and of a patch
@@ -119,15 +119,7 @@ class RidgeRegression:
             images.append(stretched(mean_of_patches(patches, spec, CELLS, size)))
         if progress:
             progress(count, count)
-        image = torch.cat(images).to(descriptor)
-        return Reconstruction(
-            image,
-            relative_distance(image, descriptor, spec),
-            ["all windows are done"] * count,
-            descriptor.new_zeros(0, count),
-            torch.zeros(count, dtype=torch.long, device=descriptor.device),
-            time.perf_counter() - began,
-        )
+        return without_search(torch.cat(images), descriptor, spec, "windows are done", began)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes it to the file ``path``, whatever its name ends in.  The file is replaced whole or not at all.

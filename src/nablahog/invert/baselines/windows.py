@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -12,7 +13,9 @@ from torch import Tensor
 from torch.nn.functional import fold, pad
 
 from ...hog.descriptor import hog
+from ...hog.normalizers import BlockNorm, FourBlockNorm
 from ...hog.spec import HOGSpec
+from ..preimage import Reconstruction, relative_distance
 
 ROUNDING = 1e-5  # of the largest pixel: less contrast than that is none
 
@@ -85,6 +88,27 @@ def mean_of_patches(patches: Tensor, spec: HOGSpec, cells: int, size: tuple[int,
     return image[..., top : top + size[0], left : left + size[1]]
 
 
+def without_search(image: Tensor, descriptor: Tensor, spec: HOGSpec, image_of: str, began: float) -> Reconstruction:
+    """What was found without any evaluation of the operator, of which there is therefore no history.
+
+    Args:
+        image: (B, 1, H, W).
+        descriptor: (B, rows, cols, channels), whose dtype and device the image gets.
+        spec: its dialect.
+        image_of: what the images were made of, for the reason why nothing more was done.
+        began: ``time.perf_counter`` when it began.
+    """
+    image, count = image.to(descriptor), len(descriptor)
+    return Reconstruction(
+        image,
+        relative_distance(image, descriptor, spec),
+        [f"all {image_of}"] * count,
+        descriptor.new_zeros(0, count),
+        torch.zeros(count, dtype=torch.long, device=descriptor.device),
+        time.perf_counter() - began,
+    )
+
+
 def stretched(image: Tensor) -> Tensor:
     """Images (B, 1, H, W), each with its darkest pixel at 0 and its brightest at 1; one without contrast is 0.5."""
     low, high = image.amin((2, 3), keepdim=True), image.amax((2, 3), keepdim=True)
@@ -93,12 +117,27 @@ def stretched(image: Tensor) -> Tensor:
     return torch.where(visible, (image - low) / torch.where(visible, contrast, 1), 0.5)
 
 
+def check_cells(spec: HOGSpec) -> None:
+    """Raises ValueError unless a descriptor has a row of channels for each cell, where the cell is.
+
+    The first rows of others are not those of the first cells, so that patches would not lie on their windows.
+    """
+    scheme = spec.normalizer
+    dropped = isinstance(scheme, FourBlockNorm) and scheme.outside == "drop"
+    if dropped or isinstance(scheme, BlockNorm):
+        raise ValueError(
+            f"windows can be learned of descriptors that have each cell for itself only: {spec.name} has blocks, or "
+            "leaves the outermost cells out"
+        )
+
+
 def check_images(images: Mapping[str, Tensor], spec: HOGSpec) -> list[str]:
     """The names of images to learn from, sorted.
 
     Raises:
-        ValueError: there are none, or one is too small or holds other values.
+        ValueError: there are none, or one is too small or holds other values; the spec is none for :func:`check_cells`.
     """
+    check_cells(spec)
     if not images:
         raise ValueError("expected images to learn from, got none")
     for name, image in images.items():
