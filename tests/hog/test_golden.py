@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Iterator
 
 import pytest
 import torch
 from torch.testing import assert_close
 
 from golden import PEERS, Case, archive, cases
-from nablahog.hog import HOGSpec, hog, presets
+from golden.specs import dtype_of, spec_of, stored
+from nablahog.hog import hog, presets
 
 TOLERANCE = 1e-6  # of descriptors whose entries reach 0.2 … 1: sums of float32 in another order
 EVERY = [case for peer in PEERS for case in cases(peer)]
@@ -20,82 +20,35 @@ every_case = pytest.mark.parametrize("case", EVERY, ids=str)
 vlfeat_cases = pytest.mark.parametrize("case", VLFEAT, ids=str)
 
 
-def _opencv(p: dict[str, Any]) -> HOGSpec:
-    sizes = (tuple(p[name]) for name in ("winSize_wh", "blockSize", "blockStride", "cellSize"))
-    return presets.opencv(
-        *sizes,
-        p["nbins"],
-        win_sigma=p["winSigma"],
-        l2hys_threshold=p["L2HysThreshold"],
-        gamma=p["gammaCorrection"],
-        signed=p["signedGradient"],
-    )
-
-
-def _skimage(p: dict[str, Any]) -> HOGSpec:
-    return presets.skimage(
-        p["orientations"],
-        tuple(p["pixels_per_cell"]),
-        tuple(p["cells_per_block"]),
-        p["block_norm"],
-        transform_sqrt=p["transform_sqrt"],
-        feature_vector=p["feature_vector"],
-        channel_axis=p["channel_axis"],
-    )
-
-
-def _vlfeat(p: dict[str, Any]) -> HOGSpec:
-    return presets.vlfeat(
-        "uoctti" if p["variant"] == "uoctti" else "dalaltriggs",
-        cell_size=p["cellSize"],
-        orientations=p["numOrientations"],
-        bilinear_orientations=p["bilinearOrientations"],
-    )
-
-
-SPEC_OF: dict[str, Callable[[dict[str, Any]], HOGSpec]] = {
-    "dlib": lambda p: presets.dlib(p["cell_size"]),
-    "maskfeat": lambda p: presets.maskfeat(p["pool"], nbins=p["nbins"], gaussian_window=p["gaussian_window"]),
-    "opencv": _opencv,
-    "skimage": _skimage,
-    "vlfeat": _vlfeat,
-    "voc_dpm": lambda p: presets.dpm(p["sbin"]),
-}
-
-
 @pytest.fixture
 def dtype(case: Case) -> Iterator[torch.dtype]:
     """The precision that the program works in, as PyTorch's default."""
     before = torch.get_default_dtype()
-    found = torch.float64 if case.peer == "skimage" else torch.float32
-    torch.set_default_dtype(found)
-    yield found
+    torch.set_default_dtype(dtype_of(case))
+    yield dtype_of(case)
     torch.set_default_dtype(before)
 
 
 @every_case
 def test_equals_the_program(case: Case, dtype: torch.dtype) -> None:
-    """In its own precision and layout; of OpenCV five axes are stored, of which it makes one."""
-    found = hog(case.image, SPEC_OF[case.peer](case.parameters), layout="native")[0]
-    expected = torch.from_numpy(case.output)
-    if case.peer == "opencv":
-        expected = expected.flatten()
+    """In its own precision and layout."""
+    found = hog(case.image, spec_of(case), layout="native")[0]
     assert found.dtype == dtype
-    assert found.shape == expected.shape
-    assert_close(found.float(), expected, rtol=0, atol=TOLERANCE)
+    assert found.shape == stored(case).shape
+    assert_close(found.float(), stored(case), rtol=0, atol=TOLERANCE)
 
 
 @every_case
 def test_bytes_equal_floats(case: Case) -> None:
     """k/255·255 is k again in float32: no bin depends on which is given."""
-    spec = SPEC_OF[case.peer](case.parameters)
+    spec = spec_of(case)
     assert torch.equal(hog(case.image, spec), hog(case.image.float() / 255, spec))
 
 
 @every_case
 def test_double_precision_differs_in_rounding_only(case: Case) -> None:
     """Of 8-bit images all gradients are exact in float32, and with them all ties."""
-    spec = SPEC_OF[case.peer](case.parameters)
+    spec = spec_of(case)
     if spec.gamma == "sqrt":
         pytest.skip("roots are not")
     double = hog(case.image.double() / 255, spec)
