@@ -5,31 +5,50 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from functools import cache, update_wrapper
+from pathlib import Path
 from types import FunctionType
 from typing import Any
+
+
+class _Instruction:
+    """What a compiled function may call that numba has no word for: see :func:`instruction`."""
+
+    def __init__(self, function: FunctionType) -> None:
+        self.function = function
+        self.machine_code = cache(self._resolve)
+
+    def _resolve(self) -> Any:
+        from numba.extending import intrinsic
+
+        return intrinsic(self.function)
+
+    def digest(self) -> str:
+        """Of all that the machine code is made of, helpers in the same file included."""
+        return hashlib.sha256(Path(self.function.__code__.co_filename).read_bytes()).hexdigest()
 
 
 class _Compiled:
     """A function in machine code, made at its first call and kept on disk where a folder for that can be written."""
 
-    def __init__(self, function: FunctionType) -> None:
+    def __init__(self, function: FunctionType, fused: bool) -> None:
         update_wrapper(self, function)
-        self.function = function
+        self.function, self.fused = function, fused
         self.machine_code = cache(self._compile)  # not while a module is imported: numba takes most of a second to load
 
     def __call__(self, *arguments: Any) -> Any:
         return self.machine_code()(*arguments)
 
-    def _calls(self) -> dict[str, _Compiled]:
+    def _calls(self) -> dict[str, _Compiled | _Instruction]:
         """The compiled functions that this one calls by a name of its module."""
         function = self.function
         named = {name: function.__globals__.get(name) for name in function.__code__.co_names}
-        return {name: each for name, each in named.items() if isinstance(each, _Compiled)}
+        return {name: each for name, each in named.items() if isinstance(each, _Compiled | _Instruction)}
 
-    def _digest(self) -> str:
+    def digest(self) -> str:
         """Of all that the machine code is made of."""
         code = self.function.__code__
-        parts = code.co_code.hex(), repr(code.co_consts), *(each._digest() for each in self._calls().values())
+        calls = (each.digest() for each in self._calls().values())
+        parts = code.co_code.hex(), repr(code.co_consts), repr(self.fused), *calls
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
     def _compile(self) -> Callable[..., Any]:
@@ -42,8 +61,9 @@ class _Compiled:
             known = function.__globals__ | {name: each.machine_code() for name, each in calls.items()}
             function = FunctionType(function.__code__, known, function.__name__)
             function.__module__ = self.function.__module__
-            function.__qualname__ = f"{self.function.__qualname__}_{self._digest()[:16]}"
-        options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+            function.__qualname__ = f"{self.function.__qualname__}_{self.digest()[:16]}"
+        fastmath = {"contract"} if self.fused else False
+        options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": fastmath}
         try:
             kept: Callable[..., Any] = numba.njit(cache=True, **options)(function)
         except RuntimeError:  # there is no folder to keep it in
@@ -57,4 +77,21 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     Products and sums may be fused, but never re-ordered: NaN, infinities and equal inputs keep their meaning.
     """
     assert isinstance(function, FunctionType)
-    return _Compiled(function)
+    return _Compiled(function, fused=True)
+
+
+def compiled_exactly(function: Callable[..., Any]) -> Callable[..., Any]:
+    """As :func:`compiled`, but every product is rounded before it is added, as PyTorch's steps do: for decisions."""
+    assert isinstance(function, FunctionType)
+    return _Compiled(function, fused=False)
+
+
+def instruction(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A few vector instructions, in place of a call by a compiled function.
+
+    Args:
+        function: from numba's typing context and the types of the arguments to a signature and what builds LLVM's
+            instructions, as :func:`numba.extending.intrinsic` takes it.
+    """
+    assert isinstance(function, FunctionType)
+    return _Instruction(function)  # type: ignore[return-value]

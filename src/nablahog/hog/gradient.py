@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+import numpy.typing as npt
 import torch
 from torch import Tensor
 
@@ -76,6 +78,17 @@ def _correction(value: Tensor, root: Tensor) -> Tensor:
     return (root + residual / (2 * root)) - root
 
 
+def last_of_equals(spec: HOGSpec, height: int, width: int) -> npt.NDArray[np.bool_]:
+    """(width,): in which columns the last of several channels of equal magnitudes counts, instead of the first."""
+    column = np.arange(width)
+    if spec.colour_ties == "opencv":
+        return column >= width // 4 * 4
+    if spec.colour_ties == "dlib":
+        votes = min(spec.cells(height, width)[1] * spec.cell_size[1], width) - 2  # columns 1 … votes do
+        return (column >= 1) & (column <= votes // _GROUP * _GROUP)
+    return np.zeros(width, np.bool_)
+
+
 def _winner(squared: Tensor, spec: HOGSpec) -> Tensor:
     """The channel (B, 1, H, W) of largest magnitude, of equals the spec's."""
     # max, unlike argmax on some devices, is documented to return the first of equal maxima
@@ -83,12 +96,7 @@ def _winner(squared: Tensor, spec: HOGSpec) -> Tensor:
     if spec.colour_ties == "first":
         return first
     last = squared.shape[1] - 1 - squared.flip(1).max(dim=1, keepdim=True).indices
-    width = squared.shape[3]
-    column = torch.arange(width, device=squared.device)
-    if spec.colour_ties == "opencv":
-        return torch.where(column < width // 4 * 4, first, last)
-    votes = min(spec.cells(*squared.shape[2:])[1] * spec.cell_size[1], width) - 2  # columns 1 … votes do
-    return torch.where((column >= 1) & (column <= votes // _GROUP * _GROUP), last, first)
+    return torch.where(torch.from_numpy(last_of_equals(spec, *squared.shape[2:])).to(squared.device), last, first)
 
 
 def gradient(image: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:

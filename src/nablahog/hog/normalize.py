@@ -12,7 +12,7 @@ from .spec import HOGSpec
 
 VLFEAT_TEXTURE = 1 / math.sqrt(18)  # made for 18 directions; VLFeat keeps it for any number
 DPM_TEXTURE = 0.2357  # the same, to four decimals
-_DPM_ORDER = [3, 1, 2, 0]  # of the blocks up-left, up-right, down-left, down-right
+DPM_ORDER = [3, 1, 2, 0]  # of the blocks up-left, up-right, down-left, down-right
 
 
 def _root(values: Tensor) -> Tensor:
@@ -75,7 +75,7 @@ def four_block_norm(histograms: Tensor, scheme: FourBlockNorm, *, signed: bool =
     if "texture" in scheme.parts and scheme.texture == "vlfeat":
         found.append(blocks(undirected).sum(dim=2) * VLFEAT_TEXTURE)
     elif "texture" in scheme.parts:
-        found.append(blocks(histograms).sum(dim=2)[:, _DPM_ORDER] * DPM_TEXTURE)
+        found.append(blocks(histograms).sum(dim=2)[:, DPM_ORDER] * DPM_TEXTURE)
     if "blocks" in scheme.parts:
         found.append(blocks(undirected).flatten(1, 2))
     if "zero" in scheme.parts:

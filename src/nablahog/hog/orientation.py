@@ -99,33 +99,32 @@ def _nearest_axes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
     return torch.where(dots.gather(1, bins) < 0, bins + spec.bins // 2, bins) if spec.signed else bins
 
 
-def _begun_bins(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
-    """The last bin (B, 1, H, W) at or before whose beginning, and none after, the gradient points.
-
-    By cross products with the beginnings of all bins, in float64, where those of multiples of 45° are exact.
-    """
+def beginnings(spec: HOGSpec) -> tuple[list[tuple[float, float, bool]], int]:
+    """Where bins begin, sorted by angle: cos, sin, and whether it is in the first half turn; and which bin is first."""
     width = spec.period / spec.bins
     # a beginning of 0 must not be taken for one of a whole period
     starts = [((k + spec.bin_offset - 0.5) * width + _SLACK) % spec.period - _SLACK for k in range(spec.bins)]
-    first = starts.index(min(starts))
+    # rounded: equal where they should be
+    table = [(round(math.cos(start), 12), round(math.sin(start), 12), start < math.pi) for start in sorted(starts)]
+    return table, starts.index(min(starts))
+
+
+def _begun_bins(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
+    """The last bin (B, 1, H, W) at or before whose beginning, and none after, the gradient points.
+
+    By cross products with the beginnings of all bins, in float64.
+    """
+    starts, first = beginnings(spec)
     x, y = gx.double(), -gy.double() if spec.counterclockwise else gy.double()
-    if not spec.signed:  # to the half-plane of angles in [0, π)
-        back = (y < 0) | ((y == 0) & (x < 0))
-        x, y = torch.where(back, -x, x), torch.where(back, -y, y)
+    lower = (y < 0) | ((y == 0) & (x < 0))  # of the half-plane of angles in [π, 2π)
+    if not spec.signed:
+        x, y = torch.where(lower, -x, x), torch.where(lower, -y, y)
+        lower = torch.zeros_like(lower)
     begun = torch.zeros_like(x, dtype=torch.long)
-    for start in sorted(starts):
-        begun = begun + _at_or_after(x, y, start, spec.signed)
+    for cos, sin, early in starts:
+        ahead = y * cos - x * sin >= 0
+        begun = begun + (ahead | lower if early else ahead & lower)
     return ((begun - 1 + first) % spec.bins).unsqueeze(1)
-
-
-def _at_or_after(x: Tensor, y: Tensor, start: float, signed: bool) -> Tensor:
-    """Whether directions, of [0, 2π) or of its first half, are at ``start`` or after it."""
-    cos, sin = (round(f(start), 12) for f in (math.cos, math.sin))  # equal where they should be
-    ahead = y * cos - x * sin >= 0
-    if not signed:
-        return ahead
-    upper = (y > 0) | ((y == 0) & (x >= 0))  # of [0, π)
-    return ahead | ~upper if start < math.pi else ahead & ~upper
 
 
 def _hard_votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:

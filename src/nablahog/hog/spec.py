@@ -116,6 +116,7 @@ class HOGSpec:
             raise ValueError(f"bin_offset must lie in [0, bins), in bins, got {self.bin_offset!r}")
         check_pair("cell_size", self.cell_size)
         self._check_together()
+        self.__dict__["text"] = self._text()
 
     def _check_together(self) -> None:
         four = isinstance(self.normalizer, FourBlockNorm)
@@ -240,8 +241,16 @@ class HOGSpec:
             self, vote="linear", angle="exact", directions="float32", derivative="own", boundary="first"
         )
 
+    def of_one_colour(self) -> HOGSpec:
+        """The dialect that describes one channel of an image as this one does, of which it may describe several."""
+        return self if self.colours == 1 else dataclasses.replace(self, colour="gray", layout="cells")
+
     def to_json(self) -> str:
         """This spec as one line of JSON, read back by :meth:`from_json`."""
+        text: str = self.__dict__["text"]  # made beforehand: a graph of operators may hold it, but cannot make it
+        return text
+
+    def _text(self) -> str:
         fields = dataclasses.asdict(self)
         for part in ("normalizer", "pooling"):
             fields[part]["kind"] = getattr(self, part).kind

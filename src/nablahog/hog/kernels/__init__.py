@@ -1,29 +1,70 @@
-"""The operator's steps fused into compiled loops for CPUs, for searches that evaluate it thousands of times.
+"""The operator's steps fused into compiled loops for CPUs: the same results up to rounding, and the same derivatives.
 
-They return what the plain steps return, up to rounding, with their first derivatives in reverse mode only: a minimiser
-asks for no more.  ``tests/hog/test_kernels.py`` holds both side by side.
+``tests/hog/test_kernels.py`` holds them beside the plain steps.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import TypeAlias
 
 import torch
 from torch import Tensor
+from torch.nn import Parameter
 
-from ..descriptor import histograms
 from ..normalize import normalize
 from ..spec import HOGSpec
-from . import blocks, cells
+from ..steps import plain_histograms
+from . import functions, operators
+from .colours import apart, back_together, one_by_one
 
 Step: TypeAlias = Callable[[Tensor, HOGSpec], Tensor]
 
 
+def supports(device: torch.device, spec: HOGSpec) -> bool:
+    """Whether these loops do what the plain steps do for images on the device and the dialect."""
+    smoothed_edges = spec.mask == "sobel" and spec.border not in ("reflect", "ignore")
+    return device.type == "cpu" and not smoothed_edges
+
+
+@lru_cache(maxsize=64)
+def _of_one_colour(spec: HOGSpec) -> HOGSpec:
+    return spec.of_one_colour()
+
+
+def _in_graph(images: Tensor) -> bool:
+    """Whether they are not there yet, but stand for images in a graph of operators."""
+    return torch.compiler.is_compiling() or type(images) not in (Tensor, Parameter)
+
+
+def describe(images: Tensor, spec: HOGSpec) -> Tensor:
+    """The descriptors (B, rows, cols, channels) of images (B, C, H, W) that these loops :func:`supports`."""
+    if _in_graph(images):
+        found: Tensor = operators.describe(images, spec.to_json())
+        return found
+    each = functions.apply(functions.DESCRIBE, one_by_one(images, spec), _of_one_colour(spec))
+    return back_together(each, spec)
+
+
+def histograms(images: Tensor, spec: HOGSpec) -> Tensor:
+    """Cell histograms (B, colours · bins, rows, cols) of images (B, C, H, W)."""
+    if _in_graph(images):
+        found: Tensor = operators.cells(images, spec.to_json())
+    else:
+        each = functions.apply(functions.CELLS, one_by_one(images, spec), _of_one_colour(spec))
+        found = back_together(each, spec)
+    return found.permute(0, 3, 1, 2)
+
+
+def _norm(of_cells: Tensor, spec: HOGSpec) -> Tensor:
+    """The normaliser: cell histograms (B, colours · bins, rows, cols) to (B, channels, rows, cols)."""
+    if _in_graph(of_cells):
+        return normalize(of_cells, spec)
+    each = apart(of_cells.permute(0, 2, 3, 1), spec)
+    return back_together(functions.apply(functions.NORM, each, _of_one_colour(spec)), spec).permute(0, 3, 1, 2)
+
+
 def steps(device: torch.device, spec: HOGSpec) -> tuple[Step, Step]:
-    """The fastest ``histograms`` of gray images (B, 1, H, W) and ``normalize`` of the dialect on that device."""
-    on_cpu = device.type == "cpu"
-    return (
-        cells.histograms if on_cpu and cells.supports(spec) else histograms,
-        blocks.normalize if on_cpu and blocks.supports(spec) else normalize,
-    )
+    """The fastest ``histograms`` of images on the device, and ``normalize``, of the dialect."""
+    return (histograms, _norm) if supports(device, spec) else (plain_histograms, normalize)

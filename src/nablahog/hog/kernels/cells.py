@@ -1,211 +1,238 @@
-"""Eq. 1-6 in one pass over gray images, and their adjoint in another: images -> cell histograms.
+"""Eq. 1-6 in one pass over the images, and their derivatives in another: images -> cell histograms.
 
 A pixel votes into two orientation bins of two rows by two columns of cells.  Dense over bins, as in the plain steps,
-that takes some thirty passes over planes in memory; here each pixel adds its votes to a row of cells that stays in the
-processor's cache, and a pixel without a gradient, as most are in a rendering, is passed over.  The adjoint computes the
-votes once more: for a few images at a time that takes less than to fetch them from memory.
+that takes some thirty passes over planes in memory.  Here three lines of pixels are in a processor's cache, and with
+them the histograms of one band: the rows of pixels that vote into the same rows of cells.  Columns that vote into the
+same cells do not follow each other: a sum in memory must have arrived before it can be added to.  The derivatives
+compute the votes once more, which takes less than to fetch them from memory.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from ...compile import compiled
-from ..orientation import bin_angles
-from ..pooling import pooling_matrices
-from ..poolings import BlockCells
-from ..spec import HOGSpec
-from .votes import BORDERS, Voter
+from .lanes import add_one, add_two
+from .lines import central, choose, edges, read_line, sobel
+from .votes import vote_line
+
+PIXELS_AT_ONCE = 1024  # whose votes are made in one go
 
 
 @compiled
-def _pool(
-    m: Any,
-    nearest: Any,
-    r: Any,
-    first_row: Any,
-    row_weights: Any,
-    first_col: Any,
-    col_weights: Any,
-    histograms: Any,
-) -> None:
-    """Eq. 3-6: votes of pixels (B, H, W) to ``histograms`` (B, rows, cols, bins)."""
-    batch, rows, cols, bins = histograms.shape
-    height, width = m.shape[1:]
-    # a row and a column more for weights of 0, and a bin more at each end for the neighbours of the first and the last
-    cell = bins + 2
-    of_row = np.empty((cols + 1) * cell, m.dtype)
-    of_image = np.empty((rows + 1, of_row.size), m.dtype)
-    for b in range(batch):
-        of_image[:] = 0
-        for y in range(height):
-            of_row[:] = 0
-            sizes, rests, nearests = m[b, y], r[b, y], nearest[b, y]
-            for x in range(width):
-                size, rest = sizes[x], rests[x]
-                if size == 0:
-                    continue
-                near = np.uintp(first_col[x] * cell + nearests[x] + 1)
-                far = near + np.uintp(1) if rest > 0 else near - np.uintp(1)
-                to_far = size * abs(rest)
-                to_near = size - to_far
-                left, right = col_weights[0, x], col_weights[1, x]
-                of_row[near] += left * to_near
-                of_row[far] += left * to_far
-                of_row[near + np.uintp(cell)] += right * to_near
-                of_row[far + np.uintp(cell)] += right * to_far
-            up, down = row_weights[0, y], row_weights[1, y]
-            above, below = of_image[first_row[y]], of_image[first_row[y] + 1]
-            for k in range(of_row.size):
-                above[k] += up * of_row[k]
-                below[k] += down * of_row[k]
-        for row in range(rows):
-            for col in range(cols):
-                votes = of_image[row, col * cell : (col + 1) * cell]
-                for k in range(bins):
-                    histograms[b, row, col, k] = votes[k + 1]
-                histograms[b, row, col, bins - 1] += votes[0]
-                histograms[b, row, col, 0] += votes[bins + 1]
+def _read_row(pixels: Any, at: int, strides: Any, row: int, reading: Any, lines: Any) -> None:
+    """One row of pixels of all channels to ``lines`` (channels described, 3, width + 2)."""
+    for channel in range(reading.weights.size):
+        line = lines[0 if reading.mixed else channel, row % 3]
+        first = channel == 0 or not reading.mixed
+        begin = at + channel * strides[1] + row * strides[2]
+        weight = reading.weights[channel]
+        width, step = line.size - 2, strides[3]
+        if step == 1:
+            read_line(pixels[begin : begin + width], reading.scale, weight, first, reading.root, line)
+        else:
+            read_line(pixels[begin : begin + step * width : step], reading.scale, weight, first, reading.root, line)
 
 
 @compiled
-def _pool_adjoint(
-    given: Any,
-    gx: Any,
-    gy: Any,
-    m: Any,
-    nearest: Any,
-    r: Any,
-    slope: Any,
-    half: Any,
-    first_row: Any,
-    row_weights: Any,
-    first_col: Any,
-    col_weights: Any,
+def gradient_of_line(lines: Any, row: int, height: int, reading: Any, gx: Any, gy: Any) -> None:
+    """Gradients of one line, of one channel's ``lines`` (3, width + 2)."""
+    above, line, below = lines[abs(row - 1) % 3], lines[row % 3], lines[(row + 1) % 3]
+    if row == 0:
+        above = lines[min(1, height - 1)]
+    if row == height - 1:
+        below = lines[max(height - 2, 0) % 3]
+    if reading.sobel:
+        sobel(above, line, below, gx, gy)
+    else:
+        central(above, line, below, gx, gy)
+    if reading.times > 0:
+        outermost = row == 0, row == height - 1
+        edges(above, line, below, *outermost, reading.times, reading.own, reading.beyond, gx, gy)
+
+
+@compiled
+def _strongest(
+    lines: Any, row: int, height: int, reading: Any, gx: Any, gy: Any, us: Any, vs: Any, winner: Any
 ) -> None:
-    """Replaces the gradients (B, H, W) by what reaches them from ``given`` (B, rows, cols, bins), of the histograms.
+    """The gradient of largest magnitude among the channels, and which it is; ``us`` and ``vs`` are overwritten."""
+    gradient_of_line(lines[0], row, height, reading, gx, gy)
+    if lines.shape[0] > 1:
+        winner[:] = 0
+    for channel in range(1, lines.shape[0]):
+        gradient_of_line(lines[channel], row, height, reading, us, vs)
+        choose(us, vs, channel, reading.last_wins, gx, gy, winner)
 
-    ``slope`` is how many bins a radian has; 0 for hard votes, which know the magnitude only.
+
+@compiled
+def place(bins: Any, base: Any) -> None:
+    """From bins to where they are among the groups of their runs: there is one before the first."""
+    for x in range(bins.size):
+        bins[x] = base[x] + 4 * (bins[x] + 1)
+
+
+@compiled
+def _vote(m: Any, f: Any, places: Any, row: int, hard: bool, pooling: Any, groups: Any) -> None:
+    """Eq. 5: adds the votes of a line to its groups."""
+    by_row, by_col, size = pooling.by_row, pooling.by_col, pooling.group
+    weight = np.uintp(4 * row)
+    for k in range(pooling.order.size):
+        x = np.uintp(pooling.order[k])
+        place, col = np.uintp(places[x]), x * np.uintp(4 * pooling.groups)
+        for _ in range(pooling.groups):
+            if hard:
+                add_one(groups, place, m[x], by_row, weight, by_col, col)
+            else:
+                far = m[x] * f[x]
+                add_two(groups, place, m[x] - far, far, by_row, weight, by_col, col)
+            place, col = place + np.uintp(size), col + np.uintp(4)
+
+
+@compiled
+def share(of_line: Any, weights: Any, of_band: Any) -> None:
+    """Adds the groups of a line to those of each row of cells, ``of_band`` (high, groups of all runs)."""
+    for row in range(weights.size):
+        weight = weights[row]
+        if weight != 0:
+            for k in range(of_line.size):
+                of_band[row, k] += weight * of_line[k]
+    of_line[:] = 0
+
+
+@compiled
+def _collect_lane(group: Any, lane: int, bins: int, cell: Any) -> None:
+    """Adds one cell's lane of a group to the cell (bins,)."""
+    for k in range(bins):
+        cell[k] += group[4 * (k + 1) + lane]
+    cell[bins - 1] += group[lane]
+    cell[0] += group[4 * (bins + 1) + lane]
+
+
+@compiled
+def collect(groups: Any, pooling: Any, of_band: Any) -> None:
+    """Moves the groups (high or 1, of all runs) of a band to its cells ``of_band`` (high, columns + wide, bins)."""
+    bins, size = pooling.bins, pooling.group
+    of_band[:] = 0
+    for run in range(pooling.run_cols.size):
+        col = pooling.run_cols[run]
+        for g in range(pooling.groups):
+            begin = (run * pooling.groups + g) * size
+            for lane in range(4):
+                if pooling.lines:
+                    for row in range(pooling.high):
+                        group = groups[row, begin : begin + size]
+                        _collect_lane(group, lane, bins, of_band[row, col + 4 * g + lane])
+                else:
+                    group = groups[0, begin : begin + size]
+                    _collect_lane(group, lane, bins, of_band[lane // 2, col + lane % 2])
+    groups[:] = 0
+
+
+@compiled
+def gradients_of_rows(
+    pixels: Any,
+    at: int,
+    shape: Any,
+    strides: Any,
+    reading: Any,
+    begin: int,
+    end: int,
+    read: int,
+    lines: Any,
+    planes: Any,
+    winner: Any,
+) -> int:
+    """Eq. 1-2: gradients of rows ``begin`` to ``end`` to the first two ``planes``; returns the last row that was read.
+
+    ``lines`` (channels described, 3, width + 2) hold what was read of the rows up to ``read``.
     """
-    batch, rows, cols, bins = given.shape
-    height, width = m.shape[1:]
-    cell = bins + 2  # padded as in _pool
-    next_cell = np.uintp(cell)
-    of_row = np.empty((cols + 1) * cell, m.dtype)
-    of_image = np.zeros((rows + 1, of_row.size), m.dtype)
-    for b in range(batch):
-        for row in range(rows):
-            for col in range(cols):
-                votes = of_image[row, col * cell : (col + 1) * cell]
-                for k in range(bins):
-                    votes[k + 1] = given[b, row, col, k]
-                votes[0], votes[bins + 1] = votes[bins], votes[1]
-        for y in range(height):
-            up, down = row_weights[0, y], row_weights[1, y]
-            above, below = of_image[first_row[y]], of_image[first_row[y] + 1]
-            for k in range(of_row.size):
-                of_row[k] = up * above[k] + down * below[k]
-            sizes, rests, nearests, us, vs = m[b, y], r[b, y], nearest[b, y], gx[b, y], gy[b, y]
-            for x in range(width):
-                size, rest = sizes[x], rests[x]
-                if size == 0:  # the tip of a cone
-                    us[x] = vs[x] = size
-                    continue
-                near = np.uintp(first_col[x] * cell + nearests[x] + 1)
-                after, before = near + np.uintp(1), near - np.uintp(1)
-                left, right = col_weights[0, x], col_weights[1, x]
-                here = left * of_row[near] + right * of_row[near + next_cell]
-                ahead = left * of_row[after] + right * of_row[after + next_cell] - here
-                behind = here - (left * of_row[before] + right * of_row[before + next_cell])
-                change = ahead if rest > 0 else behind
-                along = here + rest * change
-                if rest == 0:  # on a bin centre, the mean of both sides
-                    change = half * (ahead + behind)
-                along, across = along / size, slope * change / size
-                u, v = us[x], vs[x]
-                us[x] = along * u - across * v
-                vs[x] = along * v + across * u
+    height, width = shape
+    read = max(read, begin - 2)
+    for row in range(begin, end):
+        while read < min(row + 1, height - 1):
+            read += 1
+            _read_row(pixels, at, strides, read, reading, lines)
+        line = slice((row - begin) * width, (row - begin + 1) * width)
+        gx, gy, us, vs = planes[0, line], planes[1, line], planes[4, line], planes[5, line]
+        _strongest(lines, row, height, reading, gx, gy, us, vs, winner[row - begin])
+    return read
 
 
-def _two_cells(matrix: Any) -> tuple[Any, Any]:
-    """Of a matrix (cells, pixels): the first cell of each pixel (pixels,), and its and the next's weight."""
-    first = (matrix > 0).argmax(axis=0)
-    padded = np.concatenate([matrix, np.zeros_like(matrix[:1])])
-    pixel = np.arange(matrix.shape[1])
-    return first, np.stack([padded[first, pixel], padded[first + 1, pixel]])
+@compiled
+def cells(
+    pixels: Any,
+    at: int,
+    shape: Any,
+    strides: Any,
+    reading: Any,
+    voting: Any,
+    pooling: Any,
+    start: int,
+    stop: int,
+    found: Any,
+) -> None:
+    """Cells of bands ``start`` to ``stop`` of one image, to ``found`` (bands, rows, columns, bins)."""
+    width = shape[1]
+    real = found.dtype
+    described = 1 if reading.mixed else reading.weights.size
+    at_once = max(1, PIXELS_AT_ONCE // width)  # rows
+    lines = np.empty((described, 3, width + 2), real)
+    planes = np.empty((6, at_once * width), real)
+    places, winner = np.empty(at_once * width, np.int32), np.empty((at_once, width), np.int32)
+    of_all_runs = pooling.run_cols.size * pooling.groups * pooling.group
+    groups = np.zeros((pooling.high if pooling.lines else 1, of_all_runs + 4 * pooling.group), real)
+    of_line = np.zeros(groups.shape[1] if pooling.lines else 0, real)
+    read = -1
+    for band in range(start, stop):
+        first, last, _ = pooling.bands[band]
+        for begin in range(first, last, at_once):
+            end = min(begin + at_once, last)
+            read = gradients_of_rows(pixels, at, shape, strides, reading, begin, end, read, lines, planes, winner)
+            size = (end - begin) * width
+            gx, gy, m, f = planes[0, :size], planes[1, :size], planes[2, :size], planes[3, :size]
+            vote_line(gx, gy, voting, planes[4, :size], planes[5, :size], m, f, places[:size])
+            for row in range(begin, end):
+                line = slice((row - begin) * width, (row - begin + 1) * width)
+                place(places[line], pooling.base)
+                if pooling.lines:
+                    _vote(m[line], f[line], places[line], row, voting.hard, pooling, of_line)
+                    share(of_line, pooling.share[row], groups)
+                else:
+                    _vote(m[line], f[line], places[line], row, voting.hard, pooling, groups[0])
+        collect(groups, pooling, found[band])
 
 
-@lru_cache(maxsize=64)
-def _pooling(spec: HOGSpec, height: int, width: int, dtype: torch.dtype) -> tuple[Any, ...]:
-    """The first row of each row of pixels with both weights, and the same of columns."""
-    by_row, by_col = pooling_matrices(spec, height, width, torch.empty(0, dtype=dtype))
-    return *_two_cells(by_row.numpy()), *_two_cells(by_col.numpy())
+@compiled
+def add_bands(of_bands: Any, pooling: Any, found: Any) -> None:
+    """Eq. 6: cells of bands to those of the image, ``found`` (rows, columns, bins)."""
+    found[:] = 0
+    for band in range(pooling.bands.shape[0]):
+        first = pooling.bands[band, 2]
+        for row in range(first, min(first + of_bands.shape[1], pooling.rows)):
+            for col in range(pooling.cols):
+                for k in range(pooling.bins):
+                    found[row, col, k] += of_bands[band, row - first, col, k]
 
 
-class _Cells(torch.autograd.Function):
-    """Images (B, 1, H, W) to cell histograms (B, bins, rows, cols)."""
-
-    @staticmethod
-    def forward(ctx: Any, images: Tensor, spec: HOGSpec) -> Tensor:
-        ctx.save_for_backward(images)
-        ctx.spec = spec
-        batch, _, height, width = images.shape
-        pooling = _pooling(spec, height, width, images.dtype)
-        pixels = images.detach().contiguous().numpy()[:, 0]
-        found = np.empty((batch, *spec.cells(height, width), spec.bins), pixels.dtype)
-        for few, _, votes in Voter(spec, pixels):
-            _pool(*votes, *pooling, found[few])
-        return torch.from_numpy(found).permute(0, 3, 1, 2)
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx: Any, given: Tensor) -> tuple[Tensor, None]:
-        (images,), spec = ctx.saved_tensors, ctx.spec
-        height, width = images.shape[2:]
-        pooling = _pooling(spec, height, width, images.dtype)
-        pixels = images.contiguous().numpy()[:, 0]
-        to_histograms = given.permute(0, 2, 3, 1).contiguous().numpy()
-        dtype = pixels.dtype.type
-        slope = dtype(0 if spec.vote == "hard" else spec.bins / spec.period)
-        found = np.zeros_like(pixels)
-        for few, gradient, votes in (voter := Voter(spec, pixels)):
-            _pool_adjoint(to_histograms[few], *gradient, *votes, slope, dtype(0.5), *pooling)
-            voter.add_to_images(*gradient, found[few])
-        return torch.from_numpy(found).unsqueeze(1), None
-
-
-def supports(spec: HOGSpec) -> bool:
-    """Whether these loops do what the plain steps do for the dialect."""
-    return (
-        spec.border in BORDERS
-        and spec.colour != "separate"
-        and not isinstance(spec.pooling, BlockCells)
-        and (spec.gamma, spec.mask, spec.angle, spec.counterclockwise) == ("none", "central", "exact", False)
-        and (spec.vote == "linear" or ((spec.boundary, spec.derivative) == ("first", "own") and not _ties(spec)))
-    )
-
-
-def _ties(spec: HOGSpec) -> bool:
-    """Whether diagonal gradients are exactly between two bins, of which fused products and sums prefer one."""
-    boundaries = np.degrees(bin_angles(spec)) + np.degrees(spec.period) / spec.bins / 2
-    return bool((np.abs(boundaries % 90 - 45) < 1e-9).any())
-
-
-def histograms(images: Tensor, spec: HOGSpec) -> Tensor:
-    """:func:`nablahog.hog.descriptor.histograms` of gray images on a CPU.
-
-    Args:
-        images: (B, 1, H, W), float32 or float64, in 0…1.
-        spec: a dialect that :func:`supports`; with one channel, ``colour`` makes no difference.
-
-    Returns:
-        (B, bins, rows, cols), differentiable once, in reverse mode.
-    """
-    found: Tensor = _Cells.apply(images, spec)  # type: ignore[no-untyped-call]
-    return found
+@compiled
+def cells_of_images(
+    pixels: Any,
+    at: int,
+    shape: Any,
+    strides: Any,
+    reading: Any,
+    voting: Any,
+    pooling: Any,
+    start: int,
+    stop: int,
+    found: Any,
+) -> None:
+    """Cells of images ``start`` to ``stop``, to ``found`` (images, rows, columns, bins)."""
+    bands = pooling.bands.shape[0]
+    of_bands = np.empty((bands, pooling.high, pooling.cols + pooling.wide, pooling.bins), found.dtype)
+    for image in range(start, stop):
+        begin = at + image * strides[0]
+        cells(pixels, begin, shape, strides, reading, voting, pooling, 0, bands, of_bands)
+        add_bands(of_bands, pooling, found[image])

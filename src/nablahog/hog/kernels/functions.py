@@ -1,0 +1,222 @@
+"""The compiled steps as functions that PyTorch can differentiate, in reverse and in forward mode, and map over batches.
+
+Second derivatives are those of the plain steps: nothing but their speed would be won.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import torch
+from torch import Tensor
+from torch.autograd import Function
+
+from ..normalize import normalize
+from ..spec import HOGSpec
+from ..steps import plain_histograms
+from . import loops
+
+Both: TypeAlias = tuple[Tensor, Tensor]
+
+
+@dataclass(frozen=True)
+class Step:
+    """A compiled step, its derivatives in both modes, and the plain step that it is.
+
+    Attributes:
+        run: from the input and the dialect to the output, and what else the derivatives want to know.
+        back: from the input, that, and what reaches the output, to what reaches the input.
+        forward: from the input, that, and how the input changes, to how the output changes.
+        plain: from the input to the output.
+    """
+
+    run: Callable[[Tensor, HOGSpec], Both]
+    back: Callable[[Tensor, Tensor, Tensor, HOGSpec], Tensor]
+    forward: Callable[[Tensor, Tensor, Tensor, HOGSpec], Tensor]
+    plain: Callable[[Tensor, HOGSpec], Tensor]
+
+
+def _applied(function: type[Function], *inputs: Any) -> Any:
+    return function.apply(*inputs)  # type: ignore[no-untyped-call]
+
+
+def _first(x: Tensor, dim: int | None, size: int) -> Tensor:
+    """A mapped dimension in front, or a new one."""
+    return x.expand(size, *x.shape) if dim is None else x.movedim(dim, 0)
+
+
+def _push(function: Callable[..., Tensor], at: tuple[Tensor, ...], changes: tuple[Tensor, ...]) -> Tensor:
+    """How a function's value changes, by the adjoint of its adjoint: forward mode cannot be nested in itself."""
+    value, pull = torch.func.vjp(function, *at)[:2]
+    found: Tensor = torch.func.vjp(pull, torch.zeros_like(value))[1](changes)[0]
+    return found
+
+
+class _Run(Function):
+    @staticmethod
+    def forward(x: Tensor, step: Step, spec: HOGSpec) -> Both:
+        return step.run(x.detach(), spec)
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Tensor, Step, HOGSpec], output: Both) -> None:
+        x, ctx.step, ctx.spec = inputs
+        ctx.mark_non_differentiable(output[1])
+        ctx.set_materialize_grads(False)
+        ctx.save_for_backward(x, output[1])
+        ctx.save_for_forward(x, output[1])
+
+    @staticmethod
+    def backward(ctx: Any, given: Tensor | None, _: Tensor | None) -> tuple[Tensor | None, None, None]:
+        if given is None:
+            return None, None, None
+        return _applied(_Back, *ctx.saved_tensors, given, ctx.step, ctx.spec), None, None
+
+    @staticmethod
+    def jvp(ctx: Any, change: Tensor | None, *_: None) -> tuple[Tensor | None, None]:
+        if change is None:
+            return None, None
+        return _applied(_Forward, *ctx.saved_tensors, change, ctx.step, ctx.spec), None
+
+    @staticmethod
+    def vmap(info: Any, in_dims: Any, x: Tensor, step: Step, spec: HOGSpec) -> tuple[Both, tuple[int, int]]:
+        mapped = x.movedim(in_dims[0], 0)
+        found, kept = _applied(_Run, mapped.flatten(0, 1), step, spec)
+        return (found.unflatten(0, mapped.shape[:2]), kept.unflatten(0, mapped.shape[:2])), (0, 0)
+
+
+class _Derivative(Function):
+    """What :class:`_Back` and :class:`_Forward` have in common: both are linear in the last of three tensors."""
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Tensor, Tensor, Tensor, Step, HOGSpec], output: Tensor) -> None:
+        x, _kept, along, ctx.step, ctx.spec = inputs
+        ctx.save_for_backward(x, along)
+        ctx.save_for_forward(x, along)
+
+    @staticmethod
+    def plain(step: Step, spec: HOGSpec) -> Callable[[Tensor, Tensor], Tensor]:
+        """The same function of the first and the last, of plain steps."""
+        raise NotImplementedError
+
+    @classmethod
+    def second_back(cls, ctx: Any, given: Tensor) -> tuple[Tensor | None, ...]:
+        pull = torch.func.vjp(cls.plain(ctx.step, ctx.spec), *ctx.saved_tensors)[1]
+        to_x, to_along = pull(given)
+        return to_x, None, to_along, None, None
+
+    @classmethod
+    def second_forward(
+        cls, ctx: Any, change_of_x: Tensor | None, _: Tensor | None, change: Tensor | None, *__: None
+    ) -> Tensor:
+        x, along = ctx.saved_tensors
+        changes = (torch.zeros_like(of) if c is None else c for of, c in ((x, change_of_x), (along, change)))
+        return _push(cls.plain(ctx.step, ctx.spec), (x, along), tuple(changes))
+
+    @classmethod
+    def mapped(cls, info: Any, in_dims: Any, *inputs: Any) -> tuple[Tensor, int]:
+        size, (*tensors, step, spec) = info.batch_size, inputs
+        parts = [_first(x, dim, size) for x, dim in zip(tensors, in_dims, strict=False)]
+        found = _applied(cls, *(part.flatten(0, 1) for part in parts), step, spec)
+        return found.unflatten(0, parts[0].shape[:2]), 0
+
+
+class _Back(_Derivative):
+    @staticmethod
+    def forward(x: Tensor, kept: Tensor, given: Tensor, step: Step, spec: HOGSpec) -> Tensor:
+        return step.back(x.detach(), kept.detach(), given.detach(), spec)
+
+    @staticmethod
+    def plain(step: Step, spec: HOGSpec) -> Callable[[Tensor, Tensor], Tensor]:
+        return lambda x, given: torch.func.vjp(lambda of: step.plain(of, spec), x)[1](given)[0]
+
+    @staticmethod
+    def backward(ctx: Any, given: Tensor) -> tuple[Tensor | None, ...]:
+        return _Back.second_back(ctx, given)
+
+    @staticmethod
+    def jvp(ctx: Any, *changes: Any) -> Tensor:
+        return _Back.second_forward(ctx, *changes)
+
+    @staticmethod
+    def vmap(info: Any, in_dims: Any, *inputs: Any) -> tuple[Tensor, int]:
+        return _Back.mapped(info, in_dims, *inputs)
+
+
+class _Forward(_Derivative):
+    @staticmethod
+    def forward(x: Tensor, kept: Tensor, change: Tensor, step: Step, spec: HOGSpec) -> Tensor:
+        return step.forward(x.detach(), kept.detach(), change.detach(), spec)
+
+    @staticmethod
+    def plain(step: Step, spec: HOGSpec) -> Callable[[Tensor, Tensor], Tensor]:
+        return lambda x, change: _push(lambda of: step.plain(of, spec), (x,), (change,))
+
+    @staticmethod
+    def backward(ctx: Any, given: Tensor) -> tuple[Tensor | None, ...]:
+        return _Forward.second_back(ctx, given)
+
+    @staticmethod
+    def jvp(ctx: Any, *changes: Any) -> Tensor:
+        return _Forward.second_forward(ctx, *changes)
+
+    @staticmethod
+    def vmap(info: Any, in_dims: Any, *inputs: Any) -> tuple[Tensor, int]:
+        return _Forward.mapped(info, in_dims, *inputs)
+
+
+def _nothing(like: Tensor) -> Tensor:
+    return like.new_empty(like.shape[0], 0)
+
+
+def _plain_norm(histograms: Tensor, spec: HOGSpec) -> Tensor:
+    return normalize(histograms.permute(0, 3, 1, 2), spec).permute(0, 2, 3, 1)
+
+
+def _plain_cells(images: Tensor, spec: HOGSpec) -> Tensor:
+    return plain_histograms(images, spec).permute(0, 2, 3, 1)
+
+
+def _norm_forward(histograms: Tensor, _: Tensor, change: Tensor, spec: HOGSpec) -> Tensor:
+    # cells are few: the plain step is fast enough
+    return _push(lambda x: _plain_norm(x, spec), (histograms,), (change,))
+
+
+def _describe(images: Tensor, spec: HOGSpec) -> Both:
+    histograms = loops.cells(images, spec)
+    return loops.norm(histograms, spec), histograms
+
+
+def _describe_back(images: Tensor, histograms: Tensor, given: Tensor, spec: HOGSpec) -> Tensor:
+    return loops.cells_back(images, loops.norm_back(histograms, given, spec), spec)
+
+
+def _describe_forward(images: Tensor, histograms: Tensor, change: Tensor, spec: HOGSpec) -> Tensor:
+    return _norm_forward(histograms, histograms, loops.cells_forward(images, change, spec), spec)
+
+
+CELLS = Step(
+    lambda images, spec: (loops.cells(images, spec), _nothing(images)),
+    lambda images, _, given, spec: loops.cells_back(images, given, spec),
+    lambda images, _, change, spec: loops.cells_forward(images, change, spec),
+    _plain_cells,
+)
+NORM = Step(
+    lambda histograms, spec: (loops.norm(histograms, spec), _nothing(histograms)),
+    lambda histograms, _, given, spec: loops.norm_back(histograms, given, spec),
+    _norm_forward,
+    _plain_norm,
+)
+DESCRIBE = Step(
+    _describe,
+    _describe_back,
+    _describe_forward,
+    lambda images, spec: _plain_norm(_plain_cells(images, spec), spec),
+)
+
+
+def apply(step: Step, x: Tensor, spec: HOGSpec) -> Tensor:
+    """The step's output for its input ``x``."""
+    found: Tensor = _applied(_Run, x, step, spec)[0]
+    return found

@@ -1,0 +1,27 @@
+"""The first three steps in a row, each a few operations of PyTorch: readable, on any device, any number of times
+differentiable.  :mod:`.kernels` has them compiled for CPUs."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from .gradient import gradient
+from .orientation import votes
+from .pooling import pool
+from .spec import HOGSpec
+
+
+def _scaled(images: Tensor, spec: HOGSpec) -> Tensor:
+    """Images in 0…``spec.value_range``, floating point."""
+    if images.dtype == torch.uint8:
+        return images.to(torch.get_default_dtype()) * (spec.value_range / 255)
+    return images if spec.value_range == 1 else images * spec.value_range
+
+
+def plain_histograms(images: Tensor, spec: HOGSpec) -> Tensor:
+    """Eq. 1-6: images (B, C, H, W) to cells (B, colours · bins, rows, cols)."""
+    with torch.autocast(images.device.type, enabled=False):  # its half precision would show in every library's parity
+        gx, gy = gradient(_scaled(images, spec), spec)  # Eq. 1-2
+        cells = pool(votes(gx, gy, spec), spec)  # Eq. 3-6
+        return cells.reshape(-1, spec.colours * spec.bins, *cells.shape[2:])
