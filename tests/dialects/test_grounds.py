@@ -46,7 +46,7 @@ def test_descriptors_are_those_of_the_operator() -> None:
     found = dict(Describer(CAT).descriptors(SPECS.values()))
     assert len(found) == len(SPECS)
     for name, spec in SPECS.items():
-        assert torch.equal(found[spec], hog(CAT.unsqueeze(0), spec)), name
+        assert torch.equal(found[spec], hog(CAT.unsqueeze(0), spec, backend="torch")), name
 
 
 @pytest.mark.parametrize("name", SPECS)

@@ -91,7 +91,10 @@ def test_on_kinks_too(name: str, dtype: torch.dtype) -> None:
 @specs
 def test_of_bytes_every_vote_is_the_same(name: str) -> None:
     """Colour ties and bins of hard votes are decided alike."""
-    s, x = SPECS[name], torch.randint(256, (2, 3, 30, 29), dtype=torch.uint8, generator=torch.Generator().manual_seed(1))
+    s, x = (
+        SPECS[name],
+        torch.randint(256, (2, 3, 30, 29), dtype=torch.uint8, generator=torch.Generator().manual_seed(1)),
+    )
     x[1] //= 32
     plain = plain_histograms(x, s)
     assert_close(fast(s)[0](x, s), plain, rtol=0, atol=2e-6 * float(plain.max()))
@@ -333,7 +336,7 @@ def test_operators_are_the_functions(name: str) -> None:
     for x in (noise(2, 3, 14, 13), noise(1, 1, 14, 13)):
         for one, other in zip(
             with_derivative(hog, x, s)[:2],
-            _with_gradient(lambda images: operators.describe(images, text), x),  # noqa: B023
+            _with_gradient(lambda images: operators.describe(images, text), x),
             strict=True,
         ):
             assert_close(one, other, rtol=0, atol=1e-12)

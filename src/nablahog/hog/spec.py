@@ -118,6 +118,9 @@ class HOGSpec:
         self._check_together()
         self.__dict__["text"] = self._text()
 
+    def __hash__(self) -> int:
+        return hash(self.to_json())  # which Python remembers: specs are looked up many times in a call
+
     def _check_together(self) -> None:
         four = isinstance(self.normalizer, FourBlockNorm)
         if isinstance(self.normalizer, FourBlockNorm) and self.normalizer.needs_directed and not self.signed:

@@ -1,6 +1,7 @@
 """The four-block normaliser compiled: a cell at a time, and its adjoint.
 
-Histograms are (rows, cols, bins) of one image, descriptors (rows, cols, channels).
+Histograms are (rows, cols, bins) of one image, descriptors (rows, cols, channels).  What a cell has for each bin is in
+lines of whole eights, with zeros behind, so that eight bins go at a time.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 from ...compile import compiled
 from ..normalize import DPM_ORDER, DPM_TEXTURE, VLFEAT_TEXTURE
 from ..normalizers import PARTS, FourBlockNorm
+from .eights import clipped_adjoint, clipped_sums, clipped_total, dot_eight
 
 
 class FourBlocks(NamedTuple):
@@ -50,23 +52,32 @@ def four_blocks(scheme: FourBlockNorm, bins: int, signed: bool, real: Any) -> Fo
 
 
 @compiled
-def _undirected(cell: Any, signed: bool, found: Any) -> None:
-    """The contrast-insensitive histogram of a cell (bins,)."""
-    for k in range(found.size):
-        found[k] = cell[k] + cell[k + found.size] if signed else cell[k]
+def _padded(count: int) -> int:
+    return (count + 7) // 8 * 8
 
 
 @compiled
-def _factors(histograms: Any, scheme: Any, undirected: Any, factors: Any) -> None:
+def _undirected(histograms: Any, at: int, signed: bool, n: int, found: Any) -> None:
+    """The contrast-insensitive histogram of the cell at ``histograms[at:]``."""
+    if signed:
+        for k in range(n):
+            found[k] = histograms[at + k] + histograms[at + n + k]
+    else:
+        for k in range(n):
+            found[k] = histograms[at + k]
+
+
+@compiled
+def _factors(histograms: Any, rows: int, cols: int, bins: int, scheme: Any, factors: Any) -> None:
     """What blocks multiply their cells with: (rows + 1, cols + 1), of the cell corners."""
-    rows, cols, _ = histograms.shape
-    energy = np.empty((rows, cols), histograms.dtype)
+    n = bins // 2 if scheme.signed else bins
+    undirected, energy = np.zeros(_padded(n), histograms.dtype), np.empty((rows, cols), histograms.dtype)
     for y in range(rows):
         for x in range(cols):
-            _undirected(histograms[y, x], scheme.signed, undirected)
+            _undirected(histograms, (y * cols + x) * bins, scheme.signed, n, undirected)
             total = scheme.epsilon - scheme.epsilon
-            for k in range(undirected.size):
-                total += undirected[k] * undirected[k]
+            for k in range(0, undirected.size, 8):
+                total += dot_eight(undirected, k, undirected, k)
             energy[y, x] = total
     one = scheme.epsilon / scheme.epsilon
     for y in range(rows + 1):
@@ -84,84 +95,61 @@ def _factors(histograms: Any, scheme: Any, undirected: Any, factors: Any) -> Non
 
 
 @compiled
-def _sums(entries: Any, four: Any, clip: Any, half: Any, found: Any) -> None:
-    """Half the sum over the blocks of clipped entries."""
-    a, b, c, d = four[0], four[1], four[2], four[3]
-    for k in range(entries.size):
-        entry = entries[k]
-        p, q, r, s = entry * a, entry * b, entry * c, entry * d
-        p = clip if p > clip else p
-        q = clip if q > clip else q
-        r = clip if r > clip else r
-        s = clip if s > clip else s
-        found[k] = half * ((p + q) + (r + s))
+def _of_cell(factors: Any, y: int, x: int, found: Any) -> None:
+    """The factors of its four blocks: up-left, up-right, down-left, down-right."""
+    found[0], found[1] = factors[y, x], factors[y, x + 1]
+    found[2], found[3] = factors[y + 1, x], factors[y + 1, x + 1]
 
 
 @compiled
-def _clipped_total(entries: Any, factor: Any, clip: Any) -> Any:
-    total = clip - clip
-    for k in range(entries.size):
-        entry = entries[k] * factor
-        total += clip if entry > clip else entry
-    return total
-
-
-@compiled
-def _describe(histograms: Any, scheme: Any, found: Any) -> None:
-    """Histograms of one image to their descriptor."""
-    rows, cols, bins = histograms.shape
-    real = histograms.dtype.type
-    undirected = np.empty(bins // 2 if scheme.signed else bins, histograms.dtype)
-    factors, four = np.empty((rows + 1, cols + 1), histograms.dtype), np.empty(4, histograms.dtype)
-    _factors(histograms, scheme, undirected, factors)
-    directed, folded, texture, blocks, zero = scheme.first
-    n, drop, half = undirected.size, scheme.dropped, real(0.5)
+def _describe(histograms: Any, rows: int, cols: int, bins: int, channels: int, scheme: Any, found: Any) -> None:
+    """Histograms of one image, in one line, to its descriptor."""
+    real, drop, clip = histograms.dtype, scheme.dropped, scheme.clip
+    n = bins // 2 if scheme.signed else bins
+    cell, undirected = np.zeros(_padded(bins), real), np.zeros(_padded(n), real)
+    four, factors = np.empty(4, real), np.empty((rows + 1, cols + 1), real)
+    _factors(histograms, rows, cols, bins, scheme, factors)
+    directed, folded, texture, blocks, _ = scheme.first
+    parts = np.zeros(channels + 8, real)  # each may overlap what comes after it, which is written later
+    to = 0
     for y in range(drop, rows - drop):
         for x in range(drop, cols - drop):
-            cell, to = histograms[y, x], found[y - drop, x - drop]
-            _undirected(cell, scheme.signed, undirected)
-            for block in range(4):
-                four[block] = factors[y + block // 2, x + block % 2]
+            begin = (y * cols + x) * bins
+            _of_cell(factors, y, x, four)
+            for k in range(bins):
+                cell[k] = histograms[begin + k]
+            _undirected(histograms, begin, scheme.signed, n, undirected)
             if directed >= 0:
-                _sums(cell, four, scheme.clip, half, to[directed : directed + bins])
+                for k in range(0, cell.size, 8):
+                    clipped_sums(cell, k, four, clip, parts, directed + k)
             if folded >= 0:
-                _sums(undirected, four, scheme.clip, half, to[folded : folded + n])
-            for block in range(4):
-                if texture >= 0:
-                    entries = cell if scheme.directed_texture else undirected
-                    total = _clipped_total(entries, four[block], scheme.clip)
-                    to[texture + scheme.order[block]] = scheme.texture * total
-                if blocks >= 0:
+                for k in range(0, undirected.size, 8):
+                    clipped_sums(undirected, k, four, clip, parts, folded + k)
+            if texture >= 0:
+                entries = cell if scheme.directed_texture else undirected
+                for block in range(4):
+                    total = clip - clip
+                    for k in range(0, entries.size, 8):
+                        total += clipped_total(entries, k, four[block], clip)
+                    parts[texture + scheme.order[block]] = scheme.texture * total
+            if blocks >= 0:
+                for block in range(4):
                     for k in range(n):
                         entry = undirected[k] * four[block]
-                        to[blocks + block * n + k] = scheme.clip if entry > scheme.clip else entry
-            if zero >= 0:
-                to[zero] = 0
+                        parts[blocks + block * n + k] = clip if entry > clip else entry
+                for k in range(blocks + 4 * n, channels):
+                    parts[k] = 0
+            for k in range(channels):
+                found[to + k] = parts[k]
+            to += channels
 
 
 @compiled
-def four_block_norm(histograms: Any, scheme: Any, start: int, stop: int, found: Any) -> None:
+def four_block_norm(images: Any, scheme: Any, start: int, stop: int, found: Any) -> None:
     """Histograms of images ``start`` to ``stop`` to their descriptors."""
+    _, rows, cols, bins = images.shape
     for image in range(start, stop):
-        _describe(histograms[image], scheme, found[image])
-
-
-@compiled
-def _add_adjoint(entries: Any, factor: Any, clip: Any, share: Any, each: Any, given: Any, found: Any) -> Any:
-    """Adds what reaches the entries of a block, given ``share`` · ``given`` + ``each`` of them; returns the factor's.
-
-    At the clip itself, the mean of both sides.
-    """
-    half = entries.dtype.type(0.5)
-    zero = half - half
-    total = zero
-    for k in range(entries.size):
-        entry = entries[k] * factor
-        reached = share * given[k] + each
-        reached = zero if entry > clip else half * reached if entry == clip else reached
-        found[k] += reached * factor
-        total += reached * entries[k]
-    return total
+        _describe(images[image].reshape(-1), rows, cols, bins, found.shape[3], scheme, found[image].reshape(-1))
 
 
 @compiled
@@ -186,67 +174,83 @@ def _to_energy(to_factors: Any, factors: Any, scheme: Any, found: Any) -> None:
 
 
 @compiled
-def _describe_adjoint(histograms: Any, scheme: Any, given: Any, found: Any) -> None:
-    """What reaches the histograms of one image, ``found``, from ``given`` of the descriptor."""
-    rows, cols, bins = histograms.shape
-    real = histograms.dtype.type
-    n = bins // 2 if scheme.signed else bins
-    undirected, to_undirected = np.empty(n, histograms.dtype), np.empty(n, histograms.dtype)
-    factors, to_factors = (
-        np.empty((rows + 1, cols + 1), histograms.dtype),
-        np.zeros((rows + 1, cols + 1), histograms.dtype),
-    )
-    to_energy = np.empty((rows, cols), histograms.dtype)
-    _factors(histograms, scheme, undirected, factors)
-    directed, folded, texture, blocks, _ = scheme.first
-    drop, half, one, zero, clip = scheme.dropped, real(0.5), real(1), real(0), scheme.clip
-    found[:] = 0
-    nothing = np.zeros(bins, histograms.dtype)
-    for y in range(drop, rows - drop):
-        for x in range(drop, cols - drop):
-            cell, to, reached = histograms[y, x], found[y, x], given[y - drop, x - drop]
-            _undirected(cell, scheme.signed, undirected)
-            to_undirected[:] = 0
-            for block in range(4):
-                row, col = y + block // 2, x + block % 2
-                factor = factors[row, col]
-                each = scheme.texture * reached[texture + scheme.order[block]] if texture >= 0 else zero
-                of_directed = each if scheme.directed_texture else zero
-                total = zero
-                if directed >= 0:
-                    total += _add_adjoint(
-                        cell, factor, clip, half, of_directed, reached[directed : directed + bins], to
-                    )
-                elif of_directed != zero:
-                    total += _add_adjoint(cell, factor, clip, zero, of_directed, nothing, to)
-                of_folded = zero if scheme.directed_texture else each
-                if folded >= 0:
-                    part = reached[folded : folded + n]
-                    total += _add_adjoint(undirected, factor, clip, half, of_folded, part, to_undirected)
-                elif of_folded != zero:
-                    total += _add_adjoint(undirected, factor, clip, zero, of_folded, nothing[:n], to_undirected)
-                if blocks >= 0:
-                    part = reached[blocks + block * n : blocks + (block + 1) * n]
-                    total += _add_adjoint(undirected, factor, clip, one, zero, part, to_undirected)
-                to_factors[row, col] += total
-            for k in range(n):
-                to[k] += to_undirected[k]
-                if scheme.signed:
-                    to[k + n] += to_undirected[k]
-    _to_energy(to_factors, factors, scheme, to_energy)
-    for y in range(rows):
-        for x in range(cols):
-            cell, to = histograms[y, x], found[y, x]
-            _undirected(cell, scheme.signed, undirected)
-            for k in range(n):
-                reached_by = real(2) * undirected[k] * to_energy[y, x]
-                to[k] += reached_by
-                if scheme.signed:
-                    to[k + n] += reached_by
+def _to_both(given: Any, by: Any, signed: bool, n: int, at: int, found: Any) -> None:
+    """Adds ``by`` times what reaches a contrast-insensitive histogram to that of the cell at ``found[at:]``."""
+    for k in range(n):
+        found[at + k] += by * given[k]
+    if signed:
+        for k in range(n):
+            found[at + n + k] += by * given[k]
 
 
 @compiled
-def four_block_adjoint(histograms: Any, scheme: Any, given: Any, start: int, stop: int, found: Any) -> None:
+def _describe_adjoint(
+    histograms: Any, rows: int, cols: int, bins: int, channels: int, scheme: Any, given: Any, found: Any
+) -> None:
+    """What reaches the histograms of one image, in one line, from ``given`` of the descriptor."""
+    real, drop, clip = histograms.dtype, scheme.dropped, scheme.clip
+    half, one = real.type(0.5), real.type(1)
+    n = bins // 2 if scheme.signed else bins
+    cell, undirected = np.zeros(_padded(bins), real), np.zeros(_padded(n), real)
+    to_cell, to_undirected = np.zeros(cell.size, real), np.zeros(undirected.size, real)
+    of_cell, of_undirected = np.zeros(cell.size, real), np.zeros(4 * undirected.size, real)
+    four, factors = np.empty(4, real), np.empty((rows + 1, cols + 1), real)
+    to_factors, to_energy = np.zeros((rows + 1, cols + 1), real), np.empty((rows, cols), real)
+    of_texture, nothing, totals = np.zeros(4, real), np.zeros(4, real), np.zeros(4, real)
+    of_directed, of_folded = (of_texture, nothing) if scheme.directed_texture else (nothing, of_texture)
+    _factors(histograms, rows, cols, bins, scheme, factors)
+    directed, folded, texture, blocks, _ = scheme.first
+    by_cell = directed >= 0 or (texture >= 0 and scheme.directed_texture)
+    size = undirected.size
+    found[:] = 0
+    reached = 0
+    for y in range(drop, rows - drop):
+        for x in range(drop, cols - drop):
+            begin = (y * cols + x) * bins
+            _of_cell(factors, y, x, four)
+            totals[:] = 0
+            if texture >= 0:
+                for block in range(4):
+                    of_texture[block] = scheme.texture * given[reached + texture + scheme.order[block]]
+            if by_cell:
+                for k in range(bins):
+                    cell[k] = histograms[begin + k]
+                    of_cell[k] = half * given[reached + directed + k] if directed >= 0 else half - half
+                to_cell[:] = 0
+                for k in range(0, cell.size, 8):
+                    clipped_adjoint(cell, k, four, clip, of_cell, 0, of_directed, totals, to_cell)
+                for k in range(bins):
+                    found[begin + k] = to_cell[k]
+            _undirected(histograms, begin, scheme.signed, n, undirected)
+            to_undirected[:] = 0
+            for k in range(n):
+                of_undirected[k] = half * given[reached + folded + k] if folded >= 0 else half - half
+            if blocks >= 0:
+                for block in range(3, -1, -1):
+                    for k in range(n):
+                        by_block = given[reached + blocks + block * n + k]
+                        of_undirected[block * size + k] = of_undirected[k] + by_block
+            for k in range(0, size, 8):
+                step = size if blocks >= 0 else 0
+                clipped_adjoint(undirected, k, four, clip, of_undirected, step, of_folded, totals, to_undirected)
+            _to_both(to_undirected, one, scheme.signed, n, begin, found)
+            to_factors[y, x] += totals[0]
+            to_factors[y, x + 1] += totals[1]
+            to_factors[y + 1, x] += totals[2]
+            to_factors[y + 1, x + 1] += totals[3]
+            reached += channels
+    _to_energy(to_factors, factors, scheme, to_energy)
+    for y in range(rows):
+        for x in range(cols):
+            begin = (y * cols + x) * bins
+            _undirected(histograms, begin, scheme.signed, n, undirected)
+            _to_both(undirected, to_energy[y, x] + to_energy[y, x], scheme.signed, n, begin, found)
+
+
+@compiled
+def four_block_adjoint(images: Any, scheme: Any, given: Any, start: int, stop: int, found: Any) -> None:
     """The adjoint, of images ``start`` to ``stop``."""
+    _, rows, cols, bins = images.shape
     for image in range(start, stop):
-        _describe_adjoint(histograms[image], scheme, given[image], found[image])
+        of_image, reached, to = images[image].reshape(-1), given[image].reshape(-1), found[image].reshape(-1)
+        _describe_adjoint(of_image, rows, cols, bins, given.shape[3], scheme, reached, to)

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 
 import torch
 from torch import Tensor
-from torch.autograd import Function
+from torch.autograd import Function, forward_ad
 
 from ..normalize import normalize
 from ..spec import HOGSpec
@@ -52,6 +52,32 @@ def _push(function: Callable[..., Tensor], at: tuple[Tensor, ...], changes: tupl
     value, pull = torch.func.vjp(function, *at)[:2]
     found: Tensor = torch.func.vjp(pull, torch.zeros_like(value))[1](changes)[0]
     return found
+
+
+_transforms_active: Callable[[], bool] = getattr(torch._C, "_are_functorch_transforms_active", lambda: True)
+
+
+def _as_they_seem() -> bool:
+    """Whether tensors are what they seem: no transform of ``torch.func`` and no forward mode is under way."""
+    return not _transforms_active() and forward_ad._current_level < 0
+
+
+class _Simple(Function):
+    """As :class:`_Run`, in a fifth of the time that PyTorch takes for that, where no transform is under way."""
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, step: Step, spec: HOGSpec) -> Tensor:
+        found, kept = step.run(x.detach(), spec)
+        ctx.step, ctx.spec = step, spec
+        ctx.save_for_backward(x, kept)
+        return found
+
+    @staticmethod
+    def backward(ctx: Any, given: Tensor) -> tuple[Tensor, None, None]:
+        x, kept = ctx.saved_tensors
+        if torch.is_grad_enabled() or not _as_they_seem():
+            return _applied(_Back, x, kept, given, ctx.step, ctx.spec), None, None
+        return ctx.step.back(x.detach(), kept, given, ctx.spec), None, None
 
 
 class _Run(Function):
@@ -218,5 +244,10 @@ DESCRIBE = Step(
 
 def apply(step: Step, x: Tensor, spec: HOGSpec) -> Tensor:
     """The step's output for its input ``x``."""
-    found: Tensor = _applied(_Run, x, step, spec)[0]
-    return found
+    if not _as_they_seem():
+        found: Tensor = _applied(_Run, x, step, spec)[0]
+        return found
+    if x.requires_grad and torch.is_grad_enabled():
+        found = _applied(_Simple, x, step, spec)
+        return found
+    return step.run(x.detach(), spec)[0]

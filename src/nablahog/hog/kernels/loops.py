@@ -78,7 +78,7 @@ def cells(images: Tensor, spec: HOGSpec) -> Tensor:
     dtype = torch.float64 if images.dtype == torch.float64 else torch.float32
     found = torch.empty((images.shape[0], pooling.rows, pooling.cols, pooling.bins), dtype=dtype)
     array = found.numpy()
-    if images.shape[0] == 1 and images[0, 0].numel() >= _LARGE and torch.get_num_threads() > 1:
+    if images.shape[0] == 1 and images.shape[2] * images.shape[3] >= _LARGE and torch.get_num_threads() > 1:
         bands = len(pooling.bands)
         of_bands = np.empty((bands, pooling.high, pooling.cols + pooling.wide, pooling.bins), array.dtype)
         _share_out(lambda start, stop: cells_of_bands(*plan, start, stop, of_bands), bands)
@@ -93,7 +93,7 @@ def cells_back(images: Tensor, given: Tensor, spec: HOGSpec) -> Tensor:
     plan, reached = _plan(images, _followed(spec)), given.contiguous().numpy()
     found = torch.empty(images.shape, dtype=given.dtype)
     array = found.numpy()
-    if images.shape[0] == 1 and images[0, 0].numel() >= _LARGE and torch.get_num_threads() > 1:
+    if images.shape[0] == 1 and images.shape[2] * images.shape[3] >= _LARGE and torch.get_num_threads() > 1:
         one = array[0]
         _share_out(lambda start, stop: cells_adjoint(*plan, reached[0], start, stop, one), images.shape[2])
     elif images.shape[0] > 0:

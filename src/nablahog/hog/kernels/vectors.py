@@ -12,6 +12,7 @@ import numpy as np
 
 from ...compile import compiled
 from ..normalizers import BlockNorm
+from .eights import dot_eight
 
 _L1, _L1_SQRT, _L2, _L2_HYS = range(4)
 
@@ -38,35 +39,15 @@ def rectangles(scheme: BlockNorm, real: Any) -> Blocks:
 
 
 @compiled
-def _energy(entries: Any) -> Any:
-    """The sum of squares, four at a time."""
-    zero = entries.dtype.type(0)
-    a, b, c, d = zero, zero, zero, zero
-    whole = entries.size // 4 * 4
-    for k in range(0, whole, 4):
-        a += entries[k] * entries[k]
-        b += entries[k + 1] * entries[k + 1]
-        c += entries[k + 2] * entries[k + 2]
-        d += entries[k + 3] * entries[k + 3]
-    for k in range(whole, entries.size):
-        a += entries[k] * entries[k]
-    return (a + b) + (c + d)
-
-
-@compiled
 def _product(left: Any, right: Any) -> Any:
-    """The dot product, four at a time."""
-    zero = left.dtype.type(0)
-    a, b, c, d = zero, zero, zero, zero
-    whole = left.size // 4 * 4
-    for k in range(0, whole, 4):
-        a += left[k] * right[k]
-        b += left[k + 1] * right[k + 1]
-        c += left[k + 2] * right[k + 2]
-        d += left[k + 3] * right[k + 3]
+    """The dot product."""
+    total = left.dtype.type(0)
+    whole = left.size // 8 * 8
+    for k in range(0, whole, 8):
+        total += dot_eight(left, k, right, k)
     for k in range(whole, left.size):
-        a += left[k] * right[k]
-    return (a + b) + (c + d)
+        total += left[k] * right[k]
+    return total
 
 
 @compiled
@@ -117,7 +98,7 @@ def cell_norm(images: Any, epsilon: Any, start: int, stop: int, found: Any) -> N
         for row in range(found.shape[1]):
             for col in range(found.shape[2]):
                 cell = images[image, row, col]
-                length = math.sqrt(_energy(cell))
+                length = math.sqrt(_product(cell, cell))
                 length = length if length > epsilon else epsilon
                 for k in range(cell.size):
                     found[image, row, col, k] = cell[k] / length
@@ -131,7 +112,7 @@ def cell_adjoint(images: Any, epsilon: Any, given: Any, start: int, stop: int, f
         for row in range(found.shape[1]):
             for col in range(found.shape[2]):
                 cell, reached = images[image, row, col], given[image, row, col]
-                length = math.sqrt(_energy(cell))
+                length = math.sqrt(_product(cell, cell))
                 share = real(1) if length > epsilon else real(0.5) if length == epsilon else real(0)
                 length = length if length > epsilon else epsilon
                 slope = share * _product(cell, reached) / length / length / length if share > 0 else real(0)
@@ -141,9 +122,9 @@ def cell_adjoint(images: Any, epsilon: Any, given: Any, start: int, stop: int, f
 
 @compiled
 def _unit(vector: Any, epsilon: Any, added: bool, found: Any) -> None:
-    """L2 of one block."""
+    """L2 of one block, which is padded to whole eights with zeros."""
     one = vector.dtype.type(1)
-    energy = _energy(vector)
+    energy = _product(vector, vector)
     factor = one / (math.sqrt(energy) + epsilon if added else math.sqrt(energy + epsilon * epsilon))
     for k in range(vector.size):
         found[k] = vector[k] * factor
@@ -153,7 +134,7 @@ def _unit(vector: Any, epsilon: Any, added: bool, found: Any) -> None:
 def _unit_adjoint(vector: Any, epsilon: Any, added: bool, given: Any, found: Any) -> None:
     """Its adjoint; ``found`` may be ``given``."""
     one = vector.dtype.type(1)
-    energy, product = _energy(vector), _product(vector, given)
+    energy, product = _product(vector, vector), _product(vector, given)
     size = math.sqrt(energy)
     if added:
         factor = one / (size + epsilon)
@@ -166,21 +147,14 @@ def _unit_adjoint(vector: Any, epsilon: Any, added: bool, given: Any, found: Any
 
 
 @compiled
-def _sum(vector: Any) -> Any:
-    total = vector.dtype.type(0)
-    for k in range(vector.size):
-        total += vector[k]
-    return total
-
-
-@compiled
-def _block(vector: Any, scheme: Any, found: Any) -> None:
+def _block(vector: Any, ones: Any, scheme: Any, found: Any) -> None:
     """One block's vector to its descriptor, which must not share memory with it."""
     if scheme.form <= _L1_SQRT:
-        factor = vector.dtype.type(1) / (_sum(vector) + scheme.epsilon)
+        factor = vector.dtype.type(1) / (_product(vector, ones) + scheme.epsilon)
         for k in range(vector.size):
             found[k] = vector[k] * factor
-            if scheme.form == _L1_SQRT:
+        if scheme.form == _L1_SQRT:
+            for k in range(vector.size):
                 found[k] = math.sqrt(found[k])
         return
     _unit(vector, scheme.epsilon, scheme.added, found)
@@ -191,21 +165,21 @@ def _block(vector: Any, scheme: Any, found: Any) -> None:
 
 
 @compiled
-def _block_adjoint(vector: Any, scheme: Any, given: Any, unit: Any, clipped: Any, found: Any) -> None:
+def _block_adjoint(vector: Any, ones: Any, scheme: Any, given: Any, unit: Any, clipped: Any, found: Any) -> None:
     """Its adjoint; ``unit`` and ``clipped`` are overwritten."""
     real = vector.dtype.type
+    half, zero = real(0.5), real(0)
     if scheme.form <= _L1_SQRT:
-        factor = real(1) / (_sum(vector) + scheme.epsilon)
-        total = real(0)
+        factor = real(1) / (_product(vector, ones) + scheme.epsilon)
         for k in range(vector.size):
             reached = given[k]
             if scheme.form == _L1_SQRT:
                 root = math.sqrt(vector[k] * factor)
-                reached = real(0.5) * reached / root if root > 0 else real(0)
+                reached = half * reached / root if root > zero else zero
             found[k] = reached
-            total += reached * vector[k]
+        total = factor * _product(found, vector)
         for k in range(vector.size):
-            found[k] = factor * (found[k] - factor * total)
+            found[k] = factor * (found[k] - total)
         return
     if scheme.form == _L2:
         _unit_adjoint(vector, scheme.epsilon, scheme.added, given, found)
@@ -214,54 +188,71 @@ def _block_adjoint(vector: Any, scheme: Any, given: Any, unit: Any, clipped: Any
     for k in range(vector.size):
         clipped[k] = scheme.clip if unit[k] > scheme.clip else unit[k]
     _unit_adjoint(clipped, scheme.epsilon_again, scheme.added, given, found)
-    for k in range(vector.size):
-        if unit[k] > scheme.clip:
-            found[k] = 0
-        elif unit[k] == scheme.clip:  # the mean of both sides
-            found[k] *= real(0.5)
+    for k in range(vector.size):  # at the clip itself, the mean of both sides
+        passed = half * found[k] if unit[k] == scheme.clip else found[k]
+        found[k] = zero if unit[k] > scheme.clip else passed
     _unit_adjoint(vector, scheme.epsilon, scheme.added, found, found)
 
 
 @compiled
-def _gather(histograms: Any, row: int, col: int, scheme: Any, vector: Any) -> None:
-    """The cells of a block, row by row."""
-    bins, k = histograms.shape[2], 0
-    for y in range(row, row + scheme.high):
-        for x in range(col, col + scheme.wide):
-            for bin_ in range(bins):
-                vector[k + bin_] = histograms[y, x, bin_]
-            k += bins
+def _gather(histograms: Any, begin: int, of_row: int, count: int, high: int, vector: Any) -> None:
+    """``high`` rows of a block, each ``count`` numbers, from ``histograms[begin:]``; image rows are ``of_row`` long."""
+    for row in range(high):
+        at, to = begin + row * of_row, row * count
+        for k in range(count):
+            vector[to + k] = histograms[at + k]
+
+
+@compiled
+def _add_back(vector: Any, begin: int, of_row: int, count: int, high: int, found: Any) -> None:
+    """The adjoint: adds the block to where it came from."""
+    for row in range(high):
+        at, to = begin + row * of_row, row * count
+        for k in range(count):
+            found[at + k] += vector[to + k]
 
 
 @compiled
 def block_norm(images: Any, scheme: Any, start: int, stop: int, found: Any) -> None:
     """Histograms to blocks: see :func:`nablahog.hog.normalize.block_norm`."""
     _, rows, cols, size = found.shape
-    vector = np.empty(size, images.dtype)
+    of_row, count = images.shape[2] * images.shape[3], scheme.wide * images.shape[3]
+    padded = (size + 7) // 8 * 8
+    vector, ones, block = np.zeros(padded, images.dtype), np.ones(padded, images.dtype), np.empty(padded, images.dtype)
     for image in range(start, stop):
+        histograms, to, at = images[image].reshape(-1), found[image].reshape(-1), 0
         for row in range(rows):
             for col in range(cols):
-                _gather(images[image], row * scheme.down, col * scheme.across, scheme, vector)
-                _block(vector, scheme, found[image, row, col])
+                begin = row * scheme.down * of_row + col * scheme.across * images.shape[3]
+                _gather(histograms, begin, of_row, count, scheme.high, vector)
+                _block(vector, ones, scheme, block)
+                for k in range(size):
+                    to[at + k] = block[k]
+                at += size
 
 
 @compiled
 def block_adjoint(images: Any, scheme: Any, given: Any, start: int, stop: int, found: Any) -> None:
     """Its adjoint."""
     _, rows, cols, size = given.shape
-    bins = images.shape[3]
-    vector, reached = np.empty(size, images.dtype), np.empty(size, images.dtype)
-    unit, clipped = np.empty(size, images.dtype), np.empty(size, images.dtype)
+    of_row, count = images.shape[2] * images.shape[3], scheme.wide * images.shape[3]
+    padded = (size + 7) // 8 * 8
+    vector, ones, block = np.zeros(padded, images.dtype), np.ones(padded, images.dtype), np.zeros(padded, images.dtype)
+    unit, clipped, to_block = (
+        np.empty(padded, images.dtype),
+        np.empty(padded, images.dtype),
+        np.empty(padded, images.dtype),
+    )
     for image in range(start, stop):
-        to = found[image]
+        histograms, to = images[image].reshape(-1), found[image].reshape(-1)
+        reached, at = given[image].reshape(-1), 0
         to[:] = 0
         for row in range(rows):
             for col in range(cols):
-                top, left, k = row * scheme.down, col * scheme.across, 0
-                _gather(images[image], top, left, scheme, vector)
-                _block_adjoint(vector, scheme, given[image, row, col], unit, clipped, reached)
-                for y in range(top, top + scheme.high):
-                    for x in range(left, left + scheme.wide):
-                        for bin_ in range(bins):
-                            to[y, x, bin_] += reached[k + bin_]
-                        k += bins
+                begin = row * scheme.down * of_row + col * scheme.across * images.shape[3]
+                _gather(histograms, begin, of_row, count, scheme.high, vector)
+                for k in range(size):
+                    block[k] = reached[at + k]
+                _block_adjoint(vector, ones, scheme, block, unit, clipped, to_block)
+                _add_back(to_block, begin, of_row, count, scheme.high, to)
+                at += size
