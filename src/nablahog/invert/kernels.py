@@ -1,4 +1,4 @@
-"""The default prior with its derivative in one pass over an image, compiled for CPUs."""
+"""The default prior with its derivative, and constant regions, in one pass over an image; compiled for CPUs."""
 
 from __future__ import annotations
 
@@ -18,16 +18,13 @@ from ..hog.orientation import vanishing
 def _visible(image: Any, tiny: Any) -> float:
     """Σ‖∇i‖ over the inner pixels of an image (H, W)."""
     height, width = image.shape
-    row = np.empty(width, image.dtype)
-    total = 0.0
+    total = np.zeros(width, image.dtype)  # a sum for each column: several of them go at a time
     for y in range(1, height - 1):
         for x in range(1, width - 1):
             u, v = image[y, x + 1] - image[y, x - 1], image[y + 1, x] - image[y - 1, x]
             squared = u * u + v * v
-            row[x] = squared - squared if squared < tiny else math.sqrt(squared)
-        for x in range(1, width - 1):
-            total += row[x]
-    return total
+            total[x] += squared - squared if squared < tiny else math.sqrt(squared)
+    return float(total.astype(np.float64).sum())
 
 
 @compiled
@@ -55,32 +52,34 @@ def _visible_adjoint(image: Any, tiny: Any, given: Any, found: Any) -> None:
 def _differences(image: Any, rounding: Any, found: Any) -> tuple[float, float]:
     """Σ√(d² + ρ²) and Σ1/√(d² + ρ²) over the differences d of neighbours; the derivative of the first to ``found``."""
     height, width = image.shape
-    squared = rounding * rounding
-    root, slope = np.empty(width, image.dtype), np.empty(width, image.dtype)
-    roots = reciprocals = 0.0
+    squared, one = rounding * rounding, image.dtype.type(1)
+    slope = np.empty(width, image.dtype)
+    roots, reciprocals = np.zeros(width, image.dtype), np.zeros(width, image.dtype)
     for y in range(height):
         for x in range(width - 1):
             d = image[y, x + 1] - image[y, x]
-            root[x] = math.sqrt(d * d + squared)
-            slope[x] = d / root[x]
+            root = math.sqrt(d * d + squared)
+            reciprocal = one / root
+            slope[x] = d * reciprocal
+            roots[x] += root
+            reciprocals[x] += reciprocal
         for x in range(width - 1):
             found[y, x] -= slope[x]
         for x in range(width - 1):
             found[y, x + 1] += slope[x]
-        for x in range(width - 1):
-            roots += root[x]
-            reciprocals += 1 / root[x]
         if y < height - 1:
             for x in range(width):
                 d = image[y + 1, x] - image[y, x]
-                root[x] = math.sqrt(d * d + squared)
-                slope[x] = d / root[x]
-                found[y, x] -= slope[x]
-                found[y + 1, x] += slope[x]
+                root = math.sqrt(d * d + squared)
+                reciprocal = one / root
+                slope[x] = d * reciprocal
+                roots[x] += root
+                reciprocals[x] += reciprocal
             for x in range(width):
-                roots += root[x]
-                reciprocals += 1 / root[x]
-    return roots, reciprocals
+                found[y, x] -= slope[x]
+            for x in range(width):
+                found[y + 1, x] += slope[x]
+    return float(roots.astype(np.float64).sum()), float(reciprocals.astype(np.float64).sum())
 
 
 class _Smoothness(torch.autograd.Function):
@@ -113,4 +112,54 @@ class _Smoothness(torch.autograd.Function):
 def smoothness(images: Tensor, rounding: float) -> Tensor:
     """:func:`.priors.smoothness` of images (A, 1, H, W) on a CPU, differentiable once, in reverse mode."""
     found: Tensor = _Smoothness.apply(images, rounding)  # type: ignore[no-untyped-call]
+    return found
+
+
+@compiled
+def _level(image: Any, regions: Any, sizes: Any, sums: Any, found: Any) -> None:
+    """An image (pixels,) to ``found``, each of its ``regions`` but 0 at its mean; leaves ``sums`` (regions,) at 0."""
+    for i in range(image.size):
+        if regions[i] > 0:
+            sums[regions[i]] += image[i]
+    for i in range(image.size):
+        region = regions[i]
+        found[i] = sums[region] / sizes[region] if region > 0 else image[i]
+    for i in range(image.size):
+        sums[regions[i]] = 0
+
+
+class _Levelled(torch.autograd.Function):
+    """Images (A, 1, H, W) of the problems ``index`` (A,), with their regions at their means: its own adjoint."""
+
+    @staticmethod
+    def forward(images: Tensor, index: Tensor, regions: Tensor, sizes: Tensor) -> Tensor:
+        pixels, labels, areas = images.detach().contiguous().numpy(), regions.numpy(), sizes.numpy()
+        found, sums = np.empty_like(pixels), np.zeros(len(areas))
+        for plane, problem, to in zip(pixels, index.numpy(), found, strict=True):
+            _level(plane.reshape(-1), labels[problem].reshape(-1), areas, sums, to.reshape(-1))
+        return torch.from_numpy(found)
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
+        ctx.of = inputs[1:]
+
+    @staticmethod
+    def backward(ctx: Any, given: Tensor) -> tuple[Tensor, None, None, None]:
+        return levelled(given, *ctx.of), None, None, None
+
+    @staticmethod
+    def jvp(ctx: Any, tangent: Tensor, *_: None) -> Tensor:
+        return levelled(tangent, *ctx.of)
+
+
+def levelled(images: Tensor, index: Tensor, regions: Tensor, sizes: Tensor) -> Tensor:
+    """Images (A, 1, H, W) on a CPU with each region at its mean; linear, differentiable in either mode.
+
+    Args:
+        images: float32 or float64.
+        index: (A,), which of the ``regions`` are each image's.
+        regions: (B, H, W), int32: the number of each pixel's region, each in one image only; 0 is none.
+        sizes: (regions,), float64: their pixels.
+    """
+    found: Tensor = _Levelled.apply(images, index, regions, sizes)  # type: ignore[no-untyped-call]
     return found
