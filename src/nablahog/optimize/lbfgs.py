@@ -18,6 +18,7 @@ from ..compile import compiled
 from .result import BUDGET, GRADIENT, LINE_SEARCH, PROGRESS, WINDOW, Minimum, Objective, Watch
 
 ARMIJO, CURVATURE = 1e-4, 0.9  # constants of the Wolfe conditions, Nocedal & Wright p. 62
+LINE = 16  # numbers of a cache line, at least
 REASONS = (BUDGET, GRADIENT, PROGRESS, LINE_SEARCH)
 
 
@@ -84,7 +85,8 @@ class _Memory:
     def __init__(self, like: Tensor, size: int) -> None:
         batch, n = like.shape
         self.size = size
-        self.vectors = like.new_zeros(batch, 2 * size, n)  # s in the first half, y in the second
+        # s in the first half, y in the second; rows of whole cache lines, so that sums do not depend on where they lie
+        self.vectors = like.new_zeros(batch, 2 * size, -(-n // LINE) * LINE)
         self.products = like.new_zeros(batch, size, 2 * size)  # of each y with all of them, where s is no newer than y
         self.with_gradient = like.new_zeros(batch, 2 * size)  # products with the last gradient
         self.pairs = torch.zeros(batch, dtype=torch.long, device=like.device)  # stored so far
@@ -104,23 +106,23 @@ class _Memory:
         A pair whose curvature is lost in rounding is not stored.  The two-loop recursion (Nocedal & Wright, algorithm
         7.4), on the coefficients of the stored vectors.
         """
-        m = self.size
+        m, n = self.size, gradient.shape[1]
         before = self.with_gradient
-        after = torch.bmm(gradient.unsqueeze(1), self.vectors.mT).squeeze(1)
+        after = torch.bmm(gradient.unsqueeze(1), self.vectors[..., :n].mT).squeeze(1)
         with_y = after - before
         sy, yy = _dot(s, y), _dot(y, y)
         stored = moved & (sy > torch.finfo(y.dtype).eps * yy)
         new, at = stored.nonzero().squeeze(1), (self.pairs % m)[stored]
-        self.vectors[new, at], self.vectors[new, at + m] = s[new], y[new]
+        self.vectors[new, at, :n], self.vectors[new, at + m, :n] = s[new], y[new]
         after[new, at], after[new, at + m] = _dot(s, gradient)[new], _dot(y, gradient)[new]
         with_y[new, at], with_y[new, at + m] = sy[new], yy[new]
         self.products[new, at], self.products[new, :, at + m] = with_y[new], with_y[new, m:]
-        self.with_gradient = after
+        self.with_gradient = torch.where(moved.unsqueeze(1), after, before)
         self.pairs += stored
 
         small = (x.cpu().numpy() for x in (self.products, self.with_gradient, self.pairs))
         gamma, coefficients = (torch.from_numpy(x).to(gradient) for x in _two_loops(*small))
-        combined = torch.bmm(coefficients.unsqueeze(1), self.vectors).squeeze(1)
+        combined = torch.bmm(coefficients.unsqueeze(1), self.vectors).squeeze(1)[:, :n]
         return combined.addcmul_(gamma.unsqueeze(1), gradient).neg_()
 
 
