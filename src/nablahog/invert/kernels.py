@@ -82,25 +82,34 @@ def _differences(image: Any, rounding: Any, found: Any) -> tuple[float, float]:
     return float(roots.astype(np.float64).sum()), float(reciprocals.astype(np.float64).sum())
 
 
+@compiled
+def _smoothness(images: Any, rounding: Any, tiny: Any, found: Any, slopes: Any) -> None:
+    """:func:`.priors.smoothness` of images (A, H, W) to ``found`` (A,), and its derivatives to ``slopes``, 0 before."""
+    batch, height, width = images.shape
+    kind, pixels = images.dtype.type, height * width
+    for k in range(batch):
+        visible = _visible(images[k], tiny) / pixels
+        scale = visible if visible > 0 else 1.0
+        roots, reciprocals = _differences(images[k], kind(rounding * scale), slopes[k])
+        found[k] = roots / (pixels * scale)
+        share = kind(1 / (pixels * scale))
+        for y in range(height):
+            for x in range(width):
+                slopes[k, y, x] *= share
+        if visible > 0:
+            to_scale = rounding * rounding * reciprocals / pixels - roots / (pixels * scale * scale)
+            _visible_adjoint(images[k], tiny, kind(to_scale / pixels), slopes[k])
+
+
 class _Smoothness(torch.autograd.Function):
     """Images (A, 1, H, W) to :func:`.priors.smoothness` (A,)."""
 
     @staticmethod
     def forward(ctx: Any, images: Tensor, rounding: float) -> Tensor:
         planes = images.detach().contiguous().numpy()[:, 0]
-        dtype, pixels = planes.dtype.type, planes[0].size
-        tiny = dtype(vanishing(images.dtype))
         ctx.slopes = np.zeros_like(planes)
-        found = np.empty(len(planes), dtype)
-        for k, (plane, slope) in enumerate(zip(planes, ctx.slopes, strict=True)):
-            visible = _visible(plane, tiny) / pixels
-            scale = visible if visible > 0 else 1.0
-            roots, reciprocals = _differences(plane, dtype(rounding * scale), slope)
-            found[k] = roots / (pixels * scale)
-            slope /= dtype(pixels * scale)
-            if visible > 0:
-                to_scale = rounding**2 * reciprocals / pixels - roots / (pixels * scale**2)
-                _visible_adjoint(plane, tiny, dtype(to_scale / pixels), slope)
+        found = np.empty(len(planes), planes.dtype)
+        _smoothness(planes, rounding, planes.dtype.type(vanishing(images.dtype)), found, ctx.slopes)
         return torch.from_numpy(found)
 
     @staticmethod
@@ -116,16 +125,23 @@ def smoothness(images: Tensor, rounding: float) -> Tensor:
 
 
 @compiled
-def _level(image: Any, regions: Any, sizes: Any, sums: Any, found: Any) -> None:
-    """An image (pixels,) to ``found``, each of its ``regions`` but 0 at its mean; leaves ``sums`` (regions,) at 0."""
-    for i in range(image.size):
-        if regions[i] > 0:
-            sums[regions[i]] += image[i]
-    for i in range(image.size):
-        region = regions[i]
-        found[i] = sums[region] / sizes[region] if region > 0 else image[i]
-    for i in range(image.size):
-        sums[regions[i]] = 0
+def _level(images: Any, index: Any, regions: Any, sizes: Any, sums: Any) -> None:
+    """Sets each of the ``regions`` but 0 of each image (pixels,) to its mean.  ``sums`` (regions,) is 0 before."""
+    for a in range(len(images)):
+        image, labels = images[a], regions[index[a]]
+        for i in range(image.size):
+            if labels[i] > 0:
+                sums[labels[i]] += image[i]
+        for i in range(image.size):
+            if labels[i] > 0:
+                image[i] = sums[labels[i]] / sizes[labels[i]]
+
+
+def _level_each(images: Tensor, index: Tensor, regions: Tensor, sizes: Tensor) -> Tensor:
+    found = images.clone(memory_format=torch.contiguous_format)
+    sums = torch.zeros_like(sizes)
+    _level(*(tensor.numpy() for tensor in (found.flatten(1), index, regions.flatten(1), sizes, sums)))
+    return found
 
 
 class _Levelled(torch.autograd.Function):
@@ -133,11 +149,7 @@ class _Levelled(torch.autograd.Function):
 
     @staticmethod
     def forward(images: Tensor, index: Tensor, regions: Tensor, sizes: Tensor) -> Tensor:
-        pixels, labels, areas = images.detach().contiguous().numpy(), regions.numpy(), sizes.numpy()
-        found, sums = np.empty_like(pixels), np.zeros(len(areas))
-        for plane, problem, to in zip(pixels, index.numpy(), found, strict=True):
-            _level(plane.reshape(-1), labels[problem].reshape(-1), areas, sums, to.reshape(-1))
-        return torch.from_numpy(found)
+        return _level_each(images.detach(), index, regions, sizes)
 
     @staticmethod
     def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
@@ -161,5 +173,7 @@ def levelled(images: Tensor, index: Tensor, regions: Tensor, sizes: Tensor) -> T
         regions: (B, H, W), int32: the number of each pixel's region, each in one image only; 0 is none.
         sizes: (regions,), float64: their pixels.
     """
+    if not torch.is_grad_enabled():  # spares what PyTorch does about each call
+        return _level_each(images, index, regions, sizes)
     found: Tensor = _Levelled.apply(images, index, regions, sizes)  # type: ignore[no-untyped-call]
     return found

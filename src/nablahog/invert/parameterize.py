@@ -17,6 +17,10 @@ class Parameterization(Protocol):
 
     def unknowns(self, image: Tensor) -> Tensor: ...
 
+    def adjoint(self, to_image: Tensor) -> Tensor:
+        """What reaches the unknowns (A, H·W) from derivatives by the images (A, 1, H, W)."""
+        ...
+
 
 class Pixels:
     """The gray values themselves, as in the paper."""
@@ -30,6 +34,9 @@ class Pixels:
     def unknowns(self, image: Tensor) -> Tensor:
         return image.flatten(1)
 
+    def adjoint(self, to_image: Tensor) -> Tensor:
+        return to_image.flatten(1)
+
 
 def cosines(n: int, like: Tensor) -> Tensor:
     """The orthonormal DCT-II matrix (n, n), dtype and device of ``like``."""
@@ -39,14 +46,17 @@ def cosines(n: int, like: Tensor) -> Tensor:
     return matrix.to(like)
 
 
+def _fast_cosines(planes: Tensor, back: bool) -> Tensor:
+    transform = fft.idctn if back else fft.dctn
+    return torch.from_numpy(transform(planes.numpy(), axes=(-2, -1), norm="ortho", workers=torch.get_num_threads()))
+
+
 class _FastCosines(torch.autograd.Function):
     """The transform on a CPU, or, orthonormal as it is, back: each is the other's adjoint."""
 
     @staticmethod
     def forward(planes: Tensor, back: bool) -> Tensor:
-        transform = fft.idctn if back else fft.dctn
-        found = transform(planes.detach().numpy(), axes=(-2, -1), norm="ortho", workers=torch.get_num_threads())
-        return torch.from_numpy(found)
+        return _fast_cosines(planes.detach(), back)
 
     @staticmethod
     def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
@@ -63,6 +73,8 @@ class _FastCosines(torch.autograd.Function):
 
 def _transformed(planes: Tensor, back: bool) -> Tensor:
     if planes.device.type == "cpu":
+        if not torch.is_grad_enabled():  # spares what PyTorch does about each call
+            return _fast_cosines(planes, back)
         found: Tensor = _FastCosines.apply(planes, back)  # type: ignore[no-untyped-call]
         return found
     rows, cols = (cosines(n, planes) for n in planes.shape[-2:])
@@ -99,6 +111,9 @@ class CosineBasis:
 
     def unknowns(self, image: Tensor) -> Tensor:
         return (to_cosines(image) / self.weights).flatten(1)
+
+    def adjoint(self, to_image: Tensor) -> Tensor:
+        return (to_cosines(to_image) * self.weights).flatten(1)
 
 
 def low_pass(image: Tensor, sigma: float) -> Tensor:
