@@ -26,7 +26,7 @@ LEAST_EVALUATIONS = 30  # of a sample: fewer evaluations make fewer samples
 RANGE_WEIGHT = 100.0  # of mean squares of gray values
 SMOOTHING = 1.0  # pixels: what the samples agree on is coarser
 MEMORY = 2**29  # bytes that the searches of a part of a batch take, about
-VECTORS = 30  # of unknowns that a search holds: the minimiser's memory of 16, the images, and what is made of them
+VECTORS = 54  # of unknowns that a search of one image holds at most: measured, memory and images and all copies
 TAILS = 0.005  # share of pixels that may be clipped at either end when the image is brought to 0…1
 
 
@@ -99,9 +99,9 @@ def reconstruct(
     descriptor, whose samples would differ in the signs of whole regions, what is expected comes from :mod:`.signs`;
     and of the image found and its negative, the one that looks more like a photograph is returned (:mod:`.polarity`).
 
-    Each image has its own steps and its own stop, so a batch finds what its images alone would find, bit for bit on one
-    thread of a CPU, elsewhere up to rounding, which a long search may amplify.  A batch that needs more than
-    :data:`MEMORY` is searched in parts, one after the other.
+    Each image has its own steps and its own stop, so a batch finds what its images alone would find, up to rounding,
+    which a long search may amplify.  A batch that needs more than half a GiB (:data:`MEMORY`) is searched in parts, one
+    after the other.
 
     Args:
         descriptor: (B, rows, cols, channels), float32 or float64, on any device.
@@ -109,7 +109,7 @@ def reconstruct(
         image_size: (height, width); by default whole cells, rows · cell height and cols · cell width.
         quality: ``"best"``, or ``"fast"``: a tenth of the evaluations, for a coarser image.
         seed: of the noise that the search starts from.  The same for every image of the batch.
-        max_evaluations: operator evaluations an image may spend, at least 2, instead of the quality's: 640 where
+        max_evaluations: operator evaluations an image may spend, at least 2, instead of the quality's: 800 where
             several samples are drawn, else 480, or 80.
         samples: instead of the quality's 4 or 2, at least 1, of a signed descriptor, or where a ``start`` is given;
             fewer are drawn if each could spend less than 30 evaluations.  A single one is where the descriptor itself
