@@ -184,7 +184,8 @@ def lbfgs(
         if accepted.any():
             move = accepted.unsqueeze(1)
             s, y = step.unsqueeze(1) * direction, trial_gradient - gradient
-            x, value = torch.where(move, trial, x), torch.where(accepted, trial_value, value)
+            x.addcmul_((accepted * step).unsqueeze(1), direction)  # the trial, or no step at all
+            value = torch.where(accepted, trial_value, value)
             gradient = torch.where(move, trial_gradient, gradient)
             turned = pairs.update(accepted, s, y, gradient)
             turned_slope = _dot(gradient, turned)
@@ -193,7 +194,7 @@ def lbfgs(
                 pairs.forget(uphill)
                 turned = torch.where(uphill.unsqueeze(1), steepest(gradient), turned)
                 turned_slope = _dot(gradient, turned)
-            direction = torch.where(move, turned, direction)
+            direction = torch.where(move, turned, direction) if not accepted.all() else turned
 
         # too long a step bounds the bracket from above, too short a one from below
         high = torch.where(enough, high, step)
