@@ -10,6 +10,7 @@ from torch import Tensor
 
 from nablahog import hog, presets, reconstruct
 from nablahog.invert.colour import reconstruct_colour
+from nablahog.invert.preimage import VECTORS
 from nablahog.invert.quality import quality_of
 from nablahog.metrics import cross_correlation
 
@@ -109,7 +110,7 @@ def test_parts_are_as_large_as_the_memory_allows(monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr("nablahog.invert.preimage.starting_images", recorded)
     descriptors = hog(photographs(32), UOCTTI).repeat(3, 1, 1, 1)
-    of_one = 54 * 4 * 32 * 32
+    of_one = VECTORS * 4 * 32 * 32
     for samples, memory, expected in [(1, 4, [4, 4, 1]), (2, 4, [2, 2, 2, 2, 1]), (2, 100, [9]), (2, 1, [1] * 9)]:
         sizes.clear()
         monkeypatch.setattr("nablahog.invert.preimage.MEMORY", memory * of_one)

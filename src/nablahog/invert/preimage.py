@@ -26,7 +26,7 @@ LEAST_EVALUATIONS = 30  # of a sample: fewer evaluations make fewer samples
 RANGE_WEIGHT = 100.0  # of mean squares of gray values
 SMOOTHING = 1.0  # pixels: what the samples agree on is coarser
 MEMORY = 2**29  # bytes that the searches of a part of a batch take, about
-VECTORS = 54  # of unknowns that a search of one image holds at most: measured, memory and images and all copies
+VECTORS = 44  # of unknowns that a search of one image holds at most: measured, memory and images and all copies
 TAILS = 0.005  # share of pixels that may be clipped at either end when the image is brought to 0…1
 
 
