@@ -61,6 +61,7 @@ def parser() -> argparse.ArgumentParser:
     options.output(invert, "DIR", "folder for the results, made if missing")
     options.common(invert, SIZE)
     options.minimiser(invert)
+    options.quality(invert)
     options.prior(invert, "for descriptors of the spec that it was learned for")
     invert.add_argument(
         "--colour",

@@ -108,6 +108,7 @@ def _invert(arguments: Namespace) -> None:
                 found = invert_batch(
                     [sources[i] for i in batch],
                     device=arguments.device,
+                    quality=arguments.quality,
                     seed=arguments.seed,
                     max_evaluations=arguments.max_evaluations,
                     prior=prior,

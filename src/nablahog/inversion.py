@@ -18,10 +18,11 @@ from .hog.gradient import gray
 from .images import write_image
 from .invert import LearnedPrior, reconstruct
 from .invert.colour import reconstruct_colour
+from .invert.quality import QualityName
 from .output import replacing
 from .sources import Source
 
-BATCH_PIXELS = 2**21  # 32 images of 256x256: beyond that a batch only needs more memory
+BATCH_PIXELS = 2**21  # 32 images of 256x256: after each batch, what has been found is written
 
 
 @dataclass(frozen=True)
@@ -125,6 +126,7 @@ def invert_batch(
     *,
     device: torch.device,
     seed: int,
+    quality: QualityName = "best",
     max_evaluations: int | None = None,
     prior: LearnedPrior | None = None,
     colour: bool = False,
@@ -136,7 +138,8 @@ def invert_batch(
         sources: at least one.
         device: where to compute.
         seed: of the starting images.
-        max_evaluations: of the objective; None for the default of :func:`nablahog.reconstruct`.
+        quality: as :func:`nablahog.reconstruct` has it.
+        max_evaluations: of the objective; None for those of the quality.
         prior: what to expect of the images, learned for the spec; None for nothing learned.
         colour: whether images in colour are found, not gray ones; nothing learned is used then.
         progress: called with the evaluations done and their largest number.
@@ -152,7 +155,7 @@ def invert_batch(
     limit: dict[str, Any] = {} if max_evaluations is None else {"max_evaluations": max_evaluations}
     spec, image_size = sources[0].spec, sources[0].image_size
     find = reconstruct_colour if colour else reconstruct if prior is None else prior.reconstruct
-    result = find(descriptors, spec, image_size, seed=seed, progress=progress, **limit)
+    result = find(descriptors, spec, image_size, quality=quality, seed=seed, progress=progress, **limit)
     inversions = []
     for index, source in enumerate(sources):
         preimage = result.image[index].detach().float().cpu()

@@ -142,3 +142,12 @@ def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     for command in ([], ["hog"], ["glyph"], ["invert"], ["demo"], ["table1"], ["learn"], ["learn", "prior"]):
         assert main([*command, "--help"]) == 0
         assert "usage: nablahog" in capsys.readouterr().out
+
+
+def test_invert_fast(tmp_path: Path, photo: str) -> None:
+    spec, descriptor = presets.uoctti(8), nablahog.hog(read_image(photo)[None], presets.uoctti(8))
+    expected = nablahog.reconstruct(descriptor, spec, (60, 80), quality="fast")
+    assert main(["invert", photo, "--quality", "fast", "-o", str(tmp_path / "out")]) == 0
+    figures = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert figures[0]["distance"] == pytest.approx(float(expected.distance))
+    assert main(["invert", photo, "--quality", "good", "-o", str(tmp_path / "out")]) == 2

@@ -14,7 +14,7 @@ from nablahog.hog.gradient import gradient
 from nablahog.hog.normalize import normalize
 from nablahog.invert.flat import FlatRegions
 from nablahog.invert.histograms import recover_histograms
-from nablahog.invert.parameterize import CosineBasis, Pixels, cosines, low_pass
+from nablahog.invert.parameterize import CosineBasis, Pixels, cosines, from_cosines, low_pass, to_cosines
 from nablahog.invert.preimage import to_unit_range
 from nablahog.invert.priors import smoothness
 from nablahog.invert.start import NOISE, SPREAD, at_contrast, enlarge, integrate, mean_gradient, noise, starting_images
@@ -28,6 +28,28 @@ LIKE = torch.zeros(1, dtype=torch.float64)
 def test_unknowns_and_images_are_inverse(basis: Pixels | CosineBasis) -> None:
     image = torch.rand(3, 1, 12, 17, dtype=torch.float64)
     torch.testing.assert_close(basis.image(basis.unknowns(image)), image)
+
+
+@pytest.mark.parametrize("basis", [Pixels(12, 17), CosineBasis(12, 17, LIKE)])
+def test_what_reaches_the_unknowns_is_what_autograd_finds(basis: Pixels | CosineBasis) -> None:
+    unknowns = torch.rand(3, 12 * 17, dtype=torch.float64, requires_grad=True)
+    to_image = torch.rand(3, 1, 12, 17, dtype=torch.float64)
+    (expected,) = torch.autograd.grad(basis.image(unknowns), unknowns, to_image)
+    torch.testing.assert_close(basis.adjoint(to_image), expected)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 9), (16, 16), (17, 12), (101, 64)])
+def test_cosine_transforms_are_products_with_the_matrices(size: tuple[int, int]) -> None:
+    planes = torch.rand(2, 1, *size, dtype=torch.float64, requires_grad=True)
+    rows, cols = (cosines(n, LIKE) for n in size)
+    torch.testing.assert_close(to_cosines(planes), rows @ planes @ cols.T)
+    torch.testing.assert_close(from_cosines(planes), rows.T @ planes @ cols)
+    assert to_cosines(planes.float()).dtype == torch.float32
+    with torch.no_grad():
+        assert torch.equal(to_cosines(planes), to_cosines(planes.requires_grad_()))
+    if size == (17, 12):
+        for transform in (to_cosines, from_cosines):
+            assert torch.autograd.gradcheck(transform, planes, check_forward_ad=True)
 
 
 def test_cosine_basis_is_orthonormal_and_scaled_by_frequency() -> None:
@@ -73,6 +95,29 @@ def test_flat_regions_are_found_made_constant_and_silent() -> None:
     assert empty.any()
     assert (hog(made, spec)[empty] == 0).all()
     torch.testing.assert_close(flat(made, index), made)
+
+
+def test_flat_regions_are_levelled_by_a_projection() -> None:
+    image = photograph(48).double()
+    image[..., :20, :20], image[..., 30:, 30:] = 0.2, 0.9
+    regions = FlatRegions(hog(image.repeat(2, 1, 1, 1), presets.uoctti(8)), presets.uoctti(8), 48, 48)
+    assert len(regions.sizes) > 3
+    index, pixels = torch.tensor([1, 0]), torch.rand(2, 1, 48, 48, dtype=torch.float64, requires_grad=True)
+    levelled = regions(pixels, index)
+    expected = pixels.detach().clone()
+    for label in range(1, len(regions.sizes)):
+        of_it = (regions.regions[index] == label).unsqueeze(1)
+        if of_it.any():
+            expected[of_it] = expected[of_it].mean()
+    torch.testing.assert_close(levelled, expected)
+    with torch.no_grad():
+        assert torch.equal(regions(pixels, index), levelled)
+        torch.testing.assert_close(regions(levelled, index), levelled)
+    given = torch.rand_like(pixels)
+    (found,) = torch.autograd.grad(levelled, pixels, given)
+    torch.testing.assert_close(found, regions(given, index))  # its own adjoint
+    tangent = torch.func.jvp(lambda x: regions(x, index), (pixels.detach(),), (given,))[1]
+    torch.testing.assert_close(tangent, regions(given, index))
 
 
 def test_flat_regions_leave_a_textured_image_alone() -> None:

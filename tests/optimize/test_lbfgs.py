@@ -8,7 +8,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from nablahog.optimize import Objective, lbfgs
+from nablahog.optimize import Minimum, Objective, lbfgs
+from nablahog.optimize.lbfgs import _Memory
 from nablahog.optimize.result import BUDGET, GRADIENT, LINE_SEARCH, PROGRESS
 
 
@@ -63,6 +64,44 @@ def test_problems_do_not_influence_each_other() -> None:
         alone = lbfgs(problem(rosenbrock), start[i : i + 1], max_evaluations=60)
         torch.testing.assert_close(together.x[i], alone.x[0], rtol=1e-6, atol=1e-9)
         assert together.evaluations[i] == alone.evaluations[0]
+
+
+@pytest.mark.parametrize("n", [5, 16, 77])
+def test_each_problem_ends_where_it_would_alone(n: int) -> None:
+    start = starts(9, n) * torch.logspace(-3, 1, 9).double().unsqueeze(1)[torch.arange(9) * 4 % 9]
+
+    def found(rows: slice) -> Minimum:
+        return lbfgs(problem(logistic), start[rows], max_evaluations=200, memory=5, gradient_tolerance=1e-6)
+
+    together = found(slice(None))
+    assert len(set(together.evaluations.tolist())) > 2  # so that rows are moved into the gaps of those that ended
+    for i in range(9):
+        alone = found(slice(i, i + 1))
+        torch.testing.assert_close(together.x[i], alone.x[0])
+        assert together.stop_reason[i] == alone.stop_reason[0] == GRADIENT
+        assert together.evaluations[i] == alone.evaluations[0]
+        torch.testing.assert_close(together.history[: len(alone.history), i], alone.history[:, 0])
+        assert (together.history[len(alone.history) :, i] == together.history[-1, i]).all()
+
+
+def test_the_direction_is_that_of_the_two_loops() -> None:
+    # the recursion on the vectors themselves, Nocedal & Wright, algorithm 7.4
+    memory, pairs = _Memory(torch.zeros(1, 9, dtype=torch.float64), 3), []
+    gradient = starts(1, 9)
+    for seed in range(1, 7):
+        s = starts(1, 9, seed)
+        y = s * torch.linspace(0.5, 3, 9) + 0.1 * starts(1, 9, seed + 100)
+        gradient = gradient + y
+        pairs = [*pairs, (s[0], y[0])][-3:]
+        direction = memory.update(torch.tensor([True]), s, y, gradient)
+        q, alphas = gradient[0].clone(), []
+        for s_i, y_i in reversed(pairs):
+            alphas.append(s_i @ q / (s_i @ y_i))
+            q -= alphas[-1] * y_i
+        q *= pairs[-1][0] @ pairs[-1][1] / (pairs[-1][1] @ pairs[-1][1])
+        for (s_i, y_i), alpha in zip(pairs, reversed(alphas), strict=True):
+            q += s_i * (alpha - y_i @ q / (s_i @ y_i))
+        torch.testing.assert_close(direction[0], -q)
 
 
 def test_budget_is_kept_and_the_result_never_worse_than_the_start() -> None:

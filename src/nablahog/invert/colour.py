@@ -23,10 +23,10 @@ from .objective import squared_norm
 from .parameterize import CosineBasis
 from .preimage import Reconstruction, check_descriptor, reconstruct, relative_distance, to_unit_range
 from .priors import RelativeSmoothness
+from .quality import QualityName, quality_of
 from .search import EXPONENT
 from .start import noise
 
-EVALUATIONS = 300
 SMOOTHNESS = 0.02  # ξ of Eq. 9, of the mean over channels
 SATURATION = 0.3  # weight of the channels' mean square difference from gray, relative to its own variance
 
@@ -36,8 +36,9 @@ def reconstruct_colour(
     spec: HOGSpec,
     image_size: tuple[int, int] | None = None,
     *,
+    quality: QualityName = "best",
     seed: int = 0,
-    colour_evaluations: int = EVALUATIONS,
+    colour_evaluations: int | None = None,
     progress: Callable[[int, int], None] | None = None,
     **options: Any,
 ) -> Reconstruction:
@@ -50,8 +51,10 @@ def reconstruct_colour(
         descriptor: (B, rows, cols, channels), float32 or float64, on any device.
         spec: the dialect that made it; its colour rule is not ``"gray"``.
         image_size: (height, width); by default whole cells.
+        quality: of the gray image and of its colours, as :func:`.preimage.reconstruct` has it.
         seed: of the noise that the searches start from.
-        colour_evaluations: operator evaluations that an image may spend on its colours, at least 2.
+        colour_evaluations: operator evaluations that an image may spend on its colours, at least 2, instead of the
+            quality's 300 or 60.
         progress: called with the evaluations done and the most there can be, of the gray image.
 
     Returns:
@@ -62,11 +65,13 @@ def reconstruct_colour(
     """
     if spec.colour == "gray":
         raise ValueError(f"a {spec.name} descriptor is of gray images, and has no pre-image in colour")
+    if colour_evaluations is None:
+        colour_evaluations = quality_of(quality).on_colours
     if colour_evaluations < 2:
         raise ValueError(f"colour_evaluations must be at least 2, got {colour_evaluations}")
     began = time.perf_counter()
     height, width = check_descriptor(descriptor, spec, image_size)
-    found = reconstruct(descriptor, spec, (height, width), seed=seed, progress=progress, **options)
+    found = reconstruct(descriptor, spec, (height, width), quality=quality, seed=seed, progress=progress, **options)
     descriptor, sought = descriptor.detach(), searchable(spec)
     rooted = spec.gamma == "sqrt"
     plain = found.image.sqrt() if rooted else found.image

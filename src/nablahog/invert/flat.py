@@ -18,6 +18,7 @@ from ..hog.entries import cell_entries
 from ..hog.normalizers import FourBlockNorm
 from ..hog.pooling import pooling_matrices
 from ..hog.spec import HOGSpec
+from . import kernels
 
 
 class FlatRegions:
@@ -35,14 +36,16 @@ class FlatRegions:
         in_plane = np.zeros((3, 3, 3), dtype=bool)
         in_plane[1] = cross[0]
         regions, count = ndimage.label(joined, in_plane)
-        self.regions = torch.from_numpy(regions.astype(np.int64)).to(descriptor.device)  # (B, H, W), 0: not known
+        self.regions = torch.from_numpy(regions.astype(np.int32)).to(descriptor.device)  # (B, H, W), 0: not known
         self.sizes = torch.bincount(self.regions.flatten(), minlength=count + 1).double()
 
     def __call__(self, image: Tensor, index: Tensor) -> Tensor:
         """Images (A, 1, H, W) of the problems ``index`` (A,), with their regions made constant."""
         if len(self.sizes) == 1:
             return image
-        regions = self.regions[index].unsqueeze(1)
+        if image.device.type == "cpu":
+            return kernels.levelled(image, index, self.regions, self.sizes)
+        regions = self.regions[index].unsqueeze(1).long()
         # a region may hold most of the image: float32 would round its sum by more than a gray value's own rounding
         sums = torch.zeros_like(self.sizes).index_add(0, regions.flatten(), image.flatten().double())
         return torch.where(regions > 0, (sums / self.sizes.clamp(min=1)).to(image.dtype)[regions], image)

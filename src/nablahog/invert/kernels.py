@@ -1,4 +1,4 @@
-"""The default prior with its derivative in one pass over an image, compiled for CPUs."""
+"""The default prior with its derivative, and constant regions, in one pass over an image; compiled for CPUs."""
 
 from __future__ import annotations
 
@@ -18,16 +18,13 @@ from ..hog.orientation import vanishing
 def _visible(image: Any, tiny: Any) -> float:
     """Σ‖∇i‖ over the inner pixels of an image (H, W)."""
     height, width = image.shape
-    row = np.empty(width, image.dtype)
-    total = 0.0
+    total = np.zeros(width, image.dtype)  # a sum for each column: several of them go at a time
     for y in range(1, height - 1):
         for x in range(1, width - 1):
             u, v = image[y, x + 1] - image[y, x - 1], image[y + 1, x] - image[y - 1, x]
             squared = u * u + v * v
-            row[x] = squared - squared if squared < tiny else math.sqrt(squared)
-        for x in range(1, width - 1):
-            total += row[x]
-    return total
+            total[x] += squared - squared if squared < tiny else math.sqrt(squared)
+    return float(total.astype(np.float64).sum())
 
 
 @compiled
@@ -55,32 +52,53 @@ def _visible_adjoint(image: Any, tiny: Any, given: Any, found: Any) -> None:
 def _differences(image: Any, rounding: Any, found: Any) -> tuple[float, float]:
     """Σ√(d² + ρ²) and Σ1/√(d² + ρ²) over the differences d of neighbours; the derivative of the first to ``found``."""
     height, width = image.shape
-    squared = rounding * rounding
-    root, slope = np.empty(width, image.dtype), np.empty(width, image.dtype)
-    roots = reciprocals = 0.0
+    squared, one = rounding * rounding, image.dtype.type(1)
+    slope = np.empty(width, image.dtype)
+    roots, reciprocals = np.zeros(width, image.dtype), np.zeros(width, image.dtype)
     for y in range(height):
         for x in range(width - 1):
             d = image[y, x + 1] - image[y, x]
-            root[x] = math.sqrt(d * d + squared)
-            slope[x] = d / root[x]
+            root = math.sqrt(d * d + squared)
+            reciprocal = one / root
+            slope[x] = d * reciprocal
+            roots[x] += root
+            reciprocals[x] += reciprocal
         for x in range(width - 1):
             found[y, x] -= slope[x]
         for x in range(width - 1):
             found[y, x + 1] += slope[x]
-        for x in range(width - 1):
-            roots += root[x]
-            reciprocals += 1 / root[x]
         if y < height - 1:
             for x in range(width):
                 d = image[y + 1, x] - image[y, x]
-                root[x] = math.sqrt(d * d + squared)
-                slope[x] = d / root[x]
-                found[y, x] -= slope[x]
-                found[y + 1, x] += slope[x]
+                root = math.sqrt(d * d + squared)
+                reciprocal = one / root
+                slope[x] = d * reciprocal
+                roots[x] += root
+                reciprocals[x] += reciprocal
             for x in range(width):
-                roots += root[x]
-                reciprocals += 1 / root[x]
-    return roots, reciprocals
+                found[y, x] -= slope[x]
+            for x in range(width):
+                found[y + 1, x] += slope[x]
+    return float(roots.astype(np.float64).sum()), float(reciprocals.astype(np.float64).sum())
+
+
+@compiled
+def _smoothness(images: Any, rounding: Any, tiny: Any, found: Any, slopes: Any) -> None:
+    """:func:`.priors.smoothness` of images (A, H, W) to ``found`` (A,), and its derivatives to ``slopes``, 0 before."""
+    batch, height, width = images.shape
+    kind, pixels = images.dtype.type, height * width
+    for k in range(batch):
+        visible = _visible(images[k], tiny) / pixels
+        scale = visible if visible > 0 else 1.0
+        roots, reciprocals = _differences(images[k], kind(rounding * scale), slopes[k])
+        found[k] = roots / (pixels * scale)
+        share = kind(1 / (pixels * scale))
+        for y in range(height):
+            for x in range(width):
+                slopes[k, y, x] *= share
+        if visible > 0:
+            to_scale = rounding * rounding * reciprocals / pixels - roots / (pixels * scale * scale)
+            _visible_adjoint(images[k], tiny, kind(to_scale / pixels), slopes[k])
 
 
 class _Smoothness(torch.autograd.Function):
@@ -89,19 +107,9 @@ class _Smoothness(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, images: Tensor, rounding: float) -> Tensor:
         planes = images.detach().contiguous().numpy()[:, 0]
-        dtype, pixels = planes.dtype.type, planes[0].size
-        tiny = dtype(vanishing(images.dtype))
         ctx.slopes = np.zeros_like(planes)
-        found = np.empty(len(planes), dtype)
-        for k, (plane, slope) in enumerate(zip(planes, ctx.slopes, strict=True)):
-            visible = _visible(plane, tiny) / pixels
-            scale = visible if visible > 0 else 1.0
-            roots, reciprocals = _differences(plane, dtype(rounding * scale), slope)
-            found[k] = roots / (pixels * scale)
-            slope /= dtype(pixels * scale)
-            if visible > 0:
-                to_scale = rounding**2 * reciprocals / pixels - roots / (pixels * scale**2)
-                _visible_adjoint(plane, tiny, dtype(to_scale / pixels), slope)
+        found = np.empty(len(planes), planes.dtype)
+        _smoothness(planes, rounding, planes.dtype.type(vanishing(images.dtype)), found, ctx.slopes)
         return torch.from_numpy(found)
 
     @staticmethod
@@ -113,4 +121,59 @@ class _Smoothness(torch.autograd.Function):
 def smoothness(images: Tensor, rounding: float) -> Tensor:
     """:func:`.priors.smoothness` of images (A, 1, H, W) on a CPU, differentiable once, in reverse mode."""
     found: Tensor = _Smoothness.apply(images, rounding)  # type: ignore[no-untyped-call]
+    return found
+
+
+@compiled
+def _level(images: Any, index: Any, regions: Any, sizes: Any, sums: Any) -> None:
+    """Sets each of the ``regions`` but 0 of each image (pixels,) to its mean.  ``sums`` (regions,) is 0 before."""
+    for a in range(len(images)):
+        image, labels = images[a], regions[index[a]]
+        for i in range(image.size):
+            if labels[i] > 0:
+                sums[labels[i]] += image[i]
+        for i in range(image.size):
+            if labels[i] > 0:
+                image[i] = sums[labels[i]] / sizes[labels[i]]
+
+
+def _level_each(images: Tensor, index: Tensor, regions: Tensor, sizes: Tensor) -> Tensor:
+    found = images.clone(memory_format=torch.contiguous_format)
+    sums = torch.zeros_like(sizes)
+    _level(*(tensor.numpy() for tensor in (found.flatten(1), index, regions.flatten(1), sizes, sums)))
+    return found
+
+
+class _Levelled(torch.autograd.Function):
+    """Images (A, 1, H, W) of the problems ``index`` (A,), with their regions at their means: its own adjoint."""
+
+    @staticmethod
+    def forward(images: Tensor, index: Tensor, regions: Tensor, sizes: Tensor) -> Tensor:
+        return _level_each(images.detach(), index, regions, sizes)
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
+        ctx.of = inputs[1:]
+
+    @staticmethod
+    def backward(ctx: Any, given: Tensor) -> tuple[Tensor, None, None, None]:
+        return levelled(given, *ctx.of), None, None, None
+
+    @staticmethod
+    def jvp(ctx: Any, tangent: Tensor, *_: None) -> Tensor:
+        return levelled(tangent, *ctx.of)
+
+
+def levelled(images: Tensor, index: Tensor, regions: Tensor, sizes: Tensor) -> Tensor:
+    """Images (A, 1, H, W) on a CPU with each region at its mean; linear, differentiable in either mode.
+
+    Args:
+        images: float32 or float64.
+        index: (A,), which of the ``regions`` are each image's.
+        regions: (B, H, W), int32: the number of each pixel's region, each in one image only; 0 is none.
+        sizes: (regions,), float64: their pixels.
+    """
+    if not torch.is_grad_enabled():  # spares what PyTorch does about each call
+        return _level_each(images, index, regions, sizes)
+    found: Tensor = _Levelled.apply(images, index, regions, sizes)  # type: ignore[no-untyped-call]
     return found

@@ -20,14 +20,13 @@ from ..hog.spec import HOGSpec
 from .histograms import fixes_contrast, recover_histograms
 from .polarity import looks_negative, negated
 from .preimage import (
-    MAX_EVALUATIONS,
-    WITHOUT_SAMPLES,
     Reconstruction,
     check_budget,
     check_descriptor,
     reconstruct,
     relative_distance,
 )
+from .quality import quality_of
 from .start import enlarge, starting_images
 
 SCALES = (64, 16, 4, 1)
@@ -126,7 +125,8 @@ def reconstruct_multiscale(
     if len(several) != len(scales):
         raise ValueError(f"expected a descriptor for each of {len(scales)} scales, got {len(several)}")
     if max_evaluations is None:
-        max_evaluations = MAX_EVALUATIONS if spec.signed else WITHOUT_SAMPLES
+        best = quality_of("best")
+        max_evaluations = best.evaluations if spec.signed else best.without_samples
     check_budget(max_evaluations)
     size = image_size or check_descriptor(several[-1], spec, None)  # the grid is the same at each level
     plan = [level_spec(spec, scale, size) for scale in scales]

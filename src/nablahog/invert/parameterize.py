@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from typing import Any, Protocol
 
 import torch
+from scipy import fft
 from torch import Tensor
 
 
@@ -15,6 +16,10 @@ class Parameterization(Protocol):
     def image(self, unknowns: Tensor) -> Tensor: ...
 
     def unknowns(self, image: Tensor) -> Tensor: ...
+
+    def adjoint(self, to_image: Tensor) -> Tensor:
+        """What reaches the unknowns (A, H·W) from derivatives by the images (A, 1, H, W)."""
+        ...
 
 
 class Pixels:
@@ -29,6 +34,9 @@ class Pixels:
     def unknowns(self, image: Tensor) -> Tensor:
         return image.flatten(1)
 
+    def adjoint(self, to_image: Tensor) -> Tensor:
+        return to_image.flatten(1)
+
 
 def cosines(n: int, like: Tensor) -> Tensor:
     """The orthonormal DCT-II matrix (n, n), dtype and device of ``like``."""
@@ -36,6 +44,51 @@ def cosines(n: int, like: Tensor) -> Tensor:
     matrix = torch.cos(math.pi * k * (x + 0.5) / n) * math.sqrt(2 / n)
     matrix[0] /= math.sqrt(2)
     return matrix.to(like)
+
+
+def _fast_cosines(planes: Tensor, back: bool) -> Tensor:
+    transform = fft.idctn if back else fft.dctn
+    return torch.from_numpy(transform(planes.numpy(), axes=(-2, -1), norm="ortho", workers=torch.get_num_threads()))
+
+
+class _FastCosines(torch.autograd.Function):
+    """The transform on a CPU, or, orthonormal as it is, back: each is the other's adjoint."""
+
+    @staticmethod
+    def forward(planes: Tensor, back: bool) -> Tensor:
+        return _fast_cosines(planes.detach(), back)
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
+        ctx.back = inputs[1]
+
+    @staticmethod
+    def backward(ctx: Any, given: Tensor) -> tuple[Tensor, None]:
+        return _transformed(given, not ctx.back), None
+
+    @staticmethod
+    def jvp(ctx: Any, tangent: Tensor, _: None) -> Tensor:
+        return _transformed(tangent, ctx.back)
+
+
+def _transformed(planes: Tensor, back: bool) -> Tensor:
+    if planes.device.type == "cpu":
+        if not torch.is_grad_enabled():  # spares what PyTorch does about each call
+            return _fast_cosines(planes, back)
+        found: Tensor = _FastCosines.apply(planes, back)  # type: ignore[no-untyped-call]
+        return found
+    rows, cols = (cosines(n, planes) for n in planes.shape[-2:])
+    return rows.T @ planes @ cols if back else rows @ planes @ cols.T
+
+
+def to_cosines(images: Tensor) -> Tensor:
+    """The orthonormal DCT-II of images (..., H, W), differentiable in either mode."""
+    return _transformed(images, back=False)
+
+
+def from_cosines(coefficients: Tensor) -> Tensor:
+    """Images (..., H, W) from their :func:`to_cosines`."""
+    return _transformed(coefficients, back=True)
 
 
 class CosineBasis:
@@ -47,7 +100,6 @@ class CosineBasis:
     """
 
     def __init__(self, height: int, width: int, like: Tensor, exponent: float = 1.0) -> None:
-        self.rows, self.cols = cosines(height, like), cosines(width, like)
         # cycles across the longer side, twice; the mean has no frequency and takes the lowest
         scale = max(height, width)
         fy, fx = torch.arange(height) * scale / height, torch.arange(width) * scale / width
@@ -55,19 +107,18 @@ class CosineBasis:
         self.weights = frequency.pow(-exponent).to(like)
 
     def image(self, unknowns: Tensor) -> Tensor:
-        coefficients = unknowns.reshape(-1, 1, *self.weights.shape) * self.weights
-        return self.rows.T @ coefficients @ self.cols
+        return from_cosines(unknowns.reshape(-1, 1, *self.weights.shape) * self.weights)
 
     def unknowns(self, image: Tensor) -> Tensor:
-        return ((self.rows @ image @ self.cols.T) / self.weights).flatten(1)
+        return (to_cosines(image) / self.weights).flatten(1)
+
+    def adjoint(self, to_image: Tensor) -> Tensor:
+        return (to_cosines(to_image) * self.weights).flatten(1)
 
 
 def low_pass(image: Tensor, sigma: float) -> Tensor:
     """Images (A, 1, H, W) convolved with a Gaussian of ``sigma`` pixels, mirrored at the borders."""
-    height, width = image.shape[-2:]
-    rows, cols = cosines(height, image), cosines(width, image)
     damping = [
-        torch.exp(-0.5 * (math.pi * sigma * torch.arange(n, dtype=torch.float64) / n) ** 2) for n in (height, width)
+        torch.exp(-0.5 * (math.pi * sigma * torch.arange(n, dtype=torch.float64) / n) ** 2) for n in image.shape[-2:]
     ]
-    coefficients = (rows @ image @ cols.T) * torch.outer(*damping).to(image)
-    return rows.T @ coefficients @ cols
+    return from_cosines(to_cosines(image) * torch.outer(*damping).to(image))

@@ -17,15 +17,16 @@ from .objective import squared_norm
 from .parameterize import low_pass
 from .polarity import upright
 from .priors import Prior, Range, RelativeSmoothness
+from .quality import QualityName, quality_of
 from .search import Basis, Search
 from .start import at_contrast, noise, starting_images
 
-MAX_EVALUATIONS = 1000
-WITHOUT_SAMPLES = 480  # evaluations where none are drawn
 SHARE_OF_SAMPLES = 0.75  # of the evaluations, the rest goes to the descriptor itself
 LEAST_EVALUATIONS = 30  # of a sample: fewer evaluations make fewer samples
 RANGE_WEIGHT = 100.0  # of mean squares of gray values
 SMOOTHING = 1.0  # pixels: what the samples agree on is coarser
+MEMORY = 2**29  # bytes that the searches of a part of a batch take, about
+VECTORS = 44  # of unknowns that a search of one image holds at most: measured, memory and images and all copies
 TAILS = 0.005  # share of pixels that may be clipped at either end when the image is brought to 0…1
 
 
@@ -75,9 +76,10 @@ def reconstruct(
     spec: HOGSpec,
     image_size: tuple[int, int] | None = None,
     *,
+    quality: QualityName = "best",
     seed: int = 0,
     max_evaluations: int | None = None,
-    samples: int = 8,
+    samples: int | None = None,
     closeness: float | None = None,
     start: Tensor | None = None,
     expected: Tensor | None = None,
@@ -98,18 +100,20 @@ def reconstruct(
     and of the image found and its negative, the one that looks more like a photograph is returned (:mod:`.polarity`).
 
     Each image has its own steps and its own stop, so a batch finds what its images alone would find, up to rounding,
-    which a long search may amplify.
+    which a long search may amplify.  A batch that needs more than half a GiB (:data:`MEMORY`) is searched in parts, one
+    after the other.
 
     Args:
         descriptor: (B, rows, cols, channels), float32 or float64, on any device.
         spec: the dialect that made it.
         image_size: (height, width); by default whole cells, rows · cell height and cols · cell width.
+        quality: ``"best"``, or ``"fast"``: a tenth of the evaluations, for a coarser image.
         seed: of the noise that the search starts from.  The same for every image of the batch.
-        max_evaluations: operator evaluations an image may spend, at least 2; by default 1000 where several samples are
-            drawn, else 480.
-        samples: of a signed descriptor, or where a ``start`` is given, at least 1; fewer are drawn if each could spend
-            less than 30 evaluations.  A single one is where the descriptor itself is matched from, and nothing is
-            expected.
+        max_evaluations: operator evaluations an image may spend, at least 2, instead of the quality's: 800 where
+            several samples are drawn, else 480, or 80.
+        samples: instead of the quality's 4 or 2, at least 1, of a signed descriptor, or where a ``start`` is given;
+            fewer are drawn if each could spend less than 30 evaluations.  A single one is where the descriptor itself
+            is matched from, and nothing is expected.
         closeness: λ of :class:`.objective.PreimageObjective`, how strongly the image is kept at what is expected; by
             default 1 for signed specs, 0.1 for unsigned ones, whose region signs are uncertain.
         start: (B, 1, H, W) in 0…1, images to begin with, of any contrast; by default what the votes integrate to.
@@ -122,7 +126,7 @@ def reconstruct(
             the one that was found.
         basis: the unknowns, ``"cosine"`` or, as in the paper, ``"pixels"``.
         minimiser: ``"lbfgs"``, ``"dogleg"`` (the paper's), ``"momentum"`` or ``"adam"``.
-        progress: called with the evaluations done and the most there can be.
+        progress: called with the evaluations done and the most there can be, over all parts of the batch.
 
     Raises:
         TypeError: the descriptor, ``start`` or ``expected`` is no floating-point tensor.
@@ -135,9 +139,12 @@ def reconstruct(
     rooted = dialect.gamma == "sqrt"
     start = _checked("start", start, descriptor, (height, width), rooted)
     expected = _checked("expected", expected, descriptor, (height, width), rooted)
+    effort = quality_of(quality)
+    if samples is None:
+        samples = effort.samples
     sampling = expected is None and samples > 1 and (spec.signed or start is not None)
     if max_evaluations is None:
-        max_evaluations = MAX_EVALUATIONS if sampling else WITHOUT_SAMPLES
+        max_evaluations = effort.evaluations if sampling else effort.without_samples
     check_budget(max_evaluations)
     if samples < 1:
         raise ValueError(f"samples must be at least 1, got {samples}")
@@ -151,16 +158,50 @@ def reconstruct(
         priors.append(Range(RANGE_WEIGHT))
     priors += [prior] if isinstance(prior, Prior) else prior
     descriptor = descriptor.detach()
-    search = Search(descriptor, spec, (height, width), priors, basis, minimiser, max_evaluations, progress)
-    votes = recover_histograms(descriptor, spec, (height, width))
-    if expected is None and start is None and not spec.signed:
-        samples = 1
-        if region_signs:
-            expected = starting_images(votes, spec, height, width, 1, seed)[:, 0]
-        else:
-            start = 0.5 + noise(votes, height, width, 1, seed)[:, 0].expand(len(descriptor), -1, -1, -1)
+    at_once = max(1, MEMORY // ((samples if sampling else 1) * VECTORS * height * width * descriptor.element_size()))
+    parts = [slice(first, first + at_once) for first in range(0, len(descriptor), at_once)]
+    searches, images = [], []
+    for number, part in enumerate(parts):
+        begins, expects = (None if given is None else given[part] for given in (start, expected))
+        report = None if progress is None else _over_parts(progress, number, len(parts))
+        search = Search(descriptor[part], spec, (height, width), priors, basis, minimiser, max_evaluations, report)
+        votes = recover_histograms(search.descriptor, spec, (height, width), max_evaluations=effort.on_histograms)
+        if expects is None and begins is None and not spec.signed:
+            if region_signs:
+                expects = starting_images(votes, spec, height, width, 1, seed)[:, 0]
+            else:
+                begins = 0.5 + noise(votes, height, width, 1, seed)[:, 0].expand(len(votes), -1, -1, -1)
+        images.append(_found(search, votes, begins, expects, samples if sampling else 1, closeness, seed))
+        searches.append(search)
+    image = to_unit_range(torch.cat(images), spec)
+    if polarity and not spec.signed:
+        image = upright(image)
+    if rooted:
+        image = image.square()
+    length = max(len(search.history()) for search in searches)
+    return Reconstruction(
+        image,
+        relative_distance(image, descriptor, dialect),
+        [reason for search in searches for reason in search.stop_reason],
+        torch.cat([search.history(length) for search in searches], dim=1),
+        torch.cat([search.evaluations for search in searches]),
+        time.perf_counter() - began,
+    )
+
+
+def _found(
+    search: Search,
+    votes: Tensor,
+    start: Tensor | None,
+    expected: Tensor | None,
+    samples: int,
+    closeness: float,
+    seed: int,
+) -> Tensor:
+    """Images (B, 1, H, W) that have the descriptors, of any contrast: first the samples, unless one is expected."""
+    spec, (height, width) = search.spec, search.size
     if expected is None:
-        on_samples = max(1, min(max_evaluations - 1, round(SHARE_OF_SAMPLES * max_evaluations)))
+        on_samples = max(1, min(search.max_evaluations - 1, round(SHARE_OF_SAMPLES * search.max_evaluations)))
         count = max(1, min(samples, on_samples // LEAST_EVALUATIONS))
         if start is None:
             starts = starting_images(votes, spec, height, width, count, seed)
@@ -177,20 +218,12 @@ def reconstruct(
         if constant.any():  # there all derivatives vanish, and no search would leave it
             grainy = start + noise(votes, height, width, 1, seed)[:, 0]
             start = torch.where(constant.reshape(-1, 1, 1, 1), grainy, start)
-    found = search.match(start.unsqueeze(1), None, search.left(), expected, closeness)
-    image = to_unit_range(found[:, 0], spec)
-    if polarity and not spec.signed:
-        image = upright(image)
-    if rooted:
-        image = image.square()
-    return Reconstruction(
-        image,
-        relative_distance(image, descriptor, dialect),
-        search.stop_reason,
-        search.history(),
-        search.evaluations,
-        time.perf_counter() - began,
-    )
+    return search.match(start.unsqueeze(1), None, search.left(), expected, closeness)[:, 0]
+
+
+def _over_parts(progress: Callable[[int, int], None], number: int, count: int) -> Callable[[int, int], None]:
+    """``progress`` over ``count`` parts of a batch, told of the one called ``number``."""
+    return lambda done, most: progress(number * most + done, count * most)
 
 
 @torch.no_grad()

@@ -68,9 +68,9 @@ class Search:
         """
         return max(1, self.max_evaluations - self._given)
 
-    def history(self) -> Tensor:
-        """(evaluations of the longest, B): relative distances, as :class:`.preimage.Reconstruction` has them."""
-        return self._history.filled(int(self.evaluations.max()))
+    def history(self, length: int | None = None) -> Tensor:
+        """(length, B): relative distances, as :class:`.preimage.Reconstruction` has them; by default of the longest."""
+        return self._history.filled(int(self.evaluations.max()) if length is None else length)
 
     def match(
         self,

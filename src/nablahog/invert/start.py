@@ -22,7 +22,7 @@ from ..hog.orientation import bin_angles
 from ..hog.pooling import pooling_matrices
 from ..hog.poolings import BilinearCells
 from ..hog.spec import HOGSpec
-from .parameterize import cosines
+from .parameterize import from_cosines, to_cosines
 from .signs import expected_cells
 
 NOISE = 0.01  # standard deviation, in 0…1; without any, nothing tells a thin line's two sides apart
@@ -96,11 +96,10 @@ def mean_gradient(votes: Tensor, spec: HOGSpec, height: int, width: int) -> tupl
 def integrate(gx: Tensor, gy: Tensor) -> Tensor:
     """Images (B, 1, H, W) of zero mean whose [-1, 0, 1] differences are closest to smooth fields gx, gy (B, H, W)."""
     height, width = gx.shape[-2:]
-    rows, cols = cosines(height, gx), cosines(width, gx)
     # the difference of two neighbours is half the mask's response, averaged over the two pixels
     fx, fy = (gx[..., :, 1:] + gx[..., :, :-1]) / 4, (gy[..., 1:, :] + gy[..., :-1, :]) / 4
     divergence = pad(fx, (0, 1)) - pad(fx, (1, 0)) + pad(fy, (0, 0, 0, 1)) - pad(fy, (0, 0, 1, 0))
     along_y, along_x = (2 * torch.cos(math.pi * torch.arange(n) / n) - 2 for n in (height, width))
     laplacian = (along_y.unsqueeze(1) + along_x).to(gx)  # its eigenvalues in the cosine basis
     laplacian[0, 0] = torch.inf
-    return (rows.T @ ((rows @ divergence @ cols.T) / laplacian) @ cols).unsqueeze(1)
+    return from_cosines(to_cosines(divergence) / laplacian).unsqueeze(1)

@@ -18,14 +18,16 @@ from ..compile import compiled
 from .result import BUDGET, GRADIENT, LINE_SEARCH, PROGRESS, WINDOW, Minimum, Objective, Watch
 
 ARMIJO, CURVATURE = 1e-4, 0.9  # constants of the Wolfe conditions, Nocedal & Wright p. 62
+LINE = 16  # numbers of a cache line, at least
+REASONS = (BUDGET, GRADIENT, PROGRESS, LINE_SEARCH)
 
 
 @compiled
 def _two_loops(products: Any, with_gradient: Any, pairs: Any) -> tuple[Any, Any]:
     """H·gradient = γ·gradient + Σ coefficient·vector (algorithm 7.4), for each problem.
 
-    Takes the dot products of the stored vectors with each other (B, 2m, 2m) and with the gradient (B, 2m), and the
-    number of pairs stored so far (B,).  Returns γ (B,) and the coefficients (B, 2m).
+    Takes the dot products of the stored gradient changes with all stored vectors (B, m, 2m) and of these with the
+    gradient (B, 2m), and the number of pairs stored so far (B,).  Returns γ (B,) and the coefficients (B, 2m).
     """
     batch, both = with_gradient.shape
     m = both // 2
@@ -37,64 +39,91 @@ def _two_loops(products: Any, with_gradient: Any, pairs: Any) -> tuple[Any, Any]
         for age in range(1, stored + 1):
             at = (pairs[i] - age) % m
             alpha = gradient[at]
-            for k in range(both):
-                alpha += product[at, k] * coefficients[k]
-            alphas[at] = alpha / product[at, at + m]
+            for newer in range(1, age):
+                k = (pairs[i] - newer) % m
+                alpha += product[k, at] * coefficients[k + m]
+            alphas[at] = alpha / product[at, at]
             coefficients[at + m] -= alphas[at]
         if stored > 0:
             at = (pairs[i] - 1) % m
-            gammas[i] = product[at, at + m] / product[at + m, at + m]
+            gammas[i] = product[at, at] / product[at, at + m]
         for k in range(both):
             coefficients[k] *= gammas[i]
         for age in range(stored, 0, -1):
             at = (pairs[i] - age) % m
             beta = gammas[i] * gradient[at + m]
-            for k in range(both):
-                beta += product[at + m, k] * coefficients[k]
-            coefficients[at] += alphas[at] - beta / product[at, at + m]
+            for k in range(both):  # those of newer steps are still 0
+                beta += product[at, k] * coefficients[k]
+            coefficients[at] += alphas[at] - beta / product[at, at]
     return gammas, found
 
 
-class _Memory:
-    """The last ``size`` steps s and gradient changes y of each problem, with all their dot products.
+def _dot(a: Tensor, b: Tensor) -> Tensor:
+    """Of the rows of a and b (B, N): (B,)."""
+    found: Tensor = torch.linalg.vecdot(a, b)
+    return found
 
-    Holding the dot products lets the two-loop recursion run on 2·size coefficients a problem; the long vectors are
-    read twice a round, once for the products with the new ones and once to combine them (Chen et al., NeurIPS 2014).
+
+def _remaining(done: Tensor, *state: Tensor) -> list[Tensor]:
+    """The rows of each tensor that are not ``done`` (B,), in place: the last of them fill the gaps, no others move."""
+    count = len(done) - int(done.sum())
+    gaps, last = done[:count].nonzero().squeeze(1), count + (~done[count:]).nonzero().squeeze(1)
+    for tensor in state:
+        tensor[gaps] = tensor[last]
+    return [tensor[:count] for tensor in state]
+
+
+class _Memory:
+    """The last ``size`` steps s and gradient changes y of each problem, with the dot products that the recursion reads.
+
+    Holding the dot products lets the two-loop recursion run on 2·size coefficients a problem (Chen et al., NeurIPS
+    2014).  Those of a new y are differences of the ones with the gradients before and after (Byrd, Nocedal & Schnabel,
+    Math. Program. 63, 1994), so the long vectors are read twice a round: once for the products with the gradient, and
+    once to combine them.
     """
 
     def __init__(self, like: Tensor, size: int) -> None:
         batch, n = like.shape
         self.size = size
-        self.vectors = like.new_zeros(batch, 2 * size, n)  # s in the first half, y in the second
-        self.products = like.new_zeros(batch, 2 * size, 2 * size)
+        # s in the first half, y in the second; rows of whole cache lines, so that sums do not depend on where they lie
+        self.vectors = like.new_zeros(batch, 2 * size, -(-n // LINE) * LINE)
+        self.products = like.new_zeros(batch, size, 2 * size)  # of each y with all of them, where s is no newer than y
+        self.with_gradient = like.new_zeros(batch, 2 * size)  # products with the last gradient
         self.pairs = torch.zeros(batch, dtype=torch.long, device=like.device)  # stored so far
 
-    def keep(self, rows: Tensor) -> None:
-        """Keep only the problems ``rows``."""
-        self.vectors, self.products, self.pairs = self.vectors[rows], self.products[rows], self.pairs[rows]
+    def drop(self, done: Tensor) -> None:
+        """Keep only the problems that are not ``done`` (B,), in the order of :func:`_remaining`."""
+        state = self.vectors, self.products, self.with_gradient, self.pairs
+        self.vectors, self.products, self.with_gradient, self.pairs = _remaining(done, *state)
 
     def forget(self, rows: Tensor) -> None:
         """Empty the memory of the problems ``rows``."""
         self.pairs[rows] = 0
 
-    def update(self, stored: Tensor, s: Tensor, y: Tensor, gradient: Tensor) -> Tensor:
-        """Store s and y, over the oldest pair, where ``stored`` (B,) says so; then -H·gradient, all (B, N).
+    def update(self, moved: Tensor, s: Tensor, y: Tensor, gradient: Tensor) -> Tensor:
+        """Store s and y, over the oldest pair, where the problem ``moved`` (B,); then -H·gradient, all (B, N).
 
-        The two-loop recursion (Nocedal & Wright, algorithm 7.4), on the coefficients of the stored vectors.
+        A pair whose curvature is lost in rounding is not stored.  The two-loop recursion (Nocedal & Wright, algorithm
+        7.4), on the coefficients of the stored vectors.
         """
-        m = self.size
-        slot = self.pairs % m
-        new, at = stored.nonzero().squeeze(1), slot[stored]
-        self.vectors[new, at], self.vectors[new, at + m] = s[new], y[new]
-        with_s, with_y, with_gradient = (self.vectors @ torch.stack([s, y, gradient], dim=1).mT).unbind(dim=2)
-        for products, position in ((with_s, at), (with_y, at + m)):
-            self.products[new, position] = products[new]
-            self.products[new, :, position] = products[new]
+        m, n = self.size, gradient.shape[1]
+        before = self.with_gradient
+        after = torch.bmm(gradient.unsqueeze(1), self.vectors[..., :n].mT).squeeze(1)
+        with_y = after - before
+        sy, yy = _dot(s, y), _dot(y, y)
+        stored = moved & (sy > torch.finfo(y.dtype).eps * yy)
+        new, at = stored.nonzero().squeeze(1), (self.pairs % m)[stored]
+        self.vectors[new, at, :n], self.vectors[new, at + m, :n] = s[new], y[new]
+        after[new, at], after[new, at + m] = _dot(s, gradient)[new], _dot(y, gradient)[new]
+        with_y[new, at], with_y[new, at + m] = sy[new], yy[new]
+        self.products[new, at], self.products[new, :, at + m] = with_y[new], with_y[new, m:]
+        self.with_gradient = torch.where(moved.unsqueeze(1), after, before)
         self.pairs += stored
 
-        small = (x.cpu().numpy() for x in (self.products, with_gradient, self.pairs))
+        small = (x.cpu().numpy() for x in (self.products, self.with_gradient, self.pairs))
         gamma, coefficients = (torch.from_numpy(x).to(gradient) for x in _two_loops(*small))
-        return -(gamma.unsqueeze(1) * gradient + (coefficients.unsqueeze(1) @ self.vectors).squeeze(1))
+        combined = torch.bmm(coefficients.unsqueeze(1), self.vectors).squeeze(1)[:, :n]
+        return combined.addcmul_(gamma.unsqueeze(1), gradient).neg_()
 
 
 def lbfgs(
@@ -125,9 +154,9 @@ def lbfgs(
     """
     x = start.clone()
     index = torch.arange(len(x), device=x.device)  # which problem each row of the running state is
-    value, gradient = objective(x, index)
+    value, gradient = (found.clone() for found in objective(x, index))
     result, result_value = x.clone(), value.clone()
-    reasons = [BUDGET] * len(x)
+    reasons = torch.zeros_like(index)
     evaluations = torch.ones(len(x), dtype=torch.long, device=x.device)
     history = [value.clone()]
     if watch is not None:
@@ -139,33 +168,33 @@ def lbfgs(
 
     pairs = _Memory(x, memory)
     direction = steepest(gradient)
-    slope = (gradient * direction).sum(1)
+    slope = _dot(gradient, direction)
     step = torch.ones_like(value)
     low, high = torch.zeros_like(value), torch.full_like(value, torch.inf)
 
     for evaluation in range(2, max_evaluations + 1):
-        trial = x + step.unsqueeze(1) * direction
+        trial = torch.addcmul(x, step.unsqueeze(1), direction)
         trial_value, trial_gradient = objective(trial, index)
         evaluations[index] += 1
         if watch is not None:
             watch(index, evaluations[index])
 
         enough = trial_value <= value + ARMIJO * step * slope  # False for NaN
-        accepted = enough & ((trial_gradient * direction).sum(1) >= CURVATURE * slope)
+        accepted = enough & (_dot(trial_gradient, direction) >= CURVATURE * slope)
         if accepted.any():
             move = accepted.unsqueeze(1)
             s, y = step.unsqueeze(1) * direction, trial_gradient - gradient
-            curved = (s * y).sum(1) > torch.finfo(x.dtype).eps * y.square().sum(1)
-            x, value = torch.where(move, trial, x), torch.where(accepted, trial_value, value)
+            x.addcmul_((accepted * step).unsqueeze(1), direction)  # the trial, or no step at all
+            value = torch.where(accepted, trial_value, value)
             gradient = torch.where(move, trial_gradient, gradient)
-            turned = pairs.update(accepted & curved, s, y, gradient)
-            turned_slope = (gradient * turned).sum(1)
+            turned = pairs.update(accepted, s, y, gradient)
+            turned_slope = _dot(gradient, turned)
             uphill = accepted & ~(turned_slope < 0)
             if uphill.any():  # rounding has spoilt the memory
                 pairs.forget(uphill)
                 turned = torch.where(uphill.unsqueeze(1), steepest(gradient), turned)
-                turned_slope = (gradient * turned).sum(1)
-            direction = torch.where(move, turned, direction)
+                turned_slope = _dot(gradient, turned)
+            direction = torch.where(move, turned, direction) if not accepted.all() else turned
 
         # too long a step bounds the bracket from above, too short a one from below
         high = torch.where(enough, high, step)
@@ -191,17 +220,14 @@ def lbfgs(
             slow = history[-1 - WINDOW][index] - value < progress_tolerance * value
         done = flat | stuck | slow
         if done.any():
-            for i, why in ((flat, GRADIENT), (slow & ~flat, PROGRESS), (stuck & ~flat & ~slow, LINE_SEARCH)):
-                for problem in index[i].tolist():
-                    reasons[problem] = why
+            reasons[index] = torch.where(flat, 1, torch.where(slow, 2, torch.where(stuck, 3, 0)))
             result[index[done]], result_value[index[done]] = x[done], value[done]
-            go_on = ~done
-            if not go_on.any():
-                index = index[go_on]
+            index, x, value, gradient, direction, slope, step, low, high = _remaining(
+                done, index, x, value, gradient, direction, slope, step, low, high
+            )
+            if not len(index):
                 break
-            pairs.keep(go_on)
-            index, x, value, gradient = index[go_on], x[go_on], value[go_on], gradient[go_on]
-            direction, slope, step = direction[go_on], slope[go_on], step[go_on]
-            low, high = low[go_on], high[go_on]
-    result[index], result_value[index] = x[: len(index)], value[: len(index)]
-    return Minimum(result, result_value, evaluations, reasons, torch.stack(history))
+            pairs.drop(done)
+    result[index], result_value[index] = x, value
+    why = [REASONS[reason] for reason in reasons.tolist()]
+    return Minimum(result, result_value, evaluations, why, torch.stack(history))
