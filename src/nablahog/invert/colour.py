@@ -58,7 +58,8 @@ def reconstruct_colour(
         progress: called with the evaluations done and the most there can be, of the gray image.
 
     Returns:
-        Images (B, 3, H, W) in 0…1; the history is that of the gray image, the evaluations count both.
+        Images (B, 3, H, W) in 0…1, gray where no colours came closer; the history is that of the gray image, the
+        evaluations count both.
 
     Raises:
         TypeError, ValueError: as :func:`.preimage.reconstruct`; the spec is of gray images.
@@ -102,6 +103,9 @@ def reconstruct_colour(
     if rooted:
         image = image.square()
     distance = relative_distance(image, descriptor, spec)
+    closer = distance < found.distance
+    image = torch.where(closer.view(-1, 1, 1, 1), image, found.image)
+    distance = torch.where(closer, distance, found.distance)
     return replace(
         found,
         image=image,

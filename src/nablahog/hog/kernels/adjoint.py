@@ -13,45 +13,44 @@ import numpy as np
 
 from ...compile import compiled
 from ..gradient import BLACK
-from .cells import PIXELS_AT_ONCE, gradients_of_rows, place
+from .cells import PIXELS_AT_ONCE, empty_groups, gradients_of_rows, place
 from .lanes import read_four, read_four_more
 from .votes import linear, vote_line
-
-
-@compiled
-def _spread_lane(cell: Any, bins: int, lane: int, group: Any) -> None:
-    """A cell (bins,) to its lane of a group, which goes round."""
-    for k in range(bins):
-        group[4 * (k + 1) + lane] = cell[k]
-    group[lane] = cell[bins - 1]
-    group[4 * (bins + 1) + lane] = cell[0]
 
 
 @compiled
 def _spread(given: Any, pooling: Any, band: int, groups: Any) -> None:
     """What reaches the cells, ``given`` (rows, columns, bins), to the groups of a band: the adjoint of collecting."""
     bins, size, first = pooling.bins, pooling.group, pooling.bands[band, 2]
+    cells = given.reshape(-1)
+    copies = pooling.high if pooling.lines else 1
+    of_copy = groups.size // copies
     groups[:] = 0
     for run in range(pooling.run_cols.size):
-        for g in range(pooling.groups):
-            begin = (run * pooling.groups + g) * size
-            for lane in range(4):
-                for of_line in range(groups.shape[0]):
-                    row = first + (of_line if pooling.lines else lane // 2)
+        for copy in range(copies):
+            for g in range(pooling.groups):
+                begin = copy * of_copy + (run * pooling.groups + g) * size
+                for lane in range(4):
+                    row = first + (copy if pooling.lines else lane // 2)
                     col = pooling.run_cols[run] + (4 * g + lane if pooling.lines else lane % 2)
                     if row < pooling.rows and col < pooling.cols:
-                        _spread_lane(given[row, col], bins, lane, groups[of_line, begin : begin + size])
+                        cell, to = (row * pooling.cols + col) * bins, begin + lane
+                        for k in range(bins):
+                            groups[to + 4 * (k + 1)] = cells[cell + k]
+                        groups[to] = cells[cell + bins - 1]  # bins go round
+                        groups[to + 4 * (bins + 1)] = cells[cell]
 
 
 @compiled
-def _line_of(groups: Any, weights: Any, of_line: Any) -> None:
+def _line_of(groups: Any, row: int, pooling: Any, of_line: Any) -> None:
     """The groups of a line from those of each row of cells: the adjoint of sharing."""
     of_line[:] = 0
-    for row in range(weights.size):
-        weight = weights[row]
+    for k in range(pooling.high):
+        weight = pooling.shares[row, k]
         if weight != 0:
-            for k in range(of_line.size):
-                of_line[k] += weight * groups[row, k]
+            of_row = groups[k * of_line.size : (k + 1) * of_line.size]
+            for i in range(of_line.size):
+                of_line[i] += weight * of_row[i]
 
 
 @compiled
@@ -233,10 +232,7 @@ def cells_adjoint(
     lines = np.empty((described, 3, width + 2), real)
     planes = np.empty((6, at_once * width), real)
     places, winner = np.empty(at_once * width, np.int32), np.zeros((at_once, width), np.int32)
-    groups = np.zeros(
-        (pooling.high if pooling.lines else 1, (pooling.run_cols.size * pooling.groups + 4) * pooling.group), real
-    )
-    of_line = np.zeros(groups.shape[1] if pooling.lines else 0, real)
+    groups, of_line = empty_groups(pooling, planes)
     reached, toward = np.zeros(4 * width, real), np.empty(width, real)
     along, across, exact, exact_places = (
         np.empty(width, real),
@@ -268,18 +264,18 @@ def cells_adjoint(
                 to_gy[slot] = 0
             else:
                 u, v, size_, f_, place_ = gx[line], gy[line], m[line], f[line], places[line]
-                place(place_, pooling.base)
+                place(place_, 1, pooling.base)
                 if pooling.lines:
-                    _line_of(groups, pooling.share[y], of_line)
+                    _line_of(groups, y, pooling, of_line)
                     _read(of_line, place_, y, pooling, reached)
                 else:
-                    _read(groups[0], place_, y, pooling, reached)
+                    _read(groups, place_, y, pooling, reached)
                 _along(reached, f_, size_, voting.hard, along)
                 if not voting.hard:
                     if voting.inexact:
                         linear(u, v, voting, exact, exact_places)
-                        place(exact_places, pooling.base)
-                        _read(of_line if pooling.lines else groups[0], exact_places, y, pooling, reached)
+                        place(exact_places, 1, pooling.base)
+                        _read(of_line if pooling.lines else groups, exact_places, y, pooling, reached)
                         _across(reached, exact, size_, voting.slope, across)
                     else:
                         _across(reached, f_, size_, voting.slope, across)

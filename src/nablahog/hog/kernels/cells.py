@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ...compile import compiled
-from .lanes import add_one, add_two
+from .lanes import add_one, add_two, collect_four
 from .lines import central, choose, edges, read_line, sobel
 from .votes import vote_line
 
@@ -67,66 +67,102 @@ def _strongest(
 
 
 @compiled
-def place(bins: Any, base: Any) -> None:
-    """From bins to where they are among the groups of their runs: there is one before the first."""
-    for x in range(bins.size):
-        bins[x] = base[x] + 4 * (bins[x] + 1)
+def place(bins: Any, rows: int, base: Any) -> None:
+    """From bins of some rows to where they are among the groups of their runs: there is one before the first."""
+    for row in range(rows):
+        of_row = bins[row * base.size : (row + 1) * base.size]
+        for x in range(base.size):
+            of_row[x] = base[x] + 4 * (of_row[x] + 1)
 
 
 @compiled
-def _vote(m: Any, f: Any, places: Any, row: int, hard: bool, pooling: Any, groups: Any) -> None:
-    """Eq. 5: adds the votes of a line to its groups."""
+def rows_at_once(pooling: Any, width: int) -> int:
+    """Whose votes are made in one go: whole bands if lines are shared out, to come back to few groups at a time."""
+    highest = 1
+    if pooling.lines:
+        for band in range(pooling.bands.shape[0]):
+            highest = max(highest, pooling.bands[band, 1] - pooling.bands[band, 0])
+    return max(highest, PIXELS_AT_ONCE // width)
+
+
+@compiled
+def empty_groups(pooling: Any, like: Any) -> Any:
+    """The groups of a band and, if lines are shared out, of a line; of some more, zeros may be read and added to."""
+    of_all_runs = (pooling.run_cols.size * pooling.groups + 4) * pooling.group
+    groups = np.zeros((pooling.high if pooling.lines else 1) * of_all_runs, like.dtype)
+    return groups, np.zeros(of_all_runs if pooling.lines else 0, like.dtype)
+
+
+@compiled
+def _vote(
+    m: Any, f: Any, places: Any, skipped: int, row: int, part: int, hard: bool, pooling: Any, groups: Any
+) -> None:
+    """Eq. 5: adds votes of a part of a line to its groups; the line is ``skipped`` pixels from the first of ``m``."""
     by_row, by_col, size = pooling.by_row, pooling.by_col, pooling.group
     weight = np.uintp(4 * row)
-    for k in range(pooling.order.size):
+    for k in range(pooling.parts[part, 0], pooling.parts[part, 1]):
         x = np.uintp(pooling.order[k])
-        place, col = np.uintp(places[x]), x * np.uintp(4 * pooling.groups)
+        pixel, col = x + np.uintp(skipped), x * np.uintp(4 * pooling.groups)
+        place = np.uintp(places[pixel])
         for _ in range(pooling.groups):
             if hard:
-                add_one(groups, place, m[x], by_row, weight, by_col, col)
+                add_one(groups, place, m[pixel], by_row, weight, by_col, col)
             else:
-                far = m[x] * f[x]
-                add_two(groups, place, m[x] - far, far, by_row, weight, by_col, col)
+                far = m[pixel] * f[pixel]
+                add_two(groups, place, m[pixel] - far, far, by_row, weight, by_col, col)
             place, col = place + np.uintp(size), col + np.uintp(4)
 
 
 @compiled
-def share(of_line: Any, weights: Any, of_band: Any) -> None:
-    """Adds the groups of a line to those of each row of cells, ``of_band`` (high, groups of all runs)."""
-    for row in range(weights.size):
-        weight = weights[row]
+def share(of_line: Any, row: int, part: int, pooling: Any, groups: Any) -> None:
+    """Adds the groups of a part of a line to those of each row of cells, one row after the other in ``groups``."""
+    begin, end = pooling.parts[part, 2], pooling.parts[part, 3]
+    votes = of_line[begin:end]
+    for k in range(pooling.high):
+        weight = pooling.shares[row, k]
         if weight != 0:
-            for k in range(of_line.size):
-                of_band[row, k] += weight * of_line[k]
-    of_line[:] = 0
+            of_row = groups[k * of_line.size + begin : k * of_line.size + end]
+            for i in range(votes.size):
+                of_row[i] += weight * votes[i]
+    votes[:] = 0
 
 
 @compiled
-def _collect_lane(group: Any, lane: int, bins: int, cell: Any) -> None:
-    """Adds one cell's lane of a group to the cell (bins,)."""
-    for k in range(bins):
-        cell[k] += group[4 * (k + 1) + lane]
-    cell[bins - 1] += group[lane]
-    cell[0] += group[4 * (bins + 1) + lane]
+def add_lanes(groups: Any, at: int, cells: Any, p: int, q: int, r: int, s: int) -> None:
+    """Adds one bin's lanes to four cells' bins."""
+    cells[p] += groups[at]
+    cells[q] += groups[at + 1]
+    cells[r] += groups[at + 2]
+    cells[s] += groups[at + 3]
 
 
 @compiled
 def collect(groups: Any, pooling: Any, of_band: Any) -> None:
-    """Moves the groups (high or 1, of all runs) of a band to its cells ``of_band`` (high, columns + wide, bins)."""
+    """Moves the groups of a band to its cells ``of_band`` (high, columns + wide, bins).
+
+    ``groups`` are those of all runs, of one row of cells after the other if lanes are columns only.
+    """
     bins, size = pooling.bins, pooling.group
-    of_band[:] = 0
+    cells = of_band.reshape(-1)
+    of_row = of_band.shape[1] * bins
+    copies = pooling.high if pooling.lines else 1
+    of_copy = groups.size // copies
+    cells[:] = 0
     for run in range(pooling.run_cols.size):
-        col = pooling.run_cols[run]
-        for g in range(pooling.groups):
-            begin = (run * pooling.groups + g) * size
-            for lane in range(4):
-                if pooling.lines:
-                    for row in range(pooling.high):
-                        group = groups[row, begin : begin + size]
-                        _collect_lane(group, lane, bins, of_band[row, col + 4 * g + lane])
-                else:
-                    group = groups[0, begin : begin + size]
-                    _collect_lane(group, lane, bins, of_band[lane // 2, col + lane % 2])
+        for copy in range(copies):
+            for g in range(pooling.groups):
+                begin = copy * of_copy + (run * pooling.groups + g) * size
+                col = pooling.run_cols[run] + 4 * g
+                p = copy * of_row + col * bins  # of the four lanes' cells
+                q = p + bins
+                r = q + bins if pooling.lines else p + of_row
+                s = r + bins
+                for k in range(0, bins - 3, 4):
+                    collect_four(groups, begin + 4 * (k + 1), cells, p + k, q + k, r + k, s + k)
+                for k in range(bins // 4 * 4, bins):
+                    add_lanes(groups, begin + 4 * (k + 1), cells, p + k, q + k, r + k, s + k)
+                add_lanes(groups, begin, cells, p + bins - 1, q + bins - 1, r + bins - 1, s + bins - 1)
+                add_lanes(groups, begin + 4 * (bins + 1), cells, p, q, r, s)
     groups[:] = 0
 
 
@@ -177,13 +213,11 @@ def cells(
     width = shape[1]
     real = found.dtype
     described = 1 if reading.mixed else reading.weights.size
-    at_once = max(1, PIXELS_AT_ONCE // width)  # rows
+    at_once = rows_at_once(pooling, width)
     lines = np.empty((described, 3, width + 2), real)
     planes = np.empty((6, at_once * width), real)
     places, winner = np.empty(at_once * width, np.int32), np.empty((at_once, width), np.int32)
-    of_all_runs = pooling.run_cols.size * pooling.groups * pooling.group
-    groups = np.zeros((pooling.high if pooling.lines else 1, of_all_runs + 4 * pooling.group), real)
-    of_line = np.zeros(groups.shape[1] if pooling.lines else 0, real)
+    groups, of_line = empty_groups(pooling, planes)
     read = -1
     for band in range(start, stop):
         first, last, _ = pooling.bands[band]
@@ -193,14 +227,15 @@ def cells(
             size = (end - begin) * width
             gx, gy, m, f = planes[0, :size], planes[1, :size], planes[2, :size], planes[3, :size]
             vote_line(gx, gy, voting, planes[4, :size], planes[5, :size], m, f, places[:size])
-            for row in range(begin, end):
-                line = slice((row - begin) * width, (row - begin + 1) * width)
-                place(places[line], pooling.base)
-                if pooling.lines:
-                    _vote(m[line], f[line], places[line], row, voting.hard, pooling, of_line)
-                    share(of_line, pooling.share[row], groups)
-                else:
-                    _vote(m[line], f[line], places[line], row, voting.hard, pooling, groups[0])
+            place(places, end - begin, pooling.base)
+            for part in range(pooling.parts.shape[0]):
+                for row in range(begin, end):
+                    skipped = (row - begin) * width
+                    if pooling.lines:
+                        _vote(m, f, places, skipped, row, part, voting.hard, pooling, of_line)
+                        share(of_line, row, part, pooling, groups)
+                    else:
+                        _vote(m, f, places, skipped, row, part, voting.hard, pooling, groups)
         collect(groups, pooling, found[band])
 
 

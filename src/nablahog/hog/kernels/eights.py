@@ -8,7 +8,7 @@ from ...compile import instruction
 
 
 class _Eight:
-    """Builds instructions on eight numbers, from the arguments of a call: arrays, each with where to begin, and more."""
+    """Builds instructions on eight numbers, from the arguments of a call: arrays, where they begin, and more."""
 
     def __init__(self, context: Any, builder: Any, signature: Any, arguments: Any) -> None:
         from llvmlite import ir

@@ -15,6 +15,7 @@ from ...compile import compiled
 from ..normalize import DPM_ORDER, DPM_TEXTURE, VLFEAT_TEXTURE
 from ..normalizers import PARTS, FourBlockNorm
 from .eights import clipped_adjoint, clipped_sums, clipped_total, dot_eight
+from .vectors import copy
 
 
 class FourBlocks(NamedTuple):
@@ -59,12 +60,12 @@ def _padded(count: int) -> int:
 @compiled
 def _undirected(histograms: Any, at: int, signed: bool, n: int, found: Any) -> None:
     """The contrast-insensitive histogram of the cell at ``histograms[at:]``."""
+    first, opposite = np.uintp(at), np.uintp(at + n)
     if signed:
         for k in range(n):
-            found[k] = histograms[at + k] + histograms[at + n + k]
+            found[k] = histograms[first + np.uintp(k)] + histograms[opposite + np.uintp(k)]
     else:
-        for k in range(n):
-            found[k] = histograms[at + k]
+        copy(histograms, at, n, found, 0)
 
 
 @compiled
@@ -116,8 +117,7 @@ def _describe(histograms: Any, rows: int, cols: int, bins: int, channels: int, s
         for x in range(drop, cols - drop):
             begin = (y * cols + x) * bins
             _of_cell(factors, y, x, four)
-            for k in range(bins):
-                cell[k] = histograms[begin + k]
+            copy(histograms, begin, bins, cell, 0)
             _undirected(histograms, begin, scheme.signed, n, undirected)
             if directed >= 0:
                 for k in range(0, cell.size, 8):
@@ -139,8 +139,7 @@ def _describe(histograms: Any, rows: int, cols: int, bins: int, channels: int, s
                         parts[blocks + block * n + k] = clip if entry > clip else entry
                 for k in range(blocks + 4 * n, channels):
                     parts[k] = 0
-            for k in range(channels):
-                found[to + k] = parts[k]
+            copy(parts, 0, channels, found, to)
             to += channels
 
 
@@ -176,11 +175,20 @@ def _to_energy(to_factors: Any, factors: Any, scheme: Any, found: Any) -> None:
 @compiled
 def _to_both(given: Any, by: Any, signed: bool, n: int, at: int, found: Any) -> None:
     """Adds ``by`` times what reaches a contrast-insensitive histogram to that of the cell at ``found[at:]``."""
+    first, opposite = np.uintp(at), np.uintp(at + n)
     for k in range(n):
-        found[at + k] += by * given[k]
+        found[first + np.uintp(k)] += by * given[k]
     if signed:
         for k in range(n):
-            found[at + n + k] += by * given[k]
+            found[opposite + np.uintp(k)] += by * given[k]
+
+
+@compiled
+def _halves(given: Any, at: int, count: int, found: Any) -> None:
+    half = found.dtype.type(0.5)
+    first = np.uintp(at)
+    for k in range(count):
+        found[k] = half * given[first + np.uintp(k)]
 
 
 @compiled
@@ -189,7 +197,7 @@ def _describe_adjoint(
 ) -> None:
     """What reaches the histograms of one image, in one line, from ``given`` of the descriptor."""
     real, drop, clip = histograms.dtype, scheme.dropped, scheme.clip
-    half, one = real.type(0.5), real.type(1)
+    one = real.type(1)
     n = bins // 2 if scheme.signed else bins
     cell, undirected = np.zeros(_padded(bins), real), np.zeros(_padded(n), real)
     to_cell, to_undirected = np.zeros(cell.size, real), np.zeros(undirected.size, real)
@@ -213,18 +221,19 @@ def _describe_adjoint(
                 for block in range(4):
                     of_texture[block] = scheme.texture * given[reached + texture + scheme.order[block]]
             if by_cell:
-                for k in range(bins):
-                    cell[k] = histograms[begin + k]
-                    of_cell[k] = half * given[reached + directed + k] if directed >= 0 else half - half
+                copy(histograms, begin, bins, cell, 0)
+                if directed >= 0:
+                    _halves(given, reached + directed, bins, of_cell)
                 to_cell[:] = 0
                 for k in range(0, cell.size, 8):
                     clipped_adjoint(cell, k, four, clip, of_cell, 0, of_directed, totals, to_cell)
-                for k in range(bins):
-                    found[begin + k] = to_cell[k]
+                copy(to_cell, 0, bins, found, begin)
             _undirected(histograms, begin, scheme.signed, n, undirected)
             to_undirected[:] = 0
-            for k in range(n):
-                of_undirected[k] = half * given[reached + folded + k] if folded >= 0 else half - half
+            if folded >= 0:
+                _halves(given, reached + folded, n, of_undirected)
+            elif blocks >= 0:
+                of_undirected[:n] = 0
             if blocks >= 0:
                 for block in range(3, -1, -1):
                     for k in range(n):

@@ -57,9 +57,19 @@ def _push(function: Callable[..., Tensor], at: tuple[Tensor, ...], changes: tupl
 _transforms_active: Callable[[], bool] = getattr(torch._C, "_are_functorch_transforms_active", lambda: True)
 
 
+# several gradients at a time, by ``is_grads_batched`` of torch.autograd.grad, hide from all functions but PyTorch's own
+_batched: Callable[[Tensor], bool] = getattr(torch._C._functorch, "is_legacy_batchedtensor", lambda _: False)
+
+
 def _as_they_seem() -> bool:
     """Whether tensors are what they seem: no transform of ``torch.func`` and no forward mode is under way."""
     return not _transforms_active() and forward_ad._current_level < 0
+
+
+def _back_through_plain_steps(x: Tensor, given: Tensor, step: Step, spec: HOGSpec) -> Tensor:
+    with torch.enable_grad():
+        x = x.detach().requires_grad_()
+        return torch.autograd.grad(step.plain(x, spec), x, given)[0]
 
 
 class _Simple(Function):
@@ -75,6 +85,8 @@ class _Simple(Function):
     @staticmethod
     def backward(ctx: Any, given: Tensor) -> tuple[Tensor, None, None]:
         x, kept = ctx.saved_tensors
+        if _batched(given):
+            return _back_through_plain_steps(x, given, ctx.step, ctx.spec), None, None
         if torch.is_grad_enabled() or not _as_they_seem():
             return _applied(_Back, x, kept, given, ctx.step, ctx.spec), None, None
         return ctx.step.back(x.detach(), kept, given, ctx.spec), None, None

@@ -117,3 +117,36 @@ def read_four_more(
     from numba.core import types
 
     return types.void(group, at, found, to, by_row, row, by_col, col), partial(_read, more=True)
+
+
+@instruction
+def collect_four(_: Any, group: Any, at: Any, cells: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
+    """Adds four bins from ``group[at:]`` to those of four cells, one for each lane: ``cells[a:]`` … ``cells[d:]``."""
+    from numba.core import types
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        from llvmlite import ir
+
+        number = context.get_value_type(signature.args[0].dtype)
+        size, four = context.get_abi_sizeof(number), ir.VectorType(number, 4)
+
+        def place(which: int, at: Any) -> Any:
+            array = context.make_array(signature.args[which])(context, builder, arguments[which])
+            return builder.bitcast(builder.gep(array.data, [at]), four.as_pointer())
+
+        def mixed(left: Any, right: Any, *order: int) -> Any:
+            return builder.shuffle_vector(left, right, ir.Constant(ir.VectorType(ir.IntType(32), 4), list(order)))
+
+        first = place(0, arguments[1])
+        p, q, r, s = (builder.load(builder.gep(first, [ir.IntType(64)(k)]), align=size) for k in range(4))
+        low, high = (
+            (mixed(p, q, 0, 4, 1, 5), mixed(r, s, 0, 4, 1, 5)),
+            (mixed(p, q, 2, 6, 3, 7), mixed(r, s, 2, 6, 3, 7)),
+        )
+        lanes = [mixed(*pair, *order) for pair in (low, high) for order in ((0, 1, 4, 5), (2, 3, 6, 7))]
+        for lane, at in zip(lanes, arguments[3:], strict=True):
+            to = place(2, at)
+            builder.store(builder.fadd(builder.load(to, align=size), lane), to, align=size)
+        return context.get_dummy_value()
+
+    return types.void(group, at, cells, a, b, c, d), build

@@ -17,7 +17,7 @@ from ..pooling import pooling_matrices
 from ..spec import HOGSpec
 
 LINEAR, OPENCV, VLFEAT, NEAREST, BEGUN = range(5)  # the ways to vote
-_CACHED_BYTES = 2**14  # of a processor's cache that the histograms of one line may take while pixels go to and fro
+_CACHED_BYTES = 2**14  # of a processor's cache that groups may take while pixels go to and fro
 _BESIDE = 3  # bins that a group has beside its own: one before, two after
 
 
@@ -66,9 +66,10 @@ class Pooling(NamedTuple):
     bands: Any  # (bands, 3): first row of pixels, the one after the last, first row of cells
     band_of: Any  # (height,): -1 for rows that do not vote
     by_row: Any  # (height · 4,) of the lanes
-    share: Any  # (height, high) of whole lines
+    shares: Any  # (height, high) of whole lines
     by_col: Any  # (width · groups · 4,)
     order: Any  # columns of pixels, neighbours apart: what one adds must have arrived before another adds to it
+    parts: Any  # (parts, 4) that stay in a processor's cache: begin and end in ``order``, begin and end of their groups
     base: Any  # (width,): where the groups of a column's run begin
     run_cols: Any  # (runs,): first column of cells
     lines: bool  # whether the lanes are columns only
@@ -157,14 +158,22 @@ def _weights(matrix: npt.NDArray[Any], stretches: list[tuple[int, int, int]], mo
     return found
 
 
-def _apart(runs: list[tuple[int, int, int]], at_once: int) -> npt.NDArray[np.int32]:
-    """The columns of some runs at a time, the first of each, the second of each, and so on."""
-    order = []
+def _apart(
+    runs: list[tuple[int, int, int]], at_once: int, size: int
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
+    """The columns of some runs at a time, the first of each, the second of each, and so on; and where these begin.
+
+    The groups of a run are ``size`` numbers.
+    """
+    order: list[int] = []
+    parts = []
     for k in range(0, len(runs), at_once):
         few = runs[k : k + at_once]
         longest = max(stop - start for start, stop, _ in few)
-        order += [start + i for i in range(longest) for start, stop, _ in few if start + i < stop]
-    return np.array(order, np.int32)
+        columns = [start + i for i in range(longest) for start, stop, _ in few if start + i < stop]
+        parts.append((len(order), len(order) + len(columns), k * size, (k + len(few)) * size))
+        order += columns
+    return np.array(order, np.int32), np.array(parts, np.int64).reshape(-1, 4)
 
 
 @lru_cache(maxsize=64)
@@ -174,12 +183,13 @@ def pooling(spec: HOGSpec, height: int, width: int, dtype: torch.dtype) -> Pooli
     of_rows, of_cols = (matrix.numpy() for matrix in matrices)
     extents = _extent(of_rows), _extent(of_cols)
     lines = max(extents) > 2
-    high, wide = (extents[0], -(-extents[1] // 4) * 4) if lines else (2, 2)
+    # a row of cells more than one line votes into makes for fewer bands
+    high, wide = (extents[0] + 1, -(-extents[1] // 4) * 4) if lines else (2, 2)
     bands, runs = _stretches(of_rows, high), _stretches(of_cols, wide)
     by_row, by_col = _weights(of_rows, bands, high), _weights(of_cols, runs, wide)
-    share = by_row
+    shares = by_row
     if lines:
-        by_row = np.ones((height, 4), share.dtype)
+        by_row = np.ones((height, 4), shares.dtype)
     else:
         by_row, by_col = by_row[:, [0, 0, 1, 1]], by_col[:, [0, 1, 0, 1]]
     groups = by_col.shape[1] // 4
@@ -190,14 +200,17 @@ def pooling(spec: HOGSpec, height: int, width: int, dtype: torch.dtype) -> Pooli
     band_of = np.full(height, -1, np.int64)
     for k, (start, stop, _) in enumerate(bands):
         band_of[start:stop] = k
-    at_once = max(4, _CACHED_BYTES // (groups * group * by_row.itemsize))
+    copies = high + 1 if lines else 1  # of the groups: of a line, and of each row of cells of its band
+    at_once = max(4, _CACHED_BYTES // (copies * groups * group * by_row.itemsize))
+    order, parts = _apart(runs, at_once, groups * group)
     return Pooling(
         bands=np.array(bands, np.int64).reshape(-1, 3),
         band_of=band_of,
         by_row=np.ascontiguousarray(by_row).reshape(-1),
-        share=share,
+        shares=shares,
         by_col=np.ascontiguousarray(by_col).reshape(-1),
-        order=_apart(runs, at_once),
+        order=order,
+        parts=parts,
         base=base,
         run_cols=np.array([first for _, _, first in runs], np.int64),
         lines=lines,

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...compile import compiled
 from ..gradient import BLACK
-from .cells import PIXELS_AT_ONCE, add_bands, collect, gradient_of_line, gradients_of_rows, place, share
+from .cells import PIXELS_AT_ONCE, add_bands, collect, empty_groups, gradient_of_line, gradients_of_rows, place, share
 from .lanes import add_four
 from .votes import linear, vote_line
 
@@ -67,13 +67,21 @@ def _changes_of_votes(
 
 @compiled
 def _add(
-    changes: Any, places: Any, turns: Any, exact_places: Any, row: int, hard: bool, pooling: Any, groups: Any
+    changes: Any,
+    places: Any,
+    turns: Any,
+    exact_places: Any,
+    row: int,
+    part: int,
+    hard: bool,
+    pooling: Any,
+    groups: Any,
 ) -> None:
-    """Adds changes of votes of a line to its groups."""
+    """Adds changes of votes of a part of a line to its groups."""
     by_row, by_col, size = pooling.by_row, pooling.by_col, pooling.group
     weight = np.uintp(4 * row)
     zero = changes.dtype.type(0)
-    for k in range(pooling.order.size):
+    for k in range(pooling.parts[part, 0], pooling.parts[part, 1]):
         x = np.uintp(pooling.order[k])
         at, exact_at, col = np.uintp(places[x] - 4), np.uintp(exact_places[x] - 4), x * np.uintp(4 * pooling.groups)
         near, far = changes[0, x], changes[1, x]
@@ -114,9 +122,7 @@ def cells_tangent(
     by_size, by_turn = np.empty((2, width), real), np.empty((3, width), real)
     places, winner = np.empty(at_once * width, np.int32), np.zeros((at_once, width), np.int32)
     exact_places = np.empty(width, np.int32)
-    of_all_runs = (pooling.run_cols.size * pooling.groups + 4) * pooling.group
-    groups = np.zeros((pooling.high if pooling.lines else 1, of_all_runs), real)
-    of_line = np.zeros(groups.shape[1] if pooling.lines else 0, real)
+    groups, of_line = empty_groups(pooling, planes)
     read, moved_read = -1, -1
     for band in range(start, stop):
         first, last, _ = pooling.bands[band]
@@ -138,21 +144,22 @@ def cells_tangent(
                     gradient_of_line(moved[channel], row, height, beyond, us, vs)
                     _chosen(us, vs, channel, winner[row - begin], dx, dy)
                 of_pixels = places[line]
-                place(of_pixels, pooling.base)
+                place(of_pixels, 1, pooling.base)
                 if voting.inexact:
                     linear(gx[line], gy[line], voting, exact, exact_places)
-                    place(exact_places, pooling.base)
+                    place(exact_places, 1, pooling.base)
                 else:
                     exact[:] = f[line]
                     exact_places[:] = of_pixels
                 _changes_of_votes(
                     gx[line], gy[line], dx, dy, m[line], f[line], exact, voting.hard, voting.slope, by_size, by_turn
                 )
-                if pooling.lines:
-                    _add(by_size, of_pixels, by_turn, exact_places, row, voting.hard, pooling, of_line)
-                    share(of_line, pooling.share[row], groups)
-                else:
-                    _add(by_size, of_pixels, by_turn, exact_places, row, voting.hard, pooling, groups[0])
+                for part in range(pooling.parts.shape[0]):
+                    if pooling.lines:
+                        _add(by_size, of_pixels, by_turn, exact_places, row, part, voting.hard, pooling, of_line)
+                        share(of_line, row, part, pooling, groups)
+                    else:
+                        _add(by_size, of_pixels, by_turn, exact_places, row, part, voting.hard, pooling, groups)
         collect(groups, pooling, found[band])
 
 

@@ -39,6 +39,14 @@ def rectangles(scheme: BlockNorm, real: Any) -> Blocks:
 
 
 @compiled
+def copy(source: Any, begin: int, count: int, found: Any, to: int) -> None:
+    """``found[to:]`` = ``source[begin:]``, so many numbers."""
+    first, place = np.uintp(begin), np.uintp(to)
+    for k in range(count):
+        found[place + np.uintp(k)] = source[first + np.uintp(k)]
+
+
+@compiled
 def _product(left: Any, right: Any) -> Any:
     """The dot product."""
     total = left.dtype.type(0)
@@ -198,18 +206,17 @@ def _block_adjoint(vector: Any, ones: Any, scheme: Any, given: Any, unit: Any, c
 def _gather(histograms: Any, begin: int, of_row: int, count: int, high: int, vector: Any) -> None:
     """``high`` rows of a block, each ``count`` numbers, from ``histograms[begin:]``; image rows are ``of_row`` long."""
     for row in range(high):
-        at, to = begin + row * of_row, row * count
-        for k in range(count):
-            vector[to + k] = histograms[at + k]
+        at = begin + row * of_row
+        copy(histograms, at, count, vector, row * count)
 
 
 @compiled
 def _add_back(vector: Any, begin: int, of_row: int, count: int, high: int, found: Any) -> None:
     """The adjoint: adds the block to where it came from."""
     for row in range(high):
-        at, to = begin + row * of_row, row * count
+        at, first = np.uintp(begin + row * of_row), np.uintp(row * count)
         for k in range(count):
-            found[at + k] += vector[to + k]
+            found[at + np.uintp(k)] += vector[first + np.uintp(k)]
 
 
 @compiled
@@ -226,8 +233,7 @@ def block_norm(images: Any, scheme: Any, start: int, stop: int, found: Any) -> N
                 begin = row * scheme.down * of_row + col * scheme.across * images.shape[3]
                 _gather(histograms, begin, of_row, count, scheme.high, vector)
                 _block(vector, ones, scheme, block)
-                for k in range(size):
-                    to[at + k] = block[k]
+                copy(block, 0, size, to, at)
                 at += size
 
 
@@ -251,8 +257,7 @@ def block_adjoint(images: Any, scheme: Any, given: Any, start: int, stop: int, f
             for col in range(cols):
                 begin = row * scheme.down * of_row + col * scheme.across * images.shape[3]
                 _gather(histograms, begin, of_row, count, scheme.high, vector)
-                for k in range(size):
-                    block[k] = reached[at + k]
+                copy(reached, at, size, block, 0)
                 _block_adjoint(vector, ones, scheme, block, unit, clipped, to_block)
                 _add_back(to_block, begin, of_row, count, scheme.high, to)
                 at += size
