@@ -47,7 +47,7 @@ def row(name: str, image: Tensor, learned: dict[str, Path]) -> list[Panel]:
     """The photograph, and what each method finds for it."""
     panels = [Panel(image, name)]
     for method in METHODS.values():
-        if method.name != LEFT_OUT:
+        if method.name != LEFT_OUT and not method.asked:
             found = method.run(image[None, None], Settings(learned=learned))[0].image.clamp(0, 1)
             panels.append(Panel(found, f"{metrics.cross_correlation(found, image):.2f} {method.name}"))
     return panels
