@@ -72,19 +72,26 @@ def shade(
 
 
 @compiled
-def outlines(planes: Any, kind: Any, eye: Any, outline: Any) -> None:
-    """Which edges are outlines from ``eye`` (3,): of one face, or both faces on one side of them.
+def outlines(planes: Any, kind: Any, eyes: Any, outline: Any) -> None:
+    """Which edges are outlines: of one face, or both faces on one side of them.
 
     Args:
         planes: (2, 4, E): for the planes of both faces, n and d such that n·x = d; 0 for faces of no area.
-        kind: of :class:`..topology.Edges`.
-        outline: (E,), gets 1 or 0.
+        kind: (E,), of :class:`..topology.Edges`.
+        eyes: (B, 3), from where the object is seen.
+        outline: (B, E), gets 1 or 0.
     """
-    x, y, z = eye[0], eye[1], eye[2]
-    for e in range(kind.shape[0]):
-        side = planes[0, 0, e] * x + planes[0, 1, e] * y + planes[0, 2, e] * z - planes[0, 3, e]
-        other = planes[1, 0, e] * x + planes[1, 1, e] * y + planes[1, 2, e] * z - planes[1, 3, e]
-        outline[e] = (kind[e] == 1) | (side * other >= 0)
+    some = 1024  # edges that stay in a processor's cache
+    for first in range(0, kind.size, some):
+        last = min(first + some, kind.size)
+        for b in range(eyes.shape[0]):
+            x, y, z = eyes[b, 0], eyes[b, 1], eyes[b, 2]
+            row = outline[b]
+            for k in range(last - first):
+                e = np.uintp(first) + np.uintp(k)
+                side = planes[0, 0, e] * x + planes[0, 1, e] * y + planes[0, 2, e] * z - planes[0, 3, e]
+                other = planes[1, 0, e] * x + planes[1, 1, e] * y + planes[1, 2, e] * z - planes[1, 3, e]
+                row[e] = (kind[e] == 1) | (side * other >= 0)
 
 
 @compiled
@@ -93,6 +100,7 @@ def visible_edges(
     ends: Any,
     kind: Any,
     outline: Any,
+    listed: Any,
     inverse: Any,
     slots: Any,
     places: Any,
@@ -107,6 +115,7 @@ def visible_edges(
     Args:
         ends, kind: of :class:`..topology.Edges`.
         outline: (E,), of :func:`outlines`.
+        listed: (E,), scratch.
         slots: (2, H, W): gets 0, or 1 more than which entry of the next two belongs to the link from sample (i, j)
             down [0] or right [1].
         places: (N, 3): axis, row and column of that link.
@@ -123,9 +132,11 @@ def visible_edges(
     near_enough, gap_from = number(1 - 0.004), number(0.05)
     slots[:] = 0
     count = 0
-    for e in range(ends.shape[0]):
-        if kind[e] == 0 and not outline[e]:
-            continue
+    many = 0
+    for e in range(kind.size):
+        listed[np.uintp(many)] = e
+        many += (kind[e] | outline[e]) != 0
+    for e in listed[:many]:
         a, b = np.uintp(ends[e, 0]), np.uintp(ends[e, 1])
         xa, ya, wa = screen[a, 0], screen[a, 1], screen[a, 2]
         xb, yb, wb = screen[b, 0], screen[b, 1], screen[b, 2]
@@ -251,21 +262,10 @@ def blend(
                         sums[0, kind, np.uintp(j)] -= links[np.uintp(k), np.uintp(j)]
                     for j in range(width - axis):
                         sums[other, kind, np.uintp(j) + shift] -= links[np.uintp(k), np.uintp(j)]
-        y = np.uintp(corner[0] + row)
-        for pixel in range(width // step):
-            x = np.uintp(corner[1] + pixel)
-            total = first_x = second_x = first_y = second_y = zero
-            for j in range(pixel * step, pixel * step + step):
-                col = np.uintp(j)
-                total += sums[0, 0, col]
-                first_x += sums[0, 1, col]
-                second_x += sums[0, 2, col]
-                first_y += sums[0, 3, col]
-                second_y += sums[0, 4, col]
-            image[y, x] = total * share
-            if moves:
-                motion[0, y, x], motion[1, y, x] = half * side * first_x, half * side * second_x
-                motion[2, y, x], motion[3, y, x] = half * side * first_y, half * side * second_y
+        y, left, right = corner[0] + row, corner[1], corner[1] + width // step
+        _pool(sums[0, 0], step, share, image[y, left:right])
+        for kind in range(motion.shape[0]):
+            _pool(sums[0, 1 + kind], step, half * side, motion[kind, y, left:right])
         sums[0] = sums[1]
         sums[1] = 0
     for h in range(count):
@@ -287,3 +287,17 @@ def blend(
             d *= slope
             motion[2 - k, y, x] += d
             motion[3 - k, y, x] += d * w
+
+
+@compiled
+def _pool(line: Any, step: int, factor: Any, found: Any) -> None:
+    """Sums of ``step`` neighbours each on a line, times ``factor``."""
+    if step == 1:  # without a loop for each, several at a time
+        for x in range(found.size):
+            found[x] = factor * line[x]
+        return
+    for x in range(found.size):
+        total = factor - factor
+        for k in range(x * step, x * step + step):
+            total += line[np.uintp(k)]
+        found[x] = factor * total
