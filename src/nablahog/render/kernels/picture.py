@@ -38,8 +38,6 @@ def shade(
     number = screen.dtype.type
     half = number(0.5)
     known = np.zeros(faces.shape[0], np.uint8)
-    before = -1
-    v = by_x = by_y = x = y = low = high = half
     for i in range(samples.shape[0]):
         row = np.uintp(i)
         for pixel in range(samples.shape[1] // step):
@@ -50,25 +48,22 @@ def shade(
                 if f < 0:
                     samples[row, col] = behind
                     continue
-                if f != before:
-                    before = f
-                    plane = planes[np.uintp(f)]
-                    if not known[np.uintp(f)]:
-                        known[np.uintp(f)] = 1
-                        a, b, c = np.uintp(faces[f, 0]), np.uintp(faces[f, 1]), np.uintp(faces[f, 2])
-                        va, vb, vc = brightness[f, 0], brightness[f, 1], brightness[f, 2]
-                        x, y = screen[a, 0], screen[a, 1]
-                        xb, yb, xc, yc = screen[b, 0] - x, screen[b, 1] - y, screen[c, 0] - x, screen[c, 1] - y
-                        # brightness less that of the first corner, over depth, is linear on the screen
-                        qb, qc = (vb - va) * screen[b, 2], (vc - va) * screen[c, 2]
-                        area = xb * yc - xc * yb
-                        plane[0], plane[1] = (qb * yc - qc * yb) / area, (xb * qc - xc * qb) / area
-                        plane[2], plane[3], plane[4] = x - half, y - half, va
-                        plane[5], plane[6] = min(va, vb, vc), max(va, vb, vc)
-                    by_x, by_y, x, y, v = plane[0], plane[1], plane[2], plane[3], plane[4]
-                    low, high = plane[5], plane[6]
-                value = v + (by_x * (number(j) - x) + by_y * (number(i) - y)) / inverse[row, col]
-                samples[row, col] = min(max(value, low), high)
+                plane = planes[np.uintp(f)]
+                if not known[np.uintp(f)]:
+                    known[np.uintp(f)] = 1
+                    a, b, c = np.uintp(faces[f, 0]), np.uintp(faces[f, 1]), np.uintp(faces[f, 2])
+                    va, vb, vc = brightness[f, 0], brightness[f, 1], brightness[f, 2]
+                    x, y = screen[a, 0], screen[a, 1]
+                    xb, yb, xc, yc = screen[b, 0] - x, screen[b, 1] - y, screen[c, 0] - x, screen[c, 1] - y
+                    # brightness less that of the first corner, over depth, is linear on the screen
+                    qb, qc = (vb - va) * screen[b, 2], (vc - va) * screen[c, 2]
+                    area = xb * yc - xc * yb
+                    plane[0], plane[1] = (qb * yc - qc * yb) / area, (xb * qc - xc * qb) / area
+                    plane[2], plane[3], plane[4] = x - half, y - half, va
+                    plane[5], plane[6] = min(va, vb, vc), max(va, vb, vc)
+                across, down = number(j) - plane[2], number(i) - plane[3]
+                value = plane[4] + (plane[0] * across + plane[1] * down) / inverse[row, col]
+                samples[row, col] = min(max(value, plane[5]), plane[6])
 
 
 @compiled
