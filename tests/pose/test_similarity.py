@@ -139,7 +139,7 @@ def test_many_poses_are_as_good_as_one(photograph: Photograph, canvas: Canvas) -
     poses = columns(torch.linspace(0, 340, 35))
     values, slopes = of.derivatives(poses)
     assert of.renderings == 35
-    assert_close(of.values(poses), values)
+    assert_close(of.values(poses), values, rtol=1e-5, atol=1e-6)  # summed in another order
     assert of.renderings == 70
     for k in (0, 15, 16, 34):
         value, slope = of.derivatives(poses[k : k + 1])

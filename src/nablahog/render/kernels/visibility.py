@@ -128,8 +128,9 @@ def _spans(
         How many of ``listed`` are done, and the number of spans.
     """
     number = screen.dtype.type
-    half, one, infinite, most_q = number(0.5), number(1), number(np.inf), number(max(box[1], box[3]))
-    rounding = np.finfo(screen.dtype).eps
+    zero, half, one = number(0), number(0.5), number(1)
+    # so much that a sample on a common edge of two triangles is in one of them, if they are not gone through alike
+    rounding = np.finfo(screen.dtype).eps * number(max(box[1], box[3]))
     done = count = 0
     while done < len(listed) and count < room:
         face, along = listed[np.uintp(done), 0], np.uintp(listed[np.uintp(done), 1])
@@ -144,43 +145,34 @@ def _spans(
         area = (pb - pa) * (qc - qa) - (pc - pa) * (qb - qa)
         if not ((wa > 0) & (wb > 0) & (wc > 0) & (area != 0)):
             continue
-        turn = one if area > 0 else -one
         over = one / area
         by_p = ((wb - wa) * (qc - qa) - (wc - wa) * (qb - qa)) * over
         by_q = ((pb - pa) * (wc - wa) - (pc - pa) * (wb - wa)) * over
         least, most = min(wa, wb, wc), max(wa, wb, wc)
-        # so much that a sample on a common edge of two triangles is in one of them, however they are rounded
-        more = rounding * max(most_q, abs(qa), abs(qb), abs(qc))
+        more = rounding if along else zero
         low_q, high_q = number(box[2 * across]), number(box[2 * across + np.uintp(1)] - 1)
-        low_q, high_q = max(low_q, min(qa, qb, qc) - half), min(high_q, max(qa, qb, qc) - half)
         step_p, step_q = (1, width) if along else (width, 1)
-        slope_a, from_a, to_a = _side(pa, qa, pb, qb, turn, more, infinite)
-        slope_b, from_b, to_b = _side(pb, qb, pc, qc, turn, more, infinite)
-        slope_c, from_c, to_c = _side(pc, qc, pa, qa, turn, more, infinite)
-        qa, qb, qc = qa - half, qb - half, qc - half
+        # the corners in order: two triangles then compute a common edge alike, and leave no gap
+        p0, q0, p1, q1 = (pb, qb, pa, qa) if pb < pa else (pa, qa, pb, qb)
+        p0, q0, p2, q2 = (pc, qc, p0, q0) if pc < p0 else (p0, q0, pc, qc)
+        p1, q1, p2, q2 = (p2, q2, p1, q1) if p2 < p1 else (p1, q1, p2, q2)
+        whole = (q2 - q0) / (p2 - p0) if p2 > p0 else zero
+        before = (q1 - q0) / (p1 - p0) if p1 > p0 else zero
+        after = (q2 - q1) / (p2 - p1) if p2 > p1 else zero
         for line in range(begin, end + 1):
             p = number(line) + half
-            on_a, on_b, on_c = qa + (p - pa) * slope_a, qb + (p - pb) * slope_b, qc + (p - pc) * slope_c
+            q = q0 + (p - p0) * whole
+            other = q0 + (p - p0) * before if p < p1 else q1 + (p - p1) * after
             # within the image, since no integer is as large as numbers can be
-            start = np.ceil(min(high_q + one, max(low_q, on_a + from_a, on_b + from_b, on_c + from_c)))
-            last = np.floor(max(low_q - one, min(high_q, on_a + to_a, on_b + to_b, on_c + to_c)))
+            start = np.ceil(min(high_q + one, max(low_q, min(q, other) - half - more)))
+            last = np.floor(max(low_q - one, min(high_q, max(q, other) - half + more)))
             n = np.uintp(count)
             spans[n, 0], spans[n, 1] = line * step_p + int(start) * step_q, step_q
             spans[n, 2], spans[n, 3] = int(last) - int(start) + 1, face
-            planes[n, 0], planes[n, 1] = wa + by_p * (p - pa) + by_q * (start - qa), by_q
+            planes[n, 0], planes[n, 1] = wa + by_p * (p - pa) + by_q * (start + half - qa), by_q
             planes[n, 2], planes[n, 3] = least, most
             count += start <= last
     return done, count
-
-
-@compiled
-def _side(p0: Any, q0: Any, p1: Any, q1: Any, turn: Any, more: Any, infinite: Any) -> tuple[Any, Any, Any]:
-    """Of a side of a triangle, whose corners go round in the direction ``turn``: how far q goes for each p, and what to
-    add to q for the least and for the most on a line; so much that it is no bound where it is none."""
-    forth = p1 - p0
-    slope = (q1 - q0) / forth if forth != 0 else forth
-    turned = forth * turn
-    return slope, -more if turned > 0 else -infinite, more if turned < 0 else infinite
 
 
 @compiled
