@@ -128,9 +128,9 @@ def _spans(
         How many of ``listed`` are done, and the number of spans.
     """
     number = screen.dtype.type
-    zero, half, one = number(0), number(0.5), number(1)
+    half, one, infinite = number(0.5), number(1), number(np.inf)
     # so much that a sample on a common edge of two triangles is in one of them, if they are not gone through alike
-    rounding = np.finfo(screen.dtype).eps * number(max(box[1], box[3]))
+    more = np.finfo(screen.dtype).eps * number(max(box[1], box[3]))
     done = count = 0
     while done < len(listed) and count < room:
         face, along = listed[np.uintp(done), 0], np.uintp(listed[np.uintp(done), 1])
@@ -145,34 +145,49 @@ def _spans(
         area = (pb - pa) * (qc - qa) - (pc - pa) * (qb - qa)
         if not ((wa > 0) & (wb > 0) & (wc > 0) & (area != 0)):
             continue
+        turn = one if area > 0 else -one
         over = one / area
         by_p = ((wb - wa) * (qc - qa) - (wc - wa) * (qb - qa)) * over
         by_q = ((pb - pa) * (wc - wa) - (pc - pa) * (wb - wa)) * over
         least, most = min(wa, wb, wc), max(wa, wb, wc)
-        more = rounding if along else zero
         low_q, high_q = number(box[2 * across]), number(box[2 * across + np.uintp(1)] - 1)
+        low_q, high_q = max(low_q, min(qa, qb, qc) - half), min(high_q, max(qa, qb, qc) - half)
         step_p, step_q = (1, width) if along else (width, 1)
-        # the corners in order: two triangles then compute a common edge alike, and leave no gap
-        p0, q0, p1, q1 = (pb, qb, pa, qa) if pb < pa else (pa, qa, pb, qb)
-        p0, q0, p2, q2 = (pc, qc, p0, q0) if pc < p0 else (p0, q0, pc, qc)
-        p1, q1, p2, q2 = (p2, q2, p1, q1) if p2 < p1 else (p1, q1, p2, q2)
-        whole = (q2 - q0) / (p2 - p0) if p2 > p0 else zero
-        before = (q1 - q0) / (p1 - p0) if p1 > p0 else zero
-        after = (q2 - q1) / (p2 - p1) if p2 > p1 else zero
+        p1, end1, q1, slope1, from1, to1 = _side(pa, qa, pb, qb, turn, more, infinite)
+        p2, end2, q2, slope2, from2, to2 = _side(pb, qb, pc, qc, turn, more, infinite)
+        p3, end3, q3, slope3, from3, to3 = _side(pc, qc, pa, qa, turn, more, infinite)
+        qa -= half
         for line in range(begin, end + 1):
             p = number(line) + half
-            q = q0 + (p - p0) * whole
-            other = q0 + (p - p0) * before if p < p1 else q1 + (p - p1) * after
+            q, aside = q1 + (p - p1) * slope1 - half, (p < p1) | (p > end1)
+            low, high = -infinite if aside else q + from1, infinite if aside else q + to1
+            q, aside = q2 + (p - p2) * slope2 - half, (p < p2) | (p > end2)
+            low, high = max(low, -infinite if aside else q + from2), min(high, infinite if aside else q + to2)
+            q, aside = q3 + (p - p3) * slope3 - half, (p < p3) | (p > end3)
+            low, high = max(low, -infinite if aside else q + from3), min(high, infinite if aside else q + to3)
             # within the image, since no integer is as large as numbers can be
-            start = np.ceil(min(high_q + one, max(low_q, min(q, other) - half - more)))
-            last = np.floor(max(low_q - one, min(high_q, max(q, other) - half + more)))
+            start, last = np.ceil(min(high_q + one, max(low_q, low))), np.floor(max(low_q - one, min(high_q, high)))
             n = np.uintp(count)
             spans[n, 0], spans[n, 1] = line * step_p + int(start) * step_q, step_q
             spans[n, 2], spans[n, 3] = int(last) - int(start) + 1, face
-            planes[n, 0], planes[n, 1] = wa + by_p * (p - pa) + by_q * (start + half - qa), by_q
+            planes[n, 0], planes[n, 1] = wa + by_p * (p - pa) + by_q * (start - qa), by_q
             planes[n, 2], planes[n, 3] = least, most
             count += start <= last
     return done, count
+
+
+@compiled
+def _side(
+    p0: Any, q0: Any, p1: Any, q1: Any, turn: Any, more: Any, infinite: Any
+) -> tuple[Any, Any, Any, Any, Any, Any]:
+    """Of a side of a triangle, whose corners go round in the direction ``turn``: from where to where in p it bounds
+    lines; q where it begins, at the lower p for both triangles at an edge, and how far q goes for each p; and what to
+    add to q for the least and for the most on a line, so much that it is no bound where it is none."""
+    forth = p1 - p0
+    slope = (q1 - q0) / forth if forth != 0 else forth
+    turned = forth * turn
+    low, high = -more if turned > 0 else -infinite, more if turned < 0 else infinite
+    return min(p0, p1), max(p0, p1), q0 if forth >= 0 else q1, slope, low, high
 
 
 @compiled
