@@ -98,13 +98,16 @@ def _reaching(screen: Any, faces: Any, first: int, stop: int, box: Any, found: A
     number = screen.dtype.type
     half = number(0.5)
     top, bottom, left, right = number(box[0]), number(box[1] - 1), number(box[2]), number(box[3] - 1)
+    most = number(max(box[1], box[3]))
     count = 0
     for face in range(first, stop):
         a, b, c = np.uintp(faces[face, 0]), np.uintp(faces[face, 1]), np.uintp(faces[face, 2])
         x0, y0, x1, y1, x2, y2 = screen[a, 0], screen[a, 1], screen[b, 0], screen[b, 1], screen[c, 0], screen[c, 1]
-        row, last_row = np.ceil(max(top, min(y0, y1, y2) - half)), np.floor(min(bottom, max(y0, y1, y2) - half))
-        col, last_col = np.ceil(max(left, min(x0, x1, x2) - half)), np.floor(min(right, max(x0, x1, x2) - half))
-        by_column = last_row - row > last_col - col
+        y_low, y_high, x_low, x_high = min(y0, y1, y2), max(y0, y1, y2), min(x0, x1, x2), max(x0, x1, x2)
+        row, last_row = np.ceil(max(top, y_low - half)), np.floor(min(bottom, y_high - half))
+        col, last_col = np.ceil(max(left, x_low - half)), np.floor(min(right, x_high - half))
+        # rounding of a corner far away may be of any size: all that have one are gone through alike
+        by_column = (last_row - row > last_col - col) & (y_high - y_low < most) & (x_high - x_low < most)
         n = np.uintp(count)
         found[n, 0], found[n, 1] = face, by_column
         found[n, 2], found[n, 3] = col if by_column else row, last_col if by_column else last_row
@@ -128,9 +131,9 @@ def _spans(
         How many of ``listed`` are done, and the number of spans.
     """
     number = screen.dtype.type
-    half, one, infinite = number(0.5), number(1), number(np.inf)
+    zero, half, one, infinite = number(0), number(0.5), number(1), number(np.inf)
     # so much that a sample on a common edge of two triangles is in one of them, if they are not gone through alike
-    more = np.finfo(screen.dtype).eps * number(max(box[1], box[3]))
+    rounding = np.finfo(screen.dtype).eps * number(2 * max(box[1], box[3]))
     done = count = 0
     while done < len(listed) and count < room:
         face, along = listed[np.uintp(done), 0], np.uintp(listed[np.uintp(done), 1])
@@ -145,7 +148,7 @@ def _spans(
         area = (pb - pa) * (qc - qa) - (pc - pa) * (qb - qa)
         if not ((wa > 0) & (wb > 0) & (wc > 0) & (area != 0)):
             continue
-        turn = one if area > 0 else -one
+        turn, more = one if area > 0 else -one, rounding if along else zero
         over = one / area
         by_p = ((wb - wa) * (qc - qa) - (wc - wa) * (qb - qa)) * over
         by_q = ((pb - pa) * (wc - wa) - (pc - pa) * (wb - wa)) * over
