@@ -1,17 +1,19 @@
 """What each choice of a search for the pose gains and costs: accuracy, renderings and time an object.
 
     python benchmarks/poses.py [--models DIR] [--viewpoints CSV] [--objects 60] [--seed 0] [--threads 2]
-        [--unknown-model] [--rows 'NAME;…']
+        [--unknown-model] [--rows 'NAME;…'] [--growth]
 
 The objects are those of `nablahog table2` with the same options: scenes of known models, or among all others, from a
 random azimuth and an elevation near the true one, unless a row says that it is unknown.  Times are those of
 `nablahog.estimate_pose` alone, for models that have been prepared: in the second of two passes over all objects.
+With --growth the table is of the time by the number of models to choose among, which are not the object's own.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -59,6 +61,24 @@ def estimate(example: Example, choices: dict[str, Any]) -> PoseEstimate:
     return estimate_pose(example.image, models, box=example.box, **{"initial": example.initial, **choices})
 
 
+def growth(examples: list[Example]) -> None:
+    """Time of the best search among 1, 2, 4, … of the models."""
+    print("| models | renderings | CPU s, median (min … max) | CPU ms a model |\n|---:|---:|---:|---:|")
+    count = 1
+    while count <= len(examples[0].models):
+        some = [replace(example, models=example.models[:count]) for example in examples]
+        for example in some:
+            estimate(example, {})
+        cpu, renderings = [], []
+        for example in some:
+            start = time.process_time()
+            renderings.append(estimate(example, {}).renderings)
+            cpu.append(time.process_time() - start)
+        spread = f"{median(cpu):.3f} ({min(cpu):.3f} … {max(cpu):.3f})"
+        print(f"| {count} | {median(renderings):.0f} | {spread} | {1e3 * median(cpu) / count:.0f} |", flush=True)
+        count *= 2
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--models", type=Path, help="folder of CAD models; by default procedural chairs")
@@ -68,11 +88,16 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--unknown-model", action="store_true", help="leave an object's own model out")
     parser.add_argument("--rows", help="only these, separated by semicolons")
+    parser.add_argument("--growth", action="store_true", help="time by the number of models instead")
     options = parser.parse_args()
+    options.unknown_model |= options.growth
     torch.set_num_threads(options.threads)
     examples = objects(options)
     rows = ROWS if options.rows is None else {name: ROWS[name] for name in options.rows.split(";")}
     print(f"{len(examples)} objects, seed {options.seed}, {options.threads} threads\n")
+    if options.growth:
+        growth(examples)
+        return
     views = " | ".join(f"{count} views" for count in VIEWS)
     print(f"| search | {views} | median error | renderings | s, median (min … max) | CPU s, median |")
     print("|---|" + "---:|" * (len(VIEWS) + 4))

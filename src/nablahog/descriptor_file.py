@@ -52,7 +52,7 @@ class StoredDescriptor:
         shape = tuple(self.descriptor.shape)
         if shape != expected:
             raise ValueError(
-                f"a {self.spec.name} descriptor of an image of {height}x{width} pixels has shape {expected} "
+                f"{self.spec.named} descriptor of an image of {height}x{width} pixels has shape {expected} "
                 f"(rows, cols, channels), got {shape}"
             )
         if not torch.isfinite(self.descriptor).all():

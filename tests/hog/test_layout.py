@@ -125,7 +125,7 @@ def test_refuses_other_shapes(name: str) -> None:
         (3, 4, s.channels + 1),
     }
     for shape in shapes - {native_shape(s, size), (math.prod(native_shape(s, size)),)}:
-        message = f"a {s.name} descriptor of an image of {size[0]}x{size[1]} pixels (height x width) has the shape "
+        message = f"{s.named} descriptor of an image of {size[0]}x{size[1]} pixels (height x width) has the shape "
         with pytest.raises(ValueError, match="descriptor of an image") as error:
             from_layout(torch.zeros(2, *shape), s, size)
         assert str(error.value) == f"{message}{native_shape(s, size)}, got {shape}"

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from nablahog.datasets.chairs import chair
+from nablahog.pose import exemplar
 from nablahog.pose.background import default_background
 from nablahog.pose.exemplar import detect
 from nablahog.pose.star import NOTHING, UNLIKE, star_match
@@ -55,6 +56,25 @@ def iou(a: Any, b: Any) -> float:
     wide, high = (max(0, min(a[k + 2], b[k + 2]) - max(a[k], b[k])) for k in (0, 1))
     areas = sum((c[2] - c[0]) * (c[3] - c[1]) for c in (a, b))
     return wide * high / (areas - wide * high)
+
+
+def test_how_many_are_scored_at_once_does_not_matter(
+    models: dict[str, Views], meshes: dict[str, Mesh], clutter: Tensor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    image, box = scene(meshes["b"], 150, 0, 0, 500, clutter)
+    every = {**models, "c": models["a"], "d": models["b"]}
+    assert len(list(exemplar._blocks(every))) == 1
+    found = detect(image, box, every)
+    assert (found.model, found.azimuth) == ("b", 150)
+    for most in (1, len(models["a"].scale) + len(models["b"].scale)):
+        monkeypatch.setattr(exemplar, "AT_ONCE", most)
+        assert [names for _, names in exemplar._blocks(every)] in (
+            [["a"], ["b"], ["c"], ["d"]],
+            [["a", "b"], ["c", "d"]],
+        )
+        again = detect(image, box, every)
+        assert (again.model, again.azimuth) == (found.model, found.azimuth)
+        assert again.confidence == pytest.approx(found.confidence, rel=1e-4)
 
 
 @pytest.mark.parametrize(("name", "azimuth"), [("a", 30), ("b", 150), ("b", 250)])

@@ -102,3 +102,10 @@ def test_what_is_centred_has_the_mean_of_photographs_at_0() -> None:
     mean = of.mean.float()[:, None, None].expand(1, -1, 4, 5)
     assert not whitener.centred(mean).any()
     assert_close(whitener.centred(mean + 0.5), torch.full_like(mean, 0.5))
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(8, 8), (5, 12), (16, 11), (1, 1)])
+def test_energies_are_products_with_the_whitened(rows: int, cols: int) -> None:
+    whitener = Whitener(background(0.5), rows, cols)
+    q = torch.rand(3, CHANNELS, rows, cols)
+    assert_close(whitener.energies(q), (q * whitener(q)).sum((1, 2, 3)), rtol=1e-4, atol=1e-5)

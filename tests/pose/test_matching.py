@@ -104,6 +104,15 @@ def test_a_model_is_prepared_once_for_a_camera(canvas: Canvas) -> None:
     assert model_of(model(), other).camera == other
 
 
+def test_less_detail_takes_fewer_faces(canvas: Canvas) -> None:
+    template = Photograph(canvas).calibrated
+    exact, coarse = (model_of(model(), canvas.camera).similarity(template, detail=detail) for detail in (0.0, 4.0))
+    assert len(coarse.renderer.mesh.faces) < 0.8 * len(exact.renderer.mesh.faces)
+    poses = columns(torch.arange(0.0, 360, 15))
+    assert torch.corrcoef(torch.stack([exact.values(poses), coarse.values(poses)]))[0, 1] > 0.9
+    assert model_of(model(), canvas.camera).similarity(template, detail=4.0).renderer is coarse.renderer
+
+
 def test_similarities_are_of_its_renderings(canvas: Canvas) -> None:
     template = Photograph(canvas).template("dot")
     poses = columns(torch.tensor([30.0, 60]))

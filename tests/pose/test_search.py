@@ -81,7 +81,7 @@ def fitted(hill: Quadratic, count: int = 16) -> Tensor:
     half = torch.randn(count // 2, 6, dtype=torch.float64, generator=torch.Generator().manual_seed(2))
     offsets = torch.cat([half, -half])
     values, slopes = hill.derivatives(START + offsets * UNITS)
-    return search._top(offsets, values, slopes * UNITS)
+    return search._top(offsets, values, slopes * UNITS, torch.ones(count).double())
 
 
 def test_the_top_of_an_exact_quadratic(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -90,6 +90,25 @@ def test_the_top_of_an_exact_quadratic(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (fitted(hill, 24) - away).norm() < 0.1 * away.norm()  # curvature is held back a little,
     monkeypatch.setattr(search, "_STIFFNESS", 0.0)
     assert_close(fitted(hill), away, rtol=0, atol=1e-6)  # and by nothing else
+
+
+def test_samples_without_weight_do_not_count() -> None:
+    away = torch.tensor([0.5, -0.3, 0.2, 0.1, -0.6, 0.4], dtype=torch.float64)
+    offsets, weights = torch.randn(40, 6, dtype=torch.float64), torch.ones(40).double()
+    values, slopes = quadratic(START + away * UNITS)[0].derivatives(START + offsets * UNITS)
+    expected = search._top(offsets[8:], values[8:], slopes[8:] * UNITS, weights[8:])
+    weights[:8], values[:8] = 0, 1e3
+    assert_close(search._top(offsets, values, slopes * UNITS, weights), expected, rtol=0, atol=0.05)
+
+
+@pytest.mark.parametrize("count", [6, 12, 16])
+def test_samples_are_opposite_pairs_at_right_angles(count: int) -> None:
+    offsets = search._pairs(count, torch.Generator().manual_seed(0))
+    assert offsets.shape == (count, 6)
+    assert torch.equal(offsets[: count // 2], -offsets[count // 2 :])
+    assert_close(offsets.square().mean(1), torch.ones(count).double())
+    basis = offsets[: min(6, count // 2)]
+    assert_close(basis @ basis.T, 6 * torch.eye(len(basis)).double())
 
 
 def test_a_top_far_away_is_only_approached() -> None:
@@ -108,7 +127,7 @@ def test_a_valley_is_left_uphill() -> None:
 
 def test_a_plain_has_no_top() -> None:
     offsets = torch.randn(8, 6, dtype=torch.float64)
-    found = search._top(offsets, torch.ones(8).double(), torch.zeros(8, 6).double())
+    found = search._top(offsets, torch.ones(8).double(), torch.zeros(8, 6).double(), torch.ones(8).double())
     assert torch.isfinite(found).all()
     assert found.norm() <= search._REACH + 1e-9
 

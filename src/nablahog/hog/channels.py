@@ -93,7 +93,7 @@ def reorder_texture(descriptor: Tensor, spec: HOGSpec) -> Tensor:
     """
     parts = _split(descriptor, spec)
     if "texture" not in parts:
-        raise ValueError(f"a {spec.name} descriptor has no texture channels that could be put in another order")
+        raise ValueError(f"{spec.named} descriptor has no texture channels that could be put in another order")
     parts["texture"] = parts["texture"][..., [3, 1, 2, 0]]
     return torch.cat(list(parts.values()), dim=-1).flatten(-2)
 
@@ -125,7 +125,7 @@ def convert_channels(descriptor: Tensor, source: HOGSpec, target: HOGSpec) -> Te
     for name, value in ours.items():
         if value != theirs[name]:
             raise ValueError(
-                f"a {source.name} descriptor has no channels of a {target.name} one: its {name} is {value!r}, not "
+                f"{source.named} descriptor has no channels of {target.named} one: its {name} is {value!r}, not "
                 f"{theirs[name]!r}"
             )
     made = _made(parts, scheme, _axes(source))
@@ -154,7 +154,7 @@ def _split(descriptor: Tensor, spec: HOGSpec) -> dict[Part, Tensor]:
     scheme = _four_block(spec)
     if descriptor.dim() < 1 or descriptor.shape[-1] != spec.channels:
         raise ValueError(
-            f"a {spec.name} descriptor has {spec.channels} channels in its last dimension, got the shape "
+            f"{spec.named} descriptor has {spec.channels} channels in its last dimension, got the shape "
             f"{tuple(descriptor.shape)}"
         )
     lengths = [scheme.channels_of(part, 2 * _axes(spec)) for part in scheme.parts]

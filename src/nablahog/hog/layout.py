@@ -59,7 +59,7 @@ def from_layout(native: Tensor, spec: HOGSpec, image_size: tuple[int, int]) -> T
     expected = native_shape(spec, image_size)
     if tuple(native.shape[1:]) not in (expected, (math.prod(expected),)):
         raise ValueError(
-            f"a {spec.name} descriptor of an image of {image_size[0]}x{image_size[1]} pixels (height x width) has the "
+            f"{spec.named} descriptor of an image of {image_size[0]}x{image_size[1]} pixels (height x width) has the "
             f"shape {expected}, got {tuple(native.shape[1:])}"
         )
     batch = len(native)

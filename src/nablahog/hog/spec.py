@@ -153,6 +153,11 @@ class HOGSpec:
         return self.pooling.block[0] // self.cell_size[0], self.pooling.block[1] // self.cell_size[1]
 
     @property
+    def named(self) -> str:
+        """Its name with an article, for sentences."""
+        return f"an {self.name}" if self.name[:1] in ("a", "e", "i", "o") else f"a {self.name}"
+
+    @property
     def period(self) -> float:
         """Range of orientations in radians: π unsigned, 2π signed."""
         return 2 * math.pi if self.signed else math.pi
@@ -200,8 +205,8 @@ class HOGSpec:
         rows, cols = self.normalizer.grid(*cells)
         if rows < 1 or cols < 1:
             raise ValueError(
-                f"an image of {height}x{width} pixels (height x width) has {cells[0]}x{cells[1]} cells, too few for a "
-                f"{self.name} descriptor: {self._needs()}"
+                f"an image of {height}x{width} pixels (height x width) has {cells[0]}x{cells[1]} cells, too few for "
+                f"{self.named} descriptor: {self._needs()}"
             )
         return rows, cols
 

@@ -65,7 +65,7 @@ def reconstruct_colour(
         TypeError, ValueError: as :func:`.preimage.reconstruct`; the spec is of gray images.
     """
     if spec.colour == "gray":
-        raise ValueError(f"a {spec.name} descriptor is of gray images, and has no pre-image in colour")
+        raise ValueError(f"{spec.named} descriptor is of gray images, and has no pre-image in colour")
     if colour_evaluations is None:
         colour_evaluations = quality_of(quality).on_colours
     if colour_evaluations < 2:

@@ -98,7 +98,7 @@ class LearnedPrior:
         shape = (*spec.grid(height, width), spec.channels)
         if descriptor.dim() != 4 or descriptor.shape[1:] != shape:
             raise ValueError(
-                f"a {spec.name} descriptor of an image of {height}x{width} pixels must have shape "
+                f"{spec.named} descriptor of an image of {height}x{width} pixels must have shape "
                 f"{shape} (rows, cols, channels) after that of the batch, got {tuple(descriptor.shape)}"
             )
         if not torch.isfinite(descriptor).all():

@@ -274,7 +274,7 @@ def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, i
     expected = (*spec.grid(height, width), spec.channels)
     if (rows, cols, channels) != expected:
         raise ValueError(
-            f"a {spec.name} descriptor of an image of {height}x{width} pixels must have shape "
+            f"{spec.named} descriptor of an image of {height}x{width} pixels must have shape "
             f"{expected} (rows, cols, channels), got {(rows, cols, channels)}"
         )
     if not torch.isfinite(descriptor).all():

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ..optimize import lbfgs
+from .matching import Model
 from .placing import place
 from .search import UNITS, Hill, climb, consensus, momentum, summits
 from .similarity import Similarity, Template
@@ -23,6 +24,7 @@ _CLIMBED = 2  # of these
 _AROUND = 15.0  # degrees: views that are closer look at the object from the same side
 _TURNS, _TILTS = (-6.0, -3.0, 0.0, 3.0, 6.0), (-10.0, -5.0, 0.0, 5.0, 10.0)  # degrees of azimuth and in the image plane
 _ASCENT_STEPS = 30
+_DETAIL = 1.0  # pixel that vertices may be off in the ascent: a third of the faces remain, and poses come out as well
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +58,7 @@ def best(task: Task) -> Found:
     starts, renderings = _look_around(task, template)
     tried: list[_Start] = []
     for start in starts[:_CROWD] if crowd else _promising(starts):
-        similarity, fine = (task.models[start.model].similarity(of) for of in (template, finer))
+        similarity, fine = _similarities(task.models[start.model], template, finer)
         tilted = _tilted(task, start)
         values = similarity.values(tilted)
         pose, value = tilted[values.argmax()], float(values.max())
@@ -65,13 +67,18 @@ def best(task: Task) -> Found:
     reached: list[_Start] = []
     chosen = _agreed(tried) if crowd else _rivals(tried)
     for start in chosen:
-        similarity, fine = (task.models[start.model].similarity(of) for of in (template, finer))
+        similarity, fine = _similarities(task.models[start.model], template, finer)
         pose = _ascend(fine, start.pose, task)
         reached.append(start.then(pose, float(fine.values(pose[None])), float(similarity.values(pose[None]))))
         renderings += similarity.renderings + fine.renderings
     top = max(reached, key=lambda one: one.value)
     paths = [one.path() for one in [*reached, *(one for one in tried if one not in chosen)]]
     return Found(top.model, top.pose, top.value, kind, renderings, tuple(paths))
+
+
+def _similarities(model: Model, template: Template, finer: Template) -> tuple[Similarity, Similarity]:
+    """To look around by, and to climb by."""
+    return model.similarity(template), model.similarity(finer, detail=_DETAIL)
 
 
 def _look_around(task: Task, template: Template) -> tuple[list[_Start], int]:

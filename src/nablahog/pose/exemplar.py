@@ -7,7 +7,7 @@ most confident detection is the pose.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,12 +18,13 @@ from torch import Tensor
 from .canvas import Box, Canvas, cut_out
 from .elements import all_patches
 from .star import NOTHING, star_match
-from .views import CELL, LEVELS, Views, pyramid
+from .views import CELL, LEVELS, Views, pyramid, together
 
 FILL = (
     150.0  # pixels of the longer side of the object's box: no less than in renderings, whose levels are then all here
 )
 SIDE = 200  # of the square that is searched: half an element around the box
+AT_ONCE = 4096  # elements to score: 32 MiB of scores where an image has 2000 places
 MARGIN = 10.0  # pixels around the box that the middle of an element may lie in
 
 
@@ -69,23 +70,38 @@ def detect(photograph: Tensor, box: Box, models: Mapping[str, Views], *, agreeme
         raise ValueError(f"agreement must lie in 0…1, got {agreement!r}")
     canvas = cut_out(photograph, box, SIDE, FILL)
     images: dict[tuple[int, int], _Image] = {}
-    best: tuple[float, str, int, list[float]] | None = None
-    for name, views in models.items():
-        size = views.weights.shape[1], views.weights.shape[2]
+    best: tuple[float, str, list[float], list[float]] | None = None
+    for size, names in _blocks(models):
         if size not in images:
             images[size] = _Image(canvas, size)
+        views = together([models[name] for name in names])
         found = images[size].match(views, agreement)
         view = int(found[:, 0].argmax())
         rank, *detection = found[view].tolist()
         if np.isfinite(rank) and (best is None or rank > best[0]):
-            best = rank, name, view, detection
+            owners = [name for name in names for _ in models[name].viewpoints]
+            best = rank, owners[view], views.viewpoints[view].tolist(), detection
     if best is None:
         raise ValueError("no element of any view is found in the image")
-    _, name, view, (confidence, inliers, *corners) = best
-    azimuth, elevation = models[name].viewpoints[view].tolist()
+    _, name, (azimuth, elevation), (confidence, inliers, *corners) = best
     top, left, bottom, right = ((value - SIDE / 2) / canvas.zoom for value in corners)
     x, y = canvas.middle
     return Detection(name, azimuth, elevation, (x + left, y + top, x + right, y + bottom), confidence, int(inliers))
+
+
+def _blocks(models: Mapping[str, Views]) -> Iterator[tuple[tuple[int, int], list[str]]]:
+    """Models whose elements are scored at once: the size of these, and the models' names."""
+    by_size: dict[tuple[int, int], list[str]] = {}
+    for name, views in models.items():
+        by_size.setdefault((views.weights.shape[1], views.weights.shape[2]), []).append(name)
+    for size, names in by_size.items():
+        block: list[str] = []
+        for name in names:
+            if block and sum(len(models[one].scale) for one in (*block, name)) > AT_ONCE:
+                yield size, block
+                block = []
+            block.append(name)
+        yield size, block
 
 
 class _Image:
@@ -117,8 +133,8 @@ class _Image:
     def match(self, views: Views, agreement: float) -> np.ndarray[Any, np.dtype[np.float64]]:
         """The best detection of each view, (V, 7), see :func:`.star.star_match`."""
         scores = torch.full((len(views.scale), int(self.start[-1])), NOTHING)
-        products = views.weights.flatten(1) @ self.patches.T
-        scores[:, self.places] = views.scale[:, None] * products + views.offset[:, None]
+        weights = views.scale[:, None] * views.weights.flatten(1)
+        scores[:, self.places] = torch.addmm(views.offset[:, None], weights, self.patches.T)
         found = np.empty((len(views.viewpoints), 7))
         star_match(
             scores.numpy(),

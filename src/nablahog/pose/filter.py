@@ -6,6 +6,7 @@ little larger than the descriptor, the Fourier transform turns both into one C x
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -51,6 +52,10 @@ class Whitener:
         inverse = (vectors / (values.clamp(min=0) + least)[..., None, :]) @ vectors.mH
         # (C, C, frequencies), which come last so that a loop over them is a fast one
         self.inverse = inverse.to(torch.complex64).flatten(0, 1).permute(1, 2, 0).contiguous().numpy()
+        # of a real signal's spectrum, a half is stored: what is not in its first column, or a middle one, counts twice
+        across = np.arange(spectrum.shape[1])
+        shares = np.where(2 * across % self.size[1] == 0, 1, 2) / math.prod(self.size)
+        self._shares = np.tile(shares.astype(np.float32), self.size[0])
 
     def __call__(self, descriptors: Tensor) -> Tensor:
         """Σ⁻¹ q: (B, C, rows, cols) to the same, float32; nothing is taken to lie beyond the border."""
@@ -60,6 +65,13 @@ class Whitener:
         flat = (*spectrum.shape[:2], -1)
         _multiply(self.inverse, spectrum.reshape(flat), found.reshape(flat))
         return torch.from_numpy(irfft2(found, s=self.size, overwrite_x=True)[..., : self.rows, : self.cols])
+
+    def energies(self, descriptors: Tensor) -> Tensor:
+        """qᵀ Σ⁻¹ q of descriptors (B, C, rows, cols), (B,): by Parseval's theorem, without the way back."""
+        spectrum = rfft2(descriptors.numpy(force=True), s=self.size)
+        found = np.empty(len(spectrum), np.float32)
+        _energies(self.inverse, spectrum.reshape((*spectrum.shape[:2], -1)), self._shares, found)
+        return torch.from_numpy(found)
 
     def centred(self, descriptors: Tensor) -> Tensor:
         """q − μ of descriptors (B, C, rows, cols)."""
@@ -78,3 +90,20 @@ def _multiply(matrices: Any, vectors: Any, found: Any) -> None:
                 matrix, vector = matrices[a, c], vectors[b, c]
                 for f in range(frequencies):
                     to[f] += matrix[f] * vector[f]
+
+
+@compiled
+def _energies(matrices: Any, vectors: Any, shares: Any, found: Any) -> None:
+    """Σ over frequencies of shares (F,) times vᴴMv, for Hermitian matrices (C, C, F) and vectors (B, C, F), to (B,)."""
+    batch, channels, frequencies = vectors.shape
+    sums = np.empty(frequencies, shares.dtype)
+    for b in range(batch):
+        sums[:] = 0
+        for a in range(channels):
+            for c in range(a + 1):
+                matrix, vector, other = matrices[a, c], vectors[b, a], vectors[b, c]
+                times = sums.dtype.type(1 if c == a else 2)  # with the other half of the matrix
+                for f in range(frequencies):
+                    product = matrix[f] * other[f]
+                    sums[f] += times * (vector[f].real * product.real + vector[f].imag * product.imag)
+        found[b] = (shares * sums).sum()

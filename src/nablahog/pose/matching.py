@@ -13,8 +13,9 @@ from torch import Tensor
 from ..hog import HOGSpec, presets
 from ..render import Camera, Mesh, Renderer
 from ..render.renderer import Method
+from ..render.simplify import simplified
 from .background import default_background
-from .canvas import Canvas
+from .canvas import DISTANCE, Canvas
 from .elements import Elements, elements
 from .filter import Whitener
 from .placing import hull
@@ -103,13 +104,22 @@ class Model:
 
     def __init__(self, mesh: Mesh, camera: Camera) -> None:
         self.mesh, self.camera, self.hull = mesh, camera, hull(mesh)
-        self._renderers: dict[tuple[Method, int], Renderer] = {}
+        self._renderers: dict[tuple[Method, int, float], Renderer] = {}
 
-    def similarity(self, template: Template, method: Method = "edges", supersampling: int = 1) -> Similarity:
-        """Of renderings, with ``supersampling`` samples of a pixel along a side, to a template."""
-        key = method, supersampling
+    def similarity(
+        self, template: Template, method: Method = "edges", supersampling: int = 1, *, detail: float = 0.0
+    ) -> Similarity:
+        """Of renderings to a template.
+
+        Args:
+            supersampling: samples of a pixel along a side.
+            detail: pixels that the vertices of the mesh may be off, seen from :data:`.canvas.DISTANCE`, so that there
+                are fewer faces to draw.
+        """
+        key = method, supersampling, detail
         if key not in self._renderers:
-            self._renderers[key] = Renderer(self.mesh, self.camera, method=method, supersampling=supersampling)
+            mesh = simplified(self.mesh, detail * DISTANCE / self.camera.focal) if detail > 0 else self.mesh
+            self._renderers[key] = Renderer(mesh, self.camera, method=method, supersampling=supersampling)
         return Similarity(self._renderers[key], template)
 
 

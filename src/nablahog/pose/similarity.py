@@ -53,18 +53,26 @@ class Template:
     weights: Tensor
     whitener: Whitener | None = None
 
+    def values(self, descriptors: Tensor) -> Tensor:
+        """Similarities (B,) of descriptors (B, C, rows, cols)."""
+        values = descriptors.flatten(1) @ self.weights.flatten()
+        return values if self.whitener is None else values / _spread(self.whitener.energies(descriptors))
+
     def scores(self, descriptors: Tensor) -> tuple[Tensor, Tensor]:
         """Similarities (B,) of descriptors (B, C, rows, cols), and their derivatives by these."""
-        values = (descriptors * self.weights).sum(dim=(1, 2, 3))
+        values = descriptors.flatten(1) @ self.weights.flatten()
         if self.whitener is None:
             return values, self.weights.expand_as(descriptors)
         white = self.whitener(descriptors)
-        squared = (descriptors * white).sum(dim=(1, 2, 3))
-        # an empty rendering looks like nothing: 0, and no way is up
-        spread = torch.where(squared > 1e-9, squared, torch.inf).sqrt()
+        spread = _spread((descriptors * white).sum(dim=(1, 2, 3)))
         values = values / spread
         slope = (self.weights - (values / spread)[:, None, None, None] * white) / spread[:, None, None, None]
         return values, slope
+
+
+def _spread(squared: Tensor) -> Tensor:
+    """√ of φᵀ Σ⁻¹ φ; infinite for an empty rendering, which looks like nothing: 0, and no way is up."""
+    return torch.where(squared > 1e-9, squared, torch.inf).sqrt()
 
 
 def calibrated(canvas: Canvas, spec: HOGSpec, whitener: Whitener) -> Template:
@@ -111,7 +119,7 @@ class Similarity:
 
     def _values(self, poses: Tensor) -> Tensor:
         picture = self.renderer.rigid.draw(poses, self.background, False)
-        return self.template.scores(describe(picture.image[:, None], self.template.spec))[0].double()
+        return self.template.values(describe(picture.image[:, None], self.template.spec)).double()
 
     def _derivatives(self, poses: Tensor) -> tuple[Tensor, Tensor]:
         picture = self.renderer.rigid.draw(poses, self.background, True)

@@ -10,6 +10,7 @@ import itertools
 import json
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -165,6 +166,13 @@ def learn_views(mesh: Mesh, background: Background, viewing: Viewing = VIEWING) 
     scale, offset = calibration(weights, background)
     counts = torch.tensor([0, *(len(each[1]) for each in found)])
     return Views(weights, scale, offset, level, positions, counts.cumsum(0), boxes, poses[:, :2].float())
+
+
+def together(some: Sequence[Views]) -> Views:
+    """The views of several models, one after the other; their elements are of one size."""
+    columns = {name: torch.cat([getattr(views, name) for views in some]) for name in _COLUMNS if name != "first"}
+    counts = torch.cat([views.first.diff() for views in some])
+    return Views(first=functional.pad(counts.cumsum(0), (1, 0)), **columns)
 
 
 def _box_of(seen: Tensor) -> Tensor:

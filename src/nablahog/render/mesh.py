@@ -129,9 +129,9 @@ def _tidied(mesh: Mesh) -> Mesh:
     faces = faces[np.linalg.norm(np.cross(b - a, c - a), axis=1) > FLAT]
     if not len(faces):
         raise ValueError("a mesh must have at least one triangle of an area above 0, got none")
-    first, vertex = _distinct(np.column_stack([vertices, brightness]))
+    first, vertex = distinct(np.column_stack([vertices, brightness]))
     faces = vertex[faces]
-    faces = faces[np.sort(_distinct(np.sort(faces, axis=1))[0])]
+    faces = faces[np.sort(distinct(np.sort(faces, axis=1))[0])]
     used, flat = np.unique(faces, return_inverse=True)
     kept = first[used]
     return Mesh(
@@ -139,7 +139,7 @@ def _tidied(mesh: Mesh) -> Mesh:
     )
 
 
-def _distinct(rows: Floats | Integers) -> tuple[Integers, Integers]:
+def distinct(rows: Floats | Integers) -> tuple[Integers, Integers]:
     """Where each distinct row comes first, in any order, and which of these each row equals.
 
     ``np.unique(rows, axis=0)`` says the same in twice the time.

@@ -43,7 +43,7 @@ def _values(tensor: Tensor) -> NDArray[Any]:
         return np.array(tensor.tolist())
 
 
-def _welded(places: NDArray[np.float64]) -> NDArray[np.int64]:
+def welded(places: NDArray[np.float64]) -> NDArray[np.int64]:
     """For each vertex the first one at the same place: colours split vertices, but not the surface."""
     order = np.lexsort(places.T)
     new = np.ones(len(order), dtype=bool)
@@ -60,7 +60,7 @@ def edges(mesh: Mesh) -> Edges:
     Triangles with two corners at one place have no edges.
     """
     places = _values(mesh.vertices)
-    a, b, c = _welded(places)[_values(mesh.faces)].T
+    a, b, c = welded(places)[_values(mesh.faces)].T
     proper = (a != b) & (b != c) & (c != a)
     a, b, c = a[proper], b[proper], c[proper]
     one, other, opposite = np.concatenate([a, b, c]), np.concatenate([b, c, a]), np.concatenate([c, a, b])
@@ -102,7 +102,7 @@ def smoothing(mesh: Mesh) -> Smoothing:
     faces = _values(mesh.faces)
     a, b, c = places[faces[:, 0]], places[faces[:, 1]], places[faces[:, 2]]
     normal = np.cross(b - a, c - a)
-    vertex = _welded(places)[faces].ravel()
+    vertex = welded(places)[faces].ravel()
     corner = np.argsort(vertex, kind="stable")  # those at a vertex follow each other
     vertex, face = vertex[corner], corner // 3
     unit = (normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300))[face]

@@ -58,7 +58,8 @@ def draw(
     """
     screen = np.empty((vertices.shape[0], 3), vertices.dtype)
     by_face = np.empty((faces.shape[0], 7), vertices.dtype)
-    outline = np.empty(kind.size, np.uint8)
+    outlined, listed = np.empty((len(eyes[first::every]), kind.size), np.uint8), np.empty(kind.size, np.int32)
+    outlines(planes, kind, eyes[first::every], outlined)
     box, whole, corner = np.empty(4, np.int64), np.zeros(4, np.int64), np.empty(2, np.int64)
     if faces.shape[0] == 0:
         return
@@ -77,8 +78,8 @@ def draw(
         s, k = samples[:size].reshape(height, width), slots[: 2 * size].reshape(2, height, width)
         visibility(screen, faces, whole, i, w)
         shade(screen, faces, corners, i, w, images[b], corner, step, by_face, s)
-        outlines(planes, kind, eyes[b], outline)
-        count = visible_edges(screen, ends, kind, outline, w, k, places, crossings, followed)
+        outline = outlined[b // every]
+        count = visible_edges(screen, ends, kind, outline, listed, w, k, places, crossings, followed)
         if smooth:
             blend(s, i, w, k, places, crossings, count, corner, step, images[b], motions[b])
         else:

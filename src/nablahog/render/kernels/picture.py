@@ -38,8 +38,6 @@ def shade(
     number = screen.dtype.type
     half = number(0.5)
     known = np.zeros(faces.shape[0], np.uint8)
-    before = -1
-    v = by_x = by_y = x = y = low = high = half
     for i in range(samples.shape[0]):
         row = np.uintp(i)
         for pixel in range(samples.shape[1] // step):
@@ -50,41 +48,45 @@ def shade(
                 if f < 0:
                     samples[row, col] = behind
                     continue
-                if f != before:
-                    before = f
-                    plane = planes[np.uintp(f)]
-                    if not known[np.uintp(f)]:
-                        known[np.uintp(f)] = 1
-                        a, b, c = np.uintp(faces[f, 0]), np.uintp(faces[f, 1]), np.uintp(faces[f, 2])
-                        va, vb, vc = brightness[f, 0], brightness[f, 1], brightness[f, 2]
-                        x, y = screen[a, 0], screen[a, 1]
-                        xb, yb, xc, yc = screen[b, 0] - x, screen[b, 1] - y, screen[c, 0] - x, screen[c, 1] - y
-                        # brightness less that of the first corner, over depth, is linear on the screen
-                        qb, qc = (vb - va) * screen[b, 2], (vc - va) * screen[c, 2]
-                        area = xb * yc - xc * yb
-                        plane[0], plane[1] = (qb * yc - qc * yb) / area, (xb * qc - xc * qb) / area
-                        plane[2], plane[3], plane[4] = x - half, y - half, va
-                        plane[5], plane[6] = min(va, vb, vc), max(va, vb, vc)
-                    by_x, by_y, x, y, v = plane[0], plane[1], plane[2], plane[3], plane[4]
-                    low, high = plane[5], plane[6]
-                value = v + (by_x * (number(j) - x) + by_y * (number(i) - y)) / inverse[row, col]
-                samples[row, col] = min(max(value, low), high)
+                plane = planes[np.uintp(f)]
+                if not known[np.uintp(f)]:
+                    known[np.uintp(f)] = 1
+                    a, b, c = np.uintp(faces[f, 0]), np.uintp(faces[f, 1]), np.uintp(faces[f, 2])
+                    va, vb, vc = brightness[f, 0], brightness[f, 1], brightness[f, 2]
+                    x, y = screen[a, 0], screen[a, 1]
+                    xb, yb, xc, yc = screen[b, 0] - x, screen[b, 1] - y, screen[c, 0] - x, screen[c, 1] - y
+                    # brightness less that of the first corner, over depth, is linear on the screen
+                    qb, qc = (vb - va) * screen[b, 2], (vc - va) * screen[c, 2]
+                    area = xb * yc - xc * yb
+                    plane[0], plane[1] = (qb * yc - qc * yb) / area, (xb * qc - xc * qb) / area
+                    plane[2], plane[3], plane[4] = x - half, y - half, va
+                    plane[5], plane[6] = min(va, vb, vc), max(va, vb, vc)
+                across, down = number(j) - plane[2], number(i) - plane[3]
+                value = plane[4] + (plane[0] * across + plane[1] * down) / inverse[row, col]
+                samples[row, col] = min(max(value, plane[5]), plane[6])
 
 
 @compiled
-def outlines(planes: Any, kind: Any, eye: Any, outline: Any) -> None:
-    """Which edges are outlines from ``eye`` (3,): of one face, or both faces on one side of them.
+def outlines(planes: Any, kind: Any, eyes: Any, outline: Any) -> None:
+    """Which edges are outlines: of one face, or both faces on one side of them.
 
     Args:
         planes: (2, 4, E): for the planes of both faces, n and d such that n·x = d; 0 for faces of no area.
-        kind: of :class:`..topology.Edges`.
-        outline: (E,), gets 1 or 0.
+        kind: (E,), of :class:`..topology.Edges`.
+        eyes: (B, 3), from where the object is seen.
+        outline: (B, E), gets 1 or 0.
     """
-    x, y, z = eye[0], eye[1], eye[2]
-    for e in range(kind.shape[0]):
-        side = planes[0, 0, e] * x + planes[0, 1, e] * y + planes[0, 2, e] * z - planes[0, 3, e]
-        other = planes[1, 0, e] * x + planes[1, 1, e] * y + planes[1, 2, e] * z - planes[1, 3, e]
-        outline[e] = (kind[e] == 1) | (side * other >= 0)
+    some = 1024  # edges that stay in a processor's cache
+    for first in range(0, kind.size, some):
+        last = min(first + some, kind.size)
+        for b in range(eyes.shape[0]):
+            x, y, z = eyes[b, 0], eyes[b, 1], eyes[b, 2]
+            row = outline[b]
+            for k in range(last - first):
+                e = np.uintp(first) + np.uintp(k)
+                side = planes[0, 0, e] * x + planes[0, 1, e] * y + planes[0, 2, e] * z - planes[0, 3, e]
+                other = planes[1, 0, e] * x + planes[1, 1, e] * y + planes[1, 2, e] * z - planes[1, 3, e]
+                row[e] = (kind[e] == 1) | (side * other >= 0)
 
 
 @compiled
@@ -93,6 +95,7 @@ def visible_edges(
     ends: Any,
     kind: Any,
     outline: Any,
+    listed: Any,
     inverse: Any,
     slots: Any,
     places: Any,
@@ -107,6 +110,7 @@ def visible_edges(
     Args:
         ends, kind: of :class:`..topology.Edges`.
         outline: (E,), of :func:`outlines`.
+        listed: (E,), scratch.
         slots: (2, H, W): gets 0, or 1 more than which entry of the next two belongs to the link from sample (i, j)
             down [0] or right [1].
         places: (N, 3): axis, row and column of that link.
@@ -123,9 +127,11 @@ def visible_edges(
     near_enough, gap_from = number(1 - 0.004), number(0.05)
     slots[:] = 0
     count = 0
-    for e in range(ends.shape[0]):
-        if kind[e] == 0 and not outline[e]:
-            continue
+    many = 0
+    for e in range(kind.size):
+        listed[np.uintp(many)] = e
+        many += (kind[e] | outline[e]) != 0
+    for e in listed[:many]:
         a, b = np.uintp(ends[e, 0]), np.uintp(ends[e, 1])
         xa, ya, wa = screen[a, 0], screen[a, 1], screen[a, 2]
         xb, yb, wb = screen[b, 0], screen[b, 1], screen[b, 2]
@@ -251,21 +257,10 @@ def blend(
                         sums[0, kind, np.uintp(j)] -= links[np.uintp(k), np.uintp(j)]
                     for j in range(width - axis):
                         sums[other, kind, np.uintp(j) + shift] -= links[np.uintp(k), np.uintp(j)]
-        y = np.uintp(corner[0] + row)
-        for pixel in range(width // step):
-            x = np.uintp(corner[1] + pixel)
-            total = first_x = second_x = first_y = second_y = zero
-            for j in range(pixel * step, pixel * step + step):
-                col = np.uintp(j)
-                total += sums[0, 0, col]
-                first_x += sums[0, 1, col]
-                second_x += sums[0, 2, col]
-                first_y += sums[0, 3, col]
-                second_y += sums[0, 4, col]
-            image[y, x] = total * share
-            if moves:
-                motion[0, y, x], motion[1, y, x] = half * side * first_x, half * side * second_x
-                motion[2, y, x], motion[3, y, x] = half * side * first_y, half * side * second_y
+        y, left, right = corner[0] + row, corner[1], corner[1] + width // step
+        _pool(sums[0, 0], step, share, image[y, left:right])
+        for kind in range(motion.shape[0]):
+            _pool(sums[0, 1 + kind], step, half * side, motion[kind, y, left:right])
         sums[0] = sums[1]
         sums[1] = 0
     for h in range(count):
@@ -287,3 +282,17 @@ def blend(
             d *= slope
             motion[2 - k, y, x] += d
             motion[3 - k, y, x] += d * w
+
+
+@compiled
+def _pool(line: Any, step: int, factor: Any, found: Any) -> None:
+    """Sums of ``step`` neighbours each on a line, times ``factor``."""
+    if step == 1:  # without a loop for each, several at a time
+        for x in range(found.size):
+            found[x] = factor * line[x]
+        return
+    for x in range(found.size):
+        total = factor - factor
+        for k in range(x * step, x * step + step):
+            total += line[np.uintp(k)]
+        found[x] = factor * total
