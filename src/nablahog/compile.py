@@ -30,9 +30,9 @@ class _Instruction:
 class _Compiled:
     """A function in machine code, made at its first call and kept on disk where a folder for that can be written."""
 
-    def __init__(self, function: FunctionType, fused: bool) -> None:
+    def __init__(self, function: FunctionType) -> None:
         update_wrapper(self, function)
-        self.function, self.fused = function, fused
+        self.function = function
         self.machine_code = cache(self._compile)  # not while a module is imported: numba takes most of a second to load
 
     def __call__(self, *arguments: Any) -> Any:
@@ -48,7 +48,7 @@ class _Compiled:
         """Of all that the machine code is made of."""
         code = self.function.__code__
         calls = (each.digest() for each in self._calls().values())
-        parts = code.co_code.hex(), repr(code.co_consts), repr(self.fused), *calls
+        parts = code.co_code.hex(), repr(code.co_consts), *calls
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
     def _compile(self) -> Callable[..., Any]:
@@ -62,8 +62,9 @@ class _Compiled:
             function = FunctionType(function.__code__, known, function.__name__)
             function.__module__ = self.function.__module__
             function.__qualname__ = f"{self.function.__qualname__}_{self.digest()[:16]}"
-        fastmath = {"contract"} if self.fused else False
-        options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": fastmath}
+        # Nothing is left to the compiler's taste: of products and sums that it may fuse, it fuses some when it makes
+        # the code and others when it has loaded a part of it from disk, and a search would end elsewhere.
+        options: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
         try:
             kept: Callable[..., Any] = numba.njit(cache=True, **options)(function)
         except RuntimeError:  # there is no folder to keep it in
@@ -74,16 +75,11 @@ class _Compiled:
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """``function`` in machine code, which may call other compiled functions by the names that its module has for them.
 
-    Products and sums may be fused, but never re-ordered: NaN, infinities and equal inputs keep their meaning.
+    Every operation is rounded by itself and in the order written: the same numbers in every process, from PyTorch's
+    steps as well, and NaN, infinities and equal inputs keep their meaning.
     """
     assert isinstance(function, FunctionType)
-    return _Compiled(function, fused=True)
-
-
-def compiled_exactly(function: Callable[..., Any]) -> Callable[..., Any]:
-    """As :func:`compiled`, but every product is rounded before it is added, as PyTorch's steps do: for decisions."""
-    assert isinstance(function, FunctionType)
-    return _Compiled(function, fused=False)
+    return _Compiled(function)
 
 
 def instruction(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -101,10 +102,11 @@ class Wanted:
         if self.descriptor or self.settings:
             keys = dict(self.settings)
             named = {"cell_size": CELLS, "vote": _VOTES}  # not asked for unless they are set
+            whole = self.spec()
             wanted = {
-                field: value
-                for field, value in vars(self.spec()).items()
-                if field not in asked or any(key in keys for key in named[field])
+                field.name: getattr(whole, field.name)
+                for field in dataclasses.fields(whole)
+                if field.name not in asked or any(key in keys for key in named[field.name])
             }
         wanted |= {field: value for field, value in asked.items() if value}
         differing = [field for field, value in wanted.items() if getattr(spec, field) != value]

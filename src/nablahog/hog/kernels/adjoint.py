@@ -243,9 +243,8 @@ def cells_adjoint(
     to_gx, to_gy = np.zeros((3, width + 2), real), np.zeros((3, width + 2), real)
     winners = np.zeros((3, width), np.int32)
     masked = np.zeros((2 if described > 1 else 0, 3, width + 2), real)
-    read, spread, row = max(start - 2, -1) - 1, -1, max(start - 1, 0)
-    last = min(stop + 1, height)
-    read = max(row - 2, -1)
+    row, last = max(start - 1, 0), min(stop + 1, height)  # with those beside what is asked for
+    read, spread = -1, -1  # the last row of pixels that was read, the band whose cells are in the groups
     while row < last:
         band = pooling.band_of[row]
         end = row + 1 if band < 0 else min(row + at_once, pooling.bands[band, 1], last)
@@ -263,23 +262,21 @@ def cells_adjoint(
                 to_gx[slot] = 0
                 to_gy[slot] = 0
             else:
-                u, v, size_, f_, place_ = gx[line], gy[line], m[line], f[line], places[line]
-                place(place_, 1, pooling.base)
+                us, vs, ms, fs, of_pixels = gx[line], gy[line], m[line], f[line], places[line]
                 if pooling.lines:
                     _line_of(groups, y, pooling, of_line)
-                    _read(of_line, place_, y, pooling, reached)
-                else:
-                    _read(groups, place_, y, pooling, reached)
-                _along(reached, f_, size_, voting.hard, along)
-                if not voting.hard:
-                    if voting.inexact:
-                        linear(u, v, voting, exact, exact_places)
-                        place(exact_places, 1, pooling.base)
-                        _read(of_line if pooling.lines else groups, exact_places, y, pooling, reached)
-                        _across(reached, exact, size_, voting.slope, across)
-                    else:
-                        _across(reached, f_, size_, voting.slope, across)
-                _turn(along, across, u, v, to_gx[slot], to_gy[slot])
+                cells = of_line if pooling.lines else groups
+                place(of_pixels, 1, pooling.base)
+                _read(cells, of_pixels, y, pooling, reached)
+                _along(reached, fs, ms, voting.hard, along)
+                if voting.inexact:
+                    linear(us, vs, voting, exact, exact_places)
+                    place(exact_places, 1, pooling.base)
+                    _read(cells, exact_places, y, pooling, reached)
+                    _across(reached, exact, ms, voting.slope, across)
+                elif not voting.hard:
+                    _across(reached, fs, ms, voting.slope, across)
+                _turn(along, across, us, vs, to_gx[slot], to_gy[slot])
                 _outermost(to_gx[slot], to_gy[slot], y, height, reading.times)
                 winners[slot] = winner[y - row]
             if y - 1 >= start:

@@ -43,9 +43,8 @@ def _add(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     weights = builder.shuffle_vector(weights, weights, ir.Constant(index, [k % 4 for k in range(count)]))
     place = builder.bitcast(place, wide.as_pointer())
     size = context.get_abi_sizeof(four.element)
-    fused = {"flags": ["contract"]}
-    product = builder.fmul(weights, spread, **fused)
-    builder.store(builder.fadd(builder.load(place, align=size), product, **fused), place, align=size)
+    product = builder.fmul(weights, spread)
+    builder.store(builder.fadd(builder.load(place, align=size), product), place, align=size)
     return context.get_dummy_value()
 
 

@@ -8,11 +8,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ...compile import compiled_exactly
+from ...compile import compiled
 from ..gradient import BLACK
 
 
-@compiled_exactly
+@compiled
 def read_line(pixels: Any, scale: Any, weight: Any, first: bool, root: bool, line: Any) -> None:
     """Values of ``pixels`` (width,), times ``scale``, to ``line``, or added to it.
 
@@ -35,7 +35,7 @@ def read_line(pixels: Any, scale: Any, weight: Any, first: bool, root: bool, lin
     line[0], line[width + 1] = line[min(2, width)], line[max(width - 1, 1)]
 
 
-@compiled_exactly
+@compiled
 def central(above: Any, line: Any, below: Any, gx: Any, gy: Any) -> None:
     """Eq. 2: the mask [-1, 0, 1] along either axis."""
     for x in range(gx.size):
@@ -43,7 +43,7 @@ def central(above: Any, line: Any, below: Any, gx: Any, gy: Any) -> None:
         gy[x] = below[x + 1] - above[x + 1]
 
 
-@compiled_exactly
+@compiled
 def sobel(above: Any, line: Any, below: Any, gx: Any, gy: Any) -> None:
     """The same, smoothed by [1, 2, 1] along the other axis."""
     real = gx.dtype.type
@@ -54,7 +54,7 @@ def sobel(above: Any, line: Any, below: Any, gx: Any, gy: Any) -> None:
         gy[x] = (below[x] - above[x]) + two * (below[x + 1] - above[x + 1]) + (below[x + 2] - above[x + 2])
 
 
-@compiled_exactly
+@compiled
 def edges(
     above: Any, line: Any, below: Any, first: bool, last: bool, times: Any, own: bool, beyond: Any, gx: Any, gy: Any
 ) -> None:
@@ -74,7 +74,7 @@ def edges(
             gy[x] = times * ((line[x + 1] if own else beyond) - above[x + 1])
 
 
-@compiled_exactly
+@compiled
 def choose(us: Any, vs: Any, channel: int, last_wins: Any, gx: Any, gy: Any, winner: Any) -> None:
     """Replaces gradients by a further channel's where its magnitude is larger; or as large, where the last wins."""
     for x in range(gx.size):

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ...compile import compiled, compiled_exactly
+from ...compile import compiled
 from ..angles import VLFEAT_LEAST
 from .plans import LINEAR, NEAREST, OPENCV, VLFEAT
 
@@ -94,7 +94,7 @@ def linear_double(
         bins[x] = np.int32(_whole(position, count, 0.0))
 
 
-@compiled_exactly
+@compiled
 def linear_opencv(gx: Any, gy: Any, table: Any, offset: Any, count: Any, f: Any, bins: Any) -> None:
     """Linear votes by OpenCV's arctangent: :func:`nablahog.hog.angles.opencv`.
 
@@ -120,7 +120,7 @@ def linear_opencv(gx: Any, gy: Any, table: Any, offset: Any, count: Any, f: Any,
         bins[x] = np.int32(_whole(position, count, zero))
 
 
-@compiled_exactly
+@compiled
 def linear_vlfeat(gx: Any, gy: Any, directions: Any, signed: bool, least: Any, f: Any, bins: Any) -> None:
     """Linear votes by VLFeat's arccosine: :func:`nablahog.hog.angles.vlfeat`.  ``least`` is its smallest magnitude."""
     axes = directions.shape[1]
@@ -145,7 +145,7 @@ def linear_vlfeat(gx: Any, gy: Any, directions: Any, signed: bool, least: Any, f
         f[x] = of_second if ahead else np.float32(1) - of_second
 
 
-@compiled_exactly
+@compiled
 def hard_nearest(gx: Any, gy: Any, directions: Any, signed: bool, most: Any, bins: Any) -> None:
     """Hard votes for the largest |dot product| with ``directions`` (cos, sin) (2, axes), the first on ties."""
     axes = directions.shape[1]
@@ -162,7 +162,7 @@ def hard_nearest(gx: Any, gy: Any, directions: Any, signed: bool, most: Any, bin
             bins[x] = np.int32(k + (opposite if dot < 0 else 0)) if better else bins[x]
 
 
-@compiled_exactly
+@compiled
 def hard_begun(
     gx: Any, gy: Any, up: Any, starts: Any, first: int, count: int, signed: bool, us: Any, vs: Any, bins: Any
 ) -> None:
