@@ -186,8 +186,9 @@ def _side(
     """Of a side of a triangle, whose corners go round in the direction ``turn``: from where to where in p it bounds
     lines; q where it begins, at the lower p for both triangles at an edge, and how far q goes for each p; and what to
     add to q for the least and for the most on a line, so much that it is no bound where it is none."""
-    forth = p1 - p0
-    slope = (q1 - q0) / forth if forth != 0 else forth
+    # in float64: of a corner millions of samples away, the products below would be off by a sample
+    forth = np.float64(p1) - np.float64(p0)
+    slope = (np.float64(q1) - np.float64(q0)) / forth if forth != 0 else forth
     turned = forth * turn
     low, high = -more if turned > 0 else -infinite, more if turned < 0 else infinite
     return min(p0, p1), max(p0, p1), q0 if forth >= 0 else q1, slope, low, high
