@@ -9,6 +9,10 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any
 
+# Nothing is left to the compiler's taste.  Of products and sums that it may fuse, it fuses some when it makes the code
+# and others when it has loaded a part of it from disk: a search that goes on in another process would end elsewhere.
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+
 
 class _Instruction:
     """What a compiled function may call that numba has no word for: see :func:`instruction`."""
@@ -48,35 +52,30 @@ class _Compiled:
         """Of all that the machine code is made of."""
         code = self.function.__code__
         calls = (each.digest() for each in self._calls().values())
-        parts = code.co_code.hex(), repr(code.co_consts), *calls
+        parts = code.co_code.hex(), repr(code.co_consts), repr(_OPTIONS), *calls
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
     def _compile(self) -> Callable[..., Any]:
         import numba
 
-        function = self.function
-        if calls := self._calls():
-            # What numba keeps, it keeps until the file of this function changes.  One that includes others, of other
-            # files, needs a name for each state of them.
-            known = function.__globals__ | {name: each.machine_code() for name, each in calls.items()}
-            function = FunctionType(function.__code__, known, function.__name__)
-            function.__module__ = self.function.__module__
-            function.__qualname__ = f"{self.function.__qualname__}_{self.digest()[:16]}"
-        # Nothing is left to the compiler's taste: of products and sums that it may fuse, it fuses some when it makes
-        # the code and others when it has loaded a part of it from disk, and a search would end elsewhere.
-        options: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+        # What numba keeps, it keeps until the file of this function changes.  What else it is made of, functions of
+        # other files and the options, needs a name for each state of it.
+        known = self.function.__globals__ | {name: each.machine_code() for name, each in self._calls().items()}
+        function = FunctionType(self.function.__code__, known, self.function.__name__)
+        function.__module__ = self.function.__module__
+        function.__qualname__ = f"{self.function.__qualname__}_{self.digest()[:16]}"
         try:
-            kept: Callable[..., Any] = numba.njit(cache=True, **options)(function)
+            kept: Callable[..., Any] = numba.njit(cache=True, **_OPTIONS)(function)
         except RuntimeError:  # there is no folder to keep it in
-            kept = numba.njit(**options)(function)
+            kept = numba.njit(**_OPTIONS)(function)
         return kept
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """``function`` in machine code, which may call other compiled functions by the names that its module has for them.
 
-    Every operation is rounded by itself and in the order written: the same numbers in every process, from PyTorch's
-    steps as well, and NaN, infinities and equal inputs keep their meaning.
+    Every operation is rounded by itself and in the order written: a process finds the same numbers as any other, and
+    NaN, infinities and equal inputs keep their meaning.
     """
     assert isinstance(function, FunctionType)
     return _Compiled(function)

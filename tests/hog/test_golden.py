@@ -12,6 +12,7 @@ from torch.testing import assert_close
 from golden import PEERS, Case, archive, cases
 from golden.specs import dtype_of, spec_of, stored
 from nablahog.hog import hog, presets
+from nablahog.hog.descriptor import Backend
 
 TOLERANCE = 1e-6  # of descriptors whose entries reach 0.2 … 1: sums of float32 in another order
 EVERY = [case for peer in PEERS for case in cases(peer)]
@@ -30,9 +31,10 @@ def dtype(case: Case) -> Iterator[torch.dtype]:
 
 
 @every_case
-def test_equals_the_program(case: Case, dtype: torch.dtype) -> None:
-    """In its own precision and layout."""
-    found = hog(case.image, spec_of(case), layout="native")[0]
+@pytest.mark.parametrize("backend", ["auto", "torch"])
+def test_equals_the_program(case: Case, dtype: torch.dtype, backend: Backend) -> None:
+    """In its own precision and layout, by the compiled loops and by the plain steps."""
+    found = hog(case.image, spec_of(case), layout="native", backend=backend)[0]
     assert found.dtype == dtype
     assert found.shape == stored(case).shape
     assert_close(found.float(), stored(case), rtol=0, atol=TOLERANCE)

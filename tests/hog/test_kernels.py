@@ -251,7 +251,8 @@ def test_what_is_no_number_stays_none_and_harms_no_memory(name: str, dtype: torc
     x[0, 0, 7, 7] = value
     of_cells, norm = fast(s)
     found = of_cells(x, s)
-    if not math.isfinite(float(torch.tensor(value, dtype=dtype).square())) and s.gamma == "none":
+    seen = torch.tensor(value, dtype=dtype).sqrt() if s.gamma == "sqrt" else torch.tensor(value, dtype=dtype)
+    if not math.isfinite(float(seen.square())):
         assert not torch.isfinite(found).all()
     descriptor = norm(torch.full_like(found, math.nan), s)
     if "zero" not in getattr(s.normalizer, "parts", ()):
@@ -366,7 +367,8 @@ def test_plain_steps_on_other_devices_and_where_the_loops_cannot() -> None:
 def test_backends_differ_by_rounding() -> None:
     x = noise(2, 3, 40, 40, dtype=torch.float32)
     for s in SPECS.values():
-        assert_close(hog(x, s), hog(x, s, backend="torch"), rtol=0, atol=1e-5)
+        plain = hog(x, s, backend="torch")
+        assert_close(hog(x, s), plain, rtol=0, atol=4e-6 * max(1.0, float(plain.max())))
     with pytest.raises(ValueError, match="backend must be one of 'auto', 'torch', got 'numba'"):
         hog(x, presets.paper(), backend="numba")  # type: ignore[arg-type]
 
