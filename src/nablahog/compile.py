@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections.abc import Callable
 from functools import cache, update_wrapper
 from pathlib import Path
@@ -27,8 +28,11 @@ class _Instruction:
         return intrinsic(self.function)
 
     def digest(self) -> str:
-        """Of all that the machine code is made of, helpers in the same file included."""
-        return hashlib.sha256(Path(self.function.__code__.co_filename).read_bytes()).hexdigest()
+        """Of all that the machine code is made of: helpers in the same file and in those it imports from beside it."""
+        beside = self.function.__module__.rpartition(".")[0]
+        used = {self.function.__module__, *(getattr(x, "__module__", "") for x in self.function.__globals__.values())}
+        files = [sys.modules[name].__file__ for name in sorted(used) if name.startswith(f"{beside}.")]
+        return hashlib.sha256(b"".join(Path(file).read_bytes() for file in files if file)).hexdigest()
 
 
 class _Compiled:
@@ -52,7 +56,9 @@ class _Compiled:
         """Of all that the machine code is made of."""
         code = self.function.__code__
         calls = (each.digest() for each in self._calls().values())
-        parts = code.co_code.hex(), repr(code.co_consts), repr(_OPTIONS), *calls
+        known = self.function.__globals__
+        constants = (repr(known[name]) for name in code.co_names if isinstance(known.get(name), int | float))
+        parts = code.co_code.hex(), repr(code.co_consts), repr(_OPTIONS), *constants, *calls
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
     def _compile(self) -> Callable[..., Any]:

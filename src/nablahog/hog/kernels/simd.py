@@ -1,0 +1,102 @@
+"""Numbers side by side: the vector instructions of a processor, for what loops over single numbers are too slow for.
+
+A *plane* is an array of one dimension.  What is read beyond what is meant is multiplied by a weight of zero, so planes
+are padded: to whole :data:`PADDING` numbers, with finite ones.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+PADDING = 16  # numbers, at least as many as go at a time
+
+
+@cache
+def lanes(size: int) -> int:
+    """How many numbers of so many bytes go at a time."""
+    from llvmlite.binding import get_host_cpu_features
+
+    return (64 if get_host_cpu_features().get("avx512f") else 32) // size
+
+
+class Builder:
+    """Builds instructions on vectors from the arguments of a call by a compiled function: arrays, places, numbers."""
+
+    def __init__(self, context: Any, builder: Any, signature: Any, arguments: Any) -> None:
+        from llvmlite import ir
+
+        self.ir, self.context, self.builder = ir, context, builder
+        self.types, self.arguments = signature.args, arguments
+
+    def number(self, which: int) -> Any:
+        """The type of an array's numbers."""
+        return self.context.get_value_type(self.types[which].dtype)
+
+    def size(self, which: int) -> int:
+        """Their bytes."""
+        return int(self.context.get_abi_sizeof(self.number(which)))
+
+    def vector(self, number: Any, count: int) -> Any:
+        return self.ir.VectorType(number, count)
+
+    def whole(self, value: int) -> Any:
+        return self.ir.IntType(64)(value)
+
+    def add(self, *places: Any) -> Any:
+        total, *others = places
+        for other in others:
+            total = self.builder.add(total, self.whole(other) if isinstance(other, int) else other)
+        return total
+
+    def times(self, left: Any, right: Any) -> Any:
+        return self.builder.mul(left, self.whole(right) if isinstance(right, int) else right)
+
+    def place(self, which: int, at: Any, type_: Any) -> Any:
+        array = self.context.make_array(self.types[which])(self.context, self.builder, self.arguments[which])
+        return self.builder.bitcast(self.builder.gep(array.data, [at]), type_.as_pointer())
+
+    def load(self, which: int, at: Any, count: int) -> Any:
+        """So many numbers of an array from a place on."""
+        type_ = self.vector(self.number(which), count)
+        return self.builder.load(self.place(which, at, type_), align=self.size(which))
+
+    def load_one(self, which: int, at: Any) -> Any:
+        return self.builder.load(self.place(which, at, self.number(which)), align=self.size(which))
+
+    def store(self, which: int, at: Any, values: Any) -> None:
+        self.builder.store(values, self.place(which, at, values.type), align=self.size(which))
+
+    def spread(self, number: Any, count: int) -> Any:
+        """A number so many times."""
+        type_ = self.vector(number.type, count)
+        one = self.builder.insert_element(self.ir.Constant(type_, self.ir.Undefined), number, self.ir.IntType(32)(0))
+        return self.mixed(one, one, [0] * count)
+
+    def mixed(self, left: Any, right: Any, order: list[int]) -> Any:
+        """Numbers of two vectors by their places, those of the second after those of the first."""
+        index = self.ir.VectorType(self.ir.IntType(32), len(order))
+        return self.builder.shuffle_vector(left, right, self.ir.Constant(index, order))
+
+    def product_sum(self, left: Any, right: Any, more: Any) -> Any:
+        """left · right + more, rounded once where the processor can: on one machine always alike."""
+        name = f"llvm.fmuladd.v{left.type.count}f{32 if left.type.element == self.ir.FloatType() else 64}"
+        function_type = self.ir.FunctionType(left.type, [left.type] * 3)
+        function = self.builder.module.globals.get(name) or self.ir.Function(self.builder.module, function_type, name)
+        return self.builder.call(function, [left, right, more])
+
+    def zeros(self, type_: Any) -> Any:
+        return self.ir.Constant(type_, None)
+
+    def transposed(self, rows: list[Any]) -> list[Any]:
+        """The columns of a square matrix of 2, 4 or 8 rows."""
+        count, step = len(rows), 1
+        while step < count:  # blocks of that size are square already: swap those beside the diagonal
+            for k in range(count):
+                if k & step == 0:
+                    upper, lower = rows[k], rows[k + step]
+                    left = [j if j & step == 0 else count + j - step for j in range(count)]
+                    right = [j + step if j & step == 0 else count + j for j in range(count)]
+                    rows[k], rows[k + step] = self.mixed(upper, lower, left), self.mixed(upper, lower, right)
+            step *= 2
+        return rows
