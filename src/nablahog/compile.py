@@ -38,9 +38,9 @@ class _Instruction:
 class _Compiled:
     """A function in machine code, made at its first call and kept on disk where a folder for that can be written."""
 
-    def __init__(self, function: FunctionType) -> None:
+    def __init__(self, function: FunctionType, options: dict[str, Any]) -> None:
         update_wrapper(self, function)
-        self.function = function
+        self.function, self.options = function, options
         self.machine_code = cache(self._compile)  # not while a module is imported: numba takes most of a second to load
 
     def __call__(self, *arguments: Any) -> Any:
@@ -58,7 +58,7 @@ class _Compiled:
         calls = (each.digest() for each in self._calls().values())
         known = self.function.__globals__
         constants = (repr(known[name]) for name in code.co_names if isinstance(known.get(name), int | float))
-        parts = code.co_code.hex(), repr(code.co_consts), repr(_OPTIONS), *constants, *calls
+        parts = code.co_code.hex(), repr(code.co_consts), repr(self.options), *constants, *calls
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
     def _compile(self) -> Callable[..., Any]:
@@ -71,9 +71,9 @@ class _Compiled:
         function.__module__ = self.function.__module__
         function.__qualname__ = f"{self.function.__qualname__}_{self.digest()[:16]}"
         try:
-            kept: Callable[..., Any] = numba.njit(cache=True, **_OPTIONS)(function)
+            kept: Callable[..., Any] = numba.njit(cache=True, **self.options)(function)
         except RuntimeError:  # there is no folder to keep it in
-            kept = numba.njit(**_OPTIONS)(function)
+            kept = numba.njit(**self.options)(function)
         return kept
 
 
@@ -84,7 +84,17 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     NaN, infinities and equal inputs keep their meaning.
     """
     assert isinstance(function, FunctionType)
-    return _Compiled(function)
+    return _Compiled(function, _OPTIONS)
+
+
+def part(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The same of a small function that is called often: it becomes a part of those that call it.
+
+    A call of its own counts up and down how many hold each array that it takes, which for a line of pixels can take
+    longer than what is done with it.
+    """
+    assert isinstance(function, FunctionType)
+    return _Compiled(function, {**_OPTIONS, "forceinline": True})
 
 
 def instruction(function: Callable[..., Any]) -> Callable[..., Any]:

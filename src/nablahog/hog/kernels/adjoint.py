@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ...compile import compiled
+from ...compile import compiled, part
 from ..gradient import BLACK
 from .cells import empty_lines, gradients_of_rows, most_rows, padded, rows_at_once
 from .simd import PADDING
@@ -19,7 +19,7 @@ from .spreads import BESIDE, read_votes, read_votes_more, spread_eight, spread_e
 from .votes import linear, vote_line
 
 
-@compiled
+@part
 def _round(given: Any, pooling: Any, band: int, found: Any) -> None:
     """What reaches the cells of a band, to ``found`` (high, columns + wide, line): a line begins with the last bin.
 
@@ -41,7 +41,7 @@ def _round(given: Any, pooling: Any, band: int, found: Any) -> None:
             to, at = to + np.uintp(line), at + np.uintp(bins)
 
 
-@compiled
+@part
 def _spread(cells: Any, part: int, pooling: Any, found: Any) -> None:
     """From cells (high, columns + wide, line) to the columns of a part, ``found``: (line) of each, row by row."""
     line, wide, length = cells.shape[2], pooling.wide, pooling.length
@@ -60,7 +60,7 @@ def _spread(cells: Any, part: int, pooling: Any, found: Any) -> None:
                     spread_eight_more(source, beside, line, pooling.by_col, weights, length, count, found, to, line)
 
 
-@compiled
+@part
 def _read(
     cells: Any,
     bins: Any,
@@ -91,7 +91,7 @@ def _read(
                 read_votes_more(spread, begun, line, of_row, bins, at, count, by_row, weights, before, here, after, at)
 
 
-@compiled
+@part
 def _to_gradients(
     m: Any,
     f: Any,
@@ -126,14 +126,14 @@ def _to_gradients(
         ahead, own = after_exact[x], here_exact[x]
         change = half * (ahead - before_exact[x]) if exact[x] == zero else ahead - own
         across = zero if hard else slope * change
-        along = along / size if size > zero else zero
-        across = across / size if size > zero else zero
+        inverse = one / size if size > zero else zero
+        along, across = along * inverse, across * inverse
         u, v = gx[x], gy[x]
         to_gx[y] = along * u - across * v
         to_gy[y] = along * v + across * u
 
 
-@compiled
+@part
 def _outermost(to_gx: Any, to_gy: Any, to: int, width: int, row: int, height: int, times: Any) -> None:
     """The outermost pixels' gradients count ``times``, and not at all along an axis of one pixel."""
     to_gx[to + 1] *= times
@@ -146,7 +146,7 @@ def _outermost(to_gx: Any, to_gy: Any, to: int, width: int, row: int, height: in
             to_gy[to + x + 1] *= times if height > 1 else 0
 
 
-@compiled
+@part
 def _masked(of: Any, winners: Any, channel: int, size: int, found: Any) -> None:
     """Of three lines, where the channel won; lines and winners are ``size`` apart."""
     for k in range(3 * size):
@@ -154,27 +154,31 @@ def _masked(of: Any, winners: Any, channel: int, size: int, found: Any) -> None:
         found[x] = of[x] if winners[x] == channel else 0
 
 
-@compiled
-def _central(to_gx: Any, to_gy: Any, row: int, height: int, width: int, reading: Any, found: Any) -> None:
-    """What reaches a row of values from the gradients of it and the two beside it."""
+@part
+def _central(
+    to_gx: Any, to_gy: Any, row: int, height: int, width: int, reading: Any, slope: Any, found: Any, to: int
+) -> None:
+    """What reaches a row of values from the gradients of it and the two beside it; times ``slope``, to ``found[to:]``."""
     size = width + 2
     line, above, below = np.uintp(row % 3 * size), np.uintp((row + 2) % 3 * size), np.uintp((row + 1) % 3 * size)
-    one, two = np.uintp(1), np.uintp(2)
+    one, two, place = np.uintp(1), np.uintp(2), np.uintp(to)
     for k in range(width):
         x = np.uintp(k)
-        found[x] = to_gx[line + x] - to_gx[line + x + two] + to_gy[above + x + one] - to_gy[below + x + one]
+        reached = to_gx[line + x] - to_gx[line + x + two] + to_gy[above + x + one] - to_gy[below + x + one]
+        found[place + x] = slope * reached
     if reading.times > 0 and reading.own:  # which they were compared with, too
-        found[0] -= to_gx[row % 3 * size + 1]
-        found[width - 1] += to_gx[row % 3 * size + width]
+        own = row % 3 * size
+        found[to] -= slope * to_gx[own + 1]
+        found[to + width - 1] += slope * to_gx[own + width]
         if row == 0:
             for x in range(width):
-                found[x] -= to_gy[row % 3 * size + x + 1]
+                found[to + x] -= slope * to_gy[own + x + 1]
         if row == height - 1:
             for x in range(width):
-                found[x] += to_gy[row % 3 * size + x + 1]
+                found[to + x] += slope * to_gy[own + x + 1]
 
 
-@compiled
+@part
 def _sobel(to_gx: Any, to_gy: Any, row: int, height: int, width: int, found: Any) -> None:
     """The same for smoothed gradients of a mirrored image: the outermost rows and columns have one neighbour twice."""
     size, two = width + 2, found.dtype.type(2)
@@ -197,7 +201,7 @@ def _sobel(to_gx: Any, to_gy: Any, row: int, height: int, width: int, found: Any
         found[width - 2] += last
 
 
-@compiled
+@part
 def _to_pixels(
     pixels: Any, begin: int, step: int, width: int, reading: Any, weight: Any, toward: Any, found: Any, to: int
 ) -> None:
@@ -215,7 +219,7 @@ def _to_pixels(
             found[place + x] = slope * toward[x]
 
 
-@compiled
+@part
 def _emit(
     pixels: Any,
     at: int,
@@ -241,14 +245,19 @@ def _emit(
         if several:
             _masked(to_gx, winners, channel, width + 2, us)
             _masked(to_gy, winners, channel, width + 2, vs)
+        place = (channel * height + row) * width
+        of_x, of_y = (us, vs) if several else (to_gx, to_gy)
+        if not (reading.sobel or reading.root or mixed):
+            slope = reading.weights[channel] * reading.scale
+            _central(of_x, of_y, row, height, width, reading, slope, found, place)
+            continue
         if channel == 0 or not mixed:
-            of_x, of_y = (us, vs) if several else (to_gx, to_gy)
             if reading.sobel:
                 _sobel(of_x, of_y, row, height, width, toward)
             else:
-                _central(of_x, of_y, row, height, width, reading, toward)
+                one = reading.scale / reading.scale
+                _central(of_x, of_y, row, height, width, reading, one, toward, 0)
         begin = at + channel * strides[1] + row * strides[2]
-        place = (channel * height + row) * width
         _to_pixels(pixels, begin, strides[3], width, reading, reading.weights[channel], toward, found, place)
 
 
@@ -272,11 +281,11 @@ def cells_adjoint(
     several = not reading.mixed and reading.weights.size > 1
     stride, most = padded(width), most_rows(pooling)
     few = min(rows_at_once(stride), most)
-    planes, ring = (most + 1) * stride, 3 * (width + 2)
+    planes, ring = most * stride, 3 * (width + 2)
     lines = empty_lines(reading, width, real)
-    gx, gy, m, f = np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real)
+    gx, gy, m, f = np.zeros(planes, real), np.zeros(planes, real), np.empty(planes, real), np.zeros(planes, real)
     us, vs, winner = np.zeros(few * stride, real), np.zeros(few * stride, real), np.zeros(planes, np.int32)
-    bins = np.zeros(planes, np.int32)
+    bins = np.empty(planes, np.int32)
     before, here, after = np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real)
     again = planes if voting.inexact else 0
     exact, exact_bins = np.zeros(again, real), np.zeros(again, np.int32)
@@ -316,9 +325,9 @@ def cells_adjoint(
                     vs,
                     winner[part],
                 )
-                vote_line(of_x, of_y, voting, us[:count], vs[:count], m[part], f[part], bins[part])
+                vote_line(of_x, of_y, voting, m[part], f[part], bins[part])
                 if voting.inexact:
-                    linear(of_x, of_y, voting, exact[part], exact_bins[part])
+                    linear(of_x, of_y, voting, m[part], exact[part], exact_bins[part])
             _round(given, pooling, band, cells)
             _read(cells, bins, stride, row, end - row, pooling, spread, before, here, after)
             if voting.inexact:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...compile import compiled
+from ...compile import compiled, part
 from .lines import central, choose, edges, read_line, sobel
 from .simd import PADDING
 from .sums import BINS, pool_eight, sum_hard, sum_linear
@@ -19,13 +19,13 @@ from .votes import vote_line
 PIXELS_AT_ONCE = 1024  # whose gradients and votes stay in a processor's first cache
 
 
-@compiled
+@part
 def padded(count: int) -> int:
     """The next whole vector, and one more: where planes are read in parts from anywhere."""
     return (count // PADDING + 2) * PADDING
 
 
-@compiled
+@part
 def _read_row(pixels: Any, at: int, shape: Any, strides: Any, row: int, reading: Any, lines: Any) -> None:
     """One row of pixels of all channels to ``lines``: of each channel that is described, three of width + 2."""
     width, weights = shape[1], reading.weights
@@ -37,7 +37,7 @@ def _read_row(pixels: Any, at: int, shape: Any, strides: Any, row: int, reading:
         read_line(pixels, begin, strides[3], width, scale, weights[channel], first, root, lines, to)
 
 
-@compiled
+@part
 def gradient_of_line(
     lines: Any, channel: int, row: int, shape: Any, reading: Any, gx: Any, gy: Any, to: int
 ) -> None:
@@ -61,7 +61,7 @@ def gradient_of_line(
         edges(lines, above, line, below, width, first, last, times, own, beyond, gx, gy, to)
 
 
-@compiled
+@part
 def gradients_of_rows(
     pixels: Any,
     at: int,
@@ -101,12 +101,12 @@ def gradients_of_rows(
     return read
 
 
-@compiled
+@part
 def rows_at_once(stride: int) -> int:
     return max(1, PIXELS_AT_ONCE // stride)
 
 
-@compiled
+@part
 def most_rows(pooling: Any) -> int:
     """Of a band."""
     most = 1
@@ -115,24 +115,22 @@ def most_rows(pooling: Any) -> int:
     return most
 
 
-@compiled
+@part
 def empty_lines(reading: Any, width: int, like: Any) -> Any:
     """For three rows of values of each channel that is described."""
     return np.zeros((1 if reading.mixed else reading.weights.size) * 3 * (width + 2), like)
 
 
-@compiled
+@part
 def empty_sums(pooling: Any, like: Any) -> Any:
     """For the sums of a part's columns, of each row of cells and bin."""
-    lines = (pooling.high * pooling.bins + 7) // 8 * 8
-    return np.zeros(lines * padded(pooling.columns), like)
+    return np.zeros(pooling.of_cell * padded(pooling.columns), like)
 
 
-@compiled
+@part
 def pool(sums: Any, part: int, pooling: Any, of_band: Any) -> None:
-    """Adds the sums of a part's columns to the cells ``of_band``, (columns + wide) times of_band / that many numbers."""
-    size, wide, length, count = padded(pooling.columns), pooling.wide, pooling.length, pooling.high * pooling.bins
-    of_cell = (count + 7) // 8 * 8
+    """Adds the sums of a part's columns to the cells ``of_band``, (columns + wide, of_cell)."""
+    size, wide, length, of_cell = padded(pooling.columns), pooling.wide, pooling.length, pooling.of_cell
     first, last = pooling.parts[part]
     begin = pooling.runs[first, 0]
     for run in range(first, last):
@@ -140,12 +138,12 @@ def pool(sums: Any, part: int, pooling: Any, of_band: Any) -> None:
         for x in range(start, stop, 8):
             for pair in range(0, wide, 2):
                 share, to = (run * wide + pair) * length + x - start, (cell + pair) * of_cell
-                for k in range(0, count, 8):
+                for k in range(0, of_cell, 8):
                     at = k * size + x - begin
                     pool_eight(sums, at, size, pooling.by_col, share, length, of_band, to + k, of_cell)
 
 
-@compiled
+@part
 def sum_up(
     m: Any, f: Any, bins: Any, stride: int, first: int, rows: int, hard: bool, pooling: Any, sums: Any, of_band: Any
 ) -> None:
@@ -182,18 +180,21 @@ def cells(
     pooling: Any,
     start: int,
     stop: int,
+    of_bands: Any,
     found: Any,
 ) -> None:
-    """Cells of bands ``start`` to ``stop`` of one image, to ``found`` (bands, of_band)."""
+    """Cells of bands ``start`` to ``stop`` of one image, added to ``found`` (rows, columns, bins).
+
+    If that is empty, each band's are left in ``of_bands``, else these have room for one of them.
+    """
     width = shape[1]
-    real = found.dtype
+    real = of_bands.dtype
     stride, most = padded(width), most_rows(pooling)
     few = min(rows_at_once(stride), most)
     lines, sums = empty_lines(reading, width, real), empty_sums(pooling, real)
     gx, gy = np.zeros(few * stride, real), np.zeros(few * stride, real)
     us, vs, winner = np.zeros(few * stride, real), np.zeros(few * stride, real), np.zeros(few * stride, np.int32)
-    m, f = np.zeros((most + 1) * stride, real), np.zeros((most + 1) * stride, real)
-    bins = np.zeros((most + 1) * stride, np.int32)
+    m, f, bins = np.empty(most * stride, real), np.zeros(most * stride, real), np.empty(most * stride, np.int32)
     hard = voting.hard or pooling.bins == 1
     read = -1
     for band in range(start, stop):
@@ -205,33 +206,48 @@ def cells(
             )
             count = (end - begin) * stride
             part = slice((begin - first) * stride, (begin - first) * stride + count)
-            vote_line(gx[:count], gy[:count], voting, us[:count], vs[:count], m[part], f[part], bins[part])
-        sum_up(m, f, bins, stride, first, last - first, hard, pooling, sums, found[band])
+            vote_line(gx[:count], gy[:count], voting, m[part], f[part], bins[part])
+        of_band = of_bands[band % of_bands.shape[0]]
+        sum_up(m, f, bins, stride, first, last - first, hard, pooling, sums, of_band)
+        if found.size > 0:
+            add_band(of_band, band, pooling, found)
+
+
+@part
+def add_band(of_band: Any, band: int, pooling: Any, found: Any) -> None:
+    """Eq. 6: adds the cells of a band to those of the image, ``found`` (rows, columns, bins)."""
+    bins, first, to_all = pooling.bins, pooling.bands[band, 2], found.reshape(-1)
+    for row in range(first, min(first + pooling.high, pooling.rows)):
+        to, at = np.uintp(row * pooling.cols * bins), np.uintp((row - first) * bins)
+        for _ in range(pooling.cols):
+            for k in range(bins):
+                to_all[to + np.uintp(k)] += of_band[at + np.uintp(k)]
+            to, at = to + np.uintp(bins), at + np.uintp(pooling.of_cell)
 
 
 @compiled
 def add_bands(of_bands: Any, pooling: Any, found: Any) -> None:
-    """Eq. 6: cells of bands to those of the image, ``found`` (rows, columns, bins)."""
+    """The same of all bands, to nothing."""
     found[:] = 0
-    bins, high = pooling.bins, pooling.high
-    of_cell = np.uintp((high * bins + 7) // 8 * 8)
-    to_all, from_all = found.reshape(-1), of_bands.reshape(-1)
     for band in range(pooling.bands.shape[0]):
-        first = pooling.bands[band, 2]
-        for row in range(first, min(first + high, pooling.rows)):
-            to = np.uintp(row * pooling.cols * bins)
-            at = np.uintp(band * of_bands.shape[1] + (row - first) * bins)
-            for _ in range(pooling.cols):
-                for k in range(bins):
-                    to_all[to + np.uintp(k)] += from_all[at + np.uintp(k)]
-                to, at = to + np.uintp(bins), at + of_cell
+        add_band(of_bands[band], band, pooling, found)
 
 
 @compiled
-def empty_bands(pooling: Any, like: Any) -> Any:
-    """For the cells of each band: of each column the rows' bins, and numbers that pad these to whole eights."""
-    of_cell = (pooling.high * pooling.bins + 7) // 8 * 8
-    return np.empty((pooling.bands.shape[0], (pooling.cols + pooling.wide) * of_cell), like)
+def cells_of_bands(
+    pixels: Any,
+    at: int,
+    shape: Any,
+    strides: Any,
+    reading: Any,
+    voting: Any,
+    pooling: Any,
+    start: int,
+    stop: int,
+    found: Any,
+) -> None:
+    """Cells of bands ``start`` to ``stop`` of one image, to ``found`` (bands, columns + wide, of_cell) in lines."""
+    cells(pixels, at, shape, strides, reading, voting, pooling, start, stop, found, found[0, :0].reshape(0, 0, 0))
 
 
 @compiled
@@ -248,8 +264,9 @@ def cells_of_images(
     found: Any,
 ) -> None:
     """Cells of images ``start`` to ``stop``, to ``found`` (images, rows, columns, bins)."""
-    of_bands = empty_bands(pooling, found.dtype)
+    of_bands = np.empty((1, (pooling.cols + pooling.wide) * pooling.of_cell), found.dtype)
+    bands = pooling.bands.shape[0]
     for image in range(start, stop):
         begin = at + image * strides[0]
-        cells(pixels, begin, shape, strides, reading, voting, pooling, 0, of_bands.shape[0], of_bands)
-        add_bands(of_bands, pooling, found[image])
+        found[image] = 0
+        cells(pixels, begin, shape, strides, reading, voting, pooling, 0, bands, of_bands, found[image])

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from ...compile import compiled
+from ...compile import part
 from ..gradient import BLACK
 
 
-@compiled
+@part
 def read_line(
     pixels: Any, begin: int, step: int, width: int, scale: Any, weight: Any, first: bool, root: bool, lines: Any, to: int
 ) -> None:
@@ -36,7 +36,7 @@ def read_line(
     lines[to], lines[to + width + 1] = lines[to + min(2, width)], lines[to + max(width - 1, 1)]
 
 
-@compiled
+@part
 def central(lines: Any, above: int, line: int, below: int, width: int, gx: Any, gy: Any, to: int) -> None:
     """Eq. 2: the mask [-1, 0, 1] along either axis, of the lines that begin there."""
     left, up, down, place = np.uintp(line), np.uintp(above + 1), np.uintp(below + 1), np.uintp(to)
@@ -49,7 +49,7 @@ def central(lines: Any, above: int, line: int, below: int, width: int, gx: Any, 
         gy[place + x] = lines[down + x] - lines[up + x]
 
 
-@compiled
+@part
 def sobel(lines: Any, above: int, line: int, below: int, width: int, gx: Any, gy: Any, to: int) -> None:
     """The same, smoothed by [1, 2, 1] along the other axis."""
     two, one_, two_ = gx.dtype.type(2), np.uintp(1), np.uintp(2)
@@ -65,7 +65,7 @@ def sobel(lines: Any, above: int, line: int, below: int, width: int, gx: Any, gy
         )
 
 
-@compiled
+@part
 def edges(
     lines: Any,
     above: int,
@@ -96,7 +96,7 @@ def edges(
             gy[to + x] = times * ((lines[line + x + 1] if own else beyond) - lines[above + x + 1])
 
 
-@compiled
+@part
 def choose(
     us: Any, vs: Any, channel: int, last_wins: Any, width: int, gx: Any, gy: Any, to: int, winner: Any, row: int
 ) -> None:

@@ -16,8 +16,7 @@ from ..normalizers import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm
 from ..spec import HOGSpec
 from . import plans
 from .adjoint import adjoints_of_images, cells_adjoint
-from .cells import add_bands, cells_of_images, empty_bands
-from .cells import cells as cells_of_bands
+from .cells import add_bands, cells_of_bands, cells_of_images
 from .four_blocks import four_block_adjoint, four_block_norm, four_blocks
 from .tangent import tangents_of_images
 from .vectors import (
@@ -79,7 +78,7 @@ def cells(images: Tensor, spec: HOGSpec) -> Tensor:
     found = torch.empty((images.shape[0], pooling.rows, pooling.cols, pooling.bins), dtype=dtype)
     array = found.numpy()
     if images.shape[0] == 1 and images.shape[2] * images.shape[3] >= _LARGE and torch.get_num_threads() > 1:
-        of_bands = empty_bands(pooling, array.dtype)
+        of_bands = np.empty((len(pooling.bands), (pooling.cols + pooling.wide) * pooling.of_cell), array.dtype)
         _share_out(lambda start, stop: cells_of_bands(*plan, start, stop, of_bands), len(of_bands))
         add_bands(of_bands, pooling, array[0])
     elif images.shape[0] > 0:

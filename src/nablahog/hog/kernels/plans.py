@@ -42,6 +42,7 @@ class Voting(NamedTuple):
     kind: int  # one of LINEAR … BEGUN
     hard: bool
     inexact: bool  # whether the derivative is by another angle than the votes
+    numbers: Any  # (6,): tiny, up, per_half_turn, offset, count, and one by count
     tiny: Any
     up: Any  # -1 if bins go against the clock
     per_half_turn: Any  # bins
@@ -49,9 +50,9 @@ class Voting(NamedTuple):
     count: Any  # bins
     slope: Any  # bins per radian; 0 if votes know the magnitude only
     signed: bool
-    directions: Any  # (2, axes)
-    starts: Any  # (3, bins)
-    first: int
+    directions: Any  # (2 · axes,)
+    starts: Any  # (3 · bins,)
+    before: int  # the bin before the first start
     opencv: Any  # (7,) float32
     vlfeat: Any  # (2, axes) float32
 
@@ -73,6 +74,7 @@ class Pooling(NamedTuple):
     high: int  # rows of cells of a band
     wide: int  # columns of cells of a run
     at_once: int  # columns
+    of_cell: int  # numbers of a column of a band: the bins of its rows of cells, padded to whole eights
     bins: int
     rows: int
     cols: int
@@ -105,20 +107,23 @@ def voting(spec: HOGSpec, real: Any) -> Voting:
     linear = {"exact": LINEAR, "opencv": OPENCV, "vlfeat": VLFEAT}[spec.angle]
     hard = spec.vote == "hard"
     starts, first = beginnings(spec)
+    tiny, up = vanishing(torch.float32 if real is np.float32 else torch.float64), -1 if spec.counterclockwise else 1
+    per_half_turn = spec.bins * math.pi / spec.period
     return Voting(
         kind=(NEAREST if spec.boundary == "first" else BEGUN) if hard else linear,
         hard=hard,
         inexact=not hard and spec.angle == "vlfeat",
-        tiny=real(vanishing(torch.float32 if real is np.float32 else torch.float64)),
-        up=real(-1 if spec.counterclockwise else 1),
-        per_half_turn=real(spec.bins * math.pi / spec.period),
+        numbers=np.array([tiny, up, per_half_turn, spec.bin_offset, spec.bins, 1 / spec.bins], real),
+        tiny=real(tiny),
+        up=real(up),
+        per_half_turn=real(per_half_turn),
         offset=real(spec.bin_offset),
         count=real(spec.bins),
-        slope=real(0 if hard else (-1 if spec.counterclockwise else 1) * spec.bins / spec.period),
+        slope=real(0 if hard else up * spec.bins / spec.period),
         signed=spec.signed,
-        directions=hard_directions(spec).astype(real),
-        starts=np.array(starts, real).T.copy(),
-        first=first,
+        directions=hard_directions(spec).astype(real).reshape(-1),
+        starts=np.array(starts, real).T.reshape(-1),
+        before=spec.bins - 1 + first,
         opencv=np.array(angles.opencv_table(spec), np.float32),
         vlfeat=angles.vlfeat_directions(spec),
     )
@@ -203,6 +208,7 @@ def pooling(spec: HOGSpec, height: int, width: int, dtype: torch.dtype) -> Pooli
         high=high,
         wide=wide,
         at_once=lanes(by_row.itemsize),
+        of_cell=-(-high * spec.bins // 8) * 8,
         bins=spec.bins,
         rows=len(of_rows),
         cols=len(of_cols),

@@ -80,10 +80,22 @@ class Builder:
 
     def product_sum(self, left: Any, right: Any, more: Any) -> Any:
         """left · right + more, rounded once where the processor can: on one machine always alike."""
-        name = f"llvm.fmuladd.v{left.type.count}f{32 if left.type.element == self.ir.FloatType() else 64}"
-        function_type = self.ir.FunctionType(left.type, [left.type] * 3)
-        function = self.builder.module.globals.get(name) or self.ir.Function(self.builder.module, function_type, name)
-        return self.builder.call(function, [left, right, more])
+        bits = 32 if left.type.element == self.ir.FloatType() else 64
+        return self.call(f"llvm.fmuladd.v{left.type.count}f{bits}", left, right, more)
+
+    def call(self, name: str, *values: Any) -> Any:
+        """One of LLVM's own functions, of vectors of one type to another of it."""
+        type_ = self.ir.FunctionType(values[0].type, [value.type for value in values])
+        function = self.builder.module.globals.get(name) or self.ir.Function(self.builder.module, type_, name)
+        return self.builder.call(function, values)
+
+    def total(self, values: Any) -> Any:
+        """Their sum, in pairs of pairs of pairs."""
+        half = values.type.count // 2
+        while half:
+            low, high = (self.mixed(values, values, list(range(first, first + half))) for first in (0, half))
+            values, half = self.builder.fadd(low, high), half // 2
+        return self.builder.extract_element(values, self.ir.IntType(32)(0))
 
     def zeros(self, type_: Any) -> Any:
         return self.ir.Constant(type_, None)
@@ -100,3 +112,87 @@ class Builder:
                     rows[k], rows[k + step] = self.mixed(upper, lower, left), self.mixed(upper, lower, right)
             step *= 2
         return rows
+
+
+class Lanes:
+    """Numbers side by side, with the operators of one number; each is rounded by itself.
+
+    Comparisons make a vector of truth values, false where a number is NaN.
+    """
+
+    def __init__(self, write: Builder, value: Any) -> None:
+        self.write, self.value = write, value
+
+    def like(self, value: Any) -> Lanes:
+        """Of a Python number, the same everywhere."""
+        if isinstance(value, Lanes):
+            return value
+        return Lanes(self.write, self.write.ir.Constant(self.value.type, [value] * self.value.type.count))
+
+    def _with(self, operation: str, other: Any) -> Lanes:
+        return Lanes(self.write, getattr(self.write.builder, operation)(self.value, self.like(other).value))
+
+    def __add__(self, other: Any) -> Lanes:
+        return self._with("fadd", other)
+
+    def __sub__(self, other: Any) -> Lanes:
+        return self._with("fsub", other)
+
+    def __mul__(self, other: Any) -> Lanes:
+        return self._with("fmul", other)
+
+    def __truediv__(self, other: Any) -> Lanes:
+        return self._with("fdiv", other)
+
+    def __neg__(self) -> Lanes:
+        return Lanes(self.write, self.write.builder.fneg(self.value))
+
+    def __and__(self, other: Lanes) -> Lanes:
+        return self._with("and_", other)
+
+    def __or__(self, other: Lanes) -> Lanes:
+        return self._with("or_", other)
+
+    def is_(self, sign: str, other: Any) -> Lanes:
+        """Compared by ``<``, ``==``, …"""
+        return Lanes(self.write, self.write.builder.fcmp_ordered(sign, self.value, self.like(other).value))
+
+    def choose(self, one: Any, other: Any) -> Lanes:
+        """Of truth values: ``one`` where they are true, and ``other`` where not."""
+        which = one if isinstance(one, Lanes) else other
+        values = (which.like(each).value for each in (one, other))
+        return Lanes(self.write, self.write.builder.select(self.value, *values))
+
+    def _function(self, name: str) -> Lanes:
+        bits = 32 if self.value.type.element == self.write.ir.FloatType() else 64
+        return Lanes(self.write, self.write.call(f"llvm.{name}.v{self.value.type.count}f{bits}", self.value))
+
+    def root(self) -> Lanes:
+        return self._function("sqrt")
+
+    def size(self) -> Lanes:
+        """The absolute value."""
+        return self._function("fabs")
+
+    def signed_as(self, other: Lanes) -> Lanes:
+        """With the other's signs."""
+        bits = 32 if self.value.type.element == self.write.ir.FloatType() else 64
+        name = f"llvm.copysign.v{self.value.type.count}f{bits}"
+        return Lanes(self.write, self.write.call(name, self.value, other.value))
+
+    def floor(self) -> Lanes:
+        return self._function("floor")
+
+    def to(self, other: Lanes) -> Lanes:
+        """As numbers of the other's type."""
+        mine, theirs = (each.value.type.element == self.write.ir.FloatType() for each in (self, other))
+        if mine == theirs:
+            return self
+        type_ = self.write.vector(other.value.type.element, self.value.type.count)
+        change = self.write.builder.fpext if mine else self.write.builder.fptrunc
+        return Lanes(self.write, change(self.value, type_))
+
+    def whole(self) -> Any:
+        """As 32-bit integers, of which they are values."""
+        to = self.write.vector(self.write.ir.IntType(32), self.value.type.count)
+        return self.write.builder.fptosi(self.value, to)

@@ -11,7 +11,6 @@ from ...compile import compiled
 from ..gradient import BLACK
 from .cells import (
     add_bands,
-    empty_bands,
     empty_lines,
     empty_sums,
     gradient_of_line,
@@ -124,7 +123,7 @@ def cells_tangent(
     real = found.dtype
     described = 1 if reading.mixed else reading.weights.size
     stride, most = padded(width), most_rows(pooling)
-    planes = (most + 1) * stride
+    planes = most * stride
     lines, moved, sums = empty_lines(reading, width, real), empty_lines(reading, width, real), empty_sums(pooling, real)
     gx, gy, dx, dy = np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real)
     us, vs, m, f = np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real)
@@ -137,7 +136,7 @@ def cells_tangent(
         read = gradients_of_rows(
             pixels, at, shape, strides, reading, first, last, read, lines, stride, gx, gy, us, vs, winner
         )
-        vote_line(gx, gy, voting, us, vs, m, f, bins)
+        vote_line(gx, gy, voting, m, f, bins)
         moved_read = max(moved_read, first - 2)
         for row in range(first, last):
             while moved_read < min(row + 1, height - 1):
@@ -156,7 +155,7 @@ def cells_tangent(
         _add(here, after, before, bins, stride, first, rows, pooling, sums, cells)
         if not voting.hard:
             if voting.inexact:
-                linear(gx, gy, voting, exact, exact_bins)
+                linear(gx, gy, voting, m, exact, exact_bins)
             else:
                 exact[:] = f
                 exact_bins[:] = bins
@@ -180,8 +179,8 @@ def tangents_of_images(
     found: Any,
 ) -> None:
     """The same of images ``start`` to ``stop``, to ``found`` (images, rows, columns, bins)."""
-    of_bands = empty_bands(pooling, found.dtype)
-    bands = of_bands.shape[0]
+    bands = pooling.bands.shape[0]
+    of_bands = np.empty((bands, (pooling.cols + pooling.wide) * pooling.of_cell), found.dtype)
     for image in range(start, stop):
         begin = at + image * strides[0]
         cells_tangent(
