@@ -46,6 +46,18 @@ class _Compiled:
     def __call__(self, *arguments: Any) -> Any:
         return self.machine_code()(*arguments)
 
+    def for_types_of(self, *arguments: Any) -> Callable[..., Any]:
+        """What a call with such arguments runs, to be called with others of the same types only.
+
+        Nothing asks for the types then, which for many arrays takes as long as a small image.
+        """
+        import numba
+
+        types = tuple(numba.typeof(argument) for argument in arguments)
+        self.machine_code().compile(types)
+        found: Callable[..., Any] = self.machine_code().overloads[types].entry_point
+        return found
+
     def _calls(self) -> dict[str, _Compiled | _Instruction]:
         """The compiled functions that this one calls by a name of its module."""
         function = self.function

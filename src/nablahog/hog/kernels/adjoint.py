@@ -281,11 +281,11 @@ def cells_adjoint(
     several = not reading.mixed and reading.weights.size > 1
     stride, most = padded(width), most_rows(pooling)
     few = min(rows_at_once(stride), most)
-    planes, ring = most * stride, 3 * (width + 2)
+    planes, ring = most * stride + PADDING, 3 * (width + 2)
     lines = empty_lines(reading, width, real)
-    gx, gy, m, f = np.zeros(planes, real), np.zeros(planes, real), np.empty(planes, real), np.zeros(planes, real)
+    gx, gy, m, f = np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real)
     us, vs, winner = np.zeros(few * stride, real), np.zeros(few * stride, real), np.zeros(planes, np.int32)
-    bins = np.empty(planes, np.int32)
+    bins = np.zeros(planes, np.int32)
     before, here, after = np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real)
     again = planes if voting.inexact else 0
     exact, exact_bins = np.zeros(again, real), np.zeros(again, np.int32)

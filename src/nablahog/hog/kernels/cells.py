@@ -21,8 +21,8 @@ PIXELS_AT_ONCE = 1024  # whose gradients and votes stay in a processor's first c
 
 @part
 def padded(count: int) -> int:
-    """The next whole vector, and one more: where planes are read in parts from anywhere."""
-    return (count // PADDING + 2) * PADDING
+    """Rounded up to whole vectors."""
+    return (count + PADDING - 1) // PADDING * PADDING
 
 
 @part
@@ -124,7 +124,7 @@ def empty_lines(reading: Any, width: int, like: Any) -> Any:
 @part
 def empty_sums(pooling: Any, like: Any) -> Any:
     """For the sums of a part's columns, of each row of cells and bin."""
-    return np.zeros(pooling.of_cell * padded(pooling.columns), like)
+    return np.zeros(pooling.of_cell * padded(pooling.columns) + PADDING, like)
 
 
 @part
@@ -194,7 +194,8 @@ def cells(
     lines, sums = empty_lines(reading, width, real), empty_sums(pooling, real)
     gx, gy = np.zeros(few * stride, real), np.zeros(few * stride, real)
     us, vs, winner = np.zeros(few * stride, real), np.zeros(few * stride, real), np.zeros(few * stride, np.int32)
-    m, f, bins = np.empty(most * stride, real), np.zeros(most * stride, real), np.empty(most * stride, np.int32)
+    size = most * stride + PADDING
+    m, f, bins = np.zeros(size, real), np.zeros(size, real), np.zeros(size, np.int32)
     hard = voting.hard or pooling.bins == 1
     read = -1
     for band in range(start, stop):

@@ -19,6 +19,7 @@ from .cells import (
     padded,
     pool,
 )
+from .simd import PADDING
 from .sums import BINS, sum_changes
 from .votes import linear, vote_line
 
@@ -123,7 +124,7 @@ def cells_tangent(
     real = found.dtype
     described = 1 if reading.mixed else reading.weights.size
     stride, most = padded(width), most_rows(pooling)
-    planes = most * stride
+    planes = most * stride + PADDING
     lines, moved, sums = empty_lines(reading, width, real), empty_lines(reading, width, real), empty_sums(pooling, real)
     gx, gy, dx, dy = np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real)
     us, vs, m, f = np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real)
