@@ -48,16 +48,17 @@ def _spread(cells: Any, part: int, pooling: Any, found: Any) -> None:
     of_row, of_cells, source = found.size // pooling.high, cells.shape[1] * line, cells.reshape(-1)
     first, last = pooling.parts[part]
     begin = pooling.runs[first, 0]
-    for run in range(first, last):
+    for run in range(first, last):  # one after the other: what is written behind the last column of one is the next's
         start, stop, cell = pooling.runs[run]
-        for row in range(pooling.high):
-            for k in range(0, line, 8):
-                at, to = row * of_cells + cell * line + k, row * of_row + (start - begin) * line + k
-                share, count = run * wide * length, stop - start
-                spread_eight(source, at, line, pooling.by_col, share, length, count, found, to, line)
-                for pair in range(2, wide, 2):
-                    beside, weights = at + pair * line, share + pair * length
-                    spread_eight_more(source, beside, line, pooling.by_col, weights, length, count, found, to, line)
+        for x in range(0, stop - start, 8):
+            share, column = run * wide * length + x, (start - begin + x) * line
+            for row in range(pooling.high):
+                for k in range(0, line, 8):
+                    at, to = row * of_cells + cell * line + k, row * of_row + column + k
+                    spread_eight(source, at, line, pooling.by_col, share, length, found, to, line)
+                    for pair in range(2, wide, 2):
+                        beside, weights = at + pair * line, share + pair * length
+                        spread_eight_more(source, beside, line, pooling.by_col, weights, length, found, to, line)
 
 
 @part

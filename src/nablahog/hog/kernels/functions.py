@@ -221,15 +221,6 @@ def _norm_forward(histograms: Tensor, _: Tensor, change: Tensor, spec: HOGSpec) 
     return _push(lambda x: _plain_norm(x, spec), (histograms,), (change,))
 
 
-def _describe(images: Tensor, spec: HOGSpec) -> Both:
-    histograms = loops.cells(images, spec)
-    return loops.norm(histograms, spec), histograms
-
-
-def _describe_back(images: Tensor, histograms: Tensor, given: Tensor, spec: HOGSpec) -> Tensor:
-    return loops.cells_back(images, loops.norm_back(histograms, given, spec), spec)
-
-
 def _describe_forward(images: Tensor, histograms: Tensor, change: Tensor, spec: HOGSpec) -> Tensor:
     return _norm_forward(histograms, histograms, loops.cells_forward(images, change, spec), spec)
 
@@ -247,8 +238,8 @@ NORM = Step(
     _plain_norm,
 )
 DESCRIBE = Step(
-    _describe,
-    _describe_back,
+    loops.describe,
+    loops.describe_back,
     _describe_forward,
     lambda images, spec: _plain_norm(_plain_cells(images, spec), spec),
 )

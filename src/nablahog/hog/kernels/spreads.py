@@ -12,64 +12,42 @@ BESIDE = 3  # bins that a pixel's line has beside its own: one before, two after
 
 
 def _spread(context: Any, builder: Any, signature: Any, arguments: Any, more: bool) -> Any:
-    from numba.core import cgutils
-
     write = Builder(context, builder, signature, arguments)
-    (at, next_), (share, step, count), (to, line) = arguments[1:3], arguments[4:7], arguments[8:]
+    (at, next_), (share, step), (to, line) = arguments[1:3], arguments[4:6], arguments[7:]
     left, right = write.load(0, at, 8), write.load(0, write.add(at, next_), 8)
-    with cgutils.for_range(builder, count) as loop:
-        place, column = write.add(share, loop.index), write.add(to, write.times(loop.index, line))
+    for k in range(8):
+        place, column = write.add(share, k), write.add(to, write.times(line, k))
         by_left, by_right = (write.spread(write.load_one(3, each), 8) for each in (place, write.add(place, step)))
-        value = builder.fmul(left, by_left)
-        value = write.product_sum(left, by_left, write.load(7, column, 8)) if more else value
-        write.store(7, column, write.product_sum(right, by_right, value))
+        if more:
+            value = write.product_sum(left, by_left, write.load(6, column, 8))
+        else:
+            value = builder.fmul(left, by_left)
+        write.store(6, column, write.product_sum(right, by_right, value))
     return context.get_dummy_value()
 
 
 @instruction
 def spread_eight(
-    _: Any,
-    cells: Any,
-    at: Any,
-    next_: Any,
-    shares: Any,
-    share: Any,
-    step: Any,
-    count: Any,
-    found: Any,
-    to: Any,
-    line: Any,
+    _: Any, cells: Any, at: Any, next_: Any, shares: Any, share: Any, step: Any, found: Any, to: Any, line: Any
 ) -> Any:
-    """Eight numbers of two cells to each of ``count`` columns, by the column's weights for both.
+    """Eight numbers of two cells to each of eight columns, by the column's weights for both.
 
     The first cell's are at ``cells[at:]``, the second's ``next_`` further; the weights for the first begin at
     ``shares[share:]``, for the second ``step`` further; those of the columns go to ``found[to:]``, ``line`` apart.
     """
     from numba.core import types
 
-    signature = types.void(cells, at, next_, shares, share, step, count, found, to, line)
-    return signature, partial(_spread, more=False)
+    return types.void(cells, at, next_, shares, share, step, found, to, line), partial(_spread, more=False)
 
 
 @instruction
 def spread_eight_more(
-    _: Any,
-    cells: Any,
-    at: Any,
-    next_: Any,
-    shares: Any,
-    share: Any,
-    step: Any,
-    count: Any,
-    found: Any,
-    to: Any,
-    line: Any,
+    _: Any, cells: Any, at: Any, next_: Any, shares: Any, share: Any, step: Any, found: Any, to: Any, line: Any
 ) -> Any:
     """The same, added to what is there."""
     from numba.core import types
 
-    signature = types.void(cells, at, next_, shares, share, step, count, found, to, line)
-    return signature, partial(_spread, more=True)
+    return types.void(cells, at, next_, shares, share, step, found, to, line), partial(_spread, more=True)
 
 
 def _read(context: Any, builder: Any, signature: Any, arguments: Any, more: bool) -> Any:
