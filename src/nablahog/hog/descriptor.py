@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Literal, TypeAlias
 
 import torch
@@ -26,8 +27,14 @@ def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
         raise ValueError(f"{spec.named} descriptor is of images of 1 or {COLOURS} channels, got {images.shape[1]}")
     if images.dtype not in (torch.uint8, torch.float32, torch.float64):
         raise TypeError(f"images must be float32 or float64 in 0…1, or uint8 in 0…255, got {images.dtype}")
-    check_choice("backend", backend, Backend)
-    spec.grid(*images.shape[-2:])
+    if backend != "auto":
+        check_choice("backend", backend, Backend)
+    _check_size(spec, images.shape[-2:])
+
+
+@lru_cache(maxsize=64)
+def _check_size(spec: HOGSpec, size: tuple[int, ...]) -> None:
+    spec.grid(*size)
 
 
 def histograms(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> Tensor:

@@ -15,6 +15,7 @@ from ...compile import compiled, part
 from ..gradient import BLACK
 from .cells import empty_lines, gradients_of_rows, most_rows, padded, rows_at_once
 from .simd import PADDING
+from .returns import central_back, to_gradients, to_gradients_of_hard
 from .spreads import BESIDE, read_votes, read_votes_more, spread_eight, spread_eight_more
 from .votes import linear, vote_line
 
@@ -93,48 +94,6 @@ def _read(
 
 
 @part
-def _to_gradients(
-    m: Any,
-    f: Any,
-    here: Any,
-    after: Any,
-    exact: Any,
-    before_exact: Any,
-    here_exact: Any,
-    after_exact: Any,
-    gx: Any,
-    gy: Any,
-    at: int,
-    width: int,
-    hard: bool,
-    slope: Any,
-    to_gx: Any,
-    to_gy: Any,
-    to: int,
-) -> None:
-    """What reaches the gradients of a row, from ``at`` on, to lines between two ends, from ``to`` on.
-
-    By their magnitudes between two bins; by their angles the difference of the two, on a bin centre the mean of those
-    on both sides.  The latter are where the exact angle is.
-    """
-    one, half = m.dtype.type(1), m.dtype.type(0.5)
-    zero = one - one
-    first, place = np.uintp(at), np.uintp(to + 1)
-    for k in range(width):
-        x, y = first + np.uintp(k), place + np.uintp(k)
-        size, own = m[x], here[x]
-        along = own if hard else own + f[x] * (after[x] - own)
-        ahead, own = after_exact[x], here_exact[x]
-        change = half * (ahead - before_exact[x]) if exact[x] == zero else ahead - own
-        across = zero if hard else slope * change
-        inverse = one / size if size > zero else zero
-        along, across = along * inverse, across * inverse
-        u, v = gx[x], gy[x]
-        to_gx[y] = along * u - across * v
-        to_gy[y] = along * v + across * u
-
-
-@part
 def _outermost(to_gx: Any, to_gy: Any, to: int, width: int, row: int, height: int, times: Any) -> None:
     """The outermost pixels' gradients count ``times``, and not at all along an axis of one pixel."""
     to_gx[to + 1] *= times
@@ -148,11 +107,17 @@ def _outermost(to_gx: Any, to_gy: Any, to: int, width: int, row: int, height: in
 
 
 @part
-def _masked(of: Any, winners: Any, channel: int, size: int, found: Any) -> None:
-    """Of three lines, where the channel won; lines and winners are ``size`` apart."""
-    for k in range(3 * size):
+def _masked(of: Any, winners: Any, channel: int, found: Any) -> None:
+    """Of three lines, where the channel won."""
+    for k in range(found.size):
         x = np.uintp(k)
         found[x] = of[x] if winners[x] == channel else 0
+
+
+@part
+def ring_line(width: int) -> int:
+    """How far the lines of three rows are apart."""
+    return padded(width) + PADDING
 
 
 @part
@@ -160,13 +125,14 @@ def _central(
     to_gx: Any, to_gy: Any, row: int, height: int, width: int, reading: Any, slope: Any, found: Any, to: int
 ) -> None:
     """What reaches a row of values from the gradients of it and the two beside it; times ``slope``, to ``found[to:]``."""
-    size = width + 2
-    line, above, below = np.uintp(row % 3 * size), np.uintp((row + 2) % 3 * size), np.uintp((row + 1) % 3 * size)
-    one, two, place = np.uintp(1), np.uintp(2), np.uintp(to)
-    for k in range(width):
-        x = np.uintp(k)
-        reached = to_gx[line + x] - to_gx[line + x + two] + to_gy[above + x + one] - to_gy[below + x + one]
-        found[place + x] = slope * reached
+    size = ring_line(width)
+    line, above, below = row % 3 * size, (row + 2) % 3 * size, (row + 1) % 3 * size
+    if width >= PADDING:
+        central_back(to_gx, to_gy, line, above, below, width, slope, found, to)
+    else:
+        for x in range(width):
+            reached = to_gx[line + x] - to_gx[line + x + 2] + to_gy[above + x + 1] - to_gy[below + x + 1]
+            found[to + x] = slope * reached
     if reading.times > 0 and reading.own:  # which they were compared with, too
         own = row % 3 * size
         found[to] -= slope * to_gx[own + 1]
@@ -182,7 +148,7 @@ def _central(
 @part
 def _sobel(to_gx: Any, to_gy: Any, row: int, height: int, width: int, found: Any) -> None:
     """The same for smoothed gradients of a mirrored image: the outermost rows and columns have one neighbour twice."""
-    size, two = width + 2, found.dtype.type(2)
+    size, two = ring_line(width), found.dtype.type(2)
     line, above, below = row % 3 * size, (row + 2) % 3 * size, (row + 1) % 3 * size
     of_above, of_below = two if row == 1 else two - 1, two if row == height - 2 else two - 1
     own = two + two if height == 1 else two
@@ -244,8 +210,8 @@ def _emit(
     mixed, several = reading.mixed, us.size > 0
     for channel in range(reading.weights.size):
         if several:
-            _masked(to_gx, winners, channel, width + 2, us)
-            _masked(to_gy, winners, channel, width + 2, vs)
+            _masked(to_gx, winners, channel, us)
+            _masked(to_gy, winners, channel, vs)
         place = (channel * height + row) * width
         of_x, of_y = (us, vs) if several else (to_gx, to_gy)
         if not (reading.sobel or reading.root or mixed):
@@ -282,18 +248,18 @@ def cells_adjoint(
     several = not reading.mixed and reading.weights.size > 1
     stride, most = padded(width), most_rows(pooling)
     few = min(rows_at_once(stride), most)
-    planes, ring = most * stride + PADDING, 3 * (width + 2)
+    planes, ring = most * stride + PADDING, 3 * ring_line(width)
     lines = empty_lines(reading, width, real)
-    gx, gy, m, f = np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real)
-    us, vs, winner = np.zeros(few * stride, real), np.zeros(few * stride, real), np.zeros(planes, np.int32)
+    gx, gy, m, f = np.empty(planes, real), np.empty(planes, real), np.empty(planes, real), np.empty(planes, real)
+    us, vs, winner = np.empty(few * stride, real), np.empty(few * stride, real), np.empty(planes, np.int32)
     bins = np.zeros(planes, np.int32)
-    before, here, after = np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real)
+    before, here, after = np.empty(planes, real), np.empty(planes, real), np.empty(planes, real)
     again = planes if voting.inexact else 0
-    exact, exact_bins = np.zeros(again, real), np.zeros(again, np.int32)
-    before_exact, here_exact, after_exact = np.zeros(again, real), np.zeros(again, real), np.zeros(again, real)
+    exact, exact_bins = np.empty(again, real), np.zeros(again, np.int32)
+    before_exact, here_exact, after_exact = np.empty(again, real), np.empty(again, real), np.empty(again, real)
     line = (pooling.bins + BESIDE + 7) // 8 * 8
     cells = np.zeros((pooling.high, pooling.cols + pooling.wide, line), real)
-    spread = np.zeros(pooling.high * (pooling.columns + PADDING) * line, real)
+    spread = np.empty(pooling.high * (pooling.columns + PADDING) * line, real)
     to_gx, to_gy, toward = np.zeros(ring, real), np.zeros(ring, real), np.empty(width, real)
     winners = np.zeros(ring, np.int32)
     masked = ring if several else 0
@@ -336,7 +302,7 @@ def cells_adjoint(
                     cells, exact_bins, stride, row, end - row, pooling, spread, before_exact, here_exact, after_exact
                 )
         for y in range(row, end):
-            slot, of_row = y % 3 * (width + 2), (y - row) * stride
+            slot, of_row = y % 3 * ring_line(width), (y - row) * stride
             if band < 0:
                 to_gx[slot : slot + width + 2] = 0
                 to_gy[slot : slot + width + 2] = 0
@@ -345,9 +311,11 @@ def cells_adjoint(
                     angle = exact, before_exact, here_exact, after_exact
                 else:
                     angle = f, before, here, after
-                _to_gradients(
-                    m, f, here, after, *angle, gx, gy, of_row, width, voting.hard, voting.slope, to_gx, to_gy, slot
-                )
+                votes = m, f, here, after, *angle, gx, gy
+                if voting.hard:
+                    to_gradients_of_hard(*votes, of_row, width, voting.slope, to_gx, to_gy, slot)
+                else:
+                    to_gradients(*votes, of_row, width, voting.slope, to_gx, to_gy, slot)
                 _outermost(to_gx, to_gy, slot, width, y, height, reading.times)
                 if several:
                     winners[slot + 1 : slot + width + 1] = winner[of_row : of_row + width]
@@ -369,7 +337,7 @@ def cells_adjoint(
                 )
         row = end
     if stop == height:
-        slot = height % 3 * (width + 2)
+        slot = height % 3 * ring_line(width)
         to_gx[slot : slot + width + 2] = 0
         to_gy[slot : slot + width + 2] = 0
         _emit(
