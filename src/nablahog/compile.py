@@ -53,9 +53,10 @@ class _Compiled:
         """
         import numba
 
-        types = tuple(numba.typeof(argument) for argument in arguments)
-        self.machine_code().compile(types)
-        found: Callable[..., Any] = self.machine_code().overloads[types].entry_point
+        types = tuple(numba.typeof(argument) for argument in arguments)  # type: ignore[no-untyped-call]
+        code: Any = self.machine_code()  # once: several threads that come first have one of their own each
+        code.compile(types)
+        found: Callable[..., Any] = code.overloads[types].entry_point
         return found
 
     def _calls(self) -> dict[str, _Compiled | _Instruction]:
@@ -99,7 +100,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     return _Compiled(function, _OPTIONS)
 
 
-def part(function: Callable[..., Any]) -> Callable[..., Any]:
+def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     """The same of a small function that is called often: it becomes a part of those that call it.
 
     A call of its own counts up and down how many hold each array that it takes, which for a line of pixels can take

@@ -11,16 +11,24 @@ from typing import Any
 
 import numpy as np
 
-from ...compile import compiled, part
+from ...compile import compiled, inlined
 from ..gradient import BLACK
 from .cells import empty_lines, gradients_of_rows, most_rows, padded, rows_at_once
-from .simd import PADDING
 from .returns import central_back, to_gradients, to_gradients_of_hard
-from .spreads import BESIDE, read_votes, read_votes_more, spread_eight, spread_eight_more
+from .simd import PADDING
+from .spreads import (
+    BESIDE,
+    read_votes,
+    read_votes_more,
+    read_votes_once,
+    spread_eight,
+    spread_eight_more,
+    spread_eight_once,
+)
 from .votes import linear, vote_line
 
 
-@part
+@inlined
 def _round(given: Any, pooling: Any, band: int, found: Any) -> None:
     """What reaches the cells of a band, to ``found`` (high, columns + wide, line): a line begins with the last bin.
 
@@ -42,7 +50,7 @@ def _round(given: Any, pooling: Any, band: int, found: Any) -> None:
             to, at = to + np.uintp(line), at + np.uintp(bins)
 
 
-@part
+@inlined
 def _spread(cells: Any, part: int, pooling: Any, found: Any) -> None:
     """From cells (high, columns + wide, line) to the columns of a part, ``found``: (line) of each, row by row."""
     line, wide, length = cells.shape[2], pooling.wide, pooling.length
@@ -56,13 +64,16 @@ def _spread(cells: Any, part: int, pooling: Any, found: Any) -> None:
             for row in range(pooling.high):
                 for k in range(0, line, 8):
                     at, to = row * of_cells + cell * line + k, row * of_row + column + k
-                    spread_eight(source, at, line, pooling.by_col, share, length, found, to, line)
+                    if wide == 1:
+                        spread_eight_once(source, at, line, pooling.by_col, share, length, found, to, line)
+                    else:
+                        spread_eight(source, at, line, pooling.by_col, share, length, found, to, line)
                     for pair in range(2, wide, 2):
                         beside, weights = at + pair * line, share + pair * length
                         spread_eight_more(source, beside, line, pooling.by_col, weights, length, found, to, line)
 
 
-@part
+@inlined
 def _read(
     cells: Any,
     bins: Any,
@@ -87,13 +98,16 @@ def _read(
         for row in range(rows):
             share, at = (first + row) * high, row * stride + begin
             count = end - begin
-            read_votes(spread, 0, line, of_row, bins, at, count, by_row, share, before, here, after, at)
+            if high == 1:
+                read_votes_once(spread, 0, line, of_row, bins, at, count, by_row, share, before, here, after, at)
+            else:
+                read_votes(spread, 0, line, of_row, bins, at, count, by_row, share, before, here, after, at)
             for pair in range(2, high, 2):
                 begun, weights = pair * of_row, share + pair
                 read_votes_more(spread, begun, line, of_row, bins, at, count, by_row, weights, before, here, after, at)
 
 
-@part
+@inlined
 def _outermost(to_gx: Any, to_gy: Any, to: int, width: int, row: int, height: int, times: Any) -> None:
     """The outermost pixels' gradients count ``times``, and not at all along an axis of one pixel."""
     to_gx[to + 1] *= times
@@ -106,7 +120,7 @@ def _outermost(to_gx: Any, to_gy: Any, to: int, width: int, row: int, height: in
             to_gy[to + x + 1] *= times if height > 1 else 0
 
 
-@part
+@inlined
 def _masked(of: Any, winners: Any, channel: int, found: Any) -> None:
     """Of three lines, where the channel won."""
     for k in range(found.size):
@@ -114,17 +128,18 @@ def _masked(of: Any, winners: Any, channel: int, found: Any) -> None:
         found[x] = of[x] if winners[x] == channel else 0
 
 
-@part
+@inlined
 def ring_line(width: int) -> int:
     """How far the lines of three rows are apart."""
-    return padded(width) + PADDING
+    lines: int = padded(width) + PADDING
+    return lines
 
 
-@part
+@inlined
 def _central(
     to_gx: Any, to_gy: Any, row: int, height: int, width: int, reading: Any, slope: Any, found: Any, to: int
 ) -> None:
-    """What reaches a row of values from the gradients of it and the two beside it; times ``slope``, to ``found[to:]``."""
+    """What reaches a row of values from the gradients of it and those beside it, times ``slope``, to ``found[to:]``."""
     size = ring_line(width)
     line, above, below = row % 3 * size, (row + 2) % 3 * size, (row + 1) % 3 * size
     if width >= PADDING:
@@ -145,7 +160,7 @@ def _central(
                 found[to + x] += slope * to_gy[own + x + 1]
 
 
-@part
+@inlined
 def _sobel(to_gx: Any, to_gy: Any, row: int, height: int, width: int, found: Any) -> None:
     """The same for smoothed gradients of a mirrored image: the outermost rows and columns have one neighbour twice."""
     size, two = ring_line(width), found.dtype.type(2)
@@ -168,7 +183,7 @@ def _sobel(to_gx: Any, to_gy: Any, row: int, height: int, width: int, found: Any
         found[width - 2] += last
 
 
-@part
+@inlined
 def _to_pixels(
     pixels: Any, begin: int, step: int, width: int, reading: Any, weight: Any, toward: Any, found: Any, to: int
 ) -> None:
@@ -186,7 +201,7 @@ def _to_pixels(
             found[place + x] = slope * toward[x]
 
 
-@part
+@inlined
 def _emit(
     pixels: Any,
     at: int,
@@ -298,20 +313,17 @@ def cells_adjoint(
             _round(given, pooling, band, cells)
             _read(cells, bins, stride, row, end - row, pooling, spread, before, here, after)
             if voting.inexact:
-                _read(
-                    cells, exact_bins, stride, row, end - row, pooling, spread, before_exact, here_exact, after_exact
-                )
+                _read(cells, exact_bins, stride, row, end - row, pooling, spread, before_exact, here_exact, after_exact)
         for y in range(row, end):
             slot, of_row = y % 3 * ring_line(width), (y - row) * stride
             if band < 0:
                 to_gx[slot : slot + width + 2] = 0
                 to_gy[slot : slot + width + 2] = 0
             else:
-                if voting.inexact:
-                    angle = exact, before_exact, here_exact, after_exact
-                else:
-                    angle = f, before, here, after
-                votes = m, f, here, after, *angle, gx, gy
+                of_angle = (
+                    (exact, before_exact, here_exact, after_exact) if voting.inexact else (f, before, here, after)
+                )
+                votes = m, f, here, after, *of_angle, gx, gy
                 if voting.hard:
                     to_gradients_of_hard(*votes, of_row, width, voting.slope, to_gx, to_gy, slot)
                 else:

@@ -50,10 +50,8 @@ class _Block:
 
     def sum_(self) -> tuple[Callable[[Lanes], None], Callable[[], Any]]:
         """A sum of eights: what adds to it, and what tells the total."""
-        from numba.core import cgutils
-
         builder = self.write.builder
-        place = cgutils.alloca_once(builder, self.type)
+        place = self.write.variable(self.type)
         builder.store(self.write.zeros(self.type), place)
 
         def add(values: Lanes) -> None:
@@ -67,7 +65,9 @@ def _scaled(*call: Any, root: bool) -> Any:
     factor = block.number(5)
     with block.eights() as (here, place, _):
         values = block.load(0, here) * factor
-        block.write.store(6, block.write.add(block.write.arguments[7], place), (values.root() if root else values).value)
+        block.write.store(
+            6, block.write.add(block.write.arguments[7], place), (values.root() if root else values).value
+        )
     return call[0].get_dummy_value()
 
 
@@ -107,7 +107,17 @@ def clip_block(_: Any, of: Any, at: Any, of_row: Any, high: Any, count: Any, fac
 
 @instruction
 def clipped_products(
-    _: Any, of: Any, at: Any, of_row: Any, high: Any, count: Any, factor: Any, clip: Any, given: Any, begin: Any, found: Any
+    _: Any,
+    of: Any,
+    at: Any,
+    of_row: Any,
+    high: Any,
+    count: Any,
+    factor: Any,
+    clip: Any,
+    given: Any,
+    begin: Any,
+    found: Any,
 ) -> Any:
     """To ``found``, for a block times a factor, clipped: the sums of their squares and of products with ``given``."""
     from numba.core import types
@@ -144,7 +154,8 @@ def through_clip(
     by_own: Any,
     found: Any,
 ) -> Any:
-    """To ``found``, what reaches a block times a factor before it is clipped; returns the sum of products with the block.
+    """To ``found``, what reaches a block times a factor before it is clipped; returns the sum of its products with the
+    block.
 
     Behind the clip, ``given`` times ``by_given`` less the clipped times ``by_own`` reach it.  At the clip itself, the
     mean of both sides passes.
@@ -223,7 +234,7 @@ def add_back(
     less: Any,
     found: Any,
 ) -> Any:
-    """Adds ``given[begin:]`` times ``by_given``, less the block times ``by_own``, ``less``, to its place in ``found``."""
+    """Adds ``given[begin:]`` times ``by_given``, less the block times ``by_own`` and ``less``, to ``found``."""
     from numba.core import types
 
     def build(*call: Any) -> Any:

@@ -10,22 +10,22 @@ from typing import Any
 
 import numpy as np
 
-from ...compile import compiled, part
+from ...compile import compiled, inlined
 from .lines import central, choose, edges, read_line, sobel
 from .simd import PADDING
-from .sums import BINS, pool_eight, sum_hard, sum_linear
+from .sums import BINS, pool_eight, pool_eight_once, sum_hard, sum_hard_once, sum_linear, sum_linear_once
 from .votes import vote_line
 
 PIXELS_AT_ONCE = 1024  # whose gradients and votes stay in a processor's first cache
 
 
-@part
+@inlined
 def padded(count: int) -> int:
     """Rounded up to whole vectors."""
     return (count + PADDING - 1) // PADDING * PADDING
 
 
-@part
+@inlined
 def _read_row(pixels: Any, at: int, shape: Any, strides: Any, row: int, reading: Any, lines: Any) -> None:
     """One row of pixels of all channels to ``lines``: of each channel that is described, three of width + 2."""
     width, weights = shape[1], reading.weights
@@ -37,10 +37,8 @@ def _read_row(pixels: Any, at: int, shape: Any, strides: Any, row: int, reading:
         read_line(pixels, begin, strides[3], width, scale, weights[channel], first, root, lines, to)
 
 
-@part
-def gradient_of_line(
-    lines: Any, channel: int, row: int, shape: Any, reading: Any, gx: Any, gy: Any, to: int
-) -> None:
+@inlined
+def gradient_of_line(lines: Any, channel: int, row: int, shape: Any, reading: Any, gx: Any, gy: Any, to: int) -> None:
     """Gradients of one row of one channel, to ``gx[to:]`` and ``gy[to:]``."""
     height, width = shape
     slots = max(row - 1, 0), row, min(row + 1, height - 1)
@@ -61,7 +59,7 @@ def gradient_of_line(
         edges(lines, above, line, below, width, first, last, times, own, beyond, gx, gy, to)
 
 
-@part
+@inlined
 def gradients_of_rows(
     pixels: Any,
     at: int,
@@ -101,12 +99,12 @@ def gradients_of_rows(
     return read
 
 
-@part
+@inlined
 def rows_at_once(stride: int) -> int:
     return max(1, PIXELS_AT_ONCE // stride)
 
 
-@part
+@inlined
 def most_rows(pooling: Any) -> int:
     """Of a band."""
     most = 1
@@ -115,19 +113,19 @@ def most_rows(pooling: Any) -> int:
     return most
 
 
-@part
+@inlined
 def empty_lines(reading: Any, width: int, like: Any) -> Any:
     """For three rows of values of each channel that is described."""
     return np.zeros((1 if reading.mixed else reading.weights.size) * 3 * (width + 2), like)
 
 
-@part
+@inlined
 def empty_sums(pooling: Any, like: Any) -> Any:
     """For the sums of a part's columns, of each row of cells and bin."""
     return np.zeros(pooling.of_cell * padded(pooling.columns) + PADDING, like)
 
 
-@part
+@inlined
 def pool(sums: Any, part: int, pooling: Any, of_band: Any) -> None:
     """Adds the sums of a part's columns to the cells ``of_band``, (columns + wide, of_cell)."""
     size, wide, length, of_cell = padded(pooling.columns), pooling.wide, pooling.length, pooling.of_cell
@@ -140,10 +138,13 @@ def pool(sums: Any, part: int, pooling: Any, of_band: Any) -> None:
                 share, to = (run * wide + pair) * length + x - start, (cell + pair) * of_cell
                 for k in range(0, of_cell, 8):
                     at = k * size + x - begin
-                    pool_eight(sums, at, size, pooling.by_col, share, length, of_band, to + k, of_cell)
+                    if wide == 1:
+                        pool_eight_once(sums, at, size, pooling.by_col, share, length, of_band, to + k, of_cell)
+                    else:
+                        pool_eight(sums, at, size, pooling.by_col, share, length, of_band, to + k, of_cell)
 
 
-@part
+@inlined
 def sum_up(
     m: Any, f: Any, bins: Any, stride: int, first: int, rows: int, hard: bool, pooling: Any, sums: Any, of_band: Any
 ) -> None:
@@ -158,14 +159,21 @@ def sum_up(
             share = first * high + row
             for bin_ in range(0, count, BINS):
                 few = min(BINS, count - bin_)
-                for x in range(begin, end, pooling.at_once):
-                    to = (row * count + bin_) * size + x - begin
-                    if hard:
-                        sum_hard(m, bins, x, stride, rows, by_row, share, high, bin_, last, few, sums, to, size, of_row)
-                    else:
-                        sum_linear(
-                            m, f, bins, x, stride, rows, by_row, share, high, bin_, last, few, sums, to, size, of_row
-                        )
+                to = (row * count + bin_) * size - begin
+                rest = rows, by_row, share, high, bin_, last, few, sums
+                at_once = pooling.at_once
+                if hard and high == 1:
+                    for x in range(begin, end, at_once):
+                        sum_hard_once(m, bins, x, stride, *rest, to + x, size, of_row)
+                elif hard:
+                    for x in range(begin, end, at_once):
+                        sum_hard(m, bins, x, stride, *rest, to + x, size, of_row)
+                elif high == 1:
+                    for x in range(begin, end, at_once):
+                        sum_linear_once(m, f, bins, x, stride, *rest, to + x, size, of_row)
+                else:
+                    for x in range(begin, end, at_once):
+                        sum_linear(m, f, bins, x, stride, *rest, to + x, size, of_row)
         pool(sums, part, pooling, of_band)
 
 
@@ -214,7 +222,7 @@ def cells(
             add_band(of_band, band, pooling, found)
 
 
-@part
+@inlined
 def add_band(of_band: Any, band: int, pooling: Any, found: Any) -> None:
     """Eq. 6: adds the cells of a band to those of the image, ``found`` (rows, columns, bins)."""
     bins, first, to_all = pooling.bins, pooling.bands[band, 2], found.reshape(-1)

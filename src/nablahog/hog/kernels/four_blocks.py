@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...compile import compiled, part
+from ...compile import compiled, inlined
 from ..normalize import DPM_ORDER, DPM_TEXTURE, VLFEAT_TEXTURE
 from ..normalizers import PARTS, FourBlockNorm
 from .eights import clipped_adjoint, clipped_sums, clipped_totals, dot_eight, total_of_eight
@@ -52,12 +52,12 @@ def four_blocks(scheme: FourBlockNorm, bins: int, signed: bool, real: Any) -> Fo
     )
 
 
-@part
+@inlined
 def _padded(count: int) -> int:
     return (count + 7) // 8 * 8
 
 
-@part
+@inlined
 def _undirected(histograms: Any, at: int, signed: bool, n: int, found: Any) -> None:
     """The contrast-insensitive histogram of the cell at ``histograms[at:]``."""
     first, opposite = np.uintp(at), np.uintp(at + n)
@@ -68,7 +68,7 @@ def _undirected(histograms: Any, at: int, signed: bool, n: int, found: Any) -> N
         copy(histograms, at, n, found, 0)
 
 
-@part
+@inlined
 def _factors(histograms: Any, rows: int, cols: int, bins: int, scheme: Any, factors: Any) -> None:
     """What blocks multiply their cells with: (rows + 1, cols + 1), of the cell corners."""
     n = bins // 2 if scheme.signed else bins
@@ -95,7 +95,7 @@ def _factors(histograms: Any, rows: int, cols: int, bins: int, scheme: Any, fact
                 factors[y, x] = 0
 
 
-@part
+@inlined
 def _of_cell(factors: Any, y: int, x: int, found: Any) -> None:
     """The factors of its four blocks: up-left, up-right, down-left, down-right."""
     found[0], found[1] = factors[y, x], factors[y, x + 1]
@@ -152,7 +152,7 @@ def four_block_norm(images: Any, scheme: Any, start: int, stop: int, found: Any)
         _describe(images[image].reshape(-1), rows, cols, bins, found.shape[3], scheme, found[image].reshape(-1))
 
 
-@part
+@inlined
 def _to_energy(to_factors: Any, factors: Any, scheme: Any, found: Any) -> None:
     """What reaches the energies of cells (rows, cols) from the factors (rows + 1, cols + 1) of their blocks."""
     rows, cols = found.shape
@@ -173,7 +173,7 @@ def _to_energy(to_factors: Any, factors: Any, scheme: Any, found: Any) -> None:
             found[down, right] += reached
 
 
-@part
+@inlined
 def _to_both(given: Any, by: Any, signed: bool, n: int, at: int, found: Any) -> None:
     """Adds ``by`` times what reaches a contrast-insensitive histogram to that of the cell at ``found[at:]``."""
     first, opposite = np.uintp(at), np.uintp(at + n)
@@ -184,7 +184,7 @@ def _to_both(given: Any, by: Any, signed: bool, n: int, at: int, found: Any) -> 
             found[opposite + np.uintp(k)] += by * given[k]
 
 
-@part
+@inlined
 def _halves(given: Any, at: int, count: int, found: Any) -> None:
     half = found.dtype.type(0.5)
     first = np.uintp(at)

@@ -11,13 +11,22 @@ from typing import Any
 
 import numpy as np
 
-from ...compile import part
+from ...compile import inlined
 from ..gradient import BLACK
 
 
-@part
+@inlined
 def read_line(
-    pixels: Any, begin: int, step: int, width: int, scale: Any, weight: Any, first: bool, root: bool, lines: Any, to: int
+    pixels: Any,
+    begin: int,
+    step: int,
+    width: int,
+    scale: Any,
+    weight: Any,
+    first: bool,
+    root: bool,
+    lines: Any,
+    to: int,
 ) -> None:
     """Values of a row of pixels, times ``scale``, to the line at ``lines[to:]``, or added to it.
 
@@ -36,7 +45,7 @@ def read_line(
     lines[to], lines[to + width + 1] = lines[to + min(2, width)], lines[to + max(width - 1, 1)]
 
 
-@part
+@inlined
 def central(lines: Any, above: int, line: int, below: int, width: int, gx: Any, gy: Any, to: int) -> None:
     """Eq. 2: the mask [-1, 0, 1] along either axis, of the lines that begin there."""
     left, up, down, place = np.uintp(line), np.uintp(above + 1), np.uintp(below + 1), np.uintp(to)
@@ -49,7 +58,7 @@ def central(lines: Any, above: int, line: int, below: int, width: int, gx: Any, 
         gy[place + x] = lines[down + x] - lines[up + x]
 
 
-@part
+@inlined
 def sobel(lines: Any, above: int, line: int, below: int, width: int, gx: Any, gy: Any, to: int) -> None:
     """The same, smoothed by [1, 2, 1] along the other axis."""
     two, one_, two_ = gx.dtype.type(2), np.uintp(1), np.uintp(2)
@@ -57,15 +66,13 @@ def sobel(lines: Any, above: int, line: int, below: int, width: int, gx: Any, gy
         x = np.uintp(k)
         a, b, c, place = np.uintp(above) + x, np.uintp(line) + x, np.uintp(below) + x, np.uintp(to) + x
         # as differences first, like the plain steps, so that a flat area has a zero gradient
-        gx[place] = (
-            (lines[a + two_] - lines[a]) + two * (lines[b + two_] - lines[b]) + (lines[c + two_] - lines[c])
-        )
+        gx[place] = (lines[a + two_] - lines[a]) + two * (lines[b + two_] - lines[b]) + (lines[c + two_] - lines[c])
         gy[place] = (
             (lines[c] - lines[a]) + two * (lines[c + one_] - lines[a + one_]) + (lines[c + two_] - lines[a + two_])
         )
 
 
-@part
+@inlined
 def edges(
     lines: Any,
     above: int,
@@ -96,7 +103,7 @@ def edges(
             gy[to + x] = times * ((lines[line + x + 1] if own else beyond) - lines[above + x + 1])
 
 
-@part
+@inlined
 def choose(
     us: Any, vs: Any, channel: int, last_wins: Any, width: int, gx: Any, gy: Any, to: int, winner: Any, row: int
 ) -> None:

@@ -53,7 +53,7 @@ class _Pixels(_Found):
         double = stored == torch.float64
         self.real: Any = np.float64 if double else np.float32
         self.pooling = plans.pooling(spec, shape[1], shape[2], torch.float64 if double else torch.float32)
-        self.reading = plans.reading(spec, *shape, stored)
+        self.reading = plans.reading(spec, shape[0], shape[1], shape[2], stored)
         self.plan = self.reading, plans.voting(spec, self.real), self.pooling
         self.cells = self.pooling.rows, self.pooling.cols, self.pooling.bins
 

@@ -60,7 +60,8 @@ class Voting(NamedTuple):
 class Pooling(NamedTuple):
     """From votes to cells: Eq. 5-6.
 
-    Rows of pixels that share their cells are a band, columns that do are a run.  Of both, the number of cells is even.
+    Rows of pixels that share their cells are a band, columns that do are a run.  Of either, the number of cells is even
+    or one.
     """
 
     bands: Any  # (bands, 3): first row of pixels, the one after the last, first row of cells
@@ -150,6 +151,10 @@ def _extent(matrix: npt.NDArray[Any]) -> int:
     return int((last - votes.argmax(axis=0)).max(initial=1))
 
 
+def _one_or_even(count: int) -> int:
+    return 1 if count == 1 else -(-count // 2) * 2
+
+
 def _weights(
     matrix: npt.NDArray[Any], stretches: list[tuple[int, int, int]], most: int
 ) -> Iterator[tuple[int, npt.NDArray[Any]]]:
@@ -164,7 +169,7 @@ def _weights(
 def _to_each_other(runs: list[tuple[int, int, int]], width: int) -> list[tuple[int, int, int]]:
     """The same with all columns in one of them: others vote with a weight of zero."""
     starts = [0, *(start for start, _, _ in runs[1:])]
-    return [(start, stop, first) for start, stop, (_, _, first) in zip(starts, [*starts[1:], width], runs)]
+    return [(start, stop, first) for start, stop, (_, _, first) in zip(starts, [*starts[1:], width], runs, strict=True)]
 
 
 def _parts(runs: list[tuple[int, int, int]]) -> npt.NDArray[np.int64]:
@@ -183,7 +188,7 @@ def pooling(spec: HOGSpec, height: int, width: int, dtype: torch.dtype) -> Pooli
     """Of images of that size."""
     matrices = pooling_matrices(spec, height, width, torch.empty(0, dtype=dtype))
     of_rows, of_cols = (matrix.numpy() for matrix in matrices)
-    high, wide = (-(-_extent(matrix) // 2) * 2 for matrix in (of_rows, of_cols))
+    high, wide = (_one_or_even(_extent(matrix)) for matrix in (of_rows, of_cols))
     bands, runs = _stretches(of_rows, high), _to_each_other(_stretches(of_cols, wide), width)
     by_row = np.zeros((height, high), of_rows.dtype)
     for start, weights in _weights(of_rows, bands, high):

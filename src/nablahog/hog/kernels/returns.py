@@ -113,7 +113,7 @@ def central_back(
 
         write = Builder(context, builder, signature, arguments)
         columns = lanes(write.size(0))
-        line, above, below, width, slope, to = *arguments[2:7], arguments[8]
+        (line, above, below, width, slope), to = arguments[2:7], arguments[8]
         by_slope = Lanes(write, write.spread(slope, columns))
         last = builder.sub(width, write.whole(columns))
         with cgutils.for_range_slice(builder, write.whole(0), width, write.whole(columns)) as (k, _):

@@ -6,6 +6,7 @@ are padded: to whole :data:`PADDING` numbers, with finite ones.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -18,6 +19,19 @@ def lanes(size: int) -> int:
     from llvmlite.binding import get_host_cpu_features
 
     return (64 if get_host_cpu_features().get("avx512f") else 32) // size
+
+
+def taking(arguments: tuple[Any, ...], build: Callable[..., Any]) -> Any:
+    """What numba wants to know of an instruction with ``*arguments``: its signature, and what builds it."""
+    from numba.core import types
+
+    each = types.void(*arguments)
+
+    def of_each(context: Any, builder: Any, _: Any, values: Any) -> Any:
+        return build(context, builder, each, [builder.extract_value(values[0], k) for k in range(len(arguments))])
+
+    whole = types.StarArgTuple(arguments)  # type: ignore[no-untyped-call]
+    return types.void(whole), of_each
 
 
 class Builder:
@@ -96,6 +110,12 @@ class Builder:
             low, high = (self.mixed(values, values, list(range(first, first + half))) for first in (0, half))
             values, half = self.builder.fadd(low, high), half // 2
         return self.builder.extract_element(values, self.ir.IntType(32)(0))
+
+    def variable(self, type_: Any) -> Any:
+        """Where a value can be stored and loaded: a register, if there are enough."""
+        from numba.core import cgutils
+
+        return cgutils.alloca_once(self.builder, type_)  # type: ignore[no-untyped-call]
 
     def zeros(self, type_: Any) -> Any:
         return self.ir.Constant(type_, None)

@@ -1,7 +1,7 @@
 """Eq. 5-6: votes of a band of rows of pixels summed up over rows and columns, with the weights of each.
 
-Every bin looks at every vote and takes what is its own.  As no vote looks up where to add, many pixels go at a time, and
-their sums stay in registers until the band ends.  Then columns are summed up, eight by eight.
+Every bin looks at every vote and takes what is its own.  As no vote looks up where to add, many pixels go at a time,
+and their sums stay in registers until the band ends.  Then columns are summed up, eight by eight.
 """
 
 from __future__ import annotations
@@ -10,13 +10,14 @@ from functools import partial
 from typing import Any
 
 from ...compile import instruction
-from .simd import Builder, lanes
+from .simd import Builder, lanes, taking
 
-BINS = 9  # that are summed up at a time, for
-ROWS = 2  # of cells
+BINS = 9  # that are summed up at a time
 
 
-def _sum(context: Any, builder: Any, signature: Any, arguments: Any, shifts: tuple[int, ...]) -> Any:
+def _sum(
+    context: Any, builder: Any, signature: Any, arguments: Any, shifts: tuple[int, ...], rows_of_cells: int
+) -> Any:
     """Sums of planes' columns, each of which a pixel adds so many bins after its own."""
     from numba.core import cgutils
 
@@ -28,7 +29,7 @@ def _sum(context: Any, builder: Any, signature: Any, arguments: Any, shifts: tup
     columns = lanes(write.size(sums))
     vector = write.vector(write.number(sums), columns)
     zero = write.zeros(vector)
-    totals = [[cgutils.alloca_once(builder, vector) for _ in range(ROWS)] for _ in range(BINS)]
+    totals = [[write.variable(vector) for _ in range(rows_of_cells)] for _ in range(BINS)]
     for of_bin in totals:
         for total in of_bin:
             builder.store(zero, total)
@@ -42,7 +43,9 @@ def _sum(context: Any, builder: Any, signature: Any, arguments: Any, shifts: tup
             far = builder.fmul(*votes)
             votes = [builder.fsub(votes[0], far), far]
         weights = write.add(share, write.times(loop.index, high))
-        weights = [write.spread(write.load_one(shares, write.add(weights, row)), columns) for row in range(ROWS)]
+        weights = [
+            write.spread(write.load_one(shares, write.add(weights, row)), columns) for row in range(rows_of_cells)
+        ]
 
         def is_(k: int) -> Any:
             """Whether a pixel's bin is the k-th after the first, or before: bins go round."""
@@ -72,105 +75,43 @@ def _sum(context: Any, builder: Any, signature: Any, arguments: Any, shifts: tup
     return context.get_dummy_value()
 
 
-@instruction
-def sum_hard(
-    _: Any,
-    m: Any,
-    bins: Any,
-    at: Any,
-    step: Any,
-    rows: Any,
-    shares: Any,
-    share: Any,
-    high: Any,
-    first: Any,
-    last: Any,
-    count: Any,
-    sums: Any,
-    to: Any,
-    line: Any,
-    of_row: Any,
-) -> Any:
-    """Votes of as many columns as go at a time, to ``count`` bins and two rows of cells.
+def _sums(shifts: tuple[int, ...], rows_of_cells: int) -> Any:
+    """An instruction: the votes of as many columns as go at a time, to ``count`` bins of one or two rows of cells.
 
-    Args:
-        m: plane of what pixels vote with.
-        bins: which bins they vote for.
-        at: the first pixel of the first row.
-        step: from row to row.
-        rows: of pixels.
-        shares: weights of rows.
-        share: of the first row, in the first row of cells.
-        high: from row to row.
-        first: bin.
-        last: of all bins.
-        count: bins that are wanted, :data:`BINS` at most.
-        sums: to write.
-        to: the place of the first column in the first bin's line.
-        line: from bin to bin.
-        of_row: from one row of cells to the other.
+    Its arguments, in this order:
+
+    * planes: of each shift, what pixels vote with for the bin so far from their own; if there are two shifts, the
+      magnitude instead, and how much of it belongs to the next bin.  And which bins are the pixels' own.
+    * at: the first pixel of the first row of pixels; step: from row to row; rows: how many.
+    * shares: weights of rows; share: of the first, in the first row of cells; high: from row to row.
+    * first: bin; last: of all bins; count: of bins that are wanted, :data:`BINS` at most.
+    * sums: to write; to: the place of the first column in the first bin's line; line: from bin to bin; of_row: from one
+      row of cells to the other.
     """
-    from numba.core import types
 
-    signature = types.void(m, bins, at, step, rows, shares, share, high, first, last, count, sums, to, line, of_row)
-    return signature, partial(_sum, shifts=(0,))
+    def sums(_: Any, *arguments: Any) -> Any:
+        return taking(arguments, partial(_sum, shifts=shifts, rows_of_cells=rows_of_cells))
 
-
-@instruction
-def sum_linear(
-    _: Any,
-    m: Any,
-    f: Any,
-    bins: Any,
-    at: Any,
-    step: Any,
-    rows: Any,
-    shares: Any,
-    share: Any,
-    high: Any,
-    first: Any,
-    last: Any,
-    count: Any,
-    sums: Any,
-    to: Any,
-    line: Any,
-    of_row: Any,
-) -> Any:
-    """The same of votes of which ``f`` belong to the next bin."""
-    from numba.core import types
-
-    signature = types.void(m, f, bins, at, step, rows, shares, share, high, first, last, count, sums, to, line, of_row)
-    return signature, partial(_sum, shifts=(0, 1))
+    return instruction(sums)
 
 
-@instruction
-def sum_changes(
-    _: Any,
-    here: Any,
-    after: Any,
-    before: Any,
-    bins: Any,
-    at: Any,
-    step: Any,
-    rows: Any,
-    shares: Any,
-    share: Any,
-    high: Any,
-    first: Any,
-    last: Any,
-    count: Any,
-    sums: Any,
-    to: Any,
-    line: Any,
-    of_row: Any,
-) -> Any:
-    """The same of numbers for a bin, the one after it and the one before."""
-    from numba.core import types
+sum_hard, sum_hard_once = _sums((0,), 2), _sums((0,), 1)
+sum_linear, sum_linear_once = _sums((0, 1), 2), _sums((0, 1), 1)
+sum_changes, sum_changes_once = _sums((0, 1, -1), 2), _sums((0, 1, -1), 1)
 
-    of_rows = bins, at, step, rows, shares, share, high
-    return types.void(here, after, before, *of_rows, first, last, count, sums, to, line, of_row), partial(
-        _sum, shifts=(0, 1, -1)
-    )
+
+def _pool(context: Any, builder: Any, signature: Any, arguments: Any, cells: int) -> Any:
+    write = Builder(context, builder, signature, arguments)
+    (at, line), (share, step), (to, next_) = arguments[1:3], arguments[4:6], arguments[7:]
+    columns = write.transposed([write.load(0, write.add(at, write.times(line, k)), 8) for k in range(8)])
+    for cell in range(cells):
+        begin, place = write.add(share, write.times(step, cell)), write.add(to, write.times(next_, cell))
+        total = write.load(6, place, 8)
+        for k, column in enumerate(columns):
+            weight = write.spread(write.load_one(3, write.add(begin, k)), 8)
+            total = write.product_sum(column, weight, total)
+        write.store(6, place, total)
+    return context.get_dummy_value()
 
 
 @instruction
@@ -184,17 +125,14 @@ def pool_eight(
     """
     from numba.core import types
 
-    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        write = Builder(context, builder, signature, arguments)
-        (at, line), (share, step), (to, next_) = arguments[1:3], arguments[4:6], arguments[7:]
-        columns = write.transposed([write.load(0, write.add(at, write.times(line, k)), 8) for k in range(8)])
-        for cell in range(2):
-            begin, place = write.add(share, write.times(step, cell)), write.add(to, write.times(next_, cell))
-            total = write.load(6, place, 8)
-            for k, column in enumerate(columns):
-                weight = write.spread(write.load_one(3, write.add(begin, k)), 8)
-                total = write.product_sum(column, weight, total)
-            write.store(6, place, total)
-        return context.get_dummy_value()
+    return types.void(sums, at, line, shares, share, step, cells, to, next_), partial(_pool, cells=2)
 
-    return types.void(sums, at, line, shares, share, step, cells, to, next_), build
+
+@instruction
+def pool_eight_once(
+    _: Any, sums: Any, at: Any, line: Any, shares: Any, share: Any, step: Any, cells: Any, to: Any, next_: Any
+) -> Any:
+    """The same to the first cell only."""
+    from numba.core import types
+
+    return types.void(sums, at, line, shares, share, step, cells, to, next_), partial(_pool, cells=1)

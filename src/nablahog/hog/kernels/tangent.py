@@ -20,7 +20,7 @@ from .cells import (
     pool,
 )
 from .simd import PADDING
-from .sums import BINS, sum_changes
+from .sums import BINS, sum_changes, sum_changes_once
 from .votes import linear, vote_line
 
 
@@ -82,7 +82,16 @@ def _changes_by_angle(
 
 @compiled
 def _add(
-    here: Any, after: Any, before: Any, bins: Any, stride: int, first: int, rows: int, pooling: Any, sums: Any, of_band: Any
+    here: Any,
+    after: Any,
+    before: Any,
+    bins: Any,
+    stride: int,
+    first: int,
+    rows: int,
+    pooling: Any,
+    sums: Any,
+    of_band: Any,
 ) -> None:
     """Eq. 5-6 of changes: adds them to the cells of a band."""
     high, count, last = pooling.high, pooling.bins, pooling.bins - 1
@@ -96,8 +105,11 @@ def _add(
                 few = min(BINS, count - bin_)
                 for x in range(begin, end, pooling.at_once):
                     to = (row * count + bin_) * size + x - begin
-                    of_pixels = here, after, before, bins, x, stride, rows, by_row, share, high
-                    sum_changes(*of_pixels, bin_, last, few, sums, to, size, of_row)
+                    columns = bins, x, stride, rows, by_row, share, high, bin_, last, few, sums, to, size, of_row
+                    if high == 1:
+                        sum_changes_once(here, after, before, *columns)
+                    else:
+                        sum_changes(here, after, before, *columns)
         pool(sums, part, pooling, of_band)
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...compile import compiled, part
+from ...compile import compiled, inlined
 from ..normalizers import BlockNorm
 from .blocks import (
     add_back,
@@ -48,7 +48,7 @@ def rectangles(scheme: BlockNorm, real: Any) -> Blocks:
     return Blocks(*scheme.block, *scheme.step, form, *epsilons, scheme.added, real(scheme.clip))
 
 
-@part
+@inlined
 def copy(source: Any, begin: int, count: int, found: Any, to: int) -> None:
     """``found[to:]`` = ``source[begin:]``, so many numbers."""
     first, place = np.uintp(begin), np.uintp(to)
@@ -56,7 +56,7 @@ def copy(source: Any, begin: int, count: int, found: Any, to: int) -> None:
         found[place + np.uintp(k)] = source[first + np.uintp(k)]
 
 
-@part
+@inlined
 def _product(left: Any, right: Any) -> Any:
     """The dot product."""
     total = left.dtype.type(0)
@@ -138,7 +138,7 @@ def cell_adjoint(images: Any, epsilon: Any, given: Any, start: int, stop: int, f
                     found[image, row, col, k] = reached[k] / length - slope * cell[k]
 
 
-@part
+@inlined
 def _of_cells(histograms: Any, cells: int, bins: int, squares: bool, found: Any) -> None:
     """For each cell, the sum of its bins, or of their squares."""
     for cell in range(cells):
@@ -152,7 +152,7 @@ def _of_cells(histograms: Any, cells: int, bins: int, squares: bool, found: Any)
             found[cell] = total
 
 
-@part
+@inlined
 def _of_block(of_cells: Any, row: int, col: int, high: int, wide: int, cols: int) -> Any:
     """The sum of what the cells of a block have."""
     total = of_cells[0] - of_cells[0]
@@ -162,14 +162,14 @@ def _of_block(of_cells: Any, row: int, col: int, high: int, wide: int, cols: int
     return total
 
 
-@part
+@inlined
 def _factor(energy: Any, epsilon: Any, added: bool) -> Any:
     """By which L2 multiplies."""
     one = epsilon / epsilon
     return one / (math.sqrt(energy) + epsilon if added else math.sqrt(energy + epsilon * epsilon))
 
 
-@part
+@inlined
 def _slope(energy: Any, product: Any, epsilon: Any, added: bool) -> Any:
     """The number times which its adjoint subtracts a vector, of whose products with what reaches it that is the sum."""
     factor = _factor(energy, epsilon, added)
@@ -178,7 +178,7 @@ def _slope(energy: Any, product: Any, epsilon: Any, added: bool) -> Any:
     return factor * factor * product / math.sqrt(energy) if energy > 0 else energy
 
 
-@part
+@inlined
 def _gather(histograms: Any, begin: int, of_row: int, count: int, high: int, vector: Any) -> None:
     """``high`` rows of a block, each ``count`` numbers, from ``histograms[begin:]``; image rows are ``of_row`` long."""
     for row in range(high):
@@ -235,7 +235,11 @@ def block_adjoint(images: Any, scheme: Any, given: Any, start: int, stop: int, f
     whole = (size + 7) // 8 * 8
     one = scheme.epsilon / scheme.epsilon
     zero = one - one
-    vector, of_vector, back = np.zeros(whole, images.dtype), np.zeros(whole, images.dtype), np.zeros(whole, images.dtype)
+    vector, of_vector, back = (
+        np.zeros(whole, images.dtype),
+        np.zeros(whole, images.dtype),
+        np.zeros(whole, images.dtype),
+    )
     through, totals = np.zeros(whole, images.dtype), np.zeros(2, images.dtype)
     of_cells = np.empty(cells, images.dtype)
     for image in range(start, stop):
@@ -281,7 +285,7 @@ def block_adjoint(images: Any, scheme: Any, given: Any, start: int, stop: int, f
                 begin += size
 
 
-@part
+@inlined
 def _add_rows(vector: Any, begin: int, of_row: int, count: int, high: int, found: Any) -> None:
     """Adds the block to where it came from."""
     for row in range(high):

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ...compile import part
+from ...compile import inlined
 from ..angles import VLFEAT_LEAST
 from .angles import begun_signed_votes, begun_votes, linear_votes, nearest_votes, opencv_votes
 from .plans import LINEAR, NEAREST, OPENCV, VLFEAT
@@ -23,7 +23,7 @@ ARCTANGENT = np.array(
 )
 
 
-@part
+@inlined
 def magnitudes(gx: Any, gy: Any, tiny: Any, m: Any) -> None:
     """‖∇‖ of Eq. 2."""
     zero = m.dtype.type(0)
@@ -32,7 +32,7 @@ def magnitudes(gx: Any, gy: Any, tiny: Any, m: Any) -> None:
         m[x] = zero if squared < tiny else math.sqrt(squared)
 
 
-@part
+@inlined
 def _whole(position: Any, count: Any, zero: Any) -> Any:
     """The bin at or before a position of at most two turns, as a whole number in 0 … count - 1."""
     bin_ = np.floor(position)
@@ -43,7 +43,7 @@ def _whole(position: Any, count: Any, zero: Any) -> Any:
     return bin_ if bin_ >= zero else zero  # of NaN
 
 
-@part
+@inlined
 def linear_double(
     gx: Any, gy: Any, tiny: Any, up: Any, per_half_turn: Any, offset: Any, count: Any, f: Any, bins: Any
 ) -> None:
@@ -56,7 +56,7 @@ def linear_double(
         bins[x] = np.int32(_whole(position, count, 0.0))
 
 
-@part
+@inlined
 def linear_vlfeat(gx: Any, gy: Any, directions: Any, signed: bool, least: Any, f: Any, bins: Any) -> None:
     """Linear votes by VLFeat's arccosine: :func:`nablahog.hog.angles.vlfeat`.  ``least`` is its smallest magnitude."""
     axes = directions.shape[1]
@@ -81,7 +81,7 @@ def linear_vlfeat(gx: Any, gy: Any, directions: Any, signed: bool, least: Any, f
         f[x] = of_second if ahead else np.float32(1) - of_second
 
 
-@part
+@inlined
 def linear(gx: Any, gy: Any, voting: Any, m: Any, f: Any, bins: Any) -> None:
     """Linear votes by the exact angle."""
     if gx.itemsize == 4:
@@ -92,7 +92,7 @@ def linear(gx: Any, gy: Any, voting: Any, m: Any, f: Any, bins: Any) -> None:
         linear_double(gx, gy, *args, f, bins)
 
 
-@part
+@inlined
 def vote_line(gx: Any, gy: Any, voting: Any, m: Any, f: Any, bins: Any) -> None:
     """Votes of planes of gradients by ``voting``, a :class:`.plans.Voting`."""
     if voting.kind == LINEAR:
