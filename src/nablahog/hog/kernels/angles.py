@@ -116,6 +116,103 @@ def opencv_votes(_: Any, gx: Any, gy: Any, numbers: Any, table: Any, m: Any, f: 
     return types.void(gx, gy, numbers, table, m, f, bins), partial(_along, vote=_opencv, written=3)
 
 
+# of the arcsine by a quotient of polynomials, from fdlibm: asin(s) = s + s · z · above(z) / below(z), z = s²
+_ABOVE = (
+    1.66666666666666657415e-01,
+    -3.25565818622400915405e-01,
+    2.01212532134862925881e-01,
+    -4.00555345006794114027e-02,
+    7.91534994289814532176e-04,
+    3.47933107596021167570e-05,
+)
+_BELOW = (
+    1.0,
+    -2.40339491173441421878,
+    2.02094576023350569471,
+    -6.88283971605453293030e-01,
+    7.70381505559019352791e-02,
+)
+
+
+def _polynomial(x: Lanes, coefficients: tuple[float, ...]) -> Lanes:
+    value = x.like(coefficients[-1])
+    for coefficient in reversed(coefficients[:-1]):
+        value = value * x + coefficient
+    return value
+
+
+def _arccosine(cosine: Lanes) -> Lanes:
+    """Of 0…1 in float64: four times the arcsine of the sine of a quarter of the angle."""
+    of_half = (cosine * 0.5 + 0.5).root()
+    z = cosine.like(0.5) - of_half * 0.5
+    sine = z.root()
+    return (sine + sine * z * _polynomial(z, _ABOVE) / _polynomial(z, _BELOW)) * 4.0
+
+
+def _vlfeat(write: Builder, gx: Lanes, gy: Lanes, number: Callable[..., Lanes]) -> tuple[Any, ...]:
+    from numba.core import cgutils
+
+    builder, (axes, opposite, count) = write.builder, write.arguments[5:8]
+    m, least, unit = _magnitude(gx, gy, number(2, 0)), number(4, 0), number(4, 1)
+    u, v = gx.to(number(3, 0)), gy.to(number(3, 0))
+    whole = write.ir.IntType(32)
+    place = write.vector(whole, gx.value.type.count)
+    nothing, none = u.like(-1.0).value, write.zeros(place)
+    sizes, bins = [write.variable(u.value.type) for _ in range(2)], [write.variable(place) for _ in range(2)]
+    for of_size, of_bin in zip(sizes, bins, strict=True):
+        builder.store(nothing, of_size)
+        builder.store(none, of_bin)
+    beyond = write.spread(builder.trunc(opposite, whole), place.count)
+    with cgutils.for_range(builder, axes) as loop:
+        here = u * number(3, loop.index) + v * number(3, write.add(loop.index, axes))
+        size, (most, next_) = here.size(), (Lanes(write, builder.load(each)) for each in sizes)
+        best, second = (builder.load(each) for each in bins)
+        this = write.spread(builder.trunc(loop.index, whole), place.count)
+        this = builder.add(this, builder.select(here.is_("<", 0.0).value, beyond, none))
+        better, runner_up = most.is_("<", size), next_.is_("<", size)
+        builder.store(better.choose(most, runner_up.choose(size, next_)).value, sizes[1])
+        builder.store(better.choose(size, most).value, sizes[0])
+        builder.store(builder.select(better.value, best, builder.select(runner_up.value, this, second)), bins[1])
+        builder.store(builder.select(better.value, this, best), bins[0])
+    most = Lanes(write, builder.load(sizes[0]))
+    length = (u * u + v * v).root().to(least)
+    cosine = most.to(least) / length.is_(">", least).choose(length, least)
+    cosine = cosine.is_("<", 1.0).choose(cosine, 1.0).to(u).to(least)  # which VLFeat rounds to float32
+    of_second = (_arccosine(cosine) / unit).to(u)
+    best, second = (builder.load(each) for each in bins)
+    after = builder.add(best, write.ir.Constant(place, [1] * place.count))
+    last = builder.icmp_signed("==", after, write.spread(builder.trunc(count, whole), place.count))
+    ahead = Lanes(write, builder.icmp_signed("==", second, builder.select(last, none, after)))
+    f = ahead.choose(of_second, of_second.like(1.0) - of_second)
+    return m, f.to(m), builder.select(ahead.value, best, second)
+
+
+@instruction
+def vlfeat_votes(
+    _: Any,
+    gx: Any,
+    gy: Any,
+    numbers: Any,
+    directions: Any,
+    arccosine: Any,
+    axes: Any,
+    opposite: Any,
+    count: Any,
+    m: Any,
+    f: Any,
+    bins: Any,
+) -> Any:
+    """The same by VLFeat's arccosine: :func:`nablahog.hog.angles.vlfeat`.
+
+    ``directions`` (all cosines, all sines) are float32, ``arccosine`` float64: the least magnitude and the angle between
+    two axes.  ``opposite`` is how much further a bin is where the product with an axis is negative, ``count`` of bins.
+    """
+    from numba.core import types
+
+    signature = types.void(gx, gy, numbers, directions, arccosine, axes, opposite, count, m, f, bins)
+    return signature, partial(_along, vote=_vlfeat, written=3)
+
+
 def _nearest(write: Builder, gx: Lanes, gy: Lanes, number: Callable[..., Lanes]) -> tuple[Any, ...]:
     from numba.core import cgutils
 

@@ -54,7 +54,9 @@ class Voting(NamedTuple):
     starts: Any  # (3 · bins,)
     before: int  # the bin before the first start
     opencv: Any  # (7,) float32
-    vlfeat: Any  # (2, axes) float32
+    vlfeat: Any  # (2 · axes,) float32
+    arccosine: Any  # (2,) float64: the least magnitude, radians between two axes
+    bins: int
 
 
 class Pooling(NamedTuple):
@@ -126,7 +128,9 @@ def voting(spec: HOGSpec, real: Any) -> Voting:
         starts=np.array(starts, real).T.reshape(-1),
         before=spec.bins - 1 + first,
         opencv=np.array(angles.opencv_table(spec), np.float32),
-        vlfeat=angles.vlfeat_directions(spec),
+        vlfeat=angles.vlfeat_directions(spec).reshape(-1),
+        arccosine=np.array([angles.VLFEAT_LEAST, math.pi / (spec.bins // 2 if spec.signed else spec.bins)]),
+        bins=spec.bins,
     )
 
 

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...compile import inlined
-from ..angles import VLFEAT_LEAST
-from .angles import begun_signed_votes, begun_votes, linear_votes, nearest_votes, opencv_votes
+from .angles import begun_signed_votes, begun_votes, linear_votes, nearest_votes, opencv_votes, vlfeat_votes
 from .plans import LINEAR, NEAREST, OPENCV, VLFEAT
 
 # atan(t) / π for t in 0…1, within 8e-8: an odd polynomial, so that right angles stay exactly on their bin centres
@@ -57,31 +56,6 @@ def linear_double(
 
 
 @inlined
-def linear_vlfeat(gx: Any, gy: Any, directions: Any, signed: bool, least: Any, f: Any, bins: Any) -> None:
-    """Linear votes by VLFeat's arccosine: :func:`nablahog.hog.angles.vlfeat`.  ``least`` is its smallest magnitude."""
-    axes = directions.shape[1]
-    count = 2 * axes if signed else axes
-    for x in range(f.size):
-        u, v = np.float32(gx[x]), np.float32(gy[x])
-        best, most, second, next_ = 0, np.float32(-1), 0, np.float32(-1)
-        for k in range(axes):
-            dot = u * directions[0, k] + v * directions[1, k]
-            size = abs(dot)
-            place = k + axes if signed and dot < 0 else k
-            if size > most:
-                second, next_ = best, most
-                best, most = place, size
-            elif size > next_:
-                second, next_ = place, size
-        length = max(np.float64(np.float32(math.sqrt(u * u + v * v))), least)
-        cosine = np.float32(min(np.float64(most) / length, 1.0))
-        of_second = np.float32(np.float64(math.acos(cosine)) / (math.pi / axes))
-        ahead = second == (best + 1) % count
-        bins[x] = best if ahead else second
-        f[x] = of_second if ahead else np.float32(1) - of_second
-
-
-@inlined
 def linear(gx: Any, gy: Any, voting: Any, m: Any, f: Any, bins: Any) -> None:
     """Linear votes by the exact angle."""
     if gx.itemsize == 4:
@@ -100,8 +74,9 @@ def vote_line(gx: Any, gy: Any, voting: Any, m: Any, f: Any, bins: Any) -> None:
     elif voting.kind == OPENCV:
         opencv_votes(gx, gy, voting.numbers, voting.opencv, m, f, bins)
     elif voting.kind == VLFEAT:
-        magnitudes(gx, gy, voting.tiny, m)
-        linear_vlfeat(gx, gy, voting.vlfeat, voting.signed, VLFEAT_LEAST, f, bins)
+        axes = voting.vlfeat.size // 2
+        of_bins = axes, axes if voting.signed else 0, voting.bins
+        vlfeat_votes(gx, gy, voting.numbers, voting.vlfeat, voting.arccosine, *of_bins, m, f, bins)
     elif voting.kind == NEAREST:
         axes = voting.directions.size // 2
         nearest_votes(gx, gy, voting.numbers, voting.directions, axes, axes if voting.signed else 0, m, bins)
