@@ -28,7 +28,7 @@ from .spreads import (
 from .votes import linear, vote_line
 
 
-@inlined
+@compiled
 def _round(given: Any, pooling: Any, band: int, found: Any) -> None:
     """What reaches the cells of a band, to ``found`` (high, columns + wide, line): a line begins with the last bin.
 
@@ -253,11 +253,14 @@ def cells_adjoint(
     voting: Any,
     pooling: Any,
     given: Any,
-    start: int,
-    stop: int,
+    images: Any,
+    rows: Any,
     found: Any,
 ) -> None:
-    """Rows ``start`` to ``stop`` of one image, ``found`` (channels, height, width); ``given`` is (rows, cols, bins)."""
+    """Rows (first, last) of some images (first, last), to ``found`` (images, channels, height, width).
+
+    ``given`` is (images, rows, cols, bins).
+    """
     height, width = shape
     real = found.dtype
     several = not reading.mixed and reading.weights.size > 1
@@ -279,111 +282,87 @@ def cells_adjoint(
     winners = np.zeros(ring, np.int32)
     masked = ring if several else 0
     masked_x, masked_y = np.zeros(masked, real), np.zeros(masked, real)
-    to_all = found.reshape(-1)
-    row, last = max(start - 1, 0), min(stop + 1, height)  # with those beside what is asked for
-    read = -1  # the last row of pixels
-    while row < last:
-        band = pooling.band_of[row]
-        end = row + 1 if band < 0 else min(pooling.bands[band, 1], last)
-        if band >= 0:
-            for begin in range(row, end, few):
-                count = (min(begin + few, end) - begin) * stride
-                part = slice((begin - row) * stride, (begin - row) * stride + count)
-                of_x, of_y = gx[part], gy[part]
-                read = gradients_of_rows(
-                    pixels,
-                    at,
-                    shape,
-                    strides,
-                    reading,
-                    begin,
-                    min(begin + few, end),
-                    read,
-                    lines,
-                    stride,
-                    of_x,
-                    of_y,
-                    us,
-                    vs,
-                    winner[part],
-                )
-                vote_line(of_x, of_y, voting, m[part], f[part], bins[part])
+    start, stop = rows
+    for image in range(images[0], images[1]):
+        of_image, of_found = at + image * strides[0], found[image].reshape(-1)
+        to_gx[:] = 0
+        to_gy[:] = 0
+        row, last = max(start - 1, 0), stop + 1  # with those beside what is asked for, and nothing below the image
+        read = -1  # the last row of pixels
+        while row < last:
+            band = pooling.band_of[row] if row < height else -1
+            end = row + 1 if band < 0 else min(pooling.bands[band, 1], last)
+            if band >= 0:
+                for begin in range(row, end, few):
+                    count = (min(begin + few, end) - begin) * stride
+                    part = slice((begin - row) * stride, (begin - row) * stride + count)
+                    of_x, of_y = gx[part], gy[part]
+                    read = gradients_of_rows(
+                        pixels,
+                        of_image,
+                        shape,
+                        strides,
+                        reading,
+                        begin,
+                        min(begin + few, end),
+                        read,
+                        lines,
+                        stride,
+                        of_x,
+                        of_y,
+                        us,
+                        vs,
+                        winner[part],
+                    )
+                    vote_line(of_x, of_y, voting, m[part], f[part], bins[part])
+                    if voting.inexact:
+                        linear(of_x, of_y, voting, m[part], exact[part], exact_bins[part])
+                _round(given[image], pooling, band, cells)
+                _read(cells, bins, stride, row, end - row, pooling, spread, before, here, after)
                 if voting.inexact:
-                    linear(of_x, of_y, voting, m[part], exact[part], exact_bins[part])
-            _round(given, pooling, band, cells)
-            _read(cells, bins, stride, row, end - row, pooling, spread, before, here, after)
-            if voting.inexact:
-                _read(cells, exact_bins, stride, row, end - row, pooling, spread, before_exact, here_exact, after_exact)
-        for y in range(row, end):
-            slot, of_row = y % 3 * ring_line(width), (y - row) * stride
-            if band < 0:
-                to_gx[slot : slot + width + 2] = 0
-                to_gy[slot : slot + width + 2] = 0
-            else:
-                of_angle = (
-                    (exact, before_exact, here_exact, after_exact) if voting.inexact else (f, before, here, after)
-                )
-                votes = m, f, here, after, *of_angle, gx, gy
-                if voting.hard:
-                    to_gradients_of_hard(*votes, of_row, width, voting.slope, to_gx, to_gy, slot)
+                    _read(
+                        cells,
+                        exact_bins,
+                        stride,
+                        row,
+                        end - row,
+                        pooling,
+                        spread,
+                        before_exact,
+                        here_exact,
+                        after_exact,
+                    )
+            for y in range(row, end):
+                slot, of_row = y % 3 * ring_line(width), (y - row) * stride
+                if band < 0:
+                    to_gx[slot : slot + width + 2] = 0
+                    to_gy[slot : slot + width + 2] = 0
                 else:
-                    to_gradients(*votes, of_row, width, voting.slope, to_gx, to_gy, slot)
-                _outermost(to_gx, to_gy, slot, width, y, height, reading.times)
-                if several:
-                    winners[slot + 1 : slot + width + 1] = winner[of_row : of_row + width]
-            if y - 1 >= start:
-                _emit(
-                    pixels,
-                    at,
-                    shape,
-                    strides,
-                    y - 1,
-                    reading,
-                    to_gx,
-                    to_gy,
-                    winners,
-                    masked_x,
-                    masked_y,
-                    toward,
-                    to_all,
-                )
-        row = end
-    if stop == height:
-        slot = height % 3 * ring_line(width)
-        to_gx[slot : slot + width + 2] = 0
-        to_gy[slot : slot + width + 2] = 0
-        _emit(
-            pixels,
-            at,
-            shape,
-            strides,
-            height - 1,
-            reading,
-            to_gx,
-            to_gy,
-            winners,
-            masked_x,
-            masked_y,
-            toward,
-            to_all,
-        )
-
-
-@compiled
-def adjoints_of_images(
-    pixels: Any,
-    at: int,
-    shape: Any,
-    strides: Any,
-    reading: Any,
-    voting: Any,
-    pooling: Any,
-    given: Any,
-    start: int,
-    stop: int,
-    found: Any,
-) -> None:
-    """The same of whole images ``start`` to ``stop``, ``found`` (images, channels, height, width)."""
-    for image in range(start, stop):
-        begin = at + image * strides[0]
-        cells_adjoint(pixels, begin, shape, strides, reading, voting, pooling, given[image], 0, shape[0], found[image])
+                    of_angle = (
+                        (exact, before_exact, here_exact, after_exact) if voting.inexact else (f, before, here, after)
+                    )
+                    votes = m, f, here, after, *of_angle, gx, gy
+                    if voting.hard:
+                        to_gradients_of_hard(*votes, of_row, width, voting.slope, to_gx, to_gy, slot)
+                    else:
+                        to_gradients(*votes, of_row, width, voting.slope, to_gx, to_gy, slot)
+                    _outermost(to_gx, to_gy, slot, width, y, height, reading.times)
+                    if several:
+                        winners[slot + 1 : slot + width + 1] = winner[of_row : of_row + width]
+                if y - 1 >= start:
+                    _emit(
+                        pixels,
+                        of_image,
+                        shape,
+                        strides,
+                        y - 1,
+                        reading,
+                        to_gx,
+                        to_gy,
+                        winners,
+                        masked_x,
+                        masked_y,
+                        toward,
+                        of_found,
+                    )
+            row = end

@@ -125,7 +125,7 @@ def empty_sums(pooling: Any, like: Any) -> Any:
     return np.zeros(pooling.of_cell * padded(pooling.columns) + PADDING, like)
 
 
-@inlined
+@compiled
 def pool(sums: Any, part: int, pooling: Any, of_band: Any) -> None:
     """Adds the sums of a part's columns to the cells ``of_band``, (columns + wide, of_cell)."""
     size, wide, length, of_cell = padded(pooling.columns), pooling.wide, pooling.length, pooling.of_cell
@@ -144,7 +144,7 @@ def pool(sums: Any, part: int, pooling: Any, of_band: Any) -> None:
                         pool_eight(sums, at, size, pooling.by_col, share, length, of_band, to + k, of_cell)
 
 
-@inlined
+@compiled
 def sum_up(
     m: Any, f: Any, bins: Any, stride: int, first: int, rows: int, hard: bool, pooling: Any, sums: Any, of_band: Any
 ) -> None:
@@ -177,51 +177,6 @@ def sum_up(
         pool(sums, part, pooling, of_band)
 
 
-@compiled
-def cells(
-    pixels: Any,
-    at: int,
-    shape: Any,
-    strides: Any,
-    reading: Any,
-    voting: Any,
-    pooling: Any,
-    start: int,
-    stop: int,
-    of_bands: Any,
-    found: Any,
-) -> None:
-    """Cells of bands ``start`` to ``stop`` of one image, added to ``found`` (rows, columns, bins).
-
-    If that is empty, each band's are left in ``of_bands``, else these have room for one of them.
-    """
-    width = shape[1]
-    real = of_bands.dtype
-    stride, most = padded(width), most_rows(pooling)
-    few = min(rows_at_once(stride), most)
-    lines, sums = empty_lines(reading, width, real), empty_sums(pooling, real)
-    gx, gy = np.zeros(few * stride, real), np.zeros(few * stride, real)
-    us, vs, winner = np.zeros(few * stride, real), np.zeros(few * stride, real), np.zeros(few * stride, np.int32)
-    size = most * stride + PADDING
-    m, f, bins = np.zeros(size, real), np.zeros(size, real), np.zeros(size, np.int32)
-    hard = voting.hard or pooling.bins == 1
-    read = -1
-    for band in range(start, stop):
-        first, last, _ = pooling.bands[band]
-        for begin in range(first, last, few):
-            end = min(begin + few, last)
-            read = gradients_of_rows(
-                pixels, at, shape, strides, reading, begin, end, read, lines, stride, gx, gy, us, vs, winner
-            )
-            count = (end - begin) * stride
-            part = slice((begin - first) * stride, (begin - first) * stride + count)
-            vote_line(gx[:count], gy[:count], voting, m[part], f[part], bins[part])
-        of_band = of_bands[band % of_bands.shape[0]]
-        sum_up(m, f, bins, stride, first, last - first, hard, pooling, sums, of_band)
-        if found.size > 0:
-            add_band(of_band, band, pooling, found)
-
-
 @inlined
 def add_band(of_band: Any, band: int, pooling: Any, found: Any) -> None:
     """Eq. 6: adds the cells of a band to those of the image, ``found`` (rows, columns, bins)."""
@@ -243,7 +198,7 @@ def add_bands(of_bands: Any, pooling: Any, found: Any) -> None:
 
 
 @compiled
-def cells_of_bands(
+def cells(
     pixels: Any,
     at: int,
     shape: Any,
@@ -251,31 +206,41 @@ def cells_of_bands(
     reading: Any,
     voting: Any,
     pooling: Any,
-    start: int,
-    stop: int,
+    images: Any,
+    bands: Any,
+    of_bands: Any,
     found: Any,
 ) -> None:
-    """Cells of bands ``start`` to ``stop`` of one image, to ``found`` (bands, columns + wide, of_cell) in lines."""
-    cells(pixels, at, shape, strides, reading, voting, pooling, start, stop, found, found[0, :0].reshape(0, 0, 0))
+    """Cells of some images (first, last) and bands of them (first, last), to ``found`` (images, rows, columns, bins).
 
-
-@compiled
-def cells_of_images(
-    pixels: Any,
-    at: int,
-    shape: Any,
-    strides: Any,
-    reading: Any,
-    voting: Any,
-    pooling: Any,
-    start: int,
-    stop: int,
-    found: Any,
-) -> None:
-    """Cells of images ``start`` to ``stop``, to ``found`` (images, rows, columns, bins)."""
-    of_bands = np.empty((1, (pooling.cols + pooling.wide) * pooling.of_cell), found.dtype)
-    bands = pooling.bands.shape[0]
-    for image in range(start, stop):
-        begin = at + image * strides[0]
-        found[image] = 0
-        cells(pixels, begin, shape, strides, reading, voting, pooling, 0, bands, of_bands, found[image])
+    If ``found`` is of no images, the bands of one are left in ``of_bands`` (bands, columns + wide, of_cell) in lines;
+    else that has room for one band.
+    """
+    width = shape[1]
+    real = of_bands.dtype
+    stride, most = padded(width), most_rows(pooling)
+    few = min(rows_at_once(stride), most)
+    lines, sums = empty_lines(reading, width, real), empty_sums(pooling, real)
+    gx, gy = np.zeros(few * stride, real), np.zeros(few * stride, real)
+    us, vs, winner = np.zeros(few * stride, real), np.zeros(few * stride, real), np.zeros(few * stride, np.int32)
+    size = most * stride + PADDING
+    m, f, bins = np.zeros(size, real), np.zeros(size, real), np.zeros(size, np.int32)
+    hard = voting.hard or pooling.bins == 1
+    for image in range(images[0], images[1]):
+        of_image, read = at + image * strides[0], -1
+        if found.shape[0] > 0:
+            found[image] = 0
+        for band in range(bands[0], bands[1]):
+            first, last, _ = pooling.bands[band]
+            for begin in range(first, last, few):
+                end = min(begin + few, last)
+                read = gradients_of_rows(
+                    pixels, of_image, shape, strides, reading, begin, end, read, lines, stride, gx, gy, us, vs, winner
+                )
+                count = (end - begin) * stride
+                chunk = slice((begin - first) * stride, (begin - first) * stride + count)
+                vote_line(gx[:count], gy[:count], voting, m[chunk], f[chunk], bins[chunk])
+            of_band = of_bands[band % of_bands.shape[0]]
+            sum_up(m, f, bins, stride, first, last - first, hard, pooling, sums, of_band)
+            if found.shape[0] > 0:
+                add_band(of_band, band, pooling, found[image])

@@ -15,8 +15,9 @@ from ...threads import in_threads
 from ..normalizers import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm
 from ..spec import HOGSpec
 from . import plans
-from .adjoint import adjoints_of_images, cells_adjoint
-from .cells import add_bands, cells_of_bands, cells_of_images
+from .adjoint import cells_adjoint
+from .cells import add_bands
+from .cells import cells as loop_over_cells
 from .four_blocks import four_block_adjoint, four_block_norm, four_blocks
 from .tangent import tangents_of_images
 from .vectors import (
@@ -123,13 +124,21 @@ def _cells(images: Tensor, spec: HOGSpec) -> Any:
     known = _pixels(spec, images.shape[1:], images.dtype)
     plan = *_stored(images), *known.plan
     found = np.empty((images.shape[0], *known.cells), known.real)
-    if _in_bands(images):
-        pooling = known.pooling
-        of_bands = np.empty((len(pooling.bands), (pooling.cols + pooling.wide) * pooling.of_cell), known.real)
-        _share_out(lambda start, stop: known.run(cells_of_bands, *plan, start, stop, of_bands), len(of_bands))
+    pooling, parts = known.pooling, _in_bands(images)
+    bands = len(pooling.bands)
+    of_bands = np.empty((bands if parts else 1, (pooling.cols + pooling.wide) * pooling.of_cell), known.real)
+    if parts:
+        none = found[:0]
+        _share_out(lambda *some: known.run(loop_over_cells, *plan, (0, 1), some, of_bands, none), bands)
         known.run(add_bands, of_bands, pooling, found[0])
     else:
-        _share_out(lambda start, stop: known.run(cells_of_images, *plan, start, stop, found), len(found))
+        every = 0, bands
+
+        def work(*some: int) -> None:
+            of_band = np.empty_like(of_bands)  # each thread's own
+            known.run(loop_over_cells, *plan, some, every, of_band, found)
+
+        _share_out(work, len(found))
     return found
 
 
@@ -138,10 +147,10 @@ def _cells_back(images: Tensor, reached: Any, spec: HOGSpec) -> Any:
     plan = *_stored(images), *known.plan
     found = np.empty(images.shape, known.real)
     if _in_bands(images):
-        one, of_one = found[0], reached[0]
-        _share_out(lambda start, stop: known.run(cells_adjoint, *plan, of_one, start, stop, one), images.shape[2])
+        _share_out(lambda *some: known.run(cells_adjoint, *plan, reached, (0, 1), some, found), images.shape[2])
     else:
-        _share_out(lambda start, stop: known.run(adjoints_of_images, *plan, reached, start, stop, found), len(found))
+        rows = 0, images.shape[2]
+        _share_out(lambda *some: known.run(cells_adjoint, *plan, reached, some, rows, found), len(found))
     return found
 
 

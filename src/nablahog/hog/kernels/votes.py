@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ...compile import inlined
+from ...compile import compiled, inlined
 from .angles import begun_signed_votes, begun_votes, linear_votes, nearest_votes, opencv_votes, vlfeat_votes
 from .plans import LINEAR, NEAREST, OPENCV, VLFEAT
 
@@ -55,7 +55,7 @@ def linear_double(
         bins[x] = np.int32(_whole(position, count, 0.0))
 
 
-@inlined
+@compiled
 def linear(gx: Any, gy: Any, voting: Any, m: Any, f: Any, bins: Any) -> None:
     """Linear votes by the exact angle."""
     if gx.itemsize == 4:
@@ -66,7 +66,7 @@ def linear(gx: Any, gy: Any, voting: Any, m: Any, f: Any, bins: Any) -> None:
         linear_double(gx, gy, *args, f, bins)
 
 
-@inlined
+@compiled
 def vote_line(gx: Any, gy: Any, voting: Any, m: Any, f: Any, bins: Any) -> None:
     """Votes of planes of gradients by ``voting``, a :class:`.plans.Voting`."""
     if voting.kind == LINEAR:
