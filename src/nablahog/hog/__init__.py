@@ -1,10 +1,15 @@
 """Section 2: image to descriptor, differentiable."""
 
+from typing import TYPE_CHECKING
+
+from ..lazy import names_when_used
 from . import presets
-from .descriptor import HOG, hog
 from .normalizers import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm
 from .poolings import BilinearCells, BlockCells, BoxCells
 from .spec import HOGSpec
+
+if TYPE_CHECKING:
+    from .descriptor import HOG, hog
 
 __all__ = [
     "HOG",
@@ -19,3 +24,5 @@ __all__ = [
     "hog",
     "presets",
 ]
+
+names_when_used(__name__, descriptor=("HOG", "hog"))

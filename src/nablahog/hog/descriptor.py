@@ -50,6 +50,9 @@ def hog(
     from kinks.  At kinks it returns the derivatives stated in ``docs/derivatives.md``, never NaN.  A NaN pixel makes
     its image's descriptor NaN.
 
+    ``torch.export`` saves graphs with the operator in it; a process that loads one needs ``import
+    nablahog.hog.kernels``, for ``import nablahog`` alone loads nothing that computes.
+
     Args:
         images: (B, C, H, W), float32 or float64 in 0…1, or uint8 in 0…255; any number of channels (three are R, G, B)
             and any strides: none is copied on a CPU.
