@@ -10,6 +10,7 @@ from .spec import HOGSpec
 
 if TYPE_CHECKING:
     from .descriptor import HOG, hog
+    from .streaming import DescriptorStrip, stream
 
 __all__ = [
     "HOG",
@@ -18,11 +19,13 @@ __all__ = [
     "BlockNorm",
     "BoxCells",
     "CellNorm",
+    "DescriptorStrip",
     "FourBlockNorm",
     "GlobalNorm",
     "HOGSpec",
     "hog",
     "presets",
+    "stream",
 ]
 
-names_when_used(__name__, descriptor=("HOG", "hog"))
+names_when_used(__name__, descriptor=("HOG", "hog"), streaming=("DescriptorStrip", "stream"))
