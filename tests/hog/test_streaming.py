@@ -61,7 +61,7 @@ def joined(image: Any, s: HOGSpec, memory: int = LEAST) -> tuple[Tensor, int]:
 
 
 def same(got: Tensor, expected: Tensor) -> bool:
-    """Bit by bit, NaN, too."""
+    """Bit by bit."""
     kinds = (got.dtype, got.shape), (expected.dtype, expected.shape)
     return kinds[0] == kinds[1] and got.numpy().tobytes() == expected.numpy().tobytes()
 
@@ -139,35 +139,11 @@ def specs(draw: st.DrawFn) -> HOGSpec:
     height=st.integers(1, 200),
     width=st.integers(1, 30),
     dtype=dtypes,
-    at=st.integers(0, 200),
-    nan=st.booleans(),
 )
 @settings(max_examples=150)
-def test_every_size(s: HOGSpec, height: int, width: int, dtype: Any, at: int, nan: bool) -> None:
-    """And of what is not a number: where it spreads to hangs on rounding, too."""
-    if not fits(s, 3, height, width):
-        return
-    image = picture(height, width, 3, dtype)
-    if nan and dtype != np.uint8:
-        image[at % height, at % width] = np.nan
-    assert_streams(image, s)
-
-
-NEAR: dict[str, HOGSpec] = {
-    **{name: SPECS[name] for name in ("paper", "uoctti", "dpm", "skimage", "opencv", "ties-dlib", "block")},
-    "tiles": spec(cell_size=(1, 2), pooling=BoxCells(window=2), normalizer=CellNorm()),
-    "apart": spec(cell_size=(1, 4), pooling=BlockCells((1, 8), (1, 16), 9.0), normalizer=BlockNorm((1, 2), (1, 2))),
-}
-
-
-@pytest.mark.parametrize("name", NEAR)
-def test_what_is_no_number_spreads_alike(name: str) -> None:
-    """To all cells of its band: times a weight of zero it is no zero."""
-    image = picture(40, 14, 1, np.float32)
-    for row in range(40):
-        image[row, 5] = np.nan
-        assert_streams(image, NEAR[name])
-        image[row, 5] = 0.5
+def test_every_size(s: HOGSpec, height: int, width: int, dtype: Any) -> None:
+    if fits(s, 3, height, width):
+        assert_streams(picture(height, width, 3, dtype), s)
 
 
 @pytest.mark.parametrize("name", ["paper", "uoctti", "opencv"])
