@@ -58,8 +58,8 @@ def stream(image: Rows, spec: HOGSpec, *, memory: int = MEMORY) -> Iterator[Desc
 
     They are the rows of ``hog`` of the whole image, bit by bit: ``torch.cat([strip.descriptor for strip in
     stream(image, spec)])`` is ``hog(whole, spec)[0]``.  Only of dialects that have no compiled loops, which no preset
-    is (see :func:`.kernels.supports`), they are the same up to rounding.  And a pixel that is
-    not finite may spoil other rows than there.
+    is (see :func:`.kernels.supports`), they are the same up to rounding; and a pixel that is not finite may spoil other
+    rows than there.
 
     Neighbouring strips share some rows of the image, as cells share pixels and blocks cells; these are read for both.
     Where one number normalises all of a descriptor (Eq. 7, :class:`.normalizers.GlobalNorm`), the image is read twice.
