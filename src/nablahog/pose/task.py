@@ -10,7 +10,8 @@ import torch
 from torch import Tensor
 
 from .canvas import DISTANCE
-from .matching import Kind, Model, Photograph
+from .choices import Kind
+from .matching import Model, Photograph
 from .placing import place
 from .search import turn_table
 
