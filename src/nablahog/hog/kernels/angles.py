@@ -205,8 +205,7 @@ def vlfeat_votes(
     """The same by VLFeat's arccosine: :func:`nablahog.hog.angles.vlfeat`.
 
     ``directions`` (all cosines, all sines) are float32, ``arccosine`` float64: the least magnitude and the angle
-    between two axes.  ``opposite`` is how much further a bin is where the product with an axis is negative, ``count`` how
-    many bins there are.
+    between two axes.  ``opposite`` is how much further a bin is where the product with an axis is negative.
     """
     from numba.core import types
 
