@@ -228,6 +228,8 @@ def cells(
     hard = voting.hard or pooling.bins == 1
     for image in range(images[0], images[1]):
         of_image, read = at + image * strides[0], -1
+        for plane in (m, f, sums):  # a NaN that the image before left there would not vanish by a weight of zero
+            plane[:] = 0
         if found.shape[0] > 0:
             found[image] = 0
         for band in range(bands[0], bands[1]):

@@ -172,6 +172,8 @@ def _weights(
 
 def _to_each_other(runs: list[tuple[int, int, int]], width: int) -> list[tuple[int, int, int]]:
     """The same with all columns in one of them: others vote with a weight of zero."""
+    if not runs:
+        return []
     starts = [0, *(start for start, _, _ in runs[1:])]
     return [(start, stop, first) for start, stop, (_, _, first) in zip(starts, [*starts[1:], width], runs, strict=True)]
 
