@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Literal, TypeAlias
 
 import torch
@@ -28,12 +27,7 @@ def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
         raise TypeError(f"images must be float32 or float64 in 0…1, or uint8 in 0…255, got {images.dtype}")
     if backend != "auto":
         check_choice("backend", backend, Backend)
-    _check_size(spec, images.shape[-2:])
-
-
-@lru_cache(maxsize=64)
-def _check_size(spec: HOGSpec, size: tuple[int, ...]) -> None:
-    spec.grid(*size)
+    spec.grid(*images.shape[-2:])
 
 
 def histograms(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> Tensor:
