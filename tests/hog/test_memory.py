@@ -25,13 +25,14 @@ def test_arrays_in_use_are_apart() -> None:
 
 
 def test_memory_comes_back_with_the_last_tensor_on_it() -> None:
-    memory._blocks.clear()
+    memory._free.clear()
     array = memory.empty(LARGE, np.float32)
     first, part = place(array), torch.from_numpy(array)[1:, 5:].requires_grad_()
     part_of = part.detach()[-1:]
     del array, part
     gc.collect()
-    assert place(memory.empty(LARGE, np.float32)) != first  # a view of a view is left
+    other = memory.empty(LARGE, np.float32)
+    assert place(other) != first  # a view of a view is left
     del part_of
     gc.collect()
     assert place(memory.empty(LARGE, np.float32)) == first
@@ -43,4 +44,4 @@ def test_other_sizes_and_kinds() -> None:
         assert array.shape == shape
         assert array.dtype == kind
         assert array.flags["C_CONTIGUOUS"]
-    assert sum(block.nbytes for block in memory._blocks) <= 2**26
+    assert sum(block.nbytes for block in memory._free) <= 2**26

@@ -3,19 +3,30 @@
 from __future__ import annotations
 
 import math
-import sys
-import threading
+from collections import deque
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-_LARGE = 2**20  # bytes of an array that is worth it
-_MOST = 2**26  # that are kept, in use or not
-_UNUSED = 3  # references to a block that only the list, a loop's variable and the call that counts them hold
+Block = npt.NDArray[np.uint8]
 
-_blocks: list[npt.NDArray[np.uint8]] = []
-_lock = threading.Lock()
+_LARGE = 2**20  # bytes of an array that is worth it
+_MOST = 2**26  # that are kept for later
+
+_free: deque[Block] = deque()
+
+
+class _Loan:
+    """Stands for an array on a block: arrays and tensors that share its memory hold it, and with the last it ends."""
+
+    def __init__(self, block: Block, array: npt.NDArray[Any]) -> None:
+        self.block, self.__array_interface__ = block, array.__array_interface__
+
+    def __del__(self, free: deque[Block] = _free, most: int = _MOST) -> None:
+        free.append(self.block)
+        while sum(block.nbytes for block in tuple(free)) > most:
+            free.popleft()
 
 
 def empty(shape: tuple[int, ...], dtype: Any) -> npt.NDArray[Any]:
@@ -23,24 +34,18 @@ def empty(shape: tuple[int, ...], dtype: Any) -> npt.NDArray[Any]:
     size = math.prod(shape) * np.dtype(dtype).itemsize
     if not _LARGE <= size <= _MOST:
         return np.empty(shape, dtype)
-    with _lock:
-        block = _unused(size)
-        if block is None:
-            block = np.empty(size, np.uint8)
-            _blocks.append(block)
-            _drop()
-        found: npt.NDArray[Any] = block[:size].view(dtype).reshape(shape)
-        return found
+    block = _taken(size)
+    return np.asarray(_Loan(block, block[:size].view(dtype).reshape(shape)))
 
 
-def _unused(size: int) -> npt.NDArray[np.uint8] | None:
-    for block in _blocks:
-        if size <= block.nbytes <= 2 * size and sys.getrefcount(block) == _UNUSED:
+def _taken(size: int) -> Block:
+    """A block of at least ``size`` bytes, free and not much larger, or new."""
+    for _ in range(len(_free)):
+        try:
+            block = _free.popleft()  # by one thread only
+        except IndexError:
+            break
+        if size <= block.nbytes <= 2 * size:
             return block
-    return None
-
-
-def _drop() -> None:
-    """Forgets the oldest blocks while there are too many; those in use are then freed with what uses them."""
-    while sum(block.nbytes for block in _blocks) > _MOST:
-        _blocks.pop(0)
+        _free.append(block)
+    return np.empty(size, np.uint8)
