@@ -19,7 +19,6 @@ from .adjoint import cells_adjoint
 from .cells import add_bands
 from .cells import cells as loop_over_cells
 from .four_blocks import four_block_adjoint, four_block_norm, four_blocks
-from .memory import empty
 from .tangent import tangents_of_images
 from .vectors import (
     block_adjoint,
@@ -124,7 +123,7 @@ def _in_bands(images: Tensor) -> bool:
 def _cells(images: Tensor, spec: HOGSpec) -> Any:
     known = _pixels(spec, images.shape[1:], images.dtype)
     plan = *_stored(images), *known.plan
-    found = empty((images.shape[0], *known.cells), known.real)
+    found = np.empty((images.shape[0], *known.cells), known.real)
     pooling, parts = known.pooling, _in_bands(images)
     bands = len(pooling.bands)
     of_bands = np.empty((bands if parts else 1, (pooling.cols + pooling.wide) * pooling.of_cell), known.real)
@@ -146,7 +145,7 @@ def _cells(images: Tensor, spec: HOGSpec) -> Any:
 def _cells_back(images: Tensor, reached: Any, spec: HOGSpec) -> Any:
     known = _pixels(_followed(spec), images.shape[1:], images.dtype)
     plan = *_stored(images), *known.plan
-    found = empty(images.shape, known.real)
+    found = np.empty(images.shape, known.real)
     if _in_bands(images):
         _share_out(lambda *some: known.run(cells_adjoint, *plan, reached, (0, 1), some, found), images.shape[2])
     else:
@@ -157,14 +156,14 @@ def _cells_back(images: Tensor, reached: Any, spec: HOGSpec) -> Any:
 
 def _normed(cells: Any, spec: HOGSpec) -> Any:
     known = _norm(spec, cells.shape[1:], cells.dtype.type)
-    found = empty((cells.shape[0], *known.grid), cells.dtype)
+    found = np.empty((cells.shape[0], *known.grid), cells.dtype)
     _share_out(lambda start, stop: known.run(known.loop, cells, known.scheme, start, stop, found), len(cells))
     return found
 
 
 def _norm_back(cells: Any, reached: Any, spec: HOGSpec) -> Any:
     known = _norm(spec, cells.shape[1:], cells.dtype.type)
-    found = empty(cells.shape, cells.dtype)
+    found = np.empty(cells.shape, cells.dtype)
     _share_out(lambda start, stop: known.run(known.back, cells, known.scheme, reached, start, stop, found), len(cells))
     return found
 
