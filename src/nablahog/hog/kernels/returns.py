@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from ...compile import instruction
-from .simd import Builder, Lanes, lanes
+from .simd import Builder, Lanes, lanes, taking
 
 
 def _to_gradients(context: Any, builder: Any, signature: Any, arguments: Any, hard: bool) -> Any:
@@ -38,63 +38,25 @@ def _to_gradients(context: Any, builder: Any, signature: Any, arguments: Any, ha
     return context.get_dummy_value()
 
 
-@instruction
-def to_gradients(
-    _: Any,
-    m: Any,
-    f: Any,
-    here: Any,
-    after: Any,
-    exact: Any,
-    before_exact: Any,
-    here_exact: Any,
-    after_exact: Any,
-    gx: Any,
-    gy: Any,
-    at: Any,
-    width: Any,
-    slope: Any,
-    to_gx: Any,
-    to_gy: Any,
-    to: Any,
-) -> Any:
-    """What reaches the gradients of a row of pixels, from ``at`` on, to lines with an end in front, from ``to`` on.
+def _returns(hard: bool) -> Any:
+    """An instruction: what reaches the gradients of a row of pixels, to lines with an end in front.
 
-    By their magnitudes between two bins; by their angles the difference of the two, on a bin centre the mean of those
-    on both sides, times ``slope``.  The latter are where the exact angle is.  Behind the row are zeros, to whole
-    vectors.
+    By their magnitudes between two bins; by their angles, of which hard votes know nothing, the difference of the two,
+    on a bin centre the mean of those on both sides.  Its arguments, in this order:
+
+    * planes: m and f; what reaches the votes here and after; the same of the exact angle: f, before, here and after; gx
+      and gy.  at: the first pixel; width: of the row.
+    * slope: bins per radian.
+    * to_gx, to_gy: to write, zeros behind the row to whole vectors; to: the end in front.
     """
-    from numba.core import types
 
-    planes = m, f, here, after, exact, before_exact, here_exact, after_exact, gx, gy
-    return types.void(*planes, at, width, slope, to_gx, to_gy, to), partial(_to_gradients, hard=False)
+    def returns(_: Any, *arguments: Any) -> Any:
+        return taking(arguments, partial(_to_gradients, hard=hard))
+
+    return instruction(returns)
 
 
-@instruction
-def to_gradients_of_hard(
-    _: Any,
-    m: Any,
-    f: Any,
-    here: Any,
-    after: Any,
-    exact: Any,
-    before_exact: Any,
-    here_exact: Any,
-    after_exact: Any,
-    gx: Any,
-    gy: Any,
-    at: Any,
-    width: Any,
-    slope: Any,
-    to_gx: Any,
-    to_gy: Any,
-    to: Any,
-) -> Any:
-    """The same of hard votes, which know nothing of angles."""
-    from numba.core import types
-
-    planes = m, f, here, after, exact, before_exact, here_exact, after_exact, gx, gy
-    return types.void(*planes, at, width, slope, to_gx, to_gy, to), partial(_to_gradients, hard=True)
+to_gradients, to_gradients_of_hard = _returns(hard=False), _returns(hard=True)
 
 
 @instruction
