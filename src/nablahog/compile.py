@@ -28,10 +28,10 @@ class _Instruction:
         return intrinsic(self.function)
 
     def digest(self) -> str:
-        """Of all that the machine code is made of: helpers in the same file and in those it imports from beside it."""
-        beside = self.function.__module__.rpartition(".")[0]
+        """Of all that the machine code is made of: helpers in the same file and in those of ours it imports from."""
         used = {self.function.__module__, *(getattr(x, "__module__", "") for x in self.function.__globals__.values())}
-        files = [sys.modules[name].__file__ for name in sorted(used) if name.startswith(f"{beside}.")]
+        ours = f"{__name__.partition('.')[0]}."
+        files = [sys.modules[name].__file__ for name in sorted(used) if name.startswith(ours)]
         return hashlib.sha256(b"".join(Path(file).read_bytes() for file in files if file)).hexdigest()
 
 

@@ -17,7 +17,16 @@ from nablahog.invert.histograms import recover_histograms
 from nablahog.invert.parameterize import CosineBasis, Pixels, cosines, from_cosines, low_pass, to_cosines
 from nablahog.invert.preimage import to_unit_range
 from nablahog.invert.priors import smoothness
-from nablahog.invert.start import NOISE, SPREAD, at_contrast, enlarge, integrate, mean_gradient, noise, starting_images
+from nablahog.invert.start import (
+    NOISE,
+    at_contrast,
+    enlarge,
+    in_pairs,
+    integrate,
+    mean_gradient,
+    noise,
+    starting_images,
+)
 
 from .photographs import photograph
 
@@ -206,10 +215,10 @@ def test_a_starting_image_has_about_the_contrast_of_the_votes(spec: HOGSpec) -> 
 
 
 def test_noise_is_seeded_and_the_same_in_every_batch_and_precision() -> None:
-    one, several = noise(LIKE, 40, 50, 1, seed=3), noise(LIKE, 40, 50, 4, seed=3)
+    one, several = noise(LIKE, 40, 50, 1, seed=3), noise(LIKE, 40, 50, 4, seed=3, spread=0.2)
     assert one.shape == (1, 1, 1, 40, 50)
     assert several.shape == (1, 4, 1, 40, 50)
-    for found, spread in ((one, NOISE), (several, SPREAD)):
+    for found, spread in ((one, NOISE), (several, 0.2)):
         assert found.std().item() == pytest.approx(spread, rel=0.1)
         assert abs(found.mean().item()) < 0.1 * spread
     assert torch.equal(one, noise(LIKE.expand(7, 1), 40, 50, 1, seed=3))
@@ -218,6 +227,14 @@ def test_noise_is_seeded_and_the_same_in_every_batch_and_precision() -> None:
     before = torch.get_rng_state()
     noise(LIKE, 4, 5, 1, seed=3)
     assert torch.equal(torch.get_rng_state(), before)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_noise_in_pairs_cancels(count: int) -> None:
+    found = in_pairs(LIKE, 40, 50, count, seed=3, spread=0.2)
+    assert found.shape == (1, count, 1, 40, 50)
+    assert torch.equal(found[:, : (count + 1) // 2], noise(LIKE, 40, 50, (count + 1) // 2, seed=3, spread=0.2))
+    assert torch.equal(found[:, (count + 1) // 2 :], -found[:, : count // 2])
 
 
 @pytest.mark.parametrize("spec", [presets.uoctti(8), presets.paper(8)], ids=["uoctti", "paper"])

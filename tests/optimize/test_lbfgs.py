@@ -9,8 +9,10 @@ import torch
 from torch import Tensor
 
 from nablahog.optimize import Minimum, Objective, lbfgs
-from nablahog.optimize.lbfgs import _Memory
+from nablahog.optimize.lbfgs import _Numbers
+from nablahog.optimize.loops import CompiledVectors
 from nablahog.optimize.result import BUDGET, GRADIENT, LINE_SEARCH, PROGRESS
+from nablahog.optimize.vectors import Vectors
 
 
 def problem(function: Callable[[Tensor], Tensor]) -> Objective:
@@ -84,16 +86,28 @@ def test_each_problem_ends_where_it_would_alone(n: int) -> None:
         assert (together.history[len(alone.history) :, i] == together.history[-1, i]).all()
 
 
-def test_the_direction_is_that_of_the_two_loops() -> None:
+KINDS = [Vectors, CompiledVectors]
+
+
+def advance(vectors: Vectors, numbers: _Numbers, gradient: Tensor, values: Tensor) -> None:
+    """To trial points of these gradients (B, N) and values (B,)."""
+    vectors.move(*numbers.decide(values, vectors.dots(gradient)), gradient, numbers.slopes, numbers.peaks)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("n", [9, 64, 1100])
+def test_the_direction_is_that_of_the_two_loops(kind: type[Vectors], n: int) -> None:
     # the recursion on the vectors themselves, Nocedal & Wright, algorithm 7.4
-    memory, pairs = _Memory(torch.zeros(1, 9, dtype=torch.float64), 3), []
-    gradient = starts(1, 9)
+    gradient, x, pairs = starts(1, n), starts(1, n), []
+    vectors = kind(x.clone(), gradient.clone(), torch.zeros(1, n).double(), 3)
+    zeros = torch.zeros(1).double()
+    numbers = _Numbers.at_start(zeros.clone(), zeros.clone(), zeros.clone(), 3)
     for seed in range(1, 7):
-        s = starts(1, 9, seed)
-        y = s * torch.linspace(0.5, 3, 9) + 0.1 * starts(1, 9, seed + 100)
-        gradient = gradient + y
-        pairs = [*pairs, (s[0], y[0])][-3:]
-        direction = memory.update(torch.tensor([True]), s, y, gradient)
+        s = starts(1, n, seed)
+        y = s * torch.linspace(0.5, 3, n) + 0.1 * starts(1, n, seed + 100)
+        gradient, x, pairs = gradient + y, x + s, [*pairs, (s[0], y[0])][-3:]
+        vectors.direction[:], numbers.slopes[:] = s, -1e9  # so steep that any trial is far down and flat enough
+        advance(vectors, numbers, gradient, torch.tensor([-1e15 * seed], dtype=torch.float64))
         q, alphas = gradient[0].clone(), []
         for s_i, y_i in reversed(pairs):
             alphas.append(s_i @ q / (s_i @ y_i))
@@ -101,7 +115,34 @@ def test_the_direction_is_that_of_the_two_loops() -> None:
         q *= pairs[-1][0] @ pairs[-1][1] / (pairs[-1][1] @ pairs[-1][1])
         for (s_i, y_i), alpha in zip(pairs, reversed(alphas), strict=True):
             q += s_i * (alpha - y_i @ q / (s_i @ y_i))
-        torch.testing.assert_close(direction[0], -q)
+        torch.testing.assert_close(vectors.direction[0], -q)
+        torch.testing.assert_close(vectors.x, x)
+        torch.testing.assert_close(vectors.gradient, gradient)
+        torch.testing.assert_close(numbers.slopes[0], -q @ gradient[0])
+        torch.testing.assert_close(numbers.peaks[0], gradient.abs().max())
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("n", [1, 63, 64, 1025, 2500])
+def test_loops_do_what_the_plain_steps_do(n: int, dtype: torch.dtype) -> None:
+    def searched(kind: type[Vectors]) -> Vectors:
+        gradient, zeros = starts(4, n, 1, dtype), torch.zeros(4, dtype=dtype)
+        vectors = kind(starts(4, n, 2, dtype), gradient.clone(), -gradient, 2)
+        numbers = _Numbers.at_start(zeros.clone(), gradient.abs().amax(1), -gradient.square().sum(1), 2)
+        for turn in range(4):
+            # one that rises and stays, one without curvature that goes on but is not remembered, and two ordinary ones
+            values = torch.tensor([1.0, -1e9, -1e9, -1e9], dtype=dtype) * (turn + 1)
+            change = vectors.direction * torch.tensor([[1.0], [-0.1], [0.5], [0.7]], dtype=dtype)
+            advance(vectors, numbers, vectors.gradient + change, values)
+        return vectors
+
+    plain, loops = (searched(kind) for kind in KINDS)
+    rounding = 2e-4 if dtype == torch.float32 else 1e-10
+    for name in ("x", "gradient", "direction", "stored"):
+        one, other = getattr(plain, name), getattr(loops, name)
+        torch.testing.assert_close(other, one, rtol=rounding, atol=rounding * float(one.abs().max()))
+    assert torch.equal(plain.x[0], starts(4, n, 2, dtype)[0])
+    assert not plain.stored[1].any()
 
 
 def test_budget_is_kept_and_the_result_never_worse_than_the_start() -> None:

@@ -76,7 +76,7 @@ def reconstruct_colour(
     descriptor, sought = descriptor.detach(), searchable(spec)
     rooted = spec.gamma == "sqrt"
     plain = found.image.sqrt() if rooted else found.image
-    start = plain + noise(plain, height, width, COLOURS, seed)[0, :, 0] / 10
+    start = plain + noise(plain, height, width, COLOURS, seed)[0, :, 0]
     basis = CosineBasis(height, width, descriptor, EXPONENT)
     smooth = RelativeSmoothness(SMOOTHNESS)
     size = squared_norm(descriptor)

@@ -9,6 +9,7 @@ construction: one gray value for each connected region.
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 import torch
 from scipy import ndimage
 from torch import Tensor
@@ -38,14 +39,33 @@ class FlatRegions:
         regions, count = ndimage.label(joined, in_plane)
         self.regions = torch.from_numpy(regions.astype(np.int32)).to(descriptor.device)  # (B, H, W), 0: not known
         self.sizes = torch.bincount(self.regions.flatten(), minlength=count + 1).double()
+        self.runs = _runs(regions.reshape(len(regions), -1))
+
+    def level(self, image: Tensor, index: Tensor) -> Tensor:
+        """The same as a call, in an image's own memory, where no derivative is asked for."""
+        if len(self.sizes) == 1 or image.device.type != "cpu":
+            return self(image, index)
+        return kernels.level(image.contiguous(), index, *self.runs, self.sizes)
 
     def __call__(self, image: Tensor, index: Tensor) -> Tensor:
         """Images (A, 1, H, W) of the problems ``index`` (A,), with their regions made constant."""
         if len(self.sizes) == 1:
             return image
         if image.device.type == "cpu":
-            return kernels.levelled(image, index, self.regions, self.sizes)
+            return kernels.levelled(image, index, *self.runs, self.sizes)
         regions = self.regions[index].unsqueeze(1).long()
         # a region may hold most of the image: float32 would round its sum by more than a gray value's own rounding
         sums = torch.zeros_like(self.sizes).index_add(0, regions.flatten(), image.flatten().double())
         return torch.where(regions > 0, (sums / self.sizes.clamp(min=1)).to(image.dtype)[regions], image)
+
+
+def _runs(regions: npt.NDArray[np.integer]) -> tuple[Tensor, Tensor]:
+    """Regions (B, pixels), 0 for none, as (runs, 3) and (B + 1,): see :func:`.kernels.levelled`."""
+    before = np.pad(regions, ((0, 0), (1, 0)))
+    after = np.pad(regions, ((0, 0), (0, 1)))
+    changes = before != after  # (B, pixels + 1)
+    images, begins = np.nonzero(changes[:, :-1] & (regions > 0))
+    _, ends = np.nonzero(changes[:, 1:] & (regions > 0))
+    runs = np.stack([begins, ends + 1, regions[images, begins]], axis=1)
+    firsts = np.searchsorted(images, np.arange(len(regions) + 1))
+    return torch.from_numpy(runs), torch.from_numpy(firsts)

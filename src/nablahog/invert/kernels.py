@@ -125,55 +125,57 @@ def smoothness(images: Tensor, rounding: float) -> Tensor:
 
 
 @compiled
-def _level(images: Any, index: Any, regions: Any, sizes: Any, sums: Any) -> None:
-    """Sets each of the ``regions`` but 0 of each image (pixels,) to its mean.  ``sums`` (regions,) is 0 before."""
+def _level(images: Any, index: Any, runs: Any, firsts: Any, sizes: Any, sums: Any) -> None:
+    """Sets each region of each image (pixels,) to its mean.  ``sums`` (regions,) is 0 before; see :func:`levelled`."""
     for a in range(len(images)):
-        image, labels = images[a], regions[index[a]]
-        for i in range(image.size):
-            if labels[i] > 0:
-                sums[labels[i]] += image[i]
-        for i in range(image.size):
-            if labels[i] > 0:
-                image[i] = sums[labels[i]] / sizes[labels[i]]
+        image, first, end = images[a], firsts[index[a]], firsts[index[a] + 1]
+        for k in range(first, end):
+            total = 0.0
+            for x in range(runs[k, 0], runs[k, 1]):
+                total += image[x]
+            sums[runs[k, 2]] += total
+        for k in range(first, end):
+            region = runs[k, 2]
+            image[runs[k, 0] : runs[k, 1]] = sums[region] / sizes[region]
 
 
-def _level_each(images: Tensor, index: Tensor, regions: Tensor, sizes: Tensor) -> Tensor:
-    found = images.clone(memory_format=torch.contiguous_format)
+def level(images: Tensor, index: Tensor, runs: Tensor, firsts: Tensor, sizes: Tensor) -> Tensor:
+    """:func:`levelled` in place, of contiguous images that need no derivative."""
     sums = torch.zeros_like(sizes)
-    _level(*(tensor.numpy() for tensor in (found.flatten(1), index, regions.flatten(1), sizes, sums)))
-    return found
+    _level(*(tensor.numpy() for tensor in (images.flatten(1), index, runs, firsts, sizes, sums)))
+    return images
 
 
 class _Levelled(torch.autograd.Function):
     """Images (A, 1, H, W) of the problems ``index`` (A,), with their regions at their means: its own adjoint."""
 
     @staticmethod
-    def forward(images: Tensor, index: Tensor, regions: Tensor, sizes: Tensor) -> Tensor:
-        return _level_each(images.detach(), index, regions, sizes)
+    def forward(images: Tensor, index: Tensor, runs: Tensor, firsts: Tensor, sizes: Tensor) -> Tensor:
+        return level(images.detach().clone(memory_format=torch.contiguous_format), index, runs, firsts, sizes)
 
     @staticmethod
     def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
         ctx.of = inputs[1:]
 
     @staticmethod
-    def backward(ctx: Any, given: Tensor) -> tuple[Tensor, None, None, None]:
-        return levelled(given, *ctx.of), None, None, None
+    def backward(ctx: Any, given: Tensor) -> tuple[Tensor, None, None, None, None]:
+        return levelled(given, *ctx.of), None, None, None, None
 
     @staticmethod
     def jvp(ctx: Any, tangent: Tensor, *_: None) -> Tensor:
         return levelled(tangent, *ctx.of)
 
 
-def levelled(images: Tensor, index: Tensor, regions: Tensor, sizes: Tensor) -> Tensor:
+def levelled(images: Tensor, index: Tensor, runs: Tensor, firsts: Tensor, sizes: Tensor) -> Tensor:
     """Images (A, 1, H, W) on a CPU with each region at its mean; linear, differentiable in either mode.
 
     Args:
         images: float32 or float64.
-        index: (A,), which of the ``regions`` are each image's.
-        regions: (B, H, W), int32: the number of each pixel's region, each in one image only; 0 is none.
+        index: (A,), which images of a batch of B, whose regions are known, they are.
+        runs: (runs, 3), of pixels of one region in a row: the first, the one behind the last, the region, which is in
+            one image only.  Those of an image follow each other.
+        firsts: (B + 1,), of each image the first of its runs.
         sizes: (regions,), float64: their pixels.
     """
-    if not torch.is_grad_enabled():  # spares what PyTorch does about each call
-        return _level_each(images, index, regions, sizes)
-    found: Tensor = _Levelled.apply(images, index, regions, sizes)  # type: ignore[no-untyped-call]
+    found: Tensor = _Levelled.apply(images, index, runs, firsts, sizes)  # type: ignore[no-untyped-call]
     return found

@@ -116,12 +116,12 @@ class PreimageObjective:
         difference = (image - self.expected[index]).flatten(1)
         return difference - difference.mean(dim=1, keepdim=True)
 
+    @torch.no_grad()
     def _evaluate(self, unknowns: Tensor, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        with torch.no_grad():
-            image = self.image(unknowns, index)
+        image = self.flat.level(self.parameterization.image(unknowns), index)
         values, to_image, distances = self._evaluate_image(image, index)
         # making regions constant is a projection, so its own adjoint
-        return values, self.parameterization.adjoint(self.flat(to_image, index)), distances
+        return values, self.parameterization.adjoint(self.flat.level(to_image, index)), distances
 
     @torch.enable_grad()
     def _evaluate_image(self, image: Tensor, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -13,7 +13,9 @@ from torch import Tensor
 class Parameterization(Protocol):
     """A linear, invertible map between unknowns (A, H·W) and images (A, 1, H, W)."""
 
-    def image(self, unknowns: Tensor) -> Tensor: ...
+    def image(self, unknowns: Tensor) -> Tensor:
+        """In memory of its own."""
+        ...
 
     def unknowns(self, image: Tensor) -> Tensor: ...
 
@@ -29,7 +31,7 @@ class Pixels:
         self.shape = (height, width)
 
     def image(self, unknowns: Tensor) -> Tensor:
-        return unknowns.reshape(-1, 1, *self.shape)
+        return unknowns.reshape(-1, 1, *self.shape).clone()
 
     def unknowns(self, image: Tensor) -> Tensor:
         return image.flatten(1)

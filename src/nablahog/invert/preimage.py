@@ -19,12 +19,14 @@ from .polarity import upright
 from .priors import Prior, Range, RelativeSmoothness
 from .quality import QualityName, quality_of
 from .search import Basis, Search
-from .start import at_contrast, noise, starting_images
+from .start import NOISE, at_contrast, in_pairs, noise, starting_images
 
-SHARE_OF_SAMPLES = 0.75  # of the evaluations, the rest goes to the descriptor itself
-LEAST_EVALUATIONS = 30  # of a sample: fewer evaluations make fewer samples
+SHARE_OF_SAMPLES = 0.7  # of the evaluations, the rest goes to the descriptor itself
+LEAST_EVALUATIONS = 28  # of a sample: fewer evaluations make fewer samples
 RANGE_WEIGHT = 100.0  # of mean squares of gray values
-SMOOTHING = 1.0  # pixels: what the samples agree on is coarser
+SPREAD = 0.3  # standard deviation, in 0…1, of the noise the samples begin with, to differ in all that is left open
+ENOUGH = 90  # evaluations of a sample, to explain so much away: with fewer it begins with less
+SMOOTHING = 0.9  # pixels: what the samples agree on is coarser
 MEMORY = 2**29  # bytes that the searches of a part of a batch take, about
 VECTORS = 44  # of unknowns that a search of one image holds at most: measured, memory and images and all copies
 TAILS = 0.005  # share of pixels that may be clipped at either end when the image is brought to 0…1
@@ -109,10 +111,10 @@ def reconstruct(
         image_size: (height, width); by default whole cells, rows · cell height and cols · cell width.
         quality: ``"best"``, or ``"fast"``: a tenth of the evaluations, for a coarser image.
         seed: of the noise that the search starts from.  The same for every image of the batch.
-        max_evaluations: operator evaluations an image may spend, at least 2, instead of the quality's: 800 where
+        max_evaluations: operator evaluations an image may spend, at least 2, instead of the quality's: 660 where
             several samples are drawn, else 480, or 80.
         samples: instead of the quality's 4 or 2, at least 1, of a signed descriptor, or where a ``start`` is given;
-            fewer are drawn if each could spend less than 30 evaluations.  A single one is where the descriptor itself
+            fewer are drawn if each could spend less than 28 evaluations.  A single one is where the descriptor itself
             is matched from, and nothing is expected.
         closeness: λ of :class:`.objective.PreimageObjective`, how strongly the image is kept at what is expected; by
             default 1 for signed specs, 0.1 for unsigned ones, whose region signs are uncertain.
@@ -203,10 +205,12 @@ def _found(
     if expected is None:
         on_samples = max(1, min(search.max_evaluations - 1, round(SHARE_OF_SAMPLES * search.max_evaluations)))
         count = max(1, min(samples, on_samples // LEAST_EVALUATIONS))
+        spread = NOISE if count == 1 else SPREAD * min(1, on_samples // count / ENOUGH)
         if start is None:
-            starts = starting_images(votes, spec, height, width, count, seed)
+            starts = starting_images(votes, spec, height, width, count, seed, spread)
         else:
-            starts = at_contrast(start, votes, spec).unsqueeze(1) + noise(votes, height, width, count, seed)
+            grain = in_pairs(votes, height, width, count, seed, spread)
+            starts = at_contrast(start, votes, spec).unsqueeze(1) + grain
         found = search.match(starts, votes, on_samples // count)
         start = found.mean(dim=1)
         if count > 1:

@@ -28,7 +28,7 @@ class Quality:
 
 
 _QUALITIES: dict[QualityName, Quality] = {
-    "best": Quality(evaluations=800, without_samples=480, samples=4, on_histograms=200, on_colours=300),
+    "best": Quality(evaluations=660, without_samples=480, samples=4, on_histograms=200, on_colours=300),
     "fast": Quality(evaluations=80, without_samples=80, samples=2, on_histograms=60, on_colours=60),
 }
 

@@ -28,13 +28,14 @@ from .signs import expected_cells
 NOISE = 0.01  # standard deviation, in 0…1; without any, nothing tells a thin line's two sides apart
 INVISIBLE = 1e-5  # in 0…1, far below a step of 8 bits and above the rounding of an enlargement
 TINY = 1e-30
-SPREAD = 0.1  # the same where several starts are to end in images that differ in all that the descriptor leaves open
 
 
-def starting_images(votes: Tensor, spec: HOGSpec, height: int, width: int, count: int, seed: int) -> Tensor:
+def starting_images(
+    votes: Tensor, spec: HOGSpec, height: int, width: int, count: int, seed: int, spread: float = NOISE
+) -> Tensor:
     """Images (B, count, 1, H, W) around 0.5 from histograms (B, colours · bins, rows, cols).
 
-    The noise differs from start to start, and is the same for every image of the batch.
+    With noise of the standard deviation ``spread``, in pairs; the same for every image of the batch.
     """
     if spec.signed:
         smooth = integrate(*mean_gradient(votes, spec, height, width)).unsqueeze(1)
@@ -43,7 +44,7 @@ def starting_images(votes: Tensor, spec: HOGSpec, height: int, width: int, count
         # votes of a cell, each the difference of two pixels, to the difference of two cells
         per_step = math.sqrt(spec.cell_size[0] * spec.cell_size[1])
         smooth = enlarge(cells / per_step, height, width).unsqueeze(2)
-    return 0.5 + smooth / spec.value_range + noise(votes, height, width, count, seed)
+    return 0.5 + smooth / spec.value_range + in_pairs(votes, height, width, count, seed, spread)
 
 
 def of_one_colour(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
@@ -52,11 +53,21 @@ def of_one_colour(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor
     return SideBySide(spec, size, votes)(mean)
 
 
-def noise(like: Tensor, height: int, width: int, count: int, seed: int) -> Tensor:
-    """(1, count, 1, H, W), of zero mean."""
+def noise(like: Tensor, height: int, width: int, count: int, seed: int, spread: float = NOISE) -> Tensor:
+    """(1, count, 1, H, W), of zero mean and the standard deviation ``spread``."""
     generator = torch.Generator().manual_seed(seed)
     unit = torch.randn((1, count, 1, height, width), generator=generator, dtype=torch.float64)
-    return (unit * (NOISE if count == 1 else SPREAD)).to(like)
+    return (unit * spread).to(like)
+
+
+def in_pairs(like: Tensor, height: int, width: int, count: int, seed: int, spread: float) -> Tensor:
+    """The same, the second half the first with its signs changed.
+
+    What a search ends with depends in part linearly on the noise it began with, and that part cancels in the mean of
+    such a pair.
+    """
+    half = noise(like, height, width, (count + 1) // 2, seed, spread)
+    return torch.cat([half, -half[:, : count // 2]], dim=1)
 
 
 def at_contrast(image: Tensor, votes: Tensor, spec: HOGSpec) -> Tensor:

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from ...compile import compiled, inlined
+from ...simd import PADDING
 from ..gradient import BLACK
 from .cells import empty_lines, gradients_of_rows, most_rows, padded, rows_at_once
 from .returns import central_back, to_gradients, to_gradients_of_hard
-from .simd import PADDING
 from .spreads import (
     BESIDE,
     read_votes,

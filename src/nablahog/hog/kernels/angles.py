@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any
 
 from ...compile import instruction
-from .simd import Builder, Lanes, lanes
+from ...simd import Builder, Lanes, lanes
 
 LEAST = 2.0**-120  # what is divided by
 

@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any
 
 from ...compile import instruction
-from .simd import Builder, Lanes
+from ...simd import Builder, Lanes
 
 
 class _Block:

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from ...compile import compiled, inlined
+from ...simd import PADDING
 from .lines import central, choose, edges, read_line, sobel
-from .simd import PADDING
 from .sums import BINS, pool_eight, pool_eight_once, sum_hard, sum_hard_once, sum_linear, sum_linear_once
 from .votes import vote_line
 

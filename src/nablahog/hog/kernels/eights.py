@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ...compile import instruction
-from .simd import Builder, Lanes
+from ...simd import Builder, Lanes
 
 
 class _Eight(Builder):

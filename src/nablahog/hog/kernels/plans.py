@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
+from ...simd import lanes
 from .. import angles
 from ..gradient import GRAY_WEIGHTS, MIDDLE, last_of_equals
 from ..orientation import beginnings, hard_directions, vanishing
 from ..pooling import pooling_matrices
 from ..spec import HOGSpec
-from .simd import lanes
 
 LINEAR, OPENCV, VLFEAT, NEAREST, BEGUN = range(5)  # the ways to vote
 _COLUMNS = 128  # that are summed up together: their sums stay in a processor's first cache

@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from ...compile import instruction
-from .simd import Builder, Lanes, lanes, taking
+from ...simd import Builder, Lanes, lanes, taking
 
 
 def _to_gradients(context: Any, builder: Any, signature: Any, arguments: Any, hard: bool) -> Any:

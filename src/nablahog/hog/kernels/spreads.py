@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from ...compile import instruction
-from .simd import Builder, taking
+from ...simd import Builder, taking
 
 BESIDE = 3  # bins that a pixel's line has beside its own: one before, two after
 

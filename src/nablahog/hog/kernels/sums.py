@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 from ...compile import instruction
-from .simd import Builder, lanes, taking
+from ...simd import Builder, lanes, taking
 
 BINS = 9  # that are summed up at a time
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...compile import compiled
+from ...simd import PADDING
 from ..gradient import BLACK
 from .cells import (
     add_bands,
@@ -19,7 +20,6 @@ from .cells import (
     padded,
     pool,
 )
-from .simd import PADDING
 from .sums import BINS, sum_changes, sum_changes_once
 from .votes import linear, vote_line
 

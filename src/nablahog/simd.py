@@ -105,10 +105,17 @@ class Builder:
 
     def total(self, values: Any) -> Any:
         """Their sum, in pairs of pairs of pairs."""
+        return self._in_pairs(values, lambda low, high: low + high)
+
+    def largest(self, values: Any) -> Any:
+        """The largest of them."""
+        return self._in_pairs(values, lambda low, high: low.is_(">", high).choose(low, high))
+
+    def _in_pairs(self, values: Any, of_two: Callable[[Lanes, Lanes], Lanes]) -> Any:
         half = values.type.count // 2
         while half:
             low, high = (self.mixed(values, values, list(range(first, first + half))) for first in (0, half))
-            values, half = self.builder.fadd(low, high), half // 2
+            values, half = of_two(Lanes(self, low), Lanes(self, high)).value, half // 2
         return self.builder.extract_element(values, self.ir.IntType(32)(0))
 
     def variable(self, type_: Any) -> Any:

@@ -1,0 +1,66 @@
+"""What a batch of searches holds of long vectors: points, gradients, directions, and the pairs of L-BFGS.
+
+The same in PyTorch, for any device, and in loops for CPUs (:mod:`.loops`).  A round reads the stored vectors twice: for
+their dot products with the new gradient, and to combine them.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from .decisions import ALONG, BESIDE, CHANGE_ALONG, CHANGE_SQUARED, CHANGE_WITH_NEW
+
+
+class Vectors:
+    """In PyTorch.
+
+    Attributes:
+        x, gradient, direction: (B, N), contiguous.
+        stored: (B, 2m, N), the last m steps s, then the last m gradient changes y.
+    """
+
+    def __init__(self, x: Tensor, gradient: Tensor, direction: Tensor, memory: int) -> None:
+        self.x, self.gradient, self.direction = x, gradient, direction
+        self.stored = x.new_zeros(len(x), 2 * memory, x.shape[1])
+
+    def dots(self, trial_gradient: Tensor) -> Tensor:
+        """(B, 2m + 4), as :func:`.decisions.decide` takes them, on the CPU."""
+        change = trial_gradient - self.gradient
+        beside = [trial_gradient.new_empty(0)] * BESIDE
+        for which, left, right in (
+            (ALONG, trial_gradient, self.direction),
+            (CHANGE_ALONG, change, self.direction),
+            (CHANGE_SQUARED, change, change),
+            (CHANGE_WITH_NEW, change, trial_gradient),
+        ):
+            beside[which] = torch.linalg.vecdot(left, right)
+        with_stored = torch.bmm(trial_gradient.unsqueeze(1), self.stored.mT).squeeze(1)
+        return torch.cat([with_stored, torch.stack(beside, dim=1)], dim=1).cpu()
+
+    def move(
+        self, taken: Tensor, places: Tensor, coefficients: Tensor, trial_gradient: Tensor, slopes: Tensor, peaks: Tensor
+    ) -> None:
+        """Problems go on by a step ``taken`` (B,) of their direction, and turn.
+
+        Args:
+            taken: 0 of those that stay as they are.
+            places: (B,), of s and y in the memory; -1 where they are not stored.
+            coefficients: (B, 2m + 1) of the stored vectors and the gradient in the new direction.
+            trial_gradient: (B, N).
+            slopes, peaks: (B,), of those that move set to the slope along the new direction, and to the largest
+                absolute number of the gradient.  These and the first three are on the CPU.
+        """
+        moved = taken > 0
+        taken, places, coefficients, there = (t.to(self.x.device) for t in (taken, places, coefficients, moved))
+        new = (places >= 0).nonzero().squeeze(1)
+        step = taken.unsqueeze(1) * self.direction
+        self.stored[new, places[new]] = step[new]
+        self.stored[new, places[new] + self.stored.shape[1] // 2] = (trial_gradient - self.gradient)[new]
+        self.x += step
+        torch.where(there.unsqueeze(1), trial_gradient, self.gradient, out=self.gradient)
+        turned = torch.bmm(coefficients[:, None, :-1], self.stored).squeeze(1)
+        turned.addcmul_(coefficients[:, -1:], self.gradient)
+        torch.where(there.unsqueeze(1), turned, self.direction, out=self.direction)
+        slopes[moved] = torch.linalg.vecdot(self.gradient, self.direction).cpu()[moved]
+        peaks[moved] = torch.linalg.vector_norm(self.gradient, torch.inf, dim=1).cpu()[moved]
