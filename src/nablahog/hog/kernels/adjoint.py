@@ -15,6 +15,7 @@ from ...compile import compiled, inlined
 from ...simd import PADDING
 from ..gradient import BLACK
 from .cells import empty_lines, gradients_of_rows, most_rows, padded, rows_at_once
+from .lookups import look_up
 from .returns import central_back, to_gradients, to_gradients_of_hard
 from .spreads import (
     BESIDE,
@@ -74,6 +75,39 @@ def _spread(cells: Any, part: int, pooling: Any, found: Any) -> None:
 
 
 @inlined
+def _look_up(
+    cells: Any, bins: Any, stride: int, first: int, rows: int, pooling: Any, before: Any, here: Any, after: Any
+) -> None:
+    """As :func:`_read`, where tables hold what reaches the votes."""
+    line, by_row, by_col, length = cells.shape[2], pooling.by_row, pooling.by_col, pooling.length
+    of_row, source = cells.shape[1] * line, cells.reshape(-1)
+    for row in range(rows):  # what is written behind the last column of a run is the next one's, or the next row's
+        weight = (first + row) * 2
+        for run in range(pooling.runs.shape[0]):
+            start, stop, cell = pooling.runs[run]
+            share, to = run * 2 * length, row * stride + start
+            at, count = cell * line, stop - start
+            look_up(
+                source,
+                at,
+                line,
+                of_row,
+                bins,
+                to,
+                count,
+                by_col,
+                share,
+                length,
+                by_row,
+                weight,
+                before,
+                here,
+                after,
+                to,
+            )
+
+
+@inlined
 def _read(
     cells: Any,
     bins: Any,
@@ -90,6 +124,9 @@ def _read(
 
     ``spread`` is overwritten.
     """
+    if pooling.looked_up:
+        _look_up(cells, bins, stride, first, rows, pooling, before, here, after)
+        return
     high, line, by_row = pooling.high, cells.shape[2], pooling.by_row
     of_row = spread.size // high
     for part in range(pooling.parts.shape[0]):
@@ -276,7 +313,7 @@ def cells_adjoint(
     exact, exact_bins = np.empty(again, real), np.zeros(again, np.int32)
     before_exact, here_exact, after_exact = np.empty(again, real), np.empty(again, real), np.empty(again, real)
     line = (pooling.bins + BESIDE + 7) // 8 * 8
-    cells = np.zeros((pooling.high, pooling.cols + pooling.wide, line), real)
+    cells = np.zeros((pooling.high, pooling.cols + pooling.wide + 1, line), real)  # tables end behind the last
     spread = np.empty(pooling.high * (pooling.columns + PADDING) * line, real)
     to_gx, to_gy, toward = np.zeros(ring, real), np.zeros(ring, real), np.empty(width, real)
     winners = np.zeros(ring, np.int32)

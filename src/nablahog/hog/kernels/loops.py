@@ -57,6 +57,26 @@ class _Pixels(_Found):
         self.reading = plans.reading(spec, shape[0], shape[1], shape[2], stored)
         self.plan = self.reading, plans.voting(spec, self.real), self.pooling
         self.cells = self.pooling.rows, self.pooling.cols, self.pooling.bins
+        self.bands, self.of_band = (
+            len(self.pooling.bands),
+            (self.pooling.cols + self.pooling.wide) * self.pooling.of_cell,
+        )
+        self.channels, self.height, self.width = shape
+        plane = self.height * self.width
+        self.dense = 0, (self.height, self.width), (self.channels * plane, plane, self.width, 1)
+        self.large = plane >= _LARGE
+
+    def stored(self, images: Tensor) -> tuple[Any, int, tuple[int, int], tuple[int, ...]]:
+        """The values in memory, wherever each lies: of any strides without a copy."""
+        if images.is_contiguous():
+            return images.numpy().reshape(-1), *self.dense
+        strides = images.stride()
+        span = 1 + sum((n - 1) * step for n, step in zip(images.shape, strides, strict=True))
+        return images.as_strided((span,), (1,)).numpy(), 0, (self.height, self.width), strides
+
+    def in_bands(self, batch: int) -> bool:
+        """Whether threads share out parts of an image, not whole ones."""
+        return self.large and batch == 1 and torch.get_num_threads() > 1
 
 
 class _Norm(_Found):
@@ -86,17 +106,6 @@ _pixels = lru_cache(maxsize=64)(_Pixels)
 _norm = lru_cache(maxsize=64)(_Norm)
 
 
-def _stored(images: Tensor) -> tuple[Any, int, tuple[int, int], tuple[int, ...]]:
-    """The values in memory, wherever each lies: of any strides without a copy."""
-    _, channels, height, width = images.shape
-    if images.is_contiguous():
-        plane = height * width
-        return images.numpy().reshape(-1), 0, (height, width), (channels * plane, plane, width, 1)
-    strides = images.stride()
-    span = 1 + sum((n - 1) * step for n, step in zip(images.shape, strides, strict=True))
-    return images.as_strided((span,), (1,)).numpy(), 0, (height, width), strides
-
-
 def _parts(count: int) -> list[tuple[int, int]]:
     """``count`` things in a row, as equal parts as threads."""
     threads = min(torch.get_num_threads(), count)
@@ -114,43 +123,34 @@ def _share_out(work: Callable[[int, int], None], count: int) -> None:
     in_threads(lambda k: work(*parts[k]), len(parts))
 
 
-def _in_bands(images: Tensor) -> bool:
-    """Whether threads share out parts of an image, not whole ones."""
-    batch, _, height, width = images.shape
-    return batch == 1 and height * width >= _LARGE and torch.get_num_threads() > 1
-
-
 def _cells(images: Tensor, spec: HOGSpec) -> Any:
     known = _pixels(spec, images.shape[1:], images.dtype)
-    plan = *_stored(images), *known.plan
-    found = np.empty((images.shape[0], *known.cells), known.real)
-    pooling, parts = known.pooling, _in_bands(images)
-    bands = len(pooling.bands)
-    of_bands = np.empty((bands if parts else 1, (pooling.cols + pooling.wide) * pooling.of_cell), known.real)
-    if parts:
-        none = found[:0]
-        _share_out(lambda *some: known.run(loop_over_cells, *plan, (0, 1), some, of_bands, none), bands)
-        known.run(add_bands, of_bands, pooling, found[0])
+    plan, batch = (*known.stored(images), *known.plan), len(images)
+    found = np.empty((batch, *known.cells), known.real)
+    if known.in_bands(batch):
+        of_bands, none = np.empty((known.bands, known.of_band), known.real), found[:0]
+        _share_out(lambda *some: known.run(loop_over_cells, *plan, (0, 1), some, of_bands, none), known.bands)
+        known.run(add_bands, of_bands, known.pooling, found[0])
     else:
-        every = 0, bands
+        every = 0, known.bands
 
         def work(*some: int) -> None:
-            of_band = np.empty_like(of_bands)  # each thread's own
+            of_band = np.empty((1, known.of_band), known.real)  # each thread's own
             known.run(loop_over_cells, *plan, some, every, of_band, found)
 
-        _share_out(work, len(found))
+        _share_out(work, batch)
     return found
 
 
 def _cells_back(images: Tensor, reached: Any, spec: HOGSpec) -> Any:
     known = _pixels(_followed(spec), images.shape[1:], images.dtype)
-    plan = *_stored(images), *known.plan
-    found = np.empty(images.shape, known.real)
-    if _in_bands(images):
-        _share_out(lambda *some: known.run(cells_adjoint, *plan, reached, (0, 1), some, found), images.shape[2])
+    plan, batch = (*known.stored(images), *known.plan), len(images)
+    found = np.empty((batch, known.channels, known.height, known.width), known.real)
+    if known.in_bands(batch):
+        _share_out(lambda *some: known.run(cells_adjoint, *plan, reached, (0, 1), some, found), known.height)
     else:
-        rows = 0, images.shape[2]
-        _share_out(lambda *some: known.run(cells_adjoint, *plan, reached, some, rows, found), len(found))
+        rows = 0, known.height
+        _share_out(lambda *some: known.run(cells_adjoint, *plan, reached, some, rows, found), batch)
     return found
 
 
@@ -186,7 +186,7 @@ def cells_forward(images: Tensor, changes: Tensor, spec: HOGSpec) -> Tensor:
     """How cells (B, rows, cols, bins) change with ``changes`` of the images."""
     known = _pixels(_followed(spec), images.shape[1:], images.dtype)
     beyond = known.reading._replace(beyond=known.reading.beyond * 0)
-    plan = *_stored(images), _array(changes), known.reading, beyond, *known.plan[1:]
+    plan = *known.stored(images), _array(changes), known.reading, beyond, *known.plan[1:]
     found = np.empty((images.shape[0], *known.cells), known.real)
     _share_out(lambda start, stop: known.run(tangents_of_images, *plan, start, stop, found), len(found))
     return torch.from_numpy(found)

@@ -11,12 +11,13 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from ...simd import lanes
+from ...simd import PADDING, lanes
 from .. import angles
 from ..gradient import GRAY_WEIGHTS, MIDDLE, last_of_equals
 from ..orientation import beginnings, hard_directions, vanishing
 from ..pooling import pooling_matrices
 from ..spec import HOGSpec
+from .lookups import fits
 
 LINEAR, OPENCV, VLFEAT, NEAREST, BEGUN = range(5)  # the ways to vote
 _COLUMNS = 128  # that are summed up together: their sums stay in a processor's first cache
@@ -70,13 +71,16 @@ class Pooling(NamedTuple):
     band_of: Any  # (height,): -1 for rows that do not vote
     by_row: Any  # (height · high,): weights of a row of pixels
     runs: Any  # (runs, 3): first column of pixels, the one after the last, first column of cells
-    by_col: Any  # (runs · wide · length,): weights of a run's columns for each of its cells, zero behind the last
+    by_col: (
+        Any  # (runs · wide · length,): weights of a run's columns for each of its cells, zero behind the last; padded
+    )
     parts: Any  # (parts, 2): first run, the one after the last, of few enough columns for a processor's first cache
     length: int  # columns of a run, rounded up to whole eights
     columns: int  # of a part
     high: int  # rows of cells of a band
     wide: int  # columns of cells of a run
     at_once: int  # columns
+    looked_up: bool  # whether what reaches a run's votes fits the tables of :mod:`.lookups`
     of_cell: int  # numbers of a column of a band: the bins of its rows of cells, padded to whole eights
     bins: int
     rows: int
@@ -212,13 +216,14 @@ def pooling(spec: HOGSpec, height: int, width: int, dtype: torch.dtype) -> Pooli
         band_of=band_of,
         by_row=by_row.reshape(-1),
         runs=np.array(runs, np.int64).reshape(-1, 3),
-        by_col=by_col.reshape(-1),
+        by_col=np.append(by_col, np.zeros(PADDING, by_col.dtype)),
         parts=parts,
         length=length,
         columns=max((runs[last - 1][1] - runs[first][0] for first, last in parts), default=0),
         high=high,
         wide=wide,
         at_once=lanes(by_row.itemsize),
+        looked_up=high == wide == 2 and fits(by_row.itemsize, spec.bins),
         of_cell=-(-high * spec.bins // 8) * 8,
         bins=spec.bins,
         rows=len(of_rows),
