@@ -137,11 +137,11 @@ def test_climbing_a_jagged_hill() -> None:
     away = torch.tensor([1.5, -1, 0.8, 0.5, -0.6, 1], dtype=torch.float64)
     hill, similarity = quadratic(START + away * UNITS, jags=0.1)
     before = START.clone()
-    reached = climb(similarity, START, Hill(rounds=4, samples=24), torch.Generator().manual_seed(3))
+    reached = climb(similarity, START, Hill(samples=(24,) * 4), torch.Generator().manual_seed(3))
     assert torch.equal(before, START)
     assert hill.seen == 4 * 24
     assert ((reached - START) / UNITS - away).norm() < 0.35 * away.norm()
-    again = climb(similarity, START, Hill(rounds=4, samples=24), torch.Generator().manual_seed(3))
+    again = climb(similarity, START, Hill(samples=(24,) * 4), torch.Generator().manual_seed(3))
     assert torch.equal(again, reached)
 
 

@@ -34,14 +34,12 @@ class Hill:
     """A quadratic fitted around a pose: rounds of samples, each closer than the one before, which still count.
 
     Attributes:
-        rounds: fits.
-        samples: new renderings of a fit, an even number.
+        samples: new renderings of each round, even numbers.
         spread: root mean square of the first samples' parameters, in :data:`UNITS`.
         shrink: factor of the spread from round to round.
     """
 
-    rounds: int = 3
-    samples: int = 12
+    samples: tuple[int, ...] = (12, 8, 8)
     spread: float = 0.8
     shrink: float = 0.6
 
@@ -78,9 +76,9 @@ def climb(similarity: Similarity, pose: Tensor, hill: Hill, generator: torch.Gen
     farther away they have turned out to be.
     """
     poses, values, slopes = pose.new_empty(0, len(pose)), pose.new_empty(0), pose.new_empty(0, len(pose))
-    for number in range(hill.rounds):
+    for number, count in enumerate(hill.samples):
         unit = hill.spread * hill.shrink**number * UNITS
-        sampled = pose + _pairs(hill.samples, generator) * unit
+        sampled = pose + _pairs(count, generator) * unit
         found = similarity.derivatives(sampled)
         poses, values, slopes = (
             torch.cat(both) for both in zip((poses, values, slopes), (sampled, *found), strict=True)
