@@ -1,12 +1,14 @@
 """What the operator is measured against: other programs' HOG, and a torch layer as one would write it.
 
-Each peer makes of gray images, uint8 (B, H, W), a call that describes them one after the other.
+Each library's makes of gray images, uint8 (B, H, W), a call that describes them one after the other.
 """
 
 from __future__ import annotations
 
 import ctypes
 import math
+import os
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -18,7 +20,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-Call: TypeAlias = Callable[[], Any]
+from timing import Call
+
 Peer: TypeAlias = Callable[[Any], Call]
 
 
@@ -99,3 +102,15 @@ class NaiveHOG(torch.nn.Module):
         cells = F.conv2d(votes, self.triangle, stride=8, padding=4, groups=9)
         energy = cells.square().sum(dim=(1, 2, 3), keepdim=True)
         return (cells / torch.sqrt(torch.sqrt(energy) + 1e-5)).permute(0, 2, 3, 1)
+
+
+def compiled() -> Callable[[Tensor], Tensor]:
+    """``torch.compile`` of the naive layer, for one shape: compiles in the first call, and in the first derivative."""
+    torch.compiler.reset()  # of one function, a process compiles few versions, and takes it as it is from then on
+    layer: Callable[[Tensor], Tensor] = torch.compile(NaiveHOG(), dynamic=False)
+    return layer
+
+
+def can_compile() -> bool:
+    """Whether there is the C++ compiler that ``torch.compile`` needs."""
+    return any(shutil.which(name) for name in (os.environ.get("CXX", "g++"), "clang++", "c++"))

@@ -44,17 +44,16 @@ ROWS: dict[str, dict[str, Any]] = {
 }
 
 
-def objects(options: argparse.Namespace) -> list[Example]:
-    models = procedural_chairs(24) if options.models is None else models_in(options.models)[0]
-    if options.viewpoints is None:
-        viewpoints = sample_viewpoints(10_000, np.random.default_rng(options.seed))
-    else:
-        viewpoints = read_viewpoints(options.viewpoints)
-    clutter = [shipped_photograph(name) for name in SHIPPED]
-    found = rendered(
-        options.objects, models, viewpoints, clutter, origin="", unknown_model=options.unknown_model, seed=options.seed
+def objects(
+    count: int, models: Path | None, viewpoints: Path | None = None, *, unknown_model: bool = False, seed: int = 0
+) -> list[Example]:
+    """So many scenes of the models of a folder, or procedural ones, from the viewpoints of a file, or random ones."""
+    chairs = procedural_chairs(24) if models is None else models_in(models)[0]
+    angles = (
+        sample_viewpoints(10_000, np.random.default_rng(seed)) if viewpoints is None else read_viewpoints(viewpoints)
     )
-    return found.objects
+    clutter = [shipped_photograph(name) for name in SHIPPED]
+    return rendered(count, chairs, angles, clutter, origin="", unknown_model=unknown_model, seed=seed).objects
 
 
 def estimate(example: Example, choices: dict[str, Any]) -> PoseEstimate:
@@ -93,7 +92,9 @@ def main() -> None:
     options = parser.parse_args()
     options.unknown_model |= options.growth
     torch.set_num_threads(options.threads)
-    examples = objects(options)
+    examples = objects(
+        options.objects, options.models, options.viewpoints, unknown_model=options.unknown_model, seed=options.seed
+    )
     rows = ROWS if options.rows is None else {name: ROWS[name] for name in options.rows.split(";")}
     print(f"{len(examples)} objects, seed {options.seed}, {options.threads} threads\n")
     if options.growth:

@@ -15,20 +15,18 @@ import json
 import math
 import os
 import platform
-import subprocess
-import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 
-from hog_speed import cell, peak_kib, summary
+from memory import printed_by, raised_mib
 from nablahog.datasets.solids import joined, tube, turned
 from nablahog.render import Camera, Mesh, Renderer, pose
-from nablahog.render.renderer import pull_back
+from nablahog.render.renderer import Method, pull_back
+from timing import Call, Times, cell, in_turns
 
 BATCH = 8
 ALL = os.cpu_count() or 1
@@ -69,15 +67,15 @@ def turned_chair(faces: int) -> Mesh:
     return Mesh(torch.from_numpy(whole.vertices), torch.from_numpy(whole.faces), brightness).normalized()
 
 
-def prepared(mesh: Mesh, case: Case) -> Renderer:
+def prepared(mesh: Mesh, case: Case, method: Method = "edges") -> Renderer:
     """The renderer with everything made that it makes once."""
     camera = Camera(2.6 * case.side, case.side, case.side)
-    renderer = Renderer(mesh, camera, supersampling=case.samples)
+    renderer = Renderer(mesh, camera, supersampling=case.samples, method=method)
     assert renderer.rigid
     return renderer
 
 
-def calls(renderer: Renderer) -> dict[str, Callable[[], object]]:
+def calls(renderer: Renderer) -> dict[str, Call]:
     """One batch each, ready to be timed."""
     camera = renderer.camera
     poses = torch.cat([pose(45 * k + 10, 20) for k in range(BATCH)])
@@ -98,26 +96,18 @@ def timed(case: Case, seconds: float) -> dict[str, Any]:
     start = time.perf_counter()
     renderer = prepared(mesh, case)
     preparing = 1e3 * (time.perf_counter() - start)
-    programs = calls(renderer)
-    for call in programs.values():
-        call()  # not counted: allocates, and loads what is loaded on first use
-    times: dict[str, dict[str, list[float]]] = {name: {"wall": [], "cpu": []} for name in programs}
-    end = time.perf_counter() + seconds
-    while len(times["forward"]["wall"]) < 3 or time.perf_counter() < end:
-        for name, call in programs.items():
-            wall, cpu = time.perf_counter(), time.process_time()
-            call()
-            times[name]["wall"].append(1e3 * (time.perf_counter() - wall) / BATCH)
-            times[name]["cpu"].append(1e3 * (time.process_time() - cpu) / BATCH)
-    found = {name: {clock: summary(values) for clock, values in both.items()} for name, both in times.items()}
-    faces = len(renderer.mesh.faces)
+    times = in_turns(calls(renderer), seconds)
     return {
         **case._asdict(),
-        "faces": faces,
+        "faces": len(renderer.mesh.faces),
         "preparing_ms": preparing,
-        **found,
-        "repeats": len(times["forward"]["wall"]),
+        **{name: each(clocks).summaries() for name, clocks in times.items()},
     }
+
+
+def each(batch: Times) -> Times:
+    """Times of one rendering, from those of a batch."""
+    return Times([ms / BATCH for ms in batch.wall], [ms / BATCH for ms in batch.cpu])
 
 
 def memory_case(case: Case) -> None:
@@ -126,18 +116,12 @@ def memory_case(case: Case) -> None:
     tiny = Case(500, 16, case.samples, 1)
     calls(prepared(turned_chair(tiny.faces), tiny))["with derivative"]()  # loads what is loaded on first use
     mesh = turned_chair(case.faces)
-    # imports peak higher than they end, and a new process even inherits the peak of its parent in ru_maxrss
-    Path("/proc/self/clear_refs").write_text("5")
-    before = peak_kib()
-    calls(prepared(mesh, case))["with derivative"]()
-    print((peak_kib() - before) / 1024)
+    print(raised_mib(lambda: calls(prepared(mesh, case))["with derivative"]()))
 
 
 def memory_mib(case: Case) -> float | None:
     """Memory of one batch in a fresh process; None where the system does not tell."""
-    command = [sys.executable, __file__, "--memory-case", *map(str, case)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    return float(done.stdout) if done.returncode == 0 else None
+    return printed_by(__file__, ["--memory-case", *map(str, case)])
 
 
 def main() -> None:
@@ -151,7 +135,7 @@ def main() -> None:
         memory_case(Case(*options.memory_case))
         return
     machine = f"torch {torch.__version__}, python {platform.python_version()}, {platform.machine()}, {ALL} CPUs"
-    print(f"{machine}; batches of {BATCH}, milliseconds a rendering: median (min…max)")
+    print(f"{machine}; batches of {BATCH}, milliseconds a rendering: median (quartiles)")
     rows = []
     for title, cases in (QUICK if options.quick else TABLES).items():
         print(f"\n{title}\n")
@@ -164,10 +148,11 @@ def main() -> None:
             rows.append(row)
             both = row["with derivative"]
             memory = "–" if row["memory_mib"] is None else f"{row['memory_mib']:.0f}"
+            a_second = 1e3 / both["wall_ms"]["median"]
             print(
                 f"| {row['faces']} | {case.side}² | {case.samples}×{case.samples} | {case.threads} "
-                f"| {row['preparing_ms']:.0f} | {cell(row['forward']['wall'])} | {cell(both['wall'])} "
-                f"| {cell(both['cpu'])} | {1e3 / both['wall']['median']:.0f} | {memory} |",
+                f"| {row['preparing_ms']:.0f} | {cell(row['forward']['wall_ms'])} "
+                f"| {cell(both['wall_ms'])} | {cell(both['cpu_ms'])} | {a_second:.0f} | {memory} |",
                 flush=True,
             )
     if options.json:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from importlib.metadata import version
+from typing import NoReturn
 
 from . import options
 from .arguments_dialects import dialects
 from .arguments_pose import exemplars, pose, table2
 from .arguments_template import invert_template
-from .evaluate.methods import DIALECTS, METHODS
+from .evaluate.names import DIALECTS, TABLE1
 from .options import Parser, integer
-from .pose.background import ORDER
+from .pose.choices import ORDER
 from .preset_parameters import DEFAULT_DESCRIPTOR
 
 SIZE = 256
@@ -21,6 +21,18 @@ MOST_THREADS = 1024
 MOST_ORDER = 100
 
 
+class _Version(argparse.Action):
+    """As argparse's own, but it asks for the version when it is wanted: that takes as long as all the rest."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: object, option: object = None
+    ) -> NoReturn:
+        from importlib.metadata import version
+
+        print(f"nablahog {version('nablahog')}")
+        parser.exit()
+
+
 def parser() -> argparse.ArgumentParser:
     """The parser of the command; the name of the subcommand is its ``command``."""
     top = Parser(
@@ -28,7 +40,9 @@ def parser() -> argparse.ArgumentParser:
         description="HOG descriptors of photographs, and photographs from HOG descriptors.",
         epilog="`nablahog COMMAND --help` lists the options of a command.",
     )
-    top.add_argument("--version", action="version", version=f"nablahog {version('nablahog')}")
+    top.add_argument(
+        "--version", action=_Version, nargs=0, default=argparse.SUPPRESS, help="show program's version number and exit"
+    )
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=Parser)
 
     hog = commands.add_parser(
@@ -88,7 +102,7 @@ def parser() -> argparse.ArgumentParser:
         "goes on when it is repeated.",
     )
     options.images(table1)
-    options.table(table1, METHODS, {"dialects": DIALECTS})
+    options.table(table1, TABLE1, {"dialects": DIALECTS})
     table1.add_argument("--limit", type=integer(1), metavar="N", help="only the first N images")
     options.size(table1, TABLE1_SIZE)
     options.minimiser(table1)

@@ -6,10 +6,9 @@ import argparse
 from typing import get_args
 
 from . import options
-from .evaluate.pose_methods import POSE_METHODS
+from .evaluate.names import TABLE2
 from .options import Parser, integer, numbers
-from .pose.matching import Kind
-from .pose.strategies import Search
+from .pose.choices import Kind, Search
 
 SCENES = 200  # of Table 2
 
@@ -77,7 +76,7 @@ def table2(commands: argparse._SubParsersAction[Parser]) -> None:
         "procedural chairs in scenes that are rendered, or those of PASCAL VOC and PASCAL3D+. A run that was "
         "interrupted goes on when it is repeated.",
     )
-    options.table(command, POSE_METHODS)
+    options.table(command, TABLE2)
     command.add_argument(
         "--objects", type=integer(1), metavar="N", help=f"how many (default: {SCENES} scenes, or all of --pascal3d)"
     )

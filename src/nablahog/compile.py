@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections.abc import Callable
 from functools import cache, update_wrapper
 from pathlib import Path
@@ -27,20 +28,36 @@ class _Instruction:
         return intrinsic(self.function)
 
     def digest(self) -> str:
-        """Of all that the machine code is made of, helpers in the same file included."""
-        return hashlib.sha256(Path(self.function.__code__.co_filename).read_bytes()).hexdigest()
+        """Of all that the machine code is made of: helpers in the same file and in those it imports from beside it."""
+        beside = self.function.__module__.rpartition(".")[0]
+        used = {self.function.__module__, *(getattr(x, "__module__", "") for x in self.function.__globals__.values())}
+        files = [sys.modules[name].__file__ for name in sorted(used) if name.startswith(f"{beside}.")]
+        return hashlib.sha256(b"".join(Path(file).read_bytes() for file in files if file)).hexdigest()
 
 
 class _Compiled:
     """A function in machine code, made at its first call and kept on disk where a folder for that can be written."""
 
-    def __init__(self, function: FunctionType) -> None:
+    def __init__(self, function: FunctionType, options: dict[str, Any]) -> None:
         update_wrapper(self, function)
-        self.function = function
+        self.function, self.options = function, options
         self.machine_code = cache(self._compile)  # not while a module is imported: numba takes most of a second to load
 
     def __call__(self, *arguments: Any) -> Any:
         return self.machine_code()(*arguments)
+
+    def for_types_of(self, *arguments: Any) -> Callable[..., Any]:
+        """What a call with such arguments runs, to be called with others of the same types only.
+
+        Nothing asks for the types then, which for many arrays takes as long as a small image.
+        """
+        import numba
+
+        types = tuple(numba.typeof(argument) for argument in arguments)  # type: ignore[no-untyped-call]
+        code: Any = self.machine_code()  # once: several threads that come first have one of their own each
+        code.compile(types)
+        found: Callable[..., Any] = code.overloads[types].entry_point
+        return found
 
     def _calls(self) -> dict[str, _Compiled | _Instruction]:
         """The compiled functions that this one calls by a name of its module."""
@@ -52,7 +69,9 @@ class _Compiled:
         """Of all that the machine code is made of."""
         code = self.function.__code__
         calls = (each.digest() for each in self._calls().values())
-        parts = code.co_code.hex(), repr(code.co_consts), repr(_OPTIONS), *calls
+        known = self.function.__globals__
+        constants = (repr(known[name]) for name in code.co_names if isinstance(known.get(name), int | float))
+        parts = code.co_code.hex(), repr(code.co_consts), repr(self.options), *constants, *calls
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
     def _compile(self) -> Callable[..., Any]:
@@ -65,9 +84,9 @@ class _Compiled:
         function.__module__ = self.function.__module__
         function.__qualname__ = f"{self.function.__qualname__}_{self.digest()[:16]}"
         try:
-            kept: Callable[..., Any] = numba.njit(cache=True, **_OPTIONS)(function)
+            kept: Callable[..., Any] = numba.njit(cache=True, **self.options)(function)
         except RuntimeError:  # there is no folder to keep it in
-            kept = numba.njit(**_OPTIONS)(function)
+            kept = numba.njit(**self.options)(function)
         return kept
 
 
@@ -78,7 +97,17 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     NaN, infinities and equal inputs keep their meaning.
     """
     assert isinstance(function, FunctionType)
-    return _Compiled(function)
+    return _Compiled(function, _OPTIONS)
+
+
+def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The same of a small function that is called often: it becomes a part of those that call it.
+
+    A call of its own counts up and down how many hold each array that it takes, which for a line of pixels can take
+    longer than what is done with it.
+    """
+    assert isinstance(function, FunctionType)
+    return _Compiled(function, {**_OPTIONS, "forceinline": True})
 
 
 def instruction(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -8,8 +8,6 @@ import re
 from collections.abc import Callable, Collection, Mapping
 from typing import NoReturn, get_args
 
-import torch
-
 from .hog.spec import Vote
 from .invert.quality import QualityName
 from .preset_option import setting
@@ -65,17 +63,20 @@ def numbers(names: str) -> Callable[[str], tuple[float, ...]]:
     return parse
 
 
-def device(text: str) -> torch.device:
+def device(text: str) -> str:
+    """A device that there is, by its name: PyTorch need not be loaded to say that of the CPU."""
     match = re.fullmatch(r"cpu|cuda(?::(\d{1,3}))?", text)
     if match is None:
         raise argparse.ArgumentTypeError(f"expected cpu, cuda or cuda:N, got {text!r}")
     if text != "cpu":
+        import torch
+
         devices = torch.cuda.device_count() if torch.cuda.is_available() else 0
         if devices == 0:
             raise argparse.ArgumentTypeError(f"expected a CUDA device for {text}, but PyTorch finds none here")
         if int(match[1] or 0) >= devices:
             raise argparse.ArgumentTypeError(f"expected cuda:0 … cuda:{devices - 1}, got {text}")
-    return torch.device(text)
+    return text
 
 
 def table(
@@ -193,9 +194,7 @@ def size(command: argparse.ArgumentParser, longer_side: int) -> None:
 
 
 def device_option(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "--device", type=device, default=torch.device("cpu"), help="cpu, cuda or cuda:N (default: cpu)"
-    )
+    command.add_argument("--device", type=device, default="cpu", help="cpu, cuda or cuda:N (default: cpu)")
 
 
 def minimiser(command: argparse.ArgumentParser) -> None:

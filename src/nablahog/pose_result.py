@@ -17,10 +17,10 @@ from torch import Tensor
 
 from .images import as_array
 from .pose.canvas import SIDE, Box
+from .pose.choices import Search
 from .pose.estimate import PoseEstimate
 from .pose.matching import ELEMENT, Photograph, model_of
 from .pose.search import turn_table
-from .pose.strategies import Search
 from .pose.task import Path as Way
 from .render import Mesh
 

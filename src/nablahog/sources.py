@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from .output import distinct_stems
 from .preset_option import Wanted
 from .raw_file import is_raw
 from .raw_option import Raw
+from .refusal import refusing
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,24 @@ def read_sources(
     if raw is not None and not arrays:
         raw.check_unused()
     return sources
+
+
+def sources_of(arguments: Namespace) -> list[Source]:
+    """What :func:`read_sources` reads for a command with ``inputs`` and the options of their dialect and size.
+
+    Raises:
+        UserError: an input or an option is unusable.
+        OSError: a file is missing.
+    """
+    with refusing():
+        return read_sources(
+            arguments.inputs,
+            Wanted.of(arguments),
+            size=arguments.size,
+            device=torch.device(arguments.device),
+            keep_photos=arguments.command == "invert",
+            raw=None if arguments.command == "hog" else Raw.of(arguments),
+        )
 
 
 def _from_descriptor_file(path: str, stem: str, wanted: Wanted) -> Source:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from .draw import Panel, contact_sheet, glyphs
@@ -78,7 +79,7 @@ def invert_template(arguments: Namespace) -> None:
 
 
 def _see(template: Template, sign: str, arguments: Namespace, progress: object) -> _Seen:
-    weights = template.weights[None].to(arguments.device)
+    weights = template.weights[None].to(torch.device(arguments.device))
     descriptor = seen(weights, template.spec, template.image_size, negative=sign == "negative")
     found = reconstruct(
         descriptor,

@@ -16,7 +16,7 @@ import pytest
 import torch
 from PIL import Image
 
-from nablahog import cli, inversion
+from nablahog import inversion, invert_command
 from nablahog.cli import main
 
 from .common import CHELSEA, FAST, names
@@ -51,7 +51,7 @@ def test_work_that_fails(
 
 def test_what_is_finished_survives(tmp_path: Path, photo: str, monkeypatch: pytest.MonkeyPatch) -> None:
     Image.fromarray(CHELSEA[:, :48]).save(tmp_path / "in" / "second.png")
-    real, calls = cli.invert_batch, []
+    real, calls = invert_command.invert_batch, []
 
     def second_fails(*args: Any, **options: Any) -> Any:
         calls.append(args)
@@ -59,7 +59,7 @@ def test_what_is_finished_survives(tmp_path: Path, photo: str, monkeypatch: pyte
             raise KeyboardInterrupt
         return real(*args, **options)
 
-    monkeypatch.setattr(cli, "invert_batch", second_fails)
+    monkeypatch.setattr(invert_command, "invert_batch", second_fails)
     assert main(["invert", photo, str(tmp_path / "in" / "second.png"), "-o", str(tmp_path / "out"), *FAST]) == 130
     assert names(tmp_path / "out") == ["cat_glyphs.png", "cat_preimage.png", "cat_thumbnails.png", "results.json"]
     assert len(json.loads((tmp_path / "out" / "results.json").read_text())) == 1

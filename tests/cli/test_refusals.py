@@ -11,7 +11,7 @@ import pytest
 import torch
 from PIL import Image
 
-from nablahog import cli, presets
+from nablahog import invert_command, presets
 from nablahog.cli import main
 from nablahog.descriptor_file import load_descriptor, save_descriptor
 
@@ -127,7 +127,7 @@ def test_descriptor_files_of_the_spec_asked_for(tmp_path: Path, descriptor: str)
 def test_output_folders_that_cannot_be(
     tmp_path: Path, photo: str, refused: Callable[..., None], monkeypatch: pytest.MonkeyPatch, command: str
 ) -> None:
-    monkeypatch.setattr(cli, "invert_batch", None)  # it must fail before any work
+    monkeypatch.setattr(invert_command, "invert_batch", None)  # it must fail before any work
     for path in (f"{photo}/out", f"{photo}/below/out"):
         refused(command, photo, photo, "-o", path, message="is not a folder")
     refused(command, photo, photo, "-o", "/proc/nablahog/out", message="the output folder /proc/nablahog/out cannot be")

@@ -11,8 +11,10 @@ import torch
 
 from nablahog import hog
 from nablahog.evaluate.learned import SPEC, load
-from nablahog.evaluate.methods import DIALECTS, METHODS, Method, Settings, choose
-from nablahog.evaluate.published import GROUPS, PUBLISHED
+from nablahog.evaluate.methods import METHODS, Method, Settings, choose
+from nablahog.evaluate.names import DIALECTS, TABLE1, TABLE2
+from nablahog.evaluate.pose_methods import POSE_METHODS
+from nablahog.evaluate.published import GROUPS, LIBRARIES, PUBLISHED
 
 from .common import image, photographs, write_prior
 
@@ -80,6 +82,12 @@ def test_the_prior_decides(tmp_path: Path) -> None:
         method.run(image()[None, None], FAST)
     with pytest.raises(FileNotFoundError, match="no such file"):
         load("prior", tmp_path / "no")
+
+
+def test_what_can_be_asked_for_is_what_there_is() -> None:
+    assert tuple(METHODS) == TABLE1
+    assert tuple(POSE_METHODS) == TABLE2
+    assert tuple(name for name, method in METHODS.items() if method.group == LIBRARIES) == DIALECTS
 
 
 def test_choosing() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 import torch
 from torch import Tensor
@@ -149,3 +151,20 @@ def test_infinite_pixel_raises_nothing(name: str, value: float) -> None:
     if PRESETS[name]().gamma == "none" or value > 0:  # the root of what is below 0 is taken to be 0
         assert not hog(x, PRESETS[name](4)).isfinite().all()
     torch.func.grad(lambda z: hog(z, PRESETS[name](4)).sum())(x)
+
+
+@pytest.mark.parametrize("name", ["paper", "uoctti", "skimage", "opencv"])
+def test_nan_stays_in_its_image(name: str) -> None:
+    """Loops that go on to the next image leave nothing of the last one behind."""
+    s = SPECS[name]
+    for height, width in ((40, 46), (71, 93)):
+        clean = noise(3, 1, height, width, dtype=torch.float32)
+        spoilt = clean.clone()
+        spoilt[1, 0, 3, 3] = math.nan
+        found = []
+        for images in (clean, spoilt):
+            images.requires_grad_()
+            descriptor = hog(images, s)
+            found.append((descriptor, *torch.autograd.grad(descriptor.sum(), images)))
+        for one, other in zip(*found, strict=True):
+            assert torch.equal(one[[0, 2]], other[[0, 2]])

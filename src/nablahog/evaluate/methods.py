@@ -1,4 +1,4 @@
-"""The methods of Table 1.  A new one is one more entry of :data:`METHODS`."""
+"""The methods of Table 1.  A new one is one more entry of :data:`METHODS`, and its name in :mod:`.names`."""
 
 from __future__ import annotations
 
@@ -186,9 +186,6 @@ METHODS = {
     )
 }
 """All methods by name, each group in the order of the table."""
-
-DIALECTS = tuple(name for name, method in METHODS.items() if method.group == LIBRARIES)
-"""The methods that invert what a library computes, one for each dialect with cells of 8 pixels."""
 
 
 def choose(names: Sequence[str] | None, given: Collection[str]) -> tuple[list[Method], list[Method]]:

@@ -1,4 +1,4 @@
-"""The methods of Table 2.  A new one is one more entry of :data:`POSE_METHODS`."""
+"""The methods of Table 2.  A new one is one more entry of :data:`POSE_METHODS`, and its name in :mod:`.names`."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from torch import Tensor
 
 from ..pose import Box, default_background, estimate_pose
 from ..pose.canvas import DISTANCE, cut_out
+from ..pose.choices import Search
 from ..pose.exemplar import Detection, detect
 from ..pose.matching import model_of
 from ..pose.placing import place
-from ..pose.strategies import Search
 from ..pose.views import SPEC, Library, Views
 from ..render import Camera, Mesh, silhouette
 

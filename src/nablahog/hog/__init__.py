@@ -1,10 +1,16 @@
 """Section 2: image to descriptor, differentiable."""
 
+from typing import TYPE_CHECKING
+
+from ..lazy import names_when_used
 from . import presets
-from .descriptor import HOG, hog
 from .normalizers import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm
 from .poolings import BilinearCells, BlockCells, BoxCells
 from .spec import HOGSpec
+
+if TYPE_CHECKING:
+    from .descriptor import HOG, hog
+    from .streaming import DescriptorStrip, stream
 
 __all__ = [
     "HOG",
@@ -13,9 +19,13 @@ __all__ = [
     "BlockNorm",
     "BoxCells",
     "CellNorm",
+    "DescriptorStrip",
     "FourBlockNorm",
     "GlobalNorm",
     "HOGSpec",
     "hog",
     "presets",
+    "stream",
 ]
+
+names_when_used(__name__, descriptor=("HOG", "hog"), streaming=("DescriptorStrip", "stream"))

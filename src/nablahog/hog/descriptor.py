@@ -11,7 +11,7 @@ from . import kernels
 from .checks import check_choice
 from .layout import to_layout
 from .normalize import normalize
-from .spec import COLOURS, HOGSpec
+from .spec import HOGSpec
 from .steps import plain_histograms
 
 Backend: TypeAlias = Literal["auto", "torch"]
@@ -22,11 +22,11 @@ def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
         raise TypeError(f"images must be a torch tensor (B, C, H, W), got {type(images).__name__}")
     if images.dim() != 4 or images.shape[1] < 1:
         raise ValueError(f"images must have shape (B, C, H, W) with at least one channel, got {tuple(images.shape)}")
-    if spec.colour == "separate" and images.shape[1] not in (1, COLOURS):
-        raise ValueError(f"{spec.named} descriptor is of images of 1 or {COLOURS} channels, got {images.shape[1]}")
+    spec.check_channels(images.shape[1])
     if images.dtype not in (torch.uint8, torch.float32, torch.float64):
         raise TypeError(f"images must be float32 or float64 in 0…1, or uint8 in 0…255, got {images.dtype}")
-    check_choice("backend", backend, Backend)
+    if backend != "auto":
+        check_choice("backend", backend, Backend)
     spec.grid(*images.shape[-2:])
 
 
@@ -49,6 +49,9 @@ def hog(
     Works on CPU and CUDA, under reverse and forward mode, ``vmap`` and ``torch.compile``; second derivatives exist away
     from kinks.  At kinks it returns the derivatives stated in ``docs/derivatives.md``, never NaN.  A NaN pixel makes
     its image's descriptor NaN.
+
+    ``torch.export`` saves graphs with the operator in it; a process that loads one needs ``import
+    nablahog.hog.kernels``, for ``import nablahog`` alone loads nothing that computes.
 
     Args:
         images: (B, C, H, W), float32 or float64 in 0…1, or uint8 in 0…255; any number of channels (three are R, G, B)

@@ -28,14 +28,20 @@ def _matrix(spec: HOGSpec, axis: int, pixels: int, cells: int, like: Tensor) -> 
     return matrix
 
 
-def _triangles(positions: Tensor, cells: int) -> Tensor:
-    """f^s of Eq. 5 along one axis, (cells, n): 1 - distance to each cell's centre, at least 0, positions in cells."""
-    return (1 - (positions - torch.arange(cells).to(positions).unsqueeze(1)).abs()).clamp(min=0)
+def _triangles(pixels: int, cell: int, cells: int, like: Tensor) -> Tensor:
+    """f^s of Eq. 5 along one axis, (cells, pixels): 1 - distance to each cell's centre in cells, at least 0.
 
-
-def _positions(pixels: int, cell: int, like: Tensor) -> Tensor:
-    """Where the centres of pixels are, in cells, the centre of the first cell being 0."""
-    return (torch.arange(pixels, dtype=like.dtype, device=like.device) + 0.5) / cell - 0.5
+    Distances are whole numbers of half pixels: a weight is rounded once, and alike wherever the cell is.
+    """
+    ahead = 2 * torch.arange(pixels, device=like.device) + 1 - cell  # of the centre of cell 0
+    before = torch.div(ahead, 2 * cell, rounding_mode="floor")  # the cell whose centre is at the pixel's or before it
+    of_next = (ahead - 2 * cell * before).to(like.dtype) / (2 * cell)
+    of_this = (2 * cell * (before + 1) - ahead).to(like.dtype) / (2 * cell)
+    # a row before the first cell and one after the last for the votes that leave the image
+    matrix = torch.zeros(cells + 2, pixels, dtype=like.dtype, device=like.device)
+    matrix.scatter_(0, (before + 1).clamp(max=cells + 1).unsqueeze(0), of_this.unsqueeze(0))
+    matrix.scatter_(0, (before + 2).clamp(max=cells + 1).unsqueeze(0), of_next.unsqueeze(0))
+    return matrix[1:-1]
 
 
 def _bilinear(pixels: int, cell: int, cells: int, scheme: BilinearCells, ring: bool, like: Tensor) -> Tensor:
@@ -45,35 +51,39 @@ def _bilinear(pixels: int, cell: int, cells: int, scheme: BilinearCells, ring: b
     """
     # pixels 0 … last - 1 of the cells, or of the image, vote; without the first and the last if there is a ring
     last = {"vote": pixels, "drop": min(cells * cell, pixels), "repeat": cells * cell}[scheme.beyond]
-    matrix = _triangles(_positions(max(last, pixels), cell, like), cells)
+    matrix = _triangles(max(last, pixels), cell, cells, like)
     matrix[:, last:] = 0
     if ring:
         matrix[:, [0, last - 1]] = 0
     if last > pixels:  # DPM: what the image lacks is its last pixel that votes, again
         of_last = max(pixels - 1 - ring, 0)
         matrix[:, of_last] += matrix[:, of_last + 1 :].sum(dim=1)
+        matrix = matrix[:, :pixels].contiguous()
         matrix[:, of_last + 1 :] = 0
-    gain = torch.ones(cells, 1).to(like)
-    gain[[0, -1]] = scheme.edge_gain
-    return matrix[:, :pixels] * gain
+    for outermost in {0, cells - 1}:
+        matrix[outermost] *= scheme.edge_gain
+    return matrix
 
 
 def _boxes(pixels: int, cell: int, cells: int, scheme: BoxCells, like: Tensor) -> Tensor:
     pixel = torch.arange(pixels, device=like.device)
-    matrix = (pixel // cell == torch.arange(cells, device=like.device).unsqueeze(1)).to(like)
+    weights = torch.ones(pixels, dtype=like.dtype, device=like.device)
     if scheme.mean:
-        matrix = matrix / cell
+        weights = weights / cell
     if scheme.window:
         side = torch.arange(scheme.window, dtype=like.dtype, device=like.device)
-        weights = torch.exp(-0.5 * ((side - side.mean()) / (scheme.window // 2)) ** 2)
-        matrix = matrix * (weights / weights.sum())[pixel % scheme.window]
-    return matrix
+        window = torch.exp(-0.5 * ((side - side.mean()) / (scheme.window // 2)) ** 2)
+        weights = weights * (window / window.sum())[pixel % scheme.window]
+    # a row after the last cell for the pixels that are in none
+    matrix = torch.zeros(cells + 1, pixels, dtype=like.dtype, device=like.device)
+    own = torch.div(pixel, cell, rounding_mode="floor").clamp(max=cells)
+    return matrix.scatter_(0, own.unsqueeze(0), weights.unsqueeze(0))[:-1]
 
 
 def _within_blocks(pixels: int, cell: int, block: int, step: int, sigma: float, like: Tensor) -> Tensor:
     """Of each block in turn its cells, by rows."""
     inside = torch.arange(block, dtype=like.dtype, device=like.device)
-    weights = _triangles(_positions(block, cell, like), block // cell)
+    weights = _triangles(block, cell, block // cell, like)
     weights = weights * torch.exp(-((inside - block / 2) ** 2) / (2 * sigma**2))
     matrix = like.new_zeros((pixels - block) // step + 1, block // cell, pixels)
     for k, of_block in enumerate(matrix):

@@ -233,6 +233,11 @@ class HOGSpec:
             return pixels // cell
         return (pixels + cell // 2) // cell if self.partial_cells == "round" else -(-pixels // cell)
 
+    def check_channels(self, channels: int) -> None:
+        """Raises ValueError if images of so many channels have no descriptor."""
+        if self.colour == "separate" and channels not in (1, COLOURS):
+            raise ValueError(f"{self.named} descriptor is of images of 1 or {COLOURS} channels, got {channels}")
+
     def check_same(self, other: HOGSpec, learned: str) -> None:
         """Raises ValueError if ``other`` is another dialect than this one, of which ``learned`` was learned."""
         for each in dataclasses.fields(self):

@@ -1,9 +1,14 @@
 """Section 3.1: descriptor to pre-image."""
 
-from .learned import LearnedPrior
-from .multiscale import Level, reconstruct_multiscale, scale_descriptors
-from .preimage import Reconstruction, reconstruct
-from .training import train_prior
+from typing import TYPE_CHECKING
+
+from ..lazy import names_when_used
+
+if TYPE_CHECKING:
+    from .learned import LearnedPrior
+    from .multiscale import Level, reconstruct_multiscale, scale_descriptors
+    from .preimage import Reconstruction, reconstruct
+    from .training import train_prior
 
 __all__ = [
     "LearnedPrior",
@@ -14,3 +19,11 @@ __all__ = [
     "scale_descriptors",
     "train_prior",
 ]
+
+names_when_used(
+    __name__,
+    learned=("LearnedPrior",),
+    multiscale=("Level", "reconstruct_multiscale", "scale_descriptors"),
+    preimage=("Reconstruction", "reconstruct"),
+    training=("train_prior",),
+)

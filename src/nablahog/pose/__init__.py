@@ -1,10 +1,15 @@
 """Section 3.2 of the paper: the pose of an object from the similarity of HOG descriptors."""
 
-from .background import default_background, learn_background
-from .canvas import Box
-from .elements import Elements, elements
-from .estimate import PoseEstimate, estimate_pose
-from .whitening import Background
+from typing import TYPE_CHECKING
+
+from ..lazy import names_when_used
+
+if TYPE_CHECKING:
+    from .background import default_background, learn_background
+    from .canvas import Box
+    from .elements import Elements, elements
+    from .estimate import PoseEstimate, estimate_pose
+    from .whitening import Background
 
 __all__ = [
     "Background",
@@ -16,3 +21,12 @@ __all__ = [
     "estimate_pose",
     "learn_background",
 ]
+
+names_when_used(
+    __name__,
+    background=("default_background", "learn_background"),
+    canvas=("Box",),
+    elements=("Elements", "elements"),
+    estimate=("PoseEstimate", "estimate_pose"),
+    whitening=("Background",),
+)

@@ -13,9 +13,9 @@ from ..hog.kernels import steps
 from ..hog.spec import HOGSpec
 from ..images import limit_size
 from ..shipped import SHIPPED, shipped_photograph
+from .choices import ORDER
 from .whitening import Background, check_spec
 
-ORDER = 9  # of cells: for templates of up to 10x10
 STEP = 2**-0.5  # between two scales of a photograph
 RING = 1  # of cells next to the border of an image, which are unlike all others
 

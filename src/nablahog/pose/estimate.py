@@ -11,8 +11,9 @@ from torch import Tensor
 
 from ..render import Camera, Mesh
 from .canvas import Box, cut_out
-from .matching import Kind, Photograph, model_of
-from .strategies import SEARCHES, Search
+from .choices import Kind, Search
+from .matching import Photograph, model_of
+from .strategies import SEARCHES
 from .task import Ascent, Path, Task
 from .whitening import Background
 

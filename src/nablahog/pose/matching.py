@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from functools import cached_property, lru_cache
-from typing import Literal, TypeAlias
 
 import torch
 from torch import Tensor
@@ -16,13 +15,12 @@ from ..render.renderer import Method
 from ..render.simplify import simplified
 from .background import default_background
 from .canvas import DISTANCE, Canvas, smaller
+from .choices import Kind
 from .elements import Elements, elements
 from .filter import Whitener
 from .placing import hull
 from .similarity import Similarity, Template, by_elements, calibrated, describe
 from .whitening import Background
-
-Kind: TypeAlias = Literal["dot", "whitened", "calibrated"]
 
 ELEMENT = (5, 5)  # cells of a visual element
 ELEMENTS = 25  # the most of a photograph

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias
-
 import torch
 
 from .best import best
@@ -11,8 +9,6 @@ from .gallery import azimuths
 from .matching import DETAIL
 from .search import momentum
 from .task import ELEVATIONS, Found, Path, Task
-
-Search: TypeAlias = Literal["best", "paper", "exhaustive"]
 
 EVERY_DEGREE = 360
 PAPER_STARTS = 8  # azimuths all around, beside the initial one

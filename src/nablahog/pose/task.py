@@ -9,7 +9,8 @@ from typing import Literal, TypeAlias
 import torch
 from torch import Tensor
 
-from .matching import Kind, Model, Photograph
+from .choices import Kind
+from .matching import Model, Photograph
 from .placing import place, upright
 
 Ascent: TypeAlias = Literal["hill", "momentum", "lbfgs"]

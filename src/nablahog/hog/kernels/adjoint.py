@@ -1,7 +1,7 @@
 """The adjoint of Eq. 1-6 in one pass: from what reaches the cell histograms to what reaches the images.
 
-Votes are made again, a line at a time.  What reaches the gradients of three lines is kept; a row of the image hears
-from the row before it, its own and the one after it.
+Votes are made again, which takes less than to fetch them from memory.  What reaches the gradients of three lines is
+kept; a row of the image hears from the row before it, its own and the one after it.
 """
 
 from __future__ import annotations
@@ -11,151 +11,171 @@ from typing import Any
 
 import numpy as np
 
-from ...compile import compiled
+from ...compile import compiled, inlined
 from ..gradient import BLACK
-from .cells import PIXELS_AT_ONCE, empty_groups, gradients_of_rows, place
-from .lanes import read_four, read_four_more
+from .cells import empty_lines, gradients_of_rows, most_rows, padded, rows_at_once
+from .returns import central_back, to_gradients, to_gradients_of_hard
+from .simd import PADDING
+from .spreads import (
+    BESIDE,
+    read_votes,
+    read_votes_more,
+    read_votes_once,
+    spread_eight,
+    spread_eight_more,
+    spread_eight_once,
+)
 from .votes import linear, vote_line
 
 
 @compiled
-def _spread(given: Any, pooling: Any, band: int, groups: Any) -> None:
-    """What reaches the cells, ``given`` (rows, columns, bins), to the groups of a band: the adjoint of collecting."""
-    bins, size, first = pooling.bins, pooling.group, pooling.bands[band, 2]
-    cells = given.reshape(-1)
-    copies = pooling.high if pooling.lines else 1
-    of_copy = groups.size // copies
-    groups[:] = 0
-    for run in range(pooling.run_cols.size):
-        for copy in range(copies):
-            for g in range(pooling.groups):
-                begin = copy * of_copy + (run * pooling.groups + g) * size
-                for lane in range(4):
-                    row = first + (copy if pooling.lines else lane // 2)
-                    col = pooling.run_cols[run] + (4 * g + lane if pooling.lines else lane % 2)
-                    if row < pooling.rows and col < pooling.cols:
-                        cell, to = (row * pooling.cols + col) * bins, begin + lane
-                        for k in range(bins):
-                            groups[to + 4 * (k + 1)] = cells[cell + k]
-                        groups[to] = cells[cell + bins - 1]  # bins go round
-                        groups[to + 4 * (bins + 1)] = cells[cell]
+def _round(given: Any, pooling: Any, band: int, found: Any) -> None:
+    """What reaches the cells of a band, to ``found`` (high, columns + wide, line): a line begins with the last bin.
 
-
-@compiled
-def _line_of(groups: Any, row: int, pooling: Any, of_line: Any) -> None:
-    """The groups of a line from those of each row of cells: the adjoint of sharing."""
-    of_line[:] = 0
+    ``given`` is (rows, columns, bins).
+    """
+    bins, line, cols = pooling.bins, found.shape[2], pooling.cols
+    source, to_all = given.reshape(-1), found.reshape(-1)
     for k in range(pooling.high):
-        weight = pooling.shares[row, k]
-        if weight != 0:
-            of_row = groups[k * of_line.size : (k + 1) * of_line.size]
-            for i in range(of_line.size):
-                of_line[i] += weight * of_row[i]
+        row, to = pooling.bands[band, 2] + k, np.uintp(k * found.shape[1] * line)
+        if row >= pooling.rows:
+            found[k] = 0
+            continue
+        at = np.uintp(row * cols * bins)
+        for _ in range(cols):
+            for bin_ in range(bins):
+                to_all[to + np.uintp(bin_ + 1)] = source[at + np.uintp(bin_)]
+            to_all[to] = source[at + np.uintp(bins - 1)]
+            to_all[to + np.uintp(bins + 1)] = source[at]
+            to, at = to + np.uintp(line), at + np.uintp(bins)
 
 
-@compiled
-def _read(groups: Any, places: Any, row: int, pooling: Any, found: Any) -> None:
-    """To ``found`` (width · 4,): what reaches a vote of each pixel into the bin before its own, its own, the next."""
-    by_row, by_col, size = pooling.by_row, pooling.by_col, pooling.group
-    weight = np.uintp(4 * row)
-    for x in range(places.size):
-        to, col = np.uintp(4 * x), np.uintp(4 * x * pooling.groups)
-        at = np.uintp(places[x] - 4)
-        read_four(groups, at, found, to, by_row, weight, by_col, col)
-        for _ in range(1, pooling.groups):
-            at, col = at + np.uintp(size), col + np.uintp(4)
-            read_four_more(groups, at, found, to, by_row, weight, by_col, col)
+@inlined
+def _spread(cells: Any, part: int, pooling: Any, found: Any) -> None:
+    """From cells (high, columns + wide, line) to the columns of a part, ``found``: (line) of each, row by row."""
+    line, wide, length = cells.shape[2], pooling.wide, pooling.length
+    of_row, of_cells, source = found.size // pooling.high, cells.shape[1] * line, cells.reshape(-1)
+    first, last = pooling.parts[part]
+    begin = pooling.runs[first, 0]
+    for run in range(first, last):  # one after the other: what is written behind the last column of one is the next's
+        start, stop, cell = pooling.runs[run]
+        for x in range(0, stop - start, 8):
+            share, column = run * wide * length + x, (start - begin + x) * line
+            for row in range(pooling.high):
+                for k in range(0, line, 8):
+                    at, to = row * of_cells + cell * line + k, row * of_row + column + k
+                    if wide == 1:
+                        spread_eight_once(source, at, line, pooling.by_col, share, length, found, to, line)
+                    else:
+                        spread_eight(source, at, line, pooling.by_col, share, length, found, to, line)
+                    for pair in range(2, wide, 2):
+                        beside, weights = at + pair * line, share + pair * length
+                        spread_eight_more(source, beside, line, pooling.by_col, weights, length, found, to, line)
 
 
-@compiled
-def _along(reached: Any, f: Any, m: Any, hard: bool, along: Any) -> None:
-    """What reaches the logarithm of each magnitude, by the magnitude: of ``reached`` (width · 4,), between two bins."""
-    one = m.dtype.type(1)
-    zero = one - one
-    for x in range(m.size):
-        here = reached[4 * x + 1]
-        here = here if hard else here + f[x] * (reached[4 * x + 2] - here)
-        along[x] = here / m[x] if m[x] > zero else zero
+@inlined
+def _read(
+    cells: Any,
+    bins: Any,
+    stride: int,
+    first: int,
+    rows: int,
+    pooling: Any,
+    spread: Any,
+    before: Any,
+    here: Any,
+    after: Any,
+) -> None:
+    """What reaches the votes of ``rows`` of pixels of a band, from the ``first`` on: planes of rows, ``stride`` apart.
+
+    ``spread`` is overwritten.
+    """
+    high, line, by_row = pooling.high, cells.shape[2], pooling.by_row
+    of_row = spread.size // high
+    for part in range(pooling.parts.shape[0]):
+        begin, end = pooling.runs[pooling.parts[part, 0], 0], pooling.runs[pooling.parts[part, 1] - 1, 1]
+        _spread(cells, part, pooling, spread)
+        for row in range(rows):
+            share, at = (first + row) * high, row * stride + begin
+            count = end - begin
+            if high == 1:
+                read_votes_once(spread, 0, line, of_row, bins, at, count, by_row, share, before, here, after, at)
+            else:
+                read_votes(spread, 0, line, of_row, bins, at, count, by_row, share, before, here, after, at)
+            for pair in range(2, high, 2):
+                begun, weights = pair * of_row, share + pair
+                read_votes_more(spread, begun, line, of_row, bins, at, count, by_row, weights, before, here, after, at)
 
 
-@compiled
-def _across(reached: Any, f: Any, m: Any, slope: Any, across: Any) -> None:
-    """The same of each angle: the difference of two bins, on a bin centre the mean of those on both sides."""
-    one, half = m.dtype.type(1), m.dtype.type(0.5)
-    zero = one - one
-    for x in range(m.size):
-        before, here, after = reached[4 * x], reached[4 * x + 1], reached[4 * x + 2]
-        change = half * (after - before) if f[x] == zero else after - here
-        across[x] = slope * change / m[x] if m[x] > zero else zero
-
-
-@compiled
-def _turn(along: Any, across: Any, gx: Any, gy: Any, to_gx: Any, to_gy: Any) -> None:
-    """What reaches the gradients, to lines between two ends."""
-    for x in range(gx.size):
-        to_gx[x + 1] = along[x] * gx[x] - across[x] * gy[x]
-        to_gy[x + 1] = along[x] * gy[x] + across[x] * gx[x]
-
-
-@compiled
-def _outermost(to_gx: Any, to_gy: Any, row: int, height: int, times: Any) -> None:
+@inlined
+def _outermost(to_gx: Any, to_gy: Any, to: int, width: int, row: int, height: int, times: Any) -> None:
     """The outermost pixels' gradients count ``times``, and not at all along an axis of one pixel."""
-    width = to_gx.size - 2
-    to_gx[1] *= times
+    to_gx[to + 1] *= times
     if width > 1:
-        to_gx[width] *= times
+        to_gx[to + width] *= times
     else:
-        to_gx[1] = 0
+        to_gx[to + 1] = 0
     if row == 0 or row == height - 1:
         for x in range(width):
-            to_gy[x + 1] *= times if height > 1 else 0
+            to_gy[to + x + 1] *= times if height > 1 else 0
 
 
-@compiled
-def _masked(lines: Any, winners: Any, channel: int, found: Any) -> None:
-    """Of lines (3, width + 2), where the channel won."""
-    for k in range(3):
-        for x in range(winners.shape[1]):
-            found[k, x + 1] = lines[k, x + 1] if winners[k, x] == channel else 0
+@inlined
+def _masked(of: Any, winners: Any, channel: int, found: Any) -> None:
+    """Of three lines, where the channel won."""
+    for k in range(found.size):
+        x = np.uintp(k)
+        found[x] = of[x] if winners[x] == channel else 0
 
 
-@compiled
-def _central(to_gx: Any, to_gy: Any, row: int, height: int, reading: Any, found: Any) -> None:
-    """What reaches a row of values from the gradients (3, width + 2) of it and the two beside it."""
-    width = found.size
-    line, above, below = to_gx[row % 3], to_gy[(row + 2) % 3], to_gy[(row + 1) % 3]
-    for x in range(width):
-        found[x] = line[x] - line[x + 2] + above[x + 1] - below[x + 1]
+@inlined
+def ring_line(width: int) -> int:
+    """How far the lines of three rows are apart."""
+    lines: int = padded(width) + PADDING
+    return lines
+
+
+@inlined
+def _central(
+    to_gx: Any, to_gy: Any, row: int, height: int, width: int, reading: Any, slope: Any, found: Any, to: int
+) -> None:
+    """What reaches a row of values from the gradients of it and those beside it, times ``slope``, to ``found[to:]``."""
+    size = ring_line(width)
+    line, above, below = row % 3 * size, (row + 2) % 3 * size, (row + 1) % 3 * size
+    if width >= PADDING:
+        central_back(to_gx, to_gy, line, above, below, width, slope, found, to)
+    else:
+        for x in range(width):
+            reached = to_gx[line + x] - to_gx[line + x + 2] + to_gy[above + x + 1] - to_gy[below + x + 1]
+            found[to + x] = slope * reached
     if reading.times > 0 and reading.own:  # which they were compared with, too
-        found[0] -= line[1]
-        found[width - 1] += line[width]
-        own = to_gy[row % 3]
+        own = row % 3 * size
+        found[to] -= slope * to_gx[own + 1]
+        found[to + width - 1] += slope * to_gx[own + width]
         if row == 0:
             for x in range(width):
-                found[x] -= own[x + 1]
+                found[to + x] -= slope * to_gy[own + x + 1]
         if row == height - 1:
             for x in range(width):
-                found[x] += own[x + 1]
+                found[to + x] += slope * to_gy[own + x + 1]
 
 
-@compiled
-def _sobel(to_gx: Any, to_gy: Any, row: int, height: int, found: Any) -> None:
+@inlined
+def _sobel(to_gx: Any, to_gy: Any, row: int, height: int, width: int, found: Any) -> None:
     """The same for smoothed gradients of a mirrored image: the outermost rows and columns have one neighbour twice."""
-    width, two = found.size, found.dtype.type(2)
-    line, above, below = to_gx[row % 3], to_gx[(row + 2) % 3], to_gx[(row + 1) % 3]
+    size, two = ring_line(width), found.dtype.type(2)
+    line, above, below = row % 3 * size, (row + 2) % 3 * size, (row + 1) % 3 * size
     of_above, of_below = two if row == 1 else two - 1, two if row == height - 2 else two - 1
     own = two + two if height == 1 else two
-    vs_above, vs_below = to_gy[(row + 2) % 3], to_gy[(row + 1) % 3]
     for x in range(width):
-        found[x] = own * (line[x] - line[x + 2])
-        found[x] += of_above * (above[x] - above[x + 2]) + of_below * (below[x] - below[x + 2])
-        before, here, after = (
-            vs_above[x] - vs_below[x],
-            vs_above[x + 1] - vs_below[x + 1],
-            vs_above[x + 2] - vs_below[x + 2],
-        )
+        found[x] = own * (to_gx[line + x] - to_gx[line + x + 2])
+        found[x] += of_above * (to_gx[above + x] - to_gx[above + x + 2])
+        found[x] += of_below * (to_gx[below + x] - to_gx[below + x + 2])
+        before = to_gy[above + x] - to_gy[below + x]
+        here = to_gy[above + x + 1] - to_gy[below + x + 1]
+        after = to_gy[above + x + 2] - to_gy[below + x + 2]
         found[x] += before + two * here + after
-    first, last = vs_above[1] - vs_below[1], vs_above[width] - vs_below[width]
+    first, last = to_gy[above + 1] - to_gy[below + 1], to_gy[above + width] - to_gy[below + width]
     if width == 1:
         found[0] += two * first
     else:
@@ -163,51 +183,64 @@ def _sobel(to_gx: Any, to_gy: Any, row: int, height: int, found: Any) -> None:
         found[width - 2] += last
 
 
-@compiled
-def _to_pixels(pixels: Any, reading: Any, weight: Any, toward: Any, found: Any) -> None:
-    """From values to the pixels (width,) they were read from, by the derivative of a root if there is one."""
+@inlined
+def _to_pixels(
+    pixels: Any, begin: int, step: int, width: int, reading: Any, weight: Any, toward: Any, found: Any, to: int
+) -> None:
+    """From values to the pixels they were read from, by the derivative of a root if there is one."""
     real, black = found.dtype.type, found.dtype.type(BLACK)
     half, zero = real(0.5), real(0)
-    for x in range(found.size):
-        slope = weight * reading.scale
-        if reading.root:
-            value = reading.scale * real(pixels[x])
-            slope = zero if value <= black else slope * half / math.sqrt(value)
-        found[x] = slope * toward[x]
+    place, slope = np.uintp(to), weight * reading.scale
+    if reading.root:
+        for x in range(width):
+            value = reading.scale * real(pixels[begin + x * step])
+            found[to + x] = zero if value <= black else slope * half / math.sqrt(value) * toward[x]
+    else:
+        for k in range(width):
+            x = np.uintp(k)
+            found[place + x] = slope * toward[x]
 
 
-@compiled
+@inlined
 def _emit(
     pixels: Any,
     at: int,
+    shape: Any,
     strides: Any,
     row: int,
-    height: int,
     reading: Any,
     to_gx: Any,
     to_gy: Any,
     winners: Any,
-    masked: Any,
+    us: Any,
+    vs: Any,
     toward: Any,
     found: Any,
 ) -> None:
-    """One row of all channels, ``found`` (channels, height, width), from the gradients of three rows."""
-    width = toward.size
+    """One row of all channels, to ``found`` (channels · height · width), from the gradients of three rows.
+
+    ``us`` and ``vs`` are overwritten.
+    """
+    height, width = shape
+    mixed, several = reading.mixed, us.size > 0
     for channel in range(reading.weights.size):
-        if masked.shape[0] > 0:
-            _masked(to_gx, winners, channel, masked[0])
-            _masked(to_gy, winners, channel, masked[1])
-            us, vs = masked[0], masked[1]
-        else:
-            us, vs = to_gx, to_gy
-        if channel == 0 or not reading.mixed:
+        if several:
+            _masked(to_gx, winners, channel, us)
+            _masked(to_gy, winners, channel, vs)
+        place = (channel * height + row) * width
+        of_x, of_y = (us, vs) if several else (to_gx, to_gy)
+        if not (reading.sobel or reading.root or mixed):
+            slope = reading.weights[channel] * reading.scale
+            _central(of_x, of_y, row, height, width, reading, slope, found, place)
+            continue
+        if channel == 0 or not mixed:
             if reading.sobel:
-                _sobel(us, vs, row, height, toward)
+                _sobel(of_x, of_y, row, height, width, toward)
             else:
-                _central(us, vs, row, height, reading, toward)
+                one = reading.scale / reading.scale
+                _central(of_x, of_y, row, height, width, reading, one, toward, 0)
         begin = at + channel * strides[1] + row * strides[2]
-        of_row = pixels[begin : begin + strides[3] * (width - 1) + 1 : strides[3]]
-        _to_pixels(of_row, reading, reading.weights[channel], toward, found[channel, row])
+        _to_pixels(pixels, begin, strides[3], width, reading, reading.weights[channel], toward, found, place)
 
 
 @compiled
@@ -220,89 +253,116 @@ def cells_adjoint(
     voting: Any,
     pooling: Any,
     given: Any,
-    start: int,
-    stop: int,
+    images: Any,
+    rows: Any,
     found: Any,
 ) -> None:
-    """Rows ``start`` to ``stop`` of one image, ``found`` (channels, height, width); ``given`` is (rows, cols, bins)."""
+    """Rows (first, last) of some images (first, last), to ``found`` (images, channels, height, width).
+
+    ``given`` is (images, rows, cols, bins).
+    """
     height, width = shape
     real = found.dtype
-    described = 1 if reading.mixed else reading.weights.size
-    at_once = max(1, PIXELS_AT_ONCE // width)
-    lines = np.empty((described, 3, width + 2), real)
-    planes = np.empty((6, at_once * width), real)
-    places, winner = np.empty(at_once * width, np.int32), np.zeros((at_once, width), np.int32)
-    groups, of_line = empty_groups(pooling, planes)
-    reached, toward = np.zeros(4 * width, real), np.empty(width, real)
-    along, across, exact, exact_places = (
-        np.empty(width, real),
-        np.zeros(width, real),
-        np.empty(width, real),
-        np.empty(width, np.int32),
-    )
-    to_gx, to_gy = np.zeros((3, width + 2), real), np.zeros((3, width + 2), real)
-    winners = np.zeros((3, width), np.int32)
-    masked = np.zeros((2 if described > 1 else 0, 3, width + 2), real)
-    row, last = max(start - 1, 0), min(stop + 1, height)  # with those beside what is asked for
-    read, spread = -1, -1  # the last row of pixels that was read, the band whose cells are in the groups
-    while row < last:
-        band = pooling.band_of[row]
-        end = row + 1 if band < 0 else min(row + at_once, pooling.bands[band, 1], last)
-        size = (end - row) * width
-        gx, gy, m, f = planes[0, :size], planes[1, :size], planes[2, :size], planes[3, :size]
-        if band >= 0:
-            read = gradients_of_rows(pixels, at, shape, strides, reading, row, end, read, lines, planes, winner)
-            vote_line(gx, gy, voting, planes[4, :size], planes[5, :size], m, f, places[:size])
-            if band != spread:
-                _spread(given, pooling, band, groups)
-                spread = band
-        for y in range(row, end):
-            slot, line = y % 3, slice((y - row) * width, (y - row + 1) * width)
-            if band < 0:
-                to_gx[slot] = 0
-                to_gy[slot] = 0
-            else:
-                us, vs, ms, fs, of_pixels = gx[line], gy[line], m[line], f[line], places[line]
-                if pooling.lines:
-                    _line_of(groups, y, pooling, of_line)
-                cells = of_line if pooling.lines else groups
-                place(of_pixels, 1, pooling.base)
-                _read(cells, of_pixels, y, pooling, reached)
-                _along(reached, fs, ms, voting.hard, along)
+    several = not reading.mixed and reading.weights.size > 1
+    stride, most = padded(width), most_rows(pooling)
+    few = min(rows_at_once(stride), most)
+    planes, ring = most * stride + PADDING, 3 * ring_line(width)
+    lines = empty_lines(reading, width, real)
+    gx, gy, m, f = np.empty(planes, real), np.empty(planes, real), np.empty(planes, real), np.empty(planes, real)
+    us, vs, winner = np.empty(few * stride, real), np.empty(few * stride, real), np.empty(planes, np.int32)
+    bins = np.zeros(planes, np.int32)
+    before, here, after = np.empty(planes, real), np.empty(planes, real), np.empty(planes, real)
+    again = planes if voting.inexact else 0
+    exact, exact_bins = np.empty(again, real), np.zeros(again, np.int32)
+    before_exact, here_exact, after_exact = np.empty(again, real), np.empty(again, real), np.empty(again, real)
+    line = (pooling.bins + BESIDE + 7) // 8 * 8
+    cells = np.zeros((pooling.high, pooling.cols + pooling.wide, line), real)
+    spread = np.empty(pooling.high * (pooling.columns + PADDING) * line, real)
+    to_gx, to_gy, toward = np.zeros(ring, real), np.zeros(ring, real), np.empty(width, real)
+    winners = np.zeros(ring, np.int32)
+    masked = ring if several else 0
+    masked_x, masked_y = np.zeros(masked, real), np.zeros(masked, real)
+    start, stop = rows
+    for image in range(images[0], images[1]):
+        of_image, of_found = at + image * strides[0], found[image].reshape(-1)
+        to_gx[:] = 0
+        to_gy[:] = 0
+        row, last = max(start - 1, 0), stop + 1  # with those beside what is asked for, and nothing below the image
+        read = -1  # the last row of pixels
+        while row < last:
+            band = pooling.band_of[row] if row < height else -1
+            end = row + 1 if band < 0 else min(pooling.bands[band, 1], last)
+            if band >= 0:
+                for begin in range(row, end, few):
+                    count = (min(begin + few, end) - begin) * stride
+                    part = slice((begin - row) * stride, (begin - row) * stride + count)
+                    of_x, of_y = gx[part], gy[part]
+                    read = gradients_of_rows(
+                        pixels,
+                        of_image,
+                        shape,
+                        strides,
+                        reading,
+                        begin,
+                        min(begin + few, end),
+                        read,
+                        lines,
+                        stride,
+                        of_x,
+                        of_y,
+                        us,
+                        vs,
+                        winner[part],
+                    )
+                    vote_line(of_x, of_y, voting, m[part], f[part], bins[part])
+                    if voting.inexact:
+                        linear(of_x, of_y, voting, m[part], exact[part], exact_bins[part])
+                _round(given[image], pooling, band, cells)
+                _read(cells, bins, stride, row, end - row, pooling, spread, before, here, after)
                 if voting.inexact:
-                    linear(us, vs, voting, exact, exact_places)
-                    place(exact_places, 1, pooling.base)
-                    _read(cells, exact_places, y, pooling, reached)
-                    _across(reached, exact, ms, voting.slope, across)
-                elif not voting.hard:
-                    _across(reached, fs, ms, voting.slope, across)
-                _turn(along, across, us, vs, to_gx[slot], to_gy[slot])
-                _outermost(to_gx[slot], to_gy[slot], y, height, reading.times)
-                winners[slot] = winner[y - row]
-            if y - 1 >= start:
-                _emit(pixels, at, strides, y - 1, height, reading, to_gx, to_gy, winners, masked, toward, found)
-        row = end
-    if stop == height:
-        to_gx[height % 3] = 0
-        to_gy[height % 3] = 0
-        _emit(pixels, at, strides, height - 1, height, reading, to_gx, to_gy, winners, masked, toward, found)
-
-
-@compiled
-def adjoints_of_images(
-    pixels: Any,
-    at: int,
-    shape: Any,
-    strides: Any,
-    reading: Any,
-    voting: Any,
-    pooling: Any,
-    given: Any,
-    start: int,
-    stop: int,
-    found: Any,
-) -> None:
-    """The same of whole images ``start`` to ``stop``, ``found`` (images, channels, height, width)."""
-    for image in range(start, stop):
-        begin = at + image * strides[0]
-        cells_adjoint(pixels, begin, shape, strides, reading, voting, pooling, given[image], 0, shape[0], found[image])
+                    _read(
+                        cells,
+                        exact_bins,
+                        stride,
+                        row,
+                        end - row,
+                        pooling,
+                        spread,
+                        before_exact,
+                        here_exact,
+                        after_exact,
+                    )
+            for y in range(row, end):
+                slot, of_row = y % 3 * ring_line(width), (y - row) * stride
+                if band < 0:
+                    to_gx[slot : slot + width + 2] = 0
+                    to_gy[slot : slot + width + 2] = 0
+                else:
+                    of_angle = (
+                        (exact, before_exact, here_exact, after_exact) if voting.inexact else (f, before, here, after)
+                    )
+                    votes = m, f, here, after, *of_angle, gx, gy
+                    if voting.hard:
+                        to_gradients_of_hard(*votes, of_row, width, voting.slope, to_gx, to_gy, slot)
+                    else:
+                        to_gradients(*votes, of_row, width, voting.slope, to_gx, to_gy, slot)
+                    _outermost(to_gx, to_gy, slot, width, y, height, reading.times)
+                    if several:
+                        winners[slot + 1 : slot + width + 1] = winner[of_row : of_row + width]
+                if y - 1 >= start:
+                    _emit(
+                        pixels,
+                        of_image,
+                        shape,
+                        strides,
+                        y - 1,
+                        reading,
+                        to_gx,
+                        to_gy,
+                        winners,
+                        masked_x,
+                        masked_y,
+                        toward,
+                        of_found,
+                    )
+            row = end

@@ -1,10 +1,7 @@
-"""Eq. 1-6 in one pass over the images, and their derivatives in another: images -> cell histograms.
+"""Eq. 1-6 in one pass over an image: from stored values to cell histograms, a band of rows at a time.
 
-A pixel votes into two orientation bins of two rows by two columns of cells.  Dense over bins, as in the plain steps,
-that takes some thirty passes over planes in memory.  Here three lines of pixels are in a processor's cache, and with
-them the histograms of one band: the rows of pixels that vote into the same rows of cells.  Columns that vote into the
-same cells do not follow each other: a sum in memory must have arrived before it can be added to.  The derivatives
-compute the votes once more, which takes less than to fetch them from memory.
+The rows of a band share their cells.  What its pixels vote is kept until all of them are read; then they are summed up
+in parts of a few columns.
 """
 
 from __future__ import annotations
@@ -13,160 +10,56 @@ from typing import Any
 
 import numpy as np
 
-from ...compile import compiled
-from .lanes import add_one, add_two, collect_four
+from ...compile import compiled, inlined
 from .lines import central, choose, edges, read_line, sobel
+from .simd import PADDING
+from .sums import BINS, pool_eight, pool_eight_once, sum_hard, sum_hard_once, sum_linear, sum_linear_once
 from .votes import vote_line
 
-PIXELS_AT_ONCE = 1024  # whose votes are made in one go
+PIXELS_AT_ONCE = 1024  # whose gradients and votes stay in a processor's first cache
 
 
-@compiled
-def _read_row(pixels: Any, at: int, strides: Any, row: int, reading: Any, lines: Any) -> None:
-    """One row of pixels of all channels to ``lines`` (channels described, 3, width + 2)."""
-    for channel in range(reading.weights.size):
-        line = lines[0 if reading.mixed else channel, row % 3]
-        first = channel == 0 or not reading.mixed
+@inlined
+def padded(count: int) -> int:
+    """Rounded up to whole vectors."""
+    return (count + PADDING - 1) // PADDING * PADDING
+
+
+@inlined
+def _read_row(pixels: Any, at: int, shape: Any, strides: Any, row: int, reading: Any, lines: Any) -> None:
+    """One row of pixels of all channels to ``lines``: of each channel that is described, three of width + 2."""
+    width, weights = shape[1], reading.weights
+    scale, mixed, root = reading.scale, reading.mixed, reading.root
+    for channel in range(weights.size):
+        to = ((0 if mixed else 3 * channel) + row % 3) * (width + 2)
+        first = channel == 0 or not mixed
         begin = at + channel * strides[1] + row * strides[2]
-        weight = reading.weights[channel]
-        width, step = line.size - 2, strides[3]
-        if step == 1:
-            read_line(pixels[begin : begin + width], reading.scale, weight, first, reading.root, line)
-        else:
-            read_line(pixels[begin : begin + step * width : step], reading.scale, weight, first, reading.root, line)
+        read_line(pixels, begin, strides[3], width, scale, weights[channel], first, root, lines, to)
 
 
-@compiled
-def gradient_of_line(lines: Any, row: int, height: int, reading: Any, gx: Any, gy: Any) -> None:
-    """Gradients of one line, of one channel's ``lines`` (3, width + 2)."""
-    above, line, below = lines[abs(row - 1) % 3], lines[row % 3], lines[(row + 1) % 3]
+@inlined
+def gradient_of_line(lines: Any, channel: int, row: int, shape: Any, reading: Any, gx: Any, gy: Any, to: int) -> None:
+    """Gradients of one row of one channel, to ``gx[to:]`` and ``gy[to:]``."""
+    height, width = shape
+    slots = max(row - 1, 0), row, min(row + 1, height - 1)
     if row == 0:
-        above = lines[min(1, height - 1)]
-    if row == height - 1:
-        below = lines[max(height - 2, 0) % 3]
+        slots = min(1, height - 1), row, min(1, height - 1)
+    elif row == height - 1:
+        slots = height - 2, row, height - 2
+    above, line, below = slots
+    begin, size = 3 * channel, width + 2
+    above, line, below = (begin + above % 3) * size, (begin + line % 3) * size, (begin + below % 3) * size
     if reading.sobel:
-        sobel(above, line, below, gx, gy)
+        sobel(lines, above, line, below, width, gx, gy, to)
     else:
-        central(above, line, below, gx, gy)
+        central(lines, above, line, below, width, gx, gy, to)
     if reading.times > 0:
-        outermost = row == 0, row == height - 1
-        edges(above, line, below, *outermost, reading.times, reading.own, reading.beyond, gx, gy)
+        first, last = row == 0, row == height - 1
+        times, own, beyond = reading.times, reading.own, reading.beyond
+        edges(lines, above, line, below, width, first, last, times, own, beyond, gx, gy, to)
 
 
-@compiled
-def _strongest(
-    lines: Any, row: int, height: int, reading: Any, gx: Any, gy: Any, us: Any, vs: Any, winner: Any
-) -> None:
-    """The gradient of largest magnitude among the channels, and which it is; ``us`` and ``vs`` are overwritten."""
-    gradient_of_line(lines[0], row, height, reading, gx, gy)
-    if lines.shape[0] > 1:
-        winner[:] = 0
-    for channel in range(1, lines.shape[0]):
-        gradient_of_line(lines[channel], row, height, reading, us, vs)
-        choose(us, vs, channel, reading.last_wins, gx, gy, winner)
-
-
-@compiled
-def place(bins: Any, rows: int, base: Any) -> None:
-    """From bins of some rows to where they are among the groups of their runs: there is one before the first."""
-    for row in range(rows):
-        of_row = bins[row * base.size : (row + 1) * base.size]
-        for x in range(base.size):
-            of_row[x] = base[x] + 4 * (of_row[x] + 1)
-
-
-@compiled
-def rows_at_once(pooling: Any, width: int) -> int:
-    """Whose votes are made in one go: whole bands if lines are shared out, to come back to few groups at a time."""
-    highest = 1
-    if pooling.lines:
-        for band in range(pooling.bands.shape[0]):
-            highest = max(highest, pooling.bands[band, 1] - pooling.bands[band, 0])
-    return max(highest, PIXELS_AT_ONCE // width)
-
-
-@compiled
-def empty_groups(pooling: Any, like: Any) -> Any:
-    """The groups of a band and, if lines are shared out, of a line; of some more, zeros may be read and added to."""
-    of_all_runs = (pooling.run_cols.size * pooling.groups + 4) * pooling.group
-    groups = np.zeros((pooling.high if pooling.lines else 1) * of_all_runs, like.dtype)
-    return groups, np.zeros(of_all_runs if pooling.lines else 0, like.dtype)
-
-
-@compiled
-def _vote(
-    m: Any, f: Any, places: Any, skipped: int, row: int, part: int, hard: bool, pooling: Any, groups: Any
-) -> None:
-    """Eq. 5: adds votes of a part of a line to its groups; the line is ``skipped`` pixels from the first of ``m``."""
-    by_row, by_col, size = pooling.by_row, pooling.by_col, pooling.group
-    weight = np.uintp(4 * row)
-    for k in range(pooling.parts[part, 0], pooling.parts[part, 1]):
-        x = np.uintp(pooling.order[k])
-        pixel, col = x + np.uintp(skipped), x * np.uintp(4 * pooling.groups)
-        place = np.uintp(places[pixel])
-        for _ in range(pooling.groups):
-            if hard:
-                add_one(groups, place, m[pixel], by_row, weight, by_col, col)
-            else:
-                far = m[pixel] * f[pixel]
-                add_two(groups, place, m[pixel] - far, far, by_row, weight, by_col, col)
-            place, col = place + np.uintp(size), col + np.uintp(4)
-
-
-@compiled
-def share(of_line: Any, row: int, part: int, pooling: Any, groups: Any) -> None:
-    """Adds the groups of a part of a line to those of each row of cells, one row after the other in ``groups``."""
-    begin, end = pooling.parts[part, 2], pooling.parts[part, 3]
-    votes = of_line[begin:end]
-    for k in range(pooling.high):
-        weight = pooling.shares[row, k]
-        if weight != 0:
-            of_row = groups[k * of_line.size + begin : k * of_line.size + end]
-            for i in range(votes.size):
-                of_row[i] += weight * votes[i]
-    votes[:] = 0
-
-
-@compiled
-def add_lanes(groups: Any, at: int, cells: Any, p: int, q: int, r: int, s: int) -> None:
-    """Adds one bin's lanes to four cells' bins."""
-    cells[p] += groups[at]
-    cells[q] += groups[at + 1]
-    cells[r] += groups[at + 2]
-    cells[s] += groups[at + 3]
-
-
-@compiled
-def collect(groups: Any, pooling: Any, of_band: Any) -> None:
-    """Moves the groups of a band to its cells ``of_band`` (high, columns + wide, bins).
-
-    ``groups`` are those of all runs, of one row of cells after the other if lanes are columns only.
-    """
-    bins, size = pooling.bins, pooling.group
-    cells = of_band.reshape(-1)
-    of_row = of_band.shape[1] * bins
-    copies = pooling.high if pooling.lines else 1
-    of_copy = groups.size // copies
-    cells[:] = 0
-    for run in range(pooling.run_cols.size):
-        for copy in range(copies):
-            for g in range(pooling.groups):
-                begin = copy * of_copy + (run * pooling.groups + g) * size
-                col = pooling.run_cols[run] + 4 * g
-                p = copy * of_row + col * bins  # of the four lanes' cells
-                q = p + bins
-                r = q + bins if pooling.lines else p + of_row
-                s = r + bins
-                for k in range(0, bins - 3, 4):
-                    collect_four(groups, begin + 4 * (k + 1), cells, p + k, q + k, r + k, s + k)
-                for k in range(bins // 4 * 4, bins):
-                    add_lanes(groups, begin + 4 * (k + 1), cells, p + k, q + k, r + k, s + k)
-                add_lanes(groups, begin, cells, p + bins - 1, q + bins - 1, r + bins - 1, s + bins - 1)
-                add_lanes(groups, begin + 4 * (bins + 1), cells, p, q, r, s)
-    groups[:] = 0
-
-
-@compiled
+@inlined
 def gradients_of_rows(
     pixels: Any,
     at: int,
@@ -177,23 +70,131 @@ def gradients_of_rows(
     end: int,
     read: int,
     lines: Any,
-    planes: Any,
+    stride: int,
+    gx: Any,
+    gy: Any,
+    us: Any,
+    vs: Any,
     winner: Any,
 ) -> int:
-    """Eq. 1-2: gradients of rows ``begin`` to ``end`` to the first two ``planes``; returns the last row that was read.
+    """Eq. 1-2: gradients of rows ``begin`` to ``end``, ``stride`` apart; returns the last row that was read.
 
-    ``lines`` (channels described, 3, width + 2) hold what was read of the rows up to ``read``.
+    They are of the channel of largest magnitude, which ``winner`` names if there are several.  ``lines`` hold what was
+    read of the rows up to ``read``; ``us`` and ``vs`` are overwritten.
     """
     height, width = shape
+    described = 1 if reading.mixed else reading.weights.size
     read = max(read, begin - 2)
     for row in range(begin, end):
         while read < min(row + 1, height - 1):
             read += 1
-            _read_row(pixels, at, strides, read, reading, lines)
-        line = slice((row - begin) * width, (row - begin + 1) * width)
-        gx, gy, us, vs = planes[0, line], planes[1, line], planes[4, line], planes[5, line]
-        _strongest(lines, row, height, reading, gx, gy, us, vs, winner[row - begin])
+            _read_row(pixels, at, shape, strides, read, reading, lines)
+        to = (row - begin) * stride
+        gradient_of_line(lines, 0, row, shape, reading, gx, gy, to)
+        if described > 1:
+            winner[to : to + width] = 0
+        for channel in range(1, described):
+            gradient_of_line(lines, channel, row, shape, reading, us, vs, 0)
+            choose(us, vs, channel, reading.last_wins, width, gx, gy, to, winner, to)
     return read
+
+
+@inlined
+def rows_at_once(stride: int) -> int:
+    return max(1, PIXELS_AT_ONCE // stride)
+
+
+@inlined
+def most_rows(pooling: Any) -> int:
+    """Of a band."""
+    most = 1
+    for band in range(pooling.bands.shape[0]):
+        most = max(most, pooling.bands[band, 1] - pooling.bands[band, 0])
+    return most
+
+
+@inlined
+def empty_lines(reading: Any, width: int, like: Any) -> Any:
+    """For three rows of values of each channel that is described."""
+    return np.zeros((1 if reading.mixed else reading.weights.size) * 3 * (width + 2), like)
+
+
+@inlined
+def empty_sums(pooling: Any, like: Any) -> Any:
+    """For the sums of a part's columns, of each row of cells and bin."""
+    return np.zeros(pooling.of_cell * padded(pooling.columns) + PADDING, like)
+
+
+@compiled
+def pool(sums: Any, part: int, pooling: Any, of_band: Any) -> None:
+    """Adds the sums of a part's columns to the cells ``of_band``, (columns + wide, of_cell)."""
+    size, wide, length, of_cell = padded(pooling.columns), pooling.wide, pooling.length, pooling.of_cell
+    first, last = pooling.parts[part]
+    begin = pooling.runs[first, 0]
+    for run in range(first, last):
+        start, stop, cell = pooling.runs[run]
+        for x in range(start, stop, 8):
+            for pair in range(0, wide, 2):
+                share, to = (run * wide + pair) * length + x - start, (cell + pair) * of_cell
+                for k in range(0, of_cell, 8):
+                    at = k * size + x - begin
+                    if wide == 1:
+                        pool_eight_once(sums, at, size, pooling.by_col, share, length, of_band, to + k, of_cell)
+                    else:
+                        pool_eight(sums, at, size, pooling.by_col, share, length, of_band, to + k, of_cell)
+
+
+@compiled
+def sum_up(
+    m: Any, f: Any, bins: Any, stride: int, first: int, rows: int, hard: bool, pooling: Any, sums: Any, of_band: Any
+) -> None:
+    """Eq. 5-6: cells of a band, ``of_band``, from the votes of its ``rows`` from the ``first`` on."""
+    high, count, last = pooling.high, pooling.bins, pooling.bins - 1
+    size, by_row = padded(pooling.columns), pooling.by_row
+    of_row = count * size
+    of_band[:] = 0
+    for part in range(pooling.parts.shape[0]):
+        begin, end = pooling.runs[pooling.parts[part, 0], 0], pooling.runs[pooling.parts[part, 1] - 1, 1]
+        for row in range(0, high, 2):
+            share = first * high + row
+            for bin_ in range(0, count, BINS):
+                few = min(BINS, count - bin_)
+                to = (row * count + bin_) * size - begin
+                rest = rows, by_row, share, high, bin_, last, few, sums
+                at_once = pooling.at_once
+                if hard and high == 1:
+                    for x in range(begin, end, at_once):
+                        sum_hard_once(m, bins, x, stride, *rest, to + x, size, of_row)
+                elif hard:
+                    for x in range(begin, end, at_once):
+                        sum_hard(m, bins, x, stride, *rest, to + x, size, of_row)
+                elif high == 1:
+                    for x in range(begin, end, at_once):
+                        sum_linear_once(m, f, bins, x, stride, *rest, to + x, size, of_row)
+                else:
+                    for x in range(begin, end, at_once):
+                        sum_linear(m, f, bins, x, stride, *rest, to + x, size, of_row)
+        pool(sums, part, pooling, of_band)
+
+
+@inlined
+def add_band(of_band: Any, band: int, pooling: Any, found: Any) -> None:
+    """Eq. 6: adds the cells of a band to those of the image, ``found`` (rows, columns, bins)."""
+    bins, first, to_all = pooling.bins, pooling.bands[band, 2], found.reshape(-1)
+    for row in range(first, min(first + pooling.high, pooling.rows)):
+        to, at = np.uintp(row * pooling.cols * bins), np.uintp((row - first) * bins)
+        for _ in range(pooling.cols):
+            for k in range(bins):
+                to_all[to + np.uintp(k)] += of_band[at + np.uintp(k)]
+            to, at = to + np.uintp(bins), at + np.uintp(pooling.of_cell)
+
+
+@compiled
+def add_bands(of_bands: Any, pooling: Any, found: Any) -> None:
+    """The same of all bands, to nothing."""
+    found[:] = 0
+    for band in range(pooling.bands.shape[0]):
+        add_band(of_bands[band], band, pooling, found)
 
 
 @compiled
@@ -205,69 +206,43 @@ def cells(
     reading: Any,
     voting: Any,
     pooling: Any,
-    start: int,
-    stop: int,
+    images: Any,
+    bands: Any,
+    of_bands: Any,
     found: Any,
 ) -> None:
-    """Cells of bands ``start`` to ``stop`` of one image, to ``found`` (bands, rows, columns, bins)."""
+    """Cells of some images (first, last) and bands of them (first, last), to ``found`` (images, rows, columns, bins).
+
+    If ``found`` is of no images, the bands of one are left in ``of_bands`` (bands, columns + wide, of_cell) in lines;
+    else that has room for one band.
+    """
     width = shape[1]
-    real = found.dtype
-    described = 1 if reading.mixed else reading.weights.size
-    at_once = rows_at_once(pooling, width)
-    lines = np.empty((described, 3, width + 2), real)
-    planes = np.empty((6, at_once * width), real)
-    places, winner = np.empty(at_once * width, np.int32), np.empty((at_once, width), np.int32)
-    groups, of_line = empty_groups(pooling, planes)
-    read = -1
-    for band in range(start, stop):
-        first, last, _ = pooling.bands[band]
-        for begin in range(first, last, at_once):
-            end = min(begin + at_once, last)
-            read = gradients_of_rows(pixels, at, shape, strides, reading, begin, end, read, lines, planes, winner)
-            size = (end - begin) * width
-            gx, gy, m, f = planes[0, :size], planes[1, :size], planes[2, :size], planes[3, :size]
-            vote_line(gx, gy, voting, planes[4, :size], planes[5, :size], m, f, places[:size])
-            place(places, end - begin, pooling.base)
-            for part in range(pooling.parts.shape[0]):
-                for row in range(begin, end):
-                    skipped = (row - begin) * width
-                    if pooling.lines:
-                        _vote(m, f, places, skipped, row, part, voting.hard, pooling, of_line)
-                        share(of_line, row, part, pooling, groups)
-                    else:
-                        _vote(m, f, places, skipped, row, part, voting.hard, pooling, groups)
-        collect(groups, pooling, found[band])
-
-
-@compiled
-def add_bands(of_bands: Any, pooling: Any, found: Any) -> None:
-    """Eq. 6: cells of bands to those of the image, ``found`` (rows, columns, bins)."""
-    found[:] = 0
-    for band in range(pooling.bands.shape[0]):
-        first = pooling.bands[band, 2]
-        for row in range(first, min(first + of_bands.shape[1], pooling.rows)):
-            for col in range(pooling.cols):
-                for k in range(pooling.bins):
-                    found[row, col, k] += of_bands[band, row - first, col, k]
-
-
-@compiled
-def cells_of_images(
-    pixels: Any,
-    at: int,
-    shape: Any,
-    strides: Any,
-    reading: Any,
-    voting: Any,
-    pooling: Any,
-    start: int,
-    stop: int,
-    found: Any,
-) -> None:
-    """Cells of images ``start`` to ``stop``, to ``found`` (images, rows, columns, bins)."""
-    bands = pooling.bands.shape[0]
-    of_bands = np.empty((bands, pooling.high, pooling.cols + pooling.wide, pooling.bins), found.dtype)
-    for image in range(start, stop):
-        begin = at + image * strides[0]
-        cells(pixels, begin, shape, strides, reading, voting, pooling, 0, bands, of_bands)
-        add_bands(of_bands, pooling, found[image])
+    real = of_bands.dtype
+    stride, most = padded(width), most_rows(pooling)
+    few = min(rows_at_once(stride), most)
+    lines, sums = empty_lines(reading, width, real), empty_sums(pooling, real)
+    gx, gy = np.zeros(few * stride, real), np.zeros(few * stride, real)
+    us, vs, winner = np.zeros(few * stride, real), np.zeros(few * stride, real), np.zeros(few * stride, np.int32)
+    size = most * stride + PADDING
+    m, f, bins = np.zeros(size, real), np.zeros(size, real), np.zeros(size, np.int32)
+    hard = voting.hard or pooling.bins == 1
+    for image in range(images[0], images[1]):
+        of_image, read = at + image * strides[0], -1
+        for plane in (m, f, sums):  # a NaN that the image before left there would not vanish by a weight of zero
+            plane[:] = 0
+        if found.shape[0] > 0:
+            found[image] = 0
+        for band in range(bands[0], bands[1]):
+            first, last, _ = pooling.bands[band]
+            for begin in range(first, last, few):
+                end = min(begin + few, last)
+                read = gradients_of_rows(
+                    pixels, of_image, shape, strides, reading, begin, end, read, lines, stride, gx, gy, us, vs, winner
+                )
+                count = (end - begin) * stride
+                chunk = slice((begin - first) * stride, (begin - first) * stride + count)
+                vote_line(gx[:count], gy[:count], voting, m[chunk], f[chunk], bins[chunk])
+            of_band = of_bands[band % of_bands.shape[0]]
+            sum_up(m, f, bins, stride, first, last - first, hard, pooling, sums, of_band)
+            if found.shape[0] > 0:
+                add_band(of_band, band, pooling, found[image])

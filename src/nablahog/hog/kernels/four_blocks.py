@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...compile import compiled
+from ...compile import compiled, inlined
 from ..normalize import DPM_ORDER, DPM_TEXTURE, VLFEAT_TEXTURE
 from ..normalizers import PARTS, FourBlockNorm
-from .eights import clipped_adjoint, clipped_sums, clipped_total, dot_eight
+from .eights import clipped_adjoint, clipped_sums, clipped_totals, dot_eight, total_of_eight
 from .vectors import copy
 
 
@@ -52,12 +52,12 @@ def four_blocks(scheme: FourBlockNorm, bins: int, signed: bool, real: Any) -> Fo
     )
 
 
-@compiled
+@inlined
 def _padded(count: int) -> int:
     return (count + 7) // 8 * 8
 
 
-@compiled
+@inlined
 def _undirected(histograms: Any, at: int, signed: bool, n: int, found: Any) -> None:
     """The contrast-insensitive histogram of the cell at ``histograms[at:]``."""
     first, opposite = np.uintp(at), np.uintp(at + n)
@@ -68,7 +68,7 @@ def _undirected(histograms: Any, at: int, signed: bool, n: int, found: Any) -> N
         copy(histograms, at, n, found, 0)
 
 
-@compiled
+@inlined
 def _factors(histograms: Any, rows: int, cols: int, bins: int, scheme: Any, factors: Any) -> None:
     """What blocks multiply their cells with: (rows + 1, cols + 1), of the cell corners."""
     n = bins // 2 if scheme.signed else bins
@@ -95,7 +95,7 @@ def _factors(histograms: Any, rows: int, cols: int, bins: int, scheme: Any, fact
                 factors[y, x] = 0
 
 
-@compiled
+@inlined
 def _of_cell(factors: Any, y: int, x: int, found: Any) -> None:
     """The factors of its four blocks: up-left, up-right, down-left, down-right."""
     found[0], found[1] = factors[y, x], factors[y, x + 1]
@@ -111,6 +111,7 @@ def _describe(histograms: Any, rows: int, cols: int, bins: int, channels: int, s
     four, factors = np.empty(4, real), np.empty((rows + 1, cols + 1), real)
     _factors(histograms, rows, cols, bins, scheme, factors)
     directed, folded, texture, blocks, _ = scheme.first
+    totals = np.empty(32, real)
     parts = np.zeros(channels + 8, real)  # each may overlap what comes after it, which is written later
     to = 0
     for y in range(drop, rows - drop):
@@ -126,12 +127,12 @@ def _describe(histograms: Any, rows: int, cols: int, bins: int, channels: int, s
                 for k in range(0, undirected.size, 8):
                     clipped_sums(undirected, k, four, clip, parts, folded + k)
             if texture >= 0:
+                totals[:] = 0
                 entries = cell if scheme.directed_texture else undirected
+                for k in range(0, entries.size, 8):
+                    clipped_totals(entries, k, four, clip, totals)
                 for block in range(4):
-                    total = clip - clip
-                    for k in range(0, entries.size, 8):
-                        total += clipped_total(entries, k, four[block], clip)
-                    parts[texture + scheme.order[block]] = scheme.texture * total
+                    parts[texture + scheme.order[block]] = scheme.texture * total_of_eight(totals, 8 * block)
             if blocks >= 0:
                 for block in range(4):
                     for k in range(n):
@@ -151,7 +152,7 @@ def four_block_norm(images: Any, scheme: Any, start: int, stop: int, found: Any)
         _describe(images[image].reshape(-1), rows, cols, bins, found.shape[3], scheme, found[image].reshape(-1))
 
 
-@compiled
+@inlined
 def _to_energy(to_factors: Any, factors: Any, scheme: Any, found: Any) -> None:
     """What reaches the energies of cells (rows, cols) from the factors (rows + 1, cols + 1) of their blocks."""
     rows, cols = found.shape
@@ -172,7 +173,7 @@ def _to_energy(to_factors: Any, factors: Any, scheme: Any, found: Any) -> None:
             found[down, right] += reached
 
 
-@compiled
+@inlined
 def _to_both(given: Any, by: Any, signed: bool, n: int, at: int, found: Any) -> None:
     """Adds ``by`` times what reaches a contrast-insensitive histogram to that of the cell at ``found[at:]``."""
     first, opposite = np.uintp(at), np.uintp(at + n)
@@ -183,7 +184,7 @@ def _to_both(given: Any, by: Any, signed: bool, n: int, at: int, found: Any) -> 
             found[opposite + np.uintp(k)] += by * given[k]
 
 
-@compiled
+@inlined
 def _halves(given: Any, at: int, count: int, found: Any) -> None:
     half = found.dtype.type(0.5)
     first = np.uintp(at)
@@ -204,7 +205,7 @@ def _describe_adjoint(
     of_cell, of_undirected = np.zeros(cell.size, real), np.zeros(4 * undirected.size, real)
     four, factors = np.empty(4, real), np.empty((rows + 1, cols + 1), real)
     to_factors, to_energy = np.zeros((rows + 1, cols + 1), real), np.empty((rows, cols), real)
-    of_texture, nothing, totals = np.zeros(4, real), np.zeros(4, real), np.zeros(4, real)
+    of_texture, nothing, totals = np.zeros(4, real), np.zeros(4, real), np.zeros(32, real)
     of_directed, of_folded = (of_texture, nothing) if scheme.directed_texture else (nothing, of_texture)
     _factors(histograms, rows, cols, bins, scheme, factors)
     directed, folded, texture, blocks, _ = scheme.first
@@ -243,10 +244,10 @@ def _describe_adjoint(
                 step = size if blocks >= 0 else 0
                 clipped_adjoint(undirected, k, four, clip, of_undirected, step, of_folded, totals, to_undirected)
             _to_both(to_undirected, one, scheme.signed, n, begin, found)
-            to_factors[y, x] += totals[0]
-            to_factors[y, x + 1] += totals[1]
-            to_factors[y + 1, x] += totals[2]
-            to_factors[y + 1, x + 1] += totals[3]
+            to_factors[y, x] += total_of_eight(totals, 0)
+            to_factors[y, x + 1] += total_of_eight(totals, 8)
+            to_factors[y + 1, x] += total_of_eight(totals, 16)
+            to_factors[y + 1, x + 1] += total_of_eight(totals, 24)
             reached += channels
     _to_energy(to_factors, factors, scheme, to_energy)
     for y in range(rows):

@@ -92,6 +92,10 @@ class _Simple(Function):
         return ctx.step.back(x.detach(), kept, given, ctx.spec), None, None
 
 
+# without looking for transforms once more
+_simple: Callable[[Tensor, Step, HOGSpec], Tensor] = super(Function, _Simple).apply
+
+
 class _Run(Function):
     @staticmethod
     def forward(x: Tensor, step: Step, spec: HOGSpec) -> Both:
@@ -221,15 +225,6 @@ def _norm_forward(histograms: Tensor, _: Tensor, change: Tensor, spec: HOGSpec) 
     return _push(lambda x: _plain_norm(x, spec), (histograms,), (change,))
 
 
-def _describe(images: Tensor, spec: HOGSpec) -> Both:
-    histograms = loops.cells(images, spec)
-    return loops.norm(histograms, spec), histograms
-
-
-def _describe_back(images: Tensor, histograms: Tensor, given: Tensor, spec: HOGSpec) -> Tensor:
-    return loops.cells_back(images, loops.norm_back(histograms, given, spec), spec)
-
-
 def _describe_forward(images: Tensor, histograms: Tensor, change: Tensor, spec: HOGSpec) -> Tensor:
     return _norm_forward(histograms, histograms, loops.cells_forward(images, change, spec), spec)
 
@@ -247,8 +242,8 @@ NORM = Step(
     _plain_norm,
 )
 DESCRIBE = Step(
-    _describe,
-    _describe_back,
+    loops.describe,
+    loops.describe_back,
     _describe_forward,
     lambda images, spec: _plain_norm(_plain_cells(images, spec), spec),
 )
@@ -260,6 +255,6 @@ def apply(step: Step, x: Tensor, spec: HOGSpec) -> Tensor:
         found: Tensor = _applied(_Run, x, step, spec)[0]
         return found
     if x.requires_grad and torch.is_grad_enabled():
-        found = _applied(_Simple, x, step, spec)
+        found = _simple(x, step, spec)
         return found
     return step.run(x.detach(), spec)[0]

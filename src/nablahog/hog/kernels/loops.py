@@ -15,9 +15,9 @@ from ...threads import in_threads
 from ..normalizers import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm
 from ..spec import HOGSpec
 from . import plans
-from .adjoint import adjoints_of_images, cells_adjoint
-from .cells import add_bands, cells_of_images
-from .cells import cells as cells_of_bands
+from .adjoint import cells_adjoint
+from .cells import add_bands
+from .cells import cells as loop_over_cells
 from .four_blocks import four_block_adjoint, four_block_norm, four_blocks
 from .tangent import tangents_of_images
 from .vectors import (
@@ -33,27 +33,68 @@ from .vectors import (
 _LARGE = 2**16  # pixels of an image that is worth more than one thread
 
 
-def _plan(images: Tensor, spec: HOGSpec) -> tuple[Any, ...]:
-    """What the loops over pixels begin with: the stored values (…,), where they are, and the plans."""
-    return *_stored(images), *_plans(spec, images.shape[1:], images.dtype)
+class _Found:
+    """Loops that are called with arguments of always the same types, found once for these."""
+
+    def __init__(self) -> None:
+        self._found: dict[Any, Callable[..., None]] = {}
+
+    def run(self, loop: Any, *arguments: Any) -> None:
+        found = self._found.get(loop)
+        if found is None:
+            found = self._found[loop] = loop.for_types_of(*arguments)
+        found(*arguments)
+
+
+class _Pixels(_Found):
+    """What the loops over pixels need to know of a dialect and images of a size."""
+
+    def __init__(self, spec: HOGSpec, shape: torch.Size, stored: torch.dtype) -> None:
+        super().__init__()
+        double = stored == torch.float64
+        self.real: Any = np.float64 if double else np.float32
+        self.pooling = plans.pooling(spec, shape[1], shape[2], torch.float64 if double else torch.float32)
+        self.reading = plans.reading(spec, shape[0], shape[1], shape[2], stored)
+        self.plan = self.reading, plans.voting(spec, self.real), self.pooling
+        self.cells = self.pooling.rows, self.pooling.cols, self.pooling.bins
+
+
+class _Norm(_Found):
+    """What the loops over cells need to know of a dialect and grids of a size."""
+
+    def __init__(self, spec: HOGSpec, shape: tuple[int, ...], real: Any) -> None:
+        super().__init__()
+        scheme = spec.normalizer
+        self.loop: Any
+        self.back: Any
+        self.scheme: Any
+        if isinstance(scheme, FourBlockNorm):
+            self.loop, self.back = four_block_norm, four_block_adjoint
+            self.scheme = four_blocks(scheme, spec.bins, spec.signed, real)
+        elif isinstance(scheme, BlockNorm):
+            self.loop, self.back, self.scheme = block_norm, block_adjoint, rectangles(scheme, real)
+        elif isinstance(scheme, CellNorm):
+            self.loop, self.back, self.scheme = cell_norm, cell_adjoint, real(scheme.epsilon)
+        else:
+            assert isinstance(scheme, GlobalNorm)
+            self.loop, self.back = global_norm, global_adjoint
+            self.scheme = float(scheme.epsilon), scheme.form == "robust"
+        self.grid = (*scheme.grid(*shape[:2]), spec.channels)
+
+
+_pixels = lru_cache(maxsize=64)(_Pixels)
+_norm = lru_cache(maxsize=64)(_Norm)
 
 
 def _stored(images: Tensor) -> tuple[Any, int, tuple[int, int], tuple[int, ...]]:
     """The values in memory, wherever each lies: of any strides without a copy."""
-    shape, strides = images.shape, images.stride()
-    span = 1 + sum((n - 1) * step for n, step in zip(shape, strides, strict=True))
-    return images.as_strided((span,), (1,)).numpy(), 0, (shape[2], shape[3]), strides
-
-
-@lru_cache(maxsize=64)
-def _plans(spec: HOGSpec, shape: torch.Size, stored: torch.dtype) -> tuple[Any, Any, Any]:
-    dtype = torch.float64 if stored == torch.float64 else torch.float32
-    real = np.float64 if dtype == torch.float64 else np.float32
-    return (
-        plans.reading(spec, shape[0], shape[1], shape[2], stored),
-        plans.voting(spec, real),
-        plans.pooling(spec, shape[1], shape[2], dtype),
-    )
+    _, channels, height, width = images.shape
+    if images.is_contiguous():
+        plane = height * width
+        return images.numpy().reshape(-1), 0, (height, width), (channels * plane, plane, width, 1)
+    strides = images.stride()
+    span = 1 + sum((n - 1) * step for n, step in zip(images.shape, strides, strict=True))
+    return images.as_strided((span,), (1,)).numpy(), 0, (height, width), strides
 
 
 def _parts(count: int) -> list[tuple[int, int]]:
@@ -64,96 +105,115 @@ def _parts(count: int) -> list[tuple[int, int]]:
 
 
 def _share_out(work: Callable[[int, int], None], count: int) -> None:
-    if torch.get_num_threads() == 1 or count == 1:
+    if count == 0:
+        return
+    if count == 1 or torch.get_num_threads() == 1:
         work(0, count)
         return
     parts = _parts(count)
     in_threads(lambda k: work(*parts[k]), len(parts))
 
 
+def _in_bands(images: Tensor) -> bool:
+    """Whether threads share out parts of an image, not whole ones."""
+    batch, _, height, width = images.shape
+    return batch == 1 and height * width >= _LARGE and torch.get_num_threads() > 1
+
+
+def _cells(images: Tensor, spec: HOGSpec) -> Any:
+    known = _pixels(spec, images.shape[1:], images.dtype)
+    plan = *_stored(images), *known.plan
+    found = np.empty((images.shape[0], *known.cells), known.real)
+    pooling, parts = known.pooling, _in_bands(images)
+    bands = len(pooling.bands)
+    of_bands = np.empty((bands if parts else 1, (pooling.cols + pooling.wide) * pooling.of_cell), known.real)
+    if parts:
+        none = found[:0]
+        _share_out(lambda *some: known.run(loop_over_cells, *plan, (0, 1), some, of_bands, none), bands)
+        known.run(add_bands, of_bands, pooling, found[0])
+    else:
+        every = 0, bands
+
+        def work(*some: int) -> None:
+            of_band = np.empty_like(of_bands)  # each thread's own
+            known.run(loop_over_cells, *plan, some, every, of_band, found)
+
+        _share_out(work, len(found))
+    return found
+
+
+def _cells_back(images: Tensor, reached: Any, spec: HOGSpec) -> Any:
+    known = _pixels(_followed(spec), images.shape[1:], images.dtype)
+    plan = *_stored(images), *known.plan
+    found = np.empty(images.shape, known.real)
+    if _in_bands(images):
+        _share_out(lambda *some: known.run(cells_adjoint, *plan, reached, (0, 1), some, found), images.shape[2])
+    else:
+        rows = 0, images.shape[2]
+        _share_out(lambda *some: known.run(cells_adjoint, *plan, reached, some, rows, found), len(found))
+    return found
+
+
+def _normed(cells: Any, spec: HOGSpec) -> Any:
+    known = _norm(spec, cells.shape[1:], cells.dtype.type)
+    found = np.empty((cells.shape[0], *known.grid), cells.dtype)
+    _share_out(lambda start, stop: known.run(known.loop, cells, known.scheme, start, stop, found), len(cells))
+    return found
+
+
+def _norm_back(cells: Any, reached: Any, spec: HOGSpec) -> Any:
+    known = _norm(spec, cells.shape[1:], cells.dtype.type)
+    found = np.empty(cells.shape, cells.dtype)
+    _share_out(lambda start, stop: known.run(known.back, cells, known.scheme, reached, start, stop, found), len(cells))
+    return found
+
+
+def _array(tensor: Tensor) -> Any:
+    return tensor.contiguous().numpy()
+
+
 def cells(images: Tensor, spec: HOGSpec) -> Tensor:
     """Eq. 1-6: images (B, C, H, W), C = 1 if colours are separate, to cells (B, rows, cols, bins)."""
-    plan = _plan(images, spec)
-    pooling = plan[-1]
-    dtype = torch.float64 if images.dtype == torch.float64 else torch.float32
-    found = torch.empty((images.shape[0], pooling.rows, pooling.cols, pooling.bins), dtype=dtype)
-    array = found.numpy()
-    if images.shape[0] == 1 and images.shape[2] * images.shape[3] >= _LARGE and torch.get_num_threads() > 1:
-        bands = len(pooling.bands)
-        of_bands = np.empty((bands, pooling.high, pooling.cols + pooling.wide, pooling.bins), array.dtype)
-        _share_out(lambda start, stop: cells_of_bands(*plan, start, stop, of_bands), bands)
-        add_bands(of_bands, pooling, array[0])
-    elif images.shape[0] > 0:
-        _share_out(lambda start, stop: cells_of_images(*plan, start, stop, array), images.shape[0])
-    return found
+    return torch.from_numpy(_cells(images, spec))
 
 
 def cells_back(images: Tensor, given: Tensor, spec: HOGSpec) -> Tensor:
     """The adjoint: what reaches the images from ``given`` (B, rows, cols, bins), of the cells."""
-    plan, reached = _plan(images, _followed(spec)), given.contiguous().numpy()
-    found = torch.empty(images.shape, dtype=given.dtype)
-    array = found.numpy()
-    if images.shape[0] == 1 and images.shape[2] * images.shape[3] >= _LARGE and torch.get_num_threads() > 1:
-        one = array[0]
-        _share_out(lambda start, stop: cells_adjoint(*plan, reached[0], start, stop, one), images.shape[2])
-    elif images.shape[0] > 0:
-        _share_out(lambda start, stop: adjoints_of_images(*plan, reached, start, stop, array), images.shape[0])
-    return found
+    return torch.from_numpy(_cells_back(images, _array(given), spec))
 
 
 def cells_forward(images: Tensor, changes: Tensor, spec: HOGSpec) -> Tensor:
     """How cells (B, rows, cols, bins) change with ``changes`` of the images."""
-    stored = _stored(images)
-    reading, voting, pooling = _plans(_followed(spec), images.shape[1:], images.dtype)
-    beyond = reading._replace(beyond=reading.beyond * 0)
-    found = torch.empty((images.shape[0], pooling.rows, pooling.cols, pooling.bins), dtype=changes.dtype)
-    array, moved = found.numpy(), changes.contiguous().numpy()
+    known = _pixels(_followed(spec), images.shape[1:], images.dtype)
+    beyond = known.reading._replace(beyond=known.reading.beyond * 0)
+    plan = *_stored(images), _array(changes), known.reading, beyond, *known.plan[1:]
+    found = np.empty((images.shape[0], *known.cells), known.real)
+    _share_out(lambda start, stop: known.run(tangents_of_images, *plan, start, stop, found), len(found))
+    return torch.from_numpy(found)
 
-    def work(start: int, stop: int) -> None:
-        tangents_of_images(*stored, moved, reading, beyond, voting, pooling, start, stop, array)
 
-    if images.shape[0] > 0:
-        _share_out(work, images.shape[0])
-    return found
+def norm(histograms: Tensor, spec: HOGSpec) -> Tensor:
+    """The normaliser: cells (B, rows, cols, bins) to descriptors (B, rows, cols, channels) of one colour."""
+    return torch.from_numpy(_normed(_array(histograms), spec))
+
+
+def norm_back(histograms: Tensor, given: Tensor, spec: HOGSpec) -> Tensor:
+    """Its adjoint: what reaches the histograms from ``given`` (B, rows, cols, channels), of the descriptors."""
+    return torch.from_numpy(_norm_back(_array(histograms), _array(given), spec))
+
+
+def describe(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
+    """All of it: the descriptors, and the cells."""
+    histograms = _cells(images, spec)
+    return torch.from_numpy(_normed(histograms, spec)), torch.from_numpy(histograms)
+
+
+def describe_back(images: Tensor, histograms: Tensor, given: Tensor, spec: HOGSpec) -> Tensor:
+    """Its adjoint: what reaches the images from ``given``, of the descriptors, whose cells are known."""
+    to_cells = _norm_back(_array(histograms), _array(given), spec)
+    return torch.from_numpy(_cells_back(images, to_cells, spec))
 
 
 def _followed(spec: HOGSpec) -> HOGSpec:
     """The dialect whose derivative is meant."""
     return spec.with_linear_votes() if spec.derivative == "linear" else spec
-
-
-@lru_cache(maxsize=64)
-def _norm(spec: HOGSpec, single: bool) -> tuple[Callable[..., None], Callable[..., None], Any]:
-    """The loop of the dialect's normaliser, its adjoint, and what both need to know."""
-    scheme, real = spec.normalizer, np.float32 if single else np.float64
-    if isinstance(scheme, FourBlockNorm):
-        return four_block_norm, four_block_adjoint, four_blocks(scheme, spec.bins, spec.signed, real)
-    if isinstance(scheme, BlockNorm):
-        return block_norm, block_adjoint, rectangles(scheme, real)
-    if isinstance(scheme, CellNorm):
-        return cell_norm, cell_adjoint, real(scheme.epsilon)
-    assert isinstance(scheme, GlobalNorm)
-    return global_norm, global_adjoint, (float(scheme.epsilon), scheme.form == "robust")
-
-
-def norm(histograms: Tensor, spec: HOGSpec) -> Tensor:
-    """The normaliser: cells (B, rows, cols, bins) to descriptors (B, rows, cols, channels) of one colour."""
-    array = histograms.contiguous().numpy()
-    loop, _, scheme = _norm(spec, array.itemsize == 4)
-    grid = spec.normalizer.grid(*array.shape[1:3])
-    found = torch.empty((array.shape[0], *grid, spec.channels), dtype=histograms.dtype)
-    to = found.numpy()
-    if len(array) > 0:
-        _share_out(lambda start, stop: loop(array, scheme, start, stop, to), len(array))
-    return found
-
-
-def norm_back(histograms: Tensor, given: Tensor, spec: HOGSpec) -> Tensor:
-    """Its adjoint: what reaches the histograms from ``given`` (B, rows, cols, channels), of the descriptors."""
-    array, reached = histograms.contiguous().numpy(), given.contiguous().numpy()
-    _, loop, scheme = _norm(spec, array.itemsize == 4)
-    found = torch.empty(array.shape, dtype=histograms.dtype)
-    to = found.numpy()
-    if len(array) > 0:
-        _share_out(lambda start, stop: loop(array, scheme, reached, start, stop, to), len(array))
-    return found

@@ -50,7 +50,7 @@ def cells_back(images: Tensor, given: Tensor, spec: str) -> Tensor:
 def describe(images: Tensor, spec: str) -> Tensor:
     """Images (B, C, H, W) to descriptors (B, rows, cols, channels)."""
     one = _of_one_colour(spec)
-    each = loops.norm(loops.cells(one_by_one(images.detach(), _spec(spec)), one), one)
+    each = loops.describe(one_by_one(images.detach(), _spec(spec)), one)[0]
     return back_together(each, _spec(spec)).contiguous()
 
 
@@ -58,8 +58,8 @@ def describe(images: Tensor, spec: str) -> Tensor:
 def describe_back(images: Tensor, given: Tensor, spec: str) -> Tensor:
     """What reaches the images from what reaches the descriptors."""
     known, one, each = _spec(spec), _of_one_colour(spec), one_by_one(images.detach(), _spec(spec))
-    to_cells = loops.norm_back(loops.cells(each, one), apart(given.detach(), known), one)
-    return to_channels(loops.cells_back(each, to_cells, one), images.shape[1], known).contiguous()
+    found = loops.describe_back(each, loops.cells(each, one), apart(given.detach(), known), one)
+    return to_channels(found, images.shape[1], known).contiguous()
 
 
 @cells.register_fake

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -15,10 +16,10 @@ from ..gradient import GRAY_WEIGHTS, MIDDLE, last_of_equals
 from ..orientation import beginnings, hard_directions, vanishing
 from ..pooling import pooling_matrices
 from ..spec import HOGSpec
+from .simd import lanes
 
 LINEAR, OPENCV, VLFEAT, NEAREST, BEGUN = range(5)  # the ways to vote
-_CACHED_BYTES = 2**14  # of a processor's cache that groups may take while pixels go to and fro
-_BESIDE = 3  # bins that a group has beside its own: one before, two after
+_COLUMNS = 128  # that are summed up together: their sums stay in a processor's first cache
 
 
 class Reading(NamedTuple):
@@ -41,6 +42,7 @@ class Voting(NamedTuple):
     kind: int  # one of LINEAR … BEGUN
     hard: bool
     inexact: bool  # whether the derivative is by another angle than the votes
+    numbers: Any  # (6,): tiny, up, per_half_turn, offset, count, and one by count
     tiny: Any
     up: Any  # -1 if bins go against the clock
     per_half_turn: Any  # bins
@@ -48,35 +50,34 @@ class Voting(NamedTuple):
     count: Any  # bins
     slope: Any  # bins per radian; 0 if votes know the magnitude only
     signed: bool
-    directions: Any  # (2, axes)
-    starts: Any  # (3, bins)
-    first: int
+    directions: Any  # (2 · axes,)
+    starts: Any  # (3 · bins,)
+    before: int  # the bin before the first start
     opencv: Any  # (7,) float32
-    vlfeat: Any  # (2, axes) float32
+    vlfeat: Any  # (2 · axes,) float32
+    arccosine: Any  # (2,) float64: the least magnitude, radians between two axes
+    bins: int
 
 
 class Pooling(NamedTuple):
     """From votes to cells: Eq. 5-6.
 
-    Rows of pixels that share their cells are a band, columns that do are a run.  The lanes of :mod:`.lanes` are the two
-    rows of two cells where a band and a run meet.  If a pixel votes into more, they are four columns, or ``groups``
-    times as many, whose rows are shared out for a whole line of pixels at a time.
+    Rows of pixels that share their cells are a band, columns that do are a run.  Of either, the number of cells is even
+    or one.
     """
 
     bands: Any  # (bands, 3): first row of pixels, the one after the last, first row of cells
     band_of: Any  # (height,): -1 for rows that do not vote
-    by_row: Any  # (height · 4,) of the lanes
-    shares: Any  # (height, high) of whole lines
-    by_col: Any  # (width · groups · 4,)
-    order: Any  # columns of pixels, neighbours apart: what one adds must have arrived before another adds to it
-    parts: Any  # (parts, 4) that stay in a processor's cache: begin and end in ``order``, begin and end of their groups
-    base: Any  # (width,): where the groups of a column's run begin
-    run_cols: Any  # (runs,): first column of cells
-    lines: bool  # whether the lanes are columns only
+    by_row: Any  # (height · high,): weights of a row of pixels
+    runs: Any  # (runs, 3): first column of pixels, the one after the last, first column of cells
+    by_col: Any  # (runs · wide · length,): weights of a run's columns for each of its cells, zero behind the last
+    parts: Any  # (parts, 2): first run, the one after the last, of few enough columns for a processor's first cache
+    length: int  # columns of a run, rounded up to whole eights
+    columns: int  # of a part
     high: int  # rows of cells of a band
     wide: int  # columns of cells of a run
-    groups: int
-    group: int  # numbers in one
+    at_once: int  # columns
+    of_cell: int  # numbers of a column of a band: the bins of its rows of cells, padded to whole eights
     bins: int
     rows: int
     cols: int
@@ -109,22 +110,27 @@ def voting(spec: HOGSpec, real: Any) -> Voting:
     linear = {"exact": LINEAR, "opencv": OPENCV, "vlfeat": VLFEAT}[spec.angle]
     hard = spec.vote == "hard"
     starts, first = beginnings(spec)
+    tiny, up = vanishing(torch.float32 if real is np.float32 else torch.float64), -1 if spec.counterclockwise else 1
+    per_half_turn = spec.bins * math.pi / spec.period
     return Voting(
         kind=(NEAREST if spec.boundary == "first" else BEGUN) if hard else linear,
         hard=hard,
         inexact=not hard and spec.angle == "vlfeat",
-        tiny=real(vanishing(torch.float32 if real is np.float32 else torch.float64)),
-        up=real(-1 if spec.counterclockwise else 1),
-        per_half_turn=real(spec.bins * math.pi / spec.period),
+        numbers=np.array([tiny, up, per_half_turn, spec.bin_offset, spec.bins, 1 / spec.bins], real),
+        tiny=real(tiny),
+        up=real(up),
+        per_half_turn=real(per_half_turn),
         offset=real(spec.bin_offset),
         count=real(spec.bins),
-        slope=real(0 if hard else (-1 if spec.counterclockwise else 1) * spec.bins / spec.period),
+        slope=real(0 if hard else up * spec.bins / spec.period),
         signed=spec.signed,
-        directions=hard_directions(spec).astype(real),
-        starts=np.array(starts, real).T.copy(),
-        first=first,
+        directions=hard_directions(spec).astype(real).reshape(-1),
+        starts=np.array(starts, real).T.reshape(-1),
+        before=spec.bins - 1 + first,
         opencv=np.array(angles.opencv_table(spec), np.float32),
-        vlfeat=angles.vlfeat_directions(spec),
+        vlfeat=angles.vlfeat_directions(spec).reshape(-1),
+        arccosine=np.array([angles.VLFEAT_LEAST, math.pi / (spec.bins // 2 if spec.signed else spec.bins)]),
+        bins=spec.bins,
     )
 
 
@@ -149,31 +155,38 @@ def _extent(matrix: npt.NDArray[Any]) -> int:
     return int((last - votes.argmax(axis=0)).max(initial=1))
 
 
-def _weights(matrix: npt.NDArray[Any], stretches: list[tuple[int, int, int]], most: int) -> npt.NDArray[Any]:
-    """(pixels, most) of a matrix (cells, pixels)."""
-    found = np.zeros((matrix.shape[1], most), matrix.dtype)
+def _one_or_even(count: int) -> int:
+    return 1 if count == 1 else -(-count // 2) * 2
+
+
+def _weights(
+    matrix: npt.NDArray[Any], stretches: list[tuple[int, int, int]], most: int
+) -> Iterator[tuple[int, npt.NDArray[Any]]]:
+    """The first pixel of each stretch, and the weights of its pixels for ``most`` cells."""
     for start, stop, first in stretches:
+        found = np.zeros((stop - start, most), matrix.dtype)
         cells = matrix[first : first + most, start:stop]
-        found[start:stop, : len(cells)] = cells.T
-    return found
+        found[:, : len(cells)] = cells.T
+        yield start, found
 
 
-def _apart(
-    runs: list[tuple[int, int, int]], at_once: int, size: int
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
-    """The columns of some runs at a time, the first of each, the second of each, and so on; and where these begin.
+def _to_each_other(runs: list[tuple[int, int, int]], width: int) -> list[tuple[int, int, int]]:
+    """The same with all columns in one of them: others vote with a weight of zero."""
+    if not runs:
+        return []
+    starts = [0, *(start for start, _, _ in runs[1:])]
+    return [(start, stop, first) for start, stop, (_, _, first) in zip(starts, [*starts[1:], width], runs, strict=True)]
 
-    The groups of a run are ``size`` numbers.
-    """
-    order: list[int] = []
-    parts = []
-    for k in range(0, len(runs), at_once):
-        few = runs[k : k + at_once]
-        longest = max(stop - start for start, stop, _ in few)
-        columns = [start + i for i in range(longest) for start, stop, _ in few if start + i < stop]
-        parts.append((len(order), len(order) + len(columns), k * size, (k + len(few)) * size))
-        order += columns
-    return np.array(order, np.int32), np.array(parts, np.int64).reshape(-1, 4)
+
+def _parts(runs: list[tuple[int, int, int]]) -> npt.NDArray[np.int64]:
+    """Runs of few columns together, as many as possible."""
+    parts: list[tuple[int, int]] = []
+    for k, (_, stop, _) in enumerate(runs):
+        if parts and stop - runs[parts[-1][0]][0] <= _COLUMNS:
+            parts[-1] = (parts[-1][0], k + 1)
+        else:
+            parts.append((k, k + 1))
+    return np.array(parts, np.int64).reshape(-1, 2)
 
 
 @lru_cache(maxsize=64)
@@ -181,43 +194,32 @@ def pooling(spec: HOGSpec, height: int, width: int, dtype: torch.dtype) -> Pooli
     """Of images of that size."""
     matrices = pooling_matrices(spec, height, width, torch.empty(0, dtype=dtype))
     of_rows, of_cols = (matrix.numpy() for matrix in matrices)
-    extents = _extent(of_rows), _extent(of_cols)
-    lines = max(extents) > 2
-    # a row of cells more than one line votes into makes for fewer bands
-    high, wide = (extents[0] + 1, -(-extents[1] // 4) * 4) if lines else (2, 2)
-    bands, runs = _stretches(of_rows, high), _stretches(of_cols, wide)
-    by_row, by_col = _weights(of_rows, bands, high), _weights(of_cols, runs, wide)
-    shares = by_row
-    if lines:
-        by_row = np.ones((height, 4), shares.dtype)
-    else:
-        by_row, by_col = by_row[:, [0, 0, 1, 1]], by_col[:, [0, 1, 0, 1]]
-    groups = by_col.shape[1] // 4
-    group = (spec.bins + _BESIDE) * 4
-    base = np.zeros(width, np.int32)
-    for k, (start, stop, _) in enumerate(runs):
-        base[start:stop] = k * groups * group
+    high, wide = (_one_or_even(_extent(matrix)) for matrix in (of_rows, of_cols))
+    bands, runs = _stretches(of_rows, high), _to_each_other(_stretches(of_cols, wide), width)
+    by_row = np.zeros((height, high), of_rows.dtype)
+    for start, weights in _weights(of_rows, bands, high):
+        by_row[start : start + len(weights)] = weights
+    length = -(-max((stop - start for start, stop, _ in runs), default=0) // 8) * 8
+    by_col = np.zeros((len(runs), wide, length), of_cols.dtype)
+    for of_run, (_, weights) in zip(by_col, _weights(of_cols, runs, wide), strict=True):
+        of_run[:, : len(weights)] = weights.T
+    parts = _parts(runs)
     band_of = np.full(height, -1, np.int64)
     for k, (start, stop, _) in enumerate(bands):
         band_of[start:stop] = k
-    copies = high + 1 if lines else 1  # of the groups: of a line, and of each row of cells of its band
-    at_once = max(4, _CACHED_BYTES // (copies * groups * group * by_row.itemsize))
-    order, parts = _apart(runs, at_once, groups * group)
     return Pooling(
         bands=np.array(bands, np.int64).reshape(-1, 3),
         band_of=band_of,
-        by_row=np.ascontiguousarray(by_row).reshape(-1),
-        shares=shares,
-        by_col=np.ascontiguousarray(by_col).reshape(-1),
-        order=order,
+        by_row=by_row.reshape(-1),
+        runs=np.array(runs, np.int64).reshape(-1, 3),
+        by_col=by_col.reshape(-1),
         parts=parts,
-        base=base,
-        run_cols=np.array([first for _, _, first in runs], np.int64),
-        lines=lines,
+        length=length,
+        columns=max((runs[last - 1][1] - runs[first][0] for first, last in parts), default=0),
         high=high,
         wide=wide,
-        groups=groups,
-        group=group,
+        at_once=lanes(by_row.itemsize),
+        of_cell=-(-high * spec.bins // 8) * 8,
         bins=spec.bins,
         rows=len(of_rows),
         cols=len(of_cols),

@@ -10,8 +10,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...compile import compiled
+from ...compile import compiled, inlined
 from ..normalizers import BlockNorm
+from .blocks import (
+    add_back,
+    clip_block,
+    clipped_products,
+    product,
+    root_block,
+    scale_block,
+    through_clip,
+    through_root,
+)
 from .eights import dot_eight
 
 _L1, _L1_SQRT, _L2, _L2_HYS = range(4)
@@ -38,7 +48,7 @@ def rectangles(scheme: BlockNorm, real: Any) -> Blocks:
     return Blocks(*scheme.block, *scheme.step, form, *epsilons, scheme.added, real(scheme.clip))
 
 
-@compiled
+@inlined
 def copy(source: Any, begin: int, count: int, found: Any, to: int) -> None:
     """``found[to:]`` = ``source[begin:]``, so many numbers."""
     first, place = np.uintp(begin), np.uintp(to)
@@ -46,7 +56,7 @@ def copy(source: Any, begin: int, count: int, found: Any, to: int) -> None:
         found[place + np.uintp(k)] = source[first + np.uintp(k)]
 
 
-@compiled
+@inlined
 def _product(left: Any, right: Any) -> Any:
     """The dot product."""
     total = left.dtype.type(0)
@@ -128,136 +138,157 @@ def cell_adjoint(images: Any, epsilon: Any, given: Any, start: int, stop: int, f
                     found[image, row, col, k] = reached[k] / length - slope * cell[k]
 
 
-@compiled
-def _unit(vector: Any, epsilon: Any, added: bool, found: Any) -> None:
-    """L2 of one block, which is padded to whole eights with zeros."""
-    one = vector.dtype.type(1)
-    energy = _product(vector, vector)
-    factor = one / (math.sqrt(energy) + epsilon if added else math.sqrt(energy + epsilon * epsilon))
-    for k in range(vector.size):
-        found[k] = vector[k] * factor
+@inlined
+def _of_cells(histograms: Any, cells: int, bins: int, squares: bool, found: Any) -> None:
+    """For each cell, the sum of its bins, or of their squares."""
+    for cell in range(cells):
+        of_cell = histograms[cell * bins : (cell + 1) * bins]
+        if squares:
+            found[cell] = _product(of_cell, of_cell)
+        else:
+            total = of_cell[0]
+            for k in range(1, bins):
+                total += of_cell[k]
+            found[cell] = total
 
 
-@compiled
-def _unit_adjoint(vector: Any, epsilon: Any, added: bool, given: Any, found: Any) -> None:
-    """Its adjoint; ``found`` may be ``given``."""
-    one = vector.dtype.type(1)
-    energy, product = _product(vector, vector), _product(vector, given)
-    size = math.sqrt(energy)
-    if added:
-        factor = one / (size + epsilon)
-        slope = factor * factor * product / size if size > 0 else one - one
-    else:
-        factor = one / math.sqrt(energy + epsilon * epsilon)
-        slope = factor * factor * factor * product
-    for k in range(vector.size):
-        found[k] = given[k] * factor - vector[k] * slope
+@inlined
+def _of_block(of_cells: Any, row: int, col: int, high: int, wide: int, cols: int) -> Any:
+    """The sum of what the cells of a block have."""
+    total = of_cells[0] - of_cells[0]
+    for y in range(row, row + high):
+        for x in range(col, col + wide):
+            total += of_cells[y * cols + x]
+    return total
 
 
-@compiled
-def _block(vector: Any, ones: Any, scheme: Any, found: Any) -> None:
-    """One block's vector to its descriptor, which must not share memory with it."""
-    if scheme.form <= _L1_SQRT:
-        factor = vector.dtype.type(1) / (_product(vector, ones) + scheme.epsilon)
-        for k in range(vector.size):
-            found[k] = vector[k] * factor
-        if scheme.form == _L1_SQRT:
-            for k in range(vector.size):
-                found[k] = math.sqrt(found[k])
-        return
-    _unit(vector, scheme.epsilon, scheme.added, found)
-    if scheme.form == _L2_HYS:
-        for k in range(vector.size):
-            found[k] = scheme.clip if found[k] > scheme.clip else found[k]
-        _unit(found, scheme.epsilon_again, scheme.added, found)
+@inlined
+def _factor(energy: Any, epsilon: Any, added: bool) -> Any:
+    """By which L2 multiplies."""
+    one = epsilon / epsilon
+    return one / (math.sqrt(energy) + epsilon if added else math.sqrt(energy + epsilon * epsilon))
 
 
-@compiled
-def _block_adjoint(vector: Any, ones: Any, scheme: Any, given: Any, unit: Any, clipped: Any, found: Any) -> None:
-    """Its adjoint; ``unit`` and ``clipped`` are overwritten."""
-    real = vector.dtype.type
-    half, zero = real(0.5), real(0)
-    if scheme.form <= _L1_SQRT:
-        factor = real(1) / (_product(vector, ones) + scheme.epsilon)
-        for k in range(vector.size):
-            reached = given[k]
-            if scheme.form == _L1_SQRT:
-                root = math.sqrt(vector[k] * factor)
-                reached = half * reached / root if root > zero else zero
-            found[k] = reached
-        total = factor * _product(found, vector)
-        for k in range(vector.size):
-            found[k] = factor * (found[k] - total)
-        return
-    if scheme.form == _L2:
-        _unit_adjoint(vector, scheme.epsilon, scheme.added, given, found)
-        return
-    _unit(vector, scheme.epsilon, scheme.added, unit)
-    for k in range(vector.size):
-        clipped[k] = scheme.clip if unit[k] > scheme.clip else unit[k]
-    _unit_adjoint(clipped, scheme.epsilon_again, scheme.added, given, found)
-    for k in range(vector.size):  # at the clip itself, the mean of both sides
-        passed = half * found[k] if unit[k] == scheme.clip else found[k]
-        found[k] = zero if unit[k] > scheme.clip else passed
-    _unit_adjoint(vector, scheme.epsilon, scheme.added, found, found)
+@inlined
+def _slope(energy: Any, product: Any, epsilon: Any, added: bool) -> Any:
+    """The number times which its adjoint subtracts a vector, of whose products with what reaches it that is the sum."""
+    factor = _factor(energy, epsilon, added)
+    if not added:
+        return factor * factor * factor * product
+    return factor * factor * product / math.sqrt(energy) if energy > 0 else energy
 
 
-@compiled
+@inlined
 def _gather(histograms: Any, begin: int, of_row: int, count: int, high: int, vector: Any) -> None:
     """``high`` rows of a block, each ``count`` numbers, from ``histograms[begin:]``; image rows are ``of_row`` long."""
     for row in range(high):
-        at = begin + row * of_row
-        copy(histograms, at, count, vector, row * count)
-
-
-@compiled
-def _add_back(vector: Any, begin: int, of_row: int, count: int, high: int, found: Any) -> None:
-    """The adjoint: adds the block to where it came from."""
-    for row in range(high):
-        at, first = np.uintp(begin + row * of_row), np.uintp(row * count)
-        for k in range(count):
-            found[at + np.uintp(k)] += vector[first + np.uintp(k)]
+        copy(histograms, begin + row * of_row, count, vector, row * count)
 
 
 @compiled
 def block_norm(images: Any, scheme: Any, start: int, stop: int, found: Any) -> None:
     """Histograms to blocks: see :func:`nablahog.hog.normalize.block_norm`."""
     _, rows, cols, size = found.shape
-    of_row, count = images.shape[2] * images.shape[3], scheme.wide * images.shape[3]
-    padded = (size + 7) // 8 * 8
-    vector, ones, block = np.zeros(padded, images.dtype), np.ones(padded, images.dtype), np.empty(padded, images.dtype)
+    cells, bins = images.shape[1] * images.shape[2], images.shape[3]
+    of_row, count, high = images.shape[2] * bins, scheme.wide * bins, scheme.high
+    short = count < 8
+    whole = (size + 7) // 8 * 8
+    vector, block = np.zeros(whole, images.dtype), np.zeros(whole, images.dtype)
+    described = np.zeros(whole, images.dtype)
+    of_cells = np.empty(cells, images.dtype)
     for image in range(start, stop):
-        histograms, to, at = images[image].reshape(-1), found[image].reshape(-1), 0
+        histograms, of_image, to = images[image].reshape(-1), found[image].reshape(-1), 0
+        _of_cells(histograms, cells, bins, scheme.form >= _L2, of_cells)
         for row in range(rows):
             for col in range(cols):
-                begin = row * scheme.down * of_row + col * scheme.across * images.shape[3]
-                _gather(histograms, begin, of_row, count, scheme.high, vector)
-                _block(vector, ones, scheme, block)
-                copy(block, 0, size, to, at)
-                at += size
+                y, x = row * scheme.down, col * scheme.across
+                total = _of_block(of_cells, y, x, high, scheme.wide, images.shape[2])
+                source, shape, target, place = histograms, (y * of_row + x * bins, of_row, high, count), of_image, to
+                if short:
+                    _gather(histograms, shape[0], of_row, count, high, vector)
+                    source, shape, target, place = vector, (0, 0, 1, whole), described, 0
+                if scheme.form == _L2_HYS:
+                    factor = _factor(total, scheme.epsilon, scheme.added)
+                    energy = clip_block(source, *shape, factor, scheme.clip, block)
+                    factor = _factor(energy, scheme.epsilon_again, scheme.added)
+                    scale_block(block, 0, 0, 1, shape[2] * shape[3], factor, target, place)
+                elif scheme.form == _L2:
+                    scale_block(source, *shape, _factor(total, scheme.epsilon, scheme.added), target, place)
+                else:
+                    factor = scheme.epsilon / scheme.epsilon / (total + scheme.epsilon)
+                    if scheme.form == _L1:
+                        scale_block(source, *shape, factor, target, place)
+                    else:
+                        root_block(source, *shape, factor, target, place)
+                if short:
+                    copy(described, 0, size, of_image, to)
+                to += size
 
 
 @compiled
 def block_adjoint(images: Any, scheme: Any, given: Any, start: int, stop: int, found: Any) -> None:
     """Its adjoint."""
     _, rows, cols, size = given.shape
-    of_row, count = images.shape[2] * images.shape[3], scheme.wide * images.shape[3]
-    padded = (size + 7) // 8 * 8
-    vector, ones, block = np.zeros(padded, images.dtype), np.ones(padded, images.dtype), np.zeros(padded, images.dtype)
-    unit, clipped, to_block = (
-        np.empty(padded, images.dtype),
-        np.empty(padded, images.dtype),
-        np.empty(padded, images.dtype),
+    cells, bins = images.shape[1] * images.shape[2], images.shape[3]
+    of_row, count, high = images.shape[2] * bins, scheme.wide * bins, scheme.high
+    short = count < 8
+    whole = (size + 7) // 8 * 8
+    one = scheme.epsilon / scheme.epsilon
+    zero = one - one
+    vector, of_vector, back = (
+        np.zeros(whole, images.dtype),
+        np.zeros(whole, images.dtype),
+        np.zeros(whole, images.dtype),
     )
+    through, totals = np.zeros(whole, images.dtype), np.zeros(2, images.dtype)
+    of_cells = np.empty(cells, images.dtype)
     for image in range(start, stop):
-        histograms, to = images[image].reshape(-1), found[image].reshape(-1)
-        reached, at = given[image].reshape(-1), 0
-        to[:] = 0
+        histograms, of_image, to_all = images[image].reshape(-1), given[image].reshape(-1), found[image].reshape(-1)
+        to_all[:] = 0
+        begin = 0
+        _of_cells(histograms, cells, bins, scheme.form >= _L2, of_cells)
         for row in range(rows):
             for col in range(cols):
-                begin = row * scheme.down * of_row + col * scheme.across * images.shape[3]
-                _gather(histograms, begin, of_row, count, scheme.high, vector)
-                copy(reached, at, size, block, 0)
-                _block_adjoint(vector, ones, scheme, block, unit, clipped, to_block)
-                _add_back(to_block, begin, of_row, count, scheme.high, to)
-                at += size
+                y, x = row * scheme.down, col * scheme.across
+                total = _of_block(of_cells, y, x, high, scheme.wide, images.shape[2])
+                at = y * of_row + x * bins
+                source, shape, reached, first, target = histograms, (at, of_row, high, count), of_image, begin, to_all
+                if short:
+                    _gather(histograms, at, of_row, count, high, vector)
+                    copy(of_image, begin, size, of_vector, 0)
+                    back[:] = 0
+                    source, shape, reached, first, target = vector, (0, 0, 1, whole), of_vector, 0, back
+                if scheme.form >= _L2:
+                    factor = _factor(total, scheme.epsilon, scheme.added)
+                    if scheme.form == _L2_HYS:
+                        clipped_products(source, *shape, factor, scheme.clip, reached, first, totals)
+                        again = scheme.epsilon_again, scheme.added
+                        by_given, by_own = _factor(totals[0], *again), _slope(totals[0], totals[1], *again)
+                        sum_ = through_clip(
+                            source, *shape, factor, scheme.clip, reached, first, by_given, by_own, through
+                        )
+                        reached, first = through, 0
+                    else:
+                        sum_ = product(source, *shape, reached, first)
+                    slope = _slope(total, sum_, scheme.epsilon, scheme.added)
+                    add_back(source, *shape, reached, first, factor, slope, zero, target)
+                else:
+                    factor = one / (total + scheme.epsilon)
+                    if scheme.form == _L1_SQRT:
+                        sum_ = through_root(source, *shape, factor, reached, first, through)
+                        reached, first = through, 0
+                    else:
+                        sum_ = product(source, *shape, reached, first)
+                    add_back(source, *shape, reached, first, factor, zero, factor * factor * sum_, target)
+                if short:
+                    _add_rows(back, at, of_row, count, high, to_all)
+                begin += size
+
+
+@inlined
+def _add_rows(vector: Any, begin: int, of_row: int, count: int, high: int, found: Any) -> None:
+    """Adds the block to where it came from."""
+    for row in range(high):
+        at, first = np.uintp(begin + row * of_row), np.uintp(row * count)
+        for k in range(count):
+            found[at + np.uintp(k)] += vector[first + np.uintp(k)]

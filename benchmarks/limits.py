@@ -1,0 +1,205 @@
+"""How fast the machine can be: bytes it moves and operations it does a second, and what a descriptor needs of both.
+
+One thread; the best of several repeats, since a limit is what nothing exceeds.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+
+from nablahog.hog import BlockCells, BoxCells, GlobalNorm, HOGSpec
+
+KIB = 1024
+SIZES = tuple(KIB << k for k in range(7, 20, 2))  # bytes moved: 128 KiB … 512 MiB, from the first cache to memory
+QUICK_SIZES = SIZES[:3]
+_FLOATS = 2048  # that fit into any first cache, four times
+_CHAIN = 32
+
+
+@dataclass(frozen=True)
+class Rates:
+    """What one thread does in a second, at most.
+
+    Attributes:
+        bandwidth: bytes read and written a second, by the bytes moved, copying from array to array; for few bytes no
+            less than for more.
+        fused: multiply-adds, in vectors of float32 as the compiler makes them.
+        divisions, roots: likewise.
+        angles: pixels of which central differences, magnitude and angle are found, by a compiled loop.
+    """
+
+    bandwidth: dict[int, float]
+    fused: float
+    divisions: float
+    roots: float
+    angles: float
+
+    def bandwidth_of(self, moved: float) -> float:
+        """At the nearest size measured."""
+        return self.bandwidth[min(self.bandwidth, key=lambda size: abs(np.log(size / moved)))]
+
+
+@dataclass(frozen=True)
+class Work:
+    """What has to be done for one pixel, in the mean over an image.
+
+    Attributes:
+        moved: bytes: each input read once, each output written once.
+        fused: additions, multiplications, both in one, comparisons and selections; each counts as one.
+        divisions, roots: those of the angle and of the magnitude, which processors do beside the others.
+    """
+
+    moved: float
+    fused: float
+    divisions: float
+    roots: float
+
+
+GRADIENT = 2 + 2  # two differences; the squared magnitude
+ANGLE = 5 + 7 + 4  # folding to 0…45°; a polynomial of seven terms; unfolding
+LINEAR = 3 + 2  # bin and share; two votes
+HARD = 8  # four comparisons with a tangent each
+ENTRY = 5  # of a descriptor: square, scale, clip, sum, write
+CHAIN = 8  # from the derivative of the votes to that of the gradient
+SCATTER = 4  # from the gradient's derivative to four pixels
+IMAGE = 4  # bytes a pixel, float32
+
+
+def work(spec: HOGSpec, backward: bool) -> Work:
+    """The least that the dialect needs, of a gray image in float32.
+
+    Votes go to rows of cells first, and what a row of cells has gathered in a column of pixels to columns of cells.
+    Backward, gradient and votes are found again from the image.
+    """
+    height, width = spec.cell_size
+    linear = spec.vote == "linear"
+    cells, nearest = 1, 1 if isinstance(spec.pooling, BoxCells) else 2  # rows of cells: a cell's height; near a pixel
+    if isinstance(spec.pooling, BlockCells):
+        cells = spec.pooling.block[0] // height
+        nearest = 2 * cells - 1  # in the mean: two in each block, but one at its rim
+    votes = GRADIENT + (ANGLE + LINEAR if linear else HARD)
+    pooled = (2 if linear else 1) * nearest + spec.bins * cells * nearest / height
+    entries = spec.channels / (height * width)
+    each = 2 if isinstance(spec.normalizer, GlobalNorm) else ENTRY  # square and scale
+    fused, moved = votes + pooled + each * entries, IMAGE + IMAGE * entries
+    if backward:
+        fused += votes + pooled + 2 * each * entries + CHAIN + SCATTER
+        moved += 2 * IMAGE + IMAGE * entries
+    angles = 2 if backward else 1
+    return Work(moved, fused, angles if linear else 0, angles)
+
+
+def rendering_work(vertices: int, faces: int, pixels: int, derivative: bool) -> Work:
+    """The least that a rendering needs: each vertex moved and projected, each face's side found, each pixel written.
+
+    Vertices and their numbers in the faces have eight bytes each; the image, and its motion by six parameters, four.
+    """
+    moved = 24 * vertices + 24 * faces + (4 + (24 if derivative else 0)) * pixels
+    return Work(moved, (12 + (12 if derivative else 0)) * vertices + 5 * faces, vertices, 0)
+
+
+def limits_ms(needed: Work, pixels: int, rates: Rates) -> tuple[float, float]:
+    """Milliseconds that the bytes of so many pixels take at least, and that the operations take."""
+    moved = needed.moved * pixels
+    operations = max(needed.fused / rates.fused, needed.divisions / rates.divisions + needed.roots / rates.roots)
+    return 1e3 * moved / rates.bandwidth_of(moved), 1e3 * operations * pixels
+
+
+def measured(sizes: tuple[int, ...] = SIZES, repeats: int = 12) -> Rates:
+    bandwidth = {size: _bandwidth(size, repeats) for size in sizes}
+    return Rates(
+        {size: max(rate for other, rate in bandwidth.items() if other >= size) for size in sizes},
+        _per_second(_fused, (4, _FLOATS // 4), _FLOATS * _CHAIN, repeats),
+        _per_second(_divisions, (2, _FLOATS), _FLOATS, repeats),
+        _per_second(_roots, (2, _FLOATS), _FLOATS, repeats),
+        _per_second(_angles, (3, 8, 514), 6 * 512, repeats),
+    )
+
+
+def _bandwidth(moved: int, repeats: int) -> float:
+    source = np.ones(moved // 8, np.float32)
+    target = source.copy()
+    calls = max(1, SIZES[4] // moved)
+
+    def copy() -> None:
+        for _ in range(calls):
+            np.copyto(target, source)
+
+    return _best(copy, repeats, moved * calls)
+
+
+def _per_second(loop: Any, shape: tuple[int, ...], operations: int, repeats: int) -> float:
+    numbers = np.random.default_rng(0).uniform(0.5, 1, shape).astype(np.float32)
+    half, times = np.float32(0.5), 1000
+    loop(numbers, half, 1)
+    return _best(lambda: loop(numbers, half, times), repeats, operations * times)
+
+
+def _best(call: Callable[[], None], repeats: int, amount: float) -> float:
+    """How much of ``amount`` a second; by the time of the process, which other programs do not count in."""
+    call()
+    shortest = float("inf")
+    for _ in range(repeats):
+        start = time.process_time()
+        call()
+        shortest = min(shortest, time.process_time() - start)
+    return amount / shortest
+
+
+_loop = numba.njit(fastmath={"contract", "nnan", "nsz"}, error_model="numpy")
+
+
+@_loop
+def _fused(numbers: Any, half: Any, times: int) -> None:
+    for _ in range(times):
+        for i in range(numbers.shape[1]):
+            a, b, c, d = numbers[0, i], numbers[1, i], numbers[2, i], numbers[3, i]
+            for _ in range(32):
+                a, b, c, d = a * half + half, b * half + half, c * half + half, d * half + half
+            numbers[0, i], numbers[1, i], numbers[2, i], numbers[3, i] = a, b, c, d
+
+
+@_loop
+def _divisions(numbers: Any, half: Any, times: int) -> None:
+    for _ in range(times):
+        for i in range(numbers.shape[1]):
+            numbers[1, i] = half / numbers[0, i]
+
+
+@_loop
+def _roots(numbers: Any, half: Any, times: int) -> None:
+    for _ in range(times):
+        for i in range(numbers.shape[1]):
+            numbers[1, i] = np.sqrt(numbers[0, i])
+
+
+@_loop
+def _angles(numbers: Any, half: Any, times: int) -> None:
+    """Of an image, ``numbers[0]``: the magnitudes of its gradients to ``numbers[1]``, the angles to ``numbers[2]``."""
+    image = numbers[0]
+    for _ in range(times):
+        for row in range(1, image.shape[0] - 1):
+            above, here, below = image[row - 1], image[row], image[row + 1]
+            magnitudes, angles = numbers[1, row], numbers[2, row]
+            for i in range(1, image.shape[1] - 1):
+                across, down = here[i + 1] - here[i - 1], below[i] - above[i]
+                magnitudes[i] = np.sqrt(across * across + down * down)
+                x, y = abs(across), abs(down)
+                large, small = (x, y) if x > y else (y, x)
+                t = small / (large + np.float32(1e-30))
+                s = t * t
+                angle = np.float32(0.002168260411)
+                angle = angle * s - np.float32(0.01069655349)
+                angle = angle * s + np.float32(0.02534499976)
+                angle = angle * s - np.float32(0.04212303499)
+                angle = angle * s + np.float32(0.06305023492)
+                angle = angle * s - np.float32(0.1060524763)
+                angle = (angle * s + np.float32(0.3183086485)) * t
+                angle = half - angle if y > x else angle
+                angles[i] = -angle if across * down < 0 else angle

@@ -1,0 +1,206 @@
+"""Descriptors of images that are larger than memory: strip after strip, each as in the descriptor of the whole."""
+
+from __future__ import annotations
+
+import math
+import mmap
+from collections.abc import Iterator
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from .kernels import steps
+from .kernels.vectors import _total
+from .normalizers import GlobalNorm
+from .spec import HOGSpec
+from .strips import Strip, Strips
+
+MEMORY = 2**28  # bytes of a strip
+_SUMMED = 256  # numbers in a row that the compiled global normaliser sums up in their own precision
+_CPU = torch.device("cpu")
+
+
+class Rows(Protocol):
+    """An image that may be anywhere: an array, a mapped file, a data set of HDF5 or Zarr."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(H, W) or (H, W, C)."""
+        ...
+
+    @property
+    def dtype(self) -> Any:
+        """What numpy takes for a dtype."""
+        ...
+
+    def __getitem__(self, rows: slice, /) -> Any:
+        """Some rows, with a step of 1: what numpy takes for an array."""
+        ...
+
+
+class DescriptorStrip(NamedTuple):
+    """Rows of a descriptor.
+
+    Attributes:
+        rows: which, of the whole descriptor's.
+        descriptor: (rows, cols, channels).
+    """
+
+    rows: slice
+    descriptor: Tensor
+
+
+def stream(image: Rows, spec: HOGSpec, *, memory: int = MEMORY) -> Iterator[DescriptorStrip]:
+    """The HOG descriptor of an image that is larger than memory, in strips of some of its rows, from the top.
+
+    They are the rows of ``hog`` of the whole image, bit by bit: ``torch.cat([strip.descriptor for strip in
+    stream(image, spec)])`` is ``hog(whole, spec)[0]``.  Only of dialects that have no compiled loops, which no preset
+    is (see :func:`.kernels.supports`), they are the same up to rounding; and a pixel that is not finite may spoil other
+    rows than there.
+
+    Neighbouring strips share some rows of the image, as cells share pixels and blocks cells; these are read for both.
+    Where one number normalises all of a descriptor (Eq. 7, :class:`.normalizers.GlobalNorm`), the image is read twice.
+
+    Args:
+        image: (H, W) or (H, W, C), uint8 in 0…255, or float32 or float64 in 0…1; of any number of channels (three are
+            R, G, B).  A :class:`numpy.memmap`, as of ``np.load(path, mmap_mode="r")``, or anything else that has
+            ``shape``, ``dtype`` and rows ``[start:stop]``.
+        spec: the dialect, from :mod:`nablahog.presets`.
+        memory: bytes that a strip takes, nearly, with all that it is computed from; but it has at least one row,
+            however few they are.  The tables of the loops come on top: for a moment, before a strip of another size
+            than the last, some 6 bytes (float64: 10) for each pixel of a row and column of cells.
+
+    Returns:
+        Strips of (rows, cols, channels), float32, or float64 of float64 images and of uint8 if that is the default
+        dtype; on the CPU, without derivatives.  The image is read as they are asked for.
+
+    Raises:
+        TypeError: ``image`` has no shape, dtype and rows, or another dtype.
+        ValueError: it has another shape, or is smaller than one cell; ``memory`` is no positive integer; while it is
+            read, its rows are not of its shape.
+    """
+    reader = _Reader(image, spec)
+    if type(memory) is not int or memory < 1:
+        raise ValueError(f"memory must be a positive integer, in bytes, got {memory!r}")
+    height, width, _ = reader.shape
+    double = reader.stored == np.float64 or (reader.stored == np.uint8 and torch.get_default_dtype() == torch.float64)
+    strips = Strips(spec, height, width, torch.float64 if double else torch.float32)
+    rows = memory // _bytes_of_row(spec, reader, 8 if double else 4)
+    return _strips(reader, spec, list(strips.of(max((rows - strips.margin) // strips.apart, 1))))
+
+
+class _Reader:
+    """An image that is known to have a descriptor.
+
+    Attributes:
+        shape: (H, W, C).
+        stored: the dtype, in this machine's order of bytes.
+    """
+
+    def __init__(self, image: Rows, spec: HOGSpec) -> None:
+        try:
+            shape, dtype = tuple(int(n) for n in image.shape), np.dtype(image.dtype)
+        except (AttributeError, TypeError):
+            raise TypeError(
+                f"image must be an array, or have a shape, a dtype of numpy's and rows [start:stop] like one, got "
+                f"{type(image).__name__}"
+            ) from None
+        self.stored: np.dtype[Any] = dtype.newbyteorder("=")
+        if self.stored not in (np.uint8, np.float32, np.float64):
+            raise TypeError(f"image must be float32 or float64 in 0…1, or uint8 in 0…255, got {dtype}")
+        if len(shape) not in (2, 3) or 0 in shape[2:]:
+            raise ValueError(f"image must have shape (H, W) or (H, W, C) with at least one channel, got {shape}")
+        self._image, self._shape = image, shape
+        self.shape = (*shape[:2], *(shape[2:] or (1,)))
+        spec.check_channels(self.shape[2])
+
+    def __call__(self, start: int, stop: int) -> Tensor:
+        """Rows ``start`` … ``stop`` - 1, (1, C, rows, W)."""
+        part = np.array(self._image[start:stop])
+        if part.shape != (stop - start, *self._shape[1:]) or part.dtype.newbyteorder("=") != self.stored:
+            raise ValueError(
+                f"rows {start} … {stop - 1} of an image of shape {self._shape} and dtype {self.stored} came with shape "
+                f"{part.shape} and dtype {part.dtype}"
+            )
+        _let_go(self._image)
+        rows = torch.from_numpy(part.astype(self.stored, copy=False).reshape(stop - start, *self.shape[1:]))
+        return rows.permute(2, 0, 1).unsqueeze(0)
+
+
+def _let_go(image: object) -> None:
+    """Gives pages of a mapped file back, which count as this process's memory until another one needs it."""
+    mapped = getattr(image, "_mmap", None)
+    if isinstance(image, np.memmap) and image.mode == "r" and mapped is not None and hasattr(mmap, "MADV_DONTNEED"):
+        mapped.madvise(mmap.MADV_DONTNEED)
+
+
+def _bytes_of_row(spec: HOGSpec, reader: _Reader, size: int) -> int:
+    """Roughly, what becomes of a row of pixels included, of which numbers have so many bytes."""
+    height, width, channels = reader.shape
+    (of_cells, columns), (rows, cols) = spec.cells(height, width), spec.grid(height, width)
+    # twice: a mapped file's pages are there, too
+    read = width * (2 * channels + (spec.colours if spec.colours > 1 else 0)) * reader.stored.itemsize
+    converted = width * channels * size if reader.stored == np.uint8 and size == 8 else 0
+    # histograms are four times there: of two rows of cells for each band, of the image, and put in a row
+    histograms = 4 * math.ceil(of_cells * columns * spec.colours * spec.bins * size / height)
+    return read + converted + histograms + 2 * math.ceil(rows * cols * spec.channels * size / height)
+
+
+def _strips(reader: _Reader, spec: HOGSpec, strips: list[Strip]) -> Iterator[DescriptorStrip]:
+    histograms, norm = steps(_CPU, spec)
+
+    def cells(strip: Strip) -> Tensor:
+        """(1, colours · bins, rows, cols)"""
+        return histograms(reader(*strip.pixels), spec)[:, :, slice(*strip.cells)]
+
+    scale = None
+    if isinstance(spec.normalizer, GlobalNorm):
+        scale = _scale(map(cells, strips), spec, spec.normalizer)
+    for strip in strips:
+        found = cells(strip)
+        found = norm(found, spec) if scale is None else found * scale.to(found)
+        first, last = strip.rows
+        rows = found[0, :, strip.before : strip.before + last - first]
+        yield DescriptorStrip(slice(first, last), rows.permute(1, 2, 0).contiguous())
+
+
+def _scale(strips: Iterator[Tensor], spec: HOGSpec, scheme: GlobalNorm) -> Tensor:
+    """What Eq. 7 multiplies the histograms of an image with, (colours · bins, 1, 1) in float64.
+
+    Rounded as where all of them are there: :func:`.kernels.vectors.global_norm`.
+    """
+    energies = [_Energy() for _ in range(spec.colours)]
+    for strip in strips:
+        each = strip.reshape(spec.colours, spec.bins, *strip.shape[2:]).permute(0, 2, 3, 1)
+        for energy, histograms in zip(energies, each, strict=True):
+            energy.add(histograms.contiguous().numpy().reshape(-1))
+    factors = []
+    for energy in energies:
+        total = energy.total()
+        length = total + scheme.epsilon**2 if scheme.form == "robust" else math.sqrt(total) + scheme.epsilon
+        factors += [1 / math.sqrt(length)] * spec.bins
+    return torch.tensor(factors, dtype=torch.float64).reshape(-1, 1, 1)
+
+
+class _Energy:
+    """The sum of squares of numbers that come a few at a time, rounded as if all came at once."""
+
+    def __init__(self) -> None:
+        self._total = 0.0
+        self._rest: npt.NDArray[Any] | None = None
+
+    def add(self, values: npt.NDArray[Any]) -> None:
+        """More numbers (n,)."""
+        values = values if self._rest is None else np.concatenate([self._rest, values])
+        whole = len(values) // _SUMMED * _SUMMED
+        for first in range(0, whole, _SUMMED):
+            part = values[first : first + _SUMMED]
+            self._total += _total(part, part)
+        self._rest = values[whole:].copy()
+
+    def total(self) -> float:
+        """Of all that came."""
+        return self._total if self._rest is None else self._total + _total(self._rest, self._rest)

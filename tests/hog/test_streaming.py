@@ -1,0 +1,298 @@
+"""Strips of a descriptor are those of the whole image's, bit by bit."""
+
+from __future__ import annotations
+
+import math
+import re
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch import Tensor
+from torch.testing import assert_close
+
+import nablahog
+from nablahog.hog import (
+    BilinearCells,
+    BlockCells,
+    BlockNorm,
+    BoxCells,
+    CellNorm,
+    GlobalNorm,
+    HOGSpec,
+    hog,
+    presets,
+    stream,
+)
+from nablahog.hog.kernels import supports
+
+from .zoo import SPECS, fits, spec
+
+LEAST = 1  # byte: a row of the descriptor at a time
+dtypes = st.sampled_from([np.uint8, np.float32, np.float64])
+sides = st.integers(1, 4)
+
+
+def picture(height: int, width: int, channels: int, dtype: Any, seed: int = 0) -> npt.NDArray[Any]:
+    """(H, W, C) of few levels, so that there are ties."""
+    levels = np.random.default_rng(seed).integers(0, 24, (height, width, channels)) * 11
+    return levels.astype(np.uint8) if dtype == np.uint8 else (levels / 255).astype(dtype)
+
+
+def whole(image: npt.NDArray[Any], s: HOGSpec) -> Tensor:
+    return hog(torch.from_numpy(image.reshape(*image.shape[:2], -1)).permute(2, 0, 1)[None], s)[0]
+
+
+def joined(image: Any, s: HOGSpec, memory: int = LEAST) -> tuple[Tensor, int]:
+    """All strips as one, once it is known that they are side by side, and how many there are."""
+    strips = list(stream(image, s, memory=memory))
+    ends = [0, *(strip.rows.stop for strip in strips)]
+    assert [strip.rows.start for strip in strips] == ends[:-1]
+    assert [len(strip.descriptor) for strip in strips] == [strip.rows.stop - strip.rows.start for strip in strips]
+    return torch.cat([strip.descriptor for strip in strips]), len(strips)
+
+
+def same(got: Tensor, expected: Tensor) -> bool:
+    """Bit by bit."""
+    kinds = (got.dtype, got.shape), (expected.dtype, expected.shape)
+    return kinds[0] == kinds[1] and got.numpy().tobytes() == expected.numpy().tobytes()
+
+
+def assert_streams(image: npt.NDArray[Any], s: HOGSpec, memory: int = LEAST) -> int:
+    got, count = joined(image, s, memory)
+    expected = whole(image, s)
+    if supports(torch.device("cpu"), s):
+        assert same(got, expected)
+    else:  # matrix products of other sizes are rounded otherwise
+        assert_close(got, expected, rtol=1e-6, atol=1e-6)
+    return count
+
+
+@pytest.mark.parametrize("name", SPECS)
+@given(
+    height=st.integers(1, 240),
+    width=st.integers(1, 30),
+    channels=st.integers(1, 4),
+    dtype=dtypes,
+    seed=st.integers(0, 99),
+    memory=st.sampled_from([LEAST, 20_000, 100_000]),
+)
+@settings(max_examples=8)
+def test_every_dialect(name: str, height: int, width: int, channels: int, dtype: Any, seed: int, memory: int) -> None:
+    s = SPECS[name]
+    channels = channels if s.colour != "separate" else 2 * (channels % 2) + 1
+    if fits(s, channels, height, width):
+        assert_streams(picture(height, width, channels, dtype, seed), s, memory)
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_there_are_strips(name: str) -> None:
+    """Of so few bytes a row at a time, or two if no image begins anew at every row."""
+    s = SPECS[name]
+    rows = s.grid(220, 21)[0]
+    assert rows / 2 <= assert_streams(picture(220, 21, 3, np.float32), s) <= rows
+
+
+blocks = st.sampled_from(["L1", "L1-sqrt", "L2", "L2-Hys"])
+
+
+@st.composite
+def specs(draw: st.DrawFn) -> HOGSpec:
+    """Sizes of cells, blocks, steps and windows that no preset has."""
+    cell, of_block = draw(st.tuples(sides, sides)), draw(st.tuples(sides, sides))
+    kind, step = draw(st.sampled_from(["block", "box", "bilinear"])), draw(st.tuples(sides, sides))
+    if kind == "block":
+        high, wide = (n * c for n, c in zip(of_block, cell, strict=True))
+        pooling: Any = BlockCells(
+            (high, wide), (draw(st.integers(1, 2 * high)), draw(st.integers(1, 2 * wide))), draw(st.floats(0.3, 9))
+        )
+        normalizer: Any = BlockNorm(of_block, of_block, draw(blocks))
+    else:
+        normalizer = draw(st.sampled_from([BlockNorm(of_block, step, "L2"), CellNorm(), GlobalNorm()]))
+        if kind == "box":
+            pooling = BoxCells(draw(st.booleans()), draw(st.sampled_from([0, 2, 3, 7, 16])))
+        else:
+            pooling = BilinearCells(draw(st.sampled_from(["vote", "drop", "repeat"])), draw(st.floats(0.5, 2)))
+    return spec(
+        cell_size=cell,
+        pooling=pooling,
+        normalizer=normalizer,
+        border=draw(st.sampled_from(["reflect", "replicate", "extrapolate", "zero", "gray", "ignore"])),
+        vote=draw(st.sampled_from(["linear", "hard"])),
+        partial_cells=draw(st.sampled_from(["floor", "round", "ceil"])),
+        colour=draw(st.sampled_from(["gray", "largest", "separate"])),
+        colour_ties=draw(st.sampled_from(["first", "opencv", "dlib"])),
+        bins=draw(st.integers(3, 9)),
+    )
+
+
+@given(
+    s=specs(),
+    height=st.integers(1, 200),
+    width=st.integers(1, 30),
+    dtype=dtypes,
+)
+@settings(max_examples=150)
+def test_every_size(s: HOGSpec, height: int, width: int, dtype: Any) -> None:
+    if fits(s, 3, height, width):
+        assert_streams(picture(height, width, 3, dtype), s)
+
+
+@pytest.mark.parametrize("name", ["paper", "uoctti", "opencv"])
+def test_of_large_images_in_several_threads(name: str) -> None:
+    image, s, threads = picture(700, 400, 3, np.uint8), SPECS[name], torch.get_num_threads()
+    expected = whole(image, s)
+    torch.set_num_threads(2)
+    try:
+        assert same(joined(image, s, 2**20)[0], expected)
+        assert same(whole(image, s), expected)
+    finally:
+        torch.set_num_threads(threads)
+
+
+def test_bytes_follow_the_default_dtype() -> None:
+    image = picture(40, 24, 3, np.uint8)
+    torch.set_default_dtype(torch.float64)
+    try:
+        for s in (presets.paper(4), presets.uoctti(4)):
+            assert joined(image, s)[0].dtype == torch.float64
+            assert_streams(image, s)
+    finally:
+        torch.set_default_dtype(torch.float32)
+
+
+def test_gray_images_need_no_channel() -> None:
+    image = picture(60, 40, 1, np.float32)
+    assert same(joined(image[..., 0], presets.uoctti())[0], whole(image, presets.uoctti()))
+
+
+@pytest.mark.parametrize("order", ["=", ">", "<"])
+def test_a_mapped_file(tmp_path: Path, order: str) -> None:
+    image, path = picture(90, 40, 3, np.float32), tmp_path / "image.npy"
+    np.save(path, image.astype(np.dtype(np.float32).newbyteorder(order)))  # type: ignore[arg-type]
+    mapped = np.load(path, mmap_mode="r")
+    assert same(joined(mapped, presets.dlib())[0], whole(image, presets.dlib()))
+    assert same(joined(mapped[3:, ::2], presets.dlib())[0], whole(image[3:, ::2].copy(), presets.dlib()))
+    assert np.array_equal(mapped, image)
+
+
+def test_what_was_changed_in_memory_alone_stays(tmp_path: Path) -> None:
+    np.save(tmp_path / "image.npy", np.zeros((64, 64), np.uint8))
+    mapped = np.load(tmp_path / "image.npy", mmap_mode="c")
+    mapped[:] = picture(64, 64, 1, np.uint8)[..., 0]
+    before = mapped.copy()
+    assert same(joined(mapped, presets.uoctti())[0], whole(before, presets.uoctti()))
+    assert np.array_equal(mapped, before)
+
+
+class Recorded:
+    """An image that tells which rows were asked for."""
+
+    def __init__(self, image: npt.NDArray[Any], gives: Any = None) -> None:
+        self.shape, self.dtype, self.image = image.shape, image.dtype, image
+        self.asked: list[tuple[int, int]] = []
+        self.gives = gives
+
+    def __getitem__(self, rows: slice) -> Any:
+        assert rows.step is None
+        self.asked.append((rows.start, rows.stop))
+        return self.image[rows] if self.gives is None else self.gives
+
+
+@pytest.mark.parametrize(("make", "times"), [(presets.uoctti, 1), (presets.skimage, 1), (presets.paper, 2)])
+def test_rows_are_read_when_they_are_needed(make: Any, times: int) -> None:
+    image = Recorded(picture(4000, 32, 1, np.uint8))
+    strips = stream(image, make(), memory=2**17)
+    assert image.asked == []
+    count = 1 + sum(1 for _ in strips)
+    assert len(image.asked) == times * (count - 1)
+    one = image.asked[: count - 1]
+    assert one == sorted(one)
+    assert (one[0][0], one[-1][1]) == (0, 4000)
+    assert all(0 < below[0] <= above[1] for above, below in pairwise(one))
+    longest = max(stop - start for start, stop in one)
+    assert longest < 1000
+    assert sum(stop - start for start, stop in one) < 1.5 * 4000
+
+
+def test_into_a_mapped_file(tmp_path: Path) -> None:
+    """As the README has it."""
+    image, s = picture(200, 64, 1, np.uint8)[..., 0], presets.uoctti()
+    shape = (*s.grid(*image.shape), s.channels)
+    found = np.lib.format.open_memmap(tmp_path / "hog.npy", mode="w+", dtype=np.float32, shape=shape)
+    for rows, descriptor in nablahog.stream(image, s, memory=LEAST):
+        found[rows] = descriptor
+    assert same(torch.from_numpy(np.load(tmp_path / "hog.npy")), whole(image, s))
+
+
+@pytest.mark.parametrize(
+    ("image", "error", "message"),
+    [
+        (None, TypeError, "image must be an array, or have a shape"),
+        ([[0.0]], TypeError, "got list"),
+        (torch.zeros(8, 8), TypeError, "got Tensor"),
+        (np.zeros((8, 8), np.uint16), TypeError, "float32 or float64 in 0…1, or uint8 in 0…255, got uint16"),
+        (np.zeros((8, 8), np.float16), TypeError, "got float16"),
+        (np.zeros((8, 8), bool), TypeError, "got bool"),
+        (np.zeros(8, np.uint8), ValueError, "must have shape (H, W) or (H, W, C) with at least one channel, got (8,)"),
+        (np.zeros((1, 8, 8, 3), np.uint8), ValueError, "got (1, 8, 8, 3)"),
+        (np.zeros((8, 8, 0), np.uint8), ValueError, "got (8, 8, 0)"),
+        (
+            np.zeros((3, 8), np.uint8),
+            ValueError,
+            "at least one cell of 8x8 pixels (height x width), got an image of 3x8",
+        ),
+    ],
+)
+def test_refused_at_once(image: Any, error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=re.escape(message)) as raised:
+        stream(image, presets.uoctti())
+    assert "\n" not in str(raised.value)
+
+
+def test_channels_of_separate_colours() -> None:
+    with pytest.raises(ValueError, match="descriptor is of images of 1 or 3 channels, got 2"):
+        stream(np.zeros((16, 16, 2), np.uint8), presets.maskfeat())
+
+
+@pytest.mark.parametrize("memory", [0, -1, 1.5, True, None, math.inf])
+def test_memory_is_a_number_of_bytes(memory: Any) -> None:
+    with pytest.raises(ValueError, match=r"^memory must be a positive integer, in bytes, got "):
+        stream(np.zeros((16, 16), np.uint8), presets.uoctti(), memory=memory)
+
+
+@pytest.mark.parametrize("gives", [np.zeros((3, 8), np.uint8), np.zeros((16, 8)), np.zeros((16, 8, 1), np.uint8)])
+def test_rows_that_are_others_than_announced(gives: Any) -> None:
+    image = Recorded(np.zeros((16, 8), np.uint8), gives)
+    with pytest.raises(ValueError, match=r"^rows 0 … 15 of an image of shape \(16, 8\) and dtype uint8 came with"):
+        list(stream(image, presets.uoctti()))
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="no peak of memory to read")
+@pytest.mark.parametrize("name", ["uoctti", "paper"])
+def test_the_peak_of_memory(name: str, tmp_path: Path) -> None:
+    """Of an image that takes 24 MB, and its descriptor five times that, in strips of 4 MB."""
+    path = tmp_path / "image.npy"
+    np.lib.format.open_memmap(path, mode="w+", dtype=np.uint8, shape=(24_000, 1_000))
+    program = f"""
+import numpy as np, torch
+from nablahog.hog import presets, stream
+torch.set_num_threads(1)
+def peak():
+    return int(next(line for line in open("/proc/self/status") if line.startswith("VmHWM")).split()[1]) * 1024
+spec = presets.{name}()
+for _ in stream(np.zeros((300, 1000), np.uint8), spec, memory=2**22): pass
+before = peak()
+for _ in stream(np.load({str(path)!r}, mmap_mode="r"), spec, memory=2**22): pass
+print(peak() - before)"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=300)
+    assert ended.returncode == 0, ended.stderr
+    assert int(ended.stdout) < 12e6

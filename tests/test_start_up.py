@@ -1,0 +1,144 @@
+"""What is loaded when: PyTorch takes seconds, so nothing loads it that does not compute."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+import torch
+
+from nablahog import HOG, presets
+from nablahog.cli import _COMMANDS
+from nablahog.lazy import _Package, names_when_used
+
+HEAVY = ("torch", "numba", "numpy", "scipy", "skimage", "PIL", "matplotlib", "rich", "trimesh", "platformdirs")
+LAZY = ("nablahog", "nablahog.hog", "nablahog.invert", "nablahog.pose")
+
+
+def run(program: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
+
+
+def loaded_by(program: str) -> set[str]:
+    """Which of HEAVY a fresh process has loaded at the end of the program."""
+    ended = run(f"{program}\nimport sys\nprint('loaded', *(name for name in {HEAVY} if name in sys.modules))")
+    assert ended.returncode == 0, ended.stderr
+    return set(ended.stdout.splitlines()[-1].split()[1:])
+
+
+def test_heavy_modules_would_be_seen() -> None:
+    assert loaded_by("import numpy") == {"numpy"}
+
+
+@pytest.mark.parametrize("program", ["import nablahog", "import nablahog.cli", *(f"import {name}" for name in LAZY)])
+def test_importing_is_light(program: str) -> None:
+    assert loaded_by(program) == set()
+
+
+def test_specs_are_light() -> None:
+    assert loaded_by("import nablahog; nablahog.HOGSpec.from_json(nablahog.presets.paper().to_json())") == set()
+
+
+@pytest.mark.parametrize(
+    "argv", [["--help"], ["--version"], ["learn", "--help"], *([*c.split(), "--help"] for c in _COMMANDS)]
+)
+def test_help_is_light(argv: list[str]) -> None:
+    assert loaded_by(f"from nablahog.cli import main; assert main({argv}) == 0") == set()
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [
+        [],
+        ["hog"],
+        ["hog", "a.png", "-o", "b.npz", "--device", "tpu"],
+        ["invert", "a.png", "-o", "b", "--descriptor", "sift"],
+        ["table1", "-o", "b", "--methods", "best"],
+        ["dialects", "a.png", "--presets", "dpm"],
+    ],
+)
+def test_wrong_arguments_are_refused_lightly(argv: list[str]) -> None:
+    assert loaded_by(f"from nablahog.cli import main; assert main({argv}) == 2") == set()
+
+
+@pytest.mark.parametrize("command", _COMMANDS)
+def test_every_command_is_there(command: str) -> None:
+    module, function = _COMMANDS[command].split(".")
+    assert callable(getattr(import_module(f"nablahog.{module}"), function))
+
+
+@pytest.mark.parametrize("name", LAZY)
+def test_every_name_is_there(name: str) -> None:
+    """In a fresh process, where nothing has loaded the modules, each by itself."""
+    package = import_module(name)
+    assert set(package.__all__) <= set(dir(package))
+    assert set(package.__dict__["_homes"]) <= set(package.__all__)
+    program = f"import sys, {name}\nfor n in {package.__all__}: getattr(sys.modules['{name}'], n)\n"
+    ended = run(f"{program}from {name} import *\nassert set({package.__all__}) <= set(globals())")
+    assert ended.returncode == 0, ended.stderr
+
+
+def show(program: str) -> str:
+    ended = run(program)
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout
+
+
+@pytest.mark.parametrize("first", ["from nablahog.hog import presets", "import nablahog.hog.descriptor"])
+def test_the_function_wins_over_the_package_of_its_name(first: str) -> None:
+    assert show(f"{first}\nimport nablahog\nprint(type(nablahog.hog))") == "<class 'function'>\n"
+
+
+def test_so_it_does_in_other_packages() -> None:
+    program = "import nablahog.pose.elements\nprint(nablahog.pose.elements.__name__, type(nablahog.pose.elements))"
+    assert show(program) == "elements <class 'function'>\n"
+
+
+def test_modules_can_be_reached_without_being_imported() -> None:
+    assert show("import nablahog\nprint(nablahog.invert.quality.QualityName.__name__)") == "Literal\n"
+
+
+def test_it_compiles_as_the_first_thing() -> None:
+    """torch.compile looks names up in its own way."""
+    program = """
+import nablahog, torch
+spec = nablahog.presets.paper()
+images = torch.rand(1, 1, 16, 16)
+compiled = torch.compile(lambda x: nablahog.hog(x, spec), fullgraph=True, backend="eager")
+print(torch.equal(compiled(images), nablahog.hog(images, spec)))"""
+    assert show(program) == "True\n"
+
+
+def test_exported_graphs_need_the_operator(tmp_path: Path) -> None:
+    path, images = tmp_path / "hog.pt2", torch.rand(1, 1, 16, 16)
+    torch.export.save(torch.export.export(HOG(presets.paper()), (images,)), path)
+    program = f"import nablahog.hog.kernels, torch; print(torch.export.load({str(path)!r}).graph_signature.user_inputs)"
+    assert show(program) == "('images',)\n"
+
+
+@pytest.mark.parametrize("name", ["nothing", "_private", "__wrapped__", "presets.nothing"])
+def test_other_names_are_not_there(name: str) -> None:
+    import nablahog
+
+    owner, _, last = name.rpartition(".")
+    with pytest.raises(AttributeError, match=rf"has no attribute '{last}'"):
+        getattr(nablahog.presets if owner else nablahog, last)
+
+
+def test_a_name_is_looked_up_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    package = ModuleType("json")  # whose module `decoder` is loaded
+    monkeypatch.setitem(sys.modules, "json", package)
+    names_when_used("json", decoder=["JSONDecoder"])
+    assert isinstance(package, _Package)
+    assert "JSONDecoder" in dir(package)
+    assert "JSONDecoder" not in package.__dict__
+    found = package.JSONDecoder
+    assert package.__dict__["JSONDecoder"] is found
+    package.JSONDecoder = 3  # what tests do
+    assert package.JSONDecoder == 3
+    package.JSONDecoder = ModuleType("json.JSONDecoder")  # what Python does
+    assert package.JSONDecoder == 3
