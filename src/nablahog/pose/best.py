@@ -10,9 +10,10 @@ from torch import Tensor
 
 from ..optimize import lbfgs
 from .gallery import VIEWS, around, azimuths
+from .hill import HILL, climb
 from .matching import DETAIL, Model
 from .placing import place
-from .search import UNITS, Hill, climb, consensus, momentum, summits
+from .search import UNITS, consensus, momentum, summits
 from .similarity import Similarity, Template
 from .task import Found, Path, Task
 
@@ -145,7 +146,7 @@ def _apart(one: float, other: float) -> float:
 
 def _ascend(similarity: Similarity, pose: Tensor, task: Task) -> Tensor:
     if task.ascent == "hill":
-        return climb(similarity, pose, Hill(), task.generator)
+        return climb(similarity, pose, HILL, task.generator)
     if task.ascent == "momentum":
         return momentum(similarity, pose[None], steps=_ASCENT_STEPS, every=1)[0][0]
 

@@ -82,7 +82,7 @@ def estimate_pose(
             initial pose and 8 azimuths around.  ``"exhaustive"``: every degree of azimuth at the initial elevation.
         similarity: ``"dot"``, ``"whitened"`` or ``"calibrated"``, see :mod:`.similarity`; by default ``"dot"`` for the
             paper's method and ``"calibrated"`` for the others.
-        ascent: of ``"best"``: ``"hill"``, fits of a quadratic to samples, see :func:`.search.climb`; ``"momentum"`` and
+        ascent: of ``"best"``: ``"hill"``, fits of a quadratic to samples, see :func:`.hill.climb`; ``"momentum"`` and
             ``"lbfgs"`` follow single derivatives.
         background: of the coarse descriptor, which also says which descriptor that is; by default that of
             :func:`.matching.pose_spec`, learned from photographs that come with scikit-image.
