@@ -23,7 +23,7 @@ _RIVAL = 0.8  # of the best view's similarity, after tilting
 _CROWD = 36  # views of several models that are tilted
 _CLIMBED = 2  # of these
 _AROUND = 15.0  # degrees: views that are closer look at the object from the same side
-_TURNS, _TILTS = (-6.0, -3.0, 0.0, 3.0, 6.0), (-10.0, -5.0, 0.0, 5.0, 10.0)  # degrees of azimuth and in the image plane
+_TURNS, _TILTS = (-5.0, 0.0, 5.0), (-10.0, -5.0, 0.0, 5.0, 10.0)  # degrees of azimuth and in the image plane
 _ASCENT_STEPS = 30
 
 
