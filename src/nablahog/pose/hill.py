@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
 
+from ..compile import compiled
 from ..render import PARAMETERS
 from .search import UNITS
 from .similarity import Similarity
@@ -92,27 +93,55 @@ def _directions(count: int, generator: torch.Generator) -> Tensor:
 def _top(offsets: Tensor, values: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
     """Where c + bᵀu + ½ uᵀAu is highest, fitted to values (N,) and slopes (N, 6), NaN where none are known, at offsets
     u (N, 6), weighted (N,)."""
-    u, (count, parameters), weight = offsets.numpy(), offsets.shape, weights.numpy()[:, None]
-    steep = slopes.numpy()
-    known = np.isfinite(steep[:, 0])
-    scale = max(math.sqrt(np.square(steep[known]).mean()), 1e-12) if known.any() else 1.0
-    second_order = 1 + parameters + np.arange(len(_FIRST))
-    of_value = np.ones((count, _COEFFICIENTS))
-    of_value[:, 1 : 1 + parameters] = u
-    of_value[:, second_order] = u[:, _FIRST] * u[:, _SECOND] * np.where(_FIRST == _SECOND, 0.5, 1)
-    of_slope = np.zeros((int(known.sum()), parameters, _COEFFICIENTS))
-    of_slope[:, np.arange(parameters), 1 + np.arange(parameters)] = 1
-    of_slope[:, _FIRST, second_order] = u[known][:, _SECOND]
-    of_slope[:, _SECOND, second_order] = u[known][:, _FIRST]
-    rows = np.concatenate([of_value, of_slope.reshape(-1, _COEFFICIENTS)])
-    right = np.concatenate([values.numpy(), steep[known].reshape(-1)]) / scale
-    weighted = rows * np.concatenate([_OF_VALUES * weight, (_OF_SLOPES * weight[known]).reshape(-1, 1)])
+    parameters = len(PARAMETERS)
     stiff = np.full(_COEFFICIENTS, 1e-9)
-    stiff[second_order] += _STIFFNESS
-    found = np.linalg.solve(weighted.T @ rows + np.diag(stiff), weighted.T @ right)
+    stiff[1 + parameters :] += _STIFFNESS
+    normal, right = np.diag(stiff), np.zeros(_COEFFICIENTS)
+    _normal_equations(*(part.numpy() for part in (offsets, values, slopes, weights)), _OF_SLOPES, normal, right)
+    found = np.linalg.solve(normal, right)
     curvature = np.zeros((parameters, parameters))
-    curvature[_FIRST, _SECOND] = curvature[_SECOND, _FIRST] = found[second_order]
+    curvature[_FIRST, _SECOND] = curvature[_SECOND, _FIRST] = found[1 + parameters :]
     bends, axes = np.linalg.eigh(curvature)
     bends = np.minimum(bends, -_FLATTEST * max(np.abs(bends).max(), 1e-9))
     way = -axes @ ((axes.T @ found[1 : 1 + parameters]) / bends)
     return torch.from_numpy(way * (_REACH / max(float(np.linalg.norm(way)), _REACH)))
+
+
+@compiled
+def _normal_equations(u: Any, values: Any, slopes: Any, weights: Any, of_slopes: Any, normal: Any, right: Any) -> None:
+    """Adds :func:`_top`'s least squares to ``normal`` (28, 28) and ``right`` (28,), of c, b, and A's upper half."""
+    count, size = u.shape
+    many, steep = 0, 0.0
+    for n in range(count):
+        if not np.isnan(slopes[n, 0]):
+            many += size
+            for k in range(size):
+                steep += slopes[n, k] ** 2
+    scale = max(np.sqrt(steep / max(many, 1)), 1e-12) if many else 1.0
+    row = np.empty(right.size)
+    which, factor = np.empty(size + 1, np.int64), np.empty(size + 1)
+    for n in range(count):
+        row[0] = 1
+        at = 1 + size
+        for i in range(size):
+            row[1 + i] = u[n, i]
+            for j in range(i, size):
+                row[at] = u[n, i] * u[n, j] * (0.5 if i == j else 1.0)
+                at += 1
+        weight = _OF_VALUES * weights[n]
+        for i in range(row.size):
+            right[i] += weight * row[i] * values[n] / scale
+            for j in range(row.size):
+                normal[i, j] += weight * row[i] * row[j]
+        if np.isnan(slopes[n, 0]):
+            continue
+        for k in range(size):  # b's k-th and A's k-th row times u
+            which[0], factor[0] = 1 + k, 1
+            for j in range(size):
+                low, high = min(j, k), max(j, k)
+                which[1 + j], factor[1 + j] = 1 + size + low * size - low * (low - 1) // 2 + high - low, u[n, j]
+            weight = of_slopes[k] * weights[n]
+            for i in range(1 + size):
+                right[which[i]] += weight * factor[i] * slopes[n, k] / scale
+                for j in range(1 + size):
+                    normal[which[i], which[j]] += weight * factor[i] * factor[j]

@@ -83,8 +83,12 @@ class Photograph:
     @cached_property
     def fine(self) -> Template:
         """The calibrated template of smaller cells, for the last fraction of a degree."""
-        spec = dataclasses.replace(self.background.spec, cell_size=(_FINE, _FINE))
-        return _calibrated(self.canvas, default_background(spec))
+        return _calibrated(self.canvas, default_background(_finer(self.background.spec)))
+
+
+@lru_cache(maxsize=4)
+def _finer(spec: HOGSpec) -> HOGSpec:
+    return dataclasses.replace(spec, cell_size=(_FINE, _FINE))
 
 
 def _calibrated(canvas: Canvas, background: Background, shrink: int = 1) -> Template:
