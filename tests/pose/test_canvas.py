@@ -11,6 +11,7 @@ from torch.testing import assert_close
 
 from nablahog.hog.gradient import gray
 from nablahog.pose.canvas import FILL, SIDE, Box, cut_out
+from nablahog.pose.similarity import smaller_poses
 from nablahog.render.camera import to_camera, to_screen
 
 
@@ -86,6 +87,17 @@ def test_one_camera_sees_all() -> None:
     assert len(cameras) == 1
 
 
+def test_smaller_sees_the_same() -> None:
+    canvas = cut_out(torch.rand(3, 375, 500), (282.0, 236.0, 365.0, 348.0))
+    small = canvas.smaller(2)
+    assert_close(small.image[0, 0, 3, 5], canvas.image[0, 0, 6:8, 10:12].mean())
+    assert small.size == (canvas.size[0] / 2, canvas.size[1] / 2)
+    assert small.seen == tuple(side / 2 for side in canvas.seen)
+    points = torch.rand(20, 3, dtype=torch.float64) - 0.5
+    pose = torch.tensor([40.0, 20.0, 2.7, -6.0, 3.5, -8.25], dtype=torch.float64)
+    assert_close(2 * screen(points, smaller_poses(pose[None], 2)[0], small.camera), screen(points, pose, canvas.camera))
+
+
 def test_a_pose_on_the_canvas_projects_to_the_same_points_of_the_photograph() -> None:
     canvas = cut_out(torch.rand(3, 375, 500), (282.0, 236.0, 365.0, 348.0))
     points = torch.rand(20, 3, dtype=torch.float64) - 0.5
@@ -105,6 +117,7 @@ def test_a_pose_on_the_canvas_projects_to_the_same_points_of_the_photograph() ->
         (torch.zeros(2, 90, 80), (0, 0, 80, 90), r"got torch.float32 of shape \(2, 90, 80\)"),
         (torch.zeros(1, 90, 80).byte(), (0, 0, 80, 90), "got torch.uint8"),
         (torch.full((1, 90, 80), math.nan), (0, 0, 80, 90), "must be finite"),
+        (torch.tensor([[[1.0, math.inf], [-math.inf, 1.0]]]).repeat(1, 45, 40), (0, 0, 80, 90), "must be finite"),
         (torch.zeros(1, 90, 80), (0, 0, 7, 90), "sides of at least 8 pixels"),
         (torch.zeros(1, 90, 80), (50, 10, 20, 60), "sides of at least 8 pixels"),
         (torch.zeros(1, 90, 80), (0, 0, math.inf, 90), "sides of at least 8 pixels"),

@@ -8,7 +8,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.datasets.chairs import chair
-from nablahog.pose.placing import hull, place
+from nablahog.pose.placing import hull, place, upright
 from nablahog.render import Camera, Mesh
 from nablahog.render.camera import to_camera, to_screen
 
@@ -51,6 +51,13 @@ def test_area_and_middle_are_those_of_the_box(mesh: Mesh, size: tuple[float, flo
     assert torch.equal(placed[:, [0, 1, 3]], given[:, [0, 1, 3]])
     low, high = around(mesh.vertices, placed)
     assert_close((high - low).prod(1), torch.full_like(low[:, 0], size[0] * size[1]), rtol=0.005, atol=0)
+    assert_close((low + high) / 2, torch.tensor([[80.0, 64.0]]).expand(len(low), -1).double(), rtol=0, atol=1e-3)
+
+
+def test_the_longer_side_is_the_one_given(mesh: Mesh) -> None:
+    poses = place(upright(torch.arange(0.0, 360, 40), 25), hull(mesh), CAMERA, 90.0)
+    low, high = around(mesh.vertices, poses)
+    assert_close((high - low).amax(1), torch.full_like(low[:, 0], 90), rtol=0.005, atol=0)
     assert_close((low + high) / 2, torch.tensor([[80.0, 64.0]]).expand(len(low), -1).double(), rtol=0, atol=1e-3)
 
 

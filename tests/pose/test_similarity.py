@@ -8,11 +8,11 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.hog import hog
-from nablahog.pose.canvas import Canvas, cut_out
+from nablahog.pose.canvas import Canvas, cut_out, smaller
 from nablahog.pose.elements import elements
 from nablahog.pose.matching import Kind, Photograph
-from nablahog.pose.similarity import Similarity, Template, by_elements, describe
-from nablahog.render import Renderer, render
+from nablahog.pose.similarity import Similarity, Template, by_elements, describe, smaller_poses
+from nablahog.render import Camera, Renderer, render
 
 from .common import columns, model, photographed
 
@@ -29,8 +29,12 @@ def photograph(canvas: Canvas) -> Photograph:
     return Photograph(canvas)
 
 
+def camera_of(photograph: Photograph, kind: Kind) -> Camera:
+    return smaller(photograph.canvas.camera, photograph.template(kind).shrink)
+
+
 def similarity(photograph: Photograph, kind: Kind, supersampling: int = 1) -> Similarity:
-    renderer = Renderer(model(), photograph.canvas.camera, supersampling=supersampling)
+    renderer = Renderer(model(), camera_of(photograph, kind), supersampling=supersampling)
     return Similarity(renderer, photograph.template(kind))
 
 
@@ -60,9 +64,10 @@ def test_calibrated_is_the_score_of_the_renderings_discriminant(photograph: Phot
     """w = Σ⁻¹ q of the rendering, on the photograph, in standard deviations √(wᵀ Σ w)."""
     template = photograph.calibrated
     assert template.whitener is not None
+    assert template.shrink == 2
     q = some(template)
     w = template.whitener(q)
-    x = template.whitener.centred(describe(canvas.image, template.spec))
+    x = template.whitener.centred(describe(canvas.smaller(2).image, template.spec))
     deviation = (w * q).sum((1, 2, 3)).sqrt()  # Σ w is q again
     assert_close(template.scores(q)[0], (w * x).sum((1, 2, 3)) / deviation, rtol=1e-3, atol=1e-3)
 
@@ -108,11 +113,13 @@ def test_an_empty_rendering_is_like_nothing(photograph: Photograph) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_derivatives_by_the_pose_are_the_chain_rules(photograph: Photograph, kind: Kind, method: str) -> None:
     """Through images that are rendered on white, whose derivatives have tests of their own."""
-    renderer = Renderer(model(), photograph.canvas.camera, method=method, supersampling=1)  # type: ignore[arg-type]
+    renderer = Renderer(model(), camera_of(photograph, kind), method=method, supersampling=1)  # type: ignore[arg-type]
     of = Similarity(renderer, photograph.template(kind))
-    poses = columns(torch.tensor([10.0, 100, 200])).requires_grad_(True)
+    poses = columns(torch.tensor([10.0, 100, 200]))
+    poses[:, 4:] = torch.tensor([5.0, -3.0])
+    poses.requires_grad_(True)
     values, slopes = of.derivatives(poses.detach())
-    descriptors = describe(renderer(poses), of.template.spec)
+    descriptors = describe(renderer(smaller_poses(poses, of.template.shrink)), of.template.spec)
     expected, by_descriptor = of.template.scores(descriptors.detach())
     (by_pose,) = torch.autograd.grad(descriptors, poses, by_descriptor)
     assert_close(values, expected.double(), rtol=1e-4, atol=1e-4)
@@ -134,7 +141,7 @@ def test_derivatives_by_azimuth_are_about_the_slopes_of_fine_renderings(
     assert slopes.norm() / expected.norm() == pytest.approx(1, abs=0.3)
 
 
-def test_many_poses_are_as_good_as_one(photograph: Photograph, canvas: Canvas) -> None:
+def test_many_poses_are_as_good_as_one(photograph: Photograph) -> None:
     of = similarity(photograph, "calibrated")
     poses = columns(torch.linspace(0, 340, 35))
     values, slopes = of.derivatives(poses)
@@ -144,7 +151,8 @@ def test_many_poses_are_as_good_as_one(photograph: Photograph, canvas: Canvas) -
     for k in (0, 15, 16, 34):
         value, slope = of.derivatives(poses[k : k + 1])
         assert_close((values[k : k + 1], slopes[k : k + 1]), (value, slope), rtol=1e-4, atol=1e-4)
-    image = render(model(), poses[3:4], canvas.camera, supersampling=1)
+    camera = camera_of(photograph, "calibrated")
+    image = render(model(), smaller_poses(poses[3:4], 2), camera, supersampling=1)
     assert_close(values[3], of.template.scores(describe(image, of.template.spec))[0][0].double(), rtol=1e-4, atol=1e-4)
 
 

@@ -9,22 +9,22 @@ import torch
 from torch import Tensor
 
 from ..optimize import lbfgs
-from .matching import Model
+from .gallery import VIEWS, around, azimuths
+from .hill import HILL, climb
+from .matching import DETAIL, Model
 from .placing import place
-from .search import UNITS, Hill, climb, consensus, momentum, summits
+from .search import UNITS, consensus, momentum, summits
 from .similarity import Similarity, Template
 from .task import Found, Path, Task
 
-VIEWS = 48  # of the coarse search around an object
-_STARTS = 3  # views of a model, at most, to go on with
+_STARTS = 4  # views of a model, at most, to go on with
 _NEARLY = 0.75  # of the best view's similarity: others that reach so much may yet turn out to be the one
-_RIVAL = 0.85  # of the best view's similarity, after tilting
+_RIVAL = 0.8  # of the best view's similarity, after tilting
 _CROWD = 36  # views of several models that are tilted
 _CLIMBED = 2  # of these
 _AROUND = 15.0  # degrees: views that are closer look at the object from the same side
-_TURNS, _TILTS = (-6.0, -3.0, 0.0, 3.0, 6.0), (-10.0, -5.0, 0.0, 5.0, 10.0)  # degrees of azimuth and in the image plane
+_TURNS, _TILTS = (-5.0, 0.0, 5.0), (-10.0, -5.0, 0.0, 5.0, 10.0)  # degrees of azimuth and in the image plane
 _ASCENT_STEPS = 30
-_DETAIL = 1.0  # pixel that vertices may be off in the ascent: a third of the faces remain, and poses come out as well
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,23 +78,25 @@ def best(task: Task) -> Found:
 
 def _similarities(model: Model, template: Template, finer: Template) -> tuple[Similarity, Similarity]:
     """To look around by, and to climb by."""
-    return model.similarity(template), model.similarity(finer, detail=_DETAIL)
+    return model.similarity(template, detail=DETAIL), model.similarity(finer, detail=DETAIL)
 
 
 def _look_around(task: Task, template: Template) -> tuple[list[_Start], int]:
     """The best views of each model at each elevation, the best of all first, and how many were looked at."""
     starts: list[_Start] = []
-    renderings = 0
+    looked = 0
     for name, model in task.each_model():
-        similarity = model.similarity(template)
         for elevation in task.elevations:
-            views = task.views(model, 0.0, elevation, VIEWS)
-            values = similarity.values(views)
-            for k in summits(values, _STARTS):
-                value = float(values[k])
-                starts.append(_Start(value, name, views[k], ((float(views[k, 0]), value),)))
-        renderings += similarity.renderings
-    return sorted(starts, key=lambda start: -start.value), renderings
+            if template.whitener is None:  # an object of another size has another similarity
+                views = task.views(model, azimuths(), elevation)
+                values = model.similarity(template, detail=DETAIL).values(views)
+            else:
+                values = around(model, template, elevation)
+            best = summits(values, _STARTS)
+            for view, value in zip(task.views(model, azimuths()[best], elevation), values[best].tolist(), strict=True):
+                starts.append(_Start(value, name, view, ((float(view[0]), value),)))
+            looked += VIEWS
+    return sorted(starts, key=lambda start: -start.value), looked
 
 
 def _tilted(task: Task, start: _Start) -> Tensor:
@@ -144,7 +146,7 @@ def _apart(one: float, other: float) -> float:
 
 def _ascend(similarity: Similarity, pose: Tensor, task: Task) -> Tensor:
     if task.ascent == "hill":
-        return climb(similarity, pose, Hill(), task.generator)
+        return climb(similarity, pose, HILL, task.generator)
     if task.ascent == "momentum":
         return momentum(similarity, pose[None], steps=_ASCENT_STEPS, every=1)[0][0]
 

@@ -31,7 +31,7 @@ class PoseEstimate:
         similarity: of its rendering to the photograph, as ``similarity_kind`` has it.
         similarity_kind: see :mod:`.similarity`.
         on_canvas: (6,): the same pose for the canvas, see :func:`.canvas.cut_out`.
-        renderings: that the search has made.
+        renderings: that the search has looked at, those of views that are kept for every photograph included.
         paths: of the searches from all starts, if the method keeps them.
     """
 
@@ -76,13 +76,13 @@ def estimate_pose(
         models: normalised meshes by name, or one mesh; all are tried, the best is returned.
         box: of the object, x0, y0, x1, y1 in pixels; by default the whole photograph.
         initial: azimuth and elevation to begin at, degrees; by default unknown.
-        method: ``"best"``: views all around at the initial elevation (or at several, if unknown), then an ascent over
-            all six parameters from the best of them, at last with smaller cells.  ``"paper"``: visual elements of the
-            photograph, OpenDR's derivatives, momentum over azimuth and every few steps over distance, from the initial
-            pose and 8 azimuths around.  ``"exhaustive"``: every degree of azimuth at the initial elevation.
+        method: ``"best"``: views all around at about the initial elevation (or at several, if unknown), then an ascent
+            over all six parameters from the best of them, at last with smaller cells.  ``"paper"``: visual elements of
+            the photograph, OpenDR's derivatives, momentum over azimuth and every few steps over distance, from the
+            initial pose and 8 azimuths around.  ``"exhaustive"``: every degree of azimuth at the initial elevation.
         similarity: ``"dot"``, ``"whitened"`` or ``"calibrated"``, see :mod:`.similarity`; by default ``"dot"`` for the
             paper's method and ``"calibrated"`` for the others.
-        ascent: of ``"best"``: ``"hill"``, fits of a quadratic to samples, see :func:`.search.climb`; ``"momentum"`` and
+        ascent: of ``"best"``: ``"hill"``, fits of a quadratic to samples, see :func:`.hill.climb`; ``"momentum"`` and
             ``"lbfgs"`` follow single derivatives.
         background: of the coarse descriptor, which also says which descriptor that is; by default that of
             :func:`.matching.pose_spec`, learned from photographs that come with scikit-image.

@@ -14,7 +14,7 @@ from ..render import Camera, Mesh, Renderer
 from ..render.renderer import Method
 from ..render.simplify import simplified
 from .background import default_background
-from .canvas import DISTANCE, Canvas
+from .canvas import DISTANCE, Canvas, smaller
 from .choices import Kind
 from .elements import Elements, elements
 from .filter import Whitener
@@ -24,7 +24,9 @@ from .whitening import Background
 
 ELEMENT = (5, 5)  # cells of a visual element
 ELEMENTS = 25  # the most of a photograph
+DETAIL = 1.0  # pixel that vertices may be off in searches: a third of the faces remain, and poses come out as well
 _COARSE, _FINE = 8, 4  # pixels of a cell: half of them tell poses apart that are half as far from each other
+_SMALLER = 2  # times: to look around, half the pixels along a side, with as many cells, find as many poses
 _REGULARIZATION = {_COARSE: 0.003, _FINE: 0.03}
 
 
@@ -43,7 +45,7 @@ class Photograph:
     """
 
     def __init__(self, canvas: Canvas, background: Background | None = None) -> None:
-        self.canvas = canvas
+        self.canvas, self._given = canvas, background
         self.background = background or default_background(pose_spec())
 
     def template(self, kind: Kind) -> Template:
@@ -72,19 +74,27 @@ class Photograph:
 
     @cached_property
     def calibrated(self) -> Template:
-        return _calibrated(self.canvas, self.background)
+        """The template of the canvas as a whole; where no background says which descriptor it is of, a quarter of the
+        pixels do for it."""
+        if self._given is not None:
+            return _calibrated(self.canvas, self._given)
+        return _calibrated(self.canvas, default_background(pose_spec(_COARSE // _SMALLER)), _SMALLER)
 
     @cached_property
     def fine(self) -> Template:
         """The calibrated template of smaller cells, for the last fraction of a degree."""
-        spec = dataclasses.replace(self.background.spec, cell_size=(_FINE, _FINE))
-        return _calibrated(self.canvas, default_background(spec))
+        return _calibrated(self.canvas, default_background(_finer(self.background.spec)))
 
 
-def _calibrated(canvas: Canvas, background: Background) -> Template:
-    spec = background.spec
-    rows, cols = spec.grid(*canvas.image.shape[2:])
-    return calibrated(canvas, spec, _whitener(background, rows, cols))
+@lru_cache(maxsize=4)
+def _finer(spec: HOGSpec) -> HOGSpec:
+    return dataclasses.replace(spec, cell_size=(_FINE, _FINE))
+
+
+def _calibrated(canvas: Canvas, background: Background, shrink: int = 1) -> Template:
+    spec, small = background.spec, canvas.smaller(shrink) if shrink > 1 else canvas
+    rows, cols = spec.grid(*small.image.shape[2:])
+    return calibrated(small, spec, _whitener(background, rows, cols), shrink)
 
 
 @lru_cache(maxsize=16)
@@ -102,23 +112,30 @@ class Model:
 
     def __init__(self, mesh: Mesh, camera: Camera) -> None:
         self.mesh, self.camera, self.hull = mesh, camera, hull(mesh)
-        self._renderers: dict[tuple[Method, int, float], Renderer] = {}
+        self._renderers: dict[tuple[Method, int, float, int], Renderer] = {}
 
-    def similarity(
-        self, template: Template, method: Method = "edges", supersampling: int = 1, *, detail: float = 0.0
-    ) -> Similarity:
-        """Of renderings to a template.
+    def renderer(
+        self, method: Method = "edges", supersampling: int = 1, *, detail: float = 0.0, shrink: int = 1
+    ) -> Renderer:
+        """Of images ``shrink`` times smaller than the canvas.
 
         Args:
             supersampling: samples of a pixel along a side.
             detail: pixels that the vertices of the mesh may be off, seen from :data:`.canvas.DISTANCE`, so that there
                 are fewer faces to draw.
         """
-        key = method, supersampling, detail
+        key = method, supersampling, detail, shrink
         if key not in self._renderers:
-            mesh = simplified(self.mesh, detail * DISTANCE / self.camera.focal) if detail > 0 else self.mesh
-            self._renderers[key] = Renderer(mesh, self.camera, method=method, supersampling=supersampling)
-        return Similarity(self._renderers[key], template)
+            camera = smaller(self.camera, shrink)
+            mesh = simplified(self.mesh, detail * DISTANCE / camera.focal) if detail > 0 else self.mesh
+            self._renderers[key] = Renderer(mesh, camera, method=method, supersampling=supersampling)
+        return self._renderers[key]
+
+    def similarity(
+        self, template: Template, method: Method = "edges", supersampling: int = 1, *, detail: float = 0.0
+    ) -> Similarity:
+        """Of renderings to a template; see :meth:`renderer`."""
+        return Similarity(self.renderer(method, supersampling, detail=detail, shrink=template.shrink), template)
 
 
 @lru_cache(maxsize=256)

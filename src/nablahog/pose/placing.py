@@ -11,7 +11,8 @@ from torch import Tensor
 
 from ..compile import compiled
 from ..render import Camera, Mesh
-from ..render.camera import rotations
+from ..render.kernels.turns import turns
+from .canvas import DISTANCE
 
 _ROUNDS = 3  # perspective makes the size no exact inverse of the distance; twice is within a tenth of a pixel
 
@@ -25,18 +26,26 @@ def hull(mesh: Mesh) -> Tensor:
         return torch.from_numpy(np.unique(points, axis=0))
 
 
-def place(poses: Tensor, points: Tensor, camera: Camera, size: tuple[float, float]) -> Tensor:
-    """``poses`` (B, 6) with distance, x and y such that the box around ``points`` has the area of one of ``size``
-    (width, height), and its middle in the middle of the image."""
+def upright(azimuths: Tensor, elevation: float) -> Tensor:
+    """Poses (N, 6) at azimuths (N,) and an elevation, in degrees, to be placed."""
+    poses = torch.tensor([0, elevation, DISTANCE, 0, 0, 0], dtype=torch.float64).repeat(len(azimuths), 1)
+    poses[:, 0] = azimuths
+    return poses
+
+
+def place(poses: Tensor, points: Tensor, camera: Camera, size: tuple[float, float] | float) -> Tensor:
+    """``poses`` (B, 6) with distance, x and y such that the box around ``points`` has its middle in the middle of the
+    image, and the area of one of ``size`` (width, height), or ``size`` for its longer side."""
     placed = poses.clone()
-    turns = rotations(poses.detach()).double().numpy()
+    turned = turns(poses.detach().double().numpy())
     corners = np.empty((len(poses), 4))
     vertices = points.double().numpy()
     for round_ in range(_ROUNDS + 1):
-        _bounds(vertices, turns, placed[:, 2].double().numpy(), camera.focal, corners)
+        _bounds(vertices, turned, placed[:, 2].double().numpy(), camera.focal, corners)
         low, high = (torch.from_numpy(part) + placed[:, 4:] for part in (corners[:, :2], corners[:, 2:]))
         if round_ < _ROUNDS:
-            zoom = (size[0] * size[1] / (high - low).clamp(min=1e-6).prod(1)).sqrt()
+            sides = (high - low).clamp(min=1e-6)
+            zoom = (size[0] * size[1] / sides.prod(1)).sqrt() if isinstance(size, tuple) else size / sides.amax(1)
             placed[:, 2] = (placed[:, 2] / zoom).clamp(min=1.0)
         placed[:, 4:] = placed[:, 4:] - (low + high) / 2
     return placed

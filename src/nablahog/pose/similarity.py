@@ -21,7 +21,7 @@ from torch import Tensor
 
 from ..hog.kernels import steps
 from ..hog.spec import HOGSpec
-from ..render import Renderer
+from ..render import Camera, Renderer
 from ..render.renderer import pull_back
 from ..threads import in_threads
 from .canvas import Canvas
@@ -30,7 +30,7 @@ from .filter import Whitener
 
 Result = TypeVar("Result")
 
-_BATCH = 16  # renderings at a time: their arrays stay in the processor's cache
+_BATCH = 32  # renderings at a time: small ones stay in the processor's cache
 
 
 def describe(images: Tensor, spec: HOGSpec) -> Tensor:
@@ -47,16 +47,18 @@ class Template:
         spec: of both descriptors.
         weights: w, (C, rows, cols), float32.
         whitener: of the ``calibrated`` similarity, else None.
+        shrink: pixels of the canvas, along a side, that are one of the images described.
     """
 
     spec: HOGSpec
     weights: Tensor
     whitener: Whitener | None = None
+    shrink: int = 1
 
     def values(self, descriptors: Tensor) -> Tensor:
         """Similarities (B,) of descriptors (B, C, rows, cols)."""
         values = descriptors.flatten(1) @ self.weights.flatten()
-        return values if self.whitener is None else values / _spread(self.whitener.energies(descriptors))
+        return values if self.whitener is None else values / deviations(self.whitener.energies(descriptors))
 
     def scores(self, descriptors: Tensor) -> tuple[Tensor, Tensor]:
         """Similarities (B,) of descriptors (B, C, rows, cols), and their derivatives by these."""
@@ -64,26 +66,27 @@ class Template:
         if self.whitener is None:
             return values, self.weights.expand_as(descriptors)
         white = self.whitener(descriptors)
-        spread = _spread((descriptors * white).sum(dim=(1, 2, 3)))
+        spread = deviations((descriptors * white).sum(dim=(1, 2, 3)))
         values = values / spread
         slope = (self.weights - (values / spread)[:, None, None, None] * white) / spread[:, None, None, None]
         return values, slope
 
 
-def _spread(squared: Tensor) -> Tensor:
+def deviations(squared: Tensor) -> Tensor:
     """√ of φᵀ Σ⁻¹ φ; infinite for an empty rendering, which looks like nothing: 0, and no way is up."""
     return torch.where(squared > 1e-9, squared, torch.inf).sqrt()
 
 
-def calibrated(canvas: Canvas, spec: HOGSpec, whitener: Whitener) -> Template:
-    """The template of a canvas as a whole; its cells beyond the photograph are as likely as any, μ."""
+def calibrated(canvas: Canvas, spec: HOGSpec, whitener: Whitener, shrink: int = 1) -> Template:
+    """The template of a canvas as a whole, made ``shrink`` times smaller before; its cells beyond the photograph
+    are as likely as any, μ."""
     descriptor = whitener.centred(describe(canvas.image, spec))
     x0, y0, x1, y1 = canvas.seen
     y, x = (
         (torch.arange(cells) + 0.5) * cell for cells, cell in zip(descriptor.shape[2:], spec.cell_size, strict=True)
     )
     seen = ((y >= y0) & (y <= y1))[:, None] & (x >= x0) & (x <= x1)
-    return Template(spec, whitener(descriptor * seen)[0], whitener)
+    return Template(spec, whitener(descriptor * seen)[0], whitener, shrink)
 
 
 def by_elements(found: Elements, patches: Tensor, spec: HOGSpec, rows: int, cols: int) -> Template:
@@ -91,31 +94,52 @@ def by_elements(found: Elements, patches: Tensor, spec: HOGSpec, rows: int, cols
     return Template(spec, found.spread(patches, rows, cols).permute(2, 0, 1).float().contiguous())
 
 
+def white(camera: Camera) -> Tensor:
+    """What renderings have behind them, (1, H, W)."""
+    return torch.ones(1, camera.height, camera.width)
+
+
+def smaller_poses(poses: Tensor, shrink: int) -> Tensor:
+    """Poses (B, 6) for a canvas as those for one ``shrink`` times smaller."""
+    return poses if shrink == 1 else torch.cat([poses[:, :4], poses[:, 4:] / shrink], 1)
+
+
+def in_batches(work: Callable[[Tensor], Result], poses: Tensor) -> list[Result]:
+    """Of some poses (B, 6) at a time, in as many threads as PyTorch takes."""
+    threads = torch.get_num_threads()
+    rounds = math.ceil(len(poses) / (_BATCH * threads))  # each of which has a part for every thread
+    parts = torch.split(poses, math.ceil(len(poses) / (rounds * threads)))
+    return in_threads(lambda k: work(parts[k]), len(parts))
+
+
 class Similarity:
-    """The similarity of renderings to a photograph as a function of their poses."""
+    """The similarity of renderings to a photograph as a function of their poses.
+
+    Args:
+        renderer: before a camera for images of the template's size.
+        template: of the photograph.
+    """
 
     def __init__(self, renderer: Renderer, template: Template) -> None:
         self.renderer, self.template = renderer, template
-        camera = renderer.camera
-        self.background = torch.ones(1, camera.height, camera.width)
+        self.background = white(renderer.camera)
         self.renderings = 0
 
     def values(self, poses: Tensor) -> Tensor:
-        """(B,) at poses (B, 6)."""
+        """(B,) at poses (B, 6) for the canvas."""
         return torch.cat(self._in_parts(self._values, poses))
 
     def derivatives(self, poses: Tensor) -> tuple[Tensor, Tensor]:
         """Values (B,) and derivatives (B, 6) by the parameters of the poses, as :data:`nablahog.render.PARAMETERS`."""
         values, slopes = zip(*self._in_parts(self._derivatives, poses), strict=True)
-        return torch.cat(values), torch.cat(slopes)
+        by_pose = torch.cat(slopes)
+        by_pose[:, 4:] /= self.template.shrink
+        return torch.cat(values), by_pose
 
     def _in_parts(self, work: Callable[[Tensor], Result], poses: Tensor) -> list[Result]:
         self.renderings += len(poses)
         assert self.renderer.rigid  # once, before threads ask for it
-        threads = torch.get_num_threads()
-        rounds = math.ceil(len(poses) / (_BATCH * threads))  # each of which has a part for every thread
-        parts = torch.split(poses, math.ceil(len(poses) / (rounds * threads)))
-        return in_threads(lambda k: work(parts[k]), len(parts))
+        return in_batches(work, smaller_poses(poses, self.template.shrink))
 
     def _values(self, poses: Tensor) -> Tensor:
         picture = self.renderer.rigid.draw(poses, self.background, False)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import torch
 
 from .best import best
+from .gallery import azimuths
+from .matching import DETAIL
 from .search import momentum
 from .task import ELEVATIONS, Found, Path, Task
 
@@ -19,7 +21,7 @@ def _paper(task: Task) -> Found:
     tops, paths, renderings = [], [], 0
     for name, model in task.each_model():
         similarity = model.similarity(template, "opendr")
-        starts = torch.cat([task.views(model, azimuth, elevation, 1), task.views(model, 0.0, elevation, PAPER_STARTS)])
+        starts = task.views(model, torch.cat([azimuths(1, azimuth), azimuths(PAPER_STARTS)]), elevation)
         poses, values, path = momentum(similarity, starts)
         top = int(values.argmax())
         tops.append((float(values[top]), name, poses[top]))
@@ -34,9 +36,9 @@ def _exhaustive(task: Task) -> Found:
     template = task.photograph.template(kind)
     tops, renderings = [], 0
     for name, model in task.each_model():
-        similarity = model.similarity(template)
+        similarity = model.similarity(template, detail=DETAIL)
         for elevation in task.elevations:
-            views = task.views(model, 0.0, elevation, EVERY_DEGREE)
+            views = task.views(model, azimuths(EVERY_DEGREE), elevation)
             values = similarity.values(views)
             top = int(values.argmax())
             tops.append((float(values[top]), name, views[top]))

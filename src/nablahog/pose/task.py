@@ -9,11 +9,9 @@ from typing import Literal, TypeAlias
 import torch
 from torch import Tensor
 
-from .canvas import DISTANCE
 from .choices import Kind
 from .matching import Model, Photograph
-from .placing import place
-from .search import turn_table
+from .placing import place, upright
 
 Ascent: TypeAlias = Literal["hill", "momentum", "lbfgs"]
 
@@ -63,11 +61,10 @@ class Task:
             self.progress(done, len(self.models), name)
             yield name, model
 
-    def views(self, model: Model, azimuth: float, elevation: float, count: int) -> Tensor:
-        """``count`` views around from an azimuth, (count, 6), each placed so that it fills the box."""
+    def views(self, model: Model, azimuths: Tensor, elevation: float) -> Tensor:
+        """Views at azimuths (N,), (N, 6), each placed so that it fills the box."""
         canvas = self.photograph.canvas
-        start = torch.tensor([azimuth, elevation, DISTANCE, 0, 0, 0], dtype=torch.float64)
-        return place(turn_table(start, count), model.hull, canvas.camera, canvas.size)
+        return place(upright(azimuths, elevation), model.hull, canvas.camera, canvas.size)
 
     @property
     def elevations(self) -> tuple[float, ...]:

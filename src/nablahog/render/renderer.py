@@ -12,6 +12,7 @@ from torch.autograd.function import once_differentiable
 from .camera import Camera, check_poses, motion
 from .kernels.moments import moments
 from .kernels.rigid import Rigid
+from .kernels.turns import by_pose
 from .mesh import Mesh
 from .shading import Light, corner_brightness
 from .steps import render_steps
@@ -215,9 +216,14 @@ def pull_back(given: Tensor, moved: Tensor, poses: Tensor, camera: Camera) -> Te
 
     a and b are polynomials in the ray, so that few sums over pixels serve all parameters.
     """
+    sums = moments(given, moved, *_rays(poses, camera, moved))
+    try:
+        return torch.from_numpy(by_pose(sums.numpy(), poses.detach().double().numpy(), camera.focal)).to(moved)
+    except RuntimeError:  # inside a function transform tensors have numbers but show no memory
+        pass
     turn, move, shift = motion(poses.double())
     # [..., m, n] is with x^m y^n
-    along_x, near_x, along_y, near_y = moments(given, moved, *_rays(poses, camera, moved)).unbind(1)
+    along_x, near_x, along_y, near_y = sums.unbind(1)
     by_turn = [
         -along_x[:, 1, 1] - along_y[:, 0, 0] - along_y[:, 0, 2],
         along_x[:, 0, 0] + along_x[:, 2, 0] + along_y[:, 1, 1],

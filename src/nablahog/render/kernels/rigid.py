@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ...threads import in_threads
-from ..camera import Camera, rotations
+from ..camera import Camera
 from ..clip import NEAR, clip
 from ..topology import Edges
 from .draw import draw
+from .turns import turns
 
 Floats = NDArray[np.float32]
 Integers = NDArray[np.int32]
@@ -89,12 +90,13 @@ class Rigid:
         shape = batch, camera.height, camera.width
         image = np.broadcast_to(background.detach().to(torch.float32).numpy(), shape).copy()
         moved = np.zeros((batch, 4 if derivative else 0, *shape[1:]), np.float32)
-        turns, distances = rotations(poses.detach()), poses.detach()[:, 2]
-        eyes = -distances[:, None] * turns[:, 2]
-        middles = (poses.detach()[:, 4:] + torch.tensor([camera.width / 2, camera.height / 2])) * self.step
+        given = poses.detach().numpy()
+        turned, distances = turns(given), given[:, 2]
+        eyes = -distances[:, None] * turned[:, 2]
+        middles = (given[:, 4:] + (camera.width / 2, camera.height / 2)) * self.step
         near = NEAR * distances
         nearest = near * (1 - _TOUCHING)
-        of_pose = [part.to(torch.float32).numpy() for part in (turns, distances, eyes, middles, near, nearest)]
+        of_pose = [part.astype(np.float32) for part in (turned, distances, eyes, middles, near, nearest)]
         cut = np.zeros(batch, np.bool_)
         threads = min(torch.get_num_threads(), batch)
 
@@ -119,8 +121,8 @@ class Rigid:
 
     def _draw_cut(self, of_pose: Sequence[Floats], image: Floats, moved: Floats) -> None:
         """The same for one pose with a part of the object behind the near plane."""
-        turns, distances, eyes, middles, near, nearest = of_pose
-        points = torch.from_numpy(self.vertices @ turns[0].T)
+        turned, distances, eyes, middles, near, nearest = of_pose
+        points = torch.from_numpy(self.vertices @ turned[0].T)
         points[:, 2] += float(distances[0])
         faces, corners = torch.from_numpy(self.faces).long(), torch.from_numpy(self.corners)
         found = clip(points, faces, corners, float(near[0]))
