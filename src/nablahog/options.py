@@ -209,7 +209,7 @@ def quality(command: argparse.ArgumentParser) -> None:
         "--quality",
         choices=get_args(QualityName),
         default="best",
-        help="fast: coarser images, in about a tenth of the time (default: best)",
+        help="fast: coarser images, in about a sixth of the time (default: best)",
     )
 
 

@@ -28,7 +28,7 @@ SPREAD = 0.3  # standard deviation, in 0…1, of the noise the samples begin wit
 ENOUGH = 90  # evaluations of a sample, to explain so much away: with fewer it begins with less
 SMOOTHING = 0.9  # pixels: what the samples agree on is coarser
 MEMORY = 2**29  # bytes that the searches of a part of a batch take, about
-VECTORS = 44  # of unknowns that a search of one image holds at most: measured, memory and images and all copies
+VECTORS = 32  # of unknowns that a search of one image holds at most: measured, memory and images and all copies
 TAILS = 0.005  # share of pixels that may be clipped at either end when the image is brought to 0…1
 
 
@@ -109,7 +109,7 @@ def reconstruct(
         descriptor: (B, rows, cols, channels), float32 or float64, on any device.
         spec: the dialect that made it.
         image_size: (height, width); by default whole cells, rows · cell height and cols · cell width.
-        quality: ``"best"``, or ``"fast"``: a tenth of the evaluations, for a coarser image.
+        quality: ``"best"``, or ``"fast"``: an eighth of the evaluations, for a coarser image.
         seed: of the noise that the search starts from.  The same for every image of the batch.
         max_evaluations: operator evaluations an image may spend, at least 2, instead of the quality's: 660 where
             several samples are drawn, else 480, or 80.
