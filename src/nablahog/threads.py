@@ -26,6 +26,16 @@ def in_threads(work: Callable[[int], Result], count: int) -> list[Result]:
     return list(_pool(threads).map(work, range(count)))
 
 
+def share_out(work: Callable[[int, int], None], count: int) -> None:
+    """``work(start, stop)`` of equal parts of ``count`` things in a row, as many as threads."""
+    threads = min(torch.get_num_threads(), count)
+    if threads > 1:
+        ends = [count * k // threads for k in range(threads + 1)]
+        in_threads(lambda k: work(ends[k], ends[k + 1]), threads)
+    elif count:
+        work(0, count)
+
+
 @lru_cache
 def _pool(threads: int) -> ThreadPoolExecutor:
     pool = ThreadPoolExecutor(threads, "nablahog", initializer=_one_thread)

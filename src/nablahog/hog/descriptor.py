@@ -27,7 +27,6 @@ def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
         raise TypeError(f"images must be float32 or float64 in 0…1, or uint8 in 0…255, got {images.dtype}")
     if backend != "auto":
         check_choice("backend", backend, Backend)
-    spec.grid(*images.shape[-2:])
 
 
 def histograms(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> Tensor:
@@ -38,6 +37,7 @@ def histograms(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> T
     _check(images, spec, backend)
     if backend == "auto" and kernels.supports(images.device, spec):
         return kernels.histograms(images, spec)
+    spec.grid(*images.shape[-2:])  # which the loops look up together with what else they know of a size
     return plain_histograms(images, spec)
 
 
@@ -73,6 +73,7 @@ def hog(
     if backend == "auto" and kernels.supports(images.device, spec):
         found = kernels.describe(images, spec)
     else:
+        spec.grid(*images.shape[-2:])
         found = normalize(plain_histograms(images, spec), spec).permute(0, 2, 3, 1).contiguous()  # Eq. 7
     return found if layout == "cells" else to_layout(found, spec)
 

@@ -75,17 +75,14 @@ class _Running:
     """The problems whose search goes on."""
 
     def __init__(self, objective: Objective, start: Tensor, memory: int, first_step: float) -> None:
-        self.objective, self.index, self.first_step = (
-            objective,
-            torch.arange(len(start), device=start.device),
-            first_step,
-        )
-        x = start.clone()
-        value, gradient = objective(x, self.index)
+        self.objective, self.first_step = objective, first_step
+        self.index = torch.arange(len(start), device=start.device)
+        values, gradient = (found.clone() for found in objective(start, self.index))
         direction = _steepest(gradient, first_step)
-        self.vectors = (CompiledVectors if x.device.type == "cpu" else Vectors)(x, gradient.clone(), direction, memory)
+        kind = CompiledVectors if start.device.type == "cpu" else Vectors
+        self.vectors = kind(start.clone(), gradient, direction, memory)
         peaks = torch.linalg.vector_norm(gradient, torch.inf, dim=1)
-        self.numbers = _Numbers.at_start(value.cpu(), peaks.cpu(), _dot(gradient, direction), memory)
+        self.numbers = _Numbers.at_start(values.cpu(), peaks.cpu(), _dot(gradient, direction), memory)
 
     def go_on(self) -> None:
         """One evaluation of each, and what follows from it."""

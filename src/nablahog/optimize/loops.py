@@ -8,6 +8,7 @@ from torch import Tensor
 
 from ..compile import compiled, inlined, instruction
 from ..simd import Builder, Lanes, lanes
+from ..threads import share_out
 from .decisions import ALONG, BESIDE, CHANGE_ALONG, CHANGE_SQUARED, CHANGE_WITH_NEW
 from .vectors import Vectors
 
@@ -168,12 +169,12 @@ def _dot(left: Any, at: int, right: Any, begin: int, count: int) -> Any:
 
 
 @compiled
-def _dots(n: int, new: Any, old: Any, directions: Any, stored: Any, found: Any) -> None:
-    """To ``found`` (B, 2m + 4), what :meth:`Vectors.dots` returns; all others (…,) with all vectors in a row."""
+def _dots(start: int, stop: int, n: int, new: Any, old: Any, directions: Any, stored: Any, found: Any) -> None:
+    """To rows of ``found`` (B, 2m + 4), what :meth:`Vectors.dots` returns; of arrays (…,) with all vectors in a row."""
     both = found.shape[1] - BESIDE
     whole = n // FOURS * FOURS
     flat = found.reshape(-1)
-    for i in range(len(found)):
+    for i in range(start, stop):
         begin, at = i * n, i * found.shape[1] + both
         _changes(new, old, directions, begin, whole, flat, at)
         for k in range(begin + whole, begin + n):
@@ -216,6 +217,8 @@ def _combine(begin: int, count: int, first: int, n: int, coefficients: Any, stor
 
 @compiled
 def _move(
+    start: int,
+    stop: int,
     taken: Any,
     places: Any,
     coefficients: Any,
@@ -227,9 +230,9 @@ def _move(
     slopes: Any,
     peaks: Any,
 ) -> None:
-    """What :meth:`Vectors.move` does, with the slopes (B,) and largest numbers; all vectors of arrays (…,) in a row."""
+    """What :meth:`Vectors.move` does for some problems; all vectors of arrays (…,) in a row."""
     both, n = coefficients.shape[1] - 1, len(xs) // len(taken)
-    for i in range(len(taken)):
+    for i in range(start, stop):
         step, by = taken[i], coefficients[i, both]
         if step > 0:
             slope, peak = step - step, step - step
@@ -250,12 +253,13 @@ def _move(
 
 
 class CompiledVectors(Vectors):
-    """In loops, a problem after the other: what one of them needs stays in the caches until it has moved on."""
+    """In loops, in as many threads as PyTorch takes: what a problem needs stays in the caches until it has moved on."""
 
     def dots(self, trial_gradient: Tensor) -> Tensor:
         found = self.x.new_empty(len(self.x), self.stored.shape[1] + BESIDE)
         vectors = (trial_gradient, self.gradient, self.direction, self.stored)
-        _dots(self.x.shape[1], *(each.view(-1).numpy() for each in vectors), found.numpy())
+        arrays = *(each.view(-1).numpy() for each in vectors), found.numpy()
+        share_out(lambda start, stop: _dots(start, stop, self.x.shape[1], *arrays), len(found))
         return found
 
     def move(
@@ -263,4 +267,5 @@ class CompiledVectors(Vectors):
     ) -> None:
         vectors = (trial_gradient, self.x, self.gradient, self.direction, self.stored)
         numbers = (taken.numpy(), places.numpy(), coefficients.numpy())
-        _move(*numbers, *(each.view(-1).numpy() for each in vectors), slopes.numpy(), peaks.numpy())
+        arrays = *(each.view(-1).numpy() for each in vectors), slopes.numpy(), peaks.numpy()
+        share_out(lambda start, stop: _move(start, stop, *numbers, *arrays), len(taken))

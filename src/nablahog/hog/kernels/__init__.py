@@ -41,6 +41,7 @@ def _in_graph(images: Tensor) -> bool:
 def describe(images: Tensor, spec: HOGSpec) -> Tensor:
     """The descriptors (B, rows, cols, channels) of images (B, C, H, W) that these loops :func:`supports`."""
     if _in_graph(images):
+        spec.grid(*images.shape[2:])
         found: Tensor = operators.describe(images, spec.to_json())
         return found
     each = functions.apply(functions.DESCRIBE, one_by_one(images, spec), _of_one_colour(spec))
@@ -50,6 +51,7 @@ def describe(images: Tensor, spec: HOGSpec) -> Tensor:
 def histograms(images: Tensor, spec: HOGSpec) -> Tensor:
     """Cell histograms (B, colours · bins, rows, cols) of images (B, C, H, W)."""
     if _in_graph(images):
+        spec.grid(*images.shape[2:])
         found: Tensor = operators.cells(images, spec.to_json())
     else:
         each = functions.apply(functions.CELLS, one_by_one(images, spec), _of_one_colour(spec))

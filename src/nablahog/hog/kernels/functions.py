@@ -77,14 +77,14 @@ class _Simple(Function):
 
     @staticmethod
     def forward(ctx: Any, x: Tensor, step: Step, spec: HOGSpec) -> Tensor:
-        found, kept = step.run(x.detach(), spec)
+        found, ctx.kept = step.run(x.detach(), spec)
         ctx.step, ctx.spec = step, spec
-        ctx.save_for_backward(x, kept)
+        ctx.save_for_backward(x)
         return found
 
     @staticmethod
     def backward(ctx: Any, given: Tensor) -> tuple[Tensor, None, None]:
-        x, kept = ctx.saved_tensors
+        (x,), kept = ctx.saved_tensors, ctx.kept
         if _batched(given):
             return _back_through_plain_steps(x, given, ctx.step, ctx.spec), None, None
         if torch.is_grad_enabled() or not _as_they_seem():

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from ...threads import in_threads
+from ...threads import share_out
 from ..normalizers import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm
 from ..spec import HOGSpec
 from . import plans
@@ -51,6 +50,7 @@ class _Pixels(_Found):
 
     def __init__(self, spec: HOGSpec, shape: torch.Size, stored: torch.dtype) -> None:
         super().__init__()
+        spec.grid(*shape[1:])  # or it is too small
         double = stored == torch.float64
         self.real: Any = np.float64 if double else np.float32
         self.pooling = plans.pooling(spec, shape[1], shape[2], torch.float64 if double else torch.float32)
@@ -106,30 +106,13 @@ _pixels = lru_cache(maxsize=64)(_Pixels)
 _norm = lru_cache(maxsize=64)(_Norm)
 
 
-def _parts(count: int) -> list[tuple[int, int]]:
-    """``count`` things in a row, as equal parts as threads."""
-    threads = min(torch.get_num_threads(), count)
-    ends = [count * k // threads for k in range(threads + 1)]
-    return list(pairwise(ends))
-
-
-def _share_out(work: Callable[[int, int], None], count: int) -> None:
-    if count == 0:
-        return
-    if count == 1 or torch.get_num_threads() == 1:
-        work(0, count)
-        return
-    parts = _parts(count)
-    in_threads(lambda k: work(*parts[k]), len(parts))
-
-
 def _cells(images: Tensor, spec: HOGSpec) -> Any:
     known = _pixels(spec, images.shape[1:], images.dtype)
     plan, batch = (*known.stored(images), *known.plan), len(images)
     found = np.empty((batch, *known.cells), known.real)
     if known.in_bands(batch):
         of_bands, none = np.empty((known.bands, known.of_band), known.real), found[:0]
-        _share_out(lambda *some: known.run(loop_over_cells, *plan, (0, 1), some, of_bands, none), known.bands)
+        share_out(lambda *some: known.run(loop_over_cells, *plan, (0, 1), some, of_bands, none), known.bands)
         known.run(add_bands, of_bands, known.pooling, found[0])
     else:
         every = 0, known.bands
@@ -138,7 +121,7 @@ def _cells(images: Tensor, spec: HOGSpec) -> Any:
             of_band = np.empty((1, known.of_band), known.real)  # each thread's own
             known.run(loop_over_cells, *plan, some, every, of_band, found)
 
-        _share_out(work, batch)
+        share_out(work, batch)
     return found
 
 
@@ -147,24 +130,24 @@ def _cells_back(images: Tensor, reached: Any, spec: HOGSpec) -> Any:
     plan, batch = (*known.stored(images), *known.plan), len(images)
     found = np.empty((batch, known.channels, known.height, known.width), known.real)
     if known.in_bands(batch):
-        _share_out(lambda *some: known.run(cells_adjoint, *plan, reached, (0, 1), some, found), known.height)
+        share_out(lambda *some: known.run(cells_adjoint, *plan, reached, (0, 1), some, found), known.height)
     else:
         rows = 0, known.height
-        _share_out(lambda *some: known.run(cells_adjoint, *plan, reached, some, rows, found), batch)
+        share_out(lambda *some: known.run(cells_adjoint, *plan, reached, some, rows, found), batch)
     return found
 
 
 def _normed(cells: Any, spec: HOGSpec) -> Any:
     known = _norm(spec, cells.shape[1:], cells.dtype.type)
     found = np.empty((cells.shape[0], *known.grid), cells.dtype)
-    _share_out(lambda start, stop: known.run(known.loop, cells, known.scheme, start, stop, found), len(cells))
+    share_out(lambda start, stop: known.run(known.loop, cells, known.scheme, start, stop, found), len(cells))
     return found
 
 
 def _norm_back(cells: Any, reached: Any, spec: HOGSpec) -> Any:
     known = _norm(spec, cells.shape[1:], cells.dtype.type)
     found = np.empty(cells.shape, cells.dtype)
-    _share_out(lambda start, stop: known.run(known.back, cells, known.scheme, reached, start, stop, found), len(cells))
+    share_out(lambda start, stop: known.run(known.back, cells, known.scheme, reached, start, stop, found), len(cells))
     return found
 
 
@@ -188,7 +171,7 @@ def cells_forward(images: Tensor, changes: Tensor, spec: HOGSpec) -> Tensor:
     beyond = known.reading._replace(beyond=known.reading.beyond * 0)
     plan = *known.stored(images), _array(changes), known.reading, beyond, *known.plan[1:]
     found = np.empty((images.shape[0], *known.cells), known.real)
-    _share_out(lambda start, stop: known.run(tangents_of_images, *plan, start, stop, found), len(found))
+    share_out(lambda start, stop: known.run(tangents_of_images, *plan, start, stop, found), len(found))
     return torch.from_numpy(found)
 
 
