@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
@@ -28,6 +28,9 @@ from .vectors import (
     global_norm,
     rectangles,
 )
+
+Work: TypeAlias = Callable[[int, int], None]
+"""Goes over some images, from the first to the one behind the last."""
 
 _LARGE = 2**16  # pixels of an image that is worth more than one thread
 
@@ -61,9 +64,9 @@ class _Pixels(_Found):
             len(self.pooling.bands),
             (self.pooling.cols + self.pooling.wide) * self.pooling.of_cell,
         )
-        self.channels, self.height, self.width = shape
+        self.shape = channels, self.height, self.width = tuple(shape)
         plane = self.height * self.width
-        self.dense = 0, (self.height, self.width), (self.channels * plane, plane, self.width, 1)
+        self.dense = 0, (self.height, self.width), (channels * plane, plane, self.width, 1)
         self.large = plane >= _LARGE
 
     def stored(self, images: Tensor) -> tuple[Any, int, tuple[int, int], tuple[int, ...]]:
@@ -77,6 +80,21 @@ class _Pixels(_Found):
     def in_bands(self, batch: int) -> bool:
         """Whether threads share out parts of an image, not whole ones."""
         return self.large and batch == 1 and torch.get_num_threads() > 1
+
+    def to_cells(self, images: Tensor, found: Any) -> Work:
+        """From some whole images to their cells, ``found``."""
+        plan, every = (*self.stored(images), *self.plan), (0, self.bands)
+
+        def work(*some: int) -> None:
+            of_band = np.empty((1, self.of_band), self.real)  # each thread's own
+            self.run(loop_over_cells, *plan, some, every, of_band, found)
+
+        return work
+
+    def back(self, images: Tensor, reached: Any, found: Any) -> Work:
+        """From what reaches the cells of some whole images to what reaches the images, ``found``."""
+        plan, rows = (*self.stored(images), *self.plan), (0, self.height)
+        return lambda *some: self.run(cells_adjoint, *plan, reached, some, rows, found)
 
 
 class _Norm(_Found):
@@ -101,54 +119,41 @@ class _Norm(_Found):
             self.scheme = float(scheme.epsilon), scheme.form == "robust"
         self.grid = (*scheme.grid(*shape[:2]), spec.channels)
 
+    def of_cells(self, cells: Any, found: Any) -> Work:
+        """From some images' cells to their descriptors, ``found``."""
+        return lambda start, stop: self.run(self.loop, cells, self.scheme, start, stop, found)
+
+    def to_cells(self, cells: Any, reached: Any, found: Any) -> Work:
+        """From what reaches some images' descriptors to what reaches their cells, ``found``."""
+        return lambda start, stop: self.run(self.back, cells, self.scheme, reached, start, stop, found)
+
 
 _pixels = lru_cache(maxsize=64)(_Pixels)
 _norm = lru_cache(maxsize=64)(_Norm)
 
 
-def _cells(images: Tensor, spec: HOGSpec) -> Any:
-    known = _pixels(spec, images.shape[1:], images.dtype)
-    plan, batch = (*known.stored(images), *known.plan), len(images)
-    found = np.empty((batch, *known.cells), known.real)
-    if known.in_bands(batch):
-        of_bands, none = np.empty((known.bands, known.of_band), known.real), found[:0]
-        share_out(lambda *some: known.run(loop_over_cells, *plan, (0, 1), some, of_bands, none), known.bands)
-        known.run(add_bands, of_bands, known.pooling, found[0])
-    else:
-        every = 0, known.bands
+def _and_then(first: Work, second: Work) -> Work:
+    """Both, of the same images: what the first has found is still near when the second wants it."""
 
-        def work(*some: int) -> None:
-            of_band = np.empty((1, known.of_band), known.real)  # each thread's own
-            known.run(loop_over_cells, *plan, some, every, of_band, found)
+    def work(start: int, stop: int) -> None:
+        first(start, stop)
+        second(start, stop)
 
-        share_out(work, batch)
-    return found
+    return work
 
 
-def _cells_back(images: Tensor, reached: Any, spec: HOGSpec) -> Any:
-    known = _pixels(_followed(spec), images.shape[1:], images.dtype)
-    plan, batch = (*known.stored(images), *known.plan), len(images)
-    found = np.empty((batch, known.channels, known.height, known.width), known.real)
-    if known.in_bands(batch):
-        share_out(lambda *some: known.run(cells_adjoint, *plan, reached, (0, 1), some, found), known.height)
-    else:
-        rows = 0, known.height
-        share_out(lambda *some: known.run(cells_adjoint, *plan, reached, some, rows, found), batch)
-    return found
+def _in_bands(images: Tensor, known: _Pixels, found: Any) -> None:
+    """From a single image to its cells, ``found``."""
+    plan, none = (*known.stored(images), *known.plan), found[:0]
+    of_bands = np.empty((known.bands, known.of_band), known.real)
+    share_out(lambda *some: known.run(loop_over_cells, *plan, (0, 1), some, of_bands, none), known.bands)
+    known.run(add_bands, of_bands, known.pooling, found[0])
 
 
-def _normed(cells: Any, spec: HOGSpec) -> Any:
-    known = _norm(spec, cells.shape[1:], cells.dtype.type)
-    found = np.empty((cells.shape[0], *known.grid), cells.dtype)
-    share_out(lambda start, stop: known.run(known.loop, cells, known.scheme, start, stop, found), len(cells))
-    return found
-
-
-def _norm_back(cells: Any, reached: Any, spec: HOGSpec) -> Any:
-    known = _norm(spec, cells.shape[1:], cells.dtype.type)
-    found = np.empty(cells.shape, cells.dtype)
-    share_out(lambda start, stop: known.run(known.back, cells, known.scheme, reached, start, stop, found), len(cells))
-    return found
+def _back_in_rows(images: Tensor, known: _Pixels, reached: Any, found: Any) -> None:
+    """From what reaches a single image's cells to what reaches it, ``found``."""
+    plan = *known.stored(images), *known.plan
+    share_out(lambda *some: known.run(cells_adjoint, *plan, reached, (0, 1), some, found), known.height)
 
 
 def _array(tensor: Tensor) -> Any:
@@ -157,12 +162,24 @@ def _array(tensor: Tensor) -> Any:
 
 def cells(images: Tensor, spec: HOGSpec) -> Tensor:
     """Eq. 1-6: images (B, C, H, W), C = 1 if colours are separate, to cells (B, rows, cols, bins)."""
-    return torch.from_numpy(_cells(images, spec))
+    known, batch = _pixels(spec, images.shape[1:], images.dtype), len(images)
+    found = np.empty((batch, *known.cells), known.real)
+    if known.in_bands(batch):
+        _in_bands(images, known, found)
+    else:
+        share_out(known.to_cells(images, found), batch)
+    return torch.from_numpy(found)
 
 
 def cells_back(images: Tensor, given: Tensor, spec: HOGSpec) -> Tensor:
     """The adjoint: what reaches the images from ``given`` (B, rows, cols, bins), of the cells."""
-    return torch.from_numpy(_cells_back(images, _array(given), spec))
+    known, batch, reached = _pixels(_followed(spec), images.shape[1:], images.dtype), len(images), _array(given)
+    found = np.empty((batch, *known.shape), known.real)
+    if known.in_bands(batch):
+        _back_in_rows(images, known, reached, found)
+    else:
+        share_out(known.back(images, reached, found), batch)
+    return torch.from_numpy(found)
 
 
 def cells_forward(images: Tensor, changes: Tensor, spec: HOGSpec) -> Tensor:
@@ -177,24 +194,47 @@ def cells_forward(images: Tensor, changes: Tensor, spec: HOGSpec) -> Tensor:
 
 def norm(histograms: Tensor, spec: HOGSpec) -> Tensor:
     """The normaliser: cells (B, rows, cols, bins) to descriptors (B, rows, cols, channels) of one colour."""
-    return torch.from_numpy(_normed(_array(histograms), spec))
+    cells = _array(histograms)
+    known = _norm(spec, cells.shape[1:], cells.dtype.type)
+    found = np.empty((len(cells), *known.grid), cells.dtype)
+    share_out(known.of_cells(cells, found), len(cells))
+    return torch.from_numpy(found)
 
 
 def norm_back(histograms: Tensor, given: Tensor, spec: HOGSpec) -> Tensor:
     """Its adjoint: what reaches the histograms from ``given`` (B, rows, cols, channels), of the descriptors."""
-    return torch.from_numpy(_norm_back(_array(histograms), _array(given), spec))
+    cells = _array(histograms)
+    known = _norm(spec, cells.shape[1:], cells.dtype.type)
+    found = np.empty_like(cells)
+    share_out(known.to_cells(cells, _array(given), found), len(cells))
+    return torch.from_numpy(found)
 
 
 def describe(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     """All of it: the descriptors, and the cells."""
-    histograms = _cells(images, spec)
-    return torch.from_numpy(_normed(histograms, spec)), torch.from_numpy(histograms)
+    known, batch = _pixels(spec, images.shape[1:], images.dtype), len(images)
+    norm = _norm(spec, known.cells, known.real)
+    histograms, found = np.empty((batch, *known.cells), known.real), np.empty((batch, *norm.grid), known.real)
+    if known.in_bands(batch):
+        _in_bands(images, known, histograms)
+        norm.of_cells(histograms, found)(0, batch)
+    else:
+        share_out(_and_then(known.to_cells(images, histograms), norm.of_cells(histograms, found)), batch)
+    return torch.from_numpy(found), torch.from_numpy(histograms)
 
 
 def describe_back(images: Tensor, histograms: Tensor, given: Tensor, spec: HOGSpec) -> Tensor:
     """Its adjoint: what reaches the images from ``given``, of the descriptors, whose cells are known."""
-    to_cells = _norm_back(_array(histograms), _array(given), spec)
-    return torch.from_numpy(_cells_back(images, to_cells, spec))
+    known, batch = _pixels(_followed(spec), images.shape[1:], images.dtype), len(images)
+    norm, cells = _norm(spec, known.cells, known.real), _array(histograms)
+    to_cells, found = np.empty(cells.shape, cells.dtype), np.empty((batch, *known.shape), known.real)
+    of_norm = norm.to_cells(cells, _array(given), to_cells)
+    if known.in_bands(batch):
+        of_norm(0, batch)
+        _back_in_rows(images, known, to_cells, found)
+    else:
+        share_out(_and_then(of_norm, known.back(images, to_cells, found)), batch)
+    return torch.from_numpy(found)
 
 
 def _followed(spec: HOGSpec) -> HOGSpec:
