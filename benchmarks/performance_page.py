@@ -68,8 +68,8 @@ def _how(record: Record) -> str:
 numbers are in [performance.json](performance.json). {machine}.*
 
 Every ratio is of two programs of the same run; above 1 this package is the faster one, and **bold** is a loss. The
-programs of a shape take turns; in its turn each makes one call that is not counted, since it finds the caches full of what
-another program left, and then as many as take {TURN_MS:g} ms, at most {MOST_CALLS}. A
+programs of a shape take turns; in its turn each makes one call that is not counted, since it finds the caches full of
+what another program left, and then as many as take {TURN_MS:g} ms, at most {MOST_CALLS}. A
 time is the median over the turns, a ratio the median of the peer's time divided by ours in the same turn; in brackets
 are the quartiles. Times are those of the processor, on **one thread** unless another number is given; of more threads
 the shortest wall time counts, since what waits for a busy core says nothing. The **warm-up**, not counted, is two
