@@ -17,8 +17,6 @@ from .loops import CompiledVectors
 from .result import BUDGET, GRADIENT, LINE_SEARCH, PROGRESS, WINDOW, History, Minimum, Objective, Watch
 from .vectors import Vectors
 
-REASONS = (BUDGET, GRADIENT, PROGRESS, LINE_SEARCH)
-
 
 def _remaining(done: Tensor, *state: Tensor) -> list[Tensor]:
     """The rows of each tensor that are not ``done`` (B,), in place: the last of them fill the gaps, no others move."""

@@ -60,10 +60,8 @@ class _Pixels(_Found):
         self.reading = plans.reading(spec, shape[0], shape[1], shape[2], stored)
         self.plan = self.reading, plans.voting(spec, self.real), self.pooling
         self.cells = self.pooling.rows, self.pooling.cols, self.pooling.bins
-        self.bands, self.of_band = (
-            len(self.pooling.bands),
-            (self.pooling.cols + self.pooling.wide) * self.pooling.of_cell,
-        )
+        self.bands = len(self.pooling.bands)
+        self.of_band = (self.pooling.cols + self.pooling.wide) * self.pooling.of_cell
         self.shape = channels, self.height, self.width = tuple(shape)
         plane = self.height * self.width
         self.dense = 0, (self.height, self.width), (channels * plane, plane, self.width, 1)
@@ -142,7 +140,7 @@ def _and_then(first: Work, second: Work) -> Work:
     return work
 
 
-def _in_bands(images: Tensor, known: _Pixels, found: Any) -> None:
+def _to_cells_in_bands(images: Tensor, known: _Pixels, found: Any) -> None:
     """From a single image to its cells, ``found``."""
     plan, none = (*known.stored(images), *known.plan), found[:0]
     of_bands = np.empty((known.bands, known.of_band), known.real)
@@ -165,7 +163,7 @@ def cells(images: Tensor, spec: HOGSpec) -> Tensor:
     known, batch = _pixels(spec, images.shape[1:], images.dtype), len(images)
     found = np.empty((batch, *known.cells), known.real)
     if known.in_bands(batch):
-        _in_bands(images, known, found)
+        _to_cells_in_bands(images, known, found)
     else:
         share_out(known.to_cells(images, found), batch)
     return torch.from_numpy(found)
@@ -216,7 +214,7 @@ def describe(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     norm = _norm(spec, known.cells, known.real)
     histograms, found = np.empty((batch, *known.cells), known.real), np.empty((batch, *norm.grid), known.real)
     if known.in_bands(batch):
-        _in_bands(images, known, histograms)
+        _to_cells_in_bands(images, known, histograms)
         norm.of_cells(histograms, found)(0, batch)
     else:
         share_out(_and_then(known.to_cells(images, histograms), norm.of_cells(histograms, found)), batch)

@@ -71,9 +71,7 @@ class Pooling(NamedTuple):
     band_of: Any  # (height,): -1 for rows that do not vote
     by_row: Any  # (height · high,): weights of a row of pixels
     runs: Any  # (runs, 3): first column of pixels, the one after the last, first column of cells
-    by_col: (
-        Any  # (runs · wide · length,): weights of a run's columns for each of its cells, zero behind the last; padded
-    )
+    by_col: Any  # (runs · wide · length + padding,): weights of a run's columns for each of its cells, zero behind them
     parts: Any  # (parts, 2): first run, the one after the last, of few enough columns for a processor's first cache
     length: int  # columns of a run, rounded up to whole eights
     columns: int  # of a part
