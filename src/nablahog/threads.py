@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import lru_cache
+from itertools import pairwise
 from typing import TypeVar
 
 import torch
@@ -27,13 +28,24 @@ def in_threads(work: Callable[[int], Result], count: int) -> list[Result]:
 
 
 def share_out(work: Callable[[int, int], None], count: int) -> None:
-    """``work(start, stop)`` of equal parts of ``count`` things in a row, as many as threads."""
-    threads = min(torch.get_num_threads(), count)
-    if threads > 1:
-        ends = [count * k // threads for k in range(threads + 1)]
-        in_threads(lambda k: work(ends[k], ends[k + 1]), threads)
-    elif count:
-        work(0, count)
+    """``work(start, stop)`` of equal parts of ``count`` things in a row, as many as threads, one of them the caller's.
+
+    It is for loops that call nothing of PyTorch's.
+    """
+    threads = torch.get_num_threads()
+    parts = min(threads, count)
+    if parts < 2:
+        if count:
+            work(0, count)
+        return
+    ends = [count * k // parts for k in range(1, parts + 1)]
+    others = [_pool(threads).submit(work, *each) for each in pairwise(ends)]
+    try:
+        work(0, ends[0])
+    finally:
+        wait(others)
+    for other in others:
+        other.result()
 
 
 @lru_cache

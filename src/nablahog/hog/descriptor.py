@@ -35,7 +35,7 @@ def histograms(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> T
     Entries are votes, gradient magnitudes in units of the spec's ``value_range``, 0 or more.
     """
     _check(images, spec, backend)
-    if backend == "auto" and kernels.supports(images.device, spec):
+    if backend == "auto" and images.is_cpu and kernels.supports(spec):
         return kernels.histograms(images, spec)
     spec.grid(*images.shape[-2:])  # which the loops look up together with what else they know of a size
     return plain_histograms(images, spec)
@@ -70,7 +70,7 @@ def hog(
         ValueError: ``images`` is not four-dimensional, or smaller than one cell.
     """
     _check(images, spec, backend)
-    if backend == "auto" and kernels.supports(images.device, spec):
+    if backend == "auto" and images.is_cpu and kernels.supports(spec):
         found = kernels.describe(images, spec)
     else:
         spec.grid(*images.shape[-2:])

@@ -142,7 +142,7 @@ def _reach(spec: HOGSpec, axis: int) -> tuple[int, int]:
 def _bands(spec: HOGSpec, width: int, dtype: torch.dtype) -> _Bands:
     """Of tall images, at least so wide."""
     step, reach = _steps(spec, 0)[0], _reach(spec, 0)[1]
-    if not supports(torch.device("cpu"), spec):
+    if not supports(spec):
         return _Bands(step, 1, 1)  # plain steps have no bands
     height = _STEPS * step + 16 * reach
     bands = [(int(start), int(stop)) for start, stop, _ in plans.pooling(spec, height, width, dtype).bands]

@@ -22,10 +22,9 @@ from .colours import apart, back_together, one_by_one
 Step: TypeAlias = Callable[[Tensor, HOGSpec], Tensor]
 
 
-def supports(device: torch.device, spec: HOGSpec) -> bool:
-    """Whether these loops do what the plain steps do for images on the device and the dialect."""
-    smoothed_edges = spec.mask == "sobel" and spec.border not in ("reflect", "ignore")
-    return device.type == "cpu" and not smoothed_edges
+def supports(spec: HOGSpec) -> bool:
+    """Whether these loops do what the plain steps do for images on a CPU, in the dialect."""
+    return spec.mask != "sobel" or spec.border in ("reflect", "ignore")
 
 
 @lru_cache(maxsize=64)
@@ -39,7 +38,7 @@ def _in_graph(images: Tensor) -> bool:
 
 
 def describe(images: Tensor, spec: HOGSpec) -> Tensor:
-    """The descriptors (B, rows, cols, channels) of images (B, C, H, W) that these loops :func:`supports`."""
+    """The descriptors (B, rows, cols, channels) of images (B, C, H, W) on a CPU, of a dialect these loops support."""
     if _in_graph(images):
         spec.grid(*images.shape[2:])
         found: Tensor = operators.describe(images, spec.to_json())
@@ -69,4 +68,4 @@ def _norm(of_cells: Tensor, spec: HOGSpec) -> Tensor:
 
 def steps(device: torch.device, spec: HOGSpec) -> tuple[Step, Step]:
     """The fastest ``histograms`` of images on the device, and ``normalize``, of the dialect."""
-    return (histograms, _norm) if supports(device, spec) else (plain_histograms, normalize)
+    return (histograms, _norm) if device.type == "cpu" and supports(spec) else (plain_histograms, normalize)

@@ -120,9 +120,10 @@ def empty_lines(reading: Any, width: int, like: Any) -> Any:
 
 
 @inlined
-def empty_sums(pooling: Any, like: Any) -> Any:
-    """For the sums of a part's columns, of each row of cells and bin."""
-    return np.zeros(pooling.of_cell * padded(pooling.columns) + PADDING, like)
+def count_of_sums(pooling: Any) -> int:
+    """Of a part's columns, of each row of cells and bin."""
+    count: int = pooling.of_cell * padded(pooling.columns) + PADDING
+    return count
 
 
 @compiled
@@ -220,11 +221,12 @@ def cells(
     real = of_bands.dtype
     stride, most = padded(width), most_rows(pooling)
     few = min(rows_at_once(stride), most)
-    lines, sums = empty_lines(reading, width, real), empty_sums(pooling, real)
+    lines, sums = empty_lines(reading, width, real), np.empty(count_of_sums(pooling), real)
     gx, gy = np.zeros(few * stride, real), np.zeros(few * stride, real)
-    us, vs, winner = np.zeros(few * stride, real), np.zeros(few * stride, real), np.zeros(few * stride, np.int32)
+    several = few * stride if reading.weights.size > 1 and not reading.mixed else 0
+    us, vs, winner = np.zeros(several, real), np.zeros(several, real), np.zeros(several, np.int32)
     size = most * stride + PADDING
-    m, f, bins = np.zeros(size, real), np.zeros(size, real), np.zeros(size, np.int32)
+    m, f, bins = np.empty(size, real), np.empty(size, real), np.zeros(size, np.int32)
     hard = voting.hard or pooling.bins == 1
     for image in range(images[0], images[1]):
         of_image, read = at + image * strides[0], -1

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.autograd import Function, forward_ad
@@ -26,15 +27,15 @@ class Step:
     """A compiled step, its derivatives in both modes, and the plain step that it is.
 
     Attributes:
-        run: from the input and the dialect to the output, and what else the derivatives want to know.
+        run: from the input and the dialect to the output, and an array of what else the derivatives want to know.
         back: from the input, that, and what reaches the output, to what reaches the input.
         forward: from the input, that, and how the input changes, to how the output changes.
         plain: from the input to the output.
     """
 
-    run: Callable[[Tensor, HOGSpec], Both]
-    back: Callable[[Tensor, Tensor, Tensor, HOGSpec], Tensor]
-    forward: Callable[[Tensor, Tensor, Tensor, HOGSpec], Tensor]
+    run: Callable[[Tensor, HOGSpec], tuple[Tensor, Any]]
+    back: Callable[[Tensor, Any, Tensor, HOGSpec], Tensor]
+    forward: Callable[[Tensor, Any, Tensor, HOGSpec], Tensor]
     plain: Callable[[Tensor, HOGSpec], Tensor]
 
 
@@ -88,7 +89,7 @@ class _Simple(Function):
         if _batched(given):
             return _back_through_plain_steps(x, given, ctx.step, ctx.spec), None, None
         if torch.is_grad_enabled() or not _as_they_seem():
-            return _applied(_Back, x, kept, given, ctx.step, ctx.spec), None, None
+            return _applied(_Back, x, torch.from_numpy(kept), given, ctx.step, ctx.spec), None, None
         return ctx.step.back(x.detach(), kept, given, ctx.spec), None, None
 
 
@@ -99,7 +100,8 @@ _simple: Callable[[Tensor, Step, HOGSpec], Tensor] = super(Function, _Simple).ap
 class _Run(Function):
     @staticmethod
     def forward(x: Tensor, step: Step, spec: HOGSpec) -> Both:
-        return step.run(x.detach(), spec)
+        found, kept = step.run(x.detach(), spec)
+        return found, torch.from_numpy(kept)
 
     @staticmethod
     def setup_context(ctx: Any, inputs: tuple[Tensor, Step, HOGSpec], output: Both) -> None:
@@ -167,7 +169,7 @@ class _Derivative(Function):
 class _Back(_Derivative):
     @staticmethod
     def forward(x: Tensor, kept: Tensor, given: Tensor, step: Step, spec: HOGSpec) -> Tensor:
-        return step.back(x.detach(), kept.detach(), given.detach(), spec)
+        return step.back(x.detach(), loops.array(kept.detach()), given.detach(), spec)
 
     @staticmethod
     def plain(step: Step, spec: HOGSpec) -> Callable[[Tensor, Tensor], Tensor]:
@@ -189,7 +191,7 @@ class _Back(_Derivative):
 class _Forward(_Derivative):
     @staticmethod
     def forward(x: Tensor, kept: Tensor, change: Tensor, step: Step, spec: HOGSpec) -> Tensor:
-        return step.forward(x.detach(), kept.detach(), change.detach(), spec)
+        return step.forward(x.detach(), loops.array(kept.detach()), change.detach(), spec)
 
     @staticmethod
     def plain(step: Step, spec: HOGSpec) -> Callable[[Tensor, Tensor], Tensor]:
@@ -208,8 +210,8 @@ class _Forward(_Derivative):
         return _Forward.mapped(info, in_dims, *inputs)
 
 
-def _nothing(like: Tensor) -> Tensor:
-    return like.new_empty(like.shape[0], 0)
+def _nothing(images: Tensor) -> Any:
+    return np.empty((len(images), 0), np.float32)
 
 
 def _plain_norm(histograms: Tensor, spec: HOGSpec) -> Tensor:
@@ -220,13 +222,13 @@ def _plain_cells(images: Tensor, spec: HOGSpec) -> Tensor:
     return plain_histograms(images, spec).permute(0, 2, 3, 1)
 
 
-def _norm_forward(histograms: Tensor, _: Tensor, change: Tensor, spec: HOGSpec) -> Tensor:
+def _norm_forward(histograms: Tensor, _: Any, change: Tensor, spec: HOGSpec) -> Tensor:
     # cells are few: the plain step is fast enough
     return _push(lambda x: _plain_norm(x, spec), (histograms,), (change,))
 
 
-def _describe_forward(images: Tensor, histograms: Tensor, change: Tensor, spec: HOGSpec) -> Tensor:
-    return _norm_forward(histograms, histograms, loops.cells_forward(images, change, spec), spec)
+def _describe_forward(images: Tensor, cells: Any, change: Tensor, spec: HOGSpec) -> Tensor:
+    return _norm_forward(torch.from_numpy(cells), None, loops.cells_forward(images, change, spec), spec)
 
 
 CELLS = Step(

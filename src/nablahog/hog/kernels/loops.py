@@ -48,53 +48,6 @@ class _Found:
         found(*arguments)
 
 
-class _Pixels(_Found):
-    """What the loops over pixels need to know of a dialect and images of a size."""
-
-    def __init__(self, spec: HOGSpec, shape: torch.Size, stored: torch.dtype) -> None:
-        super().__init__()
-        spec.grid(*shape[1:])  # or it is too small
-        double = stored == torch.float64
-        self.real: Any = np.float64 if double else np.float32
-        self.pooling = plans.pooling(spec, shape[1], shape[2], torch.float64 if double else torch.float32)
-        self.reading = plans.reading(spec, shape[0], shape[1], shape[2], stored)
-        self.plan = self.reading, plans.voting(spec, self.real), self.pooling
-        self.cells = self.pooling.rows, self.pooling.cols, self.pooling.bins
-        self.bands = len(self.pooling.bands)
-        self.of_band = (self.pooling.cols + self.pooling.wide) * self.pooling.of_cell
-        self.shape = channels, self.height, self.width = tuple(shape)
-        plane = self.height * self.width
-        self.dense = 0, (self.height, self.width), (channels * plane, plane, self.width, 1)
-        self.large = plane >= _LARGE
-
-    def stored(self, images: Tensor) -> tuple[Any, int, tuple[int, int], tuple[int, ...]]:
-        """The values in memory, wherever each lies: of any strides without a copy."""
-        if images.is_contiguous():
-            return images.numpy().reshape(-1), *self.dense
-        strides = images.stride()
-        span = 1 + sum((n - 1) * step for n, step in zip(images.shape, strides, strict=True))
-        return images.as_strided((span,), (1,)).numpy(), 0, (self.height, self.width), strides
-
-    def in_bands(self, batch: int) -> bool:
-        """Whether threads share out parts of an image, not whole ones."""
-        return self.large and batch == 1 and torch.get_num_threads() > 1
-
-    def to_cells(self, images: Tensor, found: Any) -> Work:
-        """From some whole images to their cells, ``found``."""
-        plan, every = (*self.stored(images), *self.plan), (0, self.bands)
-
-        def work(*some: int) -> None:
-            of_band = np.empty((1, self.of_band), self.real)  # each thread's own
-            self.run(loop_over_cells, *plan, some, every, of_band, found)
-
-        return work
-
-    def back(self, images: Tensor, reached: Any, found: Any) -> Work:
-        """From what reaches the cells of some whole images to what reaches the images, ``found``."""
-        plan, rows = (*self.stored(images), *self.plan), (0, self.height)
-        return lambda *some: self.run(cells_adjoint, *plan, reached, some, rows, found)
-
-
 class _Norm(_Found):
     """What the loops over cells need to know of a dialect and grids of a size."""
 
@@ -126,65 +79,113 @@ class _Norm(_Found):
         return lambda start, stop: self.run(self.back, cells, self.scheme, reached, start, stop, found)
 
 
-_pixels = lru_cache(maxsize=64)(_Pixels)
 _norm = lru_cache(maxsize=64)(_Norm)
 
 
-def _and_then(first: Work, second: Work) -> Work:
-    """Both, of the same images: what the first has found is still near when the second wants it."""
+class _Pixels(_Found):
+    """What the loops over pixels need to know of a dialect and images of a size.
 
-    def work(start: int, stop: int) -> None:
-        first(start, stop)
-        second(start, stop)
+    Attributes:
+        norm: what those over their cells need to know.
+        followed: the same of the dialect whose derivative is meant.
+    """
 
-    return work
+    def __init__(self, spec: HOGSpec, shape: torch.Size, stored: torch.dtype) -> None:
+        super().__init__()
+        spec.grid(*shape[1:])  # or it is too small
+        double = stored == torch.float64
+        self.real: Any = np.float64 if double else np.float32
+        self.pooling = plans.pooling(spec, shape[1], shape[2], torch.float64 if double else torch.float32)
+        self.reading = plans.reading(spec, shape[0], shape[1], shape[2], stored)
+        self.plan = self.reading, plans.voting(spec, self.real), self.pooling
+        self.cells = self.pooling.rows, self.pooling.cols, self.pooling.bins
+        self.norm = _norm(spec, self.cells, self.real)
+        self.followed = self if spec.derivative != "linear" else _pixels(spec.with_linear_votes(), shape, stored)
+        self.bands = len(self.pooling.bands)
+        self.every_band = 0, self.bands
+        self.of_band = (self.pooling.cols + self.pooling.wide) * self.pooling.of_cell
+        self.shape = channels, self.height, self.width = tuple(shape)
+        plane = self.height * self.width
+        self.dense = 0, (self.height, self.width), (channels * plane, plane, self.width, 1)
+        self.large = plane >= _LARGE
+
+    def stored(self, images: Tensor) -> tuple[Any, int, tuple[int, int], tuple[int, ...]]:
+        """The values in memory, wherever each lies: of any strides without a copy."""
+        if images.is_contiguous():
+            return images.numpy().reshape(-1), *self.dense
+        strides = images.stride()
+        span = 1 + sum((n - 1) * step for n, step in zip(images.shape, strides, strict=True))
+        return images.as_strided((span,), (1,)).numpy(), 0, (self.height, self.width), strides
+
+    def in_bands(self, batch: int) -> bool:
+        """Whether threads share out parts of an image, not whole ones."""
+        return self.large and batch == 1 and torch.get_num_threads() > 1
+
+    def to_cells(self, images: Tensor, found: Any, then: Work) -> None:
+        """From images to their cells, ``found``; ``then`` goes on with those of some, while they are near."""
+        plan, batch = (*self.stored(images), *self.plan), images.shape[0]
+        if self.in_bands(batch):
+            of_bands = np.empty((self.bands, self.of_band), self.real)
+            share_out(lambda *some: self.run(loop_over_cells, *plan, (0, 1), some, of_bands, found[:0]), self.bands)
+            self.run(add_bands, of_bands, self.pooling, found[0])
+            then(0, 1)
+            return
+
+        def work(*some: int) -> None:
+            of_band = np.empty((1, self.of_band), self.real)  # each thread's own
+            self.run(loop_over_cells, *plan, some, self.every_band, of_band, found)
+            then(*some)
+
+        share_out(work, batch)
+
+    def back(self, images: Tensor, first: Work, reached: Any) -> Tensor:
+        """From what reaches cells, once ``first`` has found it for some images, to what reaches the images."""
+        plan, batch = (*self.stored(images), *self.plan), images.shape[0]
+        found = np.empty((batch, *self.shape), self.real)
+        if self.in_bands(batch):
+            first(0, 1)
+            share_out(lambda *some: self.run(cells_adjoint, *plan, reached, (0, 1), some, found), self.height)
+            return torch.from_numpy(found)
+
+        def work(*some: int) -> None:
+            first(*some)
+            self.run(cells_adjoint, *plan, reached, some, (0, self.height), found)
+
+        share_out(work, batch)
+        return torch.from_numpy(found)
 
 
-def _to_cells_in_bands(images: Tensor, known: _Pixels, found: Any) -> None:
-    """From a single image to its cells, ``found``."""
-    plan, none = (*known.stored(images), *known.plan), found[:0]
-    of_bands = np.empty((known.bands, known.of_band), known.real)
-    share_out(lambda *some: known.run(loop_over_cells, *plan, (0, 1), some, of_bands, none), known.bands)
-    known.run(add_bands, of_bands, known.pooling, found[0])
+_pixels = lru_cache(maxsize=64)(_Pixels)
 
 
-def _back_in_rows(images: Tensor, known: _Pixels, reached: Any, found: Any) -> None:
-    """From what reaches a single image's cells to what reaches it, ``found``."""
-    plan = *known.stored(images), *known.plan
-    share_out(lambda *some: known.run(cells_adjoint, *plan, reached, (0, 1), some, found), known.height)
+def _nothing(start: int, stop: int) -> None:
+    """The work that is none."""
 
 
-def _array(tensor: Tensor) -> Any:
+def array(tensor: Tensor) -> Any:
+    """Its values, one after the other."""
     return tensor.contiguous().numpy()
 
 
 def cells(images: Tensor, spec: HOGSpec) -> Tensor:
     """Eq. 1-6: images (B, C, H, W), C = 1 if colours are separate, to cells (B, rows, cols, bins)."""
-    known, batch = _pixels(spec, images.shape[1:], images.dtype), len(images)
-    found = np.empty((batch, *known.cells), known.real)
-    if known.in_bands(batch):
-        _to_cells_in_bands(images, known, found)
-    else:
-        share_out(known.to_cells(images, found), batch)
+    shape = images.shape
+    known = _pixels(spec, shape[1:], images.dtype)
+    found = np.empty((shape[0], *known.cells), known.real)
+    known.to_cells(images, found, _nothing)
     return torch.from_numpy(found)
 
 
 def cells_back(images: Tensor, given: Tensor, spec: HOGSpec) -> Tensor:
     """The adjoint: what reaches the images from ``given`` (B, rows, cols, bins), of the cells."""
-    known, batch, reached = _pixels(_followed(spec), images.shape[1:], images.dtype), len(images), _array(given)
-    found = np.empty((batch, *known.shape), known.real)
-    if known.in_bands(batch):
-        _back_in_rows(images, known, reached, found)
-    else:
-        share_out(known.back(images, reached, found), batch)
-    return torch.from_numpy(found)
+    return _pixels(spec, images.shape[1:], images.dtype).followed.back(images, _nothing, array(given))
 
 
 def cells_forward(images: Tensor, changes: Tensor, spec: HOGSpec) -> Tensor:
     """How cells (B, rows, cols, bins) change with ``changes`` of the images."""
-    known = _pixels(_followed(spec), images.shape[1:], images.dtype)
+    known = _pixels(spec, images.shape[1:], images.dtype).followed
     beyond = known.reading._replace(beyond=known.reading.beyond * 0)
-    plan = *known.stored(images), _array(changes), known.reading, beyond, *known.plan[1:]
+    plan = *known.stored(images), array(changes), known.reading, beyond, *known.plan[1:]
     found = np.empty((images.shape[0], *known.cells), known.real)
     share_out(lambda start, stop: known.run(tangents_of_images, *plan, start, stop, found), len(found))
     return torch.from_numpy(found)
@@ -192,7 +193,7 @@ def cells_forward(images: Tensor, changes: Tensor, spec: HOGSpec) -> Tensor:
 
 def norm(histograms: Tensor, spec: HOGSpec) -> Tensor:
     """The normaliser: cells (B, rows, cols, bins) to descriptors (B, rows, cols, channels) of one colour."""
-    cells = _array(histograms)
+    cells = array(histograms)
     known = _norm(spec, cells.shape[1:], cells.dtype.type)
     found = np.empty((len(cells), *known.grid), cells.dtype)
     share_out(known.of_cells(cells, found), len(cells))
@@ -201,40 +202,25 @@ def norm(histograms: Tensor, spec: HOGSpec) -> Tensor:
 
 def norm_back(histograms: Tensor, given: Tensor, spec: HOGSpec) -> Tensor:
     """Its adjoint: what reaches the histograms from ``given`` (B, rows, cols, channels), of the descriptors."""
-    cells = _array(histograms)
+    cells = array(histograms)
     known = _norm(spec, cells.shape[1:], cells.dtype.type)
     found = np.empty_like(cells)
-    share_out(known.to_cells(cells, _array(given), found), len(cells))
+    share_out(known.to_cells(cells, array(given), found), len(cells))
     return torch.from_numpy(found)
 
 
-def describe(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
-    """All of it: the descriptors, and the cells."""
-    known, batch = _pixels(spec, images.shape[1:], images.dtype), len(images)
-    norm = _norm(spec, known.cells, known.real)
-    histograms, found = np.empty((batch, *known.cells), known.real), np.empty((batch, *norm.grid), known.real)
-    if known.in_bands(batch):
-        _to_cells_in_bands(images, known, histograms)
-        norm.of_cells(histograms, found)(0, batch)
-    else:
-        share_out(_and_then(known.to_cells(images, histograms), norm.of_cells(histograms, found)), batch)
-    return torch.from_numpy(found), torch.from_numpy(histograms)
+def describe(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Any]:
+    """All of it: the descriptors, and an array of the cells."""
+    shape = images.shape
+    known = _pixels(spec, shape[1:], images.dtype)
+    cells = np.empty((shape[0], *known.cells), known.real)
+    found = np.empty((shape[0], *known.norm.grid), known.real)
+    known.to_cells(images, cells, known.norm.of_cells(cells, found))
+    return torch.from_numpy(found), cells
 
 
-def describe_back(images: Tensor, histograms: Tensor, given: Tensor, spec: HOGSpec) -> Tensor:
-    """Its adjoint: what reaches the images from ``given``, of the descriptors, whose cells are known."""
-    known, batch = _pixels(_followed(spec), images.shape[1:], images.dtype), len(images)
-    norm, cells = _norm(spec, known.cells, known.real), _array(histograms)
-    to_cells, found = np.empty(cells.shape, cells.dtype), np.empty((batch, *known.shape), known.real)
-    of_norm = norm.to_cells(cells, _array(given), to_cells)
-    if known.in_bands(batch):
-        of_norm(0, batch)
-        _back_in_rows(images, known, to_cells, found)
-    else:
-        share_out(_and_then(of_norm, known.back(images, to_cells, found)), batch)
-    return torch.from_numpy(found)
-
-
-def _followed(spec: HOGSpec) -> HOGSpec:
-    """The dialect whose derivative is meant."""
-    return spec.with_linear_votes() if spec.derivative == "linear" else spec
+def describe_back(images: Tensor, cells: Any, given: Tensor, spec: HOGSpec) -> Tensor:
+    """Its adjoint: what reaches the images from ``given``, of the descriptors, by an array of the cells."""
+    known = _pixels(spec, images.shape[1:], images.dtype)
+    reached = np.empty(cells.shape, known.real)
+    return known.followed.back(images, known.norm.to_cells(cells, array(given), reached), reached)

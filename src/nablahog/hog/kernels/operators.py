@@ -58,7 +58,7 @@ def describe(images: Tensor, spec: str) -> Tensor:
 def describe_back(images: Tensor, given: Tensor, spec: str) -> Tensor:
     """What reaches the images from what reaches the descriptors."""
     known, one, each = _spec(spec), _of_one_colour(spec), one_by_one(images.detach(), _spec(spec))
-    found = loops.describe_back(each, loops.cells(each, one), apart(given.detach(), known), one)
+    found = loops.describe_back(each, loops.cells(each, one).numpy(), apart(given.detach(), known), one)
     return to_channels(found, images.shape[1], known).contiguous()
 
 

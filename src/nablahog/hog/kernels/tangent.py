@@ -12,8 +12,8 @@ from ...simd import PADDING
 from ..gradient import BLACK
 from .cells import (
     add_bands,
+    count_of_sums,
     empty_lines,
-    empty_sums,
     gradient_of_line,
     gradients_of_rows,
     most_rows,
@@ -137,7 +137,8 @@ def cells_tangent(
     described = 1 if reading.mixed else reading.weights.size
     stride, most = padded(width), most_rows(pooling)
     planes = most * stride + PADDING
-    lines, moved, sums = empty_lines(reading, width, real), empty_lines(reading, width, real), empty_sums(pooling, real)
+    lines, moved = empty_lines(reading, width, real), empty_lines(reading, width, real)
+    sums = np.zeros(count_of_sums(pooling), real)
     gx, gy, dx, dy = np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real)
     us, vs, m, f = np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real)
     here, after, before = np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real)
