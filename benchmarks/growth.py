@@ -18,11 +18,12 @@ from nablahog.render.renderer import Method
 from poses import estimate, objects
 from programs import NAIVE, PAPER, UOCTTI, Photographs, Program
 from render_speed import Case, calls, each, prepared, turned_chair
-from timing import Times, in_turns, ratio, summary, warmed
+from timing import Call, Summary, Times, in_turns, ratio, summary, warmed
 
 LONGEST_MS = 4000.0  # of a call; what would take longer is left out
 COMPILED = 2**23  # pixels; what an image so large needs has been compiled for smaller ones
 LEAST_TURNS = 5  # where only the shortest time of all counts
+IN_A_ROW = 5  # calls on as many threads
 RENDERERS: tuple[Method, ...] = ("edges", "opendr")
 Point: TypeAlias = dict[str, Any]
 
@@ -92,7 +93,10 @@ def _beside(program: Program, times: Mapping[str, Times]) -> dict[str, Any]:
 
 
 def threads(every: Sequence[Program], shapes: Sequence[tuple[int, int]], seconds: float) -> list[Point]:
-    """Least wall times by the number of threads, of the programs that take more than one, in turns."""
+    """Least wall times by the number of threads, of the programs that take more than one.
+
+    Numbers of threads take turns, and programs come one after the other: a slow one would leave few turns to others.
+    """
     counts = [1]
     while 2 * counts[-1] <= (os.cpu_count() or 1):
         counts.append(2 * counts[-1])
@@ -100,23 +104,26 @@ def threads(every: Sequence[Program], shapes: Sequence[tuple[int, int]], seconds
     points = []
     for batch, side in shapes:
         photographs = Photographs(batch, side)
-        made = {p.name: p.make(photographs) for p in of}
-        times: dict[str, dict[int, Times]] = {name: {count: Times() for count in counts} for name in made}
-        repeats: dict[str, int] = {}
+        found = {p.name: _by_threads(p.make(photographs), counts, seconds) for p in of}
+        points.append({"batch": batch, "side": side, "programs": found})
+    return points
+
+
+def _by_threads(call: Call, counts: Sequence[int], seconds: float) -> dict[str, Summary]:
+    times = {count: Times() for count in counts}
+    for count in counts:
+        torch.set_num_threads(count)
+        warmed(call)
+    end, turns = time.perf_counter() + seconds, 0
+    while turns < LEAST_TURNS or time.perf_counter() < end:
+        turns += 1
         for count in counts:
             torch.set_num_threads(count)
-            repeats |= {name: warmed(call) for name, call in made.items()}
-        end, turns = time.perf_counter() + seconds, 0
-        while turns < LEAST_TURNS or time.perf_counter() < end:
-            turns += 1
-            for count in counts:
-                torch.set_num_threads(count)
-                for name, call in made.items():
-                    times[name][count].add(call, repeats[name])
-        torch.set_num_threads(1)
-        least = {n: {str(c): summary(t.wall) for c, t in by.items()} for n, by in times.items()}
-        points.append({"batch": batch, "side": side, "programs": least})
-    return points
+            call()  # which wakes a processor that had nothing to do
+            for _ in range(IN_A_ROW):
+                times[count].add(call)
+    torch.set_num_threads(1)
+    return {str(count): summary(of.wall) for count, of in times.items()}
 
 
 def faces(counts: Sequence[int], side: int, seconds: float) -> list[Point]:

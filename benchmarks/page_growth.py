@@ -80,8 +80,9 @@ def _threads(record: Record) -> str:
             least = [by_count[count]["min"] for count in counts]
             rows.append([f"{name}, {shape(point)}", *(f"{digits(ms)} ({least[0] / ms:.2f}×)" for ms in least)])
     head = ["program", *("1 thread" if count == "1" else f"{count} threads" for count in counts)]
-    return f"""Shortest wall ms, and in brackets how many times as fast as on one thread. The libraries have one
-thread. The limit is as many times as there are threads; the call and what one thread has to prepare are not shared.
+    return f"""Shortest wall ms, and in brackets how many times as fast as on one thread; numbers of threads take
+turns, and programs come one after the other. The libraries have one thread. The limit is as many times as there are
+threads; the call and what one thread has to prepare are not shared.
 
 {table(head, rows)}"""
 

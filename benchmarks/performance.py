@@ -151,7 +151,7 @@ def measured(extent: Extent, libraries: dict[str, Path], images: Path | None, mo
     step("operator", lambda: growth.operator(every, shapes(extent), a_pixel))
     seconds = extent.seconds[2]
     step("parts", lambda: operator_parts(every, extent.parts_side, seconds / 2, rates))
-    step("threads", lambda: growth.threads(every, extent.threads, seconds))
+    step("threads", lambda: growth.threads(every, extent.threads, seconds / 2))
     step("faces", lambda: growth.faces(extent.faces, extent.faces_side, seconds / 2))
     step("models", lambda: growth.models(models, extent.models, min(3, extent.scenes)))
     step("preimages", lambda: searches.preimages(images, extent.preimages, extent.preimage_side, rates))
