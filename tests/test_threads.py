@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import multiprocessing
 import threading
+import time
 from collections.abc import Iterator
 
 import pytest
 import torch
 
-from nablahog.threads import in_threads
+from nablahog.threads import in_threads, share_out
 
 
 @pytest.fixture
@@ -53,6 +54,41 @@ def test_errors_are_the_callers(two_threads: None) -> None:
 
     with pytest.raises(ValueError, match="no"):
         in_threads(work, 5)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 64])
+def test_every_thing_is_in_one_part(two_threads: None, count: int) -> None:
+    parts: list[tuple[int, int]] = []
+    share_out(lambda start, stop: parts.append((start, stop)), count)
+    assert [k for start, stop in sorted(parts) for k in range(start, stop)] == list(range(count))
+    assert len(parts) == min(2, count)
+
+
+def test_the_caller_takes_a_part(two_threads: None) -> None:
+    meeting, found = threading.Barrier(2, timeout=20), []
+
+    def work(start: int, stop: int) -> None:
+        found.append(threading.current_thread())
+        meeting.wait()
+
+    share_out(work, 8)
+    assert threading.current_thread() in found
+    assert len(set(found)) == 2
+
+
+@pytest.mark.parametrize("bad", [0, 7], ids=["the caller's part", "another part"])
+def test_errors_of_parts_come_when_all_have_ended(two_threads: None, bad: int) -> None:
+    ended = []
+
+    def work(start: int, stop: int) -> None:
+        if start <= bad < stop:
+            raise ValueError("no")
+        time.sleep(0.05)
+        ended.append(start)
+
+    with pytest.raises(ValueError, match="no"):
+        share_out(work, 8)
+    assert len(ended) == 1
 
 
 def _in_child(results: multiprocessing.queues.SimpleQueue[list[int]]) -> None:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import multiprocessing
 import os
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +19,7 @@ from torch.testing import assert_close
 
 from nablahog.compile import compiled
 from nablahog.hog import BilinearCells, BlockCells, BlockNorm, BoxCells, FourBlockNorm, HOGSpec, hog, presets
-from nablahog.hog.descriptor import histograms
-from nablahog.hog.kernels import operators, steps, supports
+from nablahog.hog.kernels import steps, supports
 from nablahog.hog.normalize import normalize
 from nablahog.hog.normalizers import PARTS
 from nablahog.hog.poolings import Pooling
@@ -277,85 +274,6 @@ def test_any_strides(name: str) -> None:
 def test_cells_of_any_strides() -> None:
     s = SPECS["uoctti"]
     assert_same(fast(s)[1], normalize, noise(2, 5, 4, 18).permute(0, 3, 1, 2), s)
-
-
-@pytest.mark.parametrize("name", ["paper", "uoctti", "opencv", "skimage", "maskfeat"])
-def test_threads_change_nothing(name: str) -> None:
-    """Neither in a batch nor in one large image: every sum is made in the same order."""
-    s, before = SPECS[name], torch.get_num_threads()
-    for x in (noise(5, 3, 40, 40, dtype=torch.float32), noise(1, 3, 300, 310, dtype=torch.float32)):
-        given, found = noise(*hog(x, s).shape, dtype=torch.float32), []
-        x.requires_grad_()
-        for threads in (1, 2, 3):
-            torch.set_num_threads(threads)
-            try:
-                descriptor = hog(x, s)
-                found.append((descriptor, *torch.autograd.grad(descriptor, x, given)))
-            finally:
-                torch.set_num_threads(before)
-        for one, other in zip(found[0] * 2, found[1] + found[2], strict=True):
-            assert torch.equal(one, other)
-
-
-def test_in_threads_of_the_callers_own() -> None:
-    s, images = SPECS["uoctti"], [noise(1, 3, 40, 40, seed=k) for k in range(8)]
-    with ThreadPoolExecutor(4) as pool:
-        for image, found in zip(images, pool.map(lambda x: hog(x, s), images), strict=True):
-            assert torch.equal(found, hog(image, s))
-
-
-def _in_a_fork(queue: Any) -> None:
-    torch.set_num_threads(2)
-    queue.put(hog(noise(4, 1, 40, 40), SPECS["uoctti"]).numpy())
-
-
-@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # which threads in general may not survive
-def test_in_forked_workers() -> None:
-    before = torch.get_num_threads()
-    torch.set_num_threads(2)
-    try:
-        expected = hog(noise(4, 1, 40, 40), SPECS["uoctti"])  # the parent's threads do not come along
-    finally:
-        torch.set_num_threads(before)
-    context = multiprocessing.get_context("fork")
-    queue = context.Queue()
-    worker = context.Process(target=_in_a_fork, args=(queue,))
-    worker.start()
-    found = torch.from_numpy(queue.get(timeout=60))
-    worker.join(timeout=60)
-    assert worker.exitcode == 0
-    assert torch.equal(found, expected)
-
-
-@pytest.mark.parametrize("name", ["paper", "uoctti", "opencv", "maskfeat"])
-def test_operators_are_as_they_should_be(name: str) -> None:
-    text = SPECS[name].to_json()
-    for images in (noise(2, 3, 14, 13).requires_grad_(), noise(1, 1, 14, 13, dtype=torch.float32)):
-        torch.library.opcheck(operators.cells, (images, text))
-        torch.library.opcheck(operators.describe, (images, text))
-        for step, back in ((operators.cells, operators.cells_back), (operators.describe, operators.describe_back)):
-            torch.library.opcheck(back, (images.detach(), torch.ones_like(step(images.detach(), text)), text))
-
-
-@specs
-def test_operators_are_the_functions(name: str) -> None:
-    s, text = SPECS[name], SPECS[name].to_json()
-    for x in (noise(2, 3, 14, 13), noise(1, 1, 14, 13)):
-        for one, other in zip(
-            with_derivative(hog, x, s)[:2],
-            _with_gradient(lambda images: operators.describe(images, text), x),
-            strict=True,
-        ):
-            assert_close(one, other, rtol=0, atol=1e-12)
-        of_cells = operators.cells(x, text).permute(0, 3, 1, 2)
-        assert torch.equal(of_cells, histograms(x, s))
-
-
-def _with_gradient(step: Any, x: Tensor) -> tuple[Tensor, Tensor]:
-    x = x.detach().requires_grad_()
-    found = step(x)
-    weights = torch.linspace(0, 40, found.numel(), dtype=x.dtype).cos().view(found.shape)
-    return found.detach(), torch.autograd.grad((found * weights).sum(), x)[0]
 
 
 def test_plain_steps_on_other_devices_and_where_the_loops_cannot() -> None:
