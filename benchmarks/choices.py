@@ -156,17 +156,21 @@ def _multi_scale(spec: HOGSpec, a: Assumptions, more: bool) -> Callable[[Tensor]
     return lambda images: multi_scale(images, spec, a, more)
 
 
+def size_of(images: Tensor) -> tuple[int, int]:
+    return images.shape[2], images.shape[3]
+
+
 def our_variants(of: str) -> list[Variant]:
     """``reconstruct`` and what is left without one of its steps."""
     spec = getattr(presets, of)()
 
     def run(**options: Any) -> Callable[[Tensor], Tensor]:
-        return lambda images: reconstruct(hog(images, spec), spec, tuple(images.shape[2:]), **options).image
+        return lambda images: reconstruct(hog(images, spec), spec, size_of(images), **options).image
 
     def run_levels(more: bool, **options: Any) -> Callable[[Tensor], Tensor]:
         def levels(images: Tensor) -> Tensor:
             given = scale_descriptors(images, spec) if more else hog(images, spec)
-            return reconstruct_multiscale(given, spec, tuple(images.shape[2:]), **options)[-1].found.image
+            return reconstruct_multiscale(given, spec, size_of(images), **options)[-1].found.image
 
         return levels
 

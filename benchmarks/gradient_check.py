@@ -74,7 +74,7 @@ def central(image: Tensor, spec: HOGSpec) -> Tensor:
 
 def jacobian_reverse(image: Tensor, spec: HOGSpec) -> Tensor:
     """The Jacobian (entries, pixels), entry by entry."""
-    jacobian = torch.func.jacrev(lambda z: hog(z, spec), chunk_size=128)(image)
+    jacobian: Tensor = torch.func.jacrev(lambda z: hog(z, spec), chunk_size=128)(image)
     return jacobian.reshape(-1, image.numel())
 
 
@@ -82,7 +82,8 @@ def jacobian_forward(image: Tensor, spec: HOGSpec) -> Tensor:
     """The Jacobian (entries, pixels), pixel by pixel."""
 
     def column(tangent: Tensor) -> Tensor:
-        return torch.func.jvp(lambda z: hog(z, spec), (image,), (tangent,))[1].flatten()
+        changes: Tensor = torch.func.jvp(lambda z: hog(z, spec), (image,), (tangent,))[1]
+        return changes.flatten()
 
     basis = torch.eye(image.numel(), dtype=image.dtype).view(-1, *image.shape)
     return torch.func.vmap(column, chunk_size=128)(basis).T

@@ -11,9 +11,10 @@ of a rendering with 16×16 samples a pixel, whose own derivative plays no part.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import product
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 import torch
@@ -24,15 +25,22 @@ from nablahog.datasets.cad import read_models
 from nablahog.datasets.chairs import chair
 from nablahog.hog import HOGSpec, hog, presets
 from nablahog.render import Camera, Light, Mesh, Renderer, load_mesh, pose
+from nablahog.render.renderer import Method
 from photographs import SIDE, shipped
 
-DESCRIPTORS = {"paper": presets.paper, "uoctti": presets.uoctti, "aubry": presets.aubry}
+Preset: TypeAlias = Callable[..., HOGSpec]
+DESCRIPTORS: dict[str, Preset] = {
+    "paper": presets.paper,
+    "uoctti": presets.uoctti,
+    "aubry": presets.aubry,
+}
 CAMERA = Camera(330, SIDE, SIDE)  # the chair, at three of its diagonals, is some 100 pixels high
 ELEVATION, DISTANCE = 20.0, 3.0
 AZIMUTHS = torch.arange(72) * 5 + 1.7
 STEP = 0.1
 FINE = 16  # samples a pixel along a side, for the truth
-VARIANTS = tuple(product(("opendr", "edges"), (1, 2, 4)))
+METHODS: tuple[Method, ...] = ("opendr", "edges")
+VARIANTS = tuple(product(METHODS, (1, 2, 4)))
 
 
 def chairs(folder: Path | None, count: int) -> Iterator[tuple[str, Mesh]]:
@@ -74,12 +82,12 @@ def true_slopes(mesh: Mesh, wanted: Tensor, spec: HOGSpec, fineness: int = 1) ->
     return (after - before) / (2 * STEP)
 
 
-def slopes(mesh: Mesh, wanted: Tensor, spec: HOGSpec, method: str, supersampling: int) -> Tensor:
+def slopes(mesh: Mesh, wanted: Tensor, spec: HOGSpec, method: Method, supersampling: int) -> Tensor:
     """(72,): the derivatives by azimuth that a search would follow."""
     renderer = Renderer(mesh, CAMERA, method=method, supersampling=supersampling)
     where = poses(AZIMUTHS).requires_grad_()
-    (hog(renderer(where), spec) * wanted).sum().backward()
-    return where.grad[:, 0]
+    (found,) = torch.autograd.grad((hog(renderer(where), spec) * wanted).sum(), where)
+    return found[:, 0]
 
 
 def agreement(found: Tensor, true: Tensor) -> tuple[float, float]:

@@ -15,6 +15,7 @@ import argparse
 import json
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -75,7 +76,7 @@ def main() -> None:
     torch.set_num_threads(options.threads)
     images = photographs(options.images)[: options.limit]
 
-    rows = []
+    rows: list[dict[str, Any]] = []
     for spec in (presets.paper(CELL), presets.uoctti(CELL)):
         for name in NAMES:
             search(name, images[:1], spec, most=20)  # what runs first is slower

@@ -85,6 +85,8 @@ def dlib(library: Path) -> Peer:
 class NaiveHOG(torch.nn.Module):
     """The paper's descriptor as one would write it with PyTorch: votes into all bins, and a convolution."""
 
+    triangle: Tensor
+
     def __init__(self) -> None:
         super().__init__()
         ramp = 1 - (torch.arange(16) - 7.5).abs() / 8

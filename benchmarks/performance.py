@@ -16,13 +16,11 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import cv2
-import numba
-import numpy as np
-import skimage
 import torch
 
 import growth
@@ -113,9 +111,9 @@ def memory(every: list[Program], extent: Extent, libraries: dict[str, Path]) -> 
 
 
 def machine() -> dict[str, Any]:
-    versions = {"torch": torch.__version__, "numpy": np.__version__, "numba": numba.__version__}
-    peers = {"scikit-image": skimage.__version__, "OpenCV": cv2.__version__, "Python": platform.python_version()}
-    return versions | peers | {platform.system(): f"{platform.machine()}, {os.cpu_count()} CPUs ({processor()})"}
+    libraries = {name: version(name) for name in ("torch", "numpy", "numba", "scikit-image")}
+    others = {"OpenCV": cv2.getVersionString(), "Python": platform.python_version()}
+    return libraries | others | {platform.system(): f"{platform.machine()}, {os.cpu_count()} CPUs ({processor()})"}
 
 
 def processor() -> str:

@@ -46,7 +46,7 @@ def main() -> None:
     images = torch.stack([gray(read_image(file)[None])[0] for file in files])
     spec = getattr(presets, options.descriptor)(options.cell)
     limit = {} if options.max_evaluations is None else {"max_evaluations": options.max_evaluations}
-    size, descriptors = images.shape[-2:], hog(images, spec)
+    size, descriptors = (images.shape[2], images.shape[3]), hog(images, spec)
     reconstruct(descriptors[:1], spec, size, max_evaluations=3)
     began = time.process_time()
     found = reconstruct(descriptors, spec, size, quality=options.quality, seed=options.seed, **limit)

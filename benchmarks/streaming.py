@@ -82,7 +82,7 @@ def measure(path: Path, name: str, memory: int) -> None:
     for part in parts(np.load(path, mmap_mode="r")):
         seconds += time.process_time() - started
         strips += 1
-        digest.update(part.numpy())  # which takes a while, too
+        digest.update(part.numpy().data)  # which takes a while, too
         started = time.process_time()
     print(strips, f"{seconds:.1f} {before:.0f} {peak():.0f}", digest.hexdigest())
 

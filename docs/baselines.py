@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -31,7 +32,7 @@ LEFT_OUT = "uoctti-learned"
 
 def learned_from(images: dict[str, Tensor], folder: Path) -> dict[str, Path]:
     """Files of all that the methods need."""
-    kinds = {
+    kinds: dict[str, Any] = {
         "bovw": learn_bovw(tiles(images, SIZE)),
         "ridge": learn_ridge(images, SPEC),
         "nearest": learn_nearest(images, SPEC),

@@ -12,7 +12,8 @@ from torch import Tensor
 
 from nablahog import metrics
 from nablahog.draw import Panel, contact_sheet
-from nablahog.evaluate.methods import DIALECTS, METHODS, Settings
+from nablahog.evaluate.methods import METHODS, Settings
+from nablahog.evaluate.names import DIALECTS
 from nablahog.evaluate.photographs import shipped
 
 HERE = Path(__file__).parent

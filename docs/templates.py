@@ -17,8 +17,8 @@ from nablahog.hog.layout import from_layout
 from nablahog.invert.template import seen
 
 DETECTORS = {
-    "default": ((64, 128), cv2.HOGDescriptor_getDefaultPeopleDetector),
-    "Daimler": ((48, 96), cv2.HOGDescriptor_getDaimlerPeopleDetector),
+    "default": ((64, 128), cv2.HOGDescriptor.getDefaultPeopleDetector),
+    "Daimler": ((48, 96), cv2.HOGDescriptor.getDaimlerPeopleDetector),
 }
 
 
