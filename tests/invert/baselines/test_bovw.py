@@ -1,10 +1,8 @@
-"""BoVW: descriptors of known windows, arrangements that no swap betters, words that are learned, saved and placed."""
+"""BoVW: words that are learned, saved and placed."""
 
 from __future__ import annotations
 
 import dataclasses
-import itertools
-import math
 import os
 from pathlib import Path
 from typing import Any
@@ -15,176 +13,14 @@ import torch
 from torch import Tensor
 
 from nablahog.invert.baselines.bovw import BoVW, Learning
-from nablahog.invert.baselines.bovw_arrangement import Costs, arrange
 from nablahog.invert.baselines.bovw_learning import learn_bovw
-from nablahog.invert.baselines.dense_sift import dense_sift, sift_grid
+from nablahog.invert.baselines.dense_sift import dense_sift
 from nablahog.metrics import cross_correlation
 
 from ..photographs import photograph
 
 NAMES = ("brick", "camera", "clock", "coins")
 CELL, PATCH, WORDS = 4, 20, 40
-
-
-# --- dense SIFT
-
-
-def _reference(image: np.ndarray[Any, Any], cell: int, top: int, left: int) -> np.ndarray[Any, Any]:
-    """The votes of one window (4, 4, 8), weighed, pixel by pixel."""
-    votes = np.zeros((4, 4, 8))
-    height, width = image.shape
-    for y, x in itertools.product(range(1, height - 1), range(1, width - 1)):
-        gx, gy = image[y, x + 1] - image[y, x - 1], image[y + 1, x] - image[y - 1, x]
-        turn = math.atan2(gy, gx) / (2 * math.pi) * 8 % 8
-        for i, j, k in itertools.product(range(4), range(4), range(8)):
-            down = 1 - abs((y + 0.5 - top) / cell - (i + 0.5))
-            across = 1 - abs((x + 0.5 - left) / cell - (j + 0.5))
-            around = 1 - min(abs(turn - k), 8 - abs(turn - k))
-            if min(down, across, around) > 0:
-                votes[i, j, k] += math.hypot(gx, gy) * down * across * around
-    for i, j in itertools.product(range(4), range(4)):
-        votes[i, j] *= math.exp(-((i - 1.5) ** 2 + (j - 1.5) ** 2) / 8)
-    return votes
-
-
-def test_against_a_pixelwise_reference() -> None:
-    image = photograph(24)
-    found = dense_sift(image.double(), 5)
-    assert found.shape == (1, 1, 1, 128)
-    expected = _reference(image[0, 0].double().numpy(), 5, 0, 0).ravel()
-    expected = np.minimum(expected / np.linalg.norm(expected), 0.2)
-    np.testing.assert_allclose(found[0, 0, 0], expected / np.linalg.norm(expected), atol=1e-12)
-
-
-@pytest.mark.parametrize(("degrees", "bins"), [(0, {0}), (45, {1}), (90, {2}), (180, {4}), (270, {6}), (22.5, {0, 1})])
-def test_a_ramp_fills_the_bins_of_its_direction(degrees: float, bins: set[int]) -> None:
-    y, x = torch.meshgrid(torch.arange(32.0), torch.arange(32.0), indexing="ij")
-    angle = math.radians(degrees)
-    ramp = 0.5 + 0.01 * ((x - 16) * math.cos(angle) + (y - 16) * math.sin(angle))
-    inner = dense_sift(ramp.double()[None, None], 4)[0, 2, 2].reshape(4, 4, 8)
-    shares = inner.sum((0, 1)) / inner.sum()
-    assert {k for k in range(8) if shares[k] > 1e-4} == bins
-    assert shares[min(bins)] == pytest.approx(1 / len(bins), abs=1e-4)
-
-
-def test_symmetries_permute() -> None:
-    image = photograph(40).double()
-    found = dense_sift(image, 4).reshape(1, 7, 7, 4, 4, 8)
-    turned = dense_sift(image.rot90(1, (2, 3)), 4).reshape(1, 7, 7, 4, 4, 8)
-    torch.testing.assert_close(turned, found.rot90(1, (1, 2)).rot90(1, (3, 4)).roll(-2, 5), atol=1e-12, rtol=0)
-    mirrored = dense_sift(image.flip(3), 4).reshape(1, 7, 7, 4, 4, 8)
-    torch.testing.assert_close(mirrored, found.flip(2, 4, 5).roll(5, 5), atol=1e-12, rtol=0)
-
-
-def test_contrast_and_brightness_do_not_matter() -> None:
-    image = photograph(64)
-    torch.testing.assert_close(dense_sift(0.3 + 0.5 * image, 4), dense_sift(image, 4), atol=1e-4, rtol=0)
-
-
-def test_length_and_flat_windows() -> None:
-    image = photograph(64)
-    image = torch.cat([image, torch.full_like(image, 0.3)])
-    length = dense_sift(image, 4).norm(dim=3)
-    torch.testing.assert_close(length[0], torch.ones(13, 13))
-    assert not length[1].any()
-
-
-@pytest.mark.parametrize("cell", [4, 8])
-def test_the_least_edge_that_is_seen(cell: int) -> None:
-    for levels, seen in ((1, False), (2, True)):
-        edge = torch.full((1, 1, 4 * cell, 4 * cell), 0.5)
-        edge[..., 2 * cell :] += levels / 255
-        assert dense_sift(edge, cell).any() == seen
-
-
-def test_one_window_at_each_cell() -> None:
-    assert sift_grid(128, 128, 8) == (13, 13)
-    assert sift_grid(31, 47, 8) == (0, 2)
-    image = photograph(64)
-    shifted = dense_sift(image[..., 8:, 4:], 4)
-    torch.testing.assert_close(dense_sift(image, 4)[:, 4:-1, 3:-1], shifted[:, 2:-1, 2:-1], atol=1e-6, rtol=0)
-
-
-# --- arrangements
-
-
-def test_costs_of_pairs() -> None:
-    costs = Costs(np.array([[[0, 1]]]), np.eye(2))
-    seen, unseen = -math.log(4 + 0.5), -math.log(0.5)  # once where a quarter is expected
-    np.testing.assert_allclose(costs.right, [[unseen, seen], [unseen, unseen]])
-    np.testing.assert_allclose(costs.below, np.full((2, 2), unseen))
-
-
-def test_costs_of_places() -> None:
-    """Two kinds of images, of words 0 and 1 above or of words 2 and 3 below; each also with the words 4 and 5."""
-    one, other = [[0, 1, 4], [4, 5, 5]], [[4, 5, 5], [2, 3, 4]]
-    costs = Costs(np.array([one, other] * 20), np.eye(6))
-    for of, absent in ((one, other), (other, one)):
-        histogram = np.bincount(np.ravel(of), minlength=6).astype(np.float64)
-        found = costs.location(histogram)
-        assert found.shape == (6, 2, 3)
-        rows, cols = np.indices((2, 3))
-        own, others = (found[np.array(words), rows, cols].mean() for words in (of, absent))
-        assert own < others - 0.1
-
-
-def test_places_of_a_histogram_that_says_nothing() -> None:
-    """All images have word 2 alike, so what is expected is their mean: a word is as often somewhere as it is at all."""
-    costs = Costs(np.array([[[0, 2]], [[2, 1]], [[0, 2]]]), np.eye(3))
-    ratio = np.exp(-costs.location(np.array([0.0, 0, 2]))) - 1
-    np.testing.assert_allclose(ratio.mean((1, 2)), np.ones(3), atol=1e-3)
-    assert ratio[0, 0, 0] > ratio[0, 0, 1]
-    assert ratio[1, 0, 0] < ratio[1, 0, 1]
-
-
-def _problem(seed: int, rows: int = 5, cols: int = 4) -> tuple[Any, Any, Costs]:
-    rng = np.random.default_rng(seed)
-    database = rng.integers(7, size=(6, rows, cols))
-    database.flat[:7] = np.arange(7)
-    costs = Costs(database, rng.random((7, 3)))
-    costs.right, costs.below = rng.normal(size=(2, 7, 7))
-    return rng.integers(7, size=rows * cols), rng.normal(size=(7, rows, cols)), costs
-
-
-def _cost(placed: Any, location: Any, costs: Costs) -> float:
-    rows, cols = placed.shape
-    total = 0.0
-    for y, x in itertools.product(range(rows), range(cols)):
-        total += location[placed[y, x], y, x]
-        total += costs.right[placed[y, x], placed[y, x + 1]] if x + 1 < cols else 0
-        total += costs.below[placed[y, x], placed[y + 1, x]] if y + 1 < rows else 0
-    return total
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_no_swap_betters_what_is_found(seed: int) -> None:
-    words, location, costs = _problem(seed)
-    found, history, settled = arrange(words, location, costs, np.random.default_rng(seed))
-    assert settled
-    assert np.array_equal(np.sort(found, axis=None), np.sort(words))
-    assert history[-1] == pytest.approx(_cost(found, location, costs))
-    assert all(after <= before for before, after in itertools.pairwise(history))
-    assert history[-1] < history[0]
-    for p, q in itertools.combinations(range(found.size), 2):
-        swapped = found.copy()
-        swapped.flat[p], swapped.flat[q] = found.flat[q], found.flat[p]
-        assert _cost(swapped, location, costs) > history[-1] - 1e-6
-
-
-def test_places_alone_are_solved_exactly() -> None:
-    words, location, costs = _problem(1, 2, 3)
-    costs.right[:] = costs.below[:] = 0
-    _, history, _ = arrange(words, location, costs, np.random.default_rng(0))
-    every = (_cost(np.reshape(each, (2, 3)), location, costs) for each in itertools.permutations(words))
-    assert history[-1] == pytest.approx(min(every))
-
-
-@pytest.mark.parametrize("shape", [(1, 2), (2, 1)])
-def test_neighbours_decide_where_places_do_not(shape: tuple[int, int]) -> None:
-    costs = Costs(np.array([[[0], [1]]]).reshape(1, *shape), np.eye(2))
-    for words in ([0, 1], [1, 0]):
-        found, _, _ = arrange(np.array(words), np.zeros((2, *shape)), costs, np.random.default_rng(0))
-        assert found.ravel().tolist() == [0, 1]
 
 
 # --- learning

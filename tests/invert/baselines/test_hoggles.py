@@ -1,12 +1,9 @@
-"""HOGgles: codes are optimal, images are what the published rule makes of them, learning lowers the objective, and what
-is saved comes back."""
+"""HOGgles: codes are optimal, images are what the published rule makes of them, and what is saved comes back."""
 
 from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,40 +20,14 @@ from nablahog.invert.baselines.hoggles import (
     EXACTNESS,
     Learning,
     PairedDictionary,
-    hog_windows,
     lasso,
     unit,
 )
-from nablahog.invert.baselines.hoggles_learning import PATIENCE, Learner, learn_hoggles
+from nablahog.invert.baselines.hoggles_learning import learn_hoggles
 from nablahog.metrics import cross_correlation
 
 from ..photographs import photograph
-
-SPEC = presets.uoctti(4)
-NAMES = ("camera", "coins", "clock")
-
-
-def _images(*names: str) -> dict[str, Tensor]:
-    return {name: photograph(64, name)[0, 0] for name in names or NAMES}
-
-
-@cache
-def _learned() -> PairedDictionary:
-    return learn_hoggles(_images(), SPEC, atoms=40, iterations=8)
-
-
-@cache
-def _fast(spec: HOGSpec = SPEC, atoms: int = 60) -> PairedDictionary:
-    return learn_hoggles(_images(), spec, atoms=atoms, fast=True)
-
-
-@pytest.fixture
-def two_threads() -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(2)
-    yield
-    torch.set_num_threads(before)
-
+from .hoggles_pairs import NAMES, SPEC, fast, images, learned
 
 # --- codes
 
@@ -152,7 +123,7 @@ def _reference(pair: PairedDictionary, descriptor: NDArray[Any], size: tuple[int
     [(SPEC, (24, 32)), (presets.uoctti((4, 6)), (27, 28)), (presets.paper(4), (31, 25))],
 )
 def test_the_published_rule(spec: HOGSpec, size: tuple[int, int]) -> None:
-    pair = learn_hoggles(_images(), spec, atoms=25, fast=True, sparsity=0.05)
+    pair = learn_hoggles(images(), spec, atoms=25, fast=True, sparsity=0.05)
     descriptor = hog(photograph(64, "coffee")[..., : size[0], : size[1]], spec)
     found = pair.reconstruct(descriptor, spec, size)
     assert found.image.shape == (1, 1, *size)
@@ -160,7 +131,7 @@ def test_the_published_rule(spec: HOGSpec, size: tuple[int, int]) -> None:
 
 
 def test_images_learned_from_come_back() -> None:
-    for name, image in _images().items():
+    for name, image in images().items():
         pair = learn_hoggles({name: image}, SPEC, atoms=100, fast=True)
         found = pair.reconstruct(hog(image[None, None], SPEC), SPEC)
         assert cross_correlation(found.image[0, 0], image) > 0.65
@@ -168,7 +139,7 @@ def test_images_learned_from_come_back() -> None:
 
 def test_images_not_learned_from_are_recognised() -> None:
     image = photograph(64, "coffee")
-    found = _learned().reconstruct(hog(image, SPEC), SPEC)
+    found = learned().reconstruct(hog(image, SPEC), SPEC)
     assert cross_correlation(found.image[0, 0], image[0, 0]) > 0.4
 
 
@@ -176,10 +147,10 @@ def test_a_batch_is_its_images(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("nablahog.invert.baselines.hoggles.TOGETHER", 2 * (16 + 6) ** 2)
     descriptors = hog(torch.cat([photograph(64, name) for name in NAMES]), SPEC)
     seen: list[tuple[int, int]] = []
-    together = _fast().reconstruct(descriptors, SPEC, progress=lambda *at: seen.append(at))
+    together = fast().reconstruct(descriptors, SPEC, progress=lambda *at: seen.append(at))
     assert seen == [(0, 3), (2, 3), (3, 3)]
     for k in range(3):
-        alone = _fast().reconstruct(descriptors[k : k + 1], SPEC)
+        alone = fast().reconstruct(descriptors[k : k + 1], SPEC)
         torch.testing.assert_close(together.image[k : k + 1], alone.image, atol=1e-4, rtol=0)
         torch.testing.assert_close(together.distance[k : k + 1], alone.distance, atol=1e-4, rtol=0)
     assert together.history.shape == (0, 3)
@@ -191,7 +162,7 @@ def test_a_batch_is_its_images(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_distance_is_that_of_the_image() -> None:
     descriptor = hog(photograph(64), SPEC)
-    found = _learned().reconstruct(descriptor.double(), SPEC, (64, 64))
+    found = learned().reconstruct(descriptor.double(), SPEC, (64, 64))
     assert found.image.dtype == found.distance.dtype == torch.float64
     expected = (hog(found.image, SPEC) - descriptor).norm() / descriptor.norm()
     assert float(found.distance[0]) == pytest.approx(float(expected), rel=1e-5)
@@ -200,18 +171,18 @@ def test_the_distance_is_that_of_the_image() -> None:
 
 def test_contrast_does_not_matter() -> None:
     descriptor = hog(photograph(64), SPEC)
-    whole, half = (_learned().reconstruct(c * descriptor, SPEC).image for c in (1, 0.5))
+    whole, half = (learned().reconstruct(c * descriptor, SPEC).image for c in (1, 0.5))
     torch.testing.assert_close(half, whole, atol=1e-4, rtol=0)
 
 
 def test_nothing_to_invert() -> None:
-    found = _learned().reconstruct(torch.zeros(1, 6, 8, 31), SPEC)
+    found = learned().reconstruct(torch.zeros(1, 6, 8, 31), SPEC)
     assert torch.equal(found.image, torch.full((1, 1, 24, 32), 0.5))
 
 
 def test_what_does_not_fit() -> None:
     descriptor = hog(photograph(64), SPEC)
-    pair = _learned()
+    pair = learned()
     with pytest.raises(ValueError, match=r"learned for another spec: its cell_size is \(4, 4\), the uoctti"):
         pair.reconstruct(descriptor, presets.uoctti(8))
     renamed = dataclasses.replace(SPEC, name="mine")
@@ -224,134 +195,11 @@ def test_what_does_not_fit() -> None:
         pair.reconstruct(descriptor.numpy(), SPEC)  # type: ignore[arg-type]
 
 
-# --- learning
-
-
-def test_atoms_are_updated_one_after_the_other() -> None:
-    """Blocks of them give what a plain loop gives, and the objective that they approximate falls."""
-    data = unit(torch.rand(500, 30))
-    learner = Learner(data[:150], 0.02, np.random.default_rng(0))
-    codes = lasso(learner.atoms @ learner.atoms.T, data @ learner.atoms.T, 0.02).double()
-    expected, products, target = learner.atoms.double(), codes.T @ codes / 500, codes.T @ data.double() / 500
-    before = ((data - codes @ expected) ** 2).sum()
-    for k in range(150):
-        if products[k, k] > 1e-6:
-            atom = expected[k] + (target[k] - products[k] @ expected) / products[k, k]
-            expected[k] = atom / max(1.0, float(atom.norm()))
-    learner.learn(data)
-    torch.testing.assert_close(learner.atoms.double(), expected, atol=1e-4, rtol=0)
-    assert ((data - codes @ learner.atoms.double()) ** 2).sum() < before
-    assert learner.atoms.norm(dim=1).max() < 1 + 1e-5
-
-
-def test_learning_lowers_the_objective_of_other_windows(monkeypatch: pytest.MonkeyPatch) -> None:
-    fast = learn_hoggles(_images(), SPEC, atoms=40, fast=True)
-    others = unit(hog_windows(hog(photograph(64, "coffee"), SPEC)).flatten(3).flatten(0, 2))
-
-    def objective(pair: PairedDictionary) -> float:
-        atoms = pair.hog.flatten(1)
-        atoms = atoms / atoms.norm(dim=1, keepdim=True)
-        codes = lasso(atoms @ atoms.T, others @ atoms.T, 0.02)
-        return float((others - codes @ atoms).square().sum() / 2 + 0.02 * codes.sum()) / len(others)
-
-    assert objective(_learned()) < 0.95 * objective(fast)
-    monkeypatch.setattr("nablahog.invert.baselines.hoggles_learning.REPORTED", 5)
-    of_batches = learn_hoggles(_images(), SPEC, atoms=40, iterations=12).learning.objective
-    assert len(of_batches) == 3
-    assert of_batches[2] < of_batches[1] < of_batches[0]
-
-
-def test_atoms_that_are_not_used_give_way() -> None:
-    windows = unit(torch.rand(50, 6))
-    learner = Learner(torch.cat([windows[:5], torch.zeros(1, 6)]), 0.02, np.random.default_rng(0))
-    for _ in range(PATIENCE):
-        assert not learner.atoms[5].any()
-        learner.learn(windows)
-    assert any(torch.allclose(learner.atoms[5], window) for window in windows)
-
-
-def test_fast_atoms_are_windows_with_their_patches() -> None:
-    pair = _fast()
-    patches, windows = [], []
-    for image in _images().values():
-        patches.append(image.unfold(0, 28, 4).unfold(1, 28, 4).reshape(-1, 28 * 28))
-        inner = hog(image[None, None], SPEC)[:, 1:-1, 1:-1]
-        windows.append(hog_windows(inner).flatten(3).flatten(0, 2))
-    pool = torch.cat([unit(torch.cat(patches)), unit(torch.cat(windows))], dim=1)
-    for atom in torch.cat([pair.gray.flatten(1), pair.hog.flatten(1)], dim=1):
-        assert (pool - atom).abs().amax(dim=1).min() < 1e-5
-    assert pair.learning.iterations == 0
-    assert pair.learning.objective == ()
-    assert pair.learning.windows == len(pool)
-
-
-def test_the_seed_decides() -> None:
-    images = _images()
-    first = _learned()
-    torch.rand(1)  # the global generator does not
-    second = learn_hoggles(dict(reversed(images.items())), SPEC, atoms=40, iterations=8)
-    assert torch.equal(first.gray, second.gray)
-    assert torch.equal(first.hog, second.hog)
-    assert first.learning == second.learning
-    assert first.learning.images == tuple(sorted(NAMES))
-    for changed in ({"seed": 1}, {"windows": 200}):
-        assert not torch.equal(learn_hoggles(images, SPEC, atoms=40, iterations=8, **changed).hog, first.hog)
-    other = learn_hoggles({**images, "clock": images["coins"]}, SPEC, atoms=40, fast=True)
-    assert other.learning.sha256 != first.learning.sha256
-
-
-def test_threads_make_no_difference_but_rounding(two_threads: None) -> None:
-    found = learn_hoggles(_images(), SPEC, atoms=40, iterations=2)
-    image = found.reconstruct(hog(photograph(64), SPEC), SPEC).image
-    torch.set_num_threads(1)
-    alone = learn_hoggles(_images(), SPEC, atoms=40, iterations=2)
-    torch.testing.assert_close(found.hog, alone.hog, atol=1e-3, rtol=0)
-    torch.testing.assert_close(image, alone.reconstruct(hog(photograph(64), SPEC), SPEC).image, atol=1e-2, rtol=0)
-
-
-def test_progress() -> None:
-    seen: list[tuple[int, int]] = []
-    learn_hoggles(
-        _images(), SPEC, atoms=10, iterations=2, progress=lambda done, total, what: seen.append((done, total))
-    )
-    assert seen == [(0, 2), (0, 2), (1, 2), (2, 2)]
-
-
-def test_images_of_several_sizes() -> None:
-    camera = photograph(64)[0, 0]
-    images = {"a": camera[:28, :28], "b": camera[:39, :50], "c": camera}
-    pair = learn_hoggles(images, SPEC, atoms=20, fast=True)
-    assert pair.learning.windows == 1 + 3 * 6 + 10 * 10
-
-
-def test_what_cannot_be_learned_from() -> None:
-    camera = photograph(64)[0, 0]
-    wrong: list[tuple[dict[str, Any], str]] = [
-        ({"images": {}}, "expected images to learn from, got none"),
-        ({"images": {"a": camera[:27]}}, "a: expected at least 28x28 pixels, got 27x64"),
-        ({"images": {"a": camera[:0]}}, "a: expected at least 28x28 pixels, got 0x64"),
-        ({"images": {"a": camera * 255}}, "a: expected an image"),
-        ({"images": {"a": camera.double()}}, "a: expected an image"),
-        ({"images": {"a": camera * torch.nan}}, "a: expected an image"),
-        ({"images": {"a": camera[None]}}, "a: expected an image"),
-        ({"images": {"a": camera[:28, :28]}}, "at least 5 windows of 5x5 cells, got 1, 1 of them not flat"),
-        ({"images": {"a": torch.full((64, 64), 0.5)}}, "at least 5 windows of 5x5 cells, got 100, 0 of them not flat"),
-        ({"atoms": 0}, "atoms must be at least 1, got 0"),
-        ({"iterations": 0}, "iterations must be at least 1, got 0"),
-        ({"windows": 0}, "windows must be at least 1, got 0"),
-        ({"sparsity": 0.0}, "sparsity must be a finite number above 0, got 0"),
-        ({"sparsity": float("nan")}, "sparsity must be a finite number above 0, got nan"),
-    ]
-    for changed, message in wrong:
-        with pytest.raises(ValueError, match=message):
-            learn_hoggles(**{"images": {"a": camera}, "spec": SPEC, "atoms": 5, **changed})
-
-
 # --- files
 
 
 def test_round_trip(tmp_path: Path) -> None:
-    pair = _learned()
+    pair = learned()
     pair.save(tmp_path / "p")
     assert os.listdir(tmp_path) == ["p"]
     stored = PairedDictionary.load(tmp_path / "p")
@@ -408,7 +256,7 @@ def test_damaged_files(tmp_path: Path) -> None:
     path = tmp_path / "p.npz"
     with pytest.raises(FileNotFoundError, match="no such file"):
         PairedDictionary.load(path)
-    _learned().save(path)
+    learned().save(path)
     whole = path.read_bytes()
     middle = len(whole) // 2
     turned = whole[:middle] + bytes([whole[middle] ^ 0xFF]) + whole[middle + 1 :]
