@@ -22,7 +22,7 @@ lint: $(installed)  ## style and types
 	$(bin)/ruff check .
 	$(bin)/ruff format --check .
 	$(bin)/mypy
-	MYPYPATH=benchmarks:tests $(bin)/mypy --allow-untyped-calls --follow-imports silent benchmarks docs
+	MYPYPATH=benchmarks:. $(bin)/mypy --allow-untyped-calls --follow-imports silent benchmarks docs
 
 # the stamp is made last, so an installation that failed is tried again
 $(installed): pyproject.toml constraints.txt

@@ -12,10 +12,10 @@ import torch
 
 from nablahog.hog import hog
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from golden import PEERS, Case, archive, cases
-from golden.specs import dtype_of, spec_of, stored
+from tests.golden import PEERS, Case, archive, cases
+from tests.golden.specs import dtype_of, spec_of, stored
 
 
 def difference(case: Case) -> torch.Tensor:

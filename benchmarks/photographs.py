@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn.functional import interpolate
 
 from nablahog.hog.gradient import gray
-from nablahog.images import read_image
+from nablahog.io.images import read_image
 
 SIDE = 128
 SHIPPED = ("camera", "astronaut", "coffee", "coins", "chelsea", "clock", "rocket", "brick")

@@ -20,8 +20,8 @@ import torch
 
 from nablahog import hog, metrics, presets, reconstruct
 from nablahog.hog.gradient import gray
-from nablahog.images import read_image
 from nablahog.invert.quality import QualityName
+from nablahog.io.images import read_image
 
 
 def main() -> None:

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from nablahog import metrics
-from nablahog.draw import Panel, contact_sheet
+from nablahog.cli.terminal import counter
 from nablahog.evaluate.learned import SPEC, tiles
 from nablahog.evaluate.methods import METHODS, Settings
 from nablahog.evaluate.photographs import shipped
@@ -23,7 +23,7 @@ from nablahog.invert.baselines.bovw_learning import learn_bovw
 from nablahog.invert.baselines.hoggles_learning import learn_hoggles
 from nablahog.invert.baselines.nearest import learn_nearest
 from nablahog.invert.baselines.ridge import learn_ridge
-from nablahog.terminal import counter
+from nablahog.viz.pictures import Panel, contact_sheet
 
 HERE = Path(__file__).parent
 SIZE = 128

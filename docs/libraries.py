@@ -11,10 +11,10 @@ import torch
 from torch import Tensor
 
 from nablahog import metrics
-from nablahog.draw import Panel, contact_sheet
 from nablahog.evaluate.methods import METHODS, Settings
 from nablahog.evaluate.names import DIALECTS
 from nablahog.evaluate.photographs import shipped
+from nablahog.viz.pictures import Panel, contact_sheet
 
 HERE = Path(__file__).parent
 SIZE = 128

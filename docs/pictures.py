@@ -18,19 +18,19 @@ from skimage import data
 from torch import Tensor
 
 from nablahog import hog, metrics, presets, reconstruct
+from nablahog.cli.results.pose_page import write
+from nablahog.cli.results.pose_result import PoseResult, Settings
 from nablahog.datasets.viewpoints import sample_viewpoints
-from nablahog.draw import Panel, contact_sheet, difference, glyphs
 from nablahog.evaluate.examples import rendered
 from nablahog.evaluate.models import procedural_chairs
 from nablahog.hog.gradient import gray
-from nablahog.images import limit_size
 from nablahog.invert import reconstruct_multiscale, scale_descriptors
+from nablahog.io.images import limit_size
+from nablahog.io.sample_photographs import SHIPPED, shipped_photograph
 from nablahog.pose import estimate_pose
 from nablahog.pose.canvas import cut_out
 from nablahog.pose.matching import Photograph
-from nablahog.pose_page import write
-from nablahog.pose_result import PoseResult, Settings
-from nablahog.shipped import SHIPPED, shipped_photograph
+from nablahog.viz.pictures import Panel, contact_sheet, difference, glyphs
 
 HERE = Path(__file__).parent
 NAMES = ("astronaut", "camera", "chelsea", "coffee", "rocket", "coins", "clock", "brick")

@@ -12,9 +12,9 @@ import numpy as np
 import torch
 
 from nablahog import presets, reconstruct
-from nablahog.draw import Panel, contact_sheet, glyphs
 from nablahog.hog.layout import from_layout
 from nablahog.invert.template import seen
+from nablahog.viz.pictures import Panel, contact_sheet, glyphs
 
 DETECTORS = {
     "default": ((64, 128), cv2.HOGDescriptor.getDefaultPeopleDetector),

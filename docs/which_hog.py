@@ -16,9 +16,9 @@ from skimage import data
 from skimage.feature import hog
 
 from nablahog import presets, reconstruct
-from nablahog.draw import Panel, contact_sheet
 from nablahog.hog.gradient import gray
 from nablahog.hog.layout import from_layout
+from nablahog.viz.pictures import Panel, contact_sheet
 
 HERE = Path(__file__).parent
 SIZE = 128, 64

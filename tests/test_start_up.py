@@ -12,8 +12,8 @@ import pytest
 import torch
 
 from nablahog import HOG, presets
-from nablahog.cli import _COMMANDS
-from nablahog.lazy import _Package, names_when_used
+from nablahog.cli.main import _COMMANDS
+from nablahog.runtime.lazy import _Package, names_when_used
 
 HEAVY = ("torch", "numba", "numpy", "scipy", "skimage", "PIL", "matplotlib", "rich", "trimesh", "platformdirs")
 LAZY = ("nablahog", "nablahog.hog", "nablahog.invert", "nablahog.pose")
@@ -34,7 +34,9 @@ def test_heavy_modules_would_be_seen() -> None:
     assert loaded_by("import numpy") == {"numpy"}
 
 
-@pytest.mark.parametrize("program", ["import nablahog", "import nablahog.cli", *(f"import {name}" for name in LAZY)])
+@pytest.mark.parametrize(
+    "program", ["import nablahog", "import nablahog.cli.main", *(f"import {name}" for name in LAZY)]
+)
 def test_importing_is_light(program: str) -> None:
     assert loaded_by(program) == set()
 
@@ -47,7 +49,7 @@ def test_specs_are_light() -> None:
     "argv", [["--help"], ["--version"], ["learn", "--help"], *([*c.split(), "--help"] for c in _COMMANDS)]
 )
 def test_help_is_light(argv: list[str]) -> None:
-    assert loaded_by(f"from nablahog.cli import main; assert main({argv}) == 0") == set()
+    assert loaded_by(f"from nablahog.cli.main import main; assert main({argv}) == 0") == set()
 
 
 @pytest.mark.parametrize(
@@ -62,13 +64,13 @@ def test_help_is_light(argv: list[str]) -> None:
     ],
 )
 def test_wrong_arguments_are_refused_lightly(argv: list[str]) -> None:
-    assert loaded_by(f"from nablahog.cli import main; assert main({argv}) == 2") == set()
+    assert loaded_by(f"from nablahog.cli.main import main; assert main({argv}) == 2") == set()
 
 
 @pytest.mark.parametrize("command", _COMMANDS)
 def test_every_command_is_there(command: str) -> None:
     module, function = _COMMANDS[command].split(".")
-    assert callable(getattr(import_module(f"nablahog.{module}"), function))
+    assert callable(getattr(import_module(f"nablahog.cli.commands.{module}"), function))
 
 
 @pytest.mark.parametrize("name", LAZY)

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from .lazy import names_when_used
+from .runtime.lazy import names_when_used
 
 if TYPE_CHECKING:
     from .hog import HOG, HOGSpec, hog, presets, stream

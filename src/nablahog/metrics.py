@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .images import Picture, as_array
+from .io.images import Picture, as_array
 
 BINS = 256
 VIEWS = (4, 8, 16, 24)

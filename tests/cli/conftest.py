@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from nablahog.cli import main
-from nablahog.evaluate import resume
+from nablahog.cli.main import main
 from nablahog.evaluate.learned import LEARNED
-from nablahog.evaluate.store import Job, Result
-from nablahog.evaluate.work import attempt
+from nablahog.jobs import resume
+from nablahog.jobs.store import Job, Result
+from nablahog.jobs.worker import attempt
 
 from .common import CHELSEA
 

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 from skimage import data
 
-from nablahog.cli import main
+from nablahog.cli.main import main
 
 OPTIONS = ["--max-evaluations", "30"]
 

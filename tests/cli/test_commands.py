@@ -11,10 +11,12 @@ import torch
 from PIL import Image
 
 import nablahog
-from nablahog import demo, inversion, presets
-from nablahog.cli import main
-from nablahog.descriptor_file import load_descriptor
-from nablahog.images import read_image
+from nablahog import presets
+from nablahog.cli.commands import demo
+from nablahog.cli.main import main
+from nablahog.cli.results import inversion
+from nablahog.io.descriptor_file import load_descriptor
+from nablahog.io.images import read_image
 
 from .common import CHELSEA, FAST, SMALL, names
 

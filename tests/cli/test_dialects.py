@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from nablahog.cli import main
-from nablahog.images import read_image
+from nablahog.cli.main import main
+from nablahog.io.images import read_image
 
 from .common import CHELSEA, names
 

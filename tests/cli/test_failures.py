@@ -16,8 +16,9 @@ import pytest
 import torch
 from PIL import Image
 
-from nablahog import inversion, invert_command
-from nablahog.cli import main
+from nablahog.cli.commands import invert
+from nablahog.cli.main import main
+from nablahog.cli.results import inversion
 
 from .common import CHELSEA, FAST, names
 
@@ -51,7 +52,7 @@ def test_work_that_fails(
 
 def test_what_is_finished_survives(tmp_path: Path, photo: str, monkeypatch: pytest.MonkeyPatch) -> None:
     Image.fromarray(CHELSEA[:, :48]).save(tmp_path / "in" / "second.png")
-    real, calls = invert_command.invert_batch, []
+    real, calls = invert.invert_batch, []
 
     def second_fails(*args: Any, **options: Any) -> Any:
         calls.append(args)
@@ -59,7 +60,7 @@ def test_what_is_finished_survives(tmp_path: Path, photo: str, monkeypatch: pyte
             raise KeyboardInterrupt
         return real(*args, **options)
 
-    monkeypatch.setattr(invert_command, "invert_batch", second_fails)
+    monkeypatch.setattr(invert, "invert_batch", second_fails)
     assert main(["invert", photo, str(tmp_path / "in" / "second.png"), "-o", str(tmp_path / "out"), *FAST]) == 130
     assert names(tmp_path / "out") == ["cat_glyphs.png", "cat_preimage.png", "cat_thumbnails.png", "results.json"]
     assert len(json.loads((tmp_path / "out" / "results.json").read_text())) == 1
@@ -95,7 +96,7 @@ def test_interrupted_as_a_process(tmp_path: Path, photo: str) -> None:
     out = tmp_path / "out"
     # a test run in the background may have told its children to ignore interrupts
     program = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); " + (
-        "from nablahog.cli import main; sys.exit(main())"
+        "from nablahog.cli.main import main; sys.exit(main())"
     )
     command = [sys.executable, "-c", program, "invert", photo, "-o", str(out), "--max-evaluations", "1000000"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:

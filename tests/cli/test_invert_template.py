@@ -11,9 +11,9 @@ import pytest
 import torch
 from PIL import Image
 
-from dpm_models import written
 from nablahog import hog, presets
-from nablahog.cli import main
+from nablahog.cli.main import main
+from tests.io.dpm_models import written
 
 FEW = ["--max-evaluations", "20"]
 

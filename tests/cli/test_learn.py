@@ -18,8 +18,9 @@ import torch
 from PIL import Image
 from torch import Tensor
 
-from nablahog import LearnedPrior, learn_command, presets
-from nablahog.cli import main
+from nablahog import LearnedPrior, presets
+from nablahog.cli.commands import learn
+from nablahog.cli.main import main
 from nablahog.invert.network import weight_count
 
 from .common import CHELSEA, names
@@ -81,7 +82,7 @@ def test_the_photographs_of_scikit_image(tmp_path: Path, monkeypatch: pytest.Mon
         shapes.update({name: tuple(image.shape) for name, image in images.items()})
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(learn_command, "train_prior", learn)
+    monkeypatch.setattr(learn, "train_prior", learn)
     assert main(["learn", "prior", "-o", str(tmp_path / "p.npz"), "--size", "100"]) == 130
     assert len(shapes) == 8
     assert shapes["coffee"] == (67, 100)  # whole
@@ -228,7 +229,7 @@ def test_interrupted_and_repeated(tmp_path: Path, images: str, monkeypatch: pyte
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(learn_command, "counter", lambda name: nullcontext(stop))
+        patched.setattr(learn, "counter", lambda name: nullcontext(stop))
         assert main([*command, str(tmp_path / "p.npz")]) == 130
     assert names(tmp_path) == ["images", "p.npz.checkpoint", "undisturbed.npz"]
     assert _epochs(tmp_path / "p.npz.checkpoint") == 2
@@ -243,7 +244,7 @@ def _started(command: list[str], checkpoint: Path) -> Iterator[subprocess.Popen[
     before = _written(checkpoint)
     # a test run in the background may have told its children to ignore interrupts
     program = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); " + (
-        "from nablahog.cli import main; sys.exit(main())"
+        "from nablahog.cli.main import main; sys.exit(main())"
     )
     started = [sys.executable, "-c", program, *command]
     with subprocess.Popen(started, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as process:

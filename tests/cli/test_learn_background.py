@@ -10,7 +10,7 @@ import torch
 from PIL import Image
 
 from nablahog import presets
-from nablahog.cli import main
+from nablahog.cli.main import main
 from nablahog.evaluate.photographs import read_folder
 from nablahog.pose.background import learn_background
 from nablahog.pose.whitening import Background

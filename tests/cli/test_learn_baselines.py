@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 from skimage import data
 
-from nablahog.cli import main
+from nablahog.cli.main import main
 from nablahog.evaluate import learned
 from nablahog.evaluate.photographs import shipped
 from nablahog.invert.baselines.bovw import BoVW

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 import trimesh
 
-from nablahog import exemplars_command
-from nablahog.cli import main
+from nablahog.cli.commands import learn_exemplars
+from nablahog.cli.main import main
 from nablahog.datasets.chairs import chair
 from nablahog.evaluate.exemplar_job import ExemplarJob
-from nablahog.evaluate.store import Result, Work
-from nablahog.evaluate.work import attempt
+from nablahog.io.sample_photographs import shipped_photograph
+from nablahog.jobs.store import Result, Work
+from nablahog.jobs.worker import attempt
 from nablahog.pose import views as learning
 from nablahog.pose.background import default_background, learn_background
 from nablahog.pose.views import SPEC, Library, Viewing
 from nablahog.render import load_mesh
-from nablahog.shipped import shipped_photograph
 
 from .common import names
 
@@ -44,7 +44,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     def run(jobs: Sequence[Work], *, workers: int) -> Generator[tuple[int, Result | str], None, None]:
         yield from ((index, attempt(job)) for index, job in enumerate(jobs))
 
-    monkeypatch.setattr(exemplars_command, "run_jobs", run)
+    monkeypatch.setattr(learn_exemplars, "run_jobs", run)
     monkeypatch.setattr(learning.Viewing, "poses", lambda self: POSES)
 
 

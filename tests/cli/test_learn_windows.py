@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from nablahog import learn_command, presets
-from nablahog.cli import main
+from nablahog import presets
+from nablahog.cli.commands import learn
+from nablahog.cli.main import main
 from nablahog.evaluate import learned
 from nablahog.evaluate.photographs import shipped
 from nablahog.invert.baselines import hoggles_learning
@@ -127,7 +128,7 @@ def test_refuses(tmp_path: Path, images: str, kind: str, refused: Callable[..., 
 def _small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Dictionaries of a few atoms, kept every second iteration."""
     monkeypatch.setattr(hoggles_learning, "REPORTED", 2)
-    monkeypatch.setattr(learn_command, "learn_pair", partial(learn_hoggles, atoms=20, iterations=7))
+    monkeypatch.setattr(learn, "learn_pair", partial(learn_hoggles, atoms=20, iterations=7))
 
 
 def _stop(done: int, total: int, what: str) -> None:
@@ -143,7 +144,7 @@ def test_hoggles_interrupted_and_repeated(
     out, undisturbed = tmp_path / "h.npz", tmp_path / "undisturbed.npz"
     assert main([*command, str(undisturbed)]) == 0
     with monkeypatch.context() as patched:
-        patched.setattr(learn_command, "counter", lambda name: nullcontext(_stop))
+        patched.setattr(learn, "counter", lambda name: nullcontext(_stop))
         assert main([*command, str(out)]) == 130
     assert names(tmp_path) == ["h.npz.checkpoint", "images", "undisturbed.npz"]
     refused(*command, str(out), "--seed", "1", message=f"{out}.checkpoint: the checkpoint of another dictionary pair")

@@ -13,12 +13,12 @@ import pytest
 from PIL import Image
 
 from nablahog import presets
-from nablahog.cli import main
-from nablahog.images import write_image
+from nablahog.cli.main import main
+from nablahog.cli.results.pose_result import AZIMUTHS
+from nablahog.io.images import write_image
 from nablahog.pose.background import default_background
-from nablahog.pose_result import AZIMUTHS
 from nablahog.render import Mesh
-from pose.common import SWIVEL, WOODEN, degrees_between, model, photographed
+from tests.pose.common import SWIVEL, WOODEN, degrees_between, model, photographed
 
 from .common import names
 
@@ -199,6 +199,6 @@ def test_what_fails_leaves_nothing(
     def fail(*args: object, **options: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("nablahog.pose_page.silhouette", fail)
+    monkeypatch.setattr("nablahog.cli.results.pose_page.silhouette", fail)
     options = ["--method", "exhaustive", "--init", "0,10", "-o", str(tmp_path / "out")]
     refused("pose", scene[0], "--mesh", wedge, *options, message="not enough memory")

@@ -13,13 +13,13 @@ from PIL import Image
 
 import nablahog
 from nablahog import HOGSpec, presets
-from nablahog.cli import main
-from nablahog.descriptor_file import load_descriptor, save_descriptor
-from nablahog.draw import glyphs
-from nablahog.images import Picture, read_image, to_pil
+from nablahog.cli.inputs.preset_parameters import PRESETS
+from nablahog.cli.inputs.spec import make_spec
+from nablahog.cli.main import main
 from nablahog.invert.baselines.nearest import NearestWindows
-from nablahog.preset_option import make_spec
-from nablahog.preset_parameters import PRESETS
+from nablahog.io.descriptor_file import load_descriptor, save_descriptor
+from nablahog.io.images import Picture, read_image, to_pil
+from nablahog.viz.pictures import glyphs
 
 from .common import CHELSEA, names
 

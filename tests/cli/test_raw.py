@@ -15,11 +15,11 @@ from scipy import io
 
 import nablahog
 from nablahog import presets
-from nablahog.cli import main
-from nablahog.images import read_image
-from nablahog.preset_option import Wanted
-from nablahog.raw_file import is_raw, read_array
-from nablahog.raw_option import Raw
+from nablahog.cli.inputs.arrays import Raw
+from nablahog.cli.inputs.spec import Wanted
+from nablahog.cli.main import main
+from nablahog.io.arrays import is_raw, read_array
+from nablahog.io.images import read_image
 
 from .common import CHELSEA
 

@@ -11,9 +11,10 @@ import pytest
 import torch
 from PIL import Image
 
-from nablahog import invert_command, presets
-from nablahog.cli import main
-from nablahog.descriptor_file import load_descriptor, save_descriptor
+from nablahog import presets
+from nablahog.cli.commands import invert
+from nablahog.cli.main import main
+from nablahog.io.descriptor_file import load_descriptor, save_descriptor
 
 from .common import CHELSEA, FAST
 
@@ -127,7 +128,7 @@ def test_descriptor_files_of_the_spec_asked_for(tmp_path: Path, descriptor: str)
 def test_output_folders_that_cannot_be(
     tmp_path: Path, photo: str, refused: Callable[..., None], monkeypatch: pytest.MonkeyPatch, command: str
 ) -> None:
-    monkeypatch.setattr(invert_command, "invert_batch", None)  # it must fail before any work
+    monkeypatch.setattr(invert, "invert_batch", None)  # it must fail before any work
     for path in (f"{photo}/out", f"{photo}/below/out"):
         refused(command, photo, photo, "-o", path, message="is not a folder")
     refused(command, photo, photo, "-o", "/proc/nablahog/out", message="the output folder /proc/nablahog/out cannot be")

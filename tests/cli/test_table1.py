@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from nablahog.cli import main
+from nablahog.cli.main import main
 
 from .common import CHELSEA, names
 
@@ -109,7 +109,7 @@ def _started(images: str, out: Path) -> Iterator[subprocess.Popen[str]]:
     before = _stored(out)
     # a test run in the background may have told its children to ignore interrupts
     program = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); " + (
-        "from nablahog.cli import main; sys.exit(main())"
+        "from nablahog.cli.main import main; sys.exit(main())"
     )
     command = [sys.executable, "-c", program, "table1", "--images", images, "-o", str(out), *QUICK]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:

@@ -13,7 +13,7 @@ from PIL import Image
 from scipy import io
 from torch import Tensor
 
-from nablahog.cli import main
+from nablahog.cli.main import main
 from nablahog.evaluate import pose_job
 from nablahog.evaluate.pose_methods import POSE_METHODS, Found, PoseMethod, PoseProblem, PoseSettings
 

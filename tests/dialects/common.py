@@ -7,12 +7,12 @@ import torch
 from skimage import data
 from torch import Tensor
 
+from nablahog.cli.inputs.preset_parameters import PRESETS
+from nablahog.cli.inputs.spec import Wanted
 from nablahog.dialects.describer import Describer
 from nablahog.dialects.distances import Distance, Question, answers
 from nablahog.dialects.grounds import Ground, Orientations
 from nablahog.hog import HOGSpec, hog
-from nablahog.preset_option import Wanted
-from nablahog.preset_parameters import PRESETS
 
 SPECS = {name: Wanted(name, cell=(8, 8)).spec() for name in PRESETS}
 CAT = torch.from_numpy(data.chelsea()[40:232:4, 60:356:4].transpose(2, 0, 1).copy())  # 48x74: no whole cells

@@ -8,11 +8,11 @@ from dataclasses import replace
 import pytest
 import torch
 
-from hog.zoo import SPECS as ZOO
-from hog.zoo import fits, integers
 from nablahog.dialects.describer import Describer
 from nablahog.dialects.grounds import DIRECTIONS, Channels, Orientations, common_region, readings, region, same_channels
 from nablahog.hog import BlockNorm, HOGSpec, hog, presets
+from tests.hog.zoo import SPECS as ZOO
+from tests.hog.zoo import fits, integers
 
 from .common import CAT, SPECS
 

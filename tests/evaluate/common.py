@@ -13,11 +13,11 @@ from nablahog import HOGSpec, LearnedPrior
 from nablahog.evaluate.methods import Method, Settings
 from nablahog.evaluate.photographs import Photographs
 from nablahog.evaluate.reconstruction import ReconstructionJob
-from nablahog.evaluate.store import Job, Result
 from nablahog.evaluate.table1 import Table1, run_table1
-from nablahog.evaluate.work import attempt
 from nablahog.invert.learned import Training
 from nablahog.invert.network import Architecture, weight_count
+from nablahog.jobs.store import Job, Result
+from nablahog.jobs.worker import attempt
 
 
 def photographs(count: int = 3, size: int = 32) -> Photographs:

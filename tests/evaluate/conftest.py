@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 
 import pytest
 
-from nablahog.evaluate import resume
-from nablahog.evaluate.store import Job, Result
+from nablahog.jobs import resume
+from nablahog.jobs.store import Job, Result
 
 from .common import here
 

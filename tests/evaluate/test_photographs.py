@@ -12,7 +12,7 @@ import torch
 from PIL import Image
 
 from nablahog.evaluate.photographs import read_folder, shipped
-from nablahog.shipped import SHIPPED
+from nablahog.io.sample_photographs import SHIPPED
 
 COLOURS = np.random.default_rng(0).integers(0, 256, (40, 60, 3), dtype=np.uint8)
 

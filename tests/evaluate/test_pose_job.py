@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nablahog.evaluate import pose_job, store
+from nablahog.evaluate import pose_job
 from nablahog.evaluate.models import Model
 from nablahog.evaluate.pose_job import PoseJob
 from nablahog.evaluate.pose_methods import PoseMethod, PoseSettings
-from nablahog.evaluate.store import Result
-from nablahog.evaluate.work import attempt
+from nablahog.jobs import store
+from nablahog.jobs.store import Result
+from nablahog.jobs.worker import attempt
 
 from .pose_fakes import ENDLESS, FAR, MODELS, NEAR, OTHER, examples
 

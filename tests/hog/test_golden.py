@@ -9,10 +9,10 @@ import pytest
 import torch
 from torch.testing import assert_close
 
-from golden import PEERS, Case, archive, cases
-from golden.specs import dtype_of, spec_of, stored
 from nablahog.hog import hog, presets
 from nablahog.hog.descriptor import Backend
+from tests.golden import PEERS, Case, archive, cases
+from tests.golden.specs import dtype_of, spec_of, stored
 
 TOLERANCE = 1e-6  # of descriptors whose entries reach 0.2 … 1: sums of float32 in another order
 EVERY = [case for peer in PEERS for case in cases(peer)]

@@ -9,9 +9,9 @@ from torch import Tensor
 
 from nablahog.datasets.chairs import chair
 from nablahog.hog.gradient import gray
+from nablahog.io.sample_photographs import shipped_photograph
 from nablahog.pose.canvas import Box
 from nablahog.render import Camera, Mesh, pose, render, silhouette
-from nablahog.shipped import shipped_photograph
 
 WOODEN, SWIVEL = 4, 2  # seeds of chairs that are quickly rendered
 

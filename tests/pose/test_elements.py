@@ -11,10 +11,10 @@ from torch.nn.functional import conv2d
 from torch.testing import assert_close
 
 from nablahog.hog import hog, presets
+from nablahog.io.sample_photographs import shipped_photograph
 from nablahog.pose.background import default_background
 from nablahog.pose.elements import EMPTY, Elements, all_patches, calibration, elements
 from nablahog.pose.whitening import Background
-from nablahog.shipped import shipped_photograph
 
 SPEC = presets.aubry(8)
 

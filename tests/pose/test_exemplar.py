@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from nablahog.datasets.chairs import chair
+from nablahog.io.sample_photographs import shipped_photograph
 from nablahog.pose import exemplar
 from nablahog.pose.background import default_background
 from nablahog.pose.exemplar import detect
 from nablahog.pose.star import NOTHING, UNLIKE, star_match
 from nablahog.pose.views import SPEC, Viewing, Views, learn_views
 from nablahog.render import Camera, Mesh, render
-from nablahog.shipped import shipped_photograph
 
 VIEWING = Viewing(azimuths=(0, 30, 60, 150, 250), elevations=(20,))
 HEIGHT, WIDTH = 300, 400

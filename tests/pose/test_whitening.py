@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.hog import FourBlockNorm, HOGSpec, hog, presets
-from nablahog.images import limit_size
+from nablahog.io.images import limit_size
 from nablahog.pose import background as learning
 from nablahog.pose.background import default_background, learn_background, least_size
 from nablahog.pose.whitening import Background

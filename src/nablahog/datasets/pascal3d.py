@@ -18,8 +18,8 @@ import numpy as np
 from torch import Tensor
 from torch.nn import functional
 
-from ..images import read_image
-from .matfile import read_mat
+from ..io.images import read_image
+from ..io.matfile import read_mat
 from .voc import Box, VOCObject, check_voc, read_annotation, read_image_ids
 
 SHORTEST = 100  # pixels of the shortest side of an object's picture (the paper, Section 3.2, Setup)

@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from ..hog.gradient import GRAY_WEIGHTS
-from ..images import Picture, as_array
+from ..io.images import Picture, as_array
 from ..render import Camera, Light, Mesh, render
 from ..render.camera import to_camera, to_screen
 

@@ -9,9 +9,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from .. import report
-from ..draw import Panel, glyphs
 from ..hog import hog
+from ..viz import html
+from ..viz.pictures import Panel, glyphs
 from . import tables
 from .compare import Comparison
 
@@ -37,25 +37,25 @@ def page(comparison: Comparison, image: Tensor, introduction: str, heat_map: NDA
         heat_map: the picture of the distances.
     """
     sections = [
-        report.Section(
+        html.Section(
             "Distances", "The darker the further apart; neighbours are alike.", [Panel(heat_map, "all distances")]
         ),
-        report.Section("Why", "Every pair, the closest first.", table=tables.pairs(comparison)),
+        html.Section("Why", "Every pair, the closest first.", table=tables.pairs(comparison)),
         _channels(comparison),
-        report.Section(
+        html.Section(
             "Ties",
             "8-bit values make gradients that lie exactly between two bins, or are equal in two channels. Libraries "
             "have different rules for these.",
             table=tables.tie_rows(comparison.ties),
         ),
-        report.Section(
+        html.Section(
             "What each says of the photograph",
             "The descriptors as glyphs: in each cell, strokes along its edges.",
             [Panel(image / 255, "the photograph"), *_glyphs(comparison, image)],
         ),
-        report.Section("The presets", "Their conventions.", table=tables.conventions(comparison.specs)),
+        html.Section("The presets", "Their conventions.", table=tables.conventions(comparison.specs)),
     ]
-    return report.page(
+    return html.page(
         "Dialects of HOG",
         " ".join([introduction, *tables.same(comparison)]),
         [],
@@ -66,12 +66,12 @@ def page(comparison: Comparison, image: Tensor, introduction: str, heat_map: NDA
     )
 
 
-def _channels(comparison: Comparison) -> report.Section | None:
+def _channels(comparison: Comparison) -> html.Section | None:
     rows = tables.channels(comparison)
     if not rows:
         return None
     text = "Pairs of which some channels mean the same in both: their entries compared as they are."
-    return report.Section("Channels with the same meaning", text, table=rows)
+    return html.Section("Channels with the same meaning", text, table=rows)
 
 
 def _glyphs(comparison: Comparison, image: Tensor) -> list[Panel]:

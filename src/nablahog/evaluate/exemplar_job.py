@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ..jobs.store import Result
 from ..pose.background import default_background
 from ..pose.views import SPEC, Library
 from ..pose.whitening import Background
 from ..render import load_mesh
-from .store import Result
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from platformdirs import user_cache_path
 from torch import Tensor
 
 from ..hog import HOGSpec, presets
-from ..images import limit_size
 from ..invert import LearnedPrior
 from ..invert.baselines.bovw import BoVW
 from ..invert.baselines.bovw_learning import learn_bovw
@@ -20,9 +19,10 @@ from ..invert.baselines.hoggles import PairedDictionary
 from ..invert.baselines.hoggles_learning import learn_hoggles
 from ..invert.baselines.nearest import NearestWindows, learn_nearest
 from ..invert.baselines.ridge import RidgeRegression, learn_ridge
-from ..output import checkpoint_for
+from ..io.files import checkpoint_for
+from ..io.images import limit_size
+from ..jobs.store import code
 from .photographs import shipped
-from .store import code
 
 Progress: TypeAlias = Callable[[int, int, str], None]
 
@@ -106,7 +106,7 @@ def from_shipped(kind: str, progress: Progress) -> Path:
     """
     learned = LEARNED[kind]
     assert learned.learn is not None
-    path = user_cache_path("nablahog") / f"{kind}-{code('hog', 'invert', 'shipped.py', 'evaluate')[:16]}.npz"
+    path = user_cache_path("nablahog") / f"{kind}-{code('hog', 'invert', 'io', 'runtime', 'evaluate')[:16]}.npz"
     try:
         load(kind, path)
     except (OSError, ValueError):  # missing, or damaged by whatever else uses such folders

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from ..datasets.cad import read_models
 from ..datasets.chairs import chair
+from ..jobs.store import digest
 from ..render import Mesh, load_mesh
-from .store import digest
 
 KEPT = 256  # meshes that a process keeps: reading one takes longer than many a search
 

@@ -10,8 +10,8 @@ from PIL import Image
 from torch import Tensor
 
 from ..hog.gradient import gray
-from ..images import limit_size, read_image
-from ..shipped import SHIPPED, shipped_photograph
+from ..io.images import limit_size, read_image
+from ..io.sample_photographs import SHIPPED, shipped_photograph
 
 
 @dataclass

@@ -12,13 +12,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ..images import as_array
+from ..io.images import as_array
+from ..jobs.store import Result, code, digest, source
 from ..pose import Box
 from .models import Model
 from .pose_methods import Found, PoseMethod, PoseProblem, PoseSettings, coverage
-from .store import Result, code, digest, source
 
-DECIDING = ("compile.py", "hog", "optimize", "render", "pose", "datasets")
+DECIDING = ("runtime", "io", "hog", "optimize", "render", "pose", "datasets")
 """The parts of the package that decide what is found."""
 
 

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from .. import metrics
-from ..images import as_array
+from ..io.images import as_array
+from ..jobs.store import Result, code, digest, source
 from .methods import Found, Method, Settings
-from .store import Result, code, digest, source
 
 Figures: TypeAlias = dict[str, float | None]  # by metric; None where one is not defined
-DECIDING = ("compile.py", "hog", "optimize", "invert", "metrics.py")
+DECIDING = ("runtime", "io", "hog", "optimize", "invert", "metrics.py")
 """The parts of the package that decide what is found and how it is measured."""
 
 

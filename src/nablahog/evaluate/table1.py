@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..jobs.resume import do_all
 from .methods import Method, Settings
 from .photographs import Photographs
 from .published import BASELINES, GROUPS, PUBLISHED
 from .reconstruction import Figures, ReconstructionJob
-from .resume import do_all
 from .statistics import Statistics, statistics
 from .tables import Failure, evenly_spread, write_csv
 

@@ -10,10 +10,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .. import metrics, report
-from ..draw import Panel, glyphs
+from .. import metrics
 from ..hog import HOGSpec, hog
 from ..invert.multiscale import SCALES
+from ..viz import html
+from ..viz.pictures import Panel, glyphs
 from .learned import LEARNED, load
 from .methods import Method, Settings
 from .photographs import Photographs
@@ -116,7 +117,7 @@ def page(table: Table1, settings: Settings, origin: str, remarks: Sequence[str] 
     ignored = table.photographs.ignored
     passed_over = f" Passed over, as no images by their endings: {', '.join(ignored)}." if ignored else ""
     limit = f", at most {settings.max_evaluations} evaluations" if settings.max_evaluations else ""
-    return report.page(
+    return html.page(
         "Table 1: images from HOG descriptors",
         " ".join([f"{LEAD} {origin}{failed}{passed_over}", *remarks]),
         list(_table(table.lines())),
@@ -140,19 +141,17 @@ def _table(lines: Sequence[Line]) -> Iterator[Mapping[str, object]]:
         yield {**row, "seconds": line.seconds}
 
 
-def _cell(of: Statistics) -> report.Cell | None:
+def _cell(of: Statistics) -> html.Cell | None:
     if of.n == 0:
         return None
-    return report.Cell(
-        of.mean, f"{report.figure(of.low)} … {report.figure(of.high)}\nmedian {report.figure(of.median)}"
-    )
+    return html.Cell(of.mean, f"{html.figure(of.low)} … {html.figure(of.high)}\nmedian {html.figure(of.median)}")
 
 
-def _failures(table: Table1) -> report.Section | None:
+def _failures(table: Table1) -> html.Section | None:
     if not table.failures:
         return None
     rows = [{"image": each.image, "method": each.method or "all", "reason": each.reason} for each in table.failures]
-    return report.Section(
+    return html.Section(
         f"Failed: {len(rows)}",
         "These are in no figure above. A further run of the same settings tries them again.",
         table=rows,
@@ -164,17 +163,17 @@ def _shown(table: Table1) -> list[str]:
     return [name for name in table.photographs.images if name in names]
 
 
-def _photograph(table: Table1, image: str) -> report.Cell:
-    return report.Cell(Panel(table.photographs.images[image], image), image)
+def _photograph(table: Table1, image: str) -> html.Cell:
+    return html.Cell(Panel(table.photographs.images[image], image), image)
 
 
-def _found(table: Table1, row: str, image: str) -> report.Cell | None:
+def _found(table: Table1, row: str, image: str) -> html.Cell | None:
     """The picture a method found, over what is said of it; None where it failed."""
     picture, figures = table.pictures[row].get(image), table.figures[row].get(image)
     if picture is None or figures is None:
         return None
-    remark = f"CC {report.figure(figures['cc'])}\nSSIM {report.figure(figures['ssim'])}"
-    return report.Cell(Panel(picture / np.float64(255), f"{image}, {row}"), remark)
+    remark = f"CC {html.figure(figures['cc'])}\nSSIM {html.figure(figures['ssim'])}"
+    return html.Cell(Panel(picture / np.float64(255), f"{image}, {row}"), remark)
 
 
 def _glyphs(image: str, pixels: Tensor, spec: HOGSpec) -> Panel | None:
@@ -185,7 +184,7 @@ def _glyphs(image: str, pixels: Tensor, spec: HOGSpec) -> Panel | None:
     return Panel(glyphs(descriptor, spec), f"{image}, glyphs of {spec.name}")
 
 
-def _pictures(table: Table1) -> report.Section | None:
+def _pictures(table: Table1) -> html.Section | None:
     specs = {method.group: method.spec for method in table.methods if method.spec is not None}
     rows = []
     for image in _shown(table):
@@ -196,10 +195,10 @@ def _pictures(table: Table1) -> report.Section | None:
     if not rows:
         return None
     text = "The image, its descriptors as glyphs, and what each method found from a descriptor."
-    return report.Section("Pictures", text, table=rows)
+    return html.Section("Pictures", text, table=rows)
 
 
-def _levels(table: Table1) -> report.Section | None:
+def _levels(table: Table1) -> html.Section | None:
     rows: list[Mapping[str, object]] = []
     for method in table.methods:
         images = list(table.pictures[method.name])[:LEVEL_IMAGES]
@@ -209,7 +208,7 @@ def _levels(table: Table1) -> report.Section | None:
     if not rows:
         return None
     text = "What was found at each level, from the smallest to the size of the image, enlarged to that size."
-    return report.Section("Levels", text, table=rows)
+    return html.Section("Levels", text, table=rows)
 
 
 def _level_row(table: Table1, method: Method, image: str) -> Mapping[str, object]:

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..jobs.resume import do_all
 from ..metrics import VIEWS, azimuth_error, near_view, same_view
 from .examples import Example, Examples
 from .pose_job import PoseJob
 from .pose_methods import Found, PoseMethod, PoseSettings
 from .published import POSE_PUBLISHED
-from .resume import do_all
 from .statistics import Statistics, interval, statistics
 from .tables import Failure, evenly_spread, write_csv
 

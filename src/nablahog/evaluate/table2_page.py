@@ -10,9 +10,9 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from .. import report
-from ..draw import Panel, outlined
 from ..metrics import VIEWS
+from ..viz import html
+from ..viz.pictures import Panel, outlined
 from .examples import Example
 from .pose_methods import POSE_METHODS, PoseSettings
 from .statistics import RESAMPLES, Statistics
@@ -62,7 +62,7 @@ def page(table: Table2, settings: PoseSettings) -> str:
     failed = f" {len(table.failures)} failed, see below." if table.failures else ""
     lines = table.lines()
     sections = [_failures(table), _thresholds(lines), _errors(table), _pictures(table)]
-    return report.page(
+    return html.page(
         "Table 2: poses from HOG descriptors",
         f"{LEAD} {table.examples.origin}{failed}",
         [_row(line) for line in lines],
@@ -79,27 +79,27 @@ def _row(line: Line) -> Mapping[str, object]:
         row[f"{views} views"] = _cell(line.accuracy["interval", views])
         row[f"{views} views\npaper"] = line.paper.get(views)
     error = line.error
-    median = None if error.value is None else report.Cell(error.value, _span(error.low, error.high))
+    median = None if error.value is None else html.Cell(error.value, _span(error.low, error.high))
     return {**row, "median error": median, "seconds": line.seconds}
 
 
-def _cell(of: Statistics) -> report.Cell | None:
-    return None if of.n == 0 else report.Cell(of.mean, _span(of.low, of.high))
+def _cell(of: Statistics) -> html.Cell | None:
+    return None if of.n == 0 else html.Cell(of.mean, _span(of.low, of.high))
 
 
 def _span(low: float | None, high: float | None) -> str:
-    return f"{report.figure(low)} … {report.figure(high)}"
+    return f"{html.figure(low)} … {html.figure(high)}"
 
 
-def _failures(table: Table2) -> report.Section | None:
+def _failures(table: Table2) -> html.Section | None:
     if not table.failures:
         return None
     rows = [{"object": each.image, "method": each.method or "all", "reason": each.reason} for each in table.failures]
     text = "Where a method failed it counts as wrong above. A further run of the same settings tries it again."
-    return report.Section(f"Failed: {len(rows)}", text, table=rows)
+    return html.Section(f"Failed: {len(rows)}", text, table=rows)
 
 
-def _thresholds(lines: Sequence[Line]) -> report.Section:
+def _thresholds(lines: Sequence[Line]) -> html.Section:
     rows = [
         {
             "method": line.method,
@@ -108,10 +108,10 @@ def _thresholds(lines: Sequence[Line]) -> report.Section:
         for line in lines
         if line.accuracy["threshold", VIEWS[0]].n
     ]
-    return report.Section("By threshold", "The same azimuths by the other criterion, in percent.", table=rows)
+    return html.Section("By threshold", "The same azimuths by the other criterion, in percent.", table=rows)
 
 
-def _errors(table: Table2) -> report.Section:
+def _errors(table: Table2) -> html.Section:
     counts = {each.name: np.histogram(table.errors(each.name), BARS, (0, 180))[0] for each in table.methods}
     shares = {name: of / max(1, of.sum()) for name, of in counts.items()}
     highest = max((float(of.max()) for of in shares.values()), default=1.0) or 1.0
@@ -120,7 +120,7 @@ def _errors(table: Table2) -> report.Section:
         for name, of in shares.items()
     ]
     text = f"Share of the objects whose azimuth differs from the true one by 0 … 180°, {180 // BARS}° a bar."
-    return report.Section("How far off", text, panels)
+    return html.Section("How far off", text, panels)
 
 
 def histogram(shares: NDArray[np.float64], highest: float) -> NDArray[np.float64]:
@@ -146,24 +146,24 @@ def histogram(shares: NDArray[np.float64], highest: float) -> NDArray[np.float64
     return np.asarray(picture, dtype=np.float64) / 255
 
 
-def _pictures(table: Table2) -> report.Section | None:
+def _pictures(table: Table2) -> html.Section | None:
     """As in the paper: the images side by side, and what each method found below them."""
     names = {name for of in table.silhouettes.values() for name in of}
     shown = [each for each in table.examples.objects if each.name in names]
     if not shown:
         return None
-    images = {each.name: report.Cell(Panel(each.image, each.name), f"azimuth {each.azimuth:.0f}°") for each in shown}
+    images = {each.name: html.Cell(Panel(each.image, each.name), f"azimuth {each.azimuth:.0f}°") for each in shown}
     found = [
         {"": method.name, **{each.name: _found(table, method.name, each) for each in shown}} for method in table.methods
     ]
     text = "The outline of the model at the pose that each method found, and how far its azimuth is off."
-    return report.Section("Pictures", text, table=[{"": "test images", **images}, *found])
+    return html.Section("Pictures", text, table=[{"": "test images", **images}, *found])
 
 
-def _found(table: Table2, method: str, example: Example) -> report.Cell | None:
+def _found(table: Table2, method: str, example: Example) -> html.Cell | None:
     found, silhouette = table.found[method].get(example.name), table.silhouettes[method].get(example.name)
     if found is None or silhouette is None:
         return None
     off = round((found.azimuth - example.azimuth + 180) % 360 - 180)
     remark = f"{off:+d}°" if found.model == example.model else f"{off:+d}°\n{found.model}"
-    return report.Cell(Panel(outlined(example.image, silhouette >= 128), f"{example.name}, {method}"), remark)
+    return html.Cell(Panel(outlined(example.image, silhouette >= 128), f"{example.name}, {method}"), remark)

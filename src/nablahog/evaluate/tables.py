@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..output import replacing
+from ..io.files import replacing
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from ..lazy import names_when_used
+from ..runtime.lazy import names_when_used
 from . import presets
 from .normalizers import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm
 from .poolings import BilinearCells, BlockCells, BoxCells

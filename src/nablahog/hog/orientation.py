@@ -9,7 +9,7 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from . import angles
+from . import library_angles
 from .spec import HOGSpec
 
 _SLACK = 1e-9  # radians
@@ -57,7 +57,7 @@ def _linear_votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
     turned = direction(gx, gy) / spec.period
     position = (-turned if spec.counterclockwise else turned) * spec.bins - spec.bin_offset
     if spec.angle == "opencv":
-        theirs = angles.opencv(gx.detach(), gy.detach(), spec)
+        theirs = library_angles.opencv(gx.detach(), gy.detach(), spec)
         nearest = theirs.round()
         r = position - nearest
         r = r - spec.bins * (r / spec.bins).detach().round()  # their angles begin elsewhere
@@ -73,7 +73,7 @@ def _linear_votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
     before = torch.where(bin_ == 0, spec.bins - 1, bin_ - 1)
     bins = torch.stack([bin_, before, after], dim=1)
     if spec.angle == "vlfeat":
-        weights = weights + (angles.vlfeat(gx.detach(), gy.detach(), bins, spec) - weights).detach()
+        weights = weights + (library_angles.vlfeat(gx.detach(), gy.detach(), bins, spec) - weights).detach()
     votes = gx.new_zeros((gx.shape[0], spec.bins, *gx.shape[1:]))
     return votes.scatter_add_(1, bins, weights * magnitude(gx, gy).unsqueeze(1))
 

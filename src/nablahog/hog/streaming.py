@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from .kernels import steps
-from .kernels.vectors import _total
+from .kernels.norms import _total
 from .normalizers import GlobalNorm
 from .spec import HOGSpec
 from .strips import Strip, Strips
@@ -170,7 +170,7 @@ def _strips(reader: _Reader, spec: HOGSpec, strips: list[Strip]) -> Iterator[Des
 def _scale(strips: Iterator[Tensor], spec: HOGSpec, scheme: GlobalNorm) -> Tensor:
     """What Eq. 7 multiplies the histograms of an image with, (colours · bins, 1, 1) in float64.
 
-    Rounded as where all of them are there: :func:`.kernels.vectors.global_norm`.
+    Rounded as where all of them are there: :func:`.kernels.norms.global_norm`.
     """
     energies = [_Energy() for _ in range(spec.colours)]
     for strip in strips:

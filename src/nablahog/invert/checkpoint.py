@@ -10,7 +10,7 @@ from pathlib import Path
 from numpy import generic
 from numpy.typing import NDArray
 
-from ..archive import check_format, naming, read_arrays, text, write_arrays
+from ..io.npz import check_format, naming, read_arrays, text, write_arrays
 
 FORMAT = 1
 

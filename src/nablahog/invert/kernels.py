@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from ..compile import compiled
 from ..hog.orientation import vanishing
+from ..runtime.compile import compiled
 
 
 @compiled

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.utils import vector_to_parameters
 
-from ..archive import account_of, account_to_text, check_format, naming, read_arrays, text, write_arrays
 from ..hog.spec import HOGSpec
+from ..io.npz import account_of, account_to_text, check_format, naming, read_arrays, text, write_arrays
 from .mirror import mirrored
 from .network import Architecture, PriorNetwork, check_spec, network_inputs, weight_count
 from .preimage import Reconstruction, check_descriptor, reconstruct

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..compile import compiled, inlined
+from ..runtime.compile import compiled, inlined
 
 ARMIJO, CURVATURE = 1e-4, 0.9  # constants of the Wolfe conditions, Nocedal & Wright p. 62
 ALONG, CHANGE_ALONG, CHANGE_SQUARED, CHANGE_WITH_NEW = range(4)  # dot products beside those with stored vectors

@@ -6,9 +6,9 @@ from typing import Any
 
 from torch import Tensor
 
-from ..compile import compiled, inlined, instruction
-from ..simd import Builder, Lanes, lanes
-from ..threads import share_out
+from ..runtime.compile import compiled, inlined, instruction
+from ..runtime.simd import Builder, Lanes, lanes
+from ..runtime.threads import share_out
 from .decisions import ALONG, BESIDE, CHANGE_ALONG, CHANGE_SQUARED, CHANGE_WITH_NEW
 from .vectors import Vectors
 

@@ -11,8 +11,8 @@ from torch import Tensor
 from ..hog.gradient import gray
 from ..hog.kernels import steps
 from ..hog.spec import HOGSpec
-from ..images import limit_size
-from ..shipped import SHIPPED, shipped_photograph
+from ..io.images import limit_size
+from ..io.sample_photographs import SHIPPED, shipped_photograph
 from .choices import ORDER
 from .whitening import Background, check_spec
 

@@ -14,7 +14,7 @@ import torch
 from scipy.fft import irfft2, next_fast_len, rfft2
 from torch import Tensor
 
-from ..compile import compiled
+from ..runtime.compile import compiled
 from .whitening import Background
 
 _MARGIN = 4  # cells, between a descriptor and itself around the torus

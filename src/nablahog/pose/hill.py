@@ -16,8 +16,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from ..compile import compiled
 from ..render import PARAMETERS
+from ..runtime.compile import compiled
 from .search import UNITS
 from .similarity import Similarity
 

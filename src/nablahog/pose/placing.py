@@ -9,9 +9,9 @@ import torch
 from scipy.spatial import ConvexHull, QhullError
 from torch import Tensor
 
-from ..compile import compiled
 from ..render import Camera, Mesh
 from ..render.kernels.turns import turns
+from ..runtime.compile import compiled
 from .canvas import DISTANCE
 
 _ROUNDS = 3  # perspective makes the size no exact inverse of the distance; twice is within a tenth of a pixel

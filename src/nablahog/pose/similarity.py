@@ -23,7 +23,7 @@ from ..hog.kernels import steps
 from ..hog.spec import HOGSpec
 from ..render import Camera, Renderer
 from ..render.renderer import pull_back
-from ..threads import in_threads
+from ..runtime.threads import in_threads
 from .canvas import Canvas
 from .elements import Elements
 from .filter import Whitener

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..compile import compiled
+from ..runtime.compile import compiled
 
 NOTHING = -1e9  # what an element scores where it cannot be
 UNLIKE = 1e6  # taken off a detection whose box is not the object's: it is the best only where there is no other

@@ -19,10 +19,10 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from ..archive import check_format, read_arrays
 from ..hog.kernels import steps
 from ..hog.presets import aubry
-from ..output import replacing
+from ..io.files import replacing
+from ..io.npz import check_format, read_arrays
 from ..render import Camera, Light, Mesh, Renderer, silhouette
 from .elements import EMPTY, all_patches, apart, calibration
 from .whitening import Background

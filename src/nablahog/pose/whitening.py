@@ -17,9 +17,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..archive import check_format, naming, read_arrays, text, write_arrays
 from ..hog.normalizers import GlobalNorm
 from ..hog.spec import HOGSpec
+from ..io.npz import check_format, naming, read_arrays, text, write_arrays
 
 FORMAT = 1
 LARGEST = 1e6  # entry of a mean or covariance: those of descriptors are far below 1

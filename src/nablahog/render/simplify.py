@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from ..compile import compiled
+from ..runtime.compile import compiled
 from .mesh import Mesh, distinct
 from .topology import welded
 

@@ -10,10 +10,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from golden import Case, cases
 from nablahog.hog import hog, presets
 from nablahog.invert.baselines import cnn_hog
 from nablahog.invert.baselines.cnn_hog import CNNHOG
+from tests.golden import Case, cases
 
 VLFEAT = [
     case
@@ -109,7 +109,7 @@ def test_total_variation_has_its_derivative() -> None:
 def photographs() -> Tensor:
     from skimage import data
 
-    from nablahog.images import limit_size
+    from nablahog.io.images import limit_size
 
     return torch.stack(
         [limit_size(torch.from_numpy(data.camera()[a : a + 256, 100:356])[None] / 255, 48) for a in (0, 60)]

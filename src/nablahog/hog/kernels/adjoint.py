@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from ...compile import compiled, inlined
-from ...simd import PADDING
+from ...runtime.compile import compiled, inlined
+from ...runtime.simd import PADDING
 from ..gradient import BLACK
 from .cells import empty_lines, gradients_of_rows, most_rows, padded, rows_at_once
-from .returns import central_back, to_gradients, to_gradients_of_hard
-from .spreads import BESIDE
-from .to_votes import read, round_
+from .gradient_vjp_simd import central_back, to_gradients, to_gradients_of_hard
+from .pooling_vjp import read, round_
+from .pooling_vjp_simd import BESIDE
 from .votes import linear, vote_line
 
 

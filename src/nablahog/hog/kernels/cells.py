@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from ...compile import compiled, inlined
-from ...simd import PADDING
-from .lines import central, choose, edges, read_line, sobel
-from .sums import BINS, pool_eight, pool_eight_once, sum_hard, sum_hard_once, sum_linear, sum_linear_once
+from ...runtime.compile import compiled, inlined
+from ...runtime.simd import PADDING
+from .gradient_loops import central, choose, edges, read_line, sobel
+from .pooling_simd import BINS, pool_eight, pool_eight_once, sum_hard, sum_hard_once, sum_linear, sum_linear_once
 from .votes import vote_line
 
 PIXELS_AT_ONCE = 1024  # whose gradients and votes stay in a processor's first cache

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...compile import compiled, inlined
+from ...runtime.compile import compiled, inlined
 from ..normalize import DPM_ORDER, DPM_TEXTURE, VLFEAT_TEXTURE
 from ..normalizers import PARTS, FourBlockNorm
-from .eights import clipped_adjoint, clipped_sums, clipped_totals, dot_eight, total_of_eight
-from .vectors import copy
+from .four_block_simd import clipped_adjoint, clipped_sums, clipped_totals, dot_eight, total_of_eight
+from .norms import copy
 
 
 class FourBlocks(NamedTuple):

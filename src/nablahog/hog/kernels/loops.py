@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ...threads import share_out
+from ...runtime.threads import share_out
 from ..normalizers import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm
 from ..spec import HOGSpec
 from . import plans
@@ -18,16 +18,8 @@ from .adjoint import cells_adjoint
 from .cells import add_bands
 from .cells import cells as loop_over_cells
 from .four_blocks import four_block_adjoint, four_block_norm, four_blocks
+from .norms import block_adjoint, block_norm, cell_adjoint, cell_norm, global_adjoint, global_norm, rectangles
 from .tangent import tangents_of_images
-from .vectors import (
-    block_adjoint,
-    block_norm,
-    cell_adjoint,
-    cell_norm,
-    global_adjoint,
-    global_norm,
-    rectangles,
-)
 
 Work: TypeAlias = Callable[[int, int], None]
 """Goes over some images, from the first to the one behind the last."""

@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from ...simd import PADDING, lanes
-from .. import angles
+from ...runtime.simd import PADDING, lanes
+from .. import library_angles
 from ..gradient import GRAY_WEIGHTS, MIDDLE, last_of_equals
 from ..orientation import beginnings, hard_directions, vanishing
 from ..pooling import pooling_matrices
 from ..spec import HOGSpec
-from .lookups import fits
+from .pooling_vjp_avx512 import fits
 
 LINEAR, OPENCV, VLFEAT, NEAREST, BEGUN = range(5)  # the ways to vote
 _COLUMNS = 128  # that are summed up together: their sums stay in a processor's first cache
@@ -78,7 +78,7 @@ class Pooling(NamedTuple):
     high: int  # rows of cells of a band
     wide: int  # columns of cells of a run
     at_once: int  # columns
-    looked_up: bool  # whether what reaches a run's votes fits the tables of :mod:`.lookups`
+    looked_up: bool  # whether what reaches a run's votes fits the tables of :mod:`.pooling_vjp_avx512`
     of_cell: int  # numbers of a column of a band: the bins of its rows of cells, padded to whole eights
     bins: int
     rows: int
@@ -129,9 +129,9 @@ def voting(spec: HOGSpec, real: Any) -> Voting:
         directions=hard_directions(spec).astype(real).reshape(-1),
         starts=np.array(starts, real).T.reshape(-1),
         before=spec.bins - 1 + first,
-        opencv=np.array(angles.opencv_table(spec), np.float32),
-        vlfeat=angles.vlfeat_directions(spec).reshape(-1),
-        arccosine=np.array([angles.VLFEAT_LEAST, math.pi / (spec.bins // 2 if spec.signed else spec.bins)]),
+        opencv=np.array(library_angles.opencv_table(spec), np.float32),
+        vlfeat=library_angles.vlfeat_directions(spec).reshape(-1),
+        arccosine=np.array([library_angles.VLFEAT_LEAST, math.pi / (spec.bins // 2 if spec.signed else spec.bins)]),
         bins=spec.bins,
     )
 

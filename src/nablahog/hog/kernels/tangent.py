@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ...compile import compiled
-from ...simd import PADDING
+from ...runtime.compile import compiled
+from ...runtime.simd import PADDING
 from ..gradient import BLACK
 from .cells import (
     add_bands,
@@ -20,7 +20,7 @@ from .cells import (
     padded,
     pool,
 )
-from .sums import BINS, sum_changes, sum_changes_once
+from .pooling_simd import BINS, sum_changes, sum_changes_once
 from .votes import linear, vote_line
 
 

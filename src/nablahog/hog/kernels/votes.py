@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ...compile import compiled, inlined
-from .angles import begun_signed_votes, begun_votes, linear_votes, nearest_votes, opencv_votes, vlfeat_votes
+from ...runtime.compile import compiled, inlined
+from .orientation_simd import begun_signed_votes, begun_votes, linear_votes, nearest_votes, opencv_votes, vlfeat_votes
 from .plans import LINEAR, NEAREST, OPENCV, VLFEAT
 
 # atan(t) / π for t in 0…1, within 8e-8: an odd polynomial, so that right angles stay exactly on their bin centres

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import fold
 
-from ...archive import account_of, account_to_text, check_format, naming, read_arrays, text, write_arrays
+from ...io.npz import account_of, account_to_text, check_format, naming, read_arrays, text, write_arrays
 from ..preimage import Reconstruction
 from .bovw_arrangement import Costs, arrange
 from .dense_sift import CELLS, LENGTH, dense_sift, sift_grid

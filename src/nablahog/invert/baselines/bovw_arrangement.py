@@ -14,7 +14,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.ndimage import gaussian_filter
 from scipy.optimize import linear_sum_assignment
 
-from ...compile import compiled
+from ...runtime.compile import compiled
 
 Words = NDArray[np.int64]
 Array = NDArray[np.float64]

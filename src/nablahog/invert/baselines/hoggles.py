@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import fold, pad
 
-from ...archive import account_of, account_to_text, check_format, naming, read_arrays, text, write_arrays
-from ...compile import compiled
 from ...hog.spec import HOGSpec
-from ...threads import in_threads
+from ...io.npz import account_of, account_to_text, check_format, naming, read_arrays, text, write_arrays
+from ...runtime.compile import compiled
+from ...runtime.threads import in_threads
 from ..preimage import Reconstruction, check_descriptor
 from .windows import stretched, without_search
 

@@ -26,9 +26,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ...archive import text
 from ...hog.descriptor import hog
 from ...hog.spec import HOGSpec
+from ...io.npz import text
 from ..checkpoint import Checkpoint
 from ..provenance import digest_of_images
 from .hoggles import AROUND, CELLS, Learning, PairedDictionary, check_sparsity, lasso, patch_size, unit

@@ -18,8 +18,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ...archive import account_of, account_to_text, check_format, naming, read_arrays, text, write_arrays
 from ...hog.spec import HOGSpec
+from ...io.npz import account_of, account_to_text, check_format, naming, read_arrays, text, write_arrays
 from ..preimage import Reconstruction, check_descriptor
 from ..provenance import digest_of_images
 from .windows import Pairs, check_images, mean_of_patches, patch_size, stretched, windows_at_cells, without_search

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...compile import compiled
+from ...runtime.compile import compiled
 from .overdraw import overdraw, pool
 from .picture import blend, outlines, shade, visible_edges
 from .visibility import frame, project, visibility

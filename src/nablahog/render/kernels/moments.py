@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ...compile import compiled
+from ...runtime.compile import compiled
 
 
 def moments(given: Tensor, moved: Tensor, x: Tensor, y: Tensor) -> Tensor:

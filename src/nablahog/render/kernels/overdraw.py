@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...compile import compiled
+from ...runtime.compile import compiled
 
 
 @compiled

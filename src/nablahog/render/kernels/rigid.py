@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ...threads import in_threads
+from ...runtime.threads import in_threads
 from ..camera import Camera
 from ..clip import NEAR, clip
 from ..topology import Edges

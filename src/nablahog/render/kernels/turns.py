@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...compile import compiled
+from ...runtime.compile import compiled
 
 Doubles = NDArray[np.float64]
 

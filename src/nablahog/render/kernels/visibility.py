@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...compile import compiled
+from ...runtime.compile import compiled
 
 # np.ceil and np.floor, since math's own are calls of a library; np.uintp, since other indices may count from the end
 

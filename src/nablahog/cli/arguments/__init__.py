@@ -1,0 +1,1 @@
+"""What the commands' parsers take: all that ``--help`` loads."""

@@ -1,0 +1,217 @@
+"""What the arguments of several commands have in common: options, and the types of their values."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+from collections.abc import Callable, Collection, Mapping
+from typing import NoReturn, get_args
+
+from ...hog.spec import Vote
+from ...invert.quality import QualityName
+from ..inputs.preset_parameters import DEFAULT_DESCRIPTOR, PRESETS
+from ..inputs.spec import setting
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser whose errors are one line, as all errors of this command are."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+
+
+def integer(least: int, most: int = 10**18 - 1) -> Callable[[str], int]:
+    def parse(text: str) -> int:
+        if not re.fullmatch(r"\d{1,18}", text) or int(text) < least:
+            raise argparse.ArgumentTypeError(f"expected an integer of at least {least}, got {text!r}")
+        if int(text) > most:
+            raise argparse.ArgumentTypeError(f"expected an integer of at most {most}, got {text!r}")
+        return int(text)
+
+    return parse
+
+
+def cell(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"([1-9]\d{0,5})(?:[x×]([1-9]\d{0,5}))?", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(
+            f"expected pixels of a cell, one number or HEIGHTxWIDTH, each at least 1, got {text!r}"
+        )
+    return int(match[1]), int(match[2] or match[1])
+
+
+def image_size(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"([1-9]\d{0,5})[x×]([1-9]\d{0,5})", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"expected pixels as HEIGHTxWIDTH, each at least 1, got {text!r}")
+    return int(match[1]), int(match[2])
+
+
+def numbers(names: str) -> Callable[[str], tuple[float, ...]]:
+    """Finite numbers, separated by commas, one for each of ``names``, which are, too."""
+
+    def parse(text: str) -> tuple[float, ...]:
+        try:
+            values = tuple(float(part) for part in text.split(","))
+        except ValueError:
+            values = ()
+        if len(values) != len(names.split(",")) or not all(map(math.isfinite, values)):
+            raise argparse.ArgumentTypeError(f"expected the numbers {names}, got {text!r}")
+        return values
+
+    return parse
+
+
+def device(text: str) -> str:
+    """A device that there is, by its name: PyTorch need not be loaded to say that of the CPU."""
+    match = re.fullmatch(r"cpu|cuda(?::(\d{1,3}))?", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"expected cpu, cuda or cuda:N, got {text!r}")
+    if text != "cpu":
+        import torch
+
+        devices = torch.cuda.device_count() if torch.cuda.is_available() else 0
+        if devices == 0:
+            raise argparse.ArgumentTypeError(f"expected a CUDA device for {text}, but PyTorch finds none here")
+        if int(match[1] or 0) >= devices:
+            raise argparse.ArgumentTypeError(f"expected cuda:0 … cuda:{devices - 1}, got {text}")
+    return text
+
+
+def table(
+    command: argparse.ArgumentParser, methods: Collection[str], sets: Mapping[str, Collection[str]] | None = None
+) -> None:
+    """What the commands of tables have in common; ``sets`` are several methods by one name."""
+    sets = sets or {}
+
+    def parse(text: str) -> list[str]:
+        names = [name for part in text.split(",") for name in sets.get(part, [part])]
+        for name in names:
+            if name not in methods:
+                raise argparse.ArgumentTypeError(f"expected methods of {', '.join(methods)}, got {name!r}")
+        return names
+
+    output(command, "DIR", "folder for the results, made if missing")
+    several = "".join(f"; {name} for {', '.join(each)}" for name, each in sets.items())
+    only = f"only these, separated by commas, of: {', '.join(methods)}{several}"
+    command.add_argument("--methods", type=parse, metavar="NAME,…", help=only)
+    workers(command)
+
+
+def workers(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--workers", type=integer(1), metavar="N", help="processes to work in (default: one for each core)"
+    )
+
+
+def inputs(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "inputs",
+        nargs="+",
+        metavar="PHOTO_or_DESCRIPTOR",
+        help="an image of any format that Pillow reads, a file that `nablahog hog` wrote, or, with --preset, an array "
+        "that another library computed: .npy, .npz, or .mat but for version 7.3",
+    )
+    of_arrays(command)
+
+
+def of_arrays(command: argparse.ArgumentParser) -> None:
+    """What is to be said of arrays that say nothing themselves."""
+    command.add_argument(
+        "--image-size",
+        type=image_size,
+        metavar="HxW",
+        help="height x width of the image of an array, in pixels; needed if it has neither rows nor columns (default: "
+        "whole cells; of opencv its win_size)",
+    )
+    command.add_argument("--key", metavar="NAME", help="which array of an .npz or .mat file that holds several")
+
+
+def output(command: argparse.ArgumentParser, metavar: str, text: str) -> None:
+    command.add_argument("-o", "--output", required=True, metavar=metavar, help=text)
+
+
+def images(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--images", metavar="DIR", help="folder of images (default: photographs that come with scikit-image)"
+    )
+
+
+def prior(command: argparse.ArgumentParser, use: str) -> None:
+    command.add_argument("--prior", metavar="FILE", help=f"a prior that `nablahog learn prior` wrote; {use}")
+
+
+def common(command: argparse.ArgumentParser, longer_side: int) -> None:
+    dialect(
+        command,
+        f"type of descriptor (default: {DEFAULT_DESCRIPTOR}); descriptor files state theirs and must agree",
+    )
+    size(command, longer_side)
+    device_option(command)
+    command.add_argument("--json", action="store_true", help="print the results as JSON instead of a table")
+
+
+def dialect(command: argparse.ArgumentParser, preset: str) -> None:
+    command.add_argument(
+        "--preset",
+        "--descriptor",
+        dest="descriptor",
+        choices=PRESETS,
+        metavar="NAME",
+        help=f"{preset}; one of {', '.join(PRESETS)}",
+    )
+    command.add_argument(
+        "--set",
+        dest="settings",
+        action="append",
+        type=setting,
+        metavar="KEY=VALUE",
+        help="a parameter of the preset, such as orientations=8 or cells_per_block=2x2, as in nablahog.presets; sizes "
+        "are height x width, but of opencv width x height, as in OpenCV; may be repeated",
+    )
+    command.add_argument(
+        "--cell",
+        type=cell,
+        metavar="N|HxW",
+        help="pixels of a cell, one number or height x width, of opencv, too (default: 8, of seeing3d 5)",
+    )
+    command.add_argument(
+        "--vote",
+        choices=get_args(Vote),
+        help="orientation votes, shared by two bins or all to one bin, of uoctti, aubry, vlfeat and cnn_hog",
+    )
+
+
+def size(command: argparse.ArgumentParser, longer_side: int) -> None:
+    command.add_argument(
+        "--size",
+        type=integer(0),
+        default=longer_side,
+        metavar="N",
+        help=f"shrink photographs to at most N pixels on the longer side, 0 for never (default: {longer_side})",
+    )
+
+
+def device_option(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--device", type=device, default="cpu", help="cpu, cuda or cuda:N (default: cpu)")
+
+
+def minimiser(command: argparse.ArgumentParser) -> None:
+    seed(command, "the starting image")
+    command.add_argument(
+        "--max-evaluations", type=integer(2), metavar="N", help="of the objective, for each image; fewer is faster"
+    )
+
+
+def quality(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--quality",
+        choices=get_args(QualityName),
+        default="best",
+        help="fast: coarser images, in about a sixth of the time (default: best)",
+    )
+
+
+def seed(command: argparse.ArgumentParser, of: str = "everything random") -> None:
+    command.add_argument("--seed", type=integer(0), default=0, help=f"of {of} (default: 0)")

@@ -1,0 +1,84 @@
+"""The HOGs of libraries on a photograph, as ``nablahog dialects`` compares them."""
+
+from __future__ import annotations
+
+import json
+from argparse import Namespace
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from ...dialects import Comparison, compare, page, tables
+from ...dialects.heatmap import heat_map
+from ...evaluate.tables import write_csv
+from ...io.files import output_folder, replacing
+from ...io.images import limit_size, read_image, write_image
+from ..errors import refusing, spare
+from ..inputs.spec import Wanted
+from ..terminal import counter, print_definitions, print_table, say
+
+RESULTS = ("index.html", "dialects.png", "dialects.csv", "ties.csv")
+
+
+def dialects(arguments: Namespace) -> None:
+    """Compares dialects as the command line asks for it.
+
+    Raises:
+        UserError: the photograph is unusable.
+        OSError: a file or folder is missing or cannot be written.
+    """
+    with refusing():
+        specs = {
+            name: Wanted(preset, cell=arguments.cell, settings=settings).spec()
+            for name, (preset, settings) in arguments.presets.items()
+        }
+        photograph = read_image(arguments.photo)
+    small = limit_size(photograph, arguments.size) if arguments.size else photograph
+    # to levels as a file has them: without these there would be no ties
+    image = (small * 255).round().to(torch.uint8)
+    folder = None if arguments.output is None else Path(arguments.output)
+    if folder is not None:
+        spare([arguments.photo], [folder / name for name in RESULTS])
+    with counter("nablahog dialects") as progress, refusing(f"{arguments.photo}: "):
+        comparison = compare(image, specs, progress)
+    shrunk = small.shape != photograph.shape
+    introduction = page.lead(comparison, Path(arguments.photo).name, (image.shape[1], image.shape[2]), shrunk)
+    if folder is not None:
+        _write(folder, comparison, image, introduction)
+    if arguments.json:
+        said = {"photograph": arguments.photo, "image_size": list(image.shape[1:]), **tables.figures(comparison)}
+        print(json.dumps(said, indent=2, allow_nan=False))
+        return
+    _print(comparison, introduction)
+    if folder is not None:
+        say(f"Look at {folder / 'index.html'}")
+
+
+def _write(folder: Path, comparison: Comparison, image: Tensor, introduction: str) -> None:
+    names, given = comparison.by_likeness(), list(comparison.specs)
+    order = [given.index(name) for name in names]
+    picture = heat_map(comparison.matrix()[order][:, order], names)
+    html = page.page(comparison, image, introduction, picture)
+    with output_folder(folder):
+        write_image(folder / "dialects.png", picture)
+        write_csv(folder / "dialects.csv", tables.csv_rows(comparison))
+        write_csv(folder / "ties.csv", tables.csv_ties(comparison.ties))
+        with replacing(folder / "index.html") as file:
+            file.write(html.encode())
+
+
+def _print(comparison: Comparison, introduction: str) -> None:
+    say(introduction)
+    for sentence in tables.same(comparison):
+        say(sentence)
+    if len(comparison.specs) > 2:
+        print_table(tables.matrix(comparison))
+    print_table(tables.pairs(comparison))
+    of_channels = tables.channels(comparison)
+    if of_channels:
+        say("Channels with the same meaning, compared as they are:")
+        print_table(of_channels)
+    say("Ties, of the gradients that are not 0:")
+    print_table(tables.tie_rows(comparison.ties))
+    print_definitions(tables.DEFINITIONS)

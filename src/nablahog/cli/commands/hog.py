@@ -1,0 +1,81 @@
+"""Descriptors of photographs, as ``nablahog hog`` saves them and ``nablahog glyph`` draws them."""
+
+from __future__ import annotations
+
+import json
+import os
+from argparse import Namespace
+from collections.abc import Callable
+from pathlib import Path
+
+from PIL import Image
+
+from ...io.descriptor_file import save_descriptor
+from ...io.files import output_folder
+from ...io.images import write_image
+from ...viz.pictures import glyphs
+from ..errors import UserError, spare
+from ..inputs.sources import Source, sources_of
+from ..terminal import print_table
+
+
+def hog(arguments: Namespace) -> None:
+    """Saves the descriptor of each photograph with its spec.
+
+    Raises:
+        UserError: an input is unusable.
+        OSError: a file or folder is missing or cannot be written.
+    """
+
+    def write(path: Path, source: Source) -> None:
+        save_descriptor(path, source.descriptor, source.spec, source.image_size)
+
+    is_file = not arguments.output.endswith(os.sep)  # a file of any name, since np.load does not mind
+    _write_each(arguments, ".npz", write, is_file=is_file)
+
+
+def glyph(arguments: Namespace) -> None:
+    """Draws each descriptor.
+
+    Raises:
+        UserError: an input is unusable.
+        OSError: a file or folder is missing or cannot be written.
+    """
+
+    def write(path: Path, source: Source) -> None:
+        write_image(path, glyphs(source.descriptor, source.spec))
+
+    suffix = Path(arguments.output).suffix.lower()
+    if suffix != ".png" and suffix in Image.registered_extensions():
+        raise UserError(f"glyphs are written as PNG: expected -o FILE.png or a folder, got {arguments.output}")
+    _write_each(arguments, "_glyphs.png", write, is_file=suffix == ".png")
+
+
+def _write_each(arguments: Namespace, ending: str, write: Callable[[Path, Source], None], *, is_file: bool) -> None:
+    """One result for each input: the file ``-o`` for a single one, if ``is_file``; else files in the folder ``-o``."""
+    sources = sources_of(arguments)
+    output = Path(arguments.output)
+    if len(sources) > 1 and output.suffix and ending.endswith(output.suffix.lower()):
+        raise UserError(f"several inputs need a folder: expected -o DIR, got the file name {output}")
+    if len(sources) == 1 and is_file and not output.is_dir():
+        folder, targets = output.parent, [output]
+    else:
+        folder, targets = output, [output / f"{source.stem}{ending}" for source in sources]
+    spare(arguments.inputs, targets)
+    with output_folder(folder):
+        for target, source in zip(targets, sources, strict=True):
+            write(target, source)
+    rows = [
+        {
+            "input": source.path,
+            "descriptor": source.spec.name,
+            "image_size": list(source.image_size),
+            "shape": list(source.descriptor.shape),
+            "output": str(target),
+        }
+        for target, source in zip(targets, sources, strict=True)
+    ]
+    if arguments.json:
+        print(json.dumps(rows, indent=2))
+    else:
+        print_table(rows)

@@ -1,0 +1,122 @@
+"""Pictures of what linear detectors look for, as ``nablahog invert-template`` makes them."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ...invert import reconstruct
+from ...invert.template import seen
+from ...io.files import distinct_stems, output_folder, replacing
+from ...io.images import write_image
+from ...viz.pictures import Panel, contact_sheet, glyphs
+from ..errors import refusing, spare
+from ..inputs.arrays import Raw
+from ..inputs.spec import Wanted
+from ..inputs.templates import Template, read_templates
+from ..terminal import print_definitions, print_table, progress_bars, say
+
+SIGNS = ("positive", "negative")
+DEFINITIONS = {
+    "positive, negative": "What the positive weights of a template see, and what its negative ones: an image whose "
+    "histograms are the squares of these weights. Where it is bright or dark is a guess if gradients are unsigned.",
+    "distance": "‖φ(x) − d‖ / ‖d‖, d the descriptor that such histograms have and φ(x) that of the image x found.",
+}
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """One sign of one template.
+
+    Attributes:
+        sign: one of :data:`SIGNS`.
+        image: (H, W) in 0…1.
+        distance: as :data:`DEFINITIONS` has it.
+    """
+
+    sign: str
+    image: Tensor
+    distance: float
+
+
+def invert_template(arguments: Namespace) -> None:
+    """Makes the pictures: for each template its weights as glyphs, and an image, of either sign.
+
+    Raises:
+        UserError: an input is unusable.
+        OSError: a file or folder is missing or cannot be written.
+    """
+    with refusing():
+        wanted, raw = Wanted.of(arguments), Raw.of(arguments)
+        files = [(path, read_templates(path, wanted, raw)) for path in arguments.inputs]
+    folder = Path(arguments.output)
+    stems = distinct_stems([Path(path) for path, _ in files])
+    names = [_names(stem, templates) for stem, (_, templates) in zip(stems, files, strict=True)]
+    spare(arguments.inputs, [folder / name for of_file in names for name in of_file])
+    rows = []
+    with output_folder(folder), progress_bars() as progress:
+        for stem, (path, templates) in zip(stems, files, strict=True):
+            sheet = []
+            for number, template in enumerate(templates):
+                with refusing(f"{path}: "):
+                    bars = {sign: progress(f"{stem} {template.name} {sign}") for sign in SIGNS}
+                    found = [_see(template, sign, arguments, bar) for sign, bar in bars.items()]
+                for each in found:
+                    write_image(folder / _name(stem, template, number, each.sign), each.image)
+                sheet.append(_panels(template, found))
+                rows.append(_row(path, template, found))
+            with replacing(folder / f"{stem}_templates.png") as file:
+                contact_sheet(sheet).save(file, format="PNG")
+    print_table(rows)
+    print_definitions(DEFINITIONS)
+    say(f"Results in {folder}")
+
+
+def _see(template: Template, sign: str, arguments: Namespace, progress: object) -> _Seen:
+    weights = template.weights[None].to(torch.device(arguments.device))
+    descriptor = seen(weights, template.spec, template.image_size, negative=sign == "negative")
+    found = reconstruct(
+        descriptor,
+        template.spec,
+        template.image_size,
+        seed=arguments.seed,
+        max_evaluations=arguments.max_evaluations,
+        progress=progress,  # type: ignore[arg-type]
+    )
+    return _Seen(sign, found.image[0, 0].cpu(), float(found.distance[0]))
+
+
+def _panels(template: Template, found: Sequence[_Seen]) -> list[Panel]:
+    panels = []
+    for each in found:
+        weights = template.weights.numpy() * (-1 if each.sign == "negative" else 1)
+        caption = f"{template.name}, {each.sign} weights" if template.name else f"{each.sign} weights"
+        panels += [Panel(glyphs(np.maximum(weights, 0), template.spec), caption), Panel(each.image, "what they see")]
+    return panels
+
+
+def _row(path: str, template: Template, found: Sequence[_Seen]) -> dict[str, object]:
+    rows, cols, channels = template.weights.shape
+    return {
+        "input": path,
+        "template": template.name,
+        "descriptor": template.spec.name,
+        "shape": f"{rows}x{cols}x{channels}",
+        **{f"distance,\n{each.sign}": each.distance for each in found},
+    }
+
+
+def _names(stem: str, templates: Sequence[Template]) -> list[str]:
+    """The names of all files of an input."""
+    pictures = [_name(stem, template, k, sign) for k, template in enumerate(templates) for sign in SIGNS]
+    return [*pictures, f"{stem}_templates.png"]
+
+
+def _name(stem: str, template: Template, number: int, sign: str) -> str:
+    return f"{stem}_{number + 1}_{sign}.png" if template.name else f"{stem}_{sign}.png"

@@ -1,0 +1,112 @@
+"""The pose of one object in a photograph, as ``nablahog pose`` finds it."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from argparse import Namespace
+from collections.abc import Callable
+from pathlib import Path
+
+from ...datasets.cad import Models, read_models
+from ...io.files import output_folder
+from ...io.images import read_image
+from ...pose.canvas import SIDE, Box, check_box, cut_out
+from ...pose.estimate import estimate_pose
+from ...pose.matching import ELEMENT, Photograph
+from ...pose.whitening import Background
+from ...render import Mesh
+from ..errors import refusing, spare
+from ..results.pose_page import result_names, write
+from ..results.pose_result import PoseResult, Settings
+from ..terminal import counter, print_definitions, print_table, say
+
+Progress = Callable[[int, int, str], None]
+
+
+def pose(arguments: Namespace) -> None:
+    """Finds the pose as the command line asks for it, and writes what there is to see of it.
+
+    Raises:
+        UserError: an input is unusable.
+        OSError: a file or folder is missing or cannot be written.
+    """
+    with refusing():
+        photograph = read_image(arguments.photo)
+        height, width = photograph.shape[1:]
+        box: Box = arguments.box or (0.0, 0.0, float(width), float(height))
+        check_box(box, height, width)
+        background = None if arguments.background is None else _background(Path(arguments.background))
+        models = _models(Path(arguments.mesh))
+    folder = Path(arguments.output)
+    inputs = [arguments.photo, arguments.background or arguments.photo, *models.paths.values()]
+    spare(inputs, [folder / name for name in result_names(arguments.photo)])
+    with output_folder(folder), refusing():
+        with counter("nablahog pose") as progress:
+            meshes = _meshes(models, progress)
+        with counter("nablahog pose") as progress:
+            began = time.perf_counter()
+            found = estimate_pose(
+                photograph,
+                meshes,
+                box=box,
+                initial=arguments.init,
+                method=arguments.method,
+                similarity=arguments.similarity,
+                background=background,
+                seed=arguments.seed,
+                progress=progress,
+            )
+        result = PoseResult(
+            path=arguments.photo,
+            photograph=photograph,
+            box=box,
+            matched=Photograph(cut_out(photograph, box), background),
+            found=found,
+            mesh=meshes[found.model],
+            candidates=list(meshes),
+            passed_over=models.failed,
+            seconds=time.perf_counter() - began,
+            settings=Settings(arguments.method, arguments.init, arguments.seed, arguments.background),
+        )
+        write(folder, result)
+    if arguments.json:
+        print(json.dumps(result.figures(), indent=2, allow_nan=False))
+        return
+    print_table([result.row()])
+    print_definitions(result.definitions())
+    for name, reason in models.failed.items():
+        say(f"Passed over: {name}: {reason}")
+    say(f"Look at {folder / 'index.html'}")
+
+
+def _background(path: Path) -> Background:
+    background = Background.load(path)
+    rows, cols = background.spec.grid(SIDE, SIDE)
+    if background.order + 1 < max(ELEMENT) or rows < ELEMENT[0] or cols < ELEMENT[1]:
+        raise ValueError(
+            f"{path}: expected a background that knows visual elements of {ELEMENT[0]}x{ELEMENT[1]} cells in pictures "
+            f"of {SIDE}x{SIDE} pixels, got one of order {background.order} with cells of "
+            f"{background.spec.cell_size[0]}x{background.spec.cell_size[1]}"
+        )
+    return background
+
+
+def _models(path: Path) -> Models:
+    """The models of a folder, or the one of a file."""
+    if path.is_dir():
+        return read_models(path)
+    return Models({os.fsencode(path.stem).decode(errors="backslashreplace"): path}, [])
+
+
+def _meshes(models: Models, progress: Progress) -> dict[str, Mesh]:
+    meshes = {}
+    for name, mesh in models.meshes():
+        meshes[name] = mesh
+        progress(len(meshes) + len(models.failed), len(models.paths), f"reading {name}")
+    if not meshes:
+        name, reason = next(iter(models.failed.items()))
+        first = "no model can be read; the first: " if len(models.paths) > 1 else ""
+        raise ValueError(f"{first}{models.paths[name]}: {reason}")
+    return meshes

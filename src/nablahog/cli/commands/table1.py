@@ -1,0 +1,93 @@
+"""The table of pre-images, as ``nablahog table1`` makes it."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from ...evaluate import table1_page
+from ...evaluate.learned import LEARNED, from_shipped, load
+from ...evaluate.methods import Method, Settings, choose
+from ...evaluate.photographs import Photographs, read_folder, shipped
+from ...evaluate.table1 import Table1, run_table1, write_tables
+from ...io.files import output_folder, replacing
+from ...jobs.runner import cores
+from ..errors import UserError, refusing
+from ..terminal import counter, print_definitions, print_table, say
+
+
+def table1(arguments: Namespace) -> None:
+    """Makes the table as the command line asks for it.
+
+    Raises:
+        UserError: an input is unusable, or there is no result for any image.
+        OSError: a file or folder is missing or cannot be written.
+    """
+    with refusing():
+        given = {kind: Path(getattr(arguments, kind)).resolve() for kind in LEARNED if getattr(arguments, kind)}
+        methods, left_out = choose(arguments.methods, given)
+    _check(given, methods)
+    photographs, origin = _photographs(arguments)
+    with output_folder(arguments.output) as folder:
+        settings = Settings(arguments.seed, arguments.max_evaluations, given | _learned_here(given, methods))
+        remarks = table1_page.remarks(left_out, settings.learned, photographs)
+        with counter("nablahog table1") as progress:
+            workers = arguments.workers or cores()
+            table = run_table1(folder, photographs, methods, settings, workers=workers, progress=progress)
+        if not any(table.seconds.values()):
+            first = table.failures[0]
+            raise UserError(f"there is no result for any image; the first: {first.image}: {first.reason}")
+        write_tables(folder, table)
+        with replacing(folder / "index.html") as file:
+            file.write(table1_page.page(table, settings, origin, remarks).encode())
+    _print(table)
+    for remark in remarks:
+        say(remark)
+    say(f"Look at {folder / 'index.html'}")
+
+
+def _check(given: Mapping[str, Path], methods: Sequence[Method]) -> None:
+    """Raises UserError if a file of what was learned cannot be read, or is for other descriptors than a method has."""
+    for kind, path in given.items():
+        with refusing():
+            found = load(kind, path)
+        for method in methods:
+            if method.needs == kind and method.spec is not None:
+                with refusing(f"{method.name}: "):
+                    found.check(method.spec)
+
+
+def _learned_here(given: Mapping[str, Path], methods: Sequence[Method]) -> dict[str, Path]:
+    """Files of what the methods need and nobody gave."""
+    found = {}
+    for kind in dict.fromkeys(method.needs for method in methods if method.needs and method.needs not in given):
+        with counter(f"nablahog table1, learning {kind}") as progress:
+            found[kind] = from_shipped(kind, progress)
+    return found
+
+
+def _photographs(arguments: Namespace) -> tuple[Photographs, str]:
+    """The images for the table, and a sentence that says where they are from."""
+    if arguments.images is None:
+        photographs = shipped(size=arguments.size, limit=arguments.limit)
+        return photographs, f"{len(photographs.images)} photographs that come with scikit-image, their middle squares."
+    folder = Path(arguments.images)
+    with refusing():
+        photographs = read_folder(folder, size=arguments.size, limit=arguments.limit)
+    number = len(photographs.images) + len(photographs.failed)
+    return photographs, f"{number} images of the folder {folder.resolve().name}."
+
+
+def _print(table: Table1) -> None:
+    print_table(table1_page.terminal_rows(table))
+    print_definitions(table1_page.DEFINITIONS)
+    for failure in table.failures:
+        say(f"Failed: {failure.image}, {failure.method or 'all methods'}: {failure.reason}")
+    say_ignored(table.photographs)
+
+
+def say_ignored(photographs: Photographs) -> None:
+    """A line about the files of the folder that are no images, if any."""
+    if photographs.ignored:
+        say(f"Passed over, as no images by their endings: {', '.join(photographs.ignored)}")

@@ -1,0 +1,106 @@
+"""Poses of many objects, as ``nablahog table2`` finds and counts them."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ...datasets.pascal3d import read_pascal3d
+from ...datasets.viewpoints import read_viewpoints, sample_viewpoints
+from ...evaluate import table2_page
+from ...evaluate.examples import Examples, photographed, rendered
+from ...evaluate.models import models_in, procedural_chairs
+from ...evaluate.pose_methods import POSE_METHODS, PoseSettings
+from ...evaluate.table2 import Table2, run_table2, write_tables
+from ...io.files import output_folder, replacing
+from ...io.sample_photographs import SHIPPED, shipped_photograph
+from ...jobs.runner import cores
+from ..arguments.pose import SCENES
+from ..errors import UserError, refusing
+from ..terminal import counter, print_definitions, print_table, say
+
+CHAIRS = 24  # procedural models
+VIEWPOINTS = 10_000  # of our own distribution, of which each scene has one
+
+
+def table2(arguments: Namespace) -> None:
+    """Makes the table as the command line asks for it.
+
+    Raises:
+        UserError: an input is unusable, or no method has found any pose.
+        OSError: a file or folder is missing or cannot be written.
+    """
+    methods = [method for name, method in POSE_METHODS.items() if name in (arguments.methods or POSE_METHODS)]
+    with refusing():
+        examples, passed_over = _examples(arguments)
+    with output_folder(arguments.output) as folder:
+        settings = PoseSettings(arguments.seed, folder / "exemplars")
+        with counter("nablahog table2") as progress:
+            workers = arguments.workers or cores()
+            table = run_table2(folder, examples, methods, settings, workers=workers, progress=progress)
+        if not any(table.seconds.values()):
+            first = next(failure for failure in table.failures if failure.method is not None)
+            raise UserError(f"there is no pose of any object; the first: {first.image}: {first.reason}")
+        write_tables(folder, table)
+        with replacing(folder / "index.html") as file:
+            file.write(table2_page.page(table, settings).encode())
+    _print(table)
+    for name, reason in passed_over.items():
+        say(f"Passed over: {name}: {reason}")
+    say(f"Look at {folder / 'index.html'}")
+
+
+def _examples(arguments: Namespace) -> tuple[Examples, dict[str, str]]:
+    """The objects, and why models are passed over, by their names."""
+    photographs = [path for path in (arguments.voc, arguments.pascal3d) if path is not None]
+    if len(photographs) == 1:
+        raise ValueError("--voc and --pascal3d need each other: the one has the photographs, the other the viewpoints")
+    if photographs:
+        return _photographed(arguments)
+    models, passed_over = (
+        (procedural_chairs(CHAIRS), {}) if arguments.models is None else models_in(Path(arguments.models))
+    )
+    if arguments.viewpoints is None:
+        viewpoints = sample_viewpoints(VIEWPOINTS, np.random.default_rng(arguments.seed))
+        seen = "seen as people photograph chairs"
+    else:
+        viewpoints = read_viewpoints(arguments.viewpoints)
+        seen = f"seen from the {len(viewpoints)} viewpoints of {Path(arguments.viewpoints).name}"
+    kind = "procedural chairs" if arguments.models is None else f"models of the folder {_name(arguments.models)}"
+    origin = f"{len(models)} {kind}, {seen}, in front of photographs that come with scikit-image"
+    examples = rendered(
+        arguments.objects or SCENES,
+        models,
+        viewpoints,
+        [shipped_photograph(name) for name in SHIPPED],
+        origin=origin,
+        unknown_model=arguments.unknown_model,
+        seed=arguments.seed,
+    )
+    return examples, passed_over
+
+
+def _photographed(arguments: Namespace) -> tuple[Examples, dict[str, str]]:
+    if arguments.viewpoints is not None:
+        raise ValueError("--viewpoints is for scenes that are rendered; the objects of --pascal3d have theirs")
+    pascal3d = Path(arguments.pascal3d)
+    models, passed_over = models_in(pascal3d / "CAD" / "chair" if arguments.models is None else Path(arguments.models))
+    selection = read_pascal3d(Path(arguments.voc), pascal3d)
+    if arguments.objects is not None:
+        selection = replace(selection, objects=selection.objects[: arguments.objects])
+    return photographed(selection, models, unknown_model=arguments.unknown_model, seed=arguments.seed), passed_over
+
+
+def _name(folder: str) -> str:
+    return Path(folder).resolve().name
+
+
+def _print(table: Table2) -> None:
+    say(table.examples.origin)
+    print_table(table2_page.terminal_rows(table))
+    print_definitions(table2_page.DEFINITIONS)
+    for failure in table.failures:
+        say(f"Failed: {failure.image}, {failure.method or 'all methods'}: {failure.reason}")

@@ -1,0 +1,1 @@
+"""From arguments to images, descriptors, specs, templates and priors."""

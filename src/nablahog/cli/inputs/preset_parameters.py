@@ -1,0 +1,86 @@
+"""The presets by name, and their parameters as texts: what a command line can say of a dialect."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import re
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from types import NoneType, UnionType
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+from ...hog import HOGSpec, presets
+
+PRESETS: dict[str, Callable[..., HOGSpec]] = {name: getattr(presets, name) for name in presets.__all__}
+DEFAULT_DESCRIPTOR = "uoctti"
+_OTHER_DEFAULTS: dict[str, dict[str, Any]] = {"aubry": {"cell_size": 8}}  # cells of 5 have to be asked for
+_EXPECTED = {
+    int: "an integer of at most six digits",
+    float: "a number",
+    bool: "true or false",
+    tuple: "two integers as 8x8",
+    NoneType: "none",
+}
+
+
+def parameters_of(name: str) -> dict[str, Any]:
+    """The parameters of a preset with their types, in order."""
+    hints = get_type_hints(PRESETS[name])
+    return {parameter: hints[parameter] for parameter in inspect.signature(PRESETS[name]).parameters}
+
+
+def defaults_of(name: str) -> dict[str, Any]:
+    """The parameters of a preset with the values that they have on the command line if nobody sets them."""
+    parameters = inspect.signature(PRESETS[name]).parameters.values()
+    return {each.name: each.default for each in parameters} | _OTHER_DEFAULTS.get(name, {})
+
+
+def window_of(name: str, parameters: Mapping[str, Any]) -> tuple[int, int] | None:
+    """(height, width) of the image that the parameters of a preset speak of, if they do: of OpenCV's, the window."""
+    window = {**defaults_of(name), **parameters}.get("win_size")
+    return None if window is None else (window[1], window[0])
+
+
+def as_text(value: object) -> str:
+    """A parameter's value as people write it."""
+    if isinstance(value, tuple):
+        return "x".join(map(str, value))
+    return str(value).lower() if value is None or isinstance(value, bool) else str(value)
+
+
+def parsed(text: str, hint: Any) -> Any:
+    """The value of type ``hint`` that ``text`` is: :func:`as_text` backwards.
+
+    Raises:
+        ValueError: it is none; the message says what was expected.
+    """
+    kinds = get_args(hint) if get_origin(hint) is UnionType else (hint,)
+    for kind in kinds:
+        with suppress(ValueError):
+            return _value(text, kind)
+    expected = [
+        f"one of {', '.join(get_args(kind))}" if get_origin(kind) is Literal else _EXPECTED[get_origin(kind) or kind]
+        for kind in kinds
+    ]
+    raise ValueError(f"expected {' or '.join(expected)}, got {text!r}")
+
+
+def _value(text: str, kind: Any) -> Any:
+    """Raises ValueError, without a message, if ``text`` is none of this kind."""
+    if get_origin(kind) is tuple:
+        sides = re.split("[x×]", text)
+        if len(sides) > 2:
+            raise ValueError
+        return _value(sides[0], int), _value(sides[-1], int)
+    if kind is int and re.fullmatch(r"-?\d{1,6}", text, re.ASCII):  # more could not be computed
+        return int(text)
+    if kind is float and math.isfinite(float(text)):
+        return float(text)
+    named = {"true": True, "false": False} if kind is bool else {"none": None} if kind is NoneType else {}
+    if get_origin(kind) is Literal:
+        named = {choice: choice for choice in get_args(kind)}
+    for name, value in named.items():
+        if text.lower() == name.lower():
+            return value
+    raise ValueError

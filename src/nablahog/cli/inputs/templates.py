@@ -1,0 +1,103 @@
+"""Linear templates of detectors, as the command line reads them: DPM models, and arrays of weights."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ...hog import HOGSpec, presets
+from ...hog.layout import from_layout
+from ...io.arrays import is_raw, read_array
+from ...io.dpm_file import is_dpm_file, load_dpm
+from ...io.layouts import Fit, fit
+from .arrays import Raw
+from .spec import Wanted
+
+# (width, height) of the windows of OpenCV's people detectors, by the number of their weights
+OPENCV_WINDOWS = {3780: (64, 128), 1980: (48, 96)}
+
+
+@dataclass(frozen=True)
+class Template:
+    """Weights of a score over descriptors.
+
+    Attributes:
+        name: which one of its file, for captions; empty if it is the only one.
+        weights: (rows, cols, channels), float32.
+        spec: the dialect of the descriptors.
+        image_size: (height, width) in pixels of what they describe.
+    """
+
+    name: str
+    weights: Tensor
+    spec: HOGSpec
+    image_size: tuple[int, int]
+
+
+def read_templates(path: str, wanted: Wanted, raw: Raw) -> list[Template]:
+    """The templates in a file.
+
+    Args:
+        path: a model of voc-release5 (.mat), or an array of weights (.npy, .npz, .mat), in the layout of its library,
+            with or without a bias after them, which is left out.
+        wanted: the dialect of an array; OpenCV's people detectors are known by their length.
+        raw: image size and name of an array.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it holds no template, or one that does not fit the dialect.
+    """
+    if not is_raw(path):
+        raise ValueError(
+            f"{path}: expected a model of voc-release5 (.mat) or an array of weights (.npy, .npz, .mat); of a dlib "
+            "detector, save its weights as one"
+        )
+    if is_dpm_file(path):
+        model = load_dpm(path)
+        spec = presets.dpm(model.cell_size)
+        return [
+            Template(each.name, each.weights, spec, spec.image_size(*each.weights.shape[:2])) for each in model.filters
+        ]
+    array = read_array(path, raw.key)
+    try:
+        return [_of_array(array, wanted, raw)]
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _of_array(array: NDArray[np.floating], wanted: Wanted, raw: Raw) -> Template:
+    if array.size == max(array.shape, default=0):
+        array = array.reshape(-1)
+    spec, how = _fit(array.shape, wanted, raw)
+    weights = torch.from_numpy(np.ascontiguousarray(array, dtype=np.float32))
+    if math.prod(how.shape) < array.size:  # a bias follows
+        weights = weights[:-1]
+    native = weights.reshape(1, *how.shape)
+    descriptor = from_layout(native, replace(spec, layout=how.layout), how.image_size)[0].contiguous()
+    return Template("", descriptor, spec, how.image_size)
+
+
+def _fit(shape: tuple[int, ...], wanted: Wanted, raw: Raw) -> tuple[HOGSpec, Fit]:
+    lengths = (shape[0], shape[0] - 1) if len(shape) == 1 else ()
+    if wanted.descriptor is None:
+        for length in lengths:
+            if length in OPENCV_WINDOWS:
+                window = OPENCV_WINDOWS[length]
+                how = fit((length,), spec := presets.opencv(window), (window[1], window[0]))
+                assert how is not None
+                return spec, how
+    try:
+        return raw.fitting(shape, wanted)
+    except ValueError:
+        if not lengths:
+            raise
+        try:
+            return raw.fitting((lengths[1],), wanted)
+        except ValueError:
+            pass
+        raise

@@ -1,0 +1,77 @@
+"""The command ``nablahog``: reads and checks all inputs, does the work, writes the results."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from argparse import Namespace
+from collections.abc import Sequence
+from importlib import import_module
+
+from .arguments.main import parser
+from .errors import UserError
+
+INTERRUPTED = 130  # what shells report of a command ended by Ctrl-C
+_COMMANDS = {
+    "hog": "hog.hog",
+    "glyph": "hog.glyph",
+    "invert": "invert.invert",
+    "invert-template": "invert_template.invert_template",
+    "demo": "invert.demo",
+    "table1": "table1.table1",
+    "table2": "table2.table2",
+    "pose": "pose.pose",
+    "dialects": "dialects.dialects",
+    "learn prior": "learn.learn_prior",
+    "learn background": "learn.learn_background",
+    "learn hoggles": "learn.learn_hoggles",
+    "learn bovw": "learn.learn_bovw",
+    "learn ridge": "learn.learn_ridge",
+    "learn nearest": "learn.learn_nearest",
+    "learn exemplars": "learn_exemplars.learn_exemplars",
+}
+"""What each command runs, of which module: loaded when it is given, as most of them load PyTorch."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the command with ``argv``, by default the arguments of this process.
+
+    Returns:
+        The exit status: 0; 1 after an error, which one line on stderr has told; 2 for wrong arguments; 130 when
+        interrupted.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # file names and units need not fit the terminal's encoding
+    try:
+        arguments = parser().parse_args(argv)
+    except SystemExit as stop:  # --help, --version or wrong arguments: all said
+        return int(stop.code or 0)
+    name = f"nablahog {arguments.command}"
+    try:
+        _run(arguments)
+        sys.stdout.flush()  # a closed pipe should fail here, not at exit
+    except KeyboardInterrupt:
+        return _failed(name, "interrupted", INTERRUPTED)
+    except BrokenPipeError:
+        # whoever read our output has enough; Python would complain when it flushes stdout at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except (UserError, OSError) as error:
+        return _failed(name, str(error))
+    except (MemoryError, RuntimeError) as error:
+        if not isinstance(error, MemoryError) and "memory" not in str(error):
+            raise
+        return _failed(name, "not enough memory; a smaller --size, or fewer inputs at once, need less")
+    return 0
+
+
+def _run(arguments: Namespace) -> None:
+    module, function = _COMMANDS[arguments.command].split(".")
+    getattr(import_module(f".commands.{module}", __package__), function)(arguments)
+
+
+def _failed(name: str, message: str, status: int = 1) -> int:
+    print(f"{name}: error: {' '.join(message.split())}", file=sys.stderr)
+    return status

@@ -1,0 +1,165 @@
+"""A pose found as people look at it: pictures and a page."""
+
+from __future__ import annotations
+
+import json
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn.functional import interpolate
+
+from ...io.files import distinct_stems, replacing
+from ...io.images import Picture, as_array, write_image
+from ...pose.canvas import FILL, cut_out
+from ...pose.matching import ELEMENT
+from ...pose.similarity import describe
+from ...render import Camera, Mesh, render, silhouette
+from ...viz import html
+from ...viz.pictures import Panel, contact_sheet, glyphs, outlined
+from ...viz.similarity_plot import Way, boxed, by_azimuth
+from .pose_result import PoseResult
+
+HEIGHT = 320  # of the pictures of the overlay
+WIDEST = 1280  # a photograph there
+VIEWS = 8  # below the figure
+_CLOSE = 0.6  # of the close-up's side, the longer side of the box
+
+LEAD = (
+    "The pose at which a rendering of a CAD model has the HOG most like that of an object in a photograph, after "
+    "Section 3.2 of See the Difference (ICCV 2015)."
+)
+
+
+def result_names(path: str) -> list[str]:
+    """The names of the files that :func:`write` leaves for the photograph ``path``."""
+    (stem,) = distinct_stems([Path(path)])
+    endings = ("overlay.png", "similarity.png", "elements.png", "pose.json")
+    return [*(f"{stem}_{ending}" for ending in endings), "index.html"]
+
+
+def write(folder: Path, result: PoseResult) -> None:
+    """Writes the files of :func:`result_names` into ``folder``; all are made before the first is written.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    names = [folder / name for name in result_names(result.path)]
+    overlay, turned, drawn = _overlay(result), _around(result), _glyphs(result)
+    sheets = [contact_sheet([panels], HEIGHT) for panels in (overlay, drawn)]
+    figures = json.dumps(result.figures(), indent=2, allow_nan=False) + "\n"
+    html = _page(result, overlay, turned, drawn)
+    for path, sheet in zip((names[0], names[2]), sheets, strict=True):
+        with replacing(path) as file:
+            sheet.save(file, format="PNG")
+    write_image(names[1], turned.picture)
+    for path, text in zip(names[3:], (figures, html), strict=True):
+        with replacing(path) as file:
+            file.write(text.encode())
+
+
+def _overlay(result: PoseResult) -> list[Panel]:
+    """The photograph with the object's box and the model's outline, and closer, without and with the rendering."""
+    found, mesh = result.found, result.mesh
+    height, width = result.photograph.shape[1:]
+    zoom = min(HEIGHT / height, WIDEST / width)
+    size = max(1, round(height * zoom)), max(1, round(width * zoom))
+    whole = interpolate(result.photograph[None], size, mode="bilinear", antialias=True)[0]
+    whole_camera = Camera(found.camera.focal * zoom, *size)
+    whole_outlined = _outlined(whole, mesh, _scaled(found.pose[0], zoom), whole_camera)
+    close = cut_out(result.photograph, result.box, HEIGHT, fill := _CLOSE * HEIGHT)
+    pose = _scaled(found.on_canvas, fill / FILL)
+    pasted = render(mesh, pose, close.camera, background=close.image)
+    return [
+        Panel(boxed(whole_outlined, [[side * zoom for side in result.box]]), "the photograph"),
+        Panel(close.image[0], "the object"),
+        Panel(_outlined(close.image[0], mesh, pose, close.camera), f"outline of {found.model}"),
+        Panel(pasted[0], f"azimuth {round(found.azimuth)}°, elevation {round(found.elevation)}°"),
+    ]
+
+
+def _outlined(picture: Picture, mesh: Mesh, pose: Tensor, camera: Camera) -> NDArray[np.float64]:
+    return outlined(picture, as_array(silhouette(mesh, pose, camera)[0, 0]) >= 0.5)
+
+
+def _scaled(pose: Tensor, zoom: float) -> Tensor:
+    """A pose (6,), as (1, 6), for a picture of another size."""
+    scaled = pose.clone()
+    scaled[4:] *= zoom
+    return scaled[None]
+
+
+def _around(result: PoseResult) -> Panel:
+    """The paper's figure."""
+    found = result.found
+    picture = by_azimuth(
+        *result.around,
+        what=found.similarity_kind,
+        found=found.azimuth,
+        ways=[Way(path.azimuths, path.similarities) for path in result.paths],
+        views=list(render(result.mesh, result.turned(VIEWS), result.matched.canvas.camera)),
+    )
+    return Panel(picture, f"similarity of {found.model} and its derivative by azimuth")
+
+
+def _glyphs(result: PoseResult) -> list[Panel]:
+    """The visual elements of the photograph, and the same regions of the rendering."""
+    canvas, spec = result.matched.canvas, result.matched.background.spec
+    rendering = render(result.mesh, result.found.on_canvas[None], canvas.camera)
+    _, elements = result.matched.elements
+    panels = []
+    for image, what in ((canvas.image, "the object"), (rendering, f"rendering of {result.found.model}")):
+        (descriptor,) = describe(image, spec).permute(0, 2, 3, 1)
+        drawn = glyphs(descriptor, spec, cell_pixels=24)
+        down, across = (drawn.shape[axis] / descriptor.shape[axis] for axis in range(2))
+        boxes = [
+            (col * across, row * down, (col + ELEMENT[1]) * across, (row + ELEMENT[0]) * down)
+            for row, col in elements.positions.tolist()
+        ]
+        panels += [Panel(image[0], what), Panel(boxed(drawn, boxes), f"its glyphs, {len(boxes)} elements")]
+    return panels
+
+
+def _page(result: PoseResult, overlay: list[Panel], turned: Panel, drawn: list[Panel]) -> str:
+    spec, settings = result.matched.background.spec, result.settings
+    initial = "unknown" if settings.initial is None else "azimuth {:g}°, elevation {:g}°".format(*settings.initial)
+    asked = {
+        "method": settings.method,
+        "similarity": result.found.similarity_kind,
+        "initial pose": initial,
+        "box": ", ".join(f"{side:g}" for side in result.box),
+        "descriptor": f"{spec.name}, cells of {spec.cell_size[0]}x{spec.cell_size[1]} pixels",
+        "candidates": ", ".join(result.candidates),
+        **{f"passed over: {name}": reason for name, reason in result.passed_over.items()},
+    }
+    paths = " In orange, the paths of the search from its starts." if result.paths else ""
+    sections = [
+        html.Section("Overlay", "The outline of the model at the pose found, and its rendering.", overlay),
+        html.Section(
+            "Similarity by azimuth",
+            "Azimuth changes, the other parameters are those found; below, renderings at the azimuths above them. "
+            f"The cells have {spec.cell_size[0]} pixels of the {result.matched.canvas.image.shape[-1]} that the object "
+            f"is scaled to.{paths}",
+            [turned],
+        ),
+        html.Section(
+            "Visual elements",
+            "In red, the patches of the object that photographs elsewhere have least, and the same regions of the "
+            "rendering. The calibrated similarity compares the whole window instead.",
+            drawn,
+        ),
+        html.Section("Settings", "", table=[{"setting": key, "value": value} for key, value in asked.items()]),
+    ]
+    row = result.row()
+    return html.page(
+        f"Pose of {row['photograph']}",
+        LEAD,
+        [row],
+        sections,
+        result.definitions(),
+        f"Made by nablahog {version('nablahog')} with PyTorch {torch.__version__}, seed {settings.seed}. All figures, "
+        f"with their full precision, are in {result_names(result.path)[3]} beside this page.",
+    )

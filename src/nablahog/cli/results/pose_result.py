@@ -1,0 +1,199 @@
+"""A pose found, with all figures that there are of it."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ...io.images import as_array
+from ...pose.canvas import SIDE, Box
+from ...pose.choices import Search
+from ...pose.estimate import PoseEstimate
+from ...pose.matching import ELEMENT, Photograph, model_of
+from ...pose.search import turn_table
+from ...pose.task import Path as Way
+from ...render import Mesh
+
+AZIMUTHS = 180  # at which similarity is computed
+
+DEFINITIONS = {
+    "model": "The model that fits best, of all candidates.",
+    "azimuth": "Degrees that the camera is turned about the object's vertical axis: 0 sees the front, 90 the side that "
+    "is on the object's left, which is the viewer's right.",
+    "elevation": "Degrees that the camera is above the object.",
+    "theta": "Degrees that the picture is turned counter-clockwise.",
+    "distance": "From the camera to the middle of the object, in diagonals of its bounding box. It goes with the focal "
+    "length: a photograph of one object hardly tells one from the other.",
+    "x, y": "Pixels to the right and down from the middle of the photograph to where the middle of the object is seen.",
+    "focal_length": "Of the camera that the pose is meant for, in pixels of the photograph.",
+    "renderings": "How many the search has made, of all candidates.",
+    "seconds": "Wall time of the search; the first in a process takes longer, while code is compiled or loaded.",
+}
+"""What the figures mean, but for the similarity's."""
+
+SIMILARITIES = {
+    "dot": "The sum over the visual elements of the photograph of the dot products of their descriptors with those of "
+    "the same regions of the rendering, as in the paper.",
+    "whitened": "The same, with the elements' descriptors whitened by the background: what photographs have everywhere "
+    "does not count.",
+    "calibrated": "The score of the rendering's linear discriminant on the whole window of the photograph, in its "
+    "standard deviations over photographs of anything. The best method's last steps, and the similarity it reports, "
+    "have cells of half the size.",
+}
+"""What the similarity is, by its kind."""
+
+_UNITS = {
+    "azimuth, elevation, theta": "degrees",
+    "distance": "diagonals of the model's bounding box",
+    "image_size": "height, width in pixels",
+    "box": "x0, y0, x1, y1 in pixels from the upper left corner of the photograph",
+    "x, y, focal_length": "pixels of the photograph",
+    "canvas": "side in pixels; zoom: its pixels for one of the photograph; middle: x, y in the photograph",
+    "around, paths": "azimuths in degrees; derivatives of the similarity per degree",
+    "elements": "rows, columns of cells of the canvas",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """What was asked for.
+
+    Attributes:
+        method, initial, seed: as for :func:`nablahog.pose.estimate.estimate_pose`.
+        background: its file's name, None for the default one.
+    """
+
+    method: Search
+    initial: tuple[float, float] | None
+    seed: int
+    background: str | None
+
+
+@dataclass(frozen=True, eq=False)
+class PoseResult:
+    """A pose found, with what it was found from.
+
+    Attributes:
+        path: the photograph's file.
+        photograph: (C, H, W) in 0…1.
+        box: of the object in it.
+        matched: its canvas and background.
+        found: the pose.
+        mesh: of the best model.
+        candidates: the names of all models.
+        passed_over: why others could not be read, by their names.
+        seconds: of the search.
+        settings: as asked for.
+    """
+
+    path: str
+    photograph: Tensor
+    box: Box
+    matched: Photograph
+    found: PoseEstimate
+    mesh: Mesh
+    candidates: Sequence[str]
+    passed_over: dict[str, str]
+    seconds: float
+    settings: Settings
+
+    def row(self) -> dict[str, object]:
+        """The most important figures, for a table."""
+        found = self.found
+        return {
+            "photograph": os.fsencode(Path(self.path).name).decode(errors="backslashreplace"),
+            "model": found.model,
+            "azimuth": found.azimuth,
+            "elevation": found.elevation,
+            "theta": found.theta,
+            "distance": found.distance,
+            "similarity": found.similarity,
+            "renderings": found.renderings,
+            "seconds": self.seconds,
+        }
+
+    def definitions(self) -> dict[str, str]:
+        """What the figures of :meth:`row` mean."""
+        return {name: of for name, of in self._definitions().items() if name in self.row()}
+
+    def _definitions(self) -> dict[str, str]:
+        return {**DEFINITIONS, "similarity": SIMILARITIES[self.found.similarity_kind]}
+
+    def figures(self) -> dict[str, Any]:
+        """All there is to say, ready for JSON."""
+        found, spec = self.found, self.matched.background.spec
+        similarities, derivatives = self.around
+        _, parts = self.matched.elements
+        return {
+            "photograph": self.path,
+            "image_size": list(self.photograph.shape[1:]),
+            "box": list(self.box),
+            "model": found.model,
+            "azimuth": found.azimuth,
+            "elevation": found.elevation,
+            "theta": found.theta,
+            "distance": found.distance,
+            "x": found.x,
+            "y": found.y,
+            "focal_length": found.camera.focal,
+            "similarity": found.similarity,
+            "renderings": found.renderings,
+            "seconds": round(self.seconds, 4),
+            "candidates": list(self.candidates),
+            "passed_over": self.passed_over,
+            "settings": {
+                "method": self.settings.method,
+                "similarity": found.similarity_kind,
+                "initial": None if self.settings.initial is None else list(self.settings.initial),
+                "background": self.settings.background,
+                "descriptor": json.loads(spec.to_json()),
+                "seed": self.settings.seed,
+            },
+            "canvas": {"side": SIDE, "zoom": self.matched.canvas.zoom, "middle": list(self.matched.canvas.middle)},
+            "around": {
+                "azimuths": (np.arange(AZIMUTHS) * (360 / AZIMUTHS)).tolist(),
+                "similarities": similarities.tolist(),
+                "derivatives": derivatives.tolist(),
+            },
+            "paths": [
+                {"azimuths": list(path.azimuths), "similarities": list(path.similarities)} for path in self.paths
+            ],
+            "elements": {
+                "size": list(ELEMENT),
+                "positions": parts.positions.tolist(),
+                "discriminability": parts.discriminability.tolist(),
+            },
+            "units": _UNITS,
+            "definitions": self._definitions(),
+            "version": version("nablahog"),
+        }
+
+    @property
+    def paths(self) -> list[Way]:
+        """Of the searches with the best model."""
+        return [path for path in self.found.paths if path.model == self.found.model]
+
+    @cached_property
+    def around(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Similarities and derivatives by azimuth, per degree, at the other parameters of the pose found."""
+        model = model_of(self.mesh, self.matched.canvas.camera)
+        template = self.matched.template(self.found.similarity_kind)
+        similarity = model.similarity(template, "opendr" if self.settings.method == "paper" else "edges")
+        values, slopes = similarity.derivatives(self.turned(AZIMUTHS))
+        return as_array(values), as_array(slopes[:, 0])
+
+    def turned(self, count: int) -> Tensor:
+        """Poses for the canvas at ``count`` azimuths from 0° on."""
+        start = self.found.on_canvas.clone()
+        start[0] = 0
+        return turn_table(start, count)

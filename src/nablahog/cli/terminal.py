@@ -1,0 +1,96 @@
+"""What the command says: tables on stdout, progress on stderr."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+from ..viz.html import figure
+
+EVERY = 60.0  # seconds between lines of progress where there is no terminal
+
+
+@contextmanager
+def progress_bars() -> Iterator[Callable[[str], Callable[[int, int], None]]]:
+    """On a terminal, progress bars: gives a function that starts one and returns the function to move it."""
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
+
+        def start(description: str) -> Callable[[int, int], None]:
+            task = bars.add_task(description, total=None)
+            return lambda done, total: bars.update(task, completed=done, total=total)
+
+        yield start
+
+
+@contextmanager
+def counter(name: str) -> Iterator[Callable[[int, int, str], None]]:
+    """Progress of many items: gives a function to call with what is done, the total, and what is at work.
+
+    A bar on a terminal; elsewhere a line now and then, so that a log says how far the work is.
+    """
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield _Lines(name)
+        return
+    columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+    at_work = TextColumn("{task.description}", markup=False)
+    steady = 600  # seconds that the time left is estimated from: items take long, and not all the same
+    with Progress(*columns, at_work, console=console, transient=True, speed_estimate_period=steady) as bars:
+        task = bars.add_task("", total=None)
+        yield lambda done, total, what: bars.update(task, completed=done, total=total, description=what)
+
+
+class _Lines:
+    """A line on stderr every :data:`EVERY` seconds."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.began = self.said = time.monotonic()
+        self.before: int | None = None  # done in an earlier run, which took none of our time
+
+    def __call__(self, done: int, total: int, what: str) -> None:
+        now = time.monotonic()
+        if self.before is None:
+            self.before = done
+        if now - self.said >= EVERY and done > self.before:
+            self.said = now
+            left = (now - self.began) / (done - self.before) * (total - done)
+            minutes = max(1, round(left / 60))
+            print(f"{self.name}: {done} of {total} done, about {minutes} min left, at {what}", file=sys.stderr)
+
+
+def say(text: str) -> None:
+    """A line, whatever its characters and length."""
+    _console().print(Text(text), soft_wrap=True)
+
+
+def print_definitions(definitions: Mapping[str, str]) -> None:
+    """What the figures of a table mean."""
+    for name, definition in definitions.items():
+        _console().print(Text(f"{name}: {definition}", style="dim"))
+
+
+def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
+    """A table with one line for each of ``rows``, which all have the keys of the first."""
+    table = Table()
+    for key in rows[0]:
+        number = all(row[key] is None or isinstance(row[key], int | float) for row in rows)
+        table.add_column(key, justify="right" if number else "left", overflow="fold", no_wrap=number)
+    for row in rows:
+        # Text, because a file name in brackets is no markup
+        table.add_row(*(Text("x".join(map(str, v)) if isinstance(v, list) else figure(v)) for v in row.values()))
+    _console().print(table)
+
+
+def _console() -> Console:
+    return Console(width=None if sys.stdout.isatty() else 120)

@@ -1,0 +1,94 @@
+"""Arrays in the files of other programs: .npy, .npz and .mat.  Nothing in them is ever unpickled, nor run."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .descriptor_file import is_descriptor_file
+from .matfile import read_mat_arrays
+from .npz import names_in, numbers_in
+
+
+def is_raw(path: str | os.PathLike[str]) -> bool:
+    """Whether ``path`` is, by its name or its first bytes, a .npy or .mat file, or an .npz file that is not ours."""
+    if _is_npy(path) or _is_mat(path):
+        return True
+    try:
+        return is_descriptor_file(path) and "spec" not in names_in(path, "descriptor file")
+    except (OSError, ValueError):  # damaged: who reads it as a descriptor file says so
+        return False
+
+
+def read_array(path: str | os.PathLike[str], key: str | None) -> NDArray[np.floating]:
+    """The array of a .npy, .npz or .mat file.
+
+    Args:
+        path: the file.
+        key: which of several arrays; None for the only one of more than one number.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is damaged, has no such array or several, or one of no floating-point numbers.
+    """
+    array = _chosen(path, key)
+    if array.dtype.kind != "f" or array.dtype.itemsize > 8:
+        raise ValueError(f"{path}: expected a descriptor of float16, float32 or float64, got {array.dtype}")
+    return array
+
+
+def _chosen(path: str | os.PathLike[str], key: str | None) -> NDArray[Any]:
+    if _is_npy(path):
+        if key is not None:
+            raise ValueError(f"{path}: --key goes with .npz and .mat files, a .npy file holds one array")
+        return _npy(path)
+    arrays = read_mat_arrays(path) if _is_mat(path) else numbers_in(path, "archive of arrays")
+    if key is not None and key in arrays:
+        return arrays[key]
+    if key is not None:
+        raise ValueError(f"{path}: there is no array {key!r} of numbers, {_listed(arrays)}")
+    several = {name: array for name, array in arrays.items() if array.size > 1}
+    if len(several) != 1:
+        raise ValueError(f"{path}: expected one array or --key NAME, {_listed(arrays)}")
+    (array,) = several.values()
+    return array
+
+
+def _listed(arrays: Mapping[str, NDArray[Any]]) -> str:
+    if not arrays:
+        return "the file holds no array of numbers"
+    return "the file holds " + ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
+
+
+def _npy(path: str | os.PathLike[str]) -> NDArray[Any]:
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such file")
+    try:
+        # mapped, since a damaged header may claim any size
+        return np.array(np.lib.format.open_memmap(path, mode="r"))
+    except Exception as error:  # a damaged header fails in many ways
+        if "Python objects" in str(error):
+            raise ValueError(f"{path}: the file holds pickled objects, which are never loaded") from None
+        raise ValueError(f"{path}: expected an array (.npy), but it cannot be read: {error}") from None
+
+
+def _is_npy(path: str | os.PathLike[str]) -> bool:
+    return _start(path) == b"\x93NUMPY" or Path(path).suffix.lower() == ".npy"
+
+
+def _is_mat(path: str | os.PathLike[str]) -> bool:
+    return _start(path) == b"MATLAB" or Path(path).suffix.lower() == ".mat"
+
+
+def _start(path: str | os.PathLike[str]) -> bytes:
+    try:
+        with open(path, "rb") as file:
+            return file.read(6)
+    except OSError:
+        return b""

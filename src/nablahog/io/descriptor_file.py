@@ -1,0 +1,121 @@
+"""Descriptors on disk: one .npz archive with the descriptor, its spec and the size of its image."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from PIL import Image
+from torch import Tensor
+
+from ..hog import HOGSpec
+from .files import replacing
+from .npz import check_format, read_arrays, text
+
+FORMAT = 1
+_ARRAYS = ("format", "descriptor", "spec", "image_size")
+
+
+@dataclass(frozen=True)
+class StoredDescriptor:
+    """A descriptor with all that is needed to invert it.
+
+    Attributes:
+        descriptor: (rows, cols, channels), float32 or float64, finite, on the CPU.
+        spec: the dialect it was computed in.
+        image_size: (height, width) in pixels of the image it was computed from.
+
+    Raises:
+        TypeError: the descriptor is no float32 or float64 tensor.
+        ValueError: the three contradict each other, or the descriptor is not finite.
+    """
+
+    descriptor: Tensor
+    spec: HOGSpec
+    image_size: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.descriptor, Tensor) or self.descriptor.dtype not in (torch.float32, torch.float64):
+            raise TypeError("the descriptor must be a tensor of float32 or float64")
+        height, width = self.image_size
+        if height < 1 or width < 1:
+            raise ValueError(f"the image size must be at least 1x1, got {height}x{width}")
+        limit = Image.MAX_IMAGE_PIXELS or math.inf
+        if height * width > limit:
+            raise ValueError(f"the image size must be at most {limit:,} pixels, got {height}x{width}")
+        expected = (*self.spec.grid(height, width), self.spec.channels)
+        shape = tuple(self.descriptor.shape)
+        if shape != expected:
+            raise ValueError(
+                f"{self.spec.named} descriptor of an image of {height}x{width} pixels has shape {expected} "
+                f"(rows, cols, channels), got {shape}"
+            )
+        if not torch.isfinite(self.descriptor).all():
+            raise ValueError("the descriptor must be finite, got NaN or Inf")
+
+
+def save_descriptor(
+    path: str | os.PathLike[str], descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int]
+) -> None:
+    """Writes a descriptor (rows, cols, channels) of an image of ``image_size`` (height, width) to the file ``path``.
+
+    The file is a compressed .npz archive of the arrays ``descriptor``, ``spec`` (its JSON), ``image_size`` and
+    ``format`` (1), whatever its name ends in.  It is replaced whole or not at all.
+
+    Raises:
+        TypeError, ValueError: as :class:`StoredDescriptor`; nothing is written.
+        OSError: the file cannot be written.
+    """
+    stored = StoredDescriptor(descriptor.detach().cpu(), spec, (int(image_size[0]), int(image_size[1])))
+    with replacing(path) as file:
+        np.savez_compressed(
+            file,
+            format=np.array(FORMAT),
+            descriptor=stored.descriptor.numpy(),
+            spec=np.array(spec.to_json()),
+            image_size=np.array(stored.image_size),
+        )
+
+
+def load_descriptor(path: str | os.PathLike[str]) -> StoredDescriptor:
+    """The descriptor that :func:`save_descriptor` wrote.  Never unpickles, so nothing in the file is ever run.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is no such archive, is damaged, lacks an array, holds pickled objects, NaN or Inf, or its
+            descriptor, spec and image size contradict each other.
+    """
+    arrays = read_arrays(path, "descriptor file", _ARRAYS)
+    try:
+        return _checked(arrays)
+    except (TypeError, ValueError, OverflowError, RecursionError) as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def is_descriptor_file(path: str | os.PathLike[str]) -> bool:
+    """Whether ``path`` claims to be a descriptor file: it is named .npz, or starts as a zip archive does."""
+    path = Path(path)
+    if path.suffix.lower() == ".npz":
+        return True
+    try:
+        with open(path, "rb") as file:
+            return file.read(4) == b"PK\x03\x04"
+    except OSError:
+        return False
+
+
+def _checked(arrays: dict[str, NDArray[np.generic]]) -> StoredDescriptor:
+    check_format(arrays, "descriptor file", FORMAT)
+    spec, size, descriptor = HOGSpec.from_json(text(arrays, "spec")), arrays["image_size"], arrays["descriptor"]
+    if size.shape != (2,) or size.dtype.kind not in "iu":
+        raise ValueError(f"image_size must be two integers (height, width), got {size.dtype} of shape {size.shape}")
+    native = np.ascontiguousarray(descriptor, dtype=descriptor.dtype.newbyteorder("="))
+    if native.dtype not in (np.float32, np.float64):
+        raise ValueError(f"the descriptor must be float32 or float64, got {native.dtype}")
+    height, width = size.tolist()
+    return StoredDescriptor(torch.from_numpy(native), spec, (height, width))

@@ -1,0 +1,137 @@
+"""Models of voc-release5 (DPM), as MATLAB files: their root and part filters, unfolded into templates."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from .matfile import read_mat
+
+CHANNELS = 32
+MOST_CELLS = 1000  # of a filter's side: none is larger than a photograph
+_ROOT, _PARTS = 0, 1  # octaves by which their cells are smaller than the root's
+
+
+@dataclass(frozen=True)
+class Filter:
+    """A linear template of a model.
+
+    Attributes:
+        name: which one, such as ``"component 1, root"``.
+        weights: (rows, cols, 32), float32.
+    """
+
+    name: str
+    weights: Tensor
+
+
+@dataclass(frozen=True)
+class DPMModel:
+    """A model's templates.
+
+    Attributes:
+        class_name: what it detects.
+        cell_size: ``sbin``, pixels of a cell.
+        filters: of each component that is not another's mirror image, the root, and all its parts where they are
+            expected, at twice the resolution; where two overlap, their weights add up.
+    """
+
+    class_name: str
+    cell_size: int
+    filters: tuple[Filter, ...]
+
+
+def is_dpm_file(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is a MATLAB file that holds a struct ``model`` with filters."""
+    try:
+        return "filters" in read_mat(path)["model"][0]
+    except (OSError, ValueError, LookupError, TypeError):
+        return False
+
+
+def load_dpm(path: str | os.PathLike[str]) -> DPMModel:
+    """The templates of the model in a file.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is no MATLAB file of version 5 to 7, holds no model, or one whose parts contradict each other.
+    """
+    stored = read_mat(path)
+    try:
+        return _unfolded(stored["model"][0])
+    except (LookupError, TypeError, ValueError) as error:
+        raise ValueError(f"{os.fspath(path)}: expected a model of voc-release5, but {_reason(error)}") from None
+
+
+def _reason(error: Exception) -> str:
+    return f"it has no {error}" if isinstance(error, KeyError) else str(error)
+
+
+def _integer(number: Any) -> int:
+    """A number as MATLAB has it, an array of one."""
+    return int(np.asarray(number).reshape(-1)[0])
+
+
+def _of(items: Any, number: int) -> Any:
+    """One of a list, counted from 1."""
+    if not isinstance(items, list) or not 1 <= number <= len(items):
+        raise ValueError(f"it refers to number {number} of a list that does not have it")
+    return items[number - 1]
+
+
+def _unfolded(model: dict[str, Any]) -> DPMModel:
+    filters: list[Filter] = []
+    number = 0
+    for rule in _of(model["rules"], _integer(model["start"])):
+        symbols = np.asarray(rule["rhs"]).reshape(-1).astype(int).tolist()
+        anchors = [np.asarray(anchor).reshape(-1).astype(int).tolist() for anchor in rule["anchor"]]
+        placed = [(*_filter(model, symbol), *anchor) for symbol, anchor in zip(symbols, anchors, strict=True)]
+        if any(flipped for _, flipped, *_ in placed):
+            continue  # the mirror image of another component
+        number += 1
+        (root,) = (weights for weights, _, _, _, octave in placed if octave == _ROOT)
+        filters.append(Filter(f"component {number}, root", torch.from_numpy(root)))
+        parts = [(weights, x, y) for weights, _, x, y, octave in placed if octave == _PARTS]
+        if parts:
+            filters.append(Filter(f"component {number}, parts", torch.from_numpy(_together(root, parts))))
+    if not filters:
+        raise ValueError("it has no component")
+    return DPMModel(str(model["class"]), _integer(model["sbin"]), tuple(filters))
+
+
+def _filter(model: dict[str, Any], symbol: int) -> tuple[NDArray[np.float32], bool]:
+    """The weights that a symbol of the grammar ends in, and whether they are used mirrored."""
+    for _ in range(len(model["symbols"])):
+        found = _of(model["symbols"], symbol)
+        if found["type"] == "T":
+            of_symbol = _of(model["filters"], _integer(found["filter"]))
+            return _weights(_of(model["blocks"], _integer(of_symbol["blocklabel"]))), bool(_integer(of_symbol["flip"]))
+        symbol = _integer(_of(_of(model["rules"], symbol), 1)["rhs"])
+    raise ValueError("its grammar does not end")
+
+
+def _weights(block: dict[str, Any]) -> NDArray[np.float32]:
+    shape = tuple(np.asarray(block["shape"]).reshape(-1).astype(int).tolist())
+    if len(shape) != 3 or shape[2] != CHANNELS or not 0 < min(shape) <= max(shape) <= MOST_CELLS:
+        raise ValueError(f"a filter has the shape {shape}, not (rows, cols, {CHANNELS})")
+    weights = np.asarray(block["w"], np.float32).reshape(shape, order="F")
+    if not np.isfinite(weights).all():
+        raise ValueError("a filter holds NaN or Inf")
+    return np.ascontiguousarray(weights)
+
+
+def _together(root: NDArray[np.float32], parts: list[tuple[NDArray[np.float32], int, int]]) -> NDArray[np.float32]:
+    """Parts at their places in the root's frame, of twice its rows and columns."""
+    whole = np.zeros((2 * root.shape[0], 2 * root.shape[1], CHANNELS), np.float32)
+    for weights, x, y in parts:
+        rows, cols = weights.shape[:2]
+        if min(x, y) < 0 or y + rows > whole.shape[0] or x + cols > whole.shape[1]:
+            raise ValueError(f"a part of {rows}x{cols} cells at {y}, {x} is outside its root")
+        whole[y : y + rows, x : x + cols] += weights
+    return whole

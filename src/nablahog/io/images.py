@@ -1,0 +1,160 @@
+"""Pictures: files to tensors and back."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from PIL import Image, ImageOps, UnidentifiedImageError
+from torch import Tensor
+from torch.nn import functional
+
+from .files import replacing
+
+Picture: TypeAlias = Tensor | NDArray[np.floating]
+
+_GRAY_MODES = ("1", "L", "LA", "La")
+
+
+def as_array(picture: Picture) -> NDArray[np.float64]:
+    """``picture``, a tensor on any device or an array, as a float64 array of the same shape."""
+    if isinstance(picture, Tensor):
+        picture = picture.detach().cpu().numpy()
+    return np.asarray(picture, dtype=np.float64)
+
+
+def read_image(path: str | os.PathLike[str]) -> Tensor:
+    """The picture in a file, of any format that Pillow decodes by itself.
+
+    It comes upright (EXIF orientation), over white where it is transparent, and of several frames the first.  Gray
+    files (1, 8 or 16 bit, or float) have one channel, all others R, G, B.  A level k of 8 or 16 bits becomes k/255 or
+    k/65535; float files hold 0…1, or 0…255, which is divided by 255.  Colour profiles are not applied.
+
+    Args:
+        path: the file.
+
+    Returns:
+        (C, H, W) with C 1 or 3, float32 in 0…1, on the CPU.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is no regular file, no picture, truncated or otherwise damaged, has no pixels or more than
+            ``PIL.Image.MAX_IMAGE_PIXELS``, or its levels are none of the above.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such file")
+    if not path.is_file():
+        raise ValueError(f"{path}: expected an image file, got a {'folder' if path.is_dir() else 'special file'}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # remarks on odd metadata
+        warnings.simplefilter("error", Image.DecompressionBombWarning)
+        try:
+            levels = _levels(_decoded(path))
+        except (Image.DecompressionBombError, Image.DecompressionBombWarning):
+            limit = Image.MAX_IMAGE_PIXELS
+            raise ValueError(f"{path}: an image of more than {limit:,} pixels is refused, it may be a bomb") from None
+        except UnidentifiedImageError:
+            raise ValueError(f"{path}: expected an image, got a file of no format that Pillow reads") from None
+        except MemoryError:
+            raise
+        except Exception as error:  # decoders of damaged files raise nearly anything
+            raise ValueError(f"{path}: the image cannot be read: {error}") from None
+    if levels.ndim == 2:
+        levels = levels[..., None]
+    if levels.size == 0:
+        raise ValueError(f"{path}: the image has no pixels ({levels.shape[0]}x{levels.shape[1]})")
+    return torch.from_numpy(np.ascontiguousarray(levels.transpose(2, 0, 1)))
+
+
+def _decoded(path: Path) -> Image.Image:
+    with Image.open(path) as image:
+        if image.format == "EPS":
+            raise ValueError("PostScript is a program, which is never run; convert it to PNG first")
+        image.load()
+        upright: Image.Image
+        try:
+            upright = ImageOps.exif_transpose(image)
+        except Exception:  # damaged EXIF data says nothing about the pixels
+            upright = image.copy()
+    return upright
+
+
+def _levels(image: Image.Image) -> NDArray[np.float32]:
+    """(H, W) or (H, W, channels), float32 in 0…1."""
+    if image.mode == "I" or image.mode.startswith("I;16"):  # which of the two a 16-bit PNG is, depends on Pillow
+        return _scaled(np.asarray(image), 65535)
+    if image.mode == "F":
+        values = np.asarray(image)
+        return _scaled(values, 1 if values.max() <= 1 else 255)
+    gray = image.mode in _GRAY_MODES
+    if image.has_transparency_data:
+        rgba = _scaled(np.asarray(image.convert("LA" if image.mode == "La" else "RGBA")), 255)
+        alpha = rgba[..., -1:]
+        over_white = rgba[..., :-1] * alpha + (1 - alpha)
+        return over_white[..., :1] if gray else over_white
+    return _scaled(np.asarray(image.convert("L" if gray else "RGB")), 255)
+
+
+def _scaled(values: NDArray[np.generic], largest: int) -> NDArray[np.float32]:
+    scaled: NDArray[np.float32] = values.astype(np.float32) / np.float32(largest)
+    if scaled.size and not (scaled.min() >= 0 and scaled.max() <= 1):  # NaN fails too
+        raise ValueError(f"expected levels in 0…{largest}, got {values.min()} … {values.max()}")
+    return scaled
+
+
+def limit_size(image: Tensor, size: int) -> Tensor:
+    """``image`` shrunk, antialiased, so that its longer side has at most ``size`` pixels; never enlarged.
+
+    Args:
+        image: (C, H, W), floating point in 0…1.
+        size: pixels, at least 1.
+
+    Returns:
+        (C, h, w) of nearly the same proportions, in 0…1, each side at least 1.
+
+    Raises:
+        ValueError: ``size`` is below 1.
+    """
+    if size < 1:
+        raise ValueError(f"size must be at least 1 pixel, got {size}")
+    height, width = image.shape[-2:]
+    longer = max(height, width)
+    if longer <= size:
+        return image
+    target = [max(1, round(side * size / longer)) for side in (height, width)]
+    small = functional.interpolate(image[None], target, mode="bicubic", antialias=True, align_corners=False)
+    return small[0].clamp(0, 1)  # bicubic overshoots at edges
+
+
+def to_pil(picture: Picture) -> Image.Image:
+    """``picture``, (H, W), (1, H, W) or (3, H, W) in 0…1 (clipped), as an 8-bit Pillow image, gray or RGB.
+
+    Raises:
+        ValueError: another shape, or NaN.
+    """
+    values = as_array(picture)
+    if values.ndim == 3 and values.shape[0] in (1, 3):
+        values = values[0] if values.shape[0] == 1 else values.transpose(1, 2, 0)
+    elif values.ndim != 2:
+        raise ValueError(f"expected a picture of shape (H, W), (1, H, W) or (3, H, W), got {values.shape}")
+    if np.isnan(values).any():
+        raise ValueError("expected a picture in 0…1, got NaN")
+    return Image.fromarray(np.rint(values.clip(0, 1) * 255).astype(np.uint8))
+
+
+def write_image(path: str | os.PathLike[str], picture: Picture) -> None:
+    """Writes ``picture``, as :func:`to_pil` takes it, as an 8-bit PNG; ``path`` is replaced whole or not at all.
+
+    Raises:
+        ValueError: as :func:`to_pil`.
+        OSError: the file cannot be written.
+    """
+    image = to_pil(picture)
+    with replacing(path) as file:
+        image.save(file, format="PNG")

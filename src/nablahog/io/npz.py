@@ -1,0 +1,160 @@
+"""Our .npz archives.  Whoever wrote one, nothing in it is ever unpickled, so nothing in it is ever run."""
+
+from __future__ import annotations
+
+import json
+import os
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .files import replacing
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+    Account = TypeVar("Account", bound=DataclassInstance)
+
+MAX_BYTES = 2**30  # what an archive may unpack to: a descriptor of 270 megapixels at 31 channels and cells of 8
+
+
+def read_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -> dict[str, NDArray[np.generic]]:
+    """The arrays ``names`` of the archive ``path``.
+
+    Args:
+        path: the file.
+        kind: what it is expected to be, such as "descriptor file", for the messages.
+        names: of the arrays that it must have; others are not read.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is no archive, is damaged, lacks an array, holds pickled objects or unpacks to too much.
+    """
+    with _opened(path, kind) as archive:
+        missing = [name for name in names if name not in archive]
+        arrays = {} if missing else {name: archive[name] for name in names}
+    if missing:
+        raise ValueError(f"{path}: expected a {kind}, but the archive lacks {', '.join(missing)}")
+    return arrays
+
+
+def names_in(path: str | os.PathLike[str], kind: str) -> list[str]:
+    """The names of the arrays of the archive ``path``, none of which is read.
+
+    Raises:
+        FileNotFoundError, ValueError: as :func:`read_arrays`.
+    """
+    with _opened(path, kind) as archive:
+        return list(archive)
+
+
+def numbers_in(path: str | os.PathLike[str], kind: str) -> dict[str, NDArray[np.generic]]:
+    """All arrays of numbers of the archive ``path``; whatever else it holds is passed over.
+
+    Raises:
+        FileNotFoundError, ValueError: as :func:`read_arrays`, but for pickled objects.
+    """
+    with _opened(path, kind) as archive:
+        arrays = {name: _unless_pickled(archive, name) for name in archive}
+    return {name: array for name, array in arrays.items() if array is not None and array.dtype.kind in "biufc"}
+
+
+def _unless_pickled(archive: np.lib.npyio.NpzFile, name: str) -> NDArray[np.generic] | None:
+    try:
+        array = archive[name]
+    except ValueError as error:
+        if "allow_pickle" in str(error):
+            return None
+        raise
+    return array if isinstance(array, np.ndarray) else None  # of a file that is none, its bytes
+
+
+@contextmanager
+def _opened(path: str | os.PathLike[str], kind: str) -> Iterator[np.lib.npyio.NpzFile]:
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such file")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(member.file_size for member in archive.infolist())
+    except Exception as error:  # zipfile has no common base for what damage makes it raise
+        raise ValueError(f"{path}: expected a {kind} (.npz), but it cannot be read: {error}") from None
+    if size > MAX_BYTES:
+        raise ValueError(f"{path}: the archive unpacks to {size:,} bytes, more than the {MAX_BYTES:,} allowed")
+    try:
+        # opened here, because numpy leaves damaged files open
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as arrays:
+            yield arrays
+    except Exception as error:  # a damaged archive fails in zipfile, zlib or numpy, each with its own kinds of error
+        if "allow_pickle" in str(error):
+            raise ValueError(f"{path}: the archive holds pickled objects, which are never loaded") from None
+        raise ValueError(f"{path}: the archive is damaged: {error}") from None
+
+
+def text(arrays: dict[str, NDArray[np.generic]], name: str) -> str:
+    """The string that the array ``name`` holds.
+
+    Raises:
+        ValueError: it holds none.
+    """
+    array = arrays[name]
+    if array.shape != () or array.dtype.kind != "U":
+        raise ValueError(f"{name} must be one string, got {array.dtype} of shape {array.shape}")
+    return str(array.item())
+
+
+def check_format(arrays: dict[str, NDArray[np.generic]], kind: str, expected: int) -> None:
+    """Raises ValueError unless the array ``format`` is the version ``expected``."""
+    version = arrays["format"]
+    if version.shape != () or version.item() != expected:
+        raise ValueError(f"this version reads {kind}s of format {expected}, got {version!s}")
+
+
+@contextmanager
+def naming(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Whatever is wrong with what is read from ``path`` in the block is a ValueError that begins with its name."""
+    try:
+        yield
+    except (TypeError, ValueError, RuntimeError, OverflowError, RecursionError) as error:
+        raise ValueError(f"{os.fspath(path)}: {error}") from None
+
+
+def write_arrays(
+    path: str | os.PathLike[str], version: int, arrays: Mapping[str, object], *, compressed: bool = False
+) -> None:
+    """Writes an archive of ``arrays`` and, as ``format``, its version.  The file is replaced whole or not at all.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    with replacing(path) as file:
+        named = {name: np.asarray(array) for name, array in {"format": version, **arrays}.items()}
+        (np.savez_compressed if compressed else np.savez)(file, **named)  # type: ignore[arg-type]
+
+
+def account_to_text(account: DataclassInstance) -> str:
+    """A dataclass of texts, numbers and tuples of these, as JSON."""
+    return json.dumps(asdict(account))
+
+
+def account_of(kind: type[Account], of: str) -> Account:
+    """What :func:`account_to_text` wrote of a dataclass.
+
+    Raises:
+        ValueError: it wrote something else.
+    """
+    try:
+        stored = json.loads(of)
+        return kind(**{name: _as(hint, stored[name]) for name, hint in get_type_hints(kind).items()})
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ValueError(f"its account of the learning cannot be read: {error!s}") from None
+
+
+def _as(hint: Any, value: Any) -> Any:
+    return tuple(map(get_args(hint)[0], value)) if get_origin(hint) is tuple else hint(value)

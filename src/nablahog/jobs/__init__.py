@@ -1,0 +1,1 @@
+"""Long work: run in parallel, stored, resumed."""

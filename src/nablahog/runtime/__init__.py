@@ -1,0 +1,1 @@
+"""Compilation, vector instructions, threads, lazy imports; knows nothing of HOG."""

@@ -1,0 +1,193 @@
+"""Pictures for people: HOG glyphs, differences, outlines, contact sheets."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+from scipy import ndimage
+
+from ..hog import BlockCells, FourBlockNorm, HOGSpec
+from ..hog.entries import SideBySide, cell_entries
+from ..hog.orientation import bin_angles
+from ..io.images import Picture, as_array, to_pil
+
+RED = (1.0, 0.15, 0.1)
+
+
+def edge_votes(descriptor: Picture, spec: HOGSpec) -> tuple[NDArray[np.float64], NDArray[np.floating]]:
+    """The part of a descriptor that says how strong edges of which direction are, for each cell of the image.
+
+    Args:
+        descriptor: (rows, cols, channels).
+        spec: its dialect.
+
+    Returns:
+        The votes (rows, cols, n) of cells side by side and the gradient directions (n,) they stand for, in radians as
+        in ``HOGSpec``.  Of a four-block descriptor these are its undirected channels, or for want of them its directed
+        ones, or the mean over its blocks, of others all bins: the mean over all blocks, or colours, that have them.
+        Cells that a descriptor leaves out have no votes.
+
+    Raises:
+        ValueError: the shape is none of the spec's.
+    """
+    values = as_array(descriptor)
+    if values.ndim != 3 or values.shape[2] != spec.channels:
+        raise ValueError(f"expected a descriptor of shape (rows, cols, {spec.channels}), got {values.shape}")
+    scheme, angles = spec.normalizer, bin_angles(spec)
+    if isinstance(scheme, FourBlockNorm):
+        votes = _of_four_blocks(values, spec, scheme)
+        if scheme.outside == "drop":
+            votes = np.pad(votes, ((1, 1), (1, 1), (0, 0)))
+        return votes, angles[: votes.shape[2]]
+    entries = cell_entries(torch.from_numpy(values).unsqueeze(0), spec)
+    if isinstance(spec.pooling, BlockCells):
+        entries = SideBySide(spec, spec.image_size(*values.shape[:2]), entries)(entries)
+    return entries[0].permute(1, 2, 0).numpy(), angles
+
+
+def _of_four_blocks(values: NDArray[np.float64], spec: HOGSpec, scheme: FourBlockNorm) -> NDArray[np.float64]:
+    bins = spec.bins if spec.signed else 2 * spec.bins
+    directed, undirected = (scheme.channels_of(part, bins) for part in ("directed", "undirected"))
+    if not directed and not undirected:
+        entries = cell_entries(torch.from_numpy(values).unsqueeze(0), spec)[0, : bins // 2]
+        return entries.permute(1, 2, 0).numpy()
+    first, last = (directed, directed + undirected) if undirected else (0, directed)
+    votes: NDArray[np.float64] = values.reshape(*values.shape[:2], spec.colours, -1)[..., first:last].mean(axis=2)
+    return votes
+
+
+def _strokes(angles: NDArray[np.floating], height: int, width: int) -> NDArray[np.float64]:
+    """(n, height, width) in 0…1: for each gradient direction a line through the middle, perpendicular to it."""
+    y = np.arange(height)[:, None] - (height - 1) / 2
+    x = np.arange(width)[None, :] - (width - 1) / 2
+    cos, sin = np.cos(angles)[:, None, None], np.sin(angles)[:, None, None]
+    across = np.abs(x * cos + y * sin)  # y and the angles both grow downwards: no flip
+    along = np.abs(y * cos - x * sin)
+    half_width, half_length = max(0.5, min(height, width) / 24), min(height, width) / 2 - 0.5
+    strokes: NDArray[np.float64] = np.clip(half_width + 0.5 - across, 0, 1) * np.clip(half_length + 0.5 - along, 0, 1)
+    return strokes
+
+
+def glyphs(descriptor: Picture, spec: HOGSpec, cell_pixels: int = 16) -> NDArray[np.float64]:
+    """The usual picture of a HOG: in each cell, for each orientation, a stroke along the edge.
+
+    A stroke is perpendicular to the gradient it stands for, so that a vertical edge is a vertical stroke.  Its
+    brightness is the vote; where strokes cross, the brighter one shows.  White is the vote that 5 % of the cells which
+    are not empty reach: globally normalised descriptors have a few votes far above all others.
+
+    Args:
+        descriptor: (rows, cols, channels), tensor or array; values below 0 are drawn as 0.
+        spec: its dialect.
+        cell_pixels: height of a cell in the picture; its width follows from the shape of the spec's cells.
+
+    Returns:
+        (rows · cell height, cols · cell width) for the cells of the image, float64 in 0…1; black for an all-zero
+        descriptor, and where cells are left out.
+
+    Raises:
+        ValueError: the shape is none of the spec's, or ``cell_pixels`` is below 1.
+    """
+    if cell_pixels < 1:
+        raise ValueError(f"cell_pixels must be at least 1, got {cell_pixels}")
+    votes, angles = edge_votes(descriptor, spec)
+    strongest = votes.max(axis=2, initial=0.0)
+    if strongest.any():
+        votes = (votes / np.quantile(strongest[strongest > 0], 0.95)).clip(0, 1)
+    cell_width = max(1, round(cell_pixels * spec.cell_size[1] / spec.cell_size[0]))
+    rows, cols, _ = votes.shape
+    picture = np.zeros((rows, cell_pixels, cols, cell_width))
+    for k, stroke in enumerate(_strokes(angles, cell_pixels, cell_width)):  # one bin at a time: n times less memory
+        np.maximum(picture, np.einsum("rc,hw->rhcw", votes[..., k], stroke), out=picture)
+    return picture.reshape(rows * cell_pixels, cols * cell_width)
+
+
+def difference(picture: Picture, reference: Picture) -> NDArray[np.float64]:
+    """(picture - reference) / 2 + ½, both (H, W) in 0…1: gray where they agree, bright where ``picture`` is brighter.
+
+    Raises:
+        ValueError: the shapes differ.
+    """
+    a, b = as_array(picture), as_array(reference)
+    if a.shape != b.shape:
+        raise ValueError(f"expected two pictures of one shape, got {a.shape} and {b.shape}")
+    return (a - b) / 2 + 0.5
+
+
+def outlined(picture: Picture, inside: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """A picture with the outline of a region drawn on it in red, two pixels wide.
+
+    Args:
+        picture: (C, H, W), C 1 or 3, in 0…1.
+        inside: (H, W), the region.
+
+    Returns:
+        (3, H, W) in 0…1.
+    """
+    drawn: NDArray[np.float64] = np.broadcast_to(as_array(picture), (3, *inside.shape)).copy()
+    line = ndimage.binary_dilation(inside) & ~ndimage.binary_erosion(inside, border_value=1)
+    drawn[:, line] = np.array(RED)[:, None]
+    return drawn
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A picture, (H, W), (1, H, W) or (3, H, W) in 0…1, with its caption."""
+
+    picture: Picture
+    caption: str
+
+
+def contact_sheet(rows: Sequence[Sequence[Panel]], height: int = 256, margin: int = 8) -> Image.Image:
+    """Rows of pictures on white, each under its caption, all scaled to one height.
+
+    Args:
+        rows: at least one row with at least one panel; rows may differ in length.
+        height: of a picture, pixels.
+        margin: between pictures, pixels.
+
+    Returns:
+        An 8-bit RGB image.
+
+    Raises:
+        ValueError: there is no panel.
+    """
+    if not rows or not all(rows):
+        raise ValueError("a contact sheet needs at least one row, and each row at least one panel")
+    font = ImageFont.load_default(max(11, height // 16))
+    line = math.ceil(font.getbbox("Ág")[3]) + margin // 2
+    pictures = [[_scaled_to(panel.picture, height) for panel in row] for row in rows]
+    columns = [max(row[c].width for row in pictures if c < len(row)) for c in range(max(len(row) for row in pictures))]
+    lefts = [margin + sum(columns[:c]) + c * margin for c in range(len(columns))]
+    size = (lefts[-1] + columns[-1] + margin, margin + len(rows) * (line + height + margin))
+    sheet = Image.new("RGB", size, "white")
+    draw = ImageDraw.Draw(sheet)
+    for r, row in enumerate(rows):
+        top = margin + r * (line + height + margin)
+        for panel, picture, left, width in zip(row, pictures[r], lefts, columns, strict=False):
+            draw.text((left, top), _shortened(panel.caption, font, width), fill="black", font=font)
+            sheet.paste(picture, (left, top + line))
+    return sheet
+
+
+def _scaled_to(picture: Picture, height: int) -> Image.Image:
+    image = to_pil(picture).convert("RGB")
+    if image.height == height:
+        return image
+    # enlarged pixels stay square, so that nothing is seen that is not there
+    how = Image.Resampling.NEAREST if height > image.height else Image.Resampling.LANCZOS
+    return image.resize((max(1, round(image.width * height / image.height)), height), how)
+
+
+def _shortened(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> str:
+    """``text``, its end cut off where it would be wider than ``width`` pixels."""
+    if font.getlength(text) <= width:
+        return text
+    while text and font.getlength(text + "…") > width:
+        text = text[:-1]
+    return text + "…"

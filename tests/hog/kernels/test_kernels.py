@@ -1,0 +1,339 @@
+"""The compiled steps return what the plain ones return, and their derivatives, also where those are conventions."""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numba
+import pytest
+import torch
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from torch import Tensor
+from torch.testing import assert_close
+
+from nablahog.hog import BilinearCells, BlockCells, BlockNorm, BoxCells, FourBlockNorm, HOGSpec, hog, presets
+from nablahog.hog.kernels import steps, supports
+from nablahog.hog.normalize import normalize
+from nablahog.hog.normalizers import PARTS
+from nablahog.hog.poolings import Pooling
+from nablahog.hog.steps import plain_histograms
+from nablahog.runtime.compile import compiled
+
+from ..zoo import SPECS, integers, noise, spec
+
+CPU = torch.device("cpu")
+DTYPES = [torch.float32, torch.float64]
+dtypes = pytest.mark.parametrize("dtype", DTYPES, ids=["float32", "float64"])
+COMPILED = [name for name, s in SPECS.items() if supports(s)]
+specs = pytest.mark.parametrize("name", COMPILED)
+
+
+def fast(s: HOGSpec) -> tuple[Any, Any]:
+    """The compiled steps."""
+    of_cells, norm = steps(CPU, s)
+    assert of_cells is not plain_histograms
+    return of_cells, norm
+
+
+def channels(s: HOGSpec) -> int:
+    """Of images that show what is special about the dialect."""
+    return 1 if s.colour == "gray" else 3
+
+
+def with_derivative(step: Any, x: Tensor, s: HOGSpec) -> tuple[Tensor, Tensor, Tensor]:
+    """A step's result, the gradient of its product with some fixed numbers, and its change with others."""
+    x = x.detach().requires_grad_()
+    result = step(x, s)
+    weights = torch.linspace(0, 40, result.numel(), dtype=x.dtype).cos().view(result.shape)
+    (derivative,) = torch.autograd.grad((result * weights).sum(), x)
+    change = torch.linspace(1, 30, x.numel(), dtype=x.dtype).sin().view(x.shape)
+    changed = torch.func.jvp(lambda of: step(of, s), (x.detach(),), (change,))[1]
+    return result.detach(), derivative, changed
+
+
+def assert_same(compiled_step: Any, plain: Any, x: Tensor, s: HOGSpec) -> None:
+    """Up to rounding, relative to the largest entry; the plain steps in float64, where diagonals are exact.
+
+    Unless the dialect's angle is float32 whatever the image.
+    """
+    reference = x.double() if s.angle == "exact" else x
+    for got, exact in zip(with_derivative(compiled_step, x, s), with_derivative(plain, reference, s), strict=True):
+        assert got.shape == exact.shape
+        assert got.dtype == x.dtype
+        size = float(exact.abs().max()) or 1.0
+        # of the float32 arctangent, and of a difference of nearly equal gray values in float32
+        tolerance = 2e-5 if x.dtype == torch.float32 else 1e-11 if s.angle == "exact" else 1e-6
+        assert_close(got.double() / size, exact.double() / size, rtol=0, atol=tolerance)
+
+
+@dtypes
+@specs
+def test_histograms_are_those_of_the_plain_steps(name: str, dtype: torch.dtype) -> None:
+    s = SPECS[name]
+    assert_same(fast(s)[0], plain_histograms, noise(3, channels(s), 17, 14, dtype=dtype), s)
+
+
+@dtypes
+@specs
+def test_on_kinks_too(name: str, dtype: torch.dtype) -> None:
+    """Few gray levels: gradients of zero, on bin centres, and on the diagonals, with the derivatives agreed upon."""
+    s = SPECS[name]
+    if dtype == torch.float32 and (s.gamma == "sqrt" or s.mask == "sobel"):
+        pytest.skip("roots and sums are not exact: whether two components are equal depends on the last digit")
+    assert_same(fast(s)[0], plain_histograms, integers(3, 1, 17, 14, levels=3, dtype=dtype), s)
+
+
+@specs
+def test_of_bytes_every_vote_is_the_same(name: str) -> None:
+    """Colour ties and bins of hard votes are decided alike."""
+    s, x = (
+        SPECS[name],
+        torch.randint(256, (2, 3, 30, 29), dtype=torch.uint8, generator=torch.Generator().manual_seed(1)),
+    )
+    x[1] //= 32
+    plain = plain_histograms(x, s)
+    assert_close(fast(s)[0](x, s), plain, rtol=0, atol=2e-6 * float(plain.max()))
+
+
+@dtypes
+@pytest.mark.parametrize("bins", [8, 16])
+def test_diagonals_that_are_bin_centres(bins: int, dtype: torch.dtype) -> None:
+    s = spec(signed=True, bins=bins, bin_offset=0.0)
+    assert_same(fast(s)[0], plain_histograms, integers(2, 1, 16, 16, levels=2, dtype=dtype), s)
+
+
+@pytest.mark.parametrize("bins", [8, 16])
+def test_diagonals_of_bytes_that_are_bin_centres(bins: int) -> None:
+    """Whole numbers in units of the spec: equal components are equal to the last bit."""
+    s = spec(signed=True, bins=bins, bin_offset=0.0, value_range=255.0)
+    assert_same(fast(s)[0], plain_histograms, integers(2, 1, 16, 16, levels=16), s)
+
+
+@dtypes
+@pytest.mark.parametrize("directions", ["float32", "four-decimals"])
+@pytest.mark.parametrize("orientations", [4, 5, 6, 7, 8, 9, 12])
+def test_hard_votes_on_diagonals(orientations: int, directions: str, dtype: torch.dtype) -> None:
+    """Which lie exactly between two bins if there are six, ten, fourteen …"""
+    s = spec(vote="hard", directions=directions, bin_offset=0.0, bins=2 * orientations, signed=True, value_range=255.0)
+    x = integers(2, 1, 40, 40, levels=16, dtype=dtype)
+    plain = plain_histograms(x, s)
+    assert_close(fast(s)[0](x, s), plain, rtol=0, atol=1e-5 * float(plain.max()))
+
+
+@specs
+def test_a_batch_is_its_images(name: str) -> None:
+    s, x = SPECS[name], noise(5, 3, 24, 31, dtype=torch.float32)
+    together = hog(x, s)
+    for image, found in zip(x, together, strict=True):
+        assert torch.equal(hog(image[None], s)[0], found)
+
+
+def test_an_empty_batch() -> None:
+    x = torch.zeros(0, 1, 16, 16, requires_grad=True)
+    found = hog(x, SPECS["uoctti"])
+    assert found.shape == (0, 4, 4, 31)
+    assert torch.autograd.grad(found.sum(), x)[0].shape == x.shape
+
+
+@settings(max_examples=60)
+@given(
+    height=st.integers(1, 40),
+    width=st.integers(1, 40),
+    cell=st.tuples(st.integers(1, 9), st.integers(1, 9)),
+    bins=st.integers(3, 20),
+    offset=st.floats(0, 0.99),
+    border=st.sampled_from(["reflect", "replicate", "extrapolate", "zero", "gray", "ignore"]),
+    partial=st.sampled_from(["round", "ceil", "floor"]),
+    pooling=st.sampled_from(
+        [
+            BilinearCells(),
+            BilinearCells("drop", 1.5),
+            BilinearCells("repeat"),
+            BoxCells(),
+            BoxCells(window=3),
+            BlockCells((1, 1), (1, 2), 3.0),
+        ]
+    ),
+    signed=st.booleans(),
+    colours=st.sampled_from([1, 2, 3]),
+    colour=st.sampled_from(["gray", "largest"]),
+    seed=st.integers(0, 99),
+)
+def test_any_size(
+    height: int,
+    width: int,
+    cell: tuple[int, int],
+    bins: int,
+    offset: float,
+    border: str,
+    partial: str,
+    pooling: Pooling,
+    signed: bool,
+    colours: int,
+    colour: str,
+    seed: int,
+) -> None:
+    changes: dict[str, Any] = {}
+    if isinstance(pooling, BlockCells):  # of two by three cells
+        pooling = BlockCells((2 * cell[0], 3 * cell[1]), (max(cell[0] - 1, 1), 2 * cell[1]), 3.0)
+        changes["normalizer"] = BlockNorm((2, 3), (2, 3))
+    s = spec(
+        cell_size=cell,
+        bins=bins,
+        bin_offset=offset,
+        border=border,
+        partial_cells=partial,
+        pooling=pooling,
+        signed=signed,
+        colour=colour,
+        value_range=9.0,
+        **changes,
+    )
+    try:
+        s.grid(height, width)
+    except ValueError:
+        assume(False)  # no cell in it
+    assert_same(fast(s)[0], plain_histograms, noise(2, colours, height, width, seed=seed), s)
+
+
+@dtypes
+@pytest.mark.parametrize(("rows", "cols"), [(1, 1), (1, 5), (4, 1), (6, 7)])
+def test_four_blocks(rows: int, cols: int, dtype: torch.dtype) -> None:
+    x = noise(3, 12, rows, cols, dtype=dtype)
+    x[:, :, 0] = 0
+    for parts in (PARTS[:3], PARTS[:1], PARTS[1:2], PARTS[:2], PARTS[1:3], PARTS[:3:2]):
+        for scheme in (FourBlockNorm(parts=parts), FourBlockNorm(epsilon=0.5, clip=0.1, parts=parts)):
+            s = spec(signed=True, bins=12, normalizer=scheme)
+            assert_same(fast(s)[1], normalize, x, s)
+
+
+@dtypes
+@specs
+def test_normalisers_are_those_of_the_plain_steps(name: str, dtype: torch.dtype) -> None:
+    s = SPECS[name]
+    x = noise(2, s.colours * s.bins, 5, 6, dtype=dtype)
+    x[0, :, 0] = 0  # empty cells
+    x[1, :, 2] *= 1e-3
+    assert_same(fast(s)[1], normalize, x, s)
+
+
+def test_an_entry_exactly_at_the_clip() -> None:
+    scheme = FourBlockNorm(epsilon=1.0, clip=1.0)
+    x = torch.tensor([math.sqrt(1 / 3)] * 2 + [0.0] * 2, dtype=torch.float64).view(1, 4, 1, 1)
+    exact = FourBlockNorm(epsilon=1.0, clip=float((x[0, 0] / torch.sqrt(8 * x[0, 0] ** 2 / 2 + 1)).item()))
+    for each in (scheme, exact):
+        s = spec(signed=True, bins=4, normalizer=each)
+        assert_same(fast(s)[1], normalize, x, s)
+
+
+@specs
+def test_constant_images_have_no_derivative(name: str) -> None:
+    s, x = SPECS[name], torch.full((1, 1, 12, 12), 0.3)
+    assert_same(fast(s)[0], plain_histograms, x, s)
+    if s.border not in ("zero", "gray"):  # which see an edge around any image
+        assert not with_derivative(fast(s)[0], x, s)[1].any()
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1e30])
+@dtypes
+@specs
+def test_what_is_no_number_stays_none_and_harms_no_memory(name: str, dtype: torch.dtype, value: float) -> None:
+    s, x = SPECS[name], noise(1, 1, 16, 16, dtype=dtype)
+    x[0, 0, 7, 7] = value
+    of_cells, norm = fast(s)
+    found = of_cells(x, s)
+    seen = torch.tensor(value, dtype=dtype).sqrt() if s.gamma == "sqrt" else torch.tensor(value, dtype=dtype)
+    if not math.isfinite(float(seen.square())):
+        assert not torch.isfinite(found).all()
+    descriptor = norm(torch.full_like(found, math.nan), s)
+    if "zero" not in getattr(s.normalizer, "parts", ()):
+        assert descriptor.isnan().all()
+
+
+@specs
+def test_any_strides(name: str) -> None:
+    """Channels last, a window of a larger image, and one turned and expanded: without a copy, or with."""
+    s, x = SPECS[name], noise(2, 3, 18, 21)
+    expected = with_derivative(hog, x, s)
+    turned = x.transpose(2, 3).contiguous().transpose(2, 3)
+    window = torch.nn.functional.pad(x, (2, 3, 1, 4))[:, :, 1:19, 2:23]
+    for same in (x.contiguous(memory_format=torch.channels_last), turned, window):
+        assert not same.is_contiguous()
+        assert torch.equal(hog(same, s), expected[0])
+        assert_close(with_derivative(hog, same, s)[1], expected[1], rtol=0, atol=1e-12)
+    gray = noise(1, 1, 18, 21).expand(2, 3, 18, 21)
+    assert torch.equal(hog(gray, s), hog(gray.contiguous(), s))
+
+
+def test_cells_of_any_strides() -> None:
+    s = SPECS["uoctti"]
+    assert_same(fast(s)[1], normalize, noise(2, 5, 4, 18).permute(0, 3, 1, 2), s)
+
+
+def test_plain_steps_on_other_devices_and_where_the_loops_cannot() -> None:
+    assert steps(torch.device("cuda"), presets.paper()) == (plain_histograms, normalize)
+    assert [name for name, s in SPECS.items() if not supports(s)] == ["sobel", "sobel-separate"]
+    assert steps(CPU, SPECS["sobel"]) == (plain_histograms, normalize)
+
+
+def test_backends_differ_by_rounding() -> None:
+    x = noise(2, 3, 40, 40, dtype=torch.float32)
+    for s in SPECS.values():
+        plain = hog(x, s, backend="torch")
+        assert_close(hog(x, s), plain, rtol=0, atol=4e-6 * max(1.0, float(plain.max())))
+    with pytest.raises(ValueError, match="backend must be one of 'auto', 'torch', got 'numba'"):
+        hog(x, presets.paper(), backend="numba")  # type: ignore[arg-type]
+
+
+def test_without_a_folder_to_keep_machine_code_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    compile_in_memory = numba.njit
+
+    def njit(**options: Any) -> object:
+        if options.pop("cache", False):
+            raise RuntimeError("cannot cache function: no locator available")
+        return compile_in_memory(**options)
+
+    monkeypatch.setattr(numba, "njit", njit)
+
+    @compiled
+    def doubled(x: float) -> float:
+        return 2 * x
+
+    assert doubled(1.5) == 3.0
+
+
+def test_pooling_weights_of_one_spec_are_not_those_of_another() -> None:
+    x = noise(1, 1, 12, 12)
+    for s in (spec(cell_size=(4, 4)), spec(cell_size=(3, 3)), spec(cell_size=(4, 4), border="ignore")):
+        assert_same(fast(s)[0], plain_histograms, x, s)
+
+
+_HASHES = """
+import hashlib, torch
+from nablahog.hog import presets
+from nablahog.hog.kernels import loops
+x = torch.rand(2, 1, 32, 32, generator=torch.Generator().manual_seed(0))
+for spec in (presets.paper(), presets.uoctti()):
+    cells = loops.cells(x, spec)
+    reached = loops.norm_back(cells, loops.norm(cells, spec), spec)
+    for found in (cells, reached, loops.cells_back(x, reached, spec)):
+        print(hashlib.sha256(found.numpy().tobytes()).hexdigest())
+"""
+
+
+@pytest.mark.slow
+def test_code_from_disk_finds_the_same_bits_as_code_just_made(tmp_path: Path) -> None:
+    """Or a search that goes on in another process would end elsewhere."""
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    made, loaded = (
+        subprocess.run([sys.executable, "-c", _HASHES], env=environment, capture_output=True, text=True, check=True)
+        for _ in range(2)
+    )
+    assert list(tmp_path.iterdir())
+    assert made.stdout == loaded.stdout

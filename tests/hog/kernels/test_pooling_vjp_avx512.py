@@ -1,0 +1,57 @@
+"""What reaches votes, looked up in tables, beside the same read pixel by pixel."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from nablahog.hog import presets
+from nablahog.hog.kernels import loops
+from nablahog.hog.kernels.pooling_vjp_avx512 import fits
+
+from ..zoo import noise
+
+PAPER = presets.paper()
+SPECS = {
+    "paper": PAPER,
+    "uoctti": presets.uoctti(colour="gray"),
+    "thirty-bins": replace(PAPER, bins=30),
+    "large-cells": replace(PAPER, cell_size=(20, 24)),
+    "small-cells": replace(PAPER, cell_size=(3, 2)),
+    "hard": presets.dpm(),
+}
+
+
+@pytest.mark.skipif(not fits(4, 1), reason="the processor looks up fewer than sixteen numbers at a time")
+@pytest.mark.parametrize("name", SPECS)
+@pytest.mark.parametrize("size", [(128, 128), (49, 83), (17, 29), (61, 16)])
+def test_tables_hold_what_is_read_without_them(name: str, size: tuple[int, int]) -> None:
+    spec = SPECS[name]
+    try:
+        spec.grid(*size)
+    except ValueError as why:
+        pytest.skip(str(why))
+    rows, cols = spec.cells(*size)
+    images = noise(2, 3 if spec.colour == "largest" else 1, *size, dtype=torch.float32)
+    reached = noise(2, rows, cols, spec.bins, seed=1, dtype=torch.float32).numpy()
+    known = loops._pixels(spec, images.shape[1:], images.dtype)
+    assert known.pooling.looked_up
+
+    def found(looked_up: bool) -> np.ndarray:
+        plan = *known.plan[:2], known.pooling._replace(looked_up=looked_up)
+        back = np.empty(images.shape, np.float32)
+        loops.cells_adjoint(*known.stored(images), *plan, reached, (0, 2), (0, size[0]), back)
+        return back
+
+    one, other = found(True), found(False)
+    np.testing.assert_allclose(one, other, rtol=1e-4, atol=3e-6 * np.abs(other).max())
+
+
+def test_tables_of_more_bins_than_they_hold_are_not_used() -> None:
+    assert not fits(4, 31)
+    assert not fits(8, 9)
+    many = replace(PAPER, bins=36)
+    assert not loops._pixels(many, torch.Size((1, 64, 64)), torch.float32).pooling.looked_up

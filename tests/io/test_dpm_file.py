@@ -1,0 +1,72 @@
+"""Reading models of voc-release5."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from scipy.io import savemat
+
+from nablahog.io.dpm_file import is_dpm_file, load_dpm
+from tests.io.dpm_models import PART, ROOT, structs, weights, written
+
+
+def test_root_and_parts(tmp_path: Path) -> None:
+    path = written(tmp_path / "toy.mat")
+    found = load_dpm(path)
+    assert is_dpm_file(path)
+    assert (found.class_name, found.cell_size) == ("toy", 8)
+    assert [each.name for each in found.filters] == ["component 1, root", "component 1, parts"]
+    root, parts = (each.weights for each in found.filters)
+    assert root.dtype == torch.float32
+    np.testing.assert_allclose(root, weights(ROOT, 0), atol=1e-6)
+    together = np.zeros((6, 8, 32))
+    together[2:4, 1:3] += weights(PART, 1)
+    together[3:5, 2:4] += weights(PART, 2)  # they overlap in one cell
+    np.testing.assert_allclose(parts, together, atol=1e-6)
+
+
+def test_refusals(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"none.mat: no such file"):
+        load_dpm(tmp_path / "none.mat")
+    (tmp_path / "text.mat").write_text("hello")
+    with pytest.raises(ValueError, match=r"text.mat: "):
+        load_dpm(tmp_path / "text.mat")
+    savemat(tmp_path / "other.mat", {"w": np.ones(3)})
+    with pytest.raises(ValueError, match=r"other.mat: expected a model of voc-release5"):
+        load_dpm(tmp_path / "other.mat")
+    assert not is_dpm_file(tmp_path / "other.mat")
+    assert not is_dpm_file(tmp_path / "text.mat")
+    assert not is_dpm_file(tmp_path / "none.mat")
+
+
+WRONG: dict[str, tuple[dict[str, Any], str]] = {
+    "no filters": ({"filters": None}, "expected a model of voc-release5, but it has no 'filters'"),
+    "too few weights": (
+        {"blocks": structs([{"w": np.ones(5), "shape": np.array(s, np.uint8)} for s in (ROOT, PART, PART)])},
+        "cannot reshape",
+    ),
+    "31 channels": (
+        {"blocks": structs([{"w": np.ones(31), "shape": np.array([1, 1, 31])} for _ in range(3)])},
+        r"a filter has the shape \(1, 1, 31\), not \(rows, cols, 32\)",
+    ),
+    "NaN": (
+        {"blocks": structs([{"w": np.full(32, np.nan), "shape": np.array([1, 1, 32])} for _ in range(3)])},
+        "a filter holds NaN or Inf",
+    ),
+    "parts outside": (
+        {"blocks": structs([{"w": np.ones(32), "shape": np.array([1, 1, 32])} for _ in range(3)])},
+        "a part of 1x1 cells at 2, 1 is outside its root",
+    ),
+    "a start that is not there": ({"start": 99}, "expected a model of voc-release5"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_models(tmp_path: Path, name: str) -> None:
+    changes, message = WRONG[name]
+    with pytest.raises(ValueError, match=message):
+        load_dpm(written(tmp_path / "wrong.mat", **changes))

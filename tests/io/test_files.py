@@ -1,0 +1,138 @@
+"""Nothing is ever half-written."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from nablahog.io.files import checkpoint_for, distinct_stems, output_folder, remove_parts, replacing
+
+
+def test_replacing(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_text("old")
+    with replacing(path) as file:
+        file.write(b"new")
+        assert path.read_text() == "old"
+    assert path.read_text() == "new"
+    assert os.listdir(tmp_path) == ["file"]
+    assert path.stat().st_mode & 0o777 == 0o666 & ~_umask()
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+def test_a_failure_leaves_the_old_file(tmp_path: Path, error: type[BaseException]) -> None:
+    path = tmp_path / "file"
+    path.write_text("old")
+
+    def fail() -> None:
+        with replacing(path) as file:
+            file.write(b"half")
+            raise error
+
+    with pytest.raises(error):
+        fail()
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["file"]
+
+
+def test_what_a_killed_process_left(tmp_path: Path) -> None:
+    with replacing(tmp_path / "file") as file:
+        (part,) = tmp_path.iterdir()
+        remove_parts(tmp_path, older_than=60)  # of a process that still writes
+        assert part.exists()
+        os.link(part, tmp_path / ".nablahog-1-0.part")  # of one that was killed
+        file.write(b"new")
+    os.utime(tmp_path / ".nablahog-1-0.part", (0, 0))
+    remove_parts(tmp_path, older_than=60)
+    assert os.listdir(tmp_path) == ["file"]
+    remove_parts(tmp_path / "missing", older_than=60)
+
+
+def test_a_checkpoint_stays_until_the_work_is_done(tmp_path: Path) -> None:
+    output = tmp_path / "x.npz"
+
+    def interrupted() -> None:
+        with checkpoint_for(output) as checkpoint:
+            checkpoint.write_text("half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert os.listdir(tmp_path) == ["x.npz.checkpoint"]
+    (tmp_path / ".nablahog-1-0.part").touch()
+    os.utime(tmp_path / ".nablahog-1-0.part", (0, 0))
+    with checkpoint_for(output) as checkpoint:
+        assert checkpoint.read_text() == "half"
+        assert os.listdir(tmp_path) == ["x.npz.checkpoint"]
+        output.touch()
+    assert os.listdir(tmp_path) == ["x.npz"]
+    with checkpoint_for(output):  # work that needs none
+        pass
+
+
+def test_links_and_special_files(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to("target")
+    with replacing(tmp_path / "link") as file:
+        file.write(b"new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "target").read_bytes() == b"new"
+    os.mkfifo(tmp_path / "pipe")
+    for special in ("pipe", "."):
+        with pytest.raises(FileExistsError, match="no regular file"), replacing(tmp_path / special):
+            pass
+
+
+def test_a_folder_appears_and_stays(tmp_path: Path) -> None:
+    with output_folder(tmp_path / "a" / "b") as folder:
+        assert not os.listdir(folder)
+    assert folder.is_dir()
+    with output_folder(folder):  # one that exists is as good
+        pass
+
+
+def test_a_failure_removes_only_what_was_made_and_is_empty(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+
+    def fail(*files: str) -> None:
+        with output_folder(tmp_path / "a" / "b" / "c") as folder:
+            for file in files:
+                (folder / file).touch()
+            raise ValueError("oh")
+
+    with pytest.raises(ValueError, match="oh"):
+        fail()
+    assert os.listdir(tmp_path) == ["a"]
+    assert not os.listdir(tmp_path / "a")
+    with pytest.raises(ValueError, match="oh"):
+        fail("kept")
+    assert (tmp_path / "a" / "b" / "c" / "kept").exists()
+
+
+def test_folders_that_cannot_be(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "dangling").symlink_to("nowhere")
+    for path in ("file", "file/below", "file/further/below", "dangling", "dangling/below"):
+        with pytest.raises(NotADirectoryError, match="is not a folder"), output_folder(tmp_path / path):
+            pass
+    with pytest.raises(PermissionError, match="cannot be written"), output_folder("/proc/nablahog"):
+        pass
+    assert sorted(os.listdir(tmp_path)) == ["dangling", "file"]
+
+
+def test_distinct_stems() -> None:
+    def stems(*paths: str) -> list[str]:
+        return distinct_stems([Path(path) for path in paths])
+
+    assert stems("x/a.png", "y/b.jpg") == ["a", "b"]
+    assert stems("x/a.png", "y/a.jpg", "a") == ["a", "a_2", "a_3"]
+    assert stems("a.png", "b/a.png", "a_2.png") == ["a", "a_3", "a_2"]
+    assert stems("a.png", "A.png", "same.png", "same.png") == ["a", "A_2", "same", "same_2"]
+    assert [len(stem.encode()) for stem in stems("é" * 200 + ".png")] == [180]

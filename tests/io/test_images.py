@@ -1,0 +1,229 @@
+"""Reading pictures of every kind, refusing what is none, writing."""
+
+from __future__ import annotations
+
+import io
+import os
+import struct
+import warnings
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from nablahog.io.images import limit_size, read_image, to_pil, write_image
+
+RAMP = np.arange(256, dtype=np.uint8).reshape(16, 16)
+COLOURS = np.random.default_rng(0).integers(0, 256, (6, 5, 3), dtype=np.uint8)
+
+
+def _png_of_size(width: int, height: int) -> bytes:
+    """A PNG that only claims its size."""
+
+    def chunk(kind: bytes, content: bytes) -> bytes:
+        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    pixels = zlib.compress(b"\0" * 100)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", pixels) + chunk(b"IEND", b"")
+
+
+def test_gray_levels_are_exact(tmp_path: Path) -> None:
+    Image.fromarray(RAMP).save(tmp_path / "ramp.png")
+    image = read_image(tmp_path / "ramp.png")
+    assert image.shape == (1, 16, 16)
+    assert image.dtype == torch.float32
+    assert torch.equal(image[0], torch.from_numpy(RAMP) / 255)
+
+
+@pytest.mark.parametrize("ending", ["png", "bmp", "tiff", "webp", "ppm", "tga"])
+def test_colour_levels_are_exact(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"colours.{ending}"
+    Image.fromarray(COLOURS).save(path, lossless=True) if ending == "webp" else Image.fromarray(COLOURS).save(path)
+    assert torch.equal(read_image(path), torch.from_numpy(COLOURS).permute(2, 0, 1) / 255)
+
+
+@pytest.mark.parametrize("ending", ["png", "tiff", "pgm"])
+def test_sixteen_bits(tmp_path: Path, ending: str) -> None:
+    levels = np.array([[0, 1, 256], [32768, 65534, 65535]], dtype=np.uint16)
+    path = tmp_path / f"deep.{ending}"
+    Image.fromarray(levels).save(path)
+    torch.testing.assert_close(read_image(path)[0], torch.from_numpy(levels / 65535).float(), rtol=1e-6, atol=0)
+
+
+def test_big_endian_sixteen_bits(tmp_path: Path) -> None:
+    levels = np.array([[0, 1], [258, 65535]], dtype=">u2")
+    Image.frombytes("I;16B", (2, 2), levels.tobytes()).save(tmp_path / "deep.tiff")
+    torch.testing.assert_close(read_image(tmp_path / "deep.tiff")[0], torch.from_numpy(levels / 65535.0).float())
+
+
+def test_thirty_two_bits(tmp_path: Path) -> None:
+    Image.fromarray(np.array([[0, 65535]], dtype=np.int32)).save(tmp_path / "i.tiff")
+    assert read_image(tmp_path / "i.tiff").tolist() == [[[0, 1]]]
+    Image.fromarray(np.array([[-1, 70000]], dtype=np.int32)).save(tmp_path / "i.tiff")
+    with pytest.raises(ValueError, match=r"levels in 0…65535, got -1 … 70000"):
+        read_image(tmp_path / "i.tiff")
+
+
+@pytest.mark.parametrize(("values", "expected"), [([0.0, 0.25, 1.0], [0, 0.25, 1]), ([0.0, 51.0, 255.0], [0, 0.2, 1])])
+def test_float_levels(tmp_path: Path, values: list[float], expected: list[float]) -> None:
+    Image.fromarray(np.array([values], dtype=np.float32)).save(tmp_path / "f.tiff")
+    torch.testing.assert_close(read_image(tmp_path / "f.tiff")[0, 0], torch.tensor(expected).float())
+
+
+@pytest.mark.parametrize("bad", [np.nan, -1.0, 300.0, np.inf])
+def test_float_levels_out_of_range(tmp_path: Path, bad: float) -> None:
+    Image.fromarray(np.array([[0.0, bad]], dtype=np.float32)).save(tmp_path / "f.tiff")
+    with pytest.raises(ValueError, match="expected levels in 0…"):
+        read_image(tmp_path / "f.tiff")
+
+
+def test_alpha_lies_over_white(tmp_path: Path) -> None:
+    rgba = np.array([[[255, 0, 0, 255], [255, 0, 0, 0], [0, 0, 0, 51]]], dtype=np.uint8)
+    Image.fromarray(rgba).save(tmp_path / "a.png")
+    expected = torch.tensor([[1, 0, 0], [1, 1, 1], [0.8, 0.8, 0.8]]).T[:, None]
+    torch.testing.assert_close(read_image(tmp_path / "a.png"), expected)
+    gray_alpha = Image.fromarray(np.array([[[0, 255], [0, 0], [0, 51]]], dtype=np.uint8), mode=None)
+    gray_alpha.save(tmp_path / "la.png")
+    torch.testing.assert_close(read_image(tmp_path / "la.png"), torch.tensor([[[0, 1, 0.8]]]))
+
+
+def test_palettes(tmp_path: Path) -> None:
+    image = Image.new("P", (2, 1))
+    image.putpalette([10, 20, 30, 40, 50, 60])
+    image.putpixel((1, 0), 1)
+    image.save(tmp_path / "p.gif")
+    assert torch.equal(read_image(tmp_path / "p.gif")[:, 0] * 255, torch.tensor([[10.0, 40], [20, 50], [30, 60]]))
+    image.save(tmp_path / "p.png", transparency=1)
+    assert torch.equal(read_image(tmp_path / "p.png")[:, 0] * 255, torch.tensor([[10.0, 255], [20, 255], [30, 255]]))
+
+
+def test_bilevel_cmyk_and_others(tmp_path: Path) -> None:
+    Image.fromarray(np.array([[True, False]])).save(tmp_path / "1.png")
+    assert read_image(tmp_path / "1.png").tolist() == [[[1, 0]]]
+    for mode, ending in [("CMYK", "jpg"), ("YCbCr", "jpg"), ("CMYK", "tiff")]:
+        path = tmp_path / f"{mode}.{ending}"
+        Image.new("RGB", (8, 8), (200, 100, 50)).convert(mode).save(path)
+        expected = torch.tensor([200.0, 100, 50])[:, None, None].expand(3, 8, 8) / 255
+        torch.testing.assert_close(read_image(path), expected, atol=0.02, rtol=0)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_exif_orientation(tmp_path: Path, orientation: int) -> None:
+    upright = np.zeros((16, 32), dtype=np.uint8)
+    upright[:8, :8] = 255
+    # how a camera held in that way stores the upright picture
+    stored = {
+        1: upright, 2: upright[:, ::-1], 3: upright[::-1, ::-1], 4: upright[::-1], 5: upright.T,
+        6: np.rot90(upright), 7: upright[::-1, ::-1].T, 8: np.rot90(upright, -1),
+    }[orientation]  # fmt: skip
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    Image.fromarray(np.ascontiguousarray(stored)).save(tmp_path / "o.png", exif=exif)
+    assert torch.equal(read_image(tmp_path / "o.png")[0], torch.from_numpy(upright) / 255)
+
+
+def test_damaged_exif_is_no_reason_to_refuse(tmp_path: Path) -> None:
+    Image.fromarray(RAMP).save(tmp_path / "e.jpg", exif=b"Exif\0\0II*\0\xff\xff\xff\xff" + b"\xff" * 30)
+    assert read_image(tmp_path / "e.jpg").shape == (1, 16, 16)
+
+
+def test_first_frame(tmp_path: Path) -> None:
+    frames = [Image.new("L", (4, 4), level) for level in (255, 0)]
+    frames[0].save(tmp_path / "f.tiff", save_all=True, append_images=frames[1:])
+    assert read_image(tmp_path / "f.tiff").min() == 1
+
+
+@pytest.mark.parametrize("ending", ["png", "jpg", "gif", "webp", "tiff", "bmp"])
+def test_truncated_files(tmp_path: Path, ending: str) -> None:
+    whole = io.BytesIO()
+    Image.fromarray(np.random.default_rng(0).integers(0, 256, (64, 64, 3), dtype=np.uint8)).save(
+        whole, {"jpg": "JPEG"}.get(ending, ending.upper())
+    )
+    path = tmp_path / f"half.{ending}"
+    for part in (0, 1, 10, 40, len(whole.getvalue()) // 2):
+        path.write_bytes(whole.getvalue()[:part])
+        with pytest.raises(ValueError, match=f"^{path}: "):
+            read_image(path)
+
+
+@pytest.mark.parametrize("pixels", [100_000_000, 400_000_000])  # Pillow only warns of the first
+def test_decompression_bombs(tmp_path: Path, pixels: int) -> None:
+    (tmp_path / "bomb.png").write_bytes(_png_of_size(pixels // 1000, 1000))
+    with pytest.raises(ValueError, match=r"bomb\.png: an image of more than 89,478,485 pixels is refused"):
+        read_image(tmp_path / "bomb.png")
+
+
+def test_no_pixels(tmp_path: Path) -> None:
+    (tmp_path / "empty.png").write_bytes(_png_of_size(0, 4))
+    with pytest.raises(ValueError, match=r"empty\.png: "):
+        read_image(tmp_path / "empty.png")
+
+
+def test_no_picture(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="no such file"):
+        read_image(tmp_path / "missing.png")
+    with pytest.raises(ValueError, match="got a folder"):
+        read_image(tmp_path)
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(ValueError, match="got a special file"):
+        read_image(tmp_path / "pipe")
+    (tmp_path / "text.png").write_text("hello")
+    with pytest.raises(ValueError, match="no format that Pillow reads"):
+        read_image(tmp_path / "text.png")
+
+
+def test_postscript_is_not_run(tmp_path: Path) -> None:
+    Image.fromarray(RAMP).save(tmp_path / "program.eps")
+    with pytest.raises(ValueError, match="PostScript"):
+        read_image(tmp_path / "program.eps")
+
+
+def test_reading_leaves_the_warning_filters_alone(tmp_path: Path) -> None:
+    Image.fromarray(RAMP).save(tmp_path / "ramp.png")
+    before = list(warnings.filters)
+    read_image(tmp_path / "ramp.png")
+    assert warnings.filters == before
+
+
+@pytest.mark.parametrize(
+    ("shape", "size", "expected"),
+    [((100, 50), 20, (20, 10)), ((50, 100), 99, (50, 99)), ((30, 20), 30, (30, 20)), ((1000, 1), 10, (10, 1))],
+)
+def test_limit_size(shape: tuple[int, int], size: int, expected: tuple[int, int]) -> None:
+    image = torch.rand(3, *shape)
+    small = limit_size(image, size)
+    assert small.shape == (3, *expected)
+    assert small.min() >= 0
+    assert small.max() <= 1
+    assert torch.equal(limit_size(image, 2000), image)
+
+
+def test_shrinking_averages() -> None:
+    checkerboard = (torch.arange(64)[:, None] + torch.arange(64)).remainder(2).float()[None]
+    torch.testing.assert_close(
+        limit_size(checkerboard, 16)[:, 2:-2, 2:-2], torch.full((1, 12, 12), 0.5), atol=0.01, rtol=0
+    )
+    with pytest.raises(ValueError, match="at least 1 pixel"):
+        limit_size(checkerboard, 0)
+
+
+def test_writing_and_reading_again(tmp_path: Path) -> None:
+    path = tmp_path / "w.png"
+    for picture in (torch.rand(3, 4, 5), torch.rand(1, 4, 5), torch.rand(4, 5, requires_grad=True)):
+        write_image(path, picture)
+        torch.testing.assert_close(read_image(path), picture.detach().reshape(-1, 4, 5), atol=0.5 / 255 + 1e-6, rtol=0)
+    write_image(path, np.array([[-1.0, 0.5, 2.0]]))
+    assert np.asarray(Image.open(path)).tolist() == [[0, 128, 255]]
+    assert os.listdir(tmp_path) == ["w.png"]
+
+
+def test_what_cannot_be_written(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="NaN"):
+        write_image(tmp_path / "w.png", torch.full((4, 4), torch.nan))
+    with pytest.raises(ValueError, match=r"got \(2, 4, 4\)"):
+        to_pil(torch.zeros(2, 4, 4))
+    assert not os.listdir(tmp_path)

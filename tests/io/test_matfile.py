@@ -1,0 +1,138 @@
+"""MATLAB's files: what SciPy writes is read, and whatever is damaged is refused in a sentence."""
+
+from __future__ import annotations
+
+import struct
+import tempfile
+import zlib
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import io
+
+from nablahog.io import matfile
+from nablahog.io.matfile import read_mat, read_mat_arrays
+
+NESTED = {
+    "record": {
+        "filename": "2008_000003.jpg",
+        "empty": np.zeros((0, 0)),
+        "imgsize": np.array([[500, 375, 3]], np.uint16),
+        "matrix": np.arange(12.0).reshape(3, 4),
+        "small": np.int8(-2),
+        "flag": np.array([[True]]),
+        "words": np.array(["a", "bcé", "日本"], dtype=object),
+        "objects": np.array([(1.5, "x"), (2.5, "yz")], dtype=[("size", object), ("name", object)]),
+    }
+}
+
+
+def _write(path: Path, variables: dict[str, Any], *, compressed: bool = True) -> Path:
+    io.savemat(path, variables, do_compression=compressed)
+    return path
+
+
+@pytest.mark.parametrize("compressed", [True, False])
+def test_what_scipy_writes(tmp_path: Path, compressed: bool) -> None:
+    (record,) = read_mat(_write(tmp_path / "a.mat", NESTED, compressed=compressed))["record"]
+    assert record["filename"] == "2008_000003.jpg"
+    assert record["empty"].shape == (0, 0)
+    assert record["imgsize"].tolist() == [[500, 375, 3]]
+    assert record["matrix"].tolist() == np.arange(12.0).reshape(3, 4).tolist()
+    assert (record["small"].item(), record["flag"].item()) == (-2, 1)
+    assert record["words"] == ["a", "bcé", "日本"]
+    assert [(each["size"].item(), each["name"]) for each in record["objects"]] == [(1.5, "x"), (2.5, "yz")]
+
+
+@given(st.lists(st.floats(allow_nan=False), max_size=9), st.text(st.characters(codec="ascii", categories=["L"])))
+def test_numbers_and_texts(numbers: list[float], text: str) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        found = read_mat(_write(Path(folder) / "a.mat", {"n": np.array([numbers]), "t": text}))
+    assert found["n"].ravel().tolist() == numbers
+    assert found["t"] == text
+
+
+def test_objects_and_functions_are_passed_over(tmp_path: Path) -> None:
+    path = _write(tmp_path / "a.mat", {"a": np.arange(3.0), "b": np.eye(2)}, compressed=False)
+    data = bytearray(path.read_bytes())
+    assert data[144] == 6  # the class of a: double
+    for kind in (3, 5, 16):  # an object, a sparse array, a function
+        data[144] = kind
+        path.write_bytes(data)
+        assert read_mat(path)["a"] is None
+        assert read_mat(path)["b"].tolist() == [[1, 0], [0, 1]]
+    data[144] = 17  # what has no name either
+    path.write_bytes(data)
+    assert read_mat(path)[""] is None
+
+
+def _refusal(path: Path, data: bytes) -> str:
+    path.write_bytes(data)
+    with pytest.raises(ValueError, match="expected a MATLAB file of version 5, but ") as error:
+        read_mat(path)
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+@pytest.mark.parametrize("compressed", [True, False])
+def test_damage(tmp_path: Path, compressed: bool) -> None:
+    """Whatever byte is wrong: SciPy's own reader ends the process at some of these."""
+    path = tmp_path / "a.mat"
+    whole = _write(path, NESTED, compressed=compressed).read_bytes()
+    for length in range(1, len(whole), 41):
+        if length > 128:  # a header alone is a file without variables
+            _refusal(path, whole[:length])
+    for position in range(126, len(whole), 2):
+        for value in (15, 255):  # odd kinds and great lengths, at the places where little-endian words differ
+            with suppress(matfile._Damaged):
+                matfile._variables(whole[:position] + bytes([value]) + whole[position + 1 :])
+            with suppress(matfile._Damaged):
+                matfile._arrays(whole[:position] + bytes([value]) + whole[position + 1 :])
+
+
+def test_arrays_of_numbers_have_their_types(tmp_path: Path) -> None:
+    written = {
+        "double": np.array([[1.0, 2.0]]),  # kept as bytes, as its numbers are small integers
+        "single": np.linspace(0, 1, 5, dtype=np.float32)[:, None],
+        "bytes": np.arange(6, dtype=np.uint8).reshape(2, 3),
+        "long": np.array([[-(2**40)]]),
+        "flag": np.array([[True, False]]),
+    }
+    others = {"text": "abc", "record": {"a": 1.0}, "list": np.array(["a"], dtype=object)}
+    found = read_mat_arrays(_write(tmp_path / "a.mat", {**written, **others, "complex": np.array([[1 + 2j]])}))
+    assert set(found) == {*written, "complex"}
+    for name, array in written.items():
+        assert found[name].dtype == array.dtype
+        np.testing.assert_array_equal(found[name], array)
+    assert found["complex"].dtype == np.complex128
+
+
+def test_flags_and_shapes_that_are_no_integers(tmp_path: Path) -> None:
+    data = bytearray(_write(tmp_path / "a.mat", {"a": np.arange(3.0)}, compressed=False).read_bytes())
+    for kind, place in ((136, 144), (152, 160)):  # of the flags, of the shape
+        damaged = data.copy()
+        damaged[kind] = 7  # floating point
+        damaged[place : place + 4] = struct.pack("<f", np.nan)
+        assert "expected integers" in _refusal(tmp_path / "b.mat", bytes(damaged))
+
+
+def test_refusals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(matfile, "MAX_BYTES", 2**16)
+    path = tmp_path / "a.mat"
+    with pytest.raises(FileNotFoundError, match=r"a\.mat: no such file"):
+        read_mat(path)
+    assert "its header" in _refusal(path, b"hello")
+    assert "save -v7" in _refusal(path, bytes(512) + b"\x89HDF\r\n\x1a\n")
+    header = bytes(124) + b"\x00\x01IM"
+    bomb = zlib.compress(bytes(matfile.MAX_BYTES + 1))
+    assert "unpacks to more than" in _refusal(path, header + struct.pack("<II", 15, len(bomb)) + bomb)
+    inner = struct.pack("<II", 14, 0)
+    for _ in range(matfile.MAX_DEPTH + 2):
+        flags = struct.pack("<IIII", 6, 8, 1, 0) + struct.pack("<IIii", 5, 8, 1, 1) + struct.pack("<II", 1, 0)
+        inner = struct.pack("<II", 14, len(flags + inner)) + flags + inner
+    assert "structures in each other" in _refusal(path, header + inner)

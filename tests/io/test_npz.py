@@ -1,0 +1,109 @@
+"""Archives: what is written comes back whole, and messages name the file."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nablahog.io.npz import account_of, account_to_text, names_in, naming, numbers_in, read_arrays, write_arrays
+
+
+@dataclass(frozen=True)
+class Account:
+    names: tuple[str, ...]
+    losses: tuple[float, ...]
+    count: int
+    rate: float
+    by: str
+
+
+ACCOUNT = Account(("a", "ü"), (0.1 + 0.2, 1.0), 3, 1e-300, "x\n")
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_round_trip(tmp_path: Path, compressed: bool) -> None:
+    arrays = {"text": "ü", "list": [1.5, 2], "array": np.arange(6).reshape(2, 3), "zeros": np.zeros(10_000)}
+    write_arrays(tmp_path / "a", 7, arrays, compressed=compressed)
+    assert os.listdir(tmp_path) == ["a"]
+    assert ((tmp_path / "a").stat().st_size < 10_000) == compressed
+    found = read_arrays(tmp_path / "a", "test", ("format", *arrays))
+    assert found.pop("format") == 7
+    for name, array in arrays.items():
+        np.testing.assert_array_equal(found[name], array)
+
+
+def test_whatever_is_in_it(tmp_path: Path) -> None:
+    arrays = {"a": np.arange(3.0), "b": np.array(True), "c": np.array("text"), "d": np.array([{}], dtype=object)}
+    np.savez(tmp_path / "a.npz", **arrays)
+    with zipfile.ZipFile(tmp_path / "a.npz", "a") as archive:
+        archive.writestr("readme.txt", "hello")
+    assert names_in(tmp_path / "a.npz", "test") == ["a", "b", "c", "d", "readme.txt"]
+    found = numbers_in(tmp_path / "a.npz", "test")
+    assert list(found) == ["a", "b"]
+    np.testing.assert_array_equal(found["a"], arrays["a"])
+    whole = (tmp_path / "a.npz").read_bytes()
+    (tmp_path / "a.npz").write_bytes(whole.replace(np.arange(3.0).tobytes(), bytes(24)))
+    with pytest.raises(ValueError, match="the archive is damaged: Bad CRC"):
+        numbers_in(tmp_path / "a.npz", "test")
+    for read in (names_in, numbers_in):
+        with pytest.raises(FileNotFoundError, match="no such file"):
+            read(tmp_path / "b.npz", "test")
+        (tmp_path / "c.npz").write_bytes(whole[:100])
+        with pytest.raises(ValueError, match=r"expected a test \(.npz\), but it cannot be read"):
+            read(tmp_path / "c.npz", "test")
+
+
+def test_a_failure_leaves_the_old_file(tmp_path: Path) -> None:
+    write_arrays(tmp_path / "a", 1, {"x": 1})
+    before = (tmp_path / "a").read_bytes()
+    with pytest.raises(ValueError, match="inhomogeneous"):
+        write_arrays(tmp_path / "a", 1, {"x": [[1], [2, 3]]})
+    with pytest.raises(OSError, match="no regular file"):
+        write_arrays(tmp_path, 1, {"x": 1})
+    assert os.listdir(tmp_path) == ["a"]
+    assert (tmp_path / "a").read_bytes() == before
+
+
+@pytest.mark.parametrize("error", [TypeError, ValueError, RuntimeError, OverflowError, RecursionError])
+def test_naming(error: type[Exception]) -> None:
+    with pytest.raises(ValueError, match=r"^folder/file: oh$"), naming(Path("folder/file")):
+        raise error("oh")
+
+
+@pytest.mark.parametrize("error", [KeyError, KeyboardInterrupt, OSError])
+def test_other_errors_are_left_alone(error: type[BaseException]) -> None:
+    with pytest.raises(error, match=r"^'?oh'?$"), naming("file"):
+        raise error("oh")
+
+
+def test_accounts() -> None:
+    found = account_of(Account, account_to_text(ACCOUNT))
+    assert found == ACCOUNT
+    assert isinstance(found.losses[1], float)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{}",
+        "[]",
+        "1",
+        "null",
+        '"names"',
+        account_to_text(ACCOUNT).replace('"count": 3', '"count": "x"'),
+        account_to_text(ACCOUNT).replace('"count": 3', '"count": []'),
+        account_to_text(ACCOUNT).replace('["a", "\\u00fc"]', "3"),
+        account_to_text(ACCOUNT).replace("1.0]", '"x"]'),
+        account_to_text(ACCOUNT)[:-1],
+    ],
+)
+def test_what_is_no_account(text: str) -> None:
+    assert text != account_to_text(ACCOUNT)
+    with pytest.raises(ValueError, match=r"^its account of the learning cannot be read: "):
+        account_of(Account, text)

@@ -1,0 +1,94 @@
+"""Stored results: found by exactly the same work only, and whole or not at all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from nablahog.evaluate import reconstruction
+from nablahog.evaluate.methods import METHODS
+from nablahog.evaluate.reconstruction import DECIDING
+from nablahog.jobs import store
+from nablahog.jobs.store import Result, load, save
+
+from ..evaluate.common import job
+from ..evaluate.fakes import BRIGHT, DARK, LEVELS
+
+RESULT = Result([{"cc": 0.1 + 0.2, "ssim": None}], np.full((1, 32, 32), 7, np.uint8), 1.5)
+
+
+def test_round_trip(tmp_path: Path) -> None:
+    save(tmp_path / "new" / "a.npz", RESULT)
+    found = load(tmp_path / "new" / "a.npz", job(DARK))
+    assert found is not None
+    assert (found.figures, found.seconds) == (RESULT.figures, RESULT.seconds)
+    assert np.array_equal(found.pictures, RESULT.pictures)
+
+
+def test_damage(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    assert load(path, job(DARK)) is None
+    save(path, RESULT)
+    whole = path.read_bytes()
+    for damaged in (b"", b"hello", whole[:-30], whole[: len(whole) // 2]):
+        path.write_bytes(damaged)
+        assert load(path, job(DARK)) is None
+    for position in range(130, len(whole), 97):
+        path.write_bytes(whole[:position] + bytes([whole[position] ^ 1]) + whole[position + 1 :])
+        found = load(path, job(DARK))
+        assert found is None or (found.figures == RESULT.figures and np.array_equal(found.pictures, RESULT.pictures))
+
+
+def test_what_does_not_fit(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    save(path, RESULT)
+    assert load(path, job(LEVELS)) is None  # more rows
+    assert load(path, replace(job(DARK), image=np.zeros((16, 32), np.float32))) is None
+    np.savez(path, figures=np.array([{}], dtype=object), pictures=RESULT.pictures)
+    assert load(path, job(DARK)) is None
+
+
+def test_keys_tell_work_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second = tmp_path / "first", tmp_path / "second"
+    first.write_bytes(b"1")
+    second.write_bytes(b"2")
+    base = job(DARK)
+    learned = METHODS["uoctti-learned"]
+    brighter = base.image.copy()
+    brighter[0, 0] = np.nextafter(brighter[0, 0], 2)
+    jobs = [
+        base,
+        job(DARK, seed=1),
+        job(DARK, max_evaluations=3),
+        job(BRIGHT),
+        job(METHODS["dalal-single"]),
+        job(learned),
+        job(learned, learned={"prior": first}),
+        job(learned, learned={"prior": second}),
+        replace(base, image=brighter),
+        replace(base, image=base.image.reshape(16, 64)),
+    ]
+    keys = {each.key() for each in jobs}
+    assert len(keys) == len(jobs)
+    assert job(DARK).key() == base.key()
+    assert job(DARK, learned={"prior": first}).key() == base.key()  # which it does not use
+    first.write_bytes(b"2")
+    assert job(learned, learned={"prior": first}).key() == job(learned, learned={"prior": second}).key()
+    monkeypatch.setattr(torch, "__version__", "0")
+    assert base.key() not in keys
+
+
+def test_other_code_is_other_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = job(DARK).key()
+    monkeypatch.setattr(reconstruction, "DECIDING", ("hog", "metrics.py"))
+    assert job(DARK).key() != before
+
+
+def test_the_code_that_decides() -> None:
+    names = {path.name for path in store.files(*DECIDING)}
+    assert {"preimage.py", "descriptor.py", "lbfgs.py", "metrics.py"} <= names
+    assert "cli.py" not in names

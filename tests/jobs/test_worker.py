@@ -1,0 +1,59 @@
+"""One job in this process: figures, or one sentence."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from nablahog import metrics
+from nablahog.evaluate.methods import METHODS
+from nablahog.jobs.store import Result
+from nablahog.jobs.worker import attempt
+
+from ..evaluate import fakes
+from ..evaluate.common import image, job
+
+
+def test_figures() -> None:
+    result = attempt(job(fakes.DARK))
+    assert isinstance(result, Result)
+    expected = (image() - 0.25).clamp(0, 1)
+    (figures,) = result.figures
+    assert figures["cc"] == figures["abs_cc"] == metrics.cross_correlation(expected, image())
+    assert figures["mi"] == metrics.mutual_information(expected, image())
+    assert figures["ssim"] == metrics.ssim(expected, image())
+    assert figures["distance"] == -0.25
+    assert abs(result.pictures[0] / 255 - expected.numpy()).max() <= 0.5 / 255 + 1e-6
+    assert result.seconds > 0
+
+
+def test_figures_that_are_not_defined() -> None:
+    result = attempt(job(fakes.UNDEFINED))
+    assert isinstance(result, Result)
+    assert result.figures[0]["distance"] is None
+
+
+def test_the_magnitude_of_cc() -> None:
+    result = attempt(job(METHODS["dalal-single"], max_evaluations=3))
+    assert isinstance(result, Result)
+    cc = result.figures[0]["cc"]
+    assert cc is not None
+    assert result.figures[0]["abs_cc"] == abs(cc)
+
+
+@pytest.mark.parametrize(
+    ("method", "reason"),
+    [
+        (fakes.HUNGRY, "not enough memory"),
+        (fakes.SILENT, "TypeError at reconstruction.py:"),
+        (fakes.MISTAKEN, "KeyError at fakes.py:"),
+    ],
+)
+def test_failures(method: fakes.Method, reason: str) -> None:
+    assert str(attempt(job(method))).startswith(reason)
+
+
+def test_a_refusal_is_one_sentence() -> None:
+    odd = fakes.LEVELS
+    assert attempt(replace(job(odd), image=job(odd).image[:30])) == "no scale 1/64"

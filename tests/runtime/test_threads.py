@@ -1,0 +1,99 @@
+"""Work shared out to threads."""
+
+from __future__ import annotations
+
+import multiprocessing
+import threading
+import time
+
+import pytest
+import torch
+
+from nablahog.runtime.threads import in_threads, share_out
+
+
+def test_results_come_in_order(two_threads: None) -> None:
+    assert in_threads(lambda k: k * k, 7) == [0, 1, 4, 9, 16, 25, 36]
+    assert in_threads(lambda k: k, 0) == []
+
+
+def test_they_work_at_once(two_threads: None) -> None:
+    meeting = threading.Barrier(2, timeout=20)
+    in_threads(lambda _: meeting.wait(), 2)
+
+
+def test_one_thread_is_the_callers(two_threads: None) -> None:
+    assert in_threads(lambda _: threading.current_thread(), 1) == [threading.current_thread()]
+    torch.set_num_threads(1)
+    assert in_threads(lambda _: threading.current_thread(), 3) == [threading.current_thread()] * 3
+
+
+def test_inside_pytorch_has_one_thread_and_outside_as_many_as_before(two_threads: None) -> None:
+    assert in_threads(lambda _: torch.get_num_threads(), 4) == [1] * 4
+    assert torch.get_num_threads() == 2
+
+
+def test_work_can_be_shared_out_again(two_threads: None) -> None:
+    assert in_threads(lambda k: sum(in_threads(lambda i: i, k)), 4) == [0, 0, 1, 3]
+
+
+def test_errors_are_the_callers(two_threads: None) -> None:
+    def work(k: int) -> int:
+        if k == 3:
+            raise ValueError("no")
+        return k
+
+    with pytest.raises(ValueError, match="no"):
+        in_threads(work, 5)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 64])
+def test_every_thing_is_in_one_part(two_threads: None, count: int) -> None:
+    parts: list[tuple[int, int]] = []
+    share_out(lambda start, stop: parts.append((start, stop)), count)
+    assert [k for start, stop in sorted(parts) for k in range(start, stop)] == list(range(count))
+    assert len(parts) == min(2, count)
+
+
+def test_the_caller_takes_a_part(two_threads: None) -> None:
+    meeting, found = threading.Barrier(2, timeout=20), []
+
+    def work(start: int, stop: int) -> None:
+        found.append(threading.current_thread())
+        meeting.wait()
+
+    share_out(work, 8)
+    assert threading.current_thread() in found
+    assert len(set(found)) == 2
+
+
+@pytest.mark.parametrize("bad", [0, 7], ids=["the caller's part", "another part"])
+def test_errors_of_parts_come_when_all_have_ended(two_threads: None, bad: int) -> None:
+    ended = []
+
+    def work(start: int, stop: int) -> None:
+        if start <= bad < stop:
+            raise ValueError("no")
+        time.sleep(0.05)
+        ended.append(start)
+
+    with pytest.raises(ValueError, match="no"):
+        share_out(work, 8)
+    assert len(ended) == 1
+
+
+def _in_child(results: multiprocessing.queues.SimpleQueue[list[int]]) -> None:
+    results.put(in_threads(lambda k: k, 3))
+
+
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork here")
+@pytest.mark.filterwarnings("ignore:.*multi-threaded.*:DeprecationWarning")
+def test_forked_processes_have_threads_of_their_own(two_threads: None) -> None:
+    in_threads(lambda k: k, 3)
+    context = multiprocessing.get_context("fork")
+    results = context.SimpleQueue()
+    child = context.Process(target=_in_child, args=(results,))
+    child.start()
+    child.join(30)
+    assert child.exitcode == 0
+    assert results.get() == [0, 1, 2]

@@ -1,0 +1,74 @@
+"""The page: complete, escaped, self-contained."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+from PIL import Image
+
+from nablahog.viz.html import Cell, Section, figure, page
+from nablahog.viz.pictures import Panel
+
+TABLE = [{"input": "<b>", "CC": 0.12345, "SSIM": None}, {"input": "x", "CC": None, "SSIM": None}]
+SECTIONS = [Section("A & B", "text", [Panel(np.eye(4), '"quoted"')])]
+
+
+class _Balanced(HTMLParser):
+    """Fails on tags that are not closed, or closed in another order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: object) -> None:
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def test_page() -> None:
+    html = page("T<", "lead", TABLE, SECTIONS, {"CC": "corr <"}, "foot")
+    parser = _Balanced()
+    parser.feed(html)
+    assert not parser.open
+    for text in ("T&lt;", "&lt;b&gt;", "0.123", "A &amp; B", "&quot;quoted&quot;", "corr &lt;", "foot"):
+        assert text in html
+    assert "<b>" not in html
+    assert not re.search(r"(src|href)=\"(?!data:)", html)
+    (encoded,) = re.findall(r"base64,([^\"]+)", html)
+    assert np.asarray(Image.open(io.BytesIO(base64.b64decode(encoded)))).tolist() == (np.eye(4) * 255).tolist()
+
+
+def test_page_of_nothing() -> None:
+    assert "<table" not in page("T", "", [], [], {})
+
+
+def test_figures() -> None:
+    assert [figure(v) for v in (None, 0.5, 3, "x", float("nan"))] == ["–", "0.500", "3", "x", "nan"]
+    assert [figure(v) for v in (9.9994, 47.33, -123.46)] == ["9.999", "47.3", "-123.5"]
+
+
+def test_remarks_and_headings_in_tables() -> None:
+    table = [{"method": "group <1>"}, {"method": "a", "CC": Cell(0.5, "0.4 … 0.6 <")}, {"method": "b", "CC": None}]
+    html = page("T", "", table, [], {})
+    _Balanced().feed(html)
+    assert '<th colspan="2">group &lt;1&gt;</th>' in html
+    assert "<td class=number>0.500<small>0.4 … 0.6 &lt;</small></td>" in html
+    assert "<td class=number>–</td>" in html
+
+
+def test_tables_of_pictures() -> None:
+    row = {"image": Cell(Panel(np.eye(4), "x <"), "x <"), "found": None}
+    html = page("T", "", [], [Section("Pictures", "text", table=[row, {"image": "more"}, row])], {})
+    _Balanced().feed(html)
+    assert html.count("data:image/png;base64,") == 2
+    assert 'alt="x &lt;"' in html
+    assert "<small>x &lt;</small>" in html
+    assert 'class="grid"' in html
+    assert 'class="pictures"' not in html
