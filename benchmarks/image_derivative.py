@@ -26,7 +26,7 @@ from nablahog.datasets.chairs import chair
 from nablahog.hog import HOGSpec, hog, presets
 from nablahog.render import Camera, Light, Mesh, Renderer, load_mesh, pose
 from nablahog.render.renderer import Method
-from photographs import SIDE, shipped
+from photographs import SIDE, sample_photographs
 
 Preset: TypeAlias = Callable[..., HOGSpec]
 DESCRIPTORS: dict[str, Preset] = {
@@ -59,7 +59,7 @@ def target(mesh: Mesh, number: int) -> Tensor:
     generator = np.random.default_rng(number)
     light = Light(tuple(generator.normal(size=3)), ambient=0.4, diffuse=0.5)
     where = pose(generator.uniform(0, 360), ELEVATION, DISTANCE, 0, 1.3, -0.8)
-    clutter = shipped()[number % len(shipped())][None]
+    clutter = sample_photographs()[number % len(sample_photographs())][None]
     clean = Renderer(mesh, CAMERA, light=light)(where, clutter)
     return (clean + torch.from_numpy(generator.normal(0, 0.02, clean.shape)).float()).clamp(0, 1)
 

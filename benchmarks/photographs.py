@@ -14,21 +14,21 @@ from nablahog.hog.gradient import gray
 from nablahog.io.images import read_image
 
 SIDE = 128
-SHIPPED = ("camera", "astronaut", "coffee", "coins", "chelsea", "clock", "rocket", "brick")
+SAMPLE_NAMES = ("camera", "astronaut", "coffee", "coins", "chelsea", "clock", "rocket", "brick")
 
 
 def photographs(folder: Path | None) -> Tensor:
-    """(N, 1, H, W) in 0…1: the images of a folder, all of one size, or without one those of :func:`shipped`."""
+    """(N, 1, H, W) in 0…1: the images of a folder, all of one size, or :func:`sample_photographs` without one."""
     if folder is None:
-        return shipped()
+        return sample_photographs()
     files = sorted(p for p in folder.iterdir() if p.suffix.lower() in {".png", ".jpg", ".jpeg"})
     return torch.stack([gray(read_image(file)[None])[0] for file in files])
 
 
-def shipped() -> Tensor:
+def sample_photographs() -> Tensor:
     """(8, 1, 128, 128): photographs that scikit-image installs, cropped to a square, 8-bit levels."""
     images = []
-    for name in SHIPPED:
+    for name in SAMPLE_NAMES:
         picture = torch.from_numpy(np.atleast_3d(getattr(data, name)())).float()
         side = min(picture.shape[:2])
         square = gray(picture[:side, :side].permute(2, 0, 1)[None])

@@ -25,7 +25,7 @@ import torch
 from nablahog.datasets.viewpoints import read_viewpoints, sample_viewpoints
 from nablahog.evaluate.examples import Example, rendered
 from nablahog.evaluate.models import models_in, procedural_chairs
-from nablahog.io.sample_photographs import SHIPPED, shipped_photograph
+from nablahog.io.sample_photographs import SAMPLE_NAMES, sample_photograph
 from nablahog.metrics import VIEWS, azimuth_error, same_view
 from nablahog.pose import PoseEstimate, estimate_pose
 
@@ -52,7 +52,7 @@ def objects(
     angles = (
         sample_viewpoints(10_000, np.random.default_rng(seed)) if viewpoints is None else read_viewpoints(viewpoints)
     )
-    clutter = [shipped_photograph(name) for name in SHIPPED]
+    clutter = [sample_photograph(name) for name in SAMPLE_NAMES]
     return rendered(count, chairs, angles, clutter, origin="", unknown_model=unknown_model, seed=seed).objects
 
 

@@ -18,7 +18,7 @@ from nablahog import metrics
 from nablahog.cli.terminal import counter
 from nablahog.evaluate.learned import SPEC, tiles
 from nablahog.evaluate.methods import METHODS, Settings
-from nablahog.evaluate.photographs import shipped
+from nablahog.evaluate.photographs import sample_photographs
 from nablahog.invert.baselines.bovw_learning import learn_bovw
 from nablahog.invert.baselines.hoggles_learning import learn_hoggles
 from nablahog.invert.baselines.nearest import learn_nearest
@@ -55,7 +55,7 @@ def row(name: str, image: Tensor, learned: dict[str, Path]) -> list[Panel]:
 
 
 def main() -> None:
-    whole, squares = shipped(size=512, whole=True).images, shipped(size=SIZE).images
+    whole, squares = sample_photographs(size=512, whole=True).images, sample_photographs(size=SIZE).images
     names = list(squares)
     rows = {}
     for seen, unseen in ((names[::2], names[1::2]), (names[1::2], names[::2])):

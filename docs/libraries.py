@@ -13,7 +13,7 @@ from torch import Tensor
 from nablahog import metrics
 from nablahog.evaluate.methods import METHODS, Settings
 from nablahog.evaluate.names import DIALECTS
-from nablahog.evaluate.photographs import shipped
+from nablahog.evaluate.photographs import sample_photographs
 from nablahog.viz.pictures import Panel, contact_sheet
 
 HERE = Path(__file__).parent
@@ -31,7 +31,7 @@ def row(name: str, image: Tensor) -> list[Panel]:
 
 
 def main() -> None:
-    squares = shipped(size=SIZE).images
+    squares = sample_photographs(size=SIZE).images
     rows = []
     for name in NAMES:
         print(f"inverting {name}")

@@ -26,7 +26,7 @@ from nablahog.evaluate.models import procedural_chairs
 from nablahog.hog.gradient import gray
 from nablahog.invert import reconstruct_multiscale, scale_descriptors
 from nablahog.io.images import limit_size
-from nablahog.io.sample_photographs import SHIPPED, shipped_photograph
+from nablahog.io.sample_photographs import SAMPLE_NAMES, sample_photograph
 from nablahog.pose import estimate_pose
 from nablahog.pose.canvas import cut_out
 from nablahog.pose.matching import Photograph
@@ -68,7 +68,7 @@ def scales() -> None:
 def pose() -> None:
     models = procedural_chairs(24)
     viewpoints = sample_viewpoints(10_000, np.random.default_rng(0))
-    clutter = [shipped_photograph(name) for name in SHIPPED]
+    clutter = [sample_photograph(name) for name in SAMPLE_NAMES]
     scenes = rendered(6, models, viewpoints, clutter, origin="", unknown_model=False, seed=0).objects
     one = scenes[-1]
     meshes = {model.name: model.mesh() for model in one.models}

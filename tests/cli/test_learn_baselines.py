@@ -11,7 +11,7 @@ from skimage import data
 
 from nablahog.cli.main import main
 from nablahog.evaluate import learned
-from nablahog.evaluate.photographs import shipped
+from nablahog.evaluate.photographs import sample_photographs
 from nablahog.invert.baselines.bovw import BoVW
 from nablahog.invert.baselines.hoggles import PairedDictionary
 
@@ -50,8 +50,8 @@ def test_the_table_with_them(tmp_path: Path, images: str, capsys: pytest.Capture
 def test_without_a_file_it_is_learned_once(
     tmp_path: Path, images: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    few = shipped(size=256, limit=2, whole=True)
-    monkeypatch.setattr(learned, "shipped", lambda **all_of_them: few)
+    few = sample_photographs(size=256, limit=2, whole=True)
+    monkeypatch.setattr(learned, "sample_photographs", lambda **all_of_them: few)
     monkeypatch.setattr(learned, "user_cache_path", lambda name: tmp_path / "caches" / name)
     command = ["table1", "--images", images, "--methods", "bovw", "--limit", "1", "--workers", "1"]
     assert main([*command, "-o", str(tmp_path / "a")]) == 0

@@ -13,7 +13,7 @@ from nablahog.cli.commands import learn_exemplars
 from nablahog.cli.main import main
 from nablahog.datasets.chairs import chair
 from nablahog.evaluate.exemplar_job import ExemplarJob
-from nablahog.io.sample_photographs import shipped_photograph
+from nablahog.io.sample_photographs import sample_photograph
 from nablahog.jobs.store import Result, Work
 from nablahog.jobs.worker import attempt
 from nablahog.pose import views as learning
@@ -86,7 +86,7 @@ def test_repeated(tmp_path: Path, models: str, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_another_background(tmp_path: Path, models: str) -> None:
-    photograph = shipped_photograph("camera")[0]
+    photograph = sample_photograph("camera")[0]
     path = tmp_path / "b.npz"
     background = learn_background({"camera": photograph}, SPEC)
     background.save(path)
@@ -107,7 +107,7 @@ def test_bad_inputs(tmp_path: Path, models: str, refused: Callable[..., None]) -
     refused(*learn, models, "-o", f"{models}/1.off", message="is not a folder")
     refused(*learn, models, *to, "--background", f"{models}/b.npz", message="b.npz: no such file")
     other = tmp_path / "b.npz"
-    learn_background({"": shipped_photograph("camera")[0]}, learning.aubry(8)).save(other)
+    learn_background({"": sample_photograph("camera")[0]}, learning.aubry(8)).save(other)
     refused(*learn, models, *to, "--background", str(other), message=f"{other}: the background was learned for another")
     for file in Path(models).iterdir():
         file.write_text("OFF\n3 1 0\n")

@@ -15,7 +15,7 @@ from nablahog import presets
 from nablahog.cli.commands import learn
 from nablahog.cli.main import main
 from nablahog.evaluate import learned
-from nablahog.evaluate.photographs import shipped
+from nablahog.evaluate.photographs import sample_photographs
 from nablahog.invert.baselines import hoggles_learning
 from nablahog.invert.baselines.hoggles_learning import learn_hoggles
 from nablahog.invert.baselines.nearest import NearestWindows
@@ -160,14 +160,14 @@ def test_learning_for_the_table_goes_on(tmp_path: Path, monkeypatch: pytest.Monk
     """What nobody gave is learned once, however often that is interrupted."""
     monkeypatch.setattr(hoggles_learning, "REPORTED", 2)
     monkeypatch.setattr(learned, "learn_hoggles", partial(learn_hoggles, atoms=20, iterations=7))
-    monkeypatch.setattr(learned, "shipped", partial(shipped, limit=2))
+    monkeypatch.setattr(learned, "sample_photographs", partial(sample_photographs, limit=2))
     monkeypatch.setattr(learned, "user_cache_path", lambda name: tmp_path / name)
     with pytest.raises(KeyboardInterrupt):
-        learned.from_shipped("hoggles", _stop)
+        learned.learned_from_samples("hoggles", _stop)
     (kept,) = names(tmp_path / "nablahog")
     assert kept.endswith(".npz.checkpoint")
     seen: list[int] = []
-    path = learned.from_shipped("hoggles", lambda done, total, what: seen.append(done))
+    path = learned.learned_from_samples("hoggles", lambda done, total, what: seen.append(done))
     assert seen == [0, 4, 5, 6, 7]
     assert names(tmp_path / "nablahog") == [path.name] == [kept.removesuffix(".checkpoint")]
 

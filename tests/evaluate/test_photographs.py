@@ -11,8 +11,8 @@ import pytest
 import torch
 from PIL import Image
 
-from nablahog.evaluate.photographs import read_folder, shipped
-from nablahog.io.sample_photographs import SHIPPED
+from nablahog.evaluate.photographs import read_folder, sample_photographs
+from nablahog.io.sample_photographs import SAMPLE_NAMES
 
 COLOURS = np.random.default_rng(0).integers(0, 256, (40, 60, 3), dtype=np.uint8)
 
@@ -78,10 +78,10 @@ def test_no_images(tmp_path: Path, make: object, error: type[Exception], message
 
 
 def test_those_of_scikit_image() -> None:
-    read = shipped(size=64)
-    assert tuple(read.images) == SHIPPED
+    read = sample_photographs(size=64)
+    assert tuple(read.images) == SAMPLE_NAMES
     assert {tuple(image.shape) for image in read.images.values()} == {(64, 64)}
     assert all(image.min() >= 0 and image.max() <= 1 and image.std() > 0.05 for image in read.images.values())
-    assert list(shipped(size=64, limit=2).images) == list(SHIPPED[:2])
-    whole = shipped(size=64, limit=4, whole=True).images
+    assert list(sample_photographs(size=64, limit=2).images) == list(SAMPLE_NAMES[:2])
+    whole = sample_photographs(size=64, limit=4, whole=True).images
     assert whole["chelsea"].shape == (43, 64)

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from nablahog.datasets.chairs import chair
 from nablahog.hog.gradient import gray
-from nablahog.io.sample_photographs import shipped_photograph
+from nablahog.io.sample_photographs import sample_photograph
 from nablahog.pose.canvas import Box
 from nablahog.render import Camera, Mesh, pose, render, silhouette
 
@@ -25,7 +25,7 @@ def photographed(mesh: Mesh, azimuth: float, elevation: float, *, behind: str = 
     """An object on white, or in front of a photograph, (1, 150, 180), with its box, away from the middle."""
     camera = Camera(300.0, 150, 180)
     at = pose(azimuth, elevation, 2.8, x=22, y=-8)
-    background = gray(shipped_photograph(behind)[None])[:, :, 100:250, 60:240] if behind else 1.0
+    background = gray(sample_photograph(behind)[None])[:, :, 100:250, 60:240] if behind else 1.0
     image = render(mesh, at, camera, background=background)[0]
     rows, cols = (silhouette(mesh, at, camera)[0, 0] > 0.5).nonzero().unbind(1)
     return image, (float(cols.min()), float(rows.min()), float(cols.max() + 1), float(rows.max() + 1))

@@ -11,7 +11,7 @@ from torch.nn.functional import conv2d
 from torch.testing import assert_close
 
 from nablahog.hog import hog, presets
-from nablahog.io.sample_photographs import shipped_photograph
+from nablahog.io.sample_photographs import sample_photograph
 from nablahog.pose.background import default_background
 from nablahog.pose.elements import EMPTY, Elements, all_patches, calibration, elements
 from nablahog.pose.whitening import Background
@@ -122,7 +122,7 @@ def test_scores_have_one_scale(found: Elements, background: Background) -> None:
 
 @pytest.mark.parametrize("size", [(5, 5), (10, 10)])
 def test_one_of_ten_thousand_patches_of_photographs_scores_0(background: Background, size: tuple[int, int]) -> None:
-    descriptors = [hog(shipped_photograph(name)[None], SPEC)[0] for name in ("astronaut", "camera", "coffee", "rocket")]
+    descriptors = [hog(sample_photograph(name)[None], SPEC)[0] for name in ("astronaut", "camera", "coffee", "rocket")]
     weights = elements(hog(drawing(), SPEC)[0], background, size, count=8).weights
     scale, offset = calibration(weights, background)
     maps = [conv2d(each.permute(2, 0, 1)[None], weights.permute(0, 3, 1, 2))[0].flatten(1) for each in descriptors]

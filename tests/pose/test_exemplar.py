@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from nablahog.datasets.chairs import chair
-from nablahog.io.sample_photographs import shipped_photograph
+from nablahog.io.sample_photographs import sample_photograph
 from nablahog.pose import exemplar
 from nablahog.pose.background import default_background
 from nablahog.pose.exemplar import detect
@@ -49,7 +49,7 @@ def scene(mesh: Mesh, azimuth: float, x: float, y: float, focal: float, behind: 
 
 @pytest.fixture(scope="module")
 def clutter() -> Tensor:
-    return shipped_photograph("coffee")[:, :HEIGHT, :WIDTH].mean(0, keepdim=True)
+    return sample_photograph("coffee")[:, :HEIGHT, :WIDTH].mean(0, keepdim=True)
 
 
 def iou(a: Any, b: Any) -> float:

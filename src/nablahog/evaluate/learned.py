@@ -22,7 +22,7 @@ from ..invert.baselines.ridge import RidgeRegression, learn_ridge
 from ..io.files import checkpoint_for
 from ..io.images import limit_size
 from ..jobs.store import code
-from .photographs import shipped
+from .photographs import sample_photographs
 
 Progress: TypeAlias = Callable[[int, int, str], None]
 
@@ -96,7 +96,7 @@ def _loaded(kind: str, path: Path, changed: int | None, size: int | None) -> Any
     return LEARNED[kind].load(path)
 
 
-def from_shipped(kind: str, progress: Progress) -> Path:
+def learned_from_samples(kind: str, progress: Progress) -> Path:
     """The file of what is learned from the photographs that come with scikit-image, once for all runs.
 
     It is kept in the user's folder for caches.  If the learning was interrupted, it goes on.
@@ -112,13 +112,13 @@ def from_shipped(kind: str, progress: Progress) -> Path:
     except (OSError, ValueError):  # missing, or damaged by whatever else uses such folders
         path.parent.mkdir(parents=True, exist_ok=True)
         with checkpoint_for(path) as checkpoint:
-            learned.learn(shipped_lessons(kind), 0, checkpoint, progress).save(path)
+            learned.learn(sample_training_photographs(kind), 0, checkpoint, progress).save(path)
     return path
 
 
-def shipped_lessons(kind: str) -> dict[str, Tensor]:
+def sample_training_photographs(kind: str) -> dict[str, Tensor]:
     """The photographs that come with scikit-image as the kind is learned from: at most 512 pixels wide, or in tiles."""
-    images, tile = shipped(size=512, whole=True).images, LEARNED[kind].tile
+    images, tile = sample_photographs(size=512, whole=True).images, LEARNED[kind].tile
     return images if tile is None else tiles(images, tile)
 
 

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..hog.gradient import gray
 from ..io.images import limit_size, read_image
-from ..io.sample_photographs import SHIPPED, shipped_photograph
+from ..io.sample_photographs import SAMPLE_NAMES, sample_photograph
 
 
 @dataclass
@@ -66,9 +66,9 @@ def _read(path: Path, size: int, result: Photographs) -> None:
         result.failed[_name(path)] = str(error).removeprefix(f"{path}: ")
 
 
-def shipped(*, size: int, limit: int | None = None, whole: bool = False) -> Photographs:
-    """The photographs :data:`SHIPPED`, ``whole`` or their middle squares, otherwise as :func:`read_folder`."""
-    photographs = {name: shipped_photograph(name) for name in SHIPPED[:limit]}
+def sample_photographs(*, size: int, limit: int | None = None, whole: bool = False) -> Photographs:
+    """The photographs :data:`SAMPLE_NAMES`, ``whole`` or their middle squares, otherwise as :func:`read_folder`."""
+    photographs = {name: sample_photograph(name) for name in SAMPLE_NAMES[:limit]}
     return Photographs({name: _prepared(p if whole else _square(p), size) for name, p in photographs.items()})
 
 

@@ -12,7 +12,7 @@ from ..hog.gradient import gray
 from ..hog.kernels import steps
 from ..hog.spec import HOGSpec
 from ..io.images import limit_size
-from ..io.sample_photographs import SHIPPED, shipped_photograph
+from ..io.sample_photographs import SAMPLE_NAMES, sample_photograph
 from .choices import ORDER
 from .whitening import Background, check_spec
 
@@ -79,7 +79,9 @@ def default_background(spec: HOGSpec, order: int = ORDER) -> Background:
     Raises:
         ValueError: as :func:`learn_background`.
     """
-    return learn_background({name: gray(shipped_photograph(name)[None])[0, 0] for name in SHIPPED}, spec, order=order)
+    return learn_background(
+        {name: gray(sample_photograph(name)[None])[0, 0] for name in SAMPLE_NAMES}, spec, order=order
+    )
 
 
 def _check(name: str, image: Tensor, least: tuple[int, int]) -> None:

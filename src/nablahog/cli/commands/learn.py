@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import torch
 
-from ...evaluate.learned import Progress, Saved, shipped_lessons
+from ...evaluate.learned import Progress, Saved, sample_training_photographs
 from ...evaluate.photographs import Photographs
 from ...hog import HOGSpec
 from ...invert import train_prior
@@ -28,7 +28,7 @@ from ...pose.background import least_size
 from ...pose.whitening import check_spec
 from ..errors import UserError, refusing
 from ..inputs.spec import Wanted
-from ..inputs.training_photographs import lessons
+from ..inputs.training_photographs import training_photographs
 from ..terminal import counter, say
 from .table1 import say_ignored
 
@@ -110,7 +110,9 @@ def learn_bovw(arguments: Namespace) -> None:
         OSError: a file or folder is missing or cannot be written.
     """
     output = _npz_file(arguments, "a vocabulary")
-    photographs = Photographs(shipped_lessons("bovw")) if arguments.images is None else _lessons(arguments, (1, 1))
+    photographs = (
+        Photographs(sample_training_photographs("bovw")) if arguments.images is None else _lessons(arguments, (1, 1))
+    )
     words = _learn(
         arguments,
         photographs,
@@ -173,7 +175,7 @@ def _spec(arguments: Namespace, check: Callable[[HOGSpec], object] = lambda spec
 
 def _lessons(arguments: Namespace, least: tuple[int, int]) -> Photographs:
     with refusing():
-        return lessons(None if arguments.images is None else Path(arguments.images), least, arguments.size)
+        return training_photographs(None if arguments.images is None else Path(arguments.images), least, arguments.size)
 
 
 def _learn(

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ...evaluate import table1_page
-from ...evaluate.learned import LEARNED, from_shipped, load
+from ...evaluate.learned import LEARNED, learned_from_samples, load
 from ...evaluate.methods import Method, Settings, choose
-from ...evaluate.photographs import Photographs, read_folder, shipped
+from ...evaluate.photographs import Photographs, read_folder, sample_photographs
 from ...evaluate.table1 import Table1, run_table1, write_tables
 from ...io.files import output_folder, replacing
 from ...jobs.runner import cores
@@ -63,14 +63,14 @@ def _learned_here(given: Mapping[str, Path], methods: Sequence[Method]) -> dict[
     found = {}
     for kind in dict.fromkeys(method.needs for method in methods if method.needs and method.needs not in given):
         with counter(f"nablahog table1, learning {kind}") as progress:
-            found[kind] = from_shipped(kind, progress)
+            found[kind] = learned_from_samples(kind, progress)
     return found
 
 
 def _photographs(arguments: Namespace) -> tuple[Photographs, str]:
     """The images for the table, and a sentence that says where they are from."""
     if arguments.images is None:
-        photographs = shipped(size=arguments.size, limit=arguments.limit)
+        photographs = sample_photographs(size=arguments.size, limit=arguments.limit)
         return photographs, f"{len(photographs.images)} photographs that come with scikit-image, their middle squares."
     folder = Path(arguments.images)
     with refusing():

@@ -16,7 +16,7 @@ from ...evaluate.models import models_in, procedural_chairs
 from ...evaluate.pose_methods import POSE_METHODS, PoseSettings
 from ...evaluate.table2 import Table2, run_table2, write_tables
 from ...io.files import output_folder, replacing
-from ...io.sample_photographs import SHIPPED, shipped_photograph
+from ...io.sample_photographs import SAMPLE_NAMES, sample_photograph
 from ...jobs.runner import cores
 from ..arguments.pose import SCENES
 from ..errors import UserError, refusing
@@ -75,7 +75,7 @@ def _examples(arguments: Namespace) -> tuple[Examples, dict[str, str]]:
         arguments.objects or SCENES,
         models,
         viewpoints,
-        [shipped_photograph(name) for name in SHIPPED],
+        [sample_photograph(name) for name in SAMPLE_NAMES],
         origin=origin,
         unknown_model=arguments.unknown_model,
         seed=arguments.seed,

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ...evaluate.photographs import Photographs, read_folder, shipped
+from ...evaluate.photographs import Photographs, read_folder, sample_photographs
 
 
-def lessons(folder: Path | None, least: tuple[int, int], size: int) -> Photographs:
+def training_photographs(folder: Path | None, least: tuple[int, int], size: int) -> Photographs:
     """The photographs to learn from.
 
     Args:
@@ -22,7 +22,7 @@ def lessons(folder: Path | None, least: tuple[int, int], size: int) -> Photograp
         FileNotFoundError, NotADirectoryError: there is no such folder.
         ValueError: it holds no image, or none to learn from.
     """
-    read = shipped(size=size, whole=True) if folder is None else read_folder(folder, size=size)
+    read = sample_photographs(size=size, whole=True) if folder is None else read_folder(folder, size=size)
     for name, image in list(read.images.items()):
         height, width = image.shape
         if height < least[0] or width < least[1]:
