@@ -291,7 +291,7 @@ def four_block_norm(v: Array, scheme: FourBlockNorm, *, signed: bool = True) -> 
 def normalized_block(v: Array, scheme: BlockNorm) -> Array:
     def unit(x: Array, epsilon: float) -> Array:
         energy = float((x**2).sum())
-        return x / (math.sqrt(energy) + epsilon) if scheme.added else x / math.sqrt(energy + epsilon**2)
+        return x / (math.sqrt(energy) + epsilon) if scheme.epsilon_outside_root else x / math.sqrt(energy + epsilon**2)
 
     if scheme.form in ("L1", "L1-sqrt"):
         share = v / (float(np.abs(v).sum()) + scheme.epsilon)

@@ -146,9 +146,9 @@ def slopes_at_zero(f: Function, entries: int) -> Tensor:
         (BlockNorm((1, 1), form="L1", epsilon=0.01), 100.0),
         (BlockNorm((1, 1), form="L1-sqrt", epsilon=0.01), 0.0),  # infinite, and taken to be 0
         (BlockNorm((1, 1), form="L2", epsilon=0.01), 100.0),
-        (BlockNorm((1, 1), form="L2", epsilon=0.01, added=True), 100.0),
+        (BlockNorm((1, 1), form="L2", epsilon=0.01, epsilon_outside_root=True), 100.0),
         (BlockNorm((1, 1), epsilon=0.01, epsilon_again=0.1), 1000.0),
-        (BlockNorm((1, 1), epsilon=0.01, epsilon_again=0.1, added=True), 1000.0),
+        (BlockNorm((1, 1), epsilon=0.01, epsilon_again=0.1, epsilon_outside_root=True), 1000.0),
         (FourBlockNorm(epsilon=0.01, clip=1, parts=("directed",)), 4 * 10.0 / 2),
         (FourBlockNorm(epsilon=0.01, clip=1, parts=("directed",), floor=True), 4 * 100.0 / 2),
     ],
@@ -164,7 +164,7 @@ def test_other_norms_at_zero(scheme: Normalizer, slope: float) -> None:
 @pytest.mark.parametrize("added", [False, True])
 def test_block_norms_beside_empty_entries(form: BlockForm, added: bool) -> None:
     """As hard votes leave most bins: derivatives of the others are right, those of the root of nothing are 0."""
-    scheme = BlockNorm((1, 1), form=form, epsilon=0.1, epsilon_again=0.2, added=added, clip=0.4)
+    scheme = BlockNorm((1, 1), form=form, epsilon=0.1, epsilon_again=0.2, epsilon_outside_root=added, clip=0.4)
     at = vector(0.0, 0.7, 0.0, 0.2, 1.1)
 
     def f(v: Tensor) -> Tensor:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from nablahog.hog import HOGSpec, hog, presets
 from nablahog.hog.descriptor import histograms
-from nablahog.hog.entries import SideBySide, cell_entries
+from nablahog.hog.entries import CellAlignment, cell_entries
 
 from .zoo import noise
 
@@ -54,9 +54,9 @@ def test_entries_point_where_the_votes_do(name: str) -> None:
 def test_cells_side_by_side_and_back(name: str) -> None:
     spec = SPECS[name]
     cells = torch.rand(2, spec.bins, 12, 10, dtype=torch.float64)
-    side_by_side = SideBySide(spec, SIZE, cells)
-    torch.testing.assert_close(side_by_side(side_by_side.back(cells)), cells)
-    assert side_by_side.back(cells).shape[2:] == spec.cells(*SIZE)
+    alignment = CellAlignment(spec, SIZE, cells)
+    torch.testing.assert_close(alignment(alignment.restore(cells)), cells)
+    assert alignment.restore(cells).shape[2:] == spec.cells(*SIZE)
 
 
 def test_cells_side_by_side_count_every_vote_once() -> None:
@@ -65,7 +65,7 @@ def test_cells_side_by_side_count_every_vote_once() -> None:
     for name in ("skimage", "opencv", "maskfeat"):
         spec = dataclasses.replace(SPECS[name], gamma="none")
         cells = histograms(ramp, spec).reshape(1, spec.colours, spec.bins, *spec.cells(*SIZE))[:, 0]
-        found = SideBySide(spec, SIZE, cells)(cells).sum(dim=1)[0, 2:-2, 2:-2]
+        found = CellAlignment(spec, SIZE, cells)(cells).sum(dim=1)[0, 2:-2, 2:-2]
         step = 2 * spec.value_range / (SIZE[1] - 1) * (4 if spec.mask == "sobel" else 1)
         torch.testing.assert_close(found, torch.full_like(found, 16 * step), rtol=0.02, atol=0)
 

@@ -42,8 +42,8 @@ def test_four_block_norm_refuses_choices(field: str, value: Any) -> None:
 def test_normalizers_refuse_flags(value: Any) -> None:
     with pytest.raises(ValueError, match=r"^floor must be True or False, got "):
         FourBlockNorm(floor=value)
-    with pytest.raises(ValueError, match=r"^added must be True or False, got "):
-        BlockNorm((2, 2), added=value)
+    with pytest.raises(ValueError, match=r"^epsilon_outside_root must be True or False, got "):
+        BlockNorm((2, 2), epsilon_outside_root=value)
     with pytest.raises(ValueError, match=r"^mean must be True or False, got "):
         BoxCells(mean=value)
 

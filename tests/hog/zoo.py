@@ -135,9 +135,13 @@ UNUSUAL: dict[str, HOGSpec] = {
     ),
     # normalisers
     "blocks-L2": spec(normalizer=BlockNorm((2, 2), (1, 2), "L2", 0.2), cell_size=(2, 2)),
-    "blocks-L2-added": spec(normalizer=BlockNorm((1, 2), (2, 1), "L2", 0.2, added=True), colour="separate"),
+    "blocks-L2-added": spec(
+        normalizer=BlockNorm((1, 2), (2, 1), "L2", 0.2, epsilon_outside_root=True), colour="separate"
+    ),
     "blocks-L1-sqrt": spec(normalizer=BlockNorm((2, 1), (1, 1), "L1-sqrt", 0.2), pooling=BoxCells(), vote="hard"),
-    "blocks-Hys": spec(normalizer=BlockNorm((2, 2), epsilon=0.3, epsilon_again=0.1, added=True, clip=0.1)),
+    "blocks-Hys": spec(
+        normalizer=BlockNorm((2, 2), epsilon=0.3, epsilon_again=0.1, epsilon_outside_root=True, clip=0.1)
+    ),
     "cells-separate": spec(normalizer=CellNorm(2.0), colour="separate", layout="colour-planes"),
     "missing-floor": spec(**_four(epsilon=0.7, floor=True, outside="missing", parts=PARTS, texture="dpm")),
     "drop-blocks": spec(cell_size=(2, 2), **_four(outside="drop", parts=("undirected", "texture", "blocks"))),

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from ..hog import BlockCells, BlockNorm, FourBlockNorm, HOGSpec
-from ..hog.entries import SideBySide, cell_entries
+from ..hog.entries import CellAlignment, cell_entries
 from ..hog.normalizers import Part
 from ..hog.orientation import bin_angles
 
@@ -79,7 +79,7 @@ class Orientations:
     def entries(self, descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int]) -> Entries:
         of_cells = cell_entries(descriptor, spec)
         if isinstance(spec.pooling, BlockCells):  # cells that lie on each other are one
-            of_cells = SideBySide(spec, image_size, of_cells)(of_cells)
+            of_cells = CellAlignment(spec, image_size, of_cells)(of_cells)
         values = torch.einsum("db,brc->rcd", readings(spec).to(of_cells), of_cells[0])
         return Entries(values, *_first(spec))
 

@@ -52,7 +52,7 @@ def _mean_over_blocks(target: Tensor, spec: HOGSpec, scheme: BlockNorm) -> Tenso
     return fold(blocks, size, scheme.block, stride=step) / counts
 
 
-class SideBySide:
+class CellAlignment:
     """Cells side by side in the image, of votes that all their pixels cast with a weight of 1 in the sum.
 
     The same as the dialect's own cells where these share votes bilinearly.  Boxes may have means instead of sums;
@@ -84,7 +84,7 @@ class SideBySide:
             return alike
         return self._summed(alike) / self._summed(torch.ones_like(alike[:1, :1])).clamp(min=1)
 
-    def back(self, histograms: Tensor) -> Tensor:
+    def restore(self, histograms: Tensor) -> Tensor:
         """To the dialect's cells."""
         if self.same:
             return histograms

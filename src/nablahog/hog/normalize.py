@@ -97,10 +97,10 @@ def block_norm(histograms: Tensor, scheme: BlockNorm) -> Tensor:
     if scheme.form.startswith("L1"):  # histograms are not negative
         blocks = blocks / (blocks.sum(dim=1, keepdim=True) + scheme.epsilon)
         return blocks if scheme.form == "L1" else _root(blocks)
-    blocks = _unit(blocks, scheme.epsilon, scheme.added)
+    blocks = _unit(blocks, scheme.epsilon, scheme.epsilon_outside_root)
     if scheme.form == "L2":
         return blocks
-    return _unit(_clipped(blocks, scheme.clip), scheme.epsilon_again, scheme.added)
+    return _unit(_clipped(blocks, scheme.clip), scheme.epsilon_again, scheme.epsilon_outside_root)
 
 
 def _unit(blocks: Tensor, epsilon: float, added: bool) -> Tensor:

@@ -122,7 +122,7 @@ class BlockNorm:
             empty entry counts as 0; ``"L2"``: v / √(Σv² + ε²); ``"L2-Hys"``: L2, clipped, and L2 with ε₂ again.
         epsilon: ε, in votes at the spec's ``value_range``.
         epsilon_again: ε₂ of L2-Hys, without unit.
-        added: whether ε and ε₂ are added to the root of L2 and L2-Hys, √Σv² + ε, as in OpenCV.
+        epsilon_outside_root: whether ε and ε₂ are added to the root of L2 and L2-Hys, √Σv² + ε, as in OpenCV.
         clip: of L2-Hys.
     """
 
@@ -131,7 +131,7 @@ class BlockNorm:
     form: BlockForm = "L2-Hys"
     epsilon: float = 1e-5
     epsilon_again: float = 1e-5
-    added: bool = False
+    epsilon_outside_root: bool = False
     clip: float = 0.2
     kind: ClassVar[str] = "block"
 
@@ -141,8 +141,8 @@ class BlockNorm:
         check_choice("form", self.form, BlockForm)
         for name in ("epsilon", "epsilon_again", "clip"):
             check_positive(name, getattr(self, name))
-        if not isinstance(self.added, bool):
-            raise ValueError(f"added must be True or False, got {self.added!r}")
+        if not isinstance(self.epsilon_outside_root, bool):
+            raise ValueError(f"epsilon_outside_root must be True or False, got {self.epsilon_outside_root!r}")
 
     def channels(self, bins: int) -> int:
         """Descriptor channels made from ``bins`` orientation bins."""

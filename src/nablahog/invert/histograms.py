@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..hog.entries import SideBySide, cell_entries
+from ..hog.entries import CellAlignment, cell_entries
 from ..hog.kernels import steps
 from ..hog.normalizers import CellNorm, FourBlockNorm, GlobalNorm
 from ..hog.pooling import pooling_matrices
@@ -117,11 +117,11 @@ def _undo_blocks(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max_e
     """
     target = descriptor.permute(0, 3, 1, 2)
     batch = len(target)
-    side_by_side = SideBySide(spec, size, target)
+    alignment = CellAlignment(spec, size, target)
     known = cell_entries(descriptor, spec).clamp(min=0)
     if isinstance(spec.normalizer, FourBlockNorm) and spec.normalizer.outside == "drop":
         known = pad(known, (1, 1, 1, 1), mode="replicate")
-    known = side_by_side(known)
+    known = alignment(known)
     rows, cols = known.shape[2:]
     tiny = torch.finfo(target.dtype).tiny
     start = torch.log(known / known.amax(dim=(1, 2, 3), keepdim=True).clamp(min=tiny) + FLOOR)
@@ -132,7 +132,7 @@ def _undo_blocks(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max_e
 
     def histograms(unknowns: Tensor, index: Tensor) -> Tensor:
         level, entries = unknowns[:, : rows * cols], unknowns[:, rows * cols :].reshape(-1, spec.bins, rows, cols)
-        return side_by_side.back(torch.where(known[index] > 0, torch.exp(levels.image(level) + entries), 0))
+        return alignment.restore(torch.where(known[index] > 0, torch.exp(levels.image(level) + entries), 0))
 
     @torch.enable_grad()
     def objective(unknowns: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:

@@ -17,7 +17,7 @@ from torch import Tensor
 from torch.nn.functional import interpolate, pad
 
 from ..hog.descriptor import histograms
-from ..hog.entries import SideBySide
+from ..hog.entries import CellAlignment
 from ..hog.orientation import bin_angles
 from ..hog.pooling import pooling_matrices
 from ..hog.poolings import BilinearCells
@@ -50,7 +50,7 @@ def starting_images(
 def of_one_colour(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
     """Histograms (B, colours · bins, rows, cols) to the mean over colours, of cells side by side."""
     mean = votes.reshape(len(votes), spec.colours, spec.bins, *votes.shape[2:]).mean(dim=1)
-    return SideBySide(spec, size, votes)(mean)
+    return CellAlignment(spec, size, votes)(mean)
 
 
 def noise(like: Tensor, height: int, width: int, count: int, seed: int, spread: float = NOISE) -> Tensor:

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..hog.entries import SideBySide, cell_entries
+from ..hog.entries import CellAlignment, cell_entries
 from ..hog.normalize import normalize
 from ..hog.normalizers import FourBlockNorm
 from ..hog.spec import HOGSpec
@@ -54,8 +54,8 @@ def seen(
         raise ValueError(f"a template has no {'negative' if negative else 'positive'} weights of edges")
     if isinstance(spec.normalizer, FourBlockNorm) and spec.normalizer.outside == "drop":
         wanted = pad(wanted, (1, 1, 1, 1))  # nothing is wanted of the outermost cells
-    side_by_side = SideBySide(spec, size, wanted)
-    histograms = side_by_side.back(side_by_side(wanted)).repeat(1, spec.colours, 1, 1)
+    alignment = CellAlignment(spec, size, wanted)
+    histograms = alignment.restore(alignment(wanted)).repeat(1, spec.colours, 1, 1)
     found = normalize(at_nominal_contrast(histograms, spec, size), spec)
     return found.permute(0, 2, 3, 1).contiguous()
 

@@ -13,7 +13,7 @@ from PIL import Image, ImageDraw, ImageFont
 from scipy import ndimage
 
 from ..hog import BlockCells, FourBlockNorm, HOGSpec
-from ..hog.entries import SideBySide, cell_entries
+from ..hog.entries import CellAlignment, cell_entries
 from ..hog.orientation import bin_angles
 from ..io.images import Picture, as_array, to_pil
 
@@ -47,7 +47,7 @@ def edge_votes(descriptor: Picture, spec: HOGSpec) -> tuple[NDArray[np.float64],
         return votes, angles[: votes.shape[2]]
     entries = cell_entries(torch.from_numpy(values).unsqueeze(0), spec)
     if isinstance(spec.pooling, BlockCells):
-        entries = SideBySide(spec, spec.image_size(*values.shape[:2]), entries)(entries)
+        entries = CellAlignment(spec, spec.image_size(*values.shape[:2]), entries)(entries)
     return entries[0].permute(1, 2, 0).numpy(), angles
 
 

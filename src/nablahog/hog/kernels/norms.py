@@ -45,7 +45,7 @@ def rectangles(scheme: BlockNorm, real: Any) -> Blocks:
     """In float32 or float64, ``real``."""
     form = {"L1": _L1, "L1-sqrt": _L1_SQRT, "L2": _L2, "L2-Hys": _L2_HYS}[scheme.form]
     epsilons = real(scheme.epsilon), real(scheme.epsilon_again)
-    return Blocks(*scheme.block, *scheme.step, form, *epsilons, scheme.added, real(scheme.clip))
+    return Blocks(*scheme.block, *scheme.step, form, *epsilons, scheme.epsilon_outside_root, real(scheme.clip))
 
 
 @inlined

@@ -109,7 +109,7 @@ def opencv(
             step=cells,
             epsilon=0.1 * cells[0] * cells[1] * nbins,
             epsilon_again=1e-3,
-            added=True,
+            epsilon_outside_root=True,
             clip=l2hys_threshold,
         ),
         pooling=BlockCells(block, step, (block[0] + block[1]) / 8 if win_sigma <= 0 else win_sigma),
