@@ -28,7 +28,7 @@ from nablahog.invert.histograms import recover_histograms
 from nablahog.invert.multiscale import SCALES, level_spec, reconstruct_multiscale, scale_descriptors
 from nablahog.invert.preimage import to_unit_range
 from nablahog.invert.priors import Prior, Range, RelativeSmoothness, Smoothness, TotalVariation
-from nablahog.invert.search import Basis, Search
+from nablahog.invert.search import Basis, PreimageSearch
 from nablahog.invert.start import at_contrast
 from nablahog.optimize import Minimiser
 from photographs import photographs
@@ -53,7 +53,7 @@ class Assumptions:
 
 def as_published(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], a: Assumptions, start: Tensor) -> Tensor:
     """Images (B, 1, H, W) in 0…1 from (B, 1, H, W), the one objective from the one start."""
-    search = Search(descriptor, spec, size, a.priors, a.basis, a.minimiser, a.evaluations, None)
+    search = PreimageSearch(descriptor, spec, size, a.priors, a.basis, a.minimiser, a.evaluations, None)
     start = at_contrast(start, recover_histograms(descriptor, spec), spec)
     return to_unit_range(search.match(start.unsqueeze(1), None, a.evaluations)[:, 0], spec)
 
@@ -170,7 +170,7 @@ def our_variants(of: str) -> list[Variant]:
     def run_levels(more: bool, **options: Any) -> Callable[[Tensor], Tensor]:
         def levels(images: Tensor) -> Tensor:
             given = scale_descriptors(images, spec) if more else hog(images, spec)
-            return reconstruct_multiscale(given, spec, size_of(images), **options)[-1].found.image
+            return reconstruct_multiscale(given, spec, size_of(images), **options)[-1].reconstruction.image
 
         return levels
 

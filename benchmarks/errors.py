@@ -79,7 +79,7 @@ def distances_at_levels(images: Tensor, spec: HOGSpec) -> list[tuple[float, floa
         asked = (descriptor / level.scale**0.25 if fixes_contrast(spec) else descriptor).flatten(1)
         contrast = (own * asked).sum(dim=1, keepdim=True) / own.square().sum(dim=1, keepdim=True)
         distance = (contrast * own - asked).norm(dim=1) / asked.norm(dim=1)
-        rows.append((float(distance.mean()), float(level.found.distance.mean())))
+        rows.append((float(distance.mean()), float(level.reconstruction.distance.mean())))
     return rows
 
 
@@ -90,7 +90,7 @@ def methods() -> dict[str, Callable[[Tensor], Tensor]]:
     def levels(spec: HOGSpec, more: bool) -> Callable[[Tensor], Tensor]:
         def run(images: Tensor) -> Tensor:
             given = scale_descriptors(images, spec) if more else hog(images, spec)
-            return reconstruct_multiscale(given, spec, (images.shape[2], images.shape[3]))[-1].found.image
+            return reconstruct_multiscale(given, spec, (images.shape[2], images.shape[3]))[-1].reconstruction.image
 
         return run
 

@@ -58,8 +58,10 @@ def scales() -> None:
         row = [Panel(images[i, 0], name)]
         for variant, levels in variants.items():
             for level in levels:
-                height, width = level.found.image.shape[2:]
-                enlarged = level.found.image[i].repeat_interleave(128 // height, 1).repeat_interleave(128 // width, 2)
+                height, width = level.reconstruction.image.shape[2:]
+                enlarged = (
+                    level.reconstruction.image[i].repeat_interleave(128 // height, 1).repeat_interleave(128 // width, 2)
+                )
                 row.append(Panel(enlarged[0], f"{variant}, 1/{level.scale}"))
         rows.append(row)
     contact_sheet(rows, height=128).convert("L").save(HERE / "scales.png", optimize=True)

@@ -13,7 +13,7 @@ import torch
 
 from nablahog import presets, reconstruct
 from nablahog.hog.layout import from_layout
-from nablahog.invert.template import seen
+from nablahog.invert.template import template_descriptor
 from nablahog.viz.pictures import Panel, contact_sheet, glyphs
 
 DETECTORS = {
@@ -29,7 +29,7 @@ def main() -> None:
         vector = torch.from_numpy(np.asarray(weights_of(), np.float32).ravel()[:-1])  # the last is the bias
         weights = from_layout(vector[None], spec, size)
         for sign, negative in (("positive", False), ("negative", True)):
-            found = reconstruct(seen(weights, spec, size, negative=negative), spec, size)
+            found = reconstruct(template_descriptor(weights, spec, size, negative=negative), spec, size)
             drawn = glyphs((weights[0] * (-1 if negative else 1)).clamp(min=0), spec)
             row += [Panel(drawn, f"{name}, {sign}"), Panel(found.image[0, 0], "what they see")]
     contact_sheet([row], height=256).convert("L").save(Path(__file__).with_name("templates.png"), optimize=True)

@@ -16,7 +16,7 @@ from nablahog import HOGSpec, hog, presets
 from nablahog.invert import Level, reconstruct_multiscale, scale_descriptors
 from nablahog.invert.histograms import fixes_contrast, recover_histograms
 from nablahog.invert.multiscale import SCALES, level_spec
-from nablahog.invert.polarity import upright
+from nablahog.invert.polarity import fix_polarity
 
 from .photographs import photograph
 
@@ -39,7 +39,7 @@ def descriptors(image: Tensor, spec: HOGSpec, more: bool, scales: tuple[int, ...
 
 
 def distance(level: Level, descriptor: Tensor) -> Tensor:
-    residual = hog(level.found.image, level.spec) - descriptor
+    residual = hog(level.reconstruction.image, level.spec) - descriptor
     return residual.flatten(1).norm(dim=1) / descriptor.flatten(1).norm(dim=1)
 
 
@@ -115,17 +115,17 @@ def test_levels_grow_and_report_their_own_distance(
     levels = reconstruct_multiscale(given, spec, max_evaluations=BUDGET)
     assert [level.scale for level in levels] == [64, 16, 4, 1]
     for i, (level, factor) in enumerate(zip(levels, (8, 4, 2, 1), strict=True)):
-        assert level.found.image.shape == (1, 1, size[0] // factor, size[1] // factor)
+        assert level.reconstruction.image.shape == (1, 1, size[0] // factor, size[1] // factor)
         assert level.spec.cell_size == (cell[0] // factor, cell[1] // factor)
-        assert level.found.image.min() >= 0
-        assert level.found.image.max() <= 1
-        assert level.found.evaluations.max() <= (BUDGET if factor == 1 else BUDGET // 4)
+        assert level.reconstruction.image.min() >= 0
+        assert level.reconstruction.image.max() <= 1
+        assert level.reconstruction.evaluations.max() <= (BUDGET if factor == 1 else BUDGET // 4)
         if isinstance(given, list):
-            torch.testing.assert_close(level.found.distance, distance(level, given[i]))
+            torch.testing.assert_close(level.reconstruction.distance, distance(level, given[i]))
     assert levels[-1].spec == spec
     last = given[-1] if isinstance(given, list) else given
-    torch.testing.assert_close(levels[-1].found.distance, distance(levels[-1], last))
-    assert (levels[-1].found.distance < 0.8).all()
+    torch.testing.assert_close(levels[-1].reconstruction.distance, distance(levels[-1], last))
+    assert (levels[-1].reconstruction.distance < 0.8).all()
 
 
 @all_specs
@@ -134,7 +134,7 @@ def test_every_level_is_given_the_descriptor_at_the_contrast_of_its_size(spec: H
     for level in reconstruct_multiscale(descriptor, spec, max_evaluations=BUDGET):
         # a smaller image of the same contrast has steeper, but fewer gradients
         own = descriptor / level.scale**0.25 if fixes_contrast(spec) else descriptor
-        torch.testing.assert_close(level.found.distance, distance(level, own))
+        torch.testing.assert_close(level.reconstruction.distance, distance(level, own))
 
 
 def test_the_printed_normalisers_scale_is_that_of_a_smooth_image() -> None:
@@ -152,12 +152,12 @@ def test_a_photograph_comes_back(spec: HOGSpec, more: bool) -> None:
     levels = reconstruct_multiscale(
         descriptors(image, spec, more, (16, 4, 1)), spec, scales=(16, 4, 1), max_evaluations=60
     )
-    assert levels[-1].found.distance[0] < 0.35
+    assert levels[-1].reconstruction.distance[0] < 0.35
     if spec.signed:
-        assert correlation(levels[-1].found.image, image) > 0.85
-        assert correlation(levels[0].found.image, avg_pool2d(image, 4)) > 0.8
+        assert correlation(levels[-1].reconstruction.image, image) > 0.85
+        assert correlation(levels[0].reconstruction.image, avg_pool2d(image, 4)) > 0.8
     for small, large in pairwise(levels):  # each begins where the one before ended
-        assert correlation(small.found.image, avg_pool2d(large.found.image, 2)) > 0.7
+        assert correlation(small.reconstruction.image, avg_pool2d(large.reconstruction.image, 2)) > 0.7
 
 
 @all_specs
@@ -171,7 +171,7 @@ def test_progress_rises_over_all_levels_and_stays_in_the_budget(spec: HOGSpec, m
     assert done == sorted(set(done))
     assert {most for _, most in calls} == {3 * 5 + 20}
     assert done[0] >= 1
-    assert done[-1] == 15 + levels[-1].found.evaluations.max() <= 35
+    assert done[-1] == 15 + levels[-1].reconstruction.evaluations.max() <= 35
 
 
 def test_a_flat_image_ends_every_level_early_and_progress_still_rises() -> None:
@@ -180,8 +180,8 @@ def test_a_flat_image_ends_every_level_early_and_progress_still_rises() -> None:
     flat = hog(torch.full((1, 1, 32, 32), 0.7), spec)
     levels = reconstruct_multiscale(flat, spec, progress=lambda done, most: calls.append(done))
     assert calls == sorted(set(calls))
-    assert all(level.found.distance.item() == 0 for level in levels)
-    assert levels[-1].found.image.unique().numel() == 1
+    assert all(level.reconstruction.distance.item() == 0 for level in levels)
+    assert levels[-1].reconstruction.image.unique().numel() == 1
 
 
 @pytest.mark.parametrize("name", ["paper", "paper-robust"])
@@ -189,8 +189,8 @@ def test_a_level_without_texture_does_not_end_those_after_it(name: str) -> None:
     y, x = torch.meshgrid(torch.arange(32), torch.arange(32), indexing="ij")
     checkers = (0.2 + 0.6 * ((x // 2 + y // 2) % 2))[None, None]  # gray but for the last two levels
     found = reconstruct_multiscale(scale_descriptors(checkers, SPECS[name]), SPECS[name], max_evaluations=40)
-    assert found[-2].found.distance.item() < 0.9
-    assert found[-1].found.distance.item() < 0.5
+    assert found[-2].reconstruction.distance.item() < 0.9
+    assert found[-1].reconstruction.distance.item() < 0.5
 
 
 @all_specs
@@ -199,17 +199,17 @@ def test_scales_of_choice(spec: HOGSpec, more: bool) -> None:
     image = photograph(48)[..., :40]
     levels = reconstruct_multiscale(descriptors(image, spec, more, (4, 1)), spec, scales=(4, 1), max_evaluations=8)
     assert [level.scale for level in levels] == [4, 1]
-    assert [tuple(level.found.image.shape[2:]) for level in levels] == [(24, 20), (48, 40)]
+    assert [tuple(level.reconstruction.image.shape[2:]) for level in levels] == [(24, 20), (48, 40)]
     assert [level.spec.cell_size for level in levels] == [(4, 4), (8, 8)]
-    assert [int(level.found.evaluations) for level in levels] == [2, 8]
+    assert [int(level.reconstruction.evaluations) for level in levels] == [2, 8]
 
 
 def test_partial_cells_where_the_size_is_given() -> None:
     spec = dataclasses.replace(SPECS["signed"], partial_cells="ceil")
     image = photograph(64)[..., :44, :52]  # 5.5 and 6.5 cells, rounded up
     levels = reconstruct_multiscale(hog(image, spec), spec, (44, 52), scales=(4, 1), max_evaluations=8)
-    assert levels[-1].found.image.shape == (1, 1, 44, 52)
-    assert levels[0].found.image.shape == (1, 1, 22, 26)
+    assert levels[-1].reconstruction.image.shape == (1, 1, 44, 52)
+    assert levels[0].reconstruction.image.shape == (1, 1, 22, 26)
 
 
 @pytest.mark.parametrize("name", ["signed", "paper"])
@@ -220,8 +220,8 @@ def test_same_seed_same_images(name: str) -> None:
         reconstruct_multiscale(descriptor, spec, scales=(4, 1), seed=s, max_evaluations=8) for s in (0, 0, 1)
     )
     for a, b, c in zip(first, again, other, strict=True):
-        assert torch.equal(a.found.image, b.found.image)
-        assert not torch.equal(a.found.image, c.found.image)
+        assert torch.equal(a.reconstruction.image, b.reconstruction.image)
+        assert not torch.equal(a.reconstruction.image, c.reconstruction.image)
 
 
 @pytest.mark.parametrize("name", ["signed", "paper"])
@@ -236,8 +236,8 @@ def test_batch_equals_loop(name: str, more: bool) -> None:
     together = run(images)
     for i in range(2):
         for level, alone in zip(together, run(images[i : i + 1]), strict=True):
-            assert level.found.image.dtype == torch.float64
-            torch.testing.assert_close(level.found.image[i], alone.found.image[0], atol=1e-5, rtol=0)
+            assert level.reconstruction.image.dtype == torch.float64
+            torch.testing.assert_close(level.reconstruction.image[i], alone.reconstruction.image[0], atol=1e-5, rtol=0)
 
 
 @pytest.mark.parametrize("name", ["paper", "paper-robust"])
@@ -249,11 +249,11 @@ def test_the_last_level_decides_the_polarity_of_all(name: str) -> None:
             reconstruct_multiscale(descriptor, spec, scales=(4, 1), max_evaluations=BUDGET, polarity=p)
             for p in (False, True)
         )
-        assert torch.equal(chosen[-1].found.image, upright(found[-1].found.image))
-        turned = not torch.equal(chosen[-1].found.image, found[-1].found.image)
+        assert torch.equal(chosen[-1].reconstruction.image, fix_polarity(found[-1].reconstruction.image))
+        turned = not torch.equal(chosen[-1].reconstruction.image, found[-1].reconstruction.image)
         for a, b in zip(found, chosen, strict=True):
-            assert torch.equal(b.found.image, 1 - a.found.image if turned else a.found.image)
-            torch.testing.assert_close(a.found.distance, b.found.distance)
+            assert torch.equal(b.reconstruction.image, 1 - a.reconstruction.image if turned else a.reconstruction.image)
+            torch.testing.assert_close(a.reconstruction.distance, b.reconstruction.distance)
 
 
 def test_closeness_keeps_levels_together() -> None:
@@ -264,7 +264,7 @@ def test_closeness_keeps_levels_together() -> None:
         small, large = reconstruct_multiscale(
             descriptor, spec, scales=(4, 1), max_evaluations=40, closeness=closeness, polarity=False
         )
-        return correlation(small.found.image, avg_pool2d(large.found.image, 2))
+        return correlation(small.reconstruction.image, avg_pool2d(large.reconstruction.image, 2))
 
     assert agreement(10.0) > agreement(0.0)
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from nablahog.invert.polarity import WEIGHTS, brightness_cues, looks_negative, negated, upright
+from nablahog.invert.polarity import WEIGHTS, brightness_cues, fix_polarity, looks_negative, negated
 
 from .photographs import photograph
 
@@ -37,7 +37,7 @@ def test_every_cue_changes_its_sign_with_the_image(height: int, width: int, seed
     assert cues.shape == (2, 4)
     torch.testing.assert_close(brightness_cues(1 - image), -cues, atol=1e-6, rtol=1e-6)
     decided = (cues @ torch.tensor(WEIGHTS, dtype=torch.float64)).abs() > 1e-6
-    torch.testing.assert_close(upright(1 - image)[decided], upright(image)[decided])
+    torch.testing.assert_close(fix_polarity(1 - image)[decided], fix_polarity(image)[decided])
 
 
 @pytest.mark.parametrize("name", ["camera", "coins", "coffee", "astronaut", "page", "moon"])
@@ -61,8 +61,8 @@ def test_images_of_a_few_pixels_and_constant_ones_have_finite_cues(size: tuple[i
         assert cues.shape == (1, 4)
         assert cues.dtype == dtype
         assert torch.isfinite(cues).all()
-        assert upright(image).shape == image.shape
-        assert upright(image).dtype == dtype
+        assert fix_polarity(image).shape == image.shape
+        assert fix_polarity(image).dtype == dtype
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
@@ -70,13 +70,13 @@ def test_a_constant_image_says_nothing(dtype: torch.dtype) -> None:
     for gray in (0.1, 0.3, 0.5, 0.7, 0.9):
         image = torch.full((1, 1, 16, 16), gray, dtype=dtype)
         assert (brightness_cues(image) == 0).all()
-        assert torch.equal(upright(image), image)
+        assert torch.equal(fix_polarity(image), image)
 
 
 def test_each_image_of_a_batch_is_judged_by_itself() -> None:
     images = torch.cat([sky(), 1 - sky(), noise(64, 64), photograph(64).double()])
     torch.testing.assert_close(brightness_cues(images), torch.cat([brightness_cues(image[None]) for image in images]))
-    assert torch.equal(upright(images), torch.cat([upright(image[None]) for image in images]))
+    assert torch.equal(fix_polarity(images), torch.cat([fix_polarity(image[None]) for image in images]))
 
 
 def test_upright_is_the_image_or_its_negative_by_the_sum_of_the_cues() -> None:
@@ -85,10 +85,10 @@ def test_upright_is_the_image_or_its_negative_by_the_sum_of_the_cues() -> None:
     images = torch.cat([images, 1 - images])
     score = (brightness_cues(images) * torch.tensor(WEIGHTS)).sum(dim=1)
     assert torch.equal(looks_negative(images), score < 0)
-    for image, made, number in zip(images, upright(images), score, strict=True):
+    for image, made, number in zip(images, fix_polarity(images), score, strict=True):
         assert torch.equal(made, image if number >= 0 else 1 - image)
-    torch.testing.assert_close(upright(upright(images)), upright(images))
-    torch.testing.assert_close(upright(1 - images), upright(images))
+    torch.testing.assert_close(fix_polarity(fix_polarity(images)), fix_polarity(images))
+    torch.testing.assert_close(fix_polarity(1 - images), fix_polarity(images))
 
 
 def test_negated_is_the_negative_where_asked() -> None:
@@ -102,8 +102,8 @@ def test_a_flat_sky_is_bright() -> None:
     exactly_flat, flat, _, _ = brightness_cues(image)[0]
     assert exactly_flat > 0.7
     assert flat > 0.7
-    assert torch.equal(upright(image), image)
-    torch.testing.assert_close(upright(1 - image), image)
+    assert torch.equal(fix_polarity(image), image)
+    torch.testing.assert_close(fix_polarity(1 - image), image)
 
 
 def test_a_sky_that_is_not_exactly_flat() -> None:
@@ -112,7 +112,7 @@ def test_a_sky_that_is_not_exactly_flat() -> None:
     exactly_flat, flat, _, _ = brightness_cues(image)[0]
     assert exactly_flat == 0
     assert flat > 0.7
-    torch.testing.assert_close(upright(1 - image), image)
+    torch.testing.assert_close(fix_polarity(1 - image), image)
 
 
 def test_one_flat_patch_in_a_hundred_says_nothing() -> None:

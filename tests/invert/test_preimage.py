@@ -14,7 +14,7 @@ from nablahog import HOGSpec, hog, presets, reconstruct
 from nablahog.hog import FourBlockNorm
 from nablahog.invert.histograms import recover_histograms
 from nablahog.invert.parameterize import low_pass
-from nablahog.invert.polarity import upright
+from nablahog.invert.polarity import fix_polarity
 from nablahog.invert.preimage import LEAST_EVALUATIONS, SHARE_OF_SAMPLES
 from nablahog.invert.start import at_contrast
 from nablahog.optimize import minimise
@@ -283,7 +283,7 @@ def test_polarity_chooses_between_an_image_and_its_negative() -> None:
         found = reconstruct(descriptor, SPECS["paper"], max_evaluations=30, polarity=False)
         chosen = reconstruct(descriptor, SPECS["paper"], max_evaluations=30)
         assert torch.equal(chosen.image, found.image) or torch.equal(chosen.image, 1 - found.image)
-        assert torch.equal(chosen.image, upright(found.image))
+        assert torch.equal(chosen.image, fix_polarity(found.image))
         torch.testing.assert_close(chosen.distance, found.distance)
         assert torch.equal(chosen.history, found.history)
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from nablahog import hog, presets
 from nablahog.invert.histograms import recover_histograms
 from nablahog.invert.priors import RelativeSmoothness
-from nablahog.invert.search import Search
+from nablahog.invert.search import PreimageSearch
 from nablahog.invert.start import noise
 from nablahog.optimize import Minimiser
 
@@ -29,8 +29,10 @@ def search(
     budget: int = 100,
     minimiser: Minimiser = "lbfgs",
     progress: Callable[[int, int], None] | None = None,
-) -> Search:
-    return Search(descriptors, SPEC, (32, 32), [RelativeSmoothness(0.02)], "cosine", minimiser, budget, progress)
+) -> PreimageSearch:
+    return PreimageSearch(
+        descriptors, SPEC, (32, 32), [RelativeSmoothness(0.02)], "cosine", minimiser, budget, progress
+    )
 
 
 def starts(count: int) -> Tensor:
@@ -159,4 +161,4 @@ def test_what_is_found_is_closer_than_the_start_and_not_far_from_what_is_expecte
 
 def test_unknown_basis() -> None:
     with pytest.raises(ValueError, match="'cosine', 'pixels', got 'wavelets'"):
-        Search(DESCRIPTORS, SPEC, (32, 32), [], "wavelets", "lbfgs", 10, None)  # type: ignore[arg-type]
+        PreimageSearch(DESCRIPTORS, SPEC, (32, 32), [], "wavelets", "lbfgs", 10, None)  # type: ignore[arg-type]

@@ -12,7 +12,7 @@ from torch import Tensor
 from nablahog import hog, presets, reconstruct
 from nablahog.hog import HOGSpec
 from nablahog.hog.entries import cell_entries
-from nablahog.invert.template import seen
+from nablahog.invert.template import template_descriptor
 
 SPECS: dict[str, HOGSpec] = {
     "dpm": presets.dpm(4),
@@ -38,7 +38,7 @@ def template(spec: HOGSpec) -> Tensor:
 @pytest.mark.parametrize("name", [name for name in SPECS if name != "paper"])  # whose signs are anybody's guess
 def test_what_is_seen_has_the_shape_in_it(name: str) -> None:
     spec = SPECS[name]
-    descriptor = seen(template(spec), spec)
+    descriptor = template_descriptor(template(spec), spec)
     assert descriptor.shape == (1, *spec.grid(40, 40), spec.channels)
     assert torch.isfinite(descriptor).all()
     assert (descriptor >= 0).all()
@@ -50,25 +50,27 @@ def test_what_is_seen_has_the_shape_in_it(name: str) -> None:
 def test_only_one_sign_counts(name: str) -> None:
     spec = SPECS[name]
     weights = template(spec)
-    torch.testing.assert_close(seen(weights, spec, negative=True), seen(-weights, spec))
-    torch.testing.assert_close(seen(3 * weights, spec), seen(weights, spec), rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(template_descriptor(weights, spec, negative=True), template_descriptor(-weights, spec))
+    torch.testing.assert_close(
+        template_descriptor(3 * weights, spec), template_descriptor(weights, spec), rtol=1e-4, atol=1e-5
+    )
 
 
 def test_a_weight_becomes_an_edge_of_its_cell_and_bin() -> None:
     spec = presets.uoctti(4)
     weights = torch.full((1, 10, 10, spec.channels), -1.0)
     weights[0, 4, 6, 3] = 1.0
-    entries = cell_entries(seen(weights, spec), spec)[0]
+    entries = cell_entries(template_descriptor(weights, spec), spec)[0]
     assert torch.nonzero(entries).tolist() == [[3, 4, 6]]
 
 
 def test_refusals() -> None:
     spec = presets.uoctti(4)
     with pytest.raises(ValueError, match=r"must have shape \(10, 10, 31\) .*, got \(10, 10, 32\)"):
-        seen(torch.ones(1, 10, 10, 32), spec)
+        template_descriptor(torch.ones(1, 10, 10, 32), spec)
     with pytest.raises(ValueError, match="the weights must be finite, got NaN or Inf"):
-        seen(torch.full((1, 10, 10, 31), math.nan), spec)
+        template_descriptor(torch.full((1, 10, 10, 31), math.nan), spec)
     with pytest.raises(ValueError, match="a template has no positive weights of edges"):
-        seen(-torch.ones(1, 10, 10, 31), spec)
+        template_descriptor(-torch.ones(1, 10, 10, 31), spec)
     with pytest.raises(ValueError, match="a template has no negative weights of edges"):
-        seen(torch.ones(1, 10, 10, 31), spec, negative=True)
+        template_descriptor(torch.ones(1, 10, 10, 31), spec, negative=True)

@@ -14,9 +14,8 @@ from nablahog.invert.flat import FlatRegions
 from nablahog.invert.objective import PreimageObjective
 from nablahog.invert.parameterize import Pixels
 from nablahog.invert.priors import Norm, RelativeSmoothness
-from nablahog.optimize import dogleg
+from nablahog.optimize import StopReason, dogleg
 from nablahog.optimize.gauss_newton import GaussNewtonSteps, Linearization
-from nablahog.optimize.result import BUDGET, GRADIENT, ITERATIONS, NOT_FINITE, PROGRESS, RADIUS, STEP
 
 from . import chumpy
 from .problems import CASES, SumOfSquares, beale, exponentials, mixed, only, powell_singular, rosenbrock
@@ -130,13 +129,13 @@ def test_singular_equations_give_the_shortest_step() -> None:
     torch.testing.assert_close(steps.image[0], A @ steps.step[0])
     # and the whole search stops there, as no step lowers the value any more
     found = dogleg(problem, start, cg_tolerance=1e-12, gradient_tolerance=1e-12)
-    assert found.stop_reason == [GRADIENT]
+    assert found.stop_reason == [StopReason.GRADIENT]
     torch.testing.assert_close(found.x[0], torch.linalg.pinv(A) @ b)
 
 
 def test_a_jacobian_that_vanishes_at_the_minimum() -> None:
     found = dogleg(SumOfSquares(lambda x, index: powell_singular(x)), torch.tensor([[3.0, -1, 0, 1]]).double())
-    assert found.stop_reason == [GRADIENT]
+    assert found.stop_reason == [StopReason.GRADIENT]
     assert found.x.abs().max() < 1e-4
 
 
@@ -149,17 +148,19 @@ def test_a_gradient_that_lies_collapses_the_radius() -> None:
     problem = Liar(lambda x, index: x - 3)
     start = torch.ones(2, 3, dtype=torch.float64)
     found = dogleg(problem, start)
-    assert found.stop_reason == [RADIUS] * 2
+    assert found.stop_reason == [StopReason.RADIUS] * 2
     assert torch.equal(found.x, start)
-    assert dogleg(problem, start, radius=1e-16).stop_reason == [STEP] * 2
+    assert dogleg(problem, start, radius=1e-16).stop_reason == [StopReason.STEP] * 2
 
 
 def test_stops_on_iterations_and_on_progress() -> None:
     start = torch.tensor([[-1.2, 1.0]]).double()
-    assert dogleg(SumOfSquares(lambda x, i: rosenbrock(x)), start, max_iterations=3).stop_reason == [ITERATIONS]
+    assert dogleg(SumOfSquares(lambda x, i: rosenbrock(x)), start, max_iterations=3).stop_reason == [
+        StopReason.ITERATIONS
+    ]
     problem = SumOfSquares(lambda x, i: exponentials(x))  # at its minimum, residuals remain
     found = dogleg(problem, torch.ones(1, 3, dtype=torch.float64), progress_tolerance=1e-3)
-    assert found.stop_reason == [PROGRESS]
+    assert found.stop_reason == [StopReason.PROGRESS]
     assert found.value < found.history[-2]
 
 
@@ -187,7 +188,7 @@ def test_the_budget_counts_products_too(budget: int) -> None:
     assert halves <= 2 * budget
     assert found.evaluations.tolist() == [(halves + 1) // 2]
     assert found.history.shape == (int(found.evaluations[0]), 1)
-    assert found.stop_reason == [BUDGET]
+    assert found.stop_reason == [StopReason.BUDGET]
     if budget >= 3:  # conjugate gradients were cut short, and their step tried
         assert len(problem.points) >= 2
 
@@ -210,7 +211,7 @@ def test_derivatives_that_are_not_finite() -> None:
     # √x at 0 and below
     problem = SumOfSquares(lambda x, index: x.sqrt() - 2)
     found = dogleg(problem, torch.tensor([[0.0], [-1.0], [0.5]]).double())
-    assert found.stop_reason[:2] == [NOT_FINITE] * 2
+    assert found.stop_reason[:2] == [StopReason.NOT_FINITE] * 2
     assert found.x[:2].flatten().tolist() == [0, -1]
     torch.testing.assert_close(found.x[2].item(), 4.0)
 

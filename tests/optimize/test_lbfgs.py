@@ -8,14 +8,13 @@ import pytest
 import torch
 from torch import Tensor
 
-from nablahog.optimize import Minimum, Objective, lbfgs
+from nablahog.optimize import Minimum, ObjectiveFunction, StopReason, lbfgs
 from nablahog.optimize.lbfgs import _Numbers
-from nablahog.optimize.loops import CompiledVectors
-from nablahog.optimize.result import BUDGET, GRADIENT, LINE_SEARCH, PROGRESS
-from nablahog.optimize.vectors import Vectors
+from nablahog.optimize.lbfgs_kernels import CompiledVectors
+from nablahog.optimize.lbfgs_vectors import Vectors
 
 
-def problem(function: Callable[[Tensor], Tensor]) -> Objective:
+def problem(function: Callable[[Tensor], Tensor]) -> ObjectiveFunction:
     """An objective from a function of points (A, N) to values (A,)."""
 
     def objective(x: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
@@ -46,7 +45,7 @@ def logistic(x: Tensor) -> Tensor:
 @pytest.mark.parametrize(("function", "n"), [(quadratic, 50), (rosenbrock, 2), (logistic, 20)])
 def test_reaches_the_known_minimum(function: Callable[[Tensor], Tensor], n: int) -> None:
     found = lbfgs(problem(function), starts(5, n), max_evaluations=500, gradient_tolerance=1e-7)
-    assert found.stop_reason == [GRADIENT] * 5
+    assert found.stop_reason == [StopReason.GRADIENT] * 5
     for row in found.x:  # the gradient vanishes there, by an independent evaluation
         assert torch.func.grad(lambda x: function(x[None])[0])(row).abs().max() <= 1e-7
     if function is rosenbrock:
@@ -80,7 +79,7 @@ def test_each_problem_ends_where_it_would_alone(n: int) -> None:
     for i in range(9):
         alone = found(slice(i, i + 1))
         torch.testing.assert_close(together.x[i], alone.x[0])
-        assert together.stop_reason[i] == alone.stop_reason[0] == GRADIENT
+        assert together.stop_reason[i] == alone.stop_reason[0] == StopReason.GRADIENT
         assert together.evaluations[i] == alone.evaluations[0]
         torch.testing.assert_close(together.history[: len(alone.history), i], alone.history[:, 0])
         assert (together.history[len(alone.history) :, i] == together.history[-1, i]).all()
@@ -157,7 +156,7 @@ def test_budget_is_kept_and_the_result_never_worse_than_the_start() -> None:
     found = lbfgs(counted, start, max_evaluations=7)
     assert calls == 7
     assert found.evaluations.tolist() == [7] * 3
-    assert found.stop_reason == [BUDGET] * 3
+    assert found.stop_reason == [StopReason.BUDGET] * 3
     assert found.history.shape == (7, 3)
     assert (found.history.diff(dim=0) <= 0).all()
     assert (found.value < rosenbrock(start)).all()
@@ -178,16 +177,16 @@ def test_each_problem_stops_for_its_own_reason() -> None:
         return (scale[index] * x.square()).sum(1), 2 * scale[index] * x
 
     found = lbfgs(objective, starts(2, 3), max_evaluations=50, progress_tolerance=1e-3)
-    assert found.stop_reason[0] == GRADIENT
+    assert found.stop_reason[0] == StopReason.GRADIENT
     assert found.evaluations[0] < found.evaluations[1]
     slow = lbfgs(problem(lambda x: 1 + quadratic(x)), starts(1, 50), max_evaluations=500, progress_tolerance=1e-3)
-    assert slow.stop_reason == [PROGRESS]
+    assert slow.stop_reason == [StopReason.PROGRESS]
     assert slow.evaluations[0] < 500
 
 
 def test_a_gradient_that_lies_ends_the_line_search() -> None:
     found = lbfgs(lambda x, index: (x.square().sum(1), -2 * x), starts(1, 3), max_evaluations=500)
-    assert found.stop_reason == [LINE_SEARCH]
+    assert found.stop_reason == [StopReason.LINE_SEARCH]
 
 
 def test_steps_into_nan_are_taken_back() -> None:

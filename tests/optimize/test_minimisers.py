@@ -8,8 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from nablahog.optimize import Minimiser, minimise
-from nablahog.optimize.result import BUDGET, GRADIENT, PROGRESS
+from nablahog.optimize import Minimiser, StopReason, minimise
 
 from .problems import CASES, SumOfSquares, mixed, only
 
@@ -55,7 +54,7 @@ def test_budget_and_watch(name: Minimiser, budget: int) -> None:
     assert found.evaluations.max() <= budget
     assert found.history.shape == (int(found.evaluations.max()), 3)
     if budget <= 7:
-        assert found.stop_reason == [BUDGET] * 3
+        assert found.stop_reason == [StopReason.BUDGET] * 3
     # once for each call of the objective
     assert len(seen) == len(problem.points)
     assert seen[0] == ([0, 1, 2], [1, 1, 1])
@@ -82,7 +81,7 @@ def test_a_constant_problem_stops_at_once_and_no_other_does(name: Minimiser) -> 
     problem = SumOfSquares(lambda x, index: scale[index] * x**2 + 1)
     start = torch.full((2, 3), 2.0, dtype=torch.float64)
     found = minimise(name, problem, start, max_evaluations=40)
-    assert found.stop_reason[0] == GRADIENT
+    assert found.stop_reason[0] == StopReason.GRADIENT
     assert found.evaluations[0] <= 2
     assert torch.equal(found.x[0], start[0])
     assert found.evaluations[1] > 5
@@ -95,7 +94,7 @@ def test_stops_when_there_is_no_progress(name: Minimiser) -> None:
         lambda x, index: torch.cat([CASES["long"].residuals(x), torch.ones(len(x), 1)], dim=1).double()
     )
     found = minimise(name, problem, CASES["long"].points(), max_evaluations=2000, progress_tolerance=1e-3)
-    assert found.stop_reason == [PROGRESS]
+    assert found.stop_reason == [StopReason.PROGRESS]
     assert found.value < 1.1
 
 
@@ -104,7 +103,7 @@ def test_stops_when_the_gradient_is_small(name: Minimiser) -> None:
     found = minimise(
         name, CASES["beale"].problem(), CASES["beale"].points(), max_evaluations=2000, gradient_tolerance=1e-3
     )
-    assert found.stop_reason == [GRADIENT]
+    assert found.stop_reason == [StopReason.GRADIENT]
     _, gradient = CASES["beale"].problem()(found.x, torch.tensor([0]))
     assert gradient.abs().max() <= 2e-3  # of the dogleg it is half the gradient
 

@@ -104,7 +104,8 @@ def _multi_scale(image: Tensor, settings: Settings, *, spec: HOGSpec, more: bool
     descriptors = scale_descriptors(image, spec, SCALES) if more else hog(image, spec)
     found = reconstruct_multiscale(descriptors, spec, size, scales=SCALES, seed=settings.seed, **_limit(settings))
     levels = [
-        Found(enlarge(level.found.image, *size)[0, 0].clamp(0, 1), float(level.found.distance[0])) for level in found
+        Found(enlarge(level.reconstruction.image, *size)[0, 0].clamp(0, 1), float(level.reconstruction.distance[0]))
+        for level in found
     ]
     return [levels[-1], *levels]
 

@@ -40,12 +40,12 @@ class Level:
     Attributes:
         scale: s, the image's pixels over the level's.
         spec: the dialect with the level's cells.
-        found: the pre-images of the level's size.
+        reconstruction: the pre-images of the level's size.
     """
 
     scale: int
     spec: HOGSpec
-    found: Reconstruction
+    reconstruction: Reconstruction
 
 
 def level_spec(spec: HOGSpec, scale: int, image_size: tuple[int, int]) -> tuple[HOGSpec, tuple[int, int]]:
@@ -138,7 +138,7 @@ def reconstruct_multiscale(
     for scale, descriptor, (small, small_size), budget in zip(scales, several, plan, budgets, strict=True):
         given: dict[str, Any] = {"closeness": closeness, "polarity": False, **({} if spec.signed else {"samples": 1})}
         if levels:
-            given["start" if spec.signed else "expected"] = enlarge(levels[-1].found.image, *small_size)
+            given["start" if spec.signed else "expected"] = enlarge(levels[-1].reconstruction.image, *small_size)
         elif not more:
             given["start"] = _first_start(descriptor, spec, size, small_size, seed)
         if not more and fixes_contrast(spec):
@@ -160,12 +160,12 @@ def reconstruct_multiscale(
 
 def _upright(levels: list[Level], descriptors: Sequence[Tensor]) -> list[Level]:
     """Each image or its negative: what the last level looks like, which shows most, decides for all."""
-    negative = looks_negative(levels[-1].found.image)
+    negative = looks_negative(levels[-1].reconstruction.image)
     upright = []
     for level, descriptor in zip(levels, descriptors, strict=True):
-        image = negated(level.found.image, negative)
+        image = negated(level.reconstruction.image, negative)
         distance = relative_distance(image, descriptor, level.spec)
-        upright.append(replace(level, found=replace(level.found, image=image, distance=distance)))
+        upright.append(replace(level, reconstruction=replace(level.reconstruction, image=image, distance=distance)))
     return upright
 
 

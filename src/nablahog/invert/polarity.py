@@ -55,7 +55,7 @@ def negated(image: Tensor, which: Tensor) -> Tensor:
     return torch.where(which.reshape(-1, 1, 1, 1), 1 - image, image)
 
 
-def upright(image: Tensor) -> Tensor:
+def fix_polarity(image: Tensor) -> Tensor:
     """Images (B, 1, H, W) in 0…1, each replaced by its negative where that looks more like a photograph."""
     return negated(image, looks_negative(image))
 

@@ -11,14 +11,14 @@ from torch import Tensor
 
 from ..hog.descriptor import hog
 from ..hog.spec import HOGSpec
-from ..optimize import Minimiser
+from ..optimize import Minimiser, StopReason
 from .histograms import fixes_contrast, recover_histograms, searchable
 from .objective import squared_norm
 from .parameterize import low_pass
-from .polarity import upright
+from .polarity import fix_polarity
 from .priors import Prior, Range, RelativeSmoothness
 from .quality import QualityName, quality_of
-from .search import Basis, Search
+from .search import Basis, PreimageSearch
 from .start import NOISE, at_contrast, in_pairs, noise, starting_images
 
 SHARE_OF_SAMPLES = 0.7  # of the evaluations, the rest goes to the descriptor itself
@@ -39,7 +39,7 @@ class Reconstruction:
     Attributes:
         image: (B, 1, H, W) in 0…1.
         distance: (B,), ‖φ(image) - descriptor‖ / ‖descriptor‖, of exactly this image.
-        stop_reason: why the search for each image ended.
+        stop_reason: why the search for each image ended; a sentence where no minimiser ended it.
         history: (evaluations, B), the relative distance of the image evaluated last, after each evaluation; a search
             that has ended repeats its last.
         evaluations: (B,), operator evaluations spent on each image, one forward and backward; a product of the Jacobian
@@ -49,7 +49,7 @@ class Reconstruction:
 
     image: Tensor
     distance: Tensor
-    stop_reason: list[str]
+    stop_reason: list[StopReason] | list[str]
     history: Tensor
     evaluations: Tensor
     seconds: float
@@ -166,7 +166,9 @@ def reconstruct(
     for number, part in enumerate(parts):
         begins, expects = (None if given is None else given[part] for given in (start, expected))
         report = None if progress is None else _over_parts(progress, number, len(parts))
-        search = Search(descriptor[part], spec, (height, width), priors, basis, minimiser, max_evaluations, report)
+        search = PreimageSearch(
+            descriptor[part], spec, (height, width), priors, basis, minimiser, max_evaluations, report
+        )
         votes = recover_histograms(search.descriptor, spec, (height, width), max_evaluations=effort.on_histograms)
         if expects is None and begins is None and not spec.signed:
             if region_signs:
@@ -177,7 +179,7 @@ def reconstruct(
         searches.append(search)
     image = to_unit_range(torch.cat(images), spec)
     if polarity and not spec.signed:
-        image = upright(image)
+        image = fix_polarity(image)
     if rooted:
         image = image.square()
     length = max(len(search.history()) for search in searches)
@@ -192,7 +194,7 @@ def reconstruct(
 
 
 def _found(
-    search: Search,
+    search: PreimageSearch,
     votes: Tensor,
     start: Tensor | None,
     expected: Tensor | None,

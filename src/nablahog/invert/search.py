@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ..hog.spec import HOGSpec
-from ..optimize import History, Minimiser, minimise
+from ..optimize import History, Minimiser, StopReason, minimise
 from .flat import FlatRegions
 from .objective import PreimageObjective
 from .parameterize import CosineBasis, Parameterization, Pixels
@@ -19,7 +19,7 @@ Basis: TypeAlias = Literal["cosine", "pixels"]
 EXPONENT = 0.75  # of the cosine basis: 1 converges first in the large, 0.5 in the small
 
 
-class Search:
+class PreimageSearch:
     """Finds images of given histograms or descriptors from given starts, several for each descriptor.
 
     Args:
@@ -57,7 +57,7 @@ class Search:
         self.max_evaluations, self.progress = max_evaluations, progress
         batch = len(descriptor)
         self.evaluations = torch.zeros(batch, dtype=torch.long, device=descriptor.device)
-        self.stop_reason: list[str] = []
+        self.stop_reason: list[StopReason] = []
         self._history = History(descriptor, batch)
         self._done = self._given = 0
 

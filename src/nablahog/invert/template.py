@@ -20,7 +20,7 @@ from .histograms import at_nominal_contrast
 EMPHASIS = 2.0  # power of the weights: a few strong ones make the shape, and many weak ones only noise
 
 
-def seen(
+def template_descriptor(
     weights: Tensor, spec: HOGSpec, image_size: tuple[int, int] | None = None, *, negative: bool = False
 ) -> Tensor:
     """Descriptors of images whose histograms are what templates want, or, if ``negative``, what they do not want.

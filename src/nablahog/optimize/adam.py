@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from .descent import descend
-from .result import Minimum, Objective, Watch
+from .result import Minimum, ObjectiveFunction, Watch
 
 
 class _Moments:
@@ -36,7 +36,7 @@ class _Moments:
 
 
 def adam(
-    objective: Objective,
+    objective: ObjectiveFunction,
     start: Tensor,
     *,
     max_evaluations: int = 300,

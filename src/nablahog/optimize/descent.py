@@ -12,7 +12,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from .result import BUDGET, GRADIENT, NOT_FINITE, PROGRESS, STEP, WINDOW, Minimum, Objective, Watch
+from .result import WINDOW, Minimum, ObjectiveFunction, StopReason, Watch
 
 GROWTH, SHRINKAGE = 1.05, 0.5
 PATIENCE = 5  # evaluations without a new lowest point
@@ -35,7 +35,7 @@ class Rule(Protocol):
 
 
 def descend(
-    objective: Objective,
+    objective: ObjectiveFunction,
     x: Tensor,
     value: Tensor,
     gradient: Tensor,
@@ -50,7 +50,7 @@ def descend(
     """Minimise a batch from points x (B, N), with their values (B,), gradients (B, N) and step sizes (B,)."""
     index = torch.arange(len(x), device=x.device)  # which problem each row of the running state is
     result, result_value = x.clone(), value.clone()
-    reasons = [BUDGET] * len(x)
+    reasons = [StopReason.BUDGET] * len(x)
     evaluations = torch.ones_like(index)
     history, lowest_values = [value.clone()], [value.clone()]
     if watch is not None:
@@ -67,7 +67,12 @@ def descend(
             slow = lowest_values[-1 - WINDOW][index] - lowest_value < progress_tolerance * lowest_value
         done = bad | flat | slow | small
         if done.any():
-            for i, why in ((small, STEP), (slow, PROGRESS), (flat, GRADIENT), (bad, NOT_FINITE)):  # the last one counts
+            for i, why in (
+                (small, StopReason.STEP),
+                (slow, StopReason.PROGRESS),
+                (flat, StopReason.GRADIENT),
+                (bad, StopReason.NOT_FINITE),
+            ):  # the last one counts
                 for problem in index[i].tolist():
                     reasons[problem] = why
             go_on = ~done

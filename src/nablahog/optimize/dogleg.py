@@ -13,20 +13,7 @@ import torch
 from torch import Tensor
 
 from .gauss_newton import GaussNewtonSteps
-from .result import (
-    BUDGET,
-    GRADIENT,
-    ITERATIONS,
-    NOT_FINITE,
-    PROGRESS,
-    RADIUS,
-    STEP,
-    History,
-    LeastSquares,
-    Minimum,
-    Objective,
-    Watch,
-)
+from .result import History, LeastSquares, Minimum, ObjectiveFunction, StopReason, Watch
 
 GOOD, GROWN = 0.9, 2.5  # a gain above GOOD makes the radius at least GROWN steps long
 BAD, SHRUNK = 0.05, 0.25  # a gain below BAD shrinks the radius
@@ -52,7 +39,7 @@ class _Running:
     def __init__(self, like: Tensor) -> None:
         self.solving = torch.ones(len(like), dtype=torch.bool, device=like.device)
         self.trying = torch.zeros_like(self.solving)
-        self.reasons = [BUDGET] * len(like)
+        self.reasons = [StopReason.BUDGET] * len(like)
 
     def __bool__(self) -> bool:
         return bool((self.solving | self.trying).any())
@@ -69,7 +56,7 @@ class _Running:
     def solve(self, rows: Tensor) -> None:
         self.solving[rows], self.trying[rows] = True, False
 
-    def stop(self, rows: Tensor, why: Tensor, reason: str) -> None:
+    def stop(self, rows: Tensor, why: Tensor, reason: StopReason) -> None:
         """Stop those of ``rows`` (A,) for which ``why`` (A,) holds, unless they have stopped for another reason."""
         rows = rows[why & (self.solving[rows] | self.trying[rows])]
         self.solving[rows] = self.trying[rows] = False
@@ -78,7 +65,7 @@ class _Running:
 
 
 def dogleg(
-    problem: LeastSquares | Objective,
+    problem: LeastSquares | ObjectiveFunction,
     start: Tensor,
     *,
     max_evaluations: int = 300,
@@ -134,9 +121,9 @@ def dogleg(
 
     record(rows)
     newton, running = GaussNewtonSteps(x), _Running(value)
-    running.stop(rows, ~(value.isfinite() & descent.isfinite().all(1)), NOT_FINITE)
-    running.stop(rows, descent.abs().amax(1) <= gradient_tolerance, GRADIENT)
-    running.stop(rows, spent + MODEL + PRODUCT + TRIAL > budget, BUDGET)
+    running.stop(rows, ~(value.isfinite() & descent.isfinite().all(1)), StopReason.NOT_FINITE)
+    running.stop(rows, descent.abs().amax(1) <= gradient_tolerance, StopReason.GRADIENT)
+    running.stop(rows, spent + MODEL + PRODUCT + TRIAL > budget, StopReason.BUDGET)
     moved = running.rows(running.solving)
 
     while running:
@@ -147,7 +134,7 @@ def dogleg(
         if len(rows):
             seen = newton.advance(rows)
             spent[rows] += PRODUCT
-            running.stop(rows, newton.iterations[rows] == 0, NOT_FINITE)
+            running.stop(rows, newton.iterations[rows] == 0, StopReason.NOT_FINITE)
             cut = (newton.iterations[rows] == 1) & (newton.cauchy[rows].norm(dim=1) >= delta[rows])
             last = newton.iterations[rows] >= cg_iterations
             poor = spent[rows] + 2 * PRODUCT + TRIAL > budget
@@ -165,7 +152,7 @@ def dogleg(
         image = of_cauchy * newton.cauchy_image[rows] + of_newton * newton.image[rows]
         length = step.norm(dim=1)
         delta[rows] = torch.where(delta[rows].isinf(), length, delta[rows])
-        running.stop(rows, length <= step_tolerance * x[rows].norm(dim=1), STEP)
+        running.stop(rows, length <= step_tolerance * x[rows].norm(dim=1), StopReason.STEP)
         go_on = running.trying[rows]
         rows, step, image, length = rows[go_on], step[go_on], image[go_on], length[go_on]
         moved = rows[:0]
@@ -191,11 +178,13 @@ def dogleg(
         steps[better] += 1
         record(rows)
         running.solve(better)
-        running.stop(rows, descent[rows].abs().amax(1) <= gradient_tolerance, GRADIENT)
-        running.stop(rows, progress < progress_tolerance, PROGRESS)
-        running.stop(rows, delta[rows] <= step_tolerance * x[rows].norm(dim=1), RADIUS)
-        running.stop(rows, steps[rows] >= max_iterations, ITERATIONS)
-        running.stop(rows, spent[rows] + torch.where(accepted, MODEL + PRODUCT + TRIAL, TRIAL) > budget, BUDGET)
+        running.stop(rows, descent[rows].abs().amax(1) <= gradient_tolerance, StopReason.GRADIENT)
+        running.stop(rows, progress < progress_tolerance, StopReason.PROGRESS)
+        running.stop(rows, delta[rows] <= step_tolerance * x[rows].norm(dim=1), StopReason.RADIUS)
+        running.stop(rows, steps[rows] >= max_iterations, StopReason.ITERATIONS)
+        running.stop(
+            rows, spent[rows] + torch.where(accepted, MODEL + PRODUCT + TRIAL, TRIAL) > budget, StopReason.BUDGET
+        )
         moved = better[running.solving[better]]
 
     evaluations = (spent + 1) // 2

@@ -1,8 +1,8 @@
 """Limited-memory BFGS on a batch of independent problems (Nocedal & Wright, Numerical Optimization, ch. 7.2).
 
 Each round evaluates every running problem once, at its own trial point; a problem whose trial is accepted moves on to
-its next direction at once, one whose trial is not shrinks or grows its step (:mod:`.decisions`): no problem waits for
-another.
+its next direction at once, one whose trial is not shrinks or grows its step (:mod:`.lbfgs_decisions`): no problem waits
+for another.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from .decisions import decide
-from .loops import CompiledVectors
-from .result import BUDGET, GRADIENT, LINE_SEARCH, PROGRESS, WINDOW, History, Minimum, Objective, Watch
-from .vectors import Vectors
+from .lbfgs_decisions import decide
+from .lbfgs_kernels import CompiledVectors
+from .lbfgs_vectors import Vectors
+from .result import WINDOW, History, Minimum, ObjectiveFunction, StopReason, Watch
 
 
 def _remaining(done: Tensor, *state: Tensor) -> list[Tensor]:
@@ -72,7 +72,7 @@ def _steepest(gradient: Tensor, length: float) -> Tensor:
 class _Running:
     """The problems whose search goes on."""
 
-    def __init__(self, objective: Objective, start: Tensor, memory: int, first_step: float) -> None:
+    def __init__(self, objective: ObjectiveFunction, start: Tensor, memory: int, first_step: float) -> None:
         self.objective, self.first_step = objective, first_step
         self.index = torch.arange(len(start), device=start.device)
         values, gradient = (found.clone() for found in objective(start, self.index))
@@ -122,7 +122,7 @@ class _Running:
 
 
 def lbfgs(
-    objective: Objective,
+    objective: ObjectiveFunction,
     start: Tensor,
     *,
     max_evaluations: int = 300,
@@ -147,7 +147,7 @@ def lbfgs(
     Returns:
         For each problem the lowest point found, never worse than its start.
     """
-    x, value, reasons = start.clone(), start.new_empty(len(start)), [BUDGET] * len(start)
+    x, value, reasons = start.clone(), start.new_empty(len(start)), [StopReason.BUDGET] * len(start)
     evaluations = torch.zeros(len(start), dtype=torch.long, device=start.device)
     history = History(start.new_empty(0, device="cpu"), len(start))
 
@@ -169,7 +169,11 @@ def lbfgs(
             slow = before - running.numbers.values < progress_tolerance * running.numbers.values
         done = flat | stuck | slow
         if done.any():
-            for which, why in ((stuck, LINE_SEARCH), (slow, PROGRESS), (flat, GRADIENT)):  # the last one counts
+            for which, why in (
+                (stuck, StopReason.LINE_SEARCH),
+                (slow, StopReason.PROGRESS),
+                (flat, StopReason.GRADIENT),
+            ):  # the last one counts
                 for problem in running.index[which.to(start.device)].tolist():
                     reasons[problem] = why
             running.leave(done, x, value)

@@ -6,16 +6,16 @@ import torch
 from torch import Tensor
 
 from .descent import descend
-from .result import Minimum, Objective, Watch
+from .result import Minimum, ObjectiveFunction, Watch
 
 
 class _HeavyBall:
-    def __init__(self, like: Tensor, kept: float) -> None:
-        self.kept = kept
+    def __init__(self, like: Tensor, momentum: float) -> None:
+        self.momentum = momentum
         self.velocity = torch.zeros_like(like)
 
     def move(self, gradient: Tensor) -> Tensor:
-        self.velocity = self.kept * self.velocity - gradient
+        self.velocity = self.momentum * self.velocity - gradient
         return self.velocity
 
     def restart(self, which: Tensor) -> None:
@@ -26,12 +26,12 @@ class _HeavyBall:
 
 
 def momentum(
-    objective: Objective,
+    objective: ObjectiveFunction,
     start: Tensor,
     *,
     max_evaluations: int = 300,
     first_step: float = 1.0,
-    kept: float = 0.9,
+    momentum: float = 0.9,
     gradient_tolerance: float = 0.0,
     progress_tolerance: float = 0.0,
     watch: Watch | None = None,
@@ -43,7 +43,7 @@ def momentum(
         start: (B, N), float32 or float64.
         max_evaluations: budget of each problem.
         first_step: length of the very first step, in the norm of the unknowns; see :mod:`.descent` for what follows.
-        kept: share of the velocity that each step keeps, in 0…1, 1 excluded; 0 is plain gradient descent.
+        momentum: share of the velocity that each step keeps, in 0…1, 1 excluded; 0 is plain gradient descent.
         gradient_tolerance: stop a problem whose lowest point has no larger absolute gradient entry.
         progress_tolerance: stop a problem whose lowest value fell by less than this share of itself in 20 evaluations.
         watch: see :data:`Watch`.
@@ -59,7 +59,7 @@ def momentum(
         x,
         value,
         gradient,
-        _HeavyBall(x, kept),
+        _HeavyBall(x, momentum),
         torch.where(norm > 0, first_step / norm, 0),
         max_evaluations=max_evaluations,
         gradient_tolerance=gradient_tolerance,

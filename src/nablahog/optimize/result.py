@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import Enum
 from typing import Protocol, TypeAlias, runtime_checkable
 
 import torch
 from torch import Tensor
 
-Objective: TypeAlias = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
+ObjectiveFunction: TypeAlias = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
 """(points (A, N), indices (A,) of their problems in the batch, all different) to (values (A,), gradients (A, N))."""
 
 Watch: TypeAlias = Callable[[Tensor, Tensor], None]
@@ -18,7 +19,7 @@ Watch: TypeAlias = Callable[[Tensor, Tensor], None]
 
 @runtime_checkable
 class LeastSquares(Protocol):
-    """An :data:`Objective` whose value is a sum of squares, and which tells them apart."""
+    """An :data:`ObjectiveFunction` whose value is a sum of squares, and which tells them apart."""
 
     def __call__(self, points: Tensor, index: Tensor, /) -> tuple[Tensor, Tensor]: ...
 
@@ -30,14 +31,21 @@ class LeastSquares(Protocol):
         ...
 
 
-BUDGET = "evaluation budget spent"
-GRADIENT = "gradient below tolerance"
-PROGRESS = "progress below tolerance"
-LINE_SEARCH = "no lower point along the descent direction"
-STEP = "step below tolerance"
-RADIUS = "trust region collapsed"
-ITERATIONS = "iteration limit reached"
-NOT_FINITE = "no finite step from the derivatives"
+class StopReason(str, Enum):
+    """Why a search ended.  A member prints as its sentence, and compares equal to it."""
+
+    BUDGET = "evaluation budget spent"
+    GRADIENT = "gradient below tolerance"
+    PROGRESS = "progress below tolerance"
+    LINE_SEARCH = "no lower point along the descent direction"
+    STEP = "step below tolerance"
+    RADIUS = "trust region collapsed"
+    ITERATIONS = "iteration limit reached"
+    NOT_FINITE = "no finite step from the derivatives"
+
+    def __str__(self) -> str:
+        return self.value
+
 
 WINDOW = 20  # evaluations over which progress is judged
 
@@ -61,7 +69,7 @@ class Minimum:
     x: Tensor
     value: Tensor
     evaluations: Tensor
-    stop_reason: list[str]
+    stop_reason: list[StopReason]
     history: Tensor
 
 

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from ...invert import reconstruct
-from ...invert.template import seen
+from ...invert.template import template_descriptor
 from ...io.files import distinct_stems, output_folder, replacing
 from ...io.images import write_image
 from ...viz.pictures import Panel, contact_sheet, glyphs
@@ -80,7 +80,7 @@ def invert_template(arguments: Namespace) -> None:
 
 def _see(template: Template, sign: str, arguments: Namespace, progress: object) -> _Seen:
     weights = template.weights[None].to(torch.device(arguments.device))
-    descriptor = seen(weights, template.spec, template.image_size, negative=sign == "negative")
+    descriptor = template_descriptor(weights, template.spec, template.image_size, negative=sign == "negative")
     found = reconstruct(
         descriptor,
         template.spec,

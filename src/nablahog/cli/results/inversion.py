@@ -168,7 +168,7 @@ def invert_batch(
             **_compared(_gray(preimage), reference),
             distance=_finite(float(result.distance[index])),
             seconds=result.seconds / len(sources),
-            stop_reason=result.stop_reason[index],
+            stop_reason=str(result.stop_reason[index]),
         )
         inversions.append(inversion)
     return inversions

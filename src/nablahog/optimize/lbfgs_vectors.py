@@ -1,7 +1,7 @@
 """What a batch of searches holds of long vectors: points, gradients, directions, and the pairs of L-BFGS.
 
-The same in PyTorch, for any device, and in loops for CPUs (:mod:`.loops`).  A round reads the stored vectors twice: for
-their dot products with the new gradient, and to combine them.
+The same in PyTorch, for any device, and in loops for CPUs (:mod:`.lbfgs_kernels`).  A round reads the stored vectors
+twice: for their dot products with the new gradient, and to combine them.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from .decisions import ALONG, BESIDE, CHANGE_ALONG, CHANGE_SQUARED, CHANGE_WITH_NEW
+from .lbfgs_decisions import ALONG, BESIDE, CHANGE_ALONG, CHANGE_SQUARED, CHANGE_WITH_NEW
 
 
 class Vectors:
@@ -25,7 +25,7 @@ class Vectors:
         self.stored = x.new_zeros(len(x), 2 * memory, x.shape[1])
 
     def dots(self, trial_gradient: Tensor) -> Tensor:
-        """(B, 2m + 4), as :func:`.decisions.decide` takes them, on the CPU."""
+        """(B, 2m + 4), as :func:`.lbfgs_decisions.decide` takes them, on the CPU."""
         change = trial_gradient - self.gradient
         beside = [trial_gradient.new_empty(0)] * BESIDE
         for which, left, right in (

@@ -1,4 +1,4 @@
-"""The long vectors of a batch of searches, in loops for a CPU: see :class:`.vectors.Vectors`."""
+"""The long vectors of a batch of searches, in loops for a CPU: see :class:`.lbfgs_vectors.Vectors`."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from torch import Tensor
 from ..runtime.compile import compiled, inlined, instruction
 from ..runtime.simd import Builder, Lanes, lanes
 from ..runtime.threads import share_out
-from .decisions import ALONG, BESIDE, CHANGE_ALONG, CHANGE_SQUARED, CHANGE_WITH_NEW
-from .vectors import Vectors
+from .lbfgs_decisions import ALONG, BESIDE, CHANGE_ALONG, CHANGE_SQUARED, CHANGE_WITH_NEW
+from .lbfgs_vectors import Vectors
 
 PIECE = 1024  # numbers that stay in the fastest memory while all stored vectors are read or added to them
 FOURS = 64  # numbers: four vectors, or eight, or sixteen

@@ -11,14 +11,19 @@ from .adam import adam
 from .dogleg import dogleg
 from .lbfgs import lbfgs
 from .momentum import momentum
-from .result import LeastSquares, Minimum, Objective
+from .result import LeastSquares, Minimum, ObjectiveFunction
 
 Minimiser: TypeAlias = Literal["lbfgs", "dogleg", "momentum", "adam"]
 MINIMISERS: dict[str, Callable[..., Minimum]] = {"lbfgs": lbfgs, "dogleg": dogleg, "momentum": momentum, "adam": adam}
 
 
 def minimise(
-    name: Minimiser, problem: Objective | LeastSquares, start: Tensor, *, max_evaluations: int = 300, **options: Any
+    name: Minimiser,
+    problem: ObjectiveFunction | LeastSquares,
+    start: Tensor,
+    *,
+    max_evaluations: int = 300,
+    **options: Any,
 ) -> Minimum:
     """Minimise a batch of problems by the method called ``name``.
 
