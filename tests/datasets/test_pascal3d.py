@@ -12,15 +12,13 @@ from PIL import Image
 from scipy import io
 
 from nablahog.datasets.pascal3d import Viewpoint, cut_out, read_pascal3d, read_record
-from nablahog.datasets.voc import Box
 
 FINE = {"azimuth": 317.5, "elevation": 20.1, "distance": 7.5, "theta": -3.5, "azimuth_coarse": 315}
 COARSE = {"azimuth": 1.0, "elevation": 2.0, "distance": 0.0, "azimuth_coarse": -45, "elevation_coarse": 10}
 
 
-def _object(box: Box, viewpoint: object, *, category: str = "chair", cad: object = 3.0) -> dict[str, Any]:
-    left, top, right, bottom = box
-    return {"class": category, "bbox": [left, top, right, bottom], "viewpoint": viewpoint, "cad_index": cad}
+def _object(box: tuple[float, ...], viewpoint: object, *, category: str = "chair", cad: object = 3.0) -> dict[str, Any]:
+    return {"class": category, "bbox": list(box), "viewpoint": viewpoint, "cad_index": cad}
 
 
 def _write_record(path: Path, *objects: dict[str, Any]) -> Path:
@@ -69,7 +67,7 @@ def test_refused_records(tmp_path: Path, variables: dict[str, Any], message: str
     assert message in str(error.value)
 
 
-def _annotation(box: Box, **flags: int) -> str:
+def _annotation(box: tuple[float, ...], **flags: int) -> str:
     sides = "".join(f"<{n}>{v}</{n}>" for n, v in zip(("xmin", "ymin", "xmax", "ymax"), box, strict=True))
     of = "".join(f"<{name}>{value}</{name}>" for name, value in flags.items())
     return f"<object><name>chair</name>{of}<bndbox>{sides}</bndbox></object>"
@@ -137,6 +135,7 @@ def test_nothing_to_select(published: tuple[Path, Path]) -> None:
 def test_cut_out() -> None:
     image = torch.rand(3, 40, 60)
     assert torch.equal(cut_out(image, (10, 5, 30, 40), shortest=20), image[:, 5:40, 10:30])
+    assert torch.equal(cut_out(image, [10, 5, 30, 40], shortest=20), image[:, 5:40, 10:30])
     assert torch.equal(cut_out(image, (-9, 5.4, 99, 99), shortest=1), image[:, 5:])
     enlarged = cut_out(image, (10, 5, 30, 35), shortest=50)
     assert enlarged.shape == (3, 75, 50)

@@ -9,8 +9,18 @@ import pytest
 import torch
 
 from nablahog.dialects.describer import Describer
-from nablahog.dialects.grounds import DIRECTIONS, Channels, Orientations, common_region, readings, region, same_channels
+from nablahog.dialects.grounds import (
+    DIRECTIONS,
+    Channels,
+    Entries,
+    Orientations,
+    common_region,
+    readings,
+    region,
+    same_channels,
+)
 from nablahog.hog import BlockNorm, HOGSpec, hog, presets
+from nablahog.hog.box import Box
 from tests.hog.zoo import SPECS as ZOO
 from tests.hog.zoo import fits, integers
 
@@ -60,7 +70,7 @@ def test_an_edge_has_one_direction_in_all(name: str, degrees: int) -> None:
     describer = Describer(image)
     spec = GROUND.reduced(SPECS[name])
     ((_, descriptor),) = describer.descriptors([spec])
-    inner = GROUND.entries(descriptor, spec, describer.size).within((2, 2, 4, 4)).reshape(-1, DIRECTIONS).sum(dim=0)
+    inner = GROUND.entries(descriptor, spec, describer.size).within(Box(2, 2, 4, 4)).reshape(-1, DIRECTIONS).sum(dim=0)
     turn = torch.arange(DIRECTIONS) * (2 * math.pi / DIRECTIONS)  # twice the angle, since it is unsigned
     mean = torch.atan2((inner * turn.sin()).sum(), (inner * turn.cos()).sum()).rad2deg().item() / 2
     assert abs((mean - degrees + 90) % 180 - 90) <= 10.5  # ties may go to one side of the edge
@@ -93,16 +103,24 @@ def test_contrast_insensitive_channels_count() -> None:
     assert GROUND.reduced(SPECS["opencv"]) is SPECS["opencv"]
 
 
+def test_regions_are_x_before_y() -> None:
+    """A region of a descriptor of 4 rows and 6 columns, whose first cell is the image's second in each direction."""
+    entries = Entries(torch.arange(24.0).reshape(4, 6, 1), 1, 1)
+    assert entries.region == Box(1, 1, 7, 5)
+    assert entries.within(Box(2, 3, 5, 4)).tolist() == [13, 14, 15]
+    assert common_region([entries.region, Box(3, 0, 9, 3)]) == Box(3, 1, 7, 3)
+
+
 def test_cells_of_presets() -> None:
     size = (48, 74)  # 6x9.25 cells
-    whole = (0, 0, 6, 9)
-    dropped = (1, 1, 5, 8)
+    whole = Box(0, 0, 9, 6)
+    dropped = Box(1, 1, 8, 5)
     found = {name: region(spec, size) for name, spec in SPECS.items()}
     assert {name for name, cells in found.items() if cells == dropped} == {"dpm", "dlib", "seeing3d"}
     assert all(found[name] == whole for name in found.keys() - {"dpm", "dlib", "seeing3d"})
-    assert region(SPECS["vlfeat"], (48, 76)) == (0, 0, 6, 10)
+    assert region(SPECS["vlfeat"], (48, 76)) == Box(0, 0, 10, 6)
     assert common_region([whole, dropped]) == dropped
-    assert common_region([(0, 0, 2, 2), (0, 2, 2, 4)]) is None
+    assert common_region([Box(0, 0, 2, 5), Box(2, 0, 4, 5)]) is None
 
 
 def _channels(a: HOGSpec, b: HOGSpec) -> tuple[str, ...] | None:

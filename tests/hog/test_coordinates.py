@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nablahog.hog import BlockCells, BlockNorm, HOGSpec, hog, presets
-from nablahog.hog.coordinates import Box, cell_box, cell_centres, pixel_box
+from nablahog.hog.box import Box
+from nablahog.hog.coordinates import cell_box, cell_centres, pixel_box
 
 from .zoo import spec
 
@@ -71,8 +72,8 @@ def test_blocks_and_boxes_see_their_own_pixels(name: str, size: tuple[int, int],
         seen += [(row + dy, col + dx) for dy in (-1, 1) for dx in (-1, 1)]
     expected = np.zeros((rows, cols), bool)
     for i, j in np.ndindex(rows, cols):
-        box = pixel_box(s, size, Box(i, j, i + 1, j + 1))
-        expected[i, j] = any(box.top <= y < box.bottom and box.left <= x < box.right for y, x in seen)
+        box = pixel_box(s, size, Box(j, i, j + 1, i + 1))
+        expected[i, j] = any(box.y0 <= y < box.y1 and box.x0 <= x < box.x1 for y, x in seen)
     assert np.array_equal(found_at(s, size, row, col), expected)
 
 
@@ -81,19 +82,19 @@ def test_blocks_and_boxes_see_their_own_pixels(name: str, size: tuple[int, int],
 def test_there_and_back(name: str, size: tuple[int, int], data: st.DataObject) -> None:
     s = (CELLS | BLOCKS)[name]
     rows, cols = s.grid(*size)
-    top, left = data.draw(st.integers(0, rows - 1)), data.draw(st.integers(0, cols - 1))
-    cells = Box(top, left, data.draw(st.integers(top + 1, rows)), data.draw(st.integers(left + 1, cols)))
+    x0, y0 = data.draw(st.integers(0, cols - 1)), data.draw(st.integers(0, rows - 1))
+    cells = Box(x0, y0, data.draw(st.integers(x0 + 1, cols)), data.draw(st.integers(y0 + 1, rows)))
     pixels = pixel_box(s, size, cells)
-    assert pixels.top >= 0
-    assert pixels.left >= 0
-    assert pixels.bottom <= size[0]
-    assert pixels.right <= size[1]
+    assert pixels.x0 >= 0
+    assert pixels.y0 >= 0
+    assert pixels.x1 <= size[1]
+    assert pixels.y1 <= size[0]
     assert cell_box(s, size, pixels) == cells
     # one pixel less on a side, and its cells do not fit
-    assert cell_box(s, size, pixels._replace(top=pixels.top + 1)).top == cells.top + 1
-    assert cell_box(s, size, pixels._replace(right=pixels.right - 1)).right < cells.right
+    assert cell_box(s, size, pixels._replace(y0=pixels.y0 + 1)).y0 == cells.y0 + 1
+    assert cell_box(s, size, pixels._replace(x1=pixels.x1 - 1)).x1 < cells.x1
     # everything fits into what is larger than the image
-    assert cell_box(s, size, Box(-9, -9, size[0] + 9, size[1] + 9)) == (0, 0, rows, cols)
+    assert cell_box(s, size, Box(-9, -9, size[1] + 9, size[0] + 9)) == (0, 0, cols, rows)
 
 
 @pytest.mark.parametrize("name", CELLS | BLOCKS)
@@ -102,9 +103,9 @@ def test_centres_are_those_of_the_boxes(name: str) -> None:
     ys, xs = cell_centres(s, size)
     assert (len(ys), len(xs)) == s.grid(*size)
     for i, j in np.ndindex(len(ys), len(xs)):
-        box = pixel_box(s, size, Box(i, j, i + 1, j + 1))
-        assert ys[i] == (box.top + box.bottom - 1) / 2
-        assert xs[j] == (box.left + box.right - 1) / 2
+        box = pixel_box(s, size, Box(j, i, j + 1, i + 1))
+        assert ys[i] == (box.y0 + box.y1 - 1) / 2
+        assert xs[j] == (box.x0 + box.x1 - 1) / 2
 
 
 def test_in_numbers() -> None:
@@ -113,21 +114,20 @@ def test_in_numbers() -> None:
     assert xs.tolist() == [3.5, 11.5, 19.5, 27.5]
     assert cell_centres(presets.dpm(), (32, 40))[1].tolist() == [11.5, 19.5, 27.5]
     assert cell_centres(presets.opencv(), (128, 64))[1].tolist() == [7.5, 15.5, 23.5, 31.5, 39.5, 47.5, 55.5]
-    assert pixel_box(presets.dpm(), (64, 64), Box(0, 1, 2, 3)) == (8, 16, 24, 32)
-    assert pixel_box(presets.skimage(), (64, 64), Box(0, 1, 2, 2)) == (0, 8, 32, 32)
-    assert pixel_box(presets.vlfeat(), (20, 32), Box(2, 0, 3, 1)) == (16, 0, 20, 8)
+    assert pixel_box(presets.dpm(), (64, 96), Box(1, 0, 3, 2)) == (16, 8, 32, 24)
+    assert pixel_box(presets.skimage(), (64, 64), Box(1, 0, 2, 2)) == (8, 0, 32, 32)
+    assert pixel_box(presets.vlfeat(), (20, 32), [0, 2, 1, 3]) == (0, 16, 8, 20)
     assert isinstance(presets.opencv().pooling, BlockCells)
-    assert pixel_box(presets.opencv(), (128, 64), Box(0, 0, 15, 7)) == (0, 0, 128, 64)
+    assert pixel_box(presets.opencv(), (128, 64), Box(0, 0, 7, 15)) == (0, 0, 64, 128)
 
 
 def test_boxes_that_hold_no_cell() -> None:
     for pixels in [Box(1, 1, 8, 8), Box(9, 9, 3, 3), Box(-5, -5, 0, 0), Box(90, 90, 99, 99)]:
-        rows = cell_box(presets.vlfeat(), (40, 40), pixels)
-        assert rows.top == rows.bottom
-        assert rows.left == rows.right
+        cells = cell_box(presets.vlfeat(), (40, 40), pixels)
+        assert (cells.width, cells.height) == (0, 0)
 
 
-@pytest.mark.parametrize("cells", [Box(0, 0, 0, 1), Box(0, 0, 1, 6), Box(-1, 0, 1, 1), Box(3, 0, 2, 1)])
+@pytest.mark.parametrize("cells", [Box(0, 0, 1, 0), Box(0, 0, 6, 1), Box(0, -1, 1, 1), Box(0, 3, 1, 2)])
 def test_windows_are_within_the_descriptor(cells: Box) -> None:
     with pytest.raises(ValueError, match="some of the descriptor's 5 rows and 5 columns"):
         pixel_box(presets.vlfeat(), (40, 40), cells)

@@ -8,9 +8,9 @@ import torch
 from torch import Tensor
 
 from nablahog.datasets.chairs import chair
+from nablahog.hog.box import Box
 from nablahog.hog.gradient import gray
 from nablahog.io.sample_photographs import sample_photograph
-from nablahog.pose.canvas import Box
 from nablahog.render import Camera, Mesh, pose, render, silhouette
 
 WOODEN, SWIVEL = 4, 2  # seeds of chairs that are quickly rendered
@@ -28,7 +28,7 @@ def photographed(mesh: Mesh, azimuth: float, elevation: float, *, behind: str = 
     background = gray(sample_photograph(behind)[None])[:, :, 100:250, 60:240] if behind else 1.0
     image = render(mesh, at, camera, background=background)[0]
     rows, cols = (silhouette(mesh, at, camera)[0, 0] > 0.5).nonzero().unbind(1)
-    return image, (float(cols.min()), float(rows.min()), float(cols.max() + 1), float(rows.max() + 1))
+    return image, Box(float(cols.min()), float(rows.min()), float(cols.max() + 1), float(rows.max() + 1))
 
 
 def degrees_between(one: float, other: float) -> float:

@@ -10,7 +10,8 @@ import torch
 from torch import Tensor
 
 from nablahog.hog import presets
-from nablahog.pose import Box, PoseEstimate, estimate_pose
+from nablahog.hog.box import Box
+from nablahog.pose import PoseEstimate, estimate_pose
 from nablahog.pose.background import default_background
 from nablahog.render import silhouette
 

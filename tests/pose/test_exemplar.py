@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from nablahog.datasets.chairs import chair
+from nablahog.hog.box import Box
 from nablahog.io.sample_photographs import sample_photograph
 from nablahog.pose import exemplar
 from nablahog.pose.background import default_background
@@ -42,7 +43,7 @@ def scene(mesh: Mesh, azimuth: float, x: float, y: float, focal: float, behind: 
     image = render(mesh, pose, camera, background=behind[None], supersampling=2)[0].float()
     alone = render(mesh, pose, camera, background=0.0, supersampling=2)[0, 0]
     rows, cols = (alone > 0).nonzero().T
-    box = float(cols.min()), float(rows.min()), float(cols.max()) + 1, float(rows.max()) + 1
+    box = Box(float(cols.min()), float(rows.min()), float(cols.max()) + 1, float(rows.max()) + 1)
     noise = torch.randn(image.shape, generator=torch.Generator().manual_seed(0))
     return (image + 0.02 * noise).clamp(0, 1), box
 
@@ -53,9 +54,7 @@ def clutter() -> Tensor:
 
 
 def iou(a: Any, b: Any) -> float:
-    wide, high = (max(0, min(a[k + 2], b[k + 2]) - max(a[k], b[k])) for k in (0, 1))
-    areas = sum((c[2] - c[0]) * (c[3] - c[1]) for c in (a, b))
-    return wide * high / (areas - wide * high)
+    return Box.of(a).iou(Box.of(b))
 
 
 def test_how_many_are_scored_at_once_does_not_matter(
@@ -162,7 +161,7 @@ def expected_matches(
                             score = max(0.0, score)
                         confidence += score
                         inliers += score > 0
-                    box = np.tile(origin, 2) + boxes[view] * 2 ** (larger / OCTAVE)
+                    box = np.tile(origin[::-1], 2) + boxes[view] * 2 ** (larger / OCTAVE)
                     rank = confidence + min(0, inliers - 5)
                     if iou(box, expected) < agreement:
                         rank -= UNLIKE

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,9 +19,10 @@ import numpy as np
 from torch import Tensor
 from torch.nn import functional
 
+from ..hog.box import Box
 from ..io.images import read_image
 from ..io.matfile import read_mat
-from .voc import Box, VOCObject, check_voc, read_annotation, read_image_ids
+from .voc import VOCObject, check_voc, half_open, read_annotation, read_image_ids
 
 SHORTEST = 100  # pixels of the shortest side of an object's picture (the paper, Section 3.2, Setup)
 SAME_BOX = 0.5  # intersection over union from which the boxes of VOC and of a record are those of one object
@@ -51,7 +53,7 @@ class Record:
 
     Attributes:
         category: such as "chair".
-        box: as :data:`.voc.Box`.
+        box: where, in pixels.
         viewpoint: None if none is annotated.
         cad: the number of the CAD model most like it, from 1; None if none is annotated.
     """
@@ -130,11 +132,10 @@ def _record(of: dict[str, Any]) -> Record:
     category, box, seen, cad = of.get("class"), of.get("bbox"), of.get("viewpoint"), _number(of, "cad_index")
     if not isinstance(category, str) or not isinstance(box, np.ndarray) or box.size != 4 or not np.isfinite(box).all():
         raise ValueError("an object has no class or no bbox")
-    left, top, right, bottom = (float(side) for side in box.flat)
     known = isinstance(seen, list) and len(seen) == 1 and isinstance(seen[0], dict)
     return Record(
         category,
-        (left - 1, top - 1, right, bottom),
+        half_open(*map(float, box.flat)),
         _viewpoint(_structures(of, "viewpoint")[0]) if known else None,
         int(cad) if cad is not None and cad >= 1 else None,
     )
@@ -200,8 +201,8 @@ def _select(voc: Path, records: Path, category: str, image_id: str, result: Sele
             photograph = read_image(voc / "JPEGImages" / f"{image_id}.jpg")
             known = [each for each in read_record(records / f"{image_id}.mat") if each.category == category]
             for number, each in usable:
-                record = max(known, key=lambda one: _overlap(one.box, each.box), default=None)
-                if record is None or record.viewpoint is None or _overlap(record.box, each.box) < SAME_BOX:
+                record = max(known, key=lambda one: each.box.iou(one.box), default=None)
+                if record is None or record.viewpoint is None or each.box.iou(record.box) < SAME_BOX:
                     continue
                 cad = None if record.cad is None else f"{record.cad:02d}"
                 picture = cut_out(photograph, each.box)
@@ -219,20 +220,12 @@ def _flaw(of: VOCObject) -> str | None:
     return next((name for name, holds in flaws.items() if holds), None)
 
 
-def _overlap(a: Box, b: Box) -> float:
-    """Intersection over union."""
-    width, height = (min(a[i + 2], b[i + 2]) - max(a[i], b[i]) for i in (0, 1))
-    both = max(0.0, width) * max(0.0, height)
-    areas = sum((box[2] - box[0]) * (box[3] - box[1]) for box in (a, b))
-    return both / (areas - both) if areas > both else 0.0
-
-
-def cut_out(image: Tensor, box: Box, shortest: int = SHORTEST) -> Tensor:
+def cut_out(image: Tensor, box: Sequence[float], shortest: int = SHORTEST) -> Tensor:
     """The part of an image in a box, enlarged if its shortest side has less than ``shortest`` pixels.
 
     Args:
         image: (C, H, W), floating point in 0…1.
-        box: is rounded to whole pixels; what lies outside the image is left out.
+        box: x0, y0, x1, y1; is rounded to whole pixels; what lies outside the image is left out.
         shortest: at least 1.
 
     Returns:
@@ -242,11 +235,10 @@ def cut_out(image: Tensor, box: Box, shortest: int = SHORTEST) -> Tensor:
         ValueError: the box and the image have no pixel in common.
     """
     height, width = image.shape[1:]
-    left, right = (min(max(round(side), 0), width) for side in box[::2])
-    top, bottom = (min(max(round(side), 0), height) for side in box[1::2])
-    if right <= left or bottom <= top:
+    inside = Box(*map(round, Box.of(box))).intersect(Box(0, 0, width, height))
+    if inside.width <= 0 or inside.height <= 0:
         raise ValueError(f"expected a box in the image of {height}x{width} pixels, got {box}")
-    part = image[:, top:bottom, left:right]
+    part = image[:, inside.rows, inside.cols]
     scale = shortest / min(part.shape[1:])
     if scale <= 1:
         return part.contiguous()

@@ -14,14 +14,13 @@ from scipy import ndimage
 from torch import Tensor
 from torch.nn import functional
 
+from ..hog.box import Box
 from ..hog.gradient import GRAY_WEIGHTS
 from ..io.images import Picture, as_array
 from ..render import Camera, Light, Mesh, render
 from ..render.camera import to_camera, to_screen
 
 Floats: TypeAlias = NDArray[np.float64]
-Box: TypeAlias = tuple[float, float, float, float]
-"""x0, y0, x1, y1 in pixels; the whole image is 0, 0, W, H."""
 Range: TypeAlias = tuple[float, float]
 
 _MARGIN = 6  # pixels between the object and the image's border
@@ -181,8 +180,7 @@ def _placed(
     low, high = extent(camera)
     corner = _MARGIN + generator.random(2) * (room - (high - low))
     poses[0, 4:6] = torch.from_numpy(corner - low)
-    x0, y0, x1, y1 = (float(side) for side in (*corner, *(corner + high - low)))
-    return poses[0], camera, (x0, y0, x1, y1)
+    return poses[0], camera, Box.of((*corner.tolist(), *(corner + high - low).tolist()))
 
 
 def _pictured(
@@ -213,7 +211,7 @@ def _colours(settings: SceneSettings, generator: np.random.Generator) -> Floats:
 def compose(
     picture: Floats,
     coverage: Floats,
-    box: Box,
+    box: Sequence[float],
     photographs: Sequence[Floats],
     settings: SceneSettings,
     generator: np.random.Generator,
@@ -223,7 +221,7 @@ def compose(
     Args:
         picture: (3, H, W), the object on black.
         coverage: (H, W) in 0…1, how much of each pixel the object covers.
-        box: the object's.
+        box: x0, y0, x1, y1 of the object, pixels.
         photographs: clutter, (1 or 3, h, w) in 0…1.
         settings: how hard it is.
         generator: where randomness comes from.
@@ -233,9 +231,9 @@ def compose(
     """
     image = picture + (1 - coverage) * _clutter(photographs, coverage.shape, settings, generator)
     if generator.random() < settings.occlusion:
-        x0, y0, x1, y1 = _occluder(box, generator.uniform(*settings.occluded), generator)
+        hidden = _occluder(Box.of(box), generator.uniform(*settings.occluded), generator)
         front = _clutter(photographs, coverage.shape, settings, generator)
-        image[:, y0:y1, x0:x1] = front[:, y0:y1, x0:x1]
+        image[:, hidden.rows, hidden.cols] = front[:, hidden.rows, hidden.cols]
     blur = generator.uniform(*settings.blur)
     image = ndimage.gaussian_filter(image, (0, blur, blur), mode="nearest").clip(0, 1)
     image = generator.uniform(*settings.exposure) * image ** generator.uniform(*settings.gamma)
@@ -265,20 +263,17 @@ def _clutter(
     return np.asarray(scaled if len(photo) == 3 else scaled * _colours(settings, generator)).clip(0, 1)
 
 
-def _occluder(box: Box, share: float, generator: np.random.Generator) -> tuple[int, int, int, int]:
+def _occluder(box: Box, share: float, generator: np.random.Generator) -> Box:
     """A rectangle over ``share`` of the box: a bar across it or a patch in it, upright or lying."""
-    x0, y0, x1, y1 = box
     wide = float(generator.choice([share, 1.0, math.sqrt(share)]))  # in widths of the box
-    width, height = wide * (x1 - x0), share / wide * (y1 - y0)
-    left, top = np.array([x0, y0]) + generator.random(2) * (x1 - x0 - width, y1 - y0 - height)
-    return round(left), round(top), round(left + width), round(top + height)
+    width, height = wide * box.width, share / wide * box.height
+    left, top = np.array([box.x0, box.y0]) + generator.random(2) * (box.width - width, box.height - height)
+    return Box(round(left), round(top), round(left + width), round(top + height))
 
 
 def _jittered(box: Box, settings: SceneSettings, generator: np.random.Generator) -> Box:
-    x0, y0, x1, y1 = box
-    sides = np.array(box) + settings.box_jitter * generator.normal(size=4) * np.tile([x1 - x0, y1 - y0], 2)
-    a, b, c, d = (float(side) for side in sides.clip(0, settings.size))
-    return a, b, c, d
+    sides = np.array(box) + settings.box_jitter * generator.normal(size=4) * np.tile([box.width, box.height], 2)
+    return Box.of(sides.clip(0, settings.size).tolist())
 
 
 def _photograph(picture: Picture) -> Floats:

@@ -11,11 +11,9 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
 from xml.etree import ElementTree
 
-Box: TypeAlias = tuple[float, float, float, float]
-"""Left, top, right, bottom, in pixels from the left upper corner of the image, so that the whole is 0, 0, W, H."""
+from ..hog.box import Box
 
 MAX_BYTES = 2**20  # of an annotation; published ones have at most some ten thousand
 
@@ -26,7 +24,7 @@ class VOCObject:
 
     Attributes:
         category: such as "chair".
-        box: where; the file counts pixels from 1 and includes both ends.
+        box: where, in pixels.
         truncated: it goes on outside the image or the box.
         occluded: something is in front of it; absent from the oldest files, which then means False.
         difficult: not to be counted.
@@ -96,11 +94,15 @@ def read_annotation(path: Path) -> list[VOCObject]:
         raise ValueError(f"{path}: expected an annotation of PASCAL VOC, but {error}") from None
 
 
+def half_open(xmin: float, ymin: float, xmax: float, ymax: float) -> Box:
+    """The box of what PASCAL writes, where pixels count from 1 and both ends are included."""
+    return Box(xmin - 1, ymin - 1, xmax, ymax)
+
+
 def _object(element: ElementTree.Element) -> VOCObject:
-    left, top, right, bottom = _sides(element)
     return VOCObject(
         (element.findtext("name") or "").strip(),
-        (left - 1, top - 1, right, bottom),
+        half_open(*_sides(element)),
         **{flag: (element.findtext(flag) or "").strip() == "1" for flag in ("truncated", "occluded", "difficult")},
     )
 

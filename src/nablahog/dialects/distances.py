@@ -7,9 +7,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from ..hog import HOGSpec
+from ..hog.box import Box
 from .conventions import essential, exchangeable
 from .describer import Describer
-from .grounds import Entries, Ground, Region, common_region, region, unit
+from .grounds import Entries, Ground, common_region, region, unit
 from .shares import Share, shapley
 
 SAME = 1e-5  # two descriptors no further apart are the same: float32 rounds by less
@@ -33,7 +34,7 @@ class Distance:
     shares: Sequence[Share]
     largest: float
     rms: float
-    region: Region
+    region: Box
 
     @property
     def same(self) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, reduce
 from typing import Protocol
 
 import numpy as np
@@ -12,15 +12,13 @@ import torch
 from torch import Tensor
 
 from ..hog import BlockCells, BlockNorm, FourBlockNorm, HOGSpec
+from ..hog.box import Box
 from ..hog.entries import CellAlignment, cell_entries
 from ..hog.normalizers import Part
 from ..hog.orientation import bin_angles
 
 DIRECTIONS = 18  # over 180°: the centres of 9 bins, whether the first is at 0° or at half a bin, are among them
 _SLACK = 1e-9  # radians
-
-Region = tuple[int, int, int, int]
-"""Rows and columns of cells: the first row and column, and those after the last."""
 
 
 @dataclass(frozen=True)
@@ -37,14 +35,15 @@ class Entries:
     left: int
 
     @property
-    def region(self) -> Region:
+    def region(self) -> Box:
         """The cells that it has."""
-        return self.top, self.left, self.top + self.values.shape[0], self.left + self.values.shape[1]
+        rows, cols = self.values.shape[:2]
+        return Box(self.left, self.top, self.left + cols, self.top + rows)
 
-    def within(self, region: Region) -> Tensor:
+    def within(self, region: Box) -> Tensor:
         """The values of these cells, (entries,); the region lies within :attr:`region`."""
-        top, left, bottom, right = region
-        return self.values[top - self.top : bottom - self.top, left - self.left : right - self.left].flatten()
+        inside = Box(region.x0 - self.left, region.y0 - self.top, region.x1 - self.left, region.y1 - self.top)
+        return self.values[inside.rows, inside.cols].flatten()
 
 
 class Ground(Protocol):
@@ -150,7 +149,7 @@ def _first(spec: HOGSpec) -> tuple[int, int]:
     return dropped, dropped
 
 
-def region(spec: HOGSpec, image_size: tuple[int, int]) -> Region:
+def region(spec: HOGSpec, image_size: tuple[int, int]) -> Box:
     """The cells that the descriptor of an image of (height, width) has.
 
     Raises:
@@ -163,14 +162,13 @@ def region(spec: HOGSpec, image_size: tuple[int, int]) -> Region:
     elif isinstance(scheme, BlockNorm):
         rows, cols = ((n - 1) * s + b for n, s, b in zip((rows, cols), scheme.step, scheme.block, strict=True))
     top, left = _first(spec)
-    return top, left, top + rows, left + cols
+    return Box(left, top, left + cols, top + rows)
 
 
-def common_region(regions: list[Region]) -> Region | None:
+def common_region(regions: list[Box]) -> Box | None:
     """The cells that all have, or None."""
-    tops, lefts, bottoms, rights = zip(*regions, strict=True)
-    top, left, bottom, right = max(tops), max(lefts), min(bottoms), min(rights)
-    return (top, left, bottom, right) if top < bottom and left < right else None
+    common = reduce(Box.intersect, regions)
+    return common if common.width > 0 and common.height > 0 else None
 
 
 def unit(values: Tensor) -> Tensor:

@@ -191,9 +191,8 @@ def csv_rows(comparison: Comparison) -> Iterator[Sequence[object]]:
 
 
 def _csv_rows(pair: Pair, compared: str, distance: Distance) -> Iterator[Sequence[object]]:
-    top, left, bottom, right = distance.region
     plain = (distance.largest, distance.rms) if distance is pair.channels else (None, None)
-    start = (pair.a, pair.b, compared, bottom - top, right - left, distance.distance, *plain)
+    start = (pair.a, pair.b, compared, distance.region.height, distance.region.width, distance.distance, *plain)
     for each in distance.shares:
         percent = 100 * each.share / distance.distance**2
         yield (*start, each.convention.name, *each.says, each.share, percent)
@@ -238,7 +237,7 @@ def _figures(distance: Distance) -> dict[str, Any]:
     return {
         "distance": distance.distance,
         "same": distance.same,
-        "cells": list(distance.region),
+        "cells": distance.region._asdict(),
         "shares": [
             {"convention": each.convention.name, "a": each.says[0], "b": each.says[1], "share": each.share}
             for each in distance.shares

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ..datasets.pascal3d import Selection
 from ..datasets.scenes import scene
-from ..pose import Box
+from ..hog.box import Box
 from .models import Meshes, Model
 
 PHOTOGRAPHED_FROM = 15.0  # degrees of elevation: about the median of the chairs that PASCAL3D+ is trained on, 16°
@@ -80,7 +80,7 @@ def photographed(selection: Selection, models: Sequence[Model], *, unknown_model
         height, width = each.image.shape[1:]
         initial = (random_azimuth(seed, each.name), PHOTOGRAPHED_FROM)
         truth = each.viewpoint.azimuth, each.viewpoint.elevation
-        box = (0.0, 0.0, float(width), float(height))
+        box = Box(0.0, 0.0, float(width), float(height))
         objects.append(Example(each.name, each.image, box, *truth, each.cad, candidates, initial))
     among = f"{len(models)} models{' but the one annotated as most like it' if unknown_model else ''}"
     origin = (

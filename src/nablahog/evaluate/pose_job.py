@@ -12,9 +12,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from ..hog.box import Box
 from ..io.images import as_array
 from ..jobs.store import Result, code, digest, source
-from ..pose import Box
 from .models import Model
 from .pose_methods import Found, PoseMethod, PoseProblem, PoseSettings, coverage
 

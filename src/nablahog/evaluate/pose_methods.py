@@ -10,7 +10,8 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ..pose import Box, default_background, estimate_pose
+from ..hog.box import Box
+from ..pose import default_background, estimate_pose
 from ..pose.canvas import DISTANCE, cut_out
 from ..pose.choices import Search
 from ..pose.exemplar import Detection, detect

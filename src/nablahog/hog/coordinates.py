@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .box import Box
 from .normalizers import BlockNorm, FourBlockNorm
 from .poolings import BlockCells
 from .spec import HOGSpec
-
-
-class Box(NamedTuple):
-    """Rows ``top`` … ``bottom`` - 1 and columns ``left`` … ``right`` - 1, of pixels or of a descriptor."""
-
-    top: int
-    left: int
-    bottom: int
-    right: int
 
 
 def cell_centres(spec: HOGSpec, image_size: tuple[int, int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -42,7 +34,7 @@ def cell_centres(spec: HOGSpec, image_size: tuple[int, int]) -> tuple[NDArray[np
     return y, x
 
 
-def pixel_box(spec: HOGSpec, image_size: tuple[int, int], cells: Box) -> Box:
+def pixel_box(spec: HOGSpec, image_size: tuple[int, int], cells: Sequence[float]) -> Box:
     """The pixels that a window of a descriptor's rows and columns stands for: those of its cells, or blocks.
 
     More pixels matter for its entries: gradients are differences of neighbours, bilinear votes reach half a cell
@@ -51,7 +43,7 @@ def pixel_box(spec: HOGSpec, image_size: tuple[int, int], cells: Box) -> Box:
     Args:
         spec: the dialect.
         image_size: (height, width) of the image.
-        cells: the window, of rows and columns of the descriptor, cells or blocks.
+        cells: the window: x counts columns of the descriptor, y its rows, of cells or blocks.
 
     Returns:
         The box in pixels of the image, in which a last cell may be cut.
@@ -64,12 +56,12 @@ def pixel_box(spec: HOGSpec, image_size: tuple[int, int], cells: Box) -> Box:
         if not 0 <= first < last <= len(begins):
             rows, cols = spec.grid(*image_size)
             raise ValueError(f"a window must hold some of the descriptor's {rows} rows and {cols} columns, got {cells}")
-        spans.append((int(begins[first]), int(ends[last - 1])))
-    (top, bottom), (left, right) = spans
-    return Box(top, left, bottom, right)
+        spans.append((int(begins[int(first)]), int(ends[int(last) - 1])))
+    (y0, y1), (x0, x1) = spans
+    return Box(x0, y0, x1, y1)
 
 
-def cell_box(spec: HOGSpec, image_size: tuple[int, int], pixels: Box) -> Box:
+def cell_box(spec: HOGSpec, image_size: tuple[int, int], pixels: Sequence[float]) -> Box:
     """The rows and columns of a descriptor whose own pixels all lie in a box: the inverse of :func:`pixel_box`.
 
     Args:
@@ -87,13 +79,14 @@ def cell_box(spec: HOGSpec, image_size: tuple[int, int], pixels: Box) -> Box:
     for begins, ends, (first, last) in zip(*_edges(spec, image_size), _sides(pixels), strict=True):
         start = int(np.searchsorted(begins, first))
         spans.append((start, max(start, int((ends <= last).sum()))))
-    (top, bottom), (left, right) = spans
-    return Box(top, left, bottom, right)
+    (y0, y1), (x0, x1) = spans
+    return Box(x0, y0, x1, y1)
 
 
-def _sides(box: Box) -> tuple[tuple[int, int], tuple[int, int]]:
-    top, left, bottom, right = box
-    return (top, bottom), (left, right)
+def _sides(box: Sequence[float]) -> tuple[tuple[float, float], tuple[float, float]]:
+    """First and last row, first and last column; the last are excluded."""
+    x0, y0, x1, y1 = Box.of(box)
+    return (y0, y1), (x0, x1)
 
 
 def _spacing(spec: HOGSpec) -> list[tuple[int, int, int]]:

@@ -6,14 +6,12 @@ from ..runtime.lazy import names_when_used
 
 if TYPE_CHECKING:
     from .background import default_background, learn_background
-    from .canvas import Box
     from .elements import Elements, elements
     from .estimate import PoseEstimate, estimate_pose
     from .whitening import Background
 
 __all__ = [
     "Background",
-    "Box",
     "Elements",
     "PoseEstimate",
     "default_background",
@@ -25,7 +23,6 @@ __all__ = [
 names_when_used(
     __name__,
     background=("default_background", "learn_background"),
-    canvas=("Box",),
     elements=("Elements", "elements"),
     estimate=("PoseEstimate", "estimate_pose"),
     whitening=("Background",),

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
+from ..hog.box import Box
 from ..hog.gradient import gray
 from ..render import Camera
-
-Box: TypeAlias = tuple[float, float, float, float]
-"""x0, y0, x1, y1 in pixels; the whole image is 0, 0, W, H."""
 
 SIDE = 128  # pixels of the square
 FILL = 112.0  # pixels of the box's longer side in it
@@ -46,14 +44,13 @@ class Canvas:
     def smaller(self, times: int) -> Canvas:
         """The same, each pixel the mean of ``times`` x ``times``."""
         width, height = self.size
-        x0, y0, x1, y1 = self.seen
         return Canvas(
             functional.avg_pool2d(self.image, times),
             (width / times, height / times),
             self.zoom / times,
             self.middle,
             smaller(self.camera, times),
-            (x0 / times, y0 / times, x1 / times, y1 / times),
+            Box(*(side / times for side in self.seen)),
         )
 
     def in_photograph(self, pose: Tensor, height: int, width: int) -> tuple[Tensor, Camera]:
@@ -70,21 +67,26 @@ def smaller(camera: Camera, times: int) -> Camera:
     return Camera(camera.focal / times, camera.height // times, camera.width // times)
 
 
-def check_box(box: Box, height: int, width: int) -> None:
-    """Raises ValueError unless the box is finite, has at least 8 pixels a side, and meets an image of this size."""
-    x0, y0, x1, y1 = box
-    if not all(map(math.isfinite, box)) or not (x1 - x0 >= 8 and y1 - y0 >= 8):
-        raise ValueError(f"the box must be x0, y0, x1, y1 with sides of at least 8 pixels, got {box}")
-    if x1 <= 0 or y1 <= 0 or x0 >= width or y0 >= height:
-        raise ValueError(f"the box must lie in the image of {height}x{width} pixels (height x width), got {box}")
+def checked_box(sides: Sequence[float], height: int, width: int) -> Box:
+    """The box x0, y0, x1, y1.
+
+    Raises:
+        ValueError: it is not finite, has fewer than 8 pixels a side, or lies beside an image of this size.
+    """
+    box = Box.of(sides)
+    if not all(map(math.isfinite, box)) or not (box.width >= 8 and box.height >= 8):
+        raise ValueError(f"the box must be x0, y0, x1, y1 with sides of at least 8 pixels, got {tuple(box)}")
+    if box.x1 <= 0 or box.y1 <= 0 or box.x0 >= width or box.y0 >= height:
+        raise ValueError(f"the box must lie in the image of {height}x{width} pixels (height x width), got {tuple(box)}")
+    return box
 
 
-def cut_out(photograph: Tensor, box: Box, side: int = SIDE, fill: float = FILL) -> Canvas:
+def cut_out(photograph: Tensor, box: Sequence[float], side: int = SIDE, fill: float = FILL) -> Canvas:
     """The square of ``side`` pixels around a box, shrunk or enlarged so that the box's longer side has ``fill``.
 
     Args:
         photograph: (C, H, W), float32 or float64 in 0…1, one channel or R, G, B.
-        box: of the object.
+        box: x0, y0, x1, y1 of the object, pixels.
 
     Raises:
         ValueError: the photograph is of another shape, holds NaN, or the box is empty or beside it.
@@ -98,10 +100,9 @@ def cut_out(photograph: Tensor, box: Box, side: int = SIDE, fill: float = FILL) 
     if not math.isfinite(photograph.sum()) and not torch.isfinite(photograph).all():
         raise ValueError("the photograph must be finite, got NaN or Inf")
     height, width = photograph.shape[1:]
-    check_box(box, height, width)
-    x0, y0, x1, y1 = box
-    zoom = fill / max(x1 - x0, y1 - y0)
-    middle, size = ((x0 + x1) / 2, (y0 + y1) / 2), ((x1 - x0) * zoom, (y1 - y0) * zoom)
+    box = checked_box(box, height, width)
+    zoom = fill / max(box.width, box.height)
+    middle, size = ((box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2), (box.width * zoom, box.height * zoom)
     # enough of it, repeated beyond its border, then resampled without aliasing
     sigma = 0.5 * math.sqrt(max(0.0, 1 / zoom**2 - 1))
     reach = math.ceil(side / zoom / 2 + 3 * sigma) + 2
@@ -120,7 +121,7 @@ def cut_out(photograph: Tensor, box: Box, side: int = SIDE, fill: float = FILL) 
         (zoom * (0 - at) + side / 2, zoom * (length - at) + side / 2)
         for at, length in zip(middle, (width, height), strict=True)
     )
-    return Canvas(image.clamp(0, 1), size, zoom, middle, camera, (x0, y0, x1, y1))
+    return Canvas(image.clamp(0, 1), size, zoom, middle, camera, Box(x0, y0, x1, y1))
 
 
 def _blurred(image: Tensor, sigma: float) -> Tensor:

@@ -141,7 +141,7 @@ def apart(corners: Tensor, count: int | None, overlap: float) -> Tensor:
     """Which of some boxes to keep, the best first: those that overlap with no better one that is kept.
 
     Args:
-        corners: (N, 4): top, left, bottom and right, in this order of preference.
+        corners: (N, 4), in order of preference: the low corner and the high one, both x, y or both row, column.
         count: the most to keep; None for no limit.
         overlap: of area shared in the area of the smallest box around both, that is allowed.
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
 
 from ..render import Camera, Mesh
-from .canvas import Box, cut_out
+from .canvas import cut_out
 from .choices import Kind, Search
 from .matching import Photograph, model_of
 from .strategies import SEARCHES
@@ -60,7 +60,7 @@ def estimate_pose(
     photograph: Tensor,
     models: Mesh | Mapping[str, Mesh],
     *,
-    box: Box | None = None,
+    box: Sequence[float] | None = None,
     initial: tuple[float, float] | None = None,
     method: Search = "best",
     similarity: Kind | None = None,
@@ -111,7 +111,7 @@ def estimate_pose(
         shape = tuple(photograph.shape)
         raise ValueError(f"the photograph must be a floating point tensor (1 or 3, H, W), got the shape {shape}")
     height, width = photograph.shape[1:]
-    canvas = cut_out(photograph, box or (0.0, 0.0, float(width), float(height)))
+    canvas = cut_out(photograph, (0, 0, width, height) if box is None else box)
     task = Task(
         Photograph(canvas, background),
         {name: model_of(mesh, canvas.camera) for name, mesh in named.items()},

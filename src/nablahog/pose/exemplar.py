@@ -7,7 +7,7 @@ most confident detection is the pose.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .canvas import Box, Canvas, cut_out
+from ..hog.box import Box
+from .canvas import Canvas, cut_out
 from .elements import all_patches
 from .star import NOTHING, star_match
 from .views import CELL, LEVELS, Views, pyramid, together
@@ -49,7 +50,9 @@ class Detection:
 
 
 @torch.no_grad()
-def detect(photograph: Tensor, box: Box, models: Mapping[str, Views], *, agreement: float = 0.5) -> Detection:
+def detect(
+    photograph: Tensor, box: Sequence[float], models: Mapping[str, Views], *, agreement: float = 0.5
+) -> Detection:
     """The most confident detection of any view of any model.
 
     Args:
@@ -84,9 +87,9 @@ def detect(photograph: Tensor, box: Box, models: Mapping[str, Views], *, agreeme
     if best is None:
         raise ValueError("no element of any view is found in the image")
     _, name, (azimuth, elevation), (confidence, inliers, *corners) = best
-    top, left, bottom, right = ((value - SIDE / 2) / canvas.zoom for value in corners)
     x, y = canvas.middle
-    return Detection(name, azimuth, elevation, (x + left, y + top, x + right, y + bottom), confidence, int(inliers))
+    sides = [middle + (side - SIDE / 2) / canvas.zoom for middle, side in zip((x, y, x, y), corners, strict=True)]
+    return Detection(name, azimuth, elevation, Box.of(sides), confidence, int(inliers))
 
 
 def _blocks(models: Mapping[str, Views]) -> Iterator[tuple[tuple[int, int], list[str]]]:
@@ -114,7 +117,7 @@ class _Image:
 
     def __init__(self, canvas: Canvas, size: tuple[int, int]) -> None:
         width, height = canvas.size
-        self.box = (np.array([-height, -width, height, width]) + SIDE) / 2
+        self.box = (np.array([-width, -height, width, height]) + SIDE) / 2
         levels = [all_patches(cells, size) for cells in pyramid(canvas.image[0, 0], size)]
         self.rows, self.cols = (np.array([level.shape[axis] for level in levels]) for axis in (0, 1))
         self.start = np.concatenate([[0], np.cumsum(self.rows * self.cols)])
@@ -125,8 +128,8 @@ class _Image:
     def _near(self, level: Tensor, size: tuple[int, int], pixels: float) -> Tensor:
         """Which patches of a level have their middle near the box, (rows, cols)."""
         y, x = ((torch.arange(level.shape[axis]) + size[axis] / 2) * pixels for axis in (0, 1))
-        top, left, bottom, right = self.box
-        rows, cols = (y >= top - MARGIN) & (y <= bottom + MARGIN), (x >= left - MARGIN) & (x <= right + MARGIN)
+        x0, y0, x1, y1 = self.box
+        rows, cols = (y >= y0 - MARGIN) & (y <= y1 + MARGIN), (x >= x0 - MARGIN) & (x <= x1 + MARGIN)
         near: Tensor = rows[:, None] & cols
         return near
 

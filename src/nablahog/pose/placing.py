@@ -53,16 +53,16 @@ def place(poses: Tensor, points: Tensor, camera: Camera, size: tuple[float, floa
 
 @compiled
 def _bounds(points: Any, turns: Any, distances: Any, focal: float, found: Any) -> None:
-    """The boxes around points (N, 3) at poses, relative to the principal point: x and y of their corners, (B, 4)."""
+    """The boxes around points (N, 3) at poses, relative to the principal point: x0, y0, x1, y1, (B, 4)."""
     for b in range(turns.shape[0]):
         turn, distance = turns[b], distances[b]
-        left = top = np.inf
-        right = bottom = -np.inf
+        x0 = y0 = np.inf
+        x1 = y1 = -np.inf
         for n in range(points.shape[0]):
             x, y, z = points[n, 0], points[n, 1], points[n, 2]
             inverse = focal / (turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z + distance)
             across = (turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z) * inverse
             down = (turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z) * inverse
-            left, right = min(left, across), max(right, across)
-            top, bottom = min(top, down), max(bottom, down)
-        found[b, 0], found[b, 1], found[b, 2], found[b, 3] = left, top, right, bottom
+            x0, x1 = min(x0, across), max(x1, across)
+            y0, y1 = min(y0, down), max(y1, down)
+        found[b, 0], found[b, 1], found[b, 2], found[b, 3] = x0, y0, x1, y1

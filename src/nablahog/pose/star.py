@@ -41,10 +41,10 @@ def star_match(
         level, positions, first, boxes: of :class:`.views.Views`.
         cell: pixels of a cell.
         octave: levels an octave.
-        expected: top, left, bottom and right of the object, pixels of the image.
+        expected: (4,): x0, y0, x1, y1 of the object, pixels of the image.
         agreement: the least intersection over union of its box with that of a detection.
-        found: (V, 7), to be filled: rank, confidence, number of elements that score above 0, and the detection's top,
-            left, bottom and right; a rank of -inf if no element scores above 0 anywhere.
+        found: (V, 7), to be filled: rank, confidence, number of elements that score above 0, and the detection's x0,
+            y0, x1, y1; a rank of -inf if no element scores above 0 anywhere.
     """
     levels = len(rows)
     free = np.empty(scores.shape[1], scores.dtype)
@@ -87,14 +87,14 @@ def star_match(
                         confidence += score
                         inliers += score > 0
                     box = boxes[view] * zoom
-                    y0, x0, y1, x1 = box[0] + top, box[1] + side, box[2] + top, box[3] + side
-                    high = max(0.0, min(y1, expected[2]) - max(y0, expected[0]))
-                    wide = max(0.0, min(x1, expected[3]) - max(x0, expected[1]))
+                    x0, y0, x1, y1 = box[0] + side, box[1] + top, box[2] + side, box[3] + top
+                    high = max(0.0, min(y1, expected[3]) - max(y0, expected[1]))
+                    wide = max(0.0, min(x1, expected[2]) - max(x0, expected[0]))
                     union = (y1 - y0) * (x1 - x0) - high * wide
-                    union += (expected[2] - expected[0]) * (expected[3] - expected[1])
+                    union += (expected[3] - expected[1]) * (expected[2] - expected[0])
                     rank = confidence + min(0, inliers - 5)
                     if high * wide < agreement * union:
                         rank -= UNLIKE
                     if rank > found[view, 0]:
                         found[view, 0], found[view, 1], found[view, 2] = rank, confidence, inliers
-                        found[view, 3], found[view, 4], found[view, 5], found[view, 6] = y0, x0, y1, x1
+                        found[view, 3], found[view, 4], found[view, 5], found[view, 6] = x0, y0, x1, y1

@@ -27,7 +27,7 @@ from ..render import Camera, Light, Mesh, Renderer, silhouette
 from .elements import EMPTY, all_patches, apart, calibration
 from .whitening import Background
 
-FORMAT = 1
+FORMAT = 2
 CELL = 5  # pixels of a cell
 SPEC = aubry(CELL)
 LEVELS = 3  # of a pyramid, an octave
@@ -78,7 +78,7 @@ class Views:
         level: (E,), int64: of the pyramid in which an element was found, 0 the rendering itself.
         positions: (E, 2), int64: row and column of its upper left cell there.
         first: (V + 1,), int64: the elements of view v are first[v] … first[v + 1] − 1.
-        boxes: (V, 4), float32: top, left, bottom and right of what is seen, in pixels of the rendering.
+        boxes: (V, 4), float32: x0, y0, x1, y1 of what is seen, in pixels of the rendering.
         viewpoints: (V, 2), float32: azimuth and elevation, degrees.
 
     Raises:
@@ -112,7 +112,7 @@ class Views:
             raise ValueError("the elements of views must be four-dimensional, in pyramids, and in order of the views")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes it to the file ``path``, an .npz archive of its attributes and ``format`` (1); weights in float16.
+        """Writes it to the file ``path``, an .npz archive of its attributes and ``format`` (2); weights in float16.
 
         Raises:
             OSError: the file cannot be written.
@@ -176,8 +176,8 @@ def together(some: Sequence[Views]) -> Views:
 
 
 def _box_of(seen: Tensor) -> Tensor:
-    """Top, left, bottom and right of the pixels seen, (4,); of none, 0."""
-    pixels = seen.nonzero()
+    """x0, y0, x1, y1 around the pixels seen, (4,); of none, 0."""
+    pixels = seen.nonzero().flip(1)  # x, y
     return torch.cat([pixels.amin(0), pixels.amax(0) + 1]).float() if len(pixels) else torch.zeros(4)
 
 
@@ -190,7 +190,7 @@ def _elements(image: Tensor, box: Tensor, background: Background, viewing: Viewi
         pixels: float = CELL * 2 ** (level / LEVELS)
         at = torch.cartesian_prod(*(torch.arange(n) for n in every.shape[:2]))
         middle = (at + size / 2) * pixels
-        at = at[((middle >= box[:2]) & (middle <= box[2:])).all(1)]
+        at = at[((middle >= box[[1, 0]]) & (middle <= box[[3, 2]])).all(1)]
         patches.append(every[at[:, 0], at[:, 1]])
         places.append(torch.cat([torch.full((len(at), 1), level), at], dim=1))
     patch, place = torch.cat(patches), torch.cat(places)

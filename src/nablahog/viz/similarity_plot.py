@@ -37,7 +37,7 @@ def boxed(picture: Picture, boxes: Sequence[Sequence[float]]) -> NDArray[np.floa
 
     Args:
         picture: (H, W), (1, H, W) or (3, H, W) in 0…1.
-        boxes: x0, y0, x1, y1 in pixels; what is beyond the picture is not seen.
+        boxes: x0, y0, x1, y1 in pixels, see :class:`~nablahog.hog.box.Box`; what is beyond the picture is not seen.
 
     Returns:
         (3, H, W) in 0…1.

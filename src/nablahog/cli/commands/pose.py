@@ -12,7 +12,7 @@ from pathlib import Path
 from ...datasets.cad import Models, read_models
 from ...io.files import output_folder
 from ...io.images import read_image
-from ...pose.canvas import SIDE, Box, check_box, cut_out
+from ...pose.canvas import SIDE, checked_box, cut_out
 from ...pose.estimate import estimate_pose
 from ...pose.matching import ELEMENT, Photograph
 from ...pose.whitening import Background
@@ -35,8 +35,7 @@ def pose(arguments: Namespace) -> None:
     with refusing():
         photograph = read_image(arguments.photo)
         height, width = photograph.shape[1:]
-        box: Box = arguments.box or (0.0, 0.0, float(width), float(height))
-        check_box(box, height, width)
+        box = checked_box(arguments.box or (0.0, 0.0, float(width), float(height)), height, width)
         background = None if arguments.background is None else _background(Path(arguments.background))
         models = _models(Path(arguments.mesh))
     folder = Path(arguments.output)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import interpolate
 
+from ...hog.box import Box
 from ...io.files import distinct_stems, replacing
 from ...io.images import Picture, as_array, write_image
 from ...pose.canvas import FILL, cut_out
@@ -116,7 +117,7 @@ def _glyphs(result: PoseResult) -> list[Panel]:
         drawn = glyphs(descriptor, spec, cell_pixels=24)
         down, across = (drawn.shape[axis] / descriptor.shape[axis] for axis in range(2))
         boxes = [
-            (col * across, row * down, (col + ELEMENT[1]) * across, (row + ELEMENT[0]) * down)
+            Box(col * across, row * down, (col + ELEMENT[1]) * across, (row + ELEMENT[0]) * down)
             for row, col in elements.positions.tolist()
         ]
         panels += [Panel(image[0], what), Panel(boxed(drawn, boxes), f"its glyphs, {len(boxes)} elements")]

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from ...hog.box import Box
 from ...io.images import as_array
-from ...pose.canvas import SIDE, Box
+from ...pose.canvas import SIDE
 from ...pose.choices import Search
 from ...pose.estimate import PoseEstimate
 from ...pose.matching import ELEMENT, Photograph, model_of
