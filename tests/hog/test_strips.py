@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from nablahog.hog import BilinearCells, BlockCells, BlockNorm, BoxCells, HOGSpec
-from nablahog.hog.kernels import plans
+from nablahog.hog.kernels import parameters
 from nablahog.hog.poolings import Pooling
 from nablahog.hog.strips import Strips
 
@@ -17,7 +17,7 @@ WIDTH = 6
 
 def bands(s: HOGSpec, height: int, at: int = 0) -> list[tuple[int, int]]:
     """Of an image, or of a crop that begins ``at``."""
-    return [(int(a) + at, int(b) + at) for a, b, _ in plans.pooling(s, height, WIDTH, torch.float32).bands]
+    return [(int(a) + at, int(b) + at) for a, b, _ in parameters.pooling(s, height, WIDTH, torch.float32).bands]
 
 
 def assert_alike(s: HOGSpec, height: int) -> None:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import torch
 
-from .kernels import plans, supports
+from .kernels import parameters, supports
 from .normalizers import BlockNorm, FourBlockNorm
 from .poolings import BilinearCells, BlockCells, BoxCells
 from .spec import HOGSpec
@@ -145,7 +145,7 @@ def _bands(spec: HOGSpec, width: int, dtype: torch.dtype) -> _Bands:
     if not supports(spec):
         return _Bands(step, 1, 1)  # plain steps have no bands
     height = _STEPS * step + 16 * reach
-    bands = [(int(start), int(stop)) for start, stop, _ in plans.pooling(spec, height, width, dtype).bands]
+    bands = [(int(start), int(stop)) for start, stop, _ in parameters.pooling(spec, height, width, dtype).bands]
     longest = max(stop - start for start, stop in bands)
     seen = {band for band in bands if band[1] <= height - reach}  # not those at the bottom, whose cells are missing
     end = max(stop for _, stop in seen)

@@ -93,7 +93,7 @@ def _store_pair(
         write = Builder(*call)
         width = lanes(write.size(0))
         begin, step, s, y, count = (write.arguments[which] for which in (3, 4, 6, 7, 8))
-        step = Lanes(write, write.spread(step, width))
+        step = Lanes(write, write.splat(step, width))
         with _fours(write, count) as (k, _):
             for j in range(4):
                 x = write.add(k, j * width)
@@ -119,7 +119,7 @@ def _step(_: Any, xs: Any, along: Any, begin: Any, step: Any, new: Any, gradient
         largest = write.variable(type_)
         builder.store(write.zeros(type_), largest)
         begin, count = write.arguments[2], write.arguments[7]
-        step, by = (Lanes(write, write.spread(write.arguments[which], width)) for which in (3, 6))
+        step, by = (Lanes(write, write.splat(write.arguments[which], width)) for which in (3, 6))
         with _fours(write, count) as (k, _):
             for j in range(4):
                 here = write.add(begin, k, j * width)
@@ -128,7 +128,7 @@ def _step(_: Any, xs: Any, along: Any, begin: Any, step: Any, new: Any, gradient
                 write.store(5, here, new.value)
                 write.store(1, here, (by * new).value)
                 so_far = Lanes(write, builder.load(largest))
-                builder.store(new.size().is_(">", so_far).choose(new.size(), so_far).value, largest)
+                builder.store(new.abs().compare(">", so_far).where(new.abs(), so_far).value, largest)
         return write.largest(builder.load(largest))
 
     return xs.dtype(xs, along, begin, step, new, gradients, by, count), build
@@ -145,7 +145,7 @@ def _add_pair(
         write = Builder(*call)
         width = lanes(write.size(0))
         _, begin, _, first, second, *factors, count = write.arguments
-        by_first, by_second = (write.spread(factor, width) for factor in factors)
+        by_first, by_second = (write.splat(factor, width) for factor in factors)
         with _fours(write, count) as (k, _):
             for j in range(4):
                 here = write.add(begin, k, j * width)

@@ -81,13 +81,13 @@ class Builder:
     def store(self, which: int, at: Any, values: Any) -> None:
         self.builder.store(values, self.place(which, at, values.type), align=self.size(which))
 
-    def spread(self, number: Any, count: int) -> Any:
+    def splat(self, number: Any, count: int) -> Any:
         """A number so many times."""
         type_ = self.vector(number.type, count)
         one = self.builder.insert_element(self.ir.Constant(type_, self.ir.Undefined), number, self.ir.IntType(32)(0))
-        return self.mixed(one, one, [0] * count)
+        return self.shuffle(one, one, [0] * count)
 
-    def mixed(self, left: Any, right: Any, order: list[int]) -> Any:
+    def shuffle(self, left: Any, right: Any, order: list[int]) -> Any:
         """Numbers of two vectors by their places, those of the second after those of the first."""
         index = self.ir.VectorType(self.ir.IntType(32), len(order))
         return self.builder.shuffle_vector(left, right, self.ir.Constant(index, order))
@@ -109,12 +109,12 @@ class Builder:
 
     def largest(self, values: Any) -> Any:
         """The largest of them."""
-        return self._in_pairs(values, lambda low, high: low.is_(">", high).choose(low, high))
+        return self._in_pairs(values, lambda low, high: low.compare(">", high).where(low, high))
 
     def _in_pairs(self, values: Any, of_two: Callable[[Lanes, Lanes], Lanes]) -> Any:
         half = values.type.count // 2
         while half:
-            low, high = (self.mixed(values, values, list(range(first, first + half))) for first in (0, half))
+            low, high = (self.shuffle(values, values, list(range(first, first + half))) for first in (0, half))
             values, half = of_two(Lanes(self, low), Lanes(self, high)).value, half // 2
         return self.builder.extract_element(values, self.ir.IntType(32)(0))
 
@@ -136,7 +136,7 @@ class Builder:
                     upper, lower = rows[k], rows[k + step]
                     left = [j if j & step == 0 else count + j - step for j in range(count)]
                     right = [j + step if j & step == 0 else count + j for j in range(count)]
-                    rows[k], rows[k + step] = self.mixed(upper, lower, left), self.mixed(upper, lower, right)
+                    rows[k], rows[k + step] = self.shuffle(upper, lower, left), self.shuffle(upper, lower, right)
             step *= 2
         return rows
 
@@ -180,11 +180,11 @@ class Lanes:
     def __or__(self, other: Lanes) -> Lanes:
         return self._with("or_", other)
 
-    def is_(self, sign: str, other: Any) -> Lanes:
+    def compare(self, sign: str, other: Any) -> Lanes:
         """Compared by ``<``, ``==``, …"""
         return Lanes(self.write, self.write.builder.fcmp_ordered(sign, self.value, self.like(other).value))
 
-    def choose(self, one: Any, other: Any) -> Lanes:
+    def where(self, one: Any, other: Any) -> Lanes:
         """Of truth values: ``one`` where they are true, and ``other`` where not."""
         which = one if isinstance(one, Lanes) else other
         values = (which.like(each).value for each in (one, other))
@@ -194,14 +194,14 @@ class Lanes:
         bits = 32 if self.value.type.element == self.write.ir.FloatType() else 64
         return Lanes(self.write, self.write.call(f"llvm.{name}.v{self.value.type.count}f{bits}", self.value))
 
-    def root(self) -> Lanes:
+    def sqrt(self) -> Lanes:
         return self._function("sqrt")
 
-    def size(self) -> Lanes:
+    def abs(self) -> Lanes:
         """The absolute value."""
         return self._function("fabs")
 
-    def signed_as(self, other: Lanes) -> Lanes:
+    def copysign(self, other: Lanes) -> Lanes:
         """With the other's signs."""
         bits = 32 if self.value.type.element == self.write.ir.FloatType() else 64
         name = f"llvm.copysign.v{self.value.type.count}f{bits}"

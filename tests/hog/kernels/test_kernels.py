@@ -321,8 +321,8 @@ from nablahog.hog.kernels import loops
 x = torch.rand(2, 1, 32, 32, generator=torch.Generator().manual_seed(0))
 for spec in (presets.paper(), presets.uoctti()):
     cells = loops.cells(x, spec)
-    reached = loops.norm_back(cells, loops.norm(cells, spec), spec)
-    for found in (cells, reached, loops.cells_back(x, reached, spec)):
+    reached = loops.norm_vjp(cells, loops.norm(cells, spec), spec)
+    for found in (cells, reached, loops.cells_vjp(x, reached, spec)):
         print(hashlib.sha256(found.numpy().tobytes()).hexdigest())
 """
 

@@ -29,7 +29,7 @@ def test_operators_are_as_they_should_be(name: str) -> None:
     for images in (noise(2, 3, 14, 13).requires_grad_(), noise(1, 1, 14, 13, dtype=torch.float32)):
         torch.library.opcheck(operators.cells, (images, text))
         torch.library.opcheck(operators.describe, (images, text))
-        for step, back in ((operators.cells, operators.cells_back), (operators.describe, operators.describe_back)):
+        for step, back in ((operators.cells, operators.cells_vjp), (operators.describe, operators.describe_vjp)):
             torch.library.opcheck(back, (images.detach(), torch.ones_like(step(images.detach(), text)), text))
 
 

@@ -43,7 +43,7 @@ def test_tables_hold_what_is_read_without_them(name: str, size: tuple[int, int])
     def found(looked_up: bool) -> np.ndarray:
         plan = *known.plan[:2], known.pooling._replace(looked_up=looked_up)
         back = np.empty(images.shape, np.float32)
-        loops.cells_adjoint(*known.stored(images), *plan, reached, (0, 2), (0, size[0]), back)
+        loops.cells_vjp_of_images(*known.stored(images), *plan, reached, (0, 2), (0, size[0]), back)
         return back
 
     one, other = found(True), found(False)

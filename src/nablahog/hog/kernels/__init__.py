@@ -16,8 +16,8 @@ from torch.nn import Parameter
 from ..normalize import normalize
 from ..spec import HOGSpec
 from ..steps import plain_histograms
-from . import functions, operators
-from .colours import apart, back_together, one_by_one
+from . import autograd, operators
+from .colours import merge_colours, separate_colours, split_colours
 
 Step: TypeAlias = Callable[[Tensor, HOGSpec], Tensor]
 
@@ -43,8 +43,8 @@ def describe(images: Tensor, spec: HOGSpec) -> Tensor:
         spec.grid(*images.shape[2:])
         found: Tensor = operators.describe(images, spec.to_json())
         return found
-    each = functions.apply(functions.DESCRIBE, one_by_one(images, spec), _of_one_colour(spec))
-    return back_together(each, spec)
+    each = autograd.apply(autograd.DESCRIBE, separate_colours(images, spec), _of_one_colour(spec))
+    return merge_colours(each, spec)
 
 
 def histograms(images: Tensor, spec: HOGSpec) -> Tensor:
@@ -53,8 +53,8 @@ def histograms(images: Tensor, spec: HOGSpec) -> Tensor:
         spec.grid(*images.shape[2:])
         found: Tensor = operators.cells(images, spec.to_json())
     else:
-        each = functions.apply(functions.CELLS, one_by_one(images, spec), _of_one_colour(spec))
-        found = back_together(each, spec)
+        each = autograd.apply(autograd.CELLS, separate_colours(images, spec), _of_one_colour(spec))
+        found = merge_colours(each, spec)
     return found.permute(0, 3, 1, 2)
 
 
@@ -62,8 +62,8 @@ def _norm(of_cells: Tensor, spec: HOGSpec) -> Tensor:
     """The normaliser: cell histograms (B, colours · bins, rows, cols) to (B, channels, rows, cols)."""
     if _in_graph(of_cells):
         return normalize(of_cells, spec)
-    each = apart(of_cells.permute(0, 2, 3, 1), spec)
-    return back_together(functions.apply(functions.NORM, each, _of_one_colour(spec)), spec).permute(0, 3, 1, 2)
+    each = split_colours(of_cells.permute(0, 2, 3, 1), spec)
+    return merge_colours(autograd.apply(autograd.NORM, each, _of_one_colour(spec)), spec).permute(0, 3, 1, 2)
 
 
 def steps(device: torch.device, spec: HOGSpec) -> tuple[Step, Step]:

@@ -24,7 +24,7 @@ class _Block:
 
     def number(self, which: int) -> Lanes:
         """An argument, eight times."""
-        return Lanes(self.write, self.write.spread(self.write.arguments[which], 8))
+        return Lanes(self.write, self.write.splat(self.write.arguments[which], 8))
 
     @contextmanager
     def eights(self) -> Iterator[tuple[Any, Any, Lanes]]:
@@ -41,7 +41,7 @@ class _Block:
             cgutils.for_range_slice(builder, write.whole(0), count, write.whole(8)) as (k, _),
         ):
             x = builder.select(builder.icmp_signed("<", k, begin), k, begin)
-            fresh = builder.icmp_signed(">=", each, write.spread(builder.sub(k, x), 8))
+            fresh = builder.icmp_signed(">=", each, write.splat(builder.sub(k, x), 8))
             here = write.add(at, write.times(row.index, of_row), x)
             yield here, write.add(write.times(row.index, count), x), Lanes(write, fresh)
 
@@ -66,7 +66,7 @@ def _scaled(*call: Any, root: bool) -> Any:
     with block.eights() as (here, place, _):
         values = block.load(0, here) * factor
         block.write.store(
-            6, block.write.add(block.write.arguments[7], place), (values.root() if root else values).value
+            6, block.write.add(block.write.arguments[7], place), (values.sqrt() if root else values).value
         )
     return call[0].get_dummy_value()
 
@@ -97,9 +97,9 @@ def clip_block(_: Any, of: Any, at: Any, of_row: Any, high: Any, count: Any, fac
         add, total = block.sum_()
         with block.eights() as (here, place, fresh):
             values = block.load(0, here) * factor
-            values = values.is_(">", clip).choose(clip, values)
+            values = values.compare(">", clip).where(clip, values)
             block.write.store(7, place, values.value)
-            add(fresh.choose(values * values, 0.0))
+            add(fresh.where(values * values, 0.0))
         return total()
 
     return of.dtype(of, at, of_row, high, count, factor, clip, found), build
@@ -128,7 +128,7 @@ def clipped_products(
         (add_square, squares), (add_product, products) = block.sum_(), block.sum_()
         with block.eights() as (here, place, fresh):
             values = block.load(0, here) * factor
-            values = fresh.choose(values.is_(">", clip).choose(clip, values), 0.0)
+            values = fresh.where(values.compare(">", clip).where(clip, values), 0.0)
             add_square(values * values)
             add_product(values * block.load(7, write.add(write.arguments[8], place)))
         for k, total in enumerate((squares, products)):
@@ -139,7 +139,7 @@ def clipped_products(
 
 
 @instruction
-def through_clip(
+def clip_vjp(
     _: Any,
     of: Any,
     at: Any,
@@ -169,20 +169,20 @@ def through_clip(
         with block.eights() as (here, place, fresh):
             values = block.load(0, here)
             unit = values * factor
-            above = unit.is_(">", clip)
+            above = unit.compare(">", clip)
             given = block.load(7, write.add(write.arguments[8], place))
-            reached = given * by_given - above.choose(clip, unit) * by_own
-            reached = unit.is_("==", clip).choose(reached * 0.5, reached)
-            reached = above.choose(0.0, reached)
+            reached = given * by_given - above.where(clip, unit) * by_own
+            reached = unit.compare("==", clip).where(reached * 0.5, reached)
+            reached = above.where(0.0, reached)
             write.store(11, place, reached.value)
-            add(fresh.choose(reached * values, 0.0))
+            add(fresh.where(reached * values, 0.0))
         return total()
 
     return of.dtype(of, at, of_row, high, count, factor, clip, given, begin, by_given, by_own, found), build
 
 
 @instruction
-def through_root(
+def root_vjp(
     _: Any, of: Any, at: Any, of_row: Any, high: Any, count: Any, factor: Any, given: Any, begin: Any, found: Any
 ) -> Any:
     """The same before roots are taken; none of zero."""
@@ -193,11 +193,11 @@ def through_root(
         add, total = block.sum_()
         with block.eights() as (here, place, fresh):
             values = block.load(0, here)
-            root = (values * factor).root()
+            root = (values * factor).sqrt()
             reached = block.load(6, write.add(write.arguments[7], place)) * 0.5 / root
-            reached = root.is_(">", 0.0).choose(reached, 0.0)
+            reached = root.compare(">", 0.0).where(reached, 0.0)
             write.store(8, place, reached.value)
-            add(fresh.choose(reached * values, 0.0))
+            add(fresh.where(reached * values, 0.0))
         return total()
 
     return of.dtype(of, at, of_row, high, count, factor, given, begin, found), build
@@ -213,14 +213,14 @@ def product(_: Any, of: Any, at: Any, of_row: Any, high: Any, count: Any, given:
         add, total = block.sum_()
         with block.eights() as (here, place, fresh):
             reached = block.load(5, write.add(write.arguments[6], place))
-            add(fresh.choose(block.load(0, here) * reached, 0.0))
+            add(fresh.where(block.load(0, here) * reached, 0.0))
         return total()
 
     return of.dtype(of, at, of_row, high, count, given, begin), build
 
 
 @instruction
-def add_back(
+def add_normalised_vjp(
     _: Any,
     of: Any,
     at: Any,
@@ -243,7 +243,7 @@ def add_back(
         with block.eights() as (here, place, fresh):
             reached = block.load(5, write.add(write.arguments[6], place)) * by_given
             reached = reached - (block.load(0, here) * by_own + less)
-            write.store(10, here, (block.load(10, here) + fresh.choose(reached, 0.0)).value)
+            write.store(10, here, (block.load(10, here) + fresh.where(reached, 0.0)).value)
         return call[0].get_dummy_value()
 
     return types.void(of, at, of_row, high, count, given, begin, by_given, by_own, less, found), build

@@ -199,7 +199,7 @@ def add_bands(of_bands: Any, pooling: Any, found: Any) -> None:
 
 
 @compiled
-def cells(
+def cells_of_images(
     pixels: Any,
     at: int,
     shape: Any,

@@ -18,10 +18,10 @@ class _Eight(Builder):
     def all(self, which: int, index: int | None = None) -> Lanes:
         """An argument eight times, or the number of it with an index."""
         number = self.arguments[which] if index is None else self.load_one(which, self.whole(index))
-        return Lanes(self, self.spread(number, 8))
+        return Lanes(self, self.splat(number, 8))
 
     def clipped(self, entries: Lanes, clip: Lanes) -> Lanes:
-        return entries.is_(">", clip).choose(clip, entries)
+        return entries.compare(">", clip).where(clip, entries)
 
 
 @instruction
@@ -78,7 +78,7 @@ def clipped_totals(_: Any, entries: Any, at: Any, factors: Any, clip: Any, total
 
 
 @instruction
-def clipped_adjoint(
+def clipped_vjp(
     _: Any, entries: Any, at: Any, factors: Any, clip: Any, given: Any, step: Any, each: Any, totals: Any, found: Any
 ) -> Any:
     """What reaches ``entries[at:]``, added to ``found[at:]``, and the four ``factors``, added to ``totals``.
@@ -96,8 +96,8 @@ def clipped_adjoint(
             factor = write.all(2, block)
             product = values * factor
             reached = write.eight(4, place) + write.all(6, block)
-            passed = product.is_("==", limit).choose(reached * 0.5, reached)
-            passed = product.is_(">", limit).choose(0.0, passed)
+            passed = product.compare("==", limit).where(reached * 0.5, reached)
+            passed = product.compare(">", limit).where(0.0, passed)
             found = Lanes(write, write.product_sum(passed.value, factor.value, found.value))
             total = write.product_sum(passed.value, values.value, write.load(7, write.whole(8 * block), 8))
             write.store(7, write.whole(8 * block), total)

@@ -14,7 +14,7 @@ import numpy as np
 from ...runtime.compile import compiled, inlined
 from ..normalize import DPM_ORDER, DPM_TEXTURE, VLFEAT_TEXTURE
 from ..normalizers import PARTS, FourBlockNorm
-from .four_block_simd import clipped_adjoint, clipped_sums, clipped_totals, dot_eight, total_of_eight
+from .four_block_simd import clipped_sums, clipped_totals, clipped_vjp, dot_eight, total_of_eight
 from .norms import copy
 
 
@@ -193,7 +193,7 @@ def _halves(given: Any, at: int, count: int, found: Any) -> None:
 
 
 @compiled
-def _describe_adjoint(
+def _describe_vjp(
     histograms: Any, rows: int, cols: int, bins: int, channels: int, scheme: Any, given: Any, found: Any
 ) -> None:
     """What reaches the histograms of one image, in one line, from ``given`` of the descriptor."""
@@ -227,7 +227,7 @@ def _describe_adjoint(
                     _halves(given, reached + directed, bins, of_cell)
                 to_cell[:] = 0
                 for k in range(0, cell.size, 8):
-                    clipped_adjoint(cell, k, four, clip, of_cell, 0, of_directed, totals, to_cell)
+                    clipped_vjp(cell, k, four, clip, of_cell, 0, of_directed, totals, to_cell)
                 copy(to_cell, 0, bins, found, begin)
             _undirected(histograms, begin, scheme.signed, n, undirected)
             to_undirected[:] = 0
@@ -242,7 +242,7 @@ def _describe_adjoint(
                         of_undirected[block * size + k] = of_undirected[k] + by_block
             for k in range(0, size, 8):
                 step = size if blocks >= 0 else 0
-                clipped_adjoint(undirected, k, four, clip, of_undirected, step, of_folded, totals, to_undirected)
+                clipped_vjp(undirected, k, four, clip, of_undirected, step, of_folded, totals, to_undirected)
             _to_both(to_undirected, one, scheme.signed, n, begin, found)
             to_factors[y, x] += total_of_eight(totals, 0)
             to_factors[y, x + 1] += total_of_eight(totals, 8)
@@ -258,9 +258,9 @@ def _describe_adjoint(
 
 
 @compiled
-def four_block_adjoint(images: Any, scheme: Any, given: Any, start: int, stop: int, found: Any) -> None:
+def four_block_norm_vjp(images: Any, scheme: Any, given: Any, start: int, stop: int, found: Any) -> None:
     """The adjoint, of images ``start`` to ``stop``."""
     _, rows, cols, bins = images.shape
     for image in range(start, stop):
         of_image, reached, to = images[image].reshape(-1), given[image].reshape(-1), found[image].reshape(-1)
-        _describe_adjoint(of_image, rows, cols, bins, given.shape[3], scheme, reached, to)
+        _describe_vjp(of_image, rows, cols, bins, given.shape[3], scheme, reached, to)

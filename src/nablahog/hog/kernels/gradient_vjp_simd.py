@@ -17,24 +17,24 @@ def _to_gradients(context: Any, builder: Any, signature: Any, arguments: Any, ha
     at, width, slope, to = arguments[10], arguments[11], arguments[12], arguments[15]
     index = write.vector(write.ir.IntType(64), columns)
     each = write.ir.Constant(index, list(range(columns)))
-    by_slope = Lanes(write, write.spread(slope, columns))
+    by_slope = Lanes(write, write.splat(slope, columns))
     with cgutils.for_range_slice(builder, write.whole(0), width, write.whole(columns)) as (x, _):
         place = write.add(at, x)
         m, f, here, after, exact, before_exact, here_exact, after_exact, gx, gy = (
             Lanes(write, write.load(which, place, columns)) for which in range(10)
         )
-        inside = Lanes(write, builder.icmp_signed("<", each, write.spread(builder.sub(width, x), columns)))
-        inverse = (m.is_(">", 0.0) & inside).choose(m.like(1.0) / m, 0.0)
+        inside = Lanes(write, builder.icmp_signed("<", each, write.splat(builder.sub(width, x), columns)))
+        inverse = (m.compare(">", 0.0) & inside).where(m.like(1.0) / m, 0.0)
         along = here if hard else here + f * (after - here)
-        along = m.is_(">", 0.0).choose(along * inverse, 0.0)
+        along = m.compare(">", 0.0).where(along * inverse, 0.0)
         us, vs = along * gx, along * gy
         if not hard:
-            change = exact.is_("==", 0.0).choose((after_exact - before_exact) * 0.5, after_exact - here_exact)
-            across = m.is_(">", 0.0).choose(by_slope * change * inverse, 0.0)
+            change = exact.compare("==", 0.0).where((after_exact - before_exact) * 0.5, after_exact - here_exact)
+            across = m.compare(">", 0.0).where(by_slope * change * inverse, 0.0)
             us, vs = us - across * gy, vs + across * gx
         begin = write.add(to, x, 1)
         for which, values in ((13, us), (14, vs)):
-            write.store(which, begin, inside.choose(values, 0.0).value)
+            write.store(which, begin, inside.where(values, 0.0).value)
     return context.get_dummy_value()
 
 
@@ -56,11 +56,11 @@ def _returns(hard: bool) -> Any:
     return instruction(returns)
 
 
-to_gradients, to_gradients_of_hard = _returns(hard=False), _returns(hard=True)
+votes_vjp, hard_votes_vjp = _returns(hard=False), _returns(hard=True)
 
 
 @instruction
-def central_back(
+def central_vjp(
     _: Any, to_gx: Any, to_gy: Any, line: Any, above: Any, below: Any, width: Any, slope: Any, found: Any, to: Any
 ) -> Any:
     """What reaches a row of values from central differences, times ``slope``, to ``found[to:]``.
@@ -76,7 +76,7 @@ def central_back(
         write = Builder(context, builder, signature, arguments)
         columns = lanes(write.size(0))
         (line, above, below, width, slope), to = arguments[2:7], arguments[8]
-        by_slope = Lanes(write, write.spread(slope, columns))
+        by_slope = Lanes(write, write.splat(slope, columns))
         last = builder.sub(width, write.whole(columns))
         with cgutils.for_range_slice(builder, write.whole(0), width, write.whole(columns)) as (k, _):
             x = builder.select(builder.icmp_signed("<", k, last), k, last)  # the last may overlap the one before it

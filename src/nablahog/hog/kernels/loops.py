@@ -13,13 +13,12 @@ from torch import Tensor
 from ...runtime.threads import share_out
 from ..normalizers import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm
 from ..spec import HOGSpec
-from . import plans
-from .adjoint import cells_adjoint
-from .cells import add_bands
-from .cells import cells as loop_over_cells
-from .four_blocks import four_block_adjoint, four_block_norm, four_blocks
-from .norms import block_adjoint, block_norm, cell_adjoint, cell_norm, global_adjoint, global_norm, rectangles
-from .tangent import tangents_of_images
+from . import parameters
+from .cells import add_bands, cells_of_images
+from .cells_jvp import cells_jvp_of_images
+from .cells_vjp import cells_vjp_of_images
+from .four_blocks import four_block_norm, four_block_norm_vjp, four_blocks
+from .norms import block_norm, block_norm_vjp, cell_norm, cell_norm_vjp, global_norm, global_norm_vjp, rectangles
 
 Work: TypeAlias = Callable[[int, int], None]
 """Goes over some images, from the first to the one behind the last."""
@@ -27,7 +26,7 @@ Work: TypeAlias = Callable[[int, int], None]
 _LARGE = 2**16  # pixels of an image that is worth more than one thread
 
 
-class _Found:
+class TypedKernelCache:
     """Loops that are called with arguments of always the same types, found once for these."""
 
     def __init__(self) -> None:
@@ -40,25 +39,25 @@ class _Found:
         found(*arguments)
 
 
-class _Norm(_Found):
+class _Norm(TypedKernelCache):
     """What the loops over cells need to know of a dialect and grids of a size."""
 
     def __init__(self, spec: HOGSpec, shape: tuple[int, ...], real: Any) -> None:
         super().__init__()
         scheme = spec.normalizer
         self.loop: Any
-        self.back: Any
+        self.vjp: Any
         self.scheme: Any
         if isinstance(scheme, FourBlockNorm):
-            self.loop, self.back = four_block_norm, four_block_adjoint
+            self.loop, self.vjp = four_block_norm, four_block_norm_vjp
             self.scheme = four_blocks(scheme, spec.bins, spec.signed, real)
         elif isinstance(scheme, BlockNorm):
-            self.loop, self.back, self.scheme = block_norm, block_adjoint, rectangles(scheme, real)
+            self.loop, self.vjp, self.scheme = block_norm, block_norm_vjp, rectangles(scheme, real)
         elif isinstance(scheme, CellNorm):
-            self.loop, self.back, self.scheme = cell_norm, cell_adjoint, real(scheme.epsilon)
+            self.loop, self.vjp, self.scheme = cell_norm, cell_norm_vjp, real(scheme.epsilon)
         else:
             assert isinstance(scheme, GlobalNorm)
-            self.loop, self.back = global_norm, global_adjoint
+            self.loop, self.vjp = global_norm, global_norm_vjp
             self.scheme = float(scheme.epsilon), scheme.form == "robust"
         self.grid = (*scheme.grid(*shape[:2]), spec.channels)
 
@@ -66,15 +65,15 @@ class _Norm(_Found):
         """From some images' cells to their descriptors, ``found``."""
         return lambda start, stop: self.run(self.loop, cells, self.scheme, start, stop, found)
 
-    def to_cells(self, cells: Any, reached: Any, found: Any) -> Work:
+    def vjp_of_cells(self, cells: Any, reached: Any, found: Any) -> Work:
         """From what reaches some images' descriptors to what reaches their cells, ``found``."""
-        return lambda start, stop: self.run(self.back, cells, self.scheme, reached, start, stop, found)
+        return lambda start, stop: self.run(self.vjp, cells, self.scheme, reached, start, stop, found)
 
 
 _norm = lru_cache(maxsize=64)(_Norm)
 
 
-class _Pixels(_Found):
+class _Pixels(TypedKernelCache):
     """What the loops over pixels need to know of a dialect and images of a size.
 
     Attributes:
@@ -87,9 +86,9 @@ class _Pixels(_Found):
         spec.grid(*shape[1:])  # or it is too small
         double = stored == torch.float64
         self.real: Any = np.float64 if double else np.float32
-        self.pooling = plans.pooling(spec, shape[1], shape[2], torch.float64 if double else torch.float32)
-        self.reading = plans.reading(spec, shape[0], shape[1], shape[2], stored)
-        self.plan = self.reading, plans.voting(spec, self.real), self.pooling
+        self.pooling = parameters.pooling(spec, shape[1], shape[2], torch.float64 if double else torch.float32)
+        self.reading = parameters.reading(spec, shape[0], shape[1], shape[2], stored)
+        self.plan = self.reading, parameters.voting(spec, self.real), self.pooling
         self.cells = self.pooling.rows, self.pooling.cols, self.pooling.bins
         self.norm = _norm(spec, self.cells, self.real)
         self.followed = self if spec.derivative != "linear" else _pixels(spec.with_linear_votes(), shape, stored)
@@ -118,30 +117,30 @@ class _Pixels(_Found):
         plan, batch = (*self.stored(images), *self.plan), images.shape[0]
         if self.in_bands(batch):
             of_bands = np.empty((self.bands, self.of_band), self.real)
-            share_out(lambda *some: self.run(loop_over_cells, *plan, (0, 1), some, of_bands, found[:0]), self.bands)
+            share_out(lambda *some: self.run(cells_of_images, *plan, (0, 1), some, of_bands, found[:0]), self.bands)
             self.run(add_bands, of_bands, self.pooling, found[0])
             then(0, 1)
             return
 
         def work(*some: int) -> None:
             of_band = np.empty((1, self.of_band), self.real)  # each thread's own
-            self.run(loop_over_cells, *plan, some, self.every_band, of_band, found)
+            self.run(cells_of_images, *plan, some, self.every_band, of_band, found)
             then(*some)
 
         share_out(work, batch)
 
-    def back(self, images: Tensor, first: Work, reached: Any) -> Tensor:
+    def vjp(self, images: Tensor, first: Work, reached: Any) -> Tensor:
         """From what reaches cells, once ``first`` has found it for some images, to what reaches the images."""
         plan, batch = (*self.stored(images), *self.plan), images.shape[0]
         found = np.empty((batch, *self.shape), self.real)
         if self.in_bands(batch):
             first(0, 1)
-            share_out(lambda *some: self.run(cells_adjoint, *plan, reached, (0, 1), some, found), self.height)
+            share_out(lambda *some: self.run(cells_vjp_of_images, *plan, reached, (0, 1), some, found), self.height)
             return torch.from_numpy(found)
 
         def work(*some: int) -> None:
             first(*some)
-            self.run(cells_adjoint, *plan, reached, some, (0, self.height), found)
+            self.run(cells_vjp_of_images, *plan, reached, some, (0, self.height), found)
 
         share_out(work, batch)
         return torch.from_numpy(found)
@@ -168,18 +167,18 @@ def cells(images: Tensor, spec: HOGSpec) -> Tensor:
     return torch.from_numpy(found)
 
 
-def cells_back(images: Tensor, given: Tensor, spec: HOGSpec) -> Tensor:
+def cells_vjp(images: Tensor, given: Tensor, spec: HOGSpec) -> Tensor:
     """The adjoint: what reaches the images from ``given`` (B, rows, cols, bins), of the cells."""
-    return _pixels(spec, images.shape[1:], images.dtype).followed.back(images, _nothing, array(given))
+    return _pixels(spec, images.shape[1:], images.dtype).followed.vjp(images, _nothing, array(given))
 
 
-def cells_forward(images: Tensor, changes: Tensor, spec: HOGSpec) -> Tensor:
+def cells_jvp(images: Tensor, changes: Tensor, spec: HOGSpec) -> Tensor:
     """How cells (B, rows, cols, bins) change with ``changes`` of the images."""
     known = _pixels(spec, images.shape[1:], images.dtype).followed
     beyond = known.reading._replace(beyond=known.reading.beyond * 0)
     plan = *known.stored(images), array(changes), known.reading, beyond, *known.plan[1:]
     found = np.empty((images.shape[0], *known.cells), known.real)
-    share_out(lambda start, stop: known.run(tangents_of_images, *plan, start, stop, found), len(found))
+    share_out(lambda start, stop: known.run(cells_jvp_of_images, *plan, start, stop, found), len(found))
     return torch.from_numpy(found)
 
 
@@ -192,12 +191,12 @@ def norm(histograms: Tensor, spec: HOGSpec) -> Tensor:
     return torch.from_numpy(found)
 
 
-def norm_back(histograms: Tensor, given: Tensor, spec: HOGSpec) -> Tensor:
+def norm_vjp(histograms: Tensor, given: Tensor, spec: HOGSpec) -> Tensor:
     """Its adjoint: what reaches the histograms from ``given`` (B, rows, cols, channels), of the descriptors."""
     cells = array(histograms)
     known = _norm(spec, cells.shape[1:], cells.dtype.type)
     found = np.empty_like(cells)
-    share_out(known.to_cells(cells, array(given), found), len(cells))
+    share_out(known.vjp_of_cells(cells, array(given), found), len(cells))
     return torch.from_numpy(found)
 
 
@@ -211,8 +210,8 @@ def describe(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Any]:
     return torch.from_numpy(found), cells
 
 
-def describe_back(images: Tensor, cells: Any, given: Tensor, spec: HOGSpec) -> Tensor:
+def describe_vjp(images: Tensor, cells: Any, given: Tensor, spec: HOGSpec) -> Tensor:
     """Its adjoint: what reaches the images from ``given``, of the descriptors, by an array of the cells."""
     known = _pixels(spec, images.shape[1:], images.dtype)
     reached = np.empty(cells.shape, known.real)
-    return known.followed.back(images, known.norm.to_cells(cells, array(given), reached), reached)
+    return known.followed.vjp(images, known.norm.vjp_of_cells(cells, array(given), reached), reached)

@@ -13,14 +13,14 @@ import numpy as np
 from ...runtime.compile import compiled, inlined
 from ..normalizers import BlockNorm
 from .block_norm_simd import (
-    add_back,
+    add_normalised_vjp,
     clip_block,
+    clip_vjp,
     clipped_products,
     product,
     root_block,
+    root_vjp,
     scale_block,
-    through_clip,
-    through_root,
 )
 from .four_block_simd import dot_eight
 
@@ -91,7 +91,7 @@ def global_norm(images: Any, scheme: Any, start: int, stop: int, found: Any) -> 
 
 
 @compiled
-def global_adjoint(images: Any, scheme: Any, given: Any, start: int, stop: int, found: Any) -> None:
+def global_norm_vjp(images: Any, scheme: Any, given: Any, start: int, stop: int, found: Any) -> None:
     """Its adjoint."""
     epsilon, robust = scheme
     for image in range(start, stop):
@@ -123,7 +123,7 @@ def cell_norm(images: Any, epsilon: Any, start: int, stop: int, found: Any) -> N
 
 
 @compiled
-def cell_adjoint(images: Any, epsilon: Any, given: Any, start: int, stop: int, found: Any) -> None:
+def cell_norm_vjp(images: Any, epsilon: Any, given: Any, start: int, stop: int, found: Any) -> None:
     """Its adjoint; where a cell is exactly as long as ε, the mean of both sides."""
     real = images.dtype.type
     for image in range(start, stop):
@@ -226,7 +226,7 @@ def block_norm(images: Any, scheme: Any, start: int, stop: int, found: Any) -> N
 
 
 @compiled
-def block_adjoint(images: Any, scheme: Any, given: Any, start: int, stop: int, found: Any) -> None:
+def block_norm_vjp(images: Any, scheme: Any, given: Any, start: int, stop: int, found: Any) -> None:
     """Its adjoint."""
     _, rows, cols, size = given.shape
     cells, bins = images.shape[1] * images.shape[2], images.shape[3]
@@ -264,22 +264,20 @@ def block_adjoint(images: Any, scheme: Any, given: Any, start: int, stop: int, f
                         clipped_products(source, *shape, factor, scheme.clip, reached, first, totals)
                         again = scheme.epsilon_again, scheme.added
                         by_given, by_own = _factor(totals[0], *again), _slope(totals[0], totals[1], *again)
-                        sum_ = through_clip(
-                            source, *shape, factor, scheme.clip, reached, first, by_given, by_own, through
-                        )
+                        sum_ = clip_vjp(source, *shape, factor, scheme.clip, reached, first, by_given, by_own, through)
                         reached, first = through, 0
                     else:
                         sum_ = product(source, *shape, reached, first)
                     slope = _slope(total, sum_, scheme.epsilon, scheme.added)
-                    add_back(source, *shape, reached, first, factor, slope, zero, target)
+                    add_normalised_vjp(source, *shape, reached, first, factor, slope, zero, target)
                 else:
                     factor = one / (total + scheme.epsilon)
                     if scheme.form == _L1_SQRT:
-                        sum_ = through_root(source, *shape, factor, reached, first, through)
+                        sum_ = root_vjp(source, *shape, factor, reached, first, through)
                         reached, first = through, 0
                     else:
                         sum_ = product(source, *shape, reached, first)
-                    add_back(source, *shape, reached, first, factor, zero, factor * factor * sum_, target)
+                    add_normalised_vjp(source, *shape, reached, first, factor, zero, factor * factor * sum_, target)
                 if short:
                     _add_rows(back, at, of_row, count, high, to_all)
                 begin += size

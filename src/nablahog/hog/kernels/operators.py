@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ..spec import HOGSpec
 from . import loops
-from .colours import apart, back_together, one_by_one, to_channels
+from .colours import merge_colours, separate_colours, separate_colours_vjp, split_colours
 
 
 @lru_cache(maxsize=64)
@@ -34,32 +34,32 @@ def _empty(images: Tensor, *shape: int) -> Tensor:
 @torch.library.custom_op("nablahog::cells", mutates_args=())
 def cells(images: Tensor, spec: str) -> Tensor:
     """Eq. 1-6: images (B, C, H, W) to cells (B, rows, cols, colours · bins)."""
-    each = loops.cells(one_by_one(images.detach(), _spec(spec)), _of_one_colour(spec))
-    return back_together(each, _spec(spec)).contiguous()
+    each = loops.cells(separate_colours(images.detach(), _spec(spec)), _of_one_colour(spec))
+    return merge_colours(each, _spec(spec)).contiguous()
 
 
-@torch.library.custom_op("nablahog::cells_back", mutates_args=())
-def cells_back(images: Tensor, given: Tensor, spec: str) -> Tensor:
+@torch.library.custom_op("nablahog::cells_vjp", mutates_args=())
+def cells_vjp(images: Tensor, given: Tensor, spec: str) -> Tensor:
     """What reaches the images from what reaches the cells."""
-    known, each = _spec(spec), one_by_one(images.detach(), _spec(spec))
-    found = loops.cells_back(each, apart(given.detach(), known), _of_one_colour(spec))
-    return to_channels(found, images.shape[1], known).contiguous()
+    known, each = _spec(spec), separate_colours(images.detach(), _spec(spec))
+    found = loops.cells_vjp(each, split_colours(given.detach(), known), _of_one_colour(spec))
+    return separate_colours_vjp(found, images.shape[1], known).contiguous()
 
 
 @torch.library.custom_op("nablahog::describe", mutates_args=())
 def describe(images: Tensor, spec: str) -> Tensor:
     """Images (B, C, H, W) to descriptors (B, rows, cols, channels)."""
     one = _of_one_colour(spec)
-    each = loops.describe(one_by_one(images.detach(), _spec(spec)), one)[0]
-    return back_together(each, _spec(spec)).contiguous()
+    each = loops.describe(separate_colours(images.detach(), _spec(spec)), one)[0]
+    return merge_colours(each, _spec(spec)).contiguous()
 
 
-@torch.library.custom_op("nablahog::describe_back", mutates_args=())
-def describe_back(images: Tensor, given: Tensor, spec: str) -> Tensor:
+@torch.library.custom_op("nablahog::describe_vjp", mutates_args=())
+def describe_vjp(images: Tensor, given: Tensor, spec: str) -> Tensor:
     """What reaches the images from what reaches the descriptors."""
-    known, one, each = _spec(spec), _of_one_colour(spec), one_by_one(images.detach(), _spec(spec))
-    found = loops.describe_back(each, loops.cells(each, one).numpy(), apart(given.detach(), known), one)
-    return to_channels(found, images.shape[1], known).contiguous()
+    known, one, each = _spec(spec), _of_one_colour(spec), separate_colours(images.detach(), _spec(spec))
+    found = loops.describe_vjp(each, loops.cells(each, one).numpy(), split_colours(given.detach(), known), one)
+    return separate_colours_vjp(found, images.shape[1], known).contiguous()
 
 
 @cells.register_fake
@@ -74,8 +74,8 @@ def _(images: Tensor, spec: str) -> Tensor:
     return _empty(images, *known.grid(*images.shape[2:]), known.channels)
 
 
-@cells_back.register_fake
-@describe_back.register_fake
+@cells_vjp.register_fake
+@describe_vjp.register_fake
 def _(images: Tensor, given: Tensor, spec: str) -> Tensor:
     return _empty(images, *images.shape[1:])
 
@@ -86,11 +86,11 @@ def _keep(ctx: Any, inputs: tuple[Tensor, str], output: Tensor) -> None:
 
 
 def _cells_backward(ctx: Any, given: Tensor) -> tuple[Tensor, None]:
-    return torch.ops.nablahog.cells_back(*ctx.saved_tensors, given, ctx.spec), None
+    return torch.ops.nablahog.cells_vjp(*ctx.saved_tensors, given, ctx.spec), None
 
 
 def _describe_backward(ctx: Any, given: Tensor) -> tuple[Tensor, None]:
-    return torch.ops.nablahog.describe_back(*ctx.saved_tensors, given, ctx.spec), None
+    return torch.ops.nablahog.describe_vjp(*ctx.saved_tensors, given, ctx.spec), None
 
 
 cells.register_autograd(_cells_backward, setup_context=_keep)

@@ -31,7 +31,7 @@ def _along(
 
     def number(which: int, at: Any) -> Lanes:
         place = write.whole(at) if isinstance(at, int) else at
-        return Lanes(write, write.spread(write.load_one(which, place), columns))
+        return Lanes(write, write.splat(write.load_one(which, place), columns))
 
     with cgutils.for_range_slice(builder, write.whole(0), size, write.whole(columns)) as (index, _):
         gx, gy = (Lanes(write, write.load(which, index, columns)) for which in (0, 1))
@@ -45,33 +45,33 @@ def _along(
 def _magnitude(gx: Lanes, gy: Lanes, tiny: Lanes) -> Lanes:
     """‖∇‖ of Eq. 2."""
     squared = gx * gx + gy * gy
-    return squared.is_("<", tiny).choose(0.0, squared.root())
+    return squared.compare("<", tiny).where(0.0, squared.sqrt())
 
 
 def _in_turn(position: Lanes, count: Lanes, per_turn: Lanes) -> tuple[Lanes, Any]:
     """How far a position is from the bin at or before it, and that bin; 0 for NaN.  ``per_turn`` is 1 / count."""
     before = position.floor()
     bins = before - ((before + 0.5) * per_turn).floor() * count
-    return position - before, bins.is_(">", 0.0).choose(bins, 0.0).whole()
+    return position - before, bins.compare(">", 0.0).where(bins, 0.0).whole()
 
 
 def _linear(write: Builder, gx: Lanes, gy: Lanes, number: Callable[..., Lanes]) -> tuple[Any, ...]:
     tiny, up, per_half_turn, offset, *turn_of_bins = (number(2, k) for k in range(6))
     m = _magnitude(gx, gy, tiny)
     u, v = gx, up * gy
-    au, av = u.size(), v.size()
-    steep = au.is_("<", av)
-    small, large = steep.choose(au, av), steep.choose(av, au)
-    t = small / large.is_("<", LEAST).choose(LEAST, large)  # of no gradient, some number
+    au, av = u.abs(), v.abs()
+    steep = au.compare("<", av)
+    small, large = steep.where(au, av), steep.where(av, au)
+    t = small / large.compare("<", LEAST).where(LEAST, large)  # of no gradient, some number
     s = t * t
     turn = number(3, 6).to(gx)
     for k in range(5, -1, -1):
         turn = Lanes(write, write.product_sum(turn.value, s.value, number(3, k).to(gx).value))
     turn = t * turn
-    turn = small.is_("==", large).choose(0.25, turn)  # which may be a bin centre, too
-    turn = steep.choose(turn.like(0.5) - turn, turn)
-    turn = u.is_("<", 0.0).choose(turn.like(1.0) - turn, turn)
-    position = turn.signed_as(v) * per_half_turn - offset
+    turn = small.compare("==", large).where(0.25, turn)  # which may be a bin centre, too
+    turn = steep.where(turn.like(0.5) - turn, turn)
+    turn = u.compare("<", 0.0).where(turn.like(1.0) - turn, turn)
+    position = turn.copysign(v) * per_half_turn - offset
     return m, *_in_turn(position, *turn_of_bins)
 
 
@@ -92,14 +92,14 @@ def _opencv(write: Builder, gx: Lanes, gy: Lanes, number: Callable[..., Lanes]) 
     p1, p3, p5, p7, guard, radian, per_radian = (number(3, k) for k in range(7))
     m = _magnitude(gx, gy, tiny)
     u, v = gx.to(p1), gy.to(p1)
-    au, av = u.size(), v.size()
-    steep = au.is_("<", av)
-    t = steep.choose(au, av) / (steep.choose(av, au) + guard)
+    au, av = u.abs(), v.abs()
+    steep = au.compare("<", av)
+    t = steep.where(au, av) / (steep.where(av, au) + guard)
     s = t * t
     angle = (((p7 * s + p5) * s + p3) * s + p1) * t
-    angle = steep.choose(angle.like(90.0) - angle, angle)
-    angle = u.is_("<", 0.0).choose(angle.like(180.0) - angle, angle)
-    angle = v.is_("<", 0.0).choose(angle.like(360.0) - angle, angle)
+    angle = steep.where(angle.like(90.0) - angle, angle)
+    angle = u.compare("<", 0.0).where(angle.like(180.0) - angle, angle)
+    angle = v.compare("<", 0.0).where(angle.like(360.0) - angle, angle)
     position = angle * radian * per_radian - offset.to(p1)
     f, bins = _in_turn(position, *(each.to(p1) for each in turn_of_bins))
     return m, f.to(m), bins
@@ -143,9 +143,9 @@ def _polynomial(x: Lanes, coefficients: tuple[float, ...]) -> Lanes:
 
 def _arccosine(cosine: Lanes) -> Lanes:
     """Of 0…1 in float64: four times the arcsine of the sine of a quarter of the angle."""
-    of_half = (cosine * 0.5 + 0.5).root()
+    of_half = (cosine * 0.5 + 0.5).sqrt()
     z = cosine.like(0.5) - of_half * 0.5
-    sine = z.root()
+    sine = z.sqrt()
     return (sine + sine * z * _polynomial(z, _ABOVE) / _polynomial(z, _BELOW)) * 4.0
 
 
@@ -162,28 +162,28 @@ def _vlfeat(write: Builder, gx: Lanes, gy: Lanes, number: Callable[..., Lanes]) 
     for of_size, of_bin in zip(sizes, bins, strict=True):
         builder.store(nothing, of_size)
         builder.store(none, of_bin)
-    beyond = write.spread(builder.trunc(opposite, whole), place.count)
+    beyond = write.splat(builder.trunc(opposite, whole), place.count)
     with cgutils.for_range(builder, axes) as loop:
         here = u * number(3, loop.index) + v * number(3, write.add(loop.index, axes))
-        size, (most, next_) = here.size(), (Lanes(write, builder.load(each)) for each in sizes)
+        size, (most, next_) = here.abs(), (Lanes(write, builder.load(each)) for each in sizes)
         best, second = (builder.load(each) for each in bins)
-        this = write.spread(builder.trunc(loop.index, whole), place.count)
-        this = builder.add(this, builder.select(here.is_("<", 0.0).value, beyond, none))
-        better, runner_up = most.is_("<", size), next_.is_("<", size)
-        builder.store(better.choose(most, runner_up.choose(size, next_)).value, sizes[1])
-        builder.store(better.choose(size, most).value, sizes[0])
+        this = write.splat(builder.trunc(loop.index, whole), place.count)
+        this = builder.add(this, builder.select(here.compare("<", 0.0).value, beyond, none))
+        better, runner_up = most.compare("<", size), next_.compare("<", size)
+        builder.store(better.where(most, runner_up.where(size, next_)).value, sizes[1])
+        builder.store(better.where(size, most).value, sizes[0])
         builder.store(builder.select(better.value, best, builder.select(runner_up.value, this, second)), bins[1])
         builder.store(builder.select(better.value, this, best), bins[0])
     most = Lanes(write, builder.load(sizes[0]))
-    length = (u * u + v * v).root().to(least)
-    cosine = most.to(least) / length.is_(">", least).choose(length, least)
-    cosine = cosine.is_("<", 1.0).choose(cosine, 1.0).to(u).to(least)  # which VLFeat rounds to float32
+    length = (u * u + v * v).sqrt().to(least)
+    cosine = most.to(least) / length.compare(">", least).where(length, least)
+    cosine = cosine.compare("<", 1.0).where(cosine, 1.0).to(u).to(least)  # which VLFeat rounds to float32
     of_second = (_arccosine(cosine) / unit).to(u)
     best, second = (builder.load(each) for each in bins)
     after = builder.add(best, write.ir.Constant(place, [1] * place.count))
-    last = builder.icmp_signed("==", after, write.spread(builder.trunc(count, whole), place.count))
+    last = builder.icmp_signed("==", after, write.splat(builder.trunc(count, whole), place.count))
     ahead = Lanes(write, builder.icmp_signed("==", second, builder.select(last, none, after)))
-    f = ahead.choose(of_second, of_second.like(1.0) - of_second)
+    f = ahead.where(of_second, of_second.like(1.0) - of_second)
     return m, f.to(m), builder.select(ahead.value, best, second)
 
 
@@ -227,13 +227,13 @@ def _nearest(write: Builder, gx: Lanes, gy: Lanes, number: Callable[..., Lanes])
     with cgutils.for_range(builder, axes) as loop:
         here = gx * number(3, loop.index) + gy * number(3, write.add(loop.index, axes))
         most = Lanes(write, builder.load(size))
-        better = most.is_("<", here.size())
-        builder.store(better.choose(here.size(), most).value, size)
-        builder.store(better.choose(here, Lanes(write, builder.load(dot))).value, dot)
-        this = write.spread(builder.trunc(loop.index, whole), place.count)
+        better = most.compare("<", here.abs())
+        builder.store(better.where(here.abs(), most).value, size)
+        builder.store(better.where(here, Lanes(write, builder.load(dot))).value, dot)
+        this = write.splat(builder.trunc(loop.index, whole), place.count)
         builder.store(builder.select(better.value, this, builder.load(axis)), axis)
-    back = Lanes(write, builder.load(dot)).is_("<", 0.0)
-    beyond = write.spread(builder.trunc(opposite, whole), place.count)
+    back = Lanes(write, builder.load(dot)).compare("<", 0.0)
+    beyond = write.splat(builder.trunc(opposite, whole), place.count)
     return m, builder.add(builder.load(axis), builder.select(back.value, beyond, write.zeros(place)))
 
 
@@ -259,22 +259,22 @@ def _begun(write: Builder, gx: Lanes, gy: Lanes, number: Callable[..., Lanes], s
     v = number(2, 1) * gy
     whole = write.ir.IntType(32)
     place = write.vector(whole, gx.value.type.count)
-    back = v.is_("<", 0.0) | (v.is_("==", 0.0) & gx.is_("<", 0.0))
-    us, vs = back.choose(-gx, gx), back.choose(-v, v)
+    back = v.compare("<", 0.0) | (v.compare("==", 0.0) & gx.compare("<", 0.0))
+    us, vs = back.where(-gx, gx), back.where(-v, v)
     bins = write.variable(place)
-    builder.store(write.spread(builder.trunc(before, whole), place.count), bins)
+    builder.store(write.splat(builder.trunc(before, whole), place.count), bins)
     one = write.ir.Constant(place, [1] * place.count)
     with cgutils.for_range(builder, count) as loop:
         cos, sin = number(3, loop.index), number(3, write.add(loop.index, count))
         across = vs * cos - us * sin
-        begun = across.is_(">=", 0.0)
+        begun = across.compare(">=", 0.0)
         if signed:  # the first half turn of bins has begun for all gradients in the second, the second for no other
-            early = number(3, write.add(loop.index, write.times(count, 2))).is_(">", 0.0)
-            begun = back.choose(across.is_("<=", 0.0), begun)
-            begun = early.choose(begun | back, begun & back)
+            early = number(3, write.add(loop.index, write.times(count, 2))).compare(">", 0.0)
+            begun = back.where(across.compare("<=", 0.0), begun)
+            begun = early.where(begun | back, begun & back)
         found = builder.load(bins)
         builder.store(builder.select(begun.value, builder.add(found, one), found), bins)
-    found, all_ = builder.load(bins), write.spread(builder.trunc(count, whole), place.count)
+    found, all_ = builder.load(bins), write.splat(builder.trunc(count, whole), place.count)
     for _ in range(2):
         over = builder.icmp_signed(">=", found, all_)
         found = builder.select(over, builder.sub(found, all_), found)

@@ -34,7 +34,7 @@ def _sum(
         for total in of_bin:
             builder.store(zero, total)
     whole = write.ir.IntType(32)
-    begin, all_ = (write.spread(builder.trunc(each, whole), columns) for each in (first, write.add(last, 1)))
+    begin, all_ = (write.splat(builder.trunc(each, whole), columns) for each in (first, write.add(last, 1)))
     with cgutils.for_range(builder, rows) as loop:
         place = write.add(at, write.times(loop.index, step))
         after_first = builder.sub(write.load(bins, place, columns), begin)
@@ -44,10 +44,10 @@ def _sum(
             votes = [builder.fsub(votes[0], far), far]
         weights = write.add(share, write.times(loop.index, high))
         weights = [
-            write.spread(write.load_one(shares, write.add(weights, row)), columns) for row in range(rows_of_cells)
+            write.splat(write.load_one(shares, write.add(weights, row)), columns) for row in range(rows_of_cells)
         ]
 
-        def is_(k: int) -> Any:
+        def belongs_to(k: int) -> Any:
             """Whether a pixel's bin is the k-th after the first, or before: bins go round."""
             kth = write.ir.Constant(after_first.type, [k] * columns)
             beyond = [builder.add(kth, all_)] if k < 0 or min(shifts) < 0 else []
@@ -57,7 +57,7 @@ def _sum(
                 found = builder.or_(found, builder.icmp_signed("==", after_first, other))
             return found
 
-        mine = {k: is_(k) for k in range(-max(shifts), BINS - min(shifts))}
+        mine = {k: belongs_to(k) for k in range(-max(shifts), BINS - min(shifts))}
         for k, of_bin in enumerate(totals):
             vote = zero
             for values, shift in zip(votes, shifts, strict=True):
@@ -108,7 +108,7 @@ def _pool(context: Any, builder: Any, signature: Any, arguments: Any, cells: int
         begin, place = write.add(share, write.times(step, cell)), write.add(to, write.times(next_, cell))
         total = write.load(6, place, 8)
         for k, column in enumerate(columns):
-            weight = write.spread(write.load_one(3, write.add(begin, k)), 8)
+            weight = write.splat(write.load_one(3, write.add(begin, k)), 8)
             total = write.product_sum(column, weight, total)
         write.store(6, place, total)
     return context.get_dummy_value()

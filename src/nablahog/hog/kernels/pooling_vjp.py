@@ -19,7 +19,7 @@ from .pooling_vjp_simd import (
 
 
 @compiled
-def round_(given: Any, pooling: Any, band: int, found: Any) -> None:
+def wrap_bins(given: Any, pooling: Any, band: int, found: Any) -> None:
     """What reaches the cells of a band, to ``found`` (high, columns + wide, line): a line begins with the last bin.
 
     ``given`` is (rows, columns, bins).

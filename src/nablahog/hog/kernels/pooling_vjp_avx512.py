@@ -46,7 +46,7 @@ def _look_up(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     first, count, share, length, weight, to = (arguments[which] for which in (5, 6, 8, 9, 11, 15))
     if not fits(write.size(0), 0):
         return context.get_dummy_value()  # which is never called
-    weights = [write.spread(write.load_one(10, write.add(weight, row)), _AT_ONCE) for row in range(2)]
+    weights = [write.splat(write.load_one(10, write.add(weight, row)), _AT_ONCE) for row in range(2)]
     left, right = (write.mixed_rows(cell, next_row, weights) for cell in (at, write.add(at, line)))
     with cgutils.for_range_slice(builder, write.whole(0), count, write.whole(_AT_ONCE)) as (x, _):
         bins = write.load(4, write.add(first, x), _AT_ONCE)

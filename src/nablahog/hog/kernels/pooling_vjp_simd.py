@@ -19,7 +19,7 @@ def _spread(context: Any, builder: Any, signature: Any, arguments: Any, cells: i
         column = write.add(to, write.times(line, k))
         total = write.load(6, column, 8) if more else None
         for cell, value in enumerate(values):
-            weight = write.spread(write.load_one(3, write.add(share, k, write.times(step, cell))), 8)
+            weight = write.splat(write.load_one(3, write.add(share, k, write.times(step, cell))), 8)
             total = write.product_sum(value, weight, total) if total else builder.fmul(value, weight)
         write.store(6, column, total)
     return context.get_dummy_value()
@@ -50,7 +50,7 @@ def _read(context: Any, builder: Any, signature: Any, arguments: Any, rows: int,
 
     write = Builder(context, builder, signature, arguments)
     (at, line, of_row), (first, count), share, to = arguments[1:4], arguments[5:7], arguments[8], arguments[12]
-    weights = [write.spread(write.load_one(7, write.add(share, row)), 4) for row in range(rows)]
+    weights = [write.splat(write.load_one(7, write.add(share, row)), 4) for row in range(rows)]
     with cgutils.for_range_slice(builder, write.whole(0), count, write.whole(4)) as (index, _):
         pixels = []
         for k in range(4):

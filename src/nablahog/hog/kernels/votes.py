@@ -13,7 +13,7 @@ import numpy as np
 
 from ...runtime.compile import compiled, inlined
 from .orientation_simd import begun_signed_votes, begun_votes, linear_votes, nearest_votes, opencv_votes, vlfeat_votes
-from .plans import LINEAR, NEAREST, OPENCV, VLFEAT
+from .parameters import LINEAR, NEAREST, OPENCV, VLFEAT
 
 # atan(t) / π for t in 0…1, within 8e-8: an odd polynomial, so that right angles stay exactly on their bin centres
 ARCTANGENT = np.array(
@@ -68,7 +68,7 @@ def linear(gx: Any, gy: Any, voting: Any, m: Any, f: Any, bins: Any) -> None:
 
 @compiled
 def vote_line(gx: Any, gy: Any, voting: Any, m: Any, f: Any, bins: Any) -> None:
-    """Votes of planes of gradients by ``voting``, a :class:`.plans.Voting`."""
+    """Votes of planes of gradients by ``voting``, a :class:`.parameters.Voting`."""
     if voting.kind == LINEAR:
         linear(gx, gy, voting, m, f, bins)
     elif voting.kind == OPENCV:

@@ -114,7 +114,7 @@ def _add(
 
 
 @compiled
-def cells_tangent(
+def _cells_jvp(
     pixels: Any,
     at: int,
     shape: Any,
@@ -178,7 +178,7 @@ def cells_tangent(
 
 
 @compiled
-def tangents_of_images(
+def cells_jvp_of_images(
     pixels: Any,
     at: int,
     shape: Any,
@@ -197,7 +197,5 @@ def tangents_of_images(
     of_bands = np.empty((bands, (pooling.cols + pooling.wide) * pooling.of_cell), found.dtype)
     for image in range(start, stop):
         begin = at + image * strides[0]
-        cells_tangent(
-            pixels, begin, shape, strides, changes[image], reading, beyond, voting, pooling, 0, bands, of_bands
-        )
+        _cells_jvp(pixels, begin, shape, strides, changes[image], reading, beyond, voting, pooling, 0, bands, of_bands)
         add_bands(of_bands, pooling, found[image])

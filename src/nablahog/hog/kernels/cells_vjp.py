@@ -15,8 +15,8 @@ from ...runtime.compile import compiled, inlined
 from ...runtime.simd import PADDING
 from ..gradient import BLACK
 from .cells import empty_lines, gradients_of_rows, most_rows, padded, rows_at_once
-from .gradient_vjp_simd import central_back, to_gradients, to_gradients_of_hard
-from .pooling_vjp import read, round_
+from .gradient_vjp_simd import central_vjp, hard_votes_vjp, votes_vjp
+from .pooling_vjp import read, wrap_bins
 from .pooling_vjp_simd import BESIDE
 from .votes import linear, vote_line
 
@@ -57,7 +57,7 @@ def _central(
     size = ring_line(width)
     line, above, below = row % 3 * size, (row + 2) % 3 * size, (row + 1) % 3 * size
     if width >= PADDING:
-        central_back(to_gx, to_gy, line, above, below, width, slope, found, to)
+        central_vjp(to_gx, to_gy, line, above, below, width, slope, found, to)
     else:
         for x in range(width):
             reached = to_gx[line + x] - to_gx[line + x + 2] + to_gy[above + x + 1] - to_gy[below + x + 1]
@@ -158,7 +158,7 @@ def _emit(
 
 
 @compiled
-def cells_adjoint(
+def cells_vjp_of_images(
     pixels: Any,
     at: int,
     shape: Any,
@@ -231,7 +231,7 @@ def cells_adjoint(
                     vote_line(of_x, of_y, voting, m[part], f[part], bins[part])
                     if voting.inexact:
                         linear(of_x, of_y, voting, m[part], exact[part], exact_bins[part])
-                round_(given[image], pooling, band, cells)
+                wrap_bins(given[image], pooling, band, cells)
                 read(cells, bins, stride, row, end - row, pooling, spread, before, here, after)
                 if voting.inexact:
                     read(
@@ -257,9 +257,9 @@ def cells_adjoint(
                     )
                     votes = m, f, here, after, *of_angle, gx, gy
                     if voting.hard:
-                        to_gradients_of_hard(*votes, of_row, width, voting.slope, to_gx, to_gy, slot)
+                        hard_votes_vjp(*votes, of_row, width, voting.slope, to_gx, to_gy, slot)
                     else:
-                        to_gradients(*votes, of_row, width, voting.slope, to_gx, to_gy, slot)
+                        votes_vjp(*votes, of_row, width, voting.slope, to_gx, to_gy, slot)
                     _outermost(to_gx, to_gy, slot, width, y, height, reading.times)
                     if several:
                         winners[slot + 1 : slot + width + 1] = winner[of_row : of_row + width]

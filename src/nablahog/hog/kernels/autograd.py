@@ -28,15 +28,15 @@ class Step:
 
     Attributes:
         run: from the input and the dialect to the output, and an array of what else the derivatives want to know.
-        back: from the input, that, and what reaches the output, to what reaches the input.
-        forward: from the input, that, and how the input changes, to how the output changes.
-        plain: from the input to the output.
+        vjp: from the input, that, and what reaches the output, to what reaches the input.
+        jvp: from the input, that, and how the input changes, to how the output changes.
+        reference: from the input to the output.
     """
 
     run: Callable[[Tensor, HOGSpec], tuple[Tensor, Any]]
-    back: Callable[[Tensor, Any, Tensor, HOGSpec], Tensor]
-    forward: Callable[[Tensor, Any, Tensor, HOGSpec], Tensor]
-    plain: Callable[[Tensor, HOGSpec], Tensor]
+    vjp: Callable[[Tensor, Any, Tensor, HOGSpec], Tensor]
+    jvp: Callable[[Tensor, Any, Tensor, HOGSpec], Tensor]
+    reference: Callable[[Tensor, HOGSpec], Tensor]
 
 
 def _applied(function: type[Function], *inputs: Any) -> Any:
@@ -48,7 +48,7 @@ def _first(x: Tensor, dim: int | None, size: int) -> Tensor:
     return x.expand(size, *x.shape) if dim is None else x.movedim(dim, 0)
 
 
-def _push(function: Callable[..., Tensor], at: tuple[Tensor, ...], changes: tuple[Tensor, ...]) -> Tensor:
+def _jvp(function: Callable[..., Tensor], at: tuple[Tensor, ...], changes: tuple[Tensor, ...]) -> Tensor:
     """How a function's value changes, by the adjoint of its adjoint: forward mode cannot be nested in itself."""
     value, pull = torch.func.vjp(function, *at)[:2]
     found: Tensor = torch.func.vjp(pull, torch.zeros_like(value))[1](changes)[0]
@@ -67,10 +67,10 @@ def _as_they_seem() -> bool:
     return not _transforms_active() and forward_ad._current_level < 0
 
 
-def _back_through_plain_steps(x: Tensor, given: Tensor, step: Step, spec: HOGSpec) -> Tensor:
+def _vjp_of_reference(x: Tensor, given: Tensor, step: Step, spec: HOGSpec) -> Tensor:
     with torch.enable_grad():
         x = x.detach().requires_grad_()
-        return torch.autograd.grad(step.plain(x, spec), x, given)[0]
+        return torch.autograd.grad(step.reference(x, spec), x, given)[0]
 
 
 class _Simple(Function):
@@ -87,10 +87,10 @@ class _Simple(Function):
     def backward(ctx: Any, given: Tensor) -> tuple[Tensor, None, None]:
         (x,), kept = ctx.saved_tensors, ctx.kept
         if _batched(given):
-            return _back_through_plain_steps(x, given, ctx.step, ctx.spec), None, None
+            return _vjp_of_reference(x, given, ctx.step, ctx.spec), None, None
         if torch.is_grad_enabled() or not _as_they_seem():
-            return _applied(_Back, x, torch.from_numpy(kept), given, ctx.step, ctx.spec), None, None
-        return ctx.step.back(x.detach(), kept, given, ctx.spec), None, None
+            return _applied(_Vjp, x, torch.from_numpy(kept), given, ctx.step, ctx.spec), None, None
+        return ctx.step.vjp(x.detach(), kept, given, ctx.spec), None, None
 
 
 # without looking for transforms once more
@@ -115,13 +115,13 @@ class _Run(Function):
     def backward(ctx: Any, given: Tensor | None, _: Tensor | None) -> tuple[Tensor | None, None, None]:
         if given is None:
             return None, None, None
-        return _applied(_Back, *ctx.saved_tensors, given, ctx.step, ctx.spec), None, None
+        return _applied(_Vjp, *ctx.saved_tensors, given, ctx.step, ctx.spec), None, None
 
     @staticmethod
     def jvp(ctx: Any, change: Tensor | None, *_: None) -> tuple[Tensor | None, None]:
         if change is None:
             return None, None
-        return _applied(_Forward, *ctx.saved_tensors, change, ctx.step, ctx.spec), None
+        return _applied(_Jvp, *ctx.saved_tensors, change, ctx.step, ctx.spec), None
 
     @staticmethod
     def vmap(info: Any, in_dims: Any, x: Tensor, step: Step, spec: HOGSpec) -> tuple[Both, tuple[int, int]]:
@@ -131,7 +131,7 @@ class _Run(Function):
 
 
 class _Derivative(Function):
-    """What :class:`_Back` and :class:`_Forward` have in common: both are linear in the last of three tensors."""
+    """What :class:`_Vjp` and :class:`_Jvp` have in common: both are linear in the last of three tensors."""
 
     @staticmethod
     def setup_context(ctx: Any, inputs: tuple[Tensor, Tensor, Tensor, Step, HOGSpec], output: Tensor) -> None:
@@ -145,18 +145,18 @@ class _Derivative(Function):
         raise NotImplementedError
 
     @classmethod
-    def second_back(cls, ctx: Any, given: Tensor) -> tuple[Tensor | None, ...]:
+    def second_vjp(cls, ctx: Any, given: Tensor) -> tuple[Tensor | None, ...]:
         pull = torch.func.vjp(cls.plain(ctx.step, ctx.spec), *ctx.saved_tensors)[1]
         to_x, to_along = pull(given)
         return to_x, None, to_along, None, None
 
     @classmethod
-    def second_forward(
+    def second_jvp(
         cls, ctx: Any, change_of_x: Tensor | None, _: Tensor | None, change: Tensor | None, *__: None
     ) -> Tensor:
         x, along = ctx.saved_tensors
         changes = (torch.zeros_like(of) if c is None else c for of, c in ((x, change_of_x), (along, change)))
-        return _push(cls.plain(ctx.step, ctx.spec), (x, along), tuple(changes))
+        return _jvp(cls.plain(ctx.step, ctx.spec), (x, along), tuple(changes))
 
     @classmethod
     def mapped(cls, info: Any, in_dims: Any, *inputs: Any) -> tuple[Tensor, int]:
@@ -166,88 +166,88 @@ class _Derivative(Function):
         return found.unflatten(0, parts[0].shape[:2]), 0
 
 
-class _Back(_Derivative):
+class _Vjp(_Derivative):
     @staticmethod
     def forward(x: Tensor, kept: Tensor, given: Tensor, step: Step, spec: HOGSpec) -> Tensor:
-        return step.back(x.detach(), loops.array(kept.detach()), given.detach(), spec)
+        return step.vjp(x.detach(), loops.array(kept.detach()), given.detach(), spec)
 
     @staticmethod
     def plain(step: Step, spec: HOGSpec) -> Callable[[Tensor, Tensor], Tensor]:
-        return lambda x, given: torch.func.vjp(lambda of: step.plain(of, spec), x)[1](given)[0]
+        return lambda x, given: torch.func.vjp(lambda of: step.reference(of, spec), x)[1](given)[0]
 
     @staticmethod
     def backward(ctx: Any, given: Tensor) -> tuple[Tensor | None, ...]:
-        return _Back.second_back(ctx, given)
+        return _Vjp.second_vjp(ctx, given)
 
     @staticmethod
     def jvp(ctx: Any, *changes: Any) -> Tensor:
-        return _Back.second_forward(ctx, *changes)
+        return _Vjp.second_jvp(ctx, *changes)
 
     @staticmethod
     def vmap(info: Any, in_dims: Any, *inputs: Any) -> tuple[Tensor, int]:
-        return _Back.mapped(info, in_dims, *inputs)
+        return _Vjp.mapped(info, in_dims, *inputs)
 
 
-class _Forward(_Derivative):
+class _Jvp(_Derivative):
     @staticmethod
     def forward(x: Tensor, kept: Tensor, change: Tensor, step: Step, spec: HOGSpec) -> Tensor:
-        return step.forward(x.detach(), loops.array(kept.detach()), change.detach(), spec)
+        return step.jvp(x.detach(), loops.array(kept.detach()), change.detach(), spec)
 
     @staticmethod
     def plain(step: Step, spec: HOGSpec) -> Callable[[Tensor, Tensor], Tensor]:
-        return lambda x, change: _push(lambda of: step.plain(of, spec), (x,), (change,))
+        return lambda x, change: _jvp(lambda of: step.reference(of, spec), (x,), (change,))
 
     @staticmethod
     def backward(ctx: Any, given: Tensor) -> tuple[Tensor | None, ...]:
-        return _Forward.second_back(ctx, given)
+        return _Jvp.second_vjp(ctx, given)
 
     @staticmethod
     def jvp(ctx: Any, *changes: Any) -> Tensor:
-        return _Forward.second_forward(ctx, *changes)
+        return _Jvp.second_jvp(ctx, *changes)
 
     @staticmethod
     def vmap(info: Any, in_dims: Any, *inputs: Any) -> tuple[Tensor, int]:
-        return _Forward.mapped(info, in_dims, *inputs)
+        return _Jvp.mapped(info, in_dims, *inputs)
 
 
 def _nothing(images: Tensor) -> Any:
     return np.empty((len(images), 0), np.float32)
 
 
-def _plain_norm(histograms: Tensor, spec: HOGSpec) -> Tensor:
+def _norm_reference(histograms: Tensor, spec: HOGSpec) -> Tensor:
     return normalize(histograms.permute(0, 3, 1, 2), spec).permute(0, 2, 3, 1)
 
 
-def _plain_cells(images: Tensor, spec: HOGSpec) -> Tensor:
+def _cells_reference(images: Tensor, spec: HOGSpec) -> Tensor:
     return plain_histograms(images, spec).permute(0, 2, 3, 1)
 
 
-def _norm_forward(histograms: Tensor, _: Any, change: Tensor, spec: HOGSpec) -> Tensor:
+def _norm_jvp(histograms: Tensor, _: Any, change: Tensor, spec: HOGSpec) -> Tensor:
     # cells are few: the plain step is fast enough
-    return _push(lambda x: _plain_norm(x, spec), (histograms,), (change,))
+    return _jvp(lambda x: _norm_reference(x, spec), (histograms,), (change,))
 
 
-def _describe_forward(images: Tensor, cells: Any, change: Tensor, spec: HOGSpec) -> Tensor:
-    return _norm_forward(torch.from_numpy(cells), None, loops.cells_forward(images, change, spec), spec)
+def _describe_jvp(images: Tensor, cells: Any, change: Tensor, spec: HOGSpec) -> Tensor:
+    return _norm_jvp(torch.from_numpy(cells), None, loops.cells_jvp(images, change, spec), spec)
 
 
 CELLS = Step(
     lambda images, spec: (loops.cells(images, spec), _nothing(images)),
-    lambda images, _, given, spec: loops.cells_back(images, given, spec),
-    lambda images, _, change, spec: loops.cells_forward(images, change, spec),
-    _plain_cells,
+    lambda images, _, given, spec: loops.cells_vjp(images, given, spec),
+    lambda images, _, change, spec: loops.cells_jvp(images, change, spec),
+    _cells_reference,
 )
 NORM = Step(
     lambda histograms, spec: (loops.norm(histograms, spec), _nothing(histograms)),
-    lambda histograms, _, given, spec: loops.norm_back(histograms, given, spec),
-    _norm_forward,
-    _plain_norm,
+    lambda histograms, _, given, spec: loops.norm_vjp(histograms, given, spec),
+    _norm_jvp,
+    _norm_reference,
 )
 DESCRIBE = Step(
     loops.describe,
-    loops.describe_back,
-    _describe_forward,
-    lambda images, spec: _plain_norm(_plain_cells(images, spec), spec),
+    loops.describe_vjp,
+    _describe_jvp,
+    lambda images, spec: _norm_reference(_cells_reference(images, spec), spec),
 )
 
 
