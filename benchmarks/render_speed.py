@@ -24,8 +24,8 @@ import torch
 
 from memory import printed_by, raised_mib
 from nablahog.datasets.solids import joined, tube, turned
-from nablahog.render import Camera, Mesh, Renderer, pose
-from nablahog.render.renderer import Method, pull_back
+from nablahog.render import Camera, Mesh, Renderer, pose, pose_vjp
+from nablahog.render.renderer import Method
 from timing import Call, Times, cell, in_turns
 
 BATCH = 8
@@ -71,7 +71,7 @@ def prepared(mesh: Mesh, case: Case, method: Method = "edges") -> Renderer:
     """The renderer with everything made that it makes once."""
     camera = Camera(2.6 * case.side, case.side, case.side)
     renderer = Renderer(mesh, camera, supersampling=case.samples, method=method)
-    assert renderer.rigid
+    assert renderer.compiled
     return renderer
 
 
@@ -80,13 +80,13 @@ def calls(renderer: Renderer) -> dict[str, Call]:
     camera = renderer.camera
     poses = torch.cat([pose(45 * k + 10, 20) for k in range(BATCH)])
     background = torch.ones(1, camera.height, camera.width)
-    given = torch.rand(BATCH, camera.height, camera.width, generator=torch.Generator().manual_seed(0))
+    grad_image = torch.rand(BATCH, camera.height, camera.width, generator=torch.Generator().manual_seed(0))
 
     def with_derivative() -> object:
-        picture = renderer.rigid.draw(poses, background, True)
-        return pull_back(given, picture.motion, poses, camera)
+        rendering = renderer.compiled.render(poses, background, True)
+        return pose_vjp(grad_image, rendering.screen_gradient, poses, camera)
 
-    return {"forward": lambda: renderer.rigid.draw(poses, background, False), "with derivative": with_derivative}
+    return {"forward": lambda: renderer.compiled.render(poses, background, False), "with derivative": with_derivative}
 
 
 def timed(case: Case, seconds: float) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.render import PARAMETERS, Camera, pose
-from nablahog.render.camera import check_poses, motion, rotations, to_camera, to_screen
+from nablahog.render.camera import check_poses, pose_velocities, rotations, to_camera, to_screen
 
 CAMERA = Camera(100.0, 60, 80)
 ANY_POSE = st.tuples(
@@ -81,7 +81,7 @@ def test_columns_are_those_of_parameters() -> None:
 def test_motion_is_the_derivative_of_the_projection(numbers: tuple[float, ...]) -> None:
     at = pose(*numbers)
     points = torch.randn(5, 3, dtype=torch.float64) * 0.4
-    turn, move, shift = (part[0] for part in motion(at))
+    turn, move, shift = (part[0] for part in pose_velocities(at))
     inside = to_camera(points, at)[0]
     velocity = torch.linalg.cross(turn[:, None].expand(6, 5, 3), inside.expand(6, 5, 3)) + move[:, None]
     inverse = 1 / inside[:, 2:]

@@ -42,7 +42,7 @@ def test_both_sides_of_the_plane_together_are_all(seed: int) -> None:
     for side, near in ((points, NEAR), (mirrored, -NEAR)):
         cut = clip(side, faces, corners, near)
         assert (cut.points[cut.faces][..., 2] >= near).all()
-        assert cut.corners.shape == cut.faces.shape
+        assert cut.brightness.shape == cut.faces.shape
         total += area(cut.points, cut.faces)
     assert total == pytest.approx(area(points, faces), rel=1e-9)
 
@@ -53,7 +53,7 @@ def test_cut_triangles_stay_in_their_plane_with_their_brightness_and_winding(see
     points, faces, _ = soup(seed, 1)
     slope = torch.tensor([0.3, -0.7, 0.2], dtype=torch.float64)
     cut = clip(points, faces, points[faces] @ slope, NEAR)
-    assert_close(cut.corners, cut.points[cut.faces] @ slope)
+    assert_close(cut.brightness, cut.points[cut.faces] @ slope)
     a, b, c = points[faces[0]]
     normal = torch.linalg.cross(b - a, c - a)
     assert_close((cut.points[cut.faces] - a) @ normal, torch.zeros(len(cut.faces), 3, dtype=torch.float64))
@@ -66,13 +66,13 @@ def test_what_is_in_front_is_left_alone() -> None:
     cut = clip(points, faces, corners, -10.0)
     assert torch.equal(cut.points, points)
     assert torch.equal(cut.faces, faces)
-    assert torch.equal(cut.corners, corners)
+    assert torch.equal(cut.brightness, corners)
 
 
 def test_nothing_in_front() -> None:
     cut = clip(*soup(0), 10.0)
     assert cut.faces.shape == (0, 3)
-    assert cut.corners.shape == (0, 3)
+    assert cut.brightness.shape == (0, 3)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
@@ -92,7 +92,7 @@ def test_derivatives() -> None:
 
     def cut(points: Tensor, corners: Tensor) -> tuple[Tensor, Tensor]:
         found = clip(points, faces, corners, NEAR)
-        return found.points, found.corners
+        return found.points, found.brightness
 
     inputs = points.requires_grad_(), corners.requires_grad_()
     assert torch.autograd.gradcheck(cut, inputs, check_forward_ad=True)

@@ -18,8 +18,8 @@ from torch.testing import assert_close
 
 from nablahog.render import Camera, Mesh, Renderer, pose, render
 from nablahog.render.camera import to_camera, to_screen
-from nablahog.render.edges import Crossings
-from nablahog.render.opendr import differences, overdraw
+from nablahog.render.edge_gradient import Crossings
+from nablahog.render.opendr import draw_silhouettes, image_gradient
 
 from .shapes import FLAT, box, rectangle
 
@@ -143,16 +143,16 @@ def test_a_boundary_counts_once() -> None:
     assert float(slope[0, 4]) == pytest.approx(12, abs=1.01)
 
 
-def test_differences() -> None:
+def test_image_gradient() -> None:
     row = torch.tensor([[[1.0, 2, 4, 7, 11, 16]]])
     none = torch.zeros_like(row, dtype=torch.bool)
-    along_x, along_y = differences(row, none)
+    along_x, along_y = image_gradient(row, none)
     assert along_x.tolist() == [[[1, 1.5, 2.5, 3.5, 4.5, 5]]]
     assert not along_y.any()
     some = torch.tensor([[[False, False, True, False, False, False]]])
     # beside the outline, the one-sided difference away from it; on it, and where both sides touch it, the sum of both
-    assert differences(row, some)[0].tolist() == [[[1, 1, 5, 4, 4.5, 5]]]
-    assert differences(row.mT, some.mT)[1].tolist() == [[[1], [1], [5], [4], [4.5], [5]]]
+    assert image_gradient(row, some)[0].tolist() == [[[1, 1, 5, 4, 4.5, 5]]]
+    assert image_gradient(row.mT, some.mT)[1].tolist() == [[[1], [1], [5], [4], [4.5], [5]]]
 
 
 def test_an_outline_hides_what_is_behind_it_and_its_brightness_counts_once() -> None:
@@ -173,7 +173,7 @@ def test_an_outline_hides_what_is_behind_it_and_its_brightness_counts_once() -> 
         torch.zeros(2),
     )
     outline = torch.ones(1, 1, dtype=torch.bool)
-    on_outline, (_, drawn) = overdraw(found, outline, inverse, brightness)
+    on_outline, (_, drawn) = draw_silhouettes(found, outline, inverse, brightness)
     assert on_outline.nonzero().tolist() == [[0, 1, 1]]
     (slope,) = torch.autograd.grad(drawn.sum(), brightness)
     assert torch.equal(slope, torch.ones_like(slope))

@@ -11,7 +11,7 @@ from torch.testing import assert_close
 
 from nablahog.render import Light, Mesh
 from nablahog.render.shading import corner_brightness, corner_normals
-from nablahog.render.topology import smoothing
+from nablahog.render.topology import smoothing_groups
 
 from .shapes import box, cylinder, flipped, mesh
 
@@ -19,7 +19,7 @@ LIGHT = Light((1, -2, 3), 0.3, 0.7)
 
 
 def shaded(one: Mesh, light: Light = LIGHT) -> Tensor:
-    return corner_brightness(one, smoothing(one), light)
+    return corner_brightness(one, smoothing_groups(one), light)
 
 
 def test_the_sides_of_a_box() -> None:
@@ -48,7 +48,7 @@ def test_triangles_have_no_inner_side() -> None:
 
 def test_smooth_sides_and_sharp_rims() -> None:
     one = cylinder(24)
-    normals = corner_normals(one, smoothing(one))
+    normals = corner_normals(one, smoothing_groups(one))
     at = one.vertices[one.faces]
     sides = at[..., 2].std(1) > 0
     radial = at * torch.tensor([2.0, 2, 0])
@@ -82,7 +82,7 @@ def test_albedo_is_a_factor() -> None:
 
 def test_derivatives() -> None:
     one = cylinder(9)
-    smooth = smoothing(one)
+    smooth = smoothing_groups(one)
 
     def brightness(vertices: Tensor, albedo: Tensor) -> Tensor:
         return corner_brightness(Mesh(vertices, one.faces, albedo), smooth, LIGHT)

@@ -9,7 +9,7 @@ from torch.testing import assert_close
 
 from nablahog.datasets.chairs import chair
 from nablahog.render import Camera, Mesh, render
-from nablahog.render.simplify import simplified
+from nablahog.render.simplify import simplify
 
 from .shapes import box, cylinder, joined, poses
 
@@ -24,7 +24,7 @@ def nearest(points: Tensor, others: Tensor) -> Tensor:
 
 @meshes
 def test_no_vertex_moves_too_far(mesh: Mesh) -> None:
-    found = simplified(mesh, REACH)
+    found = simplify(mesh, REACH)
     assert 0 < len(found.faces) < 0.8 * len(mesh.faces)
     assert (nearest(found.vertices, mesh.vertices) == 0).all()  # those that are left have not moved
     assert nearest(mesh.vertices, found.vertices).max() <= REACH
@@ -38,23 +38,23 @@ def test_pictures_stay_alike(mesh: Mesh) -> None:
     """At 100 pixels an object, two pixels are 0.02."""
     camera = Camera(260, 96, 96)
     where = poses(4, 2.6)
-    before, after = (render(each, where, camera) for each in (mesh, simplified(mesh, REACH / 4)))
+    before, after = (render(each, where, camera) for each in (mesh, simplify(mesh, REACH / 4)))
     assert ((before - after).abs() > 0.1).float().mean() < 0.02
     assert (before < 0.9).float().mean() > 0.1
 
 
 def test_long_edges_stay() -> None:
     mesh = box((1.0, 1.0, 1.0))
-    assert simplified(mesh, 0.9) is not mesh
-    assert_close(simplified(mesh, 0.9).faces, mesh.faces)
+    assert simplify(mesh, 0.9) is not mesh
+    assert_close(simplify(mesh, 0.9).faces, mesh.faces)
 
 
 def test_a_mesh_smaller_than_the_reach_stays_as_it_is() -> None:
     mesh = box((0.01, 0.01, 0.01))
-    assert simplified(mesh, 1.0) is mesh
+    assert simplify(mesh, 1.0) is mesh
 
 
 def test_parts_that_no_edge_joins_stay_apart() -> None:
     one = box((1.0, 1.0, 1.0))
     near = Mesh(one.vertices + 1e-3, one.faces, one.brightness)
-    assert len(simplified(joined(one, near), 0.1).faces) == 2 * len(one.faces)
+    assert len(simplify(joined(one, near), 0.1).faces) == 2 * len(one.faces)

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from nablahog.render import Mesh
-from nablahog.render.topology import OPEN, SHARP, SMOOTH, Edges, edges, smoothing
+from nablahog.render.topology import BOUNDARY, CREASE, SMOOTH, Edges, mesh_edges, smoothing_groups
 
 from .shapes import box, cylinder, flipped, joined, mesh, quads, split
 
@@ -24,7 +24,7 @@ def places(one: Mesh, found: Edges) -> dict[frozenset[tuple[float, ...]], int]:
 
 def joins(one: Mesh) -> set[tuple[int, int]]:
     """Which face's normal counts at which corner."""
-    found = smoothing(one)
+    found = smoothing_groups(one)
     return set(zip(found.corner.tolist(), found.face.tolist(), strict=True))
 
 
@@ -40,62 +40,62 @@ def sheet(size: int) -> Mesh:
 
 def test_a_cube_has_twelve_edges() -> None:
     cube = box()
-    found = edges(cube)
+    found = mesh_edges(cube)
     expected = {
         frozenset((a, b))
         for a, b in itertools.combinations(map(tuple, cube.vertices.tolist()), 2)
         if math.dist(a, b) == pytest.approx(1)
     }
-    assert places(cube, found) == dict.fromkeys(expected, SHARP)
+    assert places(cube, found) == dict.fromkeys(expected, CREASE)
 
 
 def test_a_tetrahedron() -> None:
-    found = edges(TETRAHEDRON)
+    found = mesh_edges(TETRAHEDRON)
     assert found.ends.tolist() == [[0, 1], [0, 2], [1, 2], [0, 3], [1, 3], [2, 3]]
     assert [sorted(pair) for pair in found.opposite.tolist()] == [[2, 3], [1, 3], [0, 3], [1, 2], [0, 2], [0, 1]]
-    assert found.kind.tolist() == [SHARP] * 6
+    assert found.kind.tolist() == [CREASE] * 6
 
 
 def test_a_triangle_is_open() -> None:
-    found = edges(mesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)]))
-    assert found.kind.tolist() == [OPEN] * 3
+    found = mesh_edges(mesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)]))
+    assert found.kind.tolist() == [BOUNDARY] * 3
     assert found.opposite.tolist() == [[2, 2], [1, 1], [0, 0]]
 
 
 def test_an_open_curved_sheet() -> None:
-    found = edges(sheet(5))
-    assert int((found.kind == OPEN).sum()) == 20
+    found = mesh_edges(sheet(5))
+    assert int((found.kind == BOUNDARY).sum()) == 20
     assert int((found.kind == SMOOTH).sum()) == 2 * 5 * 4 + 25
-    assert not (found.kind == SHARP).any()
+    assert not (found.kind == CREASE).any()
 
 
 def test_three_faces_at_an_edge() -> None:
     fins = mesh([(0, 0, 0), (0, 0, 1), (1, 0, 0), (-1, 1, 0), (-1, -1, 0)], [(0, 1, 2), (1, 0, 3), (0, 1, 4)])
-    found = places(fins, edges(fins))
+    found = places(fins, mesh_edges(fins))
     assert len(found) == 7
-    assert set(found.values()) == {OPEN}
+    assert set(found.values()) == {BOUNDARY}
 
 
 @pytest.mark.parametrize("one", [box(), cylinder(12), TETRAHEDRON, sheet(4)], ids=["box", "prism", "4 faces", "sheet"])
 def test_the_order_of_corners_does_not_matter(one: Mesh) -> None:
     other = flipped(one)
-    assert places(other, edges(other)) == places(one, edges(one))
+    assert places(other, mesh_edges(other)) == places(one, mesh_edges(one))
     assert {(c // 3, f) for c, f in joins(other)} == {(c // 3, f) for c, f in joins(one)}
 
 
 @pytest.mark.parametrize("one", [box(), cylinder(12), TETRAHEDRON, sheet(4)], ids=["box", "prism", "4 faces", "sheet"])
 def test_vertices_split_by_colour_are_one(one: Mesh) -> None:
     other = split(one)
-    assert places(other, edges(other)) == places(one, edges(one))
+    assert places(other, mesh_edges(other)) == places(one, mesh_edges(one))
     assert joins(other) == joins(one)
 
 
-@pytest.mark.parametrize(("sides", "kind"), [(8, SHARP), (11, SHARP), (12, SMOOTH), (32, SMOOTH)])
+@pytest.mark.parametrize(("sides", "kind"), [(8, CREASE), (11, CREASE), (12, SMOOTH), (32, SMOOTH)])
 def test_creases_are_where_faces_meet_at_more_than_30_degrees(sides: int, kind: int) -> None:
     """At twelve sides it is 30 exactly, whatever the rounding."""
     tube = cylinder(sides, caps=False)
-    found = edges(tube)
-    assert found.kind[found.kind != OPEN].tolist() == [kind] * sides
+    found = mesh_edges(tube)
+    assert found.kind[found.kind != BOUNDARY].tolist() == [kind] * sides
     # one side has two triangles at each vertex, the other side one: all of them join, or each side's own
     assert len(joins(tube)) == 2 * sides * (3 * 3 if kind == SMOOTH else 2 * 2 + 1)
 
@@ -104,14 +104,14 @@ def test_degenerate_triangles_have_no_edges_and_hide_none() -> None:
     cube = box()
     lines = mesh(cube.vertices, [(0, 0, 1), (2, 3, 2), (5, 5, 5)])
     both = Mesh(cube.vertices, torch.cat([lines.faces, cube.faces]), cube.brightness)
-    assert places(both, edges(both)) == places(cube, edges(cube))
-    assert len(edges(lines).ends) == 0
+    assert places(both, mesh_edges(both)) == places(cube, mesh_edges(cube))
+    assert len(mesh_edges(lines).ends) == 0
 
 
 def test_one_triangle_twice() -> None:
     """An edge of four faces is open; nothing else comes of it."""
-    found = edges(joined(TETRAHEDRON, TETRAHEDRON))
-    assert found.kind.tolist() == [OPEN] * 6
+    found = mesh_edges(joined(TETRAHEDRON, TETRAHEDRON))
+    assert found.kind.tolist() == [BOUNDARY] * 6
 
 
 def test_a_crowded_vertex_is_no_hang() -> None:
@@ -122,8 +122,8 @@ def test_a_crowded_vertex_is_no_hang() -> None:
     around = torch.arange(1, count + 1)
     faces = torch.stack([torch.zeros_like(around), around, around.roll(-1)], dim=1)
     fan = mesh(torch.cat([torch.tensor([[0.0, 0, 1]], dtype=torch.float64), rim]), faces)
-    assert int((edges(fan).kind == OPEN).sum()) == count
-    found = smoothing(fan)
+    assert int((mesh_edges(fan).kind == BOUNDARY).sum()) == count
+    found = smoothing_groups(fan)
     at_tip = found.corner % 3 == 0
     assert at_tip.sum() == count  # each alone; on the rim two meet
     assert len(found.corner) == count + 4 * count

@@ -40,10 +40,10 @@ def _views(model: Model, spec: HOGSpec, whitener: Whitener, shrink: int, elevati
     """Descriptors (VIEWS, N) of a model's views, each in standard deviations of the score it gives photographs."""
     poses = place(upright(azimuths(), elevation), model.hull, model.camera, FILL)
     renderer = model.renderer(detail=DETAIL, shrink=shrink)
-    rigid, background = renderer.rigid, white(renderer.camera)
+    compiled, background = renderer.compiled, white(renderer.camera)
 
     def work(some: Tensor) -> Tensor:
-        descriptors = describe(rigid.draw(some, background, False).image[:, None], spec)
+        descriptors = describe(compiled.render(some, background, False).image[:, None], spec)
         return descriptors.flatten(1) / deviations(whitener.energies(descriptors))[:, None]
 
     return torch.cat(in_batches(work, smaller_poses(poses, shrink)))

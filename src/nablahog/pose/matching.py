@@ -12,7 +12,7 @@ from torch import Tensor
 from ..hog import HOGSpec, presets
 from ..render import Camera, Mesh, Renderer
 from ..render.renderer import Method
-from ..render.simplify import simplified
+from ..render.simplify import simplify
 from .background import default_background
 from .canvas import DISTANCE, Canvas, smaller
 from .choices import Kind
@@ -127,7 +127,7 @@ class Model:
         key = method, supersampling, detail, shrink
         if key not in self._renderers:
             camera = smaller(self.camera, shrink)
-            mesh = simplified(self.mesh, detail * DISTANCE / camera.focal) if detail > 0 else self.mesh
+            mesh = simplify(self.mesh, detail * DISTANCE / camera.focal) if detail > 0 else self.mesh
             self._renderers[key] = Renderer(mesh, camera, method=method, supersampling=supersampling)
         return self._renderers[key]
 

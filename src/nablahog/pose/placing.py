@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull, QhullError
 from torch import Tensor
 
 from ..render import Camera, Mesh
-from ..render.kernels.turns import turns
+from ..render.kernels.pose import rotations
 from ..runtime.compile import compiled
 from .canvas import DISTANCE
 
@@ -37,7 +37,7 @@ def place(poses: Tensor, points: Tensor, camera: Camera, size: tuple[float, floa
     """``poses`` (B, 6) with distance, x and y such that the box around ``points`` has its middle in the middle of the
     image, and the area of one of ``size`` (width, height), or ``size`` for its longer side."""
     placed = poses.clone()
-    turned = turns(poses.detach().double().numpy())
+    turned = rotations(poses.detach().double().numpy())
     corners = np.empty((len(poses), 4))
     vertices = points.double().numpy()
     for round_ in range(_ROUNDS + 1):

@@ -22,7 +22,7 @@ from torch import Tensor
 from ..hog.kernels import steps
 from ..hog.spec import HOGSpec
 from ..render import Camera, Renderer
-from ..render.renderer import pull_back
+from ..render.pose_gradient import pose_vjp
 from ..runtime.threads import in_threads
 from .canvas import Canvas
 from .elements import Elements
@@ -138,18 +138,18 @@ class Similarity:
 
     def _in_parts(self, work: Callable[[Tensor], Result], poses: Tensor) -> list[Result]:
         self.renderings += len(poses)
-        assert self.renderer.rigid  # once, before threads ask for it
+        assert self.renderer.compiled  # once, before threads ask for it
         return in_batches(work, smaller_poses(poses, self.template.shrink))
 
     def _values(self, poses: Tensor) -> Tensor:
-        picture = self.renderer.rigid.draw(poses, self.background, False)
-        return self.template.values(describe(picture.image[:, None], self.template.spec)).double()
+        rendering = self.renderer.compiled.render(poses, self.background, False)
+        return self.template.values(describe(rendering.image[:, None], self.template.spec)).double()
 
     def _derivatives(self, poses: Tensor) -> tuple[Tensor, Tensor]:
-        picture = self.renderer.rigid.draw(poses, self.background, True)
-        images = picture.image[:, None].requires_grad_(True)
+        rendering = self.renderer.compiled.render(poses, self.background, True)
+        images = rendering.image[:, None].requires_grad_(True)
         with torch.enable_grad():
             descriptors = describe(images, self.template.spec)
         values, slope = self.template.scores(descriptors.detach())
         (given,) = torch.autograd.grad(descriptors, images, slope)
-        return values.double(), pull_back(given[:, 0], picture.motion, poses, self.renderer.camera).double()
+        return values.double(), pose_vjp(given[:, 0], rendering.screen_gradient, poses, self.renderer.camera).double()

@@ -1,4 +1,4 @@
-"""The differentiable renderer: a mesh, a pose and a camera to an image, and from its derivative back (Section 3.2)."""
+"""The differentiable renderer: a mesh, a pose and a camera to an image (Section 3.2)."""
 
 from .camera import PARAMETERS, Camera, pose
 from .conventions import (
@@ -10,10 +10,11 @@ from .conventions import (
     to_pytorch3d,
     to_seeing3d,
 )
+from .gbuffer import depth_and_normals, silhouette
 from .mesh import Mesh, load_mesh
-from .renderer import Renderer, pose_jacobian, render
+from .pose_gradient import pose_jacobian, pose_vjp
+from .renderer import Renderer, render
 from .shading import Light
-from .views import depth_and_normals, silhouette
 
 __all__ = [
     "PARAMETERS",
@@ -29,6 +30,7 @@ __all__ = [
     "load_mesh",
     "pose",
     "pose_jacobian",
+    "pose_vjp",
     "render",
     "silhouette",
     "to_pascal3d",

@@ -1,4 +1,4 @@
-"""Cameras and poses: from points of an object to points of an image, and how these move with the pose.
+"""Cameras and poses: projection of points of an object to the image, and their velocities as the pose changes.
 
 Object frame (PASCAL3D+): z up, the front looks to -y.  Camera frame: x right, y down, z along the optical axis.  Pixel
 (row i, column j) is the square [j, j+1] x [i, i+1] of the image plane, so that its centre is at (j + ½, i + ½).
@@ -15,23 +15,35 @@ from torch import Tensor
 PARAMETERS = ("azimuth", "elevation", "distance", "theta", "x", "y")
 """The columns of a tensor of poses (B, 6).
 
-azimuth, elevation: of the camera, seen from the object, in degrees: at azimuth 0 it sees the front, at 90 it is at +x.
-distance: from the camera to the object's origin, in units of the mesh.
-theta: degrees that the picture is turned counter-clockwise about the optical axis.
-x, y: pixels that the picture is moved right and down.
+azimuth, elevation: degrees; direction from the object to the camera: azimuth 0 is in front of it, 90 at +x.
+distance: from the camera to the object's origin, in units of the mesh; above 0.
+theta: degrees; rotation of the image about the optical axis, counter-clockwise.
+x, y: pixels; translation of the image to the right and down.
 """
 
 
 def pose(
     azimuth: float, elevation: float = 0.0, distance: float = 3.0, theta: float = 0.0, x: float = 0.0, y: float = 0.0
 ) -> Tensor:
-    """One pose as a tensor (1, 6), float64."""
+    """One pose as a tensor (1, 6), float64; the columns are :data:`PARAMETERS`.
+
+    >>> from nablahog.render import pose
+    >>> pose(azimuth=30, elevation=15, distance=2.5)
+    tensor([[30.0000, 15.0000,  2.5000,  0.0000,  0.0000,  0.0000]],
+           dtype=torch.float64)
+    """
     return torch.tensor([[azimuth, elevation, distance, theta, x, y]], dtype=torch.float64)
 
 
 @dataclass(frozen=True)
 class Camera:
     """A pinhole camera whose optical axis meets the middle of the image.
+
+    Source: the camera C of Section 3.2, f(V, A, C).
+
+    >>> from nablahog.render import Camera
+    >>> Camera.from_field_of_view(45, height=128, width=96).focal  # pixels
+    154.50966799187806
 
     Attributes:
         focal: focal length in pixels.
@@ -53,7 +65,7 @@ class Camera:
 
     @classmethod
     def from_field_of_view(cls, degrees: float, height: int, width: int) -> Camera:
-        """The camera that sees ``degrees`` from the top of the image to its bottom.
+        """The camera with a vertical field of view of ``degrees``.
 
         Raises:
             ValueError: not 0 < degrees < 180.
@@ -75,8 +87,10 @@ def check_poses(poses: Tensor) -> None:
 
 
 def rotations(poses: Tensor) -> Tensor:
-    """Poses (B, 6) to (B, 3, 3), which turn the object frame into the camera frame: their rows are the camera's axes
-    right, down and forward.  Differentiable."""
+    """Rotations (B, 3, 3) from the object frame to the camera frame at poses (B, 6); differentiable.
+
+    Their rows are the camera's axes right, down and forward.
+    """
     azimuth, elevation, theta = (torch.deg2rad(poses[:, k]) for k in (0, 1, 3))
     sa, ca, se, ce = azimuth.sin(), azimuth.cos(), elevation.sin(), elevation.cos()
     zero = torch.zeros_like(sa)
@@ -88,39 +102,43 @@ def rotations(poses: Tensor) -> Tensor:
 
 
 def to_camera(points: Tensor, poses: Tensor) -> Tensor:
-    """Points (V, 3) of the object to (B, V, 3) in the camera frames of poses (B, 6): x right, y down, z forward, in
-    units of the mesh.  Differentiable; both of one floating point type."""
-    moved = points @ rotations(poses).transpose(1, 2)
-    return moved + torch.nn.functional.pad(poses[:, None, 2:3], (2, 0))
+    """Points (V, 3) of the object to points (B, V, 3) in the camera frames at poses (B, 6); differentiable.
+
+    Both are of one floating point type; units are those of the mesh.
+    """
+    turned = points @ rotations(poses).transpose(1, 2)
+    return turned + torch.nn.functional.pad(poses[:, None, 2:3], (2, 0))
 
 
 def to_screen(points: Tensor, poses: Tensor, camera: Camera) -> Tensor:
-    """Points (B, V, 3) in the camera frames of poses (B, 6) to (B, V, 3): x and y in pixels, and 1 / depth.
+    """Projects points (B, V, 3) in the camera frames of poses (B, 6) to (B, V, 3): x and y in pixels, and 1 / depth.
 
-    Differentiable.  Points behind the camera have a negative depth; those beside it, at depth 0, are at infinity.
+    Differentiable.  Points behind the camera have a negative depth; points at depth 0 are at infinity.
     """
     inverse = 1 / points[..., 2:]
     middle = points.new_tensor([camera.width / 2, camera.height / 2]) + poses[:, None, 4:6]
     return torch.cat([camera.focal * points[..., :2] * inverse + middle, inverse], dim=-1)
 
 
-def motion(poses: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """How the points of a rigid object move with each of the six parameters (a unit is a degree, a unit of the mesh, or
-    a pixel): a point X in the camera frame by ω x X + τ, and every point of the picture by a further shift.
+def pose_velocities(poses: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Velocities of a rigid object by each of the six parameters of its pose.
+
+    A point X in the camera frame has the velocity ω x X + τ, and every point of the image a further shift, per degree,
+    unit of the mesh, or pixel.
 
     Returns:
         ω (B, 6, 3), τ (B, 6, 3) and the shift (B, 6, 2) in pixels.
     """
     rotation = rotations(poses)
-    turn = poses.new_zeros((len(poses), 6, 3))
+    angular = poses.new_zeros((len(poses), 6, 3))
     degree = math.pi / 180
-    turn[:, 0] = -rotation[:, :, 2] * degree  # the camera goes round the object's z axis, so the object turns back
+    angular[:, 0] = -rotation[:, :, 2] * degree  # the camera turns about the object's z axis: the object turns back
     theta = torch.deg2rad(poses[:, 3])
-    turn[:, 1, 0], turn[:, 1, 1] = theta.cos() * degree, -theta.sin() * degree
-    turn[:, 3, 2] = -degree
-    centre = torch.nn.functional.pad(poses[:, None, 2:3], (2, 0)).expand_as(turn)
-    move = -torch.linalg.cross(turn, centre)  # the object turns about its own origin
-    move[:, 2, 2] = 1
+    angular[:, 1, 0], angular[:, 1, 1] = theta.cos() * degree, -theta.sin() * degree
+    angular[:, 3, 2] = -degree
+    centre = torch.nn.functional.pad(poses[:, None, 2:3], (2, 0)).expand_as(angular)
+    linear = -torch.linalg.cross(angular, centre)  # the object turns about its own origin
+    linear[:, 2, 2] = 1
     shift = poses.new_zeros((len(poses), 6, 2))
     shift[:, 4, 0] = shift[:, 5, 1] = 1
-    return turn, move, shift
+    return angular, linear, shift

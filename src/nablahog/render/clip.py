@@ -1,4 +1,4 @@
-"""Triangles cut at the near plane: what is behind the camera has no place in the image."""
+"""Clipping of triangles at the near plane: what is behind the camera cannot be projected."""
 
 from __future__ import annotations
 
@@ -15,35 +15,35 @@ class Clipped(NamedTuple):
     """The part of a mesh in front of the near plane.
 
     Attributes:
-        points: (V', 3) in the camera frame: the mesh's own and those of the cuts.
+        points: (V', 3) in the camera frame: the mesh's own, and the new ones on the plane.
         faces: (F', 3), none of them with a corner behind the plane.
-        corners: (F', 3): their brightness.
+        brightness: (F', 3), at the corners of each face.
     """
 
     points: Tensor
     faces: Tensor
-    corners: Tensor
+    brightness: Tensor
 
 
-def clip(points: Tensor, faces: Tensor, corners: Tensor, near: float) -> Clipped:
-    """Cuts triangles at depth ``near``; differentiable in ``points`` (V, 3) and ``corners`` (F, 3).
+def clip(points: Tensor, faces: Tensor, brightness: Tensor, near: float) -> Clipped:
+    """Clips triangles at depth ``near``; differentiable in ``points`` (V, 3) and ``brightness`` (F, 3).
 
-    A triangle with one corner in front stays one, with two in front it becomes two.
+    A triangle with one corner in front stays one triangle, one with two corners in front becomes two.
     """
     front = points[:, 2] > near
     inside = front[faces].sum(1)
-    found = [(faces[inside == 3], corners[inside == 3])]
+    parts = [(faces[inside == 3], brightness[inside == 3])]
     new_points = [points]
     count = len(points)
     for number in (1, 2):
         which = (inside == number).nonzero().squeeze(1)
         # the odd corner, alone in front or alone behind, comes first
         odd = (front[faces[which]] == (number == 1)).int().argmax(1)
-        turn = (odd[:, None] + torch.arange(3, device=faces.device)) % 3
-        corner, bright = faces[which].gather(1, turn), corners[which].gather(1, turn)
+        order = (odd[:, None] + torch.arange(3, device=faces.device)) % 3
+        corner, bright = faces[which].gather(1, order), brightness[which].gather(1, order)
         cuts, shades = [], []
         for other in (1, 2):
-            # from front to back, so that two triangles cut their common edge in the very same point
+            # from front to back, so that two triangles cut their common edge at the very same point
             a, b = (0, other) if number == 1 else (other, 0)
             start, end = points[corner[:, a]], points[corner[:, b]]
             t = (near - start[:, 2:]) / (end[:, 2:] - start[:, 2:])
@@ -53,12 +53,11 @@ def clip(points: Tensor, faces: Tensor, corners: Tensor, near: float) -> Clipped
             shades.append(torch.lerp(bright[:, a], bright[:, b], t[:, 0]))
             count += len(which)
         if number == 1:
-            found.append((torch.stack([corner[:, 0], *cuts], 1), torch.stack([bright[:, 0], *shades], 1)))
+            parts.append((torch.stack([corner[:, 0], *cuts], 1), torch.stack([bright[:, 0], *shades], 1)))
         else:
-            for triangle, brightness in (
+            for triangle, shade in (
                 ((corner[:, 1], corner[:, 2], cuts[0]), (bright[:, 1], bright[:, 2], shades[0])),
                 ((corner[:, 2], cuts[1], cuts[0]), (bright[:, 2], shades[1], shades[0])),
             ):
-                found.append((torch.stack(triangle, 1), torch.stack(brightness, 1)))
-    parts = [torch.cat(part) for part in zip(*found, strict=True)]
-    return Clipped(torch.cat(new_points), *parts)
+                parts.append((torch.stack(triangle, 1), torch.stack(shade, 1)))
+    return Clipped(torch.cat(new_points), *(torch.cat(part) for part in zip(*parts, strict=True)))

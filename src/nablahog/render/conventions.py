@@ -1,6 +1,7 @@
 """Poses and cameras in the conventions of others: PASCAL3D+, pytorch3d, and Aubry et al. (Seeing 3D chairs, CVPR 2014).
 
-All turn the camera about the object's upright axis by its azimuth and lift it by its elevation, but start elsewhere:
+In all of them azimuth is an angle about the object's upright axis, and elevation one above its horizontal plane.  They
+differ in where azimuth 0 is:
 
 =============  ==========================  =======================  ==========================
 convention     azimuth 0: the camera at    azimuth 90: at           the object's up
@@ -26,9 +27,9 @@ from .camera import pose as one_pose
 VIEWPORT = 3000.0
 """Pixels of PASCAL3D+'s viewport: its focal lengths are in units of this."""
 SEEING3D_FIELD = 54.611
-"""Degrees that the renderings of Aubry et al. see from edge to edge; they are square, 600 pixels a side."""
+"""Field of view in degrees of the renderings of Aubry et al.; they are square, 600 pixels a side."""
 SEEING3D_DISTANCE = 96.0
-"""From where Aubry et al. render, in the units of their models, inches."""
+"""Distance from which Aubry et al. render, in the units of their models, inches."""
 
 _Y_UP = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))  # (x, y, z) of ours is (x, z, -y) of pytorch3d's world
 _LEFT_UP = (-1.0, -1.0, 1.0)  # pytorch3d's camera frame: x left, y up, z forward
@@ -41,8 +42,8 @@ class Pascal3D(NamedTuple):
         azimuth, elevation, theta: degrees; theta turns the picture counter-clockwise.
         distance: in units of the CAD model.
         focal: in units of :data:`VIEWPORT`.
-        px, py: where the object's origin is seen, pixels of the whole photograph; as in MATLAB, the middle of the first
-            pixel is at 1.
+        px, py: projection of the object's origin in the whole photograph, in pixels; as in MATLAB, the middle of the
+            first pixel is at 1.
     """
 
     azimuth: float
@@ -57,9 +58,9 @@ class Pascal3D(NamedTuple):
 def from_pascal3d(view: Pascal3D, height: int, width: int) -> tuple[Tensor, Camera]:
     """The pose (1, 6), float64, and the camera of an image of ``height`` x ``width`` pixels.
 
-    The CAD models of PASCAL3D+ are in our object frame, but must not be :meth:`~.mesh.Mesh.normalized`, or the distance
-    be divided by what the normalisation divides by.  For a part of a photograph, subtract its left and upper edge from
-    px and py.
+    The CAD models of PASCAL3D+ are in our object frame.  For a :meth:`~.mesh.Mesh.normalized` model, divide the
+    distance by the diagonal of the model's bounding box.  For a part of a photograph, subtract its left and upper edge
+    from px and py.
 
     Raises:
         ValueError: a number is not finite, or the distance or the focal length is not above 0: coarse viewpoints have
@@ -72,7 +73,7 @@ def from_pascal3d(view: Pascal3D, height: int, width: int) -> tuple[Tensor, Came
 
 
 def to_pascal3d(pose: Tensor, camera: Camera) -> Pascal3D:
-    """The annotation that :func:`from_pascal3d` makes ``pose`` (1, 6) and ``camera`` of.
+    """The annotation from which :func:`from_pascal3d` makes ``pose`` (1, 6) and ``camera``.
 
     Raises:
         ValueError: ``pose`` is no finite (1, 6) tensor with a distance above 0.
@@ -128,8 +129,8 @@ def to_pytorch3d(poses: Tensor, camera: Camera) -> tuple[Tensor, Tensor, float]:
     """R (B, 3, 3), T (B, 3), both float64, and fov in degrees: what :func:`from_pytorch3d` takes.
 
     Raises:
-        ValueError: ``poses`` is no finite (B, 6) tensor with distances above 0, or moves the picture (x, y): such a
-            camera has no field of view of its own.
+        ValueError: ``poses`` is no finite (B, 6) tensor with distances above 0, or its x and y are not 0, which this
+            camera cannot express.
     """
     poses = _centred(poses)
     turned = rotations(poses).transpose(1, 2) * poses.new_tensor(_LEFT_UP)
@@ -142,8 +143,8 @@ def from_seeing3d(
 ) -> tuple[Tensor, Camera]:
     """The poses (B, 6), float64, and the camera of renderings of Aubry et al.: square, :data:`SEEING3D_FIELD` wide.
 
-    The camera is at ρ (cos θ cos φ, sin θ cos φ, sin φ) and looks at the origin.  Where the front of their models looks
-    differs from one to the next: they turn each by an angle of its own first.
+    The camera is at ρ (cos θ cos φ, sin θ cos φ, sin φ) and looks at the origin.  The front of their models is not
+    aligned: they rotate each model by an angle of its own first.
 
     Args:
         azimuth: θ, (B,), degrees; elevation: φ, (B,), degrees.
@@ -166,11 +167,11 @@ def to_seeing3d(poses: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """θ and φ in degrees, and ρ, all (B,) and float64.
 
     Raises:
-        ValueError: ``poses`` is no finite (B, 6) tensor with distances above 0, or moves or turns the picture.
+        ValueError: ``poses`` is no finite (B, 6) tensor with distances above 0, or its theta, x or y is not 0.
     """
     poses = _centred(poses)
     if bool((poses[:, 3] != 0).any()):
-        raise ValueError("Aubry et al. do not turn the picture: theta must be 0")
+        raise ValueError("theta must be 0: Aubry et al. do not rotate the image")
     return poses[:, 0] - 90, poses[:, 1], poses[:, 2]
 
 
@@ -188,7 +189,7 @@ def _degrees(pixels: int, focal: float) -> float:
 def _angles(rotation: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Azimuth, elevation and theta of :func:`.camera.rotations` (B, 3, 3), in degrees.
 
-    From straight above or below, azimuth and theta do the same; then this finds one pair of many.
+    Seen from straight above or below, azimuth and theta are not unique; this is one pair of many.
     """
     right, forward = rotation[:, 0], rotation[:, 2]
     azimuth = torch.atan2(-forward[:, 0], forward[:, 1])

@@ -1,4 +1,4 @@
-"""Triangle meshes, as the renderer takes them: vertices V, faces, and per-vertex brightness A."""
+"""Triangle meshes: vertices V, faces, and per-vertex brightness A."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 FLAT = 1e-12
-"""Of twice a triangle's area, where the bounding box's diagonal is 1: at most so much is a triangle of no area."""
+"""Twice the area at or below which a triangle has no area, where the diagonal of the mesh's bounding box is 1."""
 
 _Y_UP = (".obj", ".glb")
 
@@ -27,16 +27,26 @@ _Y_UP = (".obj", ".glb")
 class Mesh:
     """Triangles with a brightness at each vertex.  Immutable.
 
-    The object's frame is that of PASCAL3D+: z up, the front looks to -y.  Triangles have no inner side: the renderer
-    shades both alike, so the order of their corners does not matter.
+    The object's frame is that of PASCAL3D+: z up, the front looks to -y.  Both sides of a triangle are shaded alike, so
+    the order of its corners does not matter.
+
+    Arguments may be tensors, or NumPy arrays or lists, which are converted.
 
     Attributes:
         vertices: (V, 3), float64, finite; any unit.
         faces: (F, 3), int64 in 0…V-1, at least one.
-        brightness: (V,), float64 in 0…1: the albedo as gray, which light multiplies.
+        brightness: (V,), float64 in 0…1: the gray albedo, which light multiplies.
 
     Raises:
         ValueError: an array is none of the above.
+
+    Source: V and A of Section 3.2, f(V, A, C).
+
+    >>> from nablahog.render import Mesh
+    >>> Mesh([[0, 0, 0], [1, 0, 0], [0, 0, 1]], faces=[[0, 1, 2]], brightness=[0.5, 0.5, 0.5]).vertices
+    tensor([[0., 0., 0.],
+            [1., 0., 0.],
+            [0., 0., 1.]], dtype=torch.float64)
     """
 
     vertices: Tensor
@@ -44,6 +54,9 @@ class Mesh:
     brightness: Tensor
 
     def __post_init__(self) -> None:
+        for name, dtype in (("vertices", torch.float64), ("faces", torch.int64), ("brightness", torch.float64)):
+            if not isinstance(getattr(self, name), Tensor):
+                object.__setattr__(self, name, torch.tensor(np.array(getattr(self, name)), dtype=dtype))
         count = len(self.vertices)
         _check("vertices", self.vertices, (count, 3), torch.float64)
         _check("faces", self.faces, (len(self.faces), 3), torch.int64)
@@ -59,7 +72,7 @@ class Mesh:
             raise ValueError("brightness must lie in 0…1")
 
     def normalized(self) -> Mesh:
-        """The mesh with its bounding box centred at 0 and the box's diagonal 1; differentiable in the vertices.
+        """The mesh with its bounding box centred at 0 and of diagonal 1; differentiable in the vertices.
 
         Raises:
             ValueError: all vertices are one point, or too far apart for float64.
@@ -88,13 +101,13 @@ def load_mesh(path: str | os.PathLike[str], *, up: Literal["z", "y"] | None = No
     area, repeated triangles and unused vertices are dropped; vertices at the very same place and of the same
     brightness become one, so that triangles know their neighbours whatever the format.
 
-    Brightness is 0.299 R + 0.587 G + 0.114 B, with the numbers as the file has them (no colour management), of the
-    texture at the vertex (its mean over 1/64 of the picture) times GLB's factor; or else of the material's diffuse or
-    base colour; or else of the vertex's colour; GLB's vertex colours multiply its materials.  Where nothing is known,
-    it is 0.8.  Transparency is ignored.
+    Brightness is 0.299 R + 0.587 G + 0.114 B of the file's numbers (no colour management).  The colour is, in this
+    order, that of the texture at the vertex (a mean over 1/64 of the texture) times GLB's factor; the material's
+    diffuse or base colour; the vertex's colour; GLB's vertex colours multiply its materials.  Without any colour, it is
+    0.8.  Transparency is ignored.
 
-    A file is untrusted: of the files that an OBJ or a PLY names, only those in the same folder or below are read, and
-    nothing else; those that cannot be read are as if not named.  A network is never asked.
+    The file is not trusted: of the files that an OBJ or a PLY names, only those in the same folder or below are read;
+    those that cannot be read are ignored.  Nothing is downloaded.
 
     Args:
         path: the file.
@@ -108,6 +121,18 @@ def load_mesh(path: str | os.PathLike[str], *, up: Literal["z", "y"] | None = No
         FileNotFoundError: there is no such file.
         ValueError: it is a folder, of another ending, too big, damaged, or holds no triangle of any area, coordinates
             that are not finite, or faces that refer to vertices that it does not hold; or ``up`` is none of the above.
+
+    >>> import tempfile
+    >>> from nablahog.render import load_mesh
+    >>> with tempfile.NamedTemporaryFile("w", suffix=".off") as file:
+    ...     lines = ["OFF", "3 1 0", "0 0 0", "3 0 0", "0 0 4", "3 0 1 2"]
+    ...     _ = file.write("\\n".join(lines))
+    ...     file.flush()
+    ...     mesh = load_mesh(file.name)
+    >>> mesh.vertices  # the diagonal of the bounding box, 5, is scaled to 1
+    tensor([[-0.3000,  0.0000, -0.4000],
+            [ 0.3000,  0.0000, -0.4000],
+            [-0.3000,  0.0000,  0.4000]], dtype=torch.float64)
     """
     if up not in ("z", "y", None):
         raise ValueError(f"up must be 'z', 'y' or None, got {up!r}")
@@ -118,7 +143,7 @@ def load_mesh(path: str | os.PathLike[str], *, up: Literal["z", "y"] | None = No
         soup = Soup(np.stack([x, -z, y], axis=1), soup.faces, soup.brightness)
     try:
         whole = Mesh(*map(torch.from_numpy, (soup.vertices, soup.faces, soup.brightness))).normalized()
-        return _tidied(whole).normalized()  # without what was flat or unused, the box may be smaller
+        return _tidied(whole).normalized()  # without flat or unused parts, the box may be smaller
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
@@ -133,16 +158,13 @@ def _tidied(mesh: Mesh) -> Mesh:
     faces = vertex[faces]
     faces = faces[np.sort(distinct(np.sort(faces, axis=1))[0])]
     used, flat = np.unique(faces, return_inverse=True)
-    kept = first[used]
-    return Mesh(
-        torch.from_numpy(vertices[kept]), torch.from_numpy(flat.reshape(-1, 3)), torch.from_numpy(brightness[kept])
-    )
+    return Mesh(*map(torch.from_numpy, (vertices[first[used]], flat.reshape(-1, 3), brightness[first[used]])))
 
 
 def distinct(rows: Floats | Integers) -> tuple[Integers, Integers]:
-    """Where each distinct row comes first, in any order, and which of these each row equals.
+    """Indices of the first of each distinct row, in any order, and for each row which of these it equals.
 
-    ``np.unique(rows, axis=0)`` says the same in twice the time.
+    As ``np.unique(rows, axis=0)``, in half the time.
     """
     order = np.lexsort(rows.T)
     new = np.ones(len(rows), dtype=bool)

@@ -1,7 +1,6 @@
-"""What is checked and mended in the bytes of a mesh file before trimesh parses them.
+"""Checks and repairs of the bytes of a mesh file before trimesh parses them.
 
-trimesh takes some damaged files for whole ones, misreads some whole ones, and spends whatever time and memory a file
-asks for.
+trimesh accepts some damaged files, misreads some valid ones, and has no limits on time and memory.
 """
 
 from __future__ import annotations
@@ -28,23 +27,23 @@ _PLY_TYPES = {
 }
 
 
-def mended(data: bytes, kind: str) -> bytes:
-    """The file's bytes as trimesh reads them rightly.
+def repair(data: bytes, kind: str) -> bytes:
+    """Rewrites a file so that trimesh reads it correctly.
 
     Args:
         data: the file.
         kind: OFF, OBJ, PLY, STL or GLB.
 
     Raises:
-        ValueError: it is damaged, needs what is not supported, or asks for too much.
-        Exception: any other, where a damaged file makes a parser trip.
+        ValueError: it is damaged, uses an unsupported extension, or exceeds a limit.
+        Exception: any other, from parsing a damaged file.
     """
     by_kind: dict[str, Callable[[bytes], bytes]] = {"OFF": _off, "OBJ": _obj, "PLY": _ply, "STL": _stl, "GLB": _glb}
     return by_kind[kind](data)
 
 
 def as_utf8(text: bytes) -> bytes:
-    """``text``, Latin-1 if it is not UTF-8: names and remarks in it may be of any encoding."""
+    """``text`` in UTF-8; if it is not, it is taken for Latin-1: names and comments may have any encoding."""
     try:
         text.decode("utf-8")
     except UnicodeDecodeError:
@@ -80,7 +79,7 @@ def off_lines(data: bytes) -> tuple[int, list[str]]:
 
 
 def _off(data: bytes) -> bytes:
-    """With triangles instead of polygons where some have more than four corners, which trimesh refuses."""
+    """Triangulates polygons if some have more than four corners, which trimesh refuses."""
     text = as_utf8(data)
     vertices, lines = off_lines(text)
     if not any(int(line.split(maxsplit=1)[0]) > 4 for line in lines[vertices:]):
@@ -93,7 +92,7 @@ def _off(data: bytes) -> bytes:
 
 
 def _obj(data: bytes) -> bytes:
-    """With all vertices of faces counted from the first: trimesh mistakes those counted back from the last read."""
+    """Makes all vertex indices of faces absolute: trimesh misreads relative (negative) ones."""
     text = as_utf8(data)
     if re.search(rb"^\s*f\s(.*\s)?(0\b|[-\d/]*-)", text, flags=re.MULTILINE) is None:
         return text
@@ -132,7 +131,7 @@ def _stl(data: bytes) -> bytes:
 
 
 def _ply(data: bytes) -> bytes:
-    """With triangles instead of polygons where these have different numbers of corners, which trimesh refuses."""
+    """Triangulates polygons if they have different numbers of corners, which trimesh refuses."""
     head, end, body = data.partition(b"end_header")
     head = as_utf8(head)
     newline = re.match(rb"\s*?\n", body)

@@ -1,4 +1,4 @@
-"""Reading mesh files, whoever wrote them, with trimesh: OFF, OBJ with MTL, PLY, STL and GLB."""
+"""Reading untrusted mesh files with trimesh: OFF, OBJ with MTL, PLY, STL and GLB."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from .mesh_bytes import MAX_BYTES, MAX_FACES, as_utf8, is_coff, mended, off_lines
+from .mesh_bytes import MAX_BYTES, MAX_FACES, as_utf8, is_coff, off_lines, repair
 
 if TYPE_CHECKING:  # slow to import
     import trimesh
@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # slow to import
 Floats = NDArray[np.float64]
 
 BRIGHTNESS = 0.8
-"""Where a file says nothing of colour."""
+"""Of a mesh without colours."""
 TEXTURE = 64  # a texture is shrunk to so many texels a side: vertices are further apart than its details
 
 _FORMATS = {".off": "OFF", ".obj": "OBJ", ".ply": "PLY", ".stl": "STL", ".glb": "GLB"}
@@ -32,7 +32,7 @@ logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else its remar
 
 
 class Soup(NamedTuple):
-    """What a file holds: vertices (V, 3) float64, faces (F, 3) int64, brightness (V,) float64 in 0…1; unchecked."""
+    """Triangles, unchecked: vertices (V, 3) float64, faces (F, 3) int64, brightness (V,) float64 in 0…1."""
 
     vertices: Floats
     faces: NDArray[np.int64]
@@ -67,10 +67,10 @@ def read_soup(path: Path) -> Soup:
 
 
 def _pieces(path: Path, kind: str) -> Iterator[Soup]:
-    """The file's geometries, each as often as the file places it."""
+    """The instances of the file's geometries."""
     import trimesh
 
-    data = mended(path.read_bytes(), kind)
+    data = repair(path.read_bytes(), kind)
     colours = _off_colours(data) if kind == "OFF" else None
     resolver = _beside(path) if kind in ("OBJ", "PLY") else None
     scene = trimesh.load_scene(io.BytesIO(data), file_type=kind.lower(), resolver=resolver, process=False)
@@ -92,19 +92,19 @@ def _pieces(path: Path, kind: str) -> Iterator[Soup]:
 
 
 def _beside(path: Path) -> trimesh.resolvers.Resolver:
-    """Finds the files that ``path`` names, in its folder and below."""
+    """Resolves the files that ``path`` names, in its folder and below."""
     from trimesh.resolvers import FilePathResolver
 
     class Beside(FilePathResolver):
         def absolute(self, name: str) -> Path:
-            found: Path = super().absolute(name)
-            if found.exists() and not found.is_file():  # reading a pipe never ends
+            named: Path = super().absolute(name)
+            if named.exists() and not named.is_file():  # reading a pipe never ends
                 raise ValueError(f"{name} is no regular file")
-            return found
+            return named
 
         def get(self, name: str) -> bytes:
-            found: bytes = super().get(name)
-            return as_utf8(found) if name.lower().endswith(".mtl") else found
+            data: bytes = super().get(name)
+            return as_utf8(data) if name.lower().endswith(".mtl") else data
 
     return Beside(str(path))
 
@@ -138,7 +138,7 @@ def _brightness(geometry: trimesh.Trimesh) -> Floats:
 
 
 def _material(material: Any, uv: Floats | None, count: int) -> Floats:
-    """Of MTL's materials, the texture replaces the colour, which many files leave black; of GLB's, it multiplies."""
+    """MTL's texture replaces the material's colour, which many files leave black; GLB's texture multiplies it."""
     import trimesh
 
     if isinstance(material, trimesh.visual.material.PBRMaterial):
@@ -156,7 +156,7 @@ def _material(material: Any, uv: Floats | None, count: int) -> Floats:
 def _sampled(texture: Image.Image, uv: Floats) -> Floats | None:
     try:
         small = texture.convert("RGB")
-    except Exception:  # a damaged picture is as if not named
+    except Exception:  # a damaged texture is ignored
         return None
     small.thumbnail((TEXTURE, TEXTURE), Image.Resampling.BOX)
     gray = _gray(np.asarray(small))
@@ -174,7 +174,7 @@ def _gray(colours: NDArray[Any]) -> Floats:
 
 
 def _off_colours(data: bytes) -> Floats | NDArray[np.uint8] | None:
-    """The vertices' colours, which trimesh passes over: in 0…1 or 0…255."""
+    """The vertices' colours, in 0…1 or 0…255, which trimesh ignores."""
     if not is_coff(data):
         return None
     count, lines = off_lines(data)
@@ -184,8 +184,8 @@ def _off_colours(data: bytes) -> Floats | NDArray[np.uint8] | None:
 
 def _check_ply(geometry: trimesh.Trimesh) -> None:
     for name, element in geometry.metadata.get("_ply_raw", {}).items():
-        found = element.get("data")
-        columns = list(found.values()) if isinstance(found, dict) else [found]
+        data = element.get("data")
+        columns = list(data.values()) if isinstance(data, dict) else [data]
         rows = min((0 if column is None else len(column) for column in columns), default=0)
         if rows < element["length"]:
             raise ValueError(f"it promises {element['length']:,} rows of the element {name}, but has {rows:,}")

@@ -1,4 +1,4 @@
-"""Visibility: which triangle is seen at each sample, and how far away it is.  The only step that has backends."""
+"""Rasterisation: the nearest triangle at each sample and its depth, compiled on a CPU and in PyTorch elsewhere."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .kernels.visibility import visibility as compiled_visibility
+from .kernels.rasterize import rasterize as compiled_rasterize
 
-_CHUNK = 2**22  # candidates (a sample in a triangle's bounding box) at a time
+_CHUNK = 2**22  # samples in bounding boxes of triangles that are tested together
 
 
-def visibility(screen: Tensor, faces: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
-    """The nearest triangle at each sample.
+def rasterize(screen: Tensor, faces: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
+    """Finds the nearest triangle at each sample.
 
-    A sample on the common edge of two triangles belongs to both; of triangles at equal depth the first is seen.
-    Triangles with a corner behind the camera (1 / depth ≤ 0) are not drawn: cut them first, :func:`.clip.clip`.
+    A sample on the common edge of two triangles belongs to both; of triangles at equal depth the first is visible.
+    Triangles with a corner behind the camera (1 / depth ≤ 0) are not drawn: clip them first, :func:`.clip.clip`.
 
     Args:
         screen: (B, V, 3), float32 or float64: x and y in samples, sample (row i, column j) being at (j + ½, i + ½), and
@@ -24,24 +24,24 @@ def visibility(screen: Tensor, faces: Tensor, height: int, width: int) -> tuple[
         height, width: samples.
 
     Returns:
-        The triangle, int64, -1 where there is none, and 1 / depth, 0 where there is none; both (B, height, width), and
-        constants to any differentiation.
+        The triangle, int64, -1 where there is none, and 1 / depth, 0 where there is none; both (B, height, width).
+        Neither is differentiable.
     """
     screen = screen.detach().contiguous()
     try:
         points = screen.numpy()
     except (TypeError, RuntimeError):  # it is on another device, or of a function transform, which shows no numbers
-        return visibility_steps(screen, faces, height, width)
+        return rasterize_torch(screen, faces, height, width)
     ids = np.empty((len(points), height, width), np.int32)
     inverse = np.empty(ids.shape, points.dtype)
     box, triangles = np.array([0, height, 0, width]), faces.to(torch.int32).numpy()
-    for one, seen, w in zip(points, ids, inverse, strict=True):
-        compiled_visibility(one, triangles, box, seen, w)
+    for one, visible, w in zip(points, ids, inverse, strict=True):
+        compiled_rasterize(one, triangles, box, visible, w)
     return torch.from_numpy(ids).long(), torch.from_numpy(inverse)
 
 
-def visibility_steps(screen: Tensor, faces: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
-    """:func:`visibility` in plain PyTorch, on any device."""
+def rasterize_torch(screen: Tensor, faces: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
+    """:func:`rasterize` in PyTorch, on any device."""
     corners = screen[:, faces]  # (B, F, 3, 3)
     low, high = corners[..., :2].amin(2), corners[..., :2].amax(2)
     limit = screen.new_tensor([width, height])
@@ -86,8 +86,8 @@ def visibility_steps(screen: Tensor, faces: Tensor, height: int, width: int) -> 
 def barycentric(corners: Tensor, faces: Tensor, x: Tensor, y: Tensor) -> Tensor:
     """Screen-space barycentric coordinates (N, 3) of points x, y (N,) in triangles with corners (N, 3, ≥ 2).
 
-    ``faces`` (N, 3), the corners' numbers, decide in which direction an edge is taken, so that two triangles compute
-    the same number for their common edge.
+    Each edge is taken from the lower to the higher vertex index in ``faces`` (N, 3), so that two triangles compute the
+    same number for their common edge.
     """
     parts = []
     for k in range(3):
@@ -101,6 +101,6 @@ def barycentric(corners: Tensor, faces: Tensor, x: Tensor, y: Tensor) -> Tensor:
     return weights / weights.sum(1, keepdim=True)
 
 
-def normalized(weights: Tensor) -> Tensor:
-    """Weights (N, 3) with a sum of 1; all alike where they have none, as those of triangles of no area."""
+def normalize_weights(weights: Tensor) -> Tensor:
+    """Scales weights (N, 3) to a sum of 1.  Weights without a sum, as of triangles of no area, become 1/3."""
     return (weights / weights.sum(1, keepdim=True)).nan_to_num(1 / 3)

@@ -1,4 +1,4 @@
-"""From per-vertex brightness A and a light to the brightness at the corners of each triangle."""
+"""Shading: per-vertex albedo A and a light to brightness at the corners of each triangle."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ import torch
 from torch import Tensor
 
 from .mesh import Mesh
-from .topology import Smoothing, face_normals
+from .topology import SmoothingGroups, face_normals
 
 
 @dataclass(frozen=True)
 class Light:
-    """A light far away that stays with the object, and light from everywhere.
+    """Lambertian shading by one directional light and ambient light.
 
-    A surface of albedo A and unit normal n is as bright as A (ambient + diffuse · |n·l|).  The absolute value lights
-    both sides of a face alike, since CAD models seldom say which one is outside; it also keeps any side from being
-    black.  Since the light moves with the object, brightness does not depend on the pose.
+    A surface of albedo A and unit normal n has the brightness A (ambient + diffuse · |n·l|).  The absolute value
+    lights both sides of a face alike, since CAD models seldom say which one is outside.  The light moves with the
+    object, so brightness does not depend on the pose.
 
     Attributes:
         direction: to the light in the object's frame, of any length above 0.  The default gives the front, the sides
-            and the top of a box three different values, so that its creases show from wherever it is seen.
+            and the top of a box three different values, so that its creases show from every viewpoint.
         ambient, diffuse: 0 or more, at most 1 together.
 
     Raises:
@@ -43,18 +43,18 @@ class Light:
             )
 
 
-def corner_normals(mesh: Mesh, smoothing: Smoothing) -> Tensor:
-    """(F, 3, 3): unit normals at the corners of each face, smooth where faces meet at less than a crease."""
+def corner_normals(mesh: Mesh, groups: SmoothingGroups) -> Tensor:
+    """(F, 3, 3): unit normals at the corners of each face, averaged over its smoothing group."""
     flat = face_normals(mesh)
-    parts = smoothing.sign[:, None] * flat[smoothing.face]
-    summed = flat.new_zeros((3 * len(flat), 3)).index_add(0, smoothing.corner, parts)
+    parts = groups.sign[:, None] * flat[groups.face]
+    summed = flat.new_zeros((3 * len(flat), 3)).index_add(0, groups.corner, parts)
     return torch.nn.functional.normalize(summed, dim=1, eps=1e-300).reshape(-1, 3, 3)
 
 
-def corner_brightness(mesh: Mesh, smoothing: Smoothing, light: Light) -> Tensor:
+def corner_brightness(mesh: Mesh, groups: SmoothingGroups, light: Light) -> Tensor:
     """(F, 3) in 0…1: brightness at the corners of each face; differentiable in vertices and albedo."""
     length = math.hypot(*light.direction)
     direction = mesh.vertices.new_tensor([each / length for each in light.direction])
-    lit = (corner_normals(mesh, smoothing) @ direction).abs()
+    lit = (corner_normals(mesh, groups) @ direction).abs()
     brightness: Tensor = mesh.brightness[mesh.faces] * (light.ambient + light.diffuse * lit)
     return brightness

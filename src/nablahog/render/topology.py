@@ -1,4 +1,4 @@
-"""Which triangles of a mesh are neighbours: its edges, and which faces a smooth surface joins at a corner."""
+"""Topology of a mesh: its edges, and the smoothing groups of faces around each corner."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from torch import Tensor
 
 from .mesh import Mesh
 
-CREASE = 30.0
-"""Degrees: where two faces meet at more, they make a crease, else they approximate a smooth surface."""
-_STRAIGHTEST = math.cos(math.radians(CREASE)) - 1e-9  # of a crease; the sides of a twelve-gon meet at 30 exactly
-_CROWD = 64  # faces at a vertex; where more meet, as at the tip of a fan, they are not smoothed: pairs grow as squares
+CREASE_ANGLE = 30.0
+"""Degrees between two faces above which their edge is a crease; below, the faces approximate a smooth surface."""
+_CREASE_COSINE = math.cos(math.radians(CREASE_ANGLE)) - 1e-9  # the sides of a twelve-gon meet at 30 degrees exactly
+_MAX_FACES = 64  # at a vertex; with more, as at the tip of a fan, there is no smoothing: the pairs grow quadratically
 
-SMOOTH, OPEN, SHARP = 0, 1, 2
+SMOOTH, BOUNDARY, CREASE = 0, 1, 2
 """Kinds of edges: between two faces of a smooth surface; of one face, or of more than two; a crease."""
 
 
 class Edges(NamedTuple):
-    """The edges that can be seen: all but those inside a plane.
+    """The edges of a mesh that can be visible: all but those inside a plane.
 
     Attributes:
         ends: (E, 2), int64 into the mesh's vertices.
         opposite: (E, 2), int64: the third corners of the two faces; twice the same where there is one face.
-        kind: (E,), int64, one of :data:`SMOOTH`, :data:`OPEN`, :data:`SHARP`.
+        kind: (E,), int64, one of :data:`SMOOTH`, :data:`BOUNDARY`, :data:`CREASE`.
     """
 
     ends: Tensor
@@ -36,15 +36,15 @@ class Edges(NamedTuple):
 
 
 def _values(tensor: Tensor) -> NDArray[Any]:
-    """The numbers of a tensor: neighbourhoods depend on these, but are constants to any differentiation."""
+    """The numbers of a tensor, without its derivative: topology is not differentiable."""
     try:
         return tensor.numpy(force=True)
     except RuntimeError:  # inside a function transform tensors have numbers but show no memory
         return np.array(tensor.tolist())
 
 
-def welded(places: NDArray[np.float64]) -> NDArray[np.int64]:
-    """For each vertex the first one at the same place: colours split vertices, but not the surface."""
+def weld_vertices(places: NDArray[np.float64]) -> NDArray[np.int64]:
+    """For each vertex (V, 3) the first one at the same place: colours split vertices, but not the surface."""
     order = np.lexsort(places.T)
     new = np.ones(len(order), dtype=bool)
     new[1:] = (places[order[1:]] != places[order[:-1]]).any(axis=1)
@@ -54,13 +54,13 @@ def welded(places: NDArray[np.float64]) -> NDArray[np.int64]:
     return result
 
 
-def edges(mesh: Mesh) -> Edges:
-    """The edges of a mesh; which kind they are is decided by its vertices as they are now, and is a constant.
+def mesh_edges(mesh: Mesh) -> Edges:
+    """Finds the edges of a mesh and their kinds; not differentiable.
 
     Triangles with two corners at one place have no edges.
     """
     places = _values(mesh.vertices)
-    a, b, c = welded(places)[_values(mesh.faces)].T
+    a, b, c = weld_vertices(places)[_values(mesh.faces)].T
     proper = (a != b) & (b != c) & (c != a)
     a, b, c = a[proper], b[proper], c[proper]
     one, other, opposite = np.concatenate([a, b, c]), np.concatenate([b, c, a]), np.concatenate([c, a, b])
@@ -80,46 +80,52 @@ def edges(mesh: Mesh) -> Edges:
     away -= (away * along[:, None]).sum(axis=2, keepdims=True) * along[:, None]
     away /= np.maximum(np.linalg.norm(away, axis=2, keepdims=True), 1e-300)
     straight = -(away[:, 0] * away[:, 1]).sum(axis=1)  # cosine of the angle between the faces: 1 in a plane
-    kind = np.where(straight < _STRAIGHTEST, SHARP, SMOOTH)
-    kind[counts != 2] = OPEN
-    seen = (kind != SMOOTH) | (straight < 1 - 1e-9)
+    kind = np.where(straight < _CREASE_COSINE, CREASE, SMOOTH)
+    kind[counts != 2] = BOUNDARY
+    bent = (kind != SMOOTH) | (straight < 1 - 1e-9)
     device = mesh.vertices.device
-    return Edges(*(torch.from_numpy(array[seen]).to(device) for array in (ends, opposite, kind)))
+    return Edges(*(torch.from_numpy(array[bent]).to(device) for array in (ends, opposite, kind)))
 
 
-class Smoothing(NamedTuple):
-    """Which faces' normals add up at each corner: entry k adds ``sign[k]`` times the normal of ``face[k]`` to
-    ``corner[k]``, one of 3 F corners; corner 3 f + i is the i-th of face f."""
+class SmoothingGroups(NamedTuple):
+    """Which faces' normals add up at each corner.
+
+    Entry k adds ``sign[k]`` times the normal of ``face[k]`` to ``corner[k]``.  There are 3 F corners: 3 f + i is the
+    i-th corner of face f.
+    """
 
     corner: Tensor
     face: Tensor
     sign: Tensor
 
 
-def smoothing(mesh: Mesh) -> Smoothing:
-    """Faces around a corner that meet its own at no more than :data:`CREASE`, whatever their order of corners."""
+def smoothing_groups(mesh: Mesh) -> SmoothingGroups:
+    """Groups the faces around each corner that meet its own face at :data:`CREASE_ANGLE` or less.
+
+    The orientation of faces, the order of their corners, makes no difference.
+    """
     places = _values(mesh.vertices)
     faces = _values(mesh.faces)
     a, b, c = places[faces[:, 0]], places[faces[:, 1]], places[faces[:, 2]]
     normal = np.cross(b - a, c - a)
-    vertex = welded(places)[faces].ravel()
-    corner = np.argsort(vertex, kind="stable")  # those at a vertex follow each other
+    vertex = weld_vertices(places)[faces].ravel()
+    corner = np.argsort(vertex, kind="stable")  # the corners at a vertex follow each other
     vertex, face = vertex[corner], corner // 3
     unit = (normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300))[face]
-    found = [(corner, face, np.ones(len(corner)))]
+    entries = [(corner, face, np.ones(len(corner)))]
     sizes = np.bincount(vertex)[vertex]
-    first = np.flatnonzero((sizes > 1) & (sizes <= _CROWD))
-    for step in range(1, _CROWD):  # pairs of a corner and the step-th after it
+    first = np.flatnonzero((sizes > 1) & (sizes <= _MAX_FACES))
+    for step in range(1, _MAX_FACES):  # pairs of a corner and the step-th after it
         first = first[first + step < len(corner)]
         first = first[vertex[first] == vertex[first + step]]
         if not len(first):
             break
         cosine = (unit[first] * unit[first + step]).sum(axis=1)
-        joined = np.abs(cosine) >= _STRAIGHTEST
+        joined = np.abs(cosine) >= _CREASE_COSINE
         one, other, sign = first[joined], first[joined] + step, np.sign(cosine[joined])
-        found += [(corner[one], face[other], sign), (corner[other], face[one], sign)]
+        entries += [(corner[one], face[other], sign), (corner[other], face[one], sign)]
     device = mesh.vertices.device
-    return Smoothing(*(torch.from_numpy(np.concatenate(parts)).to(device) for parts in zip(*found, strict=True)))
+    return SmoothingGroups(*(torch.from_numpy(np.concatenate(part)).to(device) for part in zip(*entries, strict=True)))
 
 
 def face_normals(mesh: Mesh) -> Tensor:

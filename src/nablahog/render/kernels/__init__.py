@@ -1,4 +1,4 @@
-"""The steps of rendering for a rigid object on a CPU as compiled loops: one pass each over triangles, edges, samples.
+"""Rendering a rigid object on a CPU in compiled loops: one pass each over triangles, edges and samples.
 
-They return what the plain steps return, up to rounding; ``tests/render/test_kernels.py`` holds both side by side.
+They return what :mod:`..pipeline` returns, up to rounding; ``tests/render/kernels`` compares the two.
 """

@@ -1,4 +1,4 @@
-"""The z-buffer: both backends against looking at every triangle at every sample."""
+"""The depth buffer: both backends against a test of every triangle at every sample."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.render.rasterize import barycentric, normalized, visibility, visibility_steps
+from nablahog.render.rasterize import barycentric, normalize_weights, rasterize, rasterize_torch
 
 HEIGHT, WIDTH = 23, 31
 dtypes = pytest.mark.parametrize("dtype", [torch.float32, torch.float64], ids=["float32", "float64"])
-backends = pytest.mark.parametrize("find", [visibility, visibility_steps], ids=["compiled", "steps"])
+backends = pytest.mark.parametrize("find", [rasterize, rasterize_torch], ids=["compiled", "torch"])
 
 
 def soup(seed: int, count: int = 40) -> tuple[Tensor, Tensor]:
@@ -169,24 +169,24 @@ def test_no_faces(find: object, dtype: torch.dtype) -> None:
 
 
 def test_function_transforms_see_the_same() -> None:
-    """Their tensors show no memory, so that the steps are taken."""
+    """Their tensors show no memory, so that PyTorch is used."""
     points, faces = soup(4)
     found: list[Tensor] = []
 
     def look(points: Tensor) -> Tensor:
-        ids, inverse = visibility(points, faces, HEIGHT, WIDTH)
+        ids, inverse = rasterize(points, faces, HEIGHT, WIDTH)
         found.append(ids.sum())
         return points.sum() + inverse.sum()
 
     slope = torch.func.grad(look)(points)
     assert torch.equal(slope, torch.ones_like(points))  # what is seen is a constant
-    assert int(found[0]) == int(visibility(points, faces, HEIGHT, WIDTH)[0].sum())
+    assert int(found[0]) == int(rasterize(points, faces, HEIGHT, WIDTH)[0].sum())
 
 
 def test_barycentric_coordinates() -> None:
     corners = torch.rand(9, 3, 2, dtype=torch.float64)
     weights = torch.rand(9, 3, dtype=torch.float64)
-    weights = normalized(weights)
+    weights = normalize_weights(weights)
     assert_close(weights.sum(1), torch.ones(9, dtype=torch.float64))
     x, y = (weights[..., None] * corners).sum(1).T
     faces = torch.arange(27).reshape(9, 3).flip(0)
@@ -195,5 +195,5 @@ def test_barycentric_coordinates() -> None:
 
 def test_weights_of_a_triangle_of_no_area() -> None:
     line = torch.tensor([[[0.0, 0], [1, 1], [2, 2]]])
-    weights = normalized(barycentric(line, torch.tensor([[0, 1, 2]]), torch.tensor([1.0]), torch.tensor([1.0])))
+    weights = normalize_weights(barycentric(line, torch.tensor([[0, 1, 2]]), torch.tensor([1.0]), torch.tensor([1.0])))
     assert_close(weights, torch.full((1, 3), 1 / 3))

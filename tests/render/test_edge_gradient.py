@@ -1,4 +1,4 @@
-"""The steps of anti-aliasing alone: how surfaces move, which edges are outlines, and which of several edges counts."""
+"""The steps of anti-aliasing: motion of surfaces, silhouette edges, and which of several edges counts."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from torch.testing import assert_close
 
 from nablahog.render import Camera, Mesh, pose
 from nablahog.render.camera import to_camera, to_screen
-from nablahog.render.edges import crossings, highest, outlines, surface_motion
-from nablahog.render.rasterize import visibility
-from nablahog.render.topology import edges
+from nablahog.render.edge_gradient import argmax_at, edge_crossings, silhouette_edges, surface_motion
+from nablahog.render.rasterize import rasterize
+from nablahog.render.topology import mesh_edges
 
 from .shapes import CAMERA, box, cylinder, joined, rectangle
 
@@ -41,10 +41,10 @@ def test_surfaces_move_as_their_points_do() -> None:
 
 
 @pytest.mark.parametrize("where", [pose(33, 20, 3), pose(33, 20, 0.6), pose(200, -40, 0.3), pose(75, 60, 0.1)])
-def test_outlines_are_where_one_face_is_turned_to_the_camera_and_one_away(where: Tensor) -> None:
+def test_silhouettes_are_where_one_face_is_turned_to_the_camera_and_one_away(where: Tensor) -> None:
     """Also where the faces go on behind the camera; of edges that do so themselves, nothing is said."""
     one = joined(box(), cylinder(16), box((0.2, 0.3, 2)))
-    found = edges(one)
+    found = mesh_edges(one)
     points = to_camera(one.vertices, where)
     a, b = points[0][found.ends].unbind(1)
     normals = torch.linalg.cross((b - a)[:, None], points[0][found.opposite] - a[:, None])
@@ -52,7 +52,7 @@ def test_outlines_are_where_one_face_is_turned_to_the_camera_and_one_away(where:
     expected = sides[:, 0] * sides[:, 1] >= 0
     front = (points[0][found.ends][..., 2] > 1e-3).all(1)
     assert front.sum() > 5
-    assert torch.equal(outlines(to_screen(points, where, WIDE), found)[0][front], expected[front])
+    assert torch.equal(silhouette_edges(to_screen(points, where, WIDE), found)[0][front], expected[front])
 
 
 def test_crossings_of_a_rectangle() -> None:
@@ -60,8 +60,8 @@ def test_crossings_of_a_rectangle() -> None:
     one = rectangle(9.3, 11.2, 30.4, 33.1, CAMERA)
     where = pose(0, distance=3)
     screen = to_screen(to_camera(one.vertices, where), where, CAMERA)
-    ids, inverse = visibility(screen, one.faces, 48, 40)
-    found = crossings(screen, edges(one), ids, inverse)
+    ids, inverse = rasterize(screen, one.faces, 48, 40)
+    found = edge_crossings(screen, mesh_edges(one), ids, inverse)
     left = (found.axis == 1) & (found.col < 20)
     assert found.row[left].tolist() == list(range(11, 33))
     assert (found.col[left] == 8).all()
@@ -78,13 +78,13 @@ def test_hidden_edges_cross_nothing() -> None:
     where, found = pose(0, distance=3), []
     for one in (alone, both):
         screen = to_screen(to_camera(one.vertices, where), where, CAMERA)
-        found.append(crossings(screen, edges(one), *visibility(screen, one.faces, 48, 40)))
+        found.append(edge_crossings(screen, mesh_edges(one), *rasterize(screen, one.faces, 48, 40)))
     assert torch.equal(found[0].row, found[1].row)
     assert torch.equal(found[0].at, found[1].at)
 
 
 def test_the_first_of_the_highest_at_each_place() -> None:
     place, rank = torch.tensor([3, 1, 3, 3, 1, 0]), torch.tensor([0.5, 0.2, 0.7, 0.7, 0.0, 0.0])
-    assert sorted(highest(place, rank, 5).tolist()) == [1, 2, 5]
+    assert sorted(argmax_at(place, rank, 5).tolist()) == [1, 2, 5]
     nothing = torch.zeros(0, dtype=torch.int64)
-    assert len(highest(nothing, nothing.double(), 5)) == 0
+    assert len(argmax_at(nothing, nothing.double(), 5)) == 0

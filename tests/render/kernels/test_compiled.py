@@ -1,9 +1,9 @@
-"""The compiled renderings are those of the plain steps, up to rounding in float32.
+"""The compiled rendering against the one in PyTorch: equal images, up to rounding in float32.
 
-So are their derivatives by the pose, up to some percent, the fewer the smaller the pixels are: the steps move every
-crossing of an edge by the motion of the edge there, the compiled loops by that of its surface in the middle of the
-pixel.  What ``opendr`` draws over an outline has no place on a surface: the steps continue the triangle's plane, the
-compiled loops take its depth at the next sample.  For faces seen from their side that is not the same at all.
+Derivatives by the pose agree up to some percent, fewer with smaller pixels: PyTorch moves every crossing of an edge by
+the motion of the edge there, the compiled loops by that of its surface in the middle of the pixel.  With ``opendr``,
+the part of a silhouette drawn outside its surface has no depth of its own: PyTorch continues the triangle's plane, the
+compiled loops take the depth at the next sample, which differs much for faces seen from the side.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from torch.nn.functional import cosine_similarity
 from torch.testing import assert_close
 
 from nablahog.datasets.chairs import chair
-from nablahog.render import Camera, Mesh, Renderer, pose, pose_jacobian, silhouette
-from nablahog.render.kernels.moments import moments
-from nablahog.render.renderer import Method, pull_back
+from nablahog.render import Camera, Mesh, Renderer, pose, pose_jacobian, pose_vjp, silhouette
+from nablahog.render.kernels.pose import moments
+from nablahog.render.renderer import Method
 
 from ..shapes import box, cylinder, joined, poses
 
@@ -50,8 +50,8 @@ def plain_jacobian(renderer: Renderer, where: Tensor, background: Tensor) -> Ten
 
 
 def compiled_jacobian(renderer: Renderer, where: Tensor, background: Tensor) -> Tensor:
-    picture = renderer.rigid.draw(where, background[:, 0], True)
-    return pose_jacobian(picture.motion, where, renderer.camera).transpose(0, 1)
+    rendering = renderer.compiled.render(where, background[:, 0], True)
+    return pose_jacobian(rendering.screen_gradient, where, renderer.camera).transpose(0, 1)
 
 
 @meshes
@@ -89,14 +89,14 @@ def test_derivatives(mesh: Mesh, method: Method, step: int) -> None:
 def test_reverse_mode_is_the_adjoint_of_the_jacobian(method: Method) -> None:
     renderer = Renderer(MESHES["chair"], CAMERA, method=method, supersampling=2)
     where, background = poses(3, 2.6), torch.rand(1, 1, 72, 64)
-    given = torch.randn(3, 72, 64)
-    picture = renderer.rigid.draw(where, background[:, 0], True)
-    expected = (pose_jacobian(picture.motion, where, CAMERA) * given[:, None]).sum((2, 3))
-    assert_close(pull_back(given, picture.motion, where, CAMERA), expected, rtol=1e-3, atol=1e-2)
+    grad_image = torch.randn(3, 72, 64)
+    rendering = renderer.compiled.render(where, background[:, 0], True)
+    expected = (pose_jacobian(rendering.screen_gradient, where, CAMERA) * grad_image[:, None]).sum((2, 3))
+    assert_close(pose_vjp(grad_image, rendering.screen_gradient, where, CAMERA), expected, rtol=1e-3, atol=1e-2)
     followed = where.clone().requires_grad_()
-    (reverse,) = torch.autograd.grad((renderer(followed, background)[:, 0] * given).sum(), followed)
+    (reverse,) = torch.autograd.grad((renderer(followed, background)[:, 0] * grad_image).sum(), followed)
     assert_close(reverse, expected.double(), rtol=1e-3, atol=1e-2)
-    assert_close(picture.image, renderer(where, background)[:, 0], rtol=0, atol=1e-6)
+    assert_close(rendering.image, renderer(where, background)[:, 0], rtol=0, atol=1e-6)
 
 
 @methods
@@ -148,14 +148,14 @@ def test_the_result_does_not_depend_on_the_number_of_threads() -> None:
 
 
 def test_sums_over_pixels_are_those_of_plain_pytorch() -> None:
-    given, moved = torch.randn(3, 7, 9), torch.randn(3, 4, 7, 9)
+    grad_image, screen_gradient = torch.randn(3, 7, 9), torch.randn(3, 4, 7, 9)
     x, y = torch.randn(3, 1, 9), torch.randn(3, 7, 1)
-    found = moments(given, moved, x, y)
+    found = moments(grad_image, screen_gradient, x, y)
     powers_of_x = torch.stack([x**m for m in range(3)], 1)  # (B, 3, 1, W)
     powers_of_y = torch.stack([y**n for n in range(3)], 1)
-    expected = torch.einsum("bhw,bkhw,bmow,bnhp->bkmn", given, moved, powers_of_x, powers_of_y)
+    expected = torch.einsum("bhw,bkhw,bmow,bnhp->bkmn", grad_image, screen_gradient, powers_of_x, powers_of_y)
     assert_close(found, expected.double(), rtol=1e-4, atol=1e-4)
-    inside = torch.func.vmap(lambda g: moments(g, moved, x, y))(given[None])
+    inside = torch.func.vmap(lambda g: moments(g, screen_gradient, x, y))(grad_image[None])
     assert_close(inside[0], found, rtol=1e-5, atol=1e-5)
 
 
@@ -166,8 +166,8 @@ def test_sizes_near_the_end_of_numbers_draw_something_or_nothing(method: Method,
     renderer = Renderer(Mesh(huge, MESHES["box"].faces, MESHES["box"].brightness), CAMERA, method=method)
     for distance in (2.6 * size, 0.1 * size, 2.6):
         where = poses(2, distance)
-        picture = renderer.rigid.draw(where, torch.ones(1, 72, 64), True)
-        assert torch.isfinite(picture.image).all()
+        rendering = renderer.compiled.render(where, torch.ones(1, 72, 64), True)
+        assert torch.isfinite(rendering.image).all()
 
 
 def test_silhouettes_are_compiled_and_plain_the_same() -> None:

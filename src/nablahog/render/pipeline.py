@@ -1,0 +1,92 @@
+"""The rendering in PyTorch, on any device, differentiable in everything; the compiled loops are tested against it.
+
+Projection, clipping, rasterisation, shading, and anti-aliasing, each in its own module.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from . import edge_gradient, opendr
+from .camera import Camera, to_camera, to_screen
+from .clip import NEAR, clip
+from .mesh import Mesh
+from .rasterize import barycentric, normalize_weights, rasterize
+from .topology import Edges
+
+
+def clip_to_view(points: Tensor, faces: Tensor, brightness: Tensor, distance: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Clips a mesh at the near plane of a camera.
+
+    Args:
+        points: (1, V, 3) in the camera frame.
+        faces, brightness: (F, 3), the latter at the corners of each face.
+        distance: (1,), from the camera to the object.
+
+    Returns:
+        Points, faces and brightness of the part in front, in the same form.
+    """
+    near = NEAR * float(distance.detach())
+    if bool((points[..., 2] > near).all()):
+        return points, faces, brightness
+    part = clip(points[0], faces, brightness, near)
+    return part.points[None], part.faces, part.brightness
+
+
+def render_torch(
+    mesh: Mesh,
+    brightness: Tensor,
+    edges: Edges,
+    poses: Tensor,
+    camera: Camera,
+    background: Tensor,
+    step: int,
+    method: str,
+) -> Tensor:
+    """Images (B, H, W) of a mesh at poses (B, 6) over backgrounds (1 or B, H, W), which decide the dtype.
+
+    Args:
+        mesh: its vertices and faces.
+        brightness: (F, 3), at the corners of each face.
+        edges: of the mesh.
+        poses, camera, background: the view.
+        step: samples of a pixel along a side.
+        method: "edges" or "opendr".
+    """
+    points, faces = to_camera(mesh.vertices, poses), mesh.faces
+    near = (1 - 1e-6) * NEAR * poses.detach()[:, None, 2:3]
+    if len(poses) == 1:
+        points, faces, brightness = clip_to_view(points, faces, brightness, poses[:, 2])
+    elif bool((points[..., 2:] <= near).any()):  # each view is clipped to other faces
+        views = zip(torch.split(poses, 1), torch.split(background.expand(len(poses), -1, -1), 1), strict=True)
+        images = [render_torch(mesh, brightness, edges, pose, camera, behind, step, method) for pose, behind in views]
+        return torch.cat(images)
+    beside = points[..., 2:].abs() < 1e-3 * near  # not drawn, but 1 / depth could be infinite and have no derivative
+    screen = to_screen(torch.where(beside, -1.0, points), poses, camera)
+    screen = torch.cat([screen[..., :2] * step, screen[..., 2:]], dim=-1).to(background.dtype)
+
+    ids, inverse = rasterize(screen, faces, camera.height * step, camera.width * step)
+    samples = _shade(ids, screen, faces, brightness, background.expand(len(poses), -1, -1), step)
+    crossings = edge_gradient.edge_crossings(screen, edges, ids, inverse)
+    if method == "edges":
+        image = edge_gradient.antialias(samples, ids, inverse, crossings, screen, edges, faces, step)
+    else:
+        silhouette = edge_gradient.silhouette_edges(screen.detach(), edges)
+        drawn, (inverse, samples, ids) = opendr.draw_silhouettes(crossings, silhouette, inverse, samples, ids)
+        image = opendr.resolve(samples, ids, drawn, screen, faces, step)
+    # where several edges meet in a pixel their areas may add up to more than it has; the derivative stays
+    return image - (image - image.clamp(0, 1)).detach()
+
+
+def _shade(ids: Tensor, screen: Tensor, faces: Tensor, brightness: Tensor, background: Tensor, step: int) -> Tensor:
+    """Brightness of the samples (B, H · step, W · step): perspective-correct between the corners of each triangle."""
+    samples = background.repeat_interleave(step, 1).repeat_interleave(step, 2)
+    place = (ids >= 0).nonzero(as_tuple=True)
+    face = ids[place]
+    at = screen.detach()[place[0][:, None], faces[face]]
+    weights = barycentric(at, faces[face], place[2] + 0.5, place[1] + 0.5) * at[..., 2]
+    weights = normalize_weights(weights.clamp(min=0))[:, 1:]
+    bright = brightness[face].to(samples)
+    first = bright[:, :1]  # so that a face of one brightness is exactly of one brightness
+    return samples.index_put(place, (first + (weights * (bright[:, 1:] - first)).sum(1, keepdim=True)).squeeze(1))

@@ -1,0 +1,68 @@
+"""The derivative of images by poses, from their derivative by the motion of surfaces on the screen.
+
+A point at 1 / depth = w whose velocity is ω x X + τ moves on the screen by a + b w.  a depends on ω and on the ray
+through the pixel, b on τ and on the ray.  The ray is that of the pixel's middle.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from .camera import Camera, pose_velocities
+from .kernels.pose import moments, vjp_from_moments
+
+
+def _rays(poses: Tensor, camera: Camera, like: Tensor) -> tuple[Tensor, Tensor]:
+    """x / depth and y / depth of the middles of pixels, (B, 1, W) and (B, H, 1)."""
+    x = torch.arange(camera.width, device=poses.device) + 0.5 - camera.width / 2 - poses[:, 4:5]
+    y = torch.arange(camera.height, device=poses.device) + 0.5 - camera.height / 2 - poses[:, 5:6]
+    return (x / camera.focal).to(like)[:, None, :], (y / camera.focal).to(like)[:, :, None]
+
+
+def pose_jacobian(screen_gradient: Tensor, poses: Tensor, camera: Camera) -> Tensor:
+    """Jacobian (B, 6, H, W) of images with respect to poses (B, 6): per degree, unit of the mesh, or pixel.
+
+    Args:
+        screen_gradient: (B, 4, H, W), of :class:`.kernels.compiled.Rendering`.
+        poses, camera: those of the images.
+    """
+    angular, linear, shift = (part.to(screen_gradient)[..., None, None] for part in pose_velocities(poses))
+    x, y = (part[:, None] for part in _rays(poses, camera, screen_gradient))
+    (wx, wy, wz), (tx, ty, tz) = angular.unbind(2), linear.unbind(2)
+    forward = wx * y - wy * x
+    focal = camera.focal
+    a_x = focal * (wy - wz * y - x * forward) + shift[:, :, 0]
+    a_y = focal * (wz * x - wx - y * forward) + shift[:, :, 1]
+    b_x, b_y = focal * (tx - x * tz), focal * (ty - y * tz)
+    by_a_x, by_b_x, by_a_y, by_b_y = screen_gradient[:, None].unbind(2)
+    return a_x * by_a_x + b_x * by_b_x + a_y * by_a_y + b_y * by_b_y
+
+
+def pose_vjp(grad_image: Tensor, screen_gradient: Tensor, poses: Tensor, camera: Camera) -> Tensor:
+    """Gradient (B, 6) with respect to poses: the product of ``grad_image`` (B, H, W) and :func:`pose_jacobian`.
+
+    a and b are polynomials in the ray, so that a few moments of the image serve all parameters.
+
+    Args:
+        grad_image: gradient with respect to the images.
+        screen_gradient, poses, camera: as for :func:`pose_jacobian`.
+    """
+    sums = moments(grad_image, screen_gradient, *_rays(poses, camera, screen_gradient))
+    try:
+        numbers = poses.detach().double().numpy()
+        return torch.from_numpy(vjp_from_moments(sums.numpy(), numbers, camera.focal)).to(screen_gradient)
+    except RuntimeError:  # inside a function transform tensors have numbers but show no memory
+        pass
+    angular, linear, shift = pose_velocities(poses.double())
+    a_x, b_x, a_y, b_y = sums.unbind(1)  # [..., m, n] is with x^m y^n
+    by_angular = [
+        -a_x[:, 1, 1] - a_y[:, 0, 0] - a_y[:, 0, 2],
+        a_x[:, 0, 0] + a_x[:, 2, 0] + a_y[:, 1, 1],
+        a_y[:, 1, 0] - a_x[:, 0, 1],
+    ]
+    by_linear = [b_x[:, 0, 0], b_y[:, 0, 0], -b_x[:, 1, 0] - b_y[:, 0, 1]]
+    by_shift = [a_x[:, 0, 0], a_y[:, 0, 0]]
+    velocities = torch.cat([camera.focal * angular, camera.focal * linear, shift], 2)
+    grad_poses = velocities @ torch.stack(by_angular + by_linear + by_shift, 1)[..., None]
+    return grad_poses[..., 0].to(screen_gradient)
