@@ -42,8 +42,9 @@ class Camera:
     Source: the camera C of Section 3.2, f(V, A, C).
 
     >>> from nablahog.render import Camera
-    >>> Camera.from_field_of_view(45, height=128, width=96).focal  # pixels
-    154.50966799187806
+    >>> camera = Camera.from_field_of_view(45, height=128, width=96)
+    >>> round(camera.focal, 1)  # pixels
+    154.5
 
     Attributes:
         focal: focal length in pixels.
