@@ -29,7 +29,6 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d, unfold
 
 from nablahog import HOGSpec, hog, presets, reconstruct
-from nablahog.invert.histograms import fixes_contrast
 from nablahog.invert.multiscale import SCALES, level_spec, reconstruct_multiscale, scale_descriptors
 from nablahog.invert.parameterize import cosines
 from photographs import photographs
@@ -76,7 +75,7 @@ def distances_at_levels(images: Tensor, spec: HOGSpec) -> list[tuple[float, floa
     for level in reconstruct_multiscale(descriptor, spec, size):
         small, _ = level_spec(spec, level.scale, size)
         own = hog(avg_pool2d(images, math.isqrt(level.scale)), small).flatten(1)
-        asked = (descriptor / level.scale**0.25 if fixes_contrast(spec) else descriptor).flatten(1)
+        asked = (descriptor / level.scale**0.25 if spec.normalizer.fixes_contrast else descriptor).flatten(1)
         contrast = (own * asked).sum(dim=1, keepdim=True) / own.square().sum(dim=1, keepdim=True)
         distance = (contrast * own - asked).norm(dim=1) / asked.norm(dim=1)
         rows.append((float(distance.mean()), float(level.reconstruction.distance.mean())))

@@ -41,8 +41,8 @@ def test_channels() -> None:
 def test_parts_add_up(name: str) -> None:
     s = SPECS[name]
     if isinstance(s.normalizer, FourBlockNorm):
-        directed = s.bins if s.signed else 2 * s.bins
-        assert s.colours * sum(s.normalizer.channels_of(part, directed) for part in s.normalizer.parts) == s.channels
+        lengths = [s.normalizer.channels_of(part, s.bins, s.signed) for part in s.normalizer.parts]
+        assert s.colours * sum(lengths) == s.channels
 
 
 def test_presets_take_one_cell_size_or_two() -> None:

@@ -216,7 +216,7 @@ def largest_entries(s: HOGSpec, scheme: FourBlockNorm) -> Tensor:
     directed = s.bins if s.signed else 2 * s.bins
     summed = directed // 2 / math.sqrt(18) if scheme.texture == "vlfeat" else directed * 0.2357
     times = {"directed": 2.0, "undirected": 2.0, "texture": summed, "blocks": 1.0, "zero": 0.0}
-    bounds = [times[part] for part in scheme.parts for _ in range(scheme.channels_of(part, directed))]
+    bounds = [times[part] for part in scheme.parts for _ in range(scheme.channels_of(part, s.bins, s.signed))]
     return scheme.clip * torch.tensor(bounds, dtype=DOUBLE)
 
 

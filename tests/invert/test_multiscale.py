@@ -14,7 +14,7 @@ from torch.nn.functional import avg_pool2d
 
 from nablahog import HOGSpec, hog, presets
 from nablahog.invert import Level, reconstruct_multiscale, scale_descriptors
-from nablahog.invert.histograms import fixes_contrast, recover_histograms
+from nablahog.invert.histograms import recover_histograms
 from nablahog.invert.multiscale import SCALES, level_spec
 from nablahog.invert.polarity import fix_polarity
 
@@ -133,7 +133,7 @@ def test_every_level_is_given_the_descriptor_at_the_contrast_of_its_size(spec: H
     descriptor = hog(photograph(32), spec)
     for level in reconstruct_multiscale(descriptor, spec, max_evaluations=BUDGET):
         # a smaller image of the same contrast has steeper, but fewer gradients
-        own = descriptor / level.scale**0.25 if fixes_contrast(spec) else descriptor
+        own = descriptor / level.scale**0.25 if spec.normalizer.fixes_contrast else descriptor
         torch.testing.assert_close(level.reconstruction.distance, distance(level, own))
 
 

@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from ..hog import FourBlockNorm, HOGSpec
+from ..hog import HOGSpec
 
-# Of each group the fields, with what a reader calls each.  "normalizer.x" is the field x of two four-block normalisers.
+# Of each group the fields, with what a reader calls each.  "normalizer.x" is the field x of two normalisers of a kind.
 _GROUPS: tuple[dict[str, str], ...] = (
     {"gamma": "gamma", "value_range": "value range"},
     {"colour": "colour rule"},
@@ -21,13 +21,6 @@ _GROUPS: tuple[dict[str, str], ...] = (
     {"partial_cells": "partial cells", "pooling": "pooling"},
 )
 _NORMALIZER: tuple[dict[str, str], ...] = ({"normalizer": "normaliser"},)
-_FOUR_BLOCKS: tuple[dict[str, str], ...] = (
-    {"normalizer.epsilon": "ε", "normalizer.floor": "ε"},
-    {"normalizer.clip": "clip"},
-    {"normalizer.texture": "texture"},
-    {"normalizer.outside": "outermost blocks"},
-    {"normalizer.parts": "channels"},
-)
 
 
 @dataclass(frozen=True)
@@ -82,15 +75,19 @@ def differing(a: HOGSpec, b: HOGSpec) -> list[Convention]:
     Fields that decide nothing (the name, the layout, the derivative) and the cell size are passed over.  A group is
     called by those of its fields that differ.
     """
-    four = isinstance(a.normalizer, FourBlockNorm) and isinstance(b.normalizer, FourBlockNorm)
     found = []
-    for group in _GROUPS + (_FOUR_BLOCKS if four else _NORMALIZER):
+    for group in _GROUPS + _of_normalizers(a, b):
         names = [name for field, name in group.items() if _get(a, field) != _get(b, field)]
         names = next(([name] for name in ("votes", "bin ties") if name in names), names)  # the others are their details
         if names:
             fields = tuple(field for field in group if _get(a, field) != _get(b, field))
             found.append(Convention(" and ".join(dict.fromkeys(names)), fields))
     return found
+
+
+def _of_normalizers(a: HOGSpec, b: HOGSpec) -> tuple[dict[str, str], ...]:
+    groups = a.normalizer.conventions if a.normalizer.kind == b.normalizer.kind else ()
+    return tuple({f"normalizer.{field}": name for field, name in group.items()} for group in groups) or _NORMALIZER
 
 
 def exchanged(a: HOGSpec, b: HOGSpec, conventions: Iterable[Convention]) -> HOGSpec:

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..hog import BlockCells, FourBlockNorm, HOGSpec
+from ..hog import HOGSpec
 from ..hog.gradient import gradient
 from ..hog.normalize import normalize
 from ..hog.orientation import votes
@@ -39,11 +39,8 @@ class Describer:
 
         It may have more cells than ``spec``, around them.
         """
-        scheme = spec.normalizer
-        changes: dict[str, Any] = {}
-        if isinstance(scheme, FourBlockNorm) and scheme.outside == "drop":
-            changes["normalizer"] = replace(scheme, outside="repeat")
-        if not isinstance(spec.pooling, BlockCells):
+        changes: dict[str, Any] = {"normalizer": spec.normalizer.of_all_cells()}
+        if not spec.pooling.has_blocks:
             changes |= self._same_cells(spec)
         return replace(spec, **changes)
 

@@ -11,10 +11,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..hog import BlockCells, BlockNorm, FourBlockNorm, HOGSpec
+from ..hog import HOGSpec
 from ..hog.box import Box
 from ..hog.entries import CellAlignment, cell_entries
 from ..hog.normalizers import Part
+from ..hog.normalizers.four_block import four_block
 from ..hog.orientation import bin_angles
 
 DIRECTIONS = 18  # over 180°: the centres of 9 bins, whether the first is at 0° or at half a bin, are among them
@@ -66,18 +67,11 @@ class Orientations:
     """
 
     def reduced(self, spec: HOGSpec) -> HOGSpec:
-        scheme = spec.normalizer
-        if not isinstance(scheme, FourBlockNorm):
-            return spec
-        for part in ("undirected", "directed", "blocks"):
-            if part in scheme.parts:
-                parts: tuple[Part, ...] = (part,)
-                break
-        return replace(spec, normalizer=replace(scheme, parts=parts, texture="vlfeat"))
+        return replace(spec, normalizer=spec.normalizer.of_orientations())
 
     def entries(self, descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int]) -> Entries:
         of_cells = cell_entries(descriptor, spec)
-        if isinstance(spec.pooling, BlockCells):  # cells that lie on each other are one
+        if spec.pooling.has_blocks:  # cells that lie on each other are one
             of_cells = CellAlignment(spec, image_size, of_cells)(of_cells)
         values = torch.einsum("db,brc->rcd", readings(spec).to(of_cells), of_cells[0])
         return Entries(values, *_first(spec))
@@ -94,8 +88,9 @@ class Channels:
     parts: tuple[Part, ...]
 
     def reduced(self, spec: HOGSpec) -> HOGSpec:
-        assert isinstance(spec.normalizer, FourBlockNorm)
-        scheme = replace(spec.normalizer, parts=self.parts)
+        normalizer = four_block(spec.normalizer)
+        assert normalizer is not None
+        scheme = replace(normalizer, parts=self.parts)
         return replace(spec, normalizer=scheme if "texture" in self.parts else replace(scheme, texture="vlfeat"))
 
     def entries(self, descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int]) -> Entries:
@@ -104,16 +99,15 @@ class Channels:
 
 def same_channels(a: HOGSpec, b: HOGSpec) -> Channels | None:
     """The channels that mean the same in two descriptors: histograms of the same orientations, and texture."""
-    if not isinstance(a.normalizer, FourBlockNorm) or not isinstance(b.normalizer, FourBlockNorm):
-        return None
-    if a.colours != b.colours:
+    one, other = four_block(a.normalizer), four_block(b.normalizer)
+    if one is None or other is None or a.colours != b.colours:
         return None
     parts: list[Part] = []
     if a.signed and b.signed and _same_angles(a, b, 2 * math.pi):
         parts.append("directed")
     if _same_angles(a, b, math.pi):
         parts += ["undirected", "texture", "blocks"]
-    common = tuple(part for part in parts if part in a.normalizer.parts and part in b.normalizer.parts)
+    common = tuple(part for part in parts if part in one.parts and part in other.parts)
     return Channels(common) if {*common} - {"texture"} else None
 
 
@@ -145,8 +139,7 @@ def _readings(centres: tuple[float, ...], signed: bool) -> Tensor:
 
 def _first(spec: HOGSpec) -> tuple[int, int]:
     """Row and column of the first cell."""
-    dropped = int(isinstance(spec.normalizer, FourBlockNorm) and spec.normalizer.outside == "drop")
-    return dropped, dropped
+    return spec.normalizer.footprint(0).margin, spec.normalizer.footprint(1).margin
 
 
 def region(spec: HOGSpec, image_size: tuple[int, int]) -> Box:
@@ -155,14 +148,17 @@ def region(spec: HOGSpec, image_size: tuple[int, int]) -> Box:
     Raises:
         ValueError: the image is too small to have any.
     """
-    (rows, cols), scheme = spec.grid(*image_size), spec.normalizer
-    if isinstance(spec.pooling, BlockCells):
-        of_axes = zip((rows, cols), spec.pooling.step, spec.pooling.block, spec.cell_size, strict=True)
-        rows, cols = (round((n - 1) * step / cell) + block // cell for n, step, block, cell in of_axes)
-    elif isinstance(scheme, BlockNorm):
-        rows, cols = ((n - 1) * s + b for n, s, b in zip((rows, cols), scheme.step, scheme.block, strict=True))
-    top, left = _first(spec)
-    return Box(left, top, left + cols, top + rows)
+    (top, bottom), (left, right) = (
+        _cells_along(spec, axis, count) for axis, count in enumerate(spec.grid(*image_size))
+    )
+    return Box(left, top, right, bottom)
+
+
+def _cells_along(spec: HOGSpec, axis: int, count: int) -> tuple[int, int]:
+    """The first of the cells side by side in so many rows or columns of a descriptor, and the one after the last."""
+    along = spec.normalizer.footprint(axis)
+    places = spec.pooling.places(along.cells(count), spec.cell_size[axis], axis)
+    return along.margin, max(places) + 1 - along.margin
 
 
 def common_region(regions: list[Box]) -> Box | None:

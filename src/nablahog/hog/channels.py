@@ -5,12 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from .normalize import VLFEAT_TEXTURE
-from .normalizers import PARTS, BlockNorm, FourBlockNorm, Part, Texture
+from .normalizers import PARTS, FourBlockNorm, Part
+from .normalizers.four_block import VLFEAT_TEXTURE, four_block
 from .spec import HOGSpec
 
-# what left and right blocks become, in either order of the four texture channels
-_MIRRORED: dict[Texture, tuple[int, ...]] = {"vlfeat": (1, 0, 3, 2), "dpm": (2, 3, 0, 1)}
 # what says where gradients are counted and what an entry is; other fields matter at borders, at ties, or through ε
 _SAME = ("colour", "bin_offset", "counterclockwise", "cell_size", "vote", "gamma", "mask")
 
@@ -38,40 +36,13 @@ def mirrored_channels(spec: HOGSpec) -> tuple[int, ...] | None:
     target = spec.bins / (2 if spec.signed else 1) - 2 * spec.bin_offset
     if target != int(target):
         return None
-    scheme, bins = spec.normalizer, _mirrored_bins(int(target), spec.bins)
-    one = bins
-    if isinstance(scheme, FourBlockNorm):
-        one = _mirrored_four_blocks(scheme, bins, _mirrored_bins(int(target), _axes(spec)))
-    elif isinstance(scheme, BlockNorm):
-        one = _grouped([row * scheme.block[1] + col for row in range(scheme.block[0]) for col in _back(scheme)], bins)
-    return tuple(_grouped(list(range(spec.colours)), one))
+    bins, axes = (_mirrored_bins(int(target), count) for count in (spec.bins, _axes(spec)))
+    of_colour = spec.normalizer.mirrored_channels(bins, axes)
+    return tuple(colour * len(of_colour) + k for colour in range(spec.colours) for k in of_colour)
 
 
 def _mirrored_bins(target: int, bins: int) -> list[int]:
     return [(target - k) % bins for k in range(bins)]
-
-
-def _back(scheme: BlockNorm) -> range:
-    return range(scheme.block[1] - 1, -1, -1)
-
-
-def _grouped(groups: list[int], inner: list[int]) -> list[int]:
-    """The same order ``inner`` in groups of channels one after another."""
-    return [group * len(inner) + k for group in groups for k in inner]
-
-
-def _mirrored_four_blocks(scheme: FourBlockNorm, directed: list[int], undirected: list[int]) -> list[int]:
-    of_parts: dict[Part, list[int]] = {
-        "directed": directed,
-        "undirected": undirected,
-        "texture": list(_MIRRORED[scheme.texture]),
-        "blocks": _grouped([1, 0, 3, 2], undirected),
-        "zero": [0],
-    }
-    order: list[int] = []
-    for part in scheme.parts:
-        order += [len(order) + k for k in of_parts[part]]
-    return order
 
 
 def reorder_texture(descriptor: Tensor, spec: HOGSpec) -> Tensor:
@@ -157,17 +128,18 @@ def _split(descriptor: Tensor, spec: HOGSpec) -> dict[Part, Tensor]:
             f"{spec.named} descriptor has {spec.channels} channels in its last dimension, got the shape "
             f"{tuple(descriptor.shape)}"
         )
-    lengths = [scheme.channels_of(part, 2 * _axes(spec)) for part in scheme.parts]
+    lengths = [scheme.channels_of(part, spec.bins, spec.signed) for part in scheme.parts]
     pieces = descriptor.reshape(*descriptor.shape[:-1], spec.colours, -1).split_with_sizes(lengths, dim=-1)
     return dict(zip(scheme.parts, pieces, strict=True))
 
 
 def _four_block(spec: HOGSpec) -> FourBlockNorm:
-    if not isinstance(spec.normalizer, FourBlockNorm):
+    normalizer = four_block(spec.normalizer)
+    if normalizer is None:
         raise ValueError(
             f"the channels of {spec.name} are no {', '.join(PARTS)}: only a four-block normaliser makes these"
         )
-    return spec.normalizer
+    return normalizer
 
 
 def _axes(spec: HOGSpec) -> int:

@@ -8,8 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .box import Box
-from .normalizers import BlockNorm, FourBlockNorm
-from .poolings import BlockCells
 from .spec import HOGSpec
 
 
@@ -91,13 +89,15 @@ def _sides(box: Sequence[float]) -> tuple[tuple[float, float], tuple[float, floa
 
 def _spacing(spec: HOGSpec) -> list[tuple[int, int, int]]:
     """Of rows and of columns: the first pixel of the first, pixels from one to the next, pixels of each."""
-    scheme, pooling = spec.normalizer, spec.pooling
-    if isinstance(pooling, BlockCells):
-        return [(0, step, side) for step, side in zip(pooling.step, pooling.block, strict=True)]
-    if isinstance(scheme, BlockNorm):
-        return [(0, s * c, b * c) for s, b, c in zip(scheme.step, scheme.block, spec.cell_size, strict=True)]
-    dropped = isinstance(scheme, FourBlockNorm) and scheme.outside == "drop"
-    return [(c if dropped else 0, c, c) for c in spec.cell_size]
+    return [_along(spec, axis) for axis in (0, 1)]
+
+
+def _along(spec: HOGSpec, axis: int) -> tuple[int, int, int]:
+    cell, (step, extent, margin) = spec.cell_size[axis], spec.normalizer.footprint(axis)
+    first, following, last = (
+        spec.pooling.first_pixel(index, cell, axis) for index in (margin, margin + step, margin + extent - 1)
+    )
+    return first, following - first, last + cell - first
 
 
 def _edges(spec: HOGSpec, image_size: tuple[int, int]) -> tuple[list[NDArray[np.int64]], list[NDArray[np.int64]]]:

@@ -6,7 +6,6 @@ import math
 
 from torch import Tensor
 
-from .normalizers import BlockNorm
 from .spec import COLOURS, HOGSpec
 
 
@@ -72,5 +71,5 @@ def from_layout(native: Tensor, spec: HOGSpec, image_size: tuple[int, int]) -> T
 
 
 def _block(spec: HOGSpec) -> tuple[int, int, int]:
-    assert isinstance(spec.normalizer, BlockNorm)
-    return *spec.normalizer.block, spec.bins
+    assert spec.normalizer.layout_block is not None  # HOGSpec sees to it
+    return *spec.normalizer.layout_block, spec.bins

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
 from .checks import check_choice, check_pair, check_positive
-from .normalizers import NORMALIZERS, BlockNorm, FourBlockNorm, Normalizer
-from .poolings import POOLINGS, BilinearCells, BlockCells, Pooling
+from .normalizers import NORMALIZERS, Normalizer
+from .poolings import POOLINGS, BilinearCells, PartialCells, Pooling
 
 Gamma: TypeAlias = Literal["none", "sqrt"]
 Colour: TypeAlias = Literal["gray", "largest", "separate"]
@@ -27,7 +27,6 @@ Angle: TypeAlias = Literal["exact", "opencv", "vlfeat"]
 Directions: TypeAlias = Literal["float32", "four-decimals"]
 Derivative: TypeAlias = Literal["own", "linear"]
 Boundary: TypeAlias = Literal["first", "upper"]
-PartialCells: TypeAlias = Literal["floor", "round", "ceil"]
 Layout: TypeAlias = Literal["cells", "planes", "colour-planes", "blocks", "block-vector", "opencv-vector"]
 COLOURS = 3  # that a spec with separate colours has
 
@@ -115,6 +114,8 @@ class HOGSpec:
         if not isinstance(self.bin_offset, int | float) or not 0 <= self.bin_offset < self.bins:
             raise ValueError(f"bin_offset must lie in [0, bins), in bins, got {self.bin_offset!r}")
         check_pair("cell_size", self.cell_size)
+        _check_kind("normalizer", self.normalizer, NORMALIZERS)
+        _check_kind("pooling", self.pooling, POOLINGS)
         self._check_together()
         self.__dict__["text"] = self._text()
 
@@ -122,35 +123,21 @@ class HOGSpec:
         return hash(self.to_json())  # which Python remembers: specs are looked up many times in a call
 
     def _check_together(self) -> None:
-        four = isinstance(self.normalizer, FourBlockNorm)
-        if isinstance(self.normalizer, FourBlockNorm) and self.normalizer.needs_directed and not self.signed:
+        self.normalizer.check(self.bins, self.signed)
+        if self.signed and self.bins % 2 and (self.vote == "hard" or self.angle == "vlfeat"):
             raise ValueError(
-                f"a four-block normaliser with the parts {', '.join(map(repr, self.normalizer.parts))} sums directed "
-                f"histograms: signed must be True, got {self.signed}"
-            )
-        if self.signed and self.bins % 2 and (four or self.vote == "hard" or self.angle == "vlfeat"):
-            raise ValueError(
-                f"a four-block normaliser, and hard signed votes, pair each bin with its opposite: bins must be even, "
-                f"got {self.bins}"
+                f"hard signed votes, and the angle 'vlfeat', pair each bin with its opposite: bins must be even, got "
+                f"{self.bins}"
             )
         if self.angle == "opencv" and self.counterclockwise:
             raise ValueError("angle 'opencv' goes with bins that follow each other clockwise")
         if self.angle == "vlfeat" and (self.bin_offset or self.counterclockwise):
             raise ValueError("angle 'vlfeat' goes with bins of which the first is centred at 0, clockwise")
-        if isinstance(self.pooling, BlockCells):
-            if any(b % c for b, c in zip(self.pooling.block, self.cell_size, strict=True)):
-                raise ValueError(f"blocks of {self.pooling.block} pixels are no whole cells of {self.cell_size}")
-            cells = self._cells_of_block()
-            if not (isinstance(self.normalizer, BlockNorm) and self.normalizer.block == self.normalizer.step == cells):
-                raise ValueError(f"votes within blocks go with a BlockNorm of block and step {cells}")
+        self.pooling.check(self.cell_size, self.normalizer)
         if self.layout == "colour-planes" and self.colour != "separate":
             raise ValueError("the layout 'colour-planes' goes with separate colours")
-        if self.layout in ("blocks", "block-vector", "opencv-vector") and not isinstance(self.normalizer, BlockNorm):
+        if self.layout in ("blocks", "block-vector", "opencv-vector") and self.normalizer.layout_block is None:
             raise ValueError(f"the layout {self.layout!r} goes with a BlockNorm")
-
-    def _cells_of_block(self) -> tuple[int, int]:
-        assert isinstance(self.pooling, BlockCells)
-        return self.pooling.block[0] // self.cell_size[0], self.pooling.block[1] // self.cell_size[1]
 
     @property
     def named(self) -> str:
@@ -170,8 +157,7 @@ class HOGSpec:
     @property
     def channels(self) -> int:
         """Length of the descriptor of one cell, or block."""
-        four = isinstance(self.normalizer, FourBlockNorm)
-        return self.colours * self.normalizer.channels(2 * self.bins if four and not self.signed else self.bins)
+        return self.colours * self.normalizer.channels(self.bins, self.signed)
 
     def cells(self, height: int, width: int) -> tuple[int, int]:
         """Rows and columns of cell histograms of an image of ``height`` x ``width`` pixels.
@@ -179,16 +165,11 @@ class HOGSpec:
         Raises:
             ValueError: the image holds no cell.
         """
-        if isinstance(self.pooling, BlockCells):
-            blocks = [
-                (n - b) // s + 1 for n, b, s in zip((height, width), self.pooling.block, self.pooling.step, strict=True)
-            ]
-            rows, cols = (n * c for n, c in zip(blocks, self._cells_of_block(), strict=True))
-            what, size = "block", self.pooling.block
-        else:
-            rows, cols = (self._along(n, c) for n, c in zip((height, width), self.cell_size, strict=True))
-            what, size = "cell", self.cell_size
+        pooling, (down, across) = self.pooling, self.cell_size
+        rows = pooling.cells(height, down, 0, self.partial_cells)
+        cols = pooling.cells(width, across, 1, self.partial_cells)
         if rows < 1 or cols < 1:
+            what, size = pooling.smallest(self.cell_size)
             raise ValueError(
                 f"the image must hold at least one {what} of {size[0]}x{size[1]} pixels "
                 f"(height x width), got an image of {height}x{width}"
@@ -202,36 +183,26 @@ class HOGSpec:
             ValueError: the image is too small to have any.
         """
         cells = self.cells(height, width)
-        rows, cols = self.normalizer.grid(*cells)
+        along = self.normalizer.footprint(0), self.normalizer.footprint(1)
+        rows, cols = along[0].count(cells[0]), along[1].count(cells[1])
         if rows < 1 or cols < 1:
+            least = f"{along[0].cells(1)}x{along[1].cells(1)}"
+            left_out = any(each.margin for each in along)
             raise ValueError(
                 f"an image of {height}x{width} pixels (height x width) has {cells[0]}x{cells[1]} cells, too few for "
-                f"{self.named} descriptor: {self._needs()}"
+                f"{self.named} descriptor: "
+                + (f"it leaves the outermost out, and needs at least {least}" if left_out else f"a block has {least}")
             )
         return rows, cols
 
     def image_size(self, rows: int, cols: int) -> tuple[int, int]:
         """(height, width) of the image of whole cells whose descriptor has so many rows and columns."""
-        scheme, pooling, counts = self.normalizer, self.pooling, (rows, cols)
-        if isinstance(pooling, BlockCells):
-            sides = [(n - 1) * step + block for n, step, block in zip(counts, pooling.step, pooling.block, strict=True)]
-        elif isinstance(scheme, BlockNorm):
-            cells = [(n - 1) * step + block for n, step, block in zip(counts, scheme.step, scheme.block, strict=True)]
-            sides = [n * cell for n, cell in zip(cells, self.cell_size, strict=True)]
-        else:
-            dropped = 2 if isinstance(scheme, FourBlockNorm) and scheme.outside == "drop" else 0
-            sides = [(n + dropped) * cell for n, cell in zip(counts, self.cell_size, strict=True)]
-        return sides[0], sides[1]
-
-    def _needs(self) -> str:
-        if isinstance(self.normalizer, BlockNorm):
-            return f"a block has {self.normalizer.block[0]}x{self.normalizer.block[1]}"
-        return "it leaves the outermost out, and needs at least 3x3"
-
-    def _along(self, pixels: int, cell: int) -> int:
-        if self.partial_cells == "floor":
-            return pixels // cell
-        return (pixels + cell // 2) // cell if self.partial_cells == "round" else -(-pixels // cell)
+        cells = (self.normalizer.footprint(axis).cells(count) for axis, count in enumerate((rows, cols)))
+        height, width = (
+            self.pooling.first_pixel(count - 1, cell, axis) + cell
+            for axis, (count, cell) in enumerate(zip(cells, self.cell_size, strict=True))
+        )
+        return height, width
 
     def check_channels(self, channels: int) -> None:
         """Raises ValueError if images of so many channels have no descriptor."""
@@ -301,6 +272,12 @@ _CHOICES: dict[str, Any] = {
     "boundary": Boundary,
     "layout": Layout,
 }
+
+
+def _check_kind(field: str, part: Any, kinds: dict[str, Any]) -> None:
+    """``part`` is of one of the classes listed."""
+    if type(part) not in kinds.values():
+        raise ValueError(f"{field} must be one of {', '.join(each.__name__ for each in kinds.values())}, got {part!r}")
 
 
 def _part(stored: dict[str, Any], kinds: dict[str, Any]) -> Any:

@@ -14,7 +14,6 @@ from torch import Tensor
 
 from .kernels import steps
 from .kernels.norms import _total
-from .normalizers import GlobalNorm
 from .spec import HOGSpec
 from .strips import Strip, Strips
 
@@ -62,7 +61,7 @@ def stream(image: Rows, spec: HOGSpec, *, memory: int = MEMORY) -> Iterator[Desc
     rows than there.
 
     Neighbouring strips share some rows of the image, as cells share pixels and blocks cells; these are read for both.
-    Where one number normalises all of a descriptor (Eq. 7, :class:`.normalizers.GlobalNorm`), the image is read twice.
+    Where one number normalises a whole descriptor, as in Eq. 7, the image is read twice.
 
     Args:
         image: (H, W) or (H, W, C), uint8 in 0…255, or float32 or float64 in 0…1; of any number of channels (three are
@@ -157,8 +156,8 @@ def _strips(reader: _Reader, spec: HOGSpec, strips: list[Strip]) -> Iterator[Des
         return histograms(reader(*strip.pixels), spec)[:, :, slice(*strip.cells)]
 
     scale = None
-    if isinstance(spec.normalizer, GlobalNorm):
-        scale = _scale(map(cells, strips), spec, spec.normalizer)
+    if spec.normalizer.reach() is None:
+        scale = _scale(map(cells, strips), spec)
     for strip in strips:
         found = cells(strip)
         found = norm(found, spec) if scale is None else found * scale.to(found)
@@ -167,10 +166,10 @@ def _strips(reader: _Reader, spec: HOGSpec, strips: list[Strip]) -> Iterator[Des
         yield DescriptorStrip(slice(first, last), rows.permute(1, 2, 0).contiguous())
 
 
-def _scale(strips: Iterator[Tensor], spec: HOGSpec, scheme: GlobalNorm) -> Tensor:
-    """What Eq. 7 multiplies the histograms of an image with, (colours · bins, 1, 1) in float64.
+def _scale(strips: Iterator[Tensor], spec: HOGSpec) -> Tensor:
+    """What the normaliser multiplies the histograms of an image with, (colours · bins, 1, 1) in float64.
 
-    Rounded as where all of them are there: :func:`.kernels.norms.global_norm`.
+    Energies are rounded as in the compiled loops: :func:`.kernels.norms.global_norm`.
     """
     energies = [_Energy() for _ in range(spec.colours)]
     for strip in strips:
@@ -179,9 +178,7 @@ def _scale(strips: Iterator[Tensor], spec: HOGSpec, scheme: GlobalNorm) -> Tenso
             energy.add(histograms.contiguous().numpy().reshape(-1))
     factors = []
     for energy in energies:
-        total = energy.total()
-        length = total + scheme.epsilon**2 if scheme.form == "robust" else math.sqrt(total) + scheme.epsilon
-        factors += [1 / math.sqrt(length)] * spec.bins
+        factors += [spec.normalizer.image_factor(energy.total())] * spec.bins
     return torch.tensor(factors, dtype=torch.float64).reshape(-1, 1, 1)
 
 

@@ -18,8 +18,7 @@ from typing import NamedTuple
 import torch
 
 from .kernels import parameters, supports
-from .normalizers import BlockNorm, FourBlockNorm
-from .poolings import BilinearCells, BlockCells, BoxCells
+from .poolings import Spacing
 from .spec import HOGSpec
 
 _STEPS = 96  # of an image that is tall enough to see how its bands repeat
@@ -77,15 +76,16 @@ class Strips:
     def __init__(self, spec: HOGSpec, height: int, width: int, dtype: torch.dtype) -> None:
         self.total = spec.grid(height, width)[0]
         self._spec, self._height, self._cells = spec, height, spec.cells(height, width)[0]
-        self._step, self._at_once = _steps(spec, 0)
+        self._footprint = spec.normalizer.footprint(0)
+        self._reach = spec.normalizer.reach() or 0  # or what needs the whole image is computed before
+        self._step, self._at_once = _spacing(spec, 0)
         self._before, self._after = _reach(spec, 0)
         # wide enough for some pixel to vote into as many columns as one ever does
-        self._bands = _bands(spec, min(width, 2 * _reach(spec, 1)[1] + _steps(spec, 1)[0]), dtype)
-        window = spec.pooling.window if isinstance(spec.pooling, BoxCells) else 0
-        self._unit = math.lcm(self._bands.period, window or 1)
-        blocks = spec.normalizer if isinstance(spec.normalizer, BlockNorm) else BlockNorm((1, 1))
-        self.apart = blocks.step[0] // self._at_once * self._step
-        most = (blocks.block[0] + 2) * self._step + self._before + self._after + self._unit
+        self._bands = _bands(spec, min(width, 2 * _reach(spec, 1)[1] + _spacing(spec, 1).step), dtype)
+        self._unit = math.lcm(self._bands.period, spec.pooling.tile)
+        self.apart = self._footprint.step // self._at_once * self._step
+        cells = self._footprint.extent + 2 * max(self._reach, 1)
+        most = cells * self._step + self._before + self._after + self._unit
         self.margin = most + self._bands.settled + self._below
 
     @property
@@ -113,35 +113,27 @@ class Strips:
 
     def _needed(self, rows: Span) -> tuple[Span, int]:
         """The rows of cells that rows of the descriptor are made from, and how many before them it makes of these."""
-        scheme, (first, last) = self._spec.normalizer, rows
-        if isinstance(scheme, BlockNorm):
-            return Span(first * scheme.step[0], (last - 1) * scheme.step[0] + scheme.block[0]), 0
-        if not isinstance(scheme, FourBlockNorm):
-            return rows, 0
-        if scheme.outside == "drop":
-            return Span(first, last + 2), 0
-        return Span(max(first - 1, 0), min(last + 1, self._cells)), min(first, 1)
+        step, extent, margin = self._footprint
+        around = -(-max(self._reach - margin, 0) // step)  # entries before the first one that begin with its reach
+        before = min(around, rows.start)
+        stop = (rows.stop - 1) * step + margin + extent + max(self._reach, margin)
+        return Span((rows.start - before) * step, min(stop, self._cells)), before
 
 
-def _steps(spec: HOGSpec, axis: int) -> tuple[int, int]:
+def _spacing(spec: HOGSpec, axis: int) -> Spacing:
     """Pixels after which weights repeat, but for a window's, and the cells in these."""
-    if isinstance(spec.pooling, BlockCells):
-        return spec.pooling.step[axis], spec.pooling.block[axis] // spec.cell_size[axis]
-    return spec.cell_size[axis], 1
+    return spec.pooling.spacing(spec.cell_size[axis], axis)
 
 
 def _reach(spec: HOGSpec, axis: int) -> tuple[int, int]:
     """From how many pixels before a cell's first, or a block's, to how many after it votes come."""
-    if isinstance(spec.pooling, BlockCells):
-        return 0, spec.pooling.block[axis]
-    cell = spec.cell_size[axis]
-    return (cell, 2 * cell) if isinstance(spec.pooling, BilinearCells) else (0, cell)
+    return spec.pooling.reach(spec.cell_size[axis], axis)
 
 
 @lru_cache(maxsize=64)
 def _bands(spec: HOGSpec, width: int, dtype: torch.dtype) -> _Bands:
     """Of tall images, at least so wide."""
-    step, reach = _steps(spec, 0)[0], _reach(spec, 0)[1]
+    step, reach = _spacing(spec, 0).step, _reach(spec, 0)[1]
     if not supports(spec):
         return _Bands(step, 1, 1)  # plain steps have no bands
     height = _STEPS * step + 16 * reach

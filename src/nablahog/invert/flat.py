@@ -13,10 +13,8 @@ import numpy.typing as npt
 import torch
 from scipy import ndimage
 from torch import Tensor
-from torch.nn.functional import pad
 
-from ..hog.entries import cell_entries
-from ..hog.normalizers import FourBlockNorm
+from ..hog.entries import cell_entries, with_margin
 from ..hog.pooling import pooling_matrices
 from ..hog.spec import HOGSpec
 from . import kernels
@@ -27,8 +25,7 @@ class FlatRegions:
 
     def __init__(self, descriptor: Tensor, spec: HOGSpec, height: int, width: int) -> None:
         empty = (cell_entries(descriptor, spec) == 0).all(dim=1)
-        if isinstance(spec.normalizer, FourBlockNorm) and spec.normalizer.outside == "drop":
-            empty = pad(empty, (1, 1, 1, 1))  # nothing is known of the outermost cells
+        empty = with_margin(empty.unsqueeze(1), spec).squeeze(1)  # nothing is known of cells that are left out
         by_row, by_col = (matrix > 0 for matrix in pooling_matrices(spec, height, width, descriptor))
         silent = (by_row.T.to(descriptor) @ empty.to(descriptor) @ by_col.to(descriptor)) > 0
         # a pixel without gradient has equal neighbours; that the pixel itself equals them is the smoothest choice

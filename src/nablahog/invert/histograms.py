@@ -12,13 +12,10 @@ from dataclasses import replace
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
 
-from ..hog.entries import CellAlignment, cell_entries
+from ..hog.entries import CellAlignment, cell_entries, with_margin
 from ..hog.kernels import steps
-from ..hog.normalizers import CellNorm, FourBlockNorm, GlobalNorm
 from ..hog.pooling import pooling_matrices
-from ..hog.poolings import BilinearCells
 from ..hog.spec import HOGSpec
 from ..optimize import lbfgs
 from .objective import squared_norm
@@ -26,11 +23,6 @@ from .parameterize import CosineBasis
 
 NOMINAL_CONTRAST = 0.05  # mean gradient magnitude of a photograph in 0…1, where the descriptor leaves it open
 FLOOR = 1e-3  # of the largest entry: where a sparse histogram's logarithm starts from
-
-
-def fixes_contrast(spec: HOGSpec) -> bool:
-    """Whether the descriptor determines the image's contrast: Eq. 7 as printed scales with its square root."""
-    return isinstance(spec.normalizer, GlobalNorm) and spec.normalizer.form == "printed"
 
 
 def searchable(spec: HOGSpec) -> HOGSpec:
@@ -46,13 +38,12 @@ def searchable(spec: HOGSpec) -> HOGSpec:
     spec = spec.with_linear_votes()
     if spec.gamma == "sqrt":
         spec = replace(spec, gamma="none", value_range=math.sqrt(spec.value_range))
-    scheme = spec.normalizer
-    if not isinstance(scheme, FourBlockNorm) or not spec.signed or "directed" in scheme.parts:
+    if not spec.signed or spec.normalizer.keeps_directions:
         return spec
-    if scheme.needs_directed:
+    if spec.normalizer.needs_directed:
         raise ValueError(
-            f"a four-block descriptor with this texture can be inverted only with its directed channels, which "
-            f"{spec.name} leaves out"
+            f"a descriptor that is made from directed histograms can be inverted only with its directed channels, "
+            f"which {spec.name} leaves out"
         )
     half = spec.bins // 2
     return replace(spec, signed=False, bins=half, bin_offset=spec.bin_offset % half)
@@ -67,21 +58,19 @@ def recover_histograms(
         descriptor: (B, rows, cols, channels).
         spec: its dialect, as :func:`searchable` gives it.
         size: (height, width) of the image; by default whole cells.
-        max_evaluations: of a block normaliser, which is inverted iteratively; each costs the cells, not the pixels.
+        max_evaluations: of a normaliser that is inverted iteratively; each costs the cells, not the pixels.
 
     Returns:
         (B, colours · bins, rows, cols) of cells, in votes.  Their common scale is the original's if the spec fixes the
         contrast, else it is set so that the mean vote of a pixel is that of an ordinary photograph.
     """
-    target = descriptor.permute(0, 3, 1, 2)
+    channels = descriptor.permute(0, 3, 1, 2)
     size = size or spec.image_size(*descriptor.shape[1:3])
-    if isinstance(spec.normalizer, GlobalNorm):
-        histograms = _undo_global(target, spec.normalizer)
-    elif isinstance(spec.normalizer, CellNorm):
-        histograms = target.clamp(min=0)  # nothing tells one cell's level from another's
-    else:
-        histograms = _undo_blocks(descriptor, spec, size, max_evaluations)
-    return histograms if fixes_contrast(spec) else at_nominal_contrast(histograms, spec, size)
+    histograms = spec.normalizer.invert(channels.reshape(len(channels) * spec.colours, -1, *channels.shape[2:]))
+    if histograms is None:
+        histograms = _least_squares(descriptor, spec, size, max_evaluations)
+    histograms = histograms.reshape(len(channels), -1, *histograms.shape[2:])
+    return histograms if spec.normalizer.fixes_contrast else at_nominal_contrast(histograms, spec, size)
 
 
 def at_nominal_contrast(histograms: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
@@ -93,22 +82,13 @@ def at_nominal_contrast(histograms: Tensor, spec: HOGSpec, size: tuple[int, int]
 
 def _votes_per_magnitude(spec: HOGSpec, size: tuple[int, int], like: Tensor) -> float:
     """The sum of all histograms of an image whose pixels all have a gradient of 1."""
-    if isinstance(spec.pooling, BilinearCells):  # as if no vote were lost at the border
+    if spec.pooling.interpolates:  # as if no vote were lost at the border
         return math.prod(spec.cells(*size)) * math.prod(spec.cell_size)
     by_row, by_col = pooling_matrices(spec, *size, like)
     return spec.colours * float(by_row.sum()) * float(by_col.sum())
 
 
-def _undo_global(target: Tensor, scheme: GlobalNorm) -> Tensor:
-    """Eq. 7 solved for v: d = v / √(‖v‖ + ε) gives ‖v‖² - ‖d‖²‖v‖ - ‖d‖²ε = 0; the robust form keeps no scale."""
-    if scheme.form == "robust":
-        return target
-    energy = target.square().sum(dim=(1, 2, 3), keepdim=True)
-    norm = (energy + torch.sqrt(energy.square() + 4 * energy * scheme.epsilon)) / 2
-    return target * torch.sqrt(norm + scheme.epsilon)
-
-
-def _undo_blocks(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max_evaluations: int) -> Tensor:
+def _least_squares(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max_evaluations: int) -> Tensor:
     """Least squares for the logarithms of the histograms: they span four decades in one photograph.
 
     What neighbourhoods tell of each other's energy passes from cell to cell, so the logarithm of each cell's level
@@ -119,9 +99,7 @@ def _undo_blocks(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max_e
     batch = len(target)
     alignment = CellAlignment(spec, size, target)
     known = cell_entries(descriptor, spec).clamp(min=0)
-    if isinstance(spec.normalizer, FourBlockNorm) and spec.normalizer.outside == "drop":
-        known = pad(known, (1, 1, 1, 1), mode="replicate")
-    known = alignment(known)
+    known = alignment(with_margin(known, spec, mode="replicate"))
     rows, cols = known.shape[2:]
     tiny = torch.finfo(target.dtype).tiny
     start = torch.log(known / known.amax(dim=(1, 2, 3), keepdim=True).clamp(min=tiny) + FLOOR)

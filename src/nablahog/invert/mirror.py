@@ -5,7 +5,6 @@ from __future__ import annotations
 from torch import Tensor
 
 from ..hog.channels import mirrored_channels
-from ..hog.poolings import BlockCells
 from ..hog.spec import HOGSpec
 
 
@@ -22,6 +21,6 @@ def mirrored(descriptor: Tensor, spec: HOGSpec, width: int) -> Tensor | None:
     """
     order = mirrored_channels(spec)
     whole = spec.image_size(descriptor.shape[1], descriptor.shape[2])[1] == width
-    if order is None or spec.vote == "hard" or isinstance(spec.pooling, BlockCells) or not whole:
+    if order is None or spec.vote == "hard" or not spec.pooling.mirrors or not whole:
         return None
     return descriptor.flip(2)[..., list(order)]

@@ -17,7 +17,7 @@ from torch.nn.functional import avg_pool2d
 
 from ..hog.descriptor import hog
 from ..hog.spec import HOGSpec
-from .histograms import fixes_contrast, recover_histograms
+from .histograms import recover_histograms
 from .polarity import looks_negative, negated
 from .preimage import (
     Reconstruction,
@@ -141,7 +141,7 @@ def reconstruct_multiscale(
             given["start" if spec.signed else "expected"] = enlarge(levels[-1].reconstruction.image, *small_size)
         elif not more:
             given["start"] = _first_start(descriptor, spec, size, small_size, seed)
-        if not more and fixes_contrast(spec):
+        if not more and spec.normalizer.fixes_contrast:
             # at the same contrast, an s-th of the pixels with √s times the differences make 1/√s of the votes
             descriptor = descriptor / scale**0.25
         matched.append(descriptor)

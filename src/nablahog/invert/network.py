@@ -13,8 +13,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from ..hog.normalizers import FourBlockNorm, GlobalNorm
-from ..hog.poolings import BilinearCells
+from ..hog.normalizers import Footprint
 from ..hog.spec import HOGSpec
 from .histograms import recover_histograms
 from .start import integrate, mean_gradient
@@ -72,13 +71,12 @@ def _check_dialect(spec: HOGSpec) -> None:
         raise ValueError(
             f"a prior can be learned for signed gradients only: {spec.name} does not tell an image from its negative"
         )
-    scheme = spec.normalizer
-    if isinstance(scheme, FourBlockNorm) and ("directed" not in scheme.parts or scheme.outside == "drop"):
+    footprints = [spec.normalizer.footprint(axis) for axis in (0, 1)]
+    if any(along.margin for along in footprints) or not spec.normalizer.keeps_directions:
         raise ValueError(
-            f"a prior can be learned for four-block descriptors with directed channels of all cells only, unlike "
-            f"{spec.name}"
+            f"a prior can be learned for descriptors with directed channels of all cells only, unlike {spec.name}"
         )
-    if not isinstance(scheme, FourBlockNorm | GlobalNorm) or not isinstance(spec.pooling, BilinearCells):
+    if footprints != [Footprint()] * 2 or not spec.pooling.interpolates:
         raise ValueError(f"a prior can be learned for descriptors of single cells only, unlike {spec.name}")
     height, width = spec.cell_size
     if height != width or height not in CELLS:
@@ -112,7 +110,7 @@ def network_inputs(descriptor: Tensor, spec: HOGSpec, height: int, width: int) -
     integral = _extended((integral - integral.mean(dim=(2, 3), keepdim=True)) / contrast, height, width, cell)
     rows, cols = (n // cell for n in integral.shape[2:])
     entries = descriptor.permute(0, 3, 1, 2)
-    if isinstance(spec.normalizer, FourBlockNorm):
+    if spec.normalizer.bounded:
         entries = entries * _DESCRIPTOR
     else:  # of any scale
         size = entries.square().mean(dim=(1, 2, 3), keepdim=True).sqrt()

@@ -12,7 +12,7 @@ from torch import Tensor
 from ..hog.descriptor import hog
 from ..hog.spec import HOGSpec
 from ..optimize import Minimiser, StopReason
-from .histograms import fixes_contrast, recover_histograms, searchable
+from .histograms import recover_histograms, searchable
 from .objective import squared_norm
 from .parameterize import low_pass
 from .polarity import fix_polarity
@@ -67,7 +67,7 @@ def to_unit_range(image: Tensor, spec: HOGSpec) -> Tensor:
     low, high = (
         pixels.kthvalue(k, dim=1).values.reshape(-1, 1, 1, 1) for k in (1 + clipped, pixels.shape[1] - clipped)
     )
-    if fixes_contrast(spec):
+    if spec.normalizer.fixes_contrast:
         return (image - (low + high) / 2 + 0.5).clamp(0, 1)
     spread = high - low
     return torch.where(spread > 0, (image - low) / torch.where(spread > 0, spread, 1), 0.5).clamp(0, 1)
@@ -156,7 +156,7 @@ def reconstruct(
         if not 0 <= number < float("inf"):
             raise ValueError(f"{name} must be a finite number of at least 0, got {number}")
     priors: list[Prior] = [RelativeSmoothness(smoothness)] if smoothness else []
-    if fixes_contrast(spec):
+    if spec.normalizer.fixes_contrast:
         priors.append(Range(RANGE_WEIGHT))
     priors += [prior] if isinstance(prior, Prior) else prior
     descriptor = descriptor.detach()

@@ -20,7 +20,6 @@ from ..hog.descriptor import histograms
 from ..hog.entries import CellAlignment
 from ..hog.orientation import bin_angles
 from ..hog.pooling import pooling_matrices
-from ..hog.poolings import BilinearCells
 from ..hog.spec import HOGSpec
 from .parameterize import from_cosines, to_cosines
 from .signs import expected_cells
@@ -98,7 +97,7 @@ def mean_gradient(votes: Tensor, spec: HOGSpec, height: int, width: int) -> tupl
     by_row, by_col = pooling_matrices(replace(spec, border="reflect"), height, width, votes)
     # a cell's votes over its weights' sum are its mean, which the same weights interpolate between the centres
     mean = votes / (by_row.sum(dim=1, keepdim=True) * by_col.sum(dim=1))
-    if not isinstance(spec.pooling, BilinearCells):  # whose weights of a pixel sum to 1
+    if not spec.pooling.interpolates:  # whose weights of a pixel sum to 1
         by_row, by_col = (matrix / matrix.sum(dim=0).clamp(min=TINY) for matrix in (by_row, by_col))
     gx, gy = (by_row.T @ torch.einsum("bkrc,k->brc", mean, f(angles)) @ by_col for f in (torch.cos, torch.sin))
     return gx, gy

@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
 
-from ..hog.entries import CellAlignment, cell_entries
+from ..hog.entries import CellAlignment, mean_over_colours, with_margin
 from ..hog.normalize import normalize
-from ..hog.normalizers import FourBlockNorm
 from ..hog.spec import HOGSpec
 from .histograms import at_nominal_contrast
 
@@ -49,23 +47,12 @@ def template_descriptor(
         )
     if not torch.isfinite(weights).all():
         raise ValueError("the weights must be finite, got NaN or Inf")
-    wanted = (_by_bin(weights, spec) * (-1 if negative else 1)).clamp(min=0) ** EMPHASIS
+    of_bins = spec.normalizer.bin_weights(mean_over_colours(weights, spec), spec.bins, spec.signed)
+    wanted = (of_bins * (-1 if negative else 1)).clamp(min=0) ** EMPHASIS
     if not wanted.flatten(1).any(dim=1).all():
         raise ValueError(f"a template has no {'negative' if negative else 'positive'} weights of edges")
-    if isinstance(spec.normalizer, FourBlockNorm) and spec.normalizer.outside == "drop":
-        wanted = pad(wanted, (1, 1, 1, 1))  # nothing is wanted of the outermost cells
+    wanted = with_margin(wanted, spec)  # nothing is wanted of cells that are left out
     alignment = CellAlignment(spec, size, wanted)
     histograms = alignment.restore(alignment(wanted)).repeat(1, spec.colours, 1, 1)
     found = normalize(at_nominal_contrast(histograms, spec, size), spec)
     return found.permute(0, 2, 3, 1).contiguous()
-
-
-def _by_bin(weights: Tensor, spec: HOGSpec) -> Tensor:
-    """The mean weight (B, bins, rows, cols) of each bin of a cell."""
-    entries = cell_entries(weights, spec)
-    scheme = spec.normalizer
-    if not isinstance(scheme, FourBlockNorm) or not spec.signed or not {"directed", "undirected"} <= {*scheme.parts}:
-        return entries
-    half = spec.bins // 2
-    undirected = weights.permute(0, 3, 1, 2)[:, spec.bins : spec.bins + half]
-    return (entries + torch.cat([undirected, undirected], dim=1) / 2) / 2

@@ -17,7 +17,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..hog.normalizers import GlobalNorm
 from ..hog.spec import HOGSpec
 from ..io.npz import check_format, naming, read_arrays, text, write_arrays
 
@@ -182,7 +181,7 @@ class Background:
 
 def check_spec(spec: HOGSpec) -> None:
     """Raises ValueError unless a cell's descriptor depends on its neighbourhood only."""
-    if isinstance(spec.normalizer, GlobalNorm):
+    if spec.normalizer.reach() is None:
         raise ValueError(
             f"there is a background of locally normalised descriptors only: one factor for a whole image, as in "
             f"{spec.name}, makes templates of different images no samples of one distribution"

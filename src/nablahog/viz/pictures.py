@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 from scipy import ndimage
 
-from ..hog import BlockCells, FourBlockNorm, HOGSpec
-from ..hog.entries import CellAlignment, cell_entries
+from ..hog import HOGSpec
+from ..hog.entries import CellAlignment, mean_over_colours, with_margin
 from ..hog.orientation import bin_angles
 from ..io.images import Picture, as_array, to_pil
 
@@ -39,27 +39,12 @@ def edge_votes(descriptor: Picture, spec: HOGSpec) -> tuple[NDArray[np.float64],
     values = as_array(descriptor)
     if values.ndim != 3 or values.shape[2] != spec.channels:
         raise ValueError(f"expected a descriptor of shape (rows, cols, {spec.channels}), got {values.shape}")
-    scheme, angles = spec.normalizer, bin_angles(spec)
-    if isinstance(scheme, FourBlockNorm):
-        votes = _of_four_blocks(values, spec, scheme)
-        if scheme.outside == "drop":
-            votes = np.pad(votes, ((1, 1), (1, 1), (0, 0)))
-        return votes, angles[: votes.shape[2]]
-    entries = cell_entries(torch.from_numpy(values).unsqueeze(0), spec)
-    if isinstance(spec.pooling, BlockCells):
-        entries = CellAlignment(spec, spec.image_size(*values.shape[:2]), entries)(entries)
-    return entries[0].permute(1, 2, 0).numpy(), angles
-
-
-def _of_four_blocks(values: NDArray[np.float64], spec: HOGSpec, scheme: FourBlockNorm) -> NDArray[np.float64]:
-    bins = spec.bins if spec.signed else 2 * spec.bins
-    directed, undirected = (scheme.channels_of(part, bins) for part in ("directed", "undirected"))
-    if not directed and not undirected:
-        entries = cell_entries(torch.from_numpy(values).unsqueeze(0), spec)[0, : bins // 2]
-        return entries.permute(1, 2, 0).numpy()
-    first, last = (directed, directed + undirected) if undirected else (0, directed)
-    votes: NDArray[np.float64] = values.reshape(*values.shape[:2], spec.colours, -1)[..., first:last].mean(axis=2)
-    return votes
+    channels = mean_over_colours(torch.from_numpy(values).unsqueeze(0), spec)
+    votes = spec.normalizer.edge_strengths(channels, spec.bins, spec.signed)
+    if spec.pooling.has_blocks:
+        votes = CellAlignment(spec, spec.image_size(*values.shape[:2]), votes)(votes)
+    votes = with_margin(votes, spec)
+    return votes[0].permute(1, 2, 0).numpy(), bin_angles(spec)[: votes.shape[1]]
 
 
 def _strokes(angles: NDArray[np.floating], height: int, width: int) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeAlias, get_args, get_origin
 
-from ...hog import BlockCells, HOGSpec
+from ...hog import HOGSpec
 from ...io.layouts import Fit, fit, is_row
 from .preset_parameters import PRESETS, as_text, defaults_of, parameters_of, window_of
 from .spec import CELLS, make_spec
@@ -97,10 +97,7 @@ def _fits(shape: tuple[int, ...], spec: HOGSpec, asked: Size | None) -> Iterator
 
 def _suits(spec: HOGSpec, image_size: Size) -> bool:
     """Whether an image is a window of OpenCV, which must be whole strides."""
-    scheme = spec.pooling
-    if not isinstance(scheme, BlockCells):
-        return True
-    return not any((n - b) % s for n, b, s in zip(image_size, scheme.block, scheme.step, strict=True))
+    return not spec.pooling.has_blocks or spec.image_size(*spec.grid(*image_size)) == image_size
 
 
 def _trials(name: str, given: Mapping[str, Any]) -> Iterator[tuple[Changes, HOGSpec]]:

@@ -39,6 +39,8 @@ def _in_graph(images: Tensor) -> bool:
 
 def describe(images: Tensor, spec: HOGSpec) -> Tensor:
     """The descriptors (B, rows, cols, channels) of images (B, C, H, W) on a CPU, of a dialect these loops support."""
+    if not spec.normalizer.has_loops:
+        return normalize(histograms(images, spec), spec).permute(0, 2, 3, 1).contiguous()
     if _in_graph(images):
         spec.grid(*images.shape[2:])
         found: Tensor = operators.describe(images, spec.to_json())
@@ -60,7 +62,7 @@ def histograms(images: Tensor, spec: HOGSpec) -> Tensor:
 
 def _norm(of_cells: Tensor, spec: HOGSpec) -> Tensor:
     """The normaliser: cell histograms (B, colours · bins, rows, cols) to (B, channels, rows, cols)."""
-    if _in_graph(of_cells):
+    if _in_graph(of_cells) or not spec.normalizer.has_loops:
         return normalize(of_cells, spec)
     each = split_colours(of_cells.permute(0, 2, 3, 1), spec)
     return merge_colours(autograd.apply(autograd.NORM, each, _of_one_colour(spec)), spec).permute(0, 3, 1, 2)

@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...runtime.compile import compiled, inlined
-from ..normalize import DPM_ORDER, DPM_TEXTURE, VLFEAT_TEXTURE
-from ..normalizers import PARTS, FourBlockNorm
+from ..normalizers.four_block import DPM_ORDER, DPM_TEXTURE, PARTS, VLFEAT_TEXTURE, FourBlockNorm
 from .four_block_simd import clipped_sums, clipped_totals, clipped_vjp, dot_eight, total_of_eight
 from .norms import copy
 
@@ -35,7 +34,7 @@ class FourBlocks(NamedTuple):
 
 def four_blocks(scheme: FourBlockNorm, bins: int, signed: bool, real: Any) -> FourBlocks:
     """In float32 or float64, ``real``, of so many bins."""
-    channels = [scheme.channels_of(part, bins if signed else 2 * bins) for part in PARTS]
+    channels = [scheme.channels_of(part, bins, signed) for part in PARTS]
     first = np.cumsum([0, *channels[:-1]])
     dpm = scheme.texture == "dpm"
     return FourBlocks(

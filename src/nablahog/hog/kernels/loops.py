@@ -11,14 +11,11 @@ import torch
 from torch import Tensor
 
 from ...runtime.threads import share_out
-from ..normalizers import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm
 from ..spec import HOGSpec
 from . import parameters
 from .cells import add_bands, cells_of_images
 from .cells_jvp import cells_jvp_of_images
 from .cells_vjp import cells_vjp_of_images
-from .four_blocks import four_block_norm, four_block_norm_vjp, four_blocks
-from .norms import block_norm, block_norm_vjp, cell_norm, cell_norm_vjp, global_norm, global_norm_vjp, rectangles
 
 Work: TypeAlias = Callable[[int, int], None]
 """Goes over some images, from the first to the one behind the last."""
@@ -44,22 +41,11 @@ class _Norm(TypedKernelCache):
 
     def __init__(self, spec: HOGSpec, shape: tuple[int, ...], real: Any) -> None:
         super().__init__()
-        scheme = spec.normalizer
-        self.loop: Any
-        self.vjp: Any
-        self.scheme: Any
-        if isinstance(scheme, FourBlockNorm):
-            self.loop, self.vjp = four_block_norm, four_block_norm_vjp
-            self.scheme = four_blocks(scheme, spec.bins, spec.signed, real)
-        elif isinstance(scheme, BlockNorm):
-            self.loop, self.vjp, self.scheme = block_norm, block_norm_vjp, rectangles(scheme, real)
-        elif isinstance(scheme, CellNorm):
-            self.loop, self.vjp, self.scheme = cell_norm, cell_norm_vjp, real(scheme.epsilon)
-        else:
-            assert isinstance(scheme, GlobalNorm)
-            self.loop, self.vjp = global_norm, global_norm_vjp
-            self.scheme = float(scheme.epsilon), scheme.form == "robust"
-        self.grid = (*scheme.grid(*shape[:2]), spec.channels)
+        normalizer = spec.normalizer
+        if normalizer.has_loops:
+            self.loop, self.vjp, self.scheme = normalizer.loops(spec.bins, spec.signed, real)
+        rows, cols = (normalizer.footprint(axis).count(shape[axis]) for axis in (0, 1))
+        self.grid = rows, cols, spec.channels
 
     def of_cells(self, cells: Any, found: Any) -> Work:
         """From some images' cells to their descriptors, ``found``."""

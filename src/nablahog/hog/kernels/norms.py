@@ -79,7 +79,7 @@ def _total(left: Any, right: Any) -> float:
 
 @compiled
 def global_norm(images: Any, scheme: Any, start: int, stop: int, found: Any) -> None:
-    """Eq. 7 for images ``start`` to ``stop``: see :func:`nablahog.hog.normalize.global_norm`."""
+    """Eq. 7 for images ``start`` to ``stop``: see :meth:`nablahog.hog.GlobalNorm.normalize`."""
     epsilon, robust = scheme
     for image in range(start, stop):
         histograms, to = images[image].reshape(-1), found[image].reshape(-1)
@@ -111,7 +111,7 @@ def global_norm_vjp(images: Any, scheme: Any, given: Any, start: int, stop: int,
 
 @compiled
 def cell_norm(images: Any, epsilon: Any, start: int, stop: int, found: Any) -> None:
-    """Each cell for itself: see :func:`nablahog.hog.normalize.cell_norm`."""
+    """Each cell for itself: see :meth:`nablahog.hog.CellNorm.normalize`."""
     for image in range(start, stop):
         for row in range(found.shape[1]):
             for col in range(found.shape[2]):
@@ -187,7 +187,7 @@ def _gather(histograms: Any, begin: int, of_row: int, count: int, high: int, vec
 
 @compiled
 def block_norm(images: Any, scheme: Any, start: int, stop: int, found: Any) -> None:
-    """Histograms to blocks: see :func:`nablahog.hog.normalize.block_norm`."""
+    """Histograms to blocks: see :meth:`nablahog.hog.BlockNorm.normalize`."""
     _, rows, cols, size = found.shape
     cells, bins = images.shape[1] * images.shape[2], images.shape[3]
     of_row, count, high = images.shape[2] * bins, scheme.wide * bins, scheme.high

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from ..normalizers import GlobalForm, GlobalNorm
-from ..spec import Border, HOGSpec, PartialCells
+from ..poolings import PartialCells
+from ..spec import Border, HOGSpec
 from ._pairs import pair
 
 

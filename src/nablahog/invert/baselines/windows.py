@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.nn.functional import fold, pad
 
 from ...hog.descriptor import hog
-from ...hog.normalizers import BlockNorm, FourBlockNorm
+from ...hog.normalizers import Footprint
 from ...hog.spec import HOGSpec
 from ..preimage import Reconstruction, relative_distance
 
@@ -122,9 +122,7 @@ def check_cells(spec: HOGSpec) -> None:
 
     The first rows of others are not those of the first cells, so that patches would not lie on their windows.
     """
-    scheme = spec.normalizer
-    dropped = isinstance(scheme, FourBlockNorm) and scheme.outside == "drop"
-    if dropped or isinstance(scheme, BlockNorm):
+    if any(spec.normalizer.footprint(axis) != Footprint() for axis in (0, 1)):
         raise ValueError(
             f"windows can be learned of descriptors that have each cell for itself only: {spec.name} has blocks, or "
             "leaves the outermost cells out"

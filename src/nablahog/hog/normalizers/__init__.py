@@ -1,0 +1,35 @@
+"""The normalisers of all dialects, each with its constants and all that follows from them: see :class:`Normalizer`."""
+
+from __future__ import annotations
+
+from .base import Footprint, Normalizer, NormalizerLoops, PerCell
+from .block import BlockForm, BlockNorm
+from .cell import CellNorm
+from .four_block import HISTOGRAMS, PARTS, FourBlockNorm, Outside, Part, Texture
+from .global_norm import GlobalForm, GlobalNorm
+
+NORMALIZERS: dict[str, type[Normalizer]] = {
+    GlobalNorm.kind: GlobalNorm,
+    FourBlockNorm.kind: FourBlockNorm,
+    BlockNorm.kind: BlockNorm,
+    CellNorm.kind: CellNorm,
+}
+
+__all__ = [
+    "HISTOGRAMS",
+    "NORMALIZERS",
+    "PARTS",
+    "BlockForm",
+    "BlockNorm",
+    "CellNorm",
+    "Footprint",
+    "FourBlockNorm",
+    "GlobalForm",
+    "GlobalNorm",
+    "Normalizer",
+    "NormalizerLoops",
+    "Outside",
+    "Part",
+    "PerCell",
+    "Texture",
+]

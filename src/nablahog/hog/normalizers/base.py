@@ -1,0 +1,197 @@
+"""What every normaliser says for itself."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+if TYPE_CHECKING:
+    from torch import Tensor
+    from typing_extensions import Self
+
+
+class Footprint(NamedTuple):
+    """The cells of a descriptor along one axis: entry k has cells margin + k·step … margin + k·step + extent - 1.
+
+    Attributes:
+        step: cells from one entry to the next.
+        extent: cells of an entry.
+        margin: cells at either end that are in no entry.
+    """
+
+    step: int = 1
+    extent: int = 1
+    margin: int = 0
+
+    def count(self, cells: int) -> int:
+        """Entries of so many cells; below 1 if there is none."""
+        return (cells - 2 * self.margin - self.extent) // self.step + 1
+
+    def cells(self, count: int) -> int:
+        """The fewest cells with so many entries."""
+        return (count - 1) * self.step + self.extent + 2 * self.margin
+
+
+class NormalizerLoops(NamedTuple):
+    """A normaliser compiled: functions of :mod:`..kernels` for images ``start`` to ``stop``, on NumPy arrays.
+
+    Attributes:
+        normalize: of (histograms, constants, start, stop, out), (images, rows, cols, bins) to (images, rows, cols,
+            channels).
+        vjp: of (histograms, constants, grad_output, start, stop, grad_input).
+        constants: numbers, arrays or named tuples of these.
+    """
+
+    normalize: Any
+    vjp: Any
+    constants: Any
+
+
+@dataclass(frozen=True)
+class Normalizer(ABC):
+    """From cell histograms to the descriptor: the last of the four steps.
+
+    A new normaliser is a frozen dataclass of its constants in a file of this folder, a line in ``NORMALIZERS``, and
+    tests.  It must have:
+
+    * ``kind``, its name in JSON;
+    * :meth:`channels`, :meth:`footprint` and :meth:`reach`: the shape of the descriptor, and which cells matter.
+      Grids, sizes of images, coordinates and strips follow from them;
+    * :meth:`normalize`, of which PyTorch finds all derivatives;
+    * :meth:`mirrored_channels`, for the descriptor of the mirrored image;
+    * :meth:`cell_entries` and :attr:`fixes_contrast`, for inversion.
+
+    Of one that makes a vector as long as its histogram of each cell, :class:`PerCell` has most of these.
+
+    It may have: :meth:`check`, if it does not go with all bins; :meth:`loops`, without which the compiled cells are
+    followed by :meth:`normalize`; :meth:`image_factor`, if one number normalises a whole image; :meth:`invert`, if
+    histograms can be computed back in closed form.  The rest has defaults that hold unless channels are left out, or
+    have a meaning beside the bins of cells.
+    """
+
+    kind: ClassVar[str]
+    conventions: ClassVar[tuple[dict[str, str], ...]] = ()
+    """Groups of its fields, each with what a reader calls it, if they can be exchanged one after the other."""
+
+    def check(self, bins: int, signed: bool) -> None:  # noqa: B027
+        """Raises ValueError unless it goes with so many orientation bins, signed or not."""
+
+    @abstractmethod
+    def channels(self, bins: int, signed: bool) -> int:
+        """Descriptor channels of one colour."""
+
+    @abstractmethod
+    def footprint(self, axis: int) -> Footprint:
+        """The cells of each row (axis 0), or column (axis 1), of the descriptor."""
+
+    @abstractmethod
+    def reach(self) -> int | None:
+        """How many cells beyond its own an entry depends on, to either side; None if on the whole image."""
+
+    @abstractmethod
+    def normalize(self, histograms: Tensor, signed: bool) -> Tensor:
+        """Histograms (B, bins, rows, cols) to (B, channels, descriptor rows, columns): operations of PyTorch."""
+
+    @abstractmethod
+    def mirrored_channels(self, bins: list[int], axes: list[int]) -> list[int]:
+        """Which channel each channel of the image flipped from left to right is.
+
+        Args:
+            bins: the same of the bins.
+            axes: the same of the undirected orientations; bins that are not signed are these.
+        """
+
+    @abstractmethod
+    def cell_entries(self, channels: Tensor, bins: int, signed: bool) -> Tensor:
+        """What a descriptor has of each cell's histogram: (B, channels, rows, cols) to (B, bins, rows, cols) of cells.
+
+        Cells that are in no entry are not there.
+        """
+
+    @property
+    @abstractmethod
+    def fixes_contrast(self) -> bool:
+        """Whether the descriptor determines the contrast of the image."""
+
+    def loops(self, bins: int, signed: bool, real: Any) -> NormalizerLoops:
+        """The compiled loops, in float32 or float64, ``real``; see :attr:`has_loops`."""
+        raise NotImplementedError(f"{type(self).__name__} has no compiled loops")
+
+    @property
+    def has_loops(self) -> bool:
+        """Whether there are compiled loops."""
+        return type(self).loops is not Normalizer.loops
+
+    def image_factor(self, energy: float) -> float:
+        """What all histograms of an image are multiplied with whose squares sum to ``energy``, if that is all it does.
+
+        Asked only of normalisers whose entries depend on the whole image.
+        """
+        raise NotImplementedError(
+            f"the {self.kind} normaliser needs the whole image: without {type(self).__name__}.image_factor its "
+            f"descriptors cannot be streamed"
+        )
+
+    def invert(self, channels: Tensor) -> Tensor | None:
+        """Histograms (B, bins, rows, cols) of descriptors (B, channels, rows, cols) in closed form, if there is one."""
+        return None
+
+    @property
+    def layout_block(self) -> tuple[int, int] | None:
+        """(rows, cols) of the cells whose bins are the channels, in blocks; None if channels are something else."""
+        return None
+
+    @property
+    def bounded(self) -> bool:
+        """Whether entries are of one size in all images, because they are clipped."""
+        return False
+
+    @property
+    def keeps_directions(self) -> bool:
+        """Whether :meth:`cell_entries` tell signed gradients from their opposites."""
+        return True
+
+    @property
+    def needs_directed(self) -> bool:
+        """Whether some channel is made from more than the sums of opposite bins."""
+        return True
+
+    def bin_weights(self, weights: Tensor, bins: int, signed: bool) -> Tensor:
+        """The mean weight (B, bins, rows, cols) that a linear detector (B, channels, rows, cols) gives each bin."""
+        return self.cell_entries(weights, bins, signed)
+
+    def edge_strengths(self, channels: Tensor, bins: int, signed: bool) -> Tensor:
+        """The part that says how strong edges are: (B, channels, rows, cols) to (B, n, rows, cols) of the first n bins.
+
+        Cells that are in no entry are not there.
+        """
+        return self.cell_entries(channels, bins, signed)
+
+    def of_all_cells(self) -> Self:
+        """The same, with entries for the cells in the margin too; all others stay what they are."""
+        return self
+
+    def of_orientations(self) -> Self:
+        """The same, with no more channels than tell the orientations of edges."""
+        return self
+
+
+class PerCell(Normalizer):
+    """A normaliser that makes of each cell's histogram a vector of as many numbers, one for each bin."""
+
+    def channels(self, bins: int, signed: bool) -> int:
+        """As many as bins."""
+        return bins
+
+    def footprint(self, axis: int) -> Footprint:
+        """Each cell."""
+        return Footprint()
+
+    def mirrored_channels(self, bins: list[int], axes: list[int]) -> list[int]:
+        """As bins are."""
+        return bins
+
+    def cell_entries(self, channels: Tensor, bins: int, signed: bool) -> Tensor:
+        """All of it."""
+        return channels

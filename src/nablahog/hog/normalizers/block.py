@@ -1,0 +1,129 @@
+"""Rectangular blocks of cells, each normalised for itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
+
+from ..checks import check_choice, check_pair, check_positive
+from .base import Footprint, Normalizer, NormalizerLoops
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+BlockForm: TypeAlias = Literal["L1", "L1-sqrt", "L2", "L2-Hys"]
+
+
+@dataclass(frozen=True)
+class BlockNorm(Normalizer):
+    """Rectangular blocks of cells, each normalised for itself (scikit-image ``feature/_hog.py``, OpenCV ``hog.cpp``).
+
+    A block's channels are those of its cells, row by row of cells.
+
+    Attributes:
+        block: (rows, cols) of cells in a block.
+        step: (rows, cols) of cells from one block to the next.
+        form: of a block's vector v.  ``"L1"``: v / (Σ|v| + ε); ``"L1-sqrt"``: the root of that, whose derivative at an
+            empty entry counts as 0; ``"L2"``: v / √(Σv² + ε²); ``"L2-Hys"``: L2, clipped, and L2 with ε₂ again.
+        epsilon: ε, in votes at the spec's ``value_range``.
+        epsilon_again: ε₂ of L2-Hys, without unit.
+        epsilon_outside_root: whether ε and ε₂ are added to the root of L2 and L2-Hys, √Σv² + ε, as in OpenCV.
+        clip: of L2-Hys.
+    """
+
+    block: tuple[int, int]
+    step: tuple[int, int] = (1, 1)
+    form: BlockForm = "L2-Hys"
+    epsilon: float = 1e-5
+    epsilon_again: float = 1e-5
+    epsilon_outside_root: bool = False
+    clip: float = 0.2
+    kind: ClassVar[str] = "block"
+
+    def __post_init__(self) -> None:
+        check_pair("block", self.block)
+        check_pair("step", self.step)
+        check_choice("form", self.form, BlockForm)
+        for name in ("epsilon", "epsilon_again", "clip"):
+            check_positive(name, getattr(self, name))
+        if not isinstance(self.epsilon_outside_root, bool):
+            raise ValueError(f"epsilon_outside_root must be True or False, got {self.epsilon_outside_root!r}")
+
+    def channels(self, bins: int, signed: bool) -> int:
+        """All bins of all cells of a block."""
+        return self.block[0] * self.block[1] * bins
+
+    def footprint(self, axis: int) -> Footprint:
+        """The cells of a block."""
+        return Footprint(self.step[axis], self.block[axis])
+
+    def reach(self) -> int | None:
+        """None beyond the block."""
+        return 0
+
+    def normalize(self, histograms: Tensor, signed: bool) -> Tensor:
+        """Histograms (B, bins, rows, cols) to (B, channels, rows of blocks, columns of blocks)."""
+        import torch
+
+        from .reference import clipped, root
+
+        (high, wide), (down, across) = self.block, self.step
+        counts = (self.footprint(axis).count(histograms.shape[2 + axis]) for axis in (0, 1))
+        rows, cols = ((count - 1) * step + 1 for count, step in zip(counts, self.step, strict=True))
+        # not by unfold, whose derivative torch.func.vmap does image by image
+        cells_of_blocks = [
+            histograms[:, :, row : row + rows : down, col : col + cols : across]
+            for row in range(high)
+            for col in range(wide)
+        ]
+        blocks = torch.stack(cells_of_blocks, dim=1).flatten(1, 2)
+        if self.form.startswith("L1"):  # histograms are not negative
+            blocks = blocks / (blocks.sum(dim=1, keepdim=True) + self.epsilon)
+            return blocks if self.form == "L1" else root(blocks)
+        blocks = self._unit(blocks, self.epsilon)
+        if self.form == "L2":
+            return blocks
+        return self._unit(clipped(blocks, self.clip), self.epsilon_again)
+
+    def _unit(self, blocks: Tensor, epsilon: float) -> Tensor:
+        from .reference import root
+
+        energy = blocks.square().sum(dim=1, keepdim=True)
+        if self.epsilon_outside_root:
+            return blocks / (root(energy) + epsilon)
+        return blocks * (energy + epsilon**2).rsqrt()
+
+    def loops(self, bins: int, signed: bool, real: Any) -> NormalizerLoops:
+        """Block after block."""
+        from ..kernels.norms import block_norm, block_norm_vjp, rectangles
+
+        return NormalizerLoops(block_norm, block_norm_vjp, rectangles(self, real))
+
+    def mirrored_channels(self, bins: list[int], axes: list[int]) -> list[int]:
+        """The cells of each row in reverse."""
+        cells = [row * self.block[1] + col for row in range(self.block[0]) for col in reversed(range(self.block[1]))]
+        return [cell * len(bins) + k for cell in cells for k in bins]
+
+    def cell_entries(self, channels: Tensor, bins: int, signed: bool) -> Tensor:
+        """The mean over all blocks that a cell is in; of cells between blocks 0."""
+        import torch
+        from torch.nn.functional import fold
+
+        batch, _, rows, cols = channels.shape
+        size = self.footprint(0).cells(rows), self.footprint(1).cells(cols)
+        if self.form == "L1-sqrt":
+            channels = channels.square()
+        of_block = self.block[0] * self.block[1]
+        blocks = channels.reshape(batch, of_block, bins, rows * cols).transpose(1, 2).flatten(1, 2)
+        counts = fold(torch.ones_like(blocks[:1, :of_block]), size, self.block, stride=self.step).clamp(min=1)
+        return fold(blocks, size, self.block, stride=self.step) / counts
+
+    @property
+    def fixes_contrast(self) -> bool:
+        """Blocks have one length."""
+        return False
+
+    @property
+    def layout_block(self) -> tuple[int, int] | None:
+        """A block."""
+        return self.block

@@ -1,0 +1,55 @@
+"""Each cell's histogram normalised for itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from ..checks import check_positive
+from .base import NormalizerLoops, PerCell
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+
+@dataclass(frozen=True)
+class CellNorm(PerCell):
+    """Each cell's histogram for itself: v / max(‖v‖, ε) (MaskFeat).
+
+    Attributes:
+        epsilon: ε, in votes at the spec's ``value_range``.
+    """
+
+    epsilon: float = 1e-12
+    kind: ClassVar[str] = "cell"
+
+    def __post_init__(self) -> None:
+        check_positive("epsilon", self.epsilon)
+
+    def reach(self) -> int | None:
+        """None but its own."""
+        return 0
+
+    def normalize(self, histograms: Tensor, signed: bool) -> Tensor:
+        """(B, bins, rows, cols) to the same shape."""
+        import torch
+
+        from .reference import root
+
+        length = root(histograms.square().sum(dim=1, keepdim=True))
+        return histograms / torch.maximum(length, length.new_tensor(self.epsilon))
+
+    def loops(self, bins: int, signed: bool, real: Any) -> NormalizerLoops:
+        """One pass over the cells."""
+        from ..kernels.norms import cell_norm, cell_norm_vjp
+
+        return NormalizerLoops(cell_norm, cell_norm_vjp, real(self.epsilon))
+
+    @property
+    def fixes_contrast(self) -> bool:
+        """Each cell has length 1."""
+        return False
+
+    def invert(self, channels: Tensor) -> Tensor | None:
+        """The entries: nothing tells one cell's level from another's."""
+        return channels.clamp(min=0)

@@ -1,0 +1,254 @@
+"""The UoCTTI normaliser: each cell by the four blocks it lies in."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias, get_args
+
+from ..checks import check_choice, check_positive
+from .base import Footprint, Normalizer, NormalizerLoops
+
+if TYPE_CHECKING:
+    from torch import Tensor
+    from typing_extensions import Self
+
+Part: TypeAlias = Literal["directed", "undirected", "texture", "blocks", "zero"]
+Texture: TypeAlias = Literal["vlfeat", "dpm"]
+Outside: TypeAlias = Literal["repeat", "drop", "missing"]
+PARTS: tuple[Part, ...] = get_args(Part)
+HISTOGRAMS: tuple[Part, ...] = ("directed", "undirected", "blocks")
+VLFEAT_TEXTURE = 1 / math.sqrt(18)  # made for 18 directions; VLFeat keeps it for any number
+DPM_TEXTURE = 0.2357  # the same, to four decimals
+DPM_ORDER = [3, 1, 2, 0]  # of the blocks up-left, up-right, down-left, down-right
+# the texture channel, in either order, of which left and right are exchanged
+_MIRRORED: dict[Texture, list[int]] = {"vlfeat": [1, 0, 3, 2], "dpm": [2, 3, 0, 1]}
+
+
+@dataclass(frozen=True)
+class FourBlockNorm(Normalizer):
+    """The UoCTTI normaliser: each cell by the four 2x2-cell blocks it lies in (VLFeat ``vl/hog.c``).
+
+    The energy of a block is the sum of squares of its cells' contrast-insensitive histograms.  A spec whose bins are
+    not signed has no other; its parts are made of these.  The channels are the ½-weighted sums over the four blocks of
+    the clipped directed (2n) and undirected (n) histograms, and four texture channels.
+
+    Attributes:
+        epsilon: see ``floor``; absolute, in squared votes at the spec's ``value_range``, or in votes if it is a floor.
+        clip: upper bound of a normalised entry.
+        parts: which of these channels the descriptor has, in this order, not texture or zero alone: ``"directed"``,
+            ``"undirected"``, ``"texture"``, ``"blocks"`` (4n: the clipped undirected histogram for each block, not
+            summed) and ``"zero"`` (one that is 0 in cells of an image; DPM's truncation).
+        texture: ``"vlfeat"``: Σ of the clipped undirected histogram / √18 for the blocks up-left, up-right, down-left,
+            down-right; ``"dpm"``: 0.2357 · Σ of the clipped directed one, in the order down-right, up-right, down-left,
+            up-left.
+        outside: blocks that reach beyond the grid.  ``"repeat"``: cells there repeat the edge; ``"drop"``: the
+            outermost cells, which lie in them, are not part of the descriptor; ``"missing"``: they add nothing.
+        floor: a block divides by √(energy + ε); if true, by √energy, but at least by ε.
+    """
+
+    epsilon: float = 1e-4
+    clip: float = 0.2
+    parts: tuple[Part, ...] = ("directed", "undirected", "texture")
+    texture: Texture = "vlfeat"
+    outside: Outside = "repeat"
+    floor: bool = False
+    kind: ClassVar[str] = "four-block"
+    conventions: ClassVar[tuple[dict[str, str], ...]] = (
+        {"epsilon": "ε", "floor": "ε"},
+        {"clip": "clip"},
+        {"texture": "texture"},
+        {"outside": "outermost blocks"},
+        {"parts": "channels"},
+    )
+
+    def __post_init__(self) -> None:
+        check_positive("epsilon", self.epsilon)
+        check_positive("clip", self.clip)
+        ordered = (some for n in range(1, 1 + len(PARTS)) for some in itertools.combinations(PARTS, n))
+        allowed = [parts for parts in ordered if {*parts} & {*HISTOGRAMS}]
+        if self.parts not in allowed:
+            raise ValueError(
+                f"parts must be a tuple of {', '.join(map(repr, PARTS))}, in this order, not of texture or zero alone, "
+                f"got {self.parts!r}"
+            )
+        check_choice("texture", self.texture, Texture)
+        check_choice("outside", self.outside, Outside)
+        if not isinstance(self.floor, bool):
+            raise ValueError(f"floor must be True or False, got {self.floor!r}")
+
+    def check(self, bins: int, signed: bool) -> None:
+        """Bins must be signed for channels of directed histograms, and signed ones have opposites."""
+        if self.needs_directed and not signed:
+            raise ValueError(
+                f"a four-block normaliser with the parts {', '.join(map(repr, self.parts))} sums directed "
+                f"histograms: signed must be True, got {signed}"
+            )
+        if signed and bins % 2:
+            raise ValueError(f"four-block normalisers pair each bin with its opposite: bins must be even, got {bins}")
+
+    @property
+    def needs_directed(self) -> bool:
+        """Whether some channel is made from directed histograms."""
+        return "directed" in self.parts or (self.texture == "dpm" and "texture" in self.parts)
+
+    def channels_of(self, part: Part, bins: int, signed: bool) -> int:
+        """Channels of one part, 0 if it is left out: of n orientations over 180° these are 2n, n, 4, 4n and 1."""
+        if part not in self.parts:
+            return 0
+        n = bins // 2 if signed else bins
+        return {"directed": 2 * n, "undirected": n, "texture": 4, "blocks": 4 * n, "zero": 1}[part]
+
+    def channels(self, bins: int, signed: bool) -> int:
+        """Of all parts: 3n + 4 with the first three."""
+        return sum(self.channels_of(part, bins, signed) for part in PARTS)
+
+    def footprint(self, axis: int) -> Footprint:
+        """Each cell, or all but the outermost."""
+        return Footprint(margin=1 if self.outside == "drop" else 0)
+
+    def reach(self) -> int | None:
+        """The cells around."""
+        return 1
+
+    def normalize(self, histograms: Tensor, signed: bool) -> Tensor:
+        """Histograms (B, bins, rows, cols) to (B, channels, rows, cols), as in VLFeat ``vl/hog.c``."""
+        import torch
+
+        from .reference import clipped
+
+        n = histograms.shape[1] // 2
+        undirected = histograms[:, :n] + histograms[:, n:] if signed else histograms
+        factors = self._block_factors(undirected)
+        if self.outside == "drop":
+            histograms, undirected, factors = (x[..., 1:-1, 1:-1] for x in (histograms, undirected, factors))
+
+        def blocks(entries: Tensor) -> Tensor:
+            return clipped(entries.unsqueeze(1) * factors, self.clip)  # (B, 4, bins, rows, cols)
+
+        made: dict[Part, Callable[[], Tensor]] = {
+            "directed": lambda: blocks(histograms).sum(dim=1) / 2,
+            "undirected": lambda: blocks(undirected).sum(dim=1) / 2,
+            "texture": lambda: (
+                blocks(undirected).sum(dim=2) * VLFEAT_TEXTURE
+                if self.texture == "vlfeat"
+                else blocks(histograms).sum(dim=2)[:, DPM_ORDER] * DPM_TEXTURE
+            ),
+            "blocks": lambda: blocks(undirected).flatten(1, 2),
+            "zero": lambda: torch.zeros_like(histograms[:, :1]),
+        }
+        return torch.cat([made[part]() for part in self.parts], dim=1)
+
+    def _block_factors(self, undirected: Tensor) -> Tensor:
+        """What the blocks up-left, up-right, down-left, down-right of each cell multiply it with: (B, 4, 1, r, c)."""
+        import torch
+
+        from .reference import root
+
+        def repeat_edge(x: Tensor, dim: int) -> Tensor:
+            return torch.cat([x.narrow(dim, 0, 1), x, x.narrow(dim, -1, 1)], dim)
+
+        energy = repeat_edge(repeat_edge(undirected.square().sum(dim=1, keepdim=True), -2), -1)
+        energy = energy[..., :-1] + energy[..., 1:]
+        energy = (
+            energy[..., :-1, :] + energy[..., 1:, :]
+        )  # of the block around each cell corner: (B, 1, rows+1, cols+1)
+        if self.floor:
+            factor = 1 / torch.maximum(root(energy), energy.new_tensor(self.epsilon))
+        else:
+            factor = torch.rsqrt(energy + self.epsilon)
+        if self.outside == "missing":
+            inner = torch.zeros_like(factor)
+            inner[..., 1:-1, 1:-1] = 1
+            factor = factor * inner
+        top, bottom = factor[..., :-1, :], factor[..., 1:, :]
+        return torch.stack([top[..., :-1], top[..., 1:], bottom[..., :-1], bottom[..., 1:]], dim=1)
+
+    def loops(self, bins: int, signed: bool, real: Any) -> NormalizerLoops:
+        """Cell after cell."""
+        from ..kernels.four_blocks import four_block_norm, four_block_norm_vjp, four_blocks
+
+        return NormalizerLoops(four_block_norm, four_block_norm_vjp, four_blocks(self, bins, signed, real))
+
+    def mirrored_channels(self, bins: list[int], axes: list[int]) -> list[int]:
+        """Left and right blocks exchange their texture, and their histograms."""
+        of_parts: dict[Part, list[int]] = {
+            "directed": bins,
+            "undirected": axes,
+            "texture": _MIRRORED[self.texture],
+            "blocks": [block * len(axes) + k for block in (1, 0, 3, 2) for k in axes],
+            "zero": [0],
+        }
+        order: list[int] = []
+        for part in self.parts:
+            order += [len(order) + k for k in of_parts[part]]
+        return order
+
+    def split(self, channels: Tensor, bins: int, signed: bool) -> dict[Part, Tensor]:
+        """Channels in dimension 1 by their parts."""
+        lengths = [self.channels_of(part, bins, signed) for part in self.parts]
+        return dict(zip(self.parts, channels.split_with_sizes(lengths, dim=1), strict=True))
+
+    def cell_entries(self, channels: Tensor, bins: int, signed: bool) -> Tensor:
+        """The directed entries, or for want of them each undirected one twice."""
+        import torch
+
+        if "directed" in self.parts:
+            return channels[:, :bins]
+        undirected = self._undirected(channels, bins, signed)
+        return torch.cat([undirected, undirected], dim=1) if signed else undirected
+
+    def _undirected(self, channels: Tensor, bins: int, signed: bool) -> Tensor:
+        """The undirected entries (B, n, rows, cols), or for want of them the mean over the blocks."""
+        parts = self.split(channels, bins, signed)
+        if "undirected" in parts:
+            return parts["undirected"]
+        batch, _, rows, cols = channels.shape
+        return parts["blocks"].reshape(batch, 4, -1, rows, cols).mean(dim=1)
+
+    @property
+    def fixes_contrast(self) -> bool:
+        """Blocks have one energy."""
+        return False
+
+    @property
+    def bounded(self) -> bool:
+        """By the clip."""
+        return True
+
+    @property
+    def keeps_directions(self) -> bool:
+        """With directed histograms."""
+        return "directed" in self.parts
+
+    def bin_weights(self, weights: Tensor, bins: int, signed: bool) -> Tensor:
+        """Of directed and undirected channels together."""
+        import torch
+
+        entries = self.cell_entries(weights, bins, signed)
+        if not signed or not {"directed", "undirected"} <= {*self.parts}:
+            return entries
+        undirected = self.split(weights, bins, signed)["undirected"]
+        return (entries + torch.cat([undirected, undirected], dim=1) / 2) / 2
+
+    def edge_strengths(self, channels: Tensor, bins: int, signed: bool) -> Tensor:
+        """The undirected entries, or for want of them the directed ones, or the mean over the blocks."""
+        if "undirected" in self.parts or "directed" not in self.parts:
+            return self._undirected(channels, bins, signed)
+        return channels[:, : bins if signed else 2 * bins]
+
+    def of_all_cells(self) -> Self:
+        """Blocks beyond the grid repeat its edge, if there was no entry for the outermost cells."""
+        return replace(self, outside="repeat") if self.outside == "drop" else self
+
+    def of_orientations(self) -> Self:
+        """One part only: undirected, directed or blocks."""
+        part: Part = next(part for part in ("undirected", "directed", "blocks") if part in self.parts)
+        return replace(self, parts=(part,), texture="vlfeat")
+
+
+def four_block(normalizer: Normalizer) -> FourBlockNorm | None:
+    """The normaliser if its channels are parts, for what is about these alone."""
+    return normalizer if isinstance(normalizer, FourBlockNorm) else None

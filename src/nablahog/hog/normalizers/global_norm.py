@@ -1,0 +1,72 @@
+"""Eq. 7: one normaliser for the whole descriptor."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
+
+from ..checks import check_choice, check_positive
+from .base import NormalizerLoops, PerCell
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+GlobalForm: TypeAlias = Literal["printed", "robust"]
+
+
+@dataclass(frozen=True)
+class GlobalNorm(PerCell):
+    """One normaliser for the whole descriptor, Eq. 7.
+
+    Attributes:
+        epsilon: the small positive constant ε, in units of votes on images of the spec's ``value_range``.
+        form: ``"printed"`` is v / √(‖v‖ + ε), letter by letter what Eq. 7 says; ``"robust"`` is v / √(‖v‖² + ε²),
+            Dalal and Triggs's L2-norm, which the paper's prose names.
+    """
+
+    epsilon: float = 1e-5
+    form: GlobalForm = "printed"
+    kind: ClassVar[str] = "global"
+
+    def __post_init__(self) -> None:
+        check_positive("epsilon", self.epsilon)
+        check_choice("form", self.form, GlobalForm)
+
+    def reach(self) -> int | None:
+        """The whole image."""
+        return None
+
+    def normalize(self, histograms: Tensor, signed: bool) -> Tensor:
+        """Eq. 7: v / √(‖v‖ + ε), or v / √(‖v‖² + ε²), with v all cells and bins of one image."""
+        from .reference import root
+
+        energy = histograms.square().sum(dim=(1, 2, 3), keepdim=True)
+        if self.form == "robust":
+            return histograms * (energy + self.epsilon**2).rsqrt()
+        # the derivative of v·‖v‖ vanishes where v does, so ‖v‖ may be taken as constant there
+        return histograms * (root(energy) + self.epsilon).rsqrt()
+
+    def loops(self, bins: int, signed: bool, real: Any) -> NormalizerLoops:
+        """In double precision."""
+        from ..kernels.norms import global_norm, global_norm_vjp
+
+        return NormalizerLoops(global_norm, global_norm_vjp, (float(self.epsilon), self.form == "robust"))
+
+    def image_factor(self, energy: float) -> float:
+        """1 / √(‖v‖ + ε) or 1 / √(‖v‖² + ε²), rounded as in the compiled loops."""
+        length = energy + self.epsilon**2 if self.form == "robust" else math.sqrt(energy) + self.epsilon
+        return 1 / math.sqrt(length)
+
+    @property
+    def fixes_contrast(self) -> bool:
+        """As printed, the descriptor scales with the square root of the contrast."""
+        return self.form == "printed"
+
+    def invert(self, channels: Tensor) -> Tensor | None:
+        """Eq. 7 solved for v: d = v / √(‖v‖ + ε) gives ‖v‖² - ‖d‖²‖v‖ - ‖d‖²ε = 0; the robust form keeps no scale."""
+        if self.form == "robust":
+            return channels
+        energy = channels.square().sum(dim=(1, 2, 3), keepdim=True)
+        norm = (energy + (energy.square() + 4 * energy * self.epsilon).sqrt()) / 2
+        return channels * (norm + self.epsilon).sqrt()

@@ -1,0 +1,72 @@
+"""Each pixel votes into the two nearest cells along either axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias
+
+from ..checks import check_choice, check_positive
+from .base import Pooling
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+Beyond: TypeAlias = Literal["vote", "drop", "repeat"]
+
+
+@dataclass(frozen=True)
+class BilinearCells(Pooling):
+    """Each pixel votes into the two nearest cells along either axis, by 1 - distance / cell (Eq. 5-6).
+
+    Attributes:
+        beyond: pixels on the far side of the last cell, and those that it lacks if the image ends before it does.
+            ``"vote"``: the former vote with the weight that is left, the latter do not exist (VLFeat); ``"drop"``: the
+            former do not vote (dlib, Piotr Dollár); ``"repeat"``: nor do they, and for the latter the last pixel that
+            votes votes again (DPM).
+        edge_gain: what the histograms of the first and the last row and column of cells are multiplied with, which
+            miss some votes.
+    """
+
+    beyond: Beyond = "vote"
+    edge_gain: float = 1.0
+    kind: ClassVar[str] = "bilinear"
+
+    def __post_init__(self) -> None:
+        check_choice("beyond", self.beyond, Beyond)
+        check_positive("edge_gain", self.edge_gain)
+
+    def weights(self, pixels: int, cells: int, cell: int, axis: int, ring: bool, like: Tensor) -> Tensor:
+        """Row k is the bilinear filter of Eq. 5 along one axis, placed at the centre of cell k (Eq. 6).
+
+        Two neighbouring cells share each pixel between their centres.
+        """
+        from .triangles import triangles
+
+        # pixels 0 … last - 1 of the cells, or of the image, vote; without the first and the last if there is a ring
+        last = {"vote": pixels, "drop": min(cells * cell, pixels), "repeat": cells * cell}[self.beyond]
+        matrix = triangles(max(last, pixels), cell, cells, like)
+        matrix[:, last:] = 0
+        if ring:
+            matrix[:, [0, last - 1]] = 0
+        if last > pixels:  # DPM: what the image lacks is its last pixel that votes, again
+            of_last = max(pixels - 1 - ring, 0)
+            matrix[:, of_last] += matrix[:, of_last + 1 :].sum(dim=1)
+            matrix = matrix[:, :pixels].contiguous()
+            matrix[:, of_last + 1 :] = 0
+        for outermost in {0, cells - 1}:
+            matrix[outermost] *= self.edge_gain
+        return matrix
+
+    def reach(self, cell: int, axis: int) -> tuple[int, int]:
+        """A cell more at either side, for weights and for the pixels that vote again."""
+        return cell, 2 * cell
+
+    @property
+    def mirrors(self) -> bool:
+        """Triangles are symmetric."""
+        return True
+
+    @property
+    def interpolates(self) -> bool:
+        """Two neighbouring triangles sum to 1."""
+        return True
