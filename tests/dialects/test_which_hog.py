@@ -95,7 +95,7 @@ def test_numbers_for_each_place() -> None:
             else:
                 assert spec.grid(64, 80) == (7, 9)
             checked += 1
-    assert checked == 12
+    assert checked == 13
     dalal = presets.vlfeat("dalaltriggs")
     assert (dalal.channels, dalal.grid(*size)) == (36, (13, 10))
     assert [s.grid(100, 100)[0] for s in (SPECS["piotr"], SPECS["vlfeat"], SPECS["dpm"])] == [12, 13, 11]

@@ -21,6 +21,7 @@ from nablahog.hog import (
     FourBlockNorm,
     GlobalNorm,
     HOGSpec,
+    WindowNorm,
 )
 
 Array = NDArray[np.float64]
@@ -312,6 +313,19 @@ def cell_norm(v: Array, scheme: CellNorm) -> Array:
     return v / np.maximum(np.sqrt((v**2).sum(-1, keepdims=True)), scheme.epsilon)
 
 
+def window_norm(v: Array, scheme: WindowNorm) -> Array:
+    rows, cols, _ = v.shape
+    found = np.empty_like(v)
+    for row, col in np.ndindex(rows, cols):
+        energy = scheme.epsilon**2
+        for y, x in np.ndindex(rows, cols):
+            down, across = abs(y - row), abs(x - col)
+            if max(down, across) <= 3 * scheme.sigma:
+                energy += math.exp(-(down**2 + across**2) / (2 * scheme.sigma**2)) * float((v[y, x] ** 2).sum())
+        found[row, col] = v[row, col] / math.sqrt(energy)
+    return found
+
+
 def normalize(v: Array, spec: HOGSpec) -> Array:
     """Histograms (rows, cols, bins) of one colour to descriptors (rows, cols, channels)."""
     scheme = spec.normalizer
@@ -319,6 +333,8 @@ def normalize(v: Array, spec: HOGSpec) -> Array:
         return global_norm(v, scheme)
     if isinstance(scheme, FourBlockNorm):
         return four_block_norm(v, scheme, signed=spec.signed)
+    if isinstance(scheme, WindowNorm):
+        return window_norm(v, scheme)
     return block_norm(v, scheme) if isinstance(scheme, BlockNorm) else cell_norm(v, scheme)
 
 

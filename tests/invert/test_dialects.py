@@ -31,6 +31,8 @@ SPECS: dict[str, HOGSpec] = {
     "skimage-sqrt": presets.skimage(pixels_per_cell=(4, 4), transform_sqrt=True, block_norm="L1-sqrt"),
     "opencv": presets.opencv((40, 48), (8, 8), (4, 4), (4, 4)),
     "opencv-signed": presets.opencv((40, 48), (8, 8), (4, 4), (4, 4), nbins=18, gamma=False, signed=True),
+    "dalal-triggs": presets.dalal_triggs(4),
+    "dalal-triggs-window": presets.dalal_triggs(4, norm="window"),
     "maskfeat": presets.maskfeat(4, gaussian_window=0),
 }
 

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from ..runtime.lazy import names_when_used
 from . import presets
-from .normalizers import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm
+from .normalizers import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm, WindowNorm
 from .poolings import BilinearCells, BlockCells, BoxCells
 from .spec import HOGSpec
 
@@ -23,6 +23,7 @@ __all__ = [
     "FourBlockNorm",
     "GlobalNorm",
     "HOGSpec",
+    "WindowNorm",
     "hog",
     "presets",
     "stream",

@@ -7,12 +7,14 @@ from .block import BlockForm, BlockNorm
 from .cell import CellNorm
 from .four_block import HISTOGRAMS, PARTS, FourBlockNorm, Outside, Part, Texture
 from .global_norm import GlobalForm, GlobalNorm
+from .window import WindowNorm
 
 NORMALIZERS: dict[str, type[Normalizer]] = {
     GlobalNorm.kind: GlobalNorm,
     FourBlockNorm.kind: FourBlockNorm,
     BlockNorm.kind: BlockNorm,
     CellNorm.kind: CellNorm,
+    WindowNorm.kind: WindowNorm,
 }
 
 __all__ = [
@@ -32,4 +34,5 @@ __all__ = [
     "Part",
     "PerCell",
     "Texture",
+    "WindowNorm",
 ]

@@ -2,10 +2,51 @@
 
 from __future__ import annotations
 
-from ..normalizers import BlockForm, BlockNorm, CellNorm
-from ..poolings import BlockCells, BoxCells
+from typing import Literal, TypeAlias
+
+from ..normalizers import BlockForm, BlockNorm, CellNorm, WindowNorm
+from ..poolings import BilinearCells, BlockCells, BoxCells
 from ..spec import HOGSpec
 from ._pairs import pair
+
+Norm: TypeAlias = Literal["L2-Hys", "L2", "L1-sqrt", "L1", "window"]
+
+
+def dalal_triggs(
+    cell_size: int | tuple[int, int] = 8, *, bins: int = 9, norm: Norm = "L2-Hys", epsilon: float = 1.0
+) -> HOGSpec:
+    """The person detector's HOG of Dalal and Triggs ("Histograms of Oriented Gradients for Human Detection", 2005).
+
+    As the paper has it; its program was not run.  RGB with a root of all values, the channel of largest gradient,
+    [-1, 0, 1], linear votes; blocks of 2x2 cells at a step of one cell, in each of which a Gaussian of σ half its side
+    weighs the votes, and pixels vote bilinearly into its cells.
+
+    Args:
+        cell_size: pixels of a cell, one number or (height, width).
+        bins: over 180°.
+        norm: of a block (Section 6.4 of the paper); or ``"window"``, the centre-surround normaliser: no blocks, but
+            each cell once, by the energy around it with a Gaussian of σ = 1 cell.
+        epsilon: ε, in votes of images in 0…255.  The paper's is "small", with the same results over a large range.
+    """
+    cell = pair(cell_size)
+    blocks = BlockCells((2 * cell[0], 2 * cell[1]), cell, (cell[0] + cell[1]) / 2)
+    return HOGSpec(
+        name="dalal-triggs",
+        value_range=255.0,
+        colour="largest",
+        border="reflect",
+        bins=bins,
+        signed=False,
+        bin_offset=0.5,
+        vote="linear",
+        cell_size=cell,
+        partial_cells="floor",
+        normalizer=WindowNorm(epsilon=epsilon)
+        if norm == "window"
+        else BlockNorm((2, 2), step=(2, 2), form=norm, epsilon=epsilon, epsilon_again=1e-3),
+        pooling=BilinearCells() if norm == "window" else blocks,
+        gamma="sqrt",
+    )
 
 
 def skimage(

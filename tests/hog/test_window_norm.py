@@ -1,0 +1,72 @@
+"""The centre-surround normaliser of Dalal and Triggs, and the preset that has it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+import torch
+from torch.testing import assert_close
+
+from nablahog.hog import BlockCells, WindowNorm, hog, presets
+
+from .reference import window_norm
+from .zoo import DOUBLE, noise, spec
+
+
+@pytest.mark.parametrize("field", ["sigma", "epsilon"])
+@pytest.mark.parametrize("value", [0, -1, math.nan, math.inf, None, "1"])
+def test_refuses_numbers_that_are_not_positive(field: str, value: Any) -> None:
+    with pytest.raises(ValueError, match=rf"^{field} must be a finite number above 0"):
+        WindowNorm(**{field: value})
+
+
+@pytest.mark.parametrize("sigma", [0.2, 1.0, 1.5, 40.0])
+def test_histograms_by_the_energy_around(sigma: float) -> None:
+    scheme, votes = WindowNorm(sigma, 0.1), noise(2, 5, 7, 6)
+    expected = [window_norm(each.permute(1, 2, 0).numpy(), scheme) for each in votes]
+    found = scheme.normalize(votes, signed=False).permute(0, 2, 3, 1)
+    assert_close(found, torch.stack([torch.from_numpy(each) for each in expected]), rtol=0, atol=1e-14)
+    assert torch.autograd.gradcheck(lambda x: scheme.normalize(x, signed=False), votes.requires_grad_())
+
+
+def test_a_cell_alone_has_length_one() -> None:
+    votes = torch.zeros(1, 4, 9, 9, dtype=DOUBLE)
+    votes[:, :, 4, 4] = torch.tensor([3.0, 0, 4, 0])
+    found = WindowNorm(1.0, 1e-6).normalize(votes, signed=False)
+    assert_close(found[0, :, 4, 4], torch.tensor([0.6, 0, 0.8, 0], dtype=DOUBLE))
+
+
+def test_contrast_does_not_count() -> None:
+    s = spec(normalizer=WindowNorm(epsilon=1e-9))
+    image = noise(1, 1, 24, 20)
+    assert_close(hog(image / 7, s), hog(image, s), rtol=1e-9, atol=1e-9)
+
+
+def test_nothing_beyond_three_sigma_counts() -> None:
+    scheme = WindowNorm(0.7)
+    assert scheme.reach() == 2
+    votes = noise(1, 3, 9, 9)
+    other = votes.clone()
+    other[:, :, 7:] *= 2
+    found = [scheme.normalize(x, signed=False)[:, :, :5] for x in (votes, other)]
+    assert_close(*found, rtol=0, atol=1e-15)
+    other[:, :, 6:] *= 2
+    assert not torch.equal(scheme.normalize(other, signed=False)[:, :, :5], found[0])
+
+
+@pytest.mark.parametrize("norm", ["L2-Hys", "L2", "L1-sqrt", "L1"])
+def test_dalal_and_triggs_blocks(norm: Any) -> None:
+    """Those of the paper's window: 7 x 15 blocks of 2x2 cells, σ of 8 pixels."""
+    s = presets.dalal_triggs(norm=norm)
+    assert (s.grid(128, 64), s.channels) == ((15, 7), 36)
+    assert s.pooling == BlockCells((16, 16), (8, 8), 8.0)
+    entries = hog(noise(1, 3, 128, 64), s).flatten(0, 2)
+    length = entries.sum(1) if norm == "L1" else entries.square().sum(1).sqrt()
+    assert_close(length, torch.ones_like(length), rtol=0, atol=0.02)  # but for ε
+
+
+def test_dalal_and_triggs_window() -> None:
+    s = presets.dalal_triggs((4, 6), norm="window")
+    assert (s.grid(32, 36), s.channels, s.normalizer) == ((8, 6), 9, WindowNorm(1.0, 1.0))
