@@ -2,17 +2,59 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from .spec import COLOURS, HOGSpec
+from .spec import COLOURS, Border, HOGSpec, Mask
 
 GRAY_WEIGHTS = (0.299, 0.587, 0.114)  # Eq. 1
-MIDDLE = 128 / 255  # what lies beyond the border "gray"
 BLACK = 1e-9  # at most: the derivatives of a root below would be beyond a float32, two at a time
 _GROUP = 8  # columns that dlib does at a time
+
+
+@dataclass(frozen=True)
+class BorderRule:
+    """The derivative across the image border, of Eq. 2.
+
+    Attributes:
+        times: how often the difference to the value beyond the border counts; 0: the derivative is 0.
+        beyond: that value, in 0…1; None for the outermost pixel's own.
+    """
+
+    times: int = 0
+    beyond: float | None = None
+
+
+@dataclass(frozen=True)
+class MaskRule:
+    """The filter of a derivative.
+
+    Attributes:
+        smooths: whether [-1, 0, 1] is averaged over three lines with 1, 2, 1.
+        loops: the borders with which there are compiled loops.
+    """
+
+    smooths: bool
+    loops: frozenset[Border]
+
+
+# "ignore": the ring is left out when votes are pooled
+BORDERS: dict[Border, BorderRule] = {
+    "reflect": BorderRule(),
+    "ignore": BorderRule(),
+    "replicate": BorderRule(1),
+    "extrapolate": BorderRule(2),
+    "zero": BorderRule(1, 0.0),
+    "gray": BorderRule(1, 128 / 255),
+}
+MASKS: dict[Mask, MaskRule] = {
+    "central": MaskRule(smooths=False, loops=frozenset(BORDERS)),
+    "sobel": MaskRule(smooths=True, loops=frozenset({"reflect", "ignore"})),
+}
 
 
 def gray(image: Tensor) -> Tensor:
@@ -34,15 +76,15 @@ def _difference(image: Tensor, dim: int, spec: HOGSpec) -> Tensor:
     if n == 1:
         return image - image  # by every border rule the two neighbours of a lone pixel are equal
     central = image.narrow(dim, 2, n - 2) - image.narrow(dim, 0, n - 2)
-    if spec.border in ("replicate", "extrapolate"):
-        times = 1 if spec.border == "replicate" else 2
-        first = times * (image.narrow(dim, 1, 1) - image.narrow(dim, 0, 1))
-        last = times * (image.narrow(dim, n - 1, 1) - image.narrow(dim, n - 2, 1))
-    elif spec.border in ("zero", "gray"):
-        beyond = MIDDLE * spec.value_range if spec.border == "gray" else 0.0
-        first, last = image.narrow(dim, 1, 1) - beyond, beyond - image.narrow(dim, n - 2, 1)
-    else:  # "reflect"; and "ignore", whose ring is left out when votes are pooled
+    rule = BORDERS[spec.border]
+    if rule.times == 0:
         first = last = torch.zeros_like(image.narrow(dim, 0, 1))
+    elif rule.beyond is None:
+        first = rule.times * (image.narrow(dim, 1, 1) - image.narrow(dim, 0, 1))
+        last = rule.times * (image.narrow(dim, n - 1, 1) - image.narrow(dim, n - 2, 1))
+    else:
+        beyond = rule.beyond * spec.value_range
+        first, last = image.narrow(dim, 1, 1) - beyond, beyond - image.narrow(dim, n - 2, 1)
     return torch.cat([first, central, last], dim)
 
 
@@ -111,7 +153,7 @@ def gradient(image: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     if spec.colour == "gray":
         image = gray(image)
     gx, gy = _difference(image, -1, spec), _difference(image, -2, spec)
-    if spec.mask == "sobel":
+    if MASKS[spec.mask].smooths:
         gx, gy = _smoothed(gx, -2), _smoothed(gy, -1)
     if spec.colour == "separate":
         shape = (image.shape[0], COLOURS, *image.shape[2:])

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -10,8 +13,9 @@ import torch
 from torch import Tensor
 
 from . import library_angles
-from .spec import HOGSpec
+from .spec import Angle, Boundary, HOGSpec
 
+Shares: TypeAlias = tuple[Tensor, Tensor | int]
 _SLACK = 1e-9  # radians
 
 
@@ -46,36 +50,49 @@ def bin_angles(spec: HOGSpec) -> npt.NDArray[np.float64]:
     return -centres if spec.counterclockwise else centres
 
 
-def _linear_votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
-    """Eq. 3-4, as three candidate bins a pixel: the nearest, the one before, the one after.
-
-    With r the distance to the nearest centre in bins, the triangle of Eq. 3 weighs them 1 - |r|, (|r| - r)/2 and
-    (|r| + r)/2; one of the last two is 0.  Written with |r|, whose derivative at 0 is 0, every derivative at a bin
-    centre is the mean of the two one-sided ones.
-    """
+def _turned(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
+    """Where a gradient is among the bins, exactly: 0 at the centre of bin 0, 1 at that of bin 1."""
     # divided first: a right angle is then exactly a quarter of a turn, and on a bin centre if the bins say so
     turned = direction(gx, gy) / spec.period
-    position = (-turned if spec.counterclockwise else turned) * spec.bins - spec.bin_offset
-    if spec.angle == "opencv":
-        theirs = library_angles.opencv(gx.detach(), gy.detach(), spec)
-        nearest = theirs.round()
-        r = position - nearest
-        r = r - spec.bins * (r / spec.bins).detach().round()  # their angles begin elsewhere
-        r = r + (theirs - nearest - r).detach()
-    else:
-        nearest = position.detach().round()
-        r = position - nearest
+    return (-turned if spec.counterclockwise else turned) * spec.bins - spec.bin_offset
+
+
+def _shares(nearest: Tensor, r: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
+    """Eq. 3-4, as three candidate bins a pixel, (B, 3, H, W), and the weights of its vote in these.
+
+    The candidates are the nearest bin, the one before, the one after.  With r the distance to the nearest centre in
+    bins, the triangle of Eq. 3 weighs them 1 - |r|, (|r| - r)/2 and (|r| + r)/2; one of the last two is 0.  Written
+    with |r|, whose derivative at 0 is 0, every derivative at a bin centre is the mean of the two one-sided ones.
+    """
     a = r.abs()
     weights = torch.stack([1 - a, (a - r) / 2, (a + r) / 2], dim=1)
     # clamp only matters for NaN, whose integer is arbitrary: the vote is NaN, the bin must exist
     bin_ = nearest.remainder(spec.bins).long().clamp(0, spec.bins - 1)
     after = torch.where(bin_ == spec.bins - 1, 0, bin_ + 1)
     before = torch.where(bin_ == 0, spec.bins - 1, bin_ - 1)
-    bins = torch.stack([bin_, before, after], dim=1)
-    if spec.angle == "vlfeat":
-        weights = weights + (library_angles.vlfeat(gx.detach(), gy.detach(), bins, spec) - weights).detach()
-    votes = gx.new_zeros((gx.shape[0], spec.bins, *gx.shape[1:]))
-    return votes.scatter_add_(1, bins, weights * magnitude(gx, gy).unsqueeze(1))
+    return torch.stack([bin_, before, after], dim=1), weights
+
+
+def _exact_shares(gx: Tensor, gy: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
+    """By the angle of Eq. 2."""
+    position = _turned(gx, gy, spec)
+    nearest = position.detach().round()
+    return _shares(nearest, position - nearest, spec)
+
+
+def _opencv_shares(gx: Tensor, gy: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
+    """By OpenCV's arctangent, with the derivative of the exact angle."""
+    theirs = library_angles.opencv(gx.detach(), gy.detach(), spec)
+    nearest = theirs.round()
+    r = _turned(gx, gy, spec) - nearest
+    r = r - spec.bins * (r / spec.bins).detach().round()  # their angles begin elsewhere
+    return _shares(nearest, r + (theirs - nearest - r).detach(), spec)
+
+
+def _vlfeat_shares(gx: Tensor, gy: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
+    """By VLFeat's arccosine, with the derivative of the exact angle."""
+    bins, weights = _exact_shares(gx, gy, spec)
+    return bins, weights + (library_angles.vlfeat(gx.detach(), gy.detach(), bins, spec) - weights).detach()
 
 
 def hard_directions(spec: HOGSpec) -> npt.NDArray[np.float32]:
@@ -127,16 +144,46 @@ def _begun_bins(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
     return ((begun - 1 + first) % spec.bins).unsqueeze(1)
 
 
-def _hard_votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
-    """The whole magnitude to one bin."""
-    choose = _nearest_axes if spec.boundary == "first" else _begun_bins
-    bins = choose(gx.detach(), gy.detach(), spec)
-    votes = gx.new_zeros((gx.shape[0], spec.bins, *gx.shape[1:]))
-    votes = votes.scatter_add_(1, bins, magnitude(gx, gy).unsqueeze(1))
-    if spec.derivative == "own":
-        return votes
-    linear = _linear_votes(gx, gy, spec.with_linear_votes())
-    return linear - linear.detach() + votes.detach()
+def _whole(bins: Callable[[Tensor, Tensor, HOGSpec], Tensor]) -> Callable[[Tensor, Tensor, HOGSpec], Shares]:
+    """The whole vote to the one bin (B, 1, H, W) that ``bins`` finds."""
+
+    def shares(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Shares:
+        return bins(gx.detach(), gy.detach(), spec), 1
+
+    return shares
+
+
+@dataclass(frozen=True)
+class VoteRule:
+    """How the vote of a pixel is shared among bins.
+
+    Attributes:
+        shares: from gradients (B, H, W) to candidate bins (B, n, H, W) and the weights of the vote in these.
+        loop: its compiled loop, a key of ``kernels.parameters``; None if there is none.
+        hard: whether all of it goes to one bin, and the derivative is that of the magnitude.
+        inexact: whether the derivative is by another angle than the votes.
+    """
+
+    shares: Callable[[Tensor, Tensor, HOGSpec], Shares]
+    loop: str | None
+    hard: bool = False
+    inexact: bool = False
+
+
+LINEAR_VOTES: dict[Angle, VoteRule] = {
+    "exact": VoteRule(_exact_shares, "linear"),
+    "opencv": VoteRule(_opencv_shares, "opencv"),
+    "vlfeat": VoteRule(_vlfeat_shares, "vlfeat", inexact=True),
+}
+HARD_VOTES: dict[Boundary, VoteRule] = {
+    "first": VoteRule(_whole(_nearest_axes), "nearest", hard=True),
+    "upper": VoteRule(_whole(_begun_bins), "begun", hard=True),
+}
+
+
+def vote_rule(spec: HOGSpec) -> VoteRule:
+    """The spec's, by its fields ``vote``, and ``angle`` or ``boundary``."""
+    return LINEAR_VOTES[spec.angle] if spec.vote == "linear" else HARD_VOTES[spec.boundary]
 
 
 def votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
@@ -145,4 +192,11 @@ def votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
     Linear votes are continuous in the gradient.  Hard votes jump where the winning bin changes; their derivative is
     that of the magnitude, at a fixed bin, or, if the spec says so, that of linear votes.
     """
-    return _linear_votes(gx, gy, spec) if spec.vote == "linear" else _hard_votes(gx, gy, spec)
+    rule = vote_rule(spec)
+    bins, weights = rule.shares(gx, gy, spec)
+    empty = gx.new_zeros((gx.shape[0], spec.bins, *gx.shape[1:]))
+    cast = empty.scatter_add_(1, bins, weights * magnitude(gx, gy).unsqueeze(1))
+    if spec.derivative == "own" or not rule.hard:
+        return cast
+    linear = votes(gx, gy, spec.with_linear_votes())
+    return linear - linear.detach() + cast.detach()

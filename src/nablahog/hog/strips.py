@@ -79,9 +79,11 @@ class Strips:
         self._footprint = spec.normalizer.footprint(0)
         self._reach = spec.normalizer.reach() or 0  # or what needs the whole image is computed before
         self._step, self._at_once = _spacing(spec, 0)
+        self._before: int
+        self._after: int
         self._before, self._after = _reach(spec, 0)
         # wide enough for some pixel to vote into as many columns as one ever does
-        self._bands = _bands(spec, min(width, 2 * _reach(spec, 1)[1] + _spacing(spec, 1).step), dtype)
+        self._bands: _Bands = _bands(spec, min(width, 2 * _reach(spec, 1)[1] + _spacing(spec, 1).step), dtype)
         self._unit = math.lcm(self._bands.period, spec.pooling.tile)
         self.apart = self._footprint.step // self._at_once * self._step
         cells = self._footprint.extent + 2 * max(self._reach, 1)

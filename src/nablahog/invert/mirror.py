@@ -5,6 +5,7 @@ from __future__ import annotations
 from torch import Tensor
 
 from ..hog.channels import mirrored_channels
+from ..hog.orientation import vote_rule
 from ..hog.spec import HOGSpec
 
 
@@ -21,6 +22,6 @@ def mirrored(descriptor: Tensor, spec: HOGSpec, width: int) -> Tensor | None:
     """
     order = mirrored_channels(spec)
     whole = spec.image_size(descriptor.shape[1], descriptor.shape[2])[1] == width
-    if order is None or spec.vote == "hard" or not spec.pooling.mirrors or not whole:
+    if order is None or vote_rule(spec).hard or not spec.pooling.mirrors or not whole:
         return None
     return descriptor.flip(2)[..., list(order)]

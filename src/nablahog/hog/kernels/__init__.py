@@ -13,7 +13,9 @@ import torch
 from torch import Tensor
 from torch.nn import Parameter
 
+from ..gradient import MASKS
 from ..normalize import normalize
+from ..orientation import vote_rule
 from ..spec import HOGSpec
 from ..steps import plain_histograms
 from . import autograd, operators
@@ -24,7 +26,7 @@ Step: TypeAlias = Callable[[Tensor, HOGSpec], Tensor]
 
 def supports(spec: HOGSpec) -> bool:
     """Whether these loops do what the plain steps do for images on a CPU, in the dialect."""
-    return spec.mask != "sobel" or spec.border in ("reflect", "ignore")
+    return spec.border in MASKS[spec.mask].loops and vote_rule(spec).loop is not None
 
 
 @lru_cache(maxsize=64)

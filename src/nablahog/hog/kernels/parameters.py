@@ -13,13 +13,14 @@ import torch
 
 from ...runtime.simd import PADDING, lanes
 from .. import library_angles
-from ..gradient import GRAY_WEIGHTS, MIDDLE, last_of_equals
-from ..orientation import beginnings, hard_directions, vanishing
+from ..gradient import BORDERS, GRAY_WEIGHTS, MASKS, last_of_equals
+from ..orientation import beginnings, hard_directions, vanishing, vote_rule
 from ..pooling import pooling_matrices
 from ..spec import HOGSpec
 from .pooling_vjp_avx512 import fits
 
 LINEAR, OPENCV, VLFEAT, NEAREST, BEGUN = range(5)  # the ways to vote
+_KINDS = {"linear": LINEAR, "opencv": OPENCV, "vlfeat": VLFEAT, "nearest": NEAREST, "begun": BEGUN}
 _COLUMNS = 128  # that are summed up together: their sums stay in a processor's first cache
 
 
@@ -91,40 +92,38 @@ def reading(spec: HOGSpec, channels: int, height: int, width: int, stored: torch
     mixed = spec.colour == "gray" and channels > 1
     weights = GRAY_WEIGHTS if channels == 3 else (1 / channels,) * channels
     last = last_of_equals(spec, height, width)
-    times, own = {"replicate": (1, True), "extrapolate": (2, True), "zero": (1, False), "gray": (1, False)}.get(
-        spec.border, (0, True)
-    )
+    border = BORDERS[spec.border]
     return Reading(
         scale=real(spec.value_range / 255 if stored == torch.uint8 else spec.value_range),
         weights=np.array(weights if mixed else (1.0,) * channels, real),
         mixed=mixed,
         root=spec.gamma == "sqrt",
-        sobel=spec.mask == "sobel",
-        times=real(times),
-        own=own,
-        beyond=real(MIDDLE * spec.value_range if spec.border == "gray" else 0),
+        sobel=MASKS[spec.mask].smooths,
+        times=real(border.times),
+        own=border.beyond is None,
+        beyond=real((border.beyond or 0) * spec.value_range),
         last_wins=last,
     )
 
 
 def voting(spec: HOGSpec, real: Any) -> Voting:
     """In float32 or float64, ``real``."""
-    linear = {"exact": LINEAR, "opencv": OPENCV, "vlfeat": VLFEAT}[spec.angle]
-    hard = spec.vote == "hard"
+    rule = vote_rule(spec)
+    assert rule.loop is not None  # see :func:`.supports`
     starts, first = beginnings(spec)
     tiny, up = vanishing(torch.float32 if real is np.float32 else torch.float64), -1 if spec.counterclockwise else 1
     per_half_turn = spec.bins * math.pi / spec.period
     return Voting(
-        kind=(NEAREST if spec.boundary == "first" else BEGUN) if hard else linear,
-        hard=hard,
-        inexact=not hard and spec.angle == "vlfeat",
+        kind=_KINDS[rule.loop],
+        hard=rule.hard,
+        inexact=rule.inexact,
         numbers=np.array([tiny, up, per_half_turn, spec.bin_offset, spec.bins, 1 / spec.bins], real),
         tiny=real(tiny),
         up=real(up),
         per_half_turn=real(per_half_turn),
         offset=real(spec.bin_offset),
         count=real(spec.bins),
-        slope=real(0 if hard else up * spec.bins / spec.period),
+        slope=real(0 if rule.hard else up * spec.bins / spec.period),
         signed=spec.signed,
         directions=hard_directions(spec).astype(real).reshape(-1),
         starts=np.array(starts, real).T.reshape(-1),
