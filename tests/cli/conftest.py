@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from nablahog.cli.arguments.learn import KINDS
 from nablahog.cli.main import main
-from nablahog.evaluate.learned import LEARNED
 from nablahog.jobs import resume
 from nablahog.jobs.store import Job, Result
 from nablahog.jobs.worker import attempt
@@ -56,7 +56,7 @@ def refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Callable[...,
         assert main(argv) == status
         printed = capsys.readouterr()
         assert printed.out == ""
-        kinds = {("learn", kind) for kind in (*LEARNED, "background", "exemplars")}
+        kinds = {("learn", kind) for kind in (*KINDS, "exemplars")}
         command = " ".join(argv[:2]) if argv[:2] in kinds else argv[0]
         assert printed.err.startswith(f"nablahog {command}: error: ")
         assert printed.err.count("\n") == 1

@@ -14,7 +14,7 @@ from nablahog.evaluate.methods import Method, Settings
 from nablahog.evaluate.photographs import Photographs
 from nablahog.evaluate.reconstruction import ReconstructionJob
 from nablahog.evaluate.table1 import Table1, run_table1
-from nablahog.invert.learned import Training
+from nablahog.invert.learned import PriorLearning
 from nablahog.invert.network import Architecture, weight_count
 from nablahog.jobs.store import Job, Result
 from nablahog.jobs.worker import attempt
@@ -34,7 +34,8 @@ def write_prior(path: Path, spec: HOGSpec, *, images: Sequence[str] = (), value:
     """A prior for cells of 8 that has learned nothing."""
     tiny = Architecture((4, 4, 4, 4), (0, 0, 0, 0))
     weights = torch.full((weight_count(spec, tiny),), value, dtype=torch.float16)
-    LearnedPrior(spec, tiny, weights, Training(tuple(images), "00", 1, 0, (1.0,))).save(path)
+    learning = PriorLearning(images=tuple(images), sha256="00", seed=0, epochs=1, losses=(1.0,))
+    LearnedPrior(spec, tiny, weights, learning).save(path)
     return path
 
 

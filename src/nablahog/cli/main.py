@@ -9,6 +9,7 @@ from argparse import Namespace
 from collections.abc import Sequence
 from importlib import import_module
 
+from .arguments.learn import KINDS
 from .arguments.main import parser
 from .errors import UserError
 
@@ -23,12 +24,7 @@ _COMMANDS = {
     "table2": "table2.table2",
     "pose": "pose.pose",
     "dialects": "dialects.dialects",
-    "learn prior": "learn.learn_prior",
-    "learn background": "learn.learn_background",
-    "learn hoggles": "learn.learn_hoggles",
-    "learn bovw": "learn.learn_bovw",
-    "learn ridge": "learn.learn_ridge",
-    "learn nearest": "learn.learn_nearest",
+    **{f"learn {kind}": "learn.learn" for kind in KINDS},
     "learn exemplars": "learn_exemplars.learn_exemplars",
 }
 """What each command runs, of which module: loaded when it is given, as most of them load PyTorch."""

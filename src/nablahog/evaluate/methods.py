@@ -192,7 +192,7 @@ METHODS = {
 def choose(names: Sequence[str] | None, given: Collection[str]) -> tuple[list[Method], list[Method]]:
     """The methods to run, and those left out because what they need is not given, each in the order of the table.
 
-    What nobody has to give, as it can be learned from photographs that are there, is not missed.
+    Inputs that can be learned from sample photographs are optional.
 
     Args:
         names: of those asked for; None for all that can run, but for those that have to be asked for.
@@ -207,9 +207,7 @@ def choose(names: Sequence[str] | None, given: Collection[str]) -> tuple[list[Me
             of = ", ".join(method.name for method in METHODS.values() if method.needs == kind)
             raise ValueError(f"none of the methods asked for uses --{kind}; these do: {of}")
     lacking = [
-        method
-        for method in methods
-        if method.needs and method.needs not in given and LEARNED[method.needs].learn is None
+        method for method in methods if method.needs and method.needs not in given and LEARNED[method.needs].takes_hours
     ]
     if names is not None and lacking:
         needed = lacking[0].needs

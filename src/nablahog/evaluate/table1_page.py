@@ -15,7 +15,7 @@ from ..hog import HOGSpec, hog
 from ..invert.multiscale import SCALES
 from ..viz import html
 from ..viz.pictures import Panel, glyphs
-from .learned import LEARNED, load
+from .learned import load
 from .methods import Method, Settings
 from .photographs import Photographs
 from .statistics import RESAMPLES, Statistics
@@ -72,7 +72,7 @@ def remarks(left_out: Sequence[Method], learned: Mapping[str, Path], photographs
         for each in left_out
     ]
     for kind, path in learned.items():
-        names = LEARNED[kind].images(load(kind, path))
+        names = load(kind, path).learning.images
         seen = {*names, *(name.split(", ")[0] for name in names)} & {*photographs.images}  # tiles say where they are
         if seen:
             said.append(

@@ -1,4 +1,4 @@
-"""What a long learning has reached, on disk: after a kill it goes on from there, with the same result."""
+"""The state of a long learning on disk, from which a killed run is resumed with the same result."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ FORMAT = 1
 
 
 class Checkpoint:
-    """One learning's file.
+    """The file of one learning.
 
     Args:
-        path: where; None for nowhere.
+        path: its path; None for no file.
         kind: of learning, for messages.
-        identity: what the result depends on, by name; values that JSON gives back as they are.
-        names: of the arrays that are kept.
+        identity: what the result depends on, by name; values that are equal after a round trip through JSON.
+        names: of the arrays that it holds.
     """
 
     def __init__(
@@ -36,16 +36,16 @@ class Checkpoint:
         self.kind, self.identity, self.names = kind, identity, names
 
     def save(self, arrays: Mapping[str, object]) -> None:
-        """Keeps ``arrays``, in place of those kept before.
+        """Writes ``arrays``, in place of those written before.
 
         Raises:
-            OSError: they cannot be written.
+            OSError: the file cannot be written.
         """
         if self.path is not None:
             write_arrays(self.path, FORMAT, {"identity": json.dumps(self.identity), **arrays})
 
     def restore(self) -> dict[str, NDArray[generic]] | None:
-        """What is kept; None if there is no file.
+        """The arrays; None if there is no file.
 
         Raises:
             ValueError: it is of another learning, damaged, or no such file.
@@ -68,5 +68,5 @@ class Checkpoint:
         return {name: arrays[name] for name in self.names}
 
     def damaged(self) -> ValueError:
-        """The error to raise if what is kept is not what was saved."""
+        """The error to raise if the arrays are impossible."""
         return ValueError(f"{self.path}: the checkpoint is damaged")

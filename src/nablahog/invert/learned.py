@@ -1,89 +1,109 @@
-"""A learned prior: what photographs look like, given a descriptor.  The other ways to invert one learn nothing."""
+"""A learned prior: the image that a network expects for a descriptor.  The other inversions learn nothing."""
 
 from __future__ import annotations
 
-import os
 import time
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.utils import vector_to_parameters
 
 from ..hog.spec import HOGSpec
-from ..io.npz import account_of, account_to_text, check_format, naming, read_arrays, text, write_arrays
+from ..io.learned_model import SPEC, LearnedModel, account, check_tensor, integers, tensor
 from .mirror import mirrored
 from .network import Architecture, PriorNetwork, check_spec, network_inputs, weight_count
 from .preimage import Reconstruction, check_descriptor, reconstruct
+from .provenance import Learning
 from .start import at_contrast
 
-FORMAT = 1
-_ARRAYS = ("format", "spec", "widths", "blocks", "weights", "training")
+LARGEST = float(torch.finfo(torch.float16).max)
 
 
-@dataclass(frozen=True)
-class Training:
+@dataclass(frozen=True, kw_only=True)
+class PriorLearning(Learning):
     """How a prior was learned.
 
     Attributes:
-        images: the names of the images, sorted.
-        sha256: of the images, in this order, hexadecimal.
-        epochs: passes over them.
-        seed: of everything random.
+        epochs: passes over the images.
         losses: the mean loss of each epoch.
     """
 
-    images: tuple[str, ...]
-    sha256: str
     epochs: int
-    seed: int
     losses: tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class LearnedPrior:
-    """A network that expects, from a descriptor, an image: near the mean of all photographs that have it.
+class LearnedPrior(LearnedModel):
+    """A network from a descriptor to an image, near the mean of all photographs that have this descriptor.
 
-    :meth:`reconstruct` then finds an image near it that has the descriptor.
+    :meth:`reconstruct` finds a pre-image near that image.
 
     Attributes:
         spec: the dialect that it was learned for; signed, with square cells of 2, 4, 8 or 16 pixels.
         architecture: of its network.
         weights: all of them, (n,), float16, finite.
-        training: how it was learned.
+        learning: how it was learned.
 
     Raises:
         ValueError: these contradict each other.
     """
 
+    KIND = "learned prior"
+    NOUN = "prior"
+    ARRAYS: ClassVar = {
+        "spec": SPEC,
+        "widths": integers(),
+        "blocks": integers(),
+        "weights": tensor(np.float16),
+        "training": account(PriorLearning),
+    }
+
     spec: HOGSpec
     architecture: Architecture
     weights: Tensor
-    training: Training
+    learning: PriorLearning
 
     def __post_init__(self) -> None:
         check_spec(self.spec, self.architecture)
         shape = (weight_count(self.spec, self.architecture),)
-        if self.weights.dtype != torch.float16 or self.weights.shape != shape:
-            raise ValueError(
-                f"the weights must be float16 of shape {shape}, got {self.weights.dtype} of {tuple(self.weights.shape)}"
-            )
-        if not torch.isfinite(self.weights).all():
-            raise ValueError("the weights must be finite, got NaN or Inf")
+        check_tensor("weights", self.weights, torch.float16, shape, -LARGEST, LARGEST)
+
+    @property
+    def summary(self) -> str:
+        learning = self.learning
+        return (
+            f"{len(learning.images)} images, {learning.epochs} epochs, last loss {learning.losses[-1]:.4f}, "
+            f"{len(self.weights):,} weights"
+        )
+
+    def _values(self) -> dict[str, Any]:
+        widths, blocks = self.architecture.widths, self.architecture.blocks
+        return {
+            "spec": self.spec,
+            "widths": widths,
+            "blocks": blocks,
+            "weights": self.weights,
+            "training": self.learning,
+        }
+
+    @classmethod
+    def _of(cls, values: dict[str, Any]) -> LearnedPrior:
+        architecture = Architecture(values["widths"], values["blocks"])
+        return cls(values["spec"], architecture, values["weights"], values["training"])
 
     def check(self, spec: HOGSpec) -> None:
         """Raises ValueError if descriptors of ``spec`` are not what it was learned for."""
-        self.spec.check_same(spec, "the prior")
+        self.spec.check_same(spec, f"the {self.NOUN}")
 
     @torch.no_grad()
     def expected(self, descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int]) -> Tensor:
-        """The images to expect, (B, 1, H, W) around 0.5, at the contrast of the histograms.
+        """The images of the network, (B, 1, H, W) around 0.5, at the contrast of the histograms.
 
-        Where the mirrored image's descriptor is known, what is expected of it is averaged in.
+        Where the descriptor determines that of the mirrored image, the mean of both predictions is taken.
 
         Args:
             descriptor: (B, rows, cols, channels), float32 or float64, on any device.
@@ -107,9 +127,9 @@ class LearnedPrior:
         network = self._network.to(descriptor.device)
         inputs = network_inputs(single, spec, height, width)
         image: Tensor = network(inputs)[..., :height, :width]
-        mirror = mirrored(single, spec, width)
-        if mirror is not None:
-            other: Tensor = network(network_inputs(mirror, spec, height, width))[..., :height, :width]
+        mirrored_descriptor = mirrored(single, spec, width)
+        if mirrored_descriptor is not None:
+            other: Tensor = network(network_inputs(mirrored_descriptor, spec, height, width))[..., :height, :width]
             image = (image + other.flip(3)) / 2
         return at_contrast(image, inputs.votes, spec).to(descriptor.dtype)
 
@@ -120,7 +140,7 @@ class LearnedPrior:
         image_size: tuple[int, int] | None = None,
         **options: Any,
     ) -> Reconstruction:
-        """:func:`nablahog.reconstruct` with what this prior expects, and its other ``options``.
+        """:func:`nablahog.reconstruct` near :meth:`expected`, with its other ``options``.
 
         Raises:
             TypeError, ValueError: as :func:`nablahog.reconstruct`; the spec is not the prior's.
@@ -129,8 +149,8 @@ class LearnedPrior:
         size = check_descriptor(descriptor, spec, image_size)
         began = time.perf_counter()
         expected = self.expected(descriptor, spec, size)
-        found = reconstruct(descriptor, spec, size, expected=expected, **options)
-        return replace(found, seconds=time.perf_counter() - began)
+        result = reconstruct(descriptor, spec, size, expected=expected, **options)
+        return replace(result, seconds=time.perf_counter() - began)
 
     @cached_property
     def _network(self) -> PriorNetwork:
@@ -139,50 +159,3 @@ class LearnedPrior:
         network.to_empty(device="cpu")
         vector_to_parameters(self.weights.float().cpu(), network.parameters())
         return network.eval()
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes it to the file ``path``, whatever its name ends in.  The file is replaced whole or not at all.
-
-        It is an .npz archive of the arrays ``format`` (1), ``spec`` (its JSON), ``widths``, ``blocks``, ``weights`` and
-        ``training`` (JSON).
-
-        Raises:
-            OSError: the file cannot be written.
-        """
-        arrays = {
-            "spec": self.spec.to_json(),
-            "widths": self.architecture.widths,
-            "blocks": self.architecture.blocks,
-            "weights": self.weights.cpu().numpy(),
-            "training": account_to_text(self.training),
-        }
-        write_arrays(path, FORMAT, arrays)
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> LearnedPrior:
-        """The prior that :meth:`save` wrote.  Never unpickles, so nothing in the file is ever run.
-
-        Raises:
-            FileNotFoundError: there is no such file.
-            ValueError: it is no such archive, is damaged, lacks an array, holds pickled objects, NaN or Inf, or its
-                arrays contradict each other.
-        """
-        arrays = read_arrays(path, "learned prior", _ARRAYS)
-        with naming(path):
-            check_format(arrays, "learned prior", FORMAT)
-            widths, blocks = (_integers(name, arrays[name]) for name in ("widths", "blocks"))
-            weights = arrays["weights"]
-            if weights.dtype != np.float16:
-                raise ValueError(f"the weights must be float16, got {weights.dtype}")
-            return cls(
-                HOGSpec.from_json(text(arrays, "spec")),
-                Architecture(widths, blocks),
-                torch.from_numpy(weights),
-                account_of(Training, text(arrays, "training")),
-            )
-
-
-def _integers(name: str, array: NDArray[Any]) -> tuple[int, ...]:
-    if array.ndim != 1 or array.dtype.kind not in "iu":
-        raise ValueError(f"{name} must be a list of integers, got {array.dtype} of shape {array.shape}")
-    return tuple(array.tolist())

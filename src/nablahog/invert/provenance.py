@@ -1,18 +1,56 @@
-"""Which images something was learned from."""
+"""The photographs that a model was learned from."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
+import torch
 from torch import Tensor
 
 
-def digest_of_images(names: Sequence[str], images: Mapping[str, Tensor]) -> str:
-    """The SHA-256 of the names, sizes and pixels of images (H, W), in the order of ``names``, hexadecimal."""
+@dataclass(frozen=True, kw_only=True)
+class Learning:
+    """How a model was learned.  Subclasses add the numbers of their method.
+
+    Attributes:
+        images: the names of the photographs, sorted.
+        sha256: :func:`digest_of_images` of them.
+        seed: of everything random.
+    """
+
+    images: tuple[str, ...]
+    sha256: str
+    seed: int
+
+
+def check_images(images: Mapping[str, Tensor]) -> list[str]:
+    """The names of photographs to learn from, sorted.
+
+    Raises:
+        ValueError: there are none, or one is not (H, W), float32, in 0…1.
+    """
+    if not images:
+        raise ValueError("expected images to learn from, got none")
+    for name, image in sorted(images.items()):
+        if image.dim() != 2 or image.dtype != torch.float32 or not ((image >= 0) & (image <= 1)).all():
+            raise ValueError(f"{name}: expected an image (H, W) of float32 in 0…1")
+    return sorted(images)
+
+
+def check_least_size(name: str, image: Tensor, least: tuple[int, int]) -> None:
+    """Raises ValueError unless the image (H, W) called ``name`` has ``least`` (height, width) pixels."""
+    if image.shape[0] < least[0] or image.shape[1] < least[1]:
+        got = f"{image.shape[0]}x{image.shape[1]}"
+        raise ValueError(f"{name}: expected at least {least[0]}x{least[1]} pixels, got {got}")
+
+
+def digest_of_images(images: Mapping[str, Tensor]) -> str:
+    """The SHA-256 of the names, sizes and pixels of images (H, W), in the order of their names, hexadecimal."""
     digest = hashlib.sha256()
-    for name in names:
+    for name in sorted(images):
         digest.update(f"{name}\0{tuple(images[name].shape)}\0".encode(errors="backslashreplace"))
         digest.update(np.ascontiguousarray(images[name].numpy()).tobytes())
     return digest.hexdigest()

@@ -7,26 +7,22 @@ and the covariance Σ of templates of any size, Σ as a block-Toeplitz matrix.
 
 from __future__ import annotations
 
-import json
 import math
-import os
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from ..hog.spec import HOGSpec
-from ..io.npz import check_format, naming, read_arrays, text, write_arrays
+from ..io.learned_model import NUMBER, SPEC, TEXTS, LearnedModel, check_tensor, tensor
 
-FORMAT = 1
 LARGEST = 1e6  # entry of a mean or covariance: those of descriptors are far below 1
-_ARRAYS = ("format", "spec", "mean", "covariance", "images", "regularization")
 
 
 @dataclass(frozen=True, eq=False)
-class Background:
+class Background(LearnedModel):
     """Mean and autocovariance of a stationary descriptor, learned by :func:`.background.learn_background`.
 
     Templates are (N, rows, cols, C), float32 or float64, on any device, with at most ``order`` + 1 rows and columns.
@@ -44,6 +40,17 @@ class Background:
         ValueError: these contradict each other, hold NaN, Inf or what no descriptor has, or λ is not in 1e-9…1e6.
     """
 
+    KIND = "background"
+    NOUN = "background"
+    ARRAYS: ClassVar = {
+        "spec": SPEC,
+        "mean": tensor(np.float64),
+        "covariance": tensor(np.float64),
+        "images": TEXTS,
+        "regularization": NUMBER,
+    }
+    COMPRESSED = True
+
     spec: HOGSpec
     mean: Tensor
     covariance: Tensor
@@ -56,15 +63,16 @@ class Background:
         channels, order = self.spec.channels, self.order
         shapes = {"mean": (channels,), "covariance": (order + 1, 2 * order + 1, channels, channels)}
         for name, shape in shapes.items():
-            array: Tensor = getattr(self, name)
-            if array.dtype != torch.float64 or array.shape != shape:
-                raise ValueError(f"{name} must be float64 of shape {shape}, got {array.dtype} of {tuple(array.shape)}")
-            if not (array.abs() <= LARGEST).all():  # NaN fails too
-                raise ValueError(f"{name} must lie within ±{LARGEST:g}, got NaN, Inf or more")
+            check_tensor(name, getattr(self, name), torch.float64, shape, -LARGEST, LARGEST)
         if not torch.allclose(self.covariance[0].flip(0).mT, self.covariance[0]):
             raise ValueError("the covariance of two cells must not depend on which of them comes first")
         if not 1e-9 <= self.regularization <= LARGEST:
             raise ValueError(f"regularization must lie in 1e-9…{LARGEST:g}, got {self.regularization!r}")
+
+    @property
+    def summary(self) -> str:
+        cells = f"{self.order + 1}x{self.order + 1}"
+        return f"{len(self.images)} images, {self.spec.channels} channels, templates of up to {cells} cells"
 
     @property
     def order(self) -> int:
@@ -73,7 +81,7 @@ class Background:
 
     def check(self, spec: HOGSpec) -> None:
         """Raises ValueError if descriptors of ``spec`` are not what it was learned for."""
-        self.spec.check_same(spec, "the background")
+        self.spec.check_same(spec, f"the {self.NOUN}")
 
     def template_mean(self, rows: int, cols: int) -> Tensor:
         """μ, (rows, cols, C), float64."""
@@ -139,45 +147,6 @@ class Background:
     def _factor_for(self, templates: Tensor) -> Tensor:
         return self.factor(*templates.shape[1:3]).to(templates.device)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes it to the file ``path``, whatever its name ends in.  The file is replaced whole or not at all.
-
-        It is a compressed .npz archive of the arrays ``format`` (1), ``spec`` (its JSON), ``mean``, ``covariance``,
-        ``images`` (JSON) and ``regularization``.
-
-        Raises:
-            OSError: the file cannot be written.
-        """
-        arrays = {
-            "spec": self.spec.to_json(),
-            "mean": self.mean.numpy(),
-            "covariance": self.covariance.numpy(),
-            "images": json.dumps(self.images),
-            "regularization": self.regularization,
-        }
-        write_arrays(path, FORMAT, arrays, compressed=True)
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Background:
-        """The background that :meth:`save` wrote.  Never unpickles, so nothing in the file is ever run.
-
-        Raises:
-            FileNotFoundError: there is no such file.
-            ValueError: it is no such archive, is damaged, lacks an array, holds pickled objects, NaN or Inf, or its
-                arrays contradict each other.
-        """
-        arrays = read_arrays(path, "background", _ARRAYS)
-        with naming(path):
-            check_format(arrays, "background", FORMAT)
-            mean, covariance = (_doubles(name, arrays[name]) for name in ("mean", "covariance"))
-            return cls(
-                HOGSpec.from_json(text(arrays, "spec")),
-                mean,
-                covariance,
-                tuple(map(str, json.loads(text(arrays, "images")))),
-                _doubles("regularization", arrays["regularization"]).item(),
-            )
-
 
 def check_spec(spec: HOGSpec) -> None:
     """Raises ValueError unless a cell's descriptor depends on its neighbourhood only."""
@@ -186,12 +155,6 @@ def check_spec(spec: HOGSpec) -> None:
             f"there is a background of locally normalised descriptors only: one factor for a whole image, as in "
             f"{spec.name}, makes templates of different images no samples of one distribution"
         )
-
-
-def _doubles(name: str, array: NDArray[np.generic]) -> Tensor:
-    if array.dtype != np.float64:
-        raise ValueError(f"{name} must be float64, got {array.dtype}")
-    return torch.from_numpy(array)
 
 
 def _templates(columns: Tensor, like: Tensor) -> Tensor:

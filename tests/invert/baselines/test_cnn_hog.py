@@ -102,7 +102,7 @@ def test_contrast_and_brightness_make_no_difference_inside() -> None:
 def test_total_variation_has_its_derivative() -> None:
     x = textured(2, 1, 6, 7).requires_grad_()
     (expected,) = torch.autograd.grad(x.diff(dim=2).square().sum() + x.diff(dim=3).square().sum(), x)
-    torch.testing.assert_close(cnn_hog._variation(x.detach()), expected)
+    torch.testing.assert_close(cnn_hog._total_variation_gradient(x.detach()), expected)
 
 
 @pytest.fixture(scope="module")

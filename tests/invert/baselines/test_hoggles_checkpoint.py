@@ -14,12 +14,12 @@ import torch
 from torch import Tensor
 
 from nablahog import presets
-from nablahog.invert.baselines import hoggles_learning
+from nablahog.invert.baselines import dictionary_learning, hoggles_learning
 from nablahog.invert.baselines.hoggles import PairedDictionary
 from nablahog.invert.baselines.hoggles_learning import learn_hoggles
 
+from ...io.archives import arrays_of, damages, rewrite
 from ..photographs import photograph
-from .files import arrays_of, damages, rewrite
 
 SPEC = presets.uoctti(4, orientations=3)
 ITERATIONS = 8
@@ -30,8 +30,8 @@ EVERY = 3
 def _often(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is learned is kept every three iterations, and atoms give way at once, to windows drawn at random."""
     monkeypatch.setattr(hoggles_learning, "REPORTED", EVERY)
-    monkeypatch.setattr(hoggles_learning, "PATIENCE", 1)
-    monkeypatch.setattr(hoggles_learning, "UNUSED", 0.03)
+    monkeypatch.setattr(dictionary_learning, "PATIENCE", 1)
+    monkeypatch.setattr(dictionary_learning, "UNUSED", 0.03)
     monkeypatch.setattr(hoggles_learning, "BATCH", 60)
 
 

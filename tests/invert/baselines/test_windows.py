@@ -15,8 +15,9 @@ from nablahog import hog, presets
 from nablahog.hog import HOGSpec
 from nablahog.invert.baselines.windows import (
     Pairs,
+    average_patches,
     check_images,
-    mean_of_patches,
+    crop,
     patch_size,
     stretched,
     windows_at_cells,
@@ -146,18 +147,22 @@ def test_the_seed_decides() -> None:
 # --- putting together
 
 
+def _assembled(patches: Tensor, spec: HOGSpec, cells: int, size: tuple[int, int]) -> Tensor:
+    return crop(average_patches(patches, spec, cells), spec, cells // 2, size)
+
+
 @every_spec
 @every_side
 @pytest.mark.parametrize("size", SIZES)
 def test_patches_of_an_image_make_it_again(spec: HOGSpec, cells: int, size: tuple[int, int]) -> None:
     images = torch.rand(2, *size)
     patches = torch.stack([_cut(image, spec, cells) for image in images])
-    found = mean_of_patches(patches, spec, cells, size)
+    found = _assembled(patches, spec, cells, size)
     torch.testing.assert_close(found, images[:, None], rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["rounded", "ceil"])
-def test_mean_of_patches(name: str) -> None:
+def test_patches_are_averaged(name: str) -> None:
     """A loop over patches, which adds each at its place."""
     spec, cells, size = SPECS[name], 3, (10, 7)
     (height, width), (rows, cols) = spec.cell_size, spec.grid(*size)
@@ -169,7 +174,7 @@ def test_mean_of_patches(name: str) -> None:
             total[place] += patches[0, row, col].view(3 * height, 3 * width).numpy()
             count[place] += 1
     expected = (total / count)[height : height + size[0], width : width + size[1]]
-    np.testing.assert_allclose(mean_of_patches(patches, spec, cells, size)[0, 0], expected, rtol=1e-12)
+    np.testing.assert_allclose(_assembled(patches, spec, cells, size)[0, 0], expected, rtol=1e-12)
 
 
 def test_stretched() -> None:
@@ -184,7 +189,7 @@ def test_stretched() -> None:
 def test_rounding_is_no_contrast(gray: float) -> None:
     spec = SPECS["rounded"]
     patches = torch.full((1, 5, 6, 25 * 6), gray)
-    found = stretched(mean_of_patches(patches, spec, 5, (15, 12)))
+    found = stretched(_assembled(patches, spec, 5, (15, 12)))
     assert torch.equal(found, torch.full((1, 1, 15, 12), 0.5))
 
 

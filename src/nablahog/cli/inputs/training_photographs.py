@@ -1,4 +1,4 @@
-"""Learning from photographs on disk, as ``nablahog learn`` does."""
+"""The photographs that ``nablahog learn`` learns from."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ def training_photographs(folder: Path | None, least: tuple[int, int], size: int)
     """The photographs to learn from.
 
     Args:
-        folder: of images; None for those that come with scikit-image.
-        least: (height, width) in pixels of the smallest image that is of use.
+        folder: of images; None for the sample photographs.
+        least: (height, width) in pixels of the smallest image that can be learned from.
         size: images are shrunk to at most so many pixels on the longer side; 0 leaves them as they are.
 
     Returns:
-        At least one image; files that cannot be read, and images that are too small, have failed.
+        At least one image; ``failed`` has the files that cannot be read and the images that are too small.
 
     Raises:
         FileNotFoundError, NotADirectoryError: there is no such folder.

@@ -1,75 +1,67 @@
 """BoVW: an image from the histogram of its visual words alone, as a jigsaw puzzle.
 
 Kato and Harada, *Image Reconstruction from Bag-of-Visual-Words* (CVPR 2014): local descriptors on a regular grid of one
-scale are quantised to visual words, and all that is known of an image is how often it has each word.  Where they go is
-found by two costs, of a word at a place and of two words as neighbours, which are estimated from a database of images;
-as an exact minimum is out of reach, by a heuristic.  :func:`.bovw_learning.learn_bovw` makes the database.
+scale are quantised to visual words, and the histogram of these words is all that is known of an image.  The words are
+arranged by two costs, of a word at a place and of two words as neighbours, which are estimated from a database of
+images.  An exact minimum is out of reach, a heuristic finds a local one.  :func:`.bovw_learning.learn_bovw` makes the
+vocabulary and the database.
 
 We know this much from the abstracts.  The rest is ours:
 
 * The descriptor is SIFT in windows of 4x4 cells of 8 pixels, one at each cell (:mod:`.dense_sift`).  All windows
   without contrast are one word.
-* The costs are negative logarithms of smoothed frequencies; the place of a word is predicted by a regression on the
-  whole histogram, the pairs count over the whole database (:mod:`.bovw_arrangement`).
+* The costs are negative logarithms of smoothed frequencies.  The place of a word is predicted by a regression on the
+  whole histogram, pairs are counted over the whole database (:mod:`.bovw_arrangement`).
 * The search starts from the best arrangement by places alone, and swaps words as long as that lowers the cost.
-* A word looks like the mean, in absolute gray, of all patches of the database that are this word.  Overlapping patches
+* The patch of a word is the mean, in absolute gray, of all patches of the database with this word.  Overlapping patches
   are averaged, each pixel weighed by its distance to the patch's border.
 """
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import fold
 
-from ...io.npz import account_of, account_to_text, check_format, naming, read_arrays, text, write_arrays
+from ...io.learned_model import INTEGER, LearnedModel, account, check_tensor, integers, tensor
 from ..preimage import Reconstruction
+from ..provenance import Learning
 from .bovw_arrangement import Costs, arrange
 from .dense_sift import CELLS, LENGTH, dense_sift, sift_grid
 
-FORMAT = 1
-LONGEST = 1 + 1e-5  # of a word, up to rounding
-_TOGETHER = 16  # images whose patches, or whose descriptors' distances to all words, are in memory at a time
-_ARRAYS = ("format", "vocabulary", "patches", "database", "image_size", "cell", "learning")
+LARGEST = 1 + 1e-5  # entry of a word, whose length is at most 1, up to rounding
+BATCH = 16  # images whose patches, or whose descriptors' distances to all words, are in memory at a time
 
 
-@dataclass(frozen=True)
-class Learning:
-    """How a vocabulary was learned.
+@dataclass(frozen=True, kw_only=True)
+class BoVWLearning(Learning):
+    """How a vocabulary was learned.  Each image counts twice, the second time mirrored.
 
     Attributes:
-        images: the names of the images, sorted; each counts twice, the second time mirrored.
-        sha256: of the images, in this order, hexadecimal.
-        words: how many were asked for; those that no window belonged to are left out.
+        words: the number asked for; words that no window belongs to are left out.
         windows: how many were clustered.
         rounds: of k-means.
-        seed: of everything random.
     """
 
-    images: tuple[str, ...]
-    sha256: str
     words: int
     windows: int
     rounds: int
-    seed: int
 
 
 @dataclass(frozen=True, eq=False)
-class BoVW:
-    """Visual words, what they look like, and a database of their arrangements.
+class BoVW(LearnedModel):
+    """A codebook of visual words, a gray patch for each, and a database of their arrangements.
 
     Attributes:
-        vocabulary: (K, 128), float32, the words as descriptors.
-        patches: (K, size, size), float32 in 0…1, the words as pictures, each with the window in its middle.
+        vocabulary: (K, 128), float32, the codebook: a descriptor for each word.
+        patches: (K, size, size), float32 in 0…1, a gray patch for each word, with the window in its middle.
         database: (N, rows, cols), int16, the words of images.
         image_size: (height, width) of all images.
         cell: of the descriptor, in pixels.
@@ -79,32 +71,39 @@ class BoVW:
         ValueError: these contradict each other, or hold NaN, Inf or what no descriptor or picture holds.
     """
 
+    KIND = "BoVW model"
+    NOUN = "vocabulary"
+    ARRAYS: ClassVar = {
+        "vocabulary": tensor(np.float32),
+        "patches": tensor(np.float32),
+        "database": tensor(np.int16),
+        "image_size": integers(2),
+        "cell": INTEGER,
+        "learning": account(BoVWLearning),
+    }
+
     vocabulary: Tensor
     patches: Tensor
     database: Tensor
     image_size: tuple[int, int]
     cell: int
-    learning: Learning
+    learning: BoVWLearning
 
     def __post_init__(self) -> None:
         grid = check_grid(self.image_size, self.cell)
         words = len(self.vocabulary) if self.vocabulary.dim() else 0
         size = self.patches.shape[-1] if self.patches.dim() else 0
         count = len(self.database) if self.database.dim() else 0
-        expected: dict[str, tuple[torch.dtype, tuple[int, ...], float]] = {
-            "vocabulary": (torch.float32, (words, LENGTH), LONGEST),
-            "patches": (torch.float32, (words, size, size), 1),
-            "database": (torch.int16, (count, *grid), words - 1),
-        }
-        for name, (dtype, shape, largest) in expected.items():
-            array: Tensor = getattr(self, name)
-            if array.dtype != dtype or array.shape != shape or not array.numel():
-                raise ValueError(f"the {name} must be {dtype} of shape {shape}, got {array.dtype} of {(*array.shape,)}")
-            if not ((array >= 0) & (array <= largest)).all():  # NaN fails too
-                raise ValueError(f"the {name} must lie in 0…{largest:.0f}, got NaN, Inf or other values")
+        check_tensor("vocabulary", self.vocabulary, torch.float32, (words, LENGTH), 0, LARGEST)
+        check_tensor("patches", self.patches, torch.float32, (words, size, size), 0, 1)
+        check_tensor("database", self.database, torch.int16, (count, *grid), 0, words - 1)
         check_patch(size, self.cell)
         if len(torch.unique(self.database)) < words:
             raise ValueError("each word of the vocabulary must be somewhere in the database")
+
+    @property
+    def summary(self) -> str:
+        return f"{len(self.vocabulary)} words, {len(self.learning.images)} images"
 
     @property
     def grid(self) -> tuple[int, int]:
@@ -112,7 +111,7 @@ class BoVW:
         return sift_grid(*self.image_size, self.cell)
 
     def words(self, image: Tensor) -> Tensor:
-        """The word of each window: images (B, 1, H, W) in 0…1, float32 or float64, to (B, rows, cols).
+        """The nearest word of each window: images (B, 1, H, W) in 0…1, float32 or float64, to (B, rows, cols).
 
         Raises:
             TypeError: the images are no tensor, or of another dtype.
@@ -127,12 +126,11 @@ class BoVW:
         if not ((image >= 0) & (image <= 1)).all():
             raise ValueError("the images must lie in 0…1, got NaN or other values")
         vocabulary = self.vocabulary.to(image.device)
-        return torch.cat(
-            [nearest(dense_sift(some.float(), self.cell), vocabulary) for some in portions(image.detach())]
-        )
+        descriptors = (dense_sift(batch.float(), self.cell) for batch in batches(image.detach()))
+        return torch.cat([nearest_words(batch, vocabulary) for batch in descriptors])
 
     def histogram(self, image: Tensor) -> Tensor:
-        """How often each word is in images (B, 1, H, W): (B, K), float32.  The descriptor that is inverted.
+        """The histogram of the words of images (B, 1, H, W): (B, K), float32.  The descriptor that is inverted.
 
         Raises:
             TypeError, ValueError: as :meth:`words`.
@@ -141,24 +139,24 @@ class BoVW:
         counts = torch.zeros(len(words), len(self.vocabulary), device=words.device)
         return counts.scatter_add_(1, words, torch.ones_like(words, dtype=counts.dtype))
 
-    def picture(self, words: Tensor) -> Tensor:
-        """What words (B, rows, cols) look like: (B, 1, H, W) in 0…1, float32."""
+    def render(self, words: Tensor) -> Tensor:
+        """Images (B, 1, H, W) in 0…1, float32, of the patches of words (B, rows, cols)."""
         size = self.patches.shape[-1]
         tent = 1 - ((torch.arange(size) + 0.5) * (2 / size) - 1).abs()
         weights = torch.outer(tent, tent)
         rows, cols = self.grid
         canvas = ((rows - 1) * self.cell + size, (cols - 1) * self.cell + size)
         ones = weights.reshape(1, -1, 1).expand(-1, -1, rows * cols)
-        covered = fold(ones, canvas, size, stride=self.cell)
-        weighed = (self.patches * weights).flatten(1)
+        total_weight = fold(ones, canvas, size, stride=self.cell)
+        weighted = (self.patches * weights).flatten(1)
         images = [
-            fold(weighed[some.cpu().flatten(1)].mT, canvas, size, stride=self.cell) / covered
-            for some in portions(words)
+            fold(weighted[batch.cpu().flatten(1)].mT, canvas, size, stride=self.cell) / total_weight
+            for batch in batches(words)
         ]
         margin = (size - CELLS * self.cell) // 2
         down, across = (
             (torch.arange(side) + margin).clamp(max=end - 1) for side, end in zip(self.image_size, canvas, strict=True)
-        )  # of a last cell that is cut, the edge of the patch is repeated
+        )  # beyond the last whole cell the edge is repeated
         return torch.cat(images)[..., down[:, None], across].clamp(0, 1).to(words.device)
 
     @torch.no_grad()
@@ -170,19 +168,17 @@ class BoVW:
         seed: int = 0,
         progress: Callable[[int, int], None] | None = None,
     ) -> Reconstruction:
-        """Images from histograms of visual words alone, each for itself.
+        """Images from histograms of visual words alone.  Images of a batch do not depend on each other.
 
         Args:
-            histogram: (B, K), float32 or float64, on any device; how often each word is there, as :meth:`histogram`
-                counts.  Computed on the CPU.
+            histogram: (B, K), float32 or float64, on any device: counts of :meth:`histogram`.  Computed on the CPU.
             image_size: (height, width), which must be the vocabulary's.
             seed: of the order in which swaps are tried, the same for every image of the batch.
             progress: called with the images done and their number.
 
         Returns:
-            Images in 0…1, whose distance is that of their own histogram.  The history is not of distances, but
-            (sweeps + 1, B), the cost of the arrangement before and after each sweep over all pairs of places, float64;
-            the evaluations are these sweeps.
+            Images in 0…1; their distance is that of their own histogram.  The history is (sweeps + 1, B), float64: the
+            cost of the arrangement before and after each sweep over all pairs of places.  Evaluations are sweeps.
 
         Raises:
             TypeError: the histogram is no float32 or float64 tensor.
@@ -191,29 +187,29 @@ class BoVW:
         """
         began = time.perf_counter()
         self._check(histogram, image_size)
-        given = histogram.detach().cpu().double()
+        target = histogram.detach().cpu().double()
         words, histories, reasons = [], [], []
-        for done, counts in enumerate(given):
+        for done, counts in enumerate(target):
             if progress:
-                progress(done, len(given))
+                progress(done, len(target))
             to_place = np.repeat(np.arange(len(counts)), counts.long().numpy())
             location = self._costs.location(counts.numpy())
-            found, history, settled = arrange(to_place, location, self._costs, np.random.default_rng(seed))
-            words.append(torch.from_numpy(found))
+            arrangement, history, settled = arrange(to_place, location, self._costs, np.random.default_rng(seed))
+            words.append(torch.from_numpy(arrangement))
             histories.append(history)
             reasons.append("no swap of two words lowers the cost" if settled else "all sweeps are used up")
         if progress:
-            progress(len(given), len(given))
-        image = self.picture(torch.stack(words))
-        residual = (self.histogram(image).double() - given).norm(dim=1)
+            progress(len(target), len(target))
+        image = self.render(torch.stack(words))
+        residual = (self.histogram(image).double() - target).norm(dim=1)
         longest = max(map(len, histories))
-        all_costs = [each + [each[-1]] * (longest - len(each)) for each in histories]
+        costs = [history + [history[-1]] * (longest - len(history)) for history in histories]
         return Reconstruction(
             image.to(histogram),
-            (residual / given.norm(dim=1)).to(histogram),
+            (residual / target.norm(dim=1)).to(histogram),
             reasons,
-            torch.tensor(all_costs, dtype=torch.float64, device=histogram.device).T,
-            torch.tensor([len(each) - 1 for each in histories], device=histogram.device),
+            torch.tensor(costs, dtype=torch.float64, device=histogram.device).T,
+            torch.tensor([len(history) - 1 for history in histories], device=histogram.device),
             time.perf_counter() - began,
         )
 
@@ -242,51 +238,12 @@ class BoVW:
             counted = float(histogram.sum(1)[wrong][0])
             raise ValueError(f"the histogram must count one word for each of the {places} places, got {counted:g}")
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes it to the file ``path``, whatever its name ends in.  The file is replaced whole or not at all.
-
-        It is an .npz archive of the arrays ``format`` (1), ``vocabulary``, ``patches``, ``database``, ``image_size``,
-        ``cell`` and ``learning`` (JSON).
-
-        Raises:
-            OSError: the file cannot be written.
-        """
-        arrays = {
-            "vocabulary": self.vocabulary.numpy(),
-            "patches": self.patches.numpy(),
-            "database": self.database.numpy(),
-            "image_size": self.image_size,
-            "cell": self.cell,
-            "learning": account_to_text(self.learning),
-        }
-        write_arrays(path, FORMAT, arrays)
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> BoVW:
-        """The words that :meth:`save` wrote.  Never unpickles, so nothing in the file is ever run.
-
-        Raises:
-            FileNotFoundError: there is no such file.
-            ValueError: it is no such archive, is damaged, lacks an array, holds pickled objects, NaN or Inf, or its
-                arrays contradict each other.
-        """
-        arrays = read_arrays(path, "BoVW model", _ARRAYS)
-        with naming(path):
-            check_format(arrays, "BoVW model", FORMAT)
-            vocabulary, patches, database = (
-                _tensor(name, arrays[name]) for name in ("vocabulary", "patches", "database")
-            )
-            height, width = _integers(arrays, "image_size", 2)
-            (cell,) = _integers(arrays, "cell", 1)
-            learning = account_of(Learning, text(arrays, "learning"))
-            return cls(vocabulary, patches, database, (height, width), cell, learning)
-
 
 def check_grid(image_size: tuple[int, int], cell: int) -> tuple[int, int]:
-    """Rows and columns of words, once cell and image size are known to make at least two.
+    """Rows and columns of the words of an image, at least two words in all.
 
     Raises:
-        ValueError: they do not.
+        ValueError: cell and image size make fewer.
     """
     if cell < 1:
         raise ValueError(f"a cell must have at least 1 pixel, got {cell}")
@@ -305,25 +262,12 @@ def check_patch(size: int, cell: int) -> None:
         raise ValueError(f"a patch must be {CELLS * cell} pixels wide, or an even number more, got {size}")
 
 
-def portions(tensor: Tensor) -> list[Tensor]:
+def batches(tensor: Tensor) -> tuple[Tensor, ...]:
     """Its rows, a few at a time."""
-    return [tensor[first : first + _TOGETHER] for first in range(0, len(tensor), _TOGETHER)]
+    return torch.split(tensor, BATCH)
 
 
-def nearest(descriptors: Tensor, vocabulary: Tensor) -> Tensor:
+def nearest_words(descriptors: Tensor, vocabulary: Tensor) -> Tensor:
     """The index (…) of the word (K, n) that is nearest to each descriptor (…, n)."""
     squared = vocabulary.square().sum(1)
     return (squared - 2 * descriptors @ vocabulary.T).argmin(dim=-1)
-
-
-def _tensor(name: str, array: NDArray[Any]) -> Tensor:
-    if array.dtype not in (np.float32, np.int16):
-        raise ValueError(f"the {name} must be float32 or int16, got {array.dtype}")
-    return torch.from_numpy(array)
-
-
-def _integers(arrays: dict[str, NDArray[Any]], name: str, count: int) -> list[int]:
-    array = arrays[name]
-    if array.dtype.kind not in "iu" or array.size != count:
-        raise ValueError(f"{name} must hold {count} integers, got {array.dtype} of shape {array.shape}")
-    return [int(number) for number in array.ravel()]

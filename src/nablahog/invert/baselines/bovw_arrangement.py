@@ -1,7 +1,7 @@
-"""What an arrangement of visual words costs, by a database of arrangements, and the search for a cheap one.
+"""The cost of an arrangement of visual words, estimated from a database, and the search for a cheap arrangement.
 
-A word costs -log(r + s) at a place, and so does a pair of neighbours: r says how many times more often than elsewhere
-the word is expected there, or the pair is seen, and s keeps what the database happens not to hold from being forbidden.
+A word at a place costs -log(r + s), and so does a pair of neighbours.  r is the frequency of the word at the place, or
+of the pair, relative to chance.  s > 0 keeps the cost finite for what the database happens not to contain.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from ...runtime.compile import compiled
 Words = NDArray[np.int64]
 Array = NDArray[np.float64]
 
-# Half of any of these, or twice as much, changes the correlation with the photograph by less than 0.02.
-SAME = 0.2  # squared distance of two words at which one counts 1/e as much as the other for itself
-BLUR = 2.0  # places: the σ by which an expected place is uncertain
-RIDGE = 2.0
-UNEXPECTED = 1.0  # s of places
-UNSEEN = 0.5  # s of pairs
+# Halving or doubling any of these changes the correlation with the photograph by less than 0.02.
+SIMILARITY = 0.2  # squared distance of two words at which their similarity is 1/e
+BLUR = 2.0  # σ of the Gaussian over places
+RIDGE = 2.0  # λ of the kernel ridge regression
+PLACE_SMOOTHING = 1.0  # s of places
+PAIR_SMOOTHING = 0.5  # s of pairs
 
 MAX_SWEEPS = 100  # some ten are enough
-TOLERANCE = 1e-9  # by which a swap must lower the cost
+TOLERANCE = 1e-9  # least decrease of the cost by a swap
 
 
 class Costs:
-    """The costs that a database of arrangements teaches.
+    """The costs estimated from a database of arrangements.
 
     Args:
-        database: (N, rows, cols), the words of N images; every word is somewhere.
+        database: (N, rows, cols), the words of N images; every word occurs.
         vocabulary: (K, n), the words themselves.
 
     Attributes:
@@ -49,72 +49,72 @@ class Costs:
         histograms = np.stack([np.bincount(each.ravel(), minlength=words) for each in database]).astype(np.float64)
         self._frequency = histograms.sum(0) / histograms.sum()
         self._rarity = np.log((count + 1) / ((histograms > 0).sum(0) + 1))
-        self._features = self._described(histograms)
+        self._features = self._normalized(histograms)
         kernel = (self._features @ self._features.T) ** 2
         self._factor = cho_factor(kernel + RIDGE * np.eye(count), lower=True)
         squared = np.square(vocabulary).sum(1)
-        alike = np.exp((2 * vocabulary @ vocabulary.T - squared[:, None] - squared) / SAME)
-        self._alike: Array = alike / alike.sum(1, keepdims=True)
-        self.right = self._of_pairs(database[:, :, :-1], database[:, :, 1:])
-        self.below = self._of_pairs(database[:, :-1], database[:, 1:])
+        similarity = np.exp((2 * vocabulary @ vocabulary.T - squared[:, None] - squared) / SIMILARITY)
+        self._similarity: Array = similarity / similarity.sum(1, keepdims=True)
+        self.right = self._pair_costs(database[:, :, :-1], database[:, :, 1:])
+        self.below = self._pair_costs(database[:, :-1], database[:, 1:])
 
     def location(self, histogram: Array) -> Array:
-        """The cost of each word at each place, (K, rows, cols), in an image with the given histogram (K,).
+        """The cost of each word at each place, (K, rows, cols), in an image with a histogram (K,).
 
-        How often a word is at a place is predicted from the histogram: by ridge regression on the database, whose
-        kernel is the square of the cosine between two histograms, of their roots, each weighed by the word's rarity.
-        An image of the database counts where it has a word that is alike, too, and beside its place.
+        Kernel ridge regression on the database predicts from the histogram how often a word is at a place.  The kernel
+        is the squared cosine of two histograms, after a square root and weights by the words' rarity.  Counts are
+        smoothed over similar words and neighbouring places.
         """
-        given = ((self._features @ self._described(histogram)) ** 2)[:, None]
-        weights: Array = cho_solve(self._factor, given)[:, 0]
-        weights += (1 - weights.sum()) / len(weights)  # the regression is of what differs from the mean
+        kernel = ((self._features @ self._normalized(histogram)) ** 2)[:, None]
+        weights: Array = cho_solve(self._factor, kernel)[:, 0]
+        weights += (1 - weights.sum()) / len(weights)  # the regression is of the difference from the mean
         size = len(self._frequency), self._rows, self._cols
         counts = np.bincount(
             self._places.ravel(), np.repeat(weights, self._rows * self._cols), size[0] * size[1] * size[2]
         )
-        expected = (self._alike.T @ counts.reshape(size[0], -1)).reshape(size)
+        expected = (self._similarity.T @ counts.reshape(size[0], -1)).reshape(size)
         expected = gaussian_filter(expected, (0, BLUR, BLUR), mode="nearest")
-        ratio = expected.clip(min=0) / (self._alike.T @ self._frequency)[:, None, None]
-        cost: Array = -np.log(ratio + UNEXPECTED)
+        ratio = expected.clip(min=0) / (self._similarity.T @ self._frequency)[:, None, None]
+        cost: Array = -np.log(ratio + PLACE_SMOOTHING)
         return cost
 
-    def _described(self, histograms: Array) -> Array:
-        """Histograms (…, K) as vectors of length 1, or 0 if they have only words that all images have."""
-        weighed = np.sqrt(histograms) * self._rarity
-        length = np.linalg.norm(weighed, axis=-1, keepdims=True)
-        features: Array = weighed / np.where(length > 0, length, 1)
+    def _normalized(self, histograms: Array) -> Array:
+        """Weighted roots of histograms (…, K), of length 1, or 0 if all images have all their words."""
+        weighted = np.sqrt(histograms) * self._rarity
+        length = np.linalg.norm(weighted, axis=-1, keepdims=True)
+        features: Array = weighted / np.where(length > 0, length, 1)
         return features
 
-    def _of_pairs(self, first: Words, second: Words) -> Array:
+    def _pair_costs(self, first: Words, second: Words) -> Array:
         """-log(r + s) of pairs of words (K, K), from all pairs of the database."""
         words = len(self._frequency)
         pairs = np.bincount((first * words + second).ravel(), minlength=words * words).reshape(words, words)
         by_chance = np.outer(self._frequency, self._frequency) * max(1, first.size)
-        cost: Array = -np.log(pairs / by_chance + UNSEEN)
+        cost: Array = -np.log(pairs / by_chance + PAIR_SMOOTHING)
         return cost
 
 
 def arrange(words: Words, location: Array, costs: Costs, rng: np.random.Generator) -> tuple[Words, list[float], bool]:
-    """A cheap arrangement of given words.
+    """A cheap arrangement of words.
 
-    First the cheapest by location alone, which the Hungarian method finds; then swaps of any two words, each of which
-    lowers the whole cost, in an order drawn at random, until none does.
+    The Hungarian method gives the cheapest one by places alone.  Then any two words are swapped, in random order, if
+    that lowers the total cost, until no swap does.
 
     Args:
-        words: (rows · cols,), those to place.
-        location: (K, rows, cols), what they cost there.
+        words: (rows · cols,), the words to place.
+        location: (K, rows, cols), their cost at each place.
         costs: of neighbours.
-        rng: decides the order.
+        rng: of the order of swaps.
 
     Returns:
-        The words (rows, cols); the cost before and after each sweep over all pairs; whether no swap lowers it any more.
+        The words (rows, cols); the cost before and after each sweep over all pairs; whether no swap lowers it.
     """
     rows, cols = location.shape[1:]
     used, index = np.unique(words, return_inverse=True)
     count = len(used)
     places = location.reshape(len(location), -1)
     order, assigned = linear_sum_assignment(places[words])
-    placed = np.full((rows + 2, cols + 2), count, np.int64)  # around them a word that costs nothing
+    placed = np.full((rows + 2, cols + 2), count, np.int64)  # with a border of a word that costs nothing
     inner = np.empty(rows * cols, np.int64)
     inner[assigned] = index[order]
     placed[1:-1, 1:-1] = inner.reshape(rows, cols)
@@ -134,14 +134,14 @@ def arrange(words: Words, location: Array, costs: Costs, rng: np.random.Generato
 
 
 def _total(placed: Words, at: Array, right: Array, below: Array) -> float:
-    of_words = np.take_along_axis(at, placed[..., None], 2).sum()
-    of_pairs = right[placed[:, :-1], placed[:, 1:]].sum() + below[placed[:-1], placed[1:]].sum()
-    return float(of_words + of_pairs)
+    word_costs = np.take_along_axis(at, placed[..., None], 2).sum()
+    pair_costs = right[placed[:, :-1], placed[:, 1:]].sum() + below[placed[:-1], placed[1:]].sum()
+    return float(word_costs + pair_costs)
 
 
 @compiled
 def _around(placed: Any, p: Any, stride: int, at: Any, right: Any, below: Any) -> Any:
-    """What the word at ``p`` costs there, with all its neighbours."""
+    """The cost of the word at ``p``, with all its neighbours."""
     word = placed[p]
     beside = right[placed[p - 1], word] + right[word, placed[p + 1]]
     return at[p, word] + beside + below[placed[p - stride], word] + below[word, placed[p + stride]]
@@ -149,7 +149,7 @@ def _around(placed: Any, p: Any, stride: int, at: Any, right: Any, below: Any) -
 
 @compiled
 def _between(placed: Any, p: Any, q: Any, stride: int, right: Any, below: Any) -> Any:
-    """What the words at ``p`` and ``q``, p < q, cost as neighbours; 0 if they are none."""
+    """The cost of the pair of words at ``p`` and ``q``, p < q; 0 if they are no neighbours."""
     if q - p == 1:
         return right[placed[p], placed[q]]
     return below[placed[p], placed[q]] if q - p == stride else 0.0
@@ -157,14 +157,14 @@ def _between(placed: Any, p: Any, q: Any, stride: int, right: Any, below: Any) -
 
 @compiled
 def _sweep(placed: Any, cells: Any, stride: int, at: Any, right: Any, below: Any, tolerance: float) -> float:
-    """Swaps, of all pairs of cells, those that lower the cost.  Returns its change, 0 if there are none.
+    """Swaps each pair of cells if that lowers the cost.  Returns the change of the cost, 0 without any swap.
 
     Args:
         placed: (n,), the words of a grid with a border, row by row, changed in place.
-        cells: the inner places, in the order to try them.
+        cells: the inner places, in the order of swaps.
         stride: places of a row.
         at, right, below: costs of words at places, (n, words), and of pairs, (words, words).
-        tolerance: by which a swap must lower the cost.
+        tolerance: least decrease of the cost by a swap.
     """
     total = 0.0
     for i in range(cells.size):
@@ -173,7 +173,7 @@ def _sweep(placed: Any, cells: Any, stride: int, at: Any, right: Any, below: Any
             first, second = placed[p], placed[q]
             if first == second:
                 continue
-            # an edge between the two is in both sums
+            # an edge between the two is counted in both sums
             change = _between(placed, p, q, stride, right, below)
             change -= _around(placed, p, stride, at, right, below) + _around(placed, q, stride, at, right, below)
             placed[p], placed[q] = second, first

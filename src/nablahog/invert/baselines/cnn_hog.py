@@ -1,8 +1,8 @@
 """CNN-HOG and CNN-HOGb: HOG as a convolutional network, inverted by gradient descent under natural-image priors.
 
 Mahendran and Vedaldi, *Understanding Deep Image Representations by Inverting Them* (CVPR 2015).  The network's
-descriptor is VLFeat's UoCTTI HOG in the interior, without its texture channels; what approximates HOG is the network's
-derivative, and at the border the image continues in zeros, that is in middle gray.
+descriptor is VLFeat's UoCTTI HOG in the interior, without its texture channels.  Its derivative is an approximation,
+and beyond the border the image is zero, which is middle gray.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from torch.nn import functional as F
 
 from ..preimage import Reconstruction
 
-RATES = (0.004, 0.0004, 0.00004, 0.000004)
-"""Learning rates, one after the other."""
+LEARNING_RATES = (0.004, 0.0004, 0.00004, 0.000004)
+"""Learning rates, in this order."""
 ITERATIONS = 200  # at each rate
 MOMENTUM = 0.9
 NORM_POWER = 6  # α of the prior Σxᵅ
 NORM_WEIGHT = 8e-10  # λ_α
 SMOOTHNESS = 1.0  # λ of total variation, the one of their quantitative experiments
-SPREAD = 27098.1 / math.sqrt(227 * 227 * 3)
-"""Root mean square of the noise that a search starts from, in gray levels of 255.
+NOISE = 27098.1 / math.sqrt(227 * 227 * 3)
+"""Root mean square of the initial noise, in gray levels of 255.
 
-Their code gives noise the norm 27098.1 whatever the size of the image, a number meant for inputs of their convolutional
-networks; here these are taken to be of 227x227 pixels and three channels, and the norm grows with the size.  As it is,
-it would be 212 gray levels a pixel for an image of 128x128, from where their schedule diverges."""
+In their code the noise has the norm 27098.1 whatever the size of the image, a number for inputs of their convolutional
+networks.  Here it is taken as the norm of 227x227 pixels and three channels, and grows with the size.  Unscaled, it
+would be 212 gray levels a pixel for an image of 128x128, from which their schedule diverges."""
 
 _MIDDLE = 128.0  # what is subtracted from gray levels
 
@@ -43,8 +43,8 @@ class CNNHOG:
     Attributes:
         cell_size: pixels, even.
         orientations: undirected ones, n.
-        bilinear: whether a gradient votes for the two nearest orientations by its angle to them (CNN-HOGb), with the
-            derivative of these votes, or for the nearest one (CNN-HOG), with the derivative of its magnitude alone.
+        bilinear: whether a gradient votes for the two nearest orientations by its angle to them (CNN-HOGb), or for the
+            nearest one, and the derivative is that of its magnitude alone (CNN-HOG).
         smoothness: weight of the total variation; 1, 10 and 100 are published, 1 is that of the figures.
 
     Raises:
@@ -101,17 +101,17 @@ class CNNHOG:
         seed: int = 0,
         progress: Callable[[int, int], None] | None = None,
     ) -> Reconstruction:
-        """Images whose descriptor is near the given one, by 800 steps of gradient descent with momentum.
+        """Images with nearly this descriptor, by 800 steps of gradient descent with momentum.
 
         Args:
-            descriptor: (B, rows, cols, 3n), float32 or float64, of :meth:`descriptor`; texture channels, as VLFeat's
-                have them after these, are left out.
+            descriptor: (B, rows, cols, 3n), float32 or float64, of :meth:`descriptor`; VLFeat's texture channels after
+                these are ignored.
             image_size: (height, width), whole cells; by default what the descriptor has.
-            seed: of the noise that the search starts from, the same for every image of the batch.
+            seed: of the initial noise, the same for every image of the batch.
             progress: called with the steps done and all of them.
 
         Returns:
-            Images stretched to 0…1, and the distances of exactly these; one evaluation is a step.
+            Images stretched to 0…1, and the distances of these stretched images; one evaluation is a step.
 
         Raises:
             TypeError: the descriptor is no float32 or float64 tensor.
@@ -119,49 +119,52 @@ class CNNHOG:
         """
         began = time.perf_counter()
         height, width = self._check_descriptor(descriptor, image_size)
-        wanted = descriptor.detach()[..., : self.channels].permute(0, 3, 1, 2)
-        scale = wanted.flatten(1).norm(dim=1)
+        target = descriptor.detach()[..., : self.channels].permute(0, 3, 1, 2)
+        scale = target.flatten(1).norm(dim=1)
         if not (scale > 0).all():
             raise ValueError("the descriptor must not be zero: that of a constant image says nothing")
         generator = torch.Generator().manual_seed(seed)
         noise = torch.randn((1, 1, height, width), generator=generator, dtype=torch.float64)
-        norm = SPREAD * math.sqrt(height * width)
+        norm = NOISE * math.sqrt(height * width)
         x = (noise * (norm / noise.norm())).to(descriptor).repeat(len(descriptor), 1, 1, 1)
         velocity, history = torch.zeros_like(x), []
-        for step in range(ITERATIONS * len(RATES)):
+        for step in range(ITERATIONS * len(LEARNING_RATES)):
             if step % ITERATIONS == 0:
                 velocity.zero_()
-            distance, slope = self._slope(x, wanted, scale, norm)
+            distance, gradient = self._gradient(x, target, scale, norm)
             history.append(distance)
-            velocity = MOMENTUM * velocity - RATES[step // ITERATIONS] * slope
+            velocity = MOMENTUM * velocity - LEARNING_RATES[step // ITERATIONS] * gradient
             x = x + velocity
             if progress is not None:
-                progress(step + 1, ITERATIONS * len(RATES))
+                progress(step + 1, ITERATIONS * len(LEARNING_RATES))
         image = _stretched(x)
-        apart = self.descriptor(image).permute(0, 3, 1, 2) - wanted
+        residual = self.descriptor(image).permute(0, 3, 1, 2) - target
         return Reconstruction(
             image,
-            apart.flatten(1).norm(dim=1) / scale,
+            residual.flatten(1).norm(dim=1) / scale,
             ["the schedule of learning rates has ended"] * len(x),
             torch.stack(history),
             torch.full((len(x),), len(history)),
             time.perf_counter() - began,
         )
 
-    def _slope(self, x: Tensor, wanted: Tensor, scale: Tensor, norm: float) -> tuple[Tensor, Tensor]:
-        """Relative distances (B,) of x (B, 1, H, W), and the derivative of the objective times the squared norm σ²:
+    def _gradient(self, x: Tensor, target: Tensor, scale: Tensor, norm: float) -> tuple[Tensor, Tensor]:
+        """Relative distances (B,) of x (B, 1, H, W), and σ² times the gradient of the objective, σ being the norm:
 
         ‖Φ(x) − Φ₀‖² / ‖Φ₀‖² + (λ_TV/2 · TV(x) + λ_α/2 · Σxᵅ) / σ².
         """
         x = x.detach().requires_grad_()
-        squares = (self._network(x) - wanted).square().flatten(1).sum(dim=1)
-        (of_data,) = torch.autograd.grad((squares / scale**2).sum(), x)
+        squares = (self._network(x) - target).square().flatten(1).sum(dim=1)
+        (data_gradient,) = torch.autograd.grad((squares / scale**2).sum(), x)
         x = x.detach()
-        of_norm = NORM_WEIGHT / 2 * NORM_POWER * x ** (NORM_POWER - 1)
-        return squares.detach().sqrt() / scale, norm**2 * of_data + self.smoothness / 2 * _variation(x) + of_norm
+        norm_gradient = NORM_WEIGHT / 2 * NORM_POWER * x ** (NORM_POWER - 1)
+        return (
+            squares.detach().sqrt() / scale,
+            norm**2 * data_gradient + self.smoothness / 2 * _total_variation_gradient(x) + norm_gradient,
+        )
 
     def _network(self, x: Tensor) -> Tensor:
-        """From gray levels (B, 1, H, W), less 128, to descriptors (B, 3n, rows, cols)."""
+        """Descriptors (B, 3n, rows, cols) of gray levels minus 128, (B, 1, H, W)."""
         n, cell = self.orientations, self.cell_size
         directed = 2 * n
         angles = torch.arange(directed, dtype=torch.float64) * (math.pi / n)
@@ -209,7 +212,7 @@ class CNNHOG:
 
 
 class _Nearest(torch.autograd.Function):
-    """Each gradient's magnitude at the orientation of the largest response; the derivative is that of the magnitude."""
+    """Magnitude of the gradient at the orientation of the largest response; the derivative is that of the magnitude."""
 
     @staticmethod
     def forward(ctx: Any, responses: Tensor) -> Tensor:
@@ -219,54 +222,55 @@ class _Nearest(torch.autograd.Function):
         return torch.zeros_like(responses).scatter_(1, nearest, magnitude)
 
     @staticmethod
-    def backward(ctx: Any, *grads: Tensor) -> Tensor:
+    def backward(ctx: Any, *grad_outputs: Tensor) -> Tensor:
         responses, magnitude, nearest = ctx.saved_tensors
-        return grads[0].gather(1, nearest) * _slope_of(responses, magnitude)
+        return grad_outputs[0].gather(1, nearest) * _magnitude_gradient(responses, magnitude)
 
 
 class _Bilinear(torch.autograd.Function):
-    """Each gradient's magnitude, shared by its angle to each orientation: 1 - n/π · angle where that is positive."""
+    """Magnitude of the gradient times its weight for each orientation: max(0, 1 - n/π · angle)."""
 
     @staticmethod
     def forward(ctx: Any, responses: Tensor) -> Tensor:
         n, magnitude = responses.shape[1] // 2, _magnitude(responses)
         cosine = (responses / magnitude.clamp(min=1e-10)).clamp(-1, 1)
-        shares = (1 - n / math.pi * cosine.acos()).clamp(min=0)
-        ctx.save_for_backward(responses, magnitude, cosine, shares)
-        return magnitude * shares
+        weights = (1 - n / math.pi * cosine.acos()).clamp(min=0)
+        ctx.save_for_backward(responses, magnitude, cosine, weights)
+        return magnitude * weights
 
     @staticmethod
-    def backward(ctx: Any, *grads: Tensor) -> Tensor:
-        responses, magnitude, cosine, shares = ctx.saved_tensors
+    def backward(ctx: Any, *grad_outputs: Tensor) -> Tensor:
+        responses, magnitude, cosine, weights = ctx.saved_tensors
         n = responses.shape[1] // 2
         # 1e-7 keeps the derivative finite where a gradient points along an orientation, as in the authors' code
-        by_cosine = grads[0] * (shares > 0) * (n / math.pi) / (1.0000001 - cosine.square()).sqrt()
-        # the share's own derivative, times the magnitude: d(r/m) = dr/m - r/m² dm and dm = Σ r dr / (n m)
-        along = (by_cosine * cosine).sum(dim=1, keepdim=True)
-        by_magnitude = (grads[0] * shares).sum(dim=1, keepdim=True)
-        slope: Tensor = by_cosine * (magnitude > 0) + (by_magnitude - along) * _slope_of(responses, magnitude)
-        return slope
+        grad_cosine = grad_outputs[0] * (weights > 0) * (n / math.pi) / (1.0000001 - cosine.square()).sqrt()
+        # derivative of the weight, times the magnitude: d(r/m) = dr/m - r/m² dm and dm = Σ r dr / (n m)
+        projection = (grad_cosine * cosine).sum(dim=1, keepdim=True)
+        grad_magnitude = (grad_outputs[0] * weights).sum(dim=1, keepdim=True)
+        slope = _magnitude_gradient(responses, magnitude)
+        grad_input: Tensor = grad_cosine * (magnitude > 0) + (grad_magnitude - projection) * slope
+        return grad_input
 
 
 def _magnitude(responses: Tensor) -> Tensor:
-    """Of the gradient, (B, 1, H, W): the squared responses of 2n orientations sum to n times its square."""
+    """Magnitude (B, 1, H, W) of the gradient: the squared responses of 2n orientations sum to n times its square."""
     return (responses.square().sum(dim=1, keepdim=True) / (responses.shape[1] // 2)).sqrt()
 
 
-def _slope_of(responses: Tensor, magnitude: Tensor) -> Tensor:
-    """The magnitude's derivative by the responses; 0 where there is no gradient."""
-    slope: Tensor = responses / (responses.shape[1] // 2) / magnitude.clamp(min=1e-10)
-    return slope
+def _magnitude_gradient(responses: Tensor, magnitude: Tensor) -> Tensor:
+    """Derivative of the magnitude with respect to the responses; 0 where the magnitude is 0."""
+    gradient: Tensor = responses / (responses.shape[1] // 2) / magnitude.clamp(min=1e-10)
+    return gradient
 
 
-def _variation(x: Tensor) -> Tensor:
-    """Derivative of the total variation Σ dx² + dy² of x (B, 1, H, W), without differences across the border."""
+def _total_variation_gradient(x: Tensor) -> Tensor:
+    """Gradient of the total variation Σ dx² + dy² of x (B, 1, H, W), without differences across the border."""
     across, down = x.diff(dim=3), x.diff(dim=2)
     return 2 * (F.pad(across, (1, 0)) - F.pad(across, (0, 1)) + F.pad(down, (0, 0, 1, 0)) - F.pad(down, (0, 0, 0, 1)))
 
 
 def _stretched(x: Tensor) -> Tensor:
-    """Images from their own least value to their largest, brought to 0…1; a constant one to 0.5."""
+    """Images scaled from their least … largest value to 0…1; a constant one becomes 0.5."""
     low, high = x.flatten(1).aminmax(dim=1)
     low, spread = (one.reshape(-1, 1, 1, 1) for one in (low, high - low))
     return torch.where(spread > 0, (x - low) / torch.where(spread > 0, spread, 1), 0.5)

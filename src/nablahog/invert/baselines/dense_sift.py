@@ -1,9 +1,12 @@
 """Dense SIFT: Lowe's descriptor, upright and of one scale, at every point of a grid.
 
-A window of 4x4 cells has in each cell a histogram of 8 signed orientations, bilinear in place and linear in angle:
-those of this package's operator.  Each cell is weighed by a Gaussian at its centre, as in VLFeat's ``dsift`` with its
-flat window; then the 128 numbers get length 1, are cut off at 0.2, and get length 1 again (D. Lowe, *Distinctive Image
-Features from Scale-Invariant Keypoints*, IJCV 2004).
+A window of 4x4 cells has in each cell a histogram of 8 signed orientations, bilinear in place and linear in angle,
+computed by this package's operator.  Each cell is weighed by a Gaussian at its centre, as in VLFeat's ``dsift`` with
+its flat window.  The 128 numbers are normalised to length 1, clipped at 0.2 and normalised again (D. Lowe,
+*Distinctive Image Features from Scale-Invariant Keypoints*, IJCV 2004).
+
+It is no :class:`.HOGSpec` as a whole: no normaliser weighs the cells of a block by a Gaussian, or gives 0 for a window
+with too little contrast.
 """
 
 from __future__ import annotations
@@ -21,7 +24,7 @@ ORIENTATIONS = 8
 LENGTH = CELLS * CELLS * ORIENTATIONS
 SIGMA = 2.0  # cells: of the Gaussian that weighs them
 CLIP = 0.2
-LEAST_CONTRAST = 0.0125  # length of a window's weighed votes, for each pixel of a cell's side: with less, it is flat
+LEAST_CONTRAST = 0.0125  # length of a window's weighted votes per pixel of a cell's side; with less, it is flat
 
 
 def sift_grid(height: int, width: int, cell: int) -> tuple[int, int]:
@@ -34,16 +37,16 @@ def sift_grid(height: int, width: int, cell: int) -> tuple[int, int]:
 def dense_sift(images: Tensor, cell: int) -> Tensor:
     """The descriptors of all windows of 4x4 cells, one cell apart.
 
-    Bin k is of gradients at 45° · k, from +x to +y, that is clockwise on screen.  The outermost pixels of the image
-    have no vote.
+    Bin k is of gradients at 45° · k, from +x to +y, clockwise on screen.  The outermost pixels of an image do not
+    vote.
 
     Args:
         images: (B, 1, H, W) in 0…1, float32 or float64, at least 4 cells a side.
         cell: pixels of a cell's side.
 
     Returns:
-        (B, rows, cols, 128), by cell row, cell column and orientation; of length 1, or 0 where a window is flat: an
-        edge of one 8-bit level through its middle is too little to see, one of two levels is enough.
+        (B, rows, cols, 128), by cell row, cell column and orientation; of length 1, or 0 for a flat window.  A window
+        with an edge of one 8-bit level through its middle is flat, with one of two levels it is not.
     """
     spec = HOGSpec(
         name="dense SIFT",
@@ -60,8 +63,8 @@ def dense_sift(images: Tensor, cell: int) -> Tensor:
     )
     histograms, _ = steps(images.device, spec)
     windows = histograms(images, spec).unfold(2, CELLS, 1).unfold(3, CELLS, 1).permute(0, 2, 3, 4, 5, 1)
-    away = (torch.arange(CELLS).to(images) - (CELLS - 1) / 2) / SIGMA
-    weights = torch.exp(-away.square() / 2)
+    offset = (torch.arange(CELLS).to(images) - (CELLS - 1) / 2) / SIGMA
+    weights = torch.exp(-offset.square() / 2)
     votes = (windows * torch.outer(weights, weights).unsqueeze(2)).flatten(3)
     length, least = votes.norm(dim=3, keepdim=True), LEAST_CONTRAST * cell
     clipped = (votes / length.clamp(min=least)).clamp(max=CLIP)

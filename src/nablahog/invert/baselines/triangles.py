@@ -1,7 +1,7 @@
 """Random triangles: a derivative-free search that HOGgles' authors publish beside their method.
 
 Vondrick et al., *HOGgles* (ICCV 2013): a triangle of random place, size, direction and brightness is added to the
-image, and stays if the descriptor comes closer.
+image, and accepted if that lowers the distance of the descriptors.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from ..preimage import Reconstruction, check_descriptor, relative_distance
 
 TRIANGLES = 10_000
 _SIDE = 4  # cells: the largest width and height of a triangle
-_BRIGHTNESS = 0.25  # the most that a triangle makes brighter or darker
-_DRAWN = 128  # at a time
+_BRIGHTNESS = 0.25  # the largest change of gray by a triangle
+_BATCH = 128  # triangles drawn at a time
 
 
 @torch.no_grad()
@@ -33,9 +33,9 @@ def reconstruct_by_triangles(
     triangles: int = TRIANGLES,
     progress: Callable[[int, int], None] | None = None,
 ) -> Reconstruction:
-    """Images made of triangles, from middle gray.
+    """Images made of triangles on middle gray.
 
-    The authors try triangles for a day, 25 a second; here it is their number that is given.
+    The authors try triangles for a day, 25 a second; here a number of triangles is tried.
 
     Args:
         descriptor: (B, rows, cols, channels), float32 or float64.
@@ -46,7 +46,7 @@ def reconstruct_by_triangles(
         progress: called with the triangles tried and all of them.
 
     Returns:
-        Images in 0…1; one evaluation is a triangle, half of one of the operator, as no derivative is taken.
+        Images in 0…1; one evaluation is one triangle, which takes no derivative.
 
     Raises:
         TypeError, ValueError: as :func:`nablahog.reconstruct`, or there are no triangles to try.
@@ -62,10 +62,10 @@ def reconstruct_by_triangles(
     history = []
     generator = torch.Generator().manual_seed(seed)
     for number, triangle in enumerate(_triangles(triangles, height, width, spec.cell_size, generator)):
-        tried = (images + triangle.to(images)).clamp(0, 1)
-        distance = (hog(tried, spec) - descriptor).flatten(1).norm(dim=1)
+        candidate = (images + triangle.to(images)).clamp(0, 1)
+        distance = (hog(candidate, spec) - descriptor).flatten(1).norm(dim=1)
         closer = distance < best
-        images = torch.where(closer.reshape(-1, 1, 1, 1), tried, images)
+        images = torch.where(closer.reshape(-1, 1, 1, 1), candidate, images)
         best = torch.where(closer, distance, best)
         history.append(best / scale)
         if progress is not None:
@@ -83,20 +83,20 @@ def reconstruct_by_triangles(
 def _triangles(
     count: int, height: int, width: int, cell: tuple[int, int], generator: torch.Generator
 ) -> Iterator[Tensor]:
-    """``count`` images (height, width) that are 0 but for a triangle."""
+    """``count`` images (height, width) of one triangle each, 0 elsewhere."""
     rows, cols = torch.arange(height) + 0.5, torch.arange(width) + 0.5
     while count > 0:
-        drawn = min(count, _DRAWN)
+        drawn = min(count, _BATCH)
         count -= drawn
-        turn, wide, high, x, y, bright = torch.rand((6, drawn), generator=generator)
-        # half a square, turned, then stretched to fill its box
+        turn, rel_width, rel_height, x, y, brightness = torch.rand((6, drawn), generator=generator)
+        # half a square, rotated, then stretched to its bounding box
         corners = torch.tensor([[-1.0, -1], [1, -1], [1, 1]])
         cos, sin = torch.cos(2 * torch.pi * turn), torch.sin(2 * torch.pi * turn)
-        turned = torch.stack([cos, -sin, sin, cos], dim=1).reshape(-1, 2, 2) @ corners.T  # (drawn, 2, 3)
+        rotated = torch.stack([cos, -sin, sin, cos], dim=1).reshape(-1, 2, 2) @ corners.T  # (drawn, 2, 3)
         extent = (cos.abs() + sin.abs())[:, None, None]
-        size = torch.stack([1 + wide * _SIDE * cell[1], 1 + high * _SIDE * cell[0]], dim=1)[..., None]
+        size = torch.stack([1 + rel_width * _SIDE * cell[1], 1 + rel_height * _SIDE * cell[0]], dim=1)[..., None]
         middle = torch.stack([x * width, y * height], dim=1)[..., None]
-        across, down = (middle + size / 2 * turned / extent).unbind(1)
+        across, down = (middle + size / 2 * rotated / extent).unbind(1)
         inside = torch.ones((drawn, height, width), dtype=torch.bool)
         for k in range(3):
             x0, y0, x1, y1 = across[:, k], down[:, k], across[:, (k + 1) % 3], down[:, (k + 1) % 3]
@@ -104,4 +104,4 @@ def _triangles(
                 cols - x0[:, None, None]
             )
             inside &= side >= 0
-        yield from inside * (2 * bright[:, None, None] - 1) * _BRIGHTNESS
+        yield from inside * (2 * brightness[:, None, None] - 1) * _BRIGHTNESS

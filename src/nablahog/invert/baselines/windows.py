@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -15,20 +14,21 @@ from torch.nn.functional import fold, pad
 from ...hog.descriptor import hog
 from ...hog.normalizers import Footprint
 from ...hog.spec import HOGSpec
-from ..preimage import Reconstruction, relative_distance
+from ...io.npz import naming
+from .. import provenance
 
-ROUNDING = 1e-5  # of the largest pixel: less contrast than that is none
+ROUNDING = 1e-5  # relative to the largest pixel: less contrast counts as none
 
 
 class Pairs:
-    """Windows of the descriptors of images, with their patches; some of them at random if there are too many.
+    """Windows of the descriptors of images, with their patches.
 
     Args:
         images: (H, W) each, float32 in 0…1.
         spec: the dialect.
         cells: of the side of a window and a patch, odd.
-        most: windows in all.
-        rng: decides which.
+        most: windows in all; of more, so many are drawn at random.
+        rng: of the draw.
 
     Iterating gives, for each image, windows (N, cells² · channels) and patches (N, pixels of one), float32.
     """
@@ -54,15 +54,14 @@ class Pairs:
             yield windows[which], self._patches(image, descriptor.shape[1:3], which)
 
     def _patches(self, image: Tensor, grid: torch.Size, which: Tensor) -> Tensor:
-        """Around the image its outermost pixels are repeated."""
+        """Patches of the chosen cells of an image, whose outermost pixels are repeated around it."""
         down, across = (
             (torch.arange((count + self.cells - 1) * cell) - self.cells // 2 * cell).clamp(0, side - 1)
             for count, cell, side in zip(grid, self.spec.cell_size, image.shape, strict=True)
         )
-        (high, wide), (down_by, across_by) = patch_size(self.spec, self.cells), self.spec.cell_size
-        cut = image[down[:, None], across].unfold(0, high, down_by).unfold(1, wide, across_by)
-        row, col = which // grid[1], which % grid[1]
-        return cut[row, col].flatten(1)
+        (height, width), (cell_height, cell_width) = patch_size(self.spec, self.cells), self.spec.cell_size
+        patches = image[down[:, None], across].unfold(0, height, cell_height).unfold(1, width, cell_width)
+        return patches[which // grid[1], which % grid[1]].flatten(1)
 
 
 def patch_size(spec: HOGSpec, cells: int) -> tuple[int, int]:
@@ -72,41 +71,33 @@ def patch_size(spec: HOGSpec, cells: int) -> tuple[int, int]:
 
 def windows_at_cells(descriptor: Tensor, cells: int) -> Tensor:
     """The window around each cell of (B, rows, cols, channels), zero beyond: (B, rows, cols, cells² · channels)."""
-    around = cells // 2
-    bordered = pad(descriptor, (0, 0, around, around, around, around))
-    return bordered.unfold(1, cells, 1).unfold(2, cells, 1).permute(0, 1, 2, 4, 5, 3).flatten(3)
+    margin = cells // 2
+    padded = pad(descriptor, (0, 0, margin, margin, margin, margin))
+    return padded.unfold(1, cells, 1).unfold(2, cells, 1).permute(0, 1, 2, 4, 5, 3).flatten(3)
 
 
-def mean_of_patches(patches: Tensor, spec: HOGSpec, cells: int, size: tuple[int, int]) -> Tensor:
-    """Images (B, 1, height, width) of ``size``, at each pixel the mean of all patches (B, rows, cols, n) over it."""
+def average_patches(patches: Tensor, spec: HOGSpec, cells: int) -> Tensor:
+    """Images (B, 1, H, W) that are at each pixel the mean of all patches over it.
+
+    Args:
+        patches: (B, rows, cols, pixels of one), one cell apart.
+        spec: the dialect.
+        cells: of the side of a patch.
+
+    Returns:
+        Images of (rows + cells - 1) · (cols + cells - 1) cells.
+    """
     rows, cols = patches.shape[1:3]
     canvas = ((rows + cells - 1) * spec.cell_size[0], (cols + cells - 1) * spec.cell_size[1])
     columns, patch = patches.flatten(1, 2).mT, patch_size(spec, cells)
     total = fold(columns, canvas, patch, stride=spec.cell_size)
-    image = total / fold(torch.ones_like(columns[:1]), canvas, patch, stride=spec.cell_size)
-    top, left = (cells // 2 * cell for cell in spec.cell_size)
+    return total / fold(torch.ones_like(columns[:1]), canvas, patch, stride=spec.cell_size)
+
+
+def crop(image: Tensor, spec: HOGSpec, border: int, size: tuple[int, int]) -> Tensor:
+    """The part (B, 1, height, width) of ``size`` that begins ``border`` cells inside images (B, 1, H, W)."""
+    top, left = (border * cell for cell in spec.cell_size)
     return image[..., top : top + size[0], left : left + size[1]]
-
-
-def without_search(image: Tensor, descriptor: Tensor, spec: HOGSpec, image_of: str, began: float) -> Reconstruction:
-    """What was found without any evaluation of the operator, of which there is therefore no history.
-
-    Args:
-        image: (B, 1, H, W).
-        descriptor: (B, rows, cols, channels), whose dtype and device the image gets.
-        spec: its dialect.
-        image_of: what the images were made of, for the reason why nothing more was done.
-        began: ``time.perf_counter`` when it began.
-    """
-    image, count = image.to(descriptor), len(descriptor)
-    return Reconstruction(
-        image,
-        relative_distance(image, descriptor, spec),
-        [f"all {image_of}"] * count,
-        descriptor.new_zeros(0, count),
-        torch.zeros(count, dtype=torch.long, device=descriptor.device),
-        time.perf_counter() - began,
-    )
 
 
 def stretched(image: Tensor) -> Tensor:
@@ -118,9 +109,9 @@ def stretched(image: Tensor) -> Tensor:
 
 
 def check_cells(spec: HOGSpec) -> None:
-    """Raises ValueError unless a descriptor has a row of channels for each cell, where the cell is.
+    """Raises ValueError unless entry (row, col) of a descriptor is that of the cell (row, col).
 
-    The first rows of others are not those of the first cells, so that patches would not lie on their windows.
+    Otherwise patches would not lie on their windows.
     """
     if any(spec.normalizer.footprint(axis) != Footprint() for axis in (0, 1)):
         raise ValueError(
@@ -136,13 +127,8 @@ def check_images(images: Mapping[str, Tensor], spec: HOGSpec) -> list[str]:
         ValueError: there are none, or one is too small or holds other values; the spec is none for :func:`check_cells`.
     """
     check_cells(spec)
-    if not images:
-        raise ValueError("expected images to learn from, got none")
-    for name, image in images.items():
-        if image.dim() != 2 or image.dtype != torch.float32 or not ((image >= 0) & (image <= 1)).all():
-            raise ValueError(f"{name}: expected an image (H, W) of float32 in 0…1")
-        try:
-            spec.grid(*image.shape)
-        except ValueError as error:
-            raise ValueError(f"{name}: {error}") from None
-    return sorted(images)
+    names = provenance.check_images(images)
+    for name in names:
+        with naming(name):
+            spec.grid(*images[name].shape)
+    return names

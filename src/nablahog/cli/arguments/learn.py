@@ -1,0 +1,145 @@
+"""The arguments of ``nablahog learn``."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from typing import NamedTuple
+
+from ...pose.choices import ORDER
+from ..inputs.preset_parameters import DEFAULT_DESCRIPTOR
+from . import options
+from .options import Parser, integer
+from .pose import exemplars
+
+SIZE = 512
+BOVW_SIZE = 128  # that of the images of Table 1
+MOST_THREADS = 1024
+MOST_ORDER = 100
+
+
+class Kind(NamedTuple):
+    """The arguments for a kind of model.
+
+    Attributes:
+        help: one line.
+        description: what is learned.
+        output: what the output file is.
+        options: adds its own options.
+        descriptor: the default type of descriptor; None if it has its own.
+        remark: on types of descriptors.
+        size: the default size of images.
+    """
+
+    help: str
+    description: str
+    output: str
+    options: Callable[[argparse.ArgumentParser], None] = options.seed
+    descriptor: str | None = DEFAULT_DESCRIPTOR
+    remark: str = ""
+    size: int = SIZE
+
+
+def _prior(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--epochs",
+        type=integer(1),
+        metavar="N",
+        help="passes over the images (default: as many as take about an hour and a half on one core)",
+    )
+    options.seed(command)
+    command.add_argument(
+        "--threads",
+        type=integer(1, MOST_THREADS),
+        metavar="N",
+        help="to compute in (default: one for each core); another number rounds otherwise",
+    )
+
+
+def _background(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--order",
+        type=integer(0, MOST_ORDER),
+        default=ORDER,
+        metavar="N",
+        help=f"the largest offset in cells; elements may have a row and a column more (default: {ORDER})",
+    )
+
+
+def _hoggles(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--fast", action="store_true", help="random windows as atoms, instead of learning any")
+    options.seed(command)
+
+
+_RESUMED = "an interrupted run is resumed from it when it is repeated, and it is removed at the end."
+
+KINDS = {
+    "prior": Kind(
+        "the images to expect for a descriptor, for --prior",
+        "Trains a network to predict an image from its descriptor: near the mean of all photographs that have it. The "
+        f"state after each epoch is saved in FILE.npz.checkpoint; {_RESUMED}",
+        "the prior, for `nablahog invert --prior` and `nablahog table1 --prior`",
+        _prior,
+    ),
+    "background": Kind(
+        "mean and covariance of descriptors of photographs, from which the elements of objects stand out",
+        "Learns the mean of a descriptor and the covariance of its cells at each offset, over all photographs and "
+        "their scales: the background from which the elements of an object stand out.",
+        "the background",
+        _background,
+        "aubry",
+        "; not paper, which is normalised globally",
+    ),
+    "hoggles": Kind(
+        "the paired dictionaries of HOGgles, for `nablahog table1 --hoggles`",
+        "Learns a dictionary of windows of descriptors together with one of their gray patches, as Vondrick et al. do. "
+        f"The state is saved in FILE.npz.checkpoint now and then; {_RESUMED}",
+        "the dictionaries",
+        _hoggles,
+    ),
+    "bovw": Kind(
+        "visual words and their arrangements, for `nablahog table1 --bovw`",
+        "Learns visual words, their gray patches and their arrangements from images of one size, which is the size of "
+        "the images that can be reconstructed.",
+        "the words",
+        descriptor=None,
+        size=BOVW_SIZE,
+    ),
+    "ridge": Kind(
+        "a linear map from descriptors to images, for `nablahog table1 --ridge`",
+        "Learns each patch of an image as a linear function of the window of the descriptor around it, by ridge "
+        "regression.",
+        "the regression",
+    ),
+    "nearest": Kind(
+        "a database of windows, for `nablahog table1 --nearest`",
+        "Stores photographs. Each patch of an image is then the mean of the patches under the most similar windows of "
+        "their descriptors.",
+        "the database",
+    ),
+}
+"""By name: what ``nablahog learn`` learns from photographs."""
+
+
+def learn(commands: argparse._SubParsersAction[Parser]) -> None:
+    """Adds ``nablahog learn`` and all its kinds."""
+    command = commands.add_parser(
+        "learn",
+        help="learn from photographs",
+        description="Learns models from photographs that help to invert descriptors, or to find poses.",
+    )
+    kinds = command.add_subparsers(metavar="WHAT", required=True, parser_class=Parser)
+    for name, kind in KINDS.items():
+        _add(kinds.add_parser(name, help=kind.help, description=kind.description), name, kind)
+    exemplars(kinds)
+
+
+def _add(command: Parser, name: str, kind: Kind) -> None:
+    options.output(command, "FILE.npz", kind.output)
+    options.images(command)
+    kind.options(command)
+    if kind.descriptor is not None:
+        options.dialect(command, f"type of descriptor (default: {kind.descriptor}){kind.remark}")
+        command.set_defaults(descriptor=kind.descriptor)
+    options.size(command, kind.size)
+    command.set_defaults(command=f"learn {name}", kind=name)

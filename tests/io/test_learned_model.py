@@ -1,0 +1,92 @@
+"""Files of learned models: what is saved is loaded, and what is damaged or of another kind is refused."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from nablahog.io.learned_model import LearnedModel, check_tensor
+
+from .archives import arrays_of, check_refused, damages
+from .tiny_models import models
+
+KINDS = list(models())
+every_kind = pytest.mark.parametrize("kind", KINDS)
+
+
+@every_kind
+def test_round_trip(tmp_path: Path, kind: str) -> None:
+    model = models()[kind]
+    model.save(tmp_path / "x")
+    assert os.listdir(tmp_path) == ["x"]
+    stored = type(model).load(tmp_path / "x")
+    _check_same(vars(stored), vars(model))
+    stored.save(tmp_path / "y")
+    assert (tmp_path / "x").read_bytes() == (tmp_path / "y").read_bytes()
+    assert set(arrays_of(tmp_path / "x")) == {"format", *model.ARRAYS}
+
+
+def _check_same(values: dict[str, Any], expected: dict[str, Any]) -> None:
+    assert set(values) == set(expected)
+    for name, value in values.items():
+        if isinstance(value, torch.Tensor):
+            assert torch.equal(value, expected[name])
+        elif isinstance(value, tuple) and isinstance(value[0], torch.Tensor):
+            assert all(torch.equal(a, b) for a, b in zip(value, expected[name], strict=True))
+        else:
+            assert value == expected[name]
+
+
+@every_kind
+def test_summary(kind: str) -> None:
+    assert "2 images" in models()[kind].summary
+
+
+@every_kind
+def test_damaged_files(tmp_path: Path, kind: str) -> None:
+    model, path = models()[kind], tmp_path / "x.npz"
+    with pytest.raises(FileNotFoundError, match="no such file"):
+        type(model).load(path)
+    model.save(path)
+    for damaged in damages(path.read_bytes()):
+        path.write_bytes(damaged)
+        with pytest.raises(ValueError, match=rf"expected a {model.KIND}|damaged"):
+            type(model).load(path)
+
+
+def _wrong(model: LearnedModel) -> list[tuple[dict[str, Any], str]]:
+    wrong: list[tuple[dict[str, Any], str]] = [
+        ({"format": np.array(2)}, f"this version reads {model.KIND}s of format 1, got 2"),
+        ({next(iter(model.ARRAYS)): np.array([{}], dtype=object)}, "pickled objects, which are never loaded"),
+    ]
+    for account in {"learning", "training"} & set(model.ARRAYS):
+        wrong.append(({account: np.array("{}")}, "its account of the learning cannot be read: 'images'"))
+        wrong.append(({account: np.array("[]")}, "its account of the learning cannot be read"))
+    if "spec" in model.ARRAYS:
+        wrong.append(({"spec": np.array("{}")}, "not the JSON of a HOGSpec"))
+        wrong.append(({"spec": np.array(1)}, "spec must be one string, got int64"))
+    return wrong + [({name: None}, f"expected a {model.KIND}, but the archive lacks {name}") for name in model.ARRAYS]
+
+
+@every_kind
+def test_wrong_contents(tmp_path: Path, kind: str) -> None:
+    model = models()[kind]
+    for changed, message in _wrong(model):
+        check_refused(model, tmp_path / "x.npz", changed, message)
+
+
+def test_bounds_of_tensors() -> None:
+    for value, bounds, message in (
+        (torch.tensor([0, torch.nan]), (-2, 2), "^the x must lie within ±2, got NaN, Inf or more$"),
+        (torch.tensor([0, 2.1]), (-2, 2), "^the x must lie within ±2, got NaN, Inf or more$"),
+        (torch.tensor([0, -0.1]), (0, 32766), "^the x must lie in 0…32766, got NaN, Inf or other values$"),
+        (torch.zeros(3), (0, 1), r"^the x must be float32 of shape \(2,\), got float32 of \(3,\)$"),
+        (torch.zeros(2).double(), (0, 1), r"^the x must be float32 of shape \(2,\), got float64 of \(2,\)$"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            check_tensor("x", value, torch.float32, (2,), *bounds)

@@ -1,0 +1,69 @@
+"""One model of each kind, as small as can be, that has learned nothing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+
+from nablahog import LearnedPrior, presets
+from nablahog.hog import HOGSpec
+from nablahog.invert.baselines.bovw import BoVW, BoVWLearning
+from nablahog.invert.baselines.hoggles import HogglesLearning, PairedDictionary
+from nablahog.invert.baselines.nearest import NearestLearning, NearestWindows
+from nablahog.invert.baselines.ridge import RidgeLearning, RidgeRegression
+from nablahog.invert.learned import PriorLearning
+from nablahog.invert.network import Architecture, weight_count
+from nablahog.io.learned_model import LearnedModel
+from nablahog.pose.whitening import Background
+
+SOURCE: dict[str, Any] = {"images": ("a", "b"), "sha256": "00", "seed": 3}
+
+
+def prior(spec: HOGSpec | None = None) -> LearnedPrior:
+    """Random weights."""
+    spec, architecture = spec or presets.uoctti(8), Architecture((8, 8, 8, 8), (1, 1, 0, 0))
+    weights = 0.2 * torch.randn(weight_count(spec, architecture), generator=torch.Generator().manual_seed(1))
+    return LearnedPrior(spec, architecture, weights.half(), PriorLearning(**SOURCE, epochs=2, losses=(1.5, 0.1 + 0.2)))
+
+
+def hoggles() -> PairedDictionary:
+    """Two pairs of atoms."""
+    learning = HogglesLearning(**SOURCE, windows=9, iterations=8, batch=400, objective=(1.5, 0.1 + 0.2))
+    return PairedDictionary(presets.uoctti(4), torch.rand(2, 28, 28), torch.rand(2, 5, 5, 31), 0.02, learning)
+
+
+def bovw() -> BoVW:
+    """Three words on a grid of 1x2."""
+    return BoVW(
+        torch.eye(3, 128),
+        torch.full((3, 16, 16), 0.5),
+        torch.tensor([[[0, 1]], [[2, 1]]], dtype=torch.int16),
+        (16, 20),
+        4,
+        BoVWLearning(**SOURCE, words=3, windows=50, rounds=20),
+    )
+
+
+def ridge() -> RidgeRegression:
+    """Cells of one pixel."""
+    spec = presets.uoctti(1, orientations=2)
+    return RidgeRegression(spec, torch.rand(491, 49), RidgeLearning(**SOURCE, windows=9, penalty=0.1 + 0.2))
+
+
+def nearest() -> NearestWindows:
+    """Two images."""
+    images = (torch.arange(80, dtype=torch.uint8).view(8, 10), torch.arange(60, dtype=torch.uint8).view(6, 10))
+    return NearestWindows(presets.uoctti((4, 3), orientations=3), images, NearestLearning(**SOURCE, windows=9))
+
+
+def background() -> Background:
+    """Of one offset."""
+    spec = presets.aubry(5, orientations=3)
+    covariance = torch.eye(3, dtype=torch.float64).expand(1, 1, 3, 3).contiguous()
+    return Background(spec, torch.ones(3, dtype=torch.float64), covariance, ("a", "b"), 0.1 + 0.2)
+
+
+def models() -> dict[str, LearnedModel]:
+    makers = (prior, background, hoggles, bovw, ridge, nearest)
+    return {maker.__name__: maker() for maker in makers}
