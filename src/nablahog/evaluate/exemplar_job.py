@@ -1,4 +1,4 @@
-"""The work of ``nablahog learn exemplars``: the views of one model of the baseline."""
+"""The job of ``nablahog learn exemplars``: the views of one model."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..render import load_mesh
 
 @dataclass(frozen=True)
 class ExemplarJob:
-    """Views of the model in a file, kept in a folder for those who ask for them.
+    """Views of the model in a file, stored in a folder.
 
     Attributes:
         model: the file of a mesh.
@@ -30,7 +30,7 @@ class ExemplarJob:
     background: Path | None
 
     def run(self) -> Result:
-        """Learns them, or reads them if they are there.
+        """Learns the views, or reads them if they are stored.
 
         Raises:
             ValueError, OSError: the model or the background cannot be read, or the views not be written.

@@ -190,16 +190,16 @@ METHODS = {
 
 
 def choose(names: Sequence[str] | None, given: Collection[str]) -> tuple[list[Method], list[Method]]:
-    """The methods to run, and those left out because what they need is not given, each in the order of the table.
+    """The methods to run, and those left out for lack of a model, each in the order of the table.
 
     Inputs that can be learned from sample photographs are optional.
 
     Args:
         names: of those asked for; None for all that can run, but for those that have to be asked for.
-        given: what of :data:`.LEARNED` there is.
+        given: the kinds of :data:`.LEARNED` with a file.
 
     Raises:
-        ValueError: one is asked for that needs what is not given, or something is given that none asked for needs.
+        ValueError: a method that is asked for lacks its model, or a model is given that no method asked for needs.
     """
     methods = [m for name, m in METHODS.items() if (name in names if names is not None else not m.asked)]
     for kind in given:

@@ -20,20 +20,20 @@ def least_side(cell: int) -> int:
 
 
 def crop_count(height: int, width: int) -> int:
-    """How many crops an image of this size gives in an epoch: about as many as cover it."""
+    """The number of crops of an image of this size in an epoch, about as many as cover it."""
     return max(1, round(height * width / WINDOW**2))
 
 
 def draw_crops(images: Sequence[Tensor], cell: int, rng: random.Random) -> Tensor:
     """One crop of each image, all of one size, (B, 1, h, w) in 0…1.
 
-    The place is random, and so is whether the crop is mirrored.  An image larger than :data:`WINDOW` is shrunk first,
-    by a random factor.  Half of the sizes hold whole cells, as images do that were cut for HOG.
+    Place and mirroring are random.  An image larger than :data:`WINDOW` is first shrunk by a random factor.  Half of
+    the sizes are whole cells, as of images that were cropped for HOG.
 
     Args:
         images: (H, W) each, float32 in 0…1, each side at least :func:`least_side`.
         cell: pixels of a cell's side.
-        rng: decides.
+        rng: of place, size and mirroring.
     """
     factors = [_factor(image.shape, rng) for image in images]
     sides = [min(int(image.shape[axis] * f) for image, f in zip(images, factors, strict=True)) for axis in (0, 1)]
@@ -48,13 +48,13 @@ def _factor(shape: torch.Size, rng: random.Random) -> float:
 
 
 def _side(available: int, cell: int, rng: random.Random) -> int:
-    whole = (available - 1) // cell * cell  # less than there is, so that cells begin anywhere in an image
+    whole = (available - 1) // cell * cell  # smaller than the image, so that cells begin anywhere in it
     return whole if rng.random() < 0.5 else whole - rng.randrange(cell)
 
 
 def _crop(image: Tensor, factor: float, height: int, width: int, rng: random.Random) -> Tensor:
-    rows, cols = (min(had, round(n / factor)) for n, had in zip((height, width), image.shape, strict=True))
-    top, left = (rng.randrange(had - n + 1) for n, had in zip((rows, cols), image.shape, strict=True))
+    rows, cols = (min(size, round(n / factor)) for n, size in zip((height, width), image.shape, strict=True))
+    top, left = (rng.randrange(size - n + 1) for n, size in zip((rows, cols), image.shape, strict=True))
     crop = image[None, top : top + rows, left : left + cols]
     if (rows, cols) != (height, width):
         crop = interpolate(crop[None], (height, width), mode="bicubic", antialias=True, align_corners=False)[0]

@@ -1,8 +1,7 @@
-"""The network of a learned prior: from what a descriptor says of each cell to the image that it most likely had.
+"""The network of a learned prior: from a descriptor to the image that most likely had it.
 
-It is given the descriptor, the histograms recovered from it (:mod:`.histograms`), and the image that these integrate to
-(:mod:`.start`), and adds to that image what photographs have besides.  All of it has no contrast: the image it makes
-has about unit variance.
+Its inputs are the descriptor, the histograms recovered from it (:mod:`.histograms`), and the image that these integrate
+to (:mod:`.start`).  It predicts a correction of that image.  Images are normalised to about unit variance.
 """
 
 from __future__ import annotations
@@ -18,15 +17,15 @@ from ..hog.spec import HOGSpec
 from .histograms import recover_histograms
 from .start import integrate, mean_gradient
 
-CELLS = (2, 4, 8, 16)  # sides of cells in pixels, which doubling the resolution leads to
-HISTOGRAM_EVALUATIONS = 60  # of the recovery, which are enough for a network; the search wants more
+CELLS = (2, 4, 8, 16)  # sides of cells in pixels, powers of two
+HISTOGRAM_EVALUATIONS = 60  # of the recovery; enough for a network, the search uses more
 FLAT = 0.01  # standard deviation, in 0…1, below which an image counts as flat
-_DESCRIPTOR, _VOTES = 5.0, 3.84  # bring typical entries of a four-block descriptor, and votes of a pixel, to about 1
+_DESCRIPTOR, _VOTES = 5.0, 3.84  # scale entries of a four-block descriptor, and votes of a pixel, to about 1
 
 
 @dataclass(frozen=True)
 class Architecture:
-    """Sizes of a network, one entry for each resolution: cells, and each time twice as fine, down to pixels.
+    """Sizes of a network, one entry for each resolution: from cells, doubling, to pixels.
 
     Attributes:
         widths: channels, 1 … 1024.
@@ -48,7 +47,7 @@ class Architecture:
 
 
 def default_architecture(spec: HOGSpec) -> Architecture:
-    """The one that priors for ``spec`` have if nothing is said: 5.9 million weights for UoCTTI with cells of 8.
+    """The default architecture for ``spec``: 5.9 million weights for UoCTTI with cells of 8.
 
     Raises:
         ValueError: there can be no prior for descriptors of ``spec``.
@@ -87,11 +86,11 @@ def _check_dialect(spec: HOGSpec) -> None:
 
 @dataclass(frozen=True)
 class Inputs:
-    """What the network is given for descriptors of images of H x W pixels; R x C cells of c pixels cover them.
+    """Inputs of the network for descriptors of images of H x W pixels, which R x C cells of c pixels cover.
 
     Attributes:
         cells: (B, channels, R, C).
-        integral: (B, 1, R · c, C · c), what the histograms integrate to, with zero mean and unit variance.
+        integral: (B, 1, R · c, C · c), the image of the histograms, with zero mean and unit variance.
         votes: (B, bins, rows, cols), the recovered histograms.
     """
 
@@ -107,27 +106,27 @@ def network_inputs(descriptor: Tensor, spec: HOGSpec, height: int, width: int) -
     votes = recover_histograms(descriptor, spec, (height, width), max_evaluations=HISTOGRAM_EVALUATIONS)
     integral = integrate(*mean_gradient(votes, spec, height, width))
     contrast = integral.std(dim=(2, 3), keepdim=True, correction=0).clamp(min=FLAT * spec.value_range)
-    integral = _extended((integral - integral.mean(dim=(2, 3), keepdim=True)) / contrast, height, width, cell)
+    integral = _padded((integral - integral.mean(dim=(2, 3), keepdim=True)) / contrast, height, width, cell)
     rows, cols = (n // cell for n in integral.shape[2:])
     entries = descriptor.permute(0, 3, 1, 2)
     if spec.normalizer.bounded:
         entries = entries * _DESCRIPTOR
-    else:  # of any scale
+    else:  # its scale is arbitrary
         size = entries.square().mean(dim=(1, 2, 3), keepdim=True).sqrt()
         entries = entries / torch.where(size > 0, size, 1)
-    of_pixels = torch.asinh(votes / contrast * (_VOTES / cell**2))
-    per_cell = _extended(torch.cat([entries, of_pixels], dim=1), rows, cols, 1)
+    pixel_votes = torch.asinh(votes / contrast * (_VOTES / cell**2))
+    per_cell = _padded(torch.cat([entries, pixel_votes], dim=1), rows, cols, 1)
     return Inputs(torch.cat([per_cell, functional.pixel_unshuffle(integral, cell)], dim=1), integral, votes)
 
 
-def _extended(x: Tensor, height: int, width: int, multiple: int) -> Tensor:
-    """``x`` with its last rows and columns repeated up to the next multiples from ``height`` and ``width`` on."""
-    bottom, right = (-(-n // multiple) * multiple - had for n, had in zip((height, width), x.shape[2:], strict=True))
+def _padded(x: Tensor, height: int, width: int, multiple: int) -> Tensor:
+    """``x`` padded by its last rows and columns to the next multiples of ``multiple`` from ``height`` and ``width``."""
+    bottom, right = (-(-n // multiple) * multiple - size for n, size in zip((height, width), x.shape[2:], strict=True))
     return functional.pad(x, (0, right, 0, bottom), mode="replicate") if bottom or right else x
 
 
 class _Block(nn.Module):
-    """x plus a correction that is 0 before training."""
+    """A residual block: x plus a correction, 0 before training."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -146,7 +145,7 @@ def _bias(layer: nn.Conv2d) -> Tensor:
 
 
 class PriorNetwork(nn.Module):
-    """From :class:`Inputs` to images (B, 1, R · c, C · c); before training these are the integrals.
+    """From :class:`Inputs` to images (B, 1, R · c, C · c); before training, the integrals.
 
     Residual blocks at the resolution of cells, and after each doubling (a 1x1 convolution to four pixels of each).
     """
@@ -167,12 +166,12 @@ class PriorNetwork(nn.Module):
         nn.init.zeros_(_bias(self.out))
 
     def forward(self, inputs: Inputs) -> Tensor:
-        """Images of zero mean and unit variance, as far as it can tell."""
+        """Images of about zero mean and unit variance."""
         correction: Tensor = self.out(self.body(self.inp(inputs.cells)))
         return self.gain * inputs.integral + correction
 
 
 def weight_count(spec: HOGSpec, architecture: Architecture) -> int:
-    """The number of weights of a network, found without making one."""
+    """The number of weights of a network, without allocating them."""
     with torch.device("meta"):
         return sum(weight.numel() for weight in PriorNetwork(spec, architecture).parameters())

@@ -1,4 +1,4 @@
-"""The baseline's exemplars, as ``nablahog learn exemplars`` learns them."""
+"""``nablahog learn exemplars``: views of CAD models for the baseline of Table 2."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..terminal import counter, say
 
 
 def learn_exemplars(arguments: Namespace) -> None:
-    """Learns the views of all models of a folder; those that an earlier run has learned are kept.
+    """Learns the views of all models of a folder; views that an earlier run has stored are reused.
 
     Raises:
         UserError: no model is usable, or the background is not.

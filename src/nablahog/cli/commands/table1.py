@@ -48,7 +48,7 @@ def table1(arguments: Namespace) -> None:
 
 
 def _check(given: Mapping[str, Path], methods: Sequence[Method]) -> None:
-    """Raises UserError if a file of what was learned cannot be read, or is for other descriptors than a method has."""
+    """Raises UserError if the file of a model cannot be read, or the model is for other descriptors than its method."""
     for kind, path in given.items():
         with refusing():
             found = load(kind, path)
@@ -59,7 +59,7 @@ def _check(given: Mapping[str, Path], methods: Sequence[Method]) -> None:
 
 
 def _learned_here(given: Mapping[str, Path], methods: Sequence[Method]) -> dict[str, Path]:
-    """Files of what the methods need and nobody gave."""
+    """Files of models that the methods need and no option names, learned from sample photographs."""
     found = {}
     for kind in dict.fromkeys(method.needs for method in methods if method.needs and method.needs not in given):
         with counter(f"nablahog table1, learning {kind}") as progress:
