@@ -23,7 +23,7 @@ import numpy as np
 import torch
 
 from memory import printed_by, raised_mib
-from nablahog.datasets.solids import joined, tube, turned
+from nablahog.datasets.solids import joined, lathe, tube
 from nablahog.render import Camera, Mesh, Renderer, pose, pose_vjp
 from nablahog.render.renderer import Method
 from timing import Call, Times, cell, in_turns
@@ -55,7 +55,7 @@ def turned_chair(faces: int) -> Mesh:
     baluster = 3 + np.cos(6 * np.pi * share) + np.sin(np.pi * share)
 
     def part(start: tuple[float, ...], end: tuple[float, ...], diameters: Any) -> Any:
-        return turned(start, end, list(zip(share, diameters, strict=True)), sides=sides)
+        return lathe(start, end, list(zip(share, diameters, strict=True)), sides=sides)
 
     parts = [part((1.2 * x, 1.2 * y, 0), (x, y, 42), baluster) for x in (-15, 15) for y in (-15, 15)]
     parts.append(part((0, 0, 41), (0, 0, 47), 46 * (1 - 0.2 * np.abs(2 * share - 1) ** 4)))

@@ -70,6 +70,14 @@ def test_tensors_and_rounded_white() -> None:
     assert mutual_information(np.full((4, 4), 1 + 1e-7), np.full((4, 4), 1.0)) == 0
 
 
+def test_bytes_and_lists() -> None:
+    levels = data.camera()[::8, ::8]
+    for measure in (cross_correlation, mutual_information, ssim):
+        expected = measure(levels / 255.0, 1 - levels / 255.0)
+        assert measure(levels, 255 - levels) == pytest.approx(expected)
+        assert measure(torch.from_numpy(levels), (1 - levels / 255.0).tolist()) == pytest.approx(expected)
+
+
 def test_ssim_needs_its_window() -> None:
     assert math.isnan(ssim(CAMERA[:6], CAMERA[:6]))
     assert ssim(CAMERA[:7], CAMERA[:7]) == pytest.approx(1)

@@ -1,19 +1,23 @@
-"""How alike two pictures, and two viewpoints, are, as the figures of this package state it.
+"""Similarity of two images (CC, MI, SSIM), and of two viewpoints.
 
-The paper names the three measures of pictures but not their definitions; these are ours, and :data:`DEFINITIONS` is
-printed with every table of them.  Viewpoints are counted as in the code published with PASCAL3D+.
+The paper names CC, MI and SSIM but does not define them; the definitions here are ours, and :data:`DEFINITIONS` is
+printed with every table.  The criteria for viewpoints are those of the code published with PASCAL3D+.
+
+Images are NumPy arrays, tensors on any device, or nested lists, (H, W), in 0…1 or uint8 in 0…255.
 """
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from torch import Tensor
 
-from .io.images import Picture, as_array
-
+Image: TypeAlias = Tensor | ArrayLike
 BINS = 256
 VIEWS = (4, 8, 16, 24)
-"""Into how many equal views the azimuth is divided, for the columns of Table 2."""
+"""Numbers of equal views into which the azimuth is divided, for the columns of Table 2."""
 
 DEFINITIONS = {
     "CC": "Pearson correlation over all pixels of the gray reference (Eq. 1) and the pre-image, 0 if either is "
@@ -25,11 +29,11 @@ DEFINITIONS = {
     "distance": "‖φ(x) − d‖ / ‖d‖, d the given descriptor and φ(x) that of the pre-image x before it is rounded to 8 "
     "bits.",
 }
-"""One sentence for each figure."""
+"""A sentence for each measure."""
 
 
-def _pair(a: Picture, b: Picture) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    first, second = as_array(a), as_array(b)
+def _pair(a: Image, b: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    first, second = _values(a), _values(b)
     if first.shape != second.shape or first.ndim != 2 or first.size == 0:
         raise ValueError(f"expected two images of one shape (H, W), got {first.shape} and {second.shape}")
     for image in (first, second):
@@ -39,17 +43,28 @@ def _pair(a: Picture, b: Picture) -> tuple[NDArray[np.float64], NDArray[np.float
     return first.clip(0, 1), second.clip(0, 1)
 
 
-def cross_correlation(a: Picture, b: Picture) -> float:
-    """Pearson correlation of the pixels of two images, -1…1.
+def _values(image: Image) -> NDArray[np.float64]:
+    values = image.detach().cpu().numpy() if isinstance(image, Tensor) else np.asarray(image)
+    return values / 255.0 if values.dtype == np.uint8 else values.astype(np.float64)
+
+
+def cross_correlation(a: Image, b: Image) -> float:
+    """CC: Pearson correlation of the pixels of two images.
 
     Args:
-        a, b: (H, W), arrays or tensors in 0…1.
+        a, b: (H, W), in 0…1 or uint8.
 
     Returns:
-        The correlation; 0.0 where it is undefined, that is where ``a`` or ``b`` is constant.
+        In -1…1; 0.0 where it is undefined, that is where ``a`` or ``b`` is constant.
 
     Raises:
         ValueError: the shapes differ or are not (H, W), or a value is not in 0…1.
+
+    >>> from nablahog.metrics import cross_correlation
+    >>> image = [[0.0, 0.5], [0.25, 1.0]]
+    >>> negative = [[1.0, 0.5], [0.75, 0.0]]
+    >>> round(cross_correlation(image, image), 6), round(cross_correlation(image, negative), 6)
+    (1.0, -1.0)
     """
     first, second = _pair(a, b)
     if np.ptp(first) == 0 or np.ptp(second) == 0:  # differences from a rounded mean would be noise, not 0
@@ -59,18 +74,28 @@ def cross_correlation(a: Picture, b: Picture) -> float:
     return float(np.clip((first * second).sum() / norms, -1, 1)) if norms > 0 else 0.0
 
 
-def mutual_information(a: Picture, b: Picture, bins: int = BINS) -> float:
-    """Mutual information H(a) + H(b) - H(a, b) of two images in bits, 0…log2(bins).
+def mutual_information(a: Image, b: Image, bins: int = BINS) -> float:
+    """MI: mutual information H(a) + H(b) - H(a, b) of the pixels of two images, in bits (logarithms to base 2).
 
-    From the joint histogram over 0…1 with ``bins`` equal bins a side; 256 give each 8-bit level its own.  The
-    estimate is not corrected for its bias of up to about (bins - 1)² / (2 ln 2 · pixels) bits.
+    Entropies are those of the joint histogram over 0…1 with ``bins`` x ``bins`` equal bins; 256 give each 8-bit level
+    a bin of its own.  The estimate is not corrected for its bias of up to about (bins - 1)² / (2 ln 2 · pixels) bits.
 
     Args:
-        a, b: (H, W), arrays or tensors in 0…1.
-        bins: at least 1.
+        a, b: (H, W), in 0…1 or uint8.
+        bins: number of bins for each image, at least 1.
+
+    Returns:
+        In 0…log2(bins).
 
     Raises:
         ValueError: the shapes differ or are not (H, W), or a value is not in 0…1.
+
+    >>> from nablahog.metrics import mutual_information
+    >>> image = [[0.1, 0.4, 0.6, 0.9]]  # four levels: two bits
+    >>> mutual_information(image, image)
+    2.0
+    >>> mutual_information(image, image, bins=2)
+    1.0
     """
     first, second = _pair(a, b)
     joint, _, _ = np.histogram2d(first.ravel(), second.ravel(), bins=bins, range=((0, 1), (0, 1)))
@@ -83,17 +108,28 @@ def _entropy(counts: NDArray[np.float64]) -> float:
     return float(-(p * np.log2(p)).sum())
 
 
-def ssim(a: Picture, b: Picture) -> float:
-    """Mean structural similarity of two images as ``skimage.metrics.structural_similarity(a, b, data_range=1)``.
+def ssim(a: Image, b: Image) -> float:
+    """SSIM: mean structural similarity of two images.
+
+    It is ``skimage.metrics.structural_similarity(a, b, data_range=1)``: a uniform window of 7x7 pixels, sample
+    covariances, K1 = 0.01, K2 = 0.03, and the mean over all windows inside the image.
 
     Args:
-        a, b: (H, W), arrays or tensors in 0…1.
+        a, b: (H, W), in 0…1 or uint8.
 
     Returns:
-        At most 1; NaN for images with a side below 7 pixels, the width of the window.
+        At most 1; NaN for images with a side below 7 pixels.
 
     Raises:
         ValueError: the shapes differ or are not (H, W), or a value is not in 0…1.
+
+    Source: Wang et al., Image Quality Assessment: From Error Visibility to Structural Similarity (TIP 2004).
+
+    >>> import torch
+    >>> from nablahog.metrics import ssim
+    >>> image = torch.linspace(0, 1, 64).reshape(8, 8)
+    >>> ssim(image, image)
+    1.0
     """
     from skimage.metrics import structural_similarity  # slow to import, and most uses need none of it
 
@@ -103,28 +139,32 @@ def ssim(a: Picture, b: Picture) -> float:
     return float(structural_similarity(first, second, data_range=1.0))  # type: ignore[no-untyped-call]
 
 
-def azimuth_error(found: ArrayLike, true: ArrayLike) -> NDArray[np.float64]:
-    """How far two azimuths are apart, the shorter way round.
+def azimuth_error(estimate: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
+    """Angle between two azimuths.
 
     Args:
-        found, true: degrees, finite, of shapes that broadcast; 360° more or less make no difference.
+        estimate, truth: degrees, finite, of shapes that broadcast; multiples of 360° make no difference.
 
     Returns:
         Degrees in 0…180.
 
     Raises:
         ValueError: an azimuth is NaN or infinite.
+
+    >>> from nablahog.metrics import azimuth_error
+    >>> azimuth_error([350, 90], 10).tolist()
+    [20.0, 80.0]
     """
-    apart = np.mod(_finite(found) - _finite(true), 360)
-    error: NDArray[np.float64] = np.minimum(apart, 360 - apart)
+    difference = np.mod(_finite(estimate) - _finite(truth), 360)
+    error: NDArray[np.float64] = np.minimum(difference, 360 - difference)
     return error
 
 
 def view(azimuth: ArrayLike, views: int) -> NDArray[np.int64]:
-    """Which of ``views`` equal intervals an azimuth is in: the first, 0, has 0° in its middle.
+    """The view of an azimuth: one of ``views`` equal intervals, of which the first has 0° in its middle.
 
-    An edge belongs to the interval above it, but the last one, 360° - 180°/views, to that below, as in the published
-    code.
+    An edge belongs to the interval above it, except the last one, 360° - 180°/views, which belongs to the interval
+    below, as in the published code.
 
     Args:
         azimuth: degrees, finite, of any shape.
@@ -135,21 +175,27 @@ def view(azimuth: ArrayLike, views: int) -> NDArray[np.int64]:
 
     Raises:
         ValueError: an azimuth is NaN or infinite.
+
+    >>> from nablahog.metrics import view
+    >>> view([0, 44, 46, 350], views=4).tolist()
+    [0, 0, 1, 0]
     """
     edges = (np.arange(views) + 0.5) * (360 / views)
     turned = np.mod(_finite(azimuth), 360)
     return np.where(turned > edges[-1], 0, np.searchsorted(edges[:-1], turned, side="right"))
 
 
-def same_view(found: ArrayLike, true: ArrayLike, views: int) -> NDArray[np.bool_]:
-    """The interval criterion: whether two azimuths are in the same :func:`view`."""
-    return np.equal(view(found, views), view(true, views))
+def same_view(estimate: ArrayLike, truth: ArrayLike, views: int) -> NDArray[np.bool_]:
+    """The interval criterion: whether two azimuths, in degrees, are in the same :func:`view`."""
+    return np.equal(view(estimate, views), view(truth, views))
 
 
-def near_view(found: ArrayLike, true: ArrayLike, views: int) -> NDArray[np.bool_]:
-    """The threshold criterion: whether two azimuths are less than 360°/views apart, for 4, 8, 16 and 24 views 90, 45,
-    22.5 and 15°."""
-    return np.less(azimuth_error(found, true), 360 / views)
+def near_view(estimate: ArrayLike, truth: ArrayLike, views: int) -> NDArray[np.bool_]:
+    """The threshold criterion: whether two azimuths, in degrees, are less than 360°/views apart.
+
+    For 4, 8, 16 and 24 views, that is 90°, 45°, 22.5° and 15°.
+    """
+    return np.less(azimuth_error(estimate, truth), 360 / views)
 
 
 def _finite(azimuth: ArrayLike) -> NDArray[np.float64]:

@@ -218,7 +218,7 @@ def test_pictures_of_cells_of_one_pixel() -> None:
     for cell, orientations in [((1, 1), 4), ((1, 5), 9), ((3, 1), 6)]:
         assert_same(image, pixels_per_cell=cell, orientations=orientations)
     options = {"pixels_per_cell": (3, 1), "visualize": True}
-    with pytest.raises(ValueError, match="9 lines in cells of one pixel's width leave the picture"):
+    with pytest.raises(ValueError, match="9 lines leave the picture in cells of one pixel's width"):
         hog(image, **options)
     with pytest.raises(IndexError):
         feature.hog(image, **options)

@@ -7,7 +7,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from nablahog.datasets.solids import Solid, bar, joined, loft, outline, rounded, section, sheet, slab, tube, turned
+from nablahog.datasets.solids import Solid, bar, joined, lathe, loft, outline, rounded, section, sheet, slab, tube
 
 
 def volume(solid: Solid) -> float:
@@ -42,8 +42,8 @@ def test_tapered_bar_is_a_frustum() -> None:
     assert volume(bar((0, 0, 0), (0, 0, 6), 4, 2)) == pytest.approx(6 / 3 * (16 + 8 + 4))
 
 
-def test_turned_is_round() -> None:
-    solid = turned((0, 0, 0), (0, 3, 4), [(0, 2), (0.5, 2), (1, 2)], sides=64)
+def test_lathe_is_round() -> None:
+    solid = lathe((0, 0, 0), (0, 3, 4), [(0, 2), (0.5, 2), (1, 2)], sides=64)
     assert_closed(solid)
     assert volume(solid) == pytest.approx(np.pi * 5, rel=3e-3)
 

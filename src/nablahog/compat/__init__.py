@@ -1,4 +1,4 @@
-"""Functions with the names, arguments and results of other libraries, to put in their place."""
+"""Replacements for the HOGs of other libraries, with their names, arguments and results."""
 
 from . import opencv, skimage
 

@@ -1,4 +1,4 @@
-"""The picture of a HOG that ``skimage.feature.hog`` draws."""
+"""The HOG image of ``skimage.feature.hog(visualize=True)``."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ from torch import Tensor
 
 
 def glyphs(cells: Tensor, cell_size: tuple[int, int], size: tuple[int, int], dtype: torch.dtype) -> Tensor:
-    """A line in each cell for each bin, at right angles to the gradients that vote for it, where lines meet their sum.
+    """Draws a line in each cell for each bin, at right angles to its gradients; lines that meet add up.
 
     Args:
-        cells: (bins, rows, cols), what is drawn.
+        cells: (bins, rows, cols), the brightness of the lines.
         cell_size: (height, width) in pixels.
-        size: (height, width) of the picture.
-        dtype: of the picture, and of the sums.
+        size: (height, width) of the image.
+        dtype: of the image, and of the sums.
 
     Returns:
-        The picture, on the device of ``cells``; linear in them.
+        The image, on the device of ``cells``; differentiable, linear in them.
 
     Raises:
-        ValueError: cells are one pixel wide, and a line leaves the picture.
+        ValueError: cells are one pixel wide, and a line leaves the image.
     """
     pixels, entries = (torch.from_numpy(index).to(cells.device) for index in _strokes(cells.shape, cell_size, size[1]))
-    picture = torch.zeros(size[0] * size[1], dtype=dtype, device=cells.device)
-    return picture.index_add(0, pixels, cells.flatten()[entries].to(dtype)).reshape(size)
+    image = torch.zeros(size[0] * size[1], dtype=dtype, device=cells.device)
+    return image.index_add(0, pixels, cells.flatten()[entries].to(dtype)).reshape(size)
 
 
 def _strokes(
     shape: tuple[int, ...], cell_size: tuple[int, int], width: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Which pixel, of a flat picture, gets which entry, of flat cells."""
+    """Pixels of a flat image, and the entry of flat cells to add to each."""
     bins, rows, cols = shape
     radius = min(cell_size) // 2 - 1
     angles = np.pi * (np.arange(bins) + 0.5) / bins
@@ -41,10 +41,10 @@ def _strokes(
     entries = np.arange(bins * rows * cols).reshape(shape)
     pixels, drawn = [], []
     for k in range(bins):
-        # ends are cut to integers where they are, not where the cell's centre is: rounding may tell cells apart
+        # the absolute ends are truncated, not those relative to the cell's centre: cells may differ by rounding
         top, left = np.trunc(y - down[k]).astype(int), np.trunc(x + right[k]).astype(int)
         if left.min() < 0:
-            raise ValueError(f"{bins} lines in cells of one pixel's width leave the picture, which needs wider cells")
+            raise ValueError(f"{bins} lines leave the picture in cells of one pixel's width; use wider cells")
         rise, run = np.trunc(y + down[k]).astype(int) - top, np.trunc(x - right[k]).astype(int) - left
         for dy in np.unique(rise):
             for dx in np.unique(run):

@@ -26,33 +26,44 @@ _AT_ONCE = 2**23  # votes of all blocks that are pooled together: 32 MiB
 
 @dataclass(frozen=True, init=False)
 class HOGDescriptor:
-    """What ``cv2.HOGDescriptor`` computes, with its arguments and attributes; positions and sizes are (x, y).
+    """``cv2.HOGDescriptor``, with its arguments and attributes; positions and sizes are (x, y).
 
-    Descriptors are the same up to about 1e-6, float32 rounding.  There is one exception: OpenCV keeps, on processors
-    with SSE2 or NEON, the ``L2HysThreshold`` of the first descriptor that a process computes, for all to come; here
-    each object has its own, which is what OpenCV returns in a process that never uses another.
+    Descriptors are the same up to about 1e-6, float32 rounding, with one exception: on processors with SSE2 or NEON,
+    OpenCV uses the ``L2HysThreshold`` of the first descriptor that a process computes for all later ones; here each
+    object has its own.
 
-    ``derivAperture``, ``histogramNormType`` and ``nlevels`` are kept, and as in OpenCV change nothing of a descriptor.
+    ``derivAperture``, ``histogramNormType`` and ``nlevels`` are stored, and as in OpenCV do not change a descriptor.
 
     Attributes:
-        winSize: of a window in pixels.
-        blockSize: of a block in pixels, whole cells.
+        winSize: (width, height) of a window in pixels.
+        blockSize: (width, height) of a block in pixels, whole cells.
         blockStride: pixels from one block to the next; divides the window less a block.
-        cellSize: of a cell in pixels.
+        cellSize: (width, height) of a cell in pixels.
         nbins: orientation bins over 180°, or over 360° if ``signedGradient``; at least 3.
         derivAperture: 1.
         winSigma: of the Gaussian over a block, pixels; a quarter of the mean of its sides if not above 0.
         histogramNormType: 0.
         L2HysThreshold: the clip.
-        gammaCorrection: whether the root of the image is described.  True in ``HOGDescriptor()``, but otherwise False
-            if not given.
+        gammaCorrection: whether the square root of the image is taken first.  True in ``HOGDescriptor()``, else False
+            by default.
         nlevels: of a pyramid.
         signedGradient: whether opposite gradients vote into different bins.
-        spec: the dialect of one window, for :func:`nablahog.hog` and its tensors.
+        spec: the dialect of one window, for :func:`nablahog.hog`, which is differentiable.
 
     Raises:
         TypeError: some of the first five arguments are missing, or not of OpenCV's types.
         ValueError: sizes do not suit each other, or an argument is out of its range.
+
+    Source: ``modules/objdetect/src/hog.cpp`` of OpenCV 4.
+
+    >>> import numpy as np
+    >>> from nablahog.compat.opencv import HOGDescriptor
+    >>> descriptor = HOGDescriptor()  # instead of cv2.HOGDescriptor()
+    >>> descriptor.getDescriptorSize()
+    3780
+    >>> image = np.arange(136 * 72, dtype=np.uint8).reshape(136, 72)
+    >>> descriptor.compute(image).shape  # 2 x 2 windows of 64x128 (width x height), 8 pixels apart
+    (15120,)
     """
 
     winSize: Size
@@ -104,14 +115,14 @@ class HOGDescriptor:
         _nlevels: int = 64,
         _signedGradient: bool = False,
     ) -> None:
-        given = _winSize, _blockSize, _blockStride, _cellSize, _nbins
-        if all(value is None for value in given):  # HOGDescriptor()
-            given, _gammaCorrection = ((64, 128), (16, 16), (8, 8), (8, 8), 9), True
-        names = ("winSize", "blockSize", "blockStride", "cellSize")
-        window, block, stride, cell = (_size(name, value) for name, value in zip(names, given, strict=False))
-        if given[4] is None:
+        if all(value is None for value in (_winSize, _blockSize, _blockStride, _cellSize, _nbins)):  # HOGDescriptor()
+            _winSize, _blockSize, _blockStride, _cellSize, _nbins = (64, 128), (16, 16), (8, 8), (8, 8), 9
+            _gammaCorrection = True
+        window, block = _size("winSize", _winSize), _size("blockSize", _blockSize)
+        stride, cell = _size("blockStride", _blockStride), _size("cellSize", _cellSize)
+        if _nbins is None:
             raise TypeError("HOGDescriptor takes no argument, or at least the first five: there is no _nbins")
-        bins = operator.index(given[4])
+        bins = operator.index(_nbins)
         self.__dict__.update(  # frozen, as OpenCV's attributes are
             winSize=window,
             blockSize=block,
@@ -139,7 +150,7 @@ class HOGDescriptor:
         )
 
     def getDescriptorSize(self) -> int:
-        """Entries of the descriptor of one window."""
+        """Length of the descriptor of one window."""
         rows, cols = self._blocks_of_window()
         return rows * cols * self.spec.channels
 
@@ -150,17 +161,17 @@ class HOGDescriptor:
         padding: Sequence[int] | None = None,
         locations: Sequence[Sequence[int]] | NDArray[np.integer] | None = None,
     ) -> NDArray[np.float32]:
-        """Descriptors of windows, one after another.
+        """Descriptors of windows, one after another; not differentiable.
 
-        Gradients are those of the whole image, which is mirrored at its outermost pixels (reflect-101) around it.
+        Gradients are those of the whole image, padded by reflection at its outermost pixels (reflect-101).
 
         Args:
             img: (rows, cols), or (rows, cols, 1 or 3), uint8.
-            winStride: pixels from one window to the next, the cell size if None or (0, 0).  Windows begin in the
-                upper left corner of the padded image and go on row by row.
-            padding: pixels on each side of the image, 0 if below.  It is made a multiple of the greatest common divisor
-                of ``winStride`` and ``blockStride`` if that is a power of two; otherwise something near it, as in
-                OpenCV.
+            winStride: pixels from one window to the next, the cell size if None or (0, 0).  Windows are in order row by
+                row, from the upper left corner of the padded image.
+            padding: pixels on each side of the image, 0 if negative.  It is rounded up to a multiple of the greatest
+                common divisor of ``winStride`` and ``blockStride`` if that is a power of two, and otherwise to the
+                number that OpenCV computes.
             locations: the upper left corners of windows, in pixels of the image, instead of a grid of windows.
 
         Returns:
@@ -175,9 +186,9 @@ class HOGDescriptor:
         step = self.cellSize if step == (0, 0) else step
         if min(step) < 1:
             raise ValueError(f"winStride must be at least 1 along both axes, got {step}")
-        wanted = (0, 0) if padding is None else _size("padding", padding)
+        margins = (0, 0) if padding is None else _size("padding", padding)
         across, down = (
-            _aligned(max(p, 0), math.gcd(s, b)) for p, s, b in zip(wanted, step, self.blockStride, strict=True)
+            _aligned(max(p, 0), math.gcd(s, b)) for p, s, b in zip(margins, step, self.blockStride, strict=True)
         )
         size = np.array([image.shape[2] + 2 * across, image.shape[1] + 2 * down])
         if locations is None or not len(locations):
@@ -185,12 +196,12 @@ class HOGDescriptor:
         else:
             corners = _locations(locations) + np.array([across, down])
         inside = ((corners >= 0) & (corners <= size - self.winSize)).all(axis=1)
-        found = np.zeros((len(corners), self.getDescriptorSize()), np.float32)
+        descriptors = np.zeros((len(corners), self.getDescriptorSize()), np.float32)
         if inside.any():
             bordered = image[:, _reflected(image.shape[1], down)][..., _reflected(image.shape[2], across)]
             with torch.autocast("cpu", enabled=False):
-                found[inside] = self._windows(self._votes(bordered), corners[inside]).numpy()
-        return found.ravel()
+                descriptors[inside] = self._windows(self._votes(bordered), corners[inside]).numpy()
+        return descriptors.ravel()
 
     def _blocks_of_window(self) -> tuple[int, int]:
         """Rows and columns."""
@@ -208,26 +219,26 @@ class HOGDescriptor:
         return np.stack([np.tile(x, len(y)), np.repeat(y, len(x))], axis=1)
 
     def _votes(self, planes: NDArray[np.uint8]) -> Tensor:
-        """Votes (bins, H, W), float32, of an image (C, H + 2, W + 2) that has its border around it."""
+        """Votes (bins, H, W), float32, of an image (C, H + 2, W + 2) padded by one pixel."""
         gx, gy = gradient(torch.from_numpy(planes.astype(np.float32)).unsqueeze(1), self.spec)
         gx, gy = gx[:, 1:-1, 1:-1], gy[:, 1:-1, 1:-1]
         squared = gx * gx + gy * gy
-        # of equal channels the first, but the last in the columns that OpenCV does one at a time
+        # of equal channels the first; in the last columns, which OpenCV's vector loop leaves over, the last
         first = squared.max(dim=0, keepdim=True).indices
         last = len(planes) - 1 - squared.flip(0).max(dim=0, keepdim=True).indices
         width = gx.shape[2]
         winner = torch.where(torch.arange(width, device=gx.device) < width // 4 * 4, first, last)
         return votes(gx.gather(0, winner), gy.gather(0, winner), self.spec)[0]
 
-    def _windows(self, of_pixels: Tensor, corners: NDArray[np.int64]) -> Tensor:
-        """Descriptors (windows, entries) of windows with these corners.  A block that several have is made once."""
+    def _windows(self, pixel_votes: Tensor, corners: NDArray[np.int64]) -> Tensor:
+        """Descriptors (windows, entries) of windows with these corners; blocks in several windows are computed once."""
         rows, cols = self._blocks_of_window()
-        (across, down), width = self.blockStride, of_pixels.shape[2]
+        (across, down), width = self.blockStride, pixel_votes.shape[2]
         x = corners[:, 0, None, None] + across * np.arange(cols)[:, None]  # column by column of blocks
         y = corners[:, 1, None, None] + down * np.arange(rows)
         places, block_of = np.unique((y * width + x).ravel(), return_inverse=True)
         wide, high = self.blockSize
-        patches = of_pixels.unfold(1, high, 1).unfold(2, wide, 1)
+        patches = pixel_votes.unfold(1, high, 1).unfold(2, wide, 1)
         blocks = []
         for some in torch.split(torch.from_numpy(places), max(1, _AT_ONCE // (self.nbins * high * wide))):
             histograms = pool(patches[:, some // width, some % width].transpose(0, 1), self.spec)
@@ -256,18 +267,18 @@ def _image(img: Any) -> NDArray[np.uint8]:
 
 
 def _locations(locations: Sequence[Sequence[int]] | NDArray[np.integer]) -> NDArray[np.int64]:
-    given = np.asarray(locations)
-    if given.dtype.kind not in "iu" or given.ndim != 2 or given.shape[1] != 2:
-        raise TypeError(f"locations must be pairs (x, y) of integers, got {given.dtype} of the shape {given.shape}")
-    return given.astype(np.int64)
+    corners = np.asarray(locations)
+    if corners.dtype.kind not in "iu" or corners.ndim != 2 or corners.shape[1] != 2:
+        raise TypeError(f"locations must be pairs (x, y) of integers, got {corners.dtype} of the shape {corners.shape}")
+    return corners.astype(np.int64)
 
 
 def _aligned(pixels: int, step: int) -> int:
-    """The next multiple of a power of two; of other steps what OpenCV's ``alignSize`` makes of them."""
+    """OpenCV's ``alignSize``: rounds up to a multiple of ``step`` if that is a power of two."""
     return (pixels + step - 1) & -step
 
 
 def _reflected(pixels: int, padding: int) -> NDArray[np.int64]:
-    """Where the pixels of an axis come from if it is mirrored at both ends, ``padding`` and one more on each side."""
+    """Indices that pad an axis by reflection, with ``padding`` + 1 pixels on each side."""
     index = np.arange(-padding - 1, pixels + padding + 1) % max(2 * pixels - 2, 1)
     return np.minimum(index, np.maximum(2 * pixels - 2 - index, 0))

@@ -1,8 +1,9 @@
-"""``skimage.feature.hog`` of scikit-image 0.26, for arrays as there and for tensors with a derivative."""
+"""``skimage.feature.hog`` of scikit-image 0.26, for arrays, and for tensors with a derivative."""
 
 from __future__ import annotations
 
 import operator
+from collections.abc import Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -24,8 +25,8 @@ Image = TypeVar("Image", NDArray[Any], Tensor)
 def hog(
     image: Image,
     orientations: int = 9,
-    pixels_per_cell: tuple[int, int] = (8, 8),
-    cells_per_block: tuple[int, int] = (3, 3),
+    pixels_per_cell: Sequence[int] = (8, 8),
+    cells_per_block: Sequence[int] = (3, 3),
     block_norm: BlockForm = "L2-Hys",
     visualize: bool = False,
     transform_sqrt: bool = False,
@@ -33,13 +34,12 @@ def hog(
     *,
     channel_axis: int | None = None,
 ) -> Image | tuple[Image, Image]:
-    """What ``skimage.feature.hog`` returns for the same arguments.
+    """``skimage.feature.hog``: the same result for the same arguments.
 
-    Values are taken as they are, whatever their range; ε is absolute.  A gradient on the boundary of two bins, or of
-    the same magnitude in two channels, is decided by scikit-image's own arithmetic, also where rounding decides.  That
-    includes its flaw that a gradient less than 1.4e-14° below 0° votes nowhere.  What is not the same: scikit-image
-    adds up the votes of a cell in float32, here they are added in float64, which moves entries by about 1e-7; and fewer
-    than three orientations are refused.
+    Values are not rescaled, and ε is absolute.  Ties between two bins or two channels are decided as in scikit-image,
+    also by rounding errors; a gradient less than 1.4e-14° below 0° votes nowhere, as there.  There are two differences:
+    votes of a cell are added in float64 instead of float32, which changes entries by about 1e-7; and fewer than three
+    orientations are refused.
 
     Args:
         image: (M, N), or with channels on ``channel_axis``; an array, or a tensor on any device.
@@ -47,21 +47,33 @@ def hog(
         pixels_per_cell: (height, width).
         cells_per_block: (rows, cols).
         block_norm: ``"L1"``, ``"L1-sqrt"``, ``"L2"`` or ``"L2-Hys"``.
-        visualize: whether to return a picture, too: in each cell a line for each bin, along the edges that vote for
-            it, as bright as the bin's mean vote.
-        transform_sqrt: whether the root of the image is described.  A negative value is NaN in an array, with NumPy's
-            warning, and in the blocks around it; its root is 0 in a tensor.
-        feature_vector: whether the descriptor is one row.
-        channel_axis: None for gray images; otherwise of several channels the one of largest gradient counts.
+        visualize: whether to return an image of the HOG, too: in each cell a line for each bin, along the edges that
+            vote for it, as bright as the bin's mean vote.
+        transform_sqrt: whether the square root of the image is taken first.  Of a negative value it is NaN in an array,
+            with NumPy's warning, and 0 in a tensor.
+        feature_vector: whether the descriptor is flattened.
+        channel_axis: None for gray images; otherwise each pixel votes with the channel of the largest gradient.
 
     Returns:
-        The descriptor, (rows of blocks, columns of blocks, rows of cells, columns of cells, bins) or all in one row;
-        and the picture (M, N), if asked for.  Arrays if ``image`` is one, else tensors on its device, both
-        differentiable; float32 for images of float32 or less, otherwise float64.
+        The descriptor, (rows of blocks, columns of blocks, rows of cells, columns of cells, bins), or flat; with
+        ``visualize``, also the image (M, N).  Arrays if ``image`` is one, else tensors on its device, differentiable in
+        ``image``; float32 for images of float32 or less, otherwise float64.
 
     Raises:
         ValueError: the image has not two dimensions beside its channels, holds no block, or is complex; or an argument
             is out of its range.
+
+    Source: ``skimage/feature/_hog.py``.
+
+    >>> import torch
+    >>> from nablahog.compat.skimage import hog
+    >>> image = torch.linspace(0, 1, 64 * 64).reshape(64, 64).requires_grad_()
+    >>> descriptor = hog(image, cells_per_block=(2, 2), feature_vector=False)
+    >>> descriptor.shape
+    torch.Size([7, 7, 2, 2, 9])
+    >>> descriptor.sum().backward()
+    >>> image.grad.shape
+    torch.Size([64, 64])
     """
     is_tensor = isinstance(image, Tensor)
     spec = presets.skimage(
@@ -69,7 +81,7 @@ def hog(
         _pair(pixels_per_cell),
         _pair(cells_per_block),
         block_norm,
-        transform_sqrt=transform_sqrt and is_tensor,  # the root of an array is NumPy's
+        transform_sqrt=transform_sqrt and is_tensor,  # arrays take NumPy's square root
         feature_vector=feature_vector,
         value_range=1.0,
     )
@@ -79,15 +91,15 @@ def hog(
     spec.grid(*size)
     cells = _cells(planes, spec)
     descriptor = to_layout(normalize(cells.unsqueeze(0), spec).permute(0, 2, 3, 1), spec)[0]
-    found = [descriptor.to(values.dtype).contiguous()]
+    tensors = [descriptor.to(values.dtype).contiguous()]
     if visualize:
-        found.append(glyphs(cells, spec.cell_size, size, values.dtype))
-    results: list[Any] = found if is_tensor else [each.numpy() for each in found]
+        tensors.append(glyphs(cells, spec.cell_size, size, values.dtype))
+    results: list[Any] = tensors if is_tensor else [each.numpy() for each in tensors]
     return (results[0], results[1]) if visualize else results[0]
 
 
-def _pair(sizes: tuple[int, int]) -> tuple[int, int]:
-    """Also lists, and integers of NumPy."""
+def _pair(sizes: Sequence[int]) -> tuple[int, int]:
+    """Two integers, also of NumPy, in a tuple or a list."""
     first, second = sizes
     return operator.index(first), operator.index(second)
 
@@ -102,7 +114,7 @@ def _array(image: NDArray[Any], transform_sqrt: bool) -> NDArray[Any]:
 
 
 def _tensor(image: Tensor) -> Tensor:
-    """The same of a tensor, which may not be copied."""
+    """The image in float32 or float64, of at least two dimensions; not copied if it is so already."""
     image = torch.atleast_2d(image)  # type: ignore[no-untyped-call]
     if image.is_complex():
         raise ValueError(f"the image must be real, got {image.dtype}")
@@ -120,7 +132,7 @@ def _planes(values: Tensor, channel_axis: int | None) -> Tensor:
 
 
 def _cells(planes: Tensor, spec: HOGSpec) -> Tensor:
-    """Mean votes (bins, rows, cols) of the cells, float64.  A NaN stays in its cell."""
+    """Mean votes (bins, rows, cols) of the cells, float64.  A NaN affects its cell only."""
     gx, gy = gradient(planes.unsqueeze(1), spec)
     along_x, along_y = (g.detach().cpu().numpy() for g in (gx, gy))
     if len(planes) > 1:
@@ -135,7 +147,7 @@ def _cells(planes: Tensor, spec: HOGSpec) -> Tensor:
 
 
 def _outside(gx: NDArray[Any], gy: NDArray[Any], bins: int) -> NDArray[np.bool_]:
-    """Whether gradients (1, M, N) are of no interest to each bin: (bins, M, N)."""
+    """Whether gradients (1, M, N) lie outside each bin: (bins, M, N)."""
     angle = np.rad2deg(np.arctan2(gy.astype(np.float64), gx.astype(np.float64))) % 180
     begins = (180.0 / bins * np.arange(bins + 1)).reshape(-1, 1, 1)
     return (angle < begins[:-1]) | (angle >= begins[1:])

@@ -1,1 +1,1 @@
-"""Test objects and where they come from: VOC and PASCAL3D+ as published, CAD folders, and a benchmark of our own."""
+"""Data sets: PASCAL VOC and PASCAL3D+ as published, folders of CAD models, procedural chairs, synthetic scenes."""

@@ -8,20 +8,21 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ..io.files import check_folder
 from ..render.mesh import Mesh, load_mesh
 from ..render.mesh_file import ENDINGS
 
-_BESIDE = (".mtl", ".jpg", ".jpeg", ".png", ".bmp", ".tga")  # what an OBJ names
+_BESIDE = (".mtl", ".jpg", ".jpeg", ".png", ".bmp", ".tga")  # files that an OBJ refers to
 
 
 @dataclass
 class Models:
-    """CAD models by name, in order; read only when asked for.
+    """CAD models by name, in order; their files are read by :meth:`meshes`.
 
     Attributes:
         paths: their files.
-        ignored: names of what is no mesh by its ending, and of folders further down.
-        failed: why a file could not be read, by its model's name; noted by :meth:`meshes`.
+        ignored: names of files without the ending of a mesh, and of folders further down.
+        failed: why a file could not be read, by its model's name; set by :meth:`meshes`.
     """
 
     paths: dict[str, Path]
@@ -29,7 +30,7 @@ class Models:
     failed: dict[str, str] = field(default_factory=dict)
 
     def meshes(self) -> Iterator[tuple[str, Mesh]]:
-        """Reads one after the other as :func:`~nablahog.render.mesh.load_mesh` does; what fails is passed over."""
+        """Loads one after the other with :func:`~nablahog.render.mesh.load_mesh`, and skips those that fail."""
         for name in self.paths:
             mesh = self._read(name)
             if mesh is not None:
@@ -45,23 +46,20 @@ class Models:
 
 
 def read_models(folder: str | os.PathLike[str]) -> Models:
-    """The models in a folder and in the folders in it, which hold an OBJ with its materials each, or a category each.
+    """Lists the models in a folder and in its subfolders, which may hold an OBJ with its materials or a category each.
 
     A model's name is its path in the folder without the ending, or with it where two would have the same.  Hidden files
-    and folders are passed over; materials and textures are not noted as ignored.
+    and folders are skipped; materials and textures are not listed as ignored.
 
     Args:
-        folder: where.
+        folder: the folder.
 
     Raises:
         FileNotFoundError, NotADirectoryError: there is no such folder.
         ValueError: it holds no model.
     """
     folder = Path(folder)
-    if not folder.exists():
-        raise FileNotFoundError(f"{folder}: no such folder")
-    if not folder.is_dir():
-        raise NotADirectoryError(f"{folder}: expected a folder of CAD models, got a file")
+    check_folder(folder, "CAD models")
     above = _visible(folder)
     below = [entry for inner in above if inner.is_dir() for entry in _visible(inner)]
     entries = [entry for entry in above if not entry.is_dir()] + below
@@ -82,4 +80,4 @@ def _visible(folder: Path) -> list[Path]:
 
 
 def _name(path: Path) -> str:
-    return os.fsencode(path.as_posix()).decode(errors="backslashreplace")  # a name of any bytes fits the tables
+    return os.fsencode(path.as_posix()).decode(errors="backslashreplace")  # names in any encoding can be printed

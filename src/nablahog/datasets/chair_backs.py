@@ -1,4 +1,4 @@
-"""The backs of procedural chairs.  Lengths in centimetres; z up, the front looks to -y."""
+"""Backs of procedural chairs.  Lengths in centimetres; z up, the front looks to -y."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ Generator = np.random.Generator
 
 
 def across(columns: int) -> Floats:
-    """Where a board's columns lie, from -1 to 1: closer together at the edges, where corners are round."""
-    places: Floats = np.sin(np.linspace(-np.pi / 2, np.pi / 2, columns))
-    return places
+    """Positions of a board's columns, from -1 to 1: closer together at the edges, where corners are round."""
+    positions: Floats = np.sin(np.linspace(-np.pi / 2, np.pi / 2, columns))
+    return positions
 
 
 @dataclass(frozen=True)
 class Back:
-    """The surface that a back lies in: u from left to right, v from the seat upwards.
+    """The surface of a back: u from left to right, v from the seat upwards.
 
     Attributes:
         width: at the seat.
         height: above the seat.
         y, z: of its foot.
-        tilt: leaning back, in radians.
-        curve: by how much its sides come forward.
-        bend: by how much its top leans back further.
-        spread: by what share it is wider at the top than at the foot.
+        tilt: backwards, in radians.
+        curve: by how much its sides are in front of its middle.
+        bend: by how much its top is bent further back.
+        spread: relative difference of width between top and foot.
     """
 
     width: float

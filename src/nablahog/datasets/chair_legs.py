@@ -1,4 +1,4 @@
-"""What procedural chairs stand on.  Lengths in centimetres; z up, the front looks to -y, the floor is z = 0."""
+"""Legs and feet of procedural chairs.  Lengths in centimetres; z up, the front looks to -y, the floor is z = 0."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from .solids import Floats, Solid, bar, outline, rounded, slab, tube, turned
+from .solids import Floats, Solid, bar, lathe, outline, rounded, slab, tube
 
 Generator = np.random.Generator
 
@@ -32,7 +32,7 @@ def corners(width: float, depth: float, inset: float, narrower: float) -> Floats
 
 
 def four(tops: Floats, height: float, kind: str, generator: Generator) -> list[Solid]:
-    """Four legs and what holds them together.
+    """Four legs, with stretchers between them.
 
     Args:
         tops: (4, 2), as :func:`corners`.
@@ -40,18 +40,19 @@ def four(tops: Floats, height: float, kind: str, generator: Generator) -> list[S
         kind: straight, tapered, splayed, turned, sabre or hairpin.
         generator: of sizes, splay and stretchers.
     """
-    legs, tops3, feet3, size = _stood(tops, height, kind, generator)
+    legs, tops3, feet3, size = _legs(tops, height, kind, generator)
     if kind in ("sabre", "hairpin"):
         return legs
     return legs + _stretchers(tops3, feet3, size, generator)
 
 
 def feet(tops: Floats, height: float, kind: str, generator: Generator) -> list[Solid]:
-    """Four legs as :func:`four`, with nothing between them, as below an armchair."""
-    return _stood(tops, height, kind, generator)[0]
+    """Four legs as :func:`four`, without stretchers, as below an armchair."""
+    return _legs(tops, height, kind, generator)[0]
 
 
-def _stood(tops: Floats, height: float, kind: str, generator: Generator) -> tuple[list[Solid], Floats, Floats, float]:
+def _legs(tops: Floats, height: float, kind: str, generator: Generator) -> tuple[list[Solid], Floats, Floats, float]:
+    """Four legs, their upper and lower ends (4, 3), and their size."""
     splay = {"splayed": (4, 9), "turned": (0, 5), "sabre": (3, 7), "hairpin": (2, 6), "tapered": (0, 3)}
     outwards = generator.uniform(*splay.get(kind, (0, 0.1)))
     ends = tops * (1 + outwards / np.abs(tops).max())
@@ -62,7 +63,7 @@ def _stood(tops: Floats, height: float, kind: str, generator: Generator) -> tupl
     legs = [_leg(top, foot, kind, size) for top, foot in zip(top3, foot3, strict=True)]
     if kind == "turned":
         profile = [(t, size * d) for t, d in TURNED[str(generator.choice(list(TURNED)))]]
-        legs = [turned(top, foot, profile) for top, foot in zip(top3, foot3, strict=True)]
+        legs = [lathe(top, foot, profile) for top, foot in zip(top3, foot3, strict=True)]
     return legs, top3, foot3, size
 
 
@@ -117,7 +118,7 @@ def sled(width: float, depth: float, height: float, generator: Generator) -> lis
 def cantilever(
     width: float, depth: float, height: float, behind: Sequence[Floats], generator: Generator
 ) -> list[Solid]:
-    """A bent tube that carries the seat from the front only, and goes on upwards to the back's points ``behind``."""
+    """A bent tube that carries the seat from the front only, and continues to the points ``behind`` of the back."""
     x, y, size = width / 2 - 1, depth / 2, generator.uniform(2.2, 3.0)
     floor = size / 2
     sides = []
@@ -134,7 +135,7 @@ def swivel(height: float, generator: Generator) -> list[Solid]:
     foot = 6.0 if castors else 1.5
     hub = foot + generator.uniform(3, 7)
     turn = generator.uniform(0, 2 * np.pi)
-    parts = [turned((0, 0, hub - 3), (0, 0, height), [(0, 7), (0.25, 7), (0.27, 5), (0.6, 5), (0.62, 3), (1, 3)])]
+    parts = [lathe((0, 0, hub - 3), (0, 0, height), [(0, 7), (0.25, 7), (0.27, 5), (0.6, 5), (0.62, 3), (1, 3)])]
     parts.append(slab(outline(20, 20, roundness=0.3, corners=16), [(height - 2, 1), (height, 1)]))
     for angle in turn + 2 * np.pi * np.arange(arms) / arms:
         way = np.array([np.cos(angle), np.sin(angle), 0])
@@ -143,7 +144,7 @@ def swivel(height: float, generator: Generator) -> list[Solid]:
         if castors:
             axle = np.array([-way[1], way[0], 0])
             wheel = reach * way + (0, 0, 2.8)
-            parts.append(turned(wheel - 2 * axle, wheel + 2 * axle, [(0, 4), (0.2, 5.6), (0.8, 5.6), (1, 4)]))
+            parts.append(lathe(wheel - 2 * axle, wheel + 2 * axle, [(0, 4), (0.2, 5.6), (0.8, 5.6), (1, 4)]))
             parts.append(bar(wheel, end, 2, sides=6))
     return parts
 
@@ -156,7 +157,7 @@ def pedestal(height: float, generator: Generator) -> list[Solid]:
     profile = [(0.0, foot), (0.02, foot)]
     profile += [(0.02 + share * t, waist + (foot - waist) * (1 - t) ** 2.5) for t in way[1:]]
     profile += [(0.7 + 0.3 * t, waist + (top - waist) * t**2) for t in way]
-    return [turned((0, 0, 0), (0, 0, height), profile, sides=24)]
+    return [lathe((0, 0, 0), (0, 0, height), profile, sides=24)]
 
 
 SINGLE: dict[str, Callable[[float, Generator], list[Solid]]] = {"swivel": swivel, "pedestal": pedestal}

@@ -1,4 +1,4 @@
-"""Chairs of many styles, made by a program: models for a benchmark of poses that needs no download."""
+"""Procedural chairs of many styles: models for a benchmark of poses that needs no download."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from .solids import Solid, joined, outline, slab
 
 Generator = np.random.Generator
 Parts: TypeAlias = tuple[list[Solid], list[Solid]]
-"""What a chair is made of, by its two tones: frame and cover."""
+"""The solids of a chair by their tone: frame and cover."""
 
 
 def chair(seed: int) -> Mesh:
-    """A chair: the same one for the same seed, one of nine kinds, with every size, part and tone drawn at random.
+    """A random chair, one of nine kinds; the same seed gives the same chair.
 
     Wooden and Windsor chairs (straight, tapered, splayed, turned, curved and hairpin legs), tubular steel (runners or
     cantilevered), swivel chairs, pedestals, shells, tubs, upholstered and panelled armchairs.  Seats are about 45 cm
@@ -29,8 +29,8 @@ def chair(seed: int) -> Mesh:
         seed: at least 0.
 
     Returns:
-        A normalised mesh of some hundred to ten thousand faces, in the object's frame (z up, front to -y).  Parts
-        overlap where they meet.
+        A normalised mesh of a hundred to ten thousand faces, in the object's frame (z up, front to -y).  Parts overlap
+        where they meet.
 
     Raises:
         ValueError: ``seed`` is below 0.
@@ -195,4 +195,4 @@ _KINDS: dict[str, tuple[float, Callable[[Generator], Parts]]] = {
     "panelled": (1, _panelled),
     "tub": (1, _tub),
 }
-"""How often each kind is drawn, and what makes it."""
+"""Relative frequency of each kind, and the function that makes it."""

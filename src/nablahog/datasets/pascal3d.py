@@ -1,4 +1,4 @@
-"""PASCAL3D+: viewpoints of the objects of PASCAL VOC, and the selection of them that Table 2 is made on.
+"""PASCAL3D+: viewpoints of the objects of PASCAL VOC, and the objects that Table 2 is computed on.
 
 ``DIR`` is the folder ``PASCAL3D+_release1.1`` with ``Annotations/chair_pascal/*.mat`` and ``CAD/chair/*.off``.
 
@@ -30,12 +30,12 @@ SAME_BOX = 0.5  # intersection over union from which the boxes of VOC and of a r
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """From where an object is seen, in degrees.
+    """The viewpoint of an object, angles in degrees.
 
     Attributes:
         azimuth: of the camera, in 0…360, 0 in front of the object and 90 at its left.
         elevation: of the camera, above the object's horizontal plane.
-        theta: in the picture's plane, counter-clockwise.
+        theta: in the image plane, counter-clockwise.
         distance: in units of the CAD model; 0 for coarse viewpoints.
         coarse: only a rough guess of azimuth and elevation is annotated.
     """
@@ -49,7 +49,7 @@ class Viewpoint:
 
 @dataclass(frozen=True)
 class Record:
-    """What PASCAL3D+ says of an object.
+    """The annotation of an object in PASCAL3D+.
 
     Attributes:
         category: such as "chair".
@@ -66,7 +66,7 @@ class Record:
 
 @dataclass(frozen=True, eq=False)
 class AnnotatedObject:
-    """The picture of an object and how it is seen there.
+    """The image of an object and its viewpoint.
 
     Attributes:
         name: of the image and the object's number in it, from 1, as "2008_000003#1".
@@ -83,11 +83,11 @@ class AnnotatedObject:
 
 @dataclass
 class Selection:
-    """The objects of a split to estimate the pose of.
+    """The objects of a split whose pose is to be estimated.
 
     Attributes:
         objects: in the order of the split.
-        left_out: how many others, by the reason: the first that holds.
+        left_out: number of other objects by the first reason that applies.
         failed: why the files of an image could not be read, by its name.
     """
 
@@ -96,7 +96,7 @@ class Selection:
     failed: dict[str, str] = field(default_factory=dict)
 
     def summary(self) -> str:
-        """How many there are, and how many are left out for what: one sentence."""
+        """A sentence: how many objects there are, and how many are left out for which reason."""
         photographs = len({each.name.partition("#")[0] for each in self.objects})
         why = ", ".join(f"{count} {reason}" for reason, count in self.left_out.items())
         coarse = sum(each.viewpoint.coarse for each in self.objects)
@@ -105,9 +105,9 @@ class Selection:
 
 
 def read_record(path: Path) -> list[Record]:
-    """The objects of a record of PASCAL3D+, in its order.
+    """Reads the objects of a record of PASCAL3D+, in its order.
 
-    Where the distance is 0 or missing only the coarse viewpoint is annotated, and counts, as in the published code.
+    If the distance is 0 or missing, the coarse viewpoint is used, as in the published code.
 
     Raises:
         FileNotFoundError: there is no such file.
@@ -121,39 +121,40 @@ def read_record(path: Path) -> list[Record]:
         raise ValueError(f"{path}: expected a record of PASCAL3D+, but {error}") from None
 
 
-def _structures(of: dict[str, Any], name: str) -> list[dict[str, Any]]:
-    value = of.get(name)
+def _structures(fields: dict[str, Any], name: str) -> list[dict[str, Any]]:
+    value = fields.get(name)
     if not isinstance(value, list) or not all(isinstance(each, dict) for each in value):
         raise ValueError(f"{name} is no structure")
     return value
 
 
-def _record(of: dict[str, Any]) -> Record:
-    category, box, seen, cad = of.get("class"), of.get("bbox"), of.get("viewpoint"), _number(of, "cad_index")
+def _record(fields: dict[str, Any]) -> Record:
+    category, box, viewpoint = fields.get("class"), fields.get("bbox"), fields.get("viewpoint")
+    cad = _number(fields, "cad_index")
     if not isinstance(category, str) or not isinstance(box, np.ndarray) or box.size != 4 or not np.isfinite(box).all():
         raise ValueError("an object has no class or no bbox")
-    known = isinstance(seen, list) and len(seen) == 1 and isinstance(seen[0], dict)
+    annotated = isinstance(viewpoint, list) and len(viewpoint) == 1 and isinstance(viewpoint[0], dict)
     return Record(
         category,
         half_open(*map(float, box.flat)),
-        _viewpoint(_structures(of, "viewpoint")[0]) if known else None,
+        _viewpoint(_structures(fields, "viewpoint")[0]) if annotated else None,
         int(cad) if cad is not None and cad >= 1 else None,
     )
 
 
-def _viewpoint(of: dict[str, Any]) -> Viewpoint | None:
-    distance = _number(of, "distance") or 0.0
-    fine = _number(of, "azimuth"), _number(of, "elevation")
-    rough = _number(of, "azimuth_coarse"), _number(of, "elevation_coarse")
+def _viewpoint(fields: dict[str, Any]) -> Viewpoint | None:
+    distance = _number(fields, "distance") or 0.0
+    fine = _number(fields, "azimuth"), _number(fields, "elevation")
+    rough = _number(fields, "azimuth_coarse"), _number(fields, "elevation_coarse")
     coarse = distance == 0 or None in fine
     azimuth, elevation = rough if coarse else fine
     if azimuth is None or elevation is None:
         return None
-    return Viewpoint(azimuth % 360, elevation, _number(of, "theta") or 0.0, distance, coarse)
+    return Viewpoint(azimuth % 360, elevation, _number(fields, "theta") or 0.0, distance, coarse)
 
 
-def _number(of: dict[str, Any], name: str) -> float | None:
-    value = of.get(name)
+def _number(fields: dict[str, Any], name: str) -> float | None:
+    value = fields.get(name)
     if not isinstance(value, np.ndarray) or value.size != 1:
         return None
     number = float(value.flat[0])
@@ -164,7 +165,7 @@ def read_pascal3d(voc: Path, pascal3d: Path, category: str = "chair", split: str
     """The paper's selection: objects that are not difficult, occluded or truncated by VOC and have a viewpoint.
 
     Each is cut out along its box and, if its shortest side has less than :data:`SHORTEST` pixels, enlarged to that
-    (bicubic).  VOC and PASCAL3D+ are put together by the boxes.
+    (bicubic).  Objects of VOC and of PASCAL3D+ are matched by their boxes.
 
     Args:
         voc: the folder ``VOC2012``.
@@ -194,29 +195,29 @@ def _select(voc: Path, records: Path, category: str, image_id: str, result: Sele
     """Adds the objects of an image, all or, if a file cannot be read, none."""
     try:
         annotated = read_annotation(voc / "Annotations" / f"{image_id}.xml")
-        wanted = [(number, each) for number, each in enumerate(annotated, start=1) if each.category == category]
-        usable = [(number, each) for number, each in wanted if _flaw(each) is None]
-        found: list[AnnotatedObject] = []
+        numbered = [(number, each) for number, each in enumerate(annotated, start=1) if each.category == category]
+        usable = [(number, each) for number, each in numbered if _flaw(each) is None]
+        objects: list[AnnotatedObject] = []
         if usable:  # the other photographs need not be read
             photograph = read_image(voc / "JPEGImages" / f"{image_id}.jpg")
-            known = [each for each in read_record(records / f"{image_id}.mat") if each.category == category]
+            candidates = [each for each in read_record(records / f"{image_id}.mat") if each.category == category]
             for number, each in usable:
-                record = max(known, key=lambda one: each.box.iou(one.box), default=None)
+                record = max(candidates, key=lambda one: each.box.iou(one.box), default=None)
                 if record is None or record.viewpoint is None or each.box.iou(record.box) < SAME_BOX:
                     continue
                 cad = None if record.cad is None else f"{record.cad:02d}"
                 picture = cut_out(photograph, each.box)
-                found.append(AnnotatedObject(f"{image_id}#{number}", picture, record.viewpoint, cad))
+                objects.append(AnnotatedObject(f"{image_id}#{number}", picture, record.viewpoint, cad))
     except (OSError, ValueError) as error:
         result.failed[image_id] = str(error).replace(f"{voc}{os.sep}", "").replace(f"{records}{os.sep}", "")
         return
-    result.objects += found
-    result.left_out.update(flaw for _, each in wanted if (flaw := _flaw(each)) is not None)
-    result.left_out.update(["without a viewpoint"] * (len(usable) - len(found)))
+    result.objects += objects
+    result.left_out.update(flaw for _, each in numbered if (flaw := _flaw(each)) is not None)
+    result.left_out.update(["without a viewpoint"] * (len(usable) - len(objects)))
 
 
-def _flaw(of: VOCObject) -> str | None:
-    flaws = {"difficult": of.difficult, "occluded": of.occluded, "truncated": of.truncated}
+def _flaw(one: VOCObject) -> str | None:
+    flaws = {"difficult": one.difficult, "occluded": one.occluded, "truncated": one.truncated}
     return next((name for name, holds in flaws.items() if holds), None)
 
 

@@ -1,4 +1,4 @@
-"""Photographs that never were: an object of known model and pose in front of real clutter, as a benchmark of poses."""
+"""Synthetic scenes: an object of known model and pose in front of photographs, as a benchmark of poses."""
 
 from __future__ import annotations
 
@@ -28,26 +28,26 @@ _MARGIN = 6  # pixels between the object and the image's border
 
 @dataclass(frozen=True)
 class SceneSettings:
-    """How hard the scenes are: ranges that are drawn from evenly, and shares.
+    """The difficulty of scenes: ranges of uniform distributions, and shares.
 
     Attributes:
         size: of the square images, in pixels.
         height: of the object in pixels; less where it would not fit in its width.
-        distance: from the camera to the object's centre, in diagonals of its bounding box; the lens follows from it and
-            the height, so that this is how strong the perspective is.
+        distance: from the camera to the object's centre, in diagonals of its bounding box.  It decides how strong the
+            perspective is: the focal length follows from it and the height.
         albedo: factor of the model's brightness, which stays below 1.
-        ambient: share of light that comes from everywhere; the rest comes from one direction, drawn evenly.
-        tint: by how much the object's three colours differ from gray, at most, and those of gray clutter.
+        ambient: share of ambient light; the rest comes from one uniformly random direction.
+        tint: by how much the object's R, G and B, and those of gray clutter, differ from gray, at most.
         contrast: factor of the clutter's deviations from its mean.
-        zoom: pixels of the photograph of clutter that become one.
+        zoom: pixels of the photograph of clutter for one pixel of the image.
         occlusion: share of scenes where something is in front of the object.
         occluded: share of the object's box that it covers.
         blur: σ of the Gaussian that blurs the image, in pixels.
         gamma: exponent of the image's brightness.
         exposure: factor of the image's brightness.
-        noise: σ of normal noise, the same for the three colours, which the image has in 0…1.
-        box_jitter: σ of the error of each side of the given box, in widths or heights of the box.
-        elevation_error: of the given pose, at most, in degrees.
+        noise: σ of normal noise, the same for the three colours, of an image in 0…1.
+        box_jitter: σ of the error of each side of the box, relative to its width or height.
+        elevation_error: of the initial pose, at most, in degrees.
 
     Raises:
         ValueError: a range does not go from a smaller number to a larger one, or a field is out of its bounds.
@@ -101,11 +101,11 @@ class Scene:
     Attributes:
         model: the name of its model.
         image: (3, H, W), float32 in 0…1: R, G, B.
-        box: where the object is, as someone might have annotated it.
-        pose: (6,), float64: the truth, see :data:`~nablahog.render.camera.PARAMETERS`.
-        camera: that ``pose`` is meant for.
-        initial: (6,), float64: the pose to begin with: an azimuth that says nothing, an elevation near the truth, the
-            middle distance; 0 for the others.
+        box: of the object, with the error of an annotation.
+        pose: (6,), float64: the true pose, see :data:`~nablahog.render.camera.PARAMETERS`.
+        camera: of the image.
+        initial: (6,), float64: the pose to start from: a random azimuth, an elevation near the true one, the middle
+            distance; 0 for the others.
     """
 
     model: str
@@ -125,16 +125,16 @@ def scene(
     seed: int = 0,
     settings: SceneSettings = SETTINGS,
 ) -> Scene:
-    """One scene of a benchmark; the same for the same arguments, whichever others were made before.
+    """One scene of a benchmark; the same for the same arguments.
 
     Args:
-        index: which one, at least 0.
+        index: number of the scene, at least 0.
         models: normalised meshes by name, of which one is drawn.
         viewpoints: (N, 3) azimuth, elevation, theta, as :func:`~nablahog.datasets.viewpoints.read_viewpoints`, of which
             one is drawn.
         photographs: clutter: gray (H, W) or (1, H, W), or R, G, B (3, H, W), in 0…1.
         seed: of the benchmark, at least 0.
-        settings: how hard it is.
+        settings: its difficulty.
 
     Raises:
         ValueError: there are no models, viewpoints or photographs, or they have other shapes.
@@ -149,23 +149,23 @@ def scene(
     distance = generator.uniform(*settings.distance)
     start = (generator.uniform(0, 360), elevation + settings.elevation_error * generator.uniform(-1, 1))
     initial = (start[0], min(max(start[1], -90), 90), sum(settings.distance) / 2, 0, 0, 0)
-    pose, camera, box = _placed(models[name], (azimuth, elevation, distance, theta, 0, 0), settings, generator)
-    picture, coverage = _pictured(models[name], pose, camera, settings, generator)
+    pose, camera, box = _place(models[name], (azimuth, elevation, distance, theta, 0, 0), settings, generator)
+    picture, coverage = _render(models[name], pose, camera, settings, generator)
     image = compose(picture, coverage, box, [_photograph(photo) for photo in photographs], settings, generator)
     return Scene(
         model=name,
         image=torch.from_numpy(image.astype(np.float32)),
-        box=_jittered(box, settings, generator),
+        box=_jitter(box, settings, generator),
         pose=pose,
         camera=camera,
         initial=torch.tensor(initial, dtype=torch.float64),
     )
 
 
-def _placed(
+def _place(
     mesh: Mesh, pose: tuple[float, ...], settings: SceneSettings, generator: np.random.Generator
 ) -> tuple[Tensor, Camera, Box]:
-    """The pose with its place in the image, the camera with its focal length, and the object's tight box."""
+    """The pose with its translation in the image, the camera with its focal length, and the object's bounding box."""
     poses = torch.tensor([pose], dtype=torch.float64)
     points = to_camera(mesh.vertices, poses)
 
@@ -183,10 +183,10 @@ def _placed(
     return poses[0], camera, Box.of((*corner.tolist(), *(corner + high - low).tolist()))
 
 
-def _pictured(
+def _render(
     mesh: Mesh, pose: Tensor, camera: Camera, settings: SceneSettings, generator: np.random.Generator
 ) -> tuple[Floats, Floats]:
-    """The object alone on black, in colour (3, H, W), and how much of each pixel it covers (H, W)."""
+    """The object on black, in colour (3, H, W), and its coverage of each pixel (H, W)."""
     brightness = (mesh.brightness * generator.uniform(*settings.albedo)).clamp(max=1)
     ambient = generator.uniform(*settings.ambient)
     x, y, z = generator.normal(size=3)
@@ -202,7 +202,7 @@ def _pictured(
 
 
 def _colours(settings: SceneSettings, generator: np.random.Generator) -> Floats:
-    """(3, 1, 1): random factors of R, G and B that leave the gray of Eq. 1 as it is."""
+    """(3, 1, 1): random factors of R, G and B that do not change the gray of Eq. 1."""
     factors = 1 + settings.tint * generator.uniform(-1, 1, 3)
     colours: Floats = (factors / np.dot(GRAY_WEIGHTS, factors))[:, None, None]
     return colours
@@ -216,15 +216,15 @@ def compose(
     settings: SceneSettings,
     generator: np.random.Generator,
 ) -> Floats:
-    """A photograph of the object: clutter behind it, perhaps something in front, then lens, exposure and sensor.
+    """Composes the image: clutter behind the object, an occluder in front, then blur, exposure, gamma and noise.
 
     Args:
         picture: (3, H, W), the object on black.
-        coverage: (H, W) in 0…1, how much of each pixel the object covers.
+        coverage: (H, W) in 0…1, of each pixel by the object.
         box: x0, y0, x1, y1 of the object, pixels.
         photographs: clutter, (1 or 3, h, w) in 0…1.
-        settings: how hard it is.
-        generator: where randomness comes from.
+        settings: its difficulty.
+        generator: of random numbers.
 
     Returns:
         (3, H, W), float64 in 0…1.
@@ -245,7 +245,7 @@ def compose(
 def _clutter(
     photographs: Sequence[Floats], shape: tuple[int, ...], settings: SceneSettings, generator: np.random.Generator
 ) -> Floats:
-    """(3, H, W): part of a photograph, at another scale and contrast, perhaps mirrored."""
+    """(3, H, W): a random crop of a photograph, rescaled, with another contrast, possibly mirrored."""
     photo = photographs[int(generator.integers(len(photographs)))]
     room = np.array(photo.shape[1:])
     sides = (
@@ -264,14 +264,14 @@ def _clutter(
 
 
 def _occluder(box: Box, share: float, generator: np.random.Generator) -> Box:
-    """A rectangle over ``share`` of the box: a bar across it or a patch in it, upright or lying."""
+    """A random rectangle that covers ``share`` of the box: a vertical or horizontal bar, or a patch."""
     wide = float(generator.choice([share, 1.0, math.sqrt(share)]))  # in widths of the box
     width, height = wide * box.width, share / wide * box.height
     left, top = np.array([box.x0, box.y0]) + generator.random(2) * (box.width - width, box.height - height)
     return Box(round(left), round(top), round(left + width), round(top + height))
 
 
-def _jittered(box: Box, settings: SceneSettings, generator: np.random.Generator) -> Box:
+def _jitter(box: Box, settings: SceneSettings, generator: np.random.Generator) -> Box:
     sides = np.array(box) + settings.box_jitter * generator.normal(size=4) * np.tile([box.width, box.height], 2)
     return Box.of(sides.clip(0, settings.size).tolist())
 

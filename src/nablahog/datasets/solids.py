@@ -1,4 +1,4 @@
-"""Simple solids of triangles, which procedural objects are put together from."""
+"""Simple triangulated solids, the parts of procedural objects."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Solid(NamedTuple):
 
 
 def joined(solids: Iterable[Solid]) -> Solid:
-    """All triangles of several solids; where these overlap, they stay as they are."""
+    """All triangles of several solids, which may overlap."""
     parts = list(solids)
     starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
     faces = [part.faces + start for part, start in zip(parts, starts, strict=False)]
@@ -27,11 +27,11 @@ def joined(solids: Iterable[Solid]) -> Solid:
 
 
 def loft(rings: Floats, *, closed: bool = False) -> Solid:
-    """The surface through rings of points, one after the other, with lids on the first and the last.
+    """The surface through successive rings of points, with lids on the first and the last.
 
     Args:
-        rings: (R, N, 3); N is even, and the points i and N-1-i of a ring are opposite each other, so that lines between
-            them fill it.
+        rings: (R, N, 3); N is even, and the points i and N-1-i of a ring are opposite each other: the lids are made of
+            quadrilaterals between them.
         closed: the last ring is followed by the first, and there are no lids.
     """
     count, corners = rings.shape[:2]
@@ -88,15 +88,15 @@ def bar(
     return tube(np.array([start, end], dtype=np.float64), np.array(sizes), sides=sides)
 
 
-def turned(start: ArrayLike, end: ArrayLike, profile: Sequence[tuple[float, float]], *, sides: int = 12) -> Solid:
-    """What a lathe makes: round from ``start`` to ``end``, with diameters by the share of the way there."""
+def lathe(start: ArrayLike, end: ArrayLike, profile: Sequence[tuple[float, float]], *, sides: int = 12) -> Solid:
+    """A solid of revolution from ``start`` to ``end``; ``profile`` has diameters at positions 0…1 between them."""
     share, diameter = np.array(profile).T
     first, last = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     return tube(first + share[:, None] * (last - first), np.stack([diameter, diameter], axis=1), sides=sides)
 
 
 def rounded(corners: ArrayLike, radius: float, *, steps: int = 4) -> Floats:
-    """The open polyline ``corners`` (K, 3) with its inner corners replaced by curves that begin ``radius`` before."""
+    """The open polyline ``corners`` (K, 3), its inner corners replaced by curves that start ``radius`` before them."""
     points = np.asarray(corners, dtype=np.float64)
     path = [points[:1]]
     t = np.linspace(0, 1, steps + 1)[:, None]
@@ -109,7 +109,7 @@ def rounded(corners: ArrayLike, radius: float, *, steps: int = 4) -> Floats:
 def outline(width: float, depth: float, *, roundness: float, taper: float = 0.0, corners: int = 32) -> Floats:
     """(N, 2): a superellipse, from a rectangle (``roundness`` 0) to an ellipse (1), centred at 0.
 
-    ``taper`` is by how much of its width it is narrower at the back (+y) than at the front.
+    ``taper`` is the relative difference of width between front and back (+y).
     """
     angle = 2 * np.pi * (np.arange(corners) + 0.5) / corners
     power = np.exp(np.log(0.08) * (1 - roundness))  # 2 / the exponent
@@ -124,7 +124,7 @@ def slab(shape: Floats, levels: Sequence[tuple[float, float]]) -> Solid:
 
 
 def sheet(surface: Floats, thickness: ArrayLike) -> Solid:
-    """A curved board: ``surface`` (R, C, 3) is its middle, ``thickness`` one number or (R, C)."""
+    """A curved board: ``surface`` (R, C, 3) is its middle surface, ``thickness`` one number or (R, C)."""
     along, across = np.gradient(surface, axis=0), np.gradient(surface, axis=1)
     offset = _unit(np.cross(along, across)) * (np.broadcast_to(thickness, surface.shape[:2])[..., None] / 2)
     return loft(np.concatenate([surface + offset, (surface - offset)[:, ::-1]], axis=1))

@@ -1,4 +1,4 @@
-"""From where objects are seen: lists of viewpoints from CSV files, and a distribution of our own."""
+"""Viewpoints: lists in CSV files, and a random distribution."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..io.files import check_file
+
 Floats = NDArray[np.float64]
 
 _REQUIRED = ("azimuth", "elevation")
@@ -18,7 +20,7 @@ _COLUMNS = (*_REQUIRED, "theta")
 
 
 def read_viewpoints(path: str | os.PathLike[str]) -> Floats:
-    """The viewpoints in a CSV file: a line of column names, then one line for each viewpoint.
+    """Reads the viewpoints in a CSV file: a line of column names, then one line for each viewpoint.
 
     Args:
         path: the file, in UTF-8.  Of its columns, ``azimuth``, ``elevation`` and, if there is one, ``theta`` are read,
@@ -33,10 +35,7 @@ def read_viewpoints(path: str | os.PathLike[str]) -> Floats:
             message names the line.
     """
     path = Path(path)
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: no such file")
-    if not path.is_file():
-        raise ValueError(f"{path}: expected a CSV file, got a {'folder' if path.is_dir() else 'special file'}")
+    check_file(path, "a CSV file")
     with open(path, newline="", encoding="utf-8-sig") as file:
         reader = csv.DictReader(file, skipinitialspace=True)
         try:
@@ -53,7 +52,7 @@ def read_viewpoints(path: str | os.PathLike[str]) -> Floats:
     viewpoints = np.zeros((len(rows), 3))
     viewpoints[:, : len(rows[0])] = rows
     viewpoints[:, 0] %= 360
-    viewpoints[viewpoints[:, 0] == 360, 0] = 0  # what is a rounding below 0
+    viewpoints[viewpoints[:, 0] == 360, 0] = 0  # the remainder of a number just below 0
     return viewpoints
 
 
@@ -71,14 +70,14 @@ def _number(row: Mapping[str, str | None], name: str) -> float:
 
 
 def sample_viewpoints(count: int, generator: np.random.Generator) -> Floats:
-    """Viewpoints as people photograph chairs: standing, from all around, most often from near the front.
+    """Random viewpoints, as people photograph chairs: standing, from all around, most often from the front.
 
     Azimuth: for half of them normal about the front, σ = 45°, for the others uniform.  Elevation: triangular from 0° to
     45° with its peak at 15°.  Theta: normal, σ = 3°.
 
     Args:
-        count: how many.
-        generator: where randomness comes from.
+        count: number of viewpoints.
+        generator: of random numbers.
 
     Returns:
         (``count``, 3), float64, as :func:`read_viewpoints`.

@@ -14,6 +14,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from ..hog.box import Box
+from ..io.files import check_file
 
 MAX_BYTES = 2**20  # of an annotation; published ones have at most some ten thousand
 
@@ -25,9 +26,9 @@ class VOCObject:
     Attributes:
         category: such as "chair".
         box: where, in pixels.
-        truncated: it goes on outside the image or the box.
-        occluded: something is in front of it; absent from the oldest files, which then means False.
-        difficult: not to be counted.
+        truncated: it extends beyond the image or the box.
+        occluded: something is in front of it; False where the file does not say, as in the oldest.
+        difficult: not counted in evaluations.
     """
 
     category: str
@@ -45,7 +46,7 @@ def check_voc(voc: Path) -> None:
 
 
 def read_image_ids(voc: Path, category: str, split: str) -> list[str]:
-    """The images of a split that hold the category: ``CATEGORY_SPLIT.txt``, or all of ``SPLIT.txt`` if it is missing.
+    """Reads the images of a split with a category: ``CATEGORY_SPLIT.txt``, or all of ``SPLIT.txt`` if it is missing.
 
     Raises:
         FileNotFoundError: both are missing.
@@ -57,7 +58,7 @@ def read_image_ids(voc: Path, category: str, split: str) -> list[str]:
         raise FileNotFoundError(f"{lists}: expected {category}_{split}.txt or {split}.txt, got neither")
     result = []
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-        match = re.fullmatch(r"\s*([\w-]+)(?:\s+(-1|0|1))?\s*", line, re.ASCII)  # no names that lead elsewhere
+        match = re.fullmatch(r"\s*([\w-]+)(?:\s+(-1|0|1))?\s*", line, re.ASCII)  # no path separators
         if match is None and line.strip():
             raise ValueError(f"{path}: expected lines as '2008_000003 1', got {line[:60]!r}")
         if match is not None and match[2] != "-1":
@@ -66,21 +67,20 @@ def read_image_ids(voc: Path, category: str, split: str) -> list[str]:
 
 
 class _NoDocumentType(ElementTree.TreeBuilder):
-    """A document type may define entities; annotations have none."""
+    """Refuses document types, which may define entities; annotations have none."""
 
     def doctype(self, name: str, pubid: str, system: str) -> None:
         raise ElementTree.ParseError("a document type is refused")
 
 
 def read_annotation(path: Path) -> list[VOCObject]:
-    """The objects of an annotation file, in its order; what is said of their parts is passed over.
+    """Reads the objects of an annotation file, in its order; their parts are ignored.
 
     Raises:
         FileNotFoundError: there is no such file.
         ValueError: it is no such annotation, is damaged, has a document type, or is larger than :data:`MAX_BYTES`.
     """
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file")
+    check_file(path, "an annotation of PASCAL VOC")
     with open(path, "rb") as file:
         data = file.read(MAX_BYTES + 1)
     try:
@@ -90,12 +90,12 @@ def read_annotation(path: Path) -> list[VOCObject]:
         if root.tag != "annotation":
             raise ValueError(f"its root is {root.tag[:60]!r}")
         return [_object(element) for element in root.iterfind("object")]
-    except (ElementTree.ParseError, ValueError, LookupError) as error:  # the last for encodings that nobody knows
+    except (ElementTree.ParseError, ValueError, LookupError) as error:  # LookupError: an unknown encoding
         raise ValueError(f"{path}: expected an annotation of PASCAL VOC, but {error}") from None
 
 
 def half_open(xmin: float, ymin: float, xmax: float, ymax: float) -> Box:
-    """The box of what PASCAL writes, where pixels count from 1 and both ends are included."""
+    """The box of PASCAL's numbers, which count pixels from 1 and include both ends."""
     return Box(xmin - 1, ymin - 1, xmax, ymax)
 
 

@@ -10,6 +10,7 @@ from PIL import Image
 from torch import Tensor
 
 from ..hog.gradient import gray
+from ..io.files import check_folder
 from ..io.images import limit_size, read_image
 from ..io.sample_photographs import SAMPLE_NAMES, sample_photograph
 
@@ -44,10 +45,7 @@ def read_folder(folder: Path, *, size: int, limit: int | None = None) -> Photogr
         FileNotFoundError, NotADirectoryError: there is no such folder.
         ValueError: it holds no image file.
     """
-    if not folder.exists():
-        raise FileNotFoundError(f"{folder}: no such folder")
-    if not folder.is_dir():
-        raise NotADirectoryError(f"{folder}: expected a folder of images, got a file")
+    check_folder(folder, "images")
     readable = {ending for ending, kind in Image.registered_extensions().items() if kind in Image.OPEN}
     entries = [entry for entry in sorted(folder.iterdir()) if not entry.name.startswith(".")]
     files = [entry for entry in entries if entry.suffix.lower() in readable and not entry.is_dir()]

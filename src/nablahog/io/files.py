@@ -42,6 +42,32 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         raise
 
 
+def check_file(path: Path, expected: str) -> None:
+    """Raises FileNotFoundError if ``path`` does not exist, and ValueError if it is no regular file.
+
+    Args:
+        path: of a file to read.
+        expected: its kind, for the message, such as "an image file".
+    """
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such file")
+    if not path.is_file():
+        raise ValueError(f"{path}: expected {expected}, got a {'folder' if path.is_dir() else 'special file'}")
+
+
+def check_folder(folder: Path, expected: str) -> None:
+    """Raises FileNotFoundError if ``folder`` does not exist, and NotADirectoryError if it is none.
+
+    Args:
+        folder: to read files from.
+        expected: what it holds, for the message, such as "images".
+    """
+    if not folder.exists():
+        raise FileNotFoundError(f"{folder}: no such folder")
+    if not folder.is_dir():
+        raise NotADirectoryError(f"{folder}: expected a folder of {expected}, got a file")
+
+
 def remove_parts(folder: Path, *, older_than: float) -> None:
     """Removes, in ``folder``, what :func:`replacing` left when its process was killed.
 

@@ -14,7 +14,7 @@ from PIL import Image, ImageOps, UnidentifiedImageError
 from torch import Tensor
 from torch.nn import functional
 
-from .files import replacing
+from .files import check_file, replacing
 
 Picture: TypeAlias = Tensor | NDArray[np.floating]
 
@@ -47,10 +47,7 @@ def read_image(path: str | os.PathLike[str]) -> Tensor:
             ``PIL.Image.MAX_IMAGE_PIXELS``, or its levels are none of the above.
     """
     path = Path(path)
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: no such file")
-    if not path.is_file():
-        raise ValueError(f"{path}: expected an image file, got a {'folder' if path.is_dir() else 'special file'}")
+    check_file(path, "an image file")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # remarks on odd metadata
         warnings.simplefilter("error", Image.DecompressionBombWarning)

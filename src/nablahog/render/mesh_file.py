@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from ..io.files import check_file
 from .mesh_bytes import MAX_BYTES, MAX_FACES, as_utf8, is_coff, off_lines, repair
 
 if TYPE_CHECKING:  # slow to import
@@ -46,10 +47,7 @@ def read_soup(path: Path) -> Soup:
         FileNotFoundError: there is no such file.
         ValueError: it is no such file, too big or damaged.
     """
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: no such file")
-    if not path.is_file():
-        raise ValueError(f"{path}: expected a mesh file, got a {'folder' if path.is_dir() else 'special file'}")
+    check_file(path, "a mesh file")
     kind = _FORMATS.get(path.suffix.lower())
     if kind is None:
         expected = ", ".join(ENDINGS)
