@@ -10,7 +10,7 @@ from torch import Tensor
 from nablahog.cli.inputs.preset_parameters import PRESETS
 from nablahog.cli.inputs.spec import Wanted
 from nablahog.dialects.describer import Describer
-from nablahog.dialects.distances import Distance, Question, answers
+from nablahog.dialects.distances import Distance, Query, distances
 from nablahog.dialects.grounds import Ground, Orientations
 from nablahog.hog import HOGSpec, hog
 
@@ -20,18 +20,18 @@ CAT = torch.from_numpy(data.chelsea()[40:232:4, 60:356:4].transpose(2, 0, 1).cop
 
 def distance(a: HOGSpec, b: HOGSpec, ground: Ground | None = None, image: Tensor = CAT) -> Distance:
     describer = Describer(image)
-    (found,) = answers(describer, [Question(describer, a, b, ground or Orientations())])
+    (found,) = distances(describer, [Query(describer, a, b, ground or Orientations())])
     return found
 
 
 def total(found: Distance) -> float:
-    return sum(each.share for each in found.shares)
+    return sum(each.value for each in found.contributions)
 
 
 def percent(found: Distance) -> dict[str, int]:
     """Shares that are not 0 in whole percent."""
     whole = found.distance**2
-    rounded = {each.convention.name: round(100 * each.share / whole) for each in found.shares}
+    rounded = {each.convention.name: round(100 * each.value / whole) for each in found.contributions}
     return {name: share for name, share in rounded.items() if share}
 
 

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from nablahog.dialects import Comparison, compare
-from nablahog.dialects.compare import alike
+from nablahog.dialects.compare import cliques
 from nablahog.dialects.heatmap import heat_map
 from nablahog.dialects.tables import channels, conventions, csv_rows, matrix, pairs, same, shares, tie_rows
 from nablahog.hog import presets
@@ -74,7 +74,7 @@ def test_the_same_is_said_to_be(found: Comparison) -> None:
 
 def test_shares_below_0_have_a_minus(found: Comparison) -> None:
     whole = found.pairs[0].orientations
-    turned = [type(each)(each.convention, each.says, -each.share) for each in whole.shares[:1]]
+    turned = [type(each)(each.convention, each.settings, -each.value) for each in whole.contributions[:1]]
     assert "−" in shares(type(whole)(whole.distance, turned, 0, 0, whole.region))
 
 
@@ -128,9 +128,9 @@ def test_the_picture() -> None:
 
 
 def test_groups_of_which_all_are_alike() -> None:
-    assert alike("abcd", [("a", "b"), ("c", "a"), ("b", "c")]) == [["a", "b", "c"]]
-    assert alike("abcd", [("a", "b"), ("b", "c"), ("c", "d")]) == [["a", "b"], ["c", "d"]]
-    assert alike("ab", []) == []
+    assert cliques("abcd", [("a", "b"), ("c", "a"), ("b", "c")]) == [["a", "b", "c"]]
+    assert cliques("abcd", [("a", "b"), ("b", "c"), ("c", "d")]) == [["a", "b"], ["c", "d"]]
+    assert cliques("ab", []) == []
 
 
 def test_progress_is_told() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from nablahog.dialects.conventions import differing, essential, exchangeable, exchanged
 from nablahog.dialects.describer import Describer
-from nablahog.dialects.distances import Question
+from nablahog.dialects.distances import Query
 from nablahog.dialects.grounds import Orientations, region, same_channels
 from nablahog.hog import BlockNorm, HOGSpec, presets
 
@@ -37,8 +37,8 @@ def test_mixtures_of_presets_are_hogs(a: str, b: str) -> None:
         for taken, spec in zip(itertools.product((0, 1), repeat=len(conventions)), mixtures, strict=True):
             assert spec == exchanged(one, other, itertools.compress(conventions, taken))
             region(spec, describer.size)
-        question = Question(describer, SPECS[a], SPECS[b], ground)
-        assert [each.name for each in question.conventions] == [each.name for each in conventions]
+        query = Query(describer, SPECS[a], SPECS[b], ground)
+        assert [each.name for each in query.conventions] == [each.name for each in conventions]
 
 
 def describer_spec(spec: HOGSpec, ground: Orientations) -> HOGSpec:
@@ -72,7 +72,9 @@ def test_what_cannot_be_exchanged_alone_is_joined() -> None:
     }
     joined = conventions[-1]
     assert joined.fields == ("pooling", "normalizer")
-    assert joined.said(presets.skimage()).startswith("pooling=box(mean=True, window=0), normalizer=block(block=(3, 3)")
+    assert joined.settings(presets.skimage()).startswith(
+        "pooling=box(mean=True, window=0), normalizer=block(block=(3, 3)"
+    )
 
 
 def test_directed_channels_go_with_signed_bins() -> None:
@@ -114,4 +116,4 @@ def test_what_decides_nothing_is_no_convention() -> None:
 def test_an_image_too_small_is_said_to_be() -> None:
     describer = Describer(CAT[:, :16])
     with pytest.raises(ValueError, match=r"an image of 16x74 pixels .* too few for a dpm descriptor"):
-        Question(describer, SPECS["paper"], SPECS["dpm"], Orientations())
+        Query(describer, SPECS["paper"], SPECS["dpm"], Orientations())

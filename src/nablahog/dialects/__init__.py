@@ -1,7 +1,7 @@
-"""How far apart the HOGs of libraries are on a photograph, and which of their conventions that is."""
+"""Distances between the HOGs of libraries on a photograph, and the contribution of each convention to them."""
 
 from .compare import Comparison, Pair, compare
 from .conventions import Convention
-from .shares import Share
+from .shapley import ShapleyContribution
 
-__all__ = ["Comparison", "Convention", "Pair", "Share", "compare"]
+__all__ = ["Comparison", "Convention", "Pair", "ShapleyContribution", "compare"]

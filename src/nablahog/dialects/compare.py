@@ -1,4 +1,4 @@
-"""Every two dialects on a photograph."""
+"""Comparison of every two dialects on a photograph."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from torch import Tensor
 from ..hog import HOGSpec
 from ..hog.normalizers import Part
 from .describer import Describer
-from .distances import Distance, Progress, Question, answers
+from .distances import Distance, Progress, Query, distances
 from .grounds import Orientations, same_channels
 from .ties import Ties, ties
 
@@ -27,9 +27,9 @@ class Pair:
 
     Attributes:
         a, b: their names.
-        orientations: on the ground that all HOGs share, :class:`.grounds.Orientations`.
-        parts: which channels have the same meaning in both; empty if none.
-        channels: on these, as they are; None if there are none.
+        orientations: the distance in the form that all HOGs have, :class:`.grounds.Orientations`.
+        parts: channels with the same meaning in both; may be empty.
+        channels: the distance in these channels, unchanged; None if there are none.
     """
 
     a: str
@@ -41,11 +41,11 @@ class Pair:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Dialects on a photograph.
+    """Distances and ties of dialects on a photograph.
 
     Attributes:
-        specs: by name.
-        pairs: every two, in the order of the names.
+        specs: the dialects by name.
+        pairs: every two of them, in the order of the names.
         ties: of each dialect, by name.
     """
 
@@ -54,19 +54,19 @@ class Comparison:
     ties: Mapping[str, Ties]
 
     def by_likeness(self) -> list[str]:
-        """The names in an order in which neighbours are alike."""
+        """The names in the order of a hierarchical clustering: similar dialects are neighbours."""
         names = list(self.specs)
         tree = linkage(squareform(self.matrix(), checks=False), "average", optimal_ordering=True)
         return [names[k] for k in leaves_list(tree)]
 
-    def matrix(self) -> NDArray[np.float64]:
-        """All distances on the common ground, (dialects, dialects), symmetric."""
-        names = list(self.specs)
-        found = np.zeros((len(names), len(names)))
+    def matrix(self, names: Sequence[str] | None = None) -> NDArray[np.float64]:
+        """All distances in the common form, (dialects, dialects), symmetric, in the order of ``names``."""
+        names = list(self.specs if names is None else names)
+        matrix = np.zeros((len(names), len(names)))
         for pair in self.pairs:
             i, j = names.index(pair.a), names.index(pair.b)
-            found[i, j] = found[j, i] = pair.orientations.distance
-        return found
+            matrix[i, j] = matrix[j, i] = pair.orientations.distance
+        return matrix
 
 
 def compare(image: Tensor, specs: Mapping[str, HOGSpec], progress: Progress | None = None) -> Comparison:
@@ -75,7 +75,7 @@ def compare(image: Tensor, specs: Mapping[str, HOGSpec], progress: Progress | No
     Args:
         image: (C, H, W), uint8, C 1 or 3.
         specs: at least two, by name, with cells of one size.
-        progress: called with the descriptors done, their number, and what they are.
+        progress: called with the number of descriptors computed, their total, and the word "descriptors".
 
     Raises:
         ValueError: the image is no such tensor, or too small for a dialect, or for two to have a cell in common; or
@@ -87,24 +87,24 @@ def compare(image: Tensor, specs: Mapping[str, HOGSpec], progress: Progress | No
         raise ValueError("expected at least two dialects with cells of one size")
     describer = Describer(image)
     names = list(itertools.combinations(specs, 2))
-    grounds = [same_channels(specs[a], specs[b]) for a, b in names]
-    common = [Question(describer, specs[a], specs[b], Orientations()) for a, b in names]
-    further = [Question(describer, specs[a], specs[b], g) for (a, b), g in zip(names, grounds, strict=True) if g]
-    found = answers(describer, [*common, *further], progress)
-    of_channels = iter(found[len(common) :])
+    channels = [same_channels(specs[a], specs[b]) for a, b in names]
+    common = [Query(describer, specs[a], specs[b], Orientations()) for a, b in names]
+    further = [Query(describer, specs[a], specs[b], form) for (a, b), form in zip(names, channels, strict=True) if form]
+    measured = iter(distances(describer, [*common, *further], progress))
+    orientations = [next(measured) for _ in names]
     pairs = [
-        Pair(a, b, distance, ground.parts if ground else (), next(of_channels) if ground else None)
-        for (a, b), distance, ground in zip(names, found[: len(common)], grounds, strict=True)
+        Pair(a, b, distance, form.parts if form else (), next(measured) if form else None)
+        for (a, b), distance, form in zip(names, orientations, channels, strict=True)
     ]
     return Comparison(specs, pairs, {name: ties(describer, spec) for name, spec in specs.items()})
 
 
-def alike(names: Sequence[str], pairs: Sequence[tuple[str, str]]) -> list[list[str]]:
-    """Groups of at least two names of which every two are among the pairs, as large as they come."""
+def cliques(names: Sequence[str], pairs: Sequence[tuple[str, str]]) -> list[list[str]]:
+    """Groups of at least two names of which every two are among the pairs; greedy, in the order of the names."""
     groups: list[list[str]] = []
-    together = {frozenset(pair) for pair in pairs}
+    linked = {frozenset(pair) for pair in pairs}
     for name in names:
-        group = next((g for g in groups if all(frozenset((name, other)) in together for other in g)), None)
+        group = next((g for g in groups if all(frozenset((name, other)) in linked for other in g)), None)
         if group is None:
             groups.append([name])
         else:

@@ -35,9 +35,9 @@ class Convention:
     name: str
     fields: tuple[str, ...]
 
-    def said(self, spec: HOGSpec) -> str:
-        """What the spec says of it, short."""
-        return ", ".join(f"{field.split('.')[-1]}={_said(_get(spec, field))}" for field in self.fields)
+    def settings(self, spec: HOGSpec) -> str:
+        """The values of its fields in a spec, as text."""
+        return ", ".join(f"{field.split('.')[-1]}={_text(_get(spec, field))}" for field in self.fields)
 
 
 def _get(spec: HOGSpec, field: str) -> Any:
@@ -47,10 +47,10 @@ def _get(spec: HOGSpec, field: str) -> Any:
     return value
 
 
-def _said(value: Any) -> str:
+def _text(value: Any) -> str:
     if not dataclasses.is_dataclass(value) or isinstance(value, type):
         return f"{value:g}" if isinstance(value, float) else str(value)
-    fields = ", ".join(f"{each.name}={_said(getattr(value, each.name))}" for each in dataclasses.fields(value))
+    fields = ", ".join(f"{each.name}={_text(getattr(value, each.name))}" for each in dataclasses.fields(value))
     return f"{value.kind}({fields})"  # type: ignore[attr-defined]
 
 

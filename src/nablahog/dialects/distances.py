@@ -1,4 +1,4 @@
-"""How far apart two descriptors are on a common ground, and the share of each convention in it."""
+"""Distances of descriptors in a common form, and the contribution of each convention to them."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from ..hog.box import Box
 from .conventions import essential, exchangeable
 from .describer import Describer
 from .grounds import Entries, Ground, common_region, region, unit
-from .shares import Share, shapley
+from .shapley import ShapleyContribution, shapley
 
-SAME = 1e-5  # two descriptors no further apart are the same: float32 rounds by less
+SAME = 1e-5  # two descriptors at most so far apart are the same: float32 rounds by less
 UNRELATED = math.sqrt(2)
 
 Progress = Callable[[int, int, str], None]
@@ -21,45 +21,44 @@ Progress = Callable[[int, int, str], None]
 
 @dataclass(frozen=True)
 class Distance:
-    """How far apart two descriptors are on a common ground.
+    """The distance of two descriptors in a common form.
 
     Attributes:
-        distance: ‖a − b‖, each scaled to length 1: 0 if they are equal, √2 if they have nothing in common.
-        shares: of the conventions in its square, the largest first; empty if the descriptors are the same.
-        largest, rms: largest and root mean square difference of their entries as they are, not scaled.
-        region: the cells compared, which both have, and all mixtures of both.
+        distance: ‖a − b‖, each scaled to length 1: 0 if they are equal, √2 if they are orthogonal.
+        contributions: of the conventions to its square, the largest first; empty if the descriptors are the same.
+        largest, rms: largest and root mean square difference of their entries, not scaled.
+        region: the cells compared: those that both have, and all mixtures of both.
     """
 
     distance: float
-    shares: Sequence[Share]
+    contributions: Sequence[ShapleyContribution]
     largest: float
     rms: float
     region: Box
 
     @property
     def same(self) -> bool:
-        """Whether there is no more between them than rounding."""
+        """Whether the distance is no more than rounding."""
         return self.distance <= SAME
 
 
-class Question:
-    """Two specs to compare on a ground that both have.
+class Query:
+    """Two specs to compare in a common form.
 
-    Conventions of ``a`` are exchanged for those of ``b`` one after the other.  A convention's share is how much closer
-    its exchange brings the descriptor to that of ``b``, and how much further from that of ``a``: the mean of the falls
-    of the squared distance to ``b``, and of those to ``a`` on the way back, over all orders.  So it makes no difference
-    which of the two comes first.
+    Conventions of ``a`` are exchanged for those of ``b`` one after the other.  The contribution of a convention is the
+    mean, over all orders, of the decrease of the squared distance to ``b`` and of the increase of that to ``a``.  So it
+    is symmetric in ``a`` and ``b``.
 
     Raises:
         ValueError: the image is too small for one of them, or for a cell that both, and all mixtures, have.
     """
 
-    def __init__(self, describer: Describer, a: HOGSpec, b: HOGSpec, ground: Ground) -> None:
+    def __init__(self, describer: Describer, a: HOGSpec, b: HOGSpec, form: Ground) -> None:
         names = f"{a.name} and {b.name}"
         for spec in (a, b):
-            spec.grid(*describer.size)  # or the error why there is none
-        a, b = (essential(ground.reduced(spec), describer.channels) for spec in (a, b))
-        self.ground, self.specs = ground, (a, b)
+            spec.grid(*describer.size)  # raises its own error if there is none
+        a, b = (essential(form.reduced(spec), describer.channels) for spec in (a, b))
+        self.form, self.specs = form, (a, b)
         self.conventions, mixtures = exchangeable(a, b, lambda spec: _fits(spec, describer.size))
         cells = common_region([region(spec, describer.size) for spec in mixtures])
         if cells is None:
@@ -67,58 +66,58 @@ class Question:
         self.region = cells
         self.mixtures = [describer.computed(essential(spec, describer.channels)) for spec in mixtures]
         self.ends = self.mixtures[0], self.mixtures[-1]
-        self.done = [0.0] * len(mixtures)
+        self.values = [0.0] * len(mixtures)
 
-    def begin(self, first: Entries, last: Entries) -> bool:
-        """Takes the descriptors of both ends; whether they differ, and those of the mixtures are wanted."""
-        one, other = first.within(self.region).double(), last.within(self.region).double()
-        apart = (one - other).abs()
-        self.largest, self.rms = float(apart.max()), float(apart.square().mean().sqrt())
-        self.way = unit(one) - unit(other)
-        self.distance = float(self.way.norm())
+    def set_ends(self, a: Entries, b: Entries) -> bool:
+        """Sets the two descriptors; returns whether they differ, so that those of the mixtures are needed."""
+        first, second = a.within(self.region).double(), b.within(self.region).double()
+        difference = (first - second).abs()
+        self.largest, self.rms = float(difference.max()), float(difference.square().mean().sqrt())
+        self.direction = unit(first) - unit(second)
+        self.distance = float(self.direction.norm())
         return self.distance > SAME
 
-    def step(self, number: int, found: Entries) -> None:
-        """Takes the descriptor of a mixture."""
-        # of vectors x of one length, half of ‖x - b‖² - ‖x - a‖² is x · (a - b), up to a constant
-        self.done[number] = -float(unit(found.within(self.region).double()) @ self.way)
+    def set_mixture(self, number: int, entries: Entries) -> None:
+        """Sets the descriptor of a mixture."""
+        # for vectors x of one length, half of ‖x - b‖² - ‖x - a‖² is x · (a - b), up to a constant
+        self.values[number] = -float(unit(entries.within(self.region).double()) @ self.direction)
 
-    def answer(self) -> Distance:
-        """What was found."""
-        shares: list[Share] = []
+    def result(self) -> Distance:
+        """The distance, once all descriptors are set."""
+        contributions: list[ShapleyContribution] = []
         if self.distance > SAME:
-            found = shapley(self.done, len(self.conventions))
             a, b = self.specs
-            says = [(each.said(a), each.said(b)) for each in self.conventions]
-            shares = [Share(*each) for each in zip(self.conventions, says, found, strict=True)]
-            shares.sort(key=lambda share: -share.share)
-        return Distance(self.distance, shares, self.largest, self.rms, self.region)
+            for convention, value in zip(self.conventions, shapley(self.values, len(self.conventions)), strict=True):
+                settings = convention.settings(a), convention.settings(b)
+                contributions.append(ShapleyContribution(convention, settings, value))
+            contributions.sort(key=lambda each: -each.value)
+        return Distance(self.distance, contributions, self.largest, self.rms, self.region)
 
 
-def answers(describer: Describer, questions: Sequence[Question], progress: Progress | None = None) -> list[Distance]:
-    """The distances asked for; of all of them together each descriptor is computed once."""
-    grounds: dict[HOGSpec, set[Ground]] = {}
-    for question in questions:
-        for spec in question.ends:
-            grounds.setdefault(spec, set()).add(question.ground)
+def distances(describer: Describer, queries: Sequence[Query], progress: Progress | None = None) -> list[Distance]:
+    """The distances of all queries; each descriptor is computed once."""
+    forms: dict[HOGSpec, set[Ground]] = {}
+    for query in queries:
+        for spec in query.ends:
+            forms.setdefault(spec, set()).add(query.form)
     ends = {
-        (spec, ground): ground.entries(descriptor, spec, describer.size)
-        for spec, descriptor in describer.descriptors(grounds)
-        for ground in grounds[spec]
+        (spec, form): form.entries(descriptor, spec, describer.size)
+        for spec, descriptor in describer.descriptors(forms)
+        for form in forms[spec]
     }
-    wanted: dict[HOGSpec, dict[Ground, list[tuple[Question, int]]]] = {}
-    for question in questions:
-        if question.begin(*(ends[spec, question.ground] for spec in question.ends)):
-            for number, spec in enumerate(question.mixtures):
-                wanted.setdefault(spec, {}).setdefault(question.ground, []).append((question, number))
-    for done, (spec, descriptor) in enumerate(describer.descriptors(wanted)):
+    mixtures: dict[HOGSpec, dict[Ground, list[tuple[Query, int]]]] = {}
+    for query in queries:
+        if query.set_ends(*(ends[spec, query.form] for spec in query.ends)):
+            for number, spec in enumerate(query.mixtures):
+                mixtures.setdefault(spec, {}).setdefault(query.form, []).append((query, number))
+    for done, (spec, descriptor) in enumerate(describer.descriptors(mixtures)):
         if progress:
-            progress(done, len(wanted), "descriptors")
-        for ground, asked in wanted[spec].items():
-            found = ground.entries(descriptor, spec, describer.size)
-            for question, number in asked:
-                question.step(number, found)
-    return [question.answer() for question in questions]
+            progress(done, len(mixtures), "descriptors")
+        for form, targets in mixtures[spec].items():
+            entries = form.entries(descriptor, spec, describer.size)
+            for query, number in targets:
+                query.set_mixture(number, entries)
+    return [query.result() for query in queries]
 
 
 def _fits(spec: HOGSpec, size: tuple[int, int]) -> bool:

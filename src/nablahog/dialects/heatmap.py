@@ -1,4 +1,4 @@
-"""Distances as a picture that can be read in black and white."""
+"""A heat map of distances in shades of gray, with numbers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TICKS = (0.0, 0.03, 0.1, 0.3, 0.6, 1.0, UNRELATED)
 
 
 def heat_map(distances: NDArray[np.float64], names: Sequence[str]) -> NDArray[np.float64]:
-    """Distances, the darker the larger, with their figures and a scale below.
+    """Draws a matrix of distances: dark is large; with the numbers, and a scale below.
 
     Args:
         distances: (n, n), symmetric, in 0…√2.
@@ -36,33 +36,33 @@ def heat_map(distances: NDArray[np.float64], names: Sequence[str]) -> NDArray[np
     for i, name in enumerate(names):
         middle = top + round((i + 0.5) * CELL)
         draw.text((left - MARGIN, middle), name, fill=0, font=font, anchor="rm")
-        upright = _upright(name, font)
-        picture.paste(upright, (left + round((i + 0.5) * CELL) - TEXT, top - MARGIN - upright.height))
+        title = _rotated(name, font)
+        picture.paste(title, (left + round((i + 0.5) * CELL) - TEXT, top - MARGIN - title.height))
         for j in range(len(names)):
             box = (left + j * CELL, top + i * CELL, left + (j + 1) * CELL - 2, top + (i + 1) * CELL - 2)
             shade = _shade(distances[i, j])
             draw.rectangle(box, fill=round(255 * shade), outline=170)
             if i != j:
                 at = ((box[0] + box[2]) / 2, (box[1] + box[3]) / 2)
-                draw.text(at, _said(distances[i, j]), fill=0 if shade > 0.5 else 255, font=small, anchor="mm")
+                draw.text(at, _label(distances[i, j]), fill=0 if shade > 0.5 else 255, font=small, anchor="mm")
     _scale(draw, left, top + side + 24, max(side, 5 * CELL - MARGIN) - 2, small)
     levels: NDArray[np.float64] = np.asarray(picture, dtype=np.float64) / 255
     return levels
 
 
 def _shade(distance: float) -> float:
-    """1 is white.  By the root, so that small distances can be told apart, too."""
+    """1 is white; by the square root, so that small distances can be distinguished."""
     return 1 - DARKEST * math.sqrt(min(distance / UNRELATED, 1.0))
 
 
-def _said(distance: float) -> str:
+def _label(distance: float) -> str:
     if distance <= SAME:
         return "0"
     return f"{distance:.3f}" if distance >= 0.0005 else "< .001"
 
 
-def _upright(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont) -> Image.Image:
-    """Text from below to above, its end at the foot."""
+def _rotated(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont) -> Image.Image:
+    """Text rotated by 90°, from bottom to top."""
     line = Image.new("L", (math.ceil(font.getlength(text)), 2 * TEXT), 255)
     ImageDraw.Draw(line).text((0, TEXT), text, fill=0, font=font, anchor="lm")
     return line.transpose(Image.Transpose.ROTATE_90)
@@ -79,5 +79,5 @@ def _scale(
         x = left + (width - 1) * math.sqrt(tick / UNRELATED)
         draw.line((x, top + 16, x, top + 21), fill=0)
         anchor = "la" if tick == 0 else "ra" if tick == UNRELATED else "ma"
-        said = {0.0: "0 equal", UNRELATED: f"{UNRELATED:.2f} unrelated"}.get(tick, f"{tick:g}")
-        draw.text((x, top + 24), said, fill=0, font=font, anchor=anchor)
+        label = {0.0: "0 equal", UNRELATED: f"{UNRELATED:.2f} unrelated"}.get(tick, f"{tick:g}")
+        draw.text((x, top + 24), label, fill=0, font=font, anchor=anchor)

@@ -1,4 +1,4 @@
-"""A comparison of dialects as a page to look at."""
+"""A comparison of dialects as an HTML page."""
 
 from __future__ import annotations
 
@@ -17,7 +17,14 @@ from .compare import Comparison
 
 
 def lead(comparison: Comparison, photograph: str, size: tuple[int, int], shrunk: bool) -> str:
-    """What was compared, in a sentence or two."""
+    """A sentence on what is compared.
+
+    Args:
+        comparison: of the dialects.
+        photograph: its name.
+        size: (height, width) compared.
+        shrunk: whether the photograph was larger.
+    """
     (height, width), cell = size, next(iter(comparison.specs.values())).cell_size
     how = "shrunk to" if shrunk else "of"
     return (
@@ -31,10 +38,10 @@ def page(comparison: Comparison, image: Tensor, introduction: str, heat_map: NDA
     """The page.
 
     Args:
-        comparison: what it shows.
-        image: the photograph compared, (C, H, W), uint8.
-        introduction: what was compared.
-        heat_map: the picture of the distances.
+        comparison: of the dialects.
+        image: the photograph, (C, H, W), uint8.
+        introduction: see :func:`lead`.
+        heat_map: of the distances.
     """
     sections = [
         html.Section(

@@ -1,4 +1,4 @@
-"""A comparison as tables: on the terminal, on a page, as CSV and JSON."""
+"""A comparison as tables: for the terminal, an HTML page, CSV and JSON."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from ..hog import HOGSpec
 from ..hog.normalizers import Normalizer
 from ..hog.orientation import bin_angles
 from ..hog.poolings import Pooling
-from .compare import Comparison, Pair, alike
+from .compare import Comparison, Pair, cliques
 from .distances import SAME, Distance
 from .grounds import DIRECTIONS
 from .ties import Ties
 
-LEAST = 0.005  # of a squared distance; smaller shares are in the CSV file only
+LEAST = 0.005  # of a squared distance; smaller contributions are in the CSV file only
 
 _OF_PAIRS = ("a", "b", "compared", "rows", "cols", "distance", "largest", "rms")
 CSV_HEADS = (*_OF_PAIRS, "convention", "a_says", "b_says", "share", "percent")
@@ -44,34 +44,31 @@ DEFINITIONS = {
     "between two channels": "The share whose largest gradient two channels have, in different directions, so that a "
     "rule says which one counts.",
 }
-"""What each figure means, printed under the tables."""
+"""Definitions of the figures, printed under the tables."""
 
 
 def matrix(comparison: Comparison) -> list[dict[str, object]]:
-    """All distances, by numbers of the dialects in the columns."""
-    names, given = comparison.by_likeness(), list(comparison.specs)
-    found = comparison.matrix()
+    """All distances; columns are called by the numbers of the dialects."""
+    names = comparison.by_likeness()
+    rows = comparison.matrix(names).tolist()
     return [
         {
             "distance": f"{i} {name}",
-            **{
-                str(j): None if name == other else float(found[given.index(name), given.index(other)])
-                for j, other in enumerate(names, start=1)
-            },
+            **{str(j): None if i == j else distance for j, distance in enumerate(row, start=1)},
         }
-        for i, name in enumerate(names, start=1)
+        for i, (name, row) in enumerate(zip(names, rows, strict=True), start=1)
     ]
 
 
 def pairs(comparison: Comparison) -> list[dict[str, object]]:
-    """Every pair with its shares, the closest first."""
-    found = sorted(comparison.pairs, key=lambda pair: pair.orientations.distance)
-    return [{"pair": named(pair), **_row(pair.orientations)} for pair in found]
+    """Every pair with the contributions of conventions, the closest first."""
+    closest_first = sorted(comparison.pairs, key=lambda pair: pair.orientations.distance)
+    return [{"pair": named(pair), **_row(pair.orientations)} for pair in closest_first]
 
 
 def channels(comparison: Comparison) -> list[dict[str, object]]:
     """The pairs with channels of the same meaning, the closest first."""
-    found = [(pair, pair.channels) for pair in comparison.pairs if pair.channels]
+    pairs = [(pair, pair.channels) for pair in comparison.pairs if pair.channels]
     return [
         {
             "pair": named(pair),
@@ -80,7 +77,7 @@ def channels(comparison: Comparison) -> list[dict[str, object]]:
             "RMS": short(distance.rms),
             **_row(distance),
         }
-        for pair, distance in sorted(found, key=lambda each: each[1].rms)
+        for pair, distance in sorted(pairs, key=lambda each: each[1].rms)
     ]
 
 
@@ -94,16 +91,16 @@ def _row(distance: Distance) -> dict[str, object]:
 
 
 def shares(distance: Distance) -> str:
-    """The shares of a squared distance in percent, the largest first."""
+    """The contributions to a squared distance in percent, the largest first."""
     if distance.same:
         return "the same"
-    whole = distance.distance**2
-    counting = [each for each in distance.shares if abs(each.share) >= LEAST * whole]
-    return ", ".join(f"{each.convention.name} {_percent(each.share / whole)}" for each in counting)
+    squared = distance.distance**2
+    large = [each for each in distance.contributions if abs(each.value) >= LEAST * squared]
+    return ", ".join(f"{each.convention.name} {_percent(each.value / squared)}" for each in large)
 
 
 def short(value: float) -> str:
-    """Two digits."""
+    """A number with two significant digits."""
     return f"{value:#.2g}" if value else "0"
 
 
@@ -112,7 +109,7 @@ def _percent(share: float, decimals: int = 0) -> str:
 
 
 def tie_rows(ties: Mapping[str, Ties]) -> list[dict[str, object]]:
-    """The ties of each dialect."""
+    """The ties of each dialect, one row for each."""
     return [
         {
             "preset": name,
@@ -126,21 +123,20 @@ def tie_rows(ties: Mapping[str, Ties]) -> list[dict[str, object]]:
 
 
 def same(comparison: Comparison) -> list[str]:
-    """A sentence for each group of dialects whose common parts are the same."""
-    names = list(comparison.specs)
-    on_ground = [(pair.a, pair.b) for pair in comparison.pairs if pair.orientations.same]
-    said = [f"The same on common ground: {', '.join(group)}." for group in alike(names, on_ground)]
-    of_parts: dict[str, list[tuple[str, str]]] = {}
+    """A sentence for each group of dialects with the same descriptors, in the common form or in some channels."""
+    equal: dict[str, list[tuple[str, str]]] = {"The same on common ground": []}
+    for pair in comparison.pairs:
+        if pair.orientations.same:
+            equal["The same on common ground"].append((pair.a, pair.b))
     for pair in comparison.pairs:
         if pair.channels and pair.channels.same:
-            of_parts.setdefault(", ".join(pair.parts), []).append((pair.a, pair.b))
-    for parts, equal in of_parts.items():
-        said += [f"The same {parts} channels: {', '.join(group)}." for group in alike(names, equal)]
-    return said
+            equal.setdefault(f"The same {', '.join(pair.parts)} channels", []).append((pair.a, pair.b))
+    names = list(comparison.specs)
+    return [f"{what}: {', '.join(group)}." for what, pairs in equal.items() for group in cliques(names, pairs)]
 
 
 def conventions(specs: Mapping[str, HOGSpec]) -> list[dict[str, object]]:
-    """What each spec says, one row for each."""
+    """The conventions of each spec, one row for each."""
     return [
         {
             "preset": name,
@@ -182,7 +178,7 @@ def _plain(value: object) -> str:
 
 
 def csv_rows(comparison: Comparison) -> Iterator[Sequence[object]]:
-    """A row for each convention of each pair; what is compared is the common ground, or the channels of one meaning."""
+    """A row for each convention of each pair, for distances in the common form and for those in channels."""
     yield CSV_HEADS
     for pair in comparison.pairs:
         for compared, distance in (("common ground", pair.orientations), (" ".join(pair.parts), pair.channels)):
@@ -193,15 +189,15 @@ def csv_rows(comparison: Comparison) -> Iterator[Sequence[object]]:
 def _csv_rows(pair: Pair, compared: str, distance: Distance) -> Iterator[Sequence[object]]:
     plain = (distance.largest, distance.rms) if distance is pair.channels else (None, None)
     start = (pair.a, pair.b, compared, distance.region.height, distance.region.width, distance.distance, *plain)
-    for each in distance.shares:
-        percent = 100 * each.share / distance.distance**2
-        yield (*start, each.convention.name, *each.says, each.share, percent)
-    if not distance.shares:
+    for each in distance.contributions:
+        percent = 100 * each.value / distance.distance**2
+        yield (*start, each.convention.name, *each.settings, each.value, percent)
+    if not distance.contributions:
         yield (*start, None, None, None, None, None)
 
 
 def csv_ties(ties: Mapping[str, Ties]) -> Iterator[Sequence[object]]:
-    """The ties of each dialect, shares of its gradients."""
+    """The ties of each dialect as shares of its gradients, one row for each."""
     yield "preset", "gradients", "between_bins", "between_colours", "directions"
     for name, each in ties.items():
         directions = " ".join(f"{angle:g}" for angle in each.directions)
@@ -209,7 +205,7 @@ def csv_ties(ties: Mapping[str, Ties]) -> Iterator[Sequence[object]]:
 
 
 def figures(comparison: Comparison) -> dict[str, Any]:
-    """All of it, ready for JSON."""
+    """The comparison as JSON."""
     return {
         "presets": {name: json.loads(spec.to_json()) for name, spec in comparison.specs.items()},
         "pairs": [
@@ -239,7 +235,7 @@ def _figures(distance: Distance) -> dict[str, Any]:
         "same": distance.same,
         "cells": distance.region._asdict(),
         "shares": [
-            {"convention": each.convention.name, "a": each.says[0], "b": each.says[1], "share": each.share}
-            for each in distance.shares
+            {"convention": each.convention.name, "a": each.settings[0], "b": each.settings[1], "share": each.value}
+            for each in distance.contributions
         ],
     }

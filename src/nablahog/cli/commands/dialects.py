@@ -56,9 +56,8 @@ def dialects(arguments: Namespace) -> None:
 
 
 def _write(folder: Path, comparison: Comparison, image: Tensor, introduction: str) -> None:
-    names, given = comparison.by_likeness(), list(comparison.specs)
-    order = [given.index(name) for name in names]
-    picture = heat_map(comparison.matrix()[order][:, order], names)
+    names = comparison.by_likeness()
+    picture = heat_map(comparison.matrix(names), names)
     html = page.page(comparison, image, introduction, picture)
     with output_folder(folder):
         write_image(folder / "dialects.png", picture)

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from nablahog.dialects.grounds import Channels, same_channels
-from nablahog.dialects.shares import shapley
+from nablahog.dialects.shapley import shapley
 from nablahog.hog import BilinearCells, FourBlockNorm, HOGSpec, presets
 
 from .common import CAT, SPECS, distance, percent, total
@@ -38,7 +38,7 @@ def test_two_that_only_help_together_share_alike() -> None:
 
 
 def test_a_figure_for_each_subset() -> None:
-    with pytest.raises(ValueError, match="expected 8 figures for 3 conventions, got 7"):
+    with pytest.raises(ValueError, match="expected the values of 8 subsets of 3 players, got 7"):
         shapley([0.0] * 7, 3)
 
 
@@ -49,10 +49,12 @@ def test_shares_of_presets_add_up_to_the_squared_distance_either_way(a: str, b: 
     there, back = distance(SPECS[a], SPECS[b]), distance(SPECS[b], SPECS[a])
     assert there.distance == pytest.approx(back.distance, rel=1e-6)
     assert total(there) == pytest.approx(there.distance**2, rel=1e-6)
-    assert [each.convention.name for each in there.shares] == [each.convention.name for each in back.shares]
-    for one, other in zip(there.shares, back.shares, strict=True):
-        assert one.share == pytest.approx(other.share, abs=1e-6)
-        assert one.says == other.says[::-1]
+    assert [each.convention.name for each in there.contributions] == [
+        each.convention.name for each in back.contributions
+    ]
+    for one, other in zip(there.contributions, back.contributions, strict=True):
+        assert one.value == pytest.approx(other.value, abs=1e-6)
+        assert one.settings == other.settings[::-1]
 
 
 VLFEAT, SKIMAGE, FOUR = SPECS["vlfeat"], SPECS["skimage"], FourBlockNorm()
@@ -79,9 +81,9 @@ ONE: dict[str, tuple[HOGSpec, HOGSpec]] = {
 def test_one_convention_has_it_all(name: str) -> None:
     found = distance(*ONE[name])
     assert found.distance > 1e-3
-    (share,) = found.shares
+    (share,) = found.contributions
     assert share.convention.name == name
-    assert share.share == pytest.approx(found.distance**2, rel=1e-6)
+    assert share.value == pytest.approx(found.distance**2, rel=1e-6)
 
 
 def test_dlib_and_dpm_differ_in_nothing_but_colour_ties() -> None:
@@ -89,7 +91,7 @@ def test_dlib_and_dpm_differ_in_nothing_but_colour_ties() -> None:
     assert percent(found) == {"colour ties": 100}
     gray = distance(SPECS["dpm"], SPECS["dlib"], image=CAT[:1, :48, :64])
     assert gray.same
-    assert gray.shares == []
+    assert gray.contributions == []
 
 
 def test_identical_specs_are_the_same() -> None:
@@ -97,7 +99,7 @@ def test_identical_specs_are_the_same() -> None:
         found = distance(spec, replace(spec, name="another", layout="cells"))
         assert found.distance == 0, name
         assert found.same
-        assert found.shares == []
+        assert found.contributions == []
         assert (found.largest, found.rms) == (0, 0)
 
 
