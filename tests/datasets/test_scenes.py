@@ -254,3 +254,7 @@ def test_input_is_checked() -> None:
 def test_settings_are_checked(changes: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         SceneSettings(**changes)  # type: ignore[arg-type]
+
+
+def test_ranges_may_be_lists() -> None:
+    assert SceneSettings(height=[100.0, 140.0]) == SceneSettings()  # type: ignore[arg-type]

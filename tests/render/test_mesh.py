@@ -307,3 +307,12 @@ def test_vertex_colours_of_glb_multiply_the_material(tmp_path: Path) -> None:
     }
     mesh = load_mesh(write(tmp_path, "a.glb", glb(header, binary)))
     torch.testing.assert_close(mesh.brightness, torch.full((3,), GREEN / 2, dtype=torch.float64))
+
+
+def test_a_mesh_takes_arrays_and_lists() -> None:
+    vertices, faces = [[0, 0, 0], [1, 0, 0], [0, 0, 1]], np.array([[0, 1, 2]], dtype=np.int32)
+    mesh = Mesh(vertices, faces, (0.5, 0.5, 0.5))  # type: ignore[arg-type]
+    assert (mesh.vertices.dtype, mesh.faces.dtype) == (torch.float64, torch.int64)
+    assert mesh.brightness.tolist() == [0.5] * 3
+    with pytest.raises(ValueError, match=r"vertices must be float64 of shape \(1, 3\), got float64 of shape \(1, 2\)"):
+        Mesh([[0.0, 1.0]], [[0, 0, 0]], [0.5])  # type: ignore[arg-type]

@@ -117,3 +117,7 @@ def test_a_slope_of_a_face() -> None:
     roof = mesh([(0, 0, 0), (1, 0, 0), (0, 1, 1)], [(0, 1, 2)], 1.0)
     expected = torch.full((1, 3), 0.2 + 0.6 * math.sqrt(0.5), dtype=torch.float64)
     assert_close(shaded(roof, Light((0, 0, 5), 0.2, 0.6)), expected)
+
+
+def test_a_light_takes_a_list() -> None:
+    assert Light([1, -2, 3]) == Light((1, -2, 3))  # type: ignore[arg-type]

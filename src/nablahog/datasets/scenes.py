@@ -73,6 +73,9 @@ class SceneSettings:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
+            if isinstance(value, list):
+                value = tuple(value)
+                object.__setattr__(self, field.name, value)
             low, high = value if isinstance(value, tuple) else (value, value)
             if not 0 <= low <= high < math.inf:
                 raise ValueError(f"{field.name} must be at least 0, finite and a range from low to high, got {value}")

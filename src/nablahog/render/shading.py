@@ -34,6 +34,7 @@ class Light:
     diffuse: float = 0.7
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "direction", tuple(self.direction))  # lists, too
         if len(self.direction) != 3 or not 0 < math.hypot(*self.direction) < math.inf:
             raise ValueError(f"the light's direction must be three finite numbers, not all 0, got {self.direction}")
         if not (self.ambient >= 0 and self.diffuse >= 0 and self.ambient + self.diffuse <= 1 + 1e-9):
