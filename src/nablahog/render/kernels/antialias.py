@@ -110,19 +110,19 @@ def _add_crossings(
     real = brightness.dtype.type
     half, side = real(0.5), real(1) / real(step)
     share = side * side
+    values, link = crossings.values, crossings.link
     for n in range(count):
-        values = crossings.values[n]
-        if values[MEASURED] == 0:  # counted on the links of the other axis
+        if values[n, MEASURED] == 0:  # counted on the links of the other axis
             continue
-        axis, i, j = crossings.link[n, 0], crossings.link[n, 1], crossings.link[n, 2]
+        axis, i, j = link[n, 0], link[n, 1], link[n, 2]
         i2, j2 = i + 1 - axis, j + axis
         d = brightness[i2, j2] - brightness[i, j]
-        t = values[AT]
+        t = values[n, AT]
         y, x = (i // step, j // step) if t < half else (i2 // step, j2 // step)
         y, x = corner[0] + y, corner[1] + x
         image[y, x] += (half - t) * d * share
         if screen_gradient.shape[0] > 0:
-            slope, w = values[SLOPE], values[DEPTH]
+            slope, w = values[n, SLOPE], values[n, DEPTH]
             k = 2 - 2 * axis
             d *= side
             screen_gradient[k, y, x] -= d
