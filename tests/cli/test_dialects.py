@@ -37,7 +37,7 @@ def test_the_table(photo: str, tmp_path: Path, capsys: pytest.CaptureFixture[str
     printed = capsys.readouterr()
     assert printed.err == ""
     assert "cat.png, shrunk to 48x64 pixels" in printed.out
-    assert "The same on common ground: vlfeat, dpm." in printed.out
+    assert "The same in a common form: vlfeat, dpm." in printed.out
     for text in ("1 ", "dpm – vlfeat", "dpm – skimage", "between two bins", "90°, 270°", "√2 = 1.414", "Shapley"):
         assert text in printed.out.replace("vlfeat – dpm", "dpm – vlfeat")
     assert names(tmp_path) == ["in"]
@@ -51,7 +51,7 @@ def test_the_files(photo: str, tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert read_image(out / "dialects.png").shape[0] == 1
     with open(out / "dialects.csv", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert {row["compared"] for row in rows} == {"common ground", "directed undirected texture"}
+    assert {row["compared"] for row in rows} == {"common form", "directed undirected texture"}
     with open(out / "ties.csv", newline="") as file:
         ties = {row["preset"]: row for row in csv.DictReader(file)}
     assert 0 < float(ties["vlfeat"]["between_bins"]) < 1
@@ -78,7 +78,7 @@ def test_json(photo: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert list(said["presets"]) == ["vlfeat", "dpm", "skimage"]
     assert len(said["pairs"]) == 3
     for pair in said["pairs"]:
-        ground = pair["common_ground"]
+        ground = pair["common_form"]
         if not ground["same"]:
             assert sum(each["share"] for each in ground["shares"]) == pytest.approx(ground["distance"] ** 2, rel=1e-6)
     assert said["ties"]["skimage"]["between_colours"] is None
@@ -91,7 +91,7 @@ def test_all_presets_of_a_gray_photograph(tmp_path: Path, capsys: pytest.Capture
     said = json.loads(capsys.readouterr().out)
     assert len(said["presets"]) == 12
     assert len(said["pairs"]) == 66
-    assert not any("colour" in each["convention"] for pair in said["pairs"] for each in pair["common_ground"]["shares"])
+    assert not any("colour" in each["convention"] for pair in said["pairs"] for each in pair["common_form"]["shares"])
 
 
 def test_parameters_of_presets(photo: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -100,7 +100,7 @@ def test_parameters_of_presets(photo: str, capsys: pytest.CaptureFixture[str]) -
     said = json.loads(capsys.readouterr().out)
     assert list(said["presets"]) == wanted.split(",")
     assert all(spec["cell_size"] == [4, 4] for spec in said["presets"].values())
-    (share,) = said["pairs"][0]["common_ground"]["shares"]
+    (share,) = said["pairs"][0]["common_form"]["shares"]
     assert (share["convention"], share["a"], share["b"]) == ("gamma", "gamma=sqrt", "gamma=none")
 
 
@@ -114,7 +114,7 @@ def test_two_presets_need_no_matrix(photo: str, capsys: pytest.CaptureFixture[st
 def test_a_photograph_with_no_gradient(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Image.new("RGB", (40, 32), "red").save(tmp_path / "flat.png")
     assert main(["dialects", str(tmp_path / "flat.png"), "-o", str(tmp_path / "out"), *SMALL]) == 0
-    assert "The same on common ground: vlfeat, dpm, skimage." in capsys.readouterr().out
+    assert "The same in a common form: vlfeat, dpm, skimage." in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -9,18 +9,18 @@ from torch import Tensor
 
 from nablahog.cli.inputs.preset_parameters import PRESETS
 from nablahog.cli.inputs.spec import Wanted
+from nablahog.dialects.common_form import CommonForm, Orientations
 from nablahog.dialects.describer import Describer
 from nablahog.dialects.distances import Distance, Query, distances
-from nablahog.dialects.grounds import Ground, Orientations
 from nablahog.hog import HOGSpec, hog
 
 SPECS = {name: Wanted(name, cell=(8, 8)).spec() for name in PRESETS}
 CAT = torch.from_numpy(data.chelsea()[40:232:4, 60:356:4].transpose(2, 0, 1).copy())  # 48x74: no whole cells
 
 
-def distance(a: HOGSpec, b: HOGSpec, ground: Ground | None = None, image: Tensor = CAT) -> Distance:
+def distance(a: HOGSpec, b: HOGSpec, form: CommonForm | None = None, image: Tensor = CAT) -> Distance:
     describer = Describer(image)
-    (found,) = distances(describer, [Query(describer, a, b, ground or Orientations())])
+    (found,) = distances(describer, [Query(describer, a, b, form or Orientations())])
     return found
 
 

@@ -57,7 +57,7 @@ def test_neighbours_are_alike(found: Comparison) -> None:
 
 
 def test_the_same_is_said_to_be(found: Comparison) -> None:
-    assert same(found) == ["The same on common ground: vlfeat, dpm."]
+    assert same(found) == ["The same in a common form: vlfeat, dpm."]
     rows = {str(row["pair"]): row for row in pairs(found)}
     assert next(iter(rows)) == "vlfeat – dpm"
     assert rows["vlfeat – dpm"]["shares of the squared distance"] == "the same"
@@ -67,7 +67,7 @@ def test_the_same_is_said_to_be(found: Comparison) -> None:
     assert of_channels["vlfeat – dpm"]["channels"] == "directed, undirected, texture"
     gray = compare(CAT[:1, :, :64], {name: SPECS[name] for name in ("vlfeat", "dlib", "dpm")})
     assert same(gray) == [
-        "The same on common ground: vlfeat, dlib, dpm.",
+        "The same in a common form: vlfeat, dlib, dpm.",
         "The same directed, undirected, texture channels: dlib, dpm.",
     ]
 
@@ -97,7 +97,7 @@ def test_the_csv_file_adds_up(found: Comparison) -> None:
         for row in rows
         if (row["a"], row["b"]) == ("dlib", "dpm")
         and row["convention"] == "colour ties"
-        and row["compared"] == "common ground"
+        and row["compared"] == "common form"
     )
     assert (tie["a_says"], tie["b_says"]) == ("colour_ties=dlib", "colour_ties=first")
     assert (tie["rows"], tie["cols"]) == ("4", "6")

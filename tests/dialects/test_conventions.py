@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import pytest
 
+from nablahog.dialects.common_form import Orientations, region, same_channels
 from nablahog.dialects.conventions import differing, essential, exchangeable, exchanged
 from nablahog.dialects.describer import Describer
 from nablahog.dialects.distances import Query
-from nablahog.dialects.grounds import Orientations, region, same_channels
 from nablahog.hog import BlockNorm, HOGSpec, presets
 
 from .common import CAT, SPECS
@@ -25,10 +25,10 @@ def _names(a: HOGSpec, b: HOGSpec) -> list[str]:
 @pytest.mark.parametrize(("a", "b"), PAIRS, ids="-".join)
 def test_mixtures_of_presets_are_hogs(a: str, b: str) -> None:
     describer = Describer(CAT)
-    for ground in (Orientations(), same_channels(SPECS[a], SPECS[b])):
-        if ground is None:
+    for form in (Orientations(), same_channels(SPECS[a], SPECS[b])):
+        if form is None:
             continue
-        one, other = (describer_spec(SPECS[name], ground) for name in (a, b))
+        one, other = (describer_spec(SPECS[name], form) for name in (a, b))
         conventions, mixtures = exchangeable(one, other)
         assert len(mixtures) == 2 ** len(conventions)
         assert mixtures[0] == one
@@ -37,12 +37,12 @@ def test_mixtures_of_presets_are_hogs(a: str, b: str) -> None:
         for taken, spec in zip(itertools.product((0, 1), repeat=len(conventions)), mixtures, strict=True):
             assert spec == exchanged(one, other, itertools.compress(conventions, taken))
             region(spec, describer.size)
-        query = Query(describer, SPECS[a], SPECS[b], ground)
+        query = Query(describer, SPECS[a], SPECS[b], form)
         assert [each.name for each in query.conventions] == [each.name for each in conventions]
 
 
-def describer_spec(spec: HOGSpec, ground: Orientations) -> HOGSpec:
-    return essential(ground.reduced(spec), 3)
+def describer_spec(spec: HOGSpec, form: Orientations) -> HOGSpec:
+    return essential(form.reduced(spec), 3)
 
 
 def test_groups_are_called_by_what_differs() -> None:

@@ -15,8 +15,8 @@ from skimage import color, data
 from skimage.feature import hog as skimage_hog
 from torch import Tensor
 
+from nablahog.dialects.common_form import same_channels
 from nablahog.dialects.describer import Describer
-from nablahog.dialects.grounds import same_channels
 from nablahog.dialects.ties import ties
 from nablahog.hog import HOGSpec, hog
 
@@ -39,8 +39,8 @@ def test_ties(name: str, tied: float, level: float, apart: float, share: int) ->
     if name == "astronaut":
         assert round(100 * (found.between_colours or 0), 1) == 2.0
     else:
-        ground = same_channels(SPECS["dpm"], SPECS["piotr"])
-        assert distance(SPECS["dpm"], SPECS["piotr"], ground, image).largest == pytest.approx(0.4)
+        form = same_channels(SPECS["dpm"], SPECS["piotr"])
+        assert distance(SPECS["dpm"], SPECS["piotr"], form, image).largest == pytest.approx(0.4)
 
 
 def test_texture_of_vlfeat_and_dpm() -> None:

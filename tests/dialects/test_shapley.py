@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from nablahog.dialects.grounds import Channels, same_channels
+from nablahog.dialects.common_form import Channels, same_channels
 from nablahog.dialects.shapley import shapley
 from nablahog.hog import BilinearCells, FourBlockNorm, HOGSpec, presets
 
@@ -106,9 +106,9 @@ def test_identical_specs_are_the_same() -> None:
 def test_vlfeat_and_dpm_differ_in_texture_alone() -> None:
     image = CAT[..., :48, :64]
     assert distance(SPECS["vlfeat"], SPECS["dpm"], image=image).same
-    ground = same_channels(SPECS["vlfeat"], SPECS["dpm"])
-    assert ground == Channels(("directed", "undirected", "texture"))
-    found = distance(SPECS["vlfeat"], SPECS["dpm"], ground, image)
+    form = same_channels(SPECS["vlfeat"], SPECS["dpm"])
+    assert form == Channels(("directed", "undirected", "texture"))
+    found = distance(SPECS["vlfeat"], SPECS["dpm"], form, image)
     assert percent(found) == {"texture": 100}
     assert distance(SPECS["vlfeat"], SPECS["dpm"], Channels(("directed", "undirected")), image).same
 

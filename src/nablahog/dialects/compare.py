@@ -15,9 +15,9 @@ from torch import Tensor
 
 from ..hog import HOGSpec
 from ..hog.normalizers import Part
+from .common_form import Orientations, same_channels
 from .describer import Describer
 from .distances import Distance, Progress, Query, distances
-from .grounds import Orientations, same_channels
 from .ties import Ties, ties
 
 
@@ -27,7 +27,7 @@ class Pair:
 
     Attributes:
         a, b: their names.
-        orientations: the distance in the form that all HOGs have, :class:`.grounds.Orientations`.
+        orientations: the distance in the form that all HOGs have, :class:`.common_form.Orientations`.
         parts: channels with the same meaning in both; may be empty.
         channels: the distance in these channels, unchanged; None if there are none.
     """

@@ -1,4 +1,4 @@
-"""In what two specs differ: groups of conventions that can be exchanged one after the other."""
+"""Differences of two specs: groups of conventions that can be exchanged one after the other."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 from ..hog import HOGSpec
 
-# Of each group the fields, with what a reader calls each.  "normalizer.x" is the field x of two normalisers of a kind.
+# The fields of each group, with their names for readers.  "normalizer.x" is the field x of two normalisers of a kind.
 _GROUPS: tuple[dict[str, str], ...] = (
     {"gamma": "gamma", "value_range": "value range"},
     {"colour": "colour rule"},
@@ -28,7 +28,7 @@ class Convention:
     """Fields of a spec that are exchanged together.
 
     Attributes:
-        name: what a reader calls it.
+        name: for readers.
         fields: names of fields of the spec, or "normalizer.x".
     """
 
@@ -55,7 +55,7 @@ def _text(value: Any) -> str:
 
 
 def essential(spec: HOGSpec, channels: int) -> HOGSpec:
-    """The spec with defaults in all fields that decide nothing for 8-bit images of so many channels.
+    """Resets the fields of a spec that have no effect on 8-bit images with so many channels.
 
     Two specs of the same descriptors are then equal, up to normalisers.
     """
@@ -72,8 +72,7 @@ def essential(spec: HOGSpec, channels: int) -> HOGSpec:
 def differing(a: HOGSpec, b: HOGSpec) -> list[Convention]:
     """The groups of conventions in which two specs differ, in the order in which a HOG applies them.
 
-    Fields that decide nothing (the name, the layout, the derivative) and the cell size are passed over.  A group is
-    called by those of its fields that differ.
+    The name, the layout, the derivative and the cell size are ignored.  A group is named after its fields that differ.
     """
     found = []
     for group in _GROUPS + _of_normalizers(a, b):
@@ -94,7 +93,7 @@ def exchanged(a: HOGSpec, b: HOGSpec, conventions: Iterable[Convention]) -> HOGS
     """``a`` with some conventions of ``b``.
 
     Raises:
-        ValueError: there is no such HOG.
+        ValueError: these conventions cannot be combined.
     """
     changes: dict[str, Any] = {}
     of_normalizer: dict[str, Any] = {}
@@ -111,33 +110,33 @@ def exchangeable(
 ) -> tuple[list[Convention], list[HOGSpec]]:
     """The conventions in which two specs differ, and all mixtures of both.
 
-    Conventions that cannot be exchanged one without the other are one, "this + that": as long as some mixture is
-    refused, those two are joined that leave the fewest such mixtures.
+    Conventions that cannot be exchanged one without the other are merged, "this + that": as long as some mixture is
+    refused, the two conventions are merged that leave the fewest refused mixtures.
 
     Args:
-        a, b: two specs as of :func:`essential`, with cells of one size.
-        accept: whether a mixture is of use; both specs themselves are.
+        a, b: two specs of :func:`essential`, with cells of one size.
+        accept: whether a mixture can be used; it holds for ``a`` and ``b``.
 
     Returns:
-        The conventions; and ``a`` with every subset of those of ``b``.  Number s of these has the conventions whose
-        bits are set in s, of which the first has the highest.
+        The conventions; and ``a`` with every subset of those of ``b``: mixture s has the conventions whose bits are set
+        in s, of which the first is the highest.
     """
 
-    def mixture(taken: Iterable[bool]) -> HOGSpec | None:
+    def mixture(subset: Iterable[bool]) -> HOGSpec | None:
         try:
-            found = exchanged(a, b, itertools.compress(conventions, taken))
+            spec = exchanged(a, b, itertools.compress(conventions, subset))
         except ValueError:
             return None
-        return found if accept(found) else None
+        return spec if accept(spec) else None
 
     conventions = differing(a, b)
     subsets = itertools.product((False, True), repeat=len(conventions))
-    found = [(taken, mixture(taken)) for taken in subsets]
-    while None in (spec for _, spec in found):
-        refused = [taken for taken, spec in found if spec is None]
+    mixtures = [(subset, mixture(subset)) for subset in subsets]
+    while None in (spec for _, spec in mixtures):
+        refused = [subset for subset, spec in mixtures if spec is None]
         pairs = itertools.combinations(range(len(conventions)), 2)
-        i, j = min(pairs, key=lambda pair: sum(taken[pair[0]] == taken[pair[1]] for taken in refused))
+        i, j = min(pairs, key=lambda pair: sum(subset[pair[0]] == subset[pair[1]] for subset in refused))
         one, other = conventions[i], conventions.pop(j)
         conventions[i] = Convention(f"{one.name} + {other.name}", one.fields + other.fields)
-        found = [(taken[:j] + taken[j + 1 :], spec) for taken, spec in found if taken[i] == taken[j]]
-    return conventions, [spec for _, spec in found if spec]
+        mixtures = [(subset[:j] + subset[j + 1 :], spec) for subset, spec in mixtures if subset[i] == subset[j]]
+    return conventions, [spec for _, spec in mixtures if spec]

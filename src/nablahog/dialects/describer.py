@@ -1,4 +1,4 @@
-"""Many descriptors of one photograph: what their dialects have in common is computed once."""
+"""Many descriptors of one photograph; steps that several dialects share are computed once."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ class Describer:
         self._weights: dict[object, dict[str, Any]] = {}
 
     def computed(self, spec: HOGSpec) -> HOGSpec:
-        """The spec, of those with the same descriptor in all cells that it has, that is computed for all.
+        """One spec for all those with the same descriptor, so that it is computed once.
 
-        It may have more cells than ``spec``, around them.
+        Its descriptor may have more cells around those of ``spec``.
         """
         changes: dict[str, Any] = {"normalizer": spec.normalizer.of_all_cells()}
         if not spec.pooling.has_blocks:
@@ -45,27 +45,27 @@ class Describer:
         return replace(spec, **changes)
 
     def _same_cells(self, spec: HOGSpec) -> dict[str, Any]:
-        """The first conventions of cells met with the same weights: in images of whole cells there are no others."""
+        """The first conventions of cells with these weights; in images of whole cells all have the same."""
         rules = (spec.border == "ignore", *(getattr(spec, name) for name in _CELLS))
         if rules not in self._cells:
             matrices = pooling_matrices(spec, *self.size, torch.empty(0))
             weights = tuple((tuple(each.shape), each.numpy().tobytes()) for each in matrices)
-            ours = {name: getattr(spec, name) for name in _CELLS}
-            self._cells[rules] = self._weights.setdefault((*rules[:2], *weights), ours)
+            conventions = {name: getattr(spec, name) for name in _CELLS}
+            self._cells[rules] = self._weights.setdefault((*rules[:2], *weights), conventions)
         return self._cells[rules]
 
     def descriptors(self, specs: Iterable[HOGSpec]) -> Iterator[tuple[HOGSpec, Tensor]]:
         """Specs with their descriptors (1, rows, cols, channels), float32, as :func:`nablahog.hog` returns them.
 
-        They come in an order of their own.
+        Their order is that of the steps that they share.
         """
-        for alike in _alike(specs, _gradient_key):
-            gx, gy = self.gradient(alike[0])
-            for of_votes in _alike(alike, _key(_VOTES)):
-                of_pixels = votes(gx, gy, of_votes[0])
-                for of_cells in _alike(of_votes, _key(_CELLS)):
-                    cells = pool(of_pixels, of_cells[0])
-                    for spec in of_cells:
+        for same_gradient in _grouped(specs, _gradient_key):
+            gx, gy = self.gradient(same_gradient[0])
+            for same_votes in _grouped(same_gradient, _key(_VOTES)):
+                pixel_votes = votes(gx, gy, same_votes[0])
+                for same_cells in _grouped(same_votes, _key(_CELLS)):
+                    cells = pool(pixel_votes, same_cells[0])
+                    for spec in same_cells:
                         histograms = cells.reshape(1, spec.colours * spec.bins, *cells.shape[2:])
                         yield spec, normalize(histograms, spec).permute(0, 2, 3, 1)
 
@@ -83,8 +83,8 @@ def _gradient_key(spec: HOGSpec) -> object:
     return _key(_GRADIENT + (_CELLS if spec.colour_ties == "dlib" else ()))(spec)
 
 
-def _alike(specs: Iterable[HOGSpec], key: Callable[[HOGSpec], object]) -> Iterable[list[HOGSpec]]:
-    """The specs in groups of one key."""
+def _grouped(specs: Iterable[HOGSpec], key: Callable[[HOGSpec], object]) -> Iterable[list[HOGSpec]]:
+    """The specs in groups of equal keys."""
     groups: dict[object, list[HOGSpec]] = {}
     for spec in specs:
         groups.setdefault(key(spec), []).append(spec)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 from ..hog import HOGSpec
 from ..hog.box import Box
+from .common_form import CommonForm, Entries, common_region, region, unit
 from .conventions import essential, exchangeable
 from .describer import Describer
-from .grounds import Entries, Ground, common_region, region, unit
 from .shapley import ShapleyContribution, shapley
 
 SAME = 1e-5  # two descriptors at most so far apart are the same: float32 rounds by less
@@ -53,7 +53,7 @@ class Query:
         ValueError: the image is too small for one of them, or for a cell that both, and all mixtures, have.
     """
 
-    def __init__(self, describer: Describer, a: HOGSpec, b: HOGSpec, form: Ground) -> None:
+    def __init__(self, describer: Describer, a: HOGSpec, b: HOGSpec, form: CommonForm) -> None:
         names = f"{a.name} and {b.name}"
         for spec in (a, b):
             spec.grid(*describer.size)  # raises its own error if there is none
@@ -96,7 +96,7 @@ class Query:
 
 def distances(describer: Describer, queries: Sequence[Query], progress: Progress | None = None) -> list[Distance]:
     """The distances of all queries; each descriptor is computed once."""
-    forms: dict[HOGSpec, set[Ground]] = {}
+    forms: dict[HOGSpec, set[CommonForm]] = {}
     for query in queries:
         for spec in query.ends:
             forms.setdefault(spec, set()).add(query.form)
@@ -105,7 +105,7 @@ def distances(describer: Describer, queries: Sequence[Query], progress: Progress
         for spec, descriptor in describer.descriptors(forms)
         for form in forms[spec]
     }
-    mixtures: dict[HOGSpec, dict[Ground, list[tuple[Query, int]]]] = {}
+    mixtures: dict[HOGSpec, dict[CommonForm, list[tuple[Query, int]]]] = {}
     for query in queries:
         if query.set_ends(*(ends[spec, query.form] for spec in query.ends)):
             for number, spec in enumerate(query.mixtures):

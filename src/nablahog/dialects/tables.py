@@ -12,9 +12,9 @@ from ..hog import HOGSpec
 from ..hog.normalizers import Normalizer
 from ..hog.orientation import bin_angles
 from ..hog.poolings import Pooling
+from .common_form import DIRECTIONS
 from .compare import Comparison, Pair, cliques
 from .distances import SAME, Distance
-from .grounds import DIRECTIONS
 from .ties import Ties
 
 LEAST = 0.005  # of a squared distance; smaller contributions are in the CSV file only
@@ -24,7 +24,7 @@ CSV_HEADS = (*_OF_PAIRS, "convention", "a_says", "b_says", "share", "percent")
 
 DEFINITIONS = {
     "distance": "‖a − b‖ of what two descriptors say of the strength of gradients by cell and orientation, each scaled "
-    "to length 1: 0 if they are equal, √2 = 1.414 if they have nothing in common. It is measured on common ground: "
+    "to length 1: 0 if they are equal, √2 = 1.414 if they have nothing in common. It is measured in a common form: "
     "opposite bins are added; of four-block descriptors the contrast-insensitive channels count; of blocks the mean "
     "over all that a cell lies in, without OpenCV's Gaussian; of separate colours their mean. Entries are interpolated "
     f"linearly between the centres of bins and read at {DIRECTIONS} directions, {180 // DIRECTIONS}° apart, among "
@@ -124,10 +124,10 @@ def tie_rows(ties: Mapping[str, Ties]) -> list[dict[str, object]]:
 
 def same(comparison: Comparison) -> list[str]:
     """A sentence for each group of dialects with the same descriptors, in the common form or in some channels."""
-    equal: dict[str, list[tuple[str, str]]] = {"The same on common ground": []}
+    equal: dict[str, list[tuple[str, str]]] = {"The same in a common form": []}
     for pair in comparison.pairs:
         if pair.orientations.same:
-            equal["The same on common ground"].append((pair.a, pair.b))
+            equal["The same in a common form"].append((pair.a, pair.b))
     for pair in comparison.pairs:
         if pair.channels and pair.channels.same:
             equal.setdefault(f"The same {', '.join(pair.parts)} channels", []).append((pair.a, pair.b))
@@ -181,7 +181,7 @@ def csv_rows(comparison: Comparison) -> Iterator[Sequence[object]]:
     """A row for each convention of each pair, for distances in the common form and for those in channels."""
     yield CSV_HEADS
     for pair in comparison.pairs:
-        for compared, distance in (("common ground", pair.orientations), (" ".join(pair.parts), pair.channels)):
+        for compared, distance in (("common form", pair.orientations), (" ".join(pair.parts), pair.channels)):
             if distance is not None:
                 yield from _csv_rows(pair, compared, distance)
 
@@ -212,7 +212,7 @@ def figures(comparison: Comparison) -> dict[str, Any]:
             {
                 "a": pair.a,
                 "b": pair.b,
-                "common_ground": _figures(pair.orientations),
+                "common_form": _figures(pair.orientations),
                 "channels": None
                 if pair.channels is None
                 else {

@@ -1,4 +1,4 @@
-"""What descriptors of different shapes are compared by: the part that both have, in one form."""
+"""Common forms of descriptors of different shapes, in which they are compared."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Entries:
 
     @property
     def region(self) -> Box:
-        """The cells that it has."""
+        """Its cells."""
         rows, cols = self.values.shape[:2]
         return Box(self.left, self.top, self.left + cols, self.top + rows)
 
@@ -47,23 +47,23 @@ class Entries:
         return self.values[inside.rows, inside.cols].flatten()
 
 
-class Ground(Protocol):
-    """A part that two descriptors have in common; hashable."""
+class CommonForm(Protocol):
+    """A form that two descriptors can be brought into; hashable."""
 
     def reduced(self, spec: HOGSpec) -> HOGSpec:
-        """The spec of the descriptor's part that counts here."""
+        """The spec of the part of the descriptor that is compared."""
 
     def entries(self, descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int]) -> Entries:
-        """A descriptor (1, rows, cols, channels) of a reduced spec in the common form."""
+        """Brings a descriptor (1, rows, cols, channels) of a :meth:`reduced` spec into the common form."""
 
 
 @dataclass(frozen=True)
 class Orientations:
-    """What every HOG says: how strong the gradients of each cell are by orientation, unsigned.
+    """The form that every HOG has: strength of the gradients of each cell by unsigned orientation.
 
-    Opposite bins are added, of a four-block descriptor the undirected channels count if it has them, of blocks the
-    mean over all that a cell lies in.  Between the centres of bins entries are interpolated linearly, and read every
-    10°, so that 9 bins keep their own entries wherever the first is centred.
+    Opposite bins are added.  Of a four-block descriptor the undirected channels are used if it has them; of blocks, the
+    mean over all blocks of a cell.  Entries are interpolated linearly between the centres of bins and resampled every
+    10°, which leaves 9 bins unchanged whether the first is centred at 0° or at 10°.
     """
 
     def reduced(self, spec: HOGSpec) -> HOGSpec:
@@ -73,16 +73,16 @@ class Orientations:
         of_cells = cell_entries(descriptor, spec)
         if spec.pooling.has_blocks:  # cells that lie on each other are one
             of_cells = CellAlignment(spec, image_size, of_cells)(of_cells)
-        values = torch.einsum("db,brc->rcd", readings(spec).to(of_cells), of_cells[0])
+        values = torch.einsum("db,brc->rcd", resampling_weights(spec).to(of_cells), of_cells[0])
         return Entries(values, *_first(spec))
 
 
 @dataclass(frozen=True)
 class Channels:
-    """Channels of two four-block descriptors that have the same meaning in both, as they are.
+    """Channels with the same meaning in two four-block descriptors, unchanged.
 
     Attributes:
-        parts: which.
+        parts: names of the channels.
     """
 
     parts: tuple[Part, ...]
@@ -98,7 +98,7 @@ class Channels:
 
 
 def same_channels(a: HOGSpec, b: HOGSpec) -> Channels | None:
-    """The channels that mean the same in two descriptors: histograms of the same orientations, and texture."""
+    """The channels with the same meaning in two descriptors: histograms of the same orientations, and texture."""
     one, other = four_block(a.normalizer), four_block(b.normalizer)
     if one is None or other is None or a.colours != b.colours:
         return None
@@ -112,29 +112,29 @@ def same_channels(a: HOGSpec, b: HOGSpec) -> Channels | None:
 
 
 def _same_angles(a: HOGSpec, b: HOGSpec, period: float) -> bool:
-    """Whether the undirected bins, or with a period of 360° all, are centred at the same angles."""
-    some = [bin_angles(s)[: s.bins // 2 if s.signed and period == math.pi else s.bins] for s in (a, b)]
-    if len(some[0]) != len(some[1]):
+    """Whether the undirected bins, or with a period of 360° all bins, have the same centres."""
+    first, second = (bin_angles(s)[: s.bins // 2 if s.signed and period == math.pi else s.bins] for s in (a, b))
+    if len(first) != len(second):
         return False
-    apart = np.mod(some[0] - some[1] + _SLACK, period)
-    return bool((apart < 2 * _SLACK).all())
+    difference = np.mod(first - second + _SLACK, period)
+    return bool((difference < 2 * _SLACK).all())
 
 
-def readings(spec: HOGSpec) -> Tensor:
-    """Weights (directions, bins) that interpolate entries of bins linearly at k·10°, and there add opposite ones."""
-    return _readings(tuple(bin_angles(spec).tolist()), spec.signed)
+def resampling_weights(spec: HOGSpec) -> Tensor:
+    """Weights (directions, bins) that interpolate entries of bins linearly at k·10°, and add opposite directions."""
+    return _resampling_weights(tuple(bin_angles(spec).tolist()), spec.signed)
 
 
 @lru_cache(maxsize=64)
-def _readings(centres: tuple[float, ...], signed: bool) -> Tensor:
+def _resampling_weights(centres: tuple[float, ...], signed: bool) -> Tensor:
     period = 2 * math.pi if signed else math.pi
     directions = torch.arange(DIRECTIONS, dtype=torch.float64) * (math.pi / DIRECTIONS)
-    found = torch.zeros(DIRECTIONS, len(centres), dtype=torch.float64)
+    weights = torch.zeros(DIRECTIONS, len(centres), dtype=torch.float64)
     for turn in (0.0, math.pi) if signed else (0.0,):
-        apart = (directions + turn).unsqueeze(1) - torch.tensor(centres, dtype=torch.float64)
-        apart = apart - period * (apart / period).round()
-        found += (1 - apart.abs() * (len(centres) / period)).clamp(min=0)
-    return found
+        difference = (directions + turn).unsqueeze(1) - torch.tensor(centres, dtype=torch.float64)
+        difference = difference - period * (difference / period).round()
+        weights += (1 - difference.abs() * (len(centres) / period)).clamp(min=0)
+    return weights
 
 
 def _first(spec: HOGSpec) -> tuple[int, int]:
@@ -143,7 +143,7 @@ def _first(spec: HOGSpec) -> tuple[int, int]:
 
 
 def region(spec: HOGSpec, image_size: tuple[int, int]) -> Box:
-    """The cells that the descriptor of an image of (height, width) has.
+    """The cells of the descriptor of an image of (height, width).
 
     Raises:
         ValueError: the image is too small to have any.
@@ -162,13 +162,13 @@ def _cells_along(spec: HOGSpec, axis: int, count: int) -> tuple[int, int]:
 
 
 def common_region(regions: list[Box]) -> Box | None:
-    """The cells that all have, or None."""
+    """The intersection, or None if it is empty."""
     common = reduce(Box.intersect, regions)
     return common if common.width > 0 and common.height > 0 else None
 
 
 def unit(values: Tensor) -> Tensor:
-    """Scaled to length 1, in float64; 0 stays 0."""
+    """Scales to length 1, in float64; 0 stays 0."""
     values = values.double()
     length = float(values.norm())
     return values / length if length else values

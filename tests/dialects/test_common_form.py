@@ -8,17 +8,17 @@ from dataclasses import replace
 import pytest
 import torch
 
-from nablahog.dialects.describer import Describer
-from nablahog.dialects.grounds import (
+from nablahog.dialects.common_form import (
     DIRECTIONS,
     Channels,
     Entries,
     Orientations,
     common_region,
-    readings,
     region,
+    resampling_weights,
     same_channels,
 )
+from nablahog.dialects.describer import Describer
 from nablahog.hog import BlockNorm, HOGSpec, hog, presets
 from nablahog.hog.box import Box
 from tests.hog.zoo import SPECS as ZOO
@@ -79,7 +79,7 @@ def test_an_edge_has_one_direction_in_all(name: str, degrees: int) -> None:
 def test_nine_bins_keep_their_entries() -> None:
     for offset in (0.0, 0.5):
         spec = replace(presets.paper(8), bin_offset=offset)
-        weights = readings(spec)
+        weights = resampling_weights(spec)
         own = weights[int(2 * offset) :: 2]
         torch.testing.assert_close(own, torch.eye(9, dtype=torch.float64))
         between = weights[1 - int(2 * offset) :: 2]
@@ -88,11 +88,11 @@ def test_nine_bins_keep_their_entries() -> None:
 
 
 def test_opposite_bins_are_added() -> None:
-    weights = readings(presets.vlfeat())
+    weights = resampling_weights(presets.vlfeat())
     assert weights.shape == (DIRECTIONS, 18)
     torch.testing.assert_close(weights[:, :9], weights[:, 9:])
     torch.testing.assert_close(weights[::2, :9], torch.eye(9, dtype=torch.float64))
-    mirrored = readings(replace(presets.vlfeat(), counterclockwise=True))
+    mirrored = resampling_weights(replace(presets.vlfeat(), counterclockwise=True))
     torch.testing.assert_close(mirrored[2, 8], torch.tensor(1.0, dtype=torch.float64))
 
 
