@@ -70,10 +70,10 @@ def measure(path: Path, name: str, memory: int) -> None:
     torch.set_num_threads(1)
     spec = getattr(presets, name)()
 
-    def parts(image: np.ndarray) -> Iterator[torch.Tensor]:
+    def parts(image: np.ndarray) -> Iterator[np.ndarray]:
         if memory != WHOLE:
             return (strip.descriptor for strip in stream(image, spec, memory=memory))
-        return iter([hog(torch.from_numpy(np.array(image))[None, None], spec)[0]])
+        return iter([hog(torch.from_numpy(np.array(image))[None, None], spec)[0].numpy()])
 
     for _ in parts(np.zeros((64, 64), np.uint8)):
         pass
@@ -82,7 +82,7 @@ def measure(path: Path, name: str, memory: int) -> None:
     for part in parts(np.load(path, mmap_mode="r")):
         seconds += time.process_time() - started
         strips += 1
-        digest.update(part.numpy().data)  # which takes a while, too
+        digest.update(part.data)  # which takes a while, too
         started = time.process_time()
     print(strips, f"{seconds:.1f} {before:.0f} {peak():.0f}", digest.hexdigest())
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import importlib.metadata
+import pydoc
+import re
 import subprocess
 import sys
 from importlib import import_module
@@ -16,7 +19,7 @@ from nablahog.cli.main import _COMMANDS
 from nablahog.runtime.lazy import _Package, names_when_used
 
 HEAVY = ("torch", "numba", "numpy", "scipy", "skimage", "PIL", "matplotlib", "rich", "trimesh", "platformdirs")
-LAZY = ("nablahog", "nablahog.hog", "nablahog.invert", "nablahog.pose")
+LAZY = ("nablahog", "nablahog.hog", "nablahog.invert", "nablahog.io", "nablahog.pose", "nablahog.viz")
 
 
 def run(program: str) -> subprocess.CompletedProcess[str]:
@@ -77,7 +80,7 @@ def test_every_command_is_there(command: str) -> None:
 def test_every_name_is_there(name: str) -> None:
     """In a fresh process, where nothing has loaded the modules, each by itself."""
     package = import_module(name)
-    assert set(package.__all__) <= set(dir(package))
+    assert {n for n in dir(package) if not n.startswith("__")} == {*package.__all__} - {"__version__"}
     assert set(package.__dict__["_homes"]) <= set(package.__all__)
     program = f"import sys, {name}\nfor n in {package.__all__}: getattr(sys.modules['{name}'], n)\n"
     ended = run(f"{program}from {name} import *\nassert set({package.__all__}) <= set(globals())")
@@ -90,9 +93,20 @@ def show(program: str) -> str:
     return ended.stdout
 
 
-@pytest.mark.parametrize("first", ["from nablahog.hog import presets", "import nablahog.hog.descriptor"])
-def test_the_function_wins_over_the_package_of_its_name(first: str) -> None:
-    assert show(f"{first}\nimport nablahog\nprint(type(nablahog.hog))") == "<class 'function'>\n"
+@pytest.mark.parametrize("name", ["hog", "render"])
+@pytest.mark.parametrize(
+    "program",
+    [
+        "from nablahog import NAME; import nablahog.NAME",
+        "import nablahog.NAME, nablahog",
+        "from nablahog.NAME import NAME; import nablahog",
+        "import nablahog.hog.descriptor, nablahog.render.views, nablahog",
+        "import nablahog; nablahog.NAME; import nablahog.NAME",
+    ],
+)
+def test_the_function_wins_over_the_package_of_its_name(program: str, name: str) -> None:
+    program = f"{program}\nprint(type(nablahog.NAME))".replace("NAME", name)
+    assert show(program) == "<class 'function'>\n"
 
 
 def test_so_it_does_in_other_packages() -> None:
@@ -102,6 +116,23 @@ def test_so_it_does_in_other_packages() -> None:
 
 def test_modules_can_be_reached_without_being_imported() -> None:
     assert show("import nablahog\nprint(nablahog.invert.quality.QualityName.__name__)") == "Literal\n"
+
+
+def test_help_shows_the_public_face() -> None:
+    import nablahog
+
+    shown = pydoc.render_doc(nablahog, renderer=pydoc.plaintext)
+    assert f"VERSION\n    {nablahog.__version__}\n" in shown
+    for name in {*nablahog.__all__} - {"__version__"}:
+        assert re.search(rf"\b{name}\b", shown), name
+    assert "reconstruct(" in shown
+    assert "class Reconstruction(" in shown
+
+
+def test_the_version_is_that_of_the_installed_package() -> None:
+    import nablahog
+
+    assert nablahog.__version__ == importlib.metadata.version("nablahog")
 
 
 def test_it_compiles_as_the_first_thing() -> None:

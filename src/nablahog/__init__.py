@@ -1,17 +1,67 @@
-"""∇HOG: HOG you can differentiate, invert and fit."""
+"""∇HOG: HOG you can differentiate, invert and fit.
+
+Describe images      ``hog``, ``HOG``, ``HOGSpec``, ``presets``, ``stream``, ``compat``
+Invert descriptors   ``reconstruct``, ``reconstruct_multiscale``, ``Reconstruction``, ``LearnedPrior``, ``train_prior``
+Render objects       ``render``, ``Renderer``, ``Mesh``, ``load_mesh``, ``Camera``
+Find their poses     ``estimate_pose``, ``PoseEstimate``, ``datasets``
+Look and measure     ``glyphs``, ``metrics``
+Files and layouts    ``load_descriptor``, ``save_descriptor``, ``convert_channels``, ``to_layout``, ``from_layout``
+
+Axes, ranges, angles and boxes: ``docs/conventions.md``.
+"""
 
 from typing import TYPE_CHECKING
 
 from .runtime.lazy import names_when_used
 
 if TYPE_CHECKING:
-    from .hog import HOG, HOGSpec, hog, presets, stream
-    from .invert import LearnedPrior, Reconstruction, reconstruct, train_prior
+    from . import compat, datasets, metrics
+    from .hog import HOG, HOGSpec, convert_channels, from_layout, hog, presets, stream, to_layout
+    from .invert import LearnedPrior, Reconstruction, reconstruct, reconstruct_multiscale, train_prior
+    from .io import load_descriptor, save_descriptor
+    from .pose import PoseEstimate, estimate_pose
+    from .render import Camera, Mesh, Renderer, load_mesh, render
+    from .viz import glyphs
 
-__all__ = ["HOG", "HOGSpec", "LearnedPrior", "Reconstruction", "hog", "presets", "reconstruct", "stream", "train_prior"]
+__version__ = "0.1.0"
 
+__all__ = [
+    "HOG",
+    "Camera",
+    "HOGSpec",
+    "LearnedPrior",
+    "Mesh",
+    "PoseEstimate",
+    "Reconstruction",
+    "Renderer",
+    "__version__",
+    "compat",
+    "convert_channels",
+    "datasets",
+    "estimate_pose",
+    "from_layout",
+    "glyphs",
+    "hog",
+    "load_descriptor",
+    "load_mesh",
+    "metrics",
+    "presets",
+    "reconstruct",
+    "reconstruct_multiscale",
+    "render",
+    "save_descriptor",
+    "stream",
+    "to_layout",
+    "train_prior",
+]
+
+# each name is looked up in its room when it is first used: PyTorch takes two seconds to load
 names_when_used(
-    __name__,  # PyTorch takes two seconds to load
-    hog=("HOG", "HOGSpec", "hog", "presets", "stream"),
-    invert=("LearnedPrior", "Reconstruction", "reconstruct", "train_prior"),
+    __name__,
+    hog=("HOG", "HOGSpec", "convert_channels", "from_layout", "hog", "presets", "stream", "to_layout"),
+    invert=("LearnedPrior", "Reconstruction", "reconstruct", "reconstruct_multiscale", "train_prior"),
+    io=("load_descriptor", "save_descriptor"),
+    pose=("PoseEstimate", "estimate_pose"),
+    render=("Camera", "Mesh", "Renderer", "load_mesh", "render"),
+    viz=("glyphs",),
 )

@@ -15,9 +15,9 @@ def assert_one_sentence(message: str) -> None:
     assert 20 < len(message) < 160
 
 
-@pytest.mark.parametrize("images", [None, 3, "image", [[0.0]], torch.zeros(8, 8).numpy()])
-def test_hog_refuses_what_is_no_tensor(images: Any) -> None:
-    with pytest.raises(TypeError, match=r"^images must be a torch tensor \(B, C, H, W\), got \w+$") as error:
+@pytest.mark.parametrize("images", [None, 3, "image", [[0.0]]])
+def test_hog_refuses_what_is_no_image(images: Any) -> None:
+    with pytest.raises(TypeError, match=r"^images must be a torch tensor \(B, C, H, W\), .*, got \w+$") as error:
         hog(images, presets.paper())
     assert_one_sentence(str(error.value))
 

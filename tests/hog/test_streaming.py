@@ -16,6 +16,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PIL import Image
 from torch import Tensor
 from torch.testing import assert_close
 
@@ -57,7 +58,7 @@ def joined(image: Any, s: HOGSpec, memory: int = LEAST) -> tuple[Tensor, int]:
     ends = [0, *(strip.rows.stop for strip in strips)]
     assert [strip.rows.start for strip in strips] == ends[:-1]
     assert [len(strip.descriptor) for strip in strips] == [strip.rows.stop - strip.rows.start for strip in strips]
-    return torch.cat([strip.descriptor for strip in strips]), len(strips)
+    return torch.from_numpy(np.concatenate([strip.descriptor for strip in strips])), len(strips)
 
 
 def same(got: Tensor, expected: Tensor) -> bool:
@@ -227,10 +228,15 @@ def test_into_a_mapped_file(tmp_path: Path) -> None:
     """As the README has it."""
     image, s = picture(200, 64, 1, np.uint8)[..., 0], presets.uoctti()
     shape = (*s.grid(*image.shape), s.channels)
-    found = np.lib.format.open_memmap(tmp_path / "hog.npy", mode="w+", dtype=np.float32, shape=shape)
+    whole_descriptor = np.lib.format.open_memmap(tmp_path / "hog.npy", mode="w+", dtype=np.float32, shape=shape)
     for rows, descriptor in nablahog.stream(image, s, memory=LEAST):
-        found[rows] = descriptor
+        whole_descriptor[rows] = descriptor
     assert same(torch.from_numpy(np.load(tmp_path / "hog.npy")), whole(image, s))
+
+
+def test_of_a_pil_image() -> None:
+    image, s = picture(64, 32, 3, np.uint8), presets.uoctti()
+    assert same(joined(Image.fromarray(image), s)[0], whole(image, s))
 
 
 @pytest.mark.parametrize(

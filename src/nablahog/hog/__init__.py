@@ -9,7 +9,9 @@ from .poolings import BilinearCells, BlockCells, BoxCells
 from .spec import HOGSpec
 
 if TYPE_CHECKING:
+    from .channels import convert_channels
     from .descriptor import HOG, hog
+    from .layout import from_layout, to_layout
     from .streaming import DescriptorStrip, stream
 
 __all__ = [
@@ -24,9 +26,18 @@ __all__ = [
     "GlobalNorm",
     "HOGSpec",
     "WindowNorm",
+    "convert_channels",
+    "from_layout",
     "hog",
     "presets",
     "stream",
+    "to_layout",
 ]
 
-names_when_used(__name__, descriptor=("HOG", "hog"), streaming=("DescriptorStrip", "stream"))
+names_when_used(
+    __name__,
+    channels=("convert_channels",),
+    descriptor=("HOG", "hog"),
+    layout=("from_layout", "to_layout"),
+    streaming=("DescriptorStrip", "stream"),
+)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from .inputs import Descriptors, descriptor_tensor, to_array
 from .normalizers import PARTS, FourBlockNorm, Part
 from .normalizers.four_block import VLFEAT_TEXTURE, four_block
 from .spec import HOGSpec
@@ -69,7 +70,7 @@ def reorder_texture(descriptor: Tensor, spec: HOGSpec) -> Tensor:
     return torch.cat(list(parts.values()), dim=-1).flatten(-2)
 
 
-def convert_channels(descriptor: Tensor, source: HOGSpec, target: HOGSpec) -> Tensor:
+def convert_channels(descriptor: Descriptors, source: HOGSpec, target: HOGSpec) -> Descriptors:
     """The channels that another four-block dialect has, in its order, if they are exactly those at hand.
 
     Directed and undirected channels mean the same in all of them: VLFeat's 31 become DPM's first 27, DPM's 32 dlib's
@@ -78,18 +79,20 @@ def convert_channels(descriptor: Tensor, source: HOGSpec, target: HOGSpec) -> Te
     by them, ties, and the range of values stays the source's.
 
     Args:
-        descriptor: (..., channels) of ``source``.
+        descriptor: (..., channels) of ``source``, tensor or array.
         source: the dialect it is of.
         target: the dialect whose channels to make of it.
 
     Returns:
-        (..., channels) of ``target``, the dtype and device of ``descriptor``; linear in it.
+        (..., channels) of ``target``, of the kind, dtype and device of ``descriptor``; linear in it.
 
     Raises:
         ValueError: ``target`` has channels that cannot be made exactly: directed or undirected ones that are not
             there, or another library's texture; its histograms or clip are others; a dialect is not four-block; or
             the shape is not the source's.
     """
+    if not isinstance(descriptor, Tensor):
+        return to_array(convert_channels(descriptor_tensor("the descriptor", descriptor), source, target))
     parts, scheme, goal = _split(descriptor, source), _four_block(source), _four_block(target)
     ours, theirs = ({**{n: getattr(s, n) for n in _SAME}, "orientations": _axes(s)} for s in (source, target))
     ours["clip"], theirs["clip"] = scheme.clip, goal.clip

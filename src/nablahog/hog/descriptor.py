@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, overload
 
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from . import kernels
 from .checks import check_choice
+from .inputs import ArrayImage, image_batch, to_array
 from .layout import to_layout
 from .normalize import normalize
 from .spec import HOGSpec
 from .steps import plain_histograms
 
 Backend: TypeAlias = Literal["auto", "torch"]
+ResultLayout: TypeAlias = Literal["cells", "native"]
 
 
 def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
@@ -41,9 +44,15 @@ def histograms(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> T
     return plain_histograms(images, spec)
 
 
+@overload
+def hog(images: Tensor, spec: HOGSpec, *, layout: ResultLayout = "cells", backend: Backend = "auto") -> Tensor: ...
+@overload
 def hog(
-    images: Tensor, spec: HOGSpec, *, layout: Literal["cells", "native"] = "cells", backend: Backend = "auto"
-) -> Tensor:
+    images: ArrayImage, spec: HOGSpec, *, layout: ResultLayout = "cells", backend: Backend = "auto"
+) -> NDArray[Any]: ...
+def hog(
+    images: Tensor | ArrayImage, spec: HOGSpec, *, layout: ResultLayout = "cells", backend: Backend = "auto"
+) -> Tensor | NDArray[Any]:
     """The HOG descriptor of a batch of images, exactly differentiable (Section 2 of the paper).
 
     Works on CPU and CUDA, under reverse and forward mode, ``vmap`` and ``torch.compile``; second derivatives exist away
@@ -55,7 +64,8 @@ def hog(
 
     Args:
         images: (B, C, H, W), float32 or float64 in 0…1, or uint8 in 0…255; any number of channels (three are R, G, B)
-            and any strides: none is copied on a CPU.
+            and any strides: none is copied on a CPU.  Or a NumPy array (H, W), (H, W, C) or (B, H, W, C), C 1 or 3,
+            or a PIL image of mode L or RGB.
         spec: the dialect, from :mod:`nablahog.presets`.
         layout: ``"cells"``, or ``"native"``, the shape and order that the library itself returns.
         backend: ``"auto"``, compiled loops on a CPU; ``"torch"``, the steps as the paper has them, a few operations of
@@ -63,12 +73,15 @@ def hog(
 
     Returns:
         (B, rows, cols, channels), or B in front of the library's own shape; the dtype of the images (the default dtype
-        for uint8).
+        for uint8).  An array for arrays and PIL images, without B for a single one.
 
     Raises:
-        TypeError: ``images`` is no tensor, or of another dtype.
-        ValueError: ``images`` is not four-dimensional, or smaller than one cell.
+        TypeError: ``images`` is no tensor, array or PIL image, or of another dtype.
+        ValueError: ``images`` has other axes, or is smaller than one cell.
     """
+    if not isinstance(images, Tensor):
+        batch, single = image_batch("images", images)
+        return to_array(hog(batch, spec, layout=layout, backend=backend), single)
     _check(images, spec, backend)
     if backend == "auto" and images.is_cpu and kernels.supports(spec):
         found = kernels.describe(images, spec)
@@ -85,7 +98,11 @@ class HOG(nn.Module):
         super().__init__()
         self.spec = spec
 
-    def forward(self, images: Tensor) -> Tensor:
+    @overload
+    def forward(self, images: Tensor) -> Tensor: ...
+    @overload
+    def forward(self, images: ArrayImage) -> NDArray[Any]: ...
+    def forward(self, images: Tensor | ArrayImage) -> Tensor | NDArray[Any]:
         """Images (B, C, H, W) to descriptors (B, rows, cols, channels); see :func:`hog`."""
         return hog(images, self.spec)
 

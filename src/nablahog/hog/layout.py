@@ -6,6 +6,7 @@ import math
 
 from torch import Tensor
 
+from .inputs import Descriptors, descriptor_tensor, to_array
 from .spec import COLOURS, HOGSpec
 
 
@@ -23,14 +24,18 @@ def native_shape(spec: HOGSpec, image_size: tuple[int, int]) -> tuple[int, ...]:
     return (rows * cols * spec.channels,)
 
 
-def to_layout(descriptor: Tensor, spec: HOGSpec) -> Tensor:
-    """Descriptors (B, rows, cols, channels) to the spec's layout.
+def to_layout(descriptor: Descriptors, spec: HOGSpec) -> Descriptors:
+    """Descriptors (B, rows, cols, channels) to the spec's layout; arrays also (rows, cols, channels).
 
     It is, by ``spec.layout``: ``"cells"``, the same; ``"planes"``, (B, channels, rows, cols); ``"colour-planes"``,
     (B, 3, bins, rows, cols); ``"blocks"``, (B, rows, cols, rows of cells, columns of cells, bins);
     ``"block-vector"``, the same in one row; ``"opencv-vector"``, in one row, too, but column by column of blocks, and
     in a block column by column of cells.
     """
+    if not isinstance(descriptor, Tensor):
+        tensor = descriptor_tensor("the descriptor", descriptor)
+        single = tensor.dim() == 3
+        return to_array(to_layout(tensor[None] if single else tensor, spec), single)
     batch, rows, cols, channels = descriptor.shape
     if spec.layout == "cells":
         return descriptor
@@ -43,11 +48,11 @@ def to_layout(descriptor: Tensor, spec: HOGSpec) -> Tensor:
     return (blocks if spec.layout == "block-vector" else blocks.permute(0, 2, 1, 4, 3, 5)).flatten(1)
 
 
-def from_layout(native: Tensor, spec: HOGSpec, image_size: tuple[int, int]) -> Tensor:
+def from_layout(native: Descriptors, spec: HOGSpec, image_size: tuple[int, int]) -> Descriptors:
     """The descriptors (B, rows, cols, channels) that :func:`to_layout` makes ``native`` of.
 
     Args:
-        native: B in front of the library's own shape, or of its entries in one row.
+        native: B in front of the library's own shape, or of its entries in one row; an array also without B.
         spec: the dialect.
         image_size: (height, width) of the images.
 
@@ -56,6 +61,10 @@ def from_layout(native: Tensor, spec: HOGSpec, image_size: tuple[int, int]) -> T
     """
     rows, cols = spec.grid(*image_size)
     expected = native_shape(spec, image_size)
+    if not isinstance(native, Tensor):
+        tensor = descriptor_tensor("the descriptor", native)
+        single = tuple(tensor.shape) in (expected, (math.prod(expected),))
+        return to_array(from_layout(tensor[None] if single else tensor, spec, image_size), single)
     if tuple(native.shape[1:]) not in (expected, (math.prod(expected),)):
         raise ValueError(
             f"{spec.named} descriptor of an image of {image_size[0]}x{image_size[1]} pixels (height x width) has the "

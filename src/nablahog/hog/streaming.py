@@ -5,17 +5,21 @@ from __future__ import annotations
 import math
 import mmap
 from collections.abc import Iterator
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from .inputs import is_pil, pil_pixels
 from .kernels import steps
 from .kernels.norms import _total
 from .spec import HOGSpec
 from .strips import Strip, Strips
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
 
 MEMORY = 2**28  # bytes of a strip
 _SUMMED = 256  # numbers in a row that the compiled global normaliser sums up in their own precision
@@ -49,14 +53,14 @@ class DescriptorStrip(NamedTuple):
     """
 
     rows: slice
-    descriptor: Tensor
+    descriptor: npt.NDArray[Any]
 
 
-def stream(image: Rows, spec: HOGSpec, *, memory: int = MEMORY) -> Iterator[DescriptorStrip]:
+def stream(image: Rows | Image, spec: HOGSpec, *, memory: int = MEMORY) -> Iterator[DescriptorStrip]:
     """The HOG descriptor of an image that is larger than memory, in strips of some of its rows, from the top.
 
-    They are the rows of ``hog`` of the whole image, bit by bit: ``torch.cat([strip.descriptor for strip in
-    stream(image, spec)])`` is ``hog(whole, spec)[0]``.  Only of dialects that have no compiled loops, which no preset
+    They are the rows of ``hog`` of the whole image, bit by bit: ``np.concatenate([strip.descriptor for strip
+    in stream(image, spec)])`` is ``hog(whole, spec)``.  Only of dialects that have no compiled loops, which no preset
     is (see :func:`.kernels.supports`), they are the same up to rounding; and a pixel that is not finite may spoil other
     rows than there.
 
@@ -65,23 +69,23 @@ def stream(image: Rows, spec: HOGSpec, *, memory: int = MEMORY) -> Iterator[Desc
 
     Args:
         image: (H, W) or (H, W, C), uint8 in 0…255, or float32 or float64 in 0…1; of any number of channels (three are
-            R, G, B).  A :class:`numpy.memmap`, as of ``np.load(path, mmap_mode="r")``, or anything else that has
-            ``shape``, ``dtype`` and rows ``[start:stop]``.
+            R, G, B).  A :class:`numpy.memmap`, as of ``np.load(path, mmap_mode="r")``, anything else that has
+            ``shape``, ``dtype`` and rows ``[start:stop]``, or a PIL image of mode L or RGB.
         spec: the dialect, from :mod:`nablahog.presets`.
         memory: bytes that a strip takes, nearly, with all that it is computed from; but it has at least one row,
             however few they are.  The tables of the loops come on top: for a moment, before a strip of another size
             than the last, some 6 bytes (float64: 10) for each pixel of a row and column of cells.
 
     Returns:
-        Strips of (rows, cols, channels), float32, or float64 of float64 images and of uint8 if that is the default
-        dtype; on the CPU, without derivatives.  The image is read as they are asked for.
+        Strips of (rows, cols, channels), NumPy arrays of float32, or of float64 for float64 images and for uint8 if
+        that is the default dtype of PyTorch.  The image is read as they are asked for.
 
     Raises:
         TypeError: ``image`` has no shape, dtype and rows, or another dtype.
         ValueError: it has another shape, or is smaller than one cell; ``memory`` is no positive integer; while it is
             read, its rows are not of its shape.
     """
-    reader = _Reader(image, spec)
+    reader = _Reader(pil_pixels("image", image) if is_pil(image) else image, spec)
     if type(memory) is not int or memory < 1:
         raise ValueError(f"memory must be a positive integer, in bytes, got {memory!r}")
     height, width, _ = reader.shape
@@ -99,7 +103,7 @@ class _Reader:
         stored: the dtype, in this machine's order of bytes.
     """
 
-    def __init__(self, image: Rows, spec: HOGSpec) -> None:
+    def __init__(self, image: Any, spec: HOGSpec) -> None:
         try:
             shape, dtype = tuple(int(n) for n in image.shape), np.dtype(image.dtype)
         except (AttributeError, TypeError):
@@ -163,7 +167,7 @@ def _strips(reader: _Reader, spec: HOGSpec, strips: list[Strip]) -> Iterator[Des
         found = norm(found, spec) if scale is None else found * scale.to(found)
         first, last = strip.rows
         rows = found[0, :, strip.before : strip.before + last - first]
-        yield DescriptorStrip(slice(first, last), rows.permute(1, 2, 0).contiguous())
+        yield DescriptorStrip(slice(first, last), rows.permute(1, 2, 0).contiguous().numpy())
 
 
 def _scale(strips: Iterator[Tensor], spec: HOGSpec) -> Tensor:

@@ -14,6 +14,7 @@ from PIL import Image
 from torch import Tensor
 
 from ..hog import HOGSpec
+from ..hog.inputs import descriptor_tensor
 from .files import replacing
 from .npz import check_format, read_arrays, text
 
@@ -60,17 +61,20 @@ class StoredDescriptor:
 
 
 def save_descriptor(
-    path: str | os.PathLike[str], descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int]
+    path: str | os.PathLike[str], descriptor: Tensor | NDArray[np.floating], spec: HOGSpec, image_size: tuple[int, int]
 ) -> None:
     """Writes a descriptor (rows, cols, channels) of an image of ``image_size`` (height, width) to the file ``path``.
 
-    The file is a compressed .npz archive of the arrays ``descriptor``, ``spec`` (its JSON), ``image_size`` and
-    ``format`` (1), whatever its name ends in.  It is replaced whole or not at all.
+    The descriptor is a tensor or an array.  The file is a compressed .npz archive of the arrays ``descriptor``,
+    ``spec`` (its JSON), ``image_size`` and ``format`` (1), whatever its name ends in.  It is replaced whole or not at
+    all.
 
     Raises:
         TypeError, ValueError: as :class:`StoredDescriptor`; nothing is written.
         OSError: the file cannot be written.
     """
+    if not isinstance(descriptor, Tensor):
+        descriptor = descriptor_tensor("the descriptor", descriptor)
     stored = StoredDescriptor(descriptor.detach().cpu(), spec, (int(image_size[0]), int(image_size[1])))
     with replacing(path) as file:
         np.savez_compressed(

@@ -1,4 +1,4 @@
-"""Packages whose names are found when somebody asks for them, so that importing a package loads none of its parts."""
+"""Packages whose names are looked up when they are first used, so that importing a package loads none of its parts."""
 
 from __future__ import annotations
 
@@ -11,34 +11,37 @@ from typing import Any
 
 
 class _Package(ModuleType):
-    """A package that knows in which of its modules its names are (PEP 562, for :func:`names_when_used`)."""
+    """A package with a table of the modules that define its names (PEP 562), for :func:`names_when_used`."""
 
     _homes: dict[str, str]
 
     def __getattr__(self, name: str) -> Any:
         homes = self.__dict__["_homes"]
         if name in homes:
-            found = getattr(import_module(f"{self.__name__}.{homes[name]}"), name)
-            self.__dict__[name] = found
-            return found
-        # modules can be reached as if they had been loaded, as they have been in most packages
+            value = getattr(import_module(f"{self.__name__}.{homes[name]}"), name)
+            self.__dict__[name] = value
+            return value
+        # a module of the package needs no import of its own
         if not name.startswith("_") and find_spec(f"{self.__name__}.{name}") is not None:
             return import_module(f"{self.__name__}.{name}")
         raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}", name=name, obj=self)
 
     def __setattr__(self, name: str, value: Any) -> None:
-        # Python sets each module in its package once it is loaded; but `nablahog.hog` is the function
+        # Python sets each module as an attribute of its package once it is loaded, but `nablahog.hog` and
+        # `nablahog.render` are functions
         if not (name in self.__dict__["_homes"] and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 
     def __dir__(self) -> list[str]:
-        return sorted({*super().__dir__(), *self.__dict__["_homes"]})
+        public = self.__dict__.get("__all__", self.__dict__["_homes"])
+        return sorted({*public, *(name for name in super().__dir__() if name.startswith("__"))})
 
 
 def names_when_used(package: str, **modules: Iterable[str]) -> None:
-    """Makes names of modules names of their package, where a module is loaded once one of its names is used.
+    """Makes names of modules names of their package.  A module is loaded when one of its names is first used.
 
-    A name may be that of a module, too; then it stands for what that name has been given to, never for the module.
+    Where a name is also that of a module of the package, the name wins, in whatever order things are imported:
+    ``nablahog.hog`` is the function, and the package is reached by ``from nablahog.hog import …``.
 
     Args:
         package: its ``__name__``, from its ``__init__.py``.

@@ -1,0 +1,155 @@
+"""NumPy arrays and PIL images in place of tensors: axes, results, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+from PIL import Image
+
+from nablahog import (
+    HOG,
+    HOGSpec,
+    convert_channels,
+    from_layout,
+    hog,
+    load_descriptor,
+    presets,
+    save_descriptor,
+    to_layout,
+)
+
+SPEC = presets.uoctti(cell_size=8)
+
+
+def photograph(shape: tuple[int, ...], dtype: Any = np.float32) -> NDArray[Any]:
+    values = np.random.default_rng(0).random(shape)
+    return (values * 255).astype(np.uint8) if dtype == np.uint8 else values.astype(dtype)
+
+
+def channels_first(array: NDArray[Any]) -> torch.Tensor:
+    """Images (B, C, H, W), by the rule of docs/conventions.md."""
+    shape = array.shape
+    batch = array.reshape((1, *shape, 1) if array.ndim == 2 else (1, *shape) if array.ndim == 3 else shape)
+    return torch.from_numpy(np.ascontiguousarray(batch.transpose(0, 3, 1, 2)))
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32, np.float64])
+@pytest.mark.parametrize(
+    "shape", [(16, 24), (16, 24, 1), (16, 24, 3), (2, 16, 24, 1), (2, 16, 24, 3), (1, 16, 24, 3), (3, 16, 3)]
+)
+def test_arrays_have_their_channels_last(shape: tuple[int, ...], dtype: Any) -> None:
+    array = photograph(shape, dtype)
+    if shape == (3, 16, 3):  # rows, not channels, whatever their number
+        array = np.repeat(array, 4, axis=0)
+    expected = hog(channels_first(array), SPEC).numpy()
+    descriptor = hog(array, SPEC)
+    assert isinstance(descriptor, np.ndarray)
+    assert descriptor.dtype == expected.dtype
+    np.testing.assert_array_equal(descriptor, expected if array.ndim == 4 else expected[0])
+    np.testing.assert_array_equal(HOG(SPEC)(array), descriptor)
+
+
+@pytest.mark.parametrize("layout", ["cells", "native"])
+def test_other_layouts_lose_their_batch_axis_too(layout: Any) -> None:
+    spec, array = presets.opencv(win_size=(64, 64)), photograph((64, 64, 3))
+    expected = hog(channels_first(array), spec, layout=layout)[0].numpy()
+    np.testing.assert_array_equal(hog(array, spec, layout=layout), expected)
+
+
+@pytest.mark.parametrize("shape", [(16, 24), (16, 24, 3)])
+def test_pil_images_are_arrays_of_their_pixels(shape: tuple[int, ...]) -> None:
+    array = photograph(shape, np.uint8)
+    np.testing.assert_array_equal(hog(Image.fromarray(array), SPEC), hog(array, SPEC))
+
+
+@pytest.mark.parametrize(
+    "view",
+    [
+        lambda a: a[::-1],
+        lambda a: a[:, ::-1],
+        lambda a: a[..., ::-1],
+        lambda a: a.astype(a.dtype.newbyteorder()),
+        lambda a: np.frombuffer(a.tobytes(), a.dtype).reshape(a.shape),  # read only
+        np.asfortranarray,
+    ],
+)
+def test_any_array_in_memory_will_do(view: Any) -> None:
+    array = view(photograph((16, 24, 3)))
+    np.testing.assert_array_equal(hog(array, SPEC), hog(np.array(array, np.float32, order="C"), SPEC))
+
+
+def test_fields_of_records_will_do() -> None:
+    records = np.zeros((16, 24), [("value", "f4"), ("rest", "u1")])
+    records["value"] = photograph((16, 24))
+    np.testing.assert_array_equal(hog(records["value"], SPEC), hog(photograph((16, 24)), SPEC))
+
+
+@pytest.mark.parametrize(
+    ("shape", "advice"),
+    [
+        ((3, 16, 24), r"move the channels last, np\.moveaxis\(array, -3, -1\)"),
+        ((1, 16, 24), r"move the channels last, np\.moveaxis\(array, -3, -1\)"),
+        ((5, 3, 16, 24), r"move the channels last, np\.moveaxis\(array, -3, -1\)"),
+        ((5, 16, 24), r"write array\[\.\.\., None\] for a batch of gray images"),
+        ((16, 24, 4), r"write array\[\.\.\., None\]"),
+        ((5, 16, 24, 4), r"pass a tensor \(B, C, H, W\)"),
+        ((16,), r"pass a tensor"),
+        ((1, 1, 16, 24, 3), r"pass a tensor"),
+    ],
+)
+def test_other_axes_are_refused_with_advice(shape: tuple[int, ...], advice: str) -> None:
+    with pytest.raises(ValueError, match=rf"^images as an array must be \(H, W\), .*: {advice}") as error:
+        hog(photograph(shape), SPEC)
+    assert str(shape) in str(error.value)
+
+
+def test_other_kinds_of_pil_images_are_refused() -> None:
+    image = Image.new("RGBA", (24, 16))
+    with pytest.raises(
+        TypeError, match=r"^images as a PIL image must have the mode L or RGB, got RGBA: image\.convert"
+    ):
+        hog(image, SPEC)
+
+
+@pytest.mark.parametrize("dtype", ["f2", "i8", "u2", "?", "c8", "U1", "O"])
+def test_other_numbers_are_refused(dtype: str) -> None:
+    with pytest.raises(TypeError, match=r"^images must (be float32 or float64 in 0…1|hold real numbers)"):
+        hog(np.zeros((16, 24), dtype), SPEC)
+
+
+def test_it_follows_no_derivatives() -> None:
+    assert not torch.from_numpy(hog(photograph((16, 24)), SPEC)).requires_grad
+
+
+@pytest.mark.parametrize("batch", [None, 2])
+@pytest.mark.parametrize("spec", [presets.opencv(win_size=(64, 64)), presets.dlib(), presets.skimage()])
+def test_layouts_of_arrays(spec: HOGSpec, batch: int | None) -> None:
+    cells = photograph((*([batch] if batch else []), *spec.grid(64, 64), spec.channels))
+    native = to_layout(cells, spec)
+    expected = to_layout(torch.from_numpy(cells.reshape(-1, *cells.shape[-3:])), spec).numpy()
+    np.testing.assert_array_equal(native, expected if batch else expected[0])
+    np.testing.assert_array_equal(from_layout(native, spec, (64, 64)), cells)
+    np.testing.assert_array_equal(from_layout(native.reshape(*cells.shape[:-3], -1), spec, (64, 64)), cells)
+
+
+def test_channels_of_arrays() -> None:
+    source, target = presets.dlib(), presets.dpm()
+    descriptor = photograph((4, 4, source.channels))
+    expected = convert_channels(torch.from_numpy(descriptor), source, target).numpy()
+    np.testing.assert_array_equal(convert_channels(descriptor, source, target), expected)
+
+
+def test_files_of_arrays(tmp_path: Path) -> None:
+    descriptor = hog(photograph((16, 24)), SPEC)
+    save_descriptor(tmp_path / "hog.npz", descriptor, SPEC, (16, 24))
+    np.testing.assert_array_equal(load_descriptor(tmp_path / "hog.npz").descriptor.numpy(), descriptor)
+
+
+def test_lists_of_numbers_are_no_descriptors() -> None:
+    with pytest.raises(TypeError, match=r"^the descriptor must be a torch tensor or a NumPy array, got list$"):
+        to_layout([[[0.0]]], SPEC)  # type: ignore[type-var]
