@@ -19,7 +19,15 @@ from nablahog.cli.main import _COMMANDS
 from nablahog.runtime.lazy import _Package, names_when_used
 
 HEAVY = ("torch", "numba", "numpy", "scipy", "skimage", "PIL", "matplotlib", "rich", "trimesh", "platformdirs")
-LAZY = ("nablahog", "nablahog.hog", "nablahog.invert", "nablahog.io", "nablahog.pose", "nablahog.viz")
+LAZY = (
+    "nablahog",
+    "nablahog.datasets",
+    "nablahog.hog",
+    "nablahog.invert",
+    "nablahog.io",
+    "nablahog.pose",
+    "nablahog.viz",
+)
 
 
 def run(program: str) -> subprocess.CompletedProcess[str]:

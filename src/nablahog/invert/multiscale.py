@@ -10,19 +10,24 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, Generic
 
+import numpy as np
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from ..hog.descriptor import hog
+from ..hog.inputs import Descriptors
 from ..hog.spec import HOGSpec
 from .histograms import recover_histograms
 from .polarity import looks_negative, negated
 from .preimage import (
     Reconstruction,
+    Values,
     check_budget,
     check_descriptor,
+    descriptors_as_tensor,
+    of_the_kind,
     reconstruct,
     relative_distance,
 )
@@ -34,7 +39,7 @@ BEFORE_THE_LAST = 120  # evaluations at most of an image at each level before
 
 
 @dataclass(frozen=True)
-class Level:
+class Level(Generic[Values]):
     """One level of a multi-scale reconstruction.
 
     Attributes:
@@ -45,7 +50,7 @@ class Level:
 
     scale: int
     spec: HOGSpec
-    reconstruction: Reconstruction
+    reconstruction: Reconstruction[Values]
 
 
 def level_spec(spec: HOGSpec, scale: int, image_size: tuple[int, int]) -> tuple[HOGSpec, tuple[int, int]]:
@@ -83,7 +88,7 @@ def scale_descriptors(image: Tensor, spec: HOGSpec, scales: Sequence[int] = SCAL
 
 
 def reconstruct_multiscale(
-    descriptors: Tensor | Sequence[Tensor],
+    descriptors: Descriptors | Sequence[Descriptors],
     spec: HOGSpec,
     image_size: tuple[int, int] | None = None,
     *,
@@ -93,7 +98,7 @@ def reconstruct_multiscale(
     closeness: float | None = None,
     polarity: bool = True,
     progress: Callable[[int, int], None] | None = None,
-) -> list[Level]:
+) -> list[Level[Descriptors]]:
     """Pre-images at every scale, the smallest first; the last is the answer.
 
     Of a signed spec, each level starts from what the one before found, enlarged, and draws samples of its own.  Of an
@@ -102,7 +107,7 @@ def reconstruct_multiscale(
 
     Args:
         descriptors: (B, rows, cols, channels), matched at every level (multi-scale), or one for each scale
-            (multi-scale-more, see :func:`scale_descriptors`).
+            (multi-scale-more, see :func:`scale_descriptors`).  Arrays as for :func:`.preimage.reconstruct`.
         spec: the dialect at the image's own size.
         image_size: (height, width); by default whole cells.
         scales: falling square numbers.
@@ -118,8 +123,9 @@ def reconstruct_multiscale(
         TypeError, ValueError: as :func:`.preimage.reconstruct`; the scales do not fall, or one does not exist for this
             image and cell size; there is not one descriptor for each.
     """
-    more = not isinstance(descriptors, Tensor)
-    several = [descriptors] * len(scales) if isinstance(descriptors, Tensor) else list(descriptors)
+    more = not isinstance(descriptors, Tensor | np.ndarray)
+    given = [descriptors] * len(scales) if isinstance(descriptors, Tensor | np.ndarray) else list(descriptors)
+    several = [descriptors_as_tensor(descriptor) for descriptor in given]
     if not scales or any(a <= b for a, b in pairwise(scales)):
         raise ValueError(f"the scales must fall from level to level, got {tuple(scales)}")
     if len(several) != len(scales):
@@ -136,26 +142,31 @@ def reconstruct_multiscale(
     levels: list[Level] = []
     matched: list[Tensor] = []
     for scale, descriptor, (small, small_size), budget in zip(scales, several, plan, budgets, strict=True):
-        given: dict[str, Any] = {"closeness": closeness, "polarity": False, **({} if spec.signed else {"samples": 1})}
+        options: dict[str, Any] = {"closeness": closeness, "polarity": False, **({} if spec.signed else {"samples": 1})}
         if levels:
-            given["start" if spec.signed else "expected"] = enlarge(levels[-1].reconstruction.image, *small_size)
+            options["start" if spec.signed else "expected"] = enlarge(levels[-1].reconstruction.image, *small_size)
         elif not more:
-            given["start"] = _first_start(descriptor, spec, size, small_size, seed)
+            options["start"] = _first_start(descriptor, spec, size, small_size, seed)
         if not more and spec.normalizer.fixes_contrast:
             # at the same contrast, an s-th of the pixels with √s times the differences make 1/√s of the votes
             descriptor = descriptor / scale**0.25
         matched.append(descriptor)
-        before = sum(budgets[: len(levels)])
-
-        def report(done: int, _: int, before: int = before) -> None:
-            if progress is not None:
-                progress(before + done, sum(budgets))
-
-        found = reconstruct(descriptor, small, small_size, seed=seed, max_evaluations=budget, progress=report, **given)
+        report = None if progress is None else _after(progress, sum(budgets[: len(levels)]), sum(budgets))
+        found = reconstruct(
+            descriptor, small, small_size, seed=seed, max_evaluations=budget, progress=report, **options
+        )
         levels.append(Level(scale, small, found))
     if polarity and not spec.signed:
         levels = _upright(levels, matched)
-    return levels
+    return [
+        Level(level.scale, level.spec, of_the_kind(level.reconstruction, descriptor))
+        for level, descriptor in zip(levels, given, strict=True)
+    ]
+
+
+def _after(progress: Callable[[int, int], None], before: int, most: int) -> Callable[[int, int], None]:
+    """``progress`` over all levels, from within one: those before it had ``before`` evaluations, all have ``most``."""
+    return lambda done, _: progress(before + done, most)
 
 
 def _upright(levels: list[Level], descriptors: Sequence[Tensor]) -> list[Level]:

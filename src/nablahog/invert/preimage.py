@@ -5,11 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, Generic
 
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
+from typing_extensions import TypeVar
 
 from ..hog.descriptor import hog
+from ..hog.inputs import ArrayImage, Descriptors, descriptor_tensor, image_batch, to_array
 from ..hog.spec import HOGSpec
 from ..optimize import Minimiser, StopReason
 from .histograms import recover_histograms, searchable
@@ -31,10 +35,15 @@ MEMORY = 2**29  # bytes that the searches of a part of a batch take, about
 VECTORS = 32  # of unknowns that a search of one image holds at most: measured, memory and images and all copies
 TAILS = 0.005  # share of pixels that may be clipped at either end when the image is brought to 0…1
 
+Values = TypeVar("Values", Tensor, NDArray[Any], default=Tensor)
+
 
 @dataclass(frozen=True)
-class Reconstruction:
-    """Pre-images of a batch of descriptors.
+class Reconstruction(Generic[Values]):
+    """Pre-images of a batch of descriptors: tensors, or arrays if the descriptors were arrays.
+
+    Arrays of images have no channel axis: (B, H, W); those of a single descriptor (rows, cols, channels) have no batch
+    axis either.
 
     Attributes:
         image: (B, 1, H, W) in 0…1.
@@ -47,11 +56,11 @@ class Reconstruction:
         seconds: wall time for the whole batch.
     """
 
-    image: Tensor
-    distance: Tensor
+    image: Values
+    distance: Values
     stop_reason: list[StopReason] | list[str]
-    history: Tensor
-    evaluations: Tensor
+    history: Values
+    evaluations: Values
     seconds: float
 
 
@@ -73,8 +82,35 @@ def to_unit_range(image: Tensor, spec: HOGSpec) -> Tensor:
     return torch.where(spread > 0, (image - low) / torch.where(spread > 0, spread, 1), 0.5).clamp(0, 1)
 
 
+def descriptors_as_tensor(descriptor: Tensor | NDArray[Any]) -> Tensor:
+    """Descriptors (B, rows, cols, channels), of an array (rows, cols, channels) one.
+
+    Raises:
+        TypeError: it is neither a tensor nor an array.
+    """
+    if isinstance(descriptor, Tensor):
+        return descriptor
+    tensor = descriptor_tensor("the descriptor", descriptor)
+    return tensor[None] if tensor.dim() == 3 else tensor
+
+
+def of_the_kind(result: Reconstruction, descriptor: Descriptors) -> Reconstruction[Descriptors]:
+    """``result`` as arrays, if ``descriptor`` is one, and without the batch axis, if it has none."""
+    if isinstance(descriptor, Tensor):
+        return result
+    single = descriptor.ndim == 3
+    return Reconstruction(
+        to_array(result.image[:, 0], single),
+        to_array(result.distance, single),
+        result.stop_reason,
+        to_array(result.history[:, 0] if single else result.history),
+        to_array(result.evaluations, single),
+        result.seconds,
+    )
+
+
 def reconstruct(
-    descriptor: Tensor,
+    descriptor: Descriptors,
     spec: HOGSpec,
     image_size: tuple[int, int] | None = None,
     *,
@@ -83,8 +119,8 @@ def reconstruct(
     max_evaluations: int | None = None,
     samples: int | None = None,
     closeness: float | None = None,
-    start: Tensor | None = None,
-    expected: Tensor | None = None,
+    start: Tensor | ArrayImage | None = None,
+    expected: Tensor | ArrayImage | None = None,
     region_signs: bool = True,
     polarity: bool = True,
     smoothness: float = 0.02,
@@ -92,7 +128,7 @@ def reconstruct(
     basis: Basis = "cosine",
     minimiser: Minimiser = "lbfgs",
     progress: Callable[[int, int], None] | None = None,
-) -> Reconstruction:
+) -> Reconstruction[Descriptors]:
     """Images whose HOG is the given descriptor, from the descriptor alone, for a whole batch at once.
 
     The histograms before normalisation are recovered (:mod:`.histograms`); several images with these histograms are
@@ -106,7 +142,8 @@ def reconstruct(
     after the other.
 
     Args:
-        descriptor: (B, rows, cols, channels), float32 or float64, on any device.
+        descriptor: (B, rows, cols, channels), float32 or float64, a tensor on any device or a NumPy array; an array
+            also (rows, cols, channels).
         spec: the dialect that made it.
         image_size: (height, width); by default whole cells, rows · cell height and cols · cell width.
         quality: ``"best"``, or ``"fast"``: an eighth of the evaluations, for a coarser image.
@@ -131,20 +168,21 @@ def reconstruct(
         progress: called with the evaluations done and the most there can be, over all parts of the batch.
 
     Raises:
-        TypeError: the descriptor, ``start`` or ``expected`` is no floating-point tensor.
+        TypeError: the descriptor, ``start`` or ``expected`` is no floating-point tensor or array.
         ValueError: their shape contradicts spec and image size, they hold NaN or Inf, the spec keeps DPM's texture
             without directed channels, or an option is out of range.
     """
     began = time.perf_counter()
-    height, width = check_descriptor(descriptor, spec, image_size)
+    targets = descriptors_as_tensor(descriptor)
+    height, width = check_descriptor(targets, spec, image_size)
     dialect, spec = spec, searchable(spec)
     rooted = dialect.gamma == "sqrt"
-    start = _checked("start", start, descriptor, (height, width), rooted)
-    expected = _checked("expected", expected, descriptor, (height, width), rooted)
+    first_image = _checked("start", start, targets, (height, width), rooted)
+    expected_image = _checked("expected", expected, targets, (height, width), rooted)
     effort = quality_of(quality)
     if samples is None:
         samples = effort.samples
-    sampling = expected is None and samples > 1 and (spec.signed or start is not None)
+    sampling = expected_image is None and samples > 1 and (spec.signed or first_image is not None)
     if max_evaluations is None:
         max_evaluations = effort.evaluations if sampling else effort.without_samples
     check_budget(max_evaluations)
@@ -159,16 +197,14 @@ def reconstruct(
     if spec.normalizer.fixes_contrast:
         priors.append(Range(RANGE_WEIGHT))
     priors += [prior] if isinstance(prior, Prior) else prior
-    descriptor = descriptor.detach()
-    at_once = max(1, MEMORY // ((samples if sampling else 1) * VECTORS * height * width * descriptor.element_size()))
-    parts = [slice(first, first + at_once) for first in range(0, len(descriptor), at_once)]
+    targets = targets.detach()
+    at_once = max(1, MEMORY // ((samples if sampling else 1) * VECTORS * height * width * targets.element_size()))
+    parts = [slice(first, first + at_once) for first in range(0, len(targets), at_once)]
     searches, images = [], []
     for number, part in enumerate(parts):
-        begins, expects = (None if given is None else given[part] for given in (start, expected))
+        begins, expects = (None if given is None else given[part] for given in (first_image, expected_image))
         report = None if progress is None else _over_parts(progress, number, len(parts))
-        search = PreimageSearch(
-            descriptor[part], spec, (height, width), priors, basis, minimiser, max_evaluations, report
-        )
+        search = PreimageSearch(targets[part], spec, (height, width), priors, basis, minimiser, max_evaluations, report)
         votes = recover_histograms(search.descriptor, spec, (height, width), max_evaluations=effort.on_histograms)
         if expects is None and begins is None and not spec.signed:
             if region_signs:
@@ -183,14 +219,15 @@ def reconstruct(
     if rooted:
         image = image.square()
     length = max(len(search.history()) for search in searches)
-    return Reconstruction(
+    result = Reconstruction(
         image,
-        relative_distance(image, descriptor, dialect),
+        relative_distance(image, targets, dialect),
         [reason for search in searches for reason in search.stop_reason],
         torch.cat([search.history(length) for search in searches], dim=1),
         torch.cat([search.evaluations for search in searches]),
         time.perf_counter() - began,
     )
+    return of_the_kind(result, descriptor)
 
 
 def _found(
@@ -246,14 +283,16 @@ def check_budget(max_evaluations: int) -> None:
 
 
 def _checked(
-    name: str, images: Tensor | None, descriptor: Tensor, size: tuple[int, int], rooted: bool
+    name: str, images: Tensor | ArrayImage | None, descriptor: Tensor, size: tuple[int, int], rooted: bool
 ) -> Tensor | None:
     """``images``, or their roots, in the descriptor's dtype and on its device, once they are known to be usable."""
     if images is None:
         return None
-    if not isinstance(images, Tensor) or not images.is_floating_point():
-        got = images.dtype if isinstance(images, Tensor) else type(images).__name__
-        raise TypeError(f"{name} must be a floating-point tensor, got {got}")
+    if not isinstance(images, Tensor):
+        images, _ = image_batch(name, images)
+        images = images / 255 if images.dtype == torch.uint8 else images
+    if not images.is_floating_point():
+        raise TypeError(f"{name} must be floating-point, got {images.dtype}")
     if images.shape != (len(descriptor), 1, *size):
         raise ValueError(f"{name} must have shape {(len(descriptor), 1, *size)}, got {tuple(images.shape)}")
     if not torch.isfinite(images).all():

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
+from ..hog.inputs import ArrayImage, image_batch
 from ..render import Camera, Mesh
 from .canvas import cut_out
 from .choices import Kind, Search
@@ -57,7 +58,7 @@ class PoseEstimate:
 
 
 def estimate_pose(
-    photograph: Tensor,
+    photograph: Tensor | ArrayImage,
     models: Mesh | Mapping[str, Mesh],
     *,
     box: Sequence[float] | None = None,
@@ -72,7 +73,7 @@ def estimate_pose(
     """The pose at which a rendering of a model has the HOG most like the photograph's.
 
     Args:
-        photograph: (C, H, W), float in 0…1, one channel or R, G, B.
+        photograph: (C, H, W), float in 0…1, one channel or R, G, B; or an array (H, W) or (H, W, C), or a PIL image.
         models: normalised meshes by name, or one mesh; all are tried, the best is returned.
         box: of the object, x0, y0, x1, y1 in pixels; by default the whole photograph.
         initial: azimuth and elevation to begin at, degrees; by default unknown.
@@ -107,6 +108,11 @@ def estimate_pose(
         raise ValueError(f"similarity must be 'dot', 'whitened' or 'calibrated', got {similarity!r}")
     if initial is not None and not (all(map(math.isfinite, initial)) and -90 <= initial[1] <= 90):
         raise ValueError(f"initial must be a finite azimuth and an elevation in -90…90, got {initial}")
+    if not isinstance(photograph, Tensor):
+        images, single = image_batch("the photograph", photograph)
+        if not single:
+            raise ValueError(f"expected one photograph, got {len(images)}")
+        photograph = images[0] / 255 if images.dtype == torch.uint8 else images[0]
     if photograph.dim() != 3:
         shape = tuple(photograph.shape)
         raise ValueError(f"the photograph must be a floating point tensor (1 or 3, H, W), got the shape {shape}")
