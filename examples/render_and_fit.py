@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 from PIL import Image
+from torch.nn.functional import cosine_similarity
 
 import nablahog
 
@@ -33,20 +34,19 @@ def main(argv: Sequence[str] | None = None) -> None:
     photograph = nablahog.hog(renderer(true), spec)
 
     change = torch.zeros_like(start, requires_grad=True)
-    optimizer = torch.optim.Adam([change], lr=0.15)
+    optimizer = torch.optim.Adam([change], lr=0.3)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, arguments.steps)
     for step in range(arguments.steps + 1):
         pose = start + units * change
-        image = renderer(pose)
-        similarity = torch.nn.functional.cosine_similarity(nablahog.hog(image, spec).flatten(), photograph.flatten(), 0)
-        if step % 10 == 0:
-            print(
-                f"step {step:3}: similarity {float(similarity.detach()):.4f}, azimuth {float(pose[0, 0]):6.2f}°, ",
-                end="",
-            )
-            print(f"elevation {float(pose[0, 1]):5.2f}°, distance {float(pose[0, 2]):.3f}")
+        similarity = cosine_similarity(nablahog.hog(renderer(pose), spec).flatten(), photograph.flatten(), dim=0)
         optimizer.zero_grad()
         (-similarity).backward()
         optimizer.step()
+        schedule.step()
+        if step % 10 == 0:
+            azimuth, elevation, distance = pose[0, :3].tolist()
+            print(f"step {step:3}: similarity {similarity.item():.4f}, azimuth {azimuth:6.2f}°, ", end="")
+            print(f"elevation {elevation:5.2f}°, distance {distance:.3f}")
 
     pictures = [renderer(poses)[0, 0].detach().numpy() for poses in (true, start, pose)]
     pictures += [(pictures[k] - pictures[0]) / 2 + 0.5 for k in (1, 2)]  # gray where they agree

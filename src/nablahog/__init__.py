@@ -1,7 +1,8 @@
 """∇HOG: HOG you can differentiate, invert and fit.
 
 Describe images      ``hog``, ``HOG``, ``HOGSpec``, ``presets``, ``stream``, ``compat``
-Invert descriptors   ``reconstruct``, ``reconstruct_multiscale``, ``Reconstruction``, ``LearnedPrior``, ``train_prior``
+Invert descriptors   ``reconstruct``, ``reconstruct_multiscale``, ``Reconstruction``, ``template_descriptor``,
+                     ``LearnedPrior``, ``train_prior``
 Render objects       ``render``, ``Renderer``, ``Mesh``, ``load_mesh``, ``Camera``
 Find their poses     ``estimate_pose``, ``PoseEstimate``, ``datasets``
 Look and measure     ``glyphs``, ``metrics``
@@ -17,7 +18,14 @@ from .runtime.lazy import names_when_used
 if TYPE_CHECKING:
     from . import compat, datasets, metrics
     from .hog import HOG, HOGSpec, convert_channels, from_layout, hog, presets, stream, to_layout
-    from .invert import LearnedPrior, Reconstruction, reconstruct, reconstruct_multiscale, train_prior
+    from .invert import (
+        LearnedPrior,
+        Reconstruction,
+        reconstruct,
+        reconstruct_multiscale,
+        template_descriptor,
+        train_prior,
+    )
     from .io import load_descriptor, save_descriptor
     from .pose import PoseEstimate, estimate_pose
     from .render import Camera, Mesh, Renderer, load_mesh, render
@@ -51,6 +59,7 @@ __all__ = [
     "render",
     "save_descriptor",
     "stream",
+    "template_descriptor",
     "to_layout",
     "train_prior",
 ]
@@ -59,7 +68,14 @@ __all__ = [
 names_when_used(
     __name__,
     hog=("HOG", "HOGSpec", "convert_channels", "from_layout", "hog", "presets", "stream", "to_layout"),
-    invert=("LearnedPrior", "Reconstruction", "reconstruct", "reconstruct_multiscale", "train_prior"),
+    invert=(
+        "LearnedPrior",
+        "Reconstruction",
+        "reconstruct",
+        "reconstruct_multiscale",
+        "template_descriptor",
+        "train_prior",
+    ),
     io=("load_descriptor", "save_descriptor"),
     pose=("PoseEstimate", "estimate_pose"),
     render=("Camera", "Mesh", "Renderer", "load_mesh", "render"),

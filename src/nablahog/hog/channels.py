@@ -90,6 +90,11 @@ def convert_channels(descriptor: Descriptors, source: HOGSpec, target: HOGSpec) 
         ValueError: ``target`` has channels that cannot be made exactly: directed or undirected ones that are not
             there, or another library's texture; its histograms or clip are others; a dialect is not four-block; or
             the shape is not the source's.
+
+    >>> dpm, dlib = nablahog.presets.dpm(), nablahog.presets.dlib()
+    >>> descriptor = nablahog.hog(torch.rand(1, 1, 64, 64), dpm)
+    >>> nablahog.convert_channels(descriptor, dpm, dlib).shape[-1], descriptor.shape[-1]
+    (31, 32)
     """
     if not isinstance(descriptor, Tensor):
         return to_array(convert_channels(descriptor_tensor("the descriptor", descriptor), source, target))

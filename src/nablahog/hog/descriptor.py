@@ -78,6 +78,16 @@ def hog(
     Raises:
         TypeError: ``images`` is no tensor, array or PIL image, or of another dtype.
         ValueError: ``images`` has other axes, or is smaller than one cell.
+
+    >>> spec = nablahog.presets.uoctti(cell_size=8)
+    >>> nablahog.hog(torch.rand(2, 3, 64, 48), spec).shape
+    torch.Size([2, 8, 6, 31])
+    >>> nablahog.hog(np.zeros((64, 48, 3), np.uint8), spec).shape  # an array: channels last, one image
+    (8, 6, 31)
+    >>> images = torch.rand(1, 1, 16, 16, requires_grad=True)
+    >>> nablahog.hog(images, spec).square().sum().backward()
+    >>> images.grad.shape
+    torch.Size([1, 1, 16, 16])
     """
     if not isinstance(images, Tensor):
         batch, single = image_batch("images", images)
@@ -92,7 +102,13 @@ def hog(
 
 
 class HOG(nn.Module):
-    """:func:`hog` with its spec, as a module to put into a network.  It has no parameters."""
+    """:func:`hog` with its spec, as a module to put into a network.  It has no parameters.
+
+    >>> describe = nablahog.HOG(nablahog.presets.paper())
+    >>> network = torch.nn.Sequential(torch.nn.Conv2d(3, 1, 3, padding=1), describe)
+    >>> network(torch.rand(1, 3, 32, 32)).shape
+    torch.Size([1, 4, 4, 9])
+    """
 
     def __init__(self, spec: HOGSpec) -> None:
         super().__init__()

@@ -31,6 +31,11 @@ def to_layout(descriptor: Descriptors, spec: HOGSpec) -> Descriptors:
     (B, 3, bins, rows, cols); ``"blocks"``, (B, rows, cols, rows of cells, columns of cells, bins);
     ``"block-vector"``, the same in one row; ``"opencv-vector"``, in one row, too, but column by column of blocks, and
     in a block column by column of cells.
+
+    >>> spec = nablahog.presets.opencv(win_size=(64, 128))
+    >>> descriptor = nablahog.hog(torch.rand(1, 1, 128, 64), spec)
+    >>> descriptor.shape, nablahog.to_layout(descriptor, spec).shape
+    (torch.Size([1, 15, 7, 36]), torch.Size([1, 3780]))
     """
     if not isinstance(descriptor, Tensor):
         tensor = descriptor_tensor("the descriptor", descriptor)
@@ -58,6 +63,11 @@ def from_layout(native: Descriptors, spec: HOGSpec, image_size: tuple[int, int])
 
     Raises:
         ValueError: the shape is none of the spec's for images of that size.
+
+    >>> spec = nablahog.presets.opencv(win_size=(64, 128))
+    >>> vector = np.zeros(3780, np.float32)  # as of cv2.HOGDescriptor().compute
+    >>> nablahog.from_layout(vector, spec, (128, 64)).shape
+    (15, 7, 36)
     """
     rows, cols = spec.grid(*image_size)
     expected = native_shape(spec, image_size)

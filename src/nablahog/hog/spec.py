@@ -76,6 +76,12 @@ class HOGSpec:
 
     Raises:
         ValueError: a field is out of its range, or two fields contradict each other.
+
+    >>> spec = nablahog.presets.skimage(orientations=8)
+    >>> spec.bins, spec.cell_size, spec.grid(128, 64)  # blocks of an image of 128 rows and 64 columns
+    (8, (8, 8), (14, 6))
+    >>> nablahog.HOGSpec.from_json(spec.to_json()) == spec
+    True
     """
 
     name: str

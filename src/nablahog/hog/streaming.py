@@ -84,6 +84,13 @@ def stream(image: Rows | Image, spec: HOGSpec, *, memory: int = MEMORY) -> Itera
         TypeError: ``image`` has no shape, dtype and rows, or another dtype.
         ValueError: it has another shape, or is smaller than one cell; ``memory`` is no positive integer; while it is
             read, its rows are not of its shape.
+
+    >>> image, spec = np.zeros((640, 64), np.uint8), nablahog.presets.uoctti()
+    >>> descriptor = np.empty((*spec.grid(640, 64), spec.channels), np.float32)
+    >>> for rows, strip in nablahog.stream(image, spec, memory=2**16):
+    ...     descriptor[rows] = strip
+    >>> np.array_equal(descriptor, nablahog.hog(image, spec))
+    True
     """
     reader = _Reader(pil_pixels("image", image) if is_pil(image) else image, spec)
     if type(memory) is not int or memory < 1:

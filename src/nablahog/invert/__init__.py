@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from .learned import LearnedPrior
     from .multiscale import Level, reconstruct_multiscale, scale_descriptors
     from .preimage import Reconstruction, reconstruct
+    from .template import template_descriptor
     from .training import train_prior
 
 __all__ = [
@@ -17,6 +18,7 @@ __all__ = [
     "reconstruct",
     "reconstruct_multiscale",
     "scale_descriptors",
+    "template_descriptor",
     "train_prior",
 ]
 
@@ -25,5 +27,6 @@ names_when_used(
     learned=("LearnedPrior",),
     multiscale=("Level", "reconstruct_multiscale", "scale_descriptors"),
     preimage=("Reconstruction", "reconstruct"),
+    template=("template_descriptor",),
     training=("train_prior",),
 )

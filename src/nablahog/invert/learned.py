@@ -50,6 +50,13 @@ class LearnedPrior(LearnedModel):
 
     Raises:
         ValueError: these contradict each other.
+
+    >>> images = {"noise": torch.rand(96, 96, generator=torch.Generator().manual_seed(0))}
+    >>> prior = nablahog.train_prior(images, nablahog.presets.uoctti(cell_size=8), epochs=1)
+
+    >>> descriptor = nablahog.hog(torch.rand(1, 1, 32, 32), prior.spec)
+    >>> prior.reconstruct(descriptor, prior.spec, max_evaluations=10).image.shape
+    torch.Size([1, 1, 32, 32])
     """
 
     KIND = "learned prior"

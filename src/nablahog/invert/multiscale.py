@@ -122,6 +122,12 @@ def reconstruct_multiscale(
     Raises:
         TypeError, ValueError: as :func:`.preimage.reconstruct`; the scales do not fall, or one does not exist for this
             image and cell size; there is not one descriptor for each.
+
+    >>> spec = nablahog.presets.uoctti(cell_size=8)
+    >>> descriptor = nablahog.hog(torch.rand(1, 1, 32, 32), spec)
+    >>> levels = nablahog.reconstruct_multiscale(descriptor, spec, scales=(4, 1), max_evaluations=10)
+    >>> [tuple(level.reconstruction.image.shape) for level in levels]
+    [(1, 1, 16, 16), (1, 1, 32, 32)]
     """
     more = not isinstance(descriptors, Tensor | np.ndarray)
     given = [descriptors] * len(scales) if isinstance(descriptors, Tensor | np.ndarray) else list(descriptors)

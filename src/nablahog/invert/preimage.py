@@ -54,6 +54,12 @@ class Reconstruction(Generic[Values]):
         evaluations: (B,), operator evaluations spent on each image, one forward and backward; a product of the Jacobian
             or its transpose with a vector is half of one.
         seconds: wall time for the whole batch.
+
+    >>> spec = nablahog.presets.uoctti(cell_size=8)
+    >>> descriptor = nablahog.hog(torch.rand(2, 1, 16, 16), spec)
+    >>> result = nablahog.reconstruct(descriptor, spec, max_evaluations=10)
+    >>> result.distance.shape, len(result.stop_reason), bool((result.evaluations <= 10).all())
+    (torch.Size([2]), 2, True)
     """
 
     image: Values
@@ -171,6 +177,13 @@ def reconstruct(
         TypeError: the descriptor, ``start`` or ``expected`` is no floating-point tensor or array.
         ValueError: their shape contradicts spec and image size, they hold NaN or Inf, the spec keeps DPM's texture
             without directed channels, or an option is out of range.
+
+    >>> spec = nablahog.presets.uoctti(cell_size=8)
+    >>> descriptor = nablahog.hog(torch.rand(1, 1, 32, 32), spec)
+    >>> nablahog.reconstruct(descriptor, spec, quality="fast").image.shape
+    torch.Size([1, 1, 32, 32])
+    >>> nablahog.reconstruct(descriptor[0].numpy(), spec, (32, 32), max_evaluations=10).image.shape  # an array
+    (32, 32)
     """
     began = time.perf_counter()
     targets = descriptors_as_tensor(descriptor)

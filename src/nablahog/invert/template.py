@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from ..hog.entries import CellAlignment, mean_over_colours, with_margin
+from ..hog.inputs import Descriptors, descriptor_tensor, to_array
 from ..hog.normalize import normalize
 from ..hog.spec import HOGSpec
 from .histograms import at_nominal_contrast
@@ -19,15 +20,16 @@ EMPHASIS = 2.0  # power of the weights: a few strong ones make the shape, and ma
 
 
 def template_descriptor(
-    weights: Tensor, spec: HOGSpec, image_size: tuple[int, int] | None = None, *, negative: bool = False
-) -> Tensor:
+    weights: Descriptors, spec: HOGSpec, image_size: tuple[int, int] | None = None, *, negative: bool = False
+) -> Descriptors:
     """Descriptors of images whose histograms are what templates want, or, if ``negative``, what they do not want.
 
     Of each cell they are the squares of its positive, or negative, mean weights: over the blocks that it is part of,
     and of directed and undirected channels together.  Weights of texture say nothing of edges, and are left out.
 
     Args:
-        weights: (B, rows, cols, channels), float32 or float64, of the detector's scores over descriptors.
+        weights: (B, rows, cols, channels), float32 or float64, of the detector's scores over descriptors; an array also
+            (rows, cols, channels).
         spec: their dialect.
         image_size: (height, width) of the images; by default whole cells.
         negative: whether negative weights count, not positive ones.
@@ -37,7 +39,21 @@ def template_descriptor(
 
     Raises:
         ValueError: the weights have another shape, are not finite, or none has the sign.
+
+    >>> spec = nablahog.presets.uoctti(cell_size=8)
+    >>> weights = torch.randn(1, 4, 4, 31)  # of a linear detector
+    >>> descriptor = nablahog.template_descriptor(weights, spec)
+    >>> nablahog.reconstruct(descriptor, spec, max_evaluations=10).image.shape
+    torch.Size([1, 1, 32, 32])
     """
+    if not isinstance(weights, Tensor):
+        tensor = descriptor_tensor("the template", weights)
+        single = tensor.dim() == 3
+        return to_array(_template_descriptor(tensor[None] if single else tensor, spec, image_size, negative), single)
+    return _template_descriptor(weights, spec, image_size, negative)
+
+
+def _template_descriptor(weights: Tensor, spec: HOGSpec, image_size: tuple[int, int] | None, negative: bool) -> Tensor:
     size = image_size or spec.image_size(*weights.shape[1:3])
     expected = (*spec.grid(*size), spec.channels)
     if tuple(weights.shape[1:]) != expected:

@@ -66,6 +66,12 @@ def train_prior(
         ValueError: there are no images, or one is too small or holds other values; there can be no prior for the spec;
             ``epochs`` is below 1; the checkpoint is of another training, or damaged; the training diverges.
         OSError: the checkpoint cannot be written.
+
+    >>> images = {"noise": torch.rand(96, 96, generator=torch.Generator().manual_seed(0))}
+    >>> prior = nablahog.train_prior(images, nablahog.presets.uoctti(cell_size=8), epochs=1)
+
+    >>> prior.training.images, len(prior.training.losses)
+    (('noise',), 1)
     """
     architecture = architecture or default_architecture(spec)
     check_spec(spec, architecture)

@@ -72,6 +72,10 @@ def save_descriptor(
     Raises:
         TypeError, ValueError: as :class:`StoredDescriptor`; nothing is written.
         OSError: the file cannot be written.
+
+    >>> spec = nablahog.presets.uoctti()
+    >>> descriptor = nablahog.hog(np.zeros((64, 48), np.uint8), spec)
+    >>> nablahog.save_descriptor("image.npz", descriptor, spec, (64, 48))
     """
     if not isinstance(descriptor, Tensor):
         descriptor = descriptor_tensor("the descriptor", descriptor)
@@ -93,6 +97,12 @@ def load_descriptor(path: str | os.PathLike[str]) -> StoredDescriptor:
         FileNotFoundError: there is no such file.
         ValueError: it is no such archive, is damaged, lacks an array, holds pickled objects, NaN or Inf, or its
             descriptor, spec and image size contradict each other.
+
+    >>> spec = nablahog.presets.uoctti()
+    >>> nablahog.save_descriptor("image.npz", np.zeros((8, 6, 31), np.float32), spec, (64, 48))
+    >>> stored = nablahog.load_descriptor("image.npz")
+    >>> stored.descriptor.shape, stored.spec == spec, stored.image_size
+    (torch.Size([8, 6, 31]), True, (64, 48))
     """
     arrays = read_arrays(path, "descriptor file", _ARRAYS)
     try:

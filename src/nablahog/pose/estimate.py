@@ -34,6 +34,14 @@ class PoseEstimate:
         on_canvas: (6,): the same pose for the canvas, see :func:`.canvas.cut_out`.
         renderings: that the search has looked at, those of views that are kept for every photograph included.
         paths: of the searches from all starts, if the method keeps them.
+
+    >>> mesh, camera = nablahog.datasets.chairs.chair(3), nablahog.Camera.from_field_of_view(30, 128, 128)
+    >>> photograph = nablahog.render(mesh, torch.tensor([[30.0, 20, 2, 0, 0, 0]]), camera)[0]
+    >>> box = (28, 12, 95, 125)  # x0, y0, x1, y1
+
+    >>> estimate = nablahog.estimate_pose(photograph, mesh, box=box, initial=(0, 20), method="exhaustive")
+    >>> nablahog.render(mesh, estimate.pose, estimate.camera).shape
+    torch.Size([1, 1, 128, 128])
     """
 
     azimuth: float
@@ -96,6 +104,14 @@ def estimate_pose(
 
     Raises:
         ValueError: the photograph, the box, the models or an option is none of the above.
+
+    >>> mesh, camera = nablahog.datasets.chairs.chair(3), nablahog.Camera.from_field_of_view(30, 128, 128)
+    >>> photograph = nablahog.render(mesh, torch.tensor([[30.0, 20, 2, 0, 0, 0]]), camera)[0]
+    >>> box = (28, 12, 95, 125)  # x0, y0, x1, y1
+
+    >>> estimate = nablahog.estimate_pose(photograph, mesh, box=box, initial=(0, 20), method="exhaustive")
+    >>> 25 < estimate.azimuth < 35
+    True
     """
     named = {"": models} if isinstance(models, Mesh) else dict(models)
     if not named:

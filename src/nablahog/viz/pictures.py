@@ -77,6 +77,11 @@ def glyphs(descriptor: Picture, spec: HOGSpec, cell_pixels: int = 16) -> NDArray
 
     Raises:
         ValueError: the shape is none of the spec's, or ``cell_pixels`` is below 1.
+
+    >>> spec = nablahog.presets.uoctti(cell_size=8)
+    >>> descriptor = nablahog.hog(np.eye(64, 48, dtype=np.float32), spec)
+    >>> nablahog.glyphs(descriptor, spec).shape  # 8x6 cells of 16x16 pixels
+    (128, 96)
     """
     if cell_pixels < 1:
         raise ValueError(f"cell_pixels must be at least 1, got {cell_pixels}")

@@ -73,6 +73,10 @@ def skimage(
             does not count here, the channel of largest gradient.
         value_range: 255 for what scikit-image finds for images of 8 bits, 1 for images in 0…1: its ε is absolute.  Of
             the latter, rounding decides ties of colours and bins; :func:`nablahog.compat.skimage.hog` rounds alike.
+
+    >>> spec = nablahog.presets.skimage()
+    >>> spec.cell_size, spec.grid(128, 64), spec.channels
+    ((8, 8), (14, 6), 81)
     """
     return HOGSpec(
         name="skimage",
@@ -123,6 +127,10 @@ def opencv(
 
     Raises:
         ValueError: the sizes do not suit each other.
+
+    >>> spec = nablahog.presets.opencv()
+    >>> spec.cell_size, spec.grid(128, 64), spec.channels
+    ((8, 8), (15, 7), 36)
     """
     block, step, cell = ((h, w) for w, h in (block_size, block_stride, cell_size))
     for (window, b, s, c), axis in zip(
@@ -168,6 +176,10 @@ def maskfeat(cell_size: int = 8, *, nbins: int = 9, gaussian_window: int = 16) -
         cell_size: ``pool``, pixels of a cell.
         nbins: bins over 180°.
         gaussian_window: pixels of the side of a Gaussian that is tiled over the image and weighs its votes, 0 for none.
+
+    >>> spec = nablahog.presets.maskfeat()
+    >>> spec.cell_size, spec.grid(128, 64), spec.channels
+    ((8, 8), (16, 8), 27)
     """
     return HOGSpec(
         name="maskfeat",

@@ -36,6 +36,10 @@ def paper(
         border: ``"reflect"``: no derivative across the image border, the rule that scikit-image and OpenCV share;
             zero padding would draw a false frame around the image.
         partial_cells: ``"floor"``: only whole cells count, as in Dalal's; the paper's images hold whole cells only.
+
+    >>> spec = nablahog.presets.paper()
+    >>> spec.cell_size, spec.grid(128, 64), spec.channels
+    ((8, 8), (16, 8), 9)
     """
     return HOGSpec(
         name="paper",

@@ -27,6 +27,10 @@ def uoctti(
             (VLFeat's default).
         orientations: undirected orientations n over 180°; 3n + 4 channels.
         colour: ``"largest"``, as in VLFeat and DPM; ``"gray"`` converts first, as Eq. 1 of the paper.
+
+    >>> spec = nablahog.presets.uoctti(cell_size=8)
+    >>> spec.cell_size, spec.grid(128, 64), spec.channels
+    ((8, 8), (16, 8), 31)
     """
     return HOGSpec(
         name="uoctti",
@@ -65,6 +69,10 @@ def aubry(
         vote: ``"linear"``, differentiable in the orientation too, or ``"hard"``, theirs.
         orientations: undirected orientations n over 180°, one channel each.
         colour: ``"largest"``, theirs; ``"gray"`` converts first, as Eq. 1 of the paper.
+
+    >>> spec = nablahog.presets.aubry()
+    >>> spec.cell_size, spec.grid(128, 64), spec.channels
+    ((5, 5), (26, 13), 9)
     """
     return HOGSpec(
         name="aubry",
@@ -98,6 +106,10 @@ def vlfeat(
         cell_size: pixels of a cell.
         orientations: n, over 180°.
         bilinear_orientations: whether votes are shared by the two nearest bins, by an arccosine in float32.
+
+    >>> spec = nablahog.presets.vlfeat()
+    >>> spec.cell_size, spec.grid(128, 64), spec.channels
+    ((8, 8), (16, 8), 31)
     """
     parts: dict[Variant, tuple[Part, ...]] = {
         "uoctti": ("directed", "undirected", "texture"),
@@ -129,6 +141,10 @@ def dpm(cell_size: int = 8) -> HOGSpec:
 
     Args:
         cell_size: ``sbin``, pixels of a cell.
+
+    >>> spec = nablahog.presets.dpm()
+    >>> spec.cell_size, spec.grid(128, 64), spec.channels
+    ((8, 8), (14, 6), 32)
     """
     return HOGSpec(
         name="dpm",
@@ -155,6 +171,10 @@ def dlib(cell_size: int = 8) -> HOGSpec:
 
     Args:
         cell_size: pixels of a cell, at least 2: cells of one pixel are another descriptor in dlib.
+
+    >>> spec = nablahog.presets.dlib()
+    >>> spec.cell_size, spec.grid(128, 64), spec.channels
+    ((8, 8), (14, 6), 31)
     """
     if cell_size < 2:
         raise ValueError(
@@ -189,6 +209,10 @@ def piotr(cell_size: int = 8, *, orientations: int = 9, clip: float = 0.2) -> HO
         cell_size: ``binSize``, pixels of a cell.
         orientations: n, over 180°.
         clip: upper bound of a normalised entry.
+
+    >>> spec = nablahog.presets.piotr()
+    >>> spec.cell_size, spec.grid(128, 64), spec.channels
+    ((8, 8), (16, 8), 32)
     """
     return HOGSpec(
         name="piotr",
@@ -218,6 +242,10 @@ def cnn_hog(cell_size: int = 8, *, orientations: int = 9, bilinear: bool = False
         cell_size: pixels of a cell, even.
         orientations: n, over 180°.
         bilinear: whether votes are shared by the two nearest bins (their HOGb).
+
+    >>> spec = nablahog.presets.cnn_hog()
+    >>> spec.cell_size, spec.grid(128, 64), spec.channels
+    ((8, 8), (16, 8), 27)
     """
     if cell_size % 2:
         raise ValueError(f"cell_size must be even, got {cell_size}")
@@ -245,6 +273,10 @@ def seeing3d(cell_size: int = 5) -> HOGSpec:
 
     Args:
         cell_size: ``sbin``, pixels of a cell.
+
+    >>> spec = nablahog.presets.seeing3d()
+    >>> spec.cell_size, spec.grid(128, 64), spec.channels
+    ((5, 5), (24, 11), 9)
     """
     return HOGSpec(
         name="seeing3d",

@@ -1,0 +1,51 @@
+"""Every public function and class has an example in its docstring, and the examples are true."""
+
+from __future__ import annotations
+
+import doctest
+import inspect
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+import nablahog
+from tests.public_surface import members
+
+FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+IN_FULL = ("compat", "metrics", "presets")  # modules of which every function needs an example
+
+
+def documented() -> Iterator[tuple[str, Any]]:
+    """Public functions and classes by name, those of modules too."""
+    for name in sorted({*nablahog.__all__} - {"__version__"}):
+        yield from _functions(name, getattr(nablahog, name))
+
+
+def _functions(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    if not isinstance(value, ModuleType):
+        if inspect.isclass(value) or inspect.isfunction(value):
+            yield name, value
+    elif name.split(".")[0] in IN_FULL:
+        for inner, member in members(value).items():
+            yield from _functions(f"{name}.{inner}", member)
+
+
+EXAMPLES = dict(documented())
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_examples(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    names = {"nablahog": nablahog, "np": np, "torch": torch}
+    finder = doctest.DocTestFinder(recurse=False)
+    tests = finder.find(EXAMPLES[name], name, module=False, globs=names)  # type: ignore[arg-type]
+    assert any(test.examples for test in tests), f"the docstring of nablahog.{name} has no example"
+    report: list[str] = []
+    for test in tests:
+        doctest.DocTestRunner(optionflags=FLAGS).run(test, out=report.append)
+    assert not report, "".join(report)
