@@ -24,7 +24,7 @@ from nablahog.invert.baselines.cnn_hog import CNNHOG
 from nablahog.invert.preimage import Reconstruction
 from nablahog.invert.quality import QualityName
 from nablahog.metrics import azimuth_error
-from nablahog.pose.matching import pose_spec
+from nablahog.pose.prepared import pose_spec
 from parts import of_search
 from photographs import photographs
 from poses import estimate, objects

@@ -28,8 +28,8 @@ from nablahog.invert import reconstruct_multiscale, scale_descriptors
 from nablahog.io.images import limit_size
 from nablahog.io.sample_photographs import SAMPLE_NAMES, sample_photograph
 from nablahog.pose import estimate_pose
-from nablahog.pose.canvas import cut_out
-from nablahog.pose.matching import Photograph
+from nablahog.pose.crop import crop_object
+from nablahog.pose.prepared import PreparedPhotograph
 from nablahog.viz.pictures import Panel, contact_sheet, difference, glyphs
 
 HERE = Path(__file__).parent
@@ -79,7 +79,7 @@ def pose() -> None:
         path=one.name,
         photograph=one.image,
         box=one.box,
-        matched=Photograph(cut_out(one.image, one.box)),
+        matched=PreparedPhotograph(crop_object(one.image, one.box)),
         found=found,
         mesh=meshes[found.model],
         candidates=list(meshes),

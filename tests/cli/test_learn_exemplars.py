@@ -16,14 +16,14 @@ from nablahog.evaluate.exemplar_job import ExemplarJob
 from nablahog.io.sample_photographs import sample_photograph
 from nablahog.jobs.store import Result, Work
 from nablahog.jobs.worker import attempt
-from nablahog.pose import views as learning
+from nablahog.pose import exemplar_views as learning
 from nablahog.pose.background import default_background, learn_background
-from nablahog.pose.views import SPEC, Library, Viewing
+from nablahog.pose.exemplar_views import SPEC, ExemplarLibrary, ViewSampling
 from nablahog.render import load_mesh
 
 from .common import names
 
-POSES = Viewing(azimuths=(0, 75), elevations=(20,)).poses()
+POSES = ViewSampling(azimuths=(0, 75), elevations=(20,)).poses()
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
         yield from ((index, attempt(job)) for index, job in enumerate(jobs))
 
     monkeypatch.setattr(learn_exemplars, "run_jobs", run)
-    monkeypatch.setattr(learning.Viewing, "poses", lambda self: POSES)
+    monkeypatch.setattr(learning.ViewSampling, "poses", lambda self: POSES)
 
 
 def test_learning(tmp_path: Path, models: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -55,7 +55,7 @@ def test_learning(tmp_path: Path, models: str, capsys: pytest.CaptureFixture[str
     command = ["learn", "exemplars", "--models", models, "-o", str(out)]
     assert main(command) == 0
     printed = capsys.readouterr()
-    library = Library(out, default_background(SPEC))
+    library = ExemplarLibrary(out, default_background(SPEC))
     views = [library.views(load_mesh(Path(models, f"{seed}.off"))) for seed in (1, 4)]
     assert len(names(out)) == 2  # these
     assert [len(each.viewpoints) for each in views] == [2, 2]
@@ -93,7 +93,7 @@ def test_another_background(tmp_path: Path, models: str) -> None:
     out = tmp_path / "out"
     assert main(["learn", "exemplars", "--models", models, "-o", str(out), "--background", str(path)]) == 0
     before = names(out)
-    Library(out, background).views(load_mesh(Path(models, "1.off")))
+    ExemplarLibrary(out, background).views(load_mesh(Path(models, "1.off")))
     assert names(out) == before
 
 
@@ -116,6 +116,6 @@ def test_bad_inputs(tmp_path: Path, models: str, refused: Callable[..., None]) -
 
 def test_the_result_of_a_job(tmp_path: Path, models: str) -> None:
     result = ExemplarJob(Path(models, "1.off"), tmp_path, None).run()
-    views = Library(tmp_path, default_background(SPEC)).views(load_mesh(Path(models, "1.off")))
+    views = ExemplarLibrary(tmp_path, default_background(SPEC)).views(load_mesh(Path(models, "1.off")))
     assert result.figures == [{"views": 2, "elements": len(views.scale)}]
     assert result.pictures.dtype == np.uint8

@@ -88,8 +88,8 @@ def test_the_best_of_several_models(tmp_path: Path, scene: list[str], capsys: py
     assert [len(around[key]) for key in ("azimuths", "similarities", "derivatives")] == [AZIMUTHS] * 3
     best = around["azimuths"][int(np.argmax(around["similarities"]))]
     assert degrees_between(best, found["azimuth"]) <= 4
-    assert {len(path["azimuths"]) for path in found["paths"]} <= {2, 3}
-    assert degrees_between(found["paths"][0]["azimuths"][-1], found["azimuth"]) < 1
+    assert {len(path["azimuths"]) for path in found["traces"]} <= {2, 3}
+    assert degrees_between(found["traces"][0]["azimuths"][-1], found["azimuth"]) < 1
     assert len(found["elements"]["positions"]) == len(found["elements"]["discriminability"]) > 0
 
     assert red(out / "chair_overlay.png", (0, 0, 400, 400)) > 1000  # the box, and the outline
@@ -113,8 +113,8 @@ def test_the_papers_method_as_json(
     assert printed == json.loads((out / "chair_pose.json").read_text())
     assert (printed["settings"]["method"], printed["settings"]["similarity"]) == ("paper", "dot")
     assert printed["candidates"] == ["wedge"]
-    assert len(printed["paths"]) == 9
-    assert max(value for path in printed["paths"] for value in path["similarities"]) == printed["similarity"]
+    assert len(printed["traces"]) == 9
+    assert max(value for path in printed["traces"] for value in path["similarities"]) == printed["similarity"]
     levels = np.asarray(Image.open(out / "chair_similarity.png").convert("RGB"), dtype=int)
     assert ((levels - (222, 130, 20)) ** 2).sum(-1).min() < 100  # paths
     assert "the paths of the search" in (out / "index.html").read_text()

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from nablahog.cli.main import main
 from nablahog.evaluate import pose_job
-from nablahog.evaluate.pose_methods import POSE_METHODS, Found, PoseMethod, PoseProblem, PoseSettings
+from nablahog.evaluate.pose_methods import POSE_METHODS, PoseInput, PoseMethod, PoseOutcome, Table2Settings
 
 from .common import names
 
@@ -23,16 +23,16 @@ TABLES = ["failures.csv", "index.html", "median_error.csv", "per_object.csv", "s
 TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
 
 
-def _guess(problem: PoseProblem, settings: PoseSettings) -> Found:
+def _guess(problem: PoseInput, settings: Table2Settings) -> PoseOutcome:
     azimuth, elevation = problem.initial
-    return Found(azimuth, elevation, 3.0, 0.0, 0.0, 0.0, 100.0, ",".join(problem.models), 0.5)
+    return PoseOutcome(azimuth, elevation, 3.0, 0.0, 0.0, 0.0, 100.0, ",".join(problem.models), 0.5)
 
 
-def _none(problem: PoseProblem, settings: PoseSettings) -> Found:
+def _none(problem: PoseInput, settings: Table2Settings) -> PoseOutcome:
     raise ValueError("no detection")
 
 
-def _box(problem: PoseProblem, found: Found) -> Tensor:
+def _box(problem: PoseInput, found: PoseOutcome) -> Tensor:
     x0, y0, x1, y1 = (round(side) for side in problem.box)
     covered = torch.zeros(problem.image.shape[1:])
     covered[y0:y1, x0:x1] = 1

@@ -9,7 +9,7 @@ import torch
 
 from nablahog.evaluate.examples import Example, Examples
 from nablahog.evaluate.models import Model
-from nablahog.evaluate.pose_methods import Found, PoseMethod, PoseProblem, PoseSettings
+from nablahog.evaluate.pose_methods import PoseInput, PoseMethod, PoseOutcome, Table2Settings
 
 MODELS = (Model("one", 1), Model("two", 2))
 
@@ -24,20 +24,20 @@ def examples(azimuths: Sequence[float], *, size: int = 16) -> Examples:
     return Examples(objects, "Made up.")
 
 
-def _off(problem: PoseProblem, settings: PoseSettings, *, by: float) -> Found:
+def _off(problem: PoseInput, settings: Table2Settings, *, by: float) -> PoseOutcome:
     azimuth = float(problem.image[0, 0, 0]) * 360
     elevation = problem.initial[1] + settings.seed
-    return Found((azimuth + by) % 360, elevation, 3.0, 0.0, 0.0, 0.0, 40.0, list(problem.models)[-1], 0.5)
+    return PoseOutcome((azimuth + by) % 360, elevation, 3.0, 0.0, 0.0, 0.0, 40.0, list(problem.models)[-1], 0.5)
 
 
-def _fails_in_front(problem: PoseProblem, settings: PoseSettings) -> Found:
+def _fails_in_front(problem: PoseInput, settings: Table2Settings) -> PoseOutcome:
     if problem.image[0, 0, 0] == 0:
         raise ValueError("no\nelement")
     return _off(problem, settings, by=100)
 
 
-def _endless(problem: PoseProblem, settings: PoseSettings) -> Found:
-    return Found(float("inf"), 0, 3, 0, 0, 0, 40, "one", 0)
+def _endless(problem: PoseInput, settings: Table2Settings) -> PoseOutcome:
+    return PoseOutcome(float("inf"), 0, 3, 0, 0, 0, 40, "one", 0)
 
 
 NEAR = PoseMethod("paper", "Almost right.", partial(_off, by=8.0))

@@ -11,7 +11,7 @@ import pytest
 from nablahog.evaluate import pose_job
 from nablahog.evaluate.models import Model
 from nablahog.evaluate.pose_job import PoseJob
-from nablahog.evaluate.pose_methods import PoseMethod, PoseSettings
+from nablahog.evaluate.pose_methods import PoseMethod, Table2Settings
 from nablahog.jobs import store
 from nablahog.jobs.store import Result
 from nablahog.jobs.worker import attempt
@@ -21,7 +21,7 @@ from .pose_fakes import ENDLESS, FAR, MODELS, NEAR, OTHER, examples
 
 def _job(method: PoseMethod = NEAR, azimuth: float = 90, seed: int = 0) -> PoseJob:
     (each,) = examples([azimuth]).objects
-    return PoseJob(method, each.image.numpy(), each.box, each.models, each.initial, PoseSettings(seed))
+    return PoseJob(method, each.image.numpy(), each.box, each.models, each.initial, Table2Settings(seed))
 
 
 def test_a_pose(tmp_path: Path) -> None:
@@ -42,7 +42,7 @@ def test_a_pose(tmp_path: Path) -> None:
 
 def test_failures() -> None:
     assert attempt(_job(FAR, 0)) == "no element"
-    assert str(attempt(_job(ENDLESS))).startswith("the pose found is not finite: {'azimuth': inf")
+    assert str(attempt(_job(ENDLESS))).startswith("the pose is not finite: {'azimuth': inf")
 
 
 def test_what_does_not_fit() -> None:

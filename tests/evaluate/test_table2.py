@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from nablahog.evaluate.pose_methods import PoseMethod, PoseSettings
+from nablahog.evaluate.pose_methods import PoseMethod, Table2Settings
 from nablahog.evaluate.table2 import Table2, run_table2, write_tables
 from nablahog.evaluate.tables import Failure
 
@@ -19,7 +19,7 @@ FILES = ["failures.csv", "median_error.csv", "per_object.csv", "summary.csv"]
 
 
 def _made(folder: Path, *methods: PoseMethod, seed: int = 0) -> Table2:
-    return run_table2(folder, examples(AZIMUTHS), methods, PoseSettings(seed), workers=1)
+    return run_table2(folder, examples(AZIMUTHS), methods, Table2Settings(seed), workers=1)
 
 
 def _rows(path: Path) -> list[dict[str, str]]:
@@ -55,7 +55,7 @@ def test_no_pose_is_wrong(tmp_path: Path, calls: list[str]) -> None:
 
 
 def test_a_method_that_finds_nothing(tmp_path: Path, calls: list[str]) -> None:
-    table = run_table2(tmp_path, examples([0, 0]), [FAR], PoseSettings(), workers=1)
+    table = run_table2(tmp_path, examples([0, 0]), [FAR], Table2Settings(), workers=1)
     line = {line.method: line for line in table.lines()}["exemplar"]
     assert line.accuracy["interval", 24].n == 2
     assert (line.error.value, line.seconds) == (180, None)
@@ -76,7 +76,7 @@ def test_files(tmp_path: Path, calls: list[str]) -> None:
         *(("paper", each) for each in "0123"),
     ]
     first = rows[3]
-    assert float(first["azimuth"]) == table.found["paper"]["0"].azimuth  # to the last bit
+    assert float(first["azimuth"]) == table.outcomes["paper"]["0"].azimuth  # to the last bit
     assert [first[name] for name in ("true_azimuth", "elevation", "model", "found_model")] == [
         "0",
         "15.0",
@@ -119,10 +119,10 @@ def test_done_once(tmp_path: Path, calls: list[str]) -> None:
     calls.clear()
     second = _made(tmp_path, NEAR, FAR)
     assert calls == ["exemplar"]  # the failure
-    assert second.found == first.found
+    assert second.outcomes == first.outcomes
     assert second.seconds == first.seconds
     calls.clear()
-    assert _made(tmp_path, NEAR, seed=1).found != first.found
+    assert _made(tmp_path, NEAR, seed=1).outcomes != first.outcomes
     assert calls == ["paper"] * 4
 
 
@@ -130,12 +130,12 @@ def test_in_processes(tmp_path: Path, calls: list[str], monkeypatch: pytest.Monk
     here = _made(tmp_path / "here", NEAR, FAR)
     monkeypatch.undo()
     there = _made(tmp_path / "there", NEAR, FAR)
-    assert there.found == here.found
+    assert there.outcomes == here.outcomes
     assert there.failures == here.failures
 
 
 def test_pictures_of_a_few(tmp_path: Path, calls: list[str]) -> None:
-    table = run_table2(tmp_path, examples(range(20)), [NEAR], PoseSettings(), workers=1)
+    table = run_table2(tmp_path, examples(range(20)), [NEAR], Table2Settings(), workers=1)
     assert len(table.silhouettes["paper"]) == 9
     assert table.silhouettes["paper"]["0"].shape == (16, 16)
     assert table.silhouettes["paper"]["0"].any()
@@ -144,6 +144,6 @@ def test_pictures_of_a_few(tmp_path: Path, calls: list[str]) -> None:
 def test_images_that_cannot_be_read(tmp_path: Path, calls: list[str]) -> None:
     of = examples([0])
     of.failed["bad"] = "no image"
-    table = run_table2(tmp_path, of, [NEAR], PoseSettings(), workers=1)
+    table = run_table2(tmp_path, of, [NEAR], Table2Settings(), workers=1)
     assert table.failures == [Failure("bad", None, "no image")]
     assert table.lines()[1].accuracy["interval", 4].n == 1

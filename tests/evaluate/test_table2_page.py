@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from nablahog.evaluate import table2_page
-from nablahog.evaluate.pose_methods import PoseSettings
+from nablahog.evaluate.pose_methods import Table2Settings
 from nablahog.evaluate.table2 import Table2, run_table2
 from nablahog.evaluate.table2_page import histogram
 
@@ -20,11 +20,11 @@ from .pose_fakes import FAR, NEAR, OTHER, examples
 def table(tmp_path: Path, calls: list[str]) -> Table2:
     some = examples([0, 90, 40, 350])
     some.failed["<bad>"] = "no <image>"
-    return run_table2(tmp_path, some, [FAR, NEAR, OTHER], PoseSettings(), workers=1)
+    return run_table2(tmp_path, some, [FAR, NEAR, OTHER], Table2Settings(), workers=1)
 
 
 def _html(table: Table2) -> str:
-    return table2_page.page(table, PoseSettings(7))
+    return table2_page.page(table, Table2Settings(7))
 
 
 def _text(html: str) -> str:
@@ -87,6 +87,6 @@ def test_terminal(table: Table2) -> None:
 
 
 def test_without_failures_and_methods(tmp_path: Path, calls: list[str]) -> None:
-    html = _html(run_table2(tmp_path, examples([10.0]), [OTHER], PoseSettings(), workers=1))
+    html = _html(run_table2(tmp_path, examples([10.0]), [OTHER], Table2Settings(), workers=1))
     assert "Failed" not in html
     assert ">–<" in html  # the baseline did not run

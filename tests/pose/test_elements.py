@@ -135,18 +135,18 @@ def test_one_of_ten_thousand_patches_of_photographs_scores_0(background: Backgro
 
 def test_regions_of_other_descriptors(found: Elements, descriptor: Tensor) -> None:
     others = torch.rand(3, *descriptor.shape)
-    regions = found.of(others)
+    regions = found.gather(others)
     assert regions.shape == (3, *found.patches.shape)
-    assert torch.equal(found.of(descriptor[None])[0], found.patches)
+    assert torch.equal(found.gather(descriptor[None])[0], found.patches)
     row, col = found.positions[2].tolist()
     assert torch.equal(regions[1, 2], others[1, row : row + 4, col : col + 5])
 
 
 def test_spread_values_score_as_elements_do(found: Elements, descriptor: Tensor) -> None:
     others = torch.rand(3, *descriptor.shape)
-    spread = found.spread(found.weights, *descriptor.shape[:2])
+    spread = found.scatter(found.weights, *descriptor.shape[:2])
     assert spread.shape == descriptor.shape
-    assert_close((others * spread).sum((1, 2, 3)), (found.of(others) * found.weights).sum((1, 2, 3, 4)))
+    assert_close((others * spread).sum((1, 2, 3)), (found.gather(others) * found.weights).sum((1, 2, 3, 4)))
 
 
 @pytest.mark.parametrize("shape", [(16, 20, 9), (3, 20, 9), (16, 4, 9), (0, 5, 9)])
@@ -157,7 +157,7 @@ def test_nothing_there(background: Background, shape: tuple[int, ...]) -> None:
         assert none.positions.shape == (0, 2)
         assert none.weights.shape == none.patches.shape == (0, 5, 5, 9)
         assert none.scale.shape == none.offset.shape == none.discriminability.shape == (0,)
-        assert not none.spread(none.weights, 6, 6).any()
+        assert not none.scatter(none.weights, 6, 6).any()
 
 
 def test_double_precision(descriptor: Tensor, background: Background) -> None:

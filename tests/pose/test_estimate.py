@@ -43,14 +43,13 @@ def test_a_clean_rendering(azimuth: float) -> None:
     assert abs(found.theta) < 3
     assert found.similarity_kind == "calibrated"
     assert found.renderings > 100
-    ways = [path for path in found.paths if path.azimuths[-1] % 360 == found.azimuth]
-    assert len(ways) == 1
-    assert len(ways[0].azimuths) == 3  # a view all around, tilted, and the top
-    assert list(ways[0].similarities) == sorted(ways[0].similarities)
+    (trace,) = [trace for trace in found.traces if trace.azimuths[-1] % 360 == found.azimuth]
+    assert len(trace.azimuths) == 3  # a view all around, tilted, and the maximum
+    assert list(trace.similarities) == sorted(trace.similarities)
 
 
 def test_the_pose_is_one_for_the_photograph(cluttered: Scene) -> None:
-    """The box is away from the middle, so that a pose for the canvas would not do."""
+    """The box is away from the middle, so that a pose for the crop would not do."""
     image, box = cluttered
     found = estimate_pose(image, model(), box=box, initial=(0, 15))
     assert degrees_between(found.azimuth, 325) < 2
@@ -65,7 +64,7 @@ def test_the_pose_is_one_for_the_photograph(cluttered: Scene) -> None:
 
 def test_colour_and_precision_make_no_difference(clean: Scene) -> None:
     image, box = clean
-    options: dict[str, Any] = {"box": box, "initial": (210, 15)}
+    options: dict[str, Any] = {"box": list(box), "initial": [210, 15]}
     found = estimate_pose(image, model(), **options)
     assert same(estimate_pose(image.double(), model(), **options), found)
     in_colour = estimate_pose(image.expand(3, -1, -1), model(), **options)
@@ -101,15 +100,15 @@ def test_of_several_models_it_is_the_right_one(method: Any) -> None:
     assert calls == [(0, 2, "wooden"), (1, 2, "swivel")]
 
 
-def test_the_papers_method_keeps_its_paths(clean: Scene) -> None:
+def test_the_papers_method_keeps_its_traces(clean: Scene) -> None:
     image, box = clean
     found = estimate_pose(image, model(), box=box, initial=(200, 18), method="paper")
     assert found.similarity_kind == "dot"
     assert degrees_between(found.azimuth, 215) < 10
     assert (found.elevation, found.theta) == (18, 0)
-    assert [round(path.azimuths[0]) for path in found.paths] == [200, 0, 45, 90, 135, 180, 225, 270, 315]
-    assert found.renderings == sum(len(path.azimuths) for path in found.paths)
-    best = max(found.paths, key=lambda path: max(path.similarities))
+    assert [round(trace.azimuths[0]) for trace in found.traces] == [200, 0, 45, 90, 135, 180, 225, 270, 315]
+    assert found.renderings == sum(len(trace.azimuths) for trace in found.traces)
+    best = max(found.traces, key=lambda trace: max(trace.similarities))
     assert max(best.similarities) == found.similarity
     assert best.azimuths[best.similarities.index(found.similarity)] % 360 == pytest.approx(found.azimuth)
 
@@ -157,9 +156,10 @@ def test_where_there_is_nothing_to_see_any_pose_will_do(image: Tensor) -> None:
     [
         ({"models": {}}, "at least one model, got none"),
         ({"method": "aubry"}, "method must be one of 'best', 'paper', 'exhaustive', got 'aubry'"),
-        ({"ascent": "sgd"}, "ascent must be 'hill', 'momentum' or 'lbfgs', got 'sgd'"),
-        ({"similarity": "cosine"}, "similarity must be 'dot', 'whitened' or 'calibrated', got 'cosine'"),
+        ({"ascent": "sgd"}, "ascent must be one of 'quadratic', 'momentum', 'lbfgs', got 'sgd'"),
+        ({"similarity": "cosine"}, "similarity must be one of 'dot', 'whitened', 'calibrated', got 'cosine'"),
         ({"initial": (math.nan, 0)}, "finite azimuth and an elevation in -90…90"),
+        ({"initial": (0, 0, 0)}, "finite azimuth and an elevation in -90…90"),
         ({"initial": (0, 91)}, "finite azimuth and an elevation in -90…90"),
         ({"box": (200, 0, 300, 150)}, "must lie in the image of 150x180 pixels"),
         ({"box": (0, 0, 5, 150)}, "sides of at least 8 pixels"),

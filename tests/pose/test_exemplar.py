@@ -17,11 +17,11 @@ from nablahog.io.sample_photographs import sample_photograph
 from nablahog.pose import exemplar
 from nablahog.pose.background import default_background
 from nablahog.pose.exemplar import detect
-from nablahog.pose.star import NOTHING, UNLIKE, star_match
-from nablahog.pose.views import SPEC, Viewing, Views, learn_views
+from nablahog.pose.exemplar_views import SPEC, ExemplarViews, ViewSampling, learn_views
+from nablahog.pose.star_matching import NOTHING, UNLIKE, star_match
 from nablahog.render import Camera, Mesh, render
 
-VIEWING = Viewing(azimuths=(0, 30, 60, 150, 250), elevations=(20,))
+VIEW_SAMPLING = ViewSampling(azimuths=(0, 30, 60, 150, 250), elevations=(20,))
 HEIGHT, WIDTH = 300, 400
 
 
@@ -31,9 +31,9 @@ def meshes() -> dict[str, Mesh]:
 
 
 @pytest.fixture(scope="module")
-def models(meshes: dict[str, Mesh]) -> dict[str, Views]:
+def models(meshes: dict[str, Mesh]) -> dict[str, ExemplarViews]:
     background = default_background(SPEC)
-    return {name: learn_views(mesh, background, VIEWING) for name, mesh in meshes.items()}
+    return {name: learn_views(mesh, background, VIEW_SAMPLING) for name, mesh in meshes.items()}
 
 
 def scene(mesh: Mesh, azimuth: float, x: float, y: float, focal: float, behind: Tensor) -> tuple[Tensor, Any]:
@@ -58,7 +58,7 @@ def iou(a: Any, b: Any) -> float:
 
 
 def test_how_many_are_scored_at_once_does_not_matter(
-    models: dict[str, Views], meshes: dict[str, Mesh], clutter: Tensor, monkeypatch: pytest.MonkeyPatch
+    models: dict[str, ExemplarViews], meshes: dict[str, Mesh], clutter: Tensor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     image, box = scene(meshes["b"], 150, 0, 0, 500, clutter)
     every = {**models, "c": models["a"], "d": models["b"]}
@@ -79,7 +79,7 @@ def test_how_many_are_scored_at_once_does_not_matter(
 @pytest.mark.parametrize(("name", "azimuth"), [("a", 30), ("b", 150), ("b", 250)])
 @pytest.mark.parametrize("focal", [200, 560])
 def test_a_rendering_is_found_again(
-    meshes: dict[str, Mesh], models: dict[str, Views], clutter: Tensor, name: str, azimuth: float, focal: float
+    meshes: dict[str, Mesh], models: dict[str, ExemplarViews], clutter: Tensor, name: str, azimuth: float, focal: float
 ) -> None:
     image, box = scene(meshes[name], azimuth, 30, -10, focal, clutter)
     found = detect(image, box, models)
@@ -92,12 +92,16 @@ def test_a_rendering_is_found_again(
     assert colour.confidence == pytest.approx(found.confidence, rel=1e-2)
 
 
-def test_between_views_it_is_the_nearest(meshes: dict[str, Mesh], models: dict[str, Views], clutter: Tensor) -> None:
+def test_between_views_it_is_the_nearest(
+    meshes: dict[str, Mesh], models: dict[str, ExemplarViews], clutter: Tensor
+) -> None:
     image, box = scene(meshes["b"], 56, 0, 0, 300, clutter)
     assert detect(image, box, models).azimuth == 60
 
 
-def test_the_box_says_which_object_is_meant(meshes: dict[str, Mesh], models: dict[str, Views], clutter: Tensor) -> None:
+def test_the_box_says_which_object_is_meant(
+    meshes: dict[str, Mesh], models: dict[str, ExemplarViews], clutter: Tensor
+) -> None:
     image, left = scene(meshes["a"], 0, -45, 0, 250, clutter)
     image, right = scene(meshes["b"], 150, 45, 0, 250, image)
     assert detect(image, left, models).model == "a"
@@ -106,7 +110,7 @@ def test_the_box_says_which_object_is_meant(meshes: dict[str, Mesh], models: dic
     assert iou(boxes[1], left) > 0.7
 
 
-def test_refuses(models: dict[str, Views], clutter: Tensor) -> None:
+def test_refuses(models: dict[str, ExemplarViews], clutter: Tensor) -> None:
     box = (10.0, 10.0, 110.0, 110.0)
     with pytest.raises(ValueError, match="expected models to detect, got none"):
         detect(clutter, box, {})

@@ -58,9 +58,9 @@ class Examples:
 
 
 def photographed(selection: Selection, models: Sequence[Model], *, unknown_model: bool, seed: int) -> Examples:
-    """Objects of PASCAL3D+, each to be found by all ``models``, or by all but the one annotated as most like it.
+    """Objects of PASCAL3D+, whose candidates are all ``models``, or all but the one annotated as most like it.
 
-    Nothing of the truth is given away: the initial azimuths are random, and the initial elevation is
+    The initial pose does not depend on the truth: the initial azimuths are random, and the initial elevation is
     :data:`PHOTOGRAPHED_FROM` for all.
 
     Args:
@@ -100,7 +100,7 @@ def rendered(
     unknown_model: bool,
     seed: int,
 ) -> Examples:
-    """Scenes of models in front of photographs, each to be found by its own model, or by all others.
+    """Scenes of models in front of photographs, whose candidate is their own model, or all others.
 
     The initial pose is that of the scene: a random azimuth, an elevation near the truth.
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..jobs.store import Result
 from ..pose.background import default_background
-from ..pose.views import SPEC, Library
+from ..pose.exemplar_views import SPEC, ExemplarLibrary
 from ..pose.whitening import Background
 from ..render import load_mesh
 
@@ -21,7 +21,7 @@ class ExemplarJob:
 
     Attributes:
         model: the file of a mesh.
-        folder: of the :class:`~nablahog.pose.views.Library`.
+        folder: of the :class:`~nablahog.pose.exemplar_views.ExemplarLibrary`.
         background: the file of a background; None for the default.
     """
 
@@ -36,7 +36,7 @@ class ExemplarJob:
             ValueError, OSError: the model or the background cannot be read, or the views not be written.
         """
         began = time.perf_counter()
-        views = Library(self.folder, read_background(self.background)).views(load_mesh(self.model))
+        views = ExemplarLibrary(self.folder, read_background(self.background)).views(load_mesh(self.model))
         figures = {"views": len(views.viewpoints), "elements": len(views.scale)}
         return Result([figures], np.empty(0, np.uint8), time.perf_counter() - began)
 

@@ -1,4 +1,4 @@
-"""The models that Table 2 chooses among, by name, read or made only in the process that needs them."""
+"""The candidate models of Table 2 by name, read or made only in the process that needs them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..datasets.chairs import chair
 from ..jobs.store import digest
 from ..render import Mesh, load_mesh
 
-KEPT = 256  # meshes that a process keeps: reading one takes longer than many a search
+CACHED = 256  # meshes: reading one takes longer than many a search
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Model:
     source: Path | int
 
     def mesh(self) -> Mesh:
-        """The mesh; the same object every time, in the same process, while the file does not change.
+        """The mesh, cached by the process while the file does not change.
 
         Raises:
             OSError, ValueError: as :func:`~nablahog.render.load_mesh`.
@@ -44,7 +44,7 @@ class Model:
         return digest(self.source) if isinstance(self.source, Path) else str(self.source)
 
 
-@lru_cache(KEPT)
+@lru_cache(CACHED)
 def _mesh(source: Path | int, digest: str) -> Mesh:
     return load_mesh(source) if isinstance(source, Path) else chair(source)
 
@@ -68,7 +68,7 @@ class Meshes(Mapping[str, Mesh]):
 def models_in(folder: Path) -> tuple[list[Model], dict[str, str]]:
     """The models of a folder, by the names that :func:`~nablahog.datasets.cad.read_models` gives them.
 
-    All are read once, so that a damaged one is found out before the work.
+    All are read once, so that a damaged one is reported before the work.
 
     Returns:
         The models, and why the others could not be read, by their names.
@@ -77,12 +77,12 @@ def models_in(folder: Path) -> tuple[list[Model], dict[str, str]]:
         FileNotFoundError, NotADirectoryError: as there.
         ValueError: the folder holds no model, or none that can be read.
     """
-    found = read_models(folder)
-    models = [Model(name, found.paths[name]) for name, _ in found.meshes()]
+    files = read_models(folder)
+    models = [Model(name, files.paths[name]) for name, _ in files.meshes()]
     if not models:
-        name, reason = next(iter(found.failed.items()))
+        name, reason = next(iter(files.failed.items()))
         raise ValueError(f"{folder}: no model can be read; the first: {name}: {reason}")
-    return models, found.failed
+    return models, files.failed
 
 
 def procedural_chairs(count: int) -> list[Model]:

@@ -16,10 +16,10 @@ from ..hog.box import Box
 from ..io.images import as_array
 from ..jobs.store import Result, code, digest, source
 from .models import Model
-from .pose_methods import Found, PoseMethod, PoseProblem, PoseSettings, coverage
+from .pose_methods import PoseInput, PoseMethod, PoseOutcome, Table2Settings, coverage
 
 DECIDING = ("runtime", "io", "hog", "optimize", "render", "pose", "datasets")
-"""The parts of the package that decide what is found."""
+"""The parts of the package that decide the result."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class PoseJob:
     box: Box
     models: tuple[Model, ...]
     initial: tuple[float, float]
-    settings: PoseSettings
+    settings: Table2Settings
 
     @property
     def name(self) -> str:
@@ -53,26 +53,26 @@ class PoseJob:
         return hashlib.sha256(json.dumps(facts).encode() + self.image.tobytes()).hexdigest()
 
     def run(self) -> Result:
-        """Runs the method: the pose as figures, its silhouette as the picture; what is done once a model takes no time.
+        """Runs the method: the pose as figures, its silhouette as the picture; the time is without preparation.
 
         Raises:
-            ValueError, OSError: it finds no pose, or a model cannot be read.
+            ValueError, OSError: there is no pose, or a model cannot be read.
         """
         meshes = {model.name: model.mesh() for model in self.models}
-        problem = PoseProblem(torch.from_numpy(self.image), self.box, meshes, self.initial)
+        problem = PoseInput(torch.from_numpy(self.image), self.box, meshes, self.initial)
         if self.method.prepare is not None:
             self.method.prepare(problem, self.settings)
         began = time.perf_counter()
-        found = self.method.run(problem, self.settings)
+        outcome = self.method.run(problem, self.settings)
         seconds = time.perf_counter() - began
-        figures = asdict(found)
+        figures = asdict(outcome)
         if not all(math.isfinite(value) for value in figures.values() if not isinstance(value, str)):
-            raise ValueError(f"the pose found is not finite: {figures}")
-        silhouette = np.rint(as_array(coverage(problem, found)).clip(0, 1) * 255)
+            raise ValueError(f"the pose is not finite: {figures}")
+        silhouette = np.rint(as_array(coverage(problem, outcome)).clip(0, 1) * 255)
         return Result([figures], silhouette[None].astype(np.uint8), seconds)
 
     def fits(self, result: Result) -> bool:
         """Whether there is a pose, and a silhouette of the image's size."""
-        poses = [set(figures) == {field.name for field in fields(Found)} for figures in result.figures]
+        poses = [set(figures) == {field.name for field in fields(PoseOutcome)} for figures in result.figures]
         pictures = result.pictures
         return poses == [True] and pictures.shape == (1, *self.image.shape[1:]) and pictures.dtype == np.uint8

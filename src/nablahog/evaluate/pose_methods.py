@@ -12,23 +12,23 @@ from torch import Tensor
 
 from ..hog.box import Box
 from ..pose import default_background, estimate_pose
-from ..pose.canvas import DISTANCE, cut_out
-from ..pose.choices import Search
+from ..pose.crop import crop_object
 from ..pose.exemplar import Detection, detect
-from ..pose.matching import model_of
-from ..pose.placing import place
-from ..pose.views import SPEC, Library, Views
+from ..pose.exemplar_views import SPEC, ExemplarLibrary, ExemplarViews
+from ..pose.options import SearchMethod
+from ..pose.placement import fit_to_box, level_poses
+from ..pose.prepared import prepared_model
 from ..render import Camera, Mesh, silhouette
 
 
 @dataclass(frozen=True, eq=False)
-class PoseProblem:
-    """An object in an image, to be found in it.
+class PoseInput:
+    """What a method is given: an object in an image, candidate models, and where to begin.
 
     Attributes:
         image: (C, H, W), C 1 or 3, float32 in 0…1.
         box: of the object in the image.
-        models: the candidates by name, at least one; the same objects every time, in the same process.
+        models: the candidates by name, at least one; the same mesh objects at each call in a process.
         initial: azimuth and elevation to begin at, degrees.
     """
 
@@ -39,14 +39,14 @@ class PoseProblem:
 
 
 @dataclass(frozen=True)
-class Found:
-    """The pose found, in the columns of :data:`nablahog.render.PARAMETERS`, of the candidate that fits best.
+class PoseOutcome:
+    """A method's pose, in the columns of :data:`nablahog.render.PARAMETERS`, and its best candidate.
 
     Attributes:
         azimuth, elevation, theta: degrees.
         distance: units of the mesh.
         x, y: shift of the principal point, pixels.
-        focal: of the camera that these are meant for and that sees the whole image, pixels.
+        focal: focal length of the camera, which sees the whole image, pixels.
         model: the best candidate's name.
         similarity: to the image.
     """
@@ -63,12 +63,12 @@ class Found:
 
 
 @dataclass(frozen=True)
-class PoseSettings:
-    """What a whole run has in common.
+class Table2Settings:
+    """The settings of a whole run.
 
     Attributes:
         seed: of everything random.
-        exemplars: a folder to keep the views' elements of models in; where it is makes no difference to what is found.
+        exemplars: a folder to store the views' elements of models in; it does not influence the poses.
     """
 
     seed: int = 0
@@ -84,26 +84,25 @@ class PoseMethod:
         about: what it does, a sentence.
         run: depends on nothing but its arguments, and raises ValueError with one sentence where it finds no pose.
             Worker processes import it, so it is a function of a module, or a ``functools.partial`` of one.
-        prepare: what is done once for each model and then kept, so that it takes no time of any object; likewise.
+        prepare: work done once for each model and cached, which is not part of an object's time; likewise.
     """
 
     name: str
     about: str
-    run: Callable[[PoseProblem, PoseSettings], Found]
-    prepare: Callable[[PoseProblem, PoseSettings], object] | None = None
+    run: Callable[[PoseInput, Table2Settings], PoseOutcome]
+    prepare: Callable[[PoseInput, Table2Settings], object] | None = None
 
 
-def coverage(problem: PoseProblem, found: Found) -> Tensor:
-    """The share (H, W) of each of the image's pixels that the model covers at the pose found."""
-    pose = torch.tensor(
-        [[found.azimuth, found.elevation, found.distance, found.theta, found.x, found.y]], dtype=torch.float64
-    )
+def coverage(problem: PoseInput, outcome: PoseOutcome) -> Tensor:
+    """The share (H, W) of each of the image's pixels that the model covers at its pose."""
+    values = outcome.azimuth, outcome.elevation, outcome.distance, outcome.theta, outcome.x, outcome.y
+    pose = torch.tensor([values], dtype=torch.float64)
     height, width = problem.image.shape[1:]
-    return silhouette(problem.models[found.model], pose, Camera(found.focal, height, width))[0, 0]
+    return silhouette(problem.models[outcome.model], pose, Camera(outcome.focal, height, width))[0, 0]
 
 
-def _estimate(problem: PoseProblem, settings: PoseSettings, *, method: Search) -> Found:
-    found = estimate_pose(
+def _estimate(problem: PoseInput, settings: Table2Settings, *, method: SearchMethod) -> PoseOutcome:
+    estimate = estimate_pose(
         problem.image,
         problem.models,
         box=problem.box,
@@ -111,50 +110,52 @@ def _estimate(problem: PoseProblem, settings: PoseSettings, *, method: Search) -
         method=method,
         seed=settings.seed,
     )
-    return Found(
-        azimuth=found.azimuth,
-        elevation=found.elevation,
-        distance=found.distance,
-        theta=found.theta,
-        x=found.x,
-        y=found.y,
-        focal=found.camera.focal,
-        model=found.model,
-        similarity=found.similarity,
+    return PoseOutcome(
+        azimuth=estimate.azimuth,
+        elevation=estimate.elevation,
+        distance=estimate.distance,
+        theta=estimate.theta,
+        x=estimate.x,
+        y=estimate.y,
+        focal=estimate.camera.focal,
+        model=estimate.model,
+        similarity=estimate.similarity,
     )
 
 
 @lru_cache(maxsize=2)
-def _library(folder: Path | None) -> Library:
-    return Library(folder, default_background(SPEC))
+def _library(folder: Path | None) -> ExemplarLibrary:
+    return ExemplarLibrary(folder, default_background(SPEC))
 
 
-def _views(problem: PoseProblem, settings: PoseSettings) -> dict[str, Views]:
+def _views(problem: PoseInput, settings: Table2Settings) -> dict[str, ExemplarViews]:
     library = _library(settings.exemplars)
     return {name: library.views(mesh) for name, mesh in problem.models.items()}
 
 
-def _detect(problem: PoseProblem, settings: PoseSettings) -> Detection:
+def _detect(problem: PoseInput, settings: Table2Settings) -> Detection:
     return detect(problem.image, problem.box, _views(problem, settings))
 
 
-def _exemplar(problem: PoseProblem, settings: PoseSettings) -> Found:
-    seen = _detect(problem, settings)
-    # it has no distance; the object's box says how far away the model would be
+def _exemplar(problem: PoseInput, settings: Table2Settings) -> PoseOutcome:
+    detection = _detect(problem, settings)
+    # a detection has no distance; it follows from the size of the object's box
     height, width = problem.image.shape[1:]
-    canvas = cut_out(problem.image, problem.box)
-    start = torch.tensor([[seen.azimuth, seen.elevation, DISTANCE, 0, 0, 0]], dtype=torch.float64)
-    placed = place(start, model_of(problem.models[seen.model], canvas.camera).hull, canvas.camera, canvas.size)[0]
-    pose, camera = canvas.in_photograph(placed, height, width)
+    crop = crop_object(problem.image, problem.box)
+    start = level_poses(torch.tensor([detection.azimuth], dtype=torch.float64), detection.elevation)
+    model = prepared_model(problem.models[detection.model], crop.camera)
+    placed = fit_to_box(start, model.hull, crop.camera, crop.size)[0]
+    pose, camera = crop.in_photograph(placed, height, width)
     azimuth, elevation, distance, theta, x, y = pose.tolist()
-    return Found(azimuth, elevation, distance, theta, x, y, camera.focal, seen.model, seen.confidence)
+    model_name, confidence = detection.model, detection.confidence
+    return PoseOutcome(azimuth, elevation, distance, theta, x, y, camera.focal, model_name, confidence)
 
 
-def _paper(problem: PoseProblem, settings: PoseSettings) -> Found:
-    """From the model and pose that Aubry et al.'s search finds, as in the paper."""
-    seen = _detect(problem, settings)
-    models = {seen.model: problem.models[seen.model]}
-    start = replace(problem, models=models, initial=(seen.azimuth, seen.elevation))
+def _paper(problem: PoseInput, settings: Table2Settings) -> PoseOutcome:
+    """From the model and pose of Aubry et al.'s most confident detection, as in the paper."""
+    detection = _detect(problem, settings)
+    models = {detection.model: problem.models[detection.model]}
+    start = replace(problem, models=models, initial=(detection.azimuth, detection.elevation))
     return _estimate(start, settings, method="paper")
 
 

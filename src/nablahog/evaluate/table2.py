@@ -13,7 +13,7 @@ from ..jobs.resume import do_all
 from ..metrics import VIEWS, azimuth_error, near_view, same_view
 from .examples import Example, Examples
 from .pose_job import PoseJob
-from .pose_methods import Found, PoseMethod, PoseSettings
+from .pose_methods import PoseMethod, PoseOutcome, Table2Settings
 from .published import POSE_PUBLISHED
 from .statistics import Statistics, interval, statistics
 from .tables import Failure, evenly_spread, write_csv
@@ -41,7 +41,7 @@ class Line:
         accuracy: percent of the objects, by criterion and number of views.
         error: of the azimuth.
         paper: published accuracies in percent by the number of views.
-        seconds: median time for an object; None if the method did not run, or found no pose.
+        seconds: median time for an object; None if the method did not run, or has no pose.
     """
 
     method: str
@@ -53,12 +53,12 @@ class Line:
 
 @dataclass(frozen=True)
 class Table2:
-    """All of it.
+    """The results of all methods on all objects.
 
     Attributes:
         methods: that ran.
         examples: that they ran on.
-        found: by method and object.
+        outcomes: by method and object.
         seconds: by method and object.
         failures: objects without a pose.
         silhouettes: by method and object, 8-bit (H, W), of :data:`SHOWN` objects.
@@ -66,7 +66,7 @@ class Table2:
 
     methods: Sequence[PoseMethod]
     examples: Examples
-    found: Mapping[str, Mapping[str, Found]]
+    outcomes: Mapping[str, Mapping[str, PoseOutcome]]
     seconds: Mapping[str, Mapping[str, float]]
     failures: Sequence[Failure]
     silhouettes: Mapping[str, Mapping[str, NDArray[np.uint8]]]
@@ -78,15 +78,15 @@ class Table2:
 
     def errors(self, method: str) -> NDArray[np.float64]:
         """The errors of a method's azimuths in degrees, :data:`NO_POSE` where it has none, in the order of objects."""
-        found = self.found[method]
-        return np.array([_error(found.get(each.name), each) for each in self.examples.objects])
+        outcomes = self.outcomes[method]
+        return np.array([_error(outcomes.get(each.name), each) for each in self.examples.objects])
 
     def _line(self, name: str) -> Line:
-        found, seconds = self.found.get(name, {}), self.seconds.get(name, {})
-        objects = self.examples.objects if name in self.found else []
+        outcomes, seconds = self.outcomes.get(name, {}), self.seconds.get(name, {})
+        objects = self.examples.objects if name in self.outcomes else []
         accuracy = {
             (criterion, views): statistics(
-                [100.0 * _right(criterion, views, found.get(each.name), each) for each in objects]
+                [100.0 * _right(criterion, views, outcomes.get(each.name), each) for each in objects]
             )
             for criterion in CRITERIA
             for views in VIEWS
@@ -99,24 +99,24 @@ class Table2:
         return Line(name, accuracy, error, POSE_PUBLISHED.get(name, {}), typical)
 
 
-def _error(found: Found | None, example: Example) -> float:
-    return NO_POSE if found is None else float(azimuth_error(found.azimuth, example.azimuth))
+def _error(outcome: PoseOutcome | None, example: Example) -> float:
+    return NO_POSE if outcome is None else float(azimuth_error(outcome.azimuth, example.azimuth))
 
 
-def _right(criterion: str, views: int, found: Found | None, example: Example) -> bool:
-    return found is not None and bool(CRITERIA[criterion](found.azimuth, example.azimuth, views))
+def _right(criterion: str, views: int, outcome: PoseOutcome | None, example: Example) -> bool:
+    return outcome is not None and bool(CRITERIA[criterion](outcome.azimuth, example.azimuth, views))
 
 
 def run_table2(
     folder: Path,
     examples: Examples,
     methods: Sequence[PoseMethod],
-    settings: PoseSettings,
+    settings: Table2Settings,
     *,
     workers: int,
     progress: Callable[[int, int, str], None] = lambda done, total, at_work: None,
 ) -> Table2:
-    """Does what is not done yet, as :func:`.resume.do_all` has it, and collects all.
+    """Runs what has no stored result yet, see :func:`nablahog.jobs.resume.do_all`, and collects all results.
 
     Args:
         folder: for the results, which exists.
@@ -137,18 +137,18 @@ def run_table2(
     }
     failures = [Failure(name, None, reason) for name, reason in examples.failed.items()]
     shown = evenly_spread([each.name for each in examples.objects], SHOWN)
-    found: dict[str, dict[str, Found]] = {method.name: {} for method in methods}
+    outcomes: dict[str, dict[str, PoseOutcome]] = {method.name: {} for method in methods}
     seconds: dict[str, dict[str, float]] = {method.name: {} for method in methods}
     silhouettes: dict[str, dict[str, NDArray[np.uint8]]] = {method.name: {} for method in methods}
     for (name, method), result in do_all(folder, jobs, workers=workers, progress=progress):
         if isinstance(result, str):
             failures.append(Failure(name, method, result))
             continue
-        found[method][name] = Found(**result.figures[0])
+        outcomes[method][name] = PoseOutcome(**result.figures[0])
         seconds[method][name] = result.seconds
         if name in shown:
             silhouettes[method][name] = result.pictures[0]
-    return Table2(methods, examples, found, seconds, failures, silhouettes)
+    return Table2(methods, examples, outcomes, seconds, failures, silhouettes)
 
 
 def write_tables(folder: Path, table: Table2) -> None:
@@ -176,12 +176,12 @@ def _per_object(table: Table2) -> list[Sequence[object]]:
     pose = ("azimuth", "elevation", "distance", "theta")
     heads = ("object", "model", "method", "true_azimuth", "true_elevation", *pose, "found_model", "error", "seconds")
     rows: list[Sequence[object]] = [heads]
-    for method, of in table.found.items():
+    for method, of in table.outcomes.items():
         for each in table.examples.objects:
-            found = of.get(each.name)
-            if found is not None:
+            outcome = of.get(each.name)
+            if outcome is not None:
                 truth = (each.name, each.model, method, each.azimuth, each.elevation)
-                values = (getattr(found, name) for name in pose)
+                values = (getattr(outcome, name) for name in pose)
                 seconds = round(table.seconds[method][each.name], 4)
-                rows.append((*truth, *values, found.model, _error(found, each), seconds))
+                rows.append((*truth, *values, outcome.model, _error(outcome, each), seconds))
     return rows

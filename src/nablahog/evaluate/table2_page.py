@@ -14,7 +14,7 @@ from ..metrics import VIEWS
 from ..viz import html
 from ..viz.pictures import Panel, outlined
 from .examples import Example
-from .pose_methods import POSE_METHODS, PoseSettings
+from .pose_methods import POSE_METHODS, Table2Settings
 from .statistics import RESAMPLES, Statistics
 from .table2 import NO_POSE, Line, Table2
 
@@ -57,7 +57,7 @@ def terminal_rows(table: Table2) -> list[dict[str, object]]:
     return rows
 
 
-def page(table: Table2, settings: PoseSettings) -> str:
+def page(table: Table2, settings: Table2Settings) -> str:
     """The page."""
     failed = f" {len(table.failures)} failed, see below." if table.failures else ""
     lines = table.lines()
@@ -147,23 +147,23 @@ def histogram(shares: NDArray[np.float64], highest: float) -> NDArray[np.float64
 
 
 def _pictures(table: Table2) -> html.Section | None:
-    """As in the paper: the images side by side, and what each method found below them."""
+    """As in the paper: the images side by side, and each method's pose below them."""
     names = {name for of in table.silhouettes.values() for name in of}
     shown = [each for each in table.examples.objects if each.name in names]
     if not shown:
         return None
     images = {each.name: html.Cell(Panel(each.image, each.name), f"azimuth {each.azimuth:.0f}°") for each in shown}
-    found = [
-        {"": method.name, **{each.name: _found(table, method.name, each) for each in shown}} for method in table.methods
+    rows = [
+        {"": method.name, **{each.name: _pose(table, method.name, each) for each in shown}} for method in table.methods
     ]
     text = "The outline of the model at the pose that each method found, and how far its azimuth is off."
-    return html.Section("Pictures", text, table=[{"": "test images", **images}, *found])
+    return html.Section("Pictures", text, table=[{"": "test images", **images}, *rows])
 
 
-def _found(table: Table2, method: str, example: Example) -> html.Cell | None:
-    found, silhouette = table.found[method].get(example.name), table.silhouettes[method].get(example.name)
-    if found is None or silhouette is None:
+def _pose(table: Table2, method: str, example: Example) -> html.Cell | None:
+    outcome, silhouette = table.outcomes[method].get(example.name), table.silhouettes[method].get(example.name)
+    if outcome is None or silhouette is None:
         return None
-    off = round((found.azimuth - example.azimuth + 180) % 360 - 180)
-    remark = f"{off:+d}°" if found.model == example.model else f"{off:+d}°\n{found.model}"
+    off = round((outcome.azimuth - example.azimuth + 180) % 360 - 180)
+    remark = f"{off:+d}°" if outcome.model == example.model else f"{off:+d}°\n{outcome.model}"
     return html.Cell(Panel(outlined(example.image, silhouette >= 128), f"{example.name}, {method}"), remark)

@@ -13,7 +13,7 @@ from ..hog.kernels import steps
 from ..hog.spec import HOGSpec
 from ..io.images import limit_size
 from ..io.sample_photographs import SAMPLE_NAMES, sample_photograph
-from .choices import ORDER
+from .options import ORDER
 from .whitening import Background, check_spec
 
 STEP = 2**-0.5  # between two scales of a photograph

@@ -1,6 +1,6 @@
-"""Discriminative visual elements (Section 3.2): the patches of a descriptor that photographs elsewhere have least.
+"""Discriminative visual elements (Section 3.2): the patches of a descriptor that are least like other photographs.
 
-Found as by Aubry et al. ("Seeing 3D chairs", released code): every patch is whitened by the background, the norm says
+As by Aubry et al. ("Seeing 3D chairs", released code): every patch is whitened by the background, the norm says
 how discriminative it is, overlapping ones are left out, and the scores of the rest are brought to one scale.
 """
 
@@ -45,18 +45,18 @@ class Elements:
     def __len__(self) -> int:
         return len(self.positions)
 
-    def of(self, descriptors: Tensor) -> Tensor:
+    def gather(self, descriptors: Tensor) -> Tensor:
         """The same regions of other descriptors: (B, rows, cols, C) to (B, N, r, c, C), differentiable."""
         rows, cols = self._cells()
         return descriptors[:, rows, cols]
 
-    def spread(self, values: Tensor, rows: int, cols: int) -> Tensor:
-        """Values of the elements (N, r, c, C), added up where they belong in a descriptor: (rows, cols, C).
+    def scatter(self, values: Tensor, rows: int, cols: int) -> Tensor:
+        """Values of the elements (N, r, c, C), added at their places in a descriptor: (rows, cols, C).
 
-        Σ ⟨values, :meth:`of` (x)⟩ over all elements is ⟨spread, x⟩, which takes one product for each descriptor.
+        The adjoint of :meth:`gather`: Σ ⟨values, gather(x)⟩ is ⟨scatter(values), x⟩, one product for each descriptor.
         """
-        found = values.new_zeros(rows, cols, values.shape[-1])
-        return found.index_put_(self._cells(), values, accumulate=True)
+        out = values.new_zeros(rows, cols, values.shape[-1])
+        return out.index_put_(self._cells(), values, accumulate=True)
 
     def _cells(self) -> tuple[Tensor, Tensor]:
         """Rows (N, r, 1) and columns (N, 1, c) of the cells."""
@@ -87,11 +87,11 @@ def elements(
 
     Args:
         descriptor: (rows, cols, C), float32 or float64, of the background's dialect.
-        background: what to tell them from.
+        background: statistics of other photographs.
         size: rows and columns of an element, in cells.
         count: the most to return; None for no limit.
-        overlap: two elements share at most so much: the area of their intersection, divided by that of the smallest
-            box around both.
+        overlap: the most that two elements share: the area of their intersection over that of the smallest box around
+            both.
         threshold: the least discriminability, in that of an empty patch, √(μᵀΣ⁻¹μ).
 
     Returns:
@@ -101,6 +101,34 @@ def elements(
         ValueError: the descriptor is of another shape or type, an option is out of range, or the background knows no
             templates of this size.
     """
+    _check(descriptor, background, size, count, overlap, threshold)
+    across = max(0, descriptor.shape[1] - size[1] + 1)
+    if across and descriptor.shape[0] >= size[0]:
+        flat = all_patches(descriptor, size).flatten(0, 1)
+    else:
+        flat = descriptor.new_zeros(0, *size, descriptor.shape[2])
+    discriminability = background.discriminability(flat)
+    least = threshold * background.discriminability(descriptor.new_zeros(1, *size, descriptor.shape[2]))
+    order = torch.argsort(discriminability, descending=True, stable=True)
+    order = order[discriminability[order] > least]
+    positions = torch.stack([order // across, order % across], dim=1)
+    corners = torch.cat([positions, positions + torch.tensor(size, device=order.device)], dim=1)
+    kept = suppress_overlaps(corners, count, overlap)
+    chosen = order[kept]
+    best = flat[chosen]
+    weights = background.whiten(best) * (best.abs().sum(dim=3, keepdim=True) > EMPTY)
+    scale, offset = calibration(weights, background)
+    return Elements(positions[kept], best, weights, discriminability[chosen], scale, offset)
+
+
+def _check(
+    descriptor: Tensor,
+    background: Background,
+    size: tuple[int, int],
+    count: int | None,
+    overlap: float,
+    threshold: float,
+) -> None:
     channels = background.spec.channels
     if descriptor.dim() != 3 or descriptor.shape[2] != channels or not descriptor.is_floating_point():
         raise ValueError(
@@ -112,22 +140,6 @@ def elements(
     if not 0 <= overlap <= 1 or not threshold >= 0:
         raise ValueError(f"overlap must lie in 0…1 and threshold be at least 0, got {overlap!r} and {threshold!r}")
     background.factor(*size)  # raises for sizes it does not know
-    across = max(0, descriptor.shape[1] - size[1] + 1)
-    if across and descriptor.shape[0] >= size[0]:
-        flat = all_patches(descriptor, size).flatten(0, 1)
-    else:
-        flat = descriptor.new_zeros(0, *size, channels)
-    discriminability = background.discriminability(flat)
-    least = threshold * background.discriminability(descriptor.new_zeros(1, *size, channels))
-    order = torch.argsort(discriminability, descending=True, stable=True)
-    order = order[discriminability[order] > least]
-    positions = torch.stack([order // across, order % across], dim=1)
-    kept = apart(torch.cat([positions, positions + torch.tensor(size, device=order.device)], dim=1), count, overlap)
-    chosen = order[kept]
-    best = flat[chosen]
-    weights = background.whiten(best) * (best.abs().sum(dim=3, keepdim=True) > EMPTY)
-    scale, offset = calibration(weights, background)
-    return Elements(positions[kept], best, weights, discriminability[chosen], scale, offset)
 
 
 def calibration(weights: Tensor, background: Background) -> tuple[Tensor, Tensor]:
@@ -137,13 +149,13 @@ def calibration(weights: Tensor, background: Background) -> tuple[Tensor, Tensor
     return scale, -scale * of_mean - 1
 
 
-def apart(corners: Tensor, count: int | None, overlap: float) -> Tensor:
-    """Which of some boxes to keep, the best first: those that overlap with no better one that is kept.
+def suppress_overlaps(corners: Tensor, count: int | None, overlap: float) -> Tensor:
+    """Non-maximum suppression: the boxes that overlap with no better one that is kept.
 
     Args:
         corners: (N, 4), in order of preference: the low corner and the high one, both x, y or both row, column.
         count: the most to keep; None for no limit.
-        overlap: of area shared in the area of the smallest box around both, that is allowed.
+        overlap: the largest share allowed of the intersection in the smallest box around both.
 
     Returns:
         Indices (K,), int64, ascending.

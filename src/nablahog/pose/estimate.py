@@ -5,35 +5,41 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import get_args
 
 import torch
 from torch import Tensor
 
 from ..hog.inputs import ArrayImage, image_batch
 from ..render import Camera, Mesh
-from .canvas import cut_out
-from .choices import Kind, Search
-from .matching import Photograph, model_of
-from .strategies import SEARCHES
-from .task import Ascent, Path, Task
+from .crop import ObjectCrop, crop_object
+from .options import Ascent, SearchMethod, SimilarityKind
+from .prepared import PreparedPhotograph, prepared_model
+from .problem import PoseProblem, SearchResult, SearchTrace
+from .searches import SEARCHES
 from .whitening import Background
 
 
 @dataclass(frozen=True, eq=False)
 class PoseEstimate:
-    """The pose found.
+    """A pose of an object in a photograph, and the model that it is for.
 
     Attributes:
-        azimuth, elevation, theta: degrees; azimuth in 0…360.
-        distance: units of the mesh.
-        x, y: pixels of the photograph, from its middle to where the object's origin is seen.
+        azimuth: degrees in 0…360 that the camera is turned about the object's vertical axis: 0 sees the front, 90 the
+            object's left.
+        elevation: degrees that the camera is above the object.
+        distance: from the camera to the object's origin, units of the mesh: of a normalised one, diagonals of its
+            bounding box.
+        theta: degrees that the picture is turned counter-clockwise.
+        x, y: pixels of the photograph, to the right and down from its middle to the image of the object's origin.
         camera: that these are meant for; it sees the whole photograph.
-        model: the name of the model that fits best.
-        similarity: of its rendering to the photograph, as ``similarity_kind`` has it.
-        similarity_kind: see :mod:`.similarity`.
-        on_canvas: (6,): the same pose for the canvas, see :func:`.canvas.cut_out`.
-        renderings: that the search has looked at, those of views that are kept for every photograph included.
-        paths: of the searches from all starts, if the method keeps them.
+        model: the name of the best model; "" for a single mesh.
+        similarity: of its rendering to the photograph.
+        similarity_kind: ``"dot"``, ``"whitened"`` or ``"calibrated"``, see :mod:`.similarity`; a calibrated one is in
+            standard deviations over photographs of anything, the others have no unit.
+        crop_pose: (6,), float64: the same pose for the object's crop, see :func:`.crop.crop_object`.
+        renderings: compared with the photograph, cached views included.
+        traces: of the searches from all starts; empty for ``"exhaustive"``.
 
     >>> mesh, camera = nablahog.datasets.chairs.chair(3), nablahog.Camera.from_field_of_view(30, 128, 128)
     >>> photograph = nablahog.render(mesh, torch.tensor([[30.0, 20, 2, 0, 0, 0]]), camera)[0]
@@ -53,14 +59,14 @@ class PoseEstimate:
     camera: Camera
     model: str
     similarity: float
-    similarity_kind: Kind
-    on_canvas: Tensor
+    similarity_kind: SimilarityKind
+    crop_pose: Tensor
     renderings: int
-    paths: tuple[Path, ...] = field(default=(), repr=False)
+    traces: tuple[SearchTrace, ...] = field(default=(), repr=False)
 
     @property
     def pose(self) -> Tensor:
-        """(1, 6), to render it with ``camera``."""
+        """(1, 6), float64, angles in degrees: what :func:`nablahog.render.render` takes together with ``camera``."""
         values = (self.azimuth, self.elevation, self.distance, self.theta, self.x, self.y)
         return torch.tensor([values], dtype=torch.float64)
 
@@ -70,20 +76,24 @@ def estimate_pose(
     models: Mesh | Mapping[str, Mesh],
     *,
     box: Sequence[float] | None = None,
-    initial: tuple[float, float] | None = None,
-    method: Search = "best",
-    similarity: Kind | None = None,
-    ascent: Ascent = "hill",
+    initial: Sequence[float] | None = None,
+    method: SearchMethod = "best",
+    similarity: SimilarityKind | None = None,
+    ascent: Ascent = "quadratic",
     background: Background | None = None,
     seed: int = 0,
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
 ) -> PoseEstimate:
-    """The pose at which a rendering of a model has the HOG most like the photograph's.
+    """The pose at which a rendering of a model has the HOG most like the photograph's (Section 3.2).
+
+    The object is cropped, its visual elements become a template, and a search renders the models at poses whose
+    descriptors agree with it better and better.
 
     Args:
-        photograph: (C, H, W), float in 0…1, one channel or R, G, B; or an array (H, W) or (H, W, C), or a PIL image.
+        photograph: (C, H, W), float32 or float64 in 0…1, one channel or R, G, B; or an array (H, W) or (H, W, C), or
+            a PIL image.
         models: normalised meshes by name, or one mesh; all are tried, the best is returned.
-        box: of the object, x0, y0, x1, y1 in pixels; by default the whole photograph.
+        box: x0, y0, x1, y1 of the object, pixels; by default the whole photograph.
         initial: azimuth and elevation to begin at, degrees; by default unknown.
         method: ``"best"``: views all around at about the initial elevation (or at several, if unknown), then an ascent
             over all six parameters from the best of them, at last with smaller cells.  ``"paper"``: visual elements of
@@ -91,10 +101,10 @@ def estimate_pose(
             initial pose and 8 azimuths around.  ``"exhaustive"``: every degree of azimuth at the initial elevation.
         similarity: ``"dot"``, ``"whitened"`` or ``"calibrated"``, see :mod:`.similarity`; by default ``"dot"`` for the
             paper's method and ``"calibrated"`` for the others.
-        ascent: of ``"best"``: ``"hill"``, fits of a quadratic to samples, see :func:`.hill.climb`; ``"momentum"`` and
-            ``"lbfgs"`` follow single derivatives.
+        ascent: of ``"best"``: ``"quadratic"``, fits of a quadratic to samples, see :mod:`.quadratic_ascent`;
+            ``"momentum"`` and ``"lbfgs"`` follow single derivatives.
         background: of the coarse descriptor, which also says which descriptor that is; by default that of
-            :func:`.matching.pose_spec`, learned from photographs that come with scikit-image.
+            :func:`.prepared.pose_spec`, learned from photographs that come with scikit-image.
         seed: of what is sampled.
         progress: called with the models done, their number and the name of the one at work.
 
@@ -113,51 +123,66 @@ def estimate_pose(
     >>> 25 < estimate.azimuth < 35
     True
     """
-    named = {"": models} if isinstance(models, Mesh) else dict(models)
-    if not named:
+    meshes = {"": models} if isinstance(models, Mesh) else dict(models)
+    if not meshes:
         raise ValueError("expected at least one model, got none")
-    if method not in SEARCHES:
-        raise ValueError(f"method must be one of {', '.join(map(repr, SEARCHES))}, got {method!r}")
-    if ascent not in ("hill", "momentum", "lbfgs"):
-        raise ValueError(f"ascent must be 'hill', 'momentum' or 'lbfgs', got {ascent!r}")
-    if similarity not in (None, "dot", "whitened", "calibrated"):
-        raise ValueError(f"similarity must be 'dot', 'whitened' or 'calibrated', got {similarity!r}")
-    if initial is not None and not (all(map(math.isfinite, initial)) and -90 <= initial[1] <= 90):
-        raise ValueError(f"initial must be a finite azimuth and an elevation in -90…90, got {initial}")
-    if not isinstance(photograph, Tensor):
-        images, single = image_batch("the photograph", photograph)
-        if not single:
-            raise ValueError(f"expected one photograph, got {len(images)}")
-        photograph = images[0] / 255 if images.dtype == torch.uint8 else images[0]
-    if photograph.dim() != 3:
-        shape = tuple(photograph.shape)
-        raise ValueError(f"the photograph must be a floating point tensor (1 or 3, H, W), got the shape {shape}")
-    height, width = photograph.shape[1:]
-    canvas = cut_out(photograph, (0, 0, width, height) if box is None else box)
-    task = Task(
-        Photograph(canvas, background),
-        {name: model_of(mesh, canvas.camera) for name, mesh in named.items()},
-        initial,
+    _check_options(method=(method, SearchMethod), ascent=(ascent, Ascent))
+    if similarity is not None:
+        _check_options(similarity=(similarity, SimilarityKind))
+    image = _one_image(photograph)
+    crop = crop_object(image, box)
+    problem = PoseProblem(
+        PreparedPhotograph(crop, background),
+        {name: prepared_model(mesh, crop.camera) for name, mesh in meshes.items()},
+        _checked_view(initial),
         similarity,
         ascent,
         torch.Generator().manual_seed(seed),
         progress,
     )
-    found = SEARCHES[method](task)
-    pose, camera = canvas.in_photograph(found.pose, height, width)
-    values = pose.tolist()
+    return _estimate(SEARCHES[method](problem), crop, *image.shape[1:])
+
+
+def _one_image(photograph: Tensor | ArrayImage) -> Tensor:
+    """(C, H, W) of a photograph, in 0…1 unless it is a tensor, which stays as it is."""
+    if isinstance(photograph, Tensor):
+        return photograph
+    images, single = image_batch("the photograph", photograph)
+    if not single:
+        raise ValueError(f"expected one photograph, got {len(images)}")
+    return images[0] / 255 if images.dtype == torch.uint8 else images[0]
+
+
+def _check_options(**options: tuple[str, object]) -> None:
+    for name, (value, literal) in options.items():
+        if value not in get_args(literal):
+            raise ValueError(f"{name} must be one of {', '.join(map(repr, get_args(literal)))}, got {value!r}")
+
+
+def _checked_view(initial: Sequence[float] | None) -> tuple[float, float] | None:
+    if initial is None:
+        return None
+    if len(initial) != 2 or not all(map(math.isfinite, initial)) or not -90 <= initial[1] <= 90:
+        raise ValueError(f"initial must be a finite azimuth and an elevation in -90…90, got {initial}")
+    return initial[0], initial[1]
+
+
+def _estimate(result: SearchResult, crop: ObjectCrop, height: int, width: int) -> PoseEstimate:
+    """The result for the crop as one for the photograph of ``height`` x ``width`` pixels."""
+    pose, camera = crop.in_photograph(result.pose, height, width)
+    azimuth, elevation, distance, theta, x, y = pose.tolist()
     return PoseEstimate(
-        azimuth=values[0] % 360,
-        elevation=values[1],
-        distance=values[2],
-        theta=values[3],
-        x=values[4],
-        y=values[5],
+        azimuth=azimuth % 360,
+        elevation=elevation,
+        distance=distance,
+        theta=theta,
+        x=x,
+        y=y,
         camera=camera,
-        model=found.model,
-        similarity=found.value,
-        similarity_kind=found.kind,
-        on_canvas=found.pose,
-        renderings=found.renderings,
-        paths=found.paths,
+        model=result.model,
+        similarity=result.similarity,
+        similarity_kind=result.kind,
+        crop_pose=result.pose,
+        renderings=result.renderings,
+        traces=result.traces,
     )

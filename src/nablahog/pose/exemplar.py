@@ -1,8 +1,8 @@
-"""The baseline of Section 3.2: Aubry et al. ("Seeing 3D chairs") find renderings of all models in the image.
+"""The baseline of Section 3.2: Aubry et al. ("Seeing 3D chairs") detect renderings of all models in the image.
 
-Their steps, with the constants of their released code: the elements of each rendering (:mod:`.views`) are scored at all
-cells and levels of the image's pyramid, each votes for where the rendering lies (:mod:`.star`), and the view of the
-most confident detection is the pose.
+Their steps, with the constants of their released code: the elements of each rendering (:mod:`.exemplar_views`) are
+scored at all cells and levels of the image's pyramid, each votes for where the rendering lies (:mod:`.star_matching`),
+and the view of the most confident detection is the pose.
 """
 
 from __future__ import annotations
@@ -16,14 +16,12 @@ import torch
 from torch import Tensor
 
 from ..hog.box import Box
-from .canvas import Canvas, cut_out
+from .crop import ObjectCrop, crop_object
 from .elements import all_patches
-from .star import NOTHING, star_match
-from .views import CELL, LEVELS, Views, pyramid, together
+from .exemplar_views import CELL, LEVELS, ExemplarViews, concatenate_views, pyramid
+from .star_matching import NOTHING, star_match
 
-FILL = (
-    150.0  # pixels of the longer side of the object's box: no less than in renderings, whose levels are then all here
-)
+FILL = 150.0  # pixels of the longer side of the object's box: no less than in renderings, so that all levels exist
 SIDE = 200  # of the square that is searched: half an element around the box
 AT_ONCE = 4096  # elements to score: 32 MiB of scores where an image has 2000 places
 MARGIN = 10.0  # pixels around the box that the middle of an element may lie in
@@ -31,12 +29,12 @@ MARGIN = 10.0  # pixels around the box that the middle of an element may lie in
 
 @dataclass(frozen=True)
 class Detection:
-    """A rendering found in an image.
+    """A rendering detected in an image.
 
     Attributes:
         model: its name.
         azimuth, elevation: from where it was rendered, degrees.
-        box: x0, y0, x1, y1 of the model as it lies in the photograph, pixels.
+        box: of the model in the photograph, pixels.
         confidence: the sum of its elements' calibrated scores; Aubry et al. believe a detection above 0.5.
         inliers: how many elements score above 0.
     """
@@ -51,7 +49,7 @@ class Detection:
 
 @torch.no_grad()
 def detect(
-    photograph: Tensor, box: Sequence[float], models: Mapping[str, Views], *, agreement: float = 0.5
+    photograph: Tensor, box: Sequence[float], models: Mapping[str, ExemplarViews], *, agreement: float = 0.5
 ) -> Detection:
     """The most confident detection of any view of any model.
 
@@ -64,35 +62,35 @@ def detect(
             the stronger.
 
     Raises:
-        ValueError: the photograph or the box is not as above, there are no models, or nothing is found: no element of
-            any view scores above 0.
+        ValueError: the photograph or the box is not as above, there are no models, or no element of any view scores
+            above 0.
     """
     if not models:
         raise ValueError("expected models to detect, got none")
     if not 0 <= agreement <= 1:
         raise ValueError(f"agreement must lie in 0…1, got {agreement!r}")
-    canvas = cut_out(photograph, box, SIDE, FILL)
+    crop = crop_object(photograph, box, SIDE, FILL)
     images: dict[tuple[int, int], _Image] = {}
     best: tuple[float, str, list[float], list[float]] | None = None
     for size, names in _blocks(models):
         if size not in images:
-            images[size] = _Image(canvas, size)
-        views = together([models[name] for name in names])
-        found = images[size].match(views, agreement)
-        view = int(found[:, 0].argmax())
-        rank, *detection = found[view].tolist()
+            images[size] = _Image(crop, size)
+        views = concatenate_views([models[name] for name in names])
+        detections = images[size].match(views, agreement)
+        view = int(detections[:, 0].argmax())
+        rank, *detection = detections[view].tolist()
         if np.isfinite(rank) and (best is None or rank > best[0]):
             owners = [name for name in names for _ in models[name].viewpoints]
             best = rank, owners[view], views.viewpoints[view].tolist(), detection
     if best is None:
         raise ValueError("no element of any view is found in the image")
     _, name, (azimuth, elevation), (confidence, inliers, *corners) = best
-    x, y = canvas.middle
-    sides = [middle + (side - SIDE / 2) / canvas.zoom for middle, side in zip((x, y, x, y), corners, strict=True)]
+    x, y = crop.middle
+    sides = [middle + (side - SIDE / 2) / crop.zoom for middle, side in zip((x, y, x, y), corners, strict=True)]
     return Detection(name, azimuth, elevation, Box.of(sides), confidence, int(inliers))
 
 
-def _blocks(models: Mapping[str, Views]) -> Iterator[tuple[tuple[int, int], list[str]]]:
+def _blocks(models: Mapping[str, ExemplarViews]) -> Iterator[tuple[tuple[int, int], list[str]]]:
     """Models whose elements are scored at once: the size of these, and the models' names."""
     by_size: dict[tuple[int, int], list[str]] = {}
     for name, views in models.items():
@@ -111,14 +109,14 @@ class _Image:
     """The patches of a pyramid, ready to be scored.
 
     Args:
-        canvas: what is searched.
+        crop: the image to search.
         size: rows and columns of an element.
     """
 
-    def __init__(self, canvas: Canvas, size: tuple[int, int]) -> None:
-        width, height = canvas.size
+    def __init__(self, crop: ObjectCrop, size: tuple[int, int]) -> None:
+        width, height = crop.size
         self.box = (np.array([-width, -height, width, height]) + SIDE) / 2
-        levels = [all_patches(cells, size) for cells in pyramid(canvas.image[0, 0], size)]
+        levels = [all_patches(cells, size) for cells in pyramid(crop.image[0, 0], size)]
         self.rows, self.cols = (np.array([level.shape[axis] for level in levels]) for axis in (0, 1))
         self.start = np.concatenate([[0], np.cumsum(self.rows * self.cols)])
         near = [self._near(level, size, CELL * 2 ** (k / LEVELS)) for k, level in enumerate(levels)]
@@ -133,12 +131,12 @@ class _Image:
         near: Tensor = rows[:, None] & cols
         return near
 
-    def match(self, views: Views, agreement: float) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """The best detection of each view, (V, 7), see :func:`.star.star_match`."""
+    def match(self, views: ExemplarViews, agreement: float) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """The best detection of each view, (V, 7), see :func:`.star_matching.star_match`."""
         scores = torch.full((len(views.scale), int(self.start[-1])), NOTHING)
         weights = views.scale[:, None] * views.weights.flatten(1)
         scores[:, self.places] = torch.addmm(views.offset[:, None], weights, self.patches.T)
-        found = np.empty((len(views.viewpoints), 7))
+        detections = np.empty((len(views.viewpoints), 7))
         star_match(
             scores.numpy(),
             self.rows,
@@ -152,6 +150,6 @@ class _Image:
             float(LEVELS),
             self.box,
             agreement,
-            found,
+            detections,
         )
-        return found
+        return detections

@@ -1,6 +1,6 @@
 """How much a rendering's HOG is like the photograph's (Section 3.2), with its derivative by the pose.
 
-Each similarity is a linear template w of the photograph, ⟨w, φ(P_f)⟩, one of them divided by what it would vary by:
+Each similarity is a linear template w of the photograph, ⟨w, φ(P_f)⟩; one of them is divided by its deviation:
 
 * ``dot``, the paper's: Σ ⟨φ(P_I), φ(P_f)⟩ over the visual elements P_I of the photograph;
 * ``whitened``: Σ ⟨Σ⁻¹(φ(P_I) − μ), φ(P_f)⟩ over the same: what photographs have everywhere does not count;
@@ -24,30 +24,30 @@ from ..hog.spec import HOGSpec
 from ..render import Camera, Renderer
 from ..render.pose_gradient import pose_vjp
 from ..runtime.threads import in_threads
-from .canvas import Canvas
+from .crop import ObjectCrop
 from .elements import Elements
-from .filter import Whitener
+from .fourier_whitening import Whitener
 
-Result = TypeVar("Result")
+T = TypeVar("T")
 
 _BATCH = 32  # renderings at a time: small ones stay in the processor's cache
 
 
 def describe(images: Tensor, spec: HOGSpec) -> Tensor:
-    """φ: gray images (B, 1, H, W) to (B, C, rows, cols)."""
+    """φ: gray images (B, 1, H, W) to descriptors (B, C, rows, cols)."""
     histograms, normalize = steps(images.device, spec)
     return normalize(histograms(images, spec), spec)
 
 
 @dataclass(frozen=True, eq=False)
-class Template:
-    """A photograph to compare renderings with.
+class ElementTemplate:
+    """Weights of a photograph's visual elements, or of its whole crop, that renderings are compared with.
 
     Attributes:
         spec: of both descriptors.
         weights: w, (C, rows, cols), float32.
         whitener: of the ``calibrated`` similarity, else None.
-        shrink: pixels of the canvas, along a side, that are one of the images described.
+        shrink: factor by which the crop is made smaller before it is described.
     """
 
     spec: HOGSpec
@@ -60,52 +60,58 @@ class Template:
         values = descriptors.flatten(1) @ self.weights.flatten()
         return values if self.whitener is None else values / deviations(self.whitener.energies(descriptors))
 
-    def scores(self, descriptors: Tensor) -> tuple[Tensor, Tensor]:
-        """Similarities (B,) of descriptors (B, C, rows, cols), and their derivatives by these."""
+    def values_and_gradients(self, descriptors: Tensor) -> tuple[Tensor, Tensor]:
+        """Similarities (B,) of descriptors (B, C, rows, cols), and their gradients with respect to these."""
         values = descriptors.flatten(1) @ self.weights.flatten()
         if self.whitener is None:
             return values, self.weights.expand_as(descriptors)
-        white = self.whitener(descriptors)
-        spread = deviations((descriptors * white).sum(dim=(1, 2, 3)))
+        whitened = self.whitener(descriptors)
+        spread = deviations((descriptors * whitened).sum(dim=(1, 2, 3)))
         values = values / spread
-        slope = (self.weights - (values / spread)[:, None, None, None] * white) / spread[:, None, None, None]
-        return values, slope
+        gradients = (self.weights - (values / spread)[:, None, None, None] * whitened) / spread[:, None, None, None]
+        return values, gradients
 
 
 def deviations(squared: Tensor) -> Tensor:
-    """√ of φᵀ Σ⁻¹ φ; infinite for an empty rendering, which looks like nothing: 0, and no way is up."""
+    """√ of φᵀ Σ⁻¹ φ; infinite for an empty rendering, so that its similarity and gradient are 0."""
     return torch.where(squared > 1e-9, squared, torch.inf).sqrt()
 
 
-def calibrated(canvas: Canvas, spec: HOGSpec, whitener: Whitener, shrink: int = 1) -> Template:
-    """The template of a canvas as a whole, made ``shrink`` times smaller before; its cells beyond the photograph
-    are as likely as any, μ."""
-    descriptor = whitener.centred(describe(canvas.image, spec))
-    x0, y0, x1, y1 = canvas.seen
+def calibrated_template(crop: ObjectCrop, spec: HOGSpec, whitener: Whitener, shrink: int = 1) -> ElementTemplate:
+    """The template Σ⁻¹(φ − μ) of a whole crop, whose cells beyond the photograph are taken for the mean μ.
+
+    Args:
+        crop: already ``shrink`` times smaller than the one that poses are meant for.
+        spec: of the descriptor.
+        whitener: of its size.
+        shrink: factor.
+    """
+    descriptor = whitener.centred(describe(crop.image, spec))
+    x0, y0, x1, y1 = crop.valid
     y, x = (
         (torch.arange(cells) + 0.5) * cell for cells, cell in zip(descriptor.shape[2:], spec.cell_size, strict=True)
     )
-    seen = ((y >= y0) & (y <= y1))[:, None] & (x >= x0) & (x <= x1)
-    return Template(spec, whitener(descriptor * seen)[0], whitener, shrink)
+    valid = ((y >= y0) & (y <= y1))[:, None] & (x >= x0) & (x <= x1)
+    return ElementTemplate(spec, whitener(descriptor * valid)[0], whitener, shrink)
 
 
-def by_elements(found: Elements, patches: Tensor, spec: HOGSpec, rows: int, cols: int) -> Template:
+def elements_template(elements: Elements, patches: Tensor, spec: HOGSpec, rows: int, cols: int) -> ElementTemplate:
     """The template of a photograph's elements with ``patches`` (N, r, c, C): φ(P_I) itself, or whitened."""
-    return Template(spec, found.spread(patches, rows, cols).permute(2, 0, 1).float().contiguous())
+    return ElementTemplate(spec, elements.scatter(patches, rows, cols).permute(2, 0, 1).float().contiguous())
 
 
-def white(camera: Camera) -> Tensor:
+def white_background(camera: Camera) -> Tensor:
     """What renderings have behind them, (1, H, W)."""
     return torch.ones(1, camera.height, camera.width)
 
 
-def smaller_poses(poses: Tensor, shrink: int) -> Tensor:
-    """Poses (B, 6) for a canvas as those for one ``shrink`` times smaller."""
-    return poses if shrink == 1 else torch.cat([poses[:, :4], poses[:, 4:] / shrink], 1)
+def downsampled_poses(poses: Tensor, factor: int) -> Tensor:
+    """Poses (B, 6) for a crop as those for one ``factor`` times smaller."""
+    return poses if factor == 1 else torch.cat([poses[:, :4], poses[:, 4:] / factor], 1)
 
 
-def in_batches(work: Callable[[Tensor], Result], poses: Tensor) -> list[Result]:
-    """Of some poses (B, 6) at a time, in as many threads as PyTorch takes."""
+def in_batches(work: Callable[[Tensor], T], poses: Tensor) -> list[T]:
+    """Results of ``work`` on some poses (B, 6) at a time, in as many threads as PyTorch takes."""
     threads = torch.get_num_threads()
     rounds = math.ceil(len(poses) / (_BATCH * threads))  # each of which has a part for every thread
     parts = torch.split(poses, math.ceil(len(poses) / (rounds * threads)))
@@ -116,30 +122,36 @@ class Similarity:
     """The similarity of renderings to a photograph as a function of their poses.
 
     Args:
-        renderer: before a camera for images of the template's size.
+        renderer: with a camera for images of the template's size.
         template: of the photograph.
+
+    Attributes:
+        renderings: compared so far.
     """
 
-    def __init__(self, renderer: Renderer, template: Template) -> None:
+    def __init__(self, renderer: Renderer, template: ElementTemplate) -> None:
         self.renderer, self.template = renderer, template
-        self.background = white(renderer.camera)
+        self.background = white_background(renderer.camera)
         self.renderings = 0
 
     def values(self, poses: Tensor) -> Tensor:
-        """(B,) at poses (B, 6) for the canvas."""
-        return torch.cat(self._in_parts(self._values, poses))
+        """(B,) at poses (B, 6) for the crop, angles in degrees."""
+        return torch.cat(self._in_batches(self._values, poses))
 
     def derivatives(self, poses: Tensor) -> tuple[Tensor, Tensor]:
-        """Values (B,) and derivatives (B, 6) by the parameters of the poses, as :data:`nablahog.render.PARAMETERS`."""
-        values, slopes = zip(*self._in_parts(self._derivatives, poses), strict=True)
+        """Values (B,) and their derivatives (B, 6) by the parameters of poses (B, 6), see :meth:`values`.
+
+        Derivatives by angles are per degree.
+        """
+        values, slopes = zip(*self._in_batches(self._derivatives, poses), strict=True)
         by_pose = torch.cat(slopes)
         by_pose[:, 4:] /= self.template.shrink
         return torch.cat(values), by_pose
 
-    def _in_parts(self, work: Callable[[Tensor], Result], poses: Tensor) -> list[Result]:
+    def _in_batches(self, work: Callable[[Tensor], T], poses: Tensor) -> list[T]:
         self.renderings += len(poses)
-        assert self.renderer.compiled  # once, before threads ask for it
-        return in_batches(work, smaller_poses(poses, self.template.shrink))
+        assert self.renderer.compiled  # made here, before several threads ask for it
+        return in_batches(work, downsampled_poses(poses, self.template.shrink))
 
     def _values(self, poses: Tensor) -> Tensor:
         rendering = self.renderer.compiled.render(poses, self.background, False)
@@ -150,6 +162,7 @@ class Similarity:
         images = rendering.image[:, None].requires_grad_(True)
         with torch.enable_grad():
             descriptors = describe(images, self.template.spec)
-        values, slope = self.template.scores(descriptors.detach())
-        (given,) = torch.autograd.grad(descriptors, images, slope)
-        return values.double(), pose_vjp(given[:, 0], rendering.screen_gradient, poses, self.renderer.camera).double()
+        values, grad_descriptors = self.template.values_and_gradients(descriptors.detach())
+        (grad_images,) = torch.autograd.grad(descriptors, images, grad_descriptors)
+        grad_poses = pose_vjp(grad_images[:, 0], rendering.screen_gradient, poses, self.renderer.camera)
+        return values.double(), grad_poses.double()

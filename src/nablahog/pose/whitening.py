@@ -76,7 +76,7 @@ class Background(LearnedModel):
 
     @property
     def order(self) -> int:
-        """The largest offset between cells, in either direction, whose covariance is known."""
+        """The largest offset between cells, in either direction, that has a covariance."""
         return len(self.covariance) - 1
 
     def check(self, spec: HOGSpec) -> None:
@@ -88,7 +88,7 @@ class Background(LearnedModel):
         return self.mean.expand(rows, cols, -1)
 
     def template_covariance(self, rows: int, cols: int) -> Tensor:
-        """Σ without λ, (rows · cols · C, rows · cols · C), float64, of templates flattened in this order.
+        """Σ without λ, (rows · cols · C, rows · cols · C), float64, of flattened templates.
 
         Raises:
             ValueError: the template is empty, or larger than ``order`` + 1.
@@ -104,7 +104,7 @@ class Background(LearnedModel):
         return blocks.permute(0, 2, 4, 1, 3, 5).reshape(2 * [rows * cols * self.spec.channels])
 
     def factor(self, rows: int, cols: int) -> Tensor:
-        """L, lower triangular, with L·Lᵀ = Σ + λ; kept for the next time."""
+        """L, lower triangular, with L·Lᵀ = Σ + λ; cached."""
         size = rows, cols
         if size not in self._factors:
             self._factors[size] = _cholesky(self.template_covariance(rows, cols), self.regularization)
@@ -122,14 +122,14 @@ class Background(LearnedModel):
 
     def discriminability(self, templates: Tensor) -> Tensor:
         """‖Σ^-½(q − μ)‖, (N,): how unlike the background a template is, in its standard deviations."""
-        found: Tensor = self.decorrelate(templates).flatten(1).norm(dim=1)
-        return found
+        norms: Tensor = self.decorrelate(templates).flatten(1).norm(dim=1)
+        return norms
 
     def deviation(self, weights: Tensor) -> Tensor:
         """√(wᵀΣw), (N,): the standard deviation of the score of weights (N, rows, cols, C) over the background."""
         flat = self._flat(weights)
-        found: Tensor = (self._factor_for(weights).mT @ flat).norm(dim=0).to(weights)
-        return found
+        deviations: Tensor = (self._factor_for(weights).mT @ flat).norm(dim=0).to(weights)
+        return deviations
 
     def _centred(self, templates: Tensor) -> tuple[Tensor, Tensor]:
         """q − μ as columns, and L."""

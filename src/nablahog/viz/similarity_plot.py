@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,15 +20,7 @@ WIDTH, LEFT, RIGHT = 960, 64, 24
 HEIGHTS = 240, 140  # of similarity and derivative
 HEAD, FOOT, VIEW = 24, 20, 96
 _CURVE, _SLOPE, _PATH, _GRID, _TEXT = (24, 74, 150), (150, 150, 150), (222, 130, 20), (225, 225, 225), (40, 40, 40)
-_FOUND: Colour = (round(255 * RED[0]), round(255 * RED[1]), round(255 * RED[2]))
-
-
-@dataclass(frozen=True)
-class Way:
-    """A search from its start: azimuths in degrees, of any turn, and the similarities there."""
-
-    azimuths: Sequence[float]
-    similarities: Sequence[float]
+_MARK: Colour = (round(255 * RED[0]), round(255 * RED[1]), round(255 * RED[2]))
 
 
 def boxed(picture: Picture, boxes: Sequence[Sequence[float]]) -> NDArray[np.float64]:
@@ -45,7 +36,7 @@ def boxed(picture: Picture, boxes: Sequence[Sequence[float]]) -> NDArray[np.floa
     drawn = to_pil(picture).convert("RGB")
     draw = ImageDraw.Draw(drawn)
     for x0, y0, x1, y1 in boxes:
-        draw.rectangle((round(x0), round(y0), round(x1) - 1, round(y1) - 1), outline=_FOUND, width=2)
+        draw.rectangle((round(x0), round(y0), round(x1) - 1, round(y1) - 1), outline=_MARK, width=2)
     return _picture(drawn)
 
 
@@ -54,8 +45,8 @@ def by_azimuth(
     derivatives: Floats,
     *,
     what: str,
-    found: float,
-    ways: Sequence[Way] = (),
+    azimuth: float,
+    traces: Sequence[tuple[Sequence[float], Sequence[float]]] = (),
     views: Sequence[Picture] = (),
 ) -> NDArray[np.float64]:
     """Similarity and, below it, its derivative over all azimuths.
@@ -63,8 +54,8 @@ def by_azimuth(
     Args:
         similarities, derivatives: (N,), at N equidistant azimuths from 0°, the latter per degree.
         what: kind of similarity.
-        found: azimuth to mark, degrees.
-        ways: of searches, drawn into the upper part with their starts.
+        azimuth: to mark, degrees.
+        traces: of searches: azimuths in degrees, of any turn, and similarities, drawn into the upper part.
         views: equidistant from 0°, drawn below, square.
 
     Returns:
@@ -75,26 +66,26 @@ def by_azimuth(
     picture = Image.new("RGB", (WIDTH * FINER, height * FINER), "white")
     draw = ImageDraw.Draw(picture)
     slope = (np.roll(similarities, -1) - np.roll(similarities, 1)) / (720 / len(similarities))
-    of_ways = [np.asarray(way.similarities) for way in ways]
-    top = _Axes(draw, HEAD, HEIGHTS[0], np.concatenate([similarities, *of_ways]))
+    of_traces = [np.asarray(values) for _, values in traces]
+    top = _Axes(draw, HEAD, HEIGHTS[0], np.concatenate([similarities, *of_traces]))
     low = _Axes(draw, 2 * HEAD + HEIGHTS[0] + FOOT, HEIGHTS[1], np.concatenate([derivatives, slope, [0.0]]))
     top.frame(f"similarity, {what}")
     low.frame("its derivative, per degree")
     _note(draw, middle, low.top - 4, "slope of the curve above, from point to point", _SLOPE, "mb")
     for axes in (top, low):
-        axes.line([found, found], [axes.low, axes.high], _FOUND, 2)
+        axes.line([azimuth, azimuth], [axes.low, axes.high], _MARK, 2)
     low.line([0.0, 360.0], [0.0, 0.0], _TEXT, 1)
-    if ways:
+    if traces:
         _note(draw, middle, HEAD - 4, "paths of the search; rings: starts", _PATH, "mb")
-    for way in ways:
-        top.line(way.azimuths, way.similarities, _PATH, 1.5)
+    for azimuths, values in traces:
+        top.line(azimuths, values, _PATH, 1.5)
     around = np.linspace(0, 360, len(similarities) + 1)
     top.line(around, np.append(similarities, similarities[0]), _CURVE, 2)
     low.line(around, np.append(slope, slope[0]), _SLOPE, 2)
     low.line(around, np.append(derivatives, derivatives[0]), _CURVE, 1.5)
-    for way in ways:
-        top.ring(way.azimuths[0], way.similarities[0], _PATH)
-    _note(draw, WIDTH - RIGHT, HEAD - 4, f"found: {found:.1f}°", _FOUND, "rb")
+    for azimuths, values in traces:
+        top.ring(azimuths[0], values[0], _PATH)
+    _note(draw, WIDTH - RIGHT, HEAD - 4, f"found: {azimuth:.1f}°", _MARK, "rb")
     _note(draw, middle, height - strip - 8, "azimuth of the camera", _TEXT, "mb")
     for k, view in enumerate(views):
         shown = to_pil(view).convert("RGB").resize((VIEW * FINER, VIEW * FINER), Image.Resampling.LANCZOS)

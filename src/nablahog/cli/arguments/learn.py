@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable
 from typing import NamedTuple
 
-from ...pose.choices import ORDER
+from ...pose.options import ORDER
 from ..inputs.preset_parameters import DEFAULT_DESCRIPTOR
 from . import options
 from .options import Parser, integer

@@ -6,7 +6,7 @@ import argparse
 from typing import get_args
 
 from ...evaluate.names import TABLE2
-from ...pose.choices import Kind, Search
+from ...pose.options import SearchMethod, SimilarityKind
 from . import options
 from .options import Parser, integer, numbers
 
@@ -50,10 +50,12 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         metavar="az,el",
         help="azimuth and elevation to begin at, in degrees, as --init=-30,10 if below 0 (default: unknown)",
     )
-    command.add_argument("--method", choices=get_args(Search), default="best", help="of the search (default: best)")
+    command.add_argument(
+        "--method", choices=get_args(SearchMethod), default="best", help="of the search (default: best)"
+    )
     command.add_argument(
         "--similarity",
-        choices=get_args(Kind),
+        choices=get_args(SimilarityKind),
         help="of descriptors (default: dot for the paper's method, calibrated for the others)",
     )
     command.add_argument(

@@ -12,9 +12,9 @@ from pathlib import Path
 from ...datasets.cad import Models, read_models
 from ...io.files import output_folder
 from ...io.images import read_image
-from ...pose.canvas import SIDE, checked_box, cut_out
+from ...pose.crop import SIDE, checked_box, crop_object
 from ...pose.estimate import estimate_pose
-from ...pose.matching import ELEMENT, Photograph
+from ...pose.prepared import ELEMENT, PreparedPhotograph
 from ...pose.whitening import Background
 from ...render import Mesh
 from ..errors import refusing, spare
@@ -61,7 +61,7 @@ def pose(arguments: Namespace) -> None:
             path=arguments.photo,
             photograph=photograph,
             box=box,
-            matched=Photograph(cut_out(photograph, box), background),
+            matched=PreparedPhotograph(crop_object(photograph, box), background),
             found=found,
             mesh=meshes[found.model],
             candidates=list(meshes),

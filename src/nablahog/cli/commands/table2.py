@@ -13,7 +13,7 @@ from ...datasets.viewpoints import read_viewpoints, sample_viewpoints
 from ...evaluate import table2_page
 from ...evaluate.examples import Examples, photographed, rendered
 from ...evaluate.models import models_in, procedural_chairs
-from ...evaluate.pose_methods import POSE_METHODS, PoseSettings
+from ...evaluate.pose_methods import POSE_METHODS, Table2Settings
 from ...evaluate.table2 import Table2, run_table2, write_tables
 from ...io.files import output_folder, replacing
 from ...io.sample_photographs import SAMPLE_NAMES, sample_photograph
@@ -37,7 +37,7 @@ def table2(arguments: Namespace) -> None:
     with refusing():
         examples, passed_over = _examples(arguments)
     with output_folder(arguments.output) as folder:
-        settings = PoseSettings(arguments.seed, folder / "exemplars")
+        settings = Table2Settings(arguments.seed, folder / "exemplars")
         with counter("nablahog table2") as progress:
             workers = arguments.workers or cores()
             table = run_table2(folder, examples, methods, settings, workers=workers, progress=progress)

@@ -15,13 +15,13 @@ from torch.nn.functional import interpolate
 from ...hog.box import Box
 from ...io.files import distinct_stems, replacing
 from ...io.images import Picture, as_array, write_image
-from ...pose.canvas import FILL, cut_out
-from ...pose.matching import ELEMENT
+from ...pose.crop import FILL, crop_object
+from ...pose.prepared import ELEMENT
 from ...pose.similarity import describe
 from ...render import Camera, Mesh, render, silhouette
 from ...viz import html
 from ...viz.pictures import Panel, contact_sheet, glyphs, outlined
-from ...viz.similarity_plot import Way, boxed, by_azimuth
+from ...viz.similarity_plot import boxed, by_azimuth
 from .pose_result import PoseResult
 
 HEIGHT = 320  # of the pictures of the overlay
@@ -71,8 +71,8 @@ def _overlay(result: PoseResult) -> list[Panel]:
     whole = interpolate(result.photograph[None], size, mode="bilinear", antialias=True)[0]
     whole_camera = Camera(found.camera.focal * zoom, *size)
     whole_outlined = _outlined(whole, mesh, _scaled(found.pose[0], zoom), whole_camera)
-    close = cut_out(result.photograph, result.box, HEIGHT, fill := _CLOSE * HEIGHT)
-    pose = _scaled(found.on_canvas, fill / FILL)
+    close = crop_object(result.photograph, result.box, HEIGHT, fill := _CLOSE * HEIGHT)
+    pose = _scaled(found.crop_pose, fill / FILL)
     pasted = render(mesh, pose, close.camera, background=close.image)
     return [
         Panel(boxed(whole_outlined, [[side * zoom for side in result.box]]), "the photograph"),
@@ -99,20 +99,20 @@ def _around(result: PoseResult) -> Panel:
     picture = by_azimuth(
         *result.around,
         what=found.similarity_kind,
-        found=found.azimuth,
-        ways=[Way(path.azimuths, path.similarities) for path in result.paths],
-        views=list(render(result.mesh, result.turned(VIEWS), result.matched.canvas.camera)),
+        azimuth=found.azimuth,
+        traces=[(trace.azimuths, trace.similarities) for trace in result.traces],
+        views=list(render(result.mesh, result.turned(VIEWS), result.matched.crop.camera)),
     )
     return Panel(picture, f"similarity of {found.model} and its derivative by azimuth")
 
 
 def _glyphs(result: PoseResult) -> list[Panel]:
     """The visual elements of the photograph, and the same regions of the rendering."""
-    canvas, spec = result.matched.canvas, result.matched.background.spec
-    rendering = render(result.mesh, result.found.on_canvas[None], canvas.camera)
+    crop, spec = result.matched.crop, result.matched.background.spec
+    rendering = render(result.mesh, result.found.crop_pose[None], crop.camera)
     _, elements = result.matched.elements
     panels = []
-    for image, what in ((canvas.image, "the object"), (rendering, f"rendering of {result.found.model}")):
+    for image, what in ((crop.image, "the object"), (rendering, f"rendering of {result.found.model}")):
         (descriptor,) = describe(image, spec).permute(0, 2, 3, 1)
         drawn = glyphs(descriptor, spec, cell_pixels=24)
         down, across = (drawn.shape[axis] / descriptor.shape[axis] for axis in range(2))
@@ -136,13 +136,13 @@ def _page(result: PoseResult, overlay: list[Panel], turned: Panel, drawn: list[P
         "candidates": ", ".join(result.candidates),
         **{f"passed over: {name}": reason for name, reason in result.passed_over.items()},
     }
-    paths = " In orange, the paths of the search from its starts." if result.paths else ""
+    paths = " In orange, the paths of the search from its starts." if result.traces else ""
     sections = [
         html.Section("Overlay", "The outline of the model at the pose found, and its rendering.", overlay),
         html.Section(
             "Similarity by azimuth",
             "Azimuth changes, the other parameters are those found; below, renderings at the azimuths above them. "
-            f"The cells have {spec.cell_size[0]} pixels of the {result.matched.canvas.image.shape[-1]} that the object "
+            f"The cells have {spec.cell_size[0]} pixels of the {result.matched.crop.image.shape[-1]} that the object "
             f"is scaled to.{paths}",
             [turned],
         ),

@@ -17,12 +17,12 @@ from torch import Tensor
 
 from ...hog.box import Box
 from ...io.images import as_array
-from ...pose.canvas import SIDE
-from ...pose.choices import Search
+from ...pose.azimuths import azimuth_sweep
+from ...pose.crop import SIDE
 from ...pose.estimate import PoseEstimate
-from ...pose.matching import ELEMENT, Photograph, model_of
-from ...pose.search import turn_table
-from ...pose.task import Path as Way
+from ...pose.options import SearchMethod
+from ...pose.prepared import ELEMENT, PreparedPhotograph, prepared_model
+from ...pose.problem import SearchTrace
 from ...render import Mesh
 
 AZIMUTHS = 180  # at which similarity is computed
@@ -59,9 +59,9 @@ _UNITS = {
     "image_size": "height, width in pixels",
     "box": "x0, y0, x1, y1 in pixels from the upper left corner of the photograph",
     "x, y, focal_length": "pixels of the photograph",
-    "canvas": "side in pixels; zoom: its pixels for one of the photograph; middle: x, y in the photograph",
-    "around, paths": "azimuths in degrees; derivatives of the similarity per degree",
-    "elements": "rows, columns of cells of the canvas",
+    "crop": "side in pixels; zoom: its pixels for one of the photograph; middle: x, y in the photograph",
+    "around, traces": "azimuths in degrees; derivatives of the similarity per degree",
+    "elements": "rows, columns of cells of the crop",
 }
 
 
@@ -74,7 +74,7 @@ class Settings:
         background: its file's name, None for the default one.
     """
 
-    method: Search
+    method: SearchMethod
     initial: tuple[float, float] | None
     seed: int
     background: str | None
@@ -88,7 +88,7 @@ class PoseResult:
         path: the photograph's file.
         photograph: (C, H, W) in 0…1.
         box: of the object in it.
-        matched: its canvas and background.
+        matched: its crop and background.
         found: the pose.
         mesh: of the best model.
         candidates: the names of all models.
@@ -100,7 +100,7 @@ class PoseResult:
     path: str
     photograph: Tensor
     box: Box
-    matched: Photograph
+    matched: PreparedPhotograph
     found: PoseEstimate
     mesh: Mesh
     candidates: Sequence[str]
@@ -160,14 +160,14 @@ class PoseResult:
                 "descriptor": json.loads(spec.to_json()),
                 "seed": self.settings.seed,
             },
-            "canvas": {"side": SIDE, "zoom": self.matched.canvas.zoom, "middle": list(self.matched.canvas.middle)},
+            "crop": {"side": SIDE, "zoom": self.matched.crop.zoom, "middle": list(self.matched.crop.middle)},
             "around": {
                 "azimuths": (np.arange(AZIMUTHS) * (360 / AZIMUTHS)).tolist(),
                 "similarities": similarities.tolist(),
                 "derivatives": derivatives.tolist(),
             },
-            "paths": [
-                {"azimuths": list(path.azimuths), "similarities": list(path.similarities)} for path in self.paths
+            "traces": [
+                {"azimuths": list(trace.azimuths), "similarities": list(trace.similarities)} for trace in self.traces
             ],
             "elements": {
                 "size": list(ELEMENT),
@@ -180,21 +180,21 @@ class PoseResult:
         }
 
     @property
-    def paths(self) -> list[Way]:
+    def traces(self) -> list[SearchTrace]:
         """Of the searches with the best model."""
-        return [path for path in self.found.paths if path.model == self.found.model]
+        return [trace for trace in self.found.traces if trace.model == self.found.model]
 
     @cached_property
     def around(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Similarities and derivatives by azimuth, per degree, at the other parameters of the pose found."""
-        model = model_of(self.mesh, self.matched.canvas.camera)
+        model = prepared_model(self.mesh, self.matched.crop.camera)
         template = self.matched.template(self.found.similarity_kind)
         similarity = model.similarity(template, "opendr" if self.settings.method == "paper" else "edges")
         values, slopes = similarity.derivatives(self.turned(AZIMUTHS))
         return as_array(values), as_array(slopes[:, 0])
 
     def turned(self, count: int) -> Tensor:
-        """Poses for the canvas at ``count`` azimuths from 0° on."""
-        start = self.found.on_canvas.clone()
+        """Poses for the crop at ``count`` azimuths from 0° on."""
+        start = self.found.crop_pose.clone()
         start[0] = 0
-        return turn_table(start, count)
+        return azimuth_sweep(start, count)

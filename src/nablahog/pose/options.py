@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, TypeAlias
 
-Kind: TypeAlias = Literal["dot", "whitened", "calibrated"]  # of similarity
-Search: TypeAlias = Literal["best", "paper", "exhaustive"]
+SimilarityKind: TypeAlias = Literal["dot", "whitened", "calibrated"]
+SearchMethod: TypeAlias = Literal["best", "paper", "exhaustive"]
+Ascent: TypeAlias = Literal["quadratic", "momentum", "lbfgs"]
 ORDER = 9  # the largest offset in cells of a background: for templates of up to 10x10

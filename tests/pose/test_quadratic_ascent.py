@@ -1,4 +1,4 @@
-"""The fitted hill: its top, where it is not believed, and the way there."""
+"""The fitted quadratic: its maximum, where it is not believed, and the ascent to it."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.pose import hill
-from nablahog.pose.hill import HILL, Round, climb
-from nablahog.pose.search import UNITS
+from nablahog.pose import quadratic_ascent as ascent
+from nablahog.pose.gradient_ascent import UNITS
+from nablahog.pose.quadratic_ascent import SCHEDULE, Round, quadratic_ascent
 
-from .hills import START, Quadratic, quadratic
+from .quadratics import START, Quadratic, quadratic
 
 
 def fitted(top: Quadratic, count: int = 16) -> Tensor:
     half = torch.randn(count // 2, 6, dtype=torch.float64, generator=torch.Generator().manual_seed(2))
     offsets = torch.cat([half, -half])
     values, slopes = top.derivatives(START + offsets * UNITS)
-    return hill._top(offsets, values, slopes * UNITS, torch.ones(count).double())
+    return ascent._maximum(offsets, values, slopes * UNITS, torch.ones(count).double())
 
 
 def test_the_top_of_an_exact_quadratic(monkeypatch: pytest.MonkeyPatch) -> None:
     away = torch.tensor([0.5, -0.3, 0.2, 0.1, -0.6, 0.4], dtype=torch.float64)
     top, _ = quadratic(START + away * UNITS)
     assert (fitted(top, 24) - away).norm() < 0.1 * away.norm()  # curvature is held back a little,
-    monkeypatch.setattr(hill, "_STIFFNESS", 0.0)
+    monkeypatch.setattr(ascent, "_STIFFNESS", 0.0)
     assert_close(fitted(top), away, rtol=0, atol=1e-6)  # and by nothing else
 
 
@@ -33,14 +33,14 @@ def test_samples_without_weight_do_not_count() -> None:
     away = torch.tensor([0.5, -0.3, 0.2, 0.1, -0.6, 0.4], dtype=torch.float64)
     offsets, weights = torch.randn(40, 6, dtype=torch.float64), torch.ones(40).double()
     values, slopes = quadratic(START + away * UNITS)[0].derivatives(START + offsets * UNITS)
-    expected = hill._top(offsets[8:], values[8:], slopes[8:] * UNITS, weights[8:])
+    expected = ascent._maximum(offsets[8:], values[8:], slopes[8:] * UNITS, weights[8:])
     weights[:8], values[:8] = 0, 1e3
-    assert_close(hill._top(offsets, values, slopes * UNITS, weights), expected, rtol=0, atol=0.05)
+    assert_close(ascent._maximum(offsets, values, slopes * UNITS, weights), expected, rtol=0, atol=0.05)
 
 
 @pytest.mark.parametrize("count", [3, 6, 8, 18])
 def test_directions_are_at_right_angles(count: int) -> None:
-    offsets = hill._directions(count, torch.Generator().manual_seed(0))
+    offsets = ascent._directions(count, torch.Generator().manual_seed(0))
     assert_close(offsets.square().mean(1), torch.ones(count).double())
     for basis in offsets.split(6):
         assert_close(basis @ basis.T, 6 * torch.eye(len(basis)).double())
@@ -51,17 +51,17 @@ def test_values_alone_know_the_top() -> None:
     offsets = torch.randn(80, 6, dtype=torch.float64, generator=torch.Generator().manual_seed(2))
     values, slopes = quadratic(START + away * UNITS)[0].derivatives(START + offsets * UNITS)
     weights = torch.ones(80).double()
-    found = hill._top(offsets, values, torch.full_like(slopes, torch.nan), weights)
+    found = ascent._maximum(offsets, values, torch.full_like(slopes, torch.nan), weights)
     assert (found - away).norm() < 0.1 * away.norm()
     some = torch.where(torch.arange(80)[:, None] < 8, slopes * UNITS, torch.nan)
-    assert (hill._top(offsets, values, some, weights) - away).norm() < (found - away).norm()
+    assert (ascent._maximum(offsets, values, some, weights) - away).norm() < (found - away).norm()
 
 
 def test_a_top_far_away_is_only_approached() -> None:
     away = torch.tensor([9.0, 0, 0, 0, 0, 0], dtype=torch.float64)
     found = fitted(quadratic(START + away * UNITS)[0])
-    assert found.norm() == pytest.approx(hill._REACH)
-    assert found[0] > 0.9 * hill._REACH
+    assert found.norm() == pytest.approx(ascent._REACH)
+    assert found[0] > 0.9 * ascent._REACH
 
 
 def test_a_valley_is_left_uphill() -> None:
@@ -73,24 +73,24 @@ def test_a_valley_is_left_uphill() -> None:
 
 def test_a_plain_has_no_top() -> None:
     offsets = torch.randn(8, 6, dtype=torch.float64)
-    found = hill._top(offsets, torch.ones(8).double(), torch.zeros(8, 6).double(), torch.ones(8).double())
+    found = ascent._maximum(offsets, torch.ones(8).double(), torch.zeros(8, 6).double(), torch.ones(8).double())
     assert torch.isfinite(found).all()
-    assert found.norm() <= hill._REACH + 1e-9
+    assert found.norm() <= ascent._REACH + 1e-9
 
 
-def test_climbing_a_jagged_hill() -> None:
-    """Slopes of jags are ten times those of the hill."""
+def test_ascent_on_a_jagged_quadratic() -> None:
+    """Slopes of jags are ten times those of the quadratic."""
     away = torch.tensor([1.5, -1, 0.8, 0.5, -0.6, 1], dtype=torch.float64)
     top, similarity = quadratic(START + away * UNITS, jags=0.1)
     rounds = [Round(24, 0.8 * 0.6**k, slopes=k < 2) for k in range(4)]
     before = START.clone()
-    reached = climb(similarity, START, rounds, torch.Generator().manual_seed(3))
+    result = quadratic_ascent(similarity, START, rounds, torch.Generator().manual_seed(3))
     assert torch.equal(before, START)
-    assert top.seen == 4 * 24
-    assert ((reached - START) / UNITS - away).norm() < 0.35 * away.norm()
-    again = climb(similarity, START, rounds, torch.Generator().manual_seed(3))
-    assert torch.equal(again, reached)
+    assert top.samples == 4 * 24
+    assert ((result - START) / UNITS - away).norm() < 0.35 * away.norm()
+    again = quadratic_ascent(similarity, START, rounds, torch.Generator().manual_seed(3))
+    assert torch.equal(again, result)
 
 
 def test_rounds_are_of_pairs() -> None:
-    assert all(round_.samples % 2 == 0 for round_ in HILL)
+    assert all(round_.samples % 2 == 0 for round_ in SCHEDULE)

@@ -1,8 +1,8 @@
-"""Climbing to the pose of highest similarity, to a fraction of a degree.
+"""Ascent by quadratic fits to samples, to a fraction of a degree.
 
 Similarity is jagged below a degree: each sample that an edge passes moves the descriptor, so that even its true
-derivative points the right way only in the mean.  Ascent along single derivatives gets stuck; what is fitted here to
-many values and derivatives at once is the smooth hill under the jags.
+derivative points uphill only in the mean.  Ascent along single derivatives gets stuck.  A quadratic fitted to many
+values and derivatives at once follows the smooth function under the jags.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from torch.nn import functional
 
 from ..render import PARAMETERS
 from ..runtime.compile import compiled
-from .search import UNITS
+from .gradient_ascent import UNITS
 from .similarity import Similarity
 
 _FIRST, _SECOND = np.triu_indices(len(PARAMETERS))  # the parameters of a quadratic's second-order coefficients
@@ -27,7 +27,7 @@ _OF_VALUES = 8.0  # weight of a value against that of a derivative: jags are ste
 _OF_SLOPES = 1 / np.square([0.94, 0.93, 0.64, 1.5, 1.15, 1.0])  # of derivatives: how far off each is, in UNITS
 _STIFFNESS = 0.05  # of second derivatives towards 0, against one derivative each
 _FLATTEST = 0.15  # of the steepest curvature: the least that is believed
-_REACH = 2.0  # of the spread: how far from its samples the hill is believed
+_REACH = 2.0  # of the spread: how far from its samples the quadratic is believed
 
 
 class Round(NamedTuple):
@@ -35,8 +35,8 @@ class Round(NamedTuple):
 
     Attributes:
         samples: their number, even.
-        spread: root mean square of their parameters, in :data:`UNITS`.
-        slopes: whether their derivatives count, too; without, they take two thirds of the time.
+        spread: root mean square of their offsets, in :data:`UNITS`.
+        slopes: whether to use their derivatives; without, they take two thirds of the time.
     """
 
     samples: int
@@ -44,38 +44,50 @@ class Round(NamedTuple):
     slopes: bool
 
 
-HILL = (
+SCHEDULE = (
     Round(4, 0.8, slopes=True),
     Round(4, 0.7, slopes=True),
     Round(4, 0.6, slopes=True),
     Round(12, 0.6, slopes=False),
     Round(12, 0.6, slopes=False),
 )
-"""Slopes show early how the hill is bent; what then counts is its top, of which values know more."""
+"""Slopes show early how the quadratic is bent; values locate its maximum better in the end."""
 
 
-def climb(similarity: Similarity, pose: Tensor, rounds: Sequence[Round], generator: torch.Generator) -> Tensor:
-    """The top of the hill around ``pose`` (6,), to which a quadratic is fitted after each round of samples.
+def quadratic_ascent(
+    similarity: Similarity, pose: Tensor, rounds: Sequence[Round], generator: torch.Generator
+) -> Tensor:
+    """The maximum of a quadratic that is fitted again after each round of samples.
 
-    Samples come in pairs on both sides of the pose, so that its own place and slope are fitted independently, and along
-    directions at right angles, so that few of them say something about all.  Those of rounds before count the less the
-    farther away they have turned out to be.
+    Samples come in pairs on both sides of the pose, so that value and slope there are fitted independently, and along
+    orthogonal directions, so that few samples cover all parameters.  Samples of earlier rounds weigh less the farther
+    they are from the present pose.
+
+    Args:
+        similarity: to be maximised.
+        pose: (6,), float64, the start, angles in degrees.
+        rounds: of samples.
+        generator: of the directions.
+
+    Returns:
+        (6,), float64.
     """
     directions = _directions(sum(round_.samples for round_ in rounds) // 2, generator)
-    poses, found = pose.new_empty(0, len(pose)), pose.new_empty(0, 1 + len(pose))
+    poses, samples = pose.new_empty(0, len(pose)), pose.new_empty(0, 1 + len(pose))
     for count, spread, slopes in rounds:
         unit = spread * UNITS
         some, directions = directions[: count // 2], directions[count // 2 :]
         sampled = pose + torch.cat([some, -some]) * unit
-        poses, found = torch.cat([poses, sampled]), torch.cat([found, _seen(similarity, sampled, slopes)])
+        poses, samples = torch.cat([poses, sampled]), torch.cat([samples, _sample(similarity, sampled, slopes)])
         offsets = (poses - pose) / unit
         beyond = (offsets.square().mean(1).sqrt() - 1).clamp(min=0)
-        pose = pose + unit * _top(offsets, found[:, 0], found[:, 1:] * unit, torch.exp(-0.5 * beyond**2))
+        weights = torch.exp(-0.5 * beyond**2)
+        pose = pose + unit * _maximum(offsets, samples[:, 0], samples[:, 1:] * unit, weights)
     return pose
 
 
-def _seen(similarity: Similarity, poses: Tensor, slopes: bool) -> Tensor:
-    """Values and derivatives (N, 7) at poses (N, 6), NaN for derivatives that are not asked for."""
+def _sample(similarity: Similarity, poses: Tensor, slopes: bool) -> Tensor:
+    """Values and derivatives (N, 7) at poses (N, 6); derivatives are NaN unless asked for."""
     if slopes:
         values, derivatives = similarity.derivatives(poses)
         return torch.cat([values[:, None], derivatives], 1)
@@ -83,41 +95,44 @@ def _seen(similarity: Similarity, poses: Tensor, slopes: bool) -> Tensor:
 
 
 def _directions(count: int, generator: torch.Generator) -> Tensor:
-    """Offsets (count, 6) of root mean square 1, six by six at right angles."""
+    """Offsets (count, 6) of root mean square 1, six by six orthogonal."""
     size = len(PARAMETERS)
     some = torch.randn((math.ceil(count / size), size, size), generator=generator, dtype=torch.float64)
-    found: Tensor = math.sqrt(size) * torch.linalg.qr(some).Q.reshape(-1, size)[:count]
-    return found
+    directions: Tensor = math.sqrt(size) * torch.linalg.qr(some).Q.reshape(-1, size)[:count]
+    return directions
 
 
-def _top(offsets: Tensor, values: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
-    """Where c + bᵀu + ½ uᵀAu is highest, fitted to values (N,) and slopes (N, 6), NaN where none are known, at offsets
-    u (N, 6), weighted (N,)."""
+def _maximum(offsets: Tensor, values: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
+    """Offset (6,) of the maximum of c + bᵀu + ½ uᵀAu, fitted by weighted least squares.
+
+    A is bent down at least by :data:`_FLATTEST` of its largest curvature, and the step is cut to :data:`_REACH`.
+
+    Args:
+        offsets: u (N, 6).
+        values: (N,).
+        slopes: (N, 6), NaN where unknown.
+        weights: (N,).
+    """
     parameters = len(PARAMETERS)
     stiff = np.full(_COEFFICIENTS, 1e-9)
     stiff[1 + parameters :] += _STIFFNESS
     normal, right = np.diag(stiff), np.zeros(_COEFFICIENTS)
     _normal_equations(*(part.numpy() for part in (offsets, values, slopes, weights)), _OF_SLOPES, normal, right)
-    found = np.linalg.solve(normal, right)
+    solution = np.linalg.solve(normal, right)
+    gradient = solution[1 : 1 + parameters]
     curvature = np.zeros((parameters, parameters))
-    curvature[_FIRST, _SECOND] = curvature[_SECOND, _FIRST] = found[1 + parameters :]
+    curvature[_FIRST, _SECOND] = curvature[_SECOND, _FIRST] = solution[1 + parameters :]
     bends, axes = np.linalg.eigh(curvature)
     bends = np.minimum(bends, -_FLATTEST * max(np.abs(bends).max(), 1e-9))
-    way = -axes @ ((axes.T @ found[1 : 1 + parameters]) / bends)
-    return torch.from_numpy(way * (_REACH / max(float(np.linalg.norm(way)), _REACH)))
+    step = -axes @ ((axes.T @ gradient) / bends)
+    return torch.from_numpy(step * (_REACH / max(float(np.linalg.norm(step)), _REACH)))
 
 
 @compiled
 def _normal_equations(u: Any, values: Any, slopes: Any, weights: Any, of_slopes: Any, normal: Any, right: Any) -> None:
-    """Adds :func:`_top`'s least squares to ``normal`` (28, 28) and ``right`` (28,), of c, b, and A's upper half."""
+    """Adds :func:`_maximum`'s least squares to ``normal`` (28, 28) and ``right`` (28,), of c, b, and A's upper half."""
     count, size = u.shape
-    many, steep = 0, 0.0
-    for n in range(count):
-        if not np.isnan(slopes[n, 0]):
-            many += size
-            for k in range(size):
-                steep += slopes[n, k] ** 2
-    scale = max(np.sqrt(steep / max(many, 1)), 1e-12) if many else 1.0
+    scale = _slope_scale(slopes)
     row = np.empty(right.size)
     which, factor = np.empty(size + 1, np.int64), np.empty(size + 1)
     for n in range(count):
@@ -145,3 +160,15 @@ def _normal_equations(u: Any, values: Any, slopes: Any, weights: Any, of_slopes:
                 right[which[i]] += weight * factor[i] * slopes[n, k] / scale
                 for j in range(1 + size):
                     normal[which[i], which[j]] += weight * factor[i] * factor[j]
+
+
+@compiled
+def _slope_scale(slopes: Any) -> float:
+    """Root mean square of the known slopes (N, 6), which makes the weights of values and slopes comparable."""
+    count, steep = 0, 0.0
+    for n in range(slopes.shape[0]):
+        if not np.isnan(slopes[n, 0]):
+            count += slopes.shape[1]
+            for k in range(slopes.shape[1]):
+                steep += slopes[n, k] ** 2
+    return max(np.sqrt(steep / max(count, 1)), 1e-12) if count else 1.0

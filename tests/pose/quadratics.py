@@ -1,4 +1,4 @@
-"""Hills whose tops are known, in place of a similarity."""
+"""Quadratics whose maxima are known, in place of a similarity."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from typing import cast
 import torch
 from torch import Tensor
 
-from nablahog.pose.search import UNITS
+from nablahog.pose.gradient_ascent import UNITS
 from nablahog.pose.similarity import Similarity
 
 START = torch.tensor([100.0, 10, 3, 0, 5, -5], dtype=torch.float64)
 
 
 class Quadratic:
-    """A hill with its top at ``top``, in units of the parameters, jagged by ``jags``."""
+    """A quadratic with its maximum at ``top``, in units of the parameters, jagged by ``jags``."""
 
     def __init__(self, top: Tensor, bend: Tensor, jags: float = 0.0) -> None:
-        self.top, self.bend, self.jags, self.seen = top, bend, jags, 0
+        self.top, self.bend, self.jags, self.samples = top, bend, jags, 0
 
     def values(self, poses: Tensor) -> Tensor:
         return self.derivatives(poses)[0]
 
     def derivatives(self, poses: Tensor) -> tuple[Tensor, Tensor]:
-        self.seen += len(poses)
+        self.samples += len(poses)
         u = (poses - self.top) / UNITS
         jag, steep = self.jags * torch.sin(50 * u), 50 * self.jags * torch.cos(50 * u)
         values = 7 - 0.5 * torch.einsum("ni,ij,nj->n", u, self.bend, u) + jag.sum(1)
@@ -32,5 +32,5 @@ class Quadratic:
 
 def quadratic(top: Tensor, jags: float = 0.0) -> tuple[Quadratic, Similarity]:
     mixed = torch.randn(6, 6, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
-    hill = Quadratic(top, torch.eye(6, dtype=torch.float64) + 0.2 * mixed @ mixed.T, jags)
-    return hill, cast(Similarity, hill)
+    function = Quadratic(top, torch.eye(6, dtype=torch.float64) + 0.2 * mixed @ mixed.T, jags)
+    return function, cast(Similarity, function)

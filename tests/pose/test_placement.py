@@ -8,7 +8,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.datasets.chairs import chair
-from nablahog.pose.placing import hull, place, upright
+from nablahog.pose.placement import fit_to_box, hull, level_poses
 from nablahog.render import Camera, Mesh
 from nablahog.render.camera import to_camera, to_screen
 
@@ -45,24 +45,24 @@ def test_the_hull_decides_the_box(mesh: Mesh) -> None:
 @pytest.mark.parametrize("size", [(112.0, 60.0), (30.0, 80.0), (10.0, 10.0)])
 def test_area_and_middle_are_those_of_the_box(mesh: Mesh, size: tuple[float, float]) -> None:
     poses = views()
-    given = poses.clone()
-    placed = place(poses, hull(mesh), CAMERA, size)
-    assert torch.equal(poses, given)
-    assert torch.equal(placed[:, [0, 1, 3]], given[:, [0, 1, 3]])
+    before = poses.clone()
+    placed = fit_to_box(poses, hull(mesh), CAMERA, size)
+    assert torch.equal(poses, before)
+    assert torch.equal(placed[:, [0, 1, 3]], before[:, [0, 1, 3]])
     low, high = around(mesh.vertices, placed)
     assert_close((high - low).prod(1), torch.full_like(low[:, 0], size[0] * size[1]), rtol=0.005, atol=0)
     assert_close((low + high) / 2, torch.tensor([[80.0, 64.0]]).expand(len(low), -1).double(), rtol=0, atol=1e-3)
 
 
 def test_the_longer_side_is_the_one_given(mesh: Mesh) -> None:
-    poses = place(upright(torch.arange(0.0, 360, 40), 25), hull(mesh), CAMERA, 90.0)
+    poses = fit_to_box(level_poses(torch.arange(0.0, 360, 40), 25), hull(mesh), CAMERA, 90.0)
     low, high = around(mesh.vertices, poses)
     assert_close((high - low).amax(1), torch.full_like(low[:, 0], 90), rtol=0.005, atol=0)
     assert_close((low + high) / 2, torch.tensor([[80.0, 64.0]]).expand(len(low), -1).double(), rtol=0, atol=1e-3)
 
 
 def test_it_comes_no_closer_than_a_diagonal(mesh: Mesh) -> None:
-    placed = place(views(), hull(mesh), CAMERA, (2000.0, 2000.0))
+    placed = fit_to_box(views(), hull(mesh), CAMERA, (2000.0, 2000.0))
     assert (placed[:, 2] == 1).all()
     low, high = around(mesh.vertices, placed)
     assert_close((low + high) / 2, torch.tensor([[80.0, 64.0]]).expand(len(low), -1).double())
@@ -75,4 +75,4 @@ def test_of_flat_meshes_all_corners_count(corners: int) -> None:
     half = 0.5**1.5
     assert_close(hull(flat), torch.tensor([[-half, 0, -half], [-half, 0, half], [half, 0, -half]]).double())
     edge_on = torch.tensor([[90.0, 0, 3, 0, 0, 0]], dtype=torch.float64)
-    assert torch.isfinite(place(edge_on, hull(flat), CAMERA, (100.0, 50.0))).all()
+    assert torch.isfinite(fit_to_box(edge_on, hull(flat), CAMERA, (100.0, 50.0))).all()

@@ -13,14 +13,26 @@ import torch
 from torch.testing import assert_close
 
 from nablahog.datasets.chairs import chair
-from nablahog.pose import views as learning
+from nablahog.pose import exemplar_views as learning
 from nablahog.pose.background import default_background
 from nablahog.pose.elements import EMPTY, calibration
-from nablahog.pose.views import CELL, FOCAL, LEVELS, LIGHT, SIDE, SPEC, Library, Viewing, Views, learn_views, pyramid
+from nablahog.pose.exemplar_views import (
+    CELL,
+    FOCAL,
+    LEVELS,
+    LIGHT,
+    SIDE,
+    SPEC,
+    ExemplarLibrary,
+    ExemplarViews,
+    ViewSampling,
+    learn_views,
+    pyramid,
+)
 from nablahog.pose.whitening import Background
 from nablahog.render import Camera, Mesh, Renderer
 
-FEW = Viewing(azimuths=(0, 75), elevations=(20,))
+FEW = ViewSampling(azimuths=(0, 75), elevations=(20,))
 
 
 @pytest.fixture(scope="module")
@@ -34,21 +46,21 @@ def mesh() -> Mesh:
 
 
 @pytest.fixture(scope="module")
-def views(mesh: Mesh, background: Background) -> Views:
+def views(mesh: Mesh, background: Background) -> ExemplarViews:
     return learn_views(mesh, background, FEW)
 
 
 def test_viewpoints_of_the_released_code() -> None:
-    assert Viewing().azimuths[:4] == (0, 11, 23, 34)
-    assert Viewing().azimuths[-1] == 348
-    assert len(Viewing().azimuths) == 31
-    poses = Viewing().poses()
+    assert ViewSampling().azimuths[:4] == (0, 11, 23, 34)
+    assert ViewSampling().azimuths[-1] == 348
+    assert len(ViewSampling().azimuths) == 31
+    poses = ViewSampling().poses()
     assert poses.shape == (62, 6)
     assert len(poses.unique(dim=0)) == 62
     assert (poses[:, 2] == 2).all()
 
 
-def test_elements_are_patches_of_renderings(mesh: Mesh, views: Views, background: Background) -> None:
+def test_elements_are_patches_of_renderings(mesh: Mesh, views: ExemplarViews, background: Background) -> None:
     images = Renderer(mesh, Camera(FOCAL, SIDE, SIDE), light=LIGHT, supersampling=2)(FEW.poses())[:, 0]
     assert views.viewpoints.tolist() == [[0, 20], [75, 20]]
     assert 8 <= len(views.scale) <= 20
@@ -68,7 +80,7 @@ def test_elements_are_patches_of_renderings(mesh: Mesh, views: Views, background
     assert_close((views.scale, views.offset), (scale, offset))
 
 
-def test_elements_of_a_view_are_apart_and_on_the_object(views: Views) -> None:
+def test_elements_of_a_view_are_apart_and_on_the_object(views: ExemplarViews) -> None:
     pixels = CELL * 2 ** (views.level / LEVELS)
     low = views.positions * pixels[:, None]
     high = (views.positions + 10) * pixels[:, None]
@@ -94,7 +106,7 @@ def test_levels_of_a_pyramid() -> None:
     assert pyramid(image[:20], (5, 5)) == []
 
 
-def test_another_distance_keeps_the_size(mesh: Mesh, views: Views, background: Background) -> None:
+def test_another_distance_keeps_the_size(mesh: Mesh, views: ExemplarViews, background: Background) -> None:
     far = learn_views(mesh, background, dataclasses.replace(FEW, distance=4.0))
     sizes, far_sizes = (boxes[:, 2:] - boxes[:, :2] for boxes in (views.boxes, far.boxes))
     assert_close(far_sizes, sizes, rtol=0.15, atol=0)
@@ -109,11 +121,11 @@ def test_other_backgrounds_are_refused(mesh: Mesh, background: Background) -> No
         learn_views(mesh, background, dataclasses.replace(FEW, size=(11, 11)))
 
 
-def test_saved_and_loaded(tmp_path: Path, views: Views) -> None:
+def test_saved_and_loaded(tmp_path: Path, views: ExemplarViews) -> None:
     views.save(tmp_path / "v.npz")
-    found = Views.load(tmp_path / "v.npz")
+    found = ExemplarViews.load(tmp_path / "v.npz")
     assert_close(found.weights, views.weights, rtol=1e-3, atol=1e-6)
-    for field in dataclasses.fields(Views)[1:]:
+    for field in dataclasses.fields(ExemplarViews)[1:]:
         assert torch.equal(getattr(found, field.name), getattr(views, field.name))
 
 
@@ -150,10 +162,10 @@ def test_what_are_no_views(tmp_path: Path, changes: dict[str, Any], message: str
     }
     path = tmp_path / "v.npz"
     np.savez(path, **arrays)
-    Views.load(path)
+    ExemplarViews.load(path)
     np.savez(path, **arrays | changes)
     with pytest.raises(ValueError, match=message):
-        Views.load(path)
+        ExemplarViews.load(path)
 
 
 def test_a_library_learns_each_model_once(
@@ -161,33 +173,33 @@ def test_a_library_learns_each_model_once(
 ) -> None:
     calls = []
 
-    def learn(mesh: Mesh, *options: Any) -> Views:
+    def learn(mesh: Mesh, *options: Any) -> ExemplarViews:
         calls.append(mesh)
         return learn_views(mesh, *options)
 
     monkeypatch.setattr(learning, "learn_views", learn)
     folder = tmp_path / "new" / "library"
-    one = Viewing(azimuths=(30,), elevations=(20,))
-    library = Library(folder, background, one)
+    one = ViewSampling(azimuths=(30,), elevations=(20,))
+    library = ExemplarLibrary(folder, background, one)
     first = library.views(mesh)
     assert library.views(mesh) is first
     assert len(calls) == 1
     (path,) = folder.iterdir()
 
-    again = Library(folder, background, one).views(mesh)
+    again = ExemplarLibrary(folder, background, one).views(mesh)
     assert len(calls) == 1
     assert torch.equal(again.weights, first.weights)
 
     path.write_bytes(path.read_bytes()[:1000])
-    assert torch.equal(Library(folder, background, one).views(mesh).weights, first.weights)
+    assert torch.equal(ExemplarLibrary(folder, background, one).views(mesh).weights, first.weights)
     assert len(calls) == 2
 
     other = Mesh(mesh.vertices, mesh.faces, mesh.brightness * 0.9)
     for changed in (
-        Library(folder, background, one).views(other),
-        Library(folder, background, dataclasses.replace(one, count=3)).views(mesh),
-        Library(folder, dataclasses.replace(background, mean=background.mean * 1.1), one).views(mesh),
-        Library(None, background, one).views(mesh),
+        ExemplarLibrary(folder, background, one).views(other),
+        ExemplarLibrary(folder, background, dataclasses.replace(one, count=3)).views(mesh),
+        ExemplarLibrary(folder, dataclasses.replace(background, mean=background.mean * 1.1), one).views(mesh),
+        ExemplarLibrary(None, background, one).views(mesh),
     ):
         assert not torch.equal(changed.weights, first.weights)
     assert len(calls) == 6

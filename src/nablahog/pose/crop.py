@@ -18,20 +18,20 @@ SIDE = 128  # pixels of the square
 FILL = 112.0  # pixels of the box's longer side in it
 DISTANCE = 3.0
 """From the camera to the object where nothing is known, in diagonals of its bounding box: as people stand."""
-_SEEN = 0.85  # of the diagonal, the longer side of a typical view; the fit to the box makes good what it is off
+_TYPICAL_EXTENT = 0.85  # longer side of a typical view, in diagonals; the fit to the box corrects the rest
 
 
 @dataclass(frozen=True, eq=False)
-class Canvas:
-    """A square cut-out around the middle of a box.
+class ObjectCrop:
+    """A square cut-out around the middle of an object's box.
 
     Attributes:
         image: (1, 1, S, S), float32 in 0…1; beyond the photograph, its border repeats.
-        size: (width, height) of the box in it, pixels.
-        zoom: its pixels for one of the photograph.
-        middle: x, y of its middle in the photograph.
-        camera: that sees an object at :data:`DISTANCE` about as large as the box.
-        seen: x0, y0, x1, y1: the part of it, perhaps beyond its border, that is the photograph.
+        size: (width, height) of the object's box in it, pixels.
+        zoom: pixels of the crop for one of the photograph.
+        middle: x, y of its middle in the photograph, pixels.
+        camera: sees an object at :data:`DISTANCE` about as large as the box.
+        valid: where the crop shows the photograph, in pixels of the crop; it may reach beyond the border.
     """
 
     image: Tensor
@@ -39,22 +39,22 @@ class Canvas:
     zoom: float
     middle: tuple[float, float]
     camera: Camera
-    seen: Box
+    valid: Box
 
-    def smaller(self, times: int) -> Canvas:
-        """The same, each pixel the mean of ``times`` x ``times``."""
+    def downsampled(self, factor: int) -> ObjectCrop:
+        """The same with pixels that are means of ``factor`` x ``factor``."""
         width, height = self.size
-        return Canvas(
-            functional.avg_pool2d(self.image, times),
-            (width / times, height / times),
-            self.zoom / times,
+        return ObjectCrop(
+            functional.avg_pool2d(self.image, factor),
+            (width / factor, height / factor),
+            self.zoom / factor,
             self.middle,
-            smaller(self.camera, times),
-            Box(*(side / times for side in self.seen)),
+            downsampled(self.camera, factor),
+            Box(*(side / factor for side in self.valid)),
         )
 
     def in_photograph(self, pose: Tensor, height: int, width: int) -> tuple[Tensor, Camera]:
-        """A pose (6,) for this canvas as one for the whole photograph, with its camera."""
+        """A pose (6,) for this crop as one for the whole photograph of ``height`` x ``width``, with its camera."""
         moved = pose.clone()
         x, y = self.middle
         moved[4] = pose[4] / self.zoom + x - width / 2
@@ -62,9 +62,9 @@ class Canvas:
         return moved, Camera(self.camera.focal / self.zoom, height, width)
 
 
-def smaller(camera: Camera, times: int) -> Camera:
-    """One that sees the same in pixels ``times`` as large."""
-    return Camera(camera.focal / times, camera.height // times, camera.width // times)
+def downsampled(camera: Camera, factor: int) -> Camera:
+    """A camera that sees the same in pixels ``factor`` times as large."""
+    return Camera(camera.focal / factor, camera.height // factor, camera.width // factor)
 
 
 def checked_box(sides: Sequence[float], height: int, width: int) -> Box:
@@ -81,29 +81,48 @@ def checked_box(sides: Sequence[float], height: int, width: int) -> Box:
     return box
 
 
-def cut_out(photograph: Tensor, box: Sequence[float], side: int = SIDE, fill: float = FILL) -> Canvas:
+def crop_object(
+    photograph: Tensor, box: Sequence[float] | None = None, side: int = SIDE, fill: float = FILL
+) -> ObjectCrop:
     """The square of ``side`` pixels around a box, shrunk or enlarged so that the box's longer side has ``fill``.
 
     Args:
         photograph: (C, H, W), float32 or float64 in 0…1, one channel or R, G, B.
-        box: x0, y0, x1, y1 of the object, pixels.
+        box: x0, y0, x1, y1 of the object, pixels; by default the whole photograph.
+        side: of the crop, pixels.
+        fill: of the box's longer side, pixels.
 
     Raises:
         ValueError: the photograph is of another shape, holds NaN, or the box is empty or beside it.
     """
+    _check_photograph(photograph)
+    height, width = photograph.shape[1:]
+    object_box = checked_box((0, 0, width, height) if box is None else box, height, width)
+    zoom = fill / max(object_box.width, object_box.height)
+    middle = (object_box.x0 + object_box.x1) / 2, (object_box.y0 + object_box.y1) / 2
+    size = object_box.width * zoom, object_box.height * zoom
+    (x0, x1), (y0, y1) = (
+        (zoom * (0 - at) + side / 2, zoom * (length - at) + side / 2)
+        for at, length in zip(middle, (width, height), strict=True)
+    )
+    camera = Camera(DISTANCE * fill / _TYPICAL_EXTENT, side, side)
+    return ObjectCrop(_resampled(photograph, middle, zoom, side), size, zoom, middle, camera, Box(x0, y0, x1, y1))
+
+
+def _check_photograph(photograph: Tensor) -> None:
     if photograph.dim() != 3 or photograph.shape[0] not in (1, 3) or not photograph.is_floating_point():
         raise ValueError(
             f"the photograph must be a floating point tensor (1 or 3, H, W), "
             f"got {photograph.dtype} of shape {tuple(photograph.shape)}"
         )
-    # a sum of finite numbers may be infinite, but hardly ever is, and is found in a tenth of the time
+    # the sum of finite numbers is hardly ever infinite, and takes a tenth of the time
     if not math.isfinite(photograph.sum()) and not torch.isfinite(photograph).all():
         raise ValueError("the photograph must be finite, got NaN or Inf")
+
+
+def _resampled(photograph: Tensor, middle: tuple[float, float], zoom: float, side: int) -> Tensor:
+    """The square (1, 1, side, side) around ``middle``, gray, without aliasing; the photograph's border repeats."""
     height, width = photograph.shape[1:]
-    box = checked_box(box, height, width)
-    zoom = fill / max(box.width, box.height)
-    middle, size = ((box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2), (box.width * zoom, box.height * zoom)
-    # enough of it, repeated beyond its border, then resampled without aliasing
     sigma = 0.5 * math.sqrt(max(0.0, 1 / zoom**2 - 1))
     reach = math.ceil(side / zoom / 2 + 3 * sigma) + 2
     left, top = math.floor(middle[0]) - reach, math.floor(middle[1]) - reach
@@ -116,12 +135,7 @@ def cut_out(photograph: Tensor, box: Sequence[float], side: int = SIDE, fill: fl
     x, y = ((at + m - start) / (2 * reach + 1) * 2 - 1 for m, start in zip(middle, (left, top), strict=True))
     grid = torch.stack(torch.meshgrid(y, x, indexing="ij")[::-1], dim=-1)[None].float()
     image = functional.grid_sample(part, grid, mode="bilinear", padding_mode="border", align_corners=False)
-    camera = Camera(DISTANCE * fill / _SEEN, side, side)
-    (x0, x1), (y0, y1) = (
-        (zoom * (0 - at) + side / 2, zoom * (length - at) + side / 2)
-        for at, length in zip(middle, (width, height), strict=True)
-    )
-    return Canvas(image.clamp(0, 1), size, zoom, middle, camera, Box(x0, y0, x1, y1))
+    return image.clamp(0, 1)
 
 
 def _blurred(image: Tensor, sigma: float) -> Tensor:

@@ -1,4 +1,4 @@
-"""Where an object must be for its outline to fill a given box: distance and shift, whatever side it is seen from."""
+"""Distance and shift at which a model's outline fills a given box, whatever side it shows."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from torch import Tensor
 from ..render import Camera, Mesh
 from ..render.kernels.pose import rotations
 from ..runtime.compile import compiled
-from .canvas import DISTANCE
+from .crop import DISTANCE
 
 _ROUNDS = 3  # perspective makes the size no exact inverse of the distance; twice is within a tenth of a pixel
 
 
 def hull(mesh: Mesh) -> Tensor:
-    """The vertices (N, 3) that alone decide the box around any view of a mesh."""
+    """The vertices (N, 3) of the convex hull, which alone decide the box around any view of a mesh."""
     points = mesh.vertices.detach().cpu().numpy()
     try:
         return torch.from_numpy(points[ConvexHull(points).vertices])
@@ -26,23 +26,29 @@ def hull(mesh: Mesh) -> Tensor:
         return torch.from_numpy(np.unique(points, axis=0))
 
 
-def upright(azimuths: Tensor, elevation: float) -> Tensor:
-    """Poses (N, 6) at azimuths (N,) and an elevation, in degrees, to be placed."""
+def level_poses(azimuths: Tensor, elevation: float) -> Tensor:
+    """Poses (N, 6) at azimuths (N,) and an elevation, degrees, not turned in the image plane, still to be placed."""
     poses = torch.tensor([0, elevation, DISTANCE, 0, 0, 0], dtype=torch.float64).repeat(len(azimuths), 1)
     poses[:, 0] = azimuths
     return poses
 
 
-def place(poses: Tensor, points: Tensor, camera: Camera, size: tuple[float, float] | float) -> Tensor:
-    """``poses`` (B, 6) with distance, x and y such that the box around ``points`` has its middle in the middle of the
-    image, and the area of one of ``size`` (width, height), or ``size`` for its longer side."""
+def fit_to_box(poses: Tensor, points: Tensor, camera: Camera, size: tuple[float, float] | float) -> Tensor:
+    """Poses with the distance and shift at which the points' box lies in the middle of the image and has a given size.
+
+    Args:
+        poses: (B, 6), angles in degrees, see :data:`nablahog.render.PARAMETERS`.
+        points: (N, 3), of the model, as of :func:`hull`.
+        camera: of the image.
+        size: width and height of a box of the same area, or the length of the longer side, pixels.
+    """
     placed = poses.clone()
     turned = rotations(poses.detach().double().numpy())
-    corners = np.empty((len(poses), 4))
+    boxes = np.empty((len(poses), 4))
     vertices = points.double().numpy()
     for round_ in range(_ROUNDS + 1):
-        _bounds(vertices, turned, placed[:, 2].double().numpy(), camera.focal, corners)
-        low, high = (torch.from_numpy(part) + placed[:, 4:] for part in (corners[:, :2], corners[:, 2:]))
+        _bounds(vertices, turned, placed[:, 2].double().numpy(), camera.focal, boxes)
+        low, high = (torch.from_numpy(part) + placed[:, 4:] for part in (boxes[:, :2], boxes[:, 2:]))
         if round_ < _ROUNDS:
             sides = (high - low).clamp(min=1e-6)
             zoom = (size[0] * size[1] / sides.prod(1)).sqrt() if isinstance(size, tuple) else size / sides.amax(1)
@@ -52,17 +58,17 @@ def place(poses: Tensor, points: Tensor, camera: Camera, size: tuple[float, floa
 
 
 @compiled
-def _bounds(points: Any, turns: Any, distances: Any, focal: float, found: Any) -> None:
+def _bounds(points: Any, turned: Any, distances: Any, focal: float, boxes: Any) -> None:
     """The boxes around points (N, 3) at poses, relative to the principal point: x0, y0, x1, y1, (B, 4)."""
-    for b in range(turns.shape[0]):
-        turn, distance = turns[b], distances[b]
+    for b in range(turned.shape[0]):
+        rotation, distance = turned[b], distances[b]
         x0 = y0 = np.inf
         x1 = y1 = -np.inf
         for n in range(points.shape[0]):
             x, y, z = points[n, 0], points[n, 1], points[n, 2]
-            inverse = focal / (turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z + distance)
-            across = (turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z) * inverse
-            down = (turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z) * inverse
+            inverse = focal / (rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z + distance)
+            across = (rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z) * inverse
+            down = (rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z) * inverse
             x0, x1 = min(x0, across), max(x1, across)
             y0, y1 = min(y0, down), max(y1, down)
-        found[b, 0], found[b, 1], found[b, 2], found[b, 3] = x0, y0, x1, y1
+        boxes[b, 0], boxes[b, 1], boxes[b, 2], boxes[b, 3] = x0, y0, x1, y1

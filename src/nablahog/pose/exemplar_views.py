@@ -24,7 +24,7 @@ from ..hog.presets import aubry
 from ..io.files import replacing
 from ..io.npz import check_format, read_arrays
 from ..render import Camera, Light, Mesh, Renderer, silhouette
-from .elements import EMPTY, all_patches, apart, calibration
+from .elements import EMPTY, all_patches, calibration, suppress_overlaps
 from .whitening import Background
 
 FORMAT = 2
@@ -38,8 +38,8 @@ _COLUMNS = ("weights", "scale", "offset", "level", "positions", "first", "boxes"
 
 
 @dataclass(frozen=True)
-class Viewing:
-    """From where models are rendered, and what is kept of each rendering.
+class ViewSampling:
+    """From where models are rendered, and which elements of each rendering are used.
 
     Attributes:
         azimuths: degrees; theirs are the integers of linspace(0, 360, 32), 31 directions.
@@ -65,20 +65,20 @@ class Viewing:
         return torch.tensor([(*row, self.distance, 0, 0, 0) for row in rows], dtype=torch.float64)
 
 
-VIEWING = Viewing()
+VIEW_SAMPLING = ViewSampling()
 
 
 @dataclass(frozen=True, eq=False)
-class Views:
+class ExemplarViews:
     """The elements of all views of a model.
 
     Attributes:
         weights: (E, r, c, C), float32, as in :class:`.elements.Elements`.
         scale, offset: (E,), float32, likewise.
-        level: (E,), int64: of the pyramid in which an element was found, 0 the rendering itself.
+        level: (E,), int64: of the pyramid that an element is from, 0 the rendering itself.
         positions: (E, 2), int64: row and column of its upper left cell there.
         first: (V + 1,), int64: the elements of view v are first[v] … first[v + 1] − 1.
-        boxes: (V, 4), float32: x0, y0, x1, y1 of what is seen, in pixels of the rendering.
+        boxes: (V, 4), float32: x0, y0, x1, y1 of the object, in pixels of the rendering.
         viewpoints: (V, 2), float32: azimuth and elevation, degrees.
 
     Raises:
@@ -123,7 +123,7 @@ class Views:
             np.savez(file, format=np.array(FORMAT), **arrays)
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Views:
+    def load(cls, path: str | os.PathLike[str]) -> ExemplarViews:
         """What :meth:`save` wrote.  Never unpickles, so nothing in the file is ever run.
 
         Raises:
@@ -141,7 +141,7 @@ class Views:
 
 
 @torch.no_grad()
-def learn_views(mesh: Mesh, background: Background, viewing: Viewing = VIEWING) -> Views:
+def learn_views(mesh: Mesh, background: Background, sampling: ViewSampling = VIEW_SAMPLING) -> ExemplarViews:
     """Renders a model from all around, white behind it, and finds the elements of each rendering.
 
     Patches of all levels of a rendering's pyramid compete; only those centred on the object do, since others are mostly
@@ -149,44 +149,46 @@ def learn_views(mesh: Mesh, background: Background, viewing: Viewing = VIEWING) 
 
     Args:
         mesh: normalised, on the CPU.
-        background: of the dialect :data:`SPEC`, what to tell elements from.
-        viewing: from where, and how many.
+        background: of the dialect :data:`SPEC`, statistics of other photographs.
+        sampling: from where, and how many.
 
     Raises:
         ValueError: the background is of another dialect, or knows no templates of the elements' size.
     """
     background.check(SPEC)
-    poses = viewing.poses()
-    camera = Camera(FOCAL * viewing.distance / VIEWING.distance, SIDE, SIDE)
+    poses = sampling.poses()
+    camera = Camera(FOCAL * sampling.distance / VIEW_SAMPLING.distance, SIDE, SIDE)
     images = Renderer(mesh, camera, light=LIGHT, supersampling=2)(poses).float()
-    seen = silhouette(mesh, poses, camera, supersampling=1)[:, 0] > 0
-    boxes = torch.stack([_box_of(each) for each in seen])
-    found = [_elements(image[0], box, background, viewing) for image, box in zip(images, boxes, strict=True)]
-    weights, level, positions = (torch.cat(parts) for parts in zip(*found, strict=True))
+    masks = silhouette(mesh, poses, camera, supersampling=1)[:, 0] > 0
+    boxes = torch.stack([_box_of(mask) for mask in masks])
+    of_views = [_elements(image[0], box, background, sampling) for image, box in zip(images, boxes, strict=True)]
+    weights, level, positions = (torch.cat(parts) for parts in zip(*of_views, strict=True))
     scale, offset = calibration(weights, background)
-    counts = torch.tensor([0, *(len(each[1]) for each in found)])
-    return Views(weights, scale, offset, level, positions, counts.cumsum(0), boxes, poses[:, :2].float())
+    counts = torch.tensor([0, *(len(each[1]) for each in of_views)])
+    return ExemplarViews(weights, scale, offset, level, positions, counts.cumsum(0), boxes, poses[:, :2].float())
 
 
-def together(some: Sequence[Views]) -> Views:
-    """The views of several models, one after the other; their elements are of one size."""
-    columns = {name: torch.cat([getattr(views, name) for views in some]) for name in _COLUMNS if name != "first"}
-    counts = torch.cat([views.first.diff() for views in some])
-    return Views(first=functional.pad(counts.cumsum(0), (1, 0)), **columns)
+def concatenate_views(models: Sequence[ExemplarViews]) -> ExemplarViews:
+    """The views of several models as one; their elements have one size."""
+    columns = {name: torch.cat([getattr(views, name) for views in models]) for name in _COLUMNS if name != "first"}
+    counts = torch.cat([views.first.diff() for views in models])
+    return ExemplarViews(first=functional.pad(counts.cumsum(0), (1, 0)), **columns)
 
 
-def _box_of(seen: Tensor) -> Tensor:
-    """x0, y0, x1, y1 around the pixels seen, (4,); of none, 0."""
-    pixels = seen.nonzero().flip(1)  # x, y
+def _box_of(mask: Tensor) -> Tensor:
+    """x0, y0, x1, y1 around the pixels of a mask, (4,); of none, 0."""
+    pixels = mask.nonzero().flip(1)  # x, y
     return torch.cat([pixels.amin(0), pixels.amax(0) + 1]).float() if len(pixels) else torch.zeros(4)
 
 
-def _elements(image: Tensor, box: Tensor, background: Background, viewing: Viewing) -> tuple[Tensor, Tensor, Tensor]:
+def _elements(
+    image: Tensor, box: Tensor, background: Background, sampling: ViewSampling
+) -> tuple[Tensor, Tensor, Tensor]:
     """Of a rendering (S, S): weights (E, r, c, C), levels (E,) and positions (E, 2) of its elements."""
-    size = torch.tensor(viewing.size)
+    size = torch.tensor(sampling.size)
     patches, places = [], []
-    for level, cells in enumerate(pyramid(image, viewing.size)):
-        every = all_patches(cells, viewing.size)
+    for level, cells in enumerate(pyramid(image, sampling.size)):
+        every = all_patches(cells, sampling.size)
         pixels: float = CELL * 2 ** (level / LEVELS)
         at = torch.cartesian_prod(*(torch.arange(n) for n in every.shape[:2]))
         middle = (at + size / 2) * pixels
@@ -195,12 +197,12 @@ def _elements(image: Tensor, box: Tensor, background: Background, viewing: Viewi
         places.append(torch.cat([torch.full((len(at), 1), level), at], dim=1))
     patch, place = torch.cat(patches), torch.cat(places)
     discriminability = background.discriminability(patch)
-    least = viewing.threshold * background.discriminability(torch.zeros_like(patch[:1]))
+    least = sampling.threshold * background.discriminability(torch.zeros_like(patch[:1]))
     order = torch.argsort(discriminability, descending=True, stable=True)
     order = order[discriminability[order] > least]
     enlarged = CELL * 2 ** (place[order, :1] / LEVELS)
     corners = torch.cat([place[order, 1:] * enlarged, (place[order, 1:] + size) * enlarged], dim=1)
-    kept = order[apart(corners, viewing.count, viewing.overlap)]
+    kept = order[suppress_overlaps(corners, sampling.count, sampling.overlap)]
     weights = background.whiten(patch[kept]) * (patch[kept].abs().sum(dim=3, keepdim=True) > EMPTY)
     return weights, place[kept, 0], place[kept, 1:]
 
@@ -209,46 +211,44 @@ def pyramid(image: Tensor, size: tuple[int, int]) -> list[Tensor]:
     """Descriptors (rows, cols, C) of a gray image (H, W), each 2^(1/:data:`LEVELS`) times smaller than the one before,
     as long as they have ``size`` (rows, cols) cells."""
     histograms, normalize = steps(image.device, SPEC)
-    found: list[Tensor] = []
+    levels: list[Tensor] = []
     while True:
-        sides = [max(1, round(side * 2 ** (-len(found) / LEVELS))) for side in image.shape]
+        sides = [max(1, round(side * 2 ** (-len(levels) / LEVELS))) for side in image.shape]
         if any((side + CELL // 2) // CELL < least for side, least in zip(sides, size, strict=True)):
-            return found
+            return levels
         small = image[None, None]
-        if found:
-            small = functional.interpolate(small, sides, mode="bicubic", antialias=True, align_corners=False).clamp(
-                0, 1
-            )
-        found.append(normalize(histograms(small, SPEC), SPEC)[0].permute(1, 2, 0))
+        if levels:
+            small = functional.interpolate(small, sides, mode="bicubic", antialias=True).clamp(0, 1)
+        levels.append(normalize(histograms(small, SPEC), SPEC)[0].permute(1, 2, 0))
 
 
-class Library:
+class ExemplarLibrary:
     """Views of models, each learned once.
 
     Args:
-        folder: where to keep them, made if missing; None for this process only.
-        background: what to tell elements from.
-        viewing: from where, and how many.
+        folder: where to store them, made if missing; None for this process only.
+        background: statistics of other photographs.
+        sampling: from where, and how many.
     """
 
-    def __init__(self, folder: Path | None, background: Background, viewing: Viewing = VIEWING) -> None:
-        self.folder, self.background, self.viewing = folder, background, viewing
-        self._known: dict[str, Views] = {}
-        self._common = hashlib.sha256(json.dumps([FORMAT, asdict(viewing), background.spec.to_json()]).encode())
+    def __init__(self, folder: Path | None, background: Background, sampling: ViewSampling = VIEW_SAMPLING) -> None:
+        self.folder, self.background, self.sampling = folder, background, sampling
+        self._views: dict[str, ExemplarViews] = {}
+        self._common = hashlib.sha256(json.dumps([FORMAT, asdict(sampling), background.spec.to_json()]).encode())
         for array in (background.mean, background.covariance):
             self._common.update(array.numpy().tobytes())
 
-    def views(self, mesh: Mesh) -> Views:
-        """The views of a normalised mesh: remembered, read, or learned and kept.
+    def views(self, mesh: Mesh) -> ExemplarViews:
+        """The views of a normalised mesh: from memory, from the folder, or learned and stored there.
 
         Raises:
             ValueError: as :func:`learn_views`.
             OSError: the folder cannot be written.
         """
         key = self._key(mesh)
-        if key not in self._known:
-            self._known[key] = self._read_or_learn(mesh, key)
-        return self._known[key]
+        if key not in self._views:
+            self._views[key] = self._read_or_learn(mesh, key)
+        return self._views[key]
 
     def _key(self, mesh: Mesh) -> str:
         """A hash of all that the views depend on."""
@@ -257,13 +257,13 @@ class Library:
             whole.update(array.numpy().tobytes())
         return whole.hexdigest()
 
-    def _read_or_learn(self, mesh: Mesh, key: str) -> Views:
+    def _read_or_learn(self, mesh: Mesh, key: str) -> ExemplarViews:
         if self.folder is None:
-            return learn_views(mesh, self.background, self.viewing)
+            return learn_views(mesh, self.background, self.sampling)
         path = self.folder / f"{key}.npz"
         try:
-            return Views.load(path)
+            return ExemplarViews.load(path)
         except (FileNotFoundError, ValueError):  # a damaged one is made again
             self.folder.mkdir(parents=True, exist_ok=True)
-            learn_views(mesh, self.background, self.viewing).save(path)
-            return Views.load(path)  # with the weights as rounded on disk, whoever learned them
+            learn_views(mesh, self.background, self.sampling).save(path)
+            return ExemplarViews.load(path)  # with the weights as rounded on disk, whoever learned them

@@ -1,0 +1,148 @@
+"""A photograph and a model prepared for comparison: templates and renderers, made once and reused."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import cached_property, lru_cache
+
+import torch
+from torch import Tensor
+
+from ..hog import HOGSpec, presets
+from ..render import Camera, Mesh, Renderer
+from ..render.renderer import Method
+from ..render.simplify import simplify
+from .background import default_background
+from .crop import DISTANCE, ObjectCrop, downsampled
+from .elements import Elements, elements
+from .fourier_whitening import Whitener
+from .options import SimilarityKind
+from .placement import hull
+from .similarity import ElementTemplate, Similarity, calibrated_template, describe, elements_template
+from .whitening import Background
+
+ELEMENT = (5, 5)  # rows, columns of cells of a visual element
+ELEMENTS = 25  # of a photograph, at most
+DETAIL = 1.0  # pixel that vertices may be off in searches: a third of the faces remain, and poses come out as well
+_COARSE, _FINE = 8, 4  # pixels of a cell: half of them tell poses apart that are half as far from each other
+_SHRINK = 2  # of the crop in the coarse search: with as many cells it finds as many poses, and takes less time
+_REGULARIZATION = {_COARSE: 0.003, _FINE: 0.03}
+
+
+@lru_cache(maxsize=4)
+def pose_spec(cell_size: int = _COARSE) -> HOGSpec:
+    """The descriptor of poses by default: Aubry et al.'s nine contrast-insensitive channels, of gray images."""
+    return presets.aubry(cell_size, colour="gray")
+
+
+class PreparedPhotograph:
+    """An object's crop with its templates.
+
+    Args:
+        crop: the object.
+        background: of the coarse templates; None for the default one of :func:`pose_spec`.
+    """
+
+    def __init__(self, crop: ObjectCrop, background: Background | None = None) -> None:
+        self.crop, self._own_background = crop, background
+        self.background = background or default_background(pose_spec())
+
+    def template(self, kind: SimilarityKind) -> ElementTemplate:
+        """The template for one of the similarities of :mod:`.similarity`."""
+        if kind == "calibrated":
+            return self.calibrated
+        descriptor, elements = self.elements
+        patches = elements.patches if kind == "dot" else elements.weights
+        return elements_template(elements, patches, self.background.spec, *descriptor.shape[:2])
+
+    @cached_property
+    def elements(self) -> tuple[Tensor, Elements]:
+        """The descriptor (rows, cols, C) of the crop, and the visual elements inside the object's box."""
+        spec = self.background.spec
+        descriptor = describe(self.crop.image, spec)[0].permute(1, 2, 0)
+        low, high = zip(*map(_box_cells, self.crop.size[::-1], descriptor.shape[:2], spec.cell_size), strict=True)
+        inside = descriptor[low[0] : high[0], low[1] : high[1]]
+        chosen = elements(inside, self.background, ELEMENT, count=ELEMENTS, threshold=0.0)
+        return descriptor, dataclasses.replace(chosen, positions=chosen.positions + torch.tensor(low))
+
+    @cached_property
+    def calibrated(self) -> ElementTemplate:
+        """The template of the whole crop; for the default descriptor the crop is shrunk before."""
+        if self._own_background is not None:
+            return _calibrated(self.crop, self._own_background)
+        return _calibrated(self.crop, default_background(pose_spec(_COARSE // _SHRINK)), _SHRINK)
+
+    @cached_property
+    def fine(self) -> ElementTemplate:
+        """The calibrated template of smaller cells, for the last fraction of a degree."""
+        return _calibrated(self.crop, default_background(_finer(self.background.spec)))
+
+
+def _box_cells(pixels: float, cells: int, cell: int) -> tuple[int, int]:
+    """First and last of the cells, in the middle of ``cells``, that the box's ``pixels`` reach into.
+
+    They are at least as many as an element has.
+    """
+    middle, half = cells / 2, max(pixels / cell, max(ELEMENT)) / 2
+    return max(0, math.floor(middle - half)), min(cells, math.ceil(middle + half))
+
+
+@lru_cache(maxsize=4)
+def _finer(spec: HOGSpec) -> HOGSpec:
+    return dataclasses.replace(spec, cell_size=(_FINE, _FINE))
+
+
+def _calibrated(crop: ObjectCrop, background: Background, shrink: int = 1) -> ElementTemplate:
+    spec, small = background.spec, crop.downsampled(shrink) if shrink > 1 else crop
+    rows, cols = spec.grid(*small.image.shape[2:])
+    return calibrated_template(small, spec, _whitener(background, rows, cols), shrink)
+
+
+@lru_cache(maxsize=16)
+def _whitener(background: Background, rows: int, cols: int) -> Whitener:
+    return Whitener(background, rows, cols, _REGULARIZATION.get(background.spec.cell_size[0]))
+
+
+class PreparedModel:
+    """A mesh with its renderers for one camera.
+
+    Args:
+        mesh: normalised.
+        camera: of the crop.
+    """
+
+    def __init__(self, mesh: Mesh, camera: Camera) -> None:
+        self.mesh, self.camera, self.hull = mesh, camera, hull(mesh)
+        self._renderers: dict[tuple[Method, int, float, int], Renderer] = {}
+
+    def renderer(
+        self, method: Method = "edges", supersampling: int = 1, *, detail: float = 0.0, shrink: int = 1
+    ) -> Renderer:
+        """The renderer of images ``shrink`` times smaller than the crop.
+
+        Args:
+            method: of derivatives.
+            supersampling: samples of a pixel along a side.
+            detail: pixels that the vertices of the mesh may be off, seen from :data:`.crop.DISTANCE`, so that there
+                are fewer faces to draw.
+            shrink: factor.
+        """
+        key = method, supersampling, detail, shrink
+        if key not in self._renderers:
+            camera = downsampled(self.camera, shrink)
+            mesh = simplify(self.mesh, detail * DISTANCE / camera.focal) if detail > 0 else self.mesh
+            self._renderers[key] = Renderer(mesh, camera, method=method, supersampling=supersampling)
+        return self._renderers[key]
+
+    def similarity(
+        self, template: ElementTemplate, method: Method = "edges", supersampling: int = 1, *, detail: float = 0.0
+    ) -> Similarity:
+        """The similarity of renderings to a template; see :meth:`renderer`."""
+        return Similarity(self.renderer(method, supersampling, detail=detail, shrink=template.shrink), template)
+
+
+@lru_cache(maxsize=256)
+def prepared_model(mesh: Mesh, camera: Camera) -> PreparedModel:
+    """The prepared model of a mesh, made once, since all crops have one camera."""
+    return PreparedModel(mesh, camera)
