@@ -27,12 +27,13 @@ def members(of: ModuleType) -> dict[str, Any]:
 
 
 def describe(value: Any) -> Any:
-    """One name: a module by its members, a class by its constructor and its own public members, a function."""
+    """One name: a module by its members, a class by its constructor and what this package adds to it."""
     if isinstance(value, ModuleType):
         return {"kind": "module", "members": {name: describe(member) for name, member in members(value).items()}}
     if inspect.isclass(value):
-        own = {name: member for name, member in sorted(vars(value).items()) if not name.startswith("_")}
-        shown = {name: _member(member) for name, member in own.items()}
+        ours = [vars(base) for base in reversed(value.__mro__) if base.__module__.startswith("nablahog")]
+        own = {name: member for each in ours for name, member in each.items() if not name.startswith("_")}
+        shown = {name: _member(own[name]) for name in sorted(own)}
         return {"kind": "class", "signature": _signature(value), "members": {n: m for n, m in shown.items() if m}}
     return {"kind": "function", "signature": _signature(value)} if callable(value) else {"kind": type(value).__name__}
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -153,3 +154,18 @@ def test_files_of_arrays(tmp_path: Path) -> None:
 def test_lists_of_numbers_are_no_descriptors() -> None:
     with pytest.raises(TypeError, match=r"^the descriptor must be a torch tensor or a NumPy array, got list$"):
         to_layout([[[0.0]]], SPEC)  # type: ignore[type-var]
+
+
+def test_lists_are_tuples() -> None:
+    spec = presets.opencv(win_size=[64, 64], block_size=[16, 16])  # type: ignore[arg-type]
+    listed = dataclasses.replace(
+        spec,
+        cell_size=[8, 8],  # type: ignore[arg-type]
+        normalizer=dataclasses.replace(spec.normalizer, block=[2, 2], step=[2, 2]),
+        pooling=dataclasses.replace(spec.pooling, block=[16, 16], step=[8, 8]),
+    )
+    assert listed == spec
+    assert hash(listed) == hash(spec)
+    parts = dataclasses.replace(SPEC.normalizer, parts=["directed", "undirected", "texture"])
+    assert dataclasses.replace(SPEC, normalizer=parts) == SPEC
+    assert presets.uoctti([8, 8]) == SPEC  # type: ignore[arg-type]

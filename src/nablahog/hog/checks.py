@@ -1,4 +1,4 @@
-"""Checks of the fields of a spec: each raises ValueError with one sentence."""
+"""Checks of the fields of a spec: each raises ValueError with one sentence.  Lists become tuples."""
 
 from __future__ import annotations
 
@@ -23,3 +23,11 @@ def check_pair(field: str, value: object) -> None:
     """``value`` is a pair of integers of at least 1."""
     if not (isinstance(value, tuple) and len(value) == 2 and all(type(c) is int and c >= 1 for c in value)):
         raise ValueError(f"{field} must be a pair (height, width) of integers of at least 1, got {value!r}")
+
+
+def lists_to_tuples(part: object, *fields: str) -> None:
+    """Makes tuples of those fields of a frozen dataclass that are lists, as those read from JSON are."""
+    for field in fields:
+        value = getattr(part, field)
+        if isinstance(value, list):
+            object.__setattr__(part, field, tuple(value))

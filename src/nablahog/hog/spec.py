@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
-from .checks import check_choice, check_pair, check_positive
+from .checks import check_choice, check_pair, check_positive, lists_to_tuples
 from .normalizers import NORMALIZERS, Normalizer
 from .poolings import POOLINGS, BilinearCells, PartialCells, Pooling
 
@@ -119,6 +119,7 @@ class HOGSpec:
                 raise ValueError(f"{name} must be True or False, got {getattr(self, name)!r}")
         if not isinstance(self.bin_offset, int | float) or not 0 <= self.bin_offset < self.bins:
             raise ValueError(f"bin_offset must lie in [0, bins), in bins, got {self.bin_offset!r}")
+        lists_to_tuples(self, "cell_size")
         check_pair("cell_size", self.cell_size)
         _check_kind("normalizer", self.normalizer, NORMALIZERS)
         _check_kind("pooling", self.pooling, POOLINGS)
@@ -258,7 +259,6 @@ class HOGSpec:
             fields["normalizer"] = _part(fields["normalizer"], NORMALIZERS)
             if "pooling" in fields:
                 fields["pooling"] = _part(fields["pooling"], POOLINGS)
-            fields["cell_size"] = tuple(fields["cell_size"])
             return cls(**fields)
         except (KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
             raise ValueError(f"not the JSON of a HOGSpec: {error!s}") from None
@@ -286,7 +286,6 @@ def _check_kind(field: str, part: Any, kinds: dict[str, Any]) -> None:
         raise ValueError(f"{field} must be one of {', '.join(each.__name__ for each in kinds.values())}, got {part!r}")
 
 
-def _part(stored: dict[str, Any], kinds: dict[str, Any]) -> Any:
-    """A normaliser or pooling from its JSON, whose lists were tuples."""
-    fields: dict[str, Any] = {n: tuple(value) if isinstance(value, list) else value for n, value in stored.items()}
-    return kinds[fields.pop("kind")](**fields)
+def _part(fields: dict[str, Any], kinds: dict[str, Any]) -> Any:
+    """A normaliser or pooling from its JSON."""
+    return kinds[fields["kind"]](**{name: value for name, value in fields.items() if name != "kind"})

@@ -70,7 +70,7 @@ def train_prior(
     >>> images = {"noise": torch.rand(96, 96, generator=torch.Generator().manual_seed(0))}
     >>> prior = nablahog.train_prior(images, nablahog.presets.uoctti(cell_size=8), epochs=1)
 
-    >>> prior.training.images, len(prior.training.losses)
+    >>> prior.learning.images, len(prior.learning.losses)
     (('noise',), 1)
     """
     architecture = architecture or default_architecture(spec)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
-from ..checks import check_choice, check_pair, check_positive
+from ..checks import check_choice, check_pair, check_positive, lists_to_tuples
 from .base import Footprint, Normalizer, NormalizerLoops
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ class BlockNorm(Normalizer):
     kind: ClassVar[str] = "block"
 
     def __post_init__(self) -> None:
+        lists_to_tuples(self, "block", "step")
         check_pair("block", self.block)
         check_pair("step", self.step)
         check_choice("form", self.form, BlockForm)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias, get_args
 
-from ..checks import check_choice, check_positive
+from ..checks import check_choice, check_positive, lists_to_tuples
 from .base import Footprint, Normalizer, NormalizerLoops
 
 if TYPE_CHECKING:
@@ -65,6 +65,7 @@ class FourBlockNorm(Normalizer):
     )
 
     def __post_init__(self) -> None:
+        lists_to_tuples(self, "parts")
         check_positive("epsilon", self.epsilon)
         check_positive("clip", self.clip)
         ordered = (some for n in range(1, 1 + len(PARTS)) for some in itertools.combinations(PARTS, n))

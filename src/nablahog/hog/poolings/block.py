@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from ..checks import check_pair, check_positive
+from ..checks import check_pair, check_positive, lists_to_tuples
 from ..normalizers.base import Footprint
 from .base import PartialCells, Pooling, Spacing
 
@@ -32,6 +32,7 @@ class BlockCells(Pooling):
     kind: ClassVar[str] = "block"
 
     def __post_init__(self) -> None:
+        lists_to_tuples(self, "block", "step")
         check_pair("block", self.block)
         check_pair("step", self.step)
         check_positive("sigma", self.sigma)
