@@ -118,7 +118,7 @@ def outline(width: float, depth: float, *, roundness: float, taper: float = 0.0,
 
 
 def slab(shape: Floats, levels: Sequence[tuple[float, float]]) -> Solid:
-    """A lying solid of outline ``shape`` (N, 2), given the share of its size at each height z: (z, share)."""
+    """A lying solid of outline ``shape`` (N, 2), scaled by a factor at each height: (z, factor)."""
     rings = [np.column_stack([shape * share, np.full(len(shape), z)]) for z, share in levels]
     return loft(np.array(rings))
 

@@ -74,14 +74,14 @@ def differing(a: HOGSpec, b: HOGSpec) -> list[Convention]:
 
     The name, the layout, the derivative and the cell size are ignored.  A group is named after its fields that differ.
     """
-    found = []
+    differences = []
     for group in _GROUPS + _of_normalizers(a, b):
         names = [name for field, name in group.items() if _get(a, field) != _get(b, field)]
         names = next(([name] for name in ("votes", "bin ties") if name in names), names)  # the others are their details
         if names:
             fields = tuple(field for field in group if _get(a, field) != _get(b, field))
-            found.append(Convention(" and ".join(dict.fromkeys(names)), fields))
-    return found
+            differences.append(Convention(" and ".join(dict.fromkeys(names)), fields))
+    return differences
 
 
 def _of_normalizers(a: HOGSpec, b: HOGSpec) -> tuple[dict[str, str], ...]:
