@@ -89,7 +89,7 @@ def test_all_presets_of_a_gray_photograph(tmp_path: Path, capsys: pytest.Capture
     Image.fromarray(CHELSEA[..., 0]).save(tmp_path / "gray.png")
     assert main(["dialects", str(tmp_path / "gray.png"), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
-    assert len(said["presets"]) == 12
+    assert len(said["presets"]) == 13
     assert len(said["pairs"]) == 66
     assert not any("colour" in each["convention"] for pair in said["pairs"] for each in pair["common_form"]["shares"])
 
@@ -121,7 +121,7 @@ def test_a_photograph_with_no_gradient(tmp_path: Path, capsys: pytest.CaptureFix
     ("presets", "message"),
     [
         ("vlfeat", "expected at least two presets, separated by commas, got 'vlfeat'"),
-        ("vlfeat,hogg", "expected presets of aubry, cnn_hog, dlib, dpm"),
+        ("vlfeat,hogg", "expected presets of aubry, cnn_hog, dalal_triggs, dlib, dpm"),
         ("vlfeat,dpm,vlfeat", "expected different presets, got vlfeat twice"),
         ("vlfeat,", "got ''"),
         ("vlfeat,opencv:gamma", "expected KEY=VALUE, a parameter of the preset, got 'gamma'"),
