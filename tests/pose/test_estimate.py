@@ -37,13 +37,13 @@ def same(one: PoseEstimate, other: PoseEstimate) -> bool:
 @pytest.mark.parametrize("azimuth", [5, 120, 215])
 def test_a_clean_rendering(azimuth: float) -> None:
     image, box = photographed(model(), azimuth, 18)
-    found = estimate_pose(image, model(), box=box)
-    assert degrees_between(found.azimuth, azimuth) < 2
-    assert abs(found.elevation - 18) < 4
-    assert abs(found.theta) < 3
-    assert found.similarity_kind == "calibrated"
-    assert found.renderings > 100
-    (trace,) = [trace for trace in found.traces if trace.azimuths[-1] % 360 == found.azimuth]
+    estimate = estimate_pose(image, model(), box=box)
+    assert degrees_between(estimate.azimuth, azimuth) < 2
+    assert abs(estimate.elevation - 18) < 4
+    assert abs(estimate.theta) < 3
+    assert estimate.similarity_kind == "calibrated"
+    assert estimate.renderings > 100
+    (trace,) = [trace for trace in estimate.traces if trace.azimuths[-1] % 360 == estimate.azimuth]
     assert len(trace.azimuths) == 3  # a view all around, tilted, and the maximum
     assert list(trace.similarities) == sorted(trace.similarities)
 
@@ -51,10 +51,10 @@ def test_a_clean_rendering(azimuth: float) -> None:
 def test_the_pose_is_one_for_the_photograph(cluttered: Scene) -> None:
     """The box is away from the middle, so that a pose for the crop would not do."""
     image, box = cluttered
-    found = estimate_pose(image, model(), box=box, initial=(0, 15))
-    assert degrees_between(found.azimuth, 325) < 2
-    assert (found.camera.height, found.camera.width) == image.shape[1:]
-    covered = silhouette(model(), found.pose, found.camera)[0, 0] > 0.5
+    estimate = estimate_pose(image, model(), box=box, initial=(0, 15))
+    assert degrees_between(estimate.azimuth, 325) < 2
+    assert (estimate.camera.height, estimate.camera.width) == image.shape[1:]
+    covered = silhouette(model(), estimate.pose, estimate.camera)[0, 0] > 0.5
     rows, cols = covered.nonzero().unbind(1)
     reached = (cols.min(), rows.min(), cols.max() + 1, rows.max() + 1)
     assert all(abs(float(a) - b) <= 4 for a, b in zip(reached, box, strict=True))
@@ -65,18 +65,18 @@ def test_the_pose_is_one_for_the_photograph(cluttered: Scene) -> None:
 def test_colour_and_precision_make_no_difference(clean: Scene) -> None:
     image, box = clean
     options: dict[str, Any] = {"box": list(box), "initial": [210, 15]}
-    found = estimate_pose(image, model(), **options)
-    assert same(estimate_pose(image.double(), model(), **options), found)
+    estimate = estimate_pose(image, model(), **options)
+    assert same(estimate_pose(image.double(), model(), **options), estimate)
     in_colour = estimate_pose(image.expand(3, -1, -1), model(), **options)
-    assert degrees_between(in_colour.azimuth, found.azimuth) < 0.5
+    assert degrees_between(in_colour.azimuth, estimate.azimuth) < 0.5
 
 
 def test_the_seed_decides(cluttered: Scene) -> None:
     image, box = cluttered
-    found = [estimate_pose(image, model(), box=box, initial=(300, 15), seed=seed) for seed in (5, 5, 6)]
-    assert same(found[0], found[1])
-    assert not same(found[0], found[2])
-    assert degrees_between(found[0].azimuth, found[2].azimuth) < 2
+    estimate = [estimate_pose(image, model(), box=box, initial=(300, 15), seed=seed) for seed in (5, 5, 6)]
+    assert same(estimate[0], estimate[1])
+    assert not same(estimate[0], estimate[2])
+    assert degrees_between(estimate[0].azimuth, estimate[2].azimuth) < 2
 
 
 def test_one_mesh_or_a_mapping(clean: Scene) -> None:
@@ -92,63 +92,63 @@ def test_of_several_models_it_is_the_right_one(method: Any) -> None:
     models = {"wooden": model(WOODEN), "swivel": model(SWIVEL)}
     calls: list[tuple[int, int, str]] = []
     image, box = photographed(models["swivel"], 60, 15, behind="coffee")
-    found = estimate_pose(
+    estimate = estimate_pose(
         image, models, box=box, initial=(0, 15), method=method, progress=lambda *call: calls.append(call)
     )
-    assert found.model == "swivel"
-    assert degrees_between(found.azimuth, 60) < 3
+    assert estimate.model == "swivel"
+    assert degrees_between(estimate.azimuth, 60) < 3
     assert calls == [(0, 2, "wooden"), (1, 2, "swivel")]
 
 
 def test_the_papers_method_keeps_its_traces(clean: Scene) -> None:
     image, box = clean
-    found = estimate_pose(image, model(), box=box, initial=(200, 18), method="paper")
-    assert found.similarity_kind == "dot"
-    assert degrees_between(found.azimuth, 215) < 10
-    assert (found.elevation, found.theta) == (18, 0)
-    assert [round(trace.azimuths[0]) for trace in found.traces] == [200, 0, 45, 90, 135, 180, 225, 270, 315]
-    assert found.renderings == sum(len(trace.azimuths) for trace in found.traces)
-    best = max(found.traces, key=lambda trace: max(trace.similarities))
-    assert max(best.similarities) == found.similarity
-    assert best.azimuths[best.similarities.index(found.similarity)] % 360 == pytest.approx(found.azimuth)
+    estimate = estimate_pose(image, model(), box=box, initial=(200, 18), method="paper")
+    assert estimate.similarity_kind == "dot"
+    assert degrees_between(estimate.azimuth, 215) < 10
+    assert (estimate.elevation, estimate.theta) == (18, 0)
+    assert [round(trace.azimuths[0]) for trace in estimate.traces] == [200, 0, 45, 90, 135, 180, 225, 270, 315]
+    assert estimate.renderings == sum(len(trace.azimuths) for trace in estimate.traces)
+    best = max(estimate.traces, key=lambda trace: max(trace.similarities))
+    assert max(best.similarities) == estimate.similarity
+    assert best.azimuths[best.similarities.index(estimate.similarity)] % 360 == pytest.approx(estimate.azimuth)
 
 
 def test_exhaustive_search_is_of_whole_degrees(clean: Scene) -> None:
     image, box = clean
-    found = estimate_pose(image, model(), box=box, initial=(200, 18), method="exhaustive")
-    assert degrees_between(found.azimuth, 215) <= 1
-    assert found.azimuth % 1 == 0
-    assert found.renderings == 360
+    estimate = estimate_pose(image, model(), box=box, initial=(200, 18), method="exhaustive")
+    assert degrees_between(estimate.azimuth, 215) <= 1
+    assert estimate.azimuth % 1 == 0
+    assert estimate.renderings == 360
 
 
 @pytest.mark.parametrize("ascent", ["momentum", "lbfgs"])
 def test_other_ascents(clean: Scene, ascent: Any) -> None:
     image, box = clean
-    found = estimate_pose(image, model(), box=box, initial=(0, 18), ascent=ascent)
-    assert degrees_between(found.azimuth, 215) < 4
+    estimate = estimate_pose(image, model(), box=box, initial=(0, 18), ascent=ascent)
+    assert degrees_between(estimate.azimuth, 215) < 4
 
 
 @pytest.mark.parametrize("similarity", ["dot", "whitened"])
 def test_other_similarities(clean: Scene, similarity: Any) -> None:
     image, box = clean
-    found = estimate_pose(image, model(), box=box, initial=(0, 18), similarity=similarity)
-    assert found.similarity_kind == similarity
-    assert degrees_between(found.azimuth, 215) < 10
+    estimate = estimate_pose(image, model(), box=box, initial=(0, 18), similarity=similarity)
+    assert estimate.similarity_kind == similarity
+    assert degrees_between(estimate.azimuth, 215) < 10
 
 
 def test_another_background(clean: Scene) -> None:
     image, box = clean
     background = default_background(presets.uoctti(16, colour="gray"), 4)
-    found = estimate_pose(image, model(), box=box, initial=(0, 18), similarity="whitened", background=background)
-    assert degrees_between(found.azimuth, 215) < 10
+    estimate = estimate_pose(image, model(), box=box, initial=(0, 18), similarity="whitened", background=background)
+    assert degrees_between(estimate.azimuth, 215) < 10
 
 
 @pytest.mark.parametrize("image", [torch.full((1, 60, 50), 0.5), torch.zeros(3, 200, 200)])
 def test_where_there_is_nothing_to_see_any_pose_will_do(image: Tensor) -> None:
     for models in (model(), {"a": model(WOODEN), "b": model(SWIVEL)}):
-        found = estimate_pose(image, models, initial=(0, 10))
-        assert torch.isfinite(found.pose).all()
-        assert math.isfinite(found.similarity)
+        estimate = estimate_pose(image, models, initial=(0, 10))
+        assert torch.isfinite(estimate.pose).all()
+        assert math.isfinite(estimate.similarity)
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from nablahog.pose import exemplar
 from nablahog.pose.background import default_background
 from nablahog.pose.exemplar import detect
 from nablahog.pose.exemplar_views import SPEC, ExemplarViews, ViewSampling, learn_views
-from nablahog.pose.star_matching import NOTHING, UNLIKE, star_match
+from nablahog.pose.star_matching import NOTHING, UNLIKE, Layout, Pyramid, star_match
 from nablahog.render import Camera, Mesh, render
 
 VIEW_SAMPLING = ViewSampling(azimuths=(0, 30, 60, 150, 250), elevations=(20,))
@@ -128,6 +128,7 @@ def test_refuses(models: dict[str, ExemplarViews], clutter: Tensor) -> None:
 ROWS, COLS = np.array([6, 5, 3]), np.array([7, 5, 4])
 START = np.concatenate([[0], np.cumsum(ROWS * COLS)])
 CELL, OCTAVE = 4.0, 2.0
+PYRAMID = Pyramid(ROWS, COLS, START, CELL, OCTAVE)
 
 
 def expected_matches(
@@ -188,8 +189,7 @@ def test_star_matching_step_by_step(seed: int, agreement: float) -> None:
     boxes = np.sort(generator.uniform(0, 30, (3, 2, 2)), axis=1).reshape(3, 4)
     box = np.array([3.0, 2.0, 20.0, 18.0])
     found = np.empty((3, 7))
-    geometry = ROWS, COLS, START, level, positions, first, boxes
-    star_match(scores, *geometry, CELL, OCTAVE, box, agreement, found)
+    star_match(scores, PYRAMID, Layout(level, positions, first, boxes), box, agreement, found)
     expected = np.array(expected_matches(scores, level, positions, first, boxes, box, agreement))
     assert found[1, 0] == -math.inf
     assert np.isfinite(found[[0, 2]]).all()
@@ -201,6 +201,6 @@ def test_nothing_scores_above_0() -> None:
     found = np.empty((1, 7))
     one = np.zeros((1, 2), np.int64)
     scores = np.full((1, START[-1]), -0.1, np.float32)
-    geometry = ROWS, COLS, START, one[0, :1], one, np.array([0, 1]), np.zeros((1, 4))
-    star_match(scores, *geometry, CELL, OCTAVE, np.array([0.0, 0, 9, 9]), 0.0, found)
+    layout = Layout(one[0, :1], one, np.array([0, 1]), np.zeros((1, 4)))
+    star_match(scores, PYRAMID, layout, np.array([0.0, 0, 9, 9]), 0.0, found)
     assert found[0, 0] == -math.inf

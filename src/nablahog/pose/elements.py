@@ -107,16 +107,13 @@ def elements(
         flat = all_patches(descriptor, size).flatten(0, 1)
     else:
         flat = descriptor.new_zeros(0, *size, descriptor.shape[2])
-    discriminability = background.discriminability(flat)
-    least = threshold * background.discriminability(descriptor.new_zeros(1, *size, descriptor.shape[2]))
-    order = torch.argsort(discriminability, descending=True, stable=True)
-    order = order[discriminability[order] > least]
+    order, discriminability = most_discriminative(flat, background, threshold)
     positions = torch.stack([order // across, order % across], dim=1)
     corners = torch.cat([positions, positions + torch.tensor(size, device=order.device)], dim=1)
     kept = suppress_overlaps(corners, count, overlap)
     chosen = order[kept]
     best = flat[chosen]
-    weights = background.whiten(best) * (best.abs().sum(dim=3, keepdim=True) > EMPTY)
+    weights = element_weights(best, background)
     scale, offset = calibration(weights, background)
     return Elements(positions[kept], best, weights, discriminability[chosen], scale, offset)
 
@@ -140,6 +137,22 @@ def _check(
     if not 0 <= overlap <= 1 or not threshold >= 0:
         raise ValueError(f"overlap must lie in 0…1 and threshold be at least 0, got {overlap!r} and {threshold!r}")
     background.factor(*size)  # raises for sizes it does not know
+
+
+def most_discriminative(patches: Tensor, background: Background, threshold: float) -> tuple[Tensor, Tensor]:
+    """Indices of the patches (N, r, c, C) above the threshold, the best first, and the discriminability of all, (N,).
+
+    The threshold is in that of an empty patch.
+    """
+    discriminability = background.discriminability(patches)
+    least = threshold * background.discriminability(patches.new_zeros(1, *patches.shape[1:]))
+    order = torch.argsort(discriminability, descending=True, stable=True)
+    return order[discriminability[order] > least], discriminability
+
+
+def element_weights(patches: Tensor, background: Background) -> Tensor:
+    """w of :class:`Elements` for patches (N, r, c, C)."""
+    return background.whiten(patches) * (patches.abs().sum(dim=3, keepdim=True) > EMPTY)
 
 
 def calibration(weights: Tensor, background: Background) -> tuple[Tensor, Tensor]:

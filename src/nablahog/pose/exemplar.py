@@ -19,7 +19,7 @@ from ..hog.box import Box
 from .crop import ObjectCrop, crop_object
 from .elements import all_patches
 from .exemplar_views import CELL, LEVELS, ExemplarViews, concatenate_views, pyramid
-from .star_matching import NOTHING, star_match
+from .star_matching import NOTHING, Layout, Pyramid, star_match
 
 FILL = 150.0  # pixels of the longer side of the object's box: no less than in renderings, so that all levels exist
 SIDE = 200  # of the square that is searched: half an element around the box
@@ -117,8 +117,9 @@ class _Image:
         width, height = crop.size
         self.box = (np.array([-width, -height, width, height]) + SIDE) / 2
         levels = [all_patches(cells, size) for cells in pyramid(crop.image[0, 0], size)]
-        self.rows, self.cols = (np.array([level.shape[axis] for level in levels]) for axis in (0, 1))
-        self.start = np.concatenate([[0], np.cumsum(self.rows * self.cols)])
+        rows, cols = (np.array([level.shape[axis] for level in levels]) for axis in (0, 1))
+        start = np.concatenate([[0], np.cumsum(rows * cols)])
+        self.pyramid = Pyramid(rows, cols, start, float(CELL), float(LEVELS))
         near = [self._near(level, size, CELL * 2 ** (k / LEVELS)) for k, level in enumerate(levels)]
         self.places = torch.cat([mask.flatten() for mask in near]).nonzero()[:, 0]
         self.patches = torch.cat([level[mask].flatten(1) for level, mask in zip(levels, near, strict=True)])
@@ -133,23 +134,10 @@ class _Image:
 
     def match(self, views: ExemplarViews, agreement: float) -> np.ndarray[Any, np.dtype[np.float64]]:
         """The best detection of each view, (V, 7), see :func:`.star_matching.star_match`."""
-        scores = torch.full((len(views.scale), int(self.start[-1])), NOTHING)
+        scores = torch.full((len(views.scale), int(self.pyramid.start[-1])), NOTHING)
         weights = views.scale[:, None] * views.weights.flatten(1)
         scores[:, self.places] = torch.addmm(views.offset[:, None], weights, self.patches.T)
         detections = np.empty((len(views.viewpoints), 7))
-        star_match(
-            scores.numpy(),
-            self.rows,
-            self.cols,
-            self.start,
-            views.level.numpy(),
-            views.positions.numpy(),
-            views.first.numpy(),
-            views.boxes.double().numpy(),
-            float(CELL),
-            float(LEVELS),
-            self.box,
-            agreement,
-            detections,
-        )
+        layout = Layout(views.level.numpy(), views.positions.numpy(), views.first.numpy(), views.boxes.double().numpy())
+        star_match(scores.numpy(), self.pyramid, layout, self.box, agreement, detections)
         return detections

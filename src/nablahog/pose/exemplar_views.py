@@ -24,7 +24,7 @@ from ..hog.presets import aubry
 from ..io.files import replacing
 from ..io.npz import check_format, read_arrays
 from ..render import Camera, Light, Mesh, Renderer, silhouette
-from .elements import EMPTY, all_patches, calibration, suppress_overlaps
+from .elements import all_patches, calibration, element_weights, most_discriminative, suppress_overlaps
 from .whitening import Background
 
 FORMAT = 2
@@ -196,15 +196,11 @@ def _elements(
         patches.append(every[at[:, 0], at[:, 1]])
         places.append(torch.cat([torch.full((len(at), 1), level), at], dim=1))
     patch, place = torch.cat(patches), torch.cat(places)
-    discriminability = background.discriminability(patch)
-    least = sampling.threshold * background.discriminability(torch.zeros_like(patch[:1]))
-    order = torch.argsort(discriminability, descending=True, stable=True)
-    order = order[discriminability[order] > least]
+    order, _ = most_discriminative(patch, background, sampling.threshold)
     enlarged = CELL * 2 ** (place[order, :1] / LEVELS)
     corners = torch.cat([place[order, 1:] * enlarged, (place[order, 1:] + size) * enlarged], dim=1)
     kept = order[suppress_overlaps(corners, sampling.count, sampling.overlap)]
-    weights = background.whiten(patch[kept]) * (patch[kept].abs().sum(dim=3, keepdim=True) > EMPTY)
-    return weights, place[kept, 0], place[kept, 1:]
+    return element_weights(patch[kept], background), place[kept, 0], place[kept, 1:]
 
 
 def pyramid(image: Tensor, size: tuple[int, int]) -> list[Tensor]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,22 +12,34 @@ NOTHING = -1e9  # what an element scores where it cannot be
 UNLIKE = 1e6  # taken off a detection whose box is not the object's: it is the best only where there is no other
 
 
+class Pyramid(NamedTuple):
+    """The levels of an image's pyramid.
+
+    Attributes:
+        rows, cols: (L,), of each level, how many positions an element has.
+        start: (L + 1,), where the positions of each level begin, row by row.
+        cell: pixels of a cell.
+        octave: levels an octave.
+    """
+
+    rows: Any
+    cols: Any
+    start: Any
+    cell: float
+    octave: float
+
+
+class Layout(NamedTuple):
+    """Where the elements of views lie: attributes of :class:`.exemplar_views.ExemplarViews`, as arrays."""
+
+    level: Any
+    positions: Any
+    first: Any
+    boxes: Any
+
+
 @compiled
-def star_match(
-    scores: Any,
-    rows: Any,
-    cols: Any,
-    start: Any,
-    level: Any,
-    positions: Any,
-    first: Any,
-    boxes: Any,
-    cell: float,
-    octave: float,
-    expected: Any,
-    agreement: float,
-    detections: Any,
-) -> None:
+def star_match(scores: Any, pyramid: Pyramid, layout: Layout, expected: Any, agreement: float, detections: Any) -> None:
     """The best detection of each view.
 
     Each element in turn is the root.  At each level, its local maxima above 0 say where the rendering lies in the
@@ -36,95 +48,80 @@ def star_match(
 
     Args:
         scores: (E, P), calibrated scores of elements at all positions of all levels; NOTHING where not computed.
-        rows, cols, start: (L,), of each level the positions, and where they begin in P, row by row.
-        level, positions, first, boxes: of :class:`.exemplar_views.ExemplarViews`.
-        cell: pixels of a cell.
-        octave: levels an octave.
+        pyramid: of the image.
+        layout: of the views' elements.
         expected: (4,): x0, y0, x1, y1 of the object, pixels of the image.
         agreement: the least intersection over union of its box with that of a detection.
         detections: (V, 7), output: rank, confidence, number of elements that score above 0, and the detection's x0, y0,
             x1, y1; a rank of -inf if no element scores above 0 anywhere.
     """
     free = np.empty(scores.shape[1], scores.dtype)
-    for view in range(len(first) - 1):
+    for view in range(len(layout.first) - 1):
         detections[view, 0] = -np.inf
-        for root in range(first[view], first[view + 1]):
-            for at in range(len(rows)):
-                n = cols[at]
-                places = scores[root, start[at] : start[at] + rows[at] * n]
-                left = free[: len(places)]
-                left[:] = places
-                larger = at - level[root]
-                zoom = 2.0 ** (larger / octave)
+        for root in range(layout.first[view], layout.first[view + 1]):
+            for level in range(len(pyramid.rows)):
+                n = pyramid.cols[level]
+                root_scores = scores[root, pyramid.start[level] : pyramid.start[level] + pyramid.rows[level] * n]
+                left = free[: len(root_scores)]
+                left[:] = root_scores
+                larger = level - layout.level[root]
+                box = layout.boxes[view] * 2.0 ** (larger / pyramid.octave)
+                pixels = pyramid.cell * 2.0 ** (level / pyramid.octave)
                 while True:
                     best = np.argmax(left)
                     if left[best] <= 0:
                         break
-                    y, x = best // n, best % n
-                    for row in range(max(0, y - 1), min(rows[at], y + 2)):
-                        left[row * n + max(0, x - 1) : row * n + min(n, x + 2)] = NOTHING
-                    pixels = cell * 2.0 ** (at / octave)
-                    top, side = (y - positions[root, 0]) * pixels, (x - positions[root, 1]) * pixels
-                    members = first[view], first[view + 1]
+                    row, col = best // n, best % n
+                    for near in range(max(0, row - 1), min(pyramid.rows[level], row + 2)):
+                        left[near * n + max(0, col - 1) : near * n + min(n, col + 2)] = NOTHING
+                    x, y = (col - layout.positions[root, 1]) * pixels, (row - layout.positions[root, 0]) * pixels
                     confidence, inliers = _confidence(
-                        scores, rows, cols, start, level, positions, members, cell, octave, root, places[best], larger,
-                        top, side,
-                    )  # fmt: skip
-                    box = boxes[view] * zoom
-                    x0, y0, x1, y1 = box[0] + side, box[1] + top, box[2] + side, box[3] + top
+                        scores, pyramid, layout, view, root, root_scores[best], larger, x, y
+                    )
+                    x0, y0, x1, y1 = box[0] + x, box[1] + y, box[2] + x, box[3] + y
                     rank = confidence + min(0, inliers - 5)
                     if not _agrees(x0, y0, x1, y1, expected, agreement):
                         rank -= UNLIKE
                     if rank > detections[view, 0]:
-                        detections[view, 0], detections[view, 1], detections[view, 2] = rank, confidence, inliers
-                        detections[view, 3], detections[view, 4] = x0, y0
-                        detections[view, 5], detections[view, 6] = x1, y1
+                        best_detection = detections[view]
+                        best_detection[0], best_detection[1], best_detection[2] = rank, confidence, inliers
+                        best_detection[3], best_detection[4], best_detection[5], best_detection[6] = x0, y0, x1, y1
 
 
 @compiled
 def _confidence(
     scores: Any,
-    rows: Any,
-    cols: Any,
-    start: Any,
-    level: Any,
-    positions: Any,
-    members: Any,
-    cell: float,
-    octave: float,
+    pyramid: Pyramid,
+    layout: Layout,
+    view: int,
     root: int,
     root_score: float,
     larger: int,
-    top: float,
-    side: float,
-) -> Any:
+    x: float,
+    y: float,
+) -> tuple[float, int]:
     """Sum of the scores of a view's elements, and how many are above 0.
 
-    An element counts with its best score within a cell of its place.  One that reaches beyond the image counts only if
+    The root says that the view lies at x, y, pixels of the image, ``larger`` levels larger than it was rendered.  An
+    element counts with its best score within a cell of its place.  One that reaches beyond the image counts only if
     above 0, one beyond the pyramid not at all.
-
-    Args:
-        members: first element of the view, and of the next view.
-        root: the element that says where the view lies, with its score.
-        larger: levels that the view is larger than it was rendered.
-        top, side: y and x of the view's upper left corner, pixels of the image.
     """
     confidence, inliers = 0.0, 0
-    for element in range(members[0], members[1]):
-        there = level[element] + larger
-        if there < 0 or there >= len(rows):
+    for element in range(layout.first[view], layout.first[view + 1]):
+        level = layout.level[element] + larger
+        if level < 0 or level >= len(pyramid.rows):
             continue
-        cells = 2.0 ** (-there / octave) / cell
-        row = int(np.rint(positions[element, 0] + top * cells))
-        col = int(np.rint(positions[element, 1] + side * cells))
+        rows, cols, start = pyramid.rows[level], pyramid.cols[level], pyramid.start[level]
+        cells = 2.0 ** (-level / pyramid.octave) / pyramid.cell
+        row = int(np.rint(layout.positions[element, 0] + y * cells))
+        col = int(np.rint(layout.positions[element, 1] + x * cells))
         score = NOTHING
-        for i in range(max(0, row - 1), min(rows[there], row + 2)):
-            for j in range(max(0, col - 1), min(cols[there], col + 2)):
-                score = max(score, scores[element, start[there] + i * cols[there] + j])
+        for i in range(max(0, row - 1), min(rows, row + 2)):
+            for j in range(max(0, col - 1), min(cols, col + 2)):
+                score = max(score, scores[element, start + i * cols + j])
         if element == root:
             score = root_score
-        inside = 0 <= row < rows[there] and 0 <= col < cols[there]
-        if score == NOTHING or not inside:
+        if score == NOTHING or not (0 <= row < rows and 0 <= col < cols):
             score = max(score, 0.0)
         confidence += score
         inliers += score > 0
