@@ -15,17 +15,17 @@ _SAME = ("colour", "bin_offset", "counterclockwise", "cell_size", "vote", "gamma
 
 
 def mirrored_channels(spec: HOGSpec) -> tuple[int, ...] | None:
-    """Which channel of an image each channel of the image flipped from left to right is.
+    """The permutation of channels for the image flipped from left to right.
 
-    VLFeat's ``vl_hog_get_permutation`` for any dialect.  With ``order`` what this returns,
+    VLFeat's ``vl_hog_get_permutation`` for any dialect.  With ``order`` the result,
 
         ``hog(images.flip(3), spec)`` is ``hog(images, spec).flip(2)[..., order]``
 
-    up to rounding where a dialect treats left and right alike.  That is if cells, blocks at their step, and tiles of a
-    window cover the width exactly, and nothing ties that goes the same way in either image: channels of an image, or
-    two bins of a hard vote, as with scikit-image and MaskFeat in the first and last row, which have no derivative
-    across the border.  OpenCV's blocks are never quite alike: the middle of their Gaussian is half a pixel to the
-    right of their own.
+    up to rounding, if the dialect treats left and right alike.  This needs cells, blocks at their step, and tiles of a
+    window that cover the width exactly, and no ties, which are broken alike in both images: between channels of an
+    image, or between two bins of a hard vote (scikit-image and MaskFeat have these in the first and last row, which
+    have no derivative across the border).  OpenCV's blocks are never quite alike: their Gaussian is centred half a
+    pixel to the right of the block's centre.
 
     Args:
         spec: the dialect.
@@ -108,17 +108,17 @@ def convert_channels(descriptor: Descriptors, source: HOGSpec, target: HOGSpec) 
                 f"{theirs[name]!r}"
             )
     made = _made(parts, scheme, _axes(source))
-    found = []
+    channels = []
     for part in goal.parts:
         kind = f"{goal.texture} texture" if part == "texture" else part
         if kind not in made:
             raise ValueError(f"the {kind} channels of {target.name} cannot be made exactly of those of {source.name}")
-        found.append(made[kind])
-    return torch.cat(found, dim=-1).flatten(-2)
+        channels.append(made[kind])
+    return torch.cat(channels, dim=-1).flatten(-2)
 
 
 def _made(parts: dict[Part, Tensor], scheme: FourBlockNorm, axes: int) -> dict[str, Tensor]:
-    """All channels that a descriptor's parts (..., colours, n) hold."""
+    """All channels that can be computed from a descriptor's parts (..., colours, n)."""
     made: dict[str, Tensor] = {f"{scheme.texture} texture" if p == "texture" else p: x for p, x in parts.items()}
     made["zero"] = torch.zeros_like(next(iter(parts.values()))[..., :1])
     if "blocks" in parts:

@@ -1,4 +1,4 @@
-"""Where in the image the rows and columns of a descriptor are, and the way back."""
+"""Rows and columns of a descriptor to pixels of the image, and the inverse."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .spec import HOGSpec
 
 
 def cell_centres(spec: HOGSpec, image_size: tuple[int, int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where the middles of a descriptor's rows and columns are: of its cells, or of its blocks.
+    """Centres of a descriptor's rows and columns, which are cells or blocks, in the image.
 
     Args:
         spec: the dialect.
@@ -33,10 +33,10 @@ def cell_centres(spec: HOGSpec, image_size: tuple[int, int]) -> tuple[NDArray[np
 
 
 def pixel_box(spec: HOGSpec, image_size: tuple[int, int], cells: Sequence[float]) -> Box:
-    """The pixels that a window of a descriptor's rows and columns stands for: those of its cells, or blocks.
+    """The pixels of the cells, or blocks, in a window of a descriptor's rows and columns.
 
     More pixels matter for its entries: gradients are differences of neighbours, bilinear votes reach half a cell
-    further, and four-block normalisers see the cells around.
+    further, and normalisers may depend on the cells around.
 
     Args:
         spec: the dialect.

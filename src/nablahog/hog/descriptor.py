@@ -40,7 +40,7 @@ def histograms(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> T
     _check(images, spec, backend)
     if backend == "auto" and images.is_cpu and kernels.supports(spec):
         return kernels.histograms(images, spec)
-    spec.grid(*images.shape[-2:])  # which the loops look up together with what else they know of a size
+    spec.grid(*images.shape[-2:])  # or it is too small; the loops check this with their cached parameters
     return plain_histograms(images, spec)
 
 
@@ -94,11 +94,11 @@ def hog(
         return to_array(hog(batch, spec, layout=layout, backend=backend), single)
     _check(images, spec, backend)
     if backend == "auto" and images.is_cpu and kernels.supports(spec):
-        found = kernels.describe(images, spec)
+        descriptor = kernels.describe(images, spec)
     else:
         spec.grid(*images.shape[-2:])
-        found = normalize(plain_histograms(images, spec), spec).permute(0, 2, 3, 1).contiguous()  # Eq. 7
-    return found if layout == "cells" else to_layout(found, spec)
+        descriptor = normalize(plain_histograms(images, spec), spec).permute(0, 2, 3, 1).contiguous()  # Eq. 7
+    return descriptor if layout == "cells" else to_layout(descriptor, spec)
 
 
 class HOG(nn.Module):

@@ -1,4 +1,4 @@
-"""What a descriptor has of each cell's histogram, and where its cells are: the way back begins here."""
+"""The entries of each cell's histogram in a descriptor, and where its cells are: the first step of an inversion."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ def mean_over_colours(descriptor: Tensor, spec: HOGSpec) -> Tensor:
 
 
 def cell_entries(descriptor: Tensor, spec: HOGSpec) -> Tensor:
-    """Descriptors (B, rows, cols, channels) to what they have of histograms: (B, bins, rows, cols) of cells.
+    """The normalised histograms in descriptors (B, rows, cols, channels): (B, bins, rows, cols) of cells.
 
-    Entries are clipped, off by the level of their cell or its neighbourhood, and the mean of all that the descriptor
-    has of them: over blocks, and over colours.  Of signed bins these are the directed entries, or for want of them
-    each undirected one twice.  Cells that the normaliser leaves out are not there.
+    An entry is the mean over all channels that hold it: over blocks, and over colours.  It is clipped, and divided by
+    the energy of its cell or neighbourhood.  For signed bins these are directed entries; if the descriptor has none,
+    each undirected entry twice.  Cells that the normaliser leaves out are missing.
     """
     return spec.normalizer.cell_entries(mean_over_colours(descriptor, spec), spec.bins, spec.signed)
 
 
 def with_margin(cells: Tensor, spec: HOGSpec, mode: str = "constant") -> Tensor:
-    """Entries (B, n, rows, cols) of cells, with those around that the normaliser leaves out: 0, or ``"replicate"``."""
+    """Pads entries (B, n, rows, cols) by the cells that the normaliser leaves out: with 0, or ``"replicate"``."""
     rows, cols = (spec.normalizer.footprint(axis).margin for axis in (0, 1))
     return pad(cells, (cols, cols, rows, rows), mode=mode) if rows or cols else cells
 
 
 class CellAlignment:
-    """Cells side by side in the image, of votes that all their pixels cast with a weight of 1 in the sum.
+    """From a dialect's cells to cells that tile the image, each the sum of its pixels' votes, and the inverse.
 
-    The same as the dialect's own cells where these share votes bilinearly.  Boxes may have means instead of sums;
-    and where each block has cells of its own (:class:`.poolings.BlockCells`), those that lie on each other are one.
+    Bilinear cells are such cells.  Boxes may hold means, or weighted sums.  Where each block has cells of its own
+    (:class:`.poolings.BlockCells`), cells of several blocks at one place become one, their mean.
 
     Args:
         spec: the dialect.
@@ -52,7 +52,7 @@ class CellAlignment:
         if self.same:
             return
         by_row, by_col = pooling_matrices(spec, *size, like)
-        # how much of its pixels' votes a cell gets
+        # mean weight of its pixels' votes
         self.weights = torch.outer(by_row.sum(dim=1), by_col.sum(dim=1)) / (spec.cell_size[0] * spec.cell_size[1])
         if self.blocks:
             self.rows, self.cols = (
@@ -62,7 +62,7 @@ class CellAlignment:
             self.shape = int(self.rows.max()) + 1, int(self.cols.max()) + 1
 
     def __call__(self, histograms: Tensor) -> Tensor:
-        """From the dialect's cells (B, bins, rows, cols), the mean of those that are one."""
+        """The dialect's cells (B, bins, rows, cols) to tiling cells."""
         if self.same:
             return histograms
         alike = histograms / self.weights
@@ -71,7 +71,7 @@ class CellAlignment:
         return self._summed(alike) / self._summed(torch.ones_like(alike[:1, :1])).clamp(min=1)
 
     def restore(self, histograms: Tensor) -> Tensor:
-        """To the dialect's cells."""
+        """Tiling cells to the dialect's cells."""
         if self.same:
             return histograms
         return (histograms[:, :, self.rows][..., self.cols] if self.blocks else histograms) * self.weights

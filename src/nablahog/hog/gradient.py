@@ -13,7 +13,7 @@ from .spec import COLOURS, Border, HOGSpec, Mask
 
 GRAY_WEIGHTS = (0.299, 0.587, 0.114)  # Eq. 1
 BLACK = 1e-9  # at most: the derivatives of a root below would be beyond a float32, two at a time
-_GROUP = 8  # columns that dlib does at a time
+_GROUP = 8  # columns that dlib computes at a time
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def _smoothed(image: Tensor, dim: int) -> Tensor:
 def _root(image: Tensor) -> Tensor:
     """√ of each value, with derivative 0 at 0.
 
-    Correctly rounded, which PyTorch's on a CPU is not: differences of roots, and bins, hang on the last digit.
+    Correctly rounded, which PyTorch's on a CPU is not: differences of roots, and bins, depend on the last digit.
     """
     dark = image <= BLACK
     safe = torch.where(dark, 1, image).double()
@@ -112,7 +112,7 @@ def _root(image: Tensor) -> Tensor:
 
 
 def _correction(value: Tensor, root: Tensor) -> Tensor:
-    """What brings ``root`` to the floating-point number nearest to √value, by the exact residual (Veltkamp, Dekker)."""
+    """``root`` plus this is the number nearest to √value, by the exact residual (Veltkamp, Dekker)."""
     big = 134217729.0 * root
     high = big - (big - root)
     low = root - high
@@ -121,12 +121,12 @@ def _correction(value: Tensor, root: Tensor) -> Tensor:
 
 
 def last_of_equals(spec: HOGSpec, height: int, width: int) -> npt.NDArray[np.bool_]:
-    """(width,): in which columns the last of several channels of equal magnitudes counts, instead of the first."""
+    """(width,): the columns where the last of several channels of equal magnitude counts, not the first."""
     column = np.arange(width)
     if spec.colour_ties == "opencv":
         return column >= width // 4 * 4
     if spec.colour_ties == "dlib":
-        votes = min(spec.cells(height, width)[1] * spec.cell_size[1], width) - 2  # columns 1 … votes do
+        votes = min(spec.cells(height, width)[1] * spec.cell_size[1], width) - 2  # columns 1 … votes
         return (column >= 1) & (column <= votes // _GROUP * _GROUP)
     return np.zeros(width, np.bool_)
 

@@ -1,4 +1,4 @@
-"""How libraries lay a descriptor out: shapes and orders, there and back."""
+"""Shapes and orders in which libraries return descriptors: conversions to and from these."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .spec import COLOURS, HOGSpec
 
 
 def native_shape(spec: HOGSpec, image_size: tuple[int, int]) -> tuple[int, ...]:
-    """The shape in which the library returns the descriptor of an image of (height, width) pixels."""
+    """The library's own shape of the descriptor of an image of (height, width) pixels."""
     rows, cols = spec.grid(*image_size)
     if spec.layout == "cells":
         return rows, cols, spec.channels
@@ -25,9 +25,9 @@ def native_shape(spec: HOGSpec, image_size: tuple[int, int]) -> tuple[int, ...]:
 
 
 def to_layout(descriptor: Descriptors, spec: HOGSpec) -> Descriptors:
-    """Descriptors (B, rows, cols, channels) to the spec's layout; arrays also (rows, cols, channels).
+    """Converts descriptors (B, rows, cols, channels) to the spec's layout; arrays also (rows, cols, channels).
 
-    It is, by ``spec.layout``: ``"cells"``, the same; ``"planes"``, (B, channels, rows, cols); ``"colour-planes"``,
+    By ``spec.layout`` this is ``"cells"``, the same; ``"planes"``, (B, channels, rows, cols); ``"colour-planes"``,
     (B, 3, bins, rows, cols); ``"blocks"``, (B, rows, cols, rows of cells, columns of cells, bins);
     ``"block-vector"``, the same in one row; ``"opencv-vector"``, in one row, too, but column by column of blocks, and
     in a block column by column of cells.
@@ -54,7 +54,7 @@ def to_layout(descriptor: Descriptors, spec: HOGSpec) -> Descriptors:
 
 
 def from_layout(native: Descriptors, spec: HOGSpec, image_size: tuple[int, int]) -> Descriptors:
-    """The descriptors (B, rows, cols, channels) that :func:`to_layout` makes ``native`` of.
+    """The inverse of :func:`to_layout`: descriptors (B, rows, cols, channels).
 
     Args:
         native: B in front of the library's own shape, or of its entries in one row; an array also without B.

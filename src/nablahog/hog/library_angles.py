@@ -1,4 +1,4 @@
-"""How libraries measure the angle of a gradient for linear votes: nearly, and these are their errors."""
+"""The inexact angles of gradients that libraries use for linear votes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def opencv_table(spec: HOGSpec) -> tuple[float, ...]:
 
 
 def opencv(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
-    """Where OpenCV has gradients (B, H, W) between bin centres, in bins, not wrapped; in float32 throughout.
+    """OpenCV's position of gradients (B, H, W) among bin centres, in bins, not wrapped; in float32 throughout.
 
     Its angle, in degrees first, errs by up to 3e-4 rad, and the rounding of positions up to 18 by a millionth of a bin.
     """

@@ -50,8 +50,8 @@ def bin_angles(spec: HOGSpec) -> npt.NDArray[np.float64]:
     return -centres if spec.counterclockwise else centres
 
 
-def _turned(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
-    """Where a gradient is among the bins, exactly: 0 at the centre of bin 0, 1 at that of bin 1."""
+def _position(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
+    """The exact position of gradients among bin centres, in bins: 0 at the centre of bin 0, 1 at that of bin 1."""
     # divided first: a right angle is then exactly a quarter of a turn, and on a bin centre if the bins say so
     turned = direction(gx, gy) / spec.period
     return (-turned if spec.counterclockwise else turned) * spec.bins - spec.bin_offset
@@ -75,7 +75,7 @@ def _shares(nearest: Tensor, r: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
 
 def _exact_shares(gx: Tensor, gy: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     """By the angle of Eq. 2."""
-    position = _turned(gx, gy, spec)
+    position = _position(gx, gy, spec)
     nearest = position.detach().round()
     return _shares(nearest, position - nearest, spec)
 
@@ -84,7 +84,7 @@ def _opencv_shares(gx: Tensor, gy: Tensor, spec: HOGSpec) -> tuple[Tensor, Tenso
     """By OpenCV's arctangent, with the derivative of the exact angle."""
     theirs = library_angles.opencv(gx.detach(), gy.detach(), spec)
     nearest = theirs.round()
-    r = _turned(gx, gy, spec) - nearest
+    r = _position(gx, gy, spec) - nearest
     r = r - spec.bins * (r / spec.bins).detach().round()  # their angles begin elsewhere
     return _shares(nearest, r + (theirs - nearest - r).detach(), spec)
 
@@ -117,7 +117,7 @@ def _nearest_axes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
 
 
 def beginnings(spec: HOGSpec) -> tuple[list[tuple[float, float, bool]], int]:
-    """Where bins begin, sorted by angle: cos, sin, and whether it is in the first half turn; and which bin is first."""
+    """Lower ends of bins, sorted by angle: cos, sin, and whether in the first half turn; and the bin of the first."""
     width = spec.period / spec.bins
     # a beginning of 0 must not be taken for one of a whole period
     starts = [((k + spec.bin_offset - 0.5) * width + _SLACK) % spec.period - _SLACK for k in range(spec.bins)]
@@ -127,9 +127,9 @@ def beginnings(spec: HOGSpec) -> tuple[list[tuple[float, float, bool]], int]:
 
 
 def _begun_bins(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
-    """The last bin (B, 1, H, W) at or before whose beginning, and none after, the gradient points.
+    """The bin (B, 1, H, W) in whose interval [begin, end) the angle of the gradient is.
 
-    By cross products with the beginnings of all bins, in float64.
+    By cross products with the lower ends of all bins, in float64.
     """
     starts, first = beginnings(spec)
     x, y = gx.double(), -gy.double() if spec.counterclockwise else gy.double()

@@ -55,8 +55,8 @@ class HOGSpec:
         cell_size: (height, width) of a cell in pixels.
         partial_cells: how many cells n pixels make with cells of c: ``"floor"`` ⌊n/c⌋, ``"round"`` ⌊(n + ⌊c/2⌋)/c⌋,
             ``"ceil"`` ⌈n/c⌉.
-        normalizer: what becomes of the histograms, see :mod:`.normalizers`.
-        pooling: how pixels vote into cells, see :mod:`.poolings`.
+        normalizer: from histograms to the descriptor, see :mod:`.normalizers`.
+        pooling: from votes to histograms of cells, see :mod:`.poolings`.
         gamma: ``"sqrt"``, the root of all values first; its derivative at black counts as 0.
         colour_ties: which of several channels of largest magnitude counts.  ``"first"``; ``"opencv"``: the first, but
             the last in the width % 4 last columns; ``"dlib"``: the last, but the first in the last columns, those left
@@ -127,7 +127,7 @@ class HOGSpec:
         self.__dict__["text"] = self._text()
 
     def __hash__(self) -> int:
-        return hash(self.to_json())  # which Python remembers: specs are looked up many times in a call
+        return hash(self.to_json())  # a string caches its hash: specs are looked up many times in a call
 
     def _check_together(self) -> None:
         self.normalizer.check(self.bins, self.signed)
@@ -217,7 +217,7 @@ class HOGSpec:
             raise ValueError(f"{self.named} descriptor is of images of 1 or {COLOURS} channels, got {channels}")
 
     def check_same(self, other: HOGSpec, learned: str) -> None:
-        """Raises ValueError if ``other`` is another dialect than this one, of which ``learned`` was learned."""
+        """Raises ValueError if ``other`` is not this dialect, for which ``learned`` was learned."""
         for each in dataclasses.fields(self):
             ours, theirs = getattr(self, each.name), getattr(other, each.name)
             if each.name not in ("name", "layout", "derivative") and ours != theirs:  # these decide nothing
@@ -233,12 +233,12 @@ class HOGSpec:
         )
 
     def of_one_colour(self) -> HOGSpec:
-        """The dialect that describes one channel of an image as this one does, of which it may describe several."""
+        """The same dialect for one channel of an image, if this one describes each channel separately."""
         return self if self.colours == 1 else dataclasses.replace(self, colour="gray", layout="cells")
 
     def to_json(self) -> str:
         """This spec as one line of JSON, read back by :meth:`from_json`."""
-        text: str = self.__dict__["text"]  # made beforehand: a graph of operators may hold it, but cannot make it
+        text: str = self.__dict__["text"]  # made in advance: torch.compile cannot trace the making of it
         return text
 
     def _text(self) -> str:

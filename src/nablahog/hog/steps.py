@@ -1,5 +1,7 @@
-"""The first three steps in a row, each a few operations of PyTorch: readable, on any device, any number of times
-differentiable.  :mod:`.kernels` has them compiled for CPUs."""
+"""The reference of the first three steps: operations of PyTorch, on any device, differentiable any number of times.
+
+:mod:`.kernels` has them compiled for CPUs.
+"""
 
 from __future__ import annotations
 

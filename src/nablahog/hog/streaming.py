@@ -1,4 +1,4 @@
-"""Descriptors of images that are larger than memory: strip after strip, each as in the descriptor of the whole."""
+"""Descriptors of images that are larger than memory, strip by strip."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 MEMORY = 2**28  # bytes of a strip
-_SUMMED = 256  # numbers in a row that the compiled global normaliser sums up in their own precision
+_SUMMED = 256  # numbers that the compiled global normaliser sums in their own precision
 _CPU = torch.device("cpu")
 
 
@@ -57,12 +57,11 @@ class DescriptorStrip(NamedTuple):
 
 
 def stream(image: Rows | Image, spec: HOGSpec, *, memory: int = MEMORY) -> Iterator[DescriptorStrip]:
-    """The HOG descriptor of an image that is larger than memory, in strips of some of its rows, from the top.
+    """Computes the HOG descriptor of an image that is larger than memory, in strips of rows from the top.
 
-    They are the rows of ``hog`` of the whole image, bit by bit: ``np.concatenate([strip.descriptor for strip
-    in stream(image, spec)])`` is ``hog(whole, spec)``.  Only of dialects that have no compiled loops, which no preset
-    is (see :func:`.kernels.supports`), they are the same up to rounding; and a pixel that is not finite may spoil other
-    rows than there.
+    The rows equal those of ``hog`` of the whole image bit by bit: ``np.concatenate([strip.descriptor for strip
+    in stream(image, spec)])`` is ``hog(whole, spec)``.  Without compiled loops (see :func:`.kernels.supports` and
+    ``normalizer.has_loops``) they are equal up to rounding.  A pixel that is not finite may spoil other rows.
 
     Neighbouring strips share some rows of the image, as cells share pixels and blocks cells; these are read for both.
     Where one number normalises a whole descriptor, as in Eq. 7, the image is read twice.
@@ -103,7 +102,7 @@ def stream(image: Rows | Image, spec: HOGSpec, *, memory: int = MEMORY) -> Itera
 
 
 class _Reader:
-    """An image that is known to have a descriptor.
+    """Reads rows of an image whose shape and dtype were checked.
 
     Attributes:
         shape: (H, W, C).
@@ -135,26 +134,26 @@ class _Reader:
                 f"rows {start} … {stop - 1} of an image of shape {self._shape} and dtype {self.stored} came with shape "
                 f"{part.shape} and dtype {part.dtype}"
             )
-        _let_go(self._image)
+        _release_pages(self._image)
         rows = torch.from_numpy(part.astype(self.stored, copy=False).reshape(stop - start, *self.shape[1:]))
         return rows.permute(2, 0, 1).unsqueeze(0)
 
 
-def _let_go(image: object) -> None:
-    """Gives pages of a mapped file back, which count as this process's memory until another one needs it."""
+def _release_pages(image: object) -> None:
+    """Releases the pages of a mapped file, which otherwise count as this process's memory."""
     mapped = getattr(image, "_mmap", None)
     if isinstance(image, np.memmap) and image.mode == "r" and mapped is not None and hasattr(mmap, "MADV_DONTNEED"):
         mapped.madvise(mmap.MADV_DONTNEED)
 
 
 def _bytes_of_row(spec: HOGSpec, reader: _Reader, size: int) -> int:
-    """Roughly, what becomes of a row of pixels included, of which numbers have so many bytes."""
+    """Rough number of bytes for a row of pixels, its histograms and descriptor; numbers have ``size`` bytes."""
     height, width, channels = reader.shape
     (of_cells, columns), (rows, cols) = spec.cells(height, width), spec.grid(height, width)
-    # twice: a mapped file's pages are there, too
+    # twice: the pages of a mapped file, too
     read = width * (2 * channels + (spec.colours if spec.colours > 1 else 0)) * reader.stored.itemsize
     converted = width * channels * size if reader.stored == np.uint8 and size == 8 else 0
-    # histograms are four times there: of two rows of cells for each band, of the image, and put in a row
+    # four copies of histograms: two rows of cells for each band, those of the image, and those in a row
     histograms = 4 * math.ceil(of_cells * columns * spec.colours * spec.bins * size / height)
     return read + converted + histograms + 2 * math.ceil(rows * cols * spec.channels * size / height)
 
@@ -170,10 +169,10 @@ def _strips(reader: _Reader, spec: HOGSpec, strips: list[Strip]) -> Iterator[Des
     if spec.normalizer.reach() is None:
         scale = _scale(map(cells, strips), spec)
     for strip in strips:
-        found = cells(strip)
-        found = norm(found, spec) if scale is None else found * scale.to(found)
+        descriptor = cells(strip)
+        descriptor = norm(descriptor, spec) if scale is None else descriptor * scale.to(descriptor)
         first, last = strip.rows
-        rows = found[0, :, strip.before : strip.before + last - first]
+        rows = descriptor[0, :, strip.before : strip.before + last - first]
         yield DescriptorStrip(slice(first, last), rows.permute(1, 2, 0).contiguous().numpy())
 
 

@@ -1,10 +1,11 @@
-"""Which rows of an image some rows of its descriptor hang on: a crop that has them, too, bit by bit.
+"""The crop of an image that reproduces given rows of its descriptor bit for bit.
 
-A crop's histograms are others than the image's in three ways.  Votes from beyond it are missing, and gradients of its
-first and its last row are others: it is larger than what is wanted of it.  A Gaussian window that is tiled over the
-image begins anew: the crop begins where a tile does.  And how the compiled loops round hangs on where they end one band
-of rows and begin the next, which they find from the top: the crop begins where the image's bands go on as they do at
-its top, and what is wanted begins where they have settled.
+The histograms of a crop differ from those of the image for three reasons:
+
+* Votes of pixels outside the crop are missing, and gradients at its border differ.  So a crop has rows to spare.
+* A Gaussian window that is tiled over the image starts again.  So a crop starts where a tile does.
+* The compiled loops round differently where one band of rows ends and the next begins.  Bands are counted from the top
+  and repeat after a few of them.  So a crop starts at a whole period, and its first bands are to spare, too.
 """
 
 from __future__ import annotations
@@ -33,13 +34,13 @@ class Span(NamedTuple):
 
 @dataclass(frozen=True)
 class Strip:
-    """Rows of a descriptor, and what they are made from.
+    """Rows of a descriptor, and what they are computed from.
 
     Attributes:
-        rows: of the descriptor.
-        pixels: of the image, the crop.
-        cells: of the crop's cells, those that the normaliser makes the rows from.
-        before: how many rows it makes of these that are before the first one.
+        rows: rows of the descriptor.
+        pixels: the crop, rows of the image.
+        cells: the rows of the crop's cells that are normalised.
+        before: how many rows of their descriptor precede the first of ``rows``.
     """
 
     rows: Span
@@ -49,11 +50,11 @@ class Strip:
 
 
 class _Bands(NamedTuple):
-    """How bands follow each other, in rows of pixels."""
+    """The bands of a tall image, in rows of pixels."""
 
-    period: int  # after which they repeat
-    settled: int  # from the top, from where on they do
-    longest: int  # of one
+    period: int  # bands repeat after so many rows
+    settled: int  # from this row on
+    longest: int  # rows of the longest band
 
 
 class Strips:
@@ -67,7 +68,7 @@ class Strips:
     Attributes:
         total: rows of the whole descriptor.
         apart: rows of pixels from one row of the descriptor to the next.
-        margin: rows of pixels that a strip may need beside those.
+        margin: rows of pixels that a strip may need in addition.
 
     Raises:
         ValueError: the image is too small to have a descriptor.
@@ -92,11 +93,11 @@ class Strips:
 
     @property
     def _below(self) -> int:
-        """Rows of pixels after the last one that votes: the last band is as in the image, and so is the gradient."""
+        """Rows of pixels to spare below the last that votes: a band, and one row for its gradient."""
         return self._bands.longest + self._after + 1
 
     def of(self, rows: int) -> Iterator[Strip]:
-        """All strips from the top, of ``rows`` of the descriptor, at least 1; but of as many that most are alike."""
+        """All strips from the top, of about ``rows`` rows, at least 1; rounded so that most crops are of one size."""
         even = self._unit // math.gcd(self._unit, self.apart)
         rows = max(rows // even * even, min(rows, even))
         return (self._strip(Span(first, min(first + rows, self.total))) for first in range(0, self.total, rows))
@@ -114,38 +115,38 @@ class Strips:
         return max(row, 0) // self._unit * self._unit
 
     def _needed(self, rows: Span) -> tuple[Span, int]:
-        """The rows of cells that rows of the descriptor are made from, and how many before them it makes of these."""
+        """The rows of cells that rows of the descriptor depend on, and how many of its rows precede these there."""
         step, extent, margin = self._footprint
-        around = -(-max(self._reach - margin, 0) // step)  # entries before the first one that begin with its reach
+        around = -(-max(self._reach - margin, 0) // step)  # rows whose first cell is within reach of the first one
         before = min(around, rows.start)
         stop = (rows.stop - 1) * step + margin + extent + max(self._reach, margin)
         return Span((rows.start - before) * step, min(stop, self._cells)), before
 
 
 def _spacing(spec: HOGSpec, axis: int) -> Spacing:
-    """Pixels after which weights repeat, but for a window's, and the cells in these."""
+    """Pixels after which weights repeat, except a window's, and the cells in these."""
     return spec.pooling.spacing(spec.cell_size[axis], axis)
 
 
 def _reach(spec: HOGSpec, axis: int) -> tuple[int, int]:
-    """From how many pixels before a cell's first, or a block's, to how many after it votes come."""
+    """The pixels that vote into a cell or block: so many before its first, to so many after it."""
     return spec.pooling.reach(spec.cell_size[axis], axis)
 
 
 @lru_cache(maxsize=64)
 def _bands(spec: HOGSpec, width: int, dtype: torch.dtype) -> _Bands:
-    """Of tall images, at least so wide."""
+    """The bands of tall images that are at least so wide."""
     step, reach = _spacing(spec, 0).step, _reach(spec, 0)[1]
     if not supports(spec):
         return _Bands(step, 1, 1)  # plain steps have no bands
     height = _STEPS * step + 16 * reach
     bands = [(int(start), int(stop)) for start, stop, _ in parameters.pooling(spec, height, width, dtype).bands]
     longest = max(stop - start for start, stop in bands)
-    seen = {band for band in bands if band[1] <= height - reach}  # not those at the bottom, whose cells are missing
-    end = max(stop for _, stop in seen)
-    first = [stop for start, stop in seen if start == 0]  # has the first row, whose gradient is another in a crop
+    inner = {band for band in bands if band[1] <= height - reach}  # not those at the bottom, whose cells are missing
+    end = max(stop for _, stop in inner)
+    first = [stop for start, stop in inner if start == 0]  # has the first row, whose gradient differs in a crop
     for period in range(step, end // 2, step):
-        odd = [stop for start, stop in seen if stop + period <= end and (start + period, stop + period) not in seen]
+        odd = [stop for start, stop in inner if stop + period <= end and (start + period, stop + period) not in inner]
         settled = max(odd + first, default=1)
         if settled + period <= end // 2:
             return _Bands(period, settled, longest)

@@ -1,4 +1,4 @@
-"""What every normaliser says for itself."""
+"""The interface of normalisers."""
 
 from __future__ import annotations
 
@@ -71,8 +71,13 @@ class Normalizer(ABC):
     """
 
     kind: ClassVar[str]
+    has_loops: ClassVar[bool] = False
+    """Whether there are compiled loops: set where :meth:`loops` is written."""
     conventions: ClassVar[tuple[dict[str, str], ...]] = ()
     """Groups of its fields, each with what a reader calls it, if they can be exchanged one after the other."""
+
+    def __init_subclass__(cls) -> None:
+        cls.has_loops = cls.loops is not Normalizer.loops
 
     def check(self, bins: int, signed: bool) -> None:  # noqa: B027
         """Raises ValueError unless it goes with so many orientation bins, signed or not."""
@@ -117,11 +122,6 @@ class Normalizer(ABC):
     def loops(self, bins: int, signed: bool, real: Any) -> NormalizerLoops:
         """The compiled loops, in float32 or float64, ``real``; see :attr:`has_loops`."""
         raise NotImplementedError(f"{type(self).__name__} has no compiled loops")
-
-    @property
-    def has_loops(self) -> bool:
-        """Whether there are compiled loops."""
-        return type(self).loops is not Normalizer.loops
 
     def image_factor(self, energy: float) -> float:
         """What all histograms of an image are multiplied with whose squares sum to ``energy``, if that is all it does.

@@ -1,4 +1,4 @@
-"""What every pooling says for itself."""
+"""The interface of poolings."""
 
 from __future__ import annotations
 
