@@ -1,4 +1,4 @@
-"""Compiled functions that include others are compiled again when those change, though their own file has not."""
+"""A compiled function is compiled again when something it depends on in another file changes."""
 
 from __future__ import annotations
 
@@ -24,19 +24,45 @@ def outer(x):
 """
 
 
+TUPLE = """
+from typing import NamedTuple
+
+class Pair(NamedTuple):
+    {fields}
+"""
+MAKER = """
+from nablahog.runtime.compile import compiled
+from pair import Pair
+
+@compiled
+def first(x):
+    return Pair(x, 2 * x).first
+
+print(first(5.0))
+"""
+
+
 def ask(folder: Path) -> str:
     program = "from outer import outer; print(outer.__doc__, outer(5.0))"
     ran = subprocess.run([sys.executable, "-c", program], cwd=folder, capture_output=True, text=True, check=True)
     return ran.stdout.strip()
 
 
-def test_what_is_kept_follows_what_is_included(tmp_path: Path) -> None:
+def test_of_functions_that_it_calls(tmp_path: Path) -> None:
     (tmp_path / "outer.py").write_text(OUTER)
     (tmp_path / "inner.py").write_text(INNER.format(body="x + 1"))
     assert ask(tmp_path) == "Twice. 12.0"
-    kept = list((tmp_path / "__pycache__").glob("outer.outer*.nbi"))
-    assert len(kept) == 1
+    cached = list((tmp_path / "__pycache__").glob("outer.outer*.nbi"))
+    assert len(cached) == 1
     assert ask(tmp_path) == "Twice. 12.0"
-    assert list((tmp_path / "__pycache__").glob("outer.outer*.nbi")) == kept
+    assert list((tmp_path / "__pycache__").glob("outer.outer*.nbi")) == cached
     (tmp_path / "inner.py").write_text(INNER.format(body="x + 10"))
     assert ask(tmp_path) == "Twice. 30.0"
+
+
+def test_of_tuples_that_it_makes(tmp_path: Path) -> None:
+    (tmp_path / "maker.py").write_text(MAKER)
+    for fields, expected in (("first: float; second: float", "5.0\n"), ("second: float; first: float", "10.0\n")):
+        (tmp_path / "pair.py").write_text(TUPLE.format(fields=fields))
+        program = [sys.executable, "-B", "maker.py"]
+        assert subprocess.run(program, cwd=tmp_path, capture_output=True, text=True, check=True).stdout == expected

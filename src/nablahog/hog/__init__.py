@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .channels import convert_channels
     from .descriptor import HOG, hog
     from .layout import from_layout, to_layout
+    from .steps import histograms_reference
     from .streaming import DescriptorStrip, stream
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "WindowNorm",
     "convert_channels",
     "from_layout",
+    "histograms_reference",
     "hog",
     "presets",
     "stream",
@@ -39,5 +41,6 @@ names_when_used(
     channels=("convert_channels",),
     descriptor=("HOG", "hog"),
     layout=("from_layout", "to_layout"),
+    steps=("histograms_reference",),
     streaming=("DescriptorStrip", "stream"),
 )

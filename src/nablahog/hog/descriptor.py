@@ -14,7 +14,7 @@ from .inputs import ArrayImage, image_batch, to_array
 from .layout import to_layout
 from .normalize import normalize
 from .spec import HOGSpec
-from .steps import plain_histograms
+from .steps import histograms_reference
 
 Backend: TypeAlias = Literal["auto", "torch"]
 ResultLayout: TypeAlias = Literal["cells", "native"]
@@ -41,7 +41,7 @@ def histograms(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> T
     if backend == "auto" and images.is_cpu and kernels.supports(spec):
         return kernels.histograms(images, spec)
     spec.grid(*images.shape[-2:])  # or it is too small; the loops check this with their cached parameters
-    return plain_histograms(images, spec)
+    return histograms_reference(images, spec)
 
 
 @overload
@@ -97,7 +97,7 @@ def hog(
         descriptor = kernels.describe(images, spec)
     else:
         spec.grid(*images.shape[-2:])
-        descriptor = normalize(plain_histograms(images, spec), spec).permute(0, 2, 3, 1).contiguous()  # Eq. 7
+        descriptor = normalize(histograms_reference(images, spec), spec).permute(0, 2, 3, 1).contiguous()  # Eq. 7
     return descriptor if layout == "cells" else to_layout(descriptor, spec)
 
 

@@ -21,7 +21,7 @@ def _scaled(images: Tensor, spec: HOGSpec) -> Tensor:
     return images if spec.value_range == 1 else images * spec.value_range
 
 
-def plain_histograms(images: Tensor, spec: HOGSpec) -> Tensor:
+def histograms_reference(images: Tensor, spec: HOGSpec) -> Tensor:
     """Eq. 1-6: images (B, C, H, W) to cells (B, colours · bins, rows, cols)."""
     with torch.autocast(images.device.type, enabled=False):  # its half precision would show in every library's parity
         gx, gy = gradient(_scaled(images, spec), spec)  # Eq. 1-2

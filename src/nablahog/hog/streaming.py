@@ -14,7 +14,7 @@ from torch import Tensor
 
 from .inputs import is_pil, pil_pixels
 from .kernels import steps
-from .kernels.norms import _total
+from .kernels.norms import long_dot
 from .spec import HOGSpec
 from .strips import Strip, Strips
 
@@ -205,9 +205,9 @@ class _Energy:
         whole = len(values) // _SUMMED * _SUMMED
         for first in range(0, whole, _SUMMED):
             part = values[first : first + _SUMMED]
-            self._total += _total(part, part)
+            self._total += long_dot(part, part)
         self._rest = values[whole:].copy()
 
     def total(self) -> float:
         """Of all that came."""
-        return self._total if self._rest is None else self._total + _total(self._rest, self._rest)
+        return self._total if self._rest is None else self._total + long_dot(self._rest, self._rest)

@@ -2,180 +2,177 @@
 
 from __future__ import annotations
 
-from typing import Any
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING, NamedTuple
 
 from torch import Tensor
 
-from ..runtime.compile import compiled, inlined, instruction
-from ..runtime.simd import Builder, Lanes, lanes
+from ..runtime.arrays import Floats, Integers, Real
+from ..runtime.compile import compiled, inlined
+from ..runtime.lanes import Array, Builder, Variable
+from ..runtime.simd import lanes, vector_function, vector_instruction
 from ..runtime.threads import share_out
 from .lbfgs_decisions import ALONG, BESIDE, CHANGE_ALONG, CHANGE_SQUARED, CHANGE_WITH_NEW
 from .lbfgs_vectors import Vectors
+
+if TYPE_CHECKING:
+    from llvmlite import ir
 
 PIECE = 1024  # numbers that stay in the fastest memory while all stored vectors are read or added to them
 FOURS = 64  # numbers: four vectors, or eight, or sixteen
 
 
-def _fours(write: Builder, count: Any) -> Any:
-    """Over ``count`` numbers, a multiple of :data:`FOURS`, four vectors at a time."""
-    from numba.core import cgutils
+class _Pair(NamedTuple):
+    """Where two stored vectors begin: a step, and the change of the gradient."""
 
-    return cgutils.for_range_slice(write.builder, write.whole(0), count, write.whole(4 * lanes(write.size(0))))
-
-
-@instruction
-def _products(_: Any, left: Any, at: Any, right: Any, begin: Any, count: Any) -> Any:
-    """The sum of products of ``count`` numbers, a multiple of :data:`FOURS`, from two places on."""
-
-    def build(*call: Any) -> Any:
-        write = Builder(*call)
-        builder, width = write.builder, lanes(write.size(0))
-        type_ = write.vector(write.number(0), width)
-        sums = [write.variable(type_) for _ in range(4)]  # which do not wait for each other
-        for each in sums:
-            builder.store(write.zeros(type_), each)
-        _, at, _, begin, count = write.arguments
-        with _fours(write, count) as (k, _):
-            for j, each in enumerate(sums):
-                one = write.load(0, write.add(at, k, j * width), width)
-                other = write.load(2, write.add(begin, k, j * width), width)
-                builder.store(write.product_sum(one, other, builder.load(each)), each)
-        first, second, third, fourth = (builder.load(each) for each in sums)
-        return write.total(builder.fadd(builder.fadd(first, second), builder.fadd(third, fourth)))
-
-    return left.dtype(left, at, right, begin, count), build
+    s: int
+    y: int
 
 
-@instruction
-def _changes(_: Any, new: Any, old: Any, direction: Any, begin: Any, count: Any, found: Any, at: Any) -> Any:
-    """To ``found[at:]``, the sums of products beside those with stored vectors, of ``count`` numbers, likewise."""
-    from numba.core import types
-
-    def build(*call: Any) -> Any:
-        write = Builder(*call)
-        builder, width = write.builder, lanes(write.size(0))
-        type_ = write.vector(write.number(0), width)
-        sums = [write.variable(type_) for _ in range(BESIDE)]
-        for each in sums:
-            builder.store(write.zeros(type_), each)
-        begin, count, at = write.arguments[3], write.arguments[4], write.arguments[6]
-        with _fours(write, count) as (k, _):
-            for j in range(4):
-                new, old, along = (
-                    Lanes(write, write.load(which, write.add(begin, k, j * width), width)) for which in range(3)
-                )
-                change = new - old
-                pairs = {
-                    ALONG: (new, along),
-                    CHANGE_ALONG: (change, along),
-                    CHANGE_SQUARED: (change, change),
-                    CHANGE_WITH_NEW: (change, new),
-                }
-                for which, (left, right) in pairs.items():
-                    total = write.product_sum(left.value, right.value, builder.load(sums[which]))
-                    builder.store(total, sums[which])
-        for which, each in enumerate(sums):
-            place = write.place(5, write.add(at, which), write.number(5))
-            builder.store(write.total(builder.load(each)), place)
-        return call[0].get_dummy_value()
-
-    return types.void(new, old, direction, begin, count, found, at), build
+def _fours(write: Builder, x: Array, count: ir.Value) -> AbstractContextManager[ir.Value]:
+    """A loop over ``count`` numbers, a multiple of :data:`FOURS`, four vectors at a time."""
+    return write.loop(count, 4 * lanes(x.itemsize))
 
 
-@instruction
+@vector_function
+def _products(write: Builder, left: Array, at: ir.Value, right: Array, begin: ir.Value, count: ir.Value) -> ir.Value:
+    """The dot product of ``left[at:]`` and ``right[begin:]``, ``count`` numbers, a multiple of :data:`FOURS`."""
+    width = lanes(left.itemsize)
+    sums = [Variable(write.constant(left.vector(width), 0.0)) for _ in range(4)]  # which do not wait for each other
+    with _fours(write, left, count) as k:
+        for j, each in enumerate(sums):
+            one = left.load(write.add(at, k, j * width), width)
+            other = right.load(write.add(begin, k, j * width), width)
+            each.set(one.multiply_add(other, each.get()))
+    first, second, third, fourth = (each.get() for each in sums)
+    return ((first + second) + (third + fourth)).sum()
+
+
+@vector_instruction
+def _changes(
+    write: Builder,
+    new: Array,
+    old: Array,
+    direction: Array,
+    begin: ir.Value,
+    count: ir.Value,
+    out: Array,
+    at: ir.Value,
+) -> None:
+    """To ``out[at:]``, the dot products other than those with stored vectors, of numbers from ``begin`` on."""
+    width = lanes(new.itemsize)
+    sums = [Variable(write.constant(new.vector(width), 0.0)) for _ in range(BESIDE)]
+    with _fours(write, new, count) as k:
+        for j in range(4):
+            here = write.add(begin, k, j * width)
+            gradient, before, along = (each.load(here, width) for each in (new, old, direction))
+            change = gradient - before
+            pairs = {
+                ALONG: (gradient, along),
+                CHANGE_ALONG: (change, along),
+                CHANGE_SQUARED: (change, change),
+                CHANGE_WITH_NEW: (change, gradient),
+            }
+            for which, (left, right) in pairs.items():
+                sums[which].set(left.multiply_add(right, sums[which].get()))
+    for which, each in enumerate(sums):
+        out.store_scalar(write.add(at, which), each.get().sum())
+
+
+@vector_instruction
 def _store_pair(
-    _: Any, new: Any, old: Any, along: Any, begin: Any, step: Any, stored: Any, s: Any, y: Any, count: Any
-) -> Any:
-    """To ``stored[s:]`` a step along a direction, to ``stored[y:]`` the gradient's change, likewise."""
-    from numba.core import types
+    write: Builder,
+    new: Array,
+    old: Array,
+    along: Array,
+    begin: ir.Value,
+    step: ir.Value,
+    stored: Array,
+    pair: _Pair,
+    count: ir.Value,
+) -> None:
+    """Stores a step along a direction as ``pair.s``, and the gradient's change as ``pair.y``."""
+    width = lanes(new.itemsize)
+    length = write.splat(step, width)
+    with _fours(write, new, count) as k:
+        for j in range(4):
+            x = write.add(k, j * width)
+            gradient, before, direction = (each.load(write.add(begin, x), width) for each in (new, old, along))
+            stored.store(write.add(pair.s, x), length * direction)
+            stored.store(write.add(pair.y, x), gradient - before)
 
-    def build(*call: Any) -> Any:
-        write = Builder(*call)
-        width = lanes(write.size(0))
-        begin, step, s, y, count = (write.arguments[which] for which in (3, 4, 6, 7, 8))
-        step = Lanes(write, write.splat(step, width))
-        with _fours(write, count) as (k, _):
-            for j in range(4):
-                x = write.add(k, j * width)
-                new, old, along = (Lanes(write, write.load(which, write.add(begin, x), width)) for which in range(3))
-                write.store(5, write.add(s, x), (step * along).value)
-                write.store(5, write.add(y, x), (new - old).value)
-        return call[0].get_dummy_value()
 
-    return types.void(new, old, along, begin, step, stored, s, y, count), build
-
-
-@instruction
-def _step(_: Any, xs: Any, along: Any, begin: Any, step: Any, new: Any, gradients: Any, by: Any, count: Any) -> Any:
-    """A step along a direction, and the new gradient, of which ``by`` times is where the next direction begins.
+@vector_function
+def _step(
+    write: Builder,
+    xs: Array,
+    along: Array,
+    begin: ir.Value,
+    step: ir.Value,
+    new: Array,
+    gradients: Array,
+    by: ir.Value,
+    count: ir.Value,
+) -> ir.Value:
+    """A step along a direction, and the new gradient, ``by`` times which the next direction begins with.
 
     Returns the largest absolute number of the gradient.
     """
-
-    def build(*call: Any) -> Any:
-        write = Builder(*call)
-        builder, width = write.builder, lanes(write.size(0))
-        type_ = write.vector(write.number(0), width)
-        largest = write.variable(type_)
-        builder.store(write.zeros(type_), largest)
-        begin, count = write.arguments[2], write.arguments[7]
-        step, by = (Lanes(write, write.splat(write.arguments[which], width)) for which in (3, 6))
-        with _fours(write, count) as (k, _):
-            for j in range(4):
-                here = write.add(begin, k, j * width)
-                x, along, new = (Lanes(write, write.load(which, here, width)) for which in (0, 1, 4))
-                write.store(0, here, (x + step * along).value)
-                write.store(5, here, new.value)
-                write.store(1, here, (by * new).value)
-                so_far = Lanes(write, builder.load(largest))
-                builder.store(new.abs().compare(">", so_far).where(new.abs(), so_far).value, largest)
-        return write.largest(builder.load(largest))
-
-    return xs.dtype(xs, along, begin, step, new, gradients, by, count), build
+    width = lanes(xs.itemsize)
+    largest = Variable(write.constant(xs.vector(width), 0.0))
+    length, factor = write.splat(step, width), write.splat(by, width)
+    with _fours(write, xs, count) as k:
+        for j in range(4):
+            here = write.add(begin, k, j * width)
+            x, direction, gradient = (each.load(here, width) for each in (xs, along, new))
+            xs.store(here, x + length * direction)
+            gradients.store(here, gradient)
+            along.store(here, factor * gradient)
+            size = gradient.abs()
+            largest.set(size.compare(">", largest.get()).where(size, largest.get()))
+    return largest.get().max()
 
 
-@instruction
+@vector_instruction
 def _add_pair(
-    _: Any, to: Any, begin: Any, stored: Any, first: Any, second: Any, by_first: Any, by_second: Any, count: Any
-) -> Any:
-    """Adds two of the stored vectors from two places on, each times a number, to ``count`` numbers, likewise."""
-    from numba.core import types
-
-    def build(*call: Any) -> Any:
-        write = Builder(*call)
-        width = lanes(write.size(0))
-        _, begin, _, first, second, *factors, count = write.arguments
-        by_first, by_second = (write.splat(factor, width) for factor in factors)
-        with _fours(write, count) as (k, _):
-            for j in range(4):
-                here = write.add(begin, k, j * width)
-                total = write.product_sum(
-                    by_first, write.load(2, write.add(first, k, j * width), width), write.load(0, here, width)
-                )
-                total = write.product_sum(by_second, write.load(2, write.add(second, k, j * width), width), total)
-                write.store(0, here, total)
-        return call[0].get_dummy_value()
-
-    return types.void(to, begin, stored, first, second, by_first, by_second, count), build
+    write: Builder,
+    to: Array,
+    begin: ir.Value,
+    stored: Array,
+    pair: _Pair,
+    by_s: ir.Value,
+    by_y: ir.Value,
+    count: ir.Value,
+) -> None:
+    """Adds two stored vectors, each times a number, to ``count`` numbers from ``begin`` on."""
+    width = lanes(to.itemsize)
+    first, second = write.splat(by_s, width), write.splat(by_y, width)
+    with _fours(write, to, count) as k:
+        for j in range(4):
+            here, x = write.add(begin, k, j * width), write.add(k, j * width)
+            total = first.multiply_add(stored.load(write.add(pair.s, x), width), to.load(here, width))
+            to.store(here, second.multiply_add(stored.load(write.add(pair.y, x), width), total))
 
 
 @inlined
-def _dot(left: Any, at: int, right: Any, begin: int, count: int) -> Any:
+def _dot(left: Floats, at: int, right: Floats, begin: int, count: int) -> Real:
     whole = count // FOURS * FOURS
-    total = _products(left, at, right, begin, whole)
+    total: Real = _products(left, at, right, begin, whole)
     for k in range(whole, count):
         total += left[at + k] * right[begin + k]
     return total
 
 
 @compiled
-def _dots(start: int, stop: int, n: int, new: Any, old: Any, directions: Any, stored: Any, found: Any) -> None:
-    """To rows of ``found`` (B, 2m + 4), what :meth:`Vectors.dots` returns; of arrays (…,) with all vectors in a row."""
-    both = found.shape[1] - BESIDE
+def _dots(
+    start: int, stop: int, n: int, new: Floats, old: Floats, directions: Floats, stored: Floats, out: Floats
+) -> None:
+    """To rows of ``out`` (B, 2m + 4), what :meth:`Vectors.dots` returns; of arrays (…,) with all vectors in a row."""
+    both = out.shape[1] - BESIDE
     whole = n // FOURS * FOURS
-    flat = found.reshape(-1)
+    flat = out.reshape(-1)
     for i in range(start, stop):
-        begin, at = i * n, i * found.shape[1] + both
+        begin, at = i * n, i * out.shape[1] + both
         _changes(new, old, directions, begin, whole, flat, at)
         for k in range(begin + whole, begin + n):
             change = new[k] - old[k]
@@ -183,19 +180,27 @@ def _dots(start: int, stop: int, n: int, new: Any, old: Any, directions: Any, st
             flat[at + CHANGE_ALONG] += change * directions[k]
             flat[at + CHANGE_SQUARED] += change * change
             flat[at + CHANGE_WITH_NEW] += change * new[k]
-        found[i, :both] = 0
+        out[i, :both] = 0
         for piece in range(0, n, PIECE):
             count = min(PIECE, n - piece)
             for k in range(both):
-                found[i, k] += _dot(stored, (i * both + k) * n + piece, new, begin + piece, count)
+                out[i, k] += _dot(stored, (i * both + k) * n + piece, new, begin + piece, count)
 
 
 @inlined
 def _remainder(
-    begin: int, whole: int, end: int, step: Any, by: Any, new: Any, xs: Any, gradients: Any, directions: Any
-) -> Any:
+    begin: int,
+    whole: int,
+    end: int,
+    step: Real,
+    by: Real,
+    new: Floats,
+    xs: Floats,
+    gradients: Floats,
+    directions: Floats,
+) -> Real:
     """What :func:`_step` does, for the numbers that are left."""
-    largest = step - step
+    largest: Real = step - step
     for k in range(whole, end):
         x = begin + k
         xs[x] += step * directions[x]
@@ -205,12 +210,14 @@ def _remainder(
 
 
 @inlined
-def _combine(begin: int, count: int, first: int, n: int, coefficients: Any, stored: Any, directions: Any) -> None:
+def _combine(
+    begin: int, count: int, first: int, n: int, coefficients: Floats, stored: Floats, directions: Floats
+) -> None:
     """Adds stored vectors, the first of which has its share from ``first`` on, to ``count`` numbers of a direction."""
     m, whole = len(coefficients) // 2, count // FOURS * FOURS
     for k in range(m):
         s, y, by_s, by_y = first + k * n, first + (k + m) * n, coefficients[k], coefficients[k + m]
-        _add_pair(directions, begin, stored, s, y, by_s, by_y, whole)
+        _add_pair(directions, begin, stored, _Pair(s, y), by_s, by_y, whole)
         for x in range(whole, count):
             directions[begin + x] += by_s * stored[s + x] + by_y * stored[y + x]
 
@@ -219,16 +226,16 @@ def _combine(begin: int, count: int, first: int, n: int, coefficients: Any, stor
 def _move(
     start: int,
     stop: int,
-    taken: Any,
-    places: Any,
-    coefficients: Any,
-    new: Any,
-    xs: Any,
-    gradients: Any,
-    directions: Any,
-    stored: Any,
-    slopes: Any,
-    peaks: Any,
+    taken: Floats,
+    places: Integers,
+    coefficients: Floats,
+    new: Floats,
+    xs: Floats,
+    gradients: Floats,
+    directions: Floats,
+    stored: Floats,
+    slopes: Floats,
+    peaks: Floats,
 ) -> None:
     """What :meth:`Vectors.move` does for some problems; all vectors of arrays (…,) in a row."""
     both, n = coefficients.shape[1] - 1, len(xs) // len(taken)
@@ -241,7 +248,7 @@ def _move(
                 whole = count // FOURS * FOURS
                 if places[i] >= 0:
                     s, y = first + places[i] * n, first + (places[i] + both // 2) * n
-                    _store_pair(new, gradients, directions, begin, step, stored, s, y, whole)
+                    _store_pair(new, gradients, directions, begin, step, stored, _Pair(s, y), whole)
                     for x in range(whole, count):
                         stored[s + x] = step * directions[begin + x]
                         stored[y + x] = new[begin + x] - gradients[begin + x]
@@ -256,11 +263,11 @@ class CompiledVectors(Vectors):
     """In loops, in as many threads as PyTorch takes: what a problem needs stays in the caches until it has moved on."""
 
     def dots(self, trial_gradient: Tensor) -> Tensor:
-        found = self.x.new_empty(len(self.x), self.stored.shape[1] + BESIDE)
+        out = self.x.new_empty(len(self.x), self.stored.shape[1] + BESIDE)
         vectors = (trial_gradient, self.gradient, self.direction, self.stored)
-        arrays = *(each.view(-1).numpy() for each in vectors), found.numpy()
-        share_out(lambda start, stop: _dots(start, stop, self.x.shape[1], *arrays), len(found))
-        return found
+        arrays = *(each.view(-1).numpy() for each in vectors), out.numpy()
+        share_out(lambda start, stop: _dots(start, stop, self.x.shape[1], *arrays), len(out))
+        return out
 
     def move(
         self, taken: Tensor, places: Tensor, coefficients: Tensor, trial_gradient: Tensor, slopes: Tensor, peaks: Tensor

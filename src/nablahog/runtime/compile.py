@@ -1,4 +1,4 @@
-"""Loops compiled by numba."""
+"""Functions compiled by numba, with their machine code cached on disk."""
 
 from __future__ import annotations
 
@@ -10,112 +10,128 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any
 
-# Nothing is left to the compiler's taste.  Of products and sums that it may fuse, it fuses some when it makes the code
-# and others when it has loaded a part of it from disk: a search that goes on in another process would end elsewhere.
+# No fused multiply-add unless a loop asks for it: LLVM would fuse some when it compiles and others when it has loaded a
+# part of the code from disk, so that a search that is resumed in another process would end elsewhere.
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+_PACKAGE = __name__.partition(".")[0]
+
+
+def _modules_behind(function: FunctionType) -> set[str]:
+    """The modules of this package that a function's module takes names from, and those that they take names from."""
+    found: set[str] = set()
+    names = {function.__module__}
+    while names:
+        found |= names
+        every = (vars(sys.modules[name]).values() for name in names)
+        used = {getattr(value, "__module__", None) for values in every for value in values}
+        names = {name for name in used if isinstance(name, str) and name.partition(".")[0] == _PACKAGE} - found
+    return found
 
 
 class _Instruction:
-    """What a compiled function may call that numba has no word for: see :func:`instruction`."""
+    """A vector instruction that compiled functions may call: see :func:`instruction`."""
 
-    def __init__(self, function: FunctionType) -> None:
-        self.function = function
+    def __init__(self, define: Callable[..., Any], build: FunctionType) -> None:
+        self.define, self.build = define, build
         self.machine_code = cache(self._resolve)
 
     def _resolve(self) -> Any:
         from numba.extending import intrinsic
 
-        return intrinsic(self.function)
+        return intrinsic(self.define)
 
     def digest(self) -> str:
-        """Of all that the machine code is made of: helpers in the same file and in those of ours it imports from."""
-        used = {self.function.__module__, *(getattr(x, "__module__", "") for x in self.function.__globals__.values())}
-        ours = f"{__name__.partition('.')[0]}."
-        files = [sys.modules[name].__file__ for name in sorted(used) if name.startswith(ours)]
+        """Hash of the source files that its code is made from."""
+        files = [sys.modules[name].__file__ for name in sorted(_modules_behind(self.build))]
         return hashlib.sha256(b"".join(Path(file).read_bytes() for file in files if file)).hexdigest()
 
 
 class _Compiled:
-    """A function in machine code, made at its first call and kept on disk where a folder for that can be written."""
+    """A function in machine code: compiled at its first call, cached on disk where a folder for that can be written."""
 
     def __init__(self, function: FunctionType, options: dict[str, Any]) -> None:
         update_wrapper(self, function)
         self.function, self.options = function, options
-        self.machine_code = cache(self._compile)  # not while a module is imported: numba takes most of a second to load
+        self.machine_code = cache(self._compile)  # not at import: numba takes most of a second to load
 
     def __call__(self, *arguments: Any) -> Any:
         return self.machine_code()(*arguments)
 
-    def for_types_of(self, *arguments: Any) -> Callable[..., Any]:
-        """What a call with such arguments runs, to be called with others of the same types only.
+    def entry_point(self, *arguments: Any) -> Callable[..., Any]:
+        """The machine code for the types of these arguments; it must be called with the same types.
 
-        Nothing asks for the types then, which for many arrays takes as long as a small image.
+        It skips numba's dispatch by type, which for many arrays takes as long as a small image.
         """
         import numba
 
         types = tuple(numba.typeof(argument) for argument in arguments)  # type: ignore[no-untyped-call]
-        code: Any = self.machine_code()  # once: several threads that come first have one of their own each
-        code.compile(types)
-        found: Callable[..., Any] = code.overloads[types].entry_point
-        return found
+        dispatcher: Any = self.machine_code()  # once: threads that arrive together may each compile their own
+        dispatcher.compile(types)
+        entry_point: Callable[..., Any] = dispatcher.overloads[types].entry_point
+        return entry_point
+
+    def _globals(self) -> dict[str, Any]:
+        """The values of the module's names that the function uses."""
+        function = self.function
+        return {name: function.__globals__[name] for name in function.__code__.co_names if name in function.__globals__}
 
     def _calls(self) -> dict[str, _Compiled | _Instruction]:
-        """The compiled functions that this one calls by a name of its module."""
-        function = self.function
-        named = {name: function.__globals__.get(name) for name in function.__code__.co_names}
-        return {name: each for name, each in named.items() if isinstance(each, _Compiled | _Instruction)}
+        """The compiled functions that this one calls, by their names in its module."""
+        return {name: each for name, each in self._globals().items() if isinstance(each, _Compiled | _Instruction)}
 
     def digest(self) -> str:
-        """Of all that the machine code is made of."""
-        code = self.function.__code__
-        calls = (each.digest() for each in self._calls().values())
-        known = self.function.__globals__
-        constants = (repr(known[name]) for name in code.co_names if isinstance(known.get(name), int | float))
-        parts = code.co_code.hex(), repr(code.co_consts), repr(self.options), *constants, *calls
+        """Hash of all that the machine code depends on: bytecode, options, constants, fields of tuples, callees."""
+        code, used = self.function.__code__, self._globals()
+        constants = [repr(value) for value in used.values() if isinstance(value, int | float)]
+        fields = [f"{name}{value._fields}" for name, value in used.items() if hasattr(value, "_fields")]
+        calls = [each.digest() for each in self._calls().values()]
+        parts = code.co_code.hex(), repr(code.co_consts), repr(self.options), *constants, *fields, *calls
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
     def _compile(self) -> Callable[..., Any]:
         import numba
 
-        # What numba keeps, it keeps until the file of this function changes.  What else it is made of, functions of
-        # other files and the options, needs a name for each state of it.
-        known = self.function.__globals__ | {name: each.machine_code() for name, each in self._calls().items()}
-        function = FunctionType(self.function.__code__, known, self.function.__name__)
+        # numba's cache on disk is valid until the file of this function changes.  Whatever else the code depends on,
+        # functions of other files and options, goes into the name under which it is cached.
+        names = self.function.__globals__ | {name: each.machine_code() for name, each in self._calls().items()}
+        function = FunctionType(self.function.__code__, names, self.function.__name__)
         function.__module__ = self.function.__module__
         function.__qualname__ = f"{self.function.__qualname__}_{self.digest()[:16]}"
         try:
-            kept: Callable[..., Any] = numba.njit(cache=True, **self.options)(function)
-        except RuntimeError:  # there is no folder to keep it in
-            kept = numba.njit(**self.options)(function)
-        return kept
+            dispatcher: Callable[..., Any] = numba.njit(cache=True, **self.options)(function)
+        except RuntimeError:  # no folder can be written
+            dispatcher = numba.njit(**self.options)(function)
+        return dispatcher
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """``function`` in machine code, which may call other compiled functions by the names that its module has for them.
+    """``function`` in machine code; it may call other compiled functions by their names in its module.
 
-    Every operation is rounded by itself and in the order written: a process finds the same numbers as any other, and
-    NaN, infinities and equal inputs keep their meaning.
+    Each operation is rounded by itself, in the order written: results are the same in every process, and NaN,
+    infinities and ties keep their meaning.
     """
     assert isinstance(function, FunctionType)
     return _Compiled(function, _OPTIONS)
 
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The same of a small function that is called often: it becomes a part of those that call it.
+    """The same for a small function that is called often: its code is copied into its callers.
 
-    A call of its own counts up and down how many hold each array that it takes, which for a line of pixels can take
-    longer than what is done with it.
+    Avoids numba's reference counting of array arguments on every call, which for a row of pixels can take longer than
+    the work on it.
     """
     assert isinstance(function, FunctionType)
     return _Compiled(function, {**_OPTIONS, "forceinline": True})
 
 
-def instruction(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A few vector instructions, in place of a call by a compiled function.
+def instruction(define: Callable[..., Any], build: Callable[..., Any]) -> Callable[..., Any]:
+    """A function written in LLVM's instructions, for compiled functions to call.
 
     Args:
-        function: from numba's typing context and the types of the arguments to a signature and what builds LLVM's
-            instructions, as :func:`numba.extending.intrinsic` takes it.
+        define: maps numba's typing context and argument types to a signature and a code generator, as
+            :func:`numba.extending.intrinsic` takes it.
+        build: the function with the instructions; the code is compiled again when its module, or one that it imports
+            names from, changes.
     """
-    assert isinstance(function, FunctionType)
-    return _Instruction(function)  # type: ignore[return-value]
+    assert isinstance(build, FunctionType)
+    return _Instruction(define, build)  # type: ignore[return-value]

@@ -1,4 +1,4 @@
-"""Work shared out to threads, in loops that let go of Python's lock while they run."""
+"""Work shared out to threads, for loops that release Python's lock."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ Result = TypeVar("Result")
 def in_threads(work: Callable[[int], Result], count: int) -> list[Result]:
     """``work(0)`` … ``work(count - 1)``, in as many threads as PyTorch takes.
 
-    Inside of ``work`` PyTorch takes one thread: threads of its own would wait for each other, which keeps processors
-    busy that others need.
+    Inside ``work`` PyTorch takes one thread: several pools would wait for each other with busy processors.
     """
     threads = torch.get_num_threads()
     if threads == 1 or count < 2:
@@ -28,9 +27,9 @@ def in_threads(work: Callable[[int], Result], count: int) -> list[Result]:
 
 
 def share_out(work: Callable[[int, int], None], count: int) -> None:
-    """``work(start, stop)`` of equal parts of ``count`` things in a row, as many as threads, one of them the caller's.
+    """Calls ``work(start, stop)`` for equal parts of ``range(count)``, one a thread; the caller's thread takes one.
 
-    It is for loops that call nothing of PyTorch's.
+    For loops that call nothing of PyTorch.
     """
     threads = torch.get_num_threads()
     parts = min(threads, count)
@@ -53,12 +52,12 @@ def _pool(threads: int) -> ThreadPoolExecutor:
     pool = ThreadPoolExecutor(threads, "nablahog", initializer=_one_thread)
     started = threading.Barrier(threads)
     list(pool.map(lambda _: started.wait(), range(threads)))
-    torch.set_num_threads(threads)  # a part of that setting is that of all threads
+    torch.set_num_threads(threads)  # which the pool's threads have changed: a part of the setting is global
     return pool
 
 
 def _one_thread() -> None:
-    torch.get_num_threads()  # which, the first time in a thread, sets the number to that of all threads
+    torch.get_num_threads()  # its first call in a thread sets the number to the global one
     torch.set_num_threads(1)
 
 

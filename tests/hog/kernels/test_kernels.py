@@ -1,4 +1,4 @@
-"""The compiled steps return what the plain ones return, and their derivatives, also where those are conventions."""
+"""The compiled steps and their derivatives are those of the reference steps, also at kinks."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from nablahog.hog.kernels import steps, supports
 from nablahog.hog.normalize import normalize
 from nablahog.hog.normalizers import PARTS
 from nablahog.hog.poolings import Pooling
-from nablahog.hog.steps import plain_histograms
+from nablahog.hog.steps import histograms_reference
 from nablahog.runtime.compile import compiled
 
 from ..zoo import SPECS, integers, noise, spec
@@ -37,7 +37,7 @@ specs = pytest.mark.parametrize("name", COMPILED)
 def fast(s: HOGSpec) -> tuple[Any, Any]:
     """The compiled steps."""
     of_cells, norm = steps(CPU, s)
-    assert of_cells is not plain_histograms
+    assert of_cells is not histograms_reference
     return of_cells, norm
 
 
@@ -46,8 +46,8 @@ def channels(s: HOGSpec) -> int:
     return 1 if s.colour == "gray" else 3
 
 
-def with_derivative(step: Any, x: Tensor, s: HOGSpec) -> tuple[Tensor, Tensor, Tensor]:
-    """A step's result, the gradient of its product with some fixed numbers, and its change with others."""
+def with_derivatives(step: Any, x: Tensor, s: HOGSpec) -> tuple[Tensor, Tensor, Tensor]:
+    """A step's result, its vjp and its jvp, with a fixed cotangent and tangent."""
     x = x.detach().requires_grad_()
     result = step(x, s)
     weights = torch.linspace(0, 40, result.numel(), dtype=x.dtype).cos().view(result.shape)
@@ -57,13 +57,15 @@ def with_derivative(step: Any, x: Tensor, s: HOGSpec) -> tuple[Tensor, Tensor, T
     return result.detach(), derivative, changed
 
 
-def assert_same(compiled_step: Any, plain: Any, x: Tensor, s: HOGSpec) -> None:
-    """Up to rounding, relative to the largest entry; the plain steps in float64, where diagonals are exact.
+def assert_same(compiled_step: Any, reference_step: Any, x: Tensor, s: HOGSpec) -> None:
+    """Up to rounding, relative to the largest entry; the reference in float64, where diagonals are exact.
 
     Unless the dialect's angle is float32 whatever the image.
     """
-    reference = x.double() if s.angle == "exact" else x
-    for got, exact in zip(with_derivative(compiled_step, x, s), with_derivative(plain, reference, s), strict=True):
+    exact_input = x.double() if s.angle == "exact" else x
+    for got, exact in zip(
+        with_derivatives(compiled_step, x, s), with_derivatives(reference_step, exact_input, s), strict=True
+    ):
         assert got.shape == exact.shape
         assert got.dtype == x.dtype
         size = float(exact.abs().max()) or 1.0
@@ -74,9 +76,9 @@ def assert_same(compiled_step: Any, plain: Any, x: Tensor, s: HOGSpec) -> None:
 
 @dtypes
 @specs
-def test_histograms_are_those_of_the_plain_steps(name: str, dtype: torch.dtype) -> None:
+def test_histograms_are_those_of_the_reference(name: str, dtype: torch.dtype) -> None:
     s = SPECS[name]
-    assert_same(fast(s)[0], plain_histograms, noise(3, channels(s), 17, 14, dtype=dtype), s)
+    assert_same(fast(s)[0], histograms_reference, noise(3, channels(s), 17, 14, dtype=dtype), s)
 
 
 @dtypes
@@ -86,7 +88,7 @@ def test_on_kinks_too(name: str, dtype: torch.dtype) -> None:
     s = SPECS[name]
     if dtype == torch.float32 and (s.gamma == "sqrt" or s.mask == "sobel"):
         pytest.skip("roots and sums are not exact: whether two components are equal depends on the last digit")
-    assert_same(fast(s)[0], plain_histograms, integers(3, 1, 17, 14, levels=3, dtype=dtype), s)
+    assert_same(fast(s)[0], histograms_reference, integers(3, 1, 17, 14, levels=3, dtype=dtype), s)
 
 
 @specs
@@ -97,7 +99,7 @@ def test_of_bytes_every_vote_is_the_same(name: str) -> None:
         torch.randint(256, (2, 3, 30, 29), dtype=torch.uint8, generator=torch.Generator().manual_seed(1)),
     )
     x[1] //= 32
-    plain = plain_histograms(x, s)
+    plain = histograms_reference(x, s)
     assert_close(fast(s)[0](x, s), plain, rtol=0, atol=2e-6 * float(plain.max()))
 
 
@@ -105,14 +107,14 @@ def test_of_bytes_every_vote_is_the_same(name: str) -> None:
 @pytest.mark.parametrize("bins", [8, 16])
 def test_diagonals_that_are_bin_centres(bins: int, dtype: torch.dtype) -> None:
     s = spec(signed=True, bins=bins, bin_offset=0.0)
-    assert_same(fast(s)[0], plain_histograms, integers(2, 1, 16, 16, levels=2, dtype=dtype), s)
+    assert_same(fast(s)[0], histograms_reference, integers(2, 1, 16, 16, levels=2, dtype=dtype), s)
 
 
 @pytest.mark.parametrize("bins", [8, 16])
 def test_diagonals_of_bytes_that_are_bin_centres(bins: int) -> None:
     """Whole numbers in units of the spec: equal components are equal to the last bit."""
     s = spec(signed=True, bins=bins, bin_offset=0.0, value_range=255.0)
-    assert_same(fast(s)[0], plain_histograms, integers(2, 1, 16, 16, levels=16), s)
+    assert_same(fast(s)[0], histograms_reference, integers(2, 1, 16, 16, levels=16), s)
 
 
 @dtypes
@@ -122,7 +124,7 @@ def test_hard_votes_on_diagonals(orientations: int, directions: str, dtype: torc
     """Which lie exactly between two bins if there are six, ten, fourteen …"""
     s = spec(vote="hard", directions=directions, bin_offset=0.0, bins=2 * orientations, signed=True, value_range=255.0)
     x = integers(2, 1, 40, 40, levels=16, dtype=dtype)
-    plain = plain_histograms(x, s)
+    plain = histograms_reference(x, s)
     assert_close(fast(s)[0](x, s), plain, rtol=0, atol=1e-5 * float(plain.max()))
 
 
@@ -130,15 +132,15 @@ def test_hard_votes_on_diagonals(orientations: int, directions: str, dtype: torc
 def test_a_batch_is_its_images(name: str) -> None:
     s, x = SPECS[name], noise(5, 3, 24, 31, dtype=torch.float32)
     together = hog(x, s)
-    for image, found in zip(x, together, strict=True):
-        assert torch.equal(hog(image[None], s)[0], found)
+    for image, descriptor in zip(x, together, strict=True):
+        assert torch.equal(hog(image[None], s)[0], descriptor)
 
 
 def test_an_empty_batch() -> None:
     x = torch.zeros(0, 1, 16, 16, requires_grad=True)
-    found = hog(x, SPECS["uoctti"])
-    assert found.shape == (0, 4, 4, 31)
-    assert torch.autograd.grad(found.sum(), x)[0].shape == x.shape
+    descriptors = hog(x, SPECS["uoctti"])
+    assert descriptors.shape == (0, 4, 4, 31)
+    assert torch.autograd.grad(descriptors.sum(), x)[0].shape == x.shape
 
 
 @settings(max_examples=60)
@@ -199,7 +201,7 @@ def test_any_size(
         s.grid(height, width)
     except ValueError:
         assume(False)  # no cell in it
-    assert_same(fast(s)[0], plain_histograms, noise(2, colours, height, width, seed=seed), s)
+    assert_same(fast(s)[0], histograms_reference, noise(2, colours, height, width, seed=seed), s)
 
 
 @dtypes
@@ -215,7 +217,7 @@ def test_four_blocks(rows: int, cols: int, dtype: torch.dtype) -> None:
 
 @dtypes
 @specs
-def test_normalisers_are_those_of_the_plain_steps(name: str, dtype: torch.dtype) -> None:
+def test_normalisers_are_those_of_the_reference(name: str, dtype: torch.dtype) -> None:
     s = SPECS[name]
     x = noise(2, s.colours * s.bins, 5, 6, dtype=dtype)
     x[0, :, 0] = 0  # empty cells
@@ -235,23 +237,23 @@ def test_an_entry_exactly_at_the_clip() -> None:
 @specs
 def test_constant_images_have_no_derivative(name: str) -> None:
     s, x = SPECS[name], torch.full((1, 1, 12, 12), 0.3)
-    assert_same(fast(s)[0], plain_histograms, x, s)
+    assert_same(fast(s)[0], histograms_reference, x, s)
     if s.border not in ("zero", "gray"):  # which see an edge around any image
-        assert not with_derivative(fast(s)[0], x, s)[1].any()
+        assert not with_derivatives(fast(s)[0], x, s)[1].any()
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1e30])
 @dtypes
 @specs
-def test_what_is_no_number_stays_none_and_harms_no_memory(name: str, dtype: torch.dtype, value: float) -> None:
+def test_nan_and_infinity_spread_and_harm_no_memory(name: str, dtype: torch.dtype, value: float) -> None:
     s, x = SPECS[name], noise(1, 1, 16, 16, dtype=dtype)
     x[0, 0, 7, 7] = value
     of_cells, norm = fast(s)
-    found = of_cells(x, s)
-    seen = torch.tensor(value, dtype=dtype).sqrt() if s.gamma == "sqrt" else torch.tensor(value, dtype=dtype)
-    if not math.isfinite(float(seen.square())):
-        assert not torch.isfinite(found).all()
-    descriptor = norm(torch.full_like(found, math.nan), s)
+    cells = of_cells(x, s)
+    value_read = torch.tensor(value, dtype=dtype).sqrt() if s.gamma == "sqrt" else torch.tensor(value, dtype=dtype)
+    if not math.isfinite(float(value_read.square())):
+        assert not torch.isfinite(cells).all()
+    descriptor = norm(torch.full_like(cells, math.nan), s)
     if "zero" not in getattr(s.normalizer, "parts", ()):
         assert descriptor.isnan().all()
 
@@ -260,13 +262,13 @@ def test_what_is_no_number_stays_none_and_harms_no_memory(name: str, dtype: torc
 def test_any_strides(name: str) -> None:
     """Channels last, a window of a larger image, and one turned and expanded: without a copy, or with."""
     s, x = SPECS[name], noise(2, 3, 18, 21)
-    expected = with_derivative(hog, x, s)
+    expected = with_derivatives(hog, x, s)
     turned = x.transpose(2, 3).contiguous().transpose(2, 3)
     window = torch.nn.functional.pad(x, (2, 3, 1, 4))[:, :, 1:19, 2:23]
     for same in (x.contiguous(memory_format=torch.channels_last), turned, window):
         assert not same.is_contiguous()
         assert torch.equal(hog(same, s), expected[0])
-        assert_close(with_derivative(hog, same, s)[1], expected[1], rtol=0, atol=1e-12)
+        assert_close(with_derivatives(hog, same, s)[1], expected[1], rtol=0, atol=1e-12)
     gray = noise(1, 1, 18, 21).expand(2, 3, 18, 21)
     assert torch.equal(hog(gray, s), hog(gray.contiguous(), s))
 
@@ -276,10 +278,10 @@ def test_cells_of_any_strides() -> None:
     assert_same(fast(s)[1], normalize, noise(2, 5, 4, 18).permute(0, 3, 1, 2), s)
 
 
-def test_plain_steps_on_other_devices_and_where_the_loops_cannot() -> None:
-    assert steps(torch.device("cuda"), presets.paper()) == (plain_histograms, normalize)
+def test_reference_steps_on_other_devices_and_for_other_dialects() -> None:
+    assert steps(torch.device("cuda"), presets.paper()) == (histograms_reference, normalize)
     assert [name for name, s in SPECS.items() if not supports(s)] == ["sobel", "sobel-separate"]
-    assert steps(CPU, SPECS["sobel"]) == (plain_histograms, normalize)
+    assert steps(CPU, SPECS["sobel"]) == (histograms_reference, normalize)
 
 
 def test_backends_differ_by_rounding() -> None:
@@ -291,7 +293,7 @@ def test_backends_differ_by_rounding() -> None:
         hog(x, presets.paper(), backend="numba")  # type: ignore[arg-type]
 
 
-def test_without_a_folder_to_keep_machine_code_in(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_folder_to_cache_machine_code_in(monkeypatch: pytest.MonkeyPatch) -> None:
     compile_in_memory = numba.njit
 
     def njit(**options: Any) -> object:
@@ -311,7 +313,7 @@ def test_without_a_folder_to_keep_machine_code_in(monkeypatch: pytest.MonkeyPatc
 def test_pooling_weights_of_one_spec_are_not_those_of_another() -> None:
     x = noise(1, 1, 12, 12)
     for s in (spec(cell_size=(4, 4)), spec(cell_size=(3, 3)), spec(cell_size=(4, 4), border="ignore")):
-        assert_same(fast(s)[0], plain_histograms, x, s)
+        assert_same(fast(s)[0], histograms_reference, x, s)
 
 
 _HASHES = """
@@ -321,15 +323,15 @@ from nablahog.hog.kernels import loops
 x = torch.rand(2, 1, 32, 32, generator=torch.Generator().manual_seed(0))
 for spec in (presets.paper(), presets.uoctti()):
     cells = loops.cells(x, spec)
-    reached = loops.norm_vjp(cells, loops.norm(cells, spec), spec)
-    for found in (cells, reached, loops.cells_vjp(x, reached, spec)):
-        print(hashlib.sha256(found.numpy().tobytes()).hexdigest())
+    grad = loops.norm_vjp(cells, loops.norm(cells, spec), spec)
+    for result in (cells, grad, loops.cells_vjp(x, grad, spec)):
+        print(hashlib.sha256(result.numpy().tobytes()).hexdigest())
 """
 
 
 @pytest.mark.slow
-def test_code_from_disk_finds_the_same_bits_as_code_just_made(tmp_path: Path) -> None:
-    """Or a search that goes on in another process would end elsewhere."""
+def test_code_from_disk_returns_the_same_bits_as_code_just_compiled(tmp_path: Path) -> None:
+    """Or a search resumed in another process would end elsewhere."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
     made, loaded = (
         subprocess.run([sys.executable, "-c", _HASHES], env=environment, capture_output=True, text=True, check=True)

@@ -19,24 +19,24 @@ def test_threads_change_nothing(name: str) -> None:
     """Neither in a batch nor in one large image: every sum is made in the same order."""
     s, before = SPECS[name], torch.get_num_threads()
     for x in (noise(5, 3, 40, 40, dtype=torch.float32), noise(1, 3, 300, 310, dtype=torch.float32)):
-        given, found = noise(*hog(x, s).shape, dtype=torch.float32), []
+        cotangent, results = noise(*hog(x, s).shape, dtype=torch.float32), []
         x.requires_grad_()
         for threads in (1, 2, 3):
             torch.set_num_threads(threads)
             try:
                 descriptor = hog(x, s)
-                found.append((descriptor, *torch.autograd.grad(descriptor, x, given)))
+                results.append((descriptor, *torch.autograd.grad(descriptor, x, cotangent)))
             finally:
                 torch.set_num_threads(before)
-        for one, other in zip(found[0] * 2, found[1] + found[2], strict=True):
+        for one, other in zip(results[0] * 2, results[1] + results[2], strict=True):
             assert torch.equal(one, other)
 
 
 def test_in_threads_of_the_callers_own() -> None:
     s, images = SPECS["uoctti"], [noise(1, 3, 40, 40, seed=k) for k in range(8)]
     with ThreadPoolExecutor(4) as pool:
-        for image, found in zip(images, pool.map(lambda x: hog(x, s), images), strict=True):
-            assert torch.equal(found, hog(image, s))
+        for image, descriptor in zip(images, pool.map(lambda x: hog(x, s), images), strict=True):
+            assert torch.equal(descriptor, hog(image, s))
 
 
 def _in_a_fork(queue: Any) -> None:
@@ -56,7 +56,7 @@ def test_in_forked_workers() -> None:
     queue = context.Queue()
     worker = context.Process(target=_in_a_fork, args=(queue,))
     worker.start()
-    found = torch.from_numpy(queue.get(timeout=60))
+    descriptor = torch.from_numpy(queue.get(timeout=60))
     worker.join(timeout=60)
     assert worker.exitcode == 0
-    assert torch.equal(found, expected)
+    assert torch.equal(descriptor, expected)

@@ -18,19 +18,19 @@ from ..zoo import SPECS, noise
 
 def _with_gradient(step: Any, x: Tensor) -> tuple[Tensor, Tensor]:
     x = x.detach().requires_grad_()
-    found = step(x)
-    weights = torch.linspace(0, 40, found.numel(), dtype=x.dtype).cos().view(found.shape)
-    return found.detach(), torch.autograd.grad((found * weights).sum(), x)[0]
+    output = step(x)
+    weights = torch.linspace(0, 40, output.numel(), dtype=x.dtype).cos().view(output.shape)
+    return output.detach(), torch.autograd.grad((output * weights).sum(), x)[0]
 
 
 @pytest.mark.parametrize("name", ["paper", "uoctti", "opencv", "maskfeat"])
-def test_operators_are_as_they_should_be(name: str) -> None:
+def test_operators_pass_opcheck(name: str) -> None:
     text = SPECS[name].to_json()
     for images in (noise(2, 3, 14, 13).requires_grad_(), noise(1, 1, 14, 13, dtype=torch.float32)):
         torch.library.opcheck(operators.cells, (images, text))
         torch.library.opcheck(operators.describe, (images, text))
-        for step, back in ((operators.cells, operators.cells_vjp), (operators.describe, operators.describe_vjp)):
-            torch.library.opcheck(back, (images.detach(), torch.ones_like(step(images.detach(), text)), text))
+        for step, vjp in ((operators.cells, operators.cells_vjp), (operators.describe, operators.describe_vjp)):
+            torch.library.opcheck(vjp, (images.detach(), torch.ones_like(step(images.detach(), text)), text))
 
 
 @pytest.mark.parametrize("name", [name for name, s in SPECS.items() if supports(s)])

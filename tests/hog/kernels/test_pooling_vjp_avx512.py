@@ -1,4 +1,4 @@
-"""What reaches votes, looked up in tables, beside the same read pixel by pixel."""
+"""Gradients of votes looked up in tables, beside the same read pixel by pixel."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ def test_tables_hold_what_is_read_without_them(name: str, size: tuple[int, int])
         pytest.skip(str(why))
     rows, cols = spec.cells(*size)
     images = noise(2, 3 if spec.colour == "largest" else 1, *size, dtype=torch.float32)
-    reached = noise(2, rows, cols, spec.bins, seed=1, dtype=torch.float32).numpy()
-    known = loops._pixels(spec, images.shape[1:], images.dtype)
-    assert known.pooling.looked_up
+    grad_cells = noise(2, rows, cols, spec.bins, seed=1, dtype=torch.float32).numpy()
+    operator = loops._operator(spec, images.shape[1:], images.dtype)
+    assert operator.plan.pooling.look_up
 
-    def found(looked_up: bool) -> np.ndarray:
-        plan = *known.plan[:2], known.pooling._replace(looked_up=looked_up)
-        back = np.empty(images.shape, np.float32)
-        loops.cells_vjp_of_images(*known.stored(images), *plan, reached, (0, 2), (0, size[0]), back)
-        return back
+    def gradient(look_up: bool) -> np.ndarray:
+        plan = operator.plan._replace(pooling=operator.plan.pooling._replace(look_up=look_up))
+        out = np.empty(images.shape, np.float32)
+        loops.cells_vjp_of_images(operator.pixels(images), plan, grad_cells, (0, 2), (0, size[0]), out)
+        return out
 
-    one, other = found(True), found(False)
+    one, other = gradient(True), gradient(False)
     np.testing.assert_allclose(one, other, rtol=1e-4, atol=3e-6 * np.abs(other).max())
 
 
@@ -54,4 +54,4 @@ def test_tables_of_more_bins_than_they_hold_are_not_used() -> None:
     assert not fits(4, 31)
     assert not fits(8, 9)
     many = replace(PAPER, bins=36)
-    assert not loops._pixels(many, torch.Size((1, 64, 64)), torch.float32).pooling.looked_up
+    assert not loops._operator(many, torch.Size((1, 64, 64)), torch.float32).plan.pooling.look_up

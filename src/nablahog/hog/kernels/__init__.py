@@ -1,6 +1,6 @@
 """The operator's steps fused into compiled loops for CPUs: the same results up to rounding, and the same derivatives.
 
-``tests/hog/test_kernels.py`` holds them beside the plain steps.
+``docs/kernels.md`` explains them; ``tests/hog/kernels`` compares them with the reference steps.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ..gradient import MASKS
 from ..normalize import normalize
 from ..orientation import vote_rule
 from ..spec import HOGSpec
-from ..steps import plain_histograms
+from ..steps import histograms_reference
 from . import autograd, operators
 from .colours import merge_colours, separate_colours, split_colours
 
@@ -25,7 +25,7 @@ Step: TypeAlias = Callable[[Tensor, HOGSpec], Tensor]
 
 
 def supports(spec: HOGSpec) -> bool:
-    """Whether these loops do what the plain steps do for images on a CPU, in the dialect."""
+    """Whether these loops have all that the dialect needs."""
     return spec.border in MASKS[spec.mask].loops and vote_rule(spec).loop is not None
 
 
@@ -35,18 +35,18 @@ def _of_one_colour(spec: HOGSpec) -> HOGSpec:
 
 
 def _in_graph(images: Tensor) -> bool:
-    """Whether they are not there yet, but stand for images in a graph of operators."""
+    """True for traced or fake tensors."""
     return torch.compiler.is_compiling() or type(images) not in (Tensor, Parameter)
 
 
 def describe(images: Tensor, spec: HOGSpec) -> Tensor:
-    """The descriptors (B, rows, cols, channels) of images (B, C, H, W) on a CPU, of a dialect these loops support."""
+    """Descriptors (B, rows, cols, channels) of images (B, C, H, W) on a CPU, in a dialect that these loops support."""
     if not spec.normalizer.has_loops:
         return normalize(histograms(images, spec), spec).permute(0, 2, 3, 1).contiguous()
     if _in_graph(images):
         spec.grid(*images.shape[2:])
-        found: Tensor = operators.describe(images, spec.to_json())
-        return found
+        descriptors: Tensor = operators.describe(images, spec.to_json())
+        return descriptors
     each = autograd.apply(autograd.DESCRIBE, separate_colours(images, spec), _of_one_colour(spec))
     return merge_colours(each, spec)
 
@@ -55,11 +55,11 @@ def histograms(images: Tensor, spec: HOGSpec) -> Tensor:
     """Cell histograms (B, colours · bins, rows, cols) of images (B, C, H, W)."""
     if _in_graph(images):
         spec.grid(*images.shape[2:])
-        found: Tensor = operators.cells(images, spec.to_json())
+        cells: Tensor = operators.cells(images, spec.to_json())
     else:
         each = autograd.apply(autograd.CELLS, separate_colours(images, spec), _of_one_colour(spec))
-        found = merge_colours(each, spec)
-    return found.permute(0, 3, 1, 2)
+        cells = merge_colours(each, spec)
+    return cells.permute(0, 3, 1, 2)
 
 
 def _norm(of_cells: Tensor, spec: HOGSpec) -> Tensor:
@@ -72,4 +72,4 @@ def _norm(of_cells: Tensor, spec: HOGSpec) -> Tensor:
 
 def steps(device: torch.device, spec: HOGSpec) -> tuple[Step, Step]:
     """The fastest ``histograms`` of images on the device, and ``normalize``, of the dialect."""
-    return (histograms, _norm) if device.type == "cpu" and supports(spec) else (plain_histograms, normalize)
+    return (histograms, _norm) if device.type == "cpu" and supports(spec) else (histograms_reference, normalize)

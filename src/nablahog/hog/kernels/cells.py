@@ -1,112 +1,45 @@
-"""Eq. 1-6 in one pass over an image: from stored values to cell histograms, a band of rows at a time.
+"""Eq. 1-6 in one pass over an image, a band of rows at a time: stored values to cell histograms.
 
-The rows of a band share their cells.  What its pixels vote is kept until all of them are read; then they are summed up
-in parts of a few columns.
+The rows of a band vote into the same rows of cells.  Their votes are stored until the band is complete, then summed up
+over rows and pooled over columns, a part of few columns at a time.
 """
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
+from ...runtime.arrays import DType, Floats
 from ...runtime.compile import compiled, inlined
 from ...runtime.simd import PADDING
-from .gradient_loops import central, choose, edges, read_line, sobel
-from .pooling_simd import BINS, pool_eight, pool_eight_once, sum_hard, sum_hard_once, sum_linear, sum_linear_once
-from .votes import vote_line
+from .gradient_loops import gradients_of_rows, new_gradients, padded
+from .parameters import Pixels, Plan, Pooling
+from .pooling_simd import (
+    BINS,
+    BinRange,
+    PixelRows,
+    Place,
+    RowWeights,
+    pool_eight,
+    pool_eight_one_cell,
+    sum_hard,
+    sum_hard_one_row,
+    sum_linear,
+    sum_linear_one_row,
+)
+from .votes import Votes, new_votes, vote
 
-PIXELS_AT_ONCE = 1024  # whose gradients and votes stay in a processor's first cache
-
-
-@inlined
-def padded(count: int) -> int:
-    """Rounded up to whole vectors."""
-    return (count + PADDING - 1) // PADDING * PADDING
-
-
-@inlined
-def _read_row(pixels: Any, at: int, shape: Any, strides: Any, row: int, reading: Any, lines: Any) -> None:
-    """One row of pixels of all channels to ``lines``: of each channel that is described, three of width + 2."""
-    width, weights = shape[1], reading.weights
-    scale, mixed, root = reading.scale, reading.mixed, reading.root
-    for channel in range(weights.size):
-        to = ((0 if mixed else 3 * channel) + row % 3) * (width + 2)
-        first = channel == 0 or not mixed
-        begin = at + channel * strides[1] + row * strides[2]
-        read_line(pixels, begin, strides[3], width, scale, weights[channel], first, root, lines, to)
-
-
-@inlined
-def gradient_of_line(lines: Any, channel: int, row: int, shape: Any, reading: Any, gx: Any, gy: Any, to: int) -> None:
-    """Gradients of one row of one channel, to ``gx[to:]`` and ``gy[to:]``."""
-    height, width = shape
-    slots = max(row - 1, 0), row, min(row + 1, height - 1)
-    if row == 0:
-        slots = min(1, height - 1), row, min(1, height - 1)
-    elif row == height - 1:
-        slots = height - 2, row, height - 2
-    above, line, below = slots
-    begin, size = 3 * channel, width + 2
-    above, line, below = (begin + above % 3) * size, (begin + line % 3) * size, (begin + below % 3) * size
-    if reading.sobel:
-        sobel(lines, above, line, below, width, gx, gy, to)
-    else:
-        central(lines, above, line, below, width, gx, gy, to)
-    if reading.times > 0:
-        first, last = row == 0, row == height - 1
-        times, own, beyond = reading.times, reading.own, reading.beyond
-        edges(lines, above, line, below, width, first, last, times, own, beyond, gx, gy, to)
-
-
-@inlined
-def gradients_of_rows(
-    pixels: Any,
-    at: int,
-    shape: Any,
-    strides: Any,
-    reading: Any,
-    begin: int,
-    end: int,
-    read: int,
-    lines: Any,
-    stride: int,
-    gx: Any,
-    gy: Any,
-    us: Any,
-    vs: Any,
-    winner: Any,
-) -> int:
-    """Eq. 1-2: gradients of rows ``begin`` to ``end``, ``stride`` apart; returns the last row that was read.
-
-    They are of the channel of largest magnitude, which ``winner`` names if there are several.  ``lines`` hold what was
-    read of the rows up to ``read``; ``us`` and ``vs`` are overwritten.
-    """
-    height, width = shape
-    described = 1 if reading.mixed else reading.weights.size
-    read = max(read, begin - 2)
-    for row in range(begin, end):
-        while read < min(row + 1, height - 1):
-            read += 1
-            _read_row(pixels, at, shape, strides, read, reading, lines)
-        to = (row - begin) * stride
-        gradient_of_line(lines, 0, row, shape, reading, gx, gy, to)
-        if described > 1:
-            winner[to : to + width] = 0
-        for channel in range(1, described):
-            gradient_of_line(lines, channel, row, shape, reading, us, vs, 0)
-            choose(us, vs, channel, reading.last_wins, width, gx, gy, to, winner, to)
-    return read
+PIXELS_AT_ONCE = 1024  # whose gradients and votes stay in the first-level cache
 
 
 @inlined
 def rows_at_once(stride: int) -> int:
+    """Rows whose gradients are found before they vote."""
     return max(1, PIXELS_AT_ONCE // stride)
 
 
 @inlined
-def most_rows(pooling: Any) -> int:
-    """Of a band."""
+def most_rows(pooling: Pooling) -> int:
+    """Rows of the largest band."""
     most = 1
     for band in range(pooling.bands.shape[0]):
         most = max(most, pooling.bands[band, 1] - pooling.bands[band, 0])
@@ -114,137 +47,126 @@ def most_rows(pooling: Any) -> int:
 
 
 @inlined
-def empty_lines(reading: Any, width: int, like: Any) -> Any:
-    """For three rows of values of each channel that is described."""
-    return np.zeros((1 if reading.mixed else reading.weights.size) * 3 * (width + 2), like)
-
-
-@inlined
-def count_of_sums(pooling: Any) -> int:
-    """Of a part's columns, of each row of cells and bin."""
-    count: int = pooling.of_cell * padded(pooling.columns) + PADDING
-    return count
+def new_sums(pooling: Pooling, dtype: DType) -> Floats:
+    """Sums over rows, of one part: a line of columns for each bin of each row of cells."""
+    return np.zeros(pooling.column_size * padded(pooling.columns) + PADDING, dtype)
 
 
 @compiled
-def pool(sums: Any, part: int, pooling: Any, of_band: Any) -> None:
-    """Adds the sums of a part's columns to the cells ``of_band``, (columns + wide, of_cell)."""
-    size, wide, length, of_cell = padded(pooling.columns), pooling.wide, pooling.length, pooling.of_cell
+def pool(sums: Floats, part: int, pooling: Pooling, band_cells: Floats) -> None:
+    """Adds the sums of a part's columns to ``band_cells`` (columns of cells, column_size), in one line."""
+    size, wide, length, step = padded(pooling.columns), pooling.wide, pooling.length, pooling.column_size
+    by_col = pooling.by_col
     first, last = pooling.parts[part]
     begin = pooling.runs[first, 0]
     for run in range(first, last):
         start, stop, cell = pooling.runs[run]
         for x in range(start, stop, 8):
             for pair in range(0, wide, 2):
-                share, to = (run * wide + pair) * length + x - start, (cell + pair) * of_cell
-                for k in range(0, of_cell, 8):
+                weights, to = (run * wide + pair) * length + x - start, (cell + pair) * step
+                for k in range(0, step, 8):
                     at = k * size + x - begin
                     if wide == 1:
-                        pool_eight_once(sums, at, size, pooling.by_col, share, length, of_band, to + k, of_cell)
+                        pool_eight_one_cell(sums, at, size, by_col, weights, length, band_cells, to + k, step)
                     else:
-                        pool_eight(sums, at, size, pooling.by_col, share, length, of_band, to + k, of_cell)
+                        pool_eight(sums, at, size, by_col, weights, length, band_cells, to + k, step)
+
+
+@inlined
+def part_columns(pooling: Pooling, part: int) -> tuple[int, int]:
+    """The first column of a part, and the one after its last."""
+    return pooling.runs[pooling.parts[part, 0], 0], pooling.runs[pooling.parts[part, 1] - 1, 1]
 
 
 @compiled
 def sum_up(
-    m: Any, f: Any, bins: Any, stride: int, first: int, rows: int, hard: bool, pooling: Any, sums: Any, of_band: Any
+    votes: Votes, stride: int, first: int, rows: int, hard: bool, pooling: Pooling, sums: Floats, band_cells: Floats
 ) -> None:
-    """Eq. 5-6: cells of a band, ``of_band``, from the votes of its ``rows`` from the ``first`` on."""
-    high, count, last = pooling.high, pooling.bins, pooling.bins - 1
-    size, by_row = padded(pooling.columns), pooling.by_row
-    of_row = count * size
-    of_band[:] = 0
+    """Eq. 5-6: ``band_cells`` from the votes of a band's ``rows`` from the ``first`` on."""
+    high, count, last, by_row = pooling.high, pooling.bins, pooling.bins - 1, pooling.by_row
+    size = padded(pooling.columns)
+    m, f, bins = votes.m, votes.f, votes.bins
+    band_cells[:] = 0
     for part in range(pooling.parts.shape[0]):
-        begin, end = pooling.runs[pooling.parts[part, 0], 0], pooling.runs[pooling.parts[part, 1] - 1, 1]
+        begin, end = part_columns(pooling, part)
         for row in range(0, high, 2):
-            share = first * high + row
+            weights = RowWeights(first * high + row, high)
             for bin_ in range(0, count, BINS):
-                few = min(BINS, count - bin_)
+                few = BinRange(bin_, last, min(BINS, count - bin_))
                 to = (row * count + bin_) * size - begin
-                rest = rows, by_row, share, high, bin_, last, few, sums
-                at_once = pooling.at_once
-                if hard and high == 1:
-                    for x in range(begin, end, at_once):
-                        sum_hard_once(m, bins, x, stride, *rest, to + x, size, of_row)
-                elif hard:
-                    for x in range(begin, end, at_once):
-                        sum_hard(m, bins, x, stride, *rest, to + x, size, of_row)
-                elif high == 1:
-                    for x in range(begin, end, at_once):
-                        sum_linear_once(m, f, bins, x, stride, *rest, to + x, size, of_row)
-                else:
-                    for x in range(begin, end, at_once):
-                        sum_linear(m, f, bins, x, stride, *rest, to + x, size, of_row)
-        pool(sums, part, pooling, of_band)
+                for x in range(begin, end, pooling.lanes):
+                    pixels, place = PixelRows(x, stride, rows), Place(to + x, size, count * size)
+                    if hard and high == 1:
+                        sum_hard_one_row(m, bins, pixels, by_row, weights, few, sums, place)
+                    elif hard:
+                        sum_hard(m, bins, pixels, by_row, weights, few, sums, place)
+                    elif high == 1:
+                        sum_linear_one_row(m, f, bins, pixels, by_row, weights, few, sums, place)
+                    else:
+                        sum_linear(m, f, bins, pixels, by_row, weights, few, sums, place)
+        pool(sums, part, pooling, band_cells)
 
 
 @inlined
-def add_band(of_band: Any, band: int, pooling: Any, found: Any) -> None:
-    """Eq. 6: adds the cells of a band to those of the image, ``found`` (rows, columns, bins)."""
-    bins, first, to_all = pooling.bins, pooling.bands[band, 2], found.reshape(-1)
+def _add_band(band_cells: Floats, band: int, pooling: Pooling, cells: Floats) -> None:
+    """Eq. 6: adds the cells of a band to those of the image (rows, cols, bins)."""
+    bins, first, out = pooling.bins, pooling.bands[band, 2], cells.reshape(-1)
     for row in range(first, min(first + pooling.high, pooling.rows)):
         to, at = np.uintp(row * pooling.cols * bins), np.uintp((row - first) * bins)
         for _ in range(pooling.cols):
             for k in range(bins):
-                to_all[to + np.uintp(k)] += of_band[at + np.uintp(k)]
-            to, at = to + np.uintp(bins), at + np.uintp(pooling.of_cell)
+                out[to + np.uintp(k)] += band_cells[at + np.uintp(k)]
+            to, at = to + np.uintp(bins), at + np.uintp(pooling.column_size)
 
 
 @compiled
-def add_bands(of_bands: Any, pooling: Any, found: Any) -> None:
-    """The same of all bands, to nothing."""
-    found[:] = 0
+def add_bands(all_band_cells: Floats, pooling: Pooling, cells: Floats) -> None:
+    """The cells of an image (rows, cols, bins) from those of all its bands (bands, …)."""
+    cells[:] = 0
     for band in range(pooling.bands.shape[0]):
-        add_band(of_bands[band], band, pooling, found)
+        _add_band(all_band_cells[band], band, pooling, cells)
 
 
 @compiled
 def cells_of_images(
-    pixels: Any,
-    at: int,
-    shape: Any,
-    strides: Any,
-    reading: Any,
-    voting: Any,
-    pooling: Any,
-    images: Any,
-    bands: Any,
-    of_bands: Any,
-    found: Any,
+    pixels: Pixels,
+    plan: Plan,
+    images: tuple[int, int],
+    bands: tuple[int, int],
+    band_cells: Floats,
+    cells: Floats,
 ) -> None:
-    """Cells of some images (first, last) and bands of them (first, last), to ``found`` (images, rows, columns, bins).
+    """Cells of images (first, last) and bands (first, last) of them, to ``cells`` (images, rows, cols, bins).
 
-    If ``found`` is of no images, the bands of one are left in ``of_bands`` (bands, columns + wide, of_cell) in lines;
-    else that has room for one band.
+    ``band_cells`` (1, …) is overwritten.  If ``cells`` is of no images, it is (bands, …) and the result, of one image.
     """
-    width = shape[1]
-    real = of_bands.dtype
-    stride, most = padded(width), most_rows(pooling)
+    reading, voting, pooling = plan.reading, plan.voting, plan.pooling
+    real = band_cells.dtype
+    stride, most = padded(pixels.width), most_rows(pooling)
     few = min(rows_at_once(stride), most)
-    lines, sums = empty_lines(reading, width, real), np.empty(count_of_sums(pooling), real)
-    gx, gy = np.zeros(few * stride, real), np.zeros(few * stride, real)
-    several = few * stride if reading.weights.size > 1 and not reading.mixed else 0
-    us, vs, winner = np.zeros(several, real), np.zeros(several, real), np.zeros(several, np.int32)
-    size = most * stride + PADDING
-    m, f, bins = np.empty(size, real), np.empty(size, real), np.zeros(size, np.int32)
+    gradients, votes = new_gradients(reading, pixels.width, few, real), new_votes(most * stride + PADDING, real)
+    sums = new_sums(pooling, real)
     hard = voting.hard or pooling.bins == 1
     for image in range(images[0], images[1]):
-        of_image, read = at + image * strides[0], -1
-        for plane in (m, f, sums):  # a NaN that the image before left there would not vanish by a weight of zero
+        start, last_read = image * pixels.strides[0], -1
+        for plane in (votes.m, votes.f, sums):  # a NaN left by the image before would not vanish by a weight of zero
             plane[:] = 0
-        if found.shape[0] > 0:
-            found[image] = 0
+        if cells.shape[0] > 0:
+            cells[image] = 0
         for band in range(bands[0], bands[1]):
             first, last, _ = pooling.bands[band]
             for begin in range(first, last, few):
                 end = min(begin + few, last)
-                read = gradients_of_rows(
-                    pixels, of_image, shape, strides, reading, begin, end, read, lines, stride, gx, gy, us, vs, winner
-                )
-                count = (end - begin) * stride
-                chunk = slice((begin - first) * stride, (begin - first) * stride + count)
-                vote_line(gx[:count], gy[:count], voting, m[chunk], f[chunk], bins[chunk])
-            of_band = of_bands[band % of_bands.shape[0]]
-            sum_up(m, f, bins, stride, first, last - first, hard, pooling, sums, of_band)
-            if found.shape[0] > 0:
-                add_band(of_band, band, pooling, found[image])
+                last_read = gradients_of_rows(pixels, start, reading, begin, end, last_read, gradients, 0)
+                count, to = (end - begin) * stride, (begin - first) * stride
+                _vote(gradients.gx[:count], gradients.gy[:count], plan, votes, to, count)
+            of_band = band_cells[band % band_cells.shape[0]]
+            sum_up(votes, stride, first, last - first, hard, pooling, sums, of_band)
+            if cells.shape[0] > 0:
+                _add_band(of_band, band, pooling, cells[image])
+
+
+@inlined
+def _vote(gx: Floats, gy: Floats, plan: Plan, votes: Votes, to: int, count: int) -> None:
+    rows = slice(to, to + count)
+    vote(gx, gy, plan.voting, votes.m[rows], votes.f[rows], votes.bins[rows])

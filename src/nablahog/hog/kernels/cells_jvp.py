@@ -1,64 +1,118 @@
-"""Eq. 1-6 and how they change with the image, in one pass: the derivative in forward mode."""
+"""The jvp of Eq. 1-6 in one pass: tangents of images to tangents of cell histograms."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
-from ...runtime.compile import compiled
+from ...runtime.arrays import DType, Floats, Integers, Real
+from ...runtime.compile import compiled, inlined
 from ...runtime.simd import PADDING
 from ..gradient import BLACK
-from .cells import (
-    add_bands,
-    count_of_sums,
-    empty_lines,
-    gradient_of_line,
+from .cells import add_bands, most_rows, new_sums, part_columns, pool
+from .gradient_loops import (
+    Gradients,
+    described_channels,
+    gradient_of_row,
     gradients_of_rows,
-    most_rows,
+    new_gradients,
     padded,
-    pool,
 )
-from .pooling_simd import BINS, sum_changes, sum_changes_once
-from .votes import linear, vote_line
+from .parameters import Pixels, Plan, Pooling, Reading
+from .pooling_simd import BINS, BinRange, PixelRows, Place, RowWeights, sum_tangents, sum_tangents_one_row
+from .votes import Votes, linear_votes, new_votes, vote
+
+
+class VoteTangents(NamedTuple):
+    """Planes: the tangent of a pixel's vote for its own bin, the next, and the one before."""
+
+    here: Floats
+    after: Floats
+    before: Floats
+
+
+class Band(NamedTuple):
+    """Workspace: what is known of a band, and the tangents of it."""
+
+    gradients: Gradients
+    tangents: Gradients  # of which ``winner`` is not used
+    votes: Votes
+    exact: Votes  # by the exact angle
+    vote_tangents: VoteTangents
+    sums: Floats
+
+
+@inlined
+def _new_band(plan: Plan, width: int, dtype: DType) -> Band:
+    rows = most_rows(plan.pooling)
+    size = rows * padded(width) + PADDING
+    return Band(
+        new_gradients(plan.reading, width, rows, dtype),
+        new_gradients(plan.reading, width, rows, dtype),
+        new_votes(size, dtype),
+        new_votes(size, dtype),
+        VoteTangents(np.zeros(size, dtype), np.zeros(size, dtype), np.zeros(size, dtype)),
+        new_sums(plan.pooling, dtype),
+    )
 
 
 @compiled
-def _read_changes(
-    pixels: Any, at: int, shape: Any, strides: Any, changes: Any, row: int, reading: Any, lines: Any
-) -> None:
-    """One row of ``changes`` (channels, height, width) of the pixels, to lines of changes of values."""
-    width = shape[1]
+def _read_row_jvp(pixels: Pixels, start: int, tangent: Floats, row: int, reading: Reading, lines: Floats) -> None:
+    """Tangents of one row of pixels, ``tangent`` (channels, height, width), to lines of tangents of values."""
+    width, step = pixels.width, pixels.strides[3]
     real, black = lines.dtype.type, lines.dtype.type(BLACK)
     half, zero = real(0.5), real(0)
     for channel in range(reading.weights.size):
-        to = ((0 if reading.mixed else 3 * channel) + row % 3) * (width + 2)
-        begin = at + channel * strides[1] + row * strides[2]
-        first = channel == 0 or not reading.mixed
+        to = ((0 if reading.averaged else 3 * channel) + row % 3) * (width + 2)
+        begin = start + channel * pixels.strides[1] + row * pixels.strides[2]
+        first = channel == 0 or not reading.averaged
+        values, weight = pixels.values, reading.weights[channel]
         for x in range(width):
-            slope = reading.weights[channel] * reading.scale
-            if reading.root:
-                value = reading.scale * real(pixels[begin + x * strides[3]])
+            slope = weight * reading.scale
+            if reading.sqrt:
+                value = reading.scale * real(values[begin + x * step])
                 slope = zero if value <= black else slope * half / math.sqrt(value)
-            change = slope * changes[channel, row, x]
+            change = slope * tangent[channel, row, x]
             lines[to + x + 1] = change if first else lines[to + x + 1] + change
         lines[to], lines[to + width + 1] = lines[to + min(2, width)], lines[to + max(width - 1, 1)]
 
 
 @compiled
-def _chosen(us: Any, vs: Any, channel: int, winner: Any, dx: Any, dy: Any) -> None:
-    """Replaces changes of gradients by the channel's where it won."""
-    for x in range(dx.size):
-        dx[x] = us[x] if winner[x] == channel else dx[x]
-        dy[x] = vs[x] if winner[x] == channel else dy[x]
+def _where_won(dx: Floats, dy: Floats, channel: int, winner: Integers, out_x: Floats, out_y: Floats) -> None:
+    """Replaces tangents of gradients by the channel's where it won."""
+    for x in range(out_x.size):
+        out_x[x] = dx[x] if winner[x] == channel else out_x[x]
+        out_y[x] = dy[x] if winner[x] == channel else out_y[x]
+
+
+@inlined
+def _gradients_jvp(
+    pixels: Pixels, start: int, tangent: Floats, reading: Reading, rows: tuple[int, int], last_read: int, band: Band
+) -> int:
+    """Tangents of the gradients of rows (first, last); returns the last row that was read."""
+    width, stride = pixels.width, padded(pixels.width)
+    of, winner = band.tangents, band.gradients.winner
+    last_read = max(last_read, rows[0] - 2)
+    for row in range(rows[0], rows[1]):
+        while last_read < min(row + 1, pixels.height - 1):
+            last_read += 1
+            _read_row_jvp(pixels, start, tangent, last_read, reading, of.lines)
+        to = (row - rows[0]) * stride
+        gradient_of_row(of.lines, pixels, 0, row, reading, of.gx, of.gy, to)
+        for channel in range(1, described_channels(reading)):
+            gradient_of_row(of.lines, pixels, channel, row, reading, of.other_gx, of.other_gy, to)
+            line = slice(to, to + width)
+            _where_won(of.other_gx[line], of.other_gy[line], channel, winner[line], of.gx[line], of.gy[line])
+    return last_read
 
 
 @compiled
-def _changes_by_size(
-    gx: Any, gy: Any, dx: Any, dy: Any, m: Any, f: Any, hard: bool, here: Any, after: Any, before: Any
-) -> None:
-    """How votes change by the magnitude: for a bin and the next."""
+def _magnitude_jvp(gradients: Gradients, tangents: Gradients, votes: Votes, hard: bool, out: VoteTangents) -> None:
+    """Tangents of votes by that of the magnitude."""
+    m, gx, gy, dx, dy = votes.m, gradients.gx, gradients.gy, tangents.gx, tangents.gy
+    f, here, after, before = votes.f, out.here, out.after, out.before
     zero = m.dtype.type(0)
     for x in range(m.size):
         longer = (gx[x] * dx[x] + gy[x] * dy[x]) / m[x] if m[x] > zero else zero
@@ -67,135 +121,92 @@ def _changes_by_size(
 
 
 @compiled
-def _changes_by_angle(
-    gx: Any, gy: Any, dx: Any, dy: Any, m: Any, exact: Any, slope: Any, here: Any, after: Any, before: Any
+def _angle_jvp(
+    gradients: Gradients, tangents: Gradients, m: Floats, exact: Votes, slope: Real, out: VoteTangents
 ) -> None:
-    """How votes change by the angle: for a bin and those beside it.  On a bin centre the mean of both sides."""
+    """Tangents of votes by that of the angle; on a bin centre the mean of both sides.  ``slope``: bins per radian."""
+    gx, gy, dx, dy = gradients.gx, gradients.gy, tangents.gx, tangents.gy
+    f, here, after, before = exact.f, out.here, out.after, out.before
     half, zero = m.dtype.type(0.5), m.dtype.type(0)
     for x in range(m.size):
         turned = slope * (gx[x] * dy[x] - gy[x] * dx[x]) / m[x] if m[x] > zero else zero
-        centre = exact[x] == zero
+        centre = f[x] == zero
         here[x] = zero if centre else -turned
         after[x] = half * turned if centre else turned
         before[x] = -half * turned if centre else zero
 
 
 @compiled
-def _add(
-    here: Any,
-    after: Any,
-    before: Any,
-    bins: Any,
+def _pooling_jvp(
+    tangents: VoteTangents,
+    bins: Integers,
     stride: int,
     first: int,
     rows: int,
-    pooling: Any,
-    sums: Any,
-    of_band: Any,
+    pooling: Pooling,
+    sums: Floats,
+    band_cells: Floats,
 ) -> None:
-    """Eq. 5-6 of changes: adds them to the cells of a band."""
-    high, count, last = pooling.high, pooling.bins, pooling.bins - 1
-    size, by_row = padded(pooling.columns), pooling.by_row
-    of_row = count * size
+    """Eq. 5-6 of tangents: adds them to the cells of a band."""
+    high, count, last, by_row = pooling.high, pooling.bins, pooling.bins - 1, pooling.by_row
+    size = padded(pooling.columns)
+    planes = tangents.here, tangents.after, tangents.before, bins
     for part in range(pooling.parts.shape[0]):
-        begin, end = pooling.runs[pooling.parts[part, 0], 0], pooling.runs[pooling.parts[part, 1] - 1, 1]
+        begin, end = part_columns(pooling, part)
         for row in range(0, high, 2):
-            share = first * high + row
+            weights = RowWeights(first * high + row, high)
             for bin_ in range(0, count, BINS):
-                few = min(BINS, count - bin_)
-                for x in range(begin, end, pooling.at_once):
-                    to = (row * count + bin_) * size + x - begin
-                    columns = bins, x, stride, rows, by_row, share, high, bin_, last, few, sums, to, size, of_row
+                few = BinRange(bin_, last, min(BINS, count - bin_))
+                for x in range(begin, end, pooling.lanes):
+                    place = Place((row * count + bin_) * size + x - begin, size, count * size)
                     if high == 1:
-                        sum_changes_once(here, after, before, *columns)
+                        sum_tangents_one_row(*planes, PixelRows(x, stride, rows), by_row, weights, few, sums, place)
                     else:
-                        sum_changes(here, after, before, *columns)
-        pool(sums, part, pooling, of_band)
+                        sum_tangents(*planes, PixelRows(x, stride, rows), by_row, weights, few, sums, place)
+        pool(sums, part, pooling, band_cells)
 
 
 @compiled
 def _cells_jvp(
-    pixels: Any,
-    at: int,
-    shape: Any,
-    strides: Any,
-    changes: Any,
-    reading: Any,
-    beyond: Any,
-    voting: Any,
-    pooling: Any,
-    start: int,
-    stop: int,
-    found: Any,
+    pixels: Pixels, start: int, tangent: Floats, plan: Plan, reading_jvp: Reading, band: Band, out: Floats
 ) -> None:
-    """How cells of bands ``start`` to ``stop`` of one image change, to ``found`` (bands, of_band).
-
-    ``changes`` (channels, height, width) are the pixels'; ``beyond`` is ``reading`` of an image that has nothing there.
-    """
-    height, width = shape
-    real = found.dtype
-    described = 1 if reading.mixed else reading.weights.size
-    stride, most = padded(width), most_rows(pooling)
-    planes = most * stride + PADDING
-    lines, moved = empty_lines(reading, width, real), empty_lines(reading, width, real)
-    sums = np.zeros(count_of_sums(pooling), real)
-    gx, gy, dx, dy = np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real)
-    us, vs, m, f = np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real)
-    here, after, before = np.zeros(planes, real), np.zeros(planes, real), np.zeros(planes, real)
-    bins, winner = np.zeros(planes, np.int32), np.zeros(planes, np.int32)
-    exact, exact_bins = np.zeros(planes, real), np.zeros(planes, np.int32)
-    read, moved_read = -1, -1
-    for band in range(start, stop):
-        first, last, _ = pooling.bands[band]
-        read = gradients_of_rows(
-            pixels, at, shape, strides, reading, first, last, read, lines, stride, gx, gy, us, vs, winner
-        )
-        vote_line(gx, gy, voting, m, f, bins)
-        moved_read = max(moved_read, first - 2)
-        for row in range(first, last):
-            while moved_read < min(row + 1, height - 1):
-                moved_read += 1
-                _read_changes(pixels, at, shape, strides, changes, moved_read, reading, moved)
-            to = (row - first) * stride
-            gradient_of_line(moved, 0, row, shape, beyond, dx, dy, to)
-            for channel in range(1, described):
-                gradient_of_line(moved, channel, row, shape, beyond, us, vs, to)
-                line = slice(to, to + width)
-                _chosen(us[line], vs[line], channel, winner[line], dx[line], dy[line])
-        cells = found[band]
-        cells[:] = 0
+    """Tangents of the cells of one image, to ``out`` (bands, …)."""
+    stride, voting, pooling = padded(pixels.width), plan.voting, plan.pooling
+    gradients, tangents, votes, exact = band.gradients, band.tangents, band.votes, band.exact
+    last_read, last_tangent = -1, -1
+    for k in range(pooling.bands.shape[0]):
+        first, last, _ = pooling.bands[k]
         rows = last - first
-        _changes_by_size(gx, gy, dx, dy, m, f, voting.hard, here, after, before)
-        _add(here, after, before, bins, stride, first, rows, pooling, sums, cells)
-        if not voting.hard:
-            if voting.inexact:
-                linear(gx, gy, voting, m, exact, exact_bins)
-            else:
-                exact[:] = f
-                exact_bins[:] = bins
-            _changes_by_angle(gx, gy, dx, dy, m, exact, voting.slope, here, after, before)
-            _add(here, after, before, exact_bins, stride, first, rows, pooling, sums, cells)
+        last_read = gradients_of_rows(pixels, start, plan.reading, first, last, last_read, gradients, 0)
+        vote(gradients.gx, gradients.gy, voting, votes.m, votes.f, votes.bins)
+        last_tangent = _gradients_jvp(pixels, start, tangent, reading_jvp, (first, last), last_tangent, band)
+        out[k] = 0
+        _magnitude_jvp(gradients, tangents, votes, voting.hard, band.vote_tangents)
+        _pooling_jvp(band.vote_tangents, votes.bins, stride, first, rows, pooling, band.sums, out[k])
+        if voting.hard:
+            continue
+        if voting.library_angle:
+            linear_votes(gradients.gx, gradients.gy, voting, exact.m, exact.f, exact.bins)
+        else:
+            exact.f[:] = votes.f
+            exact.bins[:] = votes.bins
+        _angle_jvp(gradients, tangents, votes.m, exact, voting.slope, band.vote_tangents)
+        _pooling_jvp(band.vote_tangents, exact.bins, stride, first, rows, pooling, band.sums, out[k])
 
 
 @compiled
 def cells_jvp_of_images(
-    pixels: Any,
-    at: int,
-    shape: Any,
-    strides: Any,
-    changes: Any,
-    reading: Any,
-    beyond: Any,
-    voting: Any,
-    pooling: Any,
-    start: int,
-    stop: int,
-    found: Any,
+    pixels: Pixels, tangents: Floats, plan: Plan, reading_jvp: Reading, images: tuple[int, int], out: Floats
 ) -> None:
-    """The same of images ``start`` to ``stop``, to ``found`` (images, rows, columns, bins)."""
-    bands = pooling.bands.shape[0]
-    of_bands = np.empty((bands, (pooling.cols + pooling.wide) * pooling.of_cell), found.dtype)
-    for image in range(start, stop):
-        begin = at + image * strides[0]
-        _cells_jvp(pixels, begin, shape, strides, changes[image], reading, beyond, voting, pooling, 0, bands, of_bands)
-        add_bands(of_bands, pooling, found[image])
+    """Tangents of cells of images (first, last), to ``out`` (images, rows, cols, bins).
+
+    ``tangents`` are (images, channels, height, width), of the pixels; ``reading_jvp`` is as ``plan.reading``, but for
+    images beyond whose border everything is zero.
+    """
+    pooling = plan.pooling
+    columns = pooling.cols + pooling.wide
+    band_cells = np.empty((pooling.bands.shape[0], columns * pooling.column_size), out.dtype)
+    band = _new_band(plan, pixels.width, out.dtype)
+    for image in range(images[0], images[1]):
+        _cells_jvp(pixels, image * pixels.strides[0], tangents[image], plan, reading_jvp, band, band_cells)
+        add_bands(band_cells, pooling, out[image])

@@ -1,282 +1,149 @@
-"""The adjoint of Eq. 1-6 in one pass: from what reaches the cell histograms to what reaches the images.
+"""The vjp of Eq. 1-6 in one pass: gradients with respect to cell histograms to gradients with respect to images.
 
-Votes are made again, which takes less than to fetch them from memory.  What reaches the gradients of three lines is
-kept; a row of the image hears from the row before it, its own and the one after it.
+Votes are recomputed, which takes less time than fetching them from memory.  A ring buffer of three rows holds gradients
+with respect to Gx and Gy: a row of the image depends on its own and both beside it.
 """
 
 from __future__ import annotations
 
-import math
-from typing import Any
+from typing import NamedTuple
 
-import numpy as np
-
+from ...runtime.arrays import DType, Floats
 from ...runtime.compile import compiled, inlined
 from ...runtime.simd import PADDING
-from ..gradient import BLACK
-from .cells import empty_lines, gradients_of_rows, most_rows, padded, rows_at_once
-from .gradient_vjp_simd import central_vjp, hard_votes_vjp, votes_vjp
-from .pooling_vjp import read, wrap_bins
-from .pooling_vjp_simd import BESIDE
-from .votes import linear, vote_line
+from .cells import most_rows, rows_at_once
+from .gradient_loops import Gradients, gradients_of_rows, new_gradients, padded
+from .gradient_vjp import (
+    PlaneGradients,
+    border_vjp,
+    hard_votes_vjp,
+    new_plane_gradients,
+    new_ring,
+    ring_line,
+    row_vjp,
+    votes_vjp,
+)
+from .norms import copy
+from .parameters import Pixels, Plan, Voting
+from .pooling_vjp import (
+    CellGradients,
+    VoteGradients,
+    new_cell_gradients,
+    new_vote_gradients,
+    votes_gradient,
+    wrap_bins,
+)
+from .votes import Votes, linear_votes, new_votes, vote
 
 
-@inlined
-def _outermost(to_gx: Any, to_gy: Any, to: int, width: int, row: int, height: int, times: Any) -> None:
-    """The outermost pixels' gradients count ``times``, and not at all along an axis of one pixel."""
-    to_gx[to + 1] *= times
-    if width > 1:
-        to_gx[to + width] *= times
-    else:
-        to_gx[to + 1] = 0
-    if row == 0 or row == height - 1:
-        for x in range(width):
-            to_gy[to + x + 1] *= times if height > 1 else 0
+class Band(NamedTuple):
+    """Workspace: what is recomputed of a band, or known of the gradients with respect to it.
 
-
-@inlined
-def _masked(of: Any, winners: Any, channel: int, found: Any) -> None:
-    """Of three lines, where the channel won."""
-    for k in range(found.size):
-        x = np.uintp(k)
-        found[x] = of[x] if winners[x] == channel else 0
-
-
-@inlined
-def ring_line(width: int) -> int:
-    """How far the lines of three rows are apart."""
-    lines: int = padded(width) + PADDING
-    return lines
-
-
-@inlined
-def _central(
-    to_gx: Any, to_gy: Any, row: int, height: int, width: int, reading: Any, slope: Any, found: Any, to: int
-) -> None:
-    """What reaches a row of values from the gradients of it and those beside it, times ``slope``, to ``found[to:]``."""
-    size = ring_line(width)
-    line, above, below = row % 3 * size, (row + 2) % 3 * size, (row + 1) % 3 * size
-    if width >= PADDING:
-        central_vjp(to_gx, to_gy, line, above, below, width, slope, found, to)
-    else:
-        for x in range(width):
-            reached = to_gx[line + x] - to_gx[line + x + 2] + to_gy[above + x + 1] - to_gy[below + x + 1]
-            found[to + x] = slope * reached
-    if reading.times > 0 and reading.own:  # which they were compared with, too
-        own = row % 3 * size
-        found[to] -= slope * to_gx[own + 1]
-        found[to + width - 1] += slope * to_gx[own + width]
-        if row == 0:
-            for x in range(width):
-                found[to + x] -= slope * to_gy[own + x + 1]
-        if row == height - 1:
-            for x in range(width):
-                found[to + x] += slope * to_gy[own + x + 1]
-
-
-@inlined
-def _sobel(to_gx: Any, to_gy: Any, row: int, height: int, width: int, found: Any) -> None:
-    """The same for smoothed gradients of a mirrored image: the outermost rows and columns have one neighbour twice."""
-    size, two = ring_line(width), found.dtype.type(2)
-    line, above, below = row % 3 * size, (row + 2) % 3 * size, (row + 1) % 3 * size
-    of_above, of_below = two if row == 1 else two - 1, two if row == height - 2 else two - 1
-    own = two + two if height == 1 else two
-    for x in range(width):
-        found[x] = own * (to_gx[line + x] - to_gx[line + x + 2])
-        found[x] += of_above * (to_gx[above + x] - to_gx[above + x + 2])
-        found[x] += of_below * (to_gx[below + x] - to_gx[below + x + 2])
-        before = to_gy[above + x] - to_gy[below + x]
-        here = to_gy[above + x + 1] - to_gy[below + x + 1]
-        after = to_gy[above + x + 2] - to_gy[below + x + 2]
-        found[x] += before + two * here + after
-    first, last = to_gy[above + 1] - to_gy[below + 1], to_gy[above + width] - to_gy[below + width]
-    if width == 1:
-        found[0] += two * first
-    else:
-        found[1] += first
-        found[width - 2] += last
-
-
-@inlined
-def _to_pixels(
-    pixels: Any, begin: int, step: int, width: int, reading: Any, weight: Any, toward: Any, found: Any, to: int
-) -> None:
-    """From values to the pixels they were read from, by the derivative of a root if there is one."""
-    real, black = found.dtype.type, found.dtype.type(BLACK)
-    half, zero = real(0.5), real(0)
-    place, slope = np.uintp(to), weight * reading.scale
-    if reading.root:
-        for x in range(width):
-            value = reading.scale * real(pixels[begin + x * step])
-            found[to + x] = zero if value <= black else slope * half / math.sqrt(value) * toward[x]
-    else:
-        for k in range(width):
-            x = np.uintp(k)
-            found[place + x] = slope * toward[x]
-
-
-@inlined
-def _emit(
-    pixels: Any,
-    at: int,
-    shape: Any,
-    strides: Any,
-    row: int,
-    reading: Any,
-    to_gx: Any,
-    to_gy: Any,
-    winners: Any,
-    us: Any,
-    vs: Any,
-    toward: Any,
-    found: Any,
-) -> None:
-    """One row of all channels, to ``found`` (channels · height · width), from the gradients of three rows.
-
-    ``us`` and ``vs`` are overwritten.
+    ``exact`` and ``grad_exact`` are empty unless votes are by a library's angle: then these are by the exact one.
     """
-    height, width = shape
-    mixed, several = reading.mixed, us.size > 0
-    for channel in range(reading.weights.size):
-        if several:
-            _masked(to_gx, winners, channel, us)
-            _masked(to_gy, winners, channel, vs)
-        place = (channel * height + row) * width
-        of_x, of_y = (us, vs) if several else (to_gx, to_gy)
-        if not (reading.sobel or reading.root or mixed):
-            slope = reading.weights[channel] * reading.scale
-            _central(of_x, of_y, row, height, width, reading, slope, found, place)
-            continue
-        if channel == 0 or not mixed:
-            if reading.sobel:
-                _sobel(of_x, of_y, row, height, width, toward)
-            else:
-                one = reading.scale / reading.scale
-                _central(of_x, of_y, row, height, width, reading, one, toward, 0)
-        begin = at + channel * strides[1] + row * strides[2]
-        _to_pixels(pixels, begin, strides[3], width, reading, reading.weights[channel], toward, found, place)
+
+    gradients: Gradients
+    votes: Votes
+    exact: Votes
+    grad_cells: CellGradients
+    grad_votes: VoteGradients
+    grad_exact: VoteGradients
+    grad_planes: PlaneGradients
+
+
+@inlined
+def _new_band(plan: Plan, width: int, dtype: DType) -> Band:
+    rows = most_rows(plan.pooling)
+    size = rows * padded(width) + PADDING
+    exact = size if plan.voting.library_angle else 0
+    return Band(
+        new_gradients(plan.reading, width, rows, dtype),
+        new_votes(size, dtype),
+        new_votes(exact, dtype),
+        new_cell_gradients(plan.pooling, dtype),
+        new_vote_gradients(size, dtype),
+        new_vote_gradients(exact, dtype),
+        new_plane_gradients(size, dtype),
+    )
+
+
+@compiled
+def _recompute(pixels: Pixels, start: int, plan: Plan, begin: int, end: int, last_read: int, band: Band) -> int:
+    """Gradients and votes of rows of a band; returns the last row that was read."""
+    stride, gradients, votes, exact = padded(pixels.width), band.gradients, band.votes, band.exact
+    few = rows_at_once(stride)
+    for first in range(begin, end, few):
+        last = min(first + few, end)
+        at = (first - begin) * stride
+        last_read = gradients_of_rows(pixels, start, plan.reading, first, last, last_read, gradients, at)
+        rows = slice(at, at + (last - first) * stride)
+        gx, gy = gradients.gx[rows], gradients.gy[rows]
+        vote(gx, gy, plan.voting, votes.m[rows], votes.f[rows], votes.bins[rows])
+        if plan.voting.library_angle:
+            linear_votes(gx, gy, plan.voting, exact.m[rows], exact.f[rows], exact.bins[rows])
+    return last_read
+
+
+@compiled
+def _pooling_vjp(grad_cells: Floats, k: int, plan: Plan, stride: int, first: int, rows: int, band: Band) -> None:
+    """Gradients of the votes of the k-th band, of ``rows`` from the ``first`` on."""
+    pooling = plan.pooling
+    wrap_bins(grad_cells, pooling, k, band.grad_cells.cells)
+    votes_gradient(band.grad_cells, band.votes.bins, stride, first, rows, pooling, band.grad_votes)
+    if plan.voting.library_angle:
+        votes_gradient(band.grad_cells, band.exact.bins, stride, first, rows, pooling, band.grad_exact)
+
+
+@compiled
+def _voting_vjp(voting: Voting, size: int, band: Band) -> None:
+    """Gradients of Gx and Gy of the first ``size`` elements of the band's planes."""
+    gx, gy = band.gradients.gx[:size], band.gradients.gy[:size]
+    if voting.hard:
+        hard_votes_vjp(band.votes, band.grad_votes, gx, gy, band.grad_planes)
+    elif voting.library_angle:
+        exact = band.exact, band.grad_exact
+        votes_vjp(band.votes, band.grad_votes, *exact, gx, gy, voting.slope, band.grad_planes)
+    else:
+        votes = band.votes, band.grad_votes
+        votes_vjp(*votes, *votes, gx, gy, voting.slope, band.grad_planes)
 
 
 @compiled
 def cells_vjp_of_images(
-    pixels: Any,
-    at: int,
-    shape: Any,
-    strides: Any,
-    reading: Any,
-    voting: Any,
-    pooling: Any,
-    given: Any,
-    images: Any,
-    rows: Any,
-    found: Any,
+    pixels: Pixels, plan: Plan, grad_cells: Floats, images: tuple[int, int], rows: tuple[int, int], grad_images: Floats
 ) -> None:
-    """Rows (first, last) of some images (first, last), to ``found`` (images, channels, height, width).
+    """Rows (first, last) of images (first, last), to ``grad_images`` (images, channels, height, width).
 
-    ``given`` is (images, rows, cols, bins).
+    ``grad_cells`` is (images, rows, cols, bins).
     """
-    height, width = shape
-    real = found.dtype
-    several = not reading.mixed and reading.weights.size > 1
-    stride, most = padded(width), most_rows(pooling)
-    few = min(rows_at_once(stride), most)
-    planes, ring = most * stride + PADDING, 3 * ring_line(width)
-    lines = empty_lines(reading, width, real)
-    gx, gy, m, f = np.empty(planes, real), np.empty(planes, real), np.empty(planes, real), np.empty(planes, real)
-    us, vs, winner = np.empty(few * stride, real), np.empty(few * stride, real), np.empty(planes, np.int32)
-    bins = np.zeros(planes, np.int32)
-    before, here, after = np.empty(planes, real), np.empty(planes, real), np.empty(planes, real)
-    again = planes if voting.inexact else 0
-    exact, exact_bins = np.empty(again, real), np.zeros(again, np.int32)
-    before_exact, here_exact, after_exact = np.empty(again, real), np.empty(again, real), np.empty(again, real)
-    line = (pooling.bins + BESIDE + 7) // 8 * 8
-    cells = np.zeros((pooling.high, pooling.cols + pooling.wide + 1, line), real)  # tables end behind the last
-    spread = np.empty(pooling.high * (pooling.columns + PADDING) * line, real)
-    to_gx, to_gy, toward = np.zeros(ring, real), np.zeros(ring, real), np.empty(width, real)
-    winners = np.zeros(ring, np.int32)
-    masked = ring if several else 0
-    masked_x, masked_y = np.zeros(masked, real), np.zeros(masked, real)
-    start, stop = rows
+    height, width, reading, pooling = pixels.height, pixels.width, plan.reading, plan.pooling
+    stride, line = padded(width), ring_line(width)
+    band, ring = _new_band(plan, width, grad_images.dtype), new_ring(reading, width, grad_images.dtype)
+    of_x, of_y, ring_x, ring_y = band.grad_planes.gx, band.grad_planes.gy, ring.gx, ring.gy
+    begin, end = rows
     for image in range(images[0], images[1]):
-        of_image, of_found = at + image * strides[0], found[image].reshape(-1)
-        to_gx[:] = 0
-        to_gy[:] = 0
-        row, last = max(start - 1, 0), stop + 1  # with those beside what is asked for, and nothing below the image
-        seen = -1  # the last row of pixels
-        while row < last:
-            band = pooling.band_of[row] if row < height else -1
-            end = row + 1 if band < 0 else min(pooling.bands[band, 1], last)
-            if band >= 0:
-                for begin in range(row, end, few):
-                    count = (min(begin + few, end) - begin) * stride
-                    part = slice((begin - row) * stride, (begin - row) * stride + count)
-                    of_x, of_y = gx[part], gy[part]
-                    seen = gradients_of_rows(
-                        pixels,
-                        of_image,
-                        shape,
-                        strides,
-                        reading,
-                        begin,
-                        min(begin + few, end),
-                        seen,
-                        lines,
-                        stride,
-                        of_x,
-                        of_y,
-                        us,
-                        vs,
-                        winner[part],
-                    )
-                    vote_line(of_x, of_y, voting, m[part], f[part], bins[part])
-                    if voting.inexact:
-                        linear(of_x, of_y, voting, m[part], exact[part], exact_bins[part])
-                wrap_bins(given[image], pooling, band, cells)
-                read(cells, bins, stride, row, end - row, pooling, spread, before, here, after)
-                if voting.inexact:
-                    read(
-                        cells,
-                        exact_bins,
-                        stride,
-                        row,
-                        end - row,
-                        pooling,
-                        spread,
-                        before_exact,
-                        here_exact,
-                        after_exact,
-                    )
-            for y in range(row, end):
-                slot, of_row = y % 3 * ring_line(width), (y - row) * stride
-                if band < 0:
-                    to_gx[slot : slot + width + 2] = 0
-                    to_gy[slot : slot + width + 2] = 0
+        start, out = image * pixels.strides[0], grad_images[image].reshape(-1)
+        ring_x[:] = 0
+        ring_y[:] = 0
+        row, last_read = max(begin - 1, 0), -1
+        while row < end + 1:  # with the rows beside those wanted; below the image there is nothing
+            k = pooling.band_of[row] if row < height else -1
+            stop = row + 1 if k < 0 else min(pooling.bands[k, 1], end + 1)
+            if k >= 0:
+                last_read = _recompute(pixels, start, plan, row, stop, last_read, band)
+                _pooling_vjp(grad_cells[image], k, plan, stride, row, stop - row, band)
+                _voting_vjp(plan.voting, (stop - row) * stride, band)
+            for y in range(row, stop):
+                at, to = (y - row) * stride, y % 3 * line
+                if k >= 0:
+                    copy(of_x, at, width, ring_x, to + 1)
+                    copy(of_y, at, width, ring_y, to + 1)
+                    border_vjp(ring_x, ring_y, to, width, y, height, reading.border_factor)
+                    if ring.channel_gx.size > 0:
+                        ring.winner[to + 1 : to + width + 1] = band.gradients.winner[at : at + width]
                 else:
-                    of_angle = (
-                        (exact, before_exact, here_exact, after_exact) if voting.inexact else (f, before, here, after)
-                    )
-                    votes = m, f, here, after, *of_angle, gx, gy
-                    if voting.hard:
-                        hard_votes_vjp(*votes, of_row, width, voting.slope, to_gx, to_gy, slot)
-                    else:
-                        votes_vjp(*votes, of_row, width, voting.slope, to_gx, to_gy, slot)
-                    _outermost(to_gx, to_gy, slot, width, y, height, reading.times)
-                    if several:
-                        winners[slot + 1 : slot + width + 1] = winner[of_row : of_row + width]
-                if y - 1 >= start:
-                    _emit(
-                        pixels,
-                        of_image,
-                        shape,
-                        strides,
-                        y - 1,
-                        reading,
-                        to_gx,
-                        to_gy,
-                        winners,
-                        masked_x,
-                        masked_y,
-                        toward,
-                        of_found,
-                    )
-            row = end
+                    ring_x[to : to + width + 2] = 0
+                    ring_y[to : to + width + 2] = 0
+                if y - 1 >= begin:
+                    row_vjp(pixels, start, y - 1, reading, ring, out)
+            row = stop

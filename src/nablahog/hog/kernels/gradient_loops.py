@@ -1,44 +1,85 @@
-"""Eq. 1-2 a line of pixels at a time: from stored values to gradients, and back.
+"""Eq. 1-2 compiled, a row of pixels at a time: stored values to gradients.
 
-A line holds the values of one row of pixels between two more, its ends, that mirror it at the outermost pixels.  Lines
-and what is made of them are parts of longer arrays, told apart by where they begin.
+A *line* holds the values of one row between two more, which mirror it at the outermost pixels.  Lines are parts of one
+array, told apart by where they begin.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
+from ...runtime.arrays import DType, Flags, Floats, Integers
 from ...runtime.compile import inlined
+from ...runtime.simd import PADDING
 from ..gradient import BLACK
+from .parameters import Pixels, Reading
+
+
+class Gradients(NamedTuple):
+    """Workspace of :func:`gradients_of_rows`.  Planes hold rows of pixels, ``padded(width)`` apart."""
+
+    lines: Floats  # (channels · 3 · (width + 2),): a ring buffer of the last three rows read, of each channel
+    gx: Floats  # plane
+    gy: Floats  # plane
+    winner: Integers  # plane: the channel of each gradient, if there are several
+    other_gx: Floats  # plane of one row: gradients of one channel
+    other_gy: Floats
+
+
+class Rows(NamedTuple):
+    """Where the lines of three neighbouring rows begin."""
+
+    above: int
+    here: int
+    below: int
 
 
 @inlined
-def read_line(
-    pixels: Any,
-    begin: int,
-    step: int,
-    width: int,
-    scale: Any,
-    weight: Any,
-    first: bool,
-    root: bool,
-    lines: Any,
-    to: int,
-) -> None:
-    """Values of a row of pixels, times ``scale``, to the line at ``lines[to:]``, or added to it.
+def padded(count: int) -> int:
+    """Rounded up to whole vectors."""
+    return (count + PADDING - 1) // PADDING * PADDING
 
-    ``weight`` is the channel's in Eq. 1; it applies to the roots if there are any.
+
+@inlined
+def described_channels(reading: Reading) -> int:
+    """1 if channels are averaged."""
+    return 1 if reading.averaged else reading.weights.size
+
+
+@inlined
+def new_lines(reading: Reading, width: int, dtype: DType) -> Floats:
+    """The ring buffer of :class:`Gradients`."""
+    return np.zeros(described_channels(reading) * 3 * (width + 2), dtype)
+
+
+@inlined
+def new_gradients(reading: Reading, width: int, rows: int, dtype: DType) -> Gradients:
+    """For so many rows at a time."""
+    size = rows * padded(width) + PADDING
+    several = size if described_channels(reading) > 1 else 0
+    gx, gy = np.zeros(size, dtype), np.zeros(size, dtype)
+    winner = np.zeros(several, np.int32)
+    other_gx, other_gy = np.zeros(several, dtype), np.zeros(several, dtype)
+    return Gradients(new_lines(reading, width, dtype), gx, gy, winner, other_gx, other_gy)
+
+
+@inlined
+def _read_line(pixels: Pixels, begin: int, reading: Reading, channel: int, first: bool, lines: Floats, to: int) -> None:
+    """Values of the row of pixels at ``begin``, to the line at ``lines[to:]``, or added to it if not ``first``.
+
+    The channel's weight in Eq. 1 applies to the square roots if there are any.
     """
-    real, black = lines.dtype.type, lines.dtype.type(BLACK)
-    zero = real(0)
-    at, apart, place = np.uintp(begin), np.uintp(step), np.uintp(to + 1)
+    real = lines.dtype.type
+    zero, black, scale, weight = real(0), real(BLACK), reading.scale, reading.weights[channel]
+    at, step, place = np.uintp(begin), np.uintp(pixels.strides[3]), np.uintp(to + 1)
+    values, width, sqrt = pixels.values, pixels.width, reading.sqrt
     for k in range(width):
         x = np.uintp(k)
-        value = scale * real(pixels[at + x * apart])
-        if root:
+        value = scale * real(values[at + x * step])
+        if sqrt:
             value = zero if value <= black else math.sqrt(value)
         value = weight * value
         lines[place + x] = value if first else lines[place + x] + value
@@ -46,10 +87,19 @@ def read_line(
 
 
 @inlined
-def central(lines: Any, above: int, line: int, below: int, width: int, gx: Any, gy: Any, to: int) -> None:
-    """Eq. 2: the mask [-1, 0, 1] along either axis, of the lines that begin there."""
-    left, up, down, place = np.uintp(line), np.uintp(above + 1), np.uintp(below + 1), np.uintp(to)
-    right = np.uintp(line + 2)
+def _read_row(pixels: Pixels, start: int, row: int, reading: Reading, lines: Floats) -> None:
+    """One row of pixels of all channels, to its lines in the ring buffer."""
+    for channel in range(reading.weights.size):
+        to = ((0 if reading.averaged else 3 * channel) + row % 3) * (pixels.width + 2)
+        begin = start + channel * pixels.strides[1] + row * pixels.strides[2]
+        _read_line(pixels, begin, reading, channel, channel == 0 or not reading.averaged, lines, to)
+
+
+@inlined
+def _central(lines: Floats, rows: Rows, width: int, gx: Floats, gy: Floats, to: int) -> None:
+    """Eq. 2: the mask [-1, 0, 1] along either axis."""
+    left, up, down, place = np.uintp(rows.here), np.uintp(rows.above + 1), np.uintp(rows.below + 1), np.uintp(to)
+    right = np.uintp(rows.here + 2)
     for k in range(width):
         x = np.uintp(k)
         gx[place + x] = lines[right + x] - lines[left + x]
@@ -59,13 +109,13 @@ def central(lines: Any, above: int, line: int, below: int, width: int, gx: Any, 
 
 
 @inlined
-def sobel(lines: Any, above: int, line: int, below: int, width: int, gx: Any, gy: Any, to: int) -> None:
+def _sobel(lines: Floats, rows: Rows, width: int, gx: Floats, gy: Floats, to: int) -> None:
     """The same, smoothed by [1, 2, 1] along the other axis."""
     two, one_, two_ = gx.dtype.type(2), np.uintp(1), np.uintp(2)
     for k in range(width):
         x = np.uintp(k)
-        a, b, c, place = np.uintp(above) + x, np.uintp(line) + x, np.uintp(below) + x, np.uintp(to) + x
-        # as differences first, like the plain steps, so that a flat area has a zero gradient
+        a, b, c, place = np.uintp(rows.above) + x, np.uintp(rows.here) + x, np.uintp(rows.below) + x, np.uintp(to) + x
+        # differences first, as in the reference, so that a flat area has a zero gradient
         gx[place] = (lines[a + two_] - lines[a]) + two * (lines[b + two_] - lines[b]) + (lines[c + two_] - lines[c])
         gy[place] = (
             (lines[c] - lines[a]) + two * (lines[c + one_] - lines[a + one_]) + (lines[c + two_] - lines[a + two_])
@@ -73,50 +123,78 @@ def sobel(lines: Any, above: int, line: int, below: int, width: int, gx: Any, gy
 
 
 @inlined
-def edges(
-    lines: Any,
-    above: int,
-    line: int,
-    below: int,
-    width: int,
-    first: bool,
-    last: bool,
-    times: Any,
-    own: bool,
-    beyond: Any,
-    gx: Any,
-    gy: Any,
-    to: int,
+def _border(
+    lines: Floats, rows: Rows, width: int, first: bool, last: bool, reading: Reading, gx: Floats, gy: Floats, to: int
 ) -> None:
-    """Replaces central differences at the image's outermost pixels, which need a value from beyond it.
-
-    That is the pixel's own if ``own``, else ``beyond``; the difference counts ``times``.
-    """
+    """Replaces central differences at the outermost pixels, which need a value from beyond the image."""
+    factor, own, beyond, line = reading.border_factor, reading.border_is_own, reading.border_value, rows.here
     if width > 1:
-        gx[to] = times * (lines[line + 2] - (lines[line + 1] if own else beyond))
-        gx[to + width - 1] = times * ((lines[line + width] if own else beyond) - lines[line + width - 1])
+        gx[to] = factor * (lines[line + 2] - (lines[line + 1] if own else beyond))
+        gx[to + width - 1] = factor * ((lines[line + width] if own else beyond) - lines[line + width - 1])
     if first and not last:
         for x in range(width):
-            gy[to + x] = times * (lines[below + x + 1] - (lines[line + x + 1] if own else beyond))
+            gy[to + x] = factor * (lines[rows.below + x + 1] - (lines[line + x + 1] if own else beyond))
     elif last and not first:
         for x in range(width):
-            gy[to + x] = times * ((lines[line + x + 1] if own else beyond) - lines[above + x + 1])
+            gy[to + x] = factor * ((lines[line + x + 1] if own else beyond) - lines[rows.above + x + 1])
 
 
 @inlined
-def choose(
-    us: Any, vs: Any, channel: int, last_wins: Any, width: int, gx: Any, gy: Any, to: int, winner: Any, row: int
+def gradient_of_row(
+    lines: Floats, pixels: Pixels, channel: int, row: int, reading: Reading, gx: Floats, gy: Floats, to: int
 ) -> None:
-    """Replaces gradients by a further channel's where its magnitude is larger; or as large, where the last wins.
+    """Gradients of one row of one channel, to ``gx[to:]`` and ``gy[to:]``."""
+    height, width = pixels.height, pixels.width
+    above, below = max(row - 1, 0), min(row + 1, height - 1)
+    if row == 0:  # mirrored at the outermost row
+        above = below
+    elif row == height - 1:
+        below = above
+    begin, size = 3 * channel, width + 2
+    rows = Rows((begin + above % 3) * size, (begin + row % 3) * size, (begin + below % 3) * size)
+    if reading.sobel:
+        _sobel(lines, rows, width, gx, gy, to)
+    else:
+        _central(lines, rows, width, gx, gy, to)
+    if reading.border_factor > 0:
+        _border(lines, rows, width, row == 0, row == height - 1, reading, gx, gy, to)
 
-    Those are at ``gx[to:]`` and ``gy[to:]``, which channel they are of at ``winner[row:]``.
-    """
+
+@inlined
+def _choose(work: Gradients, channel: int, last_wins: Flags, width: int, to: int) -> None:
+    """Replaces gradients by the channel's where its magnitude is larger; or equal, where the last channel wins."""
     number = np.int32(channel)
+    gx, gy, winner, other_gx, other_gy = work.gx, work.gy, work.winner, work.other_gx, work.other_gy
     for k in range(width):
-        x, place, at = np.uintp(k), np.uintp(to) + np.uintp(k), np.uintp(row) + np.uintp(k)
-        u, v, own_u, own_v = us[x], vs[x], gx[place], gy[place]
+        x, place = np.uintp(k), np.uintp(to) + np.uintp(k)
+        u, v, own_u, own_v = other_gx[x], other_gy[x], gx[place], gy[place]
         ours, theirs = own_u * own_u + own_v * own_v, u * u + v * v
         better = theirs > ours or (last_wins[x] and theirs == ours)
         gx[place] = u if better else own_u
         gy[place] = v if better else own_v
-        winner[at] = number if better else winner[at]
+        winner[place] = number if better else winner[place]
+
+
+@inlined
+def gradients_of_rows(
+    pixels: Pixels, start: int, reading: Reading, begin: int, end: int, last_read: int, work: Gradients, at: int
+) -> int:
+    """Eq. 1-2: gradients of rows ``begin`` to ``end`` of the image at ``start``, to the planes of ``work[at:]``.
+
+    They are of the channel of largest magnitude.  ``last_read`` is the last row in the ring buffer, on return too.
+    """
+    width, stride = pixels.width, padded(pixels.width)
+    channels = described_channels(reading)
+    last_read = max(last_read, begin - 2)
+    for row in range(begin, end):
+        while last_read < min(row + 1, pixels.height - 1):
+            last_read += 1
+            _read_row(pixels, start, last_read, reading, work.lines)
+        to = at + (row - begin) * stride
+        gradient_of_row(work.lines, pixels, 0, row, reading, work.gx, work.gy, to)
+        if channels > 1:
+            work.winner[to : to + width] = 0
+        for channel in range(1, channels):
+            gradient_of_row(work.lines, pixels, channel, row, reading, work.other_gx, work.other_gy, 0)
+            _choose(work, channel, reading.last_wins, width, to)
+    return last_read

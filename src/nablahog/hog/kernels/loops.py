@@ -1,4 +1,4 @@
-"""The compiled loops on tensors, shared out to threads: by images, or of a single large one by bands of rows."""
+"""The compiled loops on tensors, shared out to threads: by images, or by bands of rows of a single large one."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ...runtime.arrays import DType, Floats
 from ...runtime.threads import share_out
 from ..spec import HOGSpec
 from . import parameters
 from .cells import add_bands, cells_of_images
 from .cells_jvp import cells_jvp_of_images
 from .cells_vjp import cells_vjp_of_images
+from .parameters import Pixels, Plan
 
 Work: TypeAlias = Callable[[int, int], None]
 """Goes over some images, from the first to the one behind the last."""
@@ -24,180 +26,193 @@ _LARGE = 2**16  # pixels of an image that is worth more than one thread
 
 
 class TypedKernelCache:
-    """Loops that are called with arguments of always the same types, found once for these."""
+    """Caches compiled entry points: each loop is called with arguments of always the same types."""
 
     def __init__(self) -> None:
-        self._found: dict[Any, Callable[..., None]] = {}
+        self._entry_points: dict[Any, Callable[..., None]] = {}
 
     def run(self, loop: Any, *arguments: Any) -> None:
-        found = self._found.get(loop)
-        if found is None:
-            found = self._found[loop] = loop.for_types_of(*arguments)
-        found(*arguments)
+        """Calls ``loop``, a function of :func:`.compile.compiled`; its arguments are of its own types."""
+        entry_point = self._entry_points.get(loop)
+        if entry_point is None:
+            entry_point = self._entry_points[loop] = loop.entry_point(*arguments)
+        entry_point(*arguments)
 
 
 class _Norm(TypedKernelCache):
-    """What the loops over cells need to know of a dialect and grids of a size."""
+    """The loops of a dialect's normaliser, for grids of one size."""
 
-    def __init__(self, spec: HOGSpec, shape: tuple[int, ...], real: Any) -> None:
+    def __init__(self, spec: HOGSpec, shape: tuple[int, ...], dtype: DType) -> None:
         super().__init__()
         normalizer = spec.normalizer
         if normalizer.has_loops:
-            self.loop, self.vjp, self.scheme = normalizer.loops(spec.bins, spec.signed, real)
+            self.loop, self.vjp, self.scheme = normalizer.loops(spec.bins, spec.signed, dtype.type)
         rows, cols = (normalizer.footprint(axis).count(shape[axis]) for axis in (0, 1))
         self.grid = rows, cols, spec.channels
 
-    def of_cells(self, cells: Any, found: Any) -> Work:
-        """From some images' cells to their descriptors, ``found``."""
-        return lambda start, stop: self.run(self.loop, cells, self.scheme, start, stop, found)
+    def of_cells(self, cells: Floats, descriptors: Floats) -> Work:
+        """The work of normalising ``cells``, to ``descriptors``."""
+        return lambda start, stop: self.run(self.loop, cells, self.scheme, start, stop, descriptors)
 
-    def vjp_of_cells(self, cells: Any, reached: Any, found: Any) -> Work:
-        """From what reaches some images' descriptors to what reaches their cells, ``found``."""
-        return lambda start, stop: self.run(self.vjp, cells, self.scheme, reached, start, stop, found)
+    def vjp_of_cells(self, cells: Floats, grad_output: Floats, grad_cells: Floats) -> Work:
+        """The work of its vjp, to ``grad_cells``."""
+        return lambda start, stop: self.run(self.vjp, cells, self.scheme, grad_output, start, stop, grad_cells)
 
 
 _norm = lru_cache(maxsize=64)(_Norm)
 
 
-class _Pixels(TypedKernelCache):
-    """What the loops over pixels need to know of a dialect and images of a size.
+class _Operator(TypedKernelCache):
+    """The loops over pixels of a dialect, for images of one size and dtype.
 
     Attributes:
-        norm: what those over their cells need to know.
-        followed: the same of the dialect whose derivative is meant.
+        norm: the loops over their cells.
+        for_vjp: the same of the dialect whose derivative is meant: itself, unless ``spec.derivative`` says otherwise.
     """
 
     def __init__(self, spec: HOGSpec, shape: torch.Size, stored: torch.dtype) -> None:
         super().__init__()
-        spec.grid(*shape[1:])  # or it is too small
+        spec.grid(*shape[1:])  # raises if it is too small
         double = stored == torch.float64
-        self.real: Any = np.float64 if double else np.float32
-        self.pooling = parameters.pooling(spec, shape[1], shape[2], torch.float64 if double else torch.float32)
-        self.reading = parameters.reading(spec, shape[0], shape[1], shape[2], stored)
-        self.plan = self.reading, parameters.voting(spec, self.real), self.pooling
-        self.cells = self.pooling.rows, self.pooling.cols, self.pooling.bins
-        self.norm = _norm(spec, self.cells, self.real)
-        self.followed = self if spec.derivative != "linear" else _pixels(spec.with_linear_votes(), shape, stored)
-        self.bands = len(self.pooling.bands)
-        self.every_band = 0, self.bands
-        self.of_band = (self.pooling.cols + self.pooling.wide) * self.pooling.of_cell
-        self.shape = channels, self.height, self.width = tuple(shape)
-        plane = self.height * self.width
-        self.dense = 0, (self.height, self.width), (channels * plane, plane, self.width, 1)
-        self.large = plane >= _LARGE
+        self.dtype: DType = np.dtype(np.float64 if double else np.float32)
+        channels, height, width = shape
+        self.shape = channels, height, width
+        pooling = parameters.pooling(spec, height, width, torch.float64 if double else torch.float32)
+        reading = parameters.reading(spec, channels, height, width, stored)
+        self.plan = Plan(reading, parameters.voting(spec, self.dtype.type), pooling)
+        self.cells = pooling.rows, pooling.cols, pooling.bins
+        self.norm = _norm(spec, self.cells, self.dtype)
+        self.for_vjp = self if spec.derivative != "linear" else _operator(spec.with_linear_votes(), shape, stored)
+        self.bands = len(pooling.bands)
+        self.band_size = (pooling.cols + pooling.wide) * pooling.column_size
+        self.strides = channels * height * width, height * width, width, 1
+        self.large = height * width >= _LARGE
 
-    def stored(self, images: Tensor) -> tuple[Any, int, tuple[int, int], tuple[int, ...]]:
-        """The values in memory, wherever each lies: of any strides without a copy."""
+    def pixels(self, images: Tensor) -> Pixels:
+        """The stored values, of any strides without a copy."""
         if images.is_contiguous():
-            return images.numpy().reshape(-1), *self.dense
-        strides = images.stride()
+            return Pixels(images.numpy().reshape(-1), *self.shape[1:], self.strides)
+        batch, channel, row, col = strides = images.stride()
         span = 1 + sum((n - 1) * step for n, step in zip(images.shape, strides, strict=True))
-        return images.as_strided((span,), (1,)).numpy(), 0, (self.height, self.width), strides
+        return Pixels(images.as_strided((span,), (1,)).numpy(), *self.shape[1:], (batch, channel, row, col))
 
-    def in_bands(self, batch: int) -> bool:
+    def _in_bands(self, batch: int) -> bool:
         """Whether threads share out parts of an image, not whole ones."""
         return self.large and batch == 1 and torch.get_num_threads() > 1
 
-    def to_cells(self, images: Tensor, found: Any, then: Work) -> None:
-        """From images to their cells, ``found``; ``then`` goes on with those of some, while they are near."""
-        plan, batch = (*self.stored(images), *self.plan), images.shape[0]
-        if self.in_bands(batch):
-            of_bands = np.empty((self.bands, self.of_band), self.real)
-            share_out(lambda *some: self.run(cells_of_images, *plan, (0, 1), some, of_bands, found[:0]), self.bands)
-            self.run(add_bands, of_bands, self.pooling, found[0])
+    def to_cells(self, images: Tensor, cells: Floats, then: Work) -> None:
+        """From images to ``cells``; ``then`` goes on with the cells of some images while they are in the cache."""
+        pixels, batch = self.pixels(images), images.shape[0]
+        if self._in_bands(batch):
+            band_cells = np.empty((self.bands, self.band_size), self.dtype)
+            one, none = (0, 1), cells[:0]
+            share_out(
+                lambda *some: self.run(cells_of_images, pixels, self.plan, one, some, band_cells, none), self.bands
+            )
+            self.run(add_bands, band_cells, self.plan.pooling, cells[0])
             then(0, 1)
             return
 
         def work(*some: int) -> None:
-            of_band = np.empty((1, self.of_band), self.real)  # each thread's own
-            self.run(cells_of_images, *plan, some, self.every_band, of_band, found)
+            band_cells = np.empty((1, self.band_size), self.dtype)  # each thread's own
+            self.run(cells_of_images, pixels, self.plan, some, (0, self.bands), band_cells, cells)
             then(*some)
 
         share_out(work, batch)
 
-    def vjp(self, images: Tensor, first: Work, reached: Any) -> Tensor:
-        """From what reaches cells, once ``first`` has found it for some images, to what reaches the images."""
-        plan, batch = (*self.stored(images), *self.plan), images.shape[0]
-        found = np.empty((batch, *self.shape), self.real)
-        if self.in_bands(batch):
+    def vjp(self, images: Tensor, first: Work, grad_cells: Floats) -> Tensor:
+        """Gradients of the images from ``grad_cells``, once ``first`` has computed these for some images."""
+        pixels, batch, height = self.pixels(images), images.shape[0], self.shape[1]
+        grad_images = np.empty((batch, *self.shape), self.dtype)
+        if self._in_bands(batch):
             first(0, 1)
-            share_out(lambda *some: self.run(cells_vjp_of_images, *plan, reached, (0, 1), some, found), self.height)
-            return torch.from_numpy(found)
+            one = 0, 1
+            share_out(
+                lambda *some: self.run(cells_vjp_of_images, pixels, self.plan, grad_cells, one, some, grad_images),
+                height,
+            )
+            return torch.from_numpy(grad_images)
 
         def work(*some: int) -> None:
             first(*some)
-            self.run(cells_vjp_of_images, *plan, reached, some, (0, self.height), found)
+            self.run(cells_vjp_of_images, pixels, self.plan, grad_cells, some, (0, height), grad_images)
 
         share_out(work, batch)
-        return torch.from_numpy(found)
+        return torch.from_numpy(grad_images)
+
+    def jvp(self, images: Tensor, tangents: Floats) -> Tensor:
+        """Tangents of the cells from those of the images."""
+        reading = self.plan.reading
+        reading_jvp = reading._replace(border_value=reading.border_value * 0)
+        arguments = self.pixels(images), tangents, self.plan, reading_jvp
+        out = np.empty((len(images), *self.cells), self.dtype)
+        share_out(lambda *some: self.run(cells_jvp_of_images, *arguments, some, out), len(out))
+        return torch.from_numpy(out)
 
 
-_pixels = lru_cache(maxsize=64)(_Pixels)
+_operator = lru_cache(maxsize=64)(_Operator)
 
 
 def _nothing(start: int, stop: int) -> None:
-    """The work that is none."""
+    """No work."""
 
 
-def array(tensor: Tensor) -> Any:
+def array(tensor: Tensor) -> Floats:
     """Its values, one after the other."""
-    return tensor.contiguous().numpy()
+    values: Floats = tensor.contiguous().numpy()
+    return values
 
 
 def cells(images: Tensor, spec: HOGSpec) -> Tensor:
     """Eq. 1-6: images (B, C, H, W), C = 1 if colours are separate, to cells (B, rows, cols, bins)."""
     shape = images.shape
-    known = _pixels(spec, shape[1:], images.dtype)
-    found = np.empty((shape[0], *known.cells), known.real)
-    known.to_cells(images, found, _nothing)
-    return torch.from_numpy(found)
+    operator = _operator(spec, shape[1:], images.dtype)
+    out = np.empty((shape[0], *operator.cells), operator.dtype)
+    operator.to_cells(images, out, _nothing)
+    return torch.from_numpy(out)
 
 
-def cells_vjp(images: Tensor, given: Tensor, spec: HOGSpec) -> Tensor:
-    """The adjoint: what reaches the images from ``given`` (B, rows, cols, bins), of the cells."""
-    return _pixels(spec, images.shape[1:], images.dtype).followed.vjp(images, _nothing, array(given))
+def cells_vjp(images: Tensor, grad_cells: Tensor, spec: HOGSpec) -> Tensor:
+    """Gradients of the images from ``grad_cells`` (B, rows, cols, bins)."""
+    return _operator(spec, images.shape[1:], images.dtype).for_vjp.vjp(images, _nothing, array(grad_cells))
 
 
-def cells_jvp(images: Tensor, changes: Tensor, spec: HOGSpec) -> Tensor:
-    """How cells (B, rows, cols, bins) change with ``changes`` of the images."""
-    known = _pixels(spec, images.shape[1:], images.dtype).followed
-    beyond = known.reading._replace(beyond=known.reading.beyond * 0)
-    plan = *known.stored(images), array(changes), known.reading, beyond, *known.plan[1:]
-    found = np.empty((images.shape[0], *known.cells), known.real)
-    share_out(lambda start, stop: known.run(cells_jvp_of_images, *plan, start, stop, found), len(found))
-    return torch.from_numpy(found)
+def cells_jvp(images: Tensor, tangents: Tensor, spec: HOGSpec) -> Tensor:
+    """Tangents of the cells (B, rows, cols, bins) from those of the images."""
+    return _operator(spec, images.shape[1:], images.dtype).for_vjp.jvp(images, array(tangents))
 
 
 def norm(histograms: Tensor, spec: HOGSpec) -> Tensor:
     """The normaliser: cells (B, rows, cols, bins) to descriptors (B, rows, cols, channels) of one colour."""
     cells = array(histograms)
-    known = _norm(spec, cells.shape[1:], cells.dtype.type)
-    found = np.empty((len(cells), *known.grid), cells.dtype)
-    share_out(known.of_cells(cells, found), len(cells))
-    return torch.from_numpy(found)
+    loops = _norm(spec, cells.shape[1:], cells.dtype)
+    out = np.empty((len(cells), *loops.grid), cells.dtype)
+    share_out(loops.of_cells(cells, out), len(cells))
+    return torch.from_numpy(out)
 
 
-def norm_vjp(histograms: Tensor, given: Tensor, spec: HOGSpec) -> Tensor:
-    """Its adjoint: what reaches the histograms from ``given`` (B, rows, cols, channels), of the descriptors."""
+def norm_vjp(histograms: Tensor, grad_output: Tensor, spec: HOGSpec) -> Tensor:
+    """Gradients of the histograms from ``grad_output`` (B, rows, cols, channels)."""
     cells = array(histograms)
-    known = _norm(spec, cells.shape[1:], cells.dtype.type)
-    found = np.empty_like(cells)
-    share_out(known.vjp_of_cells(cells, array(given), found), len(cells))
-    return torch.from_numpy(found)
+    loops = _norm(spec, cells.shape[1:], cells.dtype)
+    grad_cells = np.empty_like(cells)
+    share_out(loops.vjp_of_cells(cells, array(grad_output), grad_cells), len(cells))
+    return torch.from_numpy(grad_cells)
 
 
-def describe(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Any]:
-    """All of it: the descriptors, and an array of the cells."""
+def describe(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Floats]:
+    """Eq. 1-7: the descriptors, and the cells for the derivatives."""
     shape = images.shape
-    known = _pixels(spec, shape[1:], images.dtype)
-    cells = np.empty((shape[0], *known.cells), known.real)
-    found = np.empty((shape[0], *known.norm.grid), known.real)
-    known.to_cells(images, cells, known.norm.of_cells(cells, found))
-    return torch.from_numpy(found), cells
+    operator = _operator(spec, shape[1:], images.dtype)
+    cells = np.empty((shape[0], *operator.cells), operator.dtype)
+    out = np.empty((shape[0], *operator.norm.grid), operator.dtype)
+    operator.to_cells(images, cells, operator.norm.of_cells(cells, out))
+    return torch.from_numpy(out), cells
 
 
-def describe_vjp(images: Tensor, cells: Any, given: Tensor, spec: HOGSpec) -> Tensor:
-    """Its adjoint: what reaches the images from ``given``, of the descriptors, by an array of the cells."""
-    known = _pixels(spec, images.shape[1:], images.dtype)
-    reached = np.empty(cells.shape, known.real)
-    return known.followed.vjp(images, known.norm.vjp_of_cells(cells, array(given), reached), reached)
+def describe_vjp(images: Tensor, cells: Floats, grad_output: Tensor, spec: HOGSpec) -> Tensor:
+    """Gradients of the images from those of the descriptors."""
+    operator = _operator(spec, images.shape[1:], images.dtype)
+    grad_cells = np.empty(cells.shape, operator.dtype)
+    first = operator.norm.vjp_of_cells(cells, array(grad_output), grad_cells)
+    return operator.for_vjp.vjp(images, first, grad_cells)

@@ -1,6 +1,6 @@
-"""The compiled steps as operators of ``torch.library``: what ``torch.compile`` and ``torch.export`` put in a graph.
+"""The compiled steps as operators of ``torch.library``, for graphs of ``torch.compile`` and ``torch.export``.
 
-They know a dialect by its JSON, and have derivatives in reverse mode.
+Their dialect is a string, its JSON.  They are differentiable once, in reverse mode.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ def cells(images: Tensor, spec: str) -> Tensor:
 
 
 @torch.library.custom_op("nablahog::cells_vjp", mutates_args=())
-def cells_vjp(images: Tensor, given: Tensor, spec: str) -> Tensor:
-    """What reaches the images from what reaches the cells."""
-    known, each = _spec(spec), separate_colours(images.detach(), _spec(spec))
-    found = loops.cells_vjp(each, split_colours(given.detach(), known), _of_one_colour(spec))
-    return separate_colours_vjp(found, images.shape[1], known).contiguous()
+def cells_vjp(images: Tensor, grad_output: Tensor, spec: str) -> Tensor:
+    """Gradients with respect to the images from those with respect to the cells."""
+    dialect, each = _spec(spec), separate_colours(images.detach(), _spec(spec))
+    grad_images = loops.cells_vjp(each, split_colours(grad_output.detach(), dialect), _of_one_colour(spec))
+    return separate_colours_vjp(grad_images, images.shape[1], dialect).contiguous()
 
 
 @torch.library.custom_op("nablahog::describe", mutates_args=())
@@ -55,43 +55,45 @@ def describe(images: Tensor, spec: str) -> Tensor:
 
 
 @torch.library.custom_op("nablahog::describe_vjp", mutates_args=())
-def describe_vjp(images: Tensor, given: Tensor, spec: str) -> Tensor:
-    """What reaches the images from what reaches the descriptors."""
-    known, one, each = _spec(spec), _of_one_colour(spec), separate_colours(images.detach(), _spec(spec))
-    found = loops.describe_vjp(each, loops.cells(each, one).numpy(), split_colours(given.detach(), known), one)
-    return separate_colours_vjp(found, images.shape[1], known).contiguous()
+def describe_vjp(images: Tensor, grad_output: Tensor, spec: str) -> Tensor:
+    """Gradients with respect to the images from those with respect to the descriptors."""
+    dialect, one, each = _spec(spec), _of_one_colour(spec), separate_colours(images.detach(), _spec(spec))
+    cells = loops.array(loops.cells(each, one))
+    grad_images = loops.describe_vjp(each, cells, split_colours(grad_output.detach(), dialect), one)
+    return separate_colours_vjp(grad_images, images.shape[1], dialect).contiguous()
 
 
 @cells.register_fake
 def _(images: Tensor, spec: str) -> Tensor:
-    known = _spec(spec)
-    return _empty(images, *known.cells(*images.shape[2:]), known.colours * known.bins)
+    dialect = _spec(spec)
+    return _empty(images, *dialect.cells(*images.shape[2:]), dialect.colours * dialect.bins)
 
 
 @describe.register_fake
 def _(images: Tensor, spec: str) -> Tensor:
-    known = _spec(spec)
-    return _empty(images, *known.grid(*images.shape[2:]), known.channels)
+    dialect = _spec(spec)
+    return _empty(images, *dialect.grid(*images.shape[2:]), dialect.channels)
 
 
 @cells_vjp.register_fake
 @describe_vjp.register_fake
-def _(images: Tensor, given: Tensor, spec: str) -> Tensor:
+def _(images: Tensor, grad_output: Tensor, spec: str) -> Tensor:
     return _empty(images, *images.shape[1:])
 
 
-def _keep(ctx: Any, inputs: tuple[Tensor, str], output: Tensor) -> None:
+# ``ctx`` is torch's own object, without a type
+def _save(ctx: Any, inputs: tuple[Tensor, str], output: Tensor) -> None:
     x, ctx.spec = inputs
     ctx.save_for_backward(x)
 
 
-def _cells_backward(ctx: Any, given: Tensor) -> tuple[Tensor, None]:
-    return torch.ops.nablahog.cells_vjp(*ctx.saved_tensors, given, ctx.spec), None
+def _cells_backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor, None]:
+    return torch.ops.nablahog.cells_vjp(*ctx.saved_tensors, grad_output, ctx.spec), None
 
 
-def _describe_backward(ctx: Any, given: Tensor) -> tuple[Tensor, None]:
-    return torch.ops.nablahog.describe_vjp(*ctx.saved_tensors, given, ctx.spec), None
+def _describe_backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor, None]:
+    return torch.ops.nablahog.describe_vjp(*ctx.saved_tensors, grad_output, ctx.spec), None
 
 
-cells.register_autograd(_cells_backward, setup_context=_keep)
-describe.register_autograd(_describe_backward, setup_context=_keep)
+cells.register_autograd(_cells_backward, setup_context=_save)
+describe.register_autograd(_describe_backward, setup_context=_save)

@@ -1,89 +1,118 @@
-"""The adjoint of :mod:`.pooling_simd`: from what reaches cells to what reaches the votes of each pixel."""
+"""The vjp of :mod:`.pooling_simd` in vector instructions: from gradients of cells to gradients of each pixel's votes.
+
+In two passes: gradients of cells are spread to columns of pixels; each pixel then reads those of three bins in its
+column.  Together they gain 2.8 (AMD EPYC, AVX2, float32; hog's vjp of one image of 256 x 256, `paper`) over a plain
+Numba loop in which each pixel reads all its cells.
+"""
 
 from __future__ import annotations
 
-from functools import partial
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
 
-from ...runtime.compile import instruction
-from ...runtime.simd import Builder, taking
+from ...runtime.lanes import Array, Builder, Lanes
+from ...runtime.simd import vector_instruction
 
-BESIDE = 3  # bins that a pixel's line has beside its own: one before, two after
+if TYPE_CHECKING:
+    from llvmlite import ir
 
-
-def _spread(context: Any, builder: Any, signature: Any, arguments: Any, cells: int, more: bool) -> Any:
-    write = Builder(context, builder, signature, arguments)
-    (at, next_), (share, step), (to, line) = arguments[1:3], arguments[4:6], arguments[7:]
-    values = [write.load(0, write.add(at, write.times(next_, cell)), 8) for cell in range(cells)]
-    for k in range(8):
-        column = write.add(to, write.times(line, k))
-        total = write.load(6, column, 8) if more else None
-        for cell, value in enumerate(values):
-            weight = write.splat(write.load_one(3, write.add(share, k, write.times(step, cell))), 8)
-            total = write.product_sum(value, weight, total) if total else builder.fmul(value, weight)
-        write.store(6, column, total)
-    return context.get_dummy_value()
+BESIDE = 3  # bins beside its own that a line of bins holds for a pixel: one before, two after
 
 
-def _spreads(cells: int, more: bool) -> Any:
-    """An instruction: eight numbers of one or two cells to each of eight columns, by the columns' weights for them.
+# in compiled functions of int, in instructions of LLVM's values
+class Lines(NamedTuple):
+    """Where lines of bins are."""
 
-    Its arguments, in this order:
+    at: int  # the first one
+    line: int  # from column to column
+    next_row: int  # from the upper to the lower row of cells
 
-    * cells: the numbers; at: where the first cell's begin; next_: from there to the second's.
-    * shares: weights of columns; share: of the first column for the first cell; step: from there to those for the
-      second.
-    * found: to write, or if ``more`` to add to; to: the first column's numbers; line: from column to column.
+
+class PixelRun(NamedTuple):
+    """Neighbouring pixels of a row."""
+
+    first: int
+    length: int
+
+
+class ColumnWeights(NamedTuple):
+    """Weights of a run's columns."""
+
+    at: int  # of the first column in the left cell
+    step: int  # from there to those in the right cell
+
+
+def _spreads(cells: int, add: bool) -> Callable[..., None]:
+    """An instruction: eight bins of one or two cells to eight columns, by the columns' weights.
+
+    Bins of the first cell begin at ``grad_cells[at:]``, of the second ``line`` further.  Written, or if ``add`` added,
+    to ``out[to:]``, ``line`` from column to column.
     """
 
-    def spread(_: Any, *arguments: Any) -> Any:
-        return taking(arguments, partial(_spread, cells=cells, more=more))
+    @vector_instruction
+    def spread(
+        write: Builder,
+        grad_cells: Array,
+        at: ir.Value,
+        line: ir.Value,
+        by_col: Array,
+        weights: ColumnWeights,
+        out: Array,
+        to: ir.Value,
+    ) -> None:
+        values = [grad_cells.load(write.add(at, write.multiply(line, cell)), 8) for cell in range(cells)]
+        for k in range(8):
+            column = write.add(to, write.multiply(line, k))
+            total = out.load(column, 8) if add else None
+            for cell, value in enumerate(values):
+                by = by_col.splat(write.add(weights.at, k, write.multiply(weights.step, cell)), 8)
+                total = value * by if total is None else value.multiply_add(by, total)
+            assert total is not None
+            out.store(column, total)
 
-    return instruction(spread)
-
-
-spread_eight, spread_eight_more, spread_eight_once = _spreads(2, False), _spreads(2, True), _spreads(1, False)
-
-
-def _read(context: Any, builder: Any, signature: Any, arguments: Any, rows: int, more: bool) -> Any:
-    from numba.core import cgutils
-
-    write = Builder(context, builder, signature, arguments)
-    (at, line, of_row), (first, count), share, to = arguments[1:4], arguments[5:7], arguments[8], arguments[12]
-    weights = [write.splat(write.load_one(7, write.add(share, row)), 4) for row in range(rows)]
-    with cgutils.for_range_slice(builder, write.whole(0), count, write.whole(4)) as (index, _):
-        pixels = []
-        for k in range(4):
-            x = write.add(index, k)
-            bin_ = builder.sext(write.load_one(4, write.add(first, x)), write.ir.IntType(64))
-            place = write.add(at, write.times(x, line), bin_)
-            total = builder.fmul(write.load(0, place, 4), weights[0])
-            for row in range(1, rows):
-                total = write.product_sum(write.load(0, write.add(place, of_row), 4), weights[row], total)
-            pixels.append(total)
-        for which, reached in zip((9, 10, 11), write.transposed(pixels)[:3], strict=True):
-            place = write.add(to, index)
-            value = builder.fadd(write.load(which, place, 4), reached) if more else reached
-            write.store(which, place, value)
-    return context.get_dummy_value()
+    return spread
 
 
-def _reads(rows: int, more: bool) -> Any:
-    """An instruction: what reaches the votes of a row of pixels for the bin before their own, their own, and the next.
+spread_eight, spread_eight_more, spread_eight_one_cell = _spreads(2, False), _spreads(2, True), _spreads(1, False)
 
-    Its arguments, in this order:
 
-    * spread: what reaches votes in a column, for one or either of two rows of cells; at: the first column, the bin
-      before the first; line: from column to column; of_row: from one row of cells to the other.
-    * bins: the pixels' own; first: the first pixel's; count: of pixels, which is rounded up to whole fours.
-    * shares: weights of rows; share: of the pixels' row in the first row of cells, which the second's is next to.
-    * before, here, after: planes to write, or if ``more`` to add to; to: the first pixel's place there.
+def _reads(rows: int, add: bool) -> Callable[..., None]:
+    """An instruction: gradients of a row of pixels' votes, for the bin before their own, their own and the next.
+
+    ``lines`` are those of the pixels' columns in ``columns``, each beginning with the bin before the first.  ``bins``
+    are the pixels' own; their number is rounded up to whole fours.  ``by_row[weight:]`` are the weights of the row of
+    pixels in the rows of cells.  Written, or if ``add`` added, to three planes.
     """
 
-    def read(_: Any, *arguments: Any) -> Any:
-        return taking(arguments, partial(_read, rows=rows, more=more))
+    @vector_instruction
+    def read(
+        write: Builder,
+        columns: Array,
+        lines: Lines,
+        bins: Array,
+        pixels: PixelRun,
+        by_row: Array,
+        weight: ir.Value,
+        before: Array,
+        here: Array,
+        after: Array,
+    ) -> None:
+        weights = [by_row.splat(write.add(weight, row), 4) for row in range(rows)]
+        with write.loop(pixels.length, 4) as index:
+            gradients: list[Lanes] = []
+            for k in range(4):
+                x = write.add(index, k)
+                bin_ = write.builder.sext(bins.load_scalar(write.add(pixels.first, x)), write.ir.IntType(64))
+                place = write.add(lines.at, write.multiply(x, lines.line), bin_)
+                total = columns.load(place, 4) * weights[0]
+                for row in range(1, rows):
+                    total = columns.load(write.add(place, lines.next_row), 4).multiply_add(weights[row], total)
+                gradients.append(total)
+            place = write.add(pixels.first, index)
+            for plane, values in zip((before, here, after), write.transpose(gradients)[:3], strict=True):
+                plane.store(place, plane.load(place, 4) + values if add else values)
 
-    return instruction(read)
+    return read
 
 
-read_votes, read_votes_more, read_votes_once = _reads(2, False), _reads(2, True), _reads(1, False)
+read_votes, read_votes_more, read_votes_one_row = _reads(2, False), _reads(2, True), _reads(1, False)

@@ -96,7 +96,7 @@ class BlockNorm(Normalizer):
 
     def loops(self, bins: int, signed: bool, real: Any) -> NormalizerLoops:
         """Block after block."""
-        from ..kernels.norms import block_norm, block_norm_vjp, rectangles
+        from ..kernels.block_norms import block_norm, block_norm_vjp, rectangles
 
         return NormalizerLoops(block_norm, block_norm_vjp, rectangles(self, real))
 

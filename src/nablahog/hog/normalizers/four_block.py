@@ -169,7 +169,8 @@ class FourBlockNorm(Normalizer):
 
     def loops(self, bins: int, signed: bool, real: Any) -> NormalizerLoops:
         """Cell after cell."""
-        from ..kernels.four_blocks import four_block_norm, four_block_norm_vjp, four_blocks
+        from ..kernels.four_blocks import four_block_norm, four_blocks
+        from ..kernels.four_blocks_vjp import four_block_norm_vjp
 
         return NormalizerLoops(four_block_norm, four_block_norm_vjp, four_blocks(self, bins, signed, real))
 
