@@ -186,7 +186,11 @@ def view(azimuth: ArrayLike, views: int) -> NDArray[np.int64]:
 
 
 def same_view(estimate: ArrayLike, truth: ArrayLike, views: int) -> NDArray[np.bool_]:
-    """The interval criterion: whether two azimuths, in degrees, are in the same :func:`view`."""
+    """The interval criterion: whether two azimuths, in degrees, are in the same :func:`view`.
+
+    >>> nablahog.metrics.same_view([10, 350], 20, views=8).tolist()  # view 0 is -22.5…22.5
+    [True, True]
+    """
     return np.equal(view(estimate, views), view(truth, views))
 
 
@@ -194,6 +198,9 @@ def near_view(estimate: ArrayLike, truth: ArrayLike, views: int) -> NDArray[np.b
     """The threshold criterion: whether two azimuths, in degrees, are less than 360°/views apart.
 
     For 4, 8, 16 and 24 views, that is 90°, 45°, 22.5° and 15°.
+
+    >>> nablahog.metrics.near_view([10, 350], 40, views=8).tolist()  # less than 45° apart
+    [True, False]
     """
     return np.less(azimuth_error(estimate, truth), 360 / views)
 

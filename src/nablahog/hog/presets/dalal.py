@@ -27,6 +27,10 @@ def dalal_triggs(
         norm: of a block (Section 6.4 of the paper); or ``"window"``, the centre-surround normaliser: no blocks, but
             each cell once, by the energy around it with a Gaussian of σ = 1 cell.
         epsilon: ε, in votes of images in 0…255.  The paper's is "small", with the same results over a large range.
+
+    >>> spec = nablahog.presets.dalal_triggs()
+    >>> spec.cell_size, spec.grid(128, 64), spec.channels
+    ((8, 8), (15, 7), 36)
     """
     cell = pair(cell_size)
     blocks = BlockCells((2 * cell[0], 2 * cell[1]), cell, (cell[0] + cell[1]) / 2)
