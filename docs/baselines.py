@@ -17,7 +17,7 @@ from torch import Tensor
 from nablahog import metrics
 from nablahog.cli.terminal import counter
 from nablahog.evaluate.learned import SPEC, tiles
-from nablahog.evaluate.methods import METHODS, Settings
+from nablahog.evaluate.methods import METHODS, Table1Settings
 from nablahog.evaluate.photographs import sample_photographs
 from nablahog.invert.baselines.bovw_learning import learn_bovw
 from nablahog.invert.baselines.hoggles_learning import learn_hoggles
@@ -49,7 +49,7 @@ def row(name: str, image: Tensor, learned: dict[str, Path]) -> list[Panel]:
     panels = [Panel(image, name)]
     for method in METHODS.values():
         if method.name != LEFT_OUT and not method.asked:
-            found = method.run(image[None, None], Settings(learned=learned))[0].image.clamp(0, 1)
+            found = method.run(image[None, None], Table1Settings(learned=learned))[0].image.clamp(0, 1)
             panels.append(Panel(found, f"{metrics.cross_correlation(found, image):.2f} {method.name}"))
     return panels
 

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from nablahog import metrics
-from nablahog.evaluate.methods import METHODS, Settings
+from nablahog.evaluate.methods import METHODS, Table1Settings
 from nablahog.evaluate.names import DIALECTS
 from nablahog.evaluate.photographs import sample_photographs
 from nablahog.viz.pictures import Panel, contact_sheet
@@ -25,7 +25,7 @@ def row(name: str, image: Tensor) -> list[Panel]:
     """The photograph, and what is found from each library's descriptor of it."""
     panels = [Panel(image, name)]
     for dialect in DIALECTS:
-        found = METHODS[dialect].run(image[None, None], Settings())[0].image.clamp(0, 1)
+        found = METHODS[dialect].run(image[None, None], Table1Settings())[0].image.clamp(0, 1)
         panels.append(Panel(found, f"{metrics.cross_correlation(found, image):.2f} {dialect}"))
     return panels
 

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from nablahog import hog, metrics, presets, reconstruct
 from nablahog.cli.results.pose_page import write
-from nablahog.cli.results.pose_result import PoseResult, Settings
+from nablahog.cli.results.pose_result import PoseOptions, PoseResult
 from nablahog.datasets.viewpoints import sample_viewpoints
 from nablahog.evaluate.examples import rendered
 from nablahog.evaluate.models import procedural_chairs
@@ -85,7 +85,7 @@ def pose() -> None:
         candidates=list(meshes),
         passed_over={},
         seconds=0,
-        settings=Settings("best", one.initial, 0, None),
+        settings=PoseOptions("best", one.initial, 0, None),
     )
     print(f"pose.png: azimuth {found.azimuth:.1f} for {one.azimuth:.1f}")
     with TemporaryDirectory() as folder:

@@ -11,7 +11,7 @@ from PIL import Image
 from nablahog.cli.arguments.learn import KINDS
 from nablahog.cli.main import main
 from nablahog.jobs import resume
-from nablahog.jobs.store import Job, Result
+from nablahog.jobs.store import Job, JobResult
 from nablahog.jobs.worker import attempt
 
 from .common import CHELSEA
@@ -38,7 +38,9 @@ def descriptor(tmp_path: Path, photo: str) -> str:
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tables are made in this process."""
 
-    def run(jobs: Sequence[Job], *, workers: int, started: Callable[[int], None]) -> Iterator[tuple[int, Result | str]]:
+    def run(
+        jobs: Sequence[Job], *, workers: int, started: Callable[[int], None]
+    ) -> Iterator[tuple[int, JobResult | str]]:
         for index, job in enumerate(jobs):
             started(index)
             yield index, attempt(job)

@@ -14,7 +14,7 @@ from nablahog.cli.main import main
 from nablahog.datasets.chairs import chair
 from nablahog.evaluate.exemplar_job import ExemplarJob
 from nablahog.io.sample_photographs import sample_photograph
-from nablahog.jobs.store import Result, Work
+from nablahog.jobs.store import JobResult, Work
 from nablahog.jobs.worker import attempt
 from nablahog.pose import exemplar_views as learning
 from nablahog.pose.background import default_background, learn_background
@@ -41,7 +41,7 @@ def models(tmp_path: Path) -> str:
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """In this process, two views of each model."""
 
-    def run(jobs: Sequence[Work], *, workers: int) -> Generator[tuple[int, Result | str], None, None]:
+    def run(jobs: Sequence[Work], *, workers: int) -> Generator[tuple[int, JobResult | str], None, None]:
         yield from ((index, attempt(job)) for index, job in enumerate(jobs))
 
     monkeypatch.setattr(learn_exemplars, "run_jobs", run)

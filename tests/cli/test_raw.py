@@ -15,8 +15,8 @@ from scipy import io
 
 import nablahog
 from nablahog import presets
-from nablahog.cli.inputs.arrays import Raw
-from nablahog.cli.inputs.spec import Wanted
+from nablahog.cli.inputs.arrays import ArrayOptions
+from nablahog.cli.inputs.spec import SpecOptions
 from nablahog.cli.main import main
 from nablahog.io.arrays import is_raw, read_array
 from nablahog.io.images import read_image
@@ -62,7 +62,7 @@ def test_files(tmp_path: Path, array: NDArray[np.float32], kind: str, ending: st
             else:
                 np.save(file, layouts.get(ending, values))
     assert is_raw(path)
-    found = Raw().read(str(path), Wanted("vlfeat"))
+    found = ArrayOptions().read(str(path), SpecOptions("vlfeat"))
     assert (found.spec, found.image_size) == (SPEC, SIZE)
     assert found.descriptor.dtype == (torch.float64 if values.dtype.itemsize == 8 else torch.float32)
     expected = torch.from_numpy(values.astype(np.float64)).permute(1, 2, 0)

@@ -8,13 +8,13 @@ from skimage import data
 from torch import Tensor
 
 from nablahog.cli.inputs.preset_parameters import PRESETS
-from nablahog.cli.inputs.spec import Wanted
+from nablahog.cli.inputs.spec import SpecOptions
 from nablahog.dialects.common_form import CommonForm, Orientations
 from nablahog.dialects.describer import Describer
 from nablahog.dialects.distances import Distance, Query, distances
 from nablahog.hog import HOGSpec, hog
 
-SPECS = {name: Wanted(name, cell=(8, 8)).spec() for name in PRESETS}
+SPECS = {name: SpecOptions(name, cell=(8, 8)).spec() for name in PRESETS}
 CAT = torch.from_numpy(data.chelsea()[40:232:4, 60:356:4].transpose(2, 0, 1).copy())  # 48x74: no whole cells
 
 

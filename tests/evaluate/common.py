@@ -10,13 +10,13 @@ from skimage import data
 from torch import Tensor
 
 from nablahog import HOGSpec, LearnedPrior
-from nablahog.evaluate.methods import Method, Settings
+from nablahog.evaluate.methods import Method, Table1Settings
 from nablahog.evaluate.photographs import Photographs
 from nablahog.evaluate.reconstruction import ReconstructionJob
 from nablahog.evaluate.table1 import Table1, run_table1
 from nablahog.invert.learned import PriorLearning
 from nablahog.invert.network import Architecture, weight_count
-from nablahog.jobs.store import Job, Result
+from nablahog.jobs.store import Job, JobResult
 from nablahog.jobs.worker import attempt
 
 
@@ -40,12 +40,12 @@ def write_prior(path: Path, spec: HOGSpec, *, images: Sequence[str] = (), value:
 
 
 def job(method: Method, **settings: object) -> ReconstructionJob:
-    return ReconstructionJob(method, image().numpy(), Settings(**settings))  # type: ignore[arg-type]
+    return ReconstructionJob(method, image().numpy(), Table1Settings(**settings))  # type: ignore[arg-type]
 
 
 def here(
     jobs: Sequence[Job], *, workers: int, started: Callable[[int], None] = lambda index: None
-) -> Iterator[tuple[int, Result | str]]:
+) -> Iterator[tuple[int, JobResult | str]]:
     """Stands in for ``run_jobs`` where no process is needed; finishes in another order than it begins."""
     for index in reversed(range(len(jobs))):
         started(index)
@@ -53,4 +53,4 @@ def here(
 
 
 def made(folder: Path, of: Photographs, *methods: Method, seed: int = 0) -> Table1:
-    return run_table1(folder, of, methods, Settings(seed), workers=1)
+    return run_table1(folder, of, methods, Table1Settings(seed), workers=1)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 import pytest
 
 from nablahog.jobs import resume
-from nablahog.jobs.store import Job, Result
+from nablahog.jobs.store import Job, JobResult
 
 from .common import here
 
@@ -19,7 +19,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     def counted(
         jobs: Sequence[Job], *, workers: int, started: Callable[[int], None]
-    ) -> Iterator[tuple[int, Result | str]]:
+    ) -> Iterator[tuple[int, JobResult | str]]:
         done.extend(job.name for job in jobs)
         yield from here(jobs, workers=workers, started=started)
 

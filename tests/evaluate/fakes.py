@@ -9,47 +9,47 @@ from functools import partial
 import torch
 from torch import Tensor
 
-from nablahog.evaluate.methods import Found, Method, Settings
+from nablahog.evaluate.methods import Method, MethodOutput, Table1Settings
 from nablahog.evaluate.published import DALAL, UOCTTI
 
 
-def _shifted(image: Tensor, settings: Settings, *, by: float) -> list[Found]:
-    return [Found((image[0, 0] + by * (settings.seed + 1)).clamp(0, 1), by)]
+def _shifted(image: Tensor, settings: Table1Settings, *, by: float) -> list[MethodOutput]:
+    return [MethodOutput((image[0, 0] + by * (settings.seed + 1)).clamp(0, 1), by)]
 
 
-def _levels(image: Tensor, settings: Settings) -> list[Found]:
+def _levels(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
     if image.shape[2] % 8:
         raise ValueError("no scale\n1/64")
-    return [Found(image[0, 0] * k / 4, k / 4) for k in (4, 1, 2, 3, 4)]
+    return [MethodOutput(image[0, 0] * k / 4, k / 4) for k in (4, 1, 2, 3, 4)]
 
 
-def _undefined(image: Tensor, settings: Settings) -> list[Found]:
-    return [Found(image[0, 0], float("inf"))]
+def _undefined(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
+    return [MethodOutput(image[0, 0], float("inf"))]
 
 
-def _mistaken(image: Tensor, settings: Settings) -> list[Found]:
+def _mistaken(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
     raise KeyError("oh")
 
 
-def _hungry(image: Tensor, settings: Settings) -> list[Found]:
+def _hungry(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
     raise RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried to allocate much")
 
 
-def _silent(image: Tensor, settings: Settings) -> list[Found]:
+def _silent(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
     return []
 
 
-def _killed(image: Tensor, settings: Settings) -> list[Found]:
+def _killed(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
     os.kill(os.getpid(), signal.SIGKILL)
     return []
 
 
-def _killed_once(image: Tensor, settings: Settings) -> list[Found]:
+def _killed_once(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
     marker = settings.learned["prior"]  # stands in for memory: what it lacks the first time is there the second time
     if not marker.exists():
         marker.touch()
         os.kill(os.getpid(), signal.SIGKILL)
-    return [Found(image[0, 0], torch.get_num_threads())]
+    return [MethodOutput(image[0, 0], torch.get_num_threads())]
 
 
 DARK = Method("dark", UOCTTI, partial(_shifted, by=-0.25))

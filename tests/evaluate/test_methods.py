@@ -11,14 +11,14 @@ import torch
 
 from nablahog import hog
 from nablahog.evaluate.learned import SPEC, load
-from nablahog.evaluate.methods import METHODS, Method, Settings, choose
+from nablahog.evaluate.methods import METHODS, Method, Table1Settings, choose
 from nablahog.evaluate.names import DIALECTS, TABLE1, TABLE2
 from nablahog.evaluate.pose_methods import POSE_METHODS
 from nablahog.evaluate.published import GROUPS, LIBRARIES, PUBLISHED
 
 from .common import image, photographs, write_prior
 
-FAST = Settings(max_evaluations=8)
+FAST = Table1Settings(max_evaluations=8)
 
 
 def test_names() -> None:
@@ -107,7 +107,7 @@ def test_choosing() -> None:
 
 def test_the_seed_decides() -> None:
     run = METHODS["dalal-single"].run
-    made = [run(image()[None, None], Settings(seed, max_evaluations=4))[0].image for seed in (0, 0, 1)]
+    made = [run(image()[None, None], Table1Settings(seed, max_evaluations=4))[0].image for seed in (0, 0, 1)]
     assert torch.equal(made[0], made[1])
     assert not torch.equal(made[0], made[2])
 

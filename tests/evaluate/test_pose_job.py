@@ -13,7 +13,7 @@ from nablahog.evaluate.models import Model
 from nablahog.evaluate.pose_job import PoseJob
 from nablahog.evaluate.pose_methods import PoseMethod, Table2Settings
 from nablahog.jobs import store
-from nablahog.jobs.store import Result
+from nablahog.jobs.store import JobResult
 from nablahog.jobs.worker import attempt
 
 from .pose_fakes import ENDLESS, FAR, MODELS, NEAR, OTHER, examples
@@ -26,7 +26,7 @@ def _job(method: PoseMethod = NEAR, azimuth: float = 90, seed: int = 0) -> PoseJ
 
 def test_a_pose(tmp_path: Path) -> None:
     result = attempt(_job())
-    assert isinstance(result, Result)
+    assert isinstance(result, JobResult)
     (pose,) = result.figures
     assert pose["azimuth"] == pytest.approx(98, abs=1e-4)
     assert (pose["elevation"], pose["model"], pose["similarity"]) == (15, "two", 0.5)
@@ -47,7 +47,7 @@ def test_failures() -> None:
 
 def test_what_does_not_fit() -> None:
     whole = attempt(_job())
-    assert isinstance(whole, Result)
+    assert isinstance(whole, JobResult)
     assert _job().fits(whole)
     assert not _job().fits(replace(whole, pictures=whole.pictures[:, 1:]))
     assert not _job().fits(replace(whole, figures=[]))

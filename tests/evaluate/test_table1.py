@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nablahog.evaluate.methods import Settings
+from nablahog.evaluate.methods import Table1Settings
 from nablahog.evaluate.statistics import statistics
 from nablahog.evaluate.table1 import METRICS, run_table1, write_tables
 from nablahog.evaluate.tables import Failure, evenly_spread
@@ -146,7 +146,7 @@ def test_progress(tmp_path: Path, calls: list[str]) -> None:
     for methods in ([DARK], [DARK, LEVELS]):
         said.clear()
         run_table1(
-            tmp_path, photographs(), methods, Settings(), workers=1, progress=lambda *all_of: said.append(all_of)
+            tmp_path, photographs(), methods, Table1Settings(), workers=1, progress=lambda *all_of: said.append(all_of)
         )
     assert said[0] == (3, 6, "")
     assert said[1] == (3, 6, "dalal-multi-scale")

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from nablahog.evaluate import table1_page
-from nablahog.evaluate.methods import METHODS, Method, Settings
+from nablahog.evaluate.methods import METHODS, Method, Table1Settings
 from nablahog.evaluate.published import UOCTTI
 from nablahog.evaluate.table1 import Table1
 
@@ -28,7 +28,7 @@ def table(tmp_path: Path, calls: list[str]) -> Table1:
 
 
 def _html(table: Table1) -> str:
-    return table1_page.page(table, Settings(7, max_evaluations=9), "Images of mine.")
+    return table1_page.page(table, Table1Settings(7, max_evaluations=9), "Images of mine.")
 
 
 def _text(html: str) -> str:
@@ -84,7 +84,7 @@ def test_remarks(table: Table1, tmp_path: Path) -> None:
         prior = write_prior(tmp_path / "p.npz", learned.spec, images=images)
         said = table1_page.remarks([], {"prior": prior}, photographs(2))
         assert [one[: len(start)] for one, start in zip(said, expected, strict=True)] == expected
-    html = table1_page.page(table, Settings(), "Images of mine.", ["One.", "Two <b>."])
+    html = table1_page.page(table, Table1Settings(), "Images of mine.", ["One.", "Two <b>."])
     assert "notes.txt. One. Two &lt;b&gt;." in html
 
 

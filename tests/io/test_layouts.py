@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 import nablahog
 from nablahog import presets
 from nablahog.cli.arguments.main import parser
-from nablahog.cli.inputs.arrays import Raw
+from nablahog.cli.inputs.arrays import ArrayOptions
 from nablahog.cli.inputs.preset_parameters import PRESETS, as_text
-from nablahog.cli.inputs.spec import Wanted, make_spec
+from nablahog.cli.inputs.spec import SpecOptions, make_spec
 from nablahog.cli.inputs.suggestions import parameters_that_fit, presets_that_fit
 from nablahog.hog import HOGSpec
 from nablahog.io.layouts import Fit, fit, shapes, stored
@@ -115,10 +115,10 @@ def test_what_libraries_returned(tmp_path: Path, peer: str) -> None:
     name, parameters = SETTINGS[peer]
     for case in cases(peer)[::3]:
         values = {k: tuple(v) if isinstance(v, list) else v for k, v in parameters(case.parameters).items()}
-        wanted = Wanted(name, settings=tuple((key, as_text(value)) for key, value in values.items()))
+        wanted = SpecOptions(name, settings=tuple((key, as_text(value)) for key, value in values.items()))
         np.save(tmp_path / "d.npy", case.output.ravel() if peer == "opencv" else case.output)
         size = case.pixels.shape[:2]
-        found = Raw(None if peer == "opencv" else size).read(str(tmp_path / "d.npy"), wanted)
+        found = ArrayOptions(None if peer == "opencv" else size).read(str(tmp_path / "d.npy"), wanted)
         assert found.image_size == (values["win_size"][::-1] if peer == "opencv" else size)
         expected = nablahog.hog(case.image.double() / 255, found.spec)[0]
         if found.spec.gamma == "none":  # of roots, rounding decides ties
@@ -194,14 +194,14 @@ def test_what_is_suggested_works(shape: tuple[int, ...], name: str, size: tuple[
         if size is not None:
             typed += ["--image-size", as_text(size)]
         arguments = parser().parse_args(["glyph", *typed, *options.split()])
-        _, how = Raw.of(arguments).fitting(shape, Wanted.of(arguments))
+        _, how = ArrayOptions.of(arguments).fitting(shape, SpecOptions.of(arguments))
         assert how.shape == shape
 
 
 # --- what is said
 
 
-def _refusal(shape: tuple[int, ...], wanted: Wanted, raw: Raw) -> str:
+def _refusal(shape: tuple[int, ...], wanted: SpecOptions, raw: ArrayOptions) -> str:
     with pytest.raises(ValueError, match=r"expected|got|contradict|too few") as error:
         raw.fitting(shape, wanted)
     assert "\n" not in str(error.value)
@@ -213,70 +213,80 @@ def _refusal(shape: tuple[int, ...], wanted: Wanted, raw: Raw) -> str:
     [
         (
             (3780,),
-            Wanted("skimage"),
-            Raw((128, 64)),
+            SpecOptions("skimage"),
+            ArrayOptions((128, 64)),
             "the skimage descriptor of an image of 128x64 pixels (height x width) has the shape (6804,) or "
             "(14, 6, 3, 3, 9) or (14, 6, 81), got (3780,); this fits --set cells_per_block=2x2, or --set "
             "orientations=5, or --set orientations=18 --cell 6 --set cells_per_block=1x1, or --preset opencv",
         ),
         (
             (1764,),
-            Wanted("opencv"),
-            Raw(),
+            SpecOptions("opencv"),
+            ArrayOptions(),
             "the opencv descriptor of an image of 128x64 pixels (height x width) has the shape (3780,) or (15, 7, 36), "
             "got (1764,); this fits --set win_size=64x64",
         ),
         (
             (7936,),
-            Wanted("vlfeat"),
-            Raw(),
+            SpecOptions("vlfeat"),
+            ArrayOptions(),
             "7936 numbers in one row do not say how large their image was: expected --image-size HxW; this fits "
             "--image-size 128x128",
         ),
         (
             (8, 8, 30),
-            Wanted("vlfeat"),
-            Raw(),
+            SpecOptions("vlfeat"),
+            ArrayOptions(),
             "the vlfeat descriptor has the shape (31, rows, cols) or (rows, cols, 31), got (8, 8, 30); no parameters",
         ),
         (
             (8, 8, 9),
-            Wanted("skimage"),
-            Raw(),
+            SpecOptions("skimage"),
+            ArrayOptions(),
             "the skimage descriptor has the shape (rows, cols, 3, 3, 9) or (rows, cols, 81), got (8, 8, 9); this fits "
             "--set cells_per_block=1x1",
         ),
-        ((3, 9, 8), Wanted("maskfeat"), Raw(), "the maskfeat descriptor has the shape (3, 9, rows, cols) or (27, rows"),
-        ((5, 3780), Wanted("opencv"), Raw(), "expected one descriptor in a file, got 5 of them"),
-        ((2, 8, 8, 31), Wanted("uoctti"), Raw(), "expected one descriptor in a file, got 2 of them"),
-        ((3780,), Wanted("skimage"), Raw((9, 9)), "an image of 9x9 pixels (height x width) has 1x1 cells, too few"),
+        (
+            (3, 9, 8),
+            SpecOptions("maskfeat"),
+            ArrayOptions(),
+            "the maskfeat descriptor has the shape (3, 9, rows, cols) or (27, rows",
+        ),
+        ((5, 3780), SpecOptions("opencv"), ArrayOptions(), "expected one descriptor in a file, got 5 of them"),
+        ((2, 8, 8, 31), SpecOptions("uoctti"), ArrayOptions(), "expected one descriptor in a file, got 2 of them"),
         (
             (3780,),
-            Wanted("opencv", settings=(("win_size", "64x128"),)),
-            Raw((64, 128)),
+            SpecOptions("skimage"),
+            ArrayOptions((9, 9)),
+            "an image of 9x9 pixels (height x width) has 1x1 cells, too few",
+        ),
+        (
+            (3780,),
+            SpecOptions("opencv", settings=(("win_size", "64x128"),)),
+            ArrayOptions((64, 128)),
             "--image-size 64x128 (height x width) and --set win_size=64x128 (width x height) contradict each other",
         ),
         (
             (3780,),
-            Wanted(),
-            Raw((128, 64)),
+            SpecOptions(),
+            ArrayOptions((128, 64)),
             "an array does not say of which library it is: expected --preset NAME; this fits --preset opencv",
         ),
         (
             (),
-            Wanted("dpm"),
-            Raw(),
+            SpecOptions("dpm"),
+            ArrayOptions(),
             "the dpm descriptor has the shape (rows, cols, 32), got (); no parameters were found",
         ),
     ],
 )
-def test_what_is_said(shape: tuple[int, ...], wanted: Wanted, raw: Raw, message: str) -> None:
+def test_what_is_said(shape: tuple[int, ...], wanted: SpecOptions, raw: ArrayOptions, message: str) -> None:
     assert _refusal(shape, wanted, raw).startswith(message)
 
 
 def test_a_window_may_be_said_twice() -> None:
-    wanted = Wanted("opencv", settings=(("win_size", "64x128"),))
-    assert Raw((128, 64)).fitting((3780,), wanted)[1].image_size == (128, 64)
+    wanted = SpecOptions("opencv", settings=(("win_size", "64x128"),))
+    assert ArrayOptions((128, 64)).fitting((3780,), wanted)[1].image_size == (128, 64)
 
 
 def test_shapes_in_words() -> None:

@@ -14,7 +14,7 @@ import pytest
 
 from nablahog.jobs import runner
 from nablahog.jobs.runner import cores, run_jobs
-from nablahog.jobs.store import Result
+from nablahog.jobs.store import JobResult
 from nablahog.jobs.worker import attempt
 
 from ..evaluate.common import job
@@ -35,12 +35,12 @@ def test_deaths_and_failures(tmp_path: Path) -> None:
     assert not multiprocessing.active_children()
     for index in (0, 4):
         alone, result = attempt(jobs[index]), found[index]
-        assert isinstance(result, Result)
-        assert isinstance(alone, Result)
+        assert isinstance(result, JobResult)
+        assert isinstance(alone, JobResult)
         assert result.figures == alone.figures
         assert np.array_equal(result.pictures, alone.pictures)
     assert found[2] == "the process at work on it died, 2 times, the last time by signal SIGKILL"
-    assert isinstance(found[1], Result)
+    assert isinstance(found[1], JobResult)
     assert found[1].figures[0]["distance"] == 1  # its number of threads
     assert str(found[3]).startswith("KeyError at fakes.py:")
 

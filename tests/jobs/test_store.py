@@ -13,12 +13,12 @@ from nablahog.evaluate import reconstruction
 from nablahog.evaluate.methods import METHODS
 from nablahog.evaluate.reconstruction import DECIDING
 from nablahog.jobs import store
-from nablahog.jobs.store import Result, load, save
+from nablahog.jobs.store import JobResult, load, save
 
 from ..evaluate.common import job
 from ..evaluate.fakes import BRIGHT, DARK, LEVELS
 
-RESULT = Result([{"cc": 0.1 + 0.2, "ssim": None}], np.full((1, 32, 32), 7, np.uint8), 1.5)
+RESULT = JobResult([{"cc": 0.1 + 0.2, "ssim": None}], np.full((1, 32, 32), 7, np.uint8), 1.5)
 
 
 def test_round_trip(tmp_path: Path) -> None:

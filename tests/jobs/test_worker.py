@@ -8,7 +8,7 @@ import pytest
 
 from nablahog import metrics
 from nablahog.evaluate.methods import METHODS
-from nablahog.jobs.store import Result
+from nablahog.jobs.store import JobResult
 from nablahog.jobs.worker import attempt
 
 from ..evaluate import fakes
@@ -17,7 +17,7 @@ from ..evaluate.common import image, job
 
 def test_figures() -> None:
     result = attempt(job(fakes.DARK))
-    assert isinstance(result, Result)
+    assert isinstance(result, JobResult)
     expected = (image() - 0.25).clamp(0, 1)
     (figures,) = result.figures
     assert figures["cc"] == figures["abs_cc"] == metrics.cross_correlation(expected, image())
@@ -30,13 +30,13 @@ def test_figures() -> None:
 
 def test_figures_that_are_not_defined() -> None:
     result = attempt(job(fakes.UNDEFINED))
-    assert isinstance(result, Result)
+    assert isinstance(result, JobResult)
     assert result.figures[0]["distance"] is None
 
 
 def test_the_magnitude_of_cc() -> None:
     result = attempt(job(METHODS["dalal-single"], max_evaluations=3))
-    assert isinstance(result, Result)
+    assert isinstance(result, JobResult)
     cc = result.figures[0]["cc"]
     assert cc is not None
     assert result.figures[0]["abs_cc"] == abs(cc)

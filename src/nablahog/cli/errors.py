@@ -13,7 +13,7 @@ class UserError(Exception):
 
 
 @contextmanager
-def refusing(prefix: str = "") -> Iterator[None]:
+def as_user_error(prefix: str = "") -> Iterator[None]:
     """What the block raises because of its inputs is the user's to mend."""
     try:
         yield
@@ -21,7 +21,7 @@ def refusing(prefix: str = "") -> Iterator[None]:
         raise UserError(f"{prefix}{error}") from None
 
 
-def spare(inputs: Iterable[str | os.PathLike[str]], targets: Iterable[Path]) -> None:
+def forbid_overwrite(inputs: Iterable[str | os.PathLike[str]], targets: Iterable[Path]) -> None:
     """Refuses, if a file that is to be written is one that is read."""
     read = {os.path.realpath(path) for path in inputs}
     for target in targets:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..jobs.store import Result
+from ..jobs.store import JobResult
 from ..pose.background import default_background
 from ..pose.exemplar_views import SPEC, ExemplarLibrary
 from ..pose.whitening import Background
@@ -29,7 +29,7 @@ class ExemplarJob:
     folder: Path
     background: Path | None
 
-    def run(self) -> Result:
+    def run(self) -> JobResult:
         """Learns the views, or reads them if they are stored.
 
         Raises:
@@ -38,7 +38,7 @@ class ExemplarJob:
         began = time.perf_counter()
         views = ExemplarLibrary(self.folder, read_background(self.background)).views(load_mesh(self.model))
         figures = {"views": len(views.viewpoints), "elements": len(views.scale)}
-        return Result([figures], np.empty(0, np.uint8), time.perf_counter() - began)
+        return JobResult([figures], np.empty(0, np.uint8), time.perf_counter() - began)
 
 
 def read_background(path: Path | None) -> Background:

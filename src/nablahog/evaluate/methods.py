@@ -21,7 +21,7 @@ from .published import DALAL, LIBRARIES, NO_HOG, PUBLISHED, UOCTTI, Published
 
 
 @dataclass(frozen=True)
-class Settings:
+class Table1Settings:
     """What a whole run has in common.
 
     Attributes:
@@ -36,14 +36,14 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Found:
+class MethodOutput:
     """What a method found: an image (H, W), float in 0…1, of the original's size, and ‖φ(image) − d‖ / ‖d‖."""
 
     image: Tensor
     distance: float
 
 
-Run: TypeAlias = Callable[[Tensor, Settings], Sequence[Found]]
+Run: TypeAlias = Callable[[Tensor, Table1Settings], Sequence[MethodOutput]]
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Method:
             processes import it, so it is a function of a module, or a ``functools.partial`` of one.
         spec: the dialect of the descriptor it starts from; None if that is no HOG.
         multiscale: whether it has a row for each of :data:`SCALES`, too.
-        needs: what of ``Settings.learned`` it needs, if anything.  Then what it finds depends on what that file holds.
+        needs: the kind of learned file that it reads, a key of ``Table1Settings.learned``; None if it reads none.
         asked: whether it runs only if it is asked for by name.
     """
 
@@ -86,60 +86,62 @@ class Method:
         return {row: PUBLISHED[row] for row in self.rows if row in PUBLISHED}
 
 
-def _limit(settings: Settings) -> dict[str, Any]:
+def _limit(settings: Table1Settings) -> dict[str, Any]:
     return {} if settings.max_evaluations is None else {"max_evaluations": settings.max_evaluations}
 
 
-def _single(image: Tensor, settings: Settings, *, spec: HOGSpec) -> list[Found]:
+def _single(image: Tensor, settings: Table1Settings, *, spec: HOGSpec) -> list[MethodOutput]:
     size = (image.shape[2], image.shape[3])
     result = reconstruct(hog(image, spec), spec, size, seed=settings.seed, **_limit(settings))
-    return [Found(result.image[0, 0], float(result.distance[0]))]
+    return [MethodOutput(result.image[0, 0], float(result.distance[0]))]
 
 
-def _multi_scale(image: Tensor, settings: Settings, *, spec: HOGSpec, more: bool) -> list[Found]:
+def _multi_scale(image: Tensor, settings: Table1Settings, *, spec: HOGSpec, more: bool) -> list[MethodOutput]:
     """The rows of a multi-scale method: its last level, and all of them enlarged to the image's size."""
     size = (image.shape[2], image.shape[3])
     for scale in SCALES:
         level_spec(spec, scale, size)  # raises before the work, not after
     descriptors = scale_descriptors(image, spec, SCALES) if more else hog(image, spec)
-    found = reconstruct_multiscale(descriptors, spec, size, scales=SCALES, seed=settings.seed, **_limit(settings))
-    levels = [
-        Found(enlarge(level.reconstruction.image, *size)[0, 0].clamp(0, 1), float(level.reconstruction.distance[0]))
-        for level in found
-    ]
+    results = reconstruct_multiscale(descriptors, spec, size, scales=SCALES, seed=settings.seed, **_limit(settings))
+    levels = []
+    for result in (level.reconstruction for level in results):
+        enlarged = enlarge(result.image, *size)[0, 0].clamp(0, 1)
+        levels.append(MethodOutput(enlarged, float(result.distance[0])))
     return [levels[-1], *levels]
 
 
-def _learned(image: Tensor, settings: Settings, *, kind: str, spec: HOGSpec, seeded: bool = False) -> list[Found]:
+def _learned(
+    image: Tensor, settings: Table1Settings, *, kind: str, spec: HOGSpec, seeded: bool = False
+) -> list[MethodOutput]:
     size = (image.shape[2], image.shape[3])
     options = {**_limit(settings), "seed": settings.seed} if seeded else {}
     result = _needed(kind, settings).reconstruct(hog(image, spec), spec, size, **options)
-    return [Found(result.image[0, 0], float(result.distance[0]))]
+    return [MethodOutput(result.image[0, 0], float(result.distance[0]))]
 
 
-def _bovw(image: Tensor, settings: Settings) -> list[Found]:
+def _bovw(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
     bovw = _needed("bovw", settings)
     result = bovw.reconstruct(bovw.histogram(image), (image.shape[2], image.shape[3]), seed=settings.seed)
-    return [Found(result.image[0, 0], float(result.distance[0]))]
+    return [MethodOutput(result.image[0, 0], float(result.distance[0]))]
 
 
-def _needed(kind: str, settings: Settings) -> Any:
+def _needed(kind: str, settings: Table1Settings) -> Any:
     if kind not in settings.learned:
         raise ValueError(f"this method needs what `nablahog learn {kind}` learns")
     return load(kind, settings.learned[kind])
 
 
-def _cnn_hog(image: Tensor, settings: Settings, *, bilinear: bool) -> list[Found]:
+def _cnn_hog(image: Tensor, settings: Table1Settings, *, bilinear: bool) -> list[MethodOutput]:
     network = CNNHOG(bilinear=bilinear)
     result = network.reconstruct(network.descriptor(image), seed=settings.seed)
-    return [Found(result.image[0, 0], float(result.distance[0]))]
+    return [MethodOutput(result.image[0, 0], float(result.distance[0]))]
 
 
-def _triangles(image: Tensor, settings: Settings, *, spec: HOGSpec) -> list[Found]:
+def _triangles(image: Tensor, settings: Table1Settings, *, spec: HOGSpec) -> list[MethodOutput]:
     size = (image.shape[2], image.shape[3])
     count = settings.max_evaluations or TRIANGLES
     result = reconstruct_by_triangles(hog(image, spec), spec, size, seed=settings.seed, triangles=count)
-    return [Found(result.image[0, 0], float(result.distance[0]))]
+    return [MethodOutput(result.image[0, 0], float(result.distance[0]))]
 
 
 def _variants(prefix: str, group: str, spec: HOGSpec) -> list[Method]:

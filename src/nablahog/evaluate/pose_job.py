@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..hog.box import Box
 from ..io.images import as_array
-from ..jobs.store import Result, code, digest, source
+from ..jobs.store import JobResult, code, digest, source
 from .models import Model
 from .pose_methods import PoseInput, PoseMethod, PoseOutcome, Table2Settings, coverage
 
@@ -52,7 +52,7 @@ class PoseJob:
         }
         return hashlib.sha256(json.dumps(facts).encode() + self.image.tobytes()).hexdigest()
 
-    def run(self) -> Result:
+    def run(self) -> JobResult:
         """Runs the method: the pose as figures, its silhouette as the picture; the time is without preparation.
 
         Raises:
@@ -69,9 +69,9 @@ class PoseJob:
         if not all(math.isfinite(value) for value in figures.values() if not isinstance(value, str)):
             raise ValueError(f"the pose is not finite: {figures}")
         silhouette = np.rint(as_array(coverage(problem, outcome)).clip(0, 1) * 255)
-        return Result([figures], silhouette[None].astype(np.uint8), seconds)
+        return JobResult([figures], silhouette[None].astype(np.uint8), seconds)
 
-    def fits(self, result: Result) -> bool:
+    def fits(self, result: JobResult) -> bool:
         """Whether there is a pose, and a silhouette of the image's size."""
         poses = [set(figures) == {field.name for field in fields(PoseOutcome)} for figures in result.figures]
         pictures = result.pictures

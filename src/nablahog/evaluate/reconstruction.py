@@ -15,8 +15,8 @@ from torch import Tensor
 
 from .. import metrics
 from ..io.images import as_array
-from ..jobs.store import Result, code, digest, source
-from .methods import Found, Method, Settings
+from ..jobs.store import JobResult, code, digest, source
+from .methods import Method, MethodOutput, Table1Settings
 
 Figures: TypeAlias = dict[str, float | None]  # by metric; None where one is not defined
 DECIDING = ("runtime", "io", "hog", "optimize", "invert", "metrics.py")
@@ -29,7 +29,7 @@ class ReconstructionJob:
 
     method: Method
     image: NDArray[np.float32]
-    settings: Settings
+    settings: Table1Settings
 
     @property
     def name(self) -> str:
@@ -53,7 +53,7 @@ class ReconstructionJob:
         }
         return hashlib.sha256(json.dumps(facts).encode() + self.image.tobytes()).hexdigest()
 
-    def run(self) -> Result:
+    def run(self) -> JobResult:
         """Runs the method and measures what it found: figures and pictures for each of its rows.
 
         Raises:
@@ -65,16 +65,16 @@ class ReconstructionJob:
         if len(found) != len(self.method.rows):
             raise TypeError(f"expected one finding for each of {', '.join(self.method.rows)}, got {len(found)}")
         figures = [_figures(one, self.image) for one in found]
-        return Result(figures, np.stack([_levels(one.image) for one in found]), seconds)
+        return JobResult(figures, np.stack([_levels(one.image) for one in found]), seconds)
 
-    def fits(self, result: Result) -> bool:
+    def fits(self, result: JobResult) -> bool:
         """Whether there are figures and a picture of the image's size for each row."""
         rows, pictures = len(self.method.rows), result.pictures
         whole = pictures.shape == (rows, *self.image.shape) and pictures.dtype == np.uint8
         return whole and len(result.figures) == rows
 
 
-def _figures(found: Found, reference: NDArray[np.float32]) -> Figures:
+def _figures(found: MethodOutput, reference: NDArray[np.float32]) -> Figures:
     pair = found.image.detach(), reference
     cc = metrics.cross_correlation(*pair)
     figures = {

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jobs.resume import do_all
-from .methods import Method, Settings
+from .methods import Method, Table1Settings
 from .photographs import Photographs
 from .published import BASELINES, GROUPS, PUBLISHED
 from .reconstruction import Figures, ReconstructionJob
@@ -87,7 +87,7 @@ def run_table1(
     folder: Path,
     photographs: Photographs,
     methods: Sequence[Method],
-    settings: Settings,
+    settings: Table1Settings,
     *,
     workers: int,
     progress: Callable[[int, int, str], None] = lambda done, total, at_work: None,

@@ -16,7 +16,7 @@ from ..invert.multiscale import SCALES
 from ..viz import html
 from ..viz.pictures import Panel, glyphs
 from .learned import load
-from .methods import Method, Settings
+from .methods import Method, Table1Settings
 from .photographs import Photographs
 from .statistics import RESAMPLES, Statistics
 from .table1 import Line, Table1
@@ -104,7 +104,7 @@ def _means(line: Line, metric: str, name: str) -> dict[str, object]:
     return {**mean, f"{name}\npaper": line.paper[metric]} if metric in ("cc", "mi", "ssim") else mean
 
 
-def page(table: Table1, settings: Settings, origin: str, remarks: Sequence[str] = ()) -> str:
+def page(table: Table1, settings: Table1Settings, origin: str, remarks: Sequence[str] = ()) -> str:
     """The page.
 
     Args:

@@ -10,7 +10,7 @@ from typing import TypeVar
 from ..io.files import remove_parts
 from . import store
 from .runner import run_jobs
-from .store import Job, Result
+from .store import Job, JobResult
 
 Name = TypeVar("Name", bound=Hashable)
 
@@ -21,7 +21,7 @@ def do_all(
     *,
     workers: int,
     progress: Callable[[int, int, str], None] = lambda done, total, at_work: None,
-) -> Iterator[tuple[Name, Result | str]]:
+) -> Iterator[tuple[Name, JobResult | str]]:
     """Does what is not done yet, and then gives the results of all.
 
     Each finished job is stored in ``folder/work`` at once, under a hash of all it depends on, so a run that was
@@ -67,7 +67,7 @@ def _do(jobs: Mapping[Path, Job], workers: int, progress: Callable[[int, int, st
     tell()
     with closing(run_jobs([jobs[path] for path in missing], workers=workers, started=started)) as outcomes:
         for index, outcome in outcomes:
-            if isinstance(outcome, Result):
+            if isinstance(outcome, JobResult):
                 store.save(missing[index], outcome)
             else:
                 reasons[missing[index]] = outcome

@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection, wait
 
-from .store import Result, Work
+from .store import JobResult, Work
 from .worker import serve
 
 ATTEMPTS = 2  # at a job whose worker dies; one may die for want of memory that the next finds
@@ -85,7 +85,7 @@ def _no_interrupts() -> Iterator[None]:
 
 def run_jobs(
     jobs: Sequence[Work], *, workers: int, started: Callable[[int], None] = lambda index: None
-) -> Generator[tuple[int, Result | str], None, None]:
+) -> Generator[tuple[int, JobResult | str], None, None]:
     """Does all jobs, ``workers`` at a time, each in a process that computes in one thread.
 
     What a job finds depends on nothing but the job.  However this generator ends, its processes end with it; close it
@@ -121,7 +121,7 @@ def run_jobs(
                 assert isinstance(connection, Connection)
                 worker = pool[connection]
                 try:
-                    answer: Result | str = connection.recv()
+                    answer: JobResult | str = connection.recv()
                 except (EOFError, OSError):
                     del pool[connection]
                     how = worker.how_it_died()

@@ -20,7 +20,7 @@ PACKAGE = Path(__file__).parents[1]
 
 
 @dataclass(frozen=True)
-class Result:
+class JobResult:
     """What became of a job.
 
     Attributes:
@@ -37,7 +37,7 @@ class Result:
 class Work(Protocol):
     """What is sent to another process to be done there."""
 
-    def run(self) -> Result:
+    def run(self) -> JobResult:
         """Does it, the same every time.
 
         Raises:
@@ -55,7 +55,7 @@ class Job(Work, Protocol):
     def key(self) -> str:
         """A hash of everything the result depends on, the code that makes it included: see :func:`code`."""
 
-    def fits(self, result: Result) -> bool:
+    def fits(self, result: JobResult) -> bool:
         """Whether a stored result can be of this job: one of another version, or damaged, is not."""
 
 
@@ -89,7 +89,7 @@ def files(*parts: str) -> Iterator[Path]:
         yield from below if path.is_dir() else [path]
 
 
-def save(path: Path, result: Result) -> None:
+def save(path: Path, result: JobResult) -> None:
     """Writes ``path``, whole or not at all, and the folder it is in, if missing."""
     path.parent.mkdir(parents=True, exist_ok=True)
     text = json.dumps({"figures": list(result.figures), "seconds": result.seconds}, allow_nan=False)
@@ -97,13 +97,13 @@ def save(path: Path, result: Result) -> None:
         np.savez(file, figures=np.array(text), pictures=result.pictures)
 
 
-def load(path: Path, job: Job) -> Result | None:
+def load(path: Path, job: Job) -> JobResult | None:
     """What :func:`save` wrote for this job; None if it is missing or damaged in any way."""
     try:
         # opened here, because numpy leaves damaged files open; it compares the checksum of each part
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             stored, pictures = json.loads(str(archive["figures"])), archive["pictures"]
-        result = Result(stored["figures"], pictures, float(stored["seconds"]))
+        result = JobResult(stored["figures"], pictures, float(stored["seconds"]))
         return result if job.fits(result) else None
     except Exception:  # damaged archives raise nearly anything
         return None

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import torch
 
-from .store import Result, Work
+from .store import JobResult, Work
 
 
 def serve(connection: Connection) -> None:
-    """Says that it is ready, and then answers each :class:`Work` with a :class:`Result` or the reason for none."""
+    """Says that it is ready, and then answers each :class:`Work` with a :class:`JobResult` or the reason for none."""
     torch.set_num_threads(1)  # the same sums in the same order, however many workers there are
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with suppress(EOFError, OSError):  # the parent has gone, so nobody waits for the rest
@@ -33,7 +33,7 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def attempt(job: Work) -> Result | str:
+def attempt(job: Work) -> JobResult | str:
     """The result of a job, or one sentence why there is none."""
     try:
         return job.run()

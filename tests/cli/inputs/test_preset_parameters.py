@@ -9,7 +9,7 @@ import pytest
 
 from nablahog import presets
 from nablahog.cli.inputs.preset_parameters import PRESETS, as_text, defaults_of, parameters_of, parsed, window_of
-from nablahog.cli.inputs.spec import Wanted, make_spec
+from nablahog.cli.inputs.spec import SpecOptions, make_spec
 from nablahog.hog import HOGSpec
 
 PAIR = tuple[int, int]
@@ -71,7 +71,7 @@ def test_every_parameter_of_every_preset_can_be_written(name: str) -> None:
     for key, hint in parameters_of(name).items():
         assert parsed(as_text(defaults[key]), hint) == defaults[key]
     texts = tuple((key, as_text(value)) for key, value in defaults.items())
-    assert Wanted(name, settings=texts).spec() == make_spec(name, {})
+    assert SpecOptions(name, settings=texts).spec() == make_spec(name, {})
 
 
 def test_the_presets_are_those_of_the_library() -> None:
@@ -84,20 +84,20 @@ def test_the_presets_are_those_of_the_library() -> None:
 @pytest.mark.parametrize(
     ("wanted", "spec"),
     [
-        (Wanted(), presets.uoctti(8)),
-        (Wanted("paper", (8, 6)), presets.paper((8, 6))),
-        (Wanted("paper", vote="linear"), presets.paper()),
-        (Wanted("aubry", (5, 5), "hard"), presets.aubry(5, vote="hard")),
-        (Wanted("vlfeat", (4, 4), "linear"), presets.vlfeat(cell_size=4, bilinear_orientations=True)),
-        (Wanted("cnn_hog", vote="linear"), presets.cnn_hog(bilinear=True)),
-        (Wanted("skimage", (6, 4)), presets.skimage(pixels_per_cell=(6, 4))),
-        (Wanted("opencv", (4, 8)), presets.opencv(cell_size=(8, 4))),  # (width, height) there
-        (Wanted("maskfeat", settings=(("nbins", "6"), ("nbins", "7"))), presets.maskfeat(nbins=7)),
-        (Wanted("skimage", settings=(("channel_axis", "2"),)), presets.skimage(channel_axis=2)),
-        (Wanted(settings=(("orientations", "6"),)), presets.uoctti(orientations=6)),
+        (SpecOptions(), presets.uoctti(8)),
+        (SpecOptions("paper", (8, 6)), presets.paper((8, 6))),
+        (SpecOptions("paper", vote="linear"), presets.paper()),
+        (SpecOptions("aubry", (5, 5), "hard"), presets.aubry(5, vote="hard")),
+        (SpecOptions("vlfeat", (4, 4), "linear"), presets.vlfeat(cell_size=4, bilinear_orientations=True)),
+        (SpecOptions("cnn_hog", vote="linear"), presets.cnn_hog(bilinear=True)),
+        (SpecOptions("skimage", (6, 4)), presets.skimage(pixels_per_cell=(6, 4))),
+        (SpecOptions("opencv", (4, 8)), presets.opencv(cell_size=(8, 4))),  # (width, height) there
+        (SpecOptions("maskfeat", settings=(("nbins", "6"), ("nbins", "7"))), presets.maskfeat(nbins=7)),
+        (SpecOptions("skimage", settings=(("channel_axis", "2"),)), presets.skimage(channel_axis=2)),
+        (SpecOptions(settings=(("orientations", "6"),)), presets.uoctti(orientations=6)),
     ],
 )
-def test_what_is_wanted(wanted: Wanted, spec: HOGSpec) -> None:
+def test_what_is_wanted(wanted: SpecOptions, spec: HOGSpec) -> None:
     assert wanted.spec() == spec
 
 
@@ -124,12 +124,12 @@ def test_what_is_wanted(wanted: Wanted, spec: HOGSpec) -> None:
 )
 def test_what_cannot_be(wanted: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
-        Wanted(**wanted)
+        SpecOptions(**wanted)
 
 
 def _refusal(name: str, key: str, text: str) -> str | None:
     try:
-        Wanted(name, settings=((key, text),))
+        SpecOptions(name, settings=((key, text),))
     except ValueError as error:
         return str(error)
     return None
@@ -152,20 +152,24 @@ def test_windows() -> None:
 @pytest.mark.parametrize(
     ("wanted", "spec", "message"),
     [
-        (Wanted("skimage"), presets.skimage(feature_vector=False), None),  # another layout of the same
-        (Wanted("skimage"), presets.skimage(pixels_per_cell=(6, 6)), None),
-        (Wanted("skimage", (8, 8)), presets.skimage(pixels_per_cell=(6, 6)), "its cell_size is (6, 6), not (8, 8)"),
+        (SpecOptions("skimage"), presets.skimage(feature_vector=False), None),  # another layout of the same
+        (SpecOptions("skimage"), presets.skimage(pixels_per_cell=(6, 6)), None),
         (
-            Wanted("skimage", settings=(("pixels_per_cell", "8"),)),
+            SpecOptions("skimage", (8, 8)),
             presets.skimage(pixels_per_cell=(6, 6)),
             "its cell_size is (6, 6), not (8, 8)",
         ),
-        (Wanted(settings=(("orientations", "6"),)), presets.uoctti(), "its bins is 18, not 12"),
-        (Wanted("vlfeat"), presets.vlfeat(cell_size=4), None),
-        (Wanted("dlib"), presets.dpm(), "its name is 'dpm', not 'dlib'"),
+        (
+            SpecOptions("skimage", settings=(("pixels_per_cell", "8"),)),
+            presets.skimage(pixels_per_cell=(6, 6)),
+            "its cell_size is (6, 6), not (8, 8)",
+        ),
+        (SpecOptions(settings=(("orientations", "6"),)), presets.uoctti(), "its bins is 18, not 12"),
+        (SpecOptions("vlfeat"), presets.vlfeat(cell_size=4), None),
+        (SpecOptions("dlib"), presets.dpm(), "its name is 'dpm', not 'dlib'"),
     ],
 )
-def test_descriptor_files_that_say_the_same(wanted: Wanted, spec: HOGSpec, message: str | None) -> None:
+def test_descriptor_files_that_say_the_same(wanted: SpecOptions, spec: HOGSpec, message: str | None) -> None:
     if message is None:
         wanted.check(spec)
     else:

@@ -14,8 +14,8 @@ from ...dialects.heatmap import heat_map
 from ...evaluate.tables import write_csv
 from ...io.files import output_folder, replacing
 from ...io.images import limit_size, read_image, write_image
-from ..errors import refusing, spare
-from ..inputs.spec import Wanted
+from ..errors import as_user_error, forbid_overwrite
+from ..inputs.spec import SpecOptions
 from ..terminal import counter, print_definitions, print_table, say
 
 RESULTS = ("index.html", "dialects.png", "dialects.csv", "ties.csv")
@@ -28,9 +28,9 @@ def dialects(arguments: Namespace) -> None:
         UserError: the photograph is unusable.
         OSError: a file or folder is missing or cannot be written.
     """
-    with refusing():
+    with as_user_error():
         specs = {
-            name: Wanted(preset, cell=arguments.cell, settings=settings).spec()
+            name: SpecOptions(preset, cell=arguments.cell, settings=settings).spec()
             for name, (preset, settings) in arguments.presets.items()
         }
         photograph = read_image(arguments.photo)
@@ -39,8 +39,8 @@ def dialects(arguments: Namespace) -> None:
     image = (small * 255).round().to(torch.uint8)
     folder = None if arguments.output is None else Path(arguments.output)
     if folder is not None:
-        spare([arguments.photo], [folder / name for name in RESULTS])
-    with counter("nablahog dialects") as progress, refusing(f"{arguments.photo}: "):
+        forbid_overwrite([arguments.photo], [folder / name for name in RESULTS])
+    with counter("nablahog dialects") as progress, as_user_error(f"{arguments.photo}: "):
         comparison = compare(image, specs, progress)
     shrunk = small.shape != photograph.shape
     introduction = page.lead(comparison, Path(arguments.photo).name, (image.shape[1], image.shape[2]), shrunk)

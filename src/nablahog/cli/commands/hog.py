@@ -14,7 +14,7 @@ from ...io.descriptor_file import save_descriptor
 from ...io.files import output_folder
 from ...io.images import write_image
 from ...viz.pictures import glyphs
-from ..errors import UserError, spare
+from ..errors import UserError, forbid_overwrite
 from ..inputs.sources import Source, sources_of
 from ..terminal import print_table
 
@@ -61,7 +61,7 @@ def _write_each(arguments: Namespace, ending: str, write: Callable[[Path, Source
         folder, targets = output.parent, [output]
     else:
         folder, targets = output, [output / f"{source.stem}{ending}" for source in sources]
-    spare(arguments.inputs, targets)
+    forbid_overwrite(arguments.inputs, targets)
     with output_folder(folder):
         for target, source in zip(targets, sources, strict=True):
             write(target, source)

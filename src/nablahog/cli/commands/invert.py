@@ -11,7 +11,7 @@ import torch
 
 from ...io.files import output_folder, replacing
 from ...metrics import DEFINITIONS
-from ..errors import UserError, refusing, spare
+from ..errors import UserError, as_user_error, forbid_overwrite
 from ..inputs.prior import prior_for
 from ..inputs.sources import sources_of
 from ..results.inversion import Inversion, batches, invert_batch, result_names
@@ -31,12 +31,12 @@ def invert(arguments: Namespace) -> None:
         raise UserError("--colour and --prior exclude each other: what is learned are gray images")
     prior = prior_for(arguments, [(source.path, source.spec) for source in sources])
     folder = Path(arguments.output)
-    spare(arguments.inputs, [folder / name for source in sources for name in result_names(source)])
+    forbid_overwrite(arguments.inputs, [folder / name for source in sources for name in result_names(source)])
     done: dict[int, Inversion] = {}
     with output_folder(folder):
         for number, batch in enumerate(groups := batches(sources), start=1):
             about = f"batch {number} of {len(groups)}, {len(batch)} x {sources[batch[0]].spec.name}"
-            with progress_bars() as progress, refusing(f"{', '.join(sources[i].path for i in batch)}: "):
+            with progress_bars() as progress, as_user_error(f"{', '.join(sources[i].path for i in batch)}: "):
                 found = invert_batch(
                     [sources[i] for i in batch],
                     device=torch.device(arguments.device),

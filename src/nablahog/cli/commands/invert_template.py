@@ -16,10 +16,10 @@ from ...invert.template import template_descriptor
 from ...io.files import distinct_stems, output_folder, replacing
 from ...io.images import write_image
 from ...viz.pictures import Panel, contact_sheet, glyphs
-from ..errors import refusing, spare
-from ..inputs.arrays import Raw
-from ..inputs.spec import Wanted
-from ..inputs.templates import Template, read_templates
+from ..errors import as_user_error, forbid_overwrite
+from ..inputs.arrays import ArrayOptions
+from ..inputs.spec import SpecOptions
+from ..inputs.templates import DetectorTemplate, read_templates
 from ..terminal import print_definitions, print_table, progress_bars, say
 
 SIGNS = ("positive", "negative")
@@ -52,19 +52,19 @@ def invert_template(arguments: Namespace) -> None:
         UserError: an input is unusable.
         OSError: a file or folder is missing or cannot be written.
     """
-    with refusing():
-        wanted, raw = Wanted.of(arguments), Raw.of(arguments)
+    with as_user_error():
+        wanted, raw = SpecOptions.of(arguments), ArrayOptions.of(arguments)
         files = [(path, read_templates(path, wanted, raw)) for path in arguments.inputs]
     folder = Path(arguments.output)
     stems = distinct_stems([Path(path) for path, _ in files])
     names = [_names(stem, templates) for stem, (_, templates) in zip(stems, files, strict=True)]
-    spare(arguments.inputs, [folder / name for of_file in names for name in of_file])
+    forbid_overwrite(arguments.inputs, [folder / name for of_file in names for name in of_file])
     rows = []
     with output_folder(folder), progress_bars() as progress:
         for stem, (path, templates) in zip(stems, files, strict=True):
             sheet = []
             for number, template in enumerate(templates):
-                with refusing(f"{path}: "):
+                with as_user_error(f"{path}: "):
                     bars = {sign: progress(f"{stem} {template.name} {sign}") for sign in SIGNS}
                     found = [_see(template, sign, arguments, bar) for sign, bar in bars.items()]
                 for each in found:
@@ -78,7 +78,7 @@ def invert_template(arguments: Namespace) -> None:
     say(f"Results in {folder}")
 
 
-def _see(template: Template, sign: str, arguments: Namespace, progress: object) -> _Seen:
+def _see(template: DetectorTemplate, sign: str, arguments: Namespace, progress: object) -> _Seen:
     weights = template.weights[None].to(torch.device(arguments.device))
     descriptor = template_descriptor(weights, template.spec, template.image_size, negative=sign == "negative")
     found = reconstruct(
@@ -92,7 +92,7 @@ def _see(template: Template, sign: str, arguments: Namespace, progress: object) 
     return _Seen(sign, found.image[0, 0].cpu(), float(found.distance[0]))
 
 
-def _panels(template: Template, found: Sequence[_Seen]) -> list[Panel]:
+def _panels(template: DetectorTemplate, found: Sequence[_Seen]) -> list[Panel]:
     panels = []
     for each in found:
         weights = template.weights.numpy() * (-1 if each.sign == "negative" else 1)
@@ -101,7 +101,7 @@ def _panels(template: Template, found: Sequence[_Seen]) -> list[Panel]:
     return panels
 
 
-def _row(path: str, template: Template, found: Sequence[_Seen]) -> dict[str, object]:
+def _row(path: str, template: DetectorTemplate, found: Sequence[_Seen]) -> dict[str, object]:
     rows, cols, channels = template.weights.shape
     return {
         "input": path,
@@ -112,11 +112,11 @@ def _row(path: str, template: Template, found: Sequence[_Seen]) -> dict[str, obj
     }
 
 
-def _names(stem: str, templates: Sequence[Template]) -> list[str]:
+def _names(stem: str, templates: Sequence[DetectorTemplate]) -> list[str]:
     """The names of all files of an input."""
     pictures = [_name(stem, template, k, sign) for k, template in enumerate(templates) for sign in SIGNS]
     return [*pictures, f"{stem}_templates.png"]
 
 
-def _name(stem: str, template: Template, number: int, sign: str) -> str:
+def _name(stem: str, template: DetectorTemplate, number: int, sign: str) -> str:
     return f"{stem}_{number + 1}_{sign}.png" if template.name else f"{stem}_{sign}.png"

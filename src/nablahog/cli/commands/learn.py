@@ -14,8 +14,8 @@ from ...hog import HOGSpec
 from ...io.files import output_folder
 from ...pose.background import learn_background, least_size
 from ...pose.whitening import Background, check_spec
-from ..errors import UserError, refusing
-from ..inputs.spec import Wanted
+from ..errors import UserError, as_user_error
+from ..inputs.spec import SpecOptions
 from ..inputs.training_photographs import training_photographs
 from ..terminal import counter, say
 from .table1 import say_ignored
@@ -36,12 +36,12 @@ def learn(arguments: Namespace) -> None:
         raise UserError(f"a {noun} is one file: expected -o FILE.npz, got {output}")
     if getattr(arguments, "threads", None) is not None:
         torch.set_num_threads(arguments.threads)
-    with refusing():
-        spec = Wanted.of(arguments).spec() if "descriptor" in arguments else SPEC
+    with as_user_error():
+        spec = SpecOptions.of(arguments).spec() if "descriptor" in arguments else SPEC
         learner.check(spec)  # before any image is read
         photographs = _photographs(arguments, learner, spec)
     options = {name: getattr(arguments, name) for name in OPTIONS if name in arguments}
-    with output_folder(output.parent), refusing():
+    with output_folder(output.parent), as_user_error():
         for name, reason in photographs.failed.items():
             say(f"Passed over: {name}: {reason}")
         say_ignored(photographs)

@@ -10,7 +10,7 @@ from ...datasets.cad import read_models
 from ...evaluate.exemplar_job import ExemplarJob, read_background
 from ...io.files import output_folder, remove_parts
 from ...jobs.runner import cores, run_jobs
-from ..errors import UserError, refusing
+from ..errors import UserError, as_user_error
 from ..terminal import counter, say
 
 
@@ -22,7 +22,7 @@ def learn_exemplars(arguments: Namespace) -> None:
         OSError: a file or folder is missing or cannot be written.
     """
     background = None if arguments.background is None else Path(arguments.background)
-    with refusing():
+    with as_user_error():
         models = read_models(arguments.models)
         read_background(background)
     with output_folder(arguments.output) as folder:

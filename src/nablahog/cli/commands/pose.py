@@ -17,9 +17,9 @@ from ...pose.estimate import estimate_pose
 from ...pose.prepared import ELEMENT, PreparedPhotograph
 from ...pose.whitening import Background
 from ...render import Mesh
-from ..errors import refusing, spare
+from ..errors import as_user_error, forbid_overwrite
 from ..results.pose_page import result_names, write
-from ..results.pose_result import PoseResult, Settings
+from ..results.pose_result import PoseOptions, PoseResult
 from ..terminal import counter, print_definitions, print_table, say
 
 Progress = Callable[[int, int, str], None]
@@ -32,7 +32,7 @@ def pose(arguments: Namespace) -> None:
         UserError: an input is unusable.
         OSError: a file or folder is missing or cannot be written.
     """
-    with refusing():
+    with as_user_error():
         photograph = read_image(arguments.photo)
         height, width = photograph.shape[1:]
         box = checked_box(arguments.box or (0.0, 0.0, float(width), float(height)), height, width)
@@ -40,8 +40,8 @@ def pose(arguments: Namespace) -> None:
         models = _models(Path(arguments.mesh))
     folder = Path(arguments.output)
     inputs = [arguments.photo, arguments.background or arguments.photo, *models.paths.values()]
-    spare(inputs, [folder / name for name in result_names(arguments.photo)])
-    with output_folder(folder), refusing():
+    forbid_overwrite(inputs, [folder / name for name in result_names(arguments.photo)])
+    with output_folder(folder), as_user_error():
         with counter("nablahog pose") as progress:
             meshes = _meshes(models, progress)
         with counter("nablahog pose") as progress:
@@ -67,7 +67,7 @@ def pose(arguments: Namespace) -> None:
             candidates=list(meshes),
             passed_over=models.failed,
             seconds=time.perf_counter() - began,
-            settings=Settings(arguments.method, arguments.init, arguments.seed, arguments.background),
+            settings=PoseOptions(arguments.method, arguments.init, arguments.seed, arguments.background),
         )
         write(folder, result)
     if arguments.json:

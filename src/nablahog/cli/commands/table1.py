@@ -8,12 +8,12 @@ from pathlib import Path
 
 from ...evaluate import table1_page
 from ...evaluate.learned import LEARNED, learned_from_samples, load
-from ...evaluate.methods import Method, Settings, choose
+from ...evaluate.methods import Method, Table1Settings, choose
 from ...evaluate.photographs import Photographs, read_folder, sample_photographs
 from ...evaluate.table1 import Table1, run_table1, write_tables
 from ...io.files import output_folder, replacing
 from ...jobs.runner import cores
-from ..errors import UserError, refusing
+from ..errors import UserError, as_user_error
 from ..terminal import counter, print_definitions, print_table, say
 
 
@@ -24,13 +24,13 @@ def table1(arguments: Namespace) -> None:
         UserError: an input is unusable, or there is no result for any image.
         OSError: a file or folder is missing or cannot be written.
     """
-    with refusing():
+    with as_user_error():
         given = {kind: Path(getattr(arguments, kind)).resolve() for kind in LEARNED if getattr(arguments, kind)}
         methods, left_out = choose(arguments.methods, given)
     _check(given, methods)
     photographs, origin = _photographs(arguments)
     with output_folder(arguments.output) as folder:
-        settings = Settings(arguments.seed, arguments.max_evaluations, given | _learned_here(given, methods))
+        settings = Table1Settings(arguments.seed, arguments.max_evaluations, given | _learned_here(given, methods))
         remarks = table1_page.remarks(left_out, settings.learned, photographs)
         with counter("nablahog table1") as progress:
             workers = arguments.workers or cores()
@@ -50,11 +50,11 @@ def table1(arguments: Namespace) -> None:
 def _check(given: Mapping[str, Path], methods: Sequence[Method]) -> None:
     """Raises UserError if the file of a model cannot be read, or the model is for other descriptors than its method."""
     for kind, path in given.items():
-        with refusing():
+        with as_user_error():
             found = load(kind, path)
         for method in methods:
             if method.needs == kind and method.spec is not None:
-                with refusing(f"{method.name}: "):
+                with as_user_error(f"{method.name}: "):
                     found.check(method.spec)
 
 
@@ -73,7 +73,7 @@ def _photographs(arguments: Namespace) -> tuple[Photographs, str]:
         photographs = sample_photographs(size=arguments.size, limit=arguments.limit)
         return photographs, f"{len(photographs.images)} photographs that come with scikit-image, their middle squares."
     folder = Path(arguments.images)
-    with refusing():
+    with as_user_error():
         photographs = read_folder(folder, size=arguments.size, limit=arguments.limit)
     number = len(photographs.images) + len(photographs.failed)
     return photographs, f"{number} images of the folder {folder.resolve().name}."

@@ -19,7 +19,7 @@ from ...io.files import output_folder, replacing
 from ...io.sample_photographs import SAMPLE_NAMES, sample_photograph
 from ...jobs.runner import cores
 from ..arguments.pose import SCENES
-from ..errors import UserError, refusing
+from ..errors import UserError, as_user_error
 from ..terminal import counter, print_definitions, print_table, say
 
 CHAIRS = 24  # procedural models
@@ -34,7 +34,7 @@ def table2(arguments: Namespace) -> None:
         OSError: a file or folder is missing or cannot be written.
     """
     methods = [method for name, method in POSE_METHODS.items() if name in (arguments.methods or POSE_METHODS)]
-    with refusing():
+    with as_user_error():
         examples, passed_over = _examples(arguments)
     with output_folder(arguments.output) as folder:
         settings = Table2Settings(arguments.seed, folder / "exemplars")

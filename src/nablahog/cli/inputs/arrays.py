@@ -11,12 +11,12 @@ from ...io.arrays import read_array
 from ...io.descriptor_file import StoredDescriptor
 from ...io.layouts import Fit, fit, is_row, shapes, stored
 from .preset_parameters import as_text, window_of
-from .spec import Wanted
+from .spec import SpecOptions
 from .suggestions import parameters_that_fit, presets_that_fit
 
 
 @dataclass(frozen=True)
-class Raw:
+class ArrayOptions:
     """What was said; None where nothing was.
 
     Attributes:
@@ -28,7 +28,7 @@ class Raw:
     key: str | None = None
 
     @classmethod
-    def of(cls, arguments: Namespace) -> Raw:
+    def of(cls, arguments: Namespace) -> ArrayOptions:
         """By the options ``--image-size`` and ``--key``."""
         return cls(arguments.image_size, arguments.key)
 
@@ -40,7 +40,7 @@ class Raw:
                     f"{option} goes with arrays of other libraries, and no input is one (.npy, .npz, .mat)"
                 )
 
-    def read(self, path: str, wanted: Wanted) -> StoredDescriptor:
+    def read(self, path: str, wanted: SpecOptions) -> StoredDescriptor:
         """The descriptor in a .npy, .npz or .mat file.
 
         Raises:
@@ -54,7 +54,7 @@ class Raw:
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from None
 
-    def fitting(self, shape: tuple[int, ...], wanted: Wanted) -> tuple[HOGSpec, Fit]:
+    def fitting(self, shape: tuple[int, ...], wanted: SpecOptions) -> tuple[HOGSpec, Fit]:
         """How an array of this shape is a descriptor of what was asked for.
 
         Raises:

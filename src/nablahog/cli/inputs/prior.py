@@ -9,7 +9,7 @@ from pathlib import Path
 from ...evaluate.learned import load
 from ...hog import HOGSpec
 from ...invert import LearnedPrior
-from ..errors import refusing
+from ..errors import as_user_error
 
 
 def prior_for(arguments: Namespace, uses: Iterable[tuple[str, HOGSpec | None]]) -> LearnedPrior | None:
@@ -20,9 +20,9 @@ def prior_for(arguments: Namespace, uses: Iterable[tuple[str, HOGSpec | None]]) 
     """
     if arguments.prior is None:
         return None
-    with refusing():
+    with as_user_error():
         prior: LearnedPrior = load("prior", Path(arguments.prior))
     for name, spec in uses:
-        with refusing(f"{name}: "):
+        with as_user_error(f"{name}: "):
             prior.check(spec or prior.spec)
     return prior

@@ -15,9 +15,9 @@ from ...io.arrays import is_raw
 from ...io.descriptor_file import StoredDescriptor, is_descriptor_file, load_descriptor
 from ...io.files import distinct_stems
 from ...io.images import limit_size, read_image
-from ..errors import refusing
-from .arrays import Raw
-from .spec import Wanted
+from ..errors import as_user_error
+from .arrays import ArrayOptions
+from .spec import SpecOptions
 
 
 @dataclass(frozen=True)
@@ -43,12 +43,12 @@ class Source:
 
 def read_sources(
     paths: Sequence[str],
-    wanted: Wanted,
+    wanted: SpecOptions,
     *,
     size: int,
     device: torch.device,
     keep_photos: bool,
-    raw: Raw | None = None,
+    raw: ArrayOptions | None = None,
 ) -> list[Source]:
     """Reads and checks all inputs, computing the descriptors of the photographs among them.
 
@@ -90,18 +90,18 @@ def sources_of(arguments: Namespace) -> list[Source]:
         UserError: an input or an option is unusable.
         OSError: a file is missing.
     """
-    with refusing():
+    with as_user_error():
         return read_sources(
             arguments.inputs,
-            Wanted.of(arguments),
+            SpecOptions.of(arguments),
             size=arguments.size,
             device=torch.device(arguments.device),
             keep_photos=arguments.command == "invert",
-            raw=None if arguments.command == "hog" else Raw.of(arguments),
+            raw=None if arguments.command == "hog" else ArrayOptions.of(arguments),
         )
 
 
-def _from_descriptor_file(path: str, stem: str, wanted: Wanted) -> Source:
+def _from_descriptor_file(path: str, stem: str, wanted: SpecOptions) -> Source:
     stored = load_descriptor(path)
     try:
         wanted.check(stored.spec)

@@ -40,7 +40,7 @@ def make_spec(name: str, parameters: Mapping[str, Any]) -> HOGSpec:
 
 
 @dataclass(frozen=True)
-class Wanted:
+class SpecOptions:
     """The conventions a user asked for; None where nothing was said.
 
     Attributes:
@@ -59,7 +59,7 @@ class Wanted:
     settings: tuple[tuple[str, str], ...] = ()
 
     @classmethod
-    def of(cls, arguments: Namespace) -> Wanted:
+    def of(cls, arguments: Namespace) -> SpecOptions:
         """By the options ``--preset``, ``--cell``, ``--vote`` and ``--set``."""
         return cls(arguments.descriptor, arguments.cell, arguments.vote, tuple(arguments.settings or ()))
 

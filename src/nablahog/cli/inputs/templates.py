@@ -15,15 +15,15 @@ from ...hog.layout import from_layout
 from ...io.arrays import is_raw, read_array
 from ...io.dpm_file import is_dpm_file, load_dpm
 from ...io.layouts import Fit, fit
-from .arrays import Raw
-from .spec import Wanted
+from .arrays import ArrayOptions
+from .spec import SpecOptions
 
 # (width, height) of the windows of OpenCV's people detectors, by the number of their weights
 OPENCV_WINDOWS = {3780: (64, 128), 1980: (48, 96)}
 
 
 @dataclass(frozen=True)
-class Template:
+class DetectorTemplate:
     """Weights of a score over descriptors.
 
     Attributes:
@@ -39,7 +39,7 @@ class Template:
     image_size: tuple[int, int]
 
 
-def read_templates(path: str, wanted: Wanted, raw: Raw) -> list[Template]:
+def read_templates(path: str, wanted: SpecOptions, raw: ArrayOptions) -> list[DetectorTemplate]:
     """The templates in a file.
 
     Args:
@@ -61,7 +61,8 @@ def read_templates(path: str, wanted: Wanted, raw: Raw) -> list[Template]:
         model = load_dpm(path)
         spec = presets.dpm(model.cell_size)
         return [
-            Template(each.name, each.weights, spec, spec.image_size(*each.weights.shape[:2])) for each in model.filters
+            DetectorTemplate(each.name, each.weights, spec, spec.image_size(*each.weights.shape[:2]))
+            for each in model.filters
         ]
     array = read_array(path, raw.key)
     try:
@@ -70,7 +71,7 @@ def read_templates(path: str, wanted: Wanted, raw: Raw) -> list[Template]:
         raise ValueError(f"{path}: {error}") from None
 
 
-def _of_array(array: NDArray[np.floating], wanted: Wanted, raw: Raw) -> Template:
+def _of_array(array: NDArray[np.floating], wanted: SpecOptions, raw: ArrayOptions) -> DetectorTemplate:
     if array.size == max(array.shape, default=0):
         array = array.reshape(-1)
     spec, how = _fit(array.shape, wanted, raw)
@@ -79,10 +80,10 @@ def _of_array(array: NDArray[np.floating], wanted: Wanted, raw: Raw) -> Template
         weights = weights[:-1]
     native = weights.reshape(1, *how.shape)
     descriptor = from_layout(native, replace(spec, layout=how.layout), how.image_size)[0].contiguous()
-    return Template("", descriptor, spec, how.image_size)
+    return DetectorTemplate("", descriptor, spec, how.image_size)
 
 
-def _fit(shape: tuple[int, ...], wanted: Wanted, raw: Raw) -> tuple[HOGSpec, Fit]:
+def _fit(shape: tuple[int, ...], wanted: SpecOptions, raw: ArrayOptions) -> tuple[HOGSpec, Fit]:
     lengths = (shape[0], shape[0] - 1) if len(shape) == 1 else ()
     if wanted.descriptor is None:
         for length in lengths:

@@ -66,7 +66,7 @@ _UNITS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Settings:
+class PoseOptions:
     """What was asked for.
 
     Attributes:
@@ -106,7 +106,7 @@ class PoseResult:
     candidates: Sequence[str]
     passed_over: dict[str, str]
     seconds: float
-    settings: Settings
+    settings: PoseOptions
 
     def row(self) -> dict[str, object]:
         """The most important figures, for a table."""
