@@ -81,10 +81,5 @@ def test_keys_tell_work_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert _job().key() == base.key()
     files[0].write_text("OFF 33")
     assert jobs[-3].key() not in keys
-    monkeypatch.setattr(pose_job, "DECIDING", ("hog",))
+    monkeypatch.setattr(pose_job, "code_key", lambda *definitions: "other code")
     assert base.key() not in keys
-
-
-def test_the_code_that_decides() -> None:
-    names = {path.name for path in store.files(*pose_job.DECIDING)}
-    assert {"descriptor.py", "momentum.py", "camera.py", "pascal3d.py"} <= names

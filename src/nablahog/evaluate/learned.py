@@ -26,7 +26,7 @@ from ..invert.network import default_architecture
 from ..io.files import checkpoint_for
 from ..io.images import limit_size
 from ..io.learned_model import LearnedModel
-from ..jobs.store import code
+from ..runtime.source import code_key
 from .photographs import sample_photographs
 
 Progress: TypeAlias = Callable[[int, int, str], None]
@@ -118,7 +118,7 @@ def learned_from_samples(kind: str, progress: Progress) -> Path:
     Raises:
         OSError: it cannot be stored.
     """
-    path = user_cache_path("nablahog") / f"{kind}-{code('hog', 'invert', 'io', 'runtime', 'evaluate')[:16]}.npz"
+    path = user_cache_path("nablahog") / f"{kind}-{code_key(LEARNED[kind].learn, Learner)[:16]}.npz"
     try:
         load(kind, path)
     except (OSError, ValueError):  # missing, or damaged by whatever else uses such folders

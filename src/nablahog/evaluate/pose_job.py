@@ -14,12 +14,10 @@ from numpy.typing import NDArray
 
 from ..hog.box import Box
 from ..io.images import as_array
-from ..jobs.store import JobResult, code, digest, source
+from ..jobs.store import JobResult
+from ..runtime.source import code_key
 from .models import Model
 from .pose_methods import PoseInput, PoseMethod, PoseOutcome, Table2Settings, coverage
-
-DECIDING = ("runtime", "io", "hog", "optimize", "render", "pose", "datasets")
-"""The parts of the package that decide the result."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +44,7 @@ class PoseJob:
             "models": [[model.name, model.digest()] for model in self.models],
             "initial": self.initial,
             "seed": self.settings.seed,
-            "code": [code(*DECIDING), digest(source(self.method.run))],
+            "code": code_key(PoseJob, self.method.run, *filter(None, [self.method.prepare])),
             "torch": torch.__version__,
             "shape": self.image.shape,
         }

@@ -15,12 +15,11 @@ from torch import Tensor
 
 from .. import metrics
 from ..io.images import as_array
-from ..jobs.store import JobResult, code, digest, source
+from ..jobs.store import JobResult, digest
+from ..runtime.source import code_key
 from .methods import Method, MethodOutput, Table1Settings
 
 Figures: TypeAlias = dict[str, float | None]  # by metric; None where one is not defined
-DECIDING = ("runtime", "io", "hog", "optimize", "invert", "metrics.py")
-"""The parts of the package that decide what is found and how it is measured."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,7 @@ class ReconstructionJob:
             "seed": settings.seed,
             "max_evaluations": settings.max_evaluations,
             "learned": None if learned is None else digest(learned),
-            "code": [code(*DECIDING), digest(source(method.run))],
+            "code": code_key(ReconstructionJob, method.run),
             "torch": torch.__version__,
             "shape": self.image.shape,
         }

@@ -24,6 +24,7 @@ from ..hog.presets import aubry
 from ..io.files import replacing
 from ..io.npz import check_format, read_arrays
 from ..render import Camera, Light, Mesh, Renderer, silhouette
+from ..runtime.source import code_key
 from .elements import all_patches, calibration, element_weights, most_discriminative, suppress_overlaps
 from .whitening import Background
 
@@ -230,7 +231,8 @@ class ExemplarLibrary:
     def __init__(self, folder: Path | None, background: Background, sampling: ViewSampling = VIEW_SAMPLING) -> None:
         self.folder, self.background, self.sampling = folder, background, sampling
         self._views: dict[str, ExemplarViews] = {}
-        self._common = hashlib.sha256(json.dumps([FORMAT, asdict(sampling), background.spec.to_json()]).encode())
+        facts = [FORMAT, code_key(learn_views), asdict(sampling), background.spec.to_json()]
+        self._common = hashlib.sha256(json.dumps(facts).encode())
         for array in (background.mean, background.covariance):
             self._common.update(array.numpy().tobytes())
 
