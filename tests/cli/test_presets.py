@@ -13,7 +13,7 @@ from PIL import Image
 
 import nablahog
 from nablahog import HOGSpec, presets
-from nablahog.cli.inputs.preset_parameters import PRESETS
+from nablahog.cli.arguments.preset_parameters import PRESETS
 from nablahog.cli.inputs.spec import make_spec
 from nablahog.cli.main import main
 from nablahog.invert.baselines.nearest import NearestWindows

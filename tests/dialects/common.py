@@ -7,7 +7,7 @@ import torch
 from skimage import data
 from torch import Tensor
 
-from nablahog.cli.inputs.preset_parameters import PRESETS
+from nablahog.cli.arguments.preset_parameters import PRESETS
 from nablahog.cli.inputs.spec import SpecOptions
 from nablahog.dialects.common_form import CommonForm, Orientations
 from nablahog.dialects.describer import Describer

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 import nablahog
 from nablahog import presets
 from nablahog.cli.arguments.main import parser
+from nablahog.cli.arguments.preset_parameters import PRESETS, as_text
 from nablahog.cli.inputs.arrays import ArrayOptions
-from nablahog.cli.inputs.preset_parameters import PRESETS, as_text
 from nablahog.cli.inputs.spec import SpecOptions, make_spec
 from nablahog.cli.inputs.suggestions import parameters_that_fit, presets_that_fit
 from nablahog.hog import HOGSpec

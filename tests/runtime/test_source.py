@@ -67,10 +67,10 @@ for name in ("uoctti-single", "dalal-multi-scale", "cnn-hog", "triangles", "open
     "table2": """
 from nablahog.evaluate.models import Model
 from nablahog.evaluate.pose_job import PoseJob
-from nablahog.evaluate.pose_methods import POSE_METHODS, PoseSettings
+from nablahog.evaluate.pose_methods import POSE_METHODS, Table2Settings
 from nablahog.hog.box import Box
 image = np.random.default_rng(0).random((1, 48, 48), np.float32)
-PoseJob(POSE_METHODS["best"], image, Box(4, 4, 44, 44), (Model("one", 1),), (30.0, 10.0), PoseSettings()).run()
+PoseJob(POSE_METHODS["best"], image, Box(4, 4, 44, 44), (Model("one", 1),), (30.0, 10.0), Table2Settings()).run()
 """,
 }
 

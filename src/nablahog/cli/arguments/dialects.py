@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from ..inputs.preset_parameters import PRESETS
-from ..inputs.spec import setting
 from . import options
-from .options import Parser
+from .options import Parser, setting
+from .preset_parameters import PRESETS
 
 SIZE = 256
 CELL = (8, 8)

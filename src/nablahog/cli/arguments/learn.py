@@ -7,10 +7,10 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from ...pose.options import ORDER
-from ..inputs.preset_parameters import DEFAULT_DESCRIPTOR
 from . import options
 from .options import Parser, integer
 from .pose import exemplars
+from .preset_parameters import DEFAULT_DESCRIPTOR
 
 SIZE = 512
 BOVW_SIZE = 128  # that of the images of Table 1

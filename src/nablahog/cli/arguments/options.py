@@ -10,8 +10,7 @@ from typing import NoReturn, get_args
 
 from ...hog.spec import Vote
 from ...invert.quality import QualityName
-from ..inputs.preset_parameters import DEFAULT_DESCRIPTOR, PRESETS
-from ..inputs.spec import setting
+from .preset_parameters import DEFAULT_DESCRIPTOR, PRESETS
 
 
 class Parser(argparse.ArgumentParser):
@@ -46,6 +45,13 @@ def image_size(text: str) -> tuple[int, int]:
     if match is None:
         raise argparse.ArgumentTypeError(f"expected pixels as HEIGHTxWIDTH, each at least 1, got {text!r}")
     return int(match[1]), int(match[2])
+
+
+def setting(text: str) -> tuple[str, str]:
+    key, equals, value = text.partition("=")
+    if not key or not equals:
+        raise argparse.ArgumentTypeError(f"expected KEY=VALUE, a parameter of the preset, got {text!r}")
+    return key, value
 
 
 def numbers(names: str) -> Callable[[str], tuple[float, ...]]:

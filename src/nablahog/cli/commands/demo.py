@@ -14,7 +14,7 @@ from ...io.files import replacing
 from ...io.images import limit_size, write_image
 from ...metrics import DEFINITIONS
 from ...viz import html
-from ..inputs.preset_parameters import PRESETS
+from ..arguments.preset_parameters import PRESETS
 from ..inputs.sources import from_photo
 from ..results.inversion import Inversion, invert_batch
 

@@ -10,7 +10,7 @@ from ...hog import HOGSpec
 from ...io.arrays import read_array
 from ...io.descriptor_file import StoredDescriptor
 from ...io.layouts import Fit, fit, is_row, shapes, stored
-from .preset_parameters import as_text, window_of
+from ..arguments.preset_parameters import as_text, window_of
 from .spec import SpecOptions
 from .suggestions import parameters_that_fit, presets_that_fit
 

@@ -3,27 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-from argparse import ArgumentTypeError, Namespace
+from argparse import Namespace
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from ...hog import HOGSpec
 from ...hog.spec import Vote
-from .preset_parameters import DEFAULT_DESCRIPTOR, PRESETS, as_text, defaults_of, parameters_of, parsed
+from ..arguments.preset_parameters import DEFAULT_DESCRIPTOR, PRESETS, as_text, defaults_of, parameters_of, parsed
 
 CELLS = ("cell_size", "pixels_per_cell")  # what presets call --cell
 _VOTES = ("vote", "bilinear_orientations", "bilinear")  # and --vote; the last two are whether votes are linear
 _WIDTH_FIRST = ("opencv",)  # whose sizes are (width, height)
 _FREE = ("name", "layout", "derivative")  # of a descriptor file: these decide none of its values
-
-
-def setting(text: str) -> tuple[str, str]:
-    """KEY=VALUE, for argparse."""
-    key, equals, value = text.partition("=")
-    if not key or not equals:
-        raise ArgumentTypeError(f"expected KEY=VALUE, a parameter of the preset, got {text!r}")
-    return key, value
 
 
 def make_spec(name: str, parameters: Mapping[str, Any]) -> HOGSpec:
@@ -44,7 +36,7 @@ class SpecOptions:
     """The conventions a user asked for; None where nothing was said.
 
     Attributes:
-        descriptor: a key of :data:`.preset_parameters.PRESETS`.
+        descriptor: a key of :data:`~nablahog.cli.arguments.preset_parameters.PRESETS`.
         cell: (height, width) of a cell in pixels.
         vote: orientation votes, for presets that leave them open.
         settings: parameters of the preset, (name, value) as texts; the last of a name counts.

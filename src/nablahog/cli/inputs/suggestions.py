@@ -9,7 +9,7 @@ from typing import Any, TypeAlias, get_args, get_origin
 
 from ...hog import HOGSpec
 from ...io.layouts import Fit, fit, is_row
-from .preset_parameters import PRESETS, as_text, defaults_of, parameters_of, window_of
+from ..arguments.preset_parameters import PRESETS, as_text, defaults_of, parameters_of, window_of
 from .spec import CELLS, make_spec
 
 Size: TypeAlias = tuple[int, int]

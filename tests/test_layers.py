@@ -1,0 +1,123 @@
+"""Who imports whom: downwards only, read from all import statements, those inside functions and for types included."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+import nablahog
+
+PACKAGE = Path(nablahog.__file__).parent
+
+# A room is a folder of the package, or a module beside the folders; "nablahog" is the package's own __init__.  A room
+# may import itself and the rooms that are named with it.  Rooms are listed from the bottom: all arrows point upwards
+# in this list, so that there is no cycle.
+MAY_IMPORT: dict[str, set[str]] = {
+    "runtime": set(),
+    "hog": {"runtime"},  # no optimiser
+    "io": {"hog", "runtime"},
+    "metrics": {"io"},
+    "optimize": {"runtime"},
+    "render": {"io", "runtime"},  # no HOG
+    "viz": {"hog", "io"},
+    "compat": {"hog", "io", "runtime"},
+    "datasets": {"hog", "io", "render"},
+    "jobs": {"io", "runtime"},
+    "invert": {"hog", "io", "metrics", "optimize", "runtime"},  # no pose
+    "pose": {"hog", "io", "metrics", "optimize", "render", "runtime"},  # no inversion
+    "dialects": {"compat", "hog", "io", "runtime", "viz"},
+}
+MAY_IMPORT["nablahog"] = {*MAY_IMPORT} - {"jobs"}
+MAY_IMPORT["evaluate"] = {*MAY_IMPORT} - {"dialects", "nablahog"}
+MAY_IMPORT["cli"] = {*MAY_IMPORT} - {"nablahog"}
+MAY_IMPORT["__main__"] = {"cli"}
+
+
+class Arrow(NamedTuple):
+    """An import of the module ``target`` at a line of the file ``source``; both relative to the package."""
+
+    source: Path
+    line: int
+    target: Path
+
+
+def room(module: Path) -> str:
+    if module == Path("__init__.py"):
+        return "nablahog"
+    return module.parts[0].removesuffix(".py")
+
+
+def arrows() -> Iterator[Arrow]:
+    """All imports of modules of the package by modules of the package."""
+    for file in sorted(PACKAGE.rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom | ast.Import):
+                for target in targets(node, file):
+                    yield Arrow(file.relative_to(PACKAGE), node.lineno, target.relative_to(PACKAGE))
+
+
+def targets(node: ast.ImportFrom | ast.Import, file: Path) -> Iterator[Path]:
+    if isinstance(node, ast.Import):
+        for alias in node.names:
+            if alias.name.split(".")[0] == PACKAGE.name:
+                yield from module(PACKAGE.parent.joinpath(*alias.name.split(".")))
+    elif node.level or (node.module or "").split(".")[0] == PACKAGE.name:
+        base = file.parents[node.level - 1] if node.level else PACKAGE.parent
+        path = base.joinpath(*(node.module or "").split("."))
+        for alias in node.names:
+            yield from module(path / alias.name) or module(path)
+
+
+def module(path: Path) -> list[Path]:
+    return [file for file in (path.with_name(f"{path.name}.py"), path / "__init__.py") if file.is_file()][:1]
+
+
+ARROWS = list(arrows())
+
+
+def test_rooms_are_listed_from_the_bottom() -> None:
+    rooms = list(MAY_IMPORT)
+    for number, (name, below) in enumerate(MAY_IMPORT.items()):
+        assert below <= set(rooms[:number]), name
+
+
+def test_every_room_has_its_rule() -> None:
+    assert {room(file.relative_to(PACKAGE)) for file in PACKAGE.rglob("*.py")} == set(MAY_IMPORT)
+
+
+def test_imports_point_downwards() -> None:
+    wrong = [
+        f"src/nablahog/{source}:{line} imports {target}: the room {room(source)} may import only "
+        f"{', '.join(sorted(MAY_IMPORT[room(source)])) or 'nothing'}"
+        for source, line, target in ARROWS
+        if room(target) not in {room(source), *MAY_IMPORT[room(source)]}
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize(("inner", "entrance"), [("hog/kernels", "hog/kernels/__init__.py"), ("cli/commands", "")])
+def test_inner_rooms_belong_to_one_room(inner: str, entrance: str) -> None:
+    """Compiled loops are called through their package, and commands are run by name."""
+    wrong = [
+        f"src/nablahog/{source}:{line} imports {target}: only {room(target)}/ may, other rooms {entrance or 'never'}"
+        for source, line, target in ARROWS
+        if target.is_relative_to(inner) and room(source) != room(target) and target != Path(entrance)
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_the_command_goes_one_way() -> None:
+    """Arguments know nothing else, inputs no results, and nothing but the entrance knows the commands."""
+    order = ("errors.py", "terminal.py", "arguments", "inputs", "results", "commands", "main.py")
+    wrong = [
+        f"src/nablahog/{source}:{line} imports {target}: in cli/, each may import only what is before it in {order}"
+        for source, line, target in ARROWS
+        if room(source) == room(target) == "cli"
+        and min(source.parts[1], target.parts[1]) != "__init__.py"
+        and order.index(target.parts[1]) > order.index(source.parts[1])
+    ]
+    assert not wrong, "\n".join(wrong)
