@@ -19,7 +19,7 @@ _COMMANDS = {
     "glyph": "hog.glyph",
     "invert": "invert.invert",
     "invert-template": "invert_template.invert_template",
-    "demo": "invert.demo",
+    "demo": "demo.demo",
     "table1": "table1.table1",
     "table2": "table2.table2",
     "pose": "pose.pose",
@@ -27,7 +27,7 @@ _COMMANDS = {
     **{f"learn {kind}": "learn.learn" for kind in KINDS},
     "learn exemplars": "learn_exemplars.learn_exemplars",
 }
-"""What each command runs, of which module: loaded when it is given, as most of them load PyTorch."""
+"""Module and function of each command; a module is imported when its command is run, as most import PyTorch."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,80 +1,71 @@
-"""The demonstration: one photograph, both descriptors of the paper, their pre-images, and a page that shows them."""
+"""``nablahog demo``: both descriptors of the paper of one photograph, inverted, and a page that shows them."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from functools import partial
+from argparse import Namespace
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
 import torch
+from torch import Tensor
 
-from ...io.files import replacing
+from ...io.files import output_folder, replacing
 from ...io.images import limit_size, write_image
+from ...io.sample_photographs import sample_photograph
 from ...metrics import DEFINITIONS
 from ...viz import html
 from ..arguments.preset_parameters import PRESETS
 from ..inputs.sources import from_photo
-from ..results.inversion import Inversion, invert_batch
+from ..results.inversion import Inversion, invert_batch, print_figures
+from ..terminal import progress_bars, say
 
 SIZE = 256
 DESCRIPTORS = ("paper", "uoctti")  # both of the paper
 LEAD = (
-    "Each row starts from a HOG descriptor alone: an image was sought whose descriptor is the same. The photograph is "
-    "shown for comparison only; the inversion never saw it. HOG keeps neither colour nor brightness, so the pre-image "
-    "is gray and compared with the gray photograph; in the difference, middle gray means equal. The paper's "
-    "descriptor, of unsigned gradients, does not even tell a region from its negative, so parts of that pre-image may "
-    "come out inverted."
+    "Each row starts from a HOG descriptor alone and shows an image with the same descriptor. The photograph is not an "
+    "input of the inversion; it is shown for comparison. HOG contains neither colour nor brightness, so the pre-image "
+    "is gray and is compared with the gray photograph. In the difference, middle gray means equal. The paper's "
+    "descriptor has unsigned gradients, which are the same for a region and its negative, so parts of that pre-image "
+    "may be inverted."
 )
 
 
-def run_demo(
-    folder: Path,
-    *,
-    device: torch.device,
-    seed: int,
-    progress: Callable[[str, int, int], None] | None = None,
-    max_evaluations: int | None = None,
-) -> list[Inversion]:
-    """Writes pictures, ``figures.json`` and ``index.html`` into ``folder``, which exists.
-
-    Args:
-        folder: where to write.
-        device: where to compute.
-        seed: of the starting images.
-        progress: called with the descriptor's name, the evaluations done and their largest number.
-        max_evaluations: of the objective, for each descriptor; None for the default.
-
-    Returns:
-        One inversion for each descriptor.
+def demo(arguments: Namespace) -> None:
+    """Inverts both descriptors of the paper of one photograph; writes pictures, ``figures.json`` and ``index.html``.
 
     Raises:
-        OSError: a file cannot be written.
+        OSError: the folder or a file cannot be written.
     """
-    from skimage import data  # slow to import; its astronaut ships inside the package, nothing is downloaded
+    device, photo = torch.device(arguments.device), limit_size(sample_photograph("astronaut"), SIZE)
+    with output_folder(arguments.output) as folder, progress_bars() as progress:
+        bars = {name: progress(name) for name in DESCRIPTORS}
+        inversions = []
+        for name, bar in bars.items():
+            source = from_photo("astronaut", name, photo, PRESETS[name](), size=0, device=device)
+            limit = arguments.max_evaluations
+            inversions += invert_batch(
+                [source], device=device, seed=arguments.seed, max_evaluations=limit, progress=bar
+            )
+        _write(folder, photo, inversions)
+    print_figures(inversions)
+    say(f"Look at {folder / 'index.html'}")
 
-    astronaut = torch.from_numpy(data.astronaut())  # type: ignore[no-untyped-call]
-    photo = limit_size(astronaut.permute(2, 0, 1) / 255, SIZE)
-    inversions = []
-    for name in DESCRIPTORS:
-        source = from_photo("astronaut", name, photo, PRESETS[name](), size=0, device=device)
-        called = None if progress is None else partial(progress, name)
-        inversions += invert_batch([source], device=device, seed=seed, max_evaluations=max_evaluations, progress=called)
+
+def _write(folder: Path, photo: Tensor, inversions: Sequence[Inversion]) -> None:
     write_image(folder / "photograph.png", photo)
     for inversion in inversions:
         inversion.write(folder)
         _, _, _, compared = inversion.panels()
         write_image(folder / f"{inversion.source.stem}_difference.png", compared.picture)
     figures = [inversion.figures() for inversion in inversions]
-    with replacing(folder / "figures.json") as file:
-        file.write(json.dumps(figures, indent=2).encode())
-    with replacing(folder / "index.html") as file:
-        file.write(_page(inversions).encode())
-    return inversions
+    for name, text in (("figures.json", json.dumps(figures, indent=2)), ("index.html", _page(inversions))):
+        with replacing(folder / name) as file:
+            file.write(text.encode())
 
 
-def _page(inversions: list[Inversion]) -> str:
+def _page(inversions: Sequence[Inversion]) -> str:
     sections = [
         html.Section(
             heading=f"{inversion.source.spec.name} descriptor",

@@ -1,11 +1,11 @@
-"""Descriptors of photographs, as ``nablahog hog`` saves them and ``nablahog glyph`` draws them."""
+"""``nablahog hog`` saves descriptors, ``nablahog glyph`` draws them."""
 
 from __future__ import annotations
 
 import json
 import os
 from argparse import Namespace
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from PIL import Image
@@ -15,7 +15,7 @@ from ...io.files import output_folder
 from ...io.images import write_image
 from ...viz.pictures import glyphs
 from ..errors import UserError, forbid_overwrite
-from ..inputs.sources import Source, sources_of
+from ..inputs.sources import Source, read_sources
 from ..terminal import print_table
 
 
@@ -31,7 +31,7 @@ def hog(arguments: Namespace) -> None:
         save_descriptor(path, source.descriptor, source.spec, source.image_size)
 
     is_file = not arguments.output.endswith(os.sep)  # a file of any name, since np.load does not mind
-    _write_each(arguments, ".npz", write, is_file=is_file)
+    _write_each(arguments, read_sources(arguments, arrays=False), ".npz", write, is_file=is_file)
 
 
 def glyph(arguments: Namespace) -> None:
@@ -48,12 +48,18 @@ def glyph(arguments: Namespace) -> None:
     suffix = Path(arguments.output).suffix.lower()
     if suffix != ".png" and suffix in Image.registered_extensions():
         raise UserError(f"glyphs are written as PNG: expected -o FILE.png or a folder, got {arguments.output}")
-    _write_each(arguments, "_glyphs.png", write, is_file=suffix == ".png")
+    _write_each(arguments, read_sources(arguments), "_glyphs.png", write, is_file=suffix == ".png")
 
 
-def _write_each(arguments: Namespace, ending: str, write: Callable[[Path, Source], None], *, is_file: bool) -> None:
-    """One result for each input: the file ``-o`` for a single one, if ``is_file``; else files in the folder ``-o``."""
-    sources = sources_of(arguments)
+def _write_each(
+    arguments: Namespace,
+    sources: Sequence[Source],
+    ending: str,
+    write: Callable[[Path, Source], None],
+    *,
+    is_file: bool,
+) -> None:
+    """Writes one result for each input: to the file ``-o`` if one input and ``is_file``, else to a folder."""
     output = Path(arguments.output)
     if len(sources) > 1 and output.suffix and ending.endswith(output.suffix.lower()):
         raise UserError(f"several inputs need a folder: expected -o DIR, got the file name {output}")

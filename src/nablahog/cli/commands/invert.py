@@ -1,4 +1,4 @@
-"""Images that have given descriptors, as ``nablahog invert`` finds them; and one example, ``nablahog demo``."""
+"""``nablahog invert``: images that have given descriptors."""
 
 from __future__ import annotations
 
@@ -9,14 +9,13 @@ from pathlib import Path
 
 import torch
 
+from ...evaluate.learned import load
+from ...invert import LearnedPrior
 from ...io.files import output_folder, replacing
-from ...metrics import DEFINITIONS
 from ..errors import UserError, as_user_error, forbid_overwrite
-from ..inputs.prior import prior_for
-from ..inputs.sources import sources_of
-from ..results.inversion import Inversion, batches, invert_batch, result_names
-from ..terminal import print_definitions, print_table, progress_bars, say
-from .demo import DESCRIPTORS, run_demo
+from ..inputs.sources import Source, read_sources
+from ..results.inversion import Inversion, batches, invert_batch, print_figures, result_names
+from ..terminal import progress_bars, say
 
 
 def invert(arguments: Namespace) -> None:
@@ -26,18 +25,16 @@ def invert(arguments: Namespace) -> None:
         UserError: an input is unusable.
         OSError: a file or folder is missing or cannot be written.
     """
-    sources = sources_of(arguments)
-    if arguments.colour and arguments.prior:
-        raise UserError("--colour and --prior exclude each other: what is learned are gray images")
-    prior = prior_for(arguments, [(source.path, source.spec) for source in sources])
+    sources = read_sources(arguments, keep_photos=True)
+    prior = _prior(arguments, sources)
     folder = Path(arguments.output)
     forbid_overwrite(arguments.inputs, [folder / name for source in sources for name in result_names(source)])
-    done: dict[int, Inversion] = {}
+    inversions: dict[int, Inversion] = {}
     with output_folder(folder):
         for number, batch in enumerate(groups := batches(sources), start=1):
             about = f"batch {number} of {len(groups)}, {len(batch)} x {sources[batch[0]].spec.name}"
             with progress_bars() as progress, as_user_error(f"{', '.join(sources[i].path for i in batch)}: "):
-                found = invert_batch(
+                results = invert_batch(
                     [sources[i] for i in batch],
                     device=torch.device(arguments.device),
                     quality=arguments.quality,
@@ -47,39 +44,29 @@ def invert(arguments: Namespace) -> None:
                     colour=arguments.colour,
                     progress=progress(about),
                 )
-            done.update(zip(batch, found, strict=True))
-            for index in batch:
-                done[index].write(folder)
+            for index, inversion in zip(batch, results, strict=True):
+                inversion.write(folder)
+                inversions[index] = inversion
             # after each batch, so that an interrupted run leaves its finished part whole
-            figures = [done[index].figures() for index in sorted(done)]
+            figures = [inversions[index].figures() for index in sorted(inversions)]
             with replacing(folder / "results.json") as file:
                 file.write((json.dumps(figures, indent=2, allow_nan=False) + "\n").encode())
     if arguments.json:
         print(json.dumps(figures, indent=2, allow_nan=False))
     else:
-        _print_figures([done[index] for index in sorted(done)])
+        print_figures([inversions[index] for index in sorted(inversions)])
         say(f"Results in {folder}")
 
 
-def demo(arguments: Namespace) -> None:
-    """Inverts both descriptors of the paper of one photograph.
-
-    Raises:
-        OSError: the folder or a file cannot be written.
-    """
-    with output_folder(arguments.output) as folder, progress_bars() as progress:
-        tasks = {name: progress(name) for name in DESCRIPTORS}
-        inversions = run_demo(
-            folder,
-            device=torch.device(arguments.device),
-            seed=arguments.seed,
-            progress=lambda name, done, total: tasks[name](done, total),
-            max_evaluations=arguments.max_evaluations,
-        )
-    _print_figures(inversions)
-    say(f"Look at {folder / 'index.html'}")
-
-
-def _print_figures(inversions: Sequence[Inversion]) -> None:
-    print_table([inversion.row() for inversion in inversions])
-    print_definitions(DEFINITIONS)
+def _prior(arguments: Namespace, sources: Sequence[Source]) -> LearnedPrior | None:
+    """The prior of the option ``--prior``, which must have been learned for the specs of all sources."""
+    if arguments.prior is None:
+        return None
+    if arguments.colour:
+        raise UserError("--colour and --prior exclude each other: the prior was learned from gray images")
+    with as_user_error():
+        prior: LearnedPrior = load("prior", Path(arguments.prior))
+    for source in sources:
+        with as_user_error(f"{source.path}: "):
+            prior.check(source.spec)
+    return prior

@@ -18,7 +18,7 @@ from ...evaluate.table2 import Table2, run_table2, write_tables
 from ...io.files import output_folder, replacing
 from ...io.sample_photographs import SAMPLE_NAMES, sample_photograph
 from ...jobs.runner import cores
-from ..arguments.pose import SCENES
+from ..arguments.tables import SCENES
 from ..errors import UserError, as_user_error
 from ..terminal import counter, print_definitions, print_table, say
 

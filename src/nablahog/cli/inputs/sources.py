@@ -1,9 +1,8 @@
-"""What the command line works on: photographs and descriptor files, read and checked."""
+"""The inputs of a command: photographs, descriptor files and arrays of other libraries, read and checked."""
 
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -41,70 +40,47 @@ class Source:
     photo: Tensor | None
 
 
-def read_sources(
-    paths: Sequence[str],
-    wanted: SpecOptions,
-    *,
-    size: int,
-    device: torch.device,
-    keep_photos: bool,
-    raw: ArrayOptions | None = None,
-) -> list[Source]:
-    """Reads and checks all inputs, computing the descriptors of the photographs among them.
+def read_sources(arguments: Namespace, *, arrays: bool = True, keep_photos: bool = False) -> list[Source]:
+    """Reads and checks the ``inputs`` of a command; computes the descriptors of the photographs among them.
 
     Args:
-        paths: photographs, of any format Pillow reads, descriptor files, and arrays of other libraries.
-        wanted: the spec for photographs and arrays, and what descriptor files must not contradict.
-        size: photographs are shrunk to at most so many pixels on the longer side; 0 leaves them as they are.
-        device: where descriptors are computed.
+        arguments: ``inputs``: photographs of any format that Pillow reads, descriptor files, arrays of other libraries;
+            the options of their dialect; ``size``: photographs are shrunk to at most so many pixels on the longer side,
+            0 for never; ``device``: computes the descriptors.
+        arrays: whether inputs may be arrays of other libraries.
         keep_photos: whether the photographs are needed afterwards.
-        raw: what was said of arrays; None if these are not wanted.
 
     Returns:
-        One source for each path, in order.
+        One source for each input, in order.
 
     Raises:
-        ValueError, FileNotFoundError: the first input that is wrong, with its path.
-    """
-    sources, arrays = [], 0
-    for path, stem in zip(paths, distinct_stems([Path(path) for path in paths]), strict=True):
-        if raw is not None and is_raw(path):
-            sources.append(_from_stored(path, stem, raw.read(path, wanted)))
-            arrays += 1
-        elif is_descriptor_file(path):
-            sources.append(_from_descriptor_file(path, stem, wanted))
-        else:
-            photo = read_image(path)
-            sources.append(from_photo(path, stem, photo, wanted.spec(), size=size, device=device))
-            if not keep_photos:
-                sources[-1] = replace(sources[-1], photo=None)
-    if raw is not None and not arrays:
-        raw.check_unused()
-    return sources
-
-
-def sources_of(arguments: Namespace) -> list[Source]:
-    """What :func:`read_sources` reads for a command with ``inputs`` and the options of their dialect and size.
-
-    Raises:
-        UserError: an input or an option is unusable.
+        UserError: an option, or the first input that is wrong, with its path.
         OSError: a file is missing.
     """
     with as_user_error():
-        return read_sources(
-            arguments.inputs,
-            SpecOptions.of(arguments),
-            size=arguments.size,
-            device=torch.device(arguments.device),
-            keep_photos=arguments.command == "invert",
-            raw=None if arguments.command == "hog" else ArrayOptions.of(arguments),
-        )
+        spec_options = SpecOptions.of(arguments)
+        array_options = ArrayOptions.of(arguments) if arrays else None
+        stems = distinct_stems([Path(path) for path in arguments.inputs])
+        sources, no_array = [], True
+        for path, stem in zip(arguments.inputs, stems, strict=True):
+            if array_options is not None and is_raw(path):
+                source = _from_stored(path, stem, array_options.read(path, spec_options))
+                no_array = False
+            elif is_descriptor_file(path):
+                source = _from_descriptor_file(path, stem, spec_options)
+            else:
+                photo, device = read_image(path), torch.device(arguments.device)
+                source = from_photo(path, stem, photo, spec_options.spec(), size=arguments.size, device=device)
+            sources.append(source if keep_photos else replace(source, photo=None))
+        if array_options is not None and no_array:
+            array_options.check_unused()
+    return sources
 
 
-def _from_descriptor_file(path: str, stem: str, wanted: SpecOptions) -> Source:
+def _from_descriptor_file(path: str, stem: str, options: SpecOptions) -> Source:
     stored = load_descriptor(path)
     try:
-        wanted.check(stored.spec)
+        options.check(stored.spec)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     return _from_stored(path, stem, stored)
@@ -120,10 +96,10 @@ def _from_stored(path: str, stem: str, stored: StoredDescriptor) -> Source:
 
 
 def from_photo(path: str, stem: str, photo: Tensor, spec: HOGSpec, *, size: int, device: torch.device) -> Source:
-    """A photograph (C, H, W) in 0…1, shrunk as in :func:`read_sources`, with its descriptor.
+    """Computes the descriptor of a photograph (C, H, W) in 0…1, shrunk as in :func:`read_sources`.
 
     Raises:
-        ValueError: it is then smaller than a cell; the message begins with ``path``.
+        ValueError: the shrunk photograph is smaller than a cell; the message begins with ``path``.
     """
     small = limit_size(photo, size) if size else photo
     height, width = small.shape[-2:]

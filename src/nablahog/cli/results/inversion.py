@@ -1,10 +1,11 @@
-"""Inverting a list of sources in batches, with the figures of each."""
+"""Inversion of sources in batches: images, figures and files."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +22,12 @@ from ...io.files import replacing
 from ...io.images import write_image
 from ...viz.pictures import Panel, contact_sheet, difference, glyphs
 from ..inputs.sources import Source
+from ..terminal import print_definitions, print_table
 
-BATCH_PIXELS = 2**21  # 32 images of 256x256: after each batch, what has been found is written
+BATCH_PIXELS = 2**21  # 32 images of 256x256: results are written after each batch
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Inversion:
     """A source with its pre-image and figures.
 
@@ -81,14 +83,15 @@ class Inversion:
 
     def panels(self) -> list[Panel]:
         """The pictures to show side by side: photograph and difference only where the photograph is known."""
-        drawn = [Panel(self.glyphs(), f"glyphs, {self.source.spec.name}"), Panel(self.preimage, "pre-image")]
+        drawn = [Panel(self.glyphs, f"glyphs, {self.source.spec.name}"), Panel(self.preimage, "pre-image")]
         if self.source.photo is None or self.reference is None:
             return drawn
         compared = Panel(difference(_gray(self.preimage), self.reference), "pre-image - photograph")
         return [Panel(self.source.photo, "photograph"), *drawn, compared]
 
+    @cached_property
     def glyphs(self) -> NDArray[Any]:
-        """The glyph picture of the given descriptor, as :func:`nablahog.viz.pictures.glyphs` draws it."""
+        """The glyphs of the input descriptor, as :func:`nablahog.viz.pictures.glyphs` draws them."""
         return glyphs(self.source.descriptor, self.source.spec)
 
     def write(self, folder: Path) -> None:
@@ -97,11 +100,12 @@ class Inversion:
         Raises:
             OSError: a file cannot be written.
         """
-        preimage, drawn, thumbnails = (folder / name for name in result_names(self.source))
+        sheet = contact_sheet([self.panels()])
+        preimage, glyph_picture, thumbnails = (folder / name for name in result_names(self.source))
         write_image(preimage, self.preimage)
-        write_image(drawn, self.glyphs())
+        write_image(glyph_picture, self.glyphs)
         with replacing(thumbnails) as file:
-            contact_sheet([self.panels()]).save(file, format="PNG")
+            sheet.save(file, format="PNG")
 
 
 def result_names(source: Source) -> list[str]:
@@ -140,22 +144,22 @@ def invert_batch(
         seed: of the starting images.
         quality: as :func:`nablahog.reconstruct` has it.
         max_evaluations: of the objective; None for those of the quality.
-        prior: what to expect of the images, learned for the spec; None for nothing learned.
-        colour: whether images in colour are found, not gray ones; nothing learned is used then.
+        prior: learned for the spec; None for none.
+        colour: whether to find images in colour, without a prior.
         progress: called with the evaluations done and their largest number.
 
     Returns:
         One inversion for each source, in order.
 
     Raises:
-        ValueError: as :func:`nablahog.reconstruct`; the prior was learned for another spec, or the spec is of gray
-            images, which none in colour is found for.
+        ValueError: as :func:`nablahog.reconstruct`; the prior was learned for another spec; ``colour`` with a spec of
+            gray images.
     """
     descriptors = torch.stack([source.descriptor for source in sources]).to(device)
     limit: dict[str, Any] = {} if max_evaluations is None else {"max_evaluations": max_evaluations}
     spec, image_size = sources[0].spec, sources[0].image_size
-    find = reconstruct_colour if colour else reconstruct if prior is None else prior.reconstruct
-    result = find(descriptors, spec, image_size, quality=quality, seed=seed, progress=progress, **limit)
+    method = reconstruct_colour if colour else reconstruct if prior is None else prior.reconstruct
+    result = method(descriptors, spec, image_size, quality=quality, seed=seed, progress=progress, **limit)
     inversions = []
     for index, source in enumerate(sources):
         preimage = result.image[index].detach().float().cpu()
@@ -174,6 +178,12 @@ def invert_batch(
     return inversions
 
 
+def print_figures(inversions: Sequence[Inversion]) -> None:
+    """Prints the table of the inversions, at least one, and what its figures mean."""
+    print_table([inversion.row() for inversion in inversions])
+    print_definitions(metrics.DEFINITIONS)
+
+
 def _gray(preimage: Tensor) -> Tensor:
     """(H, W), by Eq. 1, of an image (H, W) or (3, H, W)."""
     return preimage if preimage.dim() == 2 else gray(preimage[None])[0, 0].clamp(0, 1)
@@ -183,7 +193,8 @@ def _compared(preimage: Tensor, reference: Tensor | None) -> dict[str, float | N
     measures = {"cc": metrics.cross_correlation, "mi": metrics.mutual_information, "ssim": metrics.ssim}
     if reference is None:
         return dict.fromkeys(measures)
-    return {name: _finite(measure(preimage, reference)) for name, measure in measures.items()}
+    figures = {name: measure(preimage, reference) for name, measure in measures.items()}
+    return {name: _finite(figure) for name, figure in figures.items()}
 
 
 def _finite(value: float) -> float | None:

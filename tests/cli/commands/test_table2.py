@@ -17,7 +17,7 @@ from nablahog.cli.main import main
 from nablahog.evaluate import pose_job
 from nablahog.evaluate.pose_methods import POSE_METHODS, PoseInput, PoseMethod, PoseOutcome, Table2Settings
 
-from .common import names
+from ..common import names
 
 TABLES = ["failures.csv", "index.html", "median_error.csv", "per_object.csv", "summary.csv"]
 TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"

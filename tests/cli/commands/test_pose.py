@@ -20,7 +20,7 @@ from nablahog.pose.background import default_background
 from nablahog.render import Mesh
 from tests.pose.common import SWIVEL, WOODEN, degrees_between, model, photographed
 
-from .common import names
+from ..common import names
 
 AZIMUTH, ELEVATION = 130, 12
 WEDGE = "OFF\n6 5 0\n0 0 0\n2 0 0\n2 1 0\n0 1 0\n0 1 2\n2 1 2\n4 0 1 2 3\n4 3 2 5 4\n4 4 5 1 0\n3 0 3 4\n3 1 5 2\n"

@@ -18,7 +18,7 @@ from PIL import Image
 
 from nablahog.cli.main import main
 
-from .common import CHELSEA, names
+from ..common import CHELSEA, names
 
 TABLES = ["failures.csv", "index.html", "per_image.csv", "summary.csv", "times.csv"]
 SAME = ["failures.csv", "per_image.csv", "summary.csv"]

@@ -21,7 +21,7 @@ from nablahog.io.descriptor_file import load_descriptor, save_descriptor
 from nablahog.io.images import Picture, read_image, to_pil
 from nablahog.viz.pictures import glyphs
 
-from .common import CHELSEA, names
+from ..common import CHELSEA, names
 
 SIZE = (56, 64)
 FEW = ["--max-evaluations", "40"]

@@ -21,7 +21,7 @@ from nablahog.cli.main import main
 from nablahog.io.arrays import is_raw, read_array
 from nablahog.io.images import read_image
 
-from .common import CHELSEA
+from ..common import CHELSEA
 
 SPEC = presets.vlfeat()
 SIZE = (48, 64)

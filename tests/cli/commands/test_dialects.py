@@ -14,7 +14,7 @@ from PIL import Image
 from nablahog.cli.main import main
 from nablahog.io.images import read_image
 
-from .common import CHELSEA, names
+from ..common import CHELSEA, names
 
 SMALL = ["--presets", "vlfeat,dpm,skimage", "--size", "64"]
 RESULTS = ["dialects.csv", "dialects.png", "index.html", "ties.csv"]

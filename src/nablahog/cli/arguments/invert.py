@@ -1,0 +1,92 @@
+"""The arguments of ``nablahog hog``, ``glyph``, ``invert``, ``invert-template`` and ``demo``."""
+
+from __future__ import annotations
+
+import argparse
+
+from . import options
+from .options import Parser
+
+SIZE = 256
+
+
+def hog(commands: argparse._SubParsersAction[Parser]) -> None:
+    """Adds ``nablahog hog``."""
+    command = commands.add_parser(
+        "hog",
+        help="compute the descriptors of photographs",
+        description="Computes the HOG descriptor of each photograph and saves it with its spec.",
+    )
+    command.add_argument("inputs", nargs="+", metavar="PHOTO", help="an image of any format that Pillow reads")
+    options.output(command, "FILE", "descriptor file (.npz) of one photograph; of several, a folder for one file each")
+    options.common(command, 0)
+
+
+def glyph(commands: argparse._SubParsersAction[Parser]) -> None:
+    """Adds ``nablahog glyph``."""
+    command = commands.add_parser(
+        "glyph",
+        help="draw descriptors",
+        description="Draws each descriptor as glyphs: in each cell, strokes along its edges.",
+    )
+    options.inputs(command)
+    options.output(
+        command, "FILE", "PNG file for one input; any name that does not end in .png is a folder for one file each"
+    )
+    options.common(command, SIZE)
+
+
+def invert(commands: argparse._SubParsersAction[Parser]) -> None:
+    """Adds ``nablahog invert``."""
+    command = commands.add_parser(
+        "invert",
+        help="find images that have given descriptors",
+        description="Finds, for each descriptor, an image that has it, and compares it with the photograph if known. "
+        "Leaves <stem>_preimage.png, _glyphs.png and _thumbnails.png in the folder, and results.json.",
+    )
+    options.inputs(command)
+    options.output(command, "DIR", "folder for the results, made if missing")
+    options.common(command, SIZE)
+    options.minimiser(command)
+    options.quality(command)
+    options.prior(command, "for descriptors of the spec that it was learned for")
+    command.add_argument(
+        "--colour",
+        action="store_true",
+        help="find images in colour, for descriptors that read colour; which colours is a guess, as they do not say",
+    )
+
+
+def invert_template(commands: argparse._SubParsersAction[Parser]) -> None:
+    """Adds ``nablahog invert-template``."""
+    command = commands.add_parser(
+        "invert-template",
+        help="show what a linear detector looks for",
+        description="Shows what the positive and the negative weights of linear templates see: of DPM models "
+        "(voc-release5 .mat), root and parts of each component; of arrays of weights, such as an SVM's. Leaves "
+        "<stem>_positive.png, <stem>_negative.png and <stem>_templates.png, with glyphs, in the folder.",
+    )
+    command.add_argument(
+        "inputs",
+        nargs="+",
+        metavar="FILE",
+        help="a model of voc-release5 (.mat), or an array of weights (.npy, .npz, .mat), with or without a bias at its "
+        "end; it needs --preset, but for OpenCV's people detectors",
+    )
+    options.output(command, "DIR", "folder for the results, made if missing")
+    options.of_arrays(command)
+    options.dialect(command, "type of descriptor that an array is for")
+    options.device_option(command)
+    options.minimiser(command)
+
+
+def demo(commands: argparse._SubParsersAction[Parser]) -> None:
+    """Adds ``nablahog demo``."""
+    command = commands.add_parser(
+        "demo",
+        help="invert a photograph that comes with scikit-image",
+        description="Inverts both descriptors of one photograph and writes pictures, figures and a page to look at.",
+    )
+    options.output(command, "DIR", "folder for the results, made if missing")
+    options.device_option(command)
+    options.minimiser(command)

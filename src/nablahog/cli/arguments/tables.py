@@ -1,0 +1,62 @@
+"""The arguments of ``nablahog table1`` and ``nablahog table2``."""
+
+from __future__ import annotations
+
+import argparse
+
+from ...evaluate.names import DIALECTS, TABLE1, TABLE2
+from . import options
+from .learn import KINDS
+from .options import Parser, integer
+
+TABLE1_SIZE = 128  # that of the paper's images
+SCENES = 200  # of Table 2
+
+
+def table1(commands: argparse._SubParsersAction[Parser]) -> None:
+    """Adds ``nablahog table1``."""
+    command = commands.add_parser(
+        "table1",
+        help="compare all methods on a folder of images",
+        description="Inverts the descriptors of all images by all methods of the paper's Table 1 and writes the table: "
+        "index.html to look at, summary.csv, per_image.csv, times.csv and failures.csv. A run that was interrupted "
+        "goes on when it is repeated.",
+    )
+    options.images(command)
+    options.table(command, TABLE1, {"dialects": DIALECTS})
+    command.add_argument("--limit", type=integer(1), metavar="N", help="only the first N images")
+    options.size(command, TABLE1_SIZE)
+    options.minimiser(command)
+    options.prior(command, "needed by, and only by, uoctti-learned")
+    for kind in (method for method in TABLE1 if method in KINDS):
+        text = f"what `nablahog learn {kind}` wrote, for the method {kind}"
+        default = "default: learned once from photographs that come with scikit-image"
+        command.add_argument(f"--{kind}", metavar="FILE", help=f"{text} ({default})")
+
+
+def table2(commands: argparse._SubParsersAction[Parser]) -> None:
+    """Adds ``nablahog table2``."""
+    command = commands.add_parser(
+        "table2",
+        help="compare all methods on objects of known pose",
+        description="Finds the poses of many objects by all methods of the paper's Table 2 and writes the table: "
+        "index.html to look at, summary.csv, median_error.csv, per_object.csv and failures.csv. The objects are "
+        "procedural chairs in scenes that are rendered, or those of PASCAL VOC and PASCAL3D+. A run that was "
+        "interrupted goes on when it is repeated.",
+    )
+    options.table(command, TABLE2)
+    command.add_argument(
+        "--objects", type=integer(1), metavar="N", help=f"how many (default: {SCENES} scenes, or all of --pascal3d)"
+    )
+    command.add_argument(
+        "--models", metavar="DIR", help="folder of CAD models (default: procedural chairs, or those of --pascal3d)"
+    )
+    command.add_argument(
+        "--viewpoints", metavar="CSV", help="viewpoints of the scenes: columns azimuth, elevation, and theta if known"
+    )
+    command.add_argument(
+        "--unknown-model", action="store_true", help="leave an object's own model out, and choose among all others"
+    )
+    command.add_argument("--voc", metavar="DIR", help="the folder VOC2012 of PASCAL VOC")
+    command.add_argument("--pascal3d", metavar="DIR", help="the folder PASCAL3D+_release1.1; needs --voc")
+    options.seed(command)

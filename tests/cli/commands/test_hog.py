@@ -1,0 +1,63 @@
+"""``nablahog hog`` and ``nablahog glyph``."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+import torch
+from PIL import Image
+
+import nablahog
+from nablahog import presets
+from nablahog.cli.main import main
+from nablahog.io.descriptor_file import load_descriptor
+from nablahog.io.images import read_image
+
+from ..common import CHELSEA, names
+
+
+def test_hog_writes_the_descriptor_with_its_spec(tmp_path: Path, photo: str) -> None:
+    out = tmp_path / "new" / "d.npz"
+    assert main(["hog", photo, "-o", str(out)]) == 0
+    stored = load_descriptor(out)
+    assert stored.spec == presets.uoctti(8)
+    assert stored.image_size == (60, 80)
+    torch.testing.assert_close(stored.descriptor, nablahog.hog(read_image(photo)[None], stored.spec)[0])
+
+
+def test_hog_options(tmp_path: Path, photo: str) -> None:
+    for options, spec in [
+        (["--descriptor", "paper", "--cell", "8x6"], presets.paper((8, 6))),
+        (["--vote", "hard", "--cell", "4"], presets.uoctti(4, vote="hard")),
+    ]:
+        assert main(["hog", photo, "-o", str(tmp_path / "d.npz"), "--size", "64", *options]) == 0
+        stored = load_descriptor(tmp_path / "d.npz")
+        assert stored.spec == spec
+        assert stored.image_size == (48, 64)
+
+
+def test_hog_of_several_makes_a_folder(tmp_path: Path, photo: str, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "in2").mkdir()
+    Image.fromarray(CHELSEA[:48, :64]).save(tmp_path / "in2" / "cat.jpg")
+    assert main(["hog", photo, str(tmp_path / "in2" / "cat.jpg"), "-o", str(tmp_path / "out"), "--json"]) == 0
+    assert names(tmp_path / "out") == ["cat.npz", "cat_2.npz"]
+    rows = json.loads(capsys.readouterr().out)
+    assert [row["output"] for row in rows] == [str(tmp_path / "out" / name) for name in ("cat.npz", "cat_2.npz")]
+    assert rows[1]["shape"] == [6, 8, 31]
+    assert load_descriptor(tmp_path / "out" / "cat_2.npz").image_size == (48, 64)
+
+
+def test_hog_into_a_folder(tmp_path: Path, photo: str) -> None:
+    assert main(["hog", photo, "-o", str(tmp_path / "new") + os.sep]) == 0
+    assert main(["hog", photo, "-o", str(tmp_path / "new")]) == 0
+    assert names(tmp_path / "new") == ["cat.npz"]
+
+
+def test_glyph(tmp_path: Path, photo: str, descriptor: str) -> None:
+    assert main(["glyph", photo, "-o", str(tmp_path / "g.png"), "--size", "64"]) == 0
+    assert read_image(tmp_path / "g.png").shape == (1, 6 * 16, 8 * 16)
+    assert main(["glyph", photo, descriptor, "-o", str(tmp_path / "out")]) == 0
+    assert names(tmp_path / "out") == ["cat_glyphs.png", "stored_glyphs.png"]

@@ -1,0 +1,70 @@
+"""``nablahog invert``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+import nablahog
+from nablahog import presets
+from nablahog.cli.main import main
+from nablahog.io.images import read_image
+
+from ..common import FAST, SMALL, names
+
+
+def test_invert(tmp_path: Path, photo: str, descriptor: str, capsys: pytest.CaptureFixture[str]) -> None:
+    capsys.readouterr()
+    assert main(["invert", photo, descriptor, photo, "-o", str(tmp_path / "out"), *SMALL]) == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    assert "Pearson correlation" in printed.out
+    pictures = [f"{s}_{w}.png" for s in ("cat", "cat_2", "stored") for w in ("glyphs", "preimage", "thumbnails")]
+    assert names(tmp_path / "out") == sorted([*pictures, "results.json"])
+    results = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert [result["input"] for result in results] == [photo, descriptor, photo]
+    for result in results:
+        assert {"input", "descriptor", "cc", "mi", "ssim", "distance", "seconds"} <= set(result)
+        assert result["descriptor"] == "uoctti"
+        assert result["image_size"] == [36, 48]
+        assert 0 < result["distance"] < 1
+        assert read_image(tmp_path / "out" / result["preimage"]).shape == (1, 36, 48)
+    known, unknown, _ = results
+    assert all(isinstance(known[name], float) for name in ("cc", "mi", "ssim"))
+    assert unknown["cc"] is unknown["mi"] is unknown["ssim"] is None
+
+
+def test_invert_prints_the_list_it_writes(tmp_path: Path, photo: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["invert", photo, "-o", str(tmp_path / "out"), "--json", *FAST]) == 0
+    assert json.loads(capsys.readouterr().out) == json.loads((tmp_path / "out" / "results.json").read_text())
+
+
+def test_the_seed_decides(tmp_path: Path, photo: str) -> None:
+    made = []
+    for seed in ("0", "0", "1"):
+        assert main(["invert", photo, "-o", str(tmp_path / "out"), "--seed", seed, *FAST]) == 0
+        made.append((tmp_path / "out" / "cat_preimage.png").read_bytes())
+    assert made[0] == made[1] != made[2]
+
+
+def test_a_flat_photograph(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its descriptor is zero, to which no distance is relative: either a result without NaN, or one clear sentence."""
+    Image.new("L", (32, 32), 128).save(tmp_path / "flat.png")
+    for kind in ("paper", "uoctti"):
+        status = main(["invert", str(tmp_path / "flat.png"), "-o", str(tmp_path / "out"), "--descriptor", kind, *SMALL])
+        if status == 0:
+            assert "NaN" not in (tmp_path / "out" / "results.json").read_text()
+        else:
+            assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_invert_fast(tmp_path: Path, photo: str) -> None:
+    spec, descriptor = presets.uoctti(8), nablahog.hog(read_image(photo)[None], presets.uoctti(8))
+    expected = nablahog.reconstruct(descriptor, spec, (60, 80), quality="fast")
+    assert main(["invert", photo, "--quality", "fast", "-o", str(tmp_path / "out")]) == 0
+    figures = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert figures[0]["distance"] == pytest.approx(float(expected.distance))
+    assert main(["invert", photo, "--quality", "good", "-o", str(tmp_path / "out")]) == 2
