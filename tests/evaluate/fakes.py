@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from nablahog.evaluate.methods import Method, MethodOutput, Table1Settings
-from nablahog.evaluate.published import DALAL, UOCTTI
+from nablahog.evaluate.names import DALAL, UOCTTI
 
 
 def _shifted(image: Tensor, settings: Table1Settings, *, by: float) -> list[MethodOutput]:

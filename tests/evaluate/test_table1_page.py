@@ -9,7 +9,7 @@ import pytest
 
 from nablahog.evaluate import table1_page
 from nablahog.evaluate.methods import METHODS, Method, Table1Settings
-from nablahog.evaluate.published import UOCTTI
+from nablahog.evaluate.names import UOCTTI
 from nablahog.evaluate.table1 import Table1
 
 from .common import made, photographs, write_prior

@@ -1,4 +1,4 @@
-"""The methods of Table 1.  A new one is one more entry of :data:`METHODS`, and its name in :mod:`.names`."""
+"""The methods of Table 1.  A new one is an entry of :data:`METHODS`, and its name in :mod:`.names`."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from ..invert.baselines.triangles import TRIANGLES, reconstruct_by_triangles
 from ..invert.multiscale import SCALES, level_spec
 from ..invert.start import enlarge
 from .learned import LEARNED, SPEC, load
-from .published import DALAL, LIBRARIES, NO_HOG, PUBLISHED, UOCTTI, Published
+from .names import DALAL, DIALECTS, LIBRARIES, NO_HOG, UOCTTI
 
 
 @dataclass(frozen=True)
 class Table1Settings:
-    """What a whole run has in common.
+    """The settings of all methods of a run.
 
     Attributes:
         seed: of everything random.
         max_evaluations: of the objective, for each image; None for the method's own default.
-        learned: files of what methods need that have learned from photographs, by the names of :data:`.LEARNED`.
+        learned: files that methods learned from photographs, by the names of :data:`.LEARNED`.
     """
 
     seed: int = 0
@@ -37,7 +37,7 @@ class Table1Settings:
 
 @dataclass(frozen=True)
 class MethodOutput:
-    """What a method found: an image (H, W), float in 0…1, of the original's size, and ‖φ(image) − d‖ / ‖d‖."""
+    """An image (H, W), float in 0…1, of the original's size, and its distance ‖φ(image) − d‖ / ‖d‖."""
 
     image: Tensor
     distance: float
@@ -52,12 +52,12 @@ class Method:
 
     Attributes:
         name: unique.
-        group: what it starts from, one of :data:`.published.GROUPS`.
-        run: from an image (1, 1, H, W), float32 in 0…1, to one finding for each of ``rows``, in order.  It depends on
+        group: its kind of input, one of :data:`.names.GROUPS`.
+        run: from an image (1, 1, H, W), float32 in 0…1, to one output for each of ``rows``, in order.  It depends on
             nothing but its arguments, and raises ValueError with one sentence for an image it cannot take.  Worker
             processes import it, so it is a function of a module, or a ``functools.partial`` of one.
-        spec: the dialect of the descriptor it starts from; None if that is no HOG.
-        multiscale: whether it has a row for each of :data:`SCALES`, too.
+        spec: the dialect of its input descriptor; None if that is no HOG.
+        multiscale: whether it also has a row for each of :data:`SCALES`.
         needs: the kind of learned file that it reads, a key of ``Table1Settings.learned``; None if it reads none.
         asked: whether it runs only if it is asked for by name.
     """
@@ -79,11 +79,6 @@ class Method:
     def rows(self) -> tuple[str, ...]:
         """Its rows of the table: its name, which stands for the last level if it has levels, and these."""
         return (self.name, *self.levels)
-
-    @property
-    def paper(self) -> dict[str, Published]:
-        """The published figures of its rows, of those that have any."""
-        return {row: PUBLISHED[row] for row in self.rows if row in PUBLISHED}
 
 
 def _limit(settings: Table1Settings) -> dict[str, Any]:
@@ -155,10 +150,6 @@ def _variants(prefix: str, group: str, spec: HOGSpec) -> list[Method]:
     ]
 
 
-def _dialect(name: str, spec: HOGSpec) -> Method:
-    return Method(name, LIBRARIES, partial(_single, spec=spec), spec, asked=True)
-
-
 METHODS = {
     method.name: method
     for method in (
@@ -172,36 +163,23 @@ METHODS = {
         *_variants("uoctti", UOCTTI, SPEC),
         Method("uoctti-learned", UOCTTI, partial(_learned, kind="prior", spec=SPEC, seeded=True), SPEC, needs="prior"),
         *_variants("dalal", DALAL, presets.paper()),
-        _dialect("vlfeat", presets.vlfeat()),
-        _dialect("vlfeat-bilinear", presets.vlfeat(bilinear_orientations=True)),
-        _dialect("vlfeat-dalaltriggs", presets.vlfeat("dalaltriggs")),
-        _dialect("dpm", presets.dpm()),
-        _dialect("dlib", presets.dlib()),
-        _dialect("piotr", presets.piotr()),
-        _dialect("hog-net", presets.cnn_hog()),
-        _dialect("hog-net-bilinear", presets.cnn_hog(bilinear=True)),
-        _dialect("seeing3d", presets.seeing3d(8)),
-        _dialect("aubry", presets.aubry(8)),
-        _dialect("skimage", presets.skimage()),
-        _dialect("opencv", presets.opencv()),
-        _dialect("opencv-linear", presets.opencv(gamma=False)),
-        _dialect("maskfeat", presets.maskfeat()),
+        *(Method(name, LIBRARIES, partial(_single, spec=spec), spec, asked=True) for name, spec in DIALECTS.items()),
     )
 }
 """All methods by name, each group in the order of the table."""
 
 
 def choose(names: Sequence[str] | None, given: Collection[str]) -> tuple[list[Method], list[Method]]:
-    """The methods to run, and those left out for lack of a model, each in the order of the table.
+    """Chooses the methods to run, and lists those left out for want of a file; both in the order of the table.
 
-    Inputs that can be learned from sample photographs are optional.
+    Files that can be learned from bundled photographs are optional.
 
     Args:
-        names: of those asked for; None for all that can run, but for those that have to be asked for.
-        given: the kinds of :data:`.LEARNED` with a file.
+        names: of the methods to run; None for all that can run, except those that run only if asked for by name.
+        given: kinds of :data:`.LEARNED` that there are files of.
 
     Raises:
-        ValueError: a method that is asked for lacks its model, or a model is given that no method asked for needs.
+        ValueError: a method in ``names`` lacks a file, or no method uses one of the files given.
     """
     methods = [m for name, m in METHODS.items() if (name in names if names is not None else not m.asked)]
     for kind in given:

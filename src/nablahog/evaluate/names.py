@@ -1,24 +1,30 @@
-"""The names of all methods, in the order of their tables: what can be asked for, without loading what they need."""
+"""What can be asked for, without loading PyTorch: groups and names of all methods, in the order of their tables."""
 
 from __future__ import annotations
 
-DIALECTS = (
-    "vlfeat",
-    "vlfeat-bilinear",
-    "vlfeat-dalaltriggs",
-    "dpm",
-    "dlib",
-    "piotr",
-    "hog-net",
-    "hog-net-bilinear",
-    "seeing3d",
-    "aubry",
-    "skimage",
-    "opencv",
-    "opencv-linear",
-    "maskfeat",
-)
-"""Of Table 1, the methods that invert what a library computes, one for each dialect with cells of 8 pixels."""
+from ..hog import HOGSpec, presets
+
+NO_HOG, UOCTTI, DALAL, LIBRARIES = "No HOG", "UoCTTI HOG", "Dalal's HOG", "What libraries compute"
+GROUPS = (NO_HOG, UOCTTI, DALAL, LIBRARIES)
+"""The kinds of input of the methods of Table 1, in its order."""
+
+DIALECTS: dict[str, HOGSpec] = {
+    "vlfeat": presets.vlfeat(),
+    "vlfeat-bilinear": presets.vlfeat(bilinear_orientations=True),
+    "vlfeat-dalaltriggs": presets.vlfeat("dalaltriggs"),
+    "dpm": presets.dpm(),
+    "dlib": presets.dlib(),
+    "piotr": presets.piotr(),
+    "hog-net": presets.cnn_hog(),
+    "hog-net-bilinear": presets.cnn_hog(bilinear=True),
+    "seeing3d": presets.seeing3d(8),
+    "aubry": presets.aubry(8),
+    "skimage": presets.skimage(),
+    "opencv": presets.opencv(),
+    "opencv-linear": presets.opencv(gamma=False),
+    "maskfeat": presets.maskfeat(),
+}
+"""Methods of Table 1 that invert the descriptor of a library, with cells of 8 pixels."""
 
 TABLE1 = (
     "bovw",

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from ..jobs.resume import do_all
 from .methods import Method, Table1Settings
+from .names import GROUPS
 from .photographs import Photographs
-from .published import BASELINES, GROUPS, PUBLISHED
+from .published import BASELINES, PUBLISHED
 from .reconstruction import Figures, ReconstructionJob
 from .statistics import Statistics, statistics
 from .tables import Failure, evenly_spread, write_csv
@@ -27,7 +28,7 @@ class Line:
 
     Attributes:
         row: the name of the row.
-        group: one of :data:`.published.GROUPS`.
+        group: one of :data:`.names.GROUPS`.
         statistics: by metric.
         paper: published means by metric, None where there are none.
         seconds: mean time for an image; None for levels and for methods that did not run.
@@ -65,7 +66,7 @@ class Table1:
         ran = {method.name for method in self.methods}
         result = []
         for group in GROUPS:
-            rows = [row for row in BASELINES if PUBLISHED[row].group == group and row not in ran]
+            rows = [row for row in BASELINES.get(group, ()) if row not in ran]
             rows += [row for method in self.methods if method.group == group for row in method.rows]
             result += [self._line(row, group) for row in rows]
         return result
