@@ -80,7 +80,7 @@ def pose() -> None:
         photograph=one.image,
         box=one.box,
         matched=PreparedPhotograph(crop_object(one.image, one.box)),
-        found=found,
+        estimate=found,
         mesh=meshes[found.model],
         candidates=list(meshes),
         passed_over={},

@@ -1,4 +1,4 @@
-"""What the command refuses, in one sentence."""
+"""Errors of the user, in one sentence."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from pathlib import Path
 
 
 class UserError(Exception):
-    """Something the user can mend; its message is one sentence."""
+    """An error that the user can correct; its message is one sentence."""
 
 
 @contextmanager
 def as_user_error(prefix: str = "") -> Iterator[None]:
-    """What the block raises because of its inputs is the user's to mend."""
+    """Turns a ValueError of the block into a UserError with a prefix."""
     try:
         yield
     except ValueError as error:
@@ -22,7 +22,7 @@ def as_user_error(prefix: str = "") -> Iterator[None]:
 
 
 def forbid_overwrite(inputs: Iterable[str | os.PathLike[str]], targets: Iterable[Path]) -> None:
-    """Refuses, if a file that is to be written is one that is read."""
+    """Raises UserError if a result would be written to an input file."""
     read = {os.path.realpath(path) for path in inputs}
     for target in targets:
         if os.path.realpath(target) in read:

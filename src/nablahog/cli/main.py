@@ -42,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="backslashreplace")  # file names and units need not fit the terminal's encoding
     try:
         arguments = parser().parse_args(argv)
-    except SystemExit as stop:  # --help, --version or wrong arguments: all said
+    except SystemExit as stop:  # --help, --version or wrong arguments: argparse has printed
         return int(stop.code or 0)
     name = f"nablahog {arguments.command}"
     try:
@@ -51,7 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _failed(name, "interrupted", INTERRUPTED)
     except BrokenPipeError:
-        # whoever read our output has enough; Python would complain when it flushes stdout at exit
+        # the reader has closed the pipe; Python would fail again when it flushes stdout at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (UserError, OSError) as error:

@@ -1,4 +1,4 @@
-"""What the command says: tables on stdout, progress on stderr."""
+"""Output on the terminal: tables on stdout, progress on stderr."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ EVERY = 60.0  # seconds between lines of progress where there is no terminal
 
 @contextmanager
 def progress_bars() -> Iterator[Callable[[str], Callable[[int, int], None]]]:
-    """On a terminal, progress bars: gives a function that starts one and returns the function to move it."""
+    """Progress bars on a terminal: a function that starts a bar and returns the function that moves it."""
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
@@ -34,9 +34,9 @@ def progress_bars() -> Iterator[Callable[[str], Callable[[int, int], None]]]:
 
 @contextmanager
 def counter(name: str) -> Iterator[Callable[[int, int, str], None]]:
-    """Progress of many items: gives a function to call with what is done, the total, and what is at work.
+    """Progress of many items: a function to call with the number done, the total, and the item at work.
 
-    A bar on a terminal; elsewhere a line now and then, so that a log says how far the work is.
+    A bar on a terminal, a line every minute elsewhere.
     """
     console = Console(stderr=True)
     if not console.is_terminal:
@@ -44,7 +44,7 @@ def counter(name: str) -> Iterator[Callable[[int, int, str], None]]:
         return
     columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
     at_work = TextColumn("{task.description}", markup=False)
-    steady = 600  # seconds that the time left is estimated from: items take long, and not all the same
+    steady = 600  # seconds over which the time left is estimated: items take long, some longer than others
     with Progress(*columns, at_work, console=console, transient=True, speed_estimate_period=steady) as bars:
         task = bars.add_task("", total=None)
         yield lambda done, total, what: bars.update(task, completed=done, total=total, description=what)
@@ -55,33 +55,33 @@ class _Lines:
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self.began = self.said = time.monotonic()
-        self.before: int | None = None  # done in an earlier run, which took none of our time
+        self.began = self.last_line = time.monotonic()
+        self.before: int | None = None  # done in an earlier run
 
     def __call__(self, done: int, total: int, what: str) -> None:
         now = time.monotonic()
         if self.before is None:
             self.before = done
-        if now - self.said >= EVERY and done > self.before:
-            self.said = now
+        if now - self.last_line >= EVERY and done > self.before:
+            self.last_line = now
             left = (now - self.began) / (done - self.before) * (total - done)
             minutes = max(1, round(left / 60))
             print(f"{self.name}: {done} of {total} done, about {minutes} min left, at {what}", file=sys.stderr)
 
 
 def say(text: str) -> None:
-    """A line, whatever its characters and length."""
+    """Prints a line as it is, without markup or wrapping."""
     _console().print(Text(text), soft_wrap=True)
 
 
 def print_definitions(definitions: Mapping[str, str]) -> None:
-    """What the figures of a table mean."""
+    """Prints what the figures of a table mean."""
     for name, definition in definitions.items():
         _console().print(Text(f"{name}: {definition}", style="dim"))
 
 
 def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
-    """A table with one line for each of ``rows``, which all have the keys of the first."""
+    """Prints a table with one line for each of ``rows``, which all have the keys of the first."""
     table = Table()
     for key in rows[0]:
         number = all(row[key] is None or isinstance(row[key], int | float) for row in rows)

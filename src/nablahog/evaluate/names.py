@@ -1,4 +1,4 @@
-"""What can be asked for, without loading PyTorch: groups and names of all methods, in the order of their tables."""
+"""Groups and names of all methods in the order of their tables; importing it does not load PyTorch."""
 
 from __future__ import annotations
 

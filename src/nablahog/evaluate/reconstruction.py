@@ -1,4 +1,4 @@
-"""The work of Table 1: from an image to its descriptor and back, by one method."""
+"""The job of Table 1: one image, to its descriptor and back, by one method."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class ReconstructionJob:
 
     @property
     def name(self) -> str:
-        """That of the method."""
+        """The name of the method."""
         return self.method.name
 
     def key(self) -> str:
@@ -53,18 +53,18 @@ class ReconstructionJob:
         return hashlib.sha256(json.dumps(facts).encode() + self.image.tobytes()).hexdigest()
 
     def run(self) -> JobResult:
-        """Runs the method and measures what it found: figures and pictures for each of its rows.
+        """Runs the method and compares its outputs with the image: figures and a picture for each of its rows.
 
         Raises:
             ValueError: the method cannot take the image.
         """
         began = time.perf_counter()
-        found = self.method.run(torch.from_numpy(self.image)[None, None], self.settings)
+        outputs = self.method.run(torch.from_numpy(self.image)[None, None], self.settings)
         seconds = time.perf_counter() - began
-        if len(found) != len(self.method.rows):
-            raise TypeError(f"expected one finding for each of {', '.join(self.method.rows)}, got {len(found)}")
-        figures = [_figures(one, self.image) for one in found]
-        return JobResult(figures, np.stack([_levels(one.image) for one in found]), seconds)
+        if len(outputs) != len(self.method.rows):
+            raise TypeError(f"expected one output for each of {', '.join(self.method.rows)}, got {len(outputs)}")
+        figures = [_figures(one, self.image) for one in outputs]
+        return JobResult(figures, np.stack([_levels(one.image) for one in outputs]), seconds)
 
     def fits(self, result: JobResult) -> bool:
         """Whether there are figures and a picture of the image's size for each row."""
@@ -73,15 +73,15 @@ class ReconstructionJob:
         return whole and len(result.figures) == rows
 
 
-def _figures(found: MethodOutput, reference: NDArray[np.float32]) -> Figures:
-    pair = found.image.detach(), reference
+def _figures(output: MethodOutput, reference: NDArray[np.float32]) -> Figures:
+    pair = output.image.detach(), reference
     cc = metrics.cross_correlation(*pair)
     figures = {
         "cc": cc,
         "abs_cc": abs(cc),
         "mi": metrics.mutual_information(*pair),
         "ssim": metrics.ssim(*pair),
-        "distance": found.distance,
+        "distance": output.distance,
     }
     return {name: value if np.isfinite(value) else None for name, value in figures.items()}  # JSON knows no NaN
 

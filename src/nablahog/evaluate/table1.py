@@ -1,4 +1,4 @@
-"""Table 1: every method on every image, and what comes out in the mean."""
+"""Table 1: every method on every image, and the means over the images."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .statistics import Statistics, statistics
 from .tables import Failure, evenly_spread, write_csv
 
 METRICS = ("cc", "abs_cc", "mi", "ssim", "distance")
-SHOWN = 6  # images whose pictures are kept for the page
+SHOWN = 6  # images on the page
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def run_table1(
     workers: int,
     progress: Callable[[int, int, str], None] = lambda done, total, at_work: None,
 ) -> Table1:
-    """Does what is not done yet, as :func:`.resume.do_all` has it, and collects all.
+    """Runs the jobs without a stored result, as :func:`nablahog.jobs.resume.do_all`, and collects all results.
 
     Args:
         folder: for the results, which exists.
@@ -101,7 +101,7 @@ def run_table1(
         methods: the methods, of different names.
         settings: for all of them.
         workers: processes to work in.
-        progress: called with what is done, the total, and the methods at work.
+        progress: called with the number of jobs done, their total, and the methods at work.
 
     Raises:
         ChildProcessError: worker processes do not start.

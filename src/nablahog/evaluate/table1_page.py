@@ -1,4 +1,4 @@
-"""Table 1 as people look at it: on the terminal and as a page."""
+"""Table 1 on the terminal and as a page."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ DEFINITIONS = {
     "does not define; a dash where it prints none.",
     "multi-scale": "Begins with an image of a 64th of the pixels, in whose descriptor cells have an 8th of the sides, "
     "and enlarges it step by step.",
-    "multi-scale-more": "The same, but each level is given the descriptor of the image shrunk to that level. That is "
-    "more than other methods are given, so, as the paper says, its figures are not to be compared with theirs.",
+    "multi-scale-more": "The same, but each level has the descriptor of the image shrunk to that level. That is "
+    "more than the input of other methods, so, as the paper says, its figures are not comparable with theirs.",
     "learned": "Starts from, and stays close to, the image that a network expects for the descriptor. The network is "
     "that of --prior, and has learned from photographs.",
-    "bovw": "The image is given as a histogram of visual words alone, which are arranged as in a jigsaw puzzle, by "
-    "what photographs have beside each other and where (after Kato and Harada; much of it is our own choice).",
+    "bovw": "The input is a histogram of visual words. The words are arranged like a jigsaw puzzle, by the positions "
+    "and neighbours that they have in photographs (after Kato and Harada; many details are our own choice).",
     "hoggles": "Window by window by a pair of dictionaries of descriptors and patches (Vondrick et al.); from all "
     "cells, while theirs leaves out the outermost.",
     "cnn-hog, cnn-hogb": "HOG as a convolutional network, without texture channels, inverted by gradient descent under "
@@ -66,20 +66,20 @@ LEAD = (
 
 
 def remarks(left_out: Sequence[Method], learned: Mapping[str, Path], photographs: Photographs) -> list[str]:
-    """What to know of methods that have learned from photographs, a sentence each: what lacks, or what it has seen."""
-    said = [
+    """Remarks on methods that learn from photographs: which are left out, and which have trained on the test images."""
+    sentences = [
         f"{each.name} is left out: it needs --{each.needs} FILE, see `nablahog learn {each.needs}`."
         for each in left_out
     ]
     for kind, path in learned.items():
         names = load(kind, path).learning.images
-        seen = {*names, *(name.split(", ")[0] for name in names)} & {*photographs.images}  # tiles say where they are
-        if seen:
-            said.append(
-                f"The {kind} file was learned from images of the same names as {len(seen)} of these; if they are the "
-                "same images, what was found for them says nothing about others."
+        common = {*names, *(name.split(", ")[0] for name in names)} & {*photographs.images}  # tiles say where they are
+        if common:
+            sentences.append(
+                f"The {kind} file was learned from images of the same names as {len(common)} of these; if they are the "
+                "same images, their figures say nothing about other images."
             )
-    return said
+    return sentences
 
 
 def terminal_rows(table: Table1) -> list[dict[str, object]]:
@@ -167,8 +167,8 @@ def _photograph(table: Table1, image: str) -> html.Cell:
     return html.Cell(Panel(table.photographs.images[image], image), image)
 
 
-def _found(table: Table1, row: str, image: str) -> html.Cell | None:
-    """The picture a method found, over what is said of it; None where it failed."""
+def _output(table: Table1, row: str, image: str) -> html.Cell | None:
+    """The output of a method above its figures; None where it failed."""
     picture, figures = table.pictures[row].get(image), table.figures[row].get(image)
     if picture is None or figures is None:
         return None
@@ -191,10 +191,10 @@ def _pictures(table: Table1) -> html.Section | None:
         pixels = table.photographs.images[image]
         row: dict[str, object] = {"image": _photograph(table, image)}
         row |= {group: _glyphs(image, pixels, spec) for group, spec in specs.items()}
-        rows.append(row | {method.name: _found(table, method.name, image) for method in table.methods})
+        rows.append(row | {method.name: _output(table, method.name, image) for method in table.methods})
     if not rows:
         return None
-    text = "The image, its descriptors as glyphs, and what each method found from a descriptor."
+    text = "The image, its descriptors as glyphs, and the output of each method."
     return html.Section("Pictures", text, table=rows)
 
 
@@ -207,10 +207,10 @@ def _levels(table: Table1) -> html.Section | None:
             rows += [_level_row(table, method, image) for image in images]
     if not rows:
         return None
-    text = "What was found at each level, from the smallest to the size of the image, enlarged to that size."
+    text = "The image of each level, from the smallest to the size of the image, enlarged to that size."
     return html.Section("Levels", text, table=rows)
 
 
 def _level_row(table: Table1, method: Method, image: str) -> Mapping[str, object]:
-    levels = {f"1/{s}": _found(table, row, image) for s, row in zip(SCALES, method.levels, strict=True)}
+    levels = {f"1/{s}": _output(table, row, image) for s, row in zip(SCALES, method.levels, strict=True)}
     return {"image": _photograph(table, image), **levels}

@@ -1,4 +1,4 @@
-"""What the tables have in common."""
+"""Parts of both tables."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..io.files import replacing
 
 @dataclass(frozen=True)
 class Failure:
-    """An image that a method, or with ``method=None`` every one, has no result for, and one sentence why."""
+    """An image without a result of a method (None: of every method), and one sentence why."""
 
     image: str
     method: str | None

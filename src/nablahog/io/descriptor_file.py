@@ -66,7 +66,7 @@ def save_descriptor(
     """Writes a descriptor (rows, cols, channels) of an image of ``image_size`` (height, width) to the file ``path``.
 
     The descriptor is a tensor or an array.  The file is a compressed .npz archive of the arrays ``descriptor``,
-    ``spec`` (its JSON), ``image_size`` and ``format`` (1), whatever its name ends in.  It is replaced whole or not at
+    ``spec`` (its JSON), ``image_size`` and ``format`` (1), for any ending of its name.  It is replaced whole or not at
     all.
 
     Raises:

@@ -108,9 +108,9 @@ def _unfolded(model: dict[str, Any]) -> DPMModel:
 def _filter(model: dict[str, Any], symbol: int) -> tuple[NDArray[np.float32], bool]:
     """The weights that a symbol of the grammar ends in, and whether they are used mirrored."""
     for _ in range(len(model["symbols"])):
-        found = _of(model["symbols"], symbol)
-        if found["type"] == "T":
-            of_symbol = _of(model["filters"], _integer(found["filter"]))
+        entry = _of(model["symbols"], symbol)
+        if entry["type"] == "T":
+            of_symbol = _of(model["filters"], _integer(entry["filter"]))
             return _weights(_of(model["blocks"], _integer(of_symbol["blocklabel"]))), bool(_integer(of_symbol["flip"]))
         symbol = _integer(_of(_of(model["rules"], symbol), 1)["rhs"])
     raise ValueError("its grammar does not end")

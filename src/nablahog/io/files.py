@@ -1,4 +1,4 @@
-"""Writing results so that nothing is ever half-written."""
+"""Output files and folders: written whole or not at all."""
 
 from __future__ import annotations
 
@@ -20,14 +20,13 @@ _part = itertools.count()
 def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """A binary file that becomes ``path`` when the block ends, and vanishes when the block fails.
 
-    Written beside ``path``, so that the last step is one rename: a reader sees the old file or the new one, never a
-    part.
+    Written beside ``path`` and renamed at the end: a reader sees the old file or the new one, never a part.
 
     Raises:
         FileExistsError: ``path`` is a folder or a device.
         OSError: the folder does not exist or cannot be written.
     """
-    path = Path(os.path.realpath(path))  # a link goes on pointing to what it points to
+    path = Path(os.path.realpath(path))  # a link keeps its target
     if path.exists() and not path.is_file():
         raise FileExistsError(f"{path} cannot be written: it is no regular file")
     # not mkstemp, whose files only their owner may read
@@ -37,7 +36,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
             yield file
         os.replace(part, path)
     except BaseException:
-        with suppress(OSError):  # what went wrong first is what the caller should hear
+        with suppress(OSError):  # the first error counts
             part.unlink(missing_ok=True)
         raise
 
@@ -69,11 +68,11 @@ def check_folder(folder: Path, expected: str) -> None:
 
 
 def remove_parts(folder: Path, *, older_than: float) -> None:
-    """Removes, in ``folder``, what :func:`replacing` left when its process was killed.
+    """Removes the temporary files in ``folder`` that :func:`replacing` left when its process was killed.
 
     Args:
         folder: where.
-        older_than: seconds; a younger file may be one that another process is writing now.
+        older_than: seconds; another process may be writing a younger file now.
     """
     for part in folder.glob(f".nablahog-*{PART}"):
         with suppress(OSError):
@@ -83,9 +82,9 @@ def remove_parts(folder: Path, *, older_than: float) -> None:
 
 @contextmanager
 def checkpoint_for(output: Path) -> Iterator[Path]:
-    """The file beside ``output`` in which a long computation keeps what it has reached; gone once the block succeeds.
+    """The checkpoint file of a long computation, beside ``output``; removed when the block succeeds.
 
-    What earlier ones left half-written is removed first.
+    Temporary files of earlier runs are removed first.
     """
     remove_parts(output.parent, older_than=60)
     checkpoint = output.with_name(f"{output.name}.checkpoint")
@@ -95,11 +94,11 @@ def checkpoint_for(output: Path) -> Iterator[Path]:
 
 @contextmanager
 def output_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """The folder ``path``, made and tried before the block starts; if the block fails and left it empty, gone again.
+    """The folder ``path``: made and tried before the block starts, removed if the block fails and leaves it empty.
 
     Raises:
         NotADirectoryError: ``path``, or a folder above it, is a file.
-        PermissionError: the folder cannot be made or written, for whatever reason the system has.
+        PermissionError: the folder cannot be made or written.
     """
     path = Path(path)
     above = [path, *path.parents]
@@ -132,13 +131,13 @@ def distinct_stems(paths: Sequence[Path]) -> list[str]:
     Stems that differ only in case count as the same, as they are on some file systems; very long ones are cut.
     """
     stems = [os.fsencode(path.stem)[:MAX_STEM_BYTES].decode(errors="ignore") or "input" for path in paths]
-    first_come = {stem.casefold() for stem in stems}  # a number must not make the stem of another input
+    plain_stems = {stem.casefold() for stem in stems}  # a numbered stem must not equal the stem of another input
     taken: set[str] = set()
     result = []
     for stem in stems:
         name = stem
         for number in itertools.count(2):
-            if name.casefold() not in taken and (name == stem or name.casefold() not in first_come):
+            if name.casefold() not in taken and (name == stem or name.casefold() not in plain_stems):
                 break
             name = f"{stem}_{number}"
         taken.add(name.casefold())

@@ -1,4 +1,4 @@
-"""Descriptors as other libraries return them: arrays that say nothing of how they were made."""
+"""Descriptors as arrays of other libraries: which layout of which image size an array has."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from ..hog.layout import from_layout, native_shape
 from ..hog.spec import Layout
 from .descriptor_file import StoredDescriptor
 
-# layouts that a library has as well: an argument makes them, or one step more
+# further layouts of a library, by an argument or one more step
 _ALSO: dict[Layout, tuple[Layout, ...]] = {
     "block-vector": ("blocks",),
     "blocks": ("block-vector",),
     "colour-planes": ("planes",),
 }
-# of layouts with rows and columns, the number of axes and which of them are the rows; the columns are the next
+# layouts with rows and columns: the number of axes, and the axis of the rows; the columns are the next axis
 _GRIDS: dict[Layout, tuple[int, int]] = {"cells": (3, 0), "planes": (3, 1), "colour-planes": (4, 2), "blocks": (5, 0)}
 
 
@@ -43,8 +43,7 @@ class Fit:
 def fit(shape: tuple[int, ...], spec: HOGSpec, image_size: tuple[int, int] | None) -> Fit | None:
     """How an array of this shape is a descriptor of ``spec``; None if it is none.
 
-    It may be laid out as the library returns it, the same in one row, or as here, (rows, cols, channels); where it can
-    be several of these, the first counts.
+    Tries the layout of the library, the same in one row, and (rows, cols, channels); the first that fits counts.
 
     Args:
         shape: of the array, perhaps with an axis of a batch of one in front.
@@ -71,22 +70,22 @@ def layouts(spec: HOGSpec) -> tuple[Layout, ...]:
 
 
 def shapes(spec: HOGSpec, image_size: tuple[int, int] | None) -> str:
-    """What shapes such arrays have, in words.
+    """Describes the shapes of such arrays, for error messages.
 
     Raises:
         ValueError: the image is too small for ``spec``.
     """
-    found = []
+    descriptions = []
     for layout in layouts(spec):
         laid_out = replace(spec, layout=layout)
         if image_size is not None:
-            found.append(str(native_shape(laid_out, image_size)))
+            descriptions.append(str(native_shape(laid_out, image_size)))
         elif layout in _GRIDS:
             first = _GRIDS[layout][1]
             names = list(map(str, native_shape(laid_out, spec.image_size(1, 1))))
             names[first : first + 2] = "rows", "cols"
-            found.append(f"({', '.join(names)})")
-    return " or ".join(dict.fromkeys(found))
+            descriptions.append(f"({', '.join(names)})")
+    return " or ".join(dict.fromkeys(descriptions))
 
 
 def is_row(shape: tuple[int, ...]) -> bool:

@@ -203,10 +203,10 @@ def _value(element: _Element, order: str, depth: int) -> Any:
 
 
 def _exactly(count: int, parts: Iterator[_Element]) -> list[_Element]:
-    found = list(parts)
-    if len(found) != count:
-        raise _Damaged(f"it is damaged: {count} values are said to follow, {len(found)} do")
-    return found
+    values = list(parts)
+    if len(values) != count:
+        raise _Damaged(f"it is damaged: {count} values are said to follow, {len(values)} do")
+    return values
 
 
 def _flags(element: _Element | None, order: str) -> int:

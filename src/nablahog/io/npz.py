@@ -1,4 +1,4 @@
-"""Our .npz archives.  Whoever wrote one, nothing in it is ever unpickled, so nothing in it is ever run."""
+"""Our .npz archives.  Nothing in them is ever unpickled, so no code in them is ever run."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def names_in(path: str | os.PathLike[str], kind: str) -> list[str]:
 
 
 def numbers_in(path: str | os.PathLike[str], kind: str) -> dict[str, NDArray[np.generic]]:
-    """All arrays of numbers of the archive ``path``; whatever else it holds is passed over.
+    """All arrays of numbers of the archive ``path``; other entries are skipped.
 
     Raises:
         FileNotFoundError, ValueError: as :func:`read_arrays`, but for pickled objects.

@@ -1,4 +1,4 @@
-"""Many jobs, each done once: what an earlier run has stored is taken as it is."""
+"""Many jobs, each done once: results that an earlier run stored are read."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ def do_all(
     workers: int,
     progress: Callable[[int, int, str], None] = lambda done, total, at_work: None,
 ) -> Iterator[tuple[Name, JobResult | str]]:
-    """Does what is not done yet, and then gives the results of all.
+    """Does the jobs that have no stored result, then yields the results of all.
 
-    Each finished job is stored in ``folder/work`` at once, under a hash of all it depends on, so a run that was
-    interrupted, or damaged since, goes on, and one with other settings begins anew beside it.
+    Each result is stored in ``folder/work`` at once, under a hash of everything it depends on.  An interrupted run is
+    resumed; a run with other settings starts anew in the same folder.
 
     Args:
         folder: for the results, which exists.
-        jobs: by any names.
+        jobs: by names of any type.
         workers: processes to work in.
-        progress: called with what is done, the total, and the methods at work.
+        progress: called with the number of jobs done, their total, and the names of the methods at work.
 
     Yields:
         In the order of ``jobs``, each name with its result or one sentence why there is none.
@@ -51,20 +51,20 @@ def do_all(
 
 
 def _do(jobs: Mapping[Path, Job], workers: int, progress: Callable[[int, int, str], None]) -> dict[Path, str]:
-    """Does the jobs that have no whole result at their path; returns why some have none afterwards."""
+    """Does the jobs without a valid result at their path; returns why jobs failed."""
     missing = [path for path, job in jobs.items() if store.load(path, job) is None]
     at_work: dict[int, str] = {}
     done = len(jobs) - len(missing)
 
-    def tell() -> None:
+    def report() -> None:
         progress(done, len(jobs), ", ".join(dict.fromkeys(at_work.values())))
 
     def started(index: int) -> None:
         at_work[index] = jobs[missing[index]].name
-        tell()
+        report()
 
     reasons = {}
-    tell()
+    report()
     with closing(run_jobs([jobs[path] for path in missing], workers=workers, started=started)) as outcomes:
         for index, outcome in outcomes:
             if isinstance(outcome, JobResult):
@@ -73,5 +73,5 @@ def _do(jobs: Mapping[Path, Job], workers: int, progress: Callable[[int, int, st
                 reasons[missing[index]] = outcome
             del at_work[index]
             done += 1
-            tell()
+            report()
     return reasons

@@ -1,4 +1,4 @@
-"""Many jobs on all cores, surviving the death of any worker."""
+"""Many jobs on all cores; a worker that dies is replaced."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from multiprocessing.connection import Connection, wait
 from .store import JobResult, Work
 from .worker import serve
 
-ATTEMPTS = 2  # at a job whose worker dies; one may die for want of memory that the next finds
-STARTS = 3  # of workers in a row that may die before they are ready
+ATTEMPTS = 2  # at a job whose worker dies, perhaps for want of memory that is free later
+STARTS = 3  # workers that may die before they are ready, one after another
 
 
 def cores() -> int:
@@ -23,30 +23,30 @@ def cores() -> int:
 
 
 class _Worker:
-    """A process and our end of the pipe to it.
+    """A process and the parent's end of the pipe to it.
 
     Attributes:
         ready: whether it has started.
-        job: the index of what it works on, if anything.
+        job: the index of its job, None while idle.
     """
 
     def __init__(self) -> None:
         context = get_context("spawn")  # a forked PyTorch may hang
-        self.connection, theirs = context.Pipe()
-        self.process = context.Process(target=serve, args=(theirs,), daemon=True)
+        self.connection, child_end = context.Pipe()
+        self.process = context.Process(target=serve, args=(child_end,), daemon=True)
         self.ready = False
         self.job: int | None = None
         with _one_thread(), _no_interrupts():
             self.process.start()
-        theirs.close()  # the only other end is the process's, so its death ends the pipe
+        child_end.close()  # so that the death of the process ends the pipe
 
     def end(self) -> None:
-        """Ends the process at once; it has nothing to lose."""
+        """Kills the process; it holds nothing that must be saved."""
         self.process.kill()
         self.connection.close()
 
     def how_it_died(self) -> str:
-        """Of a process that ended by itself, or was ended by somebody else."""
+        """The signal or the exit status of a process that was not ended by us."""
         self.process.join(5)
         code = self.process.exitcode
         if code is not None and code < 0:
@@ -71,7 +71,7 @@ def _one_thread() -> Iterator[None]:
 
 @contextmanager
 def _no_interrupts() -> Iterator[None]:
-    """Child processes started in the block never hear Ctrl-C, which is ours to answer; we hear it after the block."""
+    """Child processes started in the block ignore Ctrl-C; the parent handles it, after the block."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -88,16 +88,16 @@ def run_jobs(
 ) -> Generator[tuple[int, JobResult | str], None, None]:
     """Does all jobs, ``workers`` at a time, each in a process that computes in one thread.
 
-    What a job finds depends on nothing but the job.  However this generator ends, its processes end with it; close it
-    (``contextlib.closing``) if you leave it early.
+    A result depends on nothing but its job.  The processes end with this generator; close it (``contextlib.closing``)
+    to stop early.
 
     Args:
-        jobs: in the order in which they are begun.
+        jobs: started in this order.
         workers: processes, at least 1.
-        started: called with the index of a job that is begun.
+        started: called with the index of a job when it is started.
 
     Yields:
-        The index of each job, as it is finished, with its result or one sentence why there is none.
+        The index of each finished job, with its result or one sentence why it failed.
 
     Raises:
         ChildProcessError: worker processes do not start.
@@ -115,7 +115,7 @@ def run_jobs(
                     worker.job = queue.popleft()
                     attempts[worker.job] += 1
                     started(worker.job)
-                    with suppress(OSError):  # it has died: the next lines will hear of it
+                    with suppress(OSError):  # it has died: handled below
                         worker.connection.send(jobs[worker.job])
             for connection in wait(list(pool)):
                 assert isinstance(connection, Connection)

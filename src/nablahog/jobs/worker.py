@@ -1,4 +1,4 @@
-"""What a worker process does: one job at a time."""
+"""A worker process: does one job at a time."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from .store import JobResult, Work
 
 
 def serve(connection: Connection) -> None:
-    """Says that it is ready, and then answers each :class:`Work` with a :class:`JobResult` or the reason for none."""
+    """Sends None when ready; then answers each :class:`Work` with a :class:`JobResult` or the reason of its failure."""
     torch.set_num_threads(1)  # the same sums in the same order, however many workers there are
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    with suppress(EOFError, OSError):  # the parent has gone, so nobody waits for the rest
+    with suppress(EOFError, OSError):  # the parent has ended
         connection.send(None)
         while True:
             connection.send(attempt(connection.recv()))
 
 
 def _end_with_parent() -> None:
-    """Ends this process at once when its parent has gone, even a parent that could not say so."""
+    """Ends this process when its parent ends, even if the parent is killed."""
     parent = parent_process()
     if parent is not None:
         wait([parent.sentinel])
@@ -34,7 +34,7 @@ def _end_with_parent() -> None:
 
 
 def attempt(job: Work) -> JobResult | str:
-    """The result of a job, or one sentence why there is none."""
+    """Runs a job; returns its result, or one sentence why it failed."""
     try:
         return job.run()
     except (ValueError, OSError) as error:

@@ -169,7 +169,7 @@ def _scaled_to(picture: Picture, height: int) -> Image.Image:
     image = to_pil(picture).convert("RGB")
     if image.height == height:
         return image
-    # enlarged pixels stay square, so that nothing is seen that is not there
+    # enlarged pixels stay square: no structure is invented
     how = Image.Resampling.NEAREST if height > image.height else Image.Resampling.LANCZOS
     return image.resize((max(1, round(image.width * height / image.height)), height), how)
 

@@ -11,22 +11,22 @@ from .preset_parameters import PRESETS
 SIZE = 256
 CELL = (8, 8)
 
-Settings = tuple[tuple[str, str], ...]
+Parameters = tuple[tuple[str, str], ...]
 
 
-def _presets(text: str) -> dict[str, tuple[str, Settings]]:
-    """Presets and what is set of their parameters, by the texts that name them: PRESET, or PRESET:KEY=VALUE:…"""
-    found: dict[str, tuple[str, Settings]] = {}
+def _presets(text: str) -> dict[str, tuple[str, Parameters]]:
+    """Parses PRESET,PRESET:KEY=VALUE:… to presets and their parameters, by these texts."""
+    presets: dict[str, tuple[str, Parameters]] = {}
     for name in text.split(","):
-        preset, *settings = name.split(":")
+        preset, *parameters = name.split(":")
         if preset not in PRESETS:
             raise argparse.ArgumentTypeError(f"expected presets of {', '.join(PRESETS)}, got {preset!r}")
-        if name in found:
+        if name in presets:
             raise argparse.ArgumentTypeError(f"expected different presets, got {name} twice")
-        found[name] = preset, tuple(setting(each) for each in settings)
-    if len(found) < 2:
+        presets[name] = preset, tuple(setting(each) for each in parameters)
+    if len(presets) < 2:
         raise argparse.ArgumentTypeError(f"expected at least two presets, separated by commas, got {text!r}")
-    return found
+    return presets
 
 
 def dialects(commands: argparse._SubParsersAction[Parser]) -> None:
@@ -34,9 +34,9 @@ def dialects(commands: argparse._SubParsersAction[Parser]) -> None:
     command = commands.add_parser(
         "dialects",
         help="compare the HOGs of libraries on a photograph",
-        description="Measures how far apart the HOGs of libraries are on a photograph, and how much of that each of "
-        "their conventions is: ties, border, colour rule, bins, votes, cells, normaliser and so on. With -o, leaves "
-        "index.html to look at, dialects.png, dialects.csv and ties.csv.",
+        description="Measures the distances between the HOGs of libraries on a photograph, and the share of each "
+        "convention: ties, border, colour rule, bins, votes, cells, normaliser and so on. With -o, writes "
+        "the page index.html, dialects.png, dialects.csv and ties.csv.",
     )
     command.add_argument("photo", metavar="PHOTO", help="an image of any format that Pillow reads")
     command.add_argument("-o", "--output", metavar="DIR", help="folder for the results, made if missing")

@@ -41,8 +41,8 @@ def invert(commands: argparse._SubParsersAction[Parser]) -> None:
     command = commands.add_parser(
         "invert",
         help="find images that have given descriptors",
-        description="Finds, for each descriptor, an image that has it, and compares it with the photograph if known. "
-        "Leaves <stem>_preimage.png, _glyphs.png and _thumbnails.png in the folder, and results.json.",
+        description="Finds an image for each descriptor and compares it with the photograph if there is one. "
+        "Writes <stem>_preimage.png, _glyphs.png, _thumbnails.png and results.json.",
     )
     options.inputs(command)
     options.output(command, "DIR", "folder for the results, made if missing")
@@ -53,7 +53,7 @@ def invert(commands: argparse._SubParsersAction[Parser]) -> None:
     command.add_argument(
         "--colour",
         action="store_true",
-        help="find images in colour, for descriptors that read colour; which colours is a guess, as they do not say",
+        help="find images in colour, for descriptors of colour images; the hues are a guess: no descriptor fixes them",
     )
 
 
@@ -63,15 +63,15 @@ def invert_template(commands: argparse._SubParsersAction[Parser]) -> None:
         "invert-template",
         help="show what a linear detector looks for",
         description="Shows what the positive and the negative weights of linear templates see: of DPM models "
-        "(voc-release5 .mat), root and parts of each component; of arrays of weights, such as an SVM's. Leaves "
-        "<stem>_positive.png, <stem>_negative.png and <stem>_templates.png, with glyphs, in the folder.",
+        "(voc-release5 .mat), root and parts of each component; of arrays of weights, such as an SVM's. Writes "
+        "<stem>_positive.png, <stem>_negative.png and, with glyphs, <stem>_templates.png.",
     )
     command.add_argument(
         "inputs",
         nargs="+",
         metavar="FILE",
         help="a model of voc-release5 (.mat), or an array of weights (.npy, .npz, .mat), with or without a bias at its "
-        "end; it needs --preset, but for OpenCV's people detectors",
+        "end; an array needs --preset, except for OpenCV's people detectors",
     )
     options.output(command, "DIR", "folder for the results, made if missing")
     options.of_arrays(command)

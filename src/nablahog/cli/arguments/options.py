@@ -1,4 +1,4 @@
-"""What the arguments of several commands have in common: options, and the types of their values."""
+"""Options that several commands share, and the types of their values."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def setting(text: str) -> tuple[str, str]:
 
 
 def numbers(names: str) -> Callable[[str], tuple[float, ...]]:
-    """Finite numbers, separated by commas, one for each of ``names``, which are, too."""
+    """Parses finite numbers separated by commas, one for each of the comma-separated ``names``."""
 
     def parse(text: str) -> tuple[float, ...]:
         try:
@@ -70,7 +70,7 @@ def numbers(names: str) -> Callable[[str], tuple[float, ...]]:
 
 
 def device(text: str) -> str:
-    """A device that there is, by its name: PyTorch need not be loaded to say that of the CPU."""
+    """An existing device by its name; PyTorch is imported for CUDA only."""
     match = re.fullmatch(r"cpu|cuda(?::(\d{1,3}))?", text)
     if match is None:
         raise argparse.ArgumentTypeError(f"expected cpu, cuda or cuda:N, got {text!r}")
@@ -88,7 +88,7 @@ def device(text: str) -> str:
 def table(
     command: argparse.ArgumentParser, methods: Collection[str], sets: Mapping[str, Collection[str]] | None = None
 ) -> None:
-    """What the commands of tables have in common; ``sets`` are several methods by one name."""
+    """Adds the options of the commands of tables; ``sets`` are names for several methods."""
     sets = sets or {}
 
     def parse(text: str) -> list[str]:
@@ -117,21 +117,21 @@ def inputs(command: argparse.ArgumentParser) -> None:
         nargs="+",
         metavar="PHOTO_or_DESCRIPTOR",
         help="an image of any format that Pillow reads, a file that `nablahog hog` wrote, or, with --preset, an array "
-        "that another library computed: .npy, .npz, or .mat but for version 7.3",
+        "that another library computed: .npy, .npz, or .mat up to version 7",
     )
     of_arrays(command)
 
 
 def of_arrays(command: argparse.ArgumentParser) -> None:
-    """What is to be said of arrays that say nothing themselves."""
+    """Adds the options that describe arrays of other libraries."""
     command.add_argument(
         "--image-size",
         type=image_size,
         metavar="HxW",
-        help="height x width of the image of an array, in pixels; needed if it has neither rows nor columns (default: "
+        help="height x width of the image of an array, in pixels; required for an array in one row (default: "
         "whole cells; of opencv its win_size)",
     )
-    command.add_argument("--key", metavar="NAME", help="which array of an .npz or .mat file that holds several")
+    command.add_argument("--key", metavar="NAME", help="name of the array in an .npz or .mat file with several")
 
 
 def output(command: argparse.ArgumentParser, metavar: str, text: str) -> None:
@@ -151,7 +151,7 @@ def prior(command: argparse.ArgumentParser, use: str) -> None:
 def common(command: argparse.ArgumentParser, longer_side: int) -> None:
     dialect(
         command,
-        f"type of descriptor (default: {DEFAULT_DESCRIPTOR}); descriptor files state theirs and must agree",
+        f"type of descriptor (default: {DEFAULT_DESCRIPTOR}); must agree with that of descriptor files",
     )
     size(command, longer_side)
     device_option(command)
@@ -174,18 +174,18 @@ def dialect(command: argparse.ArgumentParser, preset: str) -> None:
         type=setting,
         metavar="KEY=VALUE",
         help="a parameter of the preset, such as orientations=8 or cells_per_block=2x2, as in nablahog.presets; sizes "
-        "are height x width, but of opencv width x height, as in OpenCV; may be repeated",
+        "are height x width, except for opencv: width x height, as in OpenCV; may be repeated",
     )
     command.add_argument(
         "--cell",
         type=cell,
         metavar="N|HxW",
-        help="pixels of a cell, one number or height x width, of opencv, too (default: 8, of seeing3d 5)",
+        help="pixels of a cell, one number or height x width, also for opencv (default: 8; 5 for seeing3d)",
     )
     command.add_argument(
         "--vote",
         choices=get_args(Vote),
-        help="orientation votes, shared by two bins or all to one bin, of uoctti, aubry, vlfeat and cnn_hog",
+        help="orientation votes of uoctti, aubry, vlfeat and cnn_hog: linear, shared by two bins, or hard, for one bin",
     )
 
 
@@ -215,7 +215,7 @@ def quality(command: argparse.ArgumentParser) -> None:
         "--quality",
         choices=get_args(QualityName),
         default="best",
-        help="fast: coarser images, in about a sixth of the time (default: best)",
+        help="fast finds coarser images in about a sixth of the time (default: best)",
     )
 
 

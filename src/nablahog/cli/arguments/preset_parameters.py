@@ -1,4 +1,4 @@
-"""The presets by name, and their parameters as texts: what a command line can say of a dialect."""
+"""The presets by name, and their parameters as texts of a command line."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ...hog import HOGSpec, presets
 
 PRESETS: dict[str, Callable[..., HOGSpec]] = {name: getattr(presets, name) for name in presets.__all__}
 DEFAULT_DESCRIPTOR = "uoctti"
-_OTHER_DEFAULTS: dict[str, dict[str, Any]] = {"aubry": {"cell_size": 8}}  # cells of 5 have to be asked for
+_OTHER_DEFAULTS: dict[str, dict[str, Any]] = {"aubry": {"cell_size": 8}}  # not the 5 of the preset
 _EXPECTED = {
     int: "an integer of at most six digits",
     float: "a number",
@@ -31,19 +31,19 @@ def parameters_of(name: str) -> dict[str, Any]:
 
 
 def defaults_of(name: str) -> dict[str, Any]:
-    """The parameters of a preset with the values that they have on the command line if nobody sets them."""
+    """The parameters of a preset with their defaults on the command line."""
     parameters = inspect.signature(PRESETS[name]).parameters.values()
     return {each.name: each.default for each in parameters} | _OTHER_DEFAULTS.get(name, {})
 
 
 def window_of(name: str, parameters: Mapping[str, Any]) -> tuple[int, int] | None:
-    """(height, width) of the image that the parameters of a preset speak of, if they do: of OpenCV's, the window."""
+    """(height, width) of OpenCV's window, which is an image size; None for other presets."""
     window = {**defaults_of(name), **parameters}.get("win_size")
     return None if window is None else (window[1], window[0])
 
 
 def as_text(value: object) -> str:
-    """A parameter's value as people write it."""
+    """The text of a parameter's value."""
     if isinstance(value, tuple):
         return "x".join(map(str, value))
     return str(value).lower() if value is None or isinstance(value, bool) else str(value)

@@ -19,8 +19,8 @@ def table1(commands: argparse._SubParsersAction[Parser]) -> None:
         "table1",
         help="compare all methods on a folder of images",
         description="Inverts the descriptors of all images by all methods of the paper's Table 1 and writes the table: "
-        "index.html to look at, summary.csv, per_image.csv, times.csv and failures.csv. A run that was interrupted "
-        "goes on when it is repeated.",
+        "the page index.html, summary.csv, per_image.csv, times.csv and failures.csv. An interrupted run is "
+        "resumed when it is repeated.",
     )
     options.images(command)
     options.table(command, TABLE1, {"dialects": DIALECTS})
@@ -29,7 +29,7 @@ def table1(commands: argparse._SubParsersAction[Parser]) -> None:
     options.minimiser(command)
     options.prior(command, "needed by, and only by, uoctti-learned")
     for kind in (method for method in TABLE1 if method in KINDS):
-        text = f"what `nablahog learn {kind}` wrote, for the method {kind}"
+        text = f"a file that `nablahog learn {kind}` wrote, for the method {kind}"
         default = "default: learned once from photographs that come with scikit-image"
         command.add_argument(f"--{kind}", metavar="FILE", help=f"{text} ({default})")
 
@@ -54,9 +54,7 @@ def table2(commands: argparse._SubParsersAction[Parser]) -> None:
     command.add_argument(
         "--viewpoints", metavar="CSV", help="viewpoints of the scenes: columns azimuth, elevation, and theta if known"
     )
-    command.add_argument(
-        "--unknown-model", action="store_true", help="leave an object's own model out, and choose among all others"
-    )
+    command.add_argument("--unknown-model", action="store_true", help="search among all models except the object's own")
     command.add_argument("--voc", metavar="DIR", help="the folder VOC2012 of PASCAL VOC")
     command.add_argument("--pascal3d", metavar="DIR", help="the folder PASCAL3D+_release1.1; needs --voc")
     options.seed(command)

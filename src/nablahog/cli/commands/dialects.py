@@ -1,4 +1,4 @@
-"""The HOGs of libraries on a photograph, as ``nablahog dialects`` compares them."""
+"""``nablahog dialects``: the HOGs of libraries on a photograph, compared."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RESULTS = ("index.html", "dialects.png", "dialects.csv", "ties.csv")
 
 
 def dialects(arguments: Namespace) -> None:
-    """Compares dialects as the command line asks for it.
+    """Compares the dialects of ``arguments.presets`` on a photograph.
 
     Raises:
         UserError: the photograph is unusable.
@@ -35,7 +35,7 @@ def dialects(arguments: Namespace) -> None:
         }
         photograph = read_image(arguments.photo)
     small = limit_size(photograph, arguments.size) if arguments.size else photograph
-    # to levels as a file has them: without these there would be no ties
+    # 8-bit levels as in a file: ties need equal levels
     image = (small * 255).round().to(torch.uint8)
     folder = None if arguments.output is None else Path(arguments.output)
     if folder is not None:
@@ -47,8 +47,8 @@ def dialects(arguments: Namespace) -> None:
     if folder is not None:
         _write(folder, comparison, image, introduction)
     if arguments.json:
-        said = {"photograph": arguments.photo, "image_size": list(image.shape[1:]), **tables.figures(comparison)}
-        print(json.dumps(said, indent=2, allow_nan=False))
+        report = {"photograph": arguments.photo, "image_size": list(image.shape[1:]), **tables.figures(comparison)}
+        print(json.dumps(report, indent=2, allow_nan=False))
         return
     _print(comparison, introduction)
     if folder is not None:

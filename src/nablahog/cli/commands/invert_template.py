@@ -1,4 +1,4 @@
-"""Pictures of what linear detectors look for, as ``nablahog invert-template`` makes them."""
+"""``nablahog invert-template``: images of the positive and the negative weights of linear detectors."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from ..terminal import print_definitions, print_table, progress_bars, say
 
 SIGNS = ("positive", "negative")
 DEFINITIONS = {
-    "positive, negative": "What the positive weights of a template see, and what its negative ones: an image whose "
-    "histograms are the squares of these weights. Where it is bright or dark is a guess if gradients are unsigned.",
-    "distance": "‖φ(x) − d‖ / ‖d‖, d the descriptor that such histograms have and φ(x) that of the image x found.",
+    "positive, negative": "An image whose histograms are the squares of the positive, or negative, weights of a "
+    "template. If gradients are unsigned, bright and dark are a guess.",
+    "distance": "‖φ(x) − d‖ / ‖d‖, d the descriptor of these histograms and φ(x) that of the image x.",
 }
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _SignImage:
     """One sign of one template.
 
     Attributes:
@@ -66,11 +66,11 @@ def invert_template(arguments: Namespace) -> None:
             for number, template in enumerate(templates):
                 with as_user_error(f"{path}: "):
                     bars = {sign: progress(f"{stem} {template.name} {sign}") for sign in SIGNS}
-                    found = [_see(template, sign, arguments, bar) for sign, bar in bars.items()]
-                for each in found:
-                    write_image(folder / _name(stem, template, number, each.sign), each.image)
-                sheet.append(_panels(template, found))
-                rows.append(_row(path, template, found))
+                    images = [_invert_sign(template, sign, arguments, bar) for sign, bar in bars.items()]
+                for image in images:
+                    write_image(folder / _name(stem, template, number, image.sign), image.image)
+                sheet.append(_panels(template, images))
+                rows.append(_row(path, template, images))
             with replacing(folder / f"{stem}_templates.png") as file:
                 contact_sheet(sheet).save(file, format="PNG")
     print_table(rows)
@@ -78,10 +78,10 @@ def invert_template(arguments: Namespace) -> None:
     say(f"Results in {folder}")
 
 
-def _see(template: DetectorTemplate, sign: str, arguments: Namespace, progress: object) -> _Seen:
+def _invert_sign(template: DetectorTemplate, sign: str, arguments: Namespace, progress: object) -> _SignImage:
     weights = template.weights[None].to(torch.device(arguments.device))
     descriptor = template_descriptor(weights, template.spec, template.image_size, negative=sign == "negative")
-    found = reconstruct(
+    result = reconstruct(
         descriptor,
         template.spec,
         template.image_size,
@@ -89,26 +89,26 @@ def _see(template: DetectorTemplate, sign: str, arguments: Namespace, progress: 
         max_evaluations=arguments.max_evaluations,
         progress=progress,  # type: ignore[arg-type]
     )
-    return _Seen(sign, found.image[0, 0].cpu(), float(found.distance[0]))
+    return _SignImage(sign, result.image[0, 0].cpu(), float(result.distance[0]))
 
 
-def _panels(template: DetectorTemplate, found: Sequence[_Seen]) -> list[Panel]:
+def _panels(template: DetectorTemplate, images: Sequence[_SignImage]) -> list[Panel]:
     panels = []
-    for each in found:
-        weights = template.weights.numpy() * (-1 if each.sign == "negative" else 1)
-        caption = f"{template.name}, {each.sign} weights" if template.name else f"{each.sign} weights"
-        panels += [Panel(glyphs(np.maximum(weights, 0), template.spec), caption), Panel(each.image, "what they see")]
+    for image in images:
+        weights = template.weights.numpy() * (-1 if image.sign == "negative" else 1)
+        caption = f"{template.name}, {image.sign} weights" if template.name else f"{image.sign} weights"
+        panels += [Panel(glyphs(np.maximum(weights, 0), template.spec), caption), Panel(image.image, "what they see")]
     return panels
 
 
-def _row(path: str, template: DetectorTemplate, found: Sequence[_Seen]) -> dict[str, object]:
+def _row(path: str, template: DetectorTemplate, images: Sequence[_SignImage]) -> dict[str, object]:
     rows, cols, channels = template.weights.shape
     return {
         "input": path,
         "template": template.name,
         "descriptor": template.spec.name,
         "shape": f"{rows}x{cols}x{channels}",
-        **{f"distance,\n{each.sign}": each.distance for each in found},
+        **{f"distance,\n{image.sign}": image.distance for image in images},
     }
 
 

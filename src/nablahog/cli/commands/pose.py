@@ -1,4 +1,4 @@
-"""The pose of one object in a photograph, as ``nablahog pose`` finds it."""
+"""``nablahog pose``: the pose of one object in a photograph."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Progress = Callable[[int, int, str], None]
 
 
 def pose(arguments: Namespace) -> None:
-    """Finds the pose as the command line asks for it, and writes what there is to see of it.
+    """Finds the pose; writes its figures, pictures and page.
 
     Raises:
         UserError: an input is unusable.
@@ -46,7 +46,7 @@ def pose(arguments: Namespace) -> None:
             meshes = _meshes(models, progress)
         with counter("nablahog pose") as progress:
             began = time.perf_counter()
-            found = estimate_pose(
+            estimate = estimate_pose(
                 photograph,
                 meshes,
                 box=box,
@@ -62,8 +62,8 @@ def pose(arguments: Namespace) -> None:
             photograph=photograph,
             box=box,
             matched=PreparedPhotograph(crop_object(photograph, box), background),
-            found=found,
-            mesh=meshes[found.model],
+            estimate=estimate,
+            mesh=meshes[estimate.model],
             candidates=list(meshes),
             passed_over=models.failed,
             seconds=time.perf_counter() - began,

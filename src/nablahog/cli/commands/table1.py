@@ -1,4 +1,4 @@
-"""The table of pre-images, as ``nablahog table1`` makes it."""
+"""``nablahog table1``: the table of pre-images."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from ..terminal import counter, print_definitions, print_table, say
 
 
 def table1(arguments: Namespace) -> None:
-    """Makes the table as the command line asks for it.
+    """Makes the table of ``arguments.methods`` on ``arguments.images``.
 
     Raises:
         UserError: an input is unusable, or there is no result for any image.
         OSError: a file or folder is missing or cannot be written.
     """
     with as_user_error():
-        given = {kind: Path(getattr(arguments, kind)).resolve() for kind in LEARNED if getattr(arguments, kind)}
-        methods, left_out = choose(arguments.methods, given)
-    _check(given, methods)
+        files = {kind: Path(getattr(arguments, kind)).resolve() for kind in LEARNED if getattr(arguments, kind)}
+        methods, left_out = choose(arguments.methods, files)
+    _check(files, methods)
     photographs, origin = _photographs(arguments)
     with output_folder(arguments.output) as folder:
-        settings = Table1Settings(arguments.seed, arguments.max_evaluations, given | _learned_here(given, methods))
+        settings = Table1Settings(arguments.seed, arguments.max_evaluations, files | _learn_missing(files, methods))
         remarks = table1_page.remarks(left_out, settings.learned, photographs)
         with counter("nablahog table1") as progress:
             workers = arguments.workers or cores()
@@ -47,24 +47,24 @@ def table1(arguments: Namespace) -> None:
     say(f"Look at {folder / 'index.html'}")
 
 
-def _check(given: Mapping[str, Path], methods: Sequence[Method]) -> None:
-    """Raises UserError if the file of a model cannot be read, or the model is for other descriptors than its method."""
-    for kind, path in given.items():
+def _check(files: Mapping[str, Path], methods: Sequence[Method]) -> None:
+    """Raises UserError if a learned file cannot be read or is for other descriptors than those of its methods."""
+    for kind, path in files.items():
         with as_user_error():
-            found = load(kind, path)
+            model = load(kind, path)
         for method in methods:
             if method.needs == kind and method.spec is not None:
                 with as_user_error(f"{method.name}: "):
-                    found.check(method.spec)
+                    model.check(method.spec)
 
 
-def _learned_here(given: Mapping[str, Path], methods: Sequence[Method]) -> dict[str, Path]:
-    """Files of models that the methods need and no option names, learned from sample photographs."""
-    found = {}
-    for kind in dict.fromkeys(method.needs for method in methods if method.needs and method.needs not in given):
+def _learn_missing(files: Mapping[str, Path], methods: Sequence[Method]) -> dict[str, Path]:
+    """Learns the files that methods need and that no option names, from bundled photographs."""
+    learned = {}
+    for kind in dict.fromkeys(method.needs for method in methods if method.needs and method.needs not in files):
         with counter(f"nablahog table1, learning {kind}") as progress:
-            found[kind] = learned_from_samples(kind, progress)
-    return found
+            learned[kind] = learned_from_samples(kind, progress)
+    return learned
 
 
 def _photographs(arguments: Namespace) -> tuple[Photographs, str]:

@@ -1,4 +1,4 @@
-"""Poses of many objects, as ``nablahog table2`` finds and counts them."""
+"""``nablahog table2``: poses of many objects."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ VIEWPOINTS = 10_000  # of our own distribution, of which each scene has one
 
 
 def table2(arguments: Namespace) -> None:
-    """Makes the table as the command line asks for it.
+    """Makes the table of ``arguments.methods``.
 
     Raises:
-        UserError: an input is unusable, or no method has found any pose.
+        UserError: an input is unusable, or there is no pose of any object.
         OSError: a file or folder is missing or cannot be written.
     """
     methods = [method for name, method in POSE_METHODS.items() if name in (arguments.methods or POSE_METHODS)]
@@ -65,12 +65,12 @@ def _examples(arguments: Namespace) -> tuple[Examples, dict[str, str]]:
     )
     if arguments.viewpoints is None:
         viewpoints = sample_viewpoints(VIEWPOINTS, np.random.default_rng(arguments.seed))
-        seen = "seen as people photograph chairs"
+        views = "seen as people photograph chairs"
     else:
         viewpoints = read_viewpoints(arguments.viewpoints)
-        seen = f"seen from the {len(viewpoints)} viewpoints of {Path(arguments.viewpoints).name}"
+        views = f"seen from the {len(viewpoints)} viewpoints of {Path(arguments.viewpoints).name}"
     kind = "procedural chairs" if arguments.models is None else f"models of the folder {_name(arguments.models)}"
-    origin = f"{len(models)} {kind}, {seen}, in front of photographs that come with scikit-image"
+    origin = f"{len(models)} {kind}, {views}, in front of photographs that come with scikit-image"
     examples = rendered(
         arguments.objects or SCENES,
         models,

@@ -1,4 +1,4 @@
-"""The options ``--image-size`` and ``--key``: what a user says of arrays of other libraries."""
+"""The options ``--image-size`` and ``--key``, and arrays of other libraries."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .suggestions import parameters_that_fit, presets_that_fit
 
 @dataclass(frozen=True)
 class ArrayOptions:
-    """What was said; None where nothing was.
+    """The options that describe an array; None where an option is not set.
 
     Attributes:
         image_size: (height, width) in pixels of the images.
@@ -33,44 +33,44 @@ class ArrayOptions:
         return cls(arguments.image_size, arguments.key)
 
     def check_unused(self) -> None:
-        """Raises ValueError if anything was said, for no input is an array."""
+        """Raises ValueError if an option is set, for commands none of whose inputs is an array."""
         for option, value in (("--image-size", self.image_size), ("--key", self.key)):
             if value is not None:
                 raise ValueError(
                     f"{option} goes with arrays of other libraries, and no input is one (.npy, .npz, .mat)"
                 )
 
-    def read(self, path: str, wanted: SpecOptions) -> StoredDescriptor:
+    def read(self, path: str, options: SpecOptions) -> StoredDescriptor:
         """The descriptor in a .npy, .npz or .mat file.
 
         Raises:
             FileNotFoundError: there is no such file.
-            ValueError: it holds no such array, or one that is no descriptor of the dialect; the message says, if it is
-                known, of which it would be one.
+            ValueError: it holds no such array, or one that is no descriptor of the dialect; the message suggests
+                parameters that fit.
         """
         array = read_array(path, self.key)
         try:
-            return stored(array, *self.fitting(array.shape, wanted))
+            return stored(array, *self.fitting(array.shape, options))
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from None
 
-    def fitting(self, shape: tuple[int, ...], wanted: SpecOptions) -> tuple[HOGSpec, Fit]:
-        """How an array of this shape is a descriptor of what was asked for.
+    def fitting(self, shape: tuple[int, ...], options: SpecOptions) -> tuple[HOGSpec, Fit]:
+        """How an array of this shape is a descriptor of the dialect in ``options``.
 
         Raises:
-            ValueError: it is none, or it was not said of which preset; the message suggests options.
+            ValueError: it is none, or there is no ``--preset``; the message suggests options.
         """
-        if wanted.descriptor is None:
+        if options.descriptor is None:
             others = presets_that_fit(shape, None, self.image_size)
             raise ValueError(
                 f"an array does not say of which library it is: expected --preset NAME{_suggested(others)}"
             )
-        given, spec = wanted.parameters(), wanted.spec()
-        window = window_of(wanted.name, given)
-        if self.image_size is not None and "win_size" in given and window != self.image_size:
+        parameters, spec = options.parameters(), options.spec()
+        window = window_of(options.name, parameters)
+        if self.image_size is not None and "win_size" in parameters and window != self.image_size:
             raise ValueError(
                 f"--image-size {as_text(self.image_size)} (height x width) and --set "
-                f"win_size={as_text(given['win_size'])} (width x height) contradict each other"
+                f"win_size={as_text(parameters['win_size'])} (width x height) contradict each other"
             )
         for size in (self.image_size,) if self.image_size else (None, window):  # rows and columns say more
             how = fit(shape, spec, size)
@@ -79,8 +79,8 @@ class ArrayOptions:
         if len(shape) > 1 and shape[0] > 1 and fit(shape[1:], spec, self.image_size or window) is not None:
             raise ValueError(f"expected one descriptor in a file, got {shape[0]} of them")
         reason = self._mismatch(shape, spec, window)
-        own = parameters_that_fit(shape, wanted.name, given, self.image_size)
-        others = presets_that_fit(shape, wanted.name, self.image_size)
+        own = parameters_that_fit(shape, options.name, parameters, self.image_size)
+        others = presets_that_fit(shape, options.name, self.image_size)
         raise ValueError(f"{reason}{_suggested(own + others)}")
 
     def _mismatch(self, shape: tuple[int, ...], spec: HOGSpec, window: tuple[int, int] | None) -> str:

@@ -1,4 +1,4 @@
-"""The options ``--preset``, ``--set``, ``--cell`` and ``--vote``: which dialect a user asked for."""
+"""The options ``--preset``, ``--set``, ``--cell`` and ``--vote``: the dialect of the inputs."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ def make_spec(name: str, parameters: Mapping[str, Any]) -> HOGSpec:
     try:
         return PRESETS[name](**{**defaults_of(name), **parameters})
     except ValueError as error:
-        given = ", ".join(f"{key}={as_text(value)}" for key, value in parameters.items())
-        raise ValueError(f"{name} with {given}: {error}" if given else str(error)) from None
+        options = ", ".join(f"{key}={as_text(value)}" for key, value in parameters.items())
+        raise ValueError(f"{name} with {options}: {error}" if options else str(error)) from None
 
 
 @dataclass(frozen=True)
 class SpecOptions:
-    """The conventions a user asked for; None where nothing was said.
+    """The options that choose a dialect; None where an option is not set.
 
     Attributes:
         descriptor: a key of :data:`~nablahog.cli.arguments.preset_parameters.PRESETS`.
@@ -64,49 +64,49 @@ class SpecOptions:
         return self.descriptor or DEFAULT_DESCRIPTOR
 
     def parameters(self) -> dict[str, Any]:
-        """Those of the preset that the user set, by whatever option.
+        """The parameters of the preset that options set.
 
         Raises:
             ValueError: as the class.
         """
-        hints, found = parameters_of(self.name), {}
+        hints, parameters = parameters_of(self.name), {}
         for key, text in self.settings:
             if key not in hints:
                 raise ValueError(f"--set: {self.name} has no parameter {key!r}, but {', '.join(hints)}")
             try:
-                found[key] = parsed(text, hints[key])
+                parameters[key] = parsed(text, hints[key])
             except ValueError as error:
                 raise ValueError(f"--set {key}: {error}") from None
         for option, more in (("--cell", self._cell(hints)), ("--vote", self._vote(hints))):
-            for key in more.keys() & found.keys():
+            for key in more.keys() & parameters.keys():
                 raise ValueError(f"{option} and --set {key} say the same: expected one of them")
-            found |= more
-        return found
+            parameters |= more
+        return parameters
 
     def spec(self) -> HOGSpec:
-        """The spec for photographs: what was asked for, completed by the defaults."""
+        """The spec of photographs: the options, completed by the defaults."""
         return make_spec(self.name, self.parameters())
 
     def check(self, spec: HOGSpec) -> None:
-        """Raises ValueError if ``spec``, that of a descriptor file, contradicts what was asked for."""
-        asked = {"cell_size": self.cell, "vote": self.vote}
-        wanted = {}
+        """Raises ValueError if ``spec``, of a descriptor file, contradicts the options."""
+        separate = {"cell_size": self.cell, "vote": self.vote}
+        expected = {}
         if self.descriptor or self.settings:
             keys = dict(self.settings)
-            named = {"cell_size": CELLS, "vote": _VOTES}  # not asked for unless they are set
+            named = {"cell_size": CELLS, "vote": _VOTES}  # compared only if they are set
             whole = self.spec()
-            wanted = {
+            expected = {
                 field.name: getattr(whole, field.name)
                 for field in dataclasses.fields(whole)
-                if field.name not in asked or any(key in keys for key in named[field.name])
+                if field.name not in separate or any(key in keys for key in named[field.name])
             }
-        wanted |= {field: value for field, value in asked.items() if value}
-        differing = [field for field, value in wanted.items() if getattr(spec, field) != value]
+        expected |= {field: value for field, value in separate.items() if value}
+        differing = [field for field, value in expected.items() if getattr(spec, field) != value]
         if any(field not in _FREE for field in differing):  # but the name, if it differs, says it best
             field = differing[0]
             raise ValueError(
                 f"a descriptor of another spec than asked for: its {field} is {getattr(spec, field)!r}, "
-                f"not {wanted[field]!r}"
+                f"not {expected[field]!r}"
             )
 
     def _cell(self, hints: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""With which parameters an array may be a descriptor: what to try next if it does not fit those that were given."""
+"""Suggests parameters with which an array is a descriptor, if it does not fit the options of the command."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from .spec import CELLS, make_spec
 Size: TypeAlias = tuple[int, int]
 Changes: TypeAlias = dict[str, Any]  # of parameters, and of the "image_size"
 
-MOST = 3  # fits of either kind that anybody is told
-# all in the order in which they come to mind
+MOST = 3  # suggestions of either kind
+# the most usual values first
 _BINS = (9, 8, 6, 12, 18, 4, 3, 5, 7, 10, 11, 13, 14, 15, 16, 17)
 _CELL_SIDES = (8, 16, 4, 6, 5, 10)
 _BLOCK_SIDES = (2, 3, 1, 4)  # in cells
@@ -28,27 +28,27 @@ _IMAGE_SIZES = (
 
 
 def parameters_that_fit(
-    shape: tuple[int, ...], name: str, given: Mapping[str, Any], image_size: Size | None
+    shape: tuple[int, ...], name: str, options_set: Mapping[str, Any], image_size: Size | None
 ) -> list[str]:
     """Options with which an array of this shape is a descriptor of the preset: at most three, the least changes first.
 
     Args:
         shape: of the array.
         name: of the preset.
-        given: the parameters that the user set.
-        image_size: (height, width) if the user said it.
+        options_set: the parameters that the user set.
+        image_size: (height, width) of the option, or None.
     """
     in_one_row = is_row(shape)
-    asked = image_size or (window_of(name, given) if in_one_row else None)
-    found: list[Changes] = []
-    for changes, spec in _trials(name, given):
-        for how in _fits(shape, spec, asked):
-            if how.image_size == asked or (asked is None and not in_one_row):
-                found.append(changes)
+    size = image_size or (window_of(name, options_set) if in_one_row else None)
+    fitting: list[Changes] = []
+    for changes, spec in _trials(name, options_set):
+        for how in _fits(shape, spec, size):
+            if how.image_size == size or (size is None and not in_one_row):
+                fitting.append(changes)
             elif in_one_row or not {*CELLS} & changes.keys():  # rows and columns fit cells of any size
-                found.append({**changes, "image_size": how.image_size})
+                fitting.append({**changes, "image_size": how.image_size})
     least: list[Changes] = []
-    for changes in sorted(found, key=len):  # stable: of those that change as much, what comes to mind first
+    for changes in sorted(fitting, key=len):  # stable: of those that change as much, the most usual first
         if not any(fewer.items() <= changes.items() for fewer in least):
             least.append(changes)
     return [_options(name, changes, image_size) for changes in least[:MOST]]
@@ -59,26 +59,26 @@ def presets_that_fit(shape: tuple[int, ...], but: str | None, image_size: Size |
 
     Args:
         shape: of the array.
-        but: the preset that the user named.
-        image_size: (height, width) if the user said it.
+        but: the preset of the options, which is left out.
+        image_size: (height, width) of the option, or None.
     """
-    found = []
+    suggestions = []
     for name in PRESETS:
         spec = make_spec(name, {})
         if name == but or (is_row(shape) and not spec.layout.endswith("vector")):  # which no library lays in one row
             continue
         how = next(_fits(shape, spec, image_size or window_of(name, {})), None)
         if how is not None:
-            said = how.image_size == image_size or (image_size is None and not is_row(shape))
-            options = _options(name, {} if said else {"image_size": how.image_size}, image_size)
-            found.append((how.layout != spec.layout, f"--preset {name} {options}".strip()))
-    return [options for _, options in sorted(found, key=lambda each: each[0])[:MOST]]
+            is_known = how.image_size == image_size or (image_size is None and not is_row(shape))
+            options = _options(name, {} if is_known else {"image_size": how.image_size}, image_size)
+            suggestions.append((how.layout != spec.layout, f"--preset {name} {options}".strip()))
+    return [options for _, options in sorted(suggestions, key=lambda each: each[0])[:MOST]]
 
 
-def _fits(shape: tuple[int, ...], spec: HOGSpec, asked: Size | None) -> Iterator[Fit]:
-    """How an array fits a spec, for the size of image that was asked for, if any, first."""
+def _fits(shape: tuple[int, ...], spec: HOGSpec, image_size: Size | None) -> Iterator[Fit]:
+    """How an array fits a spec, for the image size ``image_size``, if any, first."""
     count = math.prod(shape)
-    sizes: list[Size | None] = [] if asked is None else [asked]
+    sizes: list[Size | None] = [] if image_size is None else [image_size]
     if is_row(shape):
         square = spec.image_size(*[math.isqrt(count // spec.channels)] * 2)
         sizes += [*_IMAGE_SIZES, square]
@@ -100,14 +100,14 @@ def _suits(spec: HOGSpec, image_size: Size) -> bool:
     return not spec.pooling.has_blocks or spec.image_size(*spec.grid(*image_size)) == image_size
 
 
-def _trials(name: str, given: Mapping[str, Any]) -> Iterator[tuple[Changes, HOGSpec]]:
-    """Specs of the preset, with the parameters that are others than those a user has."""
-    base = {**defaults_of(name), **given}
+def _trials(name: str, options_set: Mapping[str, Any]) -> Iterator[tuple[Changes, HOGSpec]]:
+    """Specs of the preset, each with the parameters that differ from the options and defaults."""
+    base = {**defaults_of(name), **options_set}
     axes = [[{}, *(each for each in axis if not _within(each, base))] for axis in _axes(name)]
     for choice in itertools.product(*axes):
         merged: Changes = {key: value for part in choice for key, value in part.items()}
         changes = {key: value for key, value in merged.items() if not _within({key: value}, base)}
-        parameters = {**given, **changes}
+        parameters = {**options_set, **changes}
         if "win_size" in base:  # is not part of the spec, but must suit it
             parameters["win_size"] = parameters.get("block_size", base["block_size"])
         try:
@@ -144,7 +144,7 @@ def _axes(name: str) -> Iterator[list[Changes]]:
 
 
 def _options(name: str, changes: Changes, image_size: Size | None) -> str:
-    """As they are typed."""
+    """The changes as options of the command line."""
     options = []
     for key, value in changes.items():
         if key == "image_size":

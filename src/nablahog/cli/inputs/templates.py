@@ -39,14 +39,14 @@ class DetectorTemplate:
     image_size: tuple[int, int]
 
 
-def read_templates(path: str, wanted: SpecOptions, raw: ArrayOptions) -> list[DetectorTemplate]:
+def read_templates(path: str, spec_options: SpecOptions, array_options: ArrayOptions) -> list[DetectorTemplate]:
     """The templates in a file.
 
     Args:
         path: a model of voc-release5 (.mat), or an array of weights (.npy, .npz, .mat), in the layout of its library,
             with or without a bias after them, which is left out.
-        wanted: the dialect of an array; OpenCV's people detectors are known by their length.
-        raw: image size and name of an array.
+        spec_options: the dialect of an array; OpenCV's people detectors are recognised by their length.
+        array_options: image size and name of an array.
 
     Raises:
         FileNotFoundError: there is no such file.
@@ -64,17 +64,17 @@ def read_templates(path: str, wanted: SpecOptions, raw: ArrayOptions) -> list[De
             DetectorTemplate(each.name, each.weights, spec, spec.image_size(*each.weights.shape[:2]))
             for each in model.filters
         ]
-    array = read_array(path, raw.key)
+    array = read_array(path, array_options.key)
     try:
-        return [_of_array(array, wanted, raw)]
+        return [_of_array(array, spec_options, array_options)]
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
 
-def _of_array(array: NDArray[np.floating], wanted: SpecOptions, raw: ArrayOptions) -> DetectorTemplate:
+def _of_array(array: NDArray[np.floating], spec_options: SpecOptions, array_options: ArrayOptions) -> DetectorTemplate:
     if array.size == max(array.shape, default=0):
         array = array.reshape(-1)
-    spec, how = _fit(array.shape, wanted, raw)
+    spec, how = _fit(array.shape, spec_options, array_options)
     weights = torch.from_numpy(np.ascontiguousarray(array, dtype=np.float32))
     if math.prod(how.shape) < array.size:  # a bias follows
         weights = weights[:-1]
@@ -83,9 +83,9 @@ def _of_array(array: NDArray[np.floating], wanted: SpecOptions, raw: ArrayOption
     return DetectorTemplate("", descriptor, spec, how.image_size)
 
 
-def _fit(shape: tuple[int, ...], wanted: SpecOptions, raw: ArrayOptions) -> tuple[HOGSpec, Fit]:
+def _fit(shape: tuple[int, ...], spec_options: SpecOptions, array_options: ArrayOptions) -> tuple[HOGSpec, Fit]:
     lengths = (shape[0], shape[0] - 1) if len(shape) == 1 else ()
-    if wanted.descriptor is None:
+    if spec_options.descriptor is None:
         for length in lengths:
             if length in OPENCV_WINDOWS:
                 window = OPENCV_WINDOWS[length]
@@ -93,12 +93,12 @@ def _fit(shape: tuple[int, ...], wanted: SpecOptions, raw: ArrayOptions) -> tupl
                 assert how is not None
                 return spec, how
     try:
-        return raw.fitting(shape, wanted)
+        return array_options.fitting(shape, spec_options)
     except ValueError:
         if not lengths:
             raise
         try:
-            return raw.fitting((lengths[1],), wanted)
+            return array_options.fitting((lengths[1],), spec_options)
         except ValueError:
             pass
         raise

@@ -1,4 +1,4 @@
-"""A pose found as people look at it: pictures and a page."""
+"""Pictures and the page of a pose estimate."""
 
 from __future__ import annotations
 
@@ -64,21 +64,21 @@ def write(folder: Path, result: PoseResult) -> None:
 
 def _overlay(result: PoseResult) -> list[Panel]:
     """The photograph with the object's box and the model's outline, and closer, without and with the rendering."""
-    found, mesh = result.found, result.mesh
+    estimate, mesh = result.estimate, result.mesh
     height, width = result.photograph.shape[1:]
     zoom = min(HEIGHT / height, WIDEST / width)
     size = max(1, round(height * zoom)), max(1, round(width * zoom))
     whole = interpolate(result.photograph[None], size, mode="bilinear", antialias=True)[0]
-    whole_camera = Camera(found.camera.focal * zoom, *size)
-    whole_outlined = _outlined(whole, mesh, _scaled(found.pose[0], zoom), whole_camera)
+    whole_camera = Camera(estimate.camera.focal * zoom, *size)
+    whole_outlined = _outlined(whole, mesh, _scaled(estimate.pose[0], zoom), whole_camera)
     close = crop_object(result.photograph, result.box, HEIGHT, fill := _CLOSE * HEIGHT)
-    pose = _scaled(found.crop_pose, fill / FILL)
+    pose = _scaled(estimate.crop_pose, fill / FILL)
     pasted = render(mesh, pose, close.camera, background=close.image)
     return [
         Panel(boxed(whole_outlined, [[side * zoom for side in result.box]]), "the photograph"),
         Panel(close.image[0], "the object"),
-        Panel(_outlined(close.image[0], mesh, pose, close.camera), f"outline of {found.model}"),
-        Panel(pasted[0], f"azimuth {round(found.azimuth)}°, elevation {round(found.elevation)}°"),
+        Panel(_outlined(close.image[0], mesh, pose, close.camera), f"outline of {estimate.model}"),
+        Panel(pasted[0], f"azimuth {round(estimate.azimuth)}°, elevation {round(estimate.elevation)}°"),
     ]
 
 
@@ -95,24 +95,24 @@ def _scaled(pose: Tensor, zoom: float) -> Tensor:
 
 def _around(result: PoseResult) -> Panel:
     """The paper's figure."""
-    found = result.found
+    estimate = result.estimate
     picture = by_azimuth(
         *result.around,
-        what=found.similarity_kind,
-        azimuth=found.azimuth,
+        what=estimate.similarity_kind,
+        azimuth=estimate.azimuth,
         traces=[(trace.azimuths, trace.similarities) for trace in result.traces],
         views=list(render(result.mesh, result.turned(VIEWS), result.matched.crop.camera)),
     )
-    return Panel(picture, f"similarity of {found.model} and its derivative by azimuth")
+    return Panel(picture, f"similarity of {estimate.model} and its derivative by azimuth")
 
 
 def _glyphs(result: PoseResult) -> list[Panel]:
     """The visual elements of the photograph, and the same regions of the rendering."""
     crop, spec = result.matched.crop, result.matched.background.spec
-    rendering = render(result.mesh, result.found.crop_pose[None], crop.camera)
+    rendering = render(result.mesh, result.estimate.crop_pose[None], crop.camera)
     _, elements = result.matched.elements
     panels = []
-    for image, what in ((crop.image, "the object"), (rendering, f"rendering of {result.found.model}")):
+    for image, what in ((crop.image, "the object"), (rendering, f"rendering of {result.estimate.model}")):
         (descriptor,) = describe(image, spec).permute(0, 2, 3, 1)
         drawn = glyphs(descriptor, spec, cell_pixels=24)
         down, across = (drawn.shape[axis] / descriptor.shape[axis] for axis in range(2))
@@ -127,9 +127,9 @@ def _glyphs(result: PoseResult) -> list[Panel]:
 def _page(result: PoseResult, overlay: list[Panel], turned: Panel, drawn: list[Panel]) -> str:
     spec, settings = result.matched.background.spec, result.settings
     initial = "unknown" if settings.initial is None else "azimuth {:g}°, elevation {:g}°".format(*settings.initial)
-    asked = {
+    settings_shown = {
         "method": settings.method,
-        "similarity": result.found.similarity_kind,
+        "similarity": result.estimate.similarity_kind,
         "initial pose": initial,
         "box": ", ".join(f"{side:g}" for side in result.box),
         "descriptor": f"{spec.name}, cells of {spec.cell_size[0]}x{spec.cell_size[1]} pixels",
@@ -138,21 +138,21 @@ def _page(result: PoseResult, overlay: list[Panel], turned: Panel, drawn: list[P
     }
     paths = " In orange, the paths of the search from its starts." if result.traces else ""
     sections = [
-        html.Section("Overlay", "The outline of the model at the pose found, and its rendering.", overlay),
+        html.Section("Overlay", "The outline of the model at the estimated pose, and its rendering.", overlay),
         html.Section(
             "Similarity by azimuth",
-            "Azimuth changes, the other parameters are those found; below, renderings at the azimuths above them. "
+            "Only the azimuth changes. Below: renderings at the azimuths above them. "
             f"The cells have {spec.cell_size[0]} pixels of the {result.matched.crop.image.shape[-1]} that the object "
             f"is scaled to.{paths}",
             [turned],
         ),
         html.Section(
             "Visual elements",
-            "In red, the patches of the object that photographs elsewhere have least, and the same regions of the "
-            "rendering. The calibrated similarity compares the whole window instead.",
+            "In red, the most discriminative patches of the object, and the same regions of the rendering. The "
+            "calibrated similarity compares the whole window instead.",
             drawn,
         ),
-        html.Section("Settings", "", table=[{"setting": key, "value": value} for key, value in asked.items()]),
+        html.Section("Settings", "", table=[{"setting": key, "value": value} for key, value in settings_shown.items()]),
     ]
     row = result.row()
     return html.page(

@@ -1,4 +1,4 @@
-"""A pose found, with all figures that there are of it."""
+"""A pose estimate and its figures."""
 
 from __future__ import annotations
 
@@ -33,25 +33,25 @@ DEFINITIONS = {
     "is on the object's left, which is the viewer's right.",
     "elevation": "Degrees that the camera is above the object.",
     "theta": "Degrees that the picture is turned counter-clockwise.",
-    "distance": "From the camera to the middle of the object, in diagonals of its bounding box. It goes with the focal "
-    "length: a photograph of one object hardly tells one from the other.",
-    "x, y": "Pixels to the right and down from the middle of the photograph to where the middle of the object is seen.",
-    "focal_length": "Of the camera that the pose is meant for, in pixels of the photograph.",
+    "distance": "From the camera to the middle of the object, in diagonals of its bounding box. It "
+    "depends on the focal length: one photograph hardly determines both.",
+    "x, y": "Pixels to the right and down from the middle of the photograph to the middle of the object.",
+    "focal_length": "Of the camera of the pose, in pixels of the photograph.",
     "renderings": "How many the search has made, of all candidates.",
     "seconds": "Wall time of the search; the first in a process takes longer, while code is compiled or loaded.",
 }
-"""What the figures mean, but for the similarity's."""
+"""What the figures mean, except the similarity."""
 
 SIMILARITIES = {
     "dot": "The sum over the visual elements of the photograph of the dot products of their descriptors with those of "
     "the same regions of the rendering, as in the paper.",
-    "whitened": "The same, with the elements' descriptors whitened by the background: what photographs have everywhere "
-    "does not count.",
-    "calibrated": "The score of the rendering's linear discriminant on the whole window of the photograph, in its "
-    "standard deviations over photographs of anything. The best method's last steps, and the similarity it reports, "
-    "have cells of half the size.",
+    "whitened": "The same, with the elements' descriptors whitened by the background: structure that is common in "
+    "photographs has little weight.",
+    "calibrated": "The score of the rendering's linear discriminant on the whole window of the photograph, in "
+    "standard deviations over arbitrary photographs. The last steps of the method best, and the similarity that it "
+    "reports, use cells of half the size.",
 }
-"""What the similarity is, by its kind."""
+"""What the similarity means, by its kind."""
 
 _UNITS = {
     "azimuth, elevation, theta": "degrees",
@@ -67,7 +67,7 @@ _UNITS = {
 
 @dataclass(frozen=True, eq=False)
 class PoseOptions:
-    """What was asked for.
+    """The options of the search.
 
     Attributes:
         method, initial, seed: as for :func:`nablahog.pose.estimate.estimate_pose`.
@@ -82,26 +82,26 @@ class PoseOptions:
 
 @dataclass(frozen=True, eq=False)
 class PoseResult:
-    """A pose found, with what it was found from.
+    """A pose estimate with its inputs.
 
     Attributes:
         path: the photograph's file.
         photograph: (C, H, W) in 0…1.
         box: of the object in it.
         matched: its crop and background.
-        found: the pose.
+        estimate: the pose.
         mesh: of the best model.
         candidates: the names of all models.
-        passed_over: why others could not be read, by their names.
+        passed_over: why models could not be read, by their names.
         seconds: of the search.
-        settings: as asked for.
+        settings: of the search.
     """
 
     path: str
     photograph: Tensor
     box: Box
     matched: PreparedPhotograph
-    found: PoseEstimate
+    estimate: PoseEstimate
     mesh: Mesh
     candidates: Sequence[str]
     passed_over: dict[str, str]
@@ -110,16 +110,16 @@ class PoseResult:
 
     def row(self) -> dict[str, object]:
         """The most important figures, for a table."""
-        found = self.found
+        estimate = self.estimate
         return {
             "photograph": os.fsencode(Path(self.path).name).decode(errors="backslashreplace"),
-            "model": found.model,
-            "azimuth": found.azimuth,
-            "elevation": found.elevation,
-            "theta": found.theta,
-            "distance": found.distance,
-            "similarity": found.similarity,
-            "renderings": found.renderings,
+            "model": estimate.model,
+            "azimuth": estimate.azimuth,
+            "elevation": estimate.elevation,
+            "theta": estimate.theta,
+            "distance": estimate.distance,
+            "similarity": estimate.similarity,
+            "renderings": estimate.renderings,
             "seconds": self.seconds,
         }
 
@@ -128,33 +128,33 @@ class PoseResult:
         return {name: of for name, of in self._definitions().items() if name in self.row()}
 
     def _definitions(self) -> dict[str, str]:
-        return {**DEFINITIONS, "similarity": SIMILARITIES[self.found.similarity_kind]}
+        return {**DEFINITIONS, "similarity": SIMILARITIES[self.estimate.similarity_kind]}
 
     def figures(self) -> dict[str, Any]:
-        """All there is to say, ready for JSON."""
-        found, spec = self.found, self.matched.background.spec
+        """All figures, ready for JSON."""
+        estimate, spec = self.estimate, self.matched.background.spec
         similarities, derivatives = self.around
         _, parts = self.matched.elements
         return {
             "photograph": self.path,
             "image_size": list(self.photograph.shape[1:]),
             "box": list(self.box),
-            "model": found.model,
-            "azimuth": found.azimuth,
-            "elevation": found.elevation,
-            "theta": found.theta,
-            "distance": found.distance,
-            "x": found.x,
-            "y": found.y,
-            "focal_length": found.camera.focal,
-            "similarity": found.similarity,
-            "renderings": found.renderings,
+            "model": estimate.model,
+            "azimuth": estimate.azimuth,
+            "elevation": estimate.elevation,
+            "theta": estimate.theta,
+            "distance": estimate.distance,
+            "x": estimate.x,
+            "y": estimate.y,
+            "focal_length": estimate.camera.focal,
+            "similarity": estimate.similarity,
+            "renderings": estimate.renderings,
             "seconds": round(self.seconds, 4),
             "candidates": list(self.candidates),
             "passed_over": self.passed_over,
             "settings": {
                 "method": self.settings.method,
-                "similarity": found.similarity_kind,
+                "similarity": estimate.similarity_kind,
                 "initial": None if self.settings.initial is None else list(self.settings.initial),
                 "background": self.settings.background,
                 "descriptor": json.loads(spec.to_json()),
@@ -182,19 +182,19 @@ class PoseResult:
     @property
     def traces(self) -> list[SearchTrace]:
         """Of the searches with the best model."""
-        return [trace for trace in self.found.traces if trace.model == self.found.model]
+        return [trace for trace in self.estimate.traces if trace.model == self.estimate.model]
 
     @cached_property
     def around(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Similarities and derivatives by azimuth, per degree, at the other parameters of the pose found."""
+        """Similarities and derivatives by azimuth, per degree, at the other parameters of the estimate."""
         model = prepared_model(self.mesh, self.matched.crop.camera)
-        template = self.matched.template(self.found.similarity_kind)
+        template = self.matched.template(self.estimate.similarity_kind)
         similarity = model.similarity(template, "opendr" if self.settings.method == "paper" else "edges")
         values, slopes = similarity.derivatives(self.turned(AZIMUTHS))
         return as_array(values), as_array(slopes[:, 0])
 
     def turned(self, count: int) -> Tensor:
         """Poses for the crop at ``count`` azimuths from 0° on."""
-        start = self.found.crop_pose.clone()
+        start = self.estimate.crop_pose.clone()
         start[0] = 0
         return azimuth_sweep(start, count)
