@@ -20,6 +20,7 @@ from .methods import Method, Table1Settings
 from .photographs import Photographs
 from .statistics import RESAMPLES, Statistics
 from .table1 import Line, Table1
+from .tables import failures_section
 
 HEADINGS = {"cc": "CC", "abs_cc": "|CC|", "mi": "MI", "ssim": "SSIM", "distance": "distance"}
 LEVEL_IMAGES = 2  # for each method in the figure of the levels
@@ -148,14 +149,8 @@ def _cell(of: Statistics) -> html.Cell | None:
 
 
 def _failures(table: Table1) -> html.Section | None:
-    if not table.failures:
-        return None
-    rows = [{"image": each.image, "method": each.method or "all", "reason": each.reason} for each in table.failures]
-    return html.Section(
-        f"Failed: {len(rows)}",
-        "These are in no figure above. A further run of the same settings tries them again.",
-        table=rows,
-    )
+    text = "These are in no figure above. A further run of the same settings tries them again."
+    return failures_section(table.failures, "image", text)
 
 
 def _shown(table: Table1) -> list[str]:

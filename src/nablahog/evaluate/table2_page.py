@@ -17,6 +17,7 @@ from .examples import Example
 from .pose_methods import POSE_METHODS, Table2Settings
 from .statistics import RESAMPLES, Statistics
 from .table2 import NO_POSE, Line, Table2
+from .tables import failures_section
 
 BARS = 12  # of the histograms, 15° each
 
@@ -92,11 +93,8 @@ def _span(low: float | None, high: float | None) -> str:
 
 
 def _failures(table: Table2) -> html.Section | None:
-    if not table.failures:
-        return None
-    rows = [{"object": each.image, "method": each.method or "all", "reason": each.reason} for each in table.failures]
     text = "Where a method failed it counts as wrong above. A further run of the same settings tries it again."
-    return html.Section(f"Failed: {len(rows)}", text, table=rows)
+    return failures_section(table.failures, "object", text)
 
 
 def _thresholds(lines: Sequence[Line]) -> html.Section:

@@ -8,7 +8,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..io.files import replacing
+from ..io.files import write_text
+from ..viz.html import Section
 
 
 @dataclass(frozen=True)
@@ -30,5 +31,18 @@ def write_csv(path: Path, rows: Iterable[Sequence[object]]) -> None:
     """Writes a table whole or not at all: full precision, nothing where there is None, the heads in the first row."""
     text = io.StringIO(newline="")
     csv.writer(text, lineterminator="\n").writerows(rows)
-    with replacing(path) as file:
-        file.write(text.getvalue().encode(errors="backslashreplace"))
+    write_text(path, text.getvalue())
+
+
+def failures_section(failures: Sequence[Failure], image: str, text: str) -> Section | None:
+    """A section that lists the failures; None if there are none.
+
+    Args:
+        failures: of the run.
+        image: the heading of their images.
+        text: what they mean for the figures.
+    """
+    if not failures:
+        return None
+    rows = [{image: each.image, "method": each.method or "all", "reason": each.reason} for each in failures]
+    return Section(f"Failed: {len(rows)}", text, table=rows)

@@ -67,6 +67,16 @@ def check_folder(folder: Path, expected: str) -> None:
         raise NotADirectoryError(f"{folder}: expected a folder of {expected}, got a file")
 
 
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Writes a text file in UTF-8, whole or not at all; characters that UTF-8 lacks are written as escapes.
+
+    Raises:
+        OSError: as :func:`replacing`.
+    """
+    with replacing(path) as file:
+        file.write(text.encode(errors="backslashreplace"))
+
+
 def remove_parts(folder: Path, *, older_than: float) -> None:
     """Removes the temporary files in ``folder`` that :func:`replacing` left when its process was killed.
 

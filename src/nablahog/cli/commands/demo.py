@@ -11,7 +11,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ...io.files import output_folder, replacing
+from ...io.files import output_folder, write_text
 from ...io.images import limit_size, write_image
 from ...io.sample_photographs import sample_photograph
 from ...metrics import DEFINITIONS
@@ -60,9 +60,8 @@ def _write(folder: Path, photo: Tensor, inversions: Sequence[Inversion]) -> None
         _, _, _, compared = inversion.panels()
         write_image(folder / f"{inversion.source.stem}_difference.png", compared.picture)
     figures = [inversion.figures() for inversion in inversions]
-    for name, text in (("figures.json", json.dumps(figures, indent=2)), ("index.html", _page(inversions))):
-        with replacing(folder / name) as file:
-            file.write(text.encode())
+    write_text(folder / "figures.json", json.dumps(figures, indent=2))
+    write_text(folder / "index.html", _page(inversions))
 
 
 def _page(inversions: Sequence[Inversion]) -> str:

@@ -12,7 +12,7 @@ from torch import Tensor
 from ...dialects import Comparison, compare, page, tables
 from ...dialects.heatmap import heat_map
 from ...evaluate.tables import write_csv
-from ...io.files import output_folder, replacing
+from ...io.files import output_folder, write_text
 from ...io.images import limit_size, read_image, write_image
 from ..errors import as_user_error, forbid_overwrite
 from ..inputs.spec import SpecOptions
@@ -63,8 +63,7 @@ def _write(folder: Path, comparison: Comparison, image: Tensor, introduction: st
         write_image(folder / "dialects.png", picture)
         write_csv(folder / "dialects.csv", tables.csv_rows(comparison))
         write_csv(folder / "ties.csv", tables.csv_ties(comparison.ties))
-        with replacing(folder / "index.html") as file:
-            file.write(html.encode())
+        write_text(folder / "index.html", html)
 
 
 def _print(comparison: Comparison, introduction: str) -> None:

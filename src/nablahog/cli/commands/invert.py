@@ -11,7 +11,7 @@ import torch
 
 from ...evaluate.learned import load
 from ...invert import LearnedPrior
-from ...io.files import output_folder, replacing
+from ...io.files import output_folder, write_text
 from ..errors import UserError, as_user_error, forbid_overwrite
 from ..inputs.sources import Source, read_sources
 from ..results.inversion import Inversion, batches, invert_batch, print_figures, result_names
@@ -49,8 +49,7 @@ def invert(arguments: Namespace) -> None:
                 inversions[index] = inversion
             # after each batch, so that an interrupted run leaves its finished part whole
             figures = [inversions[index].figures() for index in sorted(inversions)]
-            with replacing(folder / "results.json") as file:
-                file.write((json.dumps(figures, indent=2, allow_nan=False) + "\n").encode())
+            write_text(folder / "results.json", json.dumps(figures, indent=2, allow_nan=False) + "\n")
     if arguments.json:
         print(json.dumps(figures, indent=2, allow_nan=False))
     else:

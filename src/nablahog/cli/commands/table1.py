@@ -11,7 +11,7 @@ from ...evaluate.learned import LEARNED, learned_from_samples, load
 from ...evaluate.methods import Method, Table1Settings, choose
 from ...evaluate.photographs import Photographs, read_folder, sample_photographs
 from ...evaluate.table1 import Table1, run_table1, write_tables
-from ...io.files import output_folder, replacing
+from ...io.files import output_folder, write_text
 from ...jobs.runner import cores
 from ..errors import UserError, as_user_error
 from ..terminal import counter, print_definitions, print_table, say
@@ -39,8 +39,7 @@ def table1(arguments: Namespace) -> None:
             first = table.failures[0]
             raise UserError(f"there is no result for any image; the first: {first.image}: {first.reason}")
         write_tables(folder, table)
-        with replacing(folder / "index.html") as file:
-            file.write(table1_page.page(table, settings, origin, remarks).encode())
+        write_text(folder / "index.html", table1_page.page(table, settings, origin, remarks))
     _print(table)
     for remark in remarks:
         say(remark)

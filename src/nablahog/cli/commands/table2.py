@@ -15,7 +15,7 @@ from ...evaluate.examples import Examples, photographed, rendered
 from ...evaluate.models import models_in, procedural_chairs
 from ...evaluate.pose_methods import POSE_METHODS, Table2Settings
 from ...evaluate.table2 import Table2, run_table2, write_tables
-from ...io.files import output_folder, replacing
+from ...io.files import output_folder, write_text
 from ...io.sample_photographs import SAMPLE_NAMES, sample_photograph
 from ...jobs.runner import cores
 from ..arguments.tables import SCENES
@@ -45,8 +45,7 @@ def table2(arguments: Namespace) -> None:
             first = next(failure for failure in table.failures if failure.method is not None)
             raise UserError(f"there is no pose of any object; the first: {first.image}: {first.reason}")
         write_tables(folder, table)
-        with replacing(folder / "index.html") as file:
-            file.write(table2_page.page(table, settings).encode())
+        write_text(folder / "index.html", table2_page.page(table, settings))
     _print(table)
     for name, reason in passed_over.items():
         say(f"Passed over: {name}: {reason}")

@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.nn.functional import interpolate
 
 from ...hog.box import Box
-from ...io.files import distinct_stems, replacing
+from ...io.files import distinct_stems, replacing, write_text
 from ...io.images import Picture, as_array, write_image
 from ...pose.crop import FILL, crop_object
 from ...pose.prepared import ELEMENT
@@ -58,8 +58,7 @@ def write(folder: Path, result: PoseResult) -> None:
             sheet.save(file, format="PNG")
     write_image(names[1], turned.picture)
     for path, text in zip(names[3:], (figures, html), strict=True):
-        with replacing(path) as file:
-            file.write(text.encode())
+        write_text(path, text)
 
 
 def _overlay(result: PoseResult) -> list[Panel]:
