@@ -23,9 +23,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "metrics": {"io"},
     "optimize": {"runtime"},
     "render": {"io", "runtime"},  # no HOG
-    "viz": {"hog", "io"},
+    "viz": {"hog", "io", "runtime"},
     "compat": {"hog", "io", "runtime"},
-    "datasets": {"hog", "io", "render"},
+    "datasets": {"hog", "io", "render", "runtime"},
     "jobs": {"io", "runtime"},
     "invert": {"hog", "io", "metrics", "optimize", "runtime"},  # no pose
     "pose": {"hog", "io", "metrics", "optimize", "render", "runtime"},  # no inversion
