@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dis
 import hashlib
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache, update_wrapper
 from pathlib import Path
 from types import FunctionType
@@ -72,8 +74,8 @@ class _Compiled:
 
     def _globals(self) -> dict[str, Any]:
         """The values of the module's names that the function uses."""
-        function = self.function
-        return {name: function.__globals__[name] for name in function.__code__.co_names if name in function.__globals__}
+        used = {each.argval for each in dis.get_instructions(self.function) if each.opname == "LOAD_GLOBAL"}
+        return {name: value for name, value in self.function.__globals__.items() if name in used}
 
     def _calls(self) -> dict[str, _Compiled | _Instruction]:
         """The compiled functions that this one calls, by their names in its module."""
@@ -83,12 +85,15 @@ class _Compiled:
         """Hash of all that the machine code depends on: bytecode, options, constants, fields of tuples, callees."""
         code, used = self.function.__code__, self._globals()
         constants = [repr(value) for value in used.values() if isinstance(value, int | float)]
-        fields = [f"{name}{value._fields}" for name, value in used.items() if hasattr(value, "_fields")]
+        # of its arguments, too: the cache on disk names the class, and the code has the positions of the fields
+        annotations = self.function.__annotations__.values()  # names of types, where evaluation is postponed
+        tuples = [*used.values(), *(self.function.__globals__.get(each, each) for each in annotations)]
+        fields = [f"{each.__module__}.{each.__qualname__}{each._fields}" for each in tuples if hasattr(each, "_fields")]
         calls = [each.digest() for each in self._calls().values()]
         parts = code.co_code.hex(), repr(code.co_consts), repr(self.options), *constants, *fields, *calls
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
-    def _compile(self) -> Callable[..., Any]:
+    def _compile(self) -> Any:
         import numba
 
         # numba's cache on disk is valid until the file of this function changes.  Whatever else the code depends on,
@@ -98,10 +103,27 @@ class _Compiled:
         function.__module__ = self.function.__module__
         function.__qualname__ = f"{self.function.__qualname__}_{self.digest()[:16]}"
         try:
-            dispatcher: Callable[..., Any] = numba.njit(cache=True, **self.options)(function)
+            dispatcher: Any = numba.njit(cache=True, **self.options)(function)
         except RuntimeError:  # no folder can be written
             dispatcher = numba.njit(**self.options)(function)
+        else:
+            _discard_if_unreadable(dispatcher._cache)
         return dispatcher
+
+
+def _discard_if_unreadable(cached: Any) -> None:
+    """Makes numba's cache of one function forget what it cannot read, and compile again."""
+    load = cached.load_overload
+
+    def load_or_discard(signature: Any, target: Any) -> Any:
+        try:
+            return load(signature, target)
+        except Exception:  # damaged pickles raise nearly anything
+            with suppress(OSError):
+                cached.flush()
+            return None
+
+    cached.load_overload = load_or_discard
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:

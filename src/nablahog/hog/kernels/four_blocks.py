@@ -163,11 +163,9 @@ def _texture(entries: Floats, at: int, count: int, four: Floats, scheme: FourBlo
 
 
 @inlined
-def _describe_cell(
-    histograms: Floats, at: int, channels: int, scheme: FourBlocks, work: Work, out: Floats, to: int
-) -> None:
+def _describe_cell(histograms: Floats, at: int, scheme: FourBlocks, work: Work, out: Floats, to: int) -> None:
     """The channels of the cell at ``histograms[at:]``, to ``out[to:]``."""
-    directed, undirected, texture, blocks, _ = scheme.first
+    directed, undirected, texture, blocks, zero = scheme.first
     n, four, clip = scheme.undirected, work.of_cell, scheme.clip
     fold(histograms, at, scheme, work.undirected)
     if directed >= 0:
@@ -184,8 +182,8 @@ def _describe_cell(
         for block in range(4):
             for k in range(n):
                 out[to + blocks + block * n + k] = _clipped(entries[k], four[block], clip)
-        for k in range(blocks + 4 * n, channels):
-            out[to + k] = 0
+    if zero >= 0:
+        out[to + zero] = 0
 
 
 @compiled
@@ -200,5 +198,5 @@ def four_block_norm(images: Floats, scheme: FourBlocks, start: int, stop: int, o
         for y in range(drop, rows - drop):
             for x in range(drop, cols - drop):
                 factors_of_cell(work.factors, y, x, work.of_cell)
-                _describe_cell(histograms, (y * cols + x) * bins, channels, scheme, work, descriptor, to)
+                _describe_cell(histograms, (y * cols + x) * bins, scheme, work, descriptor, to)
                 to += channels

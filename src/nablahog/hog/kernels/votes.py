@@ -74,6 +74,7 @@ def _linear_single(gx: Floats, gy: Floats, voting: Voting, f: Floats, bins: Inte
 
     Numba vectorises this loop: vector instructions gained 1.11 in a call of `hog` (`paper`), and were removed.
     """
+    real = gx.dtype.type  # numba compiles this for float64, too, although no call comes here
     zero, quarter, half, one = np.float32(0), np.float32(0.25), np.float32(0.5), np.float32(1)
     up, per_half_turn, offset, count, per_bin = (
         voting.up,
@@ -90,9 +91,9 @@ def _linear_single(gx: Floats, gy: Floats, voting: Voting, f: Floats, bins: Inte
         small, large = (au, av) if steep else (av, au)
         t = small / (LEAST if large < LEAST else large)
         s = t * t
-        turn = ARCTANGENT[6]
+        turn = real(ARCTANGENT[6])
         for j in range(5, -1, -1):
-            turn = multiply_add(turn, s, ARCTANGENT[j])
+            turn = multiply_add(turn, s, real(ARCTANGENT[j]))
         turn = t * turn
         turn = quarter if small == large else turn  # which may be a bin centre, too
         turn = half - turn if steep else turn
