@@ -108,7 +108,7 @@ def show(program: str) -> str:
         "from nablahog import NAME; import nablahog.NAME",
         "import nablahog.NAME, nablahog",
         "from nablahog.NAME import NAME; import nablahog",
-        "import nablahog.hog.descriptor, nablahog.render.views, nablahog",
+        "import nablahog.hog.descriptor, nablahog.render.camera, nablahog",
         "import nablahog; nablahog.NAME; import nablahog.NAME",
     ],
 )

@@ -90,7 +90,7 @@ def test_all_presets_of_a_gray_photograph(tmp_path: Path, capsys: pytest.Capture
     assert main(["dialects", str(tmp_path / "gray.png"), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert len(said["presets"]) == 13
-    assert len(said["pairs"]) == 66
+    assert len(said["pairs"]) == 78
     assert not any("colour" in each["convention"] for pair in said["pairs"] for each in pair["common_form"]["shares"])
 
 
