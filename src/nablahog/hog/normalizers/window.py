@@ -40,16 +40,21 @@ class WindowNorm(PerCell):
     def normalize(self, histograms: Tensor, signed: bool) -> Tensor:
         """(B, bins, rows, cols) to the same shape."""
         energy = histograms.square().sum(dim=1, keepdim=True)
-        by_row, by_col = (self._window(cells, energy) for cells in energy.shape[2:])
-        return histograms * (by_row @ energy @ by_col + self.epsilon**2).rsqrt()
+        for axis in (-2, -1):
+            energy = self._weighted_sum(energy, axis)
+        return histograms * (energy + self.epsilon**2).rsqrt()
 
-    def _window(self, cells: int, like: Tensor) -> Tensor:
-        """Weights (cells, cells) along an axis."""
-        import torch
+    def _weighted_sum(self, energy: Tensor, axis: int) -> Tensor:
+        """Sums along an axis, always in the same order: a strip has the bits of the whole image."""
+        from torch.nn.functional import pad
 
-        cell = torch.arange(cells, device=like.device)
-        apart = (cell - cell.unsqueeze(1)).to(like)
-        return torch.where(apart.abs() <= 3 * self.sigma, torch.exp(-(apart**2) / (2 * self.sigma**2)), 0.0)
+        reach, cells = math.floor(3 * self.sigma), energy.shape[axis]
+        around = pad(energy, (reach, reach) if axis == -1 else (0, 0, reach, reach))
+        total = energy  # its own weight is 1
+        for apart in range(1, reach + 1):
+            pair = around.narrow(axis, reach - apart, cells) + around.narrow(axis, reach + apart, cells)
+            total = total + math.exp(-(apart**2) / (2 * self.sigma**2)) * pair
+        return total
 
     @property
     def fixes_contrast(self) -> bool:
