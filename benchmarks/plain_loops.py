@@ -15,7 +15,7 @@ from nablahog.runtime.compile import compiled, inlined
 
 
 @inlined
-def _magnitude(u: Real, v: Real, tiny: Real) -> Real:
+def _magnitude(u: Real, v: Real, tiny: Real) -> Real | float:
     squared = u * u + v * v
     return squared - squared if squared < tiny else math.sqrt(squared)
 

@@ -106,7 +106,8 @@ def measure(name: str, seconds: float) -> None:
         assert server.stdout is not None
         assert server.stdout.readline() == "ready\n"
         servers.append(server)
-    times, end = [], time.perf_counter() + seconds
+    times: list[list[float]] = []
+    end = time.perf_counter() + seconds
     while len(times) < 5 or time.perf_counter() < end:
         times.append([_turn(server) for server in servers])
     for server in servers:

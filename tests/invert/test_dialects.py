@@ -77,8 +77,16 @@ def test_what_is_searched_has_nearly_the_same_descriptor(name: str) -> None:
     assert (close - hog(images, spec)).norm() < 0.5 * close.norm()
 
 
-# what is left: dpm's kin have cells of which nothing is known, and OpenCV's blocks have cells of their own for one
-LEFT = {"dpm": 0.3, "dlib": 0.3, "seeing3d": 0.3, "opencv": 0.4, "opencv-signed": 0.4, "aubry": 0.15}
+# what is left: dpm's kin have cells of which nothing is known; blocks of OpenCV and of Dalal and Triggs have their own
+LEFT = {
+    "dpm": 0.3,
+    "dlib": 0.3,
+    "seeing3d": 0.3,
+    "opencv": 0.4,
+    "opencv-signed": 0.4,
+    "dalal-triggs": 0.2,
+    "aubry": 0.15,
+}
 
 
 @pytest.mark.parametrize("name", SPECS)
