@@ -109,8 +109,8 @@ def test_jacobian_products_are_those_of_the_matrix() -> None:
     for i, row in enumerate(rows):
         J = torch.autograd.functional.jacobian(lambda x: problem.function(x[None], row[None])[0], start[row])  # noqa: B023
         v, u = torch.randn(2, 2, 4, generator=generator, dtype=torch.float64)
-        torch.testing.assert_close(model.times(v)[i], J @ v[i])
-        torch.testing.assert_close(model.transpose_times(u)[i], J.T @ u[i])
+        torch.testing.assert_close(model.jvp(v)[i], J @ v[i])
+        torch.testing.assert_close(model.vjp(u)[i], J.T @ u[i])
 
 
 def test_singular_equations_give_the_shortest_step() -> None:
@@ -120,10 +120,10 @@ def test_singular_equations_give_the_shortest_step() -> None:
     problem = SumOfSquares(lambda x, index: x @ A.T - b)
     start = torch.zeros(1, 8, dtype=torch.float64)
     steps, rows = GaussNewtonSteps(start), torch.tensor([0])
-    steps.begin(problem, start, rows, b[None] @ A)
+    steps.linearize(problem, start, rows, b[None] @ A)
     for _ in range(3):  # the rank
-        assert steps.advance(rows).all()
-        error = steps.turn(rows)
+        assert steps.take_step(rows).all()
+        error = steps.update_direction(rows)
     assert error < 1e-10
     torch.testing.assert_close(steps.step[0], torch.linalg.pinv(A) @ b)
     torch.testing.assert_close(steps.image[0], A @ steps.step[0])
@@ -171,7 +171,7 @@ def test_the_budget_counts_products_too(budget: int) -> None:
 
     problem = Counted(lambda x, index: network(3)(x))
     start = torch.ones(1, 6, dtype=torch.float64)
-    times, transpose_times = Linearization.times, Linearization.transpose_times
+    jvp, vjp = Linearization.jvp, Linearization.vjp
 
     def counted(product: Callable[[Linearization, Tensor], Tensor]) -> Callable[[Linearization, Tensor], Tensor]:
         def call(model: Linearization, vectors: Tensor) -> Tensor:
@@ -181,8 +181,8 @@ def test_the_budget_counts_products_too(budget: int) -> None:
         return call
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Linearization, "times", counted(times))
-        patch.setattr(Linearization, "transpose_times", counted(transpose_times))
+        patch.setattr(Linearization, "jvp", counted(jvp))
+        patch.setattr(Linearization, "vjp", counted(vjp))
         found = dogleg(problem, start, max_evaluations=budget, cg_tolerance=1e-12)
     halves = problem.halves + problem.linearised + 2 * len(problem.points)
     assert halves <= 2 * budget

@@ -9,9 +9,8 @@ import torch
 from torch import Tensor
 
 from nablahog.optimize import Minimum, ObjectiveFunction, StopReason, lbfgs
-from nablahog.optimize.lbfgs import _Numbers
-from nablahog.optimize.lbfgs_kernels import CompiledVectors
-from nablahog.optimize.lbfgs_vectors import Vectors
+from nablahog.optimize.lbfgs import _Scalars
+from nablahog.optimize.lbfgs_vectors import LbfgsVectors
 
 
 def problem(function: Callable[[Tensor], Tensor]) -> ObjectiveFunction:
@@ -85,22 +84,25 @@ def test_each_problem_ends_where_it_would_alone(n: int) -> None:
         assert (together.history[len(alone.history) :, i] == together.history[-1, i]).all()
 
 
-KINDS = [Vectors, CompiledVectors]
+def state(x: Tensor, gradient: Tensor, direction: Tensor, memory: int, compiled: bool) -> LbfgsVectors:
+    vectors = LbfgsVectors(x, gradient, direction, memory)
+    vectors.compiled = compiled
+    return vectors
 
 
-def advance(vectors: Vectors, numbers: _Numbers, gradient: Tensor, values: Tensor) -> None:
+def advance(vectors: LbfgsVectors, numbers: _Scalars, gradient: Tensor, values: Tensor) -> None:
     """To trial points of these gradients (B, N) and values (B,)."""
-    vectors.move(*numbers.decide(values, vectors.dots(gradient)), gradient, numbers.slopes, numbers.peaks)
+    vectors.take_step(*numbers.decide(values, vectors.dots(gradient)), gradient, numbers.slopes, numbers.peaks)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize("n", [9, 64, 1100])
-def test_the_direction_is_that_of_the_two_loops(kind: type[Vectors], n: int) -> None:
+def test_the_direction_is_that_of_the_two_loops(compiled: bool, n: int) -> None:
     # the recursion on the vectors themselves, Nocedal & Wright, algorithm 7.4
     gradient, x, pairs = starts(1, n), starts(1, n), []
-    vectors = kind(x.clone(), gradient.clone(), torch.zeros(1, n).double(), 3)
+    vectors = state(x.clone(), gradient.clone(), torch.zeros(1, n).double(), 3, compiled)
     zeros = torch.zeros(1).double()
-    numbers = _Numbers.at_start(zeros.clone(), zeros.clone(), zeros.clone(), 3)
+    numbers = _Scalars.at_start(zeros.clone(), zeros.clone(), zeros.clone(), 3)
     for seed in range(1, 7):
         s = starts(1, n, seed)
         y = s * torch.linspace(0.5, 3, n) + 0.1 * starts(1, n, seed + 100)
@@ -124,10 +126,10 @@ def test_the_direction_is_that_of_the_two_loops(kind: type[Vectors], n: int) -> 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("n", [1, 63, 64, 1025, 2500])
 def test_loops_do_what_the_plain_steps_do(n: int, dtype: torch.dtype) -> None:
-    def searched(kind: type[Vectors]) -> Vectors:
+    def searched(compiled: bool) -> LbfgsVectors:
         gradient, zeros = starts(4, n, 1, dtype), torch.zeros(4, dtype=dtype)
-        vectors = kind(starts(4, n, 2, dtype), gradient.clone(), -gradient, 2)
-        numbers = _Numbers.at_start(zeros.clone(), gradient.abs().amax(1), -gradient.square().sum(1), 2)
+        vectors = state(starts(4, n, 2, dtype), gradient.clone(), -gradient, 2, compiled)
+        numbers = _Scalars.at_start(zeros.clone(), gradient.abs().amax(1), -gradient.square().sum(1), 2)
         for turn in range(4):
             # one that rises and stays, one without curvature that goes on but is not remembered, and two ordinary ones
             values = torch.tensor([1.0, -1e9, -1e9, -1e9], dtype=dtype) * (turn + 1)
@@ -135,7 +137,7 @@ def test_loops_do_what_the_plain_steps_do(n: int, dtype: torch.dtype) -> None:
             advance(vectors, numbers, vectors.gradient + change, values)
         return vectors
 
-    plain, loops = (searched(kind) for kind in KINDS)
+    plain, loops = (searched(compiled) for compiled in (False, True))
     rounding = 2e-5 if dtype == torch.float32 else 1e-12
     for name in ("x", "gradient", "direction", "stored"):
         one, other = getattr(plain, name), getattr(loops, name)

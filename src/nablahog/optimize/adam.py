@@ -17,7 +17,7 @@ class _Moments:
         self.first, self.second = torch.zeros_like(like), torch.zeros_like(like)
         self.age = torch.zeros_like(like[:, :1])
 
-    def move(self, gradient: Tensor) -> Tensor:
+    def displacement(self, gradient: Tensor) -> Tensor:
         beta1, beta2 = self.betas
         self.age += 1
         self.first = beta1 * self.first + (1 - beta1) * gradient
@@ -25,14 +25,14 @@ class _Moments:
         mean = self.first / (1 - beta1**self.age)
         spread = (self.second / (1 - beta2**self.age)).sqrt()
         # the paper's 1e-8 would be a scale of the objective; this only is where squares underflow
-        displacement: Tensor = -mean / (spread + torch.finfo(mean.dtype).tiny ** 0.5)
-        return displacement
+        step: Tensor = -mean / (spread + torch.finfo(mean.dtype).tiny ** 0.5)
+        return step
 
-    def restart(self, which: Tensor) -> None:
-        self.first[which], self.second[which], self.age[which] = 0, 0, 0
+    def restart(self, mask: Tensor) -> None:
+        self.first[mask], self.second[mask], self.age[mask] = 0, 0, 0
 
-    def keep(self, which: Tensor) -> None:
-        self.first, self.second, self.age = self.first[which], self.second[which], self.age[which]
+    def select(self, mask: Tensor) -> None:
+        self.first, self.second, self.age = self.first[mask], self.second[mask], self.age[mask]
 
 
 def adam(

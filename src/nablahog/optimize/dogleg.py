@@ -2,6 +2,7 @@
 
 The rules are those of Chumpy's ``minimize_dogleg``, which the paper uses: steps, radius, stops and their constants.
 One thing differs: Chumpy solves for the Gauss-Newton step directly, here conjugate gradients do (:mod:`.gauss_newton`).
+The steps along the path and the radius are in :mod:`.trust_region`.
 
 In each round every running problem does what is next for it: one iteration of conjugate gradients, the trial of a step,
 or both.  No problem waits for another.
@@ -14,54 +15,129 @@ from torch import Tensor
 
 from .gauss_newton import GaussNewtonSteps
 from .result import History, LeastSquares, Minimum, ObjectiveFunction, StopReason, Watch
+from .stopping import DoglegRules, Phases
+from .trust_region import Step, TrustRegion
 
-GOOD, GROWN = 0.9, 2.5  # a gain above GOOD makes the radius at least GROWN steps long
-BAD, SHRUNK = 0.05, 0.25  # a gain below BAD shrinks the radius
 TRIAL, MODEL, PRODUCT = 2, 1, 1  # half evaluations: value and gradient; residuals with their graph; J or Jᵀ times v
 
 
-def _on_path(cauchy: Tensor, newton: Tensor, radius: Tensor) -> tuple[Tensor, Tensor]:
-    """Where the path 0, cauchy, newton (A, N) ends or leaves the radius (A,): weights (A, 1) of cauchy and newton."""
-    length = cauchy.norm(dim=1)
-    outside = length >= radius
-    leg = newton - cauchy
-    # the root of ‖cauchy + t·leg‖ = radius, in the form that subtracts no nearly equal numbers
-    along, room = (cauchy * leg).sum(1), radius.square() - length.square()
-    t = room / (along + (along.square() + leg.square().sum(1) * room).sqrt())
-    t = torch.where(newton.norm(dim=1) <= radius, 1, t)
-    of_cauchy, of_newton = torch.where(outside, radius / length, 1 - t), torch.where(outside, 0, t)
-    return of_cauchy.unsqueeze(1), of_newton.unsqueeze(1)
+class _Search:
+    """A batch on its way.
 
+    Attributes:
+        x, value: (B, N), (B,), the lowest points so far.
+        descent: (B, N), -Jᵀr there, half the negative gradient.
+        spent: (B,), half evaluations.
+        iterations: (B,), accepted steps.
+        moved: rows that have no linearisation at their point yet.
+    """
 
-class _Running:
-    """Which problems still look for a Gauss-Newton step (``solving``) and which have one to try (``trying``)."""
+    def __init__(
+        self, problem: LeastSquares, start: Tensor, radius: float | None, rules: DoglegRules, watch: Watch | None
+    ) -> None:
+        self.problem, self.rules, self.watch = problem, rules, watch
+        self.x = start.detach().clone()
+        rows = torch.arange(len(self.x), device=self.x.device)
+        self.value, gradient = problem(self.x, rows)
+        self.descent = -gradient / 2
+        self.spent, self.iterations = torch.full_like(rows, TRIAL), torch.zeros_like(rows)
+        self.history = History(self.value, len(rows))
+        self.newton, self.region = GaussNewtonSteps(self.x), TrustRegion(self.value, radius)
+        self.phases = Phases(self.value)
+        self._record(rows)
+        not_finite = ~(self.value.isfinite() & self.descent.isfinite().all(1))
+        self.phases.stop(
+            rows,
+            {
+                StopReason.NOT_FINITE: not_finite,
+                StopReason.GRADIENT: self._flat(rows),
+                StopReason.BUDGET: self._too_dear(rows, MODEL + PRODUCT + TRIAL),
+            },
+        )
+        self.moved = rows[self.phases.solving]
 
-    def __init__(self, like: Tensor) -> None:
-        self.solving = torch.ones(len(like), dtype=torch.bool, device=like.device)
-        self.trying = torch.zeros_like(self.solving)
-        self.reasons = [StopReason.BUDGET] * len(like)
+    def _record(self, rows: Tensor) -> None:
+        evaluations = (self.spent[rows] + 1) // 2
+        self.history.add(evaluations, rows, self.value[rows])
+        if self.watch is not None:
+            self.watch(rows, evaluations)
 
-    def __bool__(self) -> bool:
-        return bool((self.solving | self.trying).any())
+    def _flat(self, rows: Tensor) -> Tensor:
+        return self.descent[rows].abs().amax(1) <= self.rules.gradient_tolerance
 
-    @staticmethod
-    def rows(which: Tensor) -> Tensor:
-        return which.nonzero().squeeze(1)
+    def _too_dear(self, rows: Tensor, halves: int | Tensor) -> Tensor:
+        return self.spent[rows] + halves > 2 * self.rules.max_evaluations
 
-    def try_step(self, rows: Tensor, why: Tensor) -> None:
-        """Those of ``rows`` (A,) for which ``why`` (A,) holds have their step, unless they have stopped."""
-        rows = rows[why & self.solving[rows]]
-        self.solving[rows], self.trying[rows] = False, True
+    def _short(self, rows: Tensor, length: Tensor) -> Tensor:
+        short: Tensor = length <= self.rules.step_tolerance * self.x[rows].norm(dim=1)
+        return short
 
-    def solve(self, rows: Tensor) -> None:
-        self.solving[rows], self.trying[rows] = True, False
+    def solve(self) -> None:
+        """One iteration of conjugate gradients of each problem that looks for a Gauss-Newton step."""
+        newton, phases, rules = self.newton, self.phases, self.rules
+        if len(self.moved):
+            newton.linearize(self.problem, self.x[self.moved], self.moved, self.descent[self.moved])
+            self.spent[self.moved] += MODEL
+        rows = phases.solving.nonzero().squeeze(1)
+        if len(rows):
+            stepped = newton.take_step(rows)
+            self.spent[rows] += PRODUCT
+            phases.stop(rows, {StopReason.NOT_FINITE: newton.iterations[rows] == 0})
+            cut = (newton.iterations[rows] == 1) & (newton.cauchy[rows].norm(dim=1) >= self.region.radius[rows])
+            last = newton.iterations[rows] >= rules.cg_iterations
+            phases.try_step(rows, cut | ~stepped | last | self._too_dear(rows, 2 * PRODUCT + TRIAL))
+        rows = phases.solving.nonzero().squeeze(1)
+        if len(rows):
+            error = newton.update_direction(rows)
+            self.spent[rows] += PRODUCT
+            phases.try_step(rows, error <= rules.cg_tolerance)
+        newton.release((~phases.solving).nonzero().squeeze(1))
 
-    def stop(self, rows: Tensor, why: Tensor, reason: StopReason) -> None:
-        """Stop those of ``rows`` (A,) for which ``why`` (A,) holds, unless they have stopped for another reason."""
-        rows = rows[why & (self.solving[rows] | self.trying[rows])]
-        self.solving[rows] = self.trying[rows] = False
-        for problem in rows.tolist():
-            self.reasons[problem] = reason
+    def try_steps(self) -> None:
+        """The trial of each problem that has a step; those that it lowers move."""
+        rows = self.phases.trying.nonzero().squeeze(1)
+        step = self.region.step(self.newton, rows)
+        self.phases.stop(rows, {StopReason.STEP: self._short(rows, step.length)})
+        trying = self.phases.trying[rows]
+        rows, step = rows[trying], step.of(trying)
+        self.moved = rows[:0]
+        if len(rows):
+            accepted, progress = self._try(rows, step)
+            self.phases.stop(
+                rows,
+                {
+                    StopReason.GRADIENT: self._flat(rows),
+                    StopReason.PROGRESS: progress < self.rules.progress_tolerance,
+                    StopReason.RADIUS: self._short(rows, self.region.radius[rows]),
+                    StopReason.ITERATIONS: self.iterations[rows] >= self.rules.max_iterations,
+                    StopReason.BUDGET: self._too_dear(rows, torch.where(accepted, MODEL + PRODUCT + TRIAL, TRIAL)),
+                },
+            )
+            moved = rows[accepted]
+            self.moved = moved[self.phases.solving[moved]]
+
+    def _try(self, rows: Tensor, step: Step) -> tuple[Tensor, Tensor]:
+        """Which trials (A,) are accepted, and the share of the value (A,) that they take away, ∞ of the others."""
+        trial = self.x[rows] + step.step
+        value, gradient = self.problem(trial, rows)
+        self.spent[rows] += TRIAL
+        predicted = 2 * (self.descent[rows] * step.step).sum(1) - step.image.square().sum(1)
+        gain = (self.value[rows] - value) / predicted
+        accepted = (gain > 0) & (value < self.value[rows]) & gradient.isfinite().all(1)
+        self.region.update(rows, step.length, gain, accepted)
+        progress = torch.where(accepted, (self.value[rows] - value) / self.value[rows], torch.inf)
+        lower = rows[accepted]
+        self.x[lower], self.value[lower] = trial[accepted], value[accepted]
+        self.descent[lower] = -gradient[accepted] / 2
+        self.iterations[lower] += 1
+        self._record(rows)
+        self.phases.solve(lower)
+        return accepted, progress
+
+    def minimum(self) -> Minimum:
+        evaluations = (self.spent + 1) // 2
+        history = self.history.filled(int(evaluations.max()))
+        return Minimum(self.x, self.value, evaluations, self.phases.reasons, history)
 
 
 def dogleg(
@@ -104,88 +180,17 @@ def dogleg(
     """
     if not isinstance(problem, LeastSquares):
         raise TypeError(f"dogleg needs a problem with residuals (LeastSquares), got {type(problem).__name__}")
-    x = start.detach().clone()
-    rows = torch.arange(len(x), device=x.device)
-    value, gradient = problem(x, rows)
-    descent = -gradient / 2  # g = -Jᵀr
-    delta = torch.full_like(value, torch.inf if radius is None else radius)  # infinite: not yet known
-    spent, budget = torch.full_like(rows, TRIAL), 2 * max_evaluations  # half evaluations
-    steps = torch.zeros_like(rows)
-    history = History(value, len(x))
-
-    def record(rows: Tensor) -> None:
-        evaluations = (spent[rows] + 1) // 2
-        history.add(evaluations, rows, value[rows])
-        if watch is not None:
-            watch(rows, evaluations)
-
-    record(rows)
-    newton, running = GaussNewtonSteps(x), _Running(value)
-    running.stop(rows, ~(value.isfinite() & descent.isfinite().all(1)), StopReason.NOT_FINITE)
-    running.stop(rows, descent.abs().amax(1) <= gradient_tolerance, StopReason.GRADIENT)
-    running.stop(rows, spent + MODEL + PRODUCT + TRIAL > budget, StopReason.BUDGET)
-    moved = running.rows(running.solving)
-
-    while running:
-        if len(moved):
-            newton.begin(problem, x[moved], moved, descent[moved])
-            spent[moved] += MODEL
-        rows = running.rows(running.solving)
-        if len(rows):
-            seen = newton.advance(rows)
-            spent[rows] += PRODUCT
-            running.stop(rows, newton.iterations[rows] == 0, StopReason.NOT_FINITE)
-            cut = (newton.iterations[rows] == 1) & (newton.cauchy[rows].norm(dim=1) >= delta[rows])
-            last = newton.iterations[rows] >= cg_iterations
-            poor = spent[rows] + 2 * PRODUCT + TRIAL > budget
-            running.try_step(rows, cut | ~seen | last | poor)
-        rows = running.rows(running.solving)
-        if len(rows):
-            error = newton.turn(rows)
-            spent[rows] += PRODUCT
-            running.try_step(rows, error <= cg_tolerance)
-        newton.end(running.rows(~running.solving))
-
-        rows = running.rows(running.trying)
-        of_cauchy, of_newton = _on_path(newton.cauchy[rows], newton.step[rows], delta[rows])
-        step = of_cauchy * newton.cauchy[rows] + of_newton * newton.step[rows]
-        image = of_cauchy * newton.cauchy_image[rows] + of_newton * newton.image[rows]
-        length = step.norm(dim=1)
-        delta[rows] = torch.where(delta[rows].isinf(), length, delta[rows])
-        running.stop(rows, length <= step_tolerance * x[rows].norm(dim=1), StopReason.STEP)
-        go_on = running.trying[rows]
-        rows, step, image, length = rows[go_on], step[go_on], image[go_on], length[go_on]
-        moved = rows[:0]
-        if not len(rows):
-            continue
-
-        trial = x[rows] + step
-        trial_value, trial_gradient = problem(trial, rows)
-        spent[rows] += TRIAL
-        predicted = 2 * (descent[rows] * step).sum(1) - image.square().sum(1)
-        gain = (value[rows] - trial_value) / predicted
-        accepted = (gain > 0) & (trial_value < value[rows]) & trial_gradient.isfinite().all(1)
-        grown = torch.where(gain > GOOD, torch.maximum(delta[rows], GROWN * length), delta[rows])
-        delta[rows] = torch.where(accepted & (gain >= BAD), grown, SHRUNK * delta[rows])
-        # Chumpy tries a rejected Gauss-Newton step again and again until the radius cuts it; the outcome is known
-        while len(same := rows[~accepted & (delta[rows] >= length)]):
-            delta[same] *= SHRUNK
-
-        better = rows[accepted]
-        progress = torch.where(accepted, (value[rows] - trial_value) / value[rows], torch.inf)
-        x[better], value[better] = trial[accepted], trial_value[accepted]
-        descent[better] = -trial_gradient[accepted] / 2
-        steps[better] += 1
-        record(rows)
-        running.solve(better)
-        running.stop(rows, descent[rows].abs().amax(1) <= gradient_tolerance, StopReason.GRADIENT)
-        running.stop(rows, progress < progress_tolerance, StopReason.PROGRESS)
-        running.stop(rows, delta[rows] <= step_tolerance * x[rows].norm(dim=1), StopReason.RADIUS)
-        running.stop(rows, steps[rows] >= max_iterations, StopReason.ITERATIONS)
-        running.stop(
-            rows, spent[rows] + torch.where(accepted, MODEL + PRODUCT + TRIAL, TRIAL) > budget, StopReason.BUDGET
-        )
-        moved = better[running.solving[better]]
-
-    evaluations = (spent + 1) // 2
-    return Minimum(x, value, evaluations, running.reasons, history.filled(int(evaluations.max())))
+    rules = DoglegRules(
+        max_evaluations,
+        max_iterations,
+        gradient_tolerance,
+        step_tolerance,
+        progress_tolerance,
+        cg_iterations,
+        cg_tolerance,
+    )
+    search = _Search(problem, start, radius, rules, watch)
+    while search.phases.running():
+        search.solve()
+        search.try_steps()
+    return search.minimum()

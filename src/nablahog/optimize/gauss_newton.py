@@ -36,18 +36,18 @@ class Linearization:
             self._residuals = problem.residuals(self._points, index)
             self.size = self._residuals.shape[1]
             self._weights = torch.zeros_like(self._residuals, requires_grad=True)
-            self._pulled = self._grad(self._residuals, self._points, self._weights, create_graph=True)
+            self._vjp = self._grad(self._residuals, self._points, self._weights, create_graph=True)
 
     @staticmethod
     def _grad(output: Tensor, of: Tensor, vectors: Tensor, create_graph: bool = False) -> Tensor:
         (product,) = torch.autograd.grad(output, of, vectors, retain_graph=True, create_graph=create_graph)
         return product
 
-    def times(self, vectors: Tensor) -> Tensor:
+    def jvp(self, vectors: Tensor) -> Tensor:
         """J·v: (A, N) to (A, M)."""
-        return self._grad(self._pulled, self._weights, vectors)
+        return self._grad(self._vjp, self._weights, vectors)
 
-    def transpose_times(self, vectors: Tensor) -> Tensor:
+    def vjp(self, vectors: Tensor) -> Tensor:
         """Jᵀ·v: (A, M) to (A, N)."""
         return self._grad(self._residuals, self._points, vectors)
 
@@ -68,15 +68,15 @@ class GaussNewtonSteps:
 
     def __init__(self, like: Tensor) -> None:
         self.descent, self.error, self.direction, self.step, self.cauchy = like.new_zeros(5, *like.shape)
-        self.image, self.cauchy_image = like.new_zeros(2, len(like), 0)  # M is not known yet
+        self.image, self.cauchy_image = like.new_zeros(2, len(like), 0)  # M follows from the first linearisation
         self.iterations = torch.zeros(len(like), dtype=torch.long, device=like.device)
-        # problems that began together share a graph for as long as one of them needs it
+        # problems that are linearised together share a graph for as long as one of them needs it
         self._models: dict[int, Linearization] = {}
         self._model = torch.zeros_like(self.iterations)  # number of the one that a problem uses
         self._made = 0
 
-    def begin(self, problem: LeastSquares, points: Tensor, rows: Tensor, descent: Tensor) -> None:
-        """The problems ``rows`` (A,) now are at ``points`` (A, N), where g is ``descent`` (A, N)."""
+    def linearize(self, problem: LeastSquares, points: Tensor, rows: Tensor, descent: Tensor) -> None:
+        """Starts anew the problems ``rows`` (A,), at ``points`` (A, N), where g is ``descent`` (A, N)."""
         model = Linearization(problem, points, rows)
         self._made += 1
         self._models[self._made], self._model[rows] = model, self._made
@@ -85,42 +85,42 @@ class GaussNewtonSteps:
         self.descent[rows] = self.error[rows] = self.direction[rows] = descent
         self.step[rows], self.image[rows], self.iterations[rows] = 0, 0, 0
 
-    def end(self, rows: Tensor) -> None:
-        """The problems ``rows`` (A,) need no more iterations where they are."""
+    def release(self, rows: Tensor) -> None:
+        """Frees the graphs that only the problems ``rows`` (A,) have used."""
         self._model[rows] = 0
         used = set(self._model.tolist())
         self._models = {number: model for number, model in self._models.items() if number in used}
 
-    def advance(self, rows: Tensor) -> Tensor:
-        """Half an iteration of the problems ``rows`` (A,), one product with J: the best step along the direction.
+    def take_step(self, rows: Tensor) -> Tensor:
+        """Takes the best step of the problems ``rows`` (A,) along their directions: one product with J.
 
         Returns:
-            (A,): whether there was one; if not, J does not see the direction, and ``step`` is as before.
+            (A,): whether there was one; if not, J·direction is 0, and ``step`` is as before.
         """
-        seen = torch.zeros_like(self.image)
-        for model, mine in self._used(rows):
-            seen[model.index[mine]] = model.times(self.direction[model.index])[mine]
-        length = (self.error[rows] * self.direction[rows]).sum(1) / seen[rows].square().sum(1)
-        fine: Tensor = length.isfinite()
-        rows, length = rows[fine], length[fine].unsqueeze(1)
+        images = torch.zeros_like(self.image)
+        for model, mask in self._used(rows):
+            images[model.index[mask]] = model.jvp(self.direction[model.index])[mask]
+        length = (self.error[rows] * self.direction[rows]).sum(1) / images[rows].square().sum(1)
+        finite: Tensor = length.isfinite()
+        rows, length = rows[finite], length[finite].unsqueeze(1)
         self.step[rows] += length * self.direction[rows]
-        self.image[rows] += length * seen[rows]
+        self.image[rows] += length * images[rows]
         self.iterations[rows] += 1
         first = rows[self.iterations[rows] == 1]
         self.cauchy[first], self.cauchy_image[first] = self.step[first], self.image[first]
-        return fine
+        return finite
 
-    def turn(self, rows: Tensor) -> Tensor:
-        """The other half, one product with Jᵀ: the next direction.
+    def update_direction(self, rows: Tensor) -> Tensor:
+        """Finds the next directions of the problems ``rows`` (A,): one product with Jᵀ.
 
         Returns:
             (A,), ‖JᵀJ·step - g‖ / ‖g‖.
         """
-        pulled = torch.zeros_like(self.step)
-        for model, mine in self._used(rows):
-            pulled[model.index[mine]] = model.transpose_times(self.image[model.index])[mine]
+        products = torch.zeros_like(self.step)
+        for model, mask in self._used(rows):
+            products[model.index[mask]] = model.vjp(self.image[model.index])[mask]
         # from the step itself, not from the last error: so rounding does not add up
-        error = self.descent[rows] - pulled[rows]
+        error = self.descent[rows] - products[rows]
         before, now = self.error[rows].square().sum(1), error.square().sum(1)
         self.direction[rows] = error + (now / before).unsqueeze(1) * self.direction[rows]
         self.error[rows] = error
@@ -128,11 +128,11 @@ class GaussNewtonSteps:
         return accuracy
 
     def _used(self, rows: Tensor) -> list[tuple[Linearization, Tensor]]:
-        """The linearisations of the problems ``rows`` (A,), and which of the problems of each are meant."""
-        meant = torch.zeros_like(self._model, dtype=torch.bool)
-        meant[rows] = True
+        """The linearisations of the problems ``rows`` (A,), each with a mask of its own problems that are in ``rows``."""
+        included = torch.zeros_like(self._model, dtype=torch.bool)
+        included[rows] = True
         return [
-            (model, mine)
+            (model, mask)
             for number, model in self._models.items()
-            if (mine := meant[model.index] & (self._model[model.index] == number)).any()
+            if (mask := included[model.index] & (self._model[model.index] == number)).any()
         ]

@@ -1,8 +1,8 @@
 """Limited-memory BFGS on a batch of independent problems (Nocedal & Wright, Numerical Optimization, ch. 7.2).
 
-Each round evaluates every running problem once, at its own trial point; a problem whose trial is accepted moves on to
-its next direction at once, one whose trial is not shrinks or grows its step (:mod:`.lbfgs_decisions`): no problem waits
-for another.
+Each round evaluates every running problem once, at its own trial point.  A problem whose trial is accepted takes the
+step and updates its direction at once; one whose trial is not shrinks or grows its step (:mod:`.lbfgs_decisions`).  No
+problem waits for another.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ import torch
 from torch import Tensor
 
 from .lbfgs_decisions import decide
-from .lbfgs_kernels import CompiledVectors
-from .lbfgs_vectors import Vectors
+from .lbfgs_vectors import LbfgsVectors
 from .result import WINDOW, History, Minimum, ObjectiveFunction, StopReason, Watch
+from .stopping import enter_reasons
 
 
 def _remaining(done: Tensor, *state: Tensor) -> list[Tensor]:
@@ -27,8 +27,8 @@ def _remaining(done: Tensor, *state: Tensor) -> list[Tensor]:
     return [tensor[:count] for tensor in state]
 
 
-class _Numbers(NamedTuple):
-    """The few numbers of each running problem, on the CPU: its largest derivative, and what :func:`decide` takes."""
+class _Scalars(NamedTuple):
+    """A few numbers of each running problem, on the CPU: its largest derivative, and the state of :func:`decide`."""
 
     values: Tensor
     peaks: Tensor
@@ -41,7 +41,7 @@ class _Numbers(NamedTuple):
     with_gradient: Tensor
 
     @classmethod
-    def at_start(cls, values: Tensor, peaks: Tensor, slopes: Tensor, memory: int) -> _Numbers:
+    def at_start(cls, values: Tensor, peaks: Tensor, slopes: Tensor, memory: int) -> _Scalars:
         batch = len(values)
         bracket = torch.ones_like(values), torch.zeros_like(values), torch.full_like(values, torch.inf)
         pairs = torch.zeros(batch, dtype=torch.long)
@@ -50,18 +50,18 @@ class _Numbers(NamedTuple):
 
     def decide(self, trial_values: Tensor, dots: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Steps taken (B,), places of new pairs (B,), and coefficients of new directions (B, 2m + 1)."""
-        found = torch.empty_like(self.values), torch.empty_like(self.pairs)
+        taken, places = torch.empty_like(self.values), torch.empty_like(self.pairs)
         coefficients = dots.new_empty(len(dots), self.with_gradient.shape[1] + 1)
         rounding = dots.numpy().dtype.type(torch.finfo(dots.dtype).eps)
-        state = (tensor.numpy() for tensor in (self.values, *self[2:], *found, coefficients))
+        state = (tensor.numpy() for tensor in (self.values, *self[2:], taken, places, coefficients))
         decide(trial_values.numpy(), dots.numpy(), rounding, *state)
-        return *found, coefficients
+        return taken, places, coefficients
 
 
 def _dot(left: Tensor, right: Tensor) -> Tensor:
-    """Of the rows of two (B, N): (B,), on the CPU."""
-    found: Tensor = torch.linalg.vecdot(left, right).cpu()
-    return found
+    """Dot products of the rows of two (B, N): (B,), on the CPU."""
+    dots: Tensor = torch.linalg.vecdot(left, right).cpu()
+    return dots
 
 
 def _steepest(gradient: Tensor, length: float) -> Tensor:
@@ -69,56 +69,84 @@ def _steepest(gradient: Tensor, length: float) -> Tensor:
     return -gradient * torch.where(norm > 0, length / norm, 0)
 
 
-class _Running:
-    """The problems whose search goes on."""
+class _Search:
+    """The running problems of a batch, and the results of those that have stopped.
 
-    def __init__(self, objective: ObjectiveFunction, start: Tensor, memory: int, first_step: float) -> None:
-        self.objective, self.first_step = objective, first_step
+    Attributes:
+        index: (A,), the running problems.
+        x, value: (B, N), (B,), the points and values of the others.
+        stays: (A,), whether the last trial was not accepted; on the CPU.
+    """
+
+    def __init__(
+        self, objective: ObjectiveFunction, start: Tensor, memory: int, first_step: float, watch: Watch | None
+    ) -> None:
+        self.objective, self.first_step, self.watch = objective, first_step, watch
+        self.x, self.value = start.clone(), start.new_empty(len(start))
+        self.reasons = [StopReason.BUDGET] * len(start)
+        self.evaluations = torch.zeros(len(start), dtype=torch.long, device=start.device)
+        self.history = History(start.new_empty(0, device="cpu"), len(start))
         self.index = torch.arange(len(start), device=start.device)
-        values, gradient = (found.clone() for found in objective(start, self.index))
+        values, gradient = (tensor.clone() for tensor in objective(start, self.index))
         direction = _steepest(gradient, first_step)
-        kind = CompiledVectors if start.device.type == "cpu" else Vectors
-        self.vectors = kind(start.clone(), gradient, direction, memory)
+        self.vectors = LbfgsVectors(start.clone(), gradient, direction, memory)
         peaks = torch.linalg.vector_norm(gradient, torch.inf, dim=1)
-        self.numbers = _Numbers.at_start(values.cpu(), peaks.cpu(), _dot(gradient, direction), memory)
+        self.scalars = _Scalars.at_start(values.cpu(), peaks.cpu(), _dot(gradient, direction), memory)
+        self._count()
 
-    def go_on(self) -> None:
-        """One evaluation of each, and what follows from it."""
-        vectors, numbers = self.vectors, self.numbers
-        steps = numbers.steps.to(self.index.device).unsqueeze(1)
+    def _count(self) -> None:
+        self.evaluations[self.index] += 1
+        evaluations = self.evaluations[self.index]
+        self.history.add(evaluations.cpu(), self.index.cpu(), self.scalars.values)
+        if self.watch is not None:
+            self.watch(self.index, evaluations)
+
+    def advance(self) -> None:
+        """Evaluates each trial point; where it is accepted, takes the step and updates the direction."""
+        vectors, scalars = self.vectors, self.scalars
+        steps = scalars.steps.to(self.index.device).unsqueeze(1)
         values, gradient = self.objective(torch.addcmul(vectors.x, steps, vectors.direction), self.index)
         gradient = gradient.contiguous()
-        taken, places, coefficients = numbers.decide(values.cpu(), vectors.dots(gradient))
+        taken, places, coefficients = scalars.decide(values.cpu(), vectors.dots(gradient))
         self.stays = taken == 0
-        vectors.move(taken, places, coefficients, gradient, numbers.slopes, numbers.peaks)
-        uphill = (numbers.slopes >= 0) | numbers.slopes.isnan()
+        vectors.take_step(taken, places, coefficients, gradient, scalars.slopes, scalars.peaks)
+        uphill = (scalars.slopes >= 0) | scalars.slopes.isnan()
         if uphill.any():  # rounding has spoilt the memory
             rows = uphill.nonzero().squeeze(1)
-            numbers.pairs[rows] = 0
-            there = rows.to(self.index.device)
-            direction = vectors.direction[there] = _steepest(vectors.gradient[there], self.first_step)
-            numbers.slopes[rows] = _dot(vectors.gradient[there], direction)
+            scalars.pairs[rows] = 0
+            on_device = rows.to(self.index.device)
+            direction = vectors.direction[on_device] = _steepest(vectors.gradient[on_device], self.first_step)
+            scalars.slopes[rows] = _dot(vectors.gradient[on_device], direction)
+        self._count()
 
-    def ended(self, tolerance: float) -> tuple[Tensor, Tensor]:
-        """Which of them (B,) have no slope left, and which no step of those that have not moved."""
-        vectors = self.vectors
-        flat = self.numbers.peaks <= tolerance
-        stuck, rows = torch.zeros_like(flat), self.stays.nonzero().squeeze(1)
+    def ended(self, evaluation: int, gradient_tolerance: float, progress_tolerance: float) -> dict[StopReason, Tensor]:
+        """Which of the running problems (A,) stop after so many evaluations, for each reason."""
+        vectors, values = self.vectors, self.scalars.values
+        flat = self.scalars.peaks <= gradient_tolerance
+        slow, stuck, rows = torch.zeros_like(flat), torch.zeros_like(flat), self.stays.nonzero().squeeze(1)
         if len(rows):
-            there = rows.to(self.index.device)
-            length, size = (each[there].abs().amax(1).cpu() for each in (vectors.direction, vectors.x))
-            stuck[rows] = self.numbers.steps[rows] * length <= torch.finfo(size.dtype).eps * size
-        return flat, stuck
+            on_device = rows.to(self.index.device)
+            length, size = (each[on_device].abs().amax(1).cpu() for each in (vectors.direction, vectors.x))
+            stuck[rows] = self.scalars.steps[rows] * length <= torch.finfo(size.dtype).eps * size
+        if evaluation > WINDOW:
+            before = self.history.table[evaluation - 1 - WINDOW, self.index.cpu()]
+            slow = before - values < progress_tolerance * values
+        return {StopReason.GRADIENT: flat, StopReason.PROGRESS: slow, StopReason.LINE_SEARCH: stuck}
 
-    def leave(self, done: Tensor, x: Tensor, value: Tensor) -> None:
-        """Those that are ``done`` (B,) enter their points in x (problems, N) and their values in value (problems,)."""
-        there, vectors = done.to(self.index.device), self.vectors
-        x[self.index[there]] = vectors.x[there]
-        value[self.index[there]] = self.numbers.values[done].to(value.device)
+    def stop(self, done: Tensor) -> None:
+        """Those that are ``done`` (A,) are no longer run; their points and values are results."""
+        on_device, vectors = done.to(self.index.device), self.vectors
+        self.x[self.index[on_device]] = vectors.x[on_device]
+        self.value[self.index[on_device]] = self.scalars.values[done].to(self.value.device)
         self.index, vectors.x, vectors.gradient, vectors.direction, vectors.stored = _remaining(
-            there, self.index, vectors.x, vectors.gradient, vectors.direction, vectors.stored
+            on_device, self.index, vectors.x, vectors.gradient, vectors.direction, vectors.stored
         )
-        self.numbers = _Numbers(*_remaining(done, *self.numbers))
+        self.scalars = _Scalars(*_remaining(done, *self.scalars))
+
+    def minimum(self) -> Minimum:
+        self.stop(torch.ones_like(self.scalars.values, dtype=torch.bool))
+        history = self.history.filled(int(self.evaluations.max())).to(self.x.device)
+        return Minimum(self.x, self.value, self.evaluations, self.reasons, history)
 
 
 def lbfgs(
@@ -147,37 +175,14 @@ def lbfgs(
     Returns:
         For each problem the lowest point found, never worse than its start.
     """
-    x, value, reasons = start.clone(), start.new_empty(len(start)), [StopReason.BUDGET] * len(start)
-    evaluations = torch.zeros(len(start), dtype=torch.long, device=start.device)
-    history = History(start.new_empty(0, device="cpu"), len(start))
-
-    def count(index: Tensor, values: Tensor) -> None:
-        evaluations[index] += 1
-        history.add(evaluations[index].cpu(), index.cpu(), values)
-        if watch is not None:
-            watch(index, evaluations[index])
-
-    running = _Running(objective, start, memory, first_step)
-    count(running.index, running.numbers.values)
+    search = _Search(objective, start, memory, first_step, watch)
     for evaluation in range(2, max_evaluations + 1):
-        running.go_on()
-        count(running.index, running.numbers.values)
-        flat, stuck = running.ended(gradient_tolerance)
-        slow = torch.zeros_like(stuck)
-        if evaluation > WINDOW:
-            before = history.table[evaluation - 1 - WINDOW, running.index.cpu()]
-            slow = before - running.numbers.values < progress_tolerance * running.numbers.values
-        done = flat | stuck | slow
+        search.advance()
+        ended = search.ended(evaluation, gradient_tolerance, progress_tolerance)
+        done = torch.stack([*ended.values()]).any(dim=0)
         if done.any():
-            for which, why in (
-                (stuck, StopReason.LINE_SEARCH),
-                (slow, StopReason.PROGRESS),
-                (flat, StopReason.GRADIENT),
-            ):  # the last one counts
-                for problem in running.index[which.to(start.device)].tolist():
-                    reasons[problem] = why
-            running.leave(done, x, value)
-            if not len(running.index):
+            enter_reasons(search.reasons, search.index, ended)
+            search.stop(done)
+            if not len(search.index):
                 break
-    running.leave(torch.ones_like(running.numbers.values, dtype=torch.bool), x, value)
-    return Minimum(x, value, evaluations, reasons, history.filled(int(evaluations.max())).to(start.device))
+    return search.minimum()

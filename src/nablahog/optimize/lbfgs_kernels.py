@@ -1,4 +1,4 @@
-"""The long vectors of a batch of searches, in loops for a CPU: see :class:`.lbfgs_vectors.Vectors`."""
+"""Compiled loops over the vectors of :class:`.lbfgs_vectors.LbfgsVectors`: those of a problem stay in caches."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from ..runtime.lanes import Array, Builder, Variable
 from ..runtime.simd import lanes, vector_function, vector_instruction
 from ..runtime.threads import share_out
 from .lbfgs_decisions import ALONG, BESIDE, CHANGE_ALONG, CHANGE_SQUARED, CHANGE_WITH_NEW
-from .lbfgs_vectors import Vectors
 
 if TYPE_CHECKING:
     from llvmlite import ir
@@ -38,7 +37,7 @@ def _fours(write: Builder, x: Array, count: ir.Value) -> AbstractContextManager[
 def _products(write: Builder, left: Array, at: ir.Value, right: Array, begin: ir.Value, count: ir.Value) -> ir.Value:
     """The dot product of ``left[at:]`` and ``right[begin:]``, ``count`` numbers, a multiple of :data:`FOURS`."""
     width = lanes(left.itemsize)
-    sums = [Variable(write.constant(left.vector(width), 0.0)) for _ in range(4)]  # which do not wait for each other
+    sums = [Variable(write.constant(left.vector(width), 0.0)) for _ in range(4)]  # independent
     with _fours(write, left, count) as k:
         for j, each in enumerate(sums):
             one = left.load(write.add(at, k, j * width), width)
@@ -164,10 +163,10 @@ def _dot(left: Floats, at: int, right: Floats, begin: int, count: int) -> Real:
 
 
 @compiled
-def _dots(
+def _dots_loop(
     start: int, stop: int, n: int, new: Floats, old: Floats, directions: Floats, stored: Floats, out: Floats
 ) -> None:
-    """To rows of ``out`` (B, 2m + 4), what :meth:`Vectors.dots` returns; of arrays (…,) with all vectors in a row."""
+    """Rows start … stop - 1 of :func:`dots`, to ``out`` (B, 2m + 4).  Vectors of length n lie one after the other."""
     both = out.shape[1] - BESIDE
     whole = n // FOURS * FOURS
     flat = out.reshape(-1)
@@ -199,7 +198,7 @@ def _remainder(
     gradients: Floats,
     directions: Floats,
 ) -> Real:
-    """What :func:`_step` does, for the numbers that are left."""
+    """:func:`_step` for the last numbers, from ``begin + whole`` to ``begin + end``."""
     largest: Real = step - step
     for k in range(whole, end):
         x = begin + k
@@ -213,7 +212,7 @@ def _remainder(
 def _combine(
     begin: int, count: int, first: int, n: int, coefficients: Floats, stored: Floats, directions: Floats
 ) -> None:
-    """Adds stored vectors, the first of which has its share from ``first`` on, to ``count`` numbers of a direction."""
+    """directions[begin:] += Σ_k coefficient_k · stored vector k, ``count`` numbers; vector 0's are at ``first``."""
     m, whole = len(coefficients) // 2, count // FOURS * FOURS
     for k in range(m):
         s, y, by_s, by_y = first + k * n, first + (k + m) * n, coefficients[k], coefficients[k + m]
@@ -223,7 +222,7 @@ def _combine(
 
 
 @compiled
-def _move(
+def _take_step_loop(
     start: int,
     stop: int,
     taken: Floats,
@@ -237,7 +236,7 @@ def _move(
     slopes: Floats,
     peaks: Floats,
 ) -> None:
-    """What :meth:`Vectors.move` does for some problems; all vectors of arrays (…,) in a row."""
+    """Rows start … stop - 1 of :func:`take_step`.  The vectors lie one after the other."""
     both, n = coefficients.shape[1] - 1, len(xs) // len(taken)
     for i in range(start, stop):
         step, by = taken[i], coefficients[i, both]
@@ -259,20 +258,29 @@ def _move(
             slopes[i], peaks[i] = slope, peak
 
 
-class CompiledVectors(Vectors):
-    """In loops, in as many threads as PyTorch takes: what a problem needs stays in the caches until it has moved on."""
+def dots(trial_gradient: Tensor, gradient: Tensor, direction: Tensor, stored: Tensor) -> Tensor:
+    """As :meth:`.LbfgsVectors.dots`, in as many threads as PyTorch takes."""
+    out = gradient.new_empty(len(gradient), stored.shape[1] + BESIDE)
+    vectors = (trial_gradient, gradient, direction, stored)
+    arrays = *(each.view(-1).numpy() for each in vectors), out.numpy()
+    share_out(lambda start, stop: _dots_loop(start, stop, gradient.shape[1], *arrays), len(out))
+    return out
 
-    def dots(self, trial_gradient: Tensor) -> Tensor:
-        out = self.x.new_empty(len(self.x), self.stored.shape[1] + BESIDE)
-        vectors = (trial_gradient, self.gradient, self.direction, self.stored)
-        arrays = *(each.view(-1).numpy() for each in vectors), out.numpy()
-        share_out(lambda start, stop: _dots(start, stop, self.x.shape[1], *arrays), len(out))
-        return out
 
-    def move(
-        self, taken: Tensor, places: Tensor, coefficients: Tensor, trial_gradient: Tensor, slopes: Tensor, peaks: Tensor
-    ) -> None:
-        vectors = (trial_gradient, self.x, self.gradient, self.direction, self.stored)
-        numbers = (taken.numpy(), places.numpy(), coefficients.numpy())
-        arrays = *(each.view(-1).numpy() for each in vectors), slopes.numpy(), peaks.numpy()
-        share_out(lambda start, stop: _move(start, stop, *numbers, *arrays), len(taken))
+def take_step(
+    taken: Tensor,
+    places: Tensor,
+    coefficients: Tensor,
+    trial_gradient: Tensor,
+    x: Tensor,
+    gradient: Tensor,
+    direction: Tensor,
+    stored: Tensor,
+    slopes: Tensor,
+    peaks: Tensor,
+) -> None:
+    """As :meth:`.LbfgsVectors.take_step`, in as many threads as PyTorch takes."""
+    vectors = (trial_gradient, x, gradient, direction, stored)
+    numbers = (taken.numpy(), places.numpy(), coefficients.numpy())
+    arrays = *(each.view(-1).numpy() for each in vectors), slopes.numpy(), peaks.numpy()
+    share_out(lambda start, stop: _take_step_loop(start, stop, *numbers, *arrays), len(taken))

@@ -14,15 +14,15 @@ class _HeavyBall:
         self.momentum = momentum
         self.velocity = torch.zeros_like(like)
 
-    def move(self, gradient: Tensor) -> Tensor:
+    def displacement(self, gradient: Tensor) -> Tensor:
         self.velocity = self.momentum * self.velocity - gradient
         return self.velocity
 
-    def restart(self, which: Tensor) -> None:
-        self.velocity[which] = 0
+    def restart(self, mask: Tensor) -> None:
+        self.velocity[mask] = 0
 
-    def keep(self, which: Tensor) -> None:
-        self.velocity = self.velocity[which]
+    def select(self, mask: Tensor) -> None:
+        self.velocity = self.velocity[mask]
 
 
 def momentum(
