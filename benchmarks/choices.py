@@ -26,9 +26,10 @@ from torch.nn.functional import interpolate
 from nablahog import HOGSpec, hog, metrics, presets, reconstruct
 from nablahog.invert.histograms import recover_histograms
 from nablahog.invert.multiscale import SCALES, level_spec, reconstruct_multiscale, scale_descriptors
-from nablahog.invert.preimage import to_unit_range
+from nablahog.invert.options import Basis, Objective, Search
 from nablahog.invert.priors import Prior, Range, RelativeSmoothness, Smoothness, TotalVariation
-from nablahog.invert.search import Basis, PreimageSearch
+from nablahog.invert.reconstruction import to_unit_range
+from nablahog.invert.search import PreimageSearch
 from nablahog.invert.start import at_contrast
 from nablahog.optimize import Minimiser
 from photographs import photographs
@@ -53,7 +54,7 @@ class Assumptions:
 
 def as_published(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], a: Assumptions, start: Tensor) -> Tensor:
     """Images (B, 1, H, W) in 0…1 from (B, 1, H, W), the one objective from the one start."""
-    search = PreimageSearch(descriptor, spec, size, a.priors, a.basis, a.minimiser, a.evaluations, None)
+    search = PreimageSearch(descriptor, spec, size, a.priors, Search(a.minimiser, a.basis), a.evaluations)
     start = at_contrast(start, recover_histograms(descriptor, spec), spec)
     return to_unit_range(search.match(start.unsqueeze(1), None, a.evaluations)[:, 0], spec)
 
@@ -177,29 +178,29 @@ def our_variants(of: str) -> list[Variant]:
     rows = [("reconstruct", run())]
     if spec.signed:
         rows += [
-            ("one sample, nothing expected", run(samples=1)),
-            ("3 samples", run(samples=3)),
-            ("6 samples, 480 evaluations", run(samples=6, max_evaluations=480)),
-            ("12 samples, 1500 evaluations", run(samples=12, max_evaluations=1500)),
-            ("λ = 0, from the samples' mean", run(closeness=0.0)),
-            ("λ = 0.1", run(closeness=0.1)),
-            ("λ = 0.3", run(closeness=0.3)),
-            ("λ = 3", run(closeness=3.0)),
+            ("one sample, nothing expected", run(search=Search(samples=1))),
+            ("3 samples", run(search=Search(samples=3))),
+            ("6 samples, 480 evaluations", run(search=Search(samples=6, max_evaluations=480))),
+            ("12 samples, 1500 evaluations", run(search=Search(samples=12, max_evaluations=1500))),
+            ("λ = 0, from the samples' mean", run(objective=Objective(closeness=0.0))),
+            ("λ = 0.1", run(objective=Objective(closeness=0.1))),
+            ("λ = 0.3", run(objective=Objective(closeness=0.3))),
+            ("λ = 3", run(objective=Objective(closeness=3.0))),
         ]
     else:
         rows += [
-            ("no polarity", run(polarity=False)),
-            ("no region signs", run(region_signs=False)),
-            ("neither", run(region_signs=False, polarity=False)),
-            ("λ = 0, from the region signs", run(closeness=0.0)),
-            ("λ = 1", run(closeness=1.0)),
-            ("960 evaluations", run(max_evaluations=960)),
+            ("no polarity", run(search=Search(polarity=False))),
+            ("no region signs", run(search=Search(region_signs=False))),
+            ("neither", run(search=Search(region_signs=False, polarity=False))),
+            ("λ = 0, from the region signs", run(objective=Objective(closeness=0.0))),
+            ("λ = 1", run(objective=Objective(closeness=1.0))),
+            ("960 evaluations", run(search=Search(max_evaluations=960))),
         ]
     rows += [
-        ("no smoothness", run(smoothness=0.0)),
-        ("smoothness 0.1", run(smoothness=0.1)),
-        ("pixels as unknowns", run(basis="pixels")),
-        ("240 evaluations", run(max_evaluations=240)),
+        ("no smoothness", run(objective=Objective(smoothness=0.0))),
+        ("smoothness 0.1", run(objective=Objective(smoothness=0.1))),
+        ("pixels as unknowns", run(search=Search(basis="pixels"))),
+        ("240 evaluations", run(search=Search(max_evaluations=240))),
         ("multi-scale", run_levels(False)),
         ("multi-scale-more", run_levels(True)),
     ]

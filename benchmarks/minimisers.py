@@ -50,14 +50,16 @@ def search(
     seconds: list[float] = []
     lowest: list[float] = []
 
-    def report(distance: Tensor, index: Tensor) -> None:
-        seconds.append(time.perf_counter() - began)
-        lowest.append(min([float(distance), *lowest[-1:]]))
+    objective = PreimageObjective(descriptor, None, spec, basis, flat, (RelativeSmoothness(0.02),))
 
-    objective = PreimageObjective(descriptor, None, spec, basis, flat, (RelativeSmoothness(0.02),), report)
+    def watch(_: Tensor, spent: Tensor) -> None:
+        evaluations.append(int(spent))
+        seconds.append(time.perf_counter() - began)
+        lowest.append(min([float(objective.distance), *lowest[-1:]]))
+
     start = basis.unknowns(starting_images(votes, spec, SIDE, SIDE, 1, seed=0)[:, 0])
     began = time.perf_counter()
-    minimise(name, objective, start, max_evaluations=most, watch=lambda _, spent: evaluations.append(int(spent)))
+    minimise(name, objective, start, max_evaluations=most, watch=watch)
     return evaluations, seconds, lowest
 
 

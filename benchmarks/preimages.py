@@ -20,6 +20,7 @@ import torch
 
 from nablahog import hog, metrics, presets, reconstruct
 from nablahog.hog.gradient import gray
+from nablahog.invert import Search
 from nablahog.invert.quality import QualityName
 from nablahog.io.images import read_image
 
@@ -45,11 +46,17 @@ def main() -> None:
     files = files[: options.limit][:: options.every]
     images = torch.stack([gray(read_image(file)[None])[0] for file in files])
     spec = getattr(presets, options.descriptor)(options.cell)
-    limit = {} if options.max_evaluations is None else {"max_evaluations": options.max_evaluations}
     size, descriptors = (images.shape[2], images.shape[3]), hog(images, spec)
-    reconstruct(descriptors[:1], spec, size, max_evaluations=3)
+    reconstruct(descriptors[:1], spec, size, search=Search(max_evaluations=3))
     began = time.process_time()
-    found = reconstruct(descriptors, spec, size, quality=options.quality, seed=options.seed, **limit)
+    found = reconstruct(
+        descriptors,
+        spec,
+        size,
+        quality=options.quality,
+        seed=options.seed,
+        search=Search(max_evaluations=options.max_evaluations),
+    )
     spent = (time.process_time() - began) / len(files)
 
     rows = []

@@ -20,8 +20,8 @@ from choices import Assumptions, single
 from growth import seconds_of
 from limits import Rates, limits_ms, rendering_work, work
 from nablahog import hog, metrics, presets, reconstruct
+from nablahog.invert import Reconstruction, Search
 from nablahog.invert.baselines.cnn_hog import CNNHOG
-from nablahog.invert.preimage import Reconstruction
 from nablahog.invert.quality import QualityName
 from nablahog.metrics import azimuth_error
 from nablahog.pose.prepared import pose_spec
@@ -51,7 +51,7 @@ def preimages(folder: Path | None, few: int, side: int | None, rates: Rates) -> 
     methods = _methods()
     found: dict[str, list[Tensor]] = {name: [] for name in methods}
     times = {name: Times() for name in methods}
-    reconstruct(hog(some[:1], SPEC), SPEC, max_evaluations=3)
+    reconstruct(hog(some[:1], SPEC), SPEC, search=Search(max_evaluations=3))
     single(some[:1], SPEC, replace(DOGLEG, evaluations=3))
     for quality in OURS:
         methods[quality](some[:1])

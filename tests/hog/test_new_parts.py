@@ -18,6 +18,7 @@ from nablahog.hog.descriptor import histograms
 from nablahog.hog.kernels import supports
 from nablahog.hog.normalizers import NORMALIZERS, Footprint, Normalizer, PerCell
 from nablahog.hog.poolings import POOLINGS, Pooling
+from nablahog.invert import Search
 from nablahog.invert.mirror import mirrored
 
 from .differences import assert_jacobian_equals_central_differences
@@ -134,7 +135,7 @@ def test_mirrored(new: HOGSpec) -> None:
 def test_reconstructed(new: HOGSpec) -> None:
     y, x = torch.meshgrid(torch.linspace(-1, 1, 40), torch.linspace(-1, 1, 32), indexing="ij")
     image = torch.sigmoid(15 * (0.6 - torch.hypot(x, y)))[None, None]
-    found = reconstruct(hog(image, new), new, (40, 32), max_evaluations=150)
+    found = reconstruct(hog(image, new), new, (40, 32), search=Search(max_evaluations=150))
     assert found.distance.item() < 0.2
     alike = np.corrcoef(found.image.flatten().numpy(), image.flatten().numpy())[0, 1]
     assert abs(alike) > 0.6  # or its negative: bins are not signed

@@ -6,14 +6,15 @@ import numpy as np
 import torch
 
 from nablahog import hog, presets, reconstruct, reconstruct_multiscale
+from nablahog.invert import Search
 
 SPEC = presets.uoctti(cell_size=8)
 DESCRIPTORS = hog(np.random.default_rng(0).random((2, 32, 24, 1), np.float32), SPEC)
 
 
 def test_a_batch() -> None:
-    arrays = reconstruct(DESCRIPTORS, SPEC, [32, 24], max_evaluations=10)  # type: ignore[arg-type]
-    tensors = reconstruct(torch.from_numpy(DESCRIPTORS), SPEC, (32, 24), max_evaluations=10)
+    arrays = reconstruct(DESCRIPTORS, SPEC, [32, 24], search=Search(max_evaluations=10))
+    tensors = reconstruct(torch.from_numpy(DESCRIPTORS), SPEC, (32, 24), search=Search(max_evaluations=10))
     np.testing.assert_array_equal(arrays.image, tensors.image[:, 0].numpy())
     for name in ("distance", "history", "evaluations"):
         np.testing.assert_array_equal(getattr(arrays, name), getattr(tensors, name).numpy())
@@ -22,8 +23,10 @@ def test_a_batch() -> None:
 
 def test_a_single_descriptor_has_a_single_image() -> None:
     image = np.random.default_rng(1).random((32, 24), np.float32)
-    one = reconstruct(DESCRIPTORS[0], SPEC, start=image, max_evaluations=10)
-    batch = reconstruct(DESCRIPTORS[:1], SPEC, start=torch.from_numpy(image)[None, None], max_evaluations=10)
+    one = reconstruct(DESCRIPTORS[0], SPEC, start=image, search=Search(max_evaluations=10))
+    batch = reconstruct(
+        DESCRIPTORS[:1], SPEC, start=torch.from_numpy(image)[None, None], search=Search(max_evaluations=10)
+    )
     assert one.image.shape == (32, 24)
     np.testing.assert_array_equal(one.image, batch.image[0])
     assert float(one.distance) == batch.distance[0]
@@ -32,9 +35,13 @@ def test_a_single_descriptor_has_a_single_image() -> None:
 
 
 def test_levels() -> None:
-    arrays = reconstruct_multiscale(DESCRIPTORS[0], SPEC, scales=(4, 1), max_evaluations=8)
-    more = reconstruct_multiscale([DESCRIPTORS[0], DESCRIPTORS[0]], SPEC, scales=(4, 1), max_evaluations=8)
-    tensors = reconstruct_multiscale(torch.from_numpy(DESCRIPTORS[:1]), SPEC, scales=(4, 1), max_evaluations=8)
+    arrays = reconstruct_multiscale(DESCRIPTORS[0], SPEC, scales=(4, 1), search=Search(max_evaluations=8))
+    more = reconstruct_multiscale(
+        [DESCRIPTORS[0], DESCRIPTORS[0]], SPEC, scales=(4, 1), search=Search(max_evaluations=8)
+    )
+    tensors = reconstruct_multiscale(
+        torch.from_numpy(DESCRIPTORS[:1]), SPEC, scales=(4, 1), search=Search(max_evaluations=8)
+    )
     assert [level.reconstruction.image.shape for level in arrays] == [(16, 12), (32, 24)]
     assert [level.reconstruction.image.shape for level in more] == [(16, 12), (32, 24)]
     for ours, theirs in zip(arrays, tensors, strict=True):

@@ -9,6 +9,7 @@ from torch import Tensor
 from nablahog import hog, presets, reconstruct
 from nablahog.hog import HOGSpec
 from nablahog.hog.gradient import gray
+from nablahog.invert import Search
 from nablahog.invert.colour import reconstruct_colour
 
 SPECS: dict[str, HOGSpec] = {
@@ -31,9 +32,9 @@ def test_colour_comes_closer(name: str) -> None:
     """Or stays gray: what OpenCV's largest channel jumps to and fro helps in half of all cases only."""
     spec = SPECS[name]
     descriptor = hog(two_colours().clamp(0, 1), spec)
-    options = {"max_evaluations": 100, "seed": 1}
-    plain = reconstruct(descriptor, spec, (40, 40), **options)
-    found = reconstruct_colour(descriptor, spec, (40, 40), colour_evaluations=80, **options)
+    search = Search(max_evaluations=100)
+    plain = reconstruct(descriptor, spec, (40, 40), seed=1, search=search)
+    found = reconstruct_colour(descriptor, spec, (40, 40), seed=1, search=search, colour_evaluations=80)
     assert found.image.shape == (1, 3, 40, 40)
     assert ((found.image >= 0) & (found.image <= 1)).all()
     assert (found.distance <= plain.distance).all()

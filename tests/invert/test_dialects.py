@@ -13,6 +13,7 @@ from nablahog import hog, presets, reconstruct
 from nablahog.hog import FourBlockNorm, HOGSpec
 from nablahog.hog.descriptor import histograms
 from nablahog.hog.normalize import normalize
+from nablahog.invert import Search
 from nablahog.invert.histograms import recover_histograms, searchable
 
 SIZE = (48, 40)
@@ -53,7 +54,7 @@ def correlation(a: Tensor, b: Tensor) -> float:
 def test_reconstruct(name: str) -> None:
     """From each descriptor an image that has it nearly, and that resembles the scene, or its negative if unsigned."""
     spec, images = SPECS[name], scene()
-    found = reconstruct(hog(images, spec), spec, SIZE, max_evaluations=150)
+    found = reconstruct(hog(images, spec), spec, SIZE, search=Search(max_evaluations=150))
     assert found.image.shape == images.shape
     assert ((found.image >= 0) & (found.image <= 1)).all()
     assert found.distance.min() < 0.4  # the other scene is shaded all over, where hard votes are hard to hit
@@ -121,8 +122,8 @@ def test_a_root_is_sought_and_squared() -> None:
     """The descriptor of the root of an image has its pre-image squared, in reach of its brightness."""
     spec = dataclasses.replace(presets.uoctti(4), gamma="sqrt", value_range=255.0)
     images = scene()
-    found = reconstruct(hog(images, spec), spec, SIZE, max_evaluations=150)
+    found = reconstruct(hog(images, spec), spec, SIZE, search=Search(max_evaluations=150))
     plain = presets.uoctti(4)
     root = dataclasses.replace(plain, value_range=255.0**0.5)
-    expected = reconstruct(hog(images.sqrt(), root), root, SIZE, max_evaluations=150)
+    expected = reconstruct(hog(images.sqrt(), root), root, SIZE, search=Search(max_evaluations=150))
     assert (found.image - expected.image.square()).abs().mean() < 0.03

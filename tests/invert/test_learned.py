@@ -19,7 +19,7 @@ import nablahog
 from nablahog import LearnedPrior, hog, presets, train_prior
 from nablahog.hog import FourBlockNorm, GlobalNorm, HOGSpec
 from nablahog.hog.descriptor import histograms
-from nablahog.invert import network, training
+from nablahog.invert import Search, network, training
 from nablahog.invert.crops import draw_crops
 from nablahog.invert.mirror import mirrored
 from nablahog.invert.network import CELLS, Architecture, check_spec, default_architecture, network_inputs, weight_count
@@ -78,7 +78,7 @@ def test_expected_has_the_images_size(size: tuple[int, int]) -> None:
     assert expected.dtype == descriptor.dtype
     assert torch.isfinite(expected).all()
     assert float(expected.mean()) == pytest.approx(0.5, abs=1e-4)
-    found = nablahog.reconstruct(descriptor, SPEC, size, expected=expected, max_evaluations=4)
+    found = nablahog.reconstruct(descriptor, SPEC, size, expected=expected, search=Search(max_evaluations=4))
     assert torch.isfinite(found.image).all()
 
 

@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from nablahog import HOGSpec, hog, presets
-from nablahog.invert import Level, reconstruct_multiscale, scale_descriptors
+from nablahog.invert import Level, Objective, Search, reconstruct_multiscale, scale_descriptors
 from nablahog.invert.histograms import recover_histograms
 from nablahog.invert.multiscale import SCALES, level_spec
 from nablahog.invert.polarity import fix_polarity
@@ -112,7 +112,7 @@ def test_levels_grow_and_report_their_own_distance(
     spec, size = preset(cell), (4 * cell[0], 3 * cell[1])
     image = photograph(64, "coins")[..., : size[0], -size[1] :]
     given = descriptors(image, spec, more)
-    levels = reconstruct_multiscale(given, spec, max_evaluations=BUDGET)
+    levels = reconstruct_multiscale(given, spec, search=Search(max_evaluations=BUDGET))
     assert [level.scale for level in levels] == [64, 16, 4, 1]
     for i, (level, factor) in enumerate(zip(levels, (8, 4, 2, 1), strict=True)):
         assert level.reconstruction.image.shape == (1, 1, size[0] // factor, size[1] // factor)
@@ -131,7 +131,7 @@ def test_levels_grow_and_report_their_own_distance(
 @all_specs
 def test_every_level_is_given_the_descriptor_at_the_contrast_of_its_size(spec: HOGSpec) -> None:
     descriptor = hog(photograph(32), spec)
-    for level in reconstruct_multiscale(descriptor, spec, max_evaluations=BUDGET):
+    for level in reconstruct_multiscale(descriptor, spec, search=Search(max_evaluations=BUDGET)):
         # a smaller image of the same contrast has steeper, but fewer gradients
         own = descriptor / level.scale**0.25 if spec.normalizer.fixes_contrast else descriptor
         torch.testing.assert_close(level.reconstruction.distance, distance(level, own))
@@ -150,7 +150,7 @@ def test_the_printed_normalisers_scale_is_that_of_a_smooth_image() -> None:
 def test_a_photograph_comes_back(spec: HOGSpec, more: bool) -> None:
     image = photograph(64)
     levels = reconstruct_multiscale(
-        descriptors(image, spec, more, (16, 4, 1)), spec, scales=(16, 4, 1), max_evaluations=60
+        descriptors(image, spec, more, (16, 4, 1)), spec, scales=(16, 4, 1), search=Search(max_evaluations=60)
     )
     assert levels[-1].reconstruction.distance[0] < 0.35
     if spec.signed:
@@ -165,7 +165,10 @@ def test_a_photograph_comes_back(spec: HOGSpec, more: bool) -> None:
 def test_progress_rises_over_all_levels_and_stays_in_the_budget(spec: HOGSpec, more: bool) -> None:
     calls: list[tuple[int, int]] = []
     levels = reconstruct_multiscale(
-        descriptors(photograph(32), spec, more), spec, max_evaluations=20, progress=lambda *call: calls.append(call)
+        descriptors(photograph(32), spec, more),
+        spec,
+        search=Search(max_evaluations=20),
+        progress=lambda *call: calls.append(call),
     )
     done = [call[0] for call in calls]
     assert done == sorted(set(done))
@@ -188,7 +191,9 @@ def test_a_flat_image_ends_every_level_early_and_progress_still_rises() -> None:
 def test_a_level_without_texture_does_not_end_those_after_it(name: str) -> None:
     y, x = torch.meshgrid(torch.arange(32), torch.arange(32), indexing="ij")
     checkers = (0.2 + 0.6 * ((x // 2 + y // 2) % 2))[None, None]  # gray but for the last two levels
-    found = reconstruct_multiscale(scale_descriptors(checkers, SPECS[name]), SPECS[name], max_evaluations=40)
+    found = reconstruct_multiscale(
+        scale_descriptors(checkers, SPECS[name]), SPECS[name], search=Search(max_evaluations=40)
+    )
     assert found[-2].reconstruction.distance.item() < 0.9
     assert found[-1].reconstruction.distance.item() < 0.5
 
@@ -197,7 +202,9 @@ def test_a_level_without_texture_does_not_end_those_after_it(name: str) -> None:
 @both_variants
 def test_scales_of_choice(spec: HOGSpec, more: bool) -> None:
     image = photograph(48)[..., :40]
-    levels = reconstruct_multiscale(descriptors(image, spec, more, (4, 1)), spec, scales=(4, 1), max_evaluations=8)
+    levels = reconstruct_multiscale(
+        descriptors(image, spec, more, (4, 1)), spec, scales=(4, 1), search=Search(max_evaluations=8)
+    )
     assert [level.scale for level in levels] == [4, 1]
     assert [tuple(level.reconstruction.image.shape[2:]) for level in levels] == [(24, 20), (48, 40)]
     assert [level.spec.cell_size for level in levels] == [(4, 4), (8, 8)]
@@ -207,7 +214,7 @@ def test_scales_of_choice(spec: HOGSpec, more: bool) -> None:
 def test_partial_cells_where_the_size_is_given() -> None:
     spec = dataclasses.replace(SPECS["signed"], partial_cells="ceil")
     image = photograph(64)[..., :44, :52]  # 5.5 and 6.5 cells, rounded up
-    levels = reconstruct_multiscale(hog(image, spec), spec, (44, 52), scales=(4, 1), max_evaluations=8)
+    levels = reconstruct_multiscale(hog(image, spec), spec, (44, 52), scales=(4, 1), search=Search(max_evaluations=8))
     assert levels[-1].reconstruction.image.shape == (1, 1, 44, 52)
     assert levels[0].reconstruction.image.shape == (1, 1, 22, 26)
 
@@ -217,7 +224,8 @@ def test_same_seed_same_images(name: str) -> None:
     spec = SPECS[name]
     descriptor = hog(photograph(32), spec)
     first, again, other = (
-        reconstruct_multiscale(descriptor, spec, scales=(4, 1), seed=s, max_evaluations=8) for s in (0, 0, 1)
+        reconstruct_multiscale(descriptor, spec, scales=(4, 1), seed=s, search=Search(max_evaluations=8))
+        for s in (0, 0, 1)
     )
     for a, b, c in zip(first, again, other, strict=True):
         assert torch.equal(a.reconstruction.image, b.reconstruction.image)
@@ -231,7 +239,7 @@ def test_batch_equals_loop(name: str, more: bool) -> None:
     images = torch.cat([photograph(32), photograph(32, "coins")]).double()
 
     def run(image: Tensor) -> list[Level]:
-        return reconstruct_multiscale(descriptors(image, spec, more), spec, max_evaluations=BUDGET)
+        return reconstruct_multiscale(descriptors(image, spec, more), spec, search=Search(max_evaluations=BUDGET))
 
     together = run(images)
     for i in range(2):
@@ -246,7 +254,7 @@ def test_the_last_level_decides_the_polarity_of_all(name: str) -> None:
     for picture in ("camera", "coins", "coffee"):
         descriptor = hog(photograph(32, picture), spec)
         found, chosen = (
-            reconstruct_multiscale(descriptor, spec, scales=(4, 1), max_evaluations=BUDGET, polarity=p)
+            reconstruct_multiscale(descriptor, spec, scales=(4, 1), search=Search(max_evaluations=BUDGET, polarity=p))
             for p in (False, True)
         )
         assert torch.equal(chosen[-1].reconstruction.image, fix_polarity(found[-1].reconstruction.image))
@@ -262,7 +270,11 @@ def test_closeness_keeps_levels_together() -> None:
 
     def agreement(closeness: float) -> float:
         small, large = reconstruct_multiscale(
-            descriptor, spec, scales=(4, 1), max_evaluations=40, closeness=closeness, polarity=False
+            descriptor,
+            spec,
+            scales=(4, 1),
+            search=Search(max_evaluations=40, polarity=False),
+            objective=Objective(closeness=closeness),
         )
         return correlation(small.reconstruction.image, avg_pool2d(large.reconstruction.image, 2))
 
@@ -287,8 +299,6 @@ def test_there_must_be_a_descriptor_for_each_scale(count: int) -> None:
         ({"scales": (9, 1)}, "multiples of 3"),
         ({"scales": (4, 2, 1)}, "square number"),
         ({"scales": (4, 0)}, "square number.*got 0"),
-        ({"closeness": -1.0}, "closeness.*at least 0, got -1"),
-        ({"closeness": float("nan")}, "closeness.*finite"),
         ({"image_size": (64, 64)}, r"must have shape \(8, 8, 9\)"),
         ({"image_size": (30, 32)}, "no scale"),
     ],
@@ -296,14 +306,6 @@ def test_there_must_be_a_descriptor_for_each_scale(count: int) -> None:
 def test_options_out_of_range(options: dict[str, Any], says: str) -> None:
     with pytest.raises(ValueError, match=says):
         reconstruct_multiscale(hog(photograph(32), SPECS["paper"]), SPECS["paper"], **options)
-
-
-def test_too_small_a_budget_is_refused_before_any_work() -> None:
-    calls: list[tuple[int, int]] = []
-    descriptor = hog(photograph(32), SPECS["paper"])
-    with pytest.raises(ValueError, match=r"max_evaluations must be at least 2.*got 1"):
-        reconstruct_multiscale(descriptor, SPECS["paper"], max_evaluations=1, progress=lambda *call: calls.append(call))
-    assert not calls
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,8 @@ from nablahog.hog.normalize import normalize
 from nablahog.invert.flat import FlatRegions
 from nablahog.invert.histograms import recover_histograms
 from nablahog.invert.parameterize import CosineBasis, Pixels, cosines, from_cosines, low_pass, to_cosines
-from nablahog.invert.preimage import to_unit_range
 from nablahog.invert.priors import smoothness
+from nablahog.invert.reconstruction import to_unit_range
 from nablahog.invert.start import (
     NOISE,
     at_contrast,

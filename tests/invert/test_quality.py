@@ -9,11 +9,13 @@ import torch
 from torch import Tensor
 
 from nablahog import hog, presets, reconstruct
+from nablahog.invert import Search
 from nablahog.invert.colour import reconstruct_colour
 from nablahog.invert.preimage import VECTORS
 from nablahog.invert.quality import quality_of
 from nablahog.metrics import cross_correlation
 
+from .options import grouped
 from .photographs import photograph
 
 UOCTTI, PAPER = presets.uoctti(8), presets.paper(8)
@@ -52,9 +54,10 @@ def test_an_unsigned_descriptor_in_less() -> None:
 
 def test_what_is_given_goes_before_the_quality() -> None:
     descriptor = hog(photograph(32), UOCTTI)
-    assert reconstruct(descriptor, UOCTTI, quality="fast", max_evaluations=7).evaluations <= 7
+    assert reconstruct(descriptor, UOCTTI, quality="fast", search=Search(max_evaluations=7)).evaluations <= 7
     one, two, default = (
-        reconstruct(descriptor, UOCTTI, quality="fast", samples=samples).image for samples in (1, 2, None)
+        reconstruct(descriptor, UOCTTI, quality="fast", search=Search(samples=samples)).image
+        for samples in (1, 2, None)
     )
     assert torch.equal(two, default)
     assert not torch.equal(one, two)
@@ -86,10 +89,10 @@ def test_no_such_quality() -> None:
 def test_a_batch_in_parts_is_the_same(spec: Any, options: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     descriptors = hog(photographs(40, torch.float64), spec)
     options = {"max_evaluations": 80, **options}  # two samples, and too short for rounding to grow
-    whole = reconstruct(descriptors, spec, **options)
+    whole = reconstruct(descriptors, spec, **grouped(**options))
     monkeypatch.setattr("nablahog.invert.preimage.MEMORY", 1)
     calls: list[tuple[int, int]] = []
-    parts = reconstruct(descriptors, spec, progress=lambda *call: calls.append(call), **options)
+    parts = reconstruct(descriptors, spec, progress=lambda *call: calls.append(call), **grouped(**options))
     for name in ("image", "distance", "history"):
         torch.testing.assert_close(getattr(parts, name), getattr(whole, name), atol=1e-5, rtol=0)
     assert torch.equal(parts.evaluations, whole.evaluations)
@@ -114,5 +117,5 @@ def test_parts_are_as_large_as_the_memory_allows(monkeypatch: pytest.MonkeyPatch
     for samples, memory, expected in [(1, 4, [4, 4, 1]), (2, 4, [2, 2, 2, 2, 1]), (2, 100, [9]), (2, 1, [1] * 9)]:
         sizes.clear()
         monkeypatch.setattr("nablahog.invert.preimage.MEMORY", memory * of_one)
-        assert len(reconstruct(descriptors, UOCTTI, samples=samples, max_evaluations=3).image) == 9
+        assert len(reconstruct(descriptors, UOCTTI, search=Search(samples=samples, max_evaluations=3)).image) == 9
         assert sizes == expected

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from nablahog import hog, presets
+from nablahog.invert import Search
 from nablahog.invert.histograms import recover_histograms
 from nablahog.invert.priors import RelativeSmoothness
 from nablahog.invert.search import PreimageSearch
@@ -31,7 +32,7 @@ def search(
     progress: Callable[[int, int], None] | None = None,
 ) -> PreimageSearch:
     return PreimageSearch(
-        descriptors, SPEC, (32, 32), [RelativeSmoothness(0.02)], "cosine", minimiser, budget, progress
+        descriptors, SPEC, (32, 32), [RelativeSmoothness(0.02)], Search(minimiser=minimiser), budget, progress
     )
 
 
@@ -157,8 +158,3 @@ def test_what_is_found_is_closer_than_the_start_and_not_far_from_what_is_expecte
 
     assert (away(kept) < 0.3 * away(free)).all()
     assert (relative(kept)[:2] > relative(free)[:2]).all()
-
-
-def test_unknown_basis() -> None:
-    with pytest.raises(ValueError, match="'cosine', 'pixels', got 'wavelets'"):
-        PreimageSearch(DESCRIPTORS, SPEC, (32, 32), [], "wavelets", "lbfgs", 10, None)  # type: ignore[arg-type]

@@ -12,6 +12,7 @@ from torch import Tensor
 from nablahog import hog, presets, reconstruct
 from nablahog.hog import HOGSpec
 from nablahog.hog.entries import cell_entries
+from nablahog.invert import Search
 from nablahog.invert.template import template_descriptor
 
 SPECS: dict[str, HOGSpec] = {
@@ -42,7 +43,7 @@ def test_what_is_seen_has_the_shape_in_it(name: str) -> None:
     assert descriptor.shape == (1, *spec.grid(40, 40), spec.channels)
     assert torch.isfinite(descriptor).all()
     assert (descriptor >= 0).all()
-    found = reconstruct(descriptor, spec, (40, 40), max_evaluations=200).image
+    found = reconstruct(descriptor, spec, (40, 40), search=Search(max_evaluations=200)).image
     assert abs(np.corrcoef(found.flatten(), disc().flatten())[0, 1]) > 0.5
 
 

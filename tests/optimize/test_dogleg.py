@@ -84,7 +84,6 @@ def test_steps_of_an_inversion_are_those_of_chumpy() -> None:
         Pixels(16, 16),
         FlatRegions(descriptor, spec, 16, 16),
         (RelativeSmoothness(0.02), Norm(0.1, alpha=2)),
-        lambda distance, index: None,
     )
     problem = SumOfSquares(objective.residuals)
     accepted = compare(problem, noise.flatten(1), 3)

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 from torch import Tensor
 
 from ..hog import HOGSpec, hog, presets
-from ..invert import reconstruct, reconstruct_multiscale, scale_descriptors
+from ..invert import Search, reconstruct, reconstruct_multiscale, scale_descriptors
 from ..invert.baselines.cnn_hog import CNNHOG
 from ..invert.baselines.triangles import TRIANGLES, reconstruct_by_triangles
 from ..invert.multiscale import SCALES, level_spec
@@ -81,13 +81,13 @@ class Method:
         return (self.name, *self.levels)
 
 
-def _limit(settings: Table1Settings) -> dict[str, Any]:
-    return {} if settings.max_evaluations is None else {"max_evaluations": settings.max_evaluations}
+def _options(settings: Table1Settings) -> dict[str, Any]:
+    return {"seed": settings.seed, "search": Search(max_evaluations=settings.max_evaluations)}
 
 
 def _single(image: Tensor, settings: Table1Settings, *, spec: HOGSpec) -> list[MethodOutput]:
     size = (image.shape[2], image.shape[3])
-    result = reconstruct(hog(image, spec), spec, size, seed=settings.seed, **_limit(settings))
+    result = reconstruct(hog(image, spec), spec, size, **_options(settings))
     return [MethodOutput(result.image[0, 0], float(result.distance[0]))]
 
 
@@ -97,7 +97,7 @@ def _multi_scale(image: Tensor, settings: Table1Settings, *, spec: HOGSpec, more
     for scale in SCALES:
         level_spec(spec, scale, size)  # raises before the work, not after
     descriptors = scale_descriptors(image, spec, SCALES) if more else hog(image, spec)
-    results = reconstruct_multiscale(descriptors, spec, size, scales=SCALES, seed=settings.seed, **_limit(settings))
+    results = reconstruct_multiscale(descriptors, spec, size, scales=SCALES, **_options(settings))
     levels = []
     for result in (level.reconstruction for level in results):
         enlarged = enlarge(result.image, *size)[0, 0].clamp(0, 1)
@@ -109,7 +109,7 @@ def _learned(
     image: Tensor, settings: Table1Settings, *, kind: str, spec: HOGSpec, seeded: bool = False
 ) -> list[MethodOutput]:
     size = (image.shape[2], image.shape[3])
-    options = {**_limit(settings), "seed": settings.seed} if seeded else {}
+    options = _options(settings) if seeded else {}
     result = _needed(kind, settings).reconstruct(hog(image, spec), spec, size, **options)
     return [MethodOutput(result.image[0, 0], float(result.distance[0]))]
 

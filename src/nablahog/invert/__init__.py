@@ -7,14 +7,18 @@ from ..runtime.lazy import names_when_used
 if TYPE_CHECKING:
     from .learned import LearnedPrior
     from .multiscale import Level, reconstruct_multiscale, scale_descriptors
-    from .preimage import Reconstruction, reconstruct
+    from .options import Objective, Search
+    from .preimage import reconstruct
+    from .reconstruction import Reconstruction
     from .template import template_descriptor
     from .training import train_prior
 
 __all__ = [
     "LearnedPrior",
     "Level",
+    "Objective",
     "Reconstruction",
+    "Search",
     "reconstruct",
     "reconstruct_multiscale",
     "scale_descriptors",
@@ -26,7 +30,9 @@ names_when_used(
     __name__,
     learned=("LearnedPrior",),
     multiscale=("Level", "reconstruct_multiscale", "scale_descriptors"),
-    preimage=("Reconstruction", "reconstruct"),
+    options=("Objective", "Search"),
+    preimage=("reconstruct",),
+    reconstruction=("Reconstruction",),
     template=("template_descriptor",),
     training=("train_prior",),
 )

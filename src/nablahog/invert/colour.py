@@ -8,9 +8,8 @@ the descriptor has it; one in colour does.  A descriptor of each channel tells t
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -18,12 +17,15 @@ from torch import Tensor
 from ..hog.descriptor import hog
 from ..hog.spec import COLOURS, HOGSpec
 from ..optimize import lbfgs
+from .checks import check_descriptor
 from .histograms import searchable
 from .objective import squared_norm
+from .options import Objective, Search
 from .parameterize import CosineBasis
-from .preimage import Reconstruction, check_descriptor, reconstruct, relative_distance, to_unit_range
+from .preimage import reconstruct
 from .priors import RelativeSmoothness
 from .quality import QualityName, quality_of
+from .reconstruction import Reconstruction, relative_distance, to_unit_range
 from .search import EXPONENT
 from .start import noise
 
@@ -34,18 +36,19 @@ SATURATION = 0.3  # weight of the channels' mean square difference from gray, re
 def reconstruct_colour(
     descriptor: Tensor,
     spec: HOGSpec,
-    image_size: tuple[int, int] | None = None,
+    image_size: Sequence[int] | None = None,
     *,
     quality: QualityName = "best",
     seed: int = 0,
+    search: Search = Search(),
+    objective: Objective = Objective(),
     colour_evaluations: int | None = None,
     progress: Callable[[int, int], None] | None = None,
-    **options: Any,
 ) -> Reconstruction:
     """Images of three channels whose HOG is the given descriptor.
 
-    A gray one is found first (:func:`.preimage.reconstruct`, which takes the other ``options``); then its channels may
-    go apart where that brings the descriptor closer, but as little as possible.
+    A gray one is searched first (:func:`.preimage.reconstruct`); then its channels may go apart where that brings the
+    descriptor closer, but as little as possible.
 
     Args:
         descriptor: (B, rows, cols, channels), float32 or float64, on any device.
@@ -53,6 +56,7 @@ def reconstruct_colour(
         image_size: (height, width); by default whole cells.
         quality: of the gray image and of its colours, as :func:`.preimage.reconstruct` has it.
         seed: of the noise that the searches start from.
+        search, objective: of the gray image.
         colour_evaluations: operator evaluations that an image may spend on its colours, at least 2, instead of the
             quality's 300 or 60.
         progress: called with the evaluations done and the most there can be, of the gray image.
@@ -71,46 +75,65 @@ def reconstruct_colour(
     if colour_evaluations < 2:
         raise ValueError(f"colour_evaluations must be at least 2, got {colour_evaluations}")
     began = time.perf_counter()
-    height, width = check_descriptor(descriptor, spec, image_size)
-    found = reconstruct(descriptor, spec, (height, width), quality=quality, seed=seed, progress=progress, **options)
-    descriptor, sought = descriptor.detach(), searchable(spec)
+    size = check_descriptor(descriptor, spec, image_size)
+    gray = reconstruct(
+        descriptor, spec, size, quality=quality, seed=seed, search=search, objective=objective, progress=progress
+    )
+    descriptor, model = descriptor.detach(), searchable(spec)
     rooted = spec.gamma == "sqrt"
-    plain = found.image.sqrt() if rooted else found.image
-    start = plain + noise(plain, height, width, COLOURS, seed)[0, :, 0]
-    basis = CosineBasis(height, width, descriptor, EXPONENT)
-    smooth = RelativeSmoothness(SMOOTHNESS)
-    size = squared_norm(descriptor)
-    contrast = (plain - plain.mean(dim=(2, 3), keepdim=True)).square().mean(dim=(1, 2, 3))
-    contrast = torch.where(contrast > 0, contrast, 1)
-
-    def images(unknowns: Tensor) -> Tensor:
-        return basis.image(unknowns.reshape(len(unknowns) * COLOURS, -1)).reshape(-1, COLOURS, height, width)
-
-    @torch.enable_grad()
-    def objective(unknowns: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
-        unknowns = unknowns.detach().requires_grad_()
-        image = images(unknowns)
-        value = squared_norm(hog(image, sought) - descriptor[index]) / size[index]
-        value = value + smooth(image.flatten(0, 1)[:, None]).reshape(-1, COLOURS).mean(dim=1)
-        away = (image - image.mean(dim=1, keepdim=True)).square().mean(dim=(1, 2, 3))
-        value = value + SATURATION * away / contrast[index]
-        (gradient,) = torch.autograd.grad(value.sum(), unknowns)
-        return value.detach(), gradient
-
-    unknowns = basis.unknowns(start.reshape(-1, 1, height, width)).reshape(len(start), -1)
-    search = lbfgs(objective, unknowns, max_evaluations=colour_evaluations, progress_tolerance=1e-3)
-    image = to_unit_range(images(search.x), sought)
+    colours = _Colours(descriptor, model, gray.image.sqrt() if rooted else gray.image)
+    minimum = lbfgs(colours, colours.start(seed), max_evaluations=colour_evaluations, progress_tolerance=1e-3)
+    image = to_unit_range(colours.images(minimum.x), model)
     if rooted:
         image = image.square()
     distance = relative_distance(image, descriptor, spec)
-    closer = distance < found.distance
-    image = torch.where(closer.view(-1, 1, 1, 1), image, found.image)
-    distance = torch.where(closer, distance, found.distance)
+    closer = distance < gray.distance
     return replace(
-        found,
-        image=image,
-        distance=distance,
-        stop_reason=[f"{one}; colours: {two}" for one, two in zip(found.stop_reason, search.stop_reason, strict=True)],
-        evaluations=found.evaluations + search.evaluations,
+        gray,
+        image=torch.where(closer.view(-1, 1, 1, 1), image, gray.image),
+        distance=torch.where(closer, distance, gray.distance),
+        stop_reason=[f"{one}; colours: {two}" for one, two in zip(gray.stop_reason, minimum.stop_reason, strict=True)],
+        evaluations=gray.evaluations + minimum.evaluations,
         seconds=time.perf_counter() - began,
     )
+
+
+class _Colours:
+    """The objective of images in colour: distance, smoothness, and saturation.
+
+    Args:
+        descriptor: (B, rows, cols, channels).
+        spec: its dialect, as :func:`.histograms.searchable` gives it.
+        gray: (B, 1, H, W), where the search begins.
+    """
+
+    def __init__(self, descriptor: Tensor, spec: HOGSpec, gray: Tensor) -> None:
+        self.descriptor, self.spec, self.gray = descriptor, spec, gray
+        height, width = gray.shape[2:]
+        self.basis = CosineBasis(height, width, descriptor, EXPONENT)
+        self.smoothness = RelativeSmoothness(SMOOTHNESS)
+        self.size = squared_norm(descriptor)
+        contrast = (gray - gray.mean(dim=(2, 3), keepdim=True)).square().mean(dim=(1, 2, 3))
+        self.contrast = torch.where(contrast > 0, contrast, 1)
+
+    def start(self, seed: int) -> Tensor:
+        """Unknowns (B, N) of the gray images with noise of their own in each channel."""
+        height, width = self.gray.shape[2:]
+        images = self.gray + noise(self.gray, height, width, COLOURS, seed)[0, :, 0]
+        return self.basis.unknowns(images.reshape(-1, 1, height, width)).reshape(len(images), -1)
+
+    def images(self, unknowns: Tensor) -> Tensor:
+        """Unknowns (A, N) to images (A, 3, H, W)."""
+        planes = self.basis.image(unknowns.reshape(len(unknowns) * COLOURS, -1))
+        return planes.reshape(-1, COLOURS, *self.gray.shape[2:])
+
+    @torch.enable_grad()
+    def __call__(self, unknowns: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
+        unknowns = unknowns.detach().requires_grad_()
+        image = self.images(unknowns)
+        value = squared_norm(hog(image, self.spec) - self.descriptor[index]) / self.size[index]
+        value = value + self.smoothness(image.flatten(0, 1)[:, None]).reshape(-1, COLOURS).mean(dim=1)
+        saturation = (image - image.mean(dim=1, keepdim=True)).square().mean(dim=(1, 2, 3))
+        value = value + SATURATION * saturation / self.contrast[index]
+        (gradient,) = torch.autograd.grad(value.sum(), unknowns)
+        return value.detach(), gradient

@@ -2,7 +2,7 @@
 
 A normaliser divides the faintest texture up to full strength, so "almost flat" and "flat" have very different
 descriptors, and between them lies a plateau on which no descent finds its way.  Images from cameras and scanners do
-have exactly flat, saturated regions.  Where the descriptor of a cell is zero, the image is therefore made constant by
+have exactly flat, saturated regions.  Where the descriptor of a cell is zero, the image is therefore constant by
 construction: one gray value for each connected region.
 """
 
@@ -21,11 +21,11 @@ from . import kernels
 
 
 class FlatRegions:
-    """Replaces each region known to be constant by its mean.  Linear; the identity where nothing is known."""
+    """Replaces each region that must be constant by its mean.  Linear; the identity where there is none."""
 
     def __init__(self, descriptor: Tensor, spec: HOGSpec, height: int, width: int) -> None:
         empty = (cell_entries(descriptor, spec) == 0).all(dim=1)
-        empty = with_margin(empty.unsqueeze(1), spec).squeeze(1)  # nothing is known of cells that are left out
+        empty = with_margin(empty.unsqueeze(1), spec).squeeze(1)  # the cells that are left out have no entries
         by_row, by_col = (matrix > 0 for matrix in pooling_matrices(spec, height, width, descriptor))
         silent = (by_row.T.to(descriptor) @ empty.to(descriptor) @ by_col.to(descriptor)) > 0
         # a pixel without gradient has equal neighbours; that the pixel itself equals them is the smoothest choice
@@ -34,12 +34,12 @@ class FlatRegions:
         in_plane = np.zeros((3, 3, 3), dtype=bool)
         in_plane[1] = cross[0]
         regions, count = ndimage.label(joined, in_plane)
-        self.regions = torch.from_numpy(regions.astype(np.int32)).to(descriptor.device)  # (B, H, W), 0: not known
+        self.regions = torch.from_numpy(regions.astype(np.int32)).to(descriptor.device)  # (B, H, W), 0: none
         self.sizes = torch.bincount(self.regions.flatten(), minlength=count + 1).double()
         self.runs = _runs(regions.reshape(len(regions), -1))
 
     def level(self, image: Tensor, index: Tensor) -> Tensor:
-        """The same as a call, in an image's own memory, where no derivative is asked for."""
+        """As a call, in place, where no derivative is needed."""
         if len(self.sizes) == 1 or image.device.type != "cpu":
             return self(image, index)
         return kernels.level(image.contiguous(), index, *self.runs, self.sizes)

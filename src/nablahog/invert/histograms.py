@@ -1,8 +1,8 @@
 """The pre-image of the normaliser: cell histograms from a descriptor alone.
 
 Normalisation looks as if it destroyed the contrast of each cell, but a descriptor holds each histogram divided by
-several neighbourhoods' energies, and neighbourhoods overlap.  So the histograms before Eq. 7 can be computed back, up
-to one factor for the whole image, on the cells alone, before a single pixel is guessed.
+several neighbourhoods' energies, and neighbourhoods overlap.  So the histograms before Eq. 7 can be recovered, up to
+one factor for the whole image, from the cells alone.
 """
 
 from __future__ import annotations
@@ -98,11 +98,11 @@ def _least_squares(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max
     target = descriptor.permute(0, 3, 1, 2)
     batch = len(target)
     alignment = CellAlignment(spec, size, target)
-    known = cell_entries(descriptor, spec).clamp(min=0)
-    known = alignment(with_margin(known, spec, mode="replicate"))
-    rows, cols = known.shape[2:]
+    shares = cell_entries(descriptor, spec).clamp(min=0)
+    shares = alignment(with_margin(shares, spec, mode="replicate"))
+    rows, cols = shares.shape[2:]
     tiny = torch.finfo(target.dtype).tiny
-    start = torch.log(known / known.amax(dim=(1, 2, 3), keepdim=True).clamp(min=tiny) + FLOOR)
+    start = torch.log(shares / shares.amax(dim=(1, 2, 3), keepdim=True).clamp(min=tiny) + FLOOR)
     start += math.log(spec.value_range * NOMINAL_CONTRAST * spec.cell_size[0] * spec.cell_size[1])
     scale = squared_norm(target)
     _, normalize = steps(target.device, spec)
@@ -110,7 +110,7 @@ def _least_squares(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max
 
     def histograms(unknowns: Tensor, index: Tensor) -> Tensor:
         level, entries = unknowns[:, : rows * cols], unknowns[:, rows * cols :].reshape(-1, spec.bins, rows, cols)
-        return alignment.restore(torch.where(known[index] > 0, torch.exp(levels.image(level) + entries), 0))
+        return alignment.restore(torch.where(shares[index] > 0, torch.exp(levels.image(level) + entries), 0))
 
     @torch.enable_grad()
     def objective(unknowns: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
@@ -121,5 +121,5 @@ def _least_squares(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max
         return value.detach(), gradient
 
     unknowns = torch.cat([target.new_zeros(batch, rows * cols), start.flatten(1)], dim=1)
-    found = lbfgs(objective, unknowns, max_evaluations=max_evaluations, memory=10, progress_tolerance=1e-3)
-    return histograms(found.x, torch.arange(batch, device=target.device))
+    minimum = lbfgs(objective, unknowns, max_evaluations=max_evaluations, memory=10, progress_tolerance=1e-3)
+    return histograms(minimum.x, torch.arange(batch, device=target.device))

@@ -1,4 +1,4 @@
-"""The default prior with its derivative, and constant regions, in one pass over an image; compiled for CPUs."""
+"""The default prior with its derivative, and constant regions, in one pass over an image each; compiled for CPUs."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from ..hog.orientation import vanishing
+from ..runtime.arrays import Floats, Integers, Real
 from ..runtime.compile import compiled
 
 
 @compiled
-def _visible(image: Any, tiny: Any) -> float:
+def _gradient_sum(image: Floats, tiny: Real) -> float:
     """Σ‖∇i‖ over the inner pixels of an image (H, W)."""
     height, width = image.shape
-    total = np.zeros(width, image.dtype)  # a sum for each column: several of them go at a time
+    total = np.zeros(width, image.dtype)  # a sum for each column, so that they are computed in vectors
     for y in range(1, height - 1):
         for x in range(1, width - 1):
             u, v = image[y, x + 1] - image[y, x - 1], image[y + 1, x] - image[y - 1, x]
@@ -28,8 +29,8 @@ def _visible(image: Any, tiny: Any) -> float:
 
 
 @compiled
-def _visible_adjoint(image: Any, tiny: Any, given: Any, found: Any) -> None:
-    """Adds to ``found`` the derivative of ``given`` times :func:`_visible`."""
+def _gradient_sum_vjp(image: Floats, tiny: Real, grad_output: Real, grad_image: Floats) -> None:
+    """Adds ``grad_output`` times the derivative of :func:`_gradient_sum` to ``grad_image``."""
     height, width = image.shape
     along_x, along_y = np.empty(width, image.dtype), np.empty(width, image.dtype)
     for y in range(1, height - 1):
@@ -37,20 +38,20 @@ def _visible_adjoint(image: Any, tiny: Any, given: Any, found: Any) -> None:
             u, v = image[y, x + 1] - image[y, x - 1], image[y + 1, x] - image[y - 1, x]
             squared = u * u + v * v
             nothing = squared < tiny
-            share = given / math.sqrt(tiny if nothing else squared)
+            share = grad_output / math.sqrt(tiny if nothing else squared)
             along_x[x] = u - u if nothing else share * u
             along_y[x] = v - v if nothing else share * v
         for x in range(1, width - 1):
-            found[y, x + 1] += along_x[x]
-            found[y + 1, x] += along_y[x]
-            found[y - 1, x] -= along_y[x]
+            grad_image[y, x + 1] += along_x[x]
+            grad_image[y + 1, x] += along_y[x]
+            grad_image[y - 1, x] -= along_y[x]
         for x in range(1, width - 1):
-            found[y, x - 1] -= along_x[x]
+            grad_image[y, x - 1] -= along_x[x]
 
 
 @compiled
-def _differences(image: Any, rounding: Any, found: Any) -> tuple[float, float]:
-    """Σ√(d² + ρ²) and Σ1/√(d² + ρ²) over the differences d of neighbours; the derivative of the first to ``found``."""
+def _differences(image: Floats, rounding: Real, derivative: Floats) -> tuple[float, float]:
+    """Σ√(d² + ρ²) and Σ1/√(d² + ρ²) over the differences d of neighbours; adds the first's to ``derivative``."""
     height, width = image.shape
     squared, one = rounding * rounding, image.dtype.type(1)
     slope = np.empty(width, image.dtype)
@@ -64,9 +65,9 @@ def _differences(image: Any, rounding: Any, found: Any) -> tuple[float, float]:
             roots[x] += root
             reciprocals[x] += reciprocal
         for x in range(width - 1):
-            found[y, x] -= slope[x]
+            derivative[y, x] -= slope[x]
         for x in range(width - 1):
-            found[y, x + 1] += slope[x]
+            derivative[y, x + 1] += slope[x]
         if y < height - 1:
             for x in range(width):
                 d = image[y + 1, x] - image[y, x]
@@ -76,29 +77,29 @@ def _differences(image: Any, rounding: Any, found: Any) -> tuple[float, float]:
                 roots[x] += root
                 reciprocals[x] += reciprocal
             for x in range(width):
-                found[y, x] -= slope[x]
+                derivative[y, x] -= slope[x]
             for x in range(width):
-                found[y + 1, x] += slope[x]
+                derivative[y + 1, x] += slope[x]
     return float(roots.astype(np.float64).sum()), float(reciprocals.astype(np.float64).sum())
 
 
 @compiled
-def _smoothness(images: Any, rounding: Any, tiny: Any, found: Any, slopes: Any) -> None:
-    """:func:`.priors.smoothness` of images (A, H, W) to ``found`` (A,), and its derivatives to ``slopes``, 0 before."""
+def _smoothness(images: Floats, rounding: float, tiny: Real, out: Floats, slopes: Floats) -> None:
+    """:func:`.priors.smoothness` of images (A, H, W) to ``out`` (A,), and its derivatives to ``slopes``, 0 before."""
     batch, height, width = images.shape
     kind, pixels = images.dtype.type, height * width
     for k in range(batch):
-        visible = _visible(images[k], tiny) / pixels
+        visible = _gradient_sum(images[k], tiny) / pixels
         scale = visible if visible > 0 else 1.0
         roots, reciprocals = _differences(images[k], kind(rounding * scale), slopes[k])
-        found[k] = roots / (pixels * scale)
+        out[k] = roots / (pixels * scale)
         share = kind(1 / (pixels * scale))
         for y in range(height):
             for x in range(width):
                 slopes[k, y, x] *= share
         if visible > 0:
             to_scale = rounding * rounding * reciprocals / pixels - roots / (pixels * scale * scale)
-            _visible_adjoint(images[k], tiny, kind(to_scale / pixels), slopes[k])
+            _gradient_sum_vjp(images[k], tiny, kind(to_scale / pixels), slopes[k])
 
 
 class _Smoothness(torch.autograd.Function):
@@ -108,24 +109,24 @@ class _Smoothness(torch.autograd.Function):
     def forward(ctx: Any, images: Tensor, rounding: float) -> Tensor:
         planes = images.detach().contiguous().numpy()[:, 0]
         ctx.slopes = np.zeros_like(planes)
-        found = np.empty(len(planes), planes.dtype)
-        _smoothness(planes, rounding, planes.dtype.type(vanishing(images.dtype)), found, ctx.slopes)
-        return torch.from_numpy(found)
+        out = np.empty(len(planes), planes.dtype)
+        _smoothness(planes, rounding, planes.dtype.type(vanishing(images.dtype)), out, ctx.slopes)
+        return torch.from_numpy(out)
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, given: Tensor) -> tuple[Tensor, None]:
-        return torch.from_numpy(ctx.slopes).unsqueeze(1) * given.view(-1, 1, 1, 1), None
+    def backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor, None]:
+        return torch.from_numpy(ctx.slopes).unsqueeze(1) * grad_output.view(-1, 1, 1, 1), None
 
 
 def smoothness(images: Tensor, rounding: float) -> Tensor:
     """:func:`.priors.smoothness` of images (A, 1, H, W) on a CPU, differentiable once, in reverse mode."""
-    found: Tensor = _Smoothness.apply(images, rounding)  # type: ignore[no-untyped-call]
-    return found
+    out: Tensor = _Smoothness.apply(images, rounding)  # type: ignore[no-untyped-call]
+    return out
 
 
 @compiled
-def _level(images: Any, index: Any, runs: Any, firsts: Any, sizes: Any, sums: Any) -> None:
+def _level(images: Floats, index: Integers, runs: Integers, firsts: Integers, sizes: Floats, sums: Floats) -> None:
     """Sets each region of each image (pixels,) to its mean.  ``sums`` (regions,) is 0 before; see :func:`levelled`."""
     for a in range(len(images)):
         image, first, end = images[a], firsts[index[a]], firsts[index[a] + 1]
@@ -158,8 +159,8 @@ class _Levelled(torch.autograd.Function):
         ctx.of = inputs[1:]
 
     @staticmethod
-    def backward(ctx: Any, given: Tensor) -> tuple[Tensor, None, None, None, None]:
-        return levelled(given, *ctx.of), None, None, None, None
+    def backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor, None, None, None, None]:
+        return levelled(grad_output, *ctx.of), None, None, None, None
 
     @staticmethod
     def jvp(ctx: Any, tangent: Tensor, *_: None) -> Tensor:
@@ -171,11 +172,11 @@ def levelled(images: Tensor, index: Tensor, runs: Tensor, firsts: Tensor, sizes:
 
     Args:
         images: float32 or float64.
-        index: (A,), which images of a batch of B, whose regions are known, they are.
+        index: (A,), the number of each image in the batch of B that has the regions.
         runs: (runs, 3), of pixels of one region in a row: the first, the one behind the last, the region, which is in
             one image only.  Those of an image follow each other.
         firsts: (B + 1,), of each image the first of its runs.
         sizes: (regions,), float64: their pixels.
     """
-    found: Tensor = _Levelled.apply(images, index, runs, firsts, sizes)  # type: ignore[no-untyped-call]
-    return found
+    out: Tensor = _Levelled.apply(images, index, runs, firsts, sizes)  # type: ignore[no-untyped-call]
+    return out

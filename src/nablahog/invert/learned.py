@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -14,10 +15,14 @@ from torch.nn.utils import vector_to_parameters
 
 from ..hog.spec import HOGSpec
 from ..io.learned_model import SPEC, LearnedModel, account, check_tensor, integers, tensor
+from .checks import check_descriptor
 from .mirror import mirrored
 from .network import Architecture, PriorNetwork, check_spec, network_inputs, weight_count
-from .preimage import Reconstruction, check_descriptor, reconstruct
+from .options import Objective, Search
+from .preimage import reconstruct
 from .provenance import Learning
+from .quality import QualityName
+from .reconstruction import Reconstruction
 from .start import at_contrast
 
 LARGEST = float(torch.finfo(torch.float16).max)
@@ -144,19 +149,35 @@ class LearnedPrior(LearnedModel):
         self,
         descriptor: Tensor,
         spec: HOGSpec,
-        image_size: tuple[int, int] | None = None,
-        **options: Any,
+        image_size: Sequence[int] | None = None,
+        *,
+        quality: QualityName = "best",
+        seed: int = 0,
+        start: Tensor | None = None,
+        search: Search = Search(),
+        objective: Objective = Objective(),
+        progress: Callable[[int, int], None] | None = None,
     ) -> Reconstruction:
-        """:func:`nablahog.reconstruct` near :meth:`expected`, with its other ``options``.
+        """:func:`nablahog.reconstruct` near :meth:`expected`, with its other options.
 
         Raises:
             TypeError, ValueError: as :func:`nablahog.reconstruct`; the spec is not the prior's.
         """
+        began = time.perf_counter()
         self.check(spec)
         size = check_descriptor(descriptor, spec, image_size)
-        began = time.perf_counter()
-        expected = self.expected(descriptor, spec, size)
-        result = reconstruct(descriptor, spec, size, expected=expected, **options)
+        result = reconstruct(
+            descriptor,
+            spec,
+            size,
+            quality=quality,
+            seed=seed,
+            start=start,
+            expected=self.expected(descriptor, spec, size),
+            search=search,
+            objective=objective,
+            progress=progress,
+        )
         return replace(result, seconds=time.perf_counter() - began)
 
     @cached_property

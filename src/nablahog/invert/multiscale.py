@@ -1,7 +1,7 @@
 """Section 3.1, multi-scale and multi-scale-more: small images first, each the start of a larger one.
 
 A level of scale s has an s-th of the image's pixels, and cells of 1/√s of the side, so that its grid is the same.
-*Multi-scale* matches the one descriptor at every level; *multi-scale-more* is given one of the original at each.
+*Multi-scale* matches the one descriptor at every level; *multi-scale-more* has one of the original at each.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, Generic
+from typing import Generic
 
 import numpy as np
 from torch import Tensor
@@ -19,19 +19,13 @@ from torch.nn.functional import avg_pool2d
 from ..hog.descriptor import hog
 from ..hog.inputs import Descriptors
 from ..hog.spec import HOGSpec
+from .checks import check_descriptor, descriptors_as_tensor
 from .histograms import recover_histograms
+from .options import Objective, Search
 from .polarity import looks_negative, negated
-from .preimage import (
-    Reconstruction,
-    Values,
-    check_budget,
-    check_descriptor,
-    descriptors_as_tensor,
-    of_the_kind,
-    reconstruct,
-    relative_distance,
-)
+from .preimage import reconstruct
 from .quality import quality_of
+from .reconstruction import Reconstruction, Values, of_the_kind, relative_distance
 from .start import enlarge, starting_images
 
 SCALES = (64, 16, 4, 1)
@@ -90,20 +84,19 @@ def scale_descriptors(image: Tensor, spec: HOGSpec, scales: Sequence[int] = SCAL
 def reconstruct_multiscale(
     descriptors: Descriptors | Sequence[Descriptors],
     spec: HOGSpec,
-    image_size: tuple[int, int] | None = None,
+    image_size: Sequence[int] | None = None,
     *,
     scales: Sequence[int] = SCALES,
     seed: int = 0,
-    max_evaluations: int | None = None,
-    closeness: float | None = None,
-    polarity: bool = True,
+    search: Search = Search(),
+    objective: Objective = Objective(),
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Level[Descriptors]]:
     """Pre-images at every scale, the smallest first; the last is the answer.
 
-    Of a signed spec, each level starts from what the one before found, enlarged, and draws samples of its own.  Of an
+    Of a signed spec, each level starts from the enlarged image of the one before, and draws samples of its own.  Of an
     unsigned one, samples that differ in the signs of regions would have no meaningful mean: the first level is a single
-    image, and each later one expects what the one before found, keeps close to it, and adds what its pixels can say.
+    image, and each later one expects the image of the one before, keeps close to it, and adds what its pixels can say.
 
     Args:
         descriptors: (B, rows, cols, channels), matched at every level (multi-scale), or one for each scale
@@ -112,11 +105,10 @@ def reconstruct_multiscale(
         image_size: (height, width); by default whole cells.
         scales: falling square numbers.
         seed: of the noise.
-        max_evaluations: of an image at the last level, by default as :func:`.preimage.reconstruct`; each level before
-            may spend a quarter of it and at most 120, "few iterations".
-        closeness: to what a level expects, see :func:`.preimage.reconstruct`.
-        polarity: whether, of an unsigned descriptor, the last level decides which of its image and the negative is the
-            likelier, for all levels.
+        search: as :func:`.preimage.reconstruct`.  Its evaluations are those of the last level; each level before may
+            spend a quarter of them and at most 120, "few iterations".  Its samples are those of a signed descriptor.
+            With its polarity the last level decides, for all levels, between the image and its negative.
+        objective: as :func:`.preimage.reconstruct`; closeness is to what a level expects.
         progress: called with the evaluations done and the most there can be, over all levels.
 
     Raises:
@@ -125,65 +117,108 @@ def reconstruct_multiscale(
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> descriptor = nablahog.hog(torch.rand(1, 1, 32, 32), spec)
-    >>> levels = nablahog.reconstruct_multiscale(descriptor, spec, scales=(4, 1), max_evaluations=10)
+    >>> few = nablahog.invert.Search(max_evaluations=10)
+    >>> levels = nablahog.reconstruct_multiscale(descriptor, spec, scales=(4, 1), search=few)
     >>> [tuple(level.reconstruction.image.shape) for level in levels]
     [(1, 1, 16, 16), (1, 1, 32, 32)]
     """
-    more = not isinstance(descriptors, Tensor | np.ndarray)
-    given = [descriptors] * len(scales) if isinstance(descriptors, Tensor | np.ndarray) else list(descriptors)
-    several = [descriptors_as_tensor(descriptor) for descriptor in given]
-    if not scales or any(a <= b for a, b in pairwise(scales)):
-        raise ValueError(f"the scales must fall from level to level, got {tuple(scales)}")
-    if len(several) != len(scales):
-        raise ValueError(f"expected a descriptor for each of {len(scales)} scales, got {len(several)}")
-    if max_evaluations is None:
-        best = quality_of("best")
-        max_evaluations = best.evaluations if spec.signed else best.without_samples
-    check_budget(max_evaluations)
-    size = image_size or check_descriptor(several[-1], spec, None)  # the grid is the same at each level
-    plan = [level_spec(spec, scale, size) for scale in scales]
-    for descriptor, level in zip(several, plan, strict=True):
-        check_descriptor(descriptor, *(level if more else (spec, size)))
-    budgets = [min(BEFORE_THE_LAST, max(2, max_evaluations // 4))] * (len(scales) - 1) + [max_evaluations]
+    one = isinstance(descriptors, Tensor | np.ndarray)
+    several = [descriptors] * len(scales) if isinstance(descriptors, Tensor | np.ndarray) else list(descriptors)
+    targets = [descriptors_as_tensor(descriptor) for descriptor in several]
+    plan = _plan(targets, one, spec, image_size, scales, search)
+    start = expected = None
+    if one and (spec.signed or search.region_signs):
+        start = _first_start(targets[0], spec, plan[-1].size, plan[0].size, seed)
     levels: list[Level] = []
-    matched: list[Tensor] = []
-    for scale, descriptor, (small, small_size), budget in zip(scales, several, plan, budgets, strict=True):
-        options: dict[str, Any] = {"closeness": closeness, "polarity": False, **({} if spec.signed else {"samples": 1})}
+    for number, step in enumerate(plan):
         if levels:
-            options["start" if spec.signed else "expected"] = enlarge(levels[-1].reconstruction.image, *small_size)
-        elif not more:
-            options["start"] = _first_start(descriptor, spec, size, small_size, seed)
-        if not more and spec.normalizer.fixes_contrast:
-            # at the same contrast, an s-th of the pixels with √s times the differences make 1/√s of the votes
-            descriptor = descriptor / scale**0.25
-        matched.append(descriptor)
-        report = None if progress is None else _after(progress, sum(budgets[: len(levels)]), sum(budgets))
-        found = reconstruct(
-            descriptor, small, small_size, seed=seed, max_evaluations=budget, progress=report, **options
+            before = enlarge(levels[-1].reconstruction.image, *step.size)
+            start, expected = (before, None) if spec.signed else (None, before)
+        reconstruction = reconstruct(
+            step.descriptor,
+            step.spec,
+            step.size,
+            seed=seed,
+            start=start,
+            expected=expected,
+            search=step.search,
+            objective=objective,
+            progress=_report(progress, plan, number),
         )
-        levels.append(Level(scale, small, found))
-    if polarity and not spec.signed:
-        levels = _upright(levels, matched)
+        levels.append(Level(step.scale, step.spec, reconstruction))
+    if search.polarity and not spec.signed:
+        levels = _fix_polarity(levels, [step.descriptor for step in plan])
     return [
         Level(level.scale, level.spec, of_the_kind(level.reconstruction, descriptor))
-        for level, descriptor in zip(levels, given, strict=True)
+        for level, descriptor in zip(levels, several, strict=True)
     ]
 
 
-def _after(progress: Callable[[int, int], None], before: int, most: int) -> Callable[[int, int], None]:
-    """``progress`` over all levels, from within one: those before it had ``before`` evaluations, all have ``most``."""
-    return lambda done, _: progress(before + done, most)
+@dataclass(frozen=True)
+class _Step:
+    """The inputs of a level."""
+
+    scale: int
+    spec: HOGSpec
+    size: tuple[int, int]
+    descriptor: Tensor
+    search: Search
+    max_evaluations: int
 
 
-def _upright(levels: list[Level], descriptors: Sequence[Tensor]) -> list[Level]:
-    """Each image or its negative: what the last level looks like, which shows most, decides for all."""
+def _plan(
+    descriptors: Sequence[Tensor],
+    one: bool,
+    spec: HOGSpec,
+    image_size: Sequence[int] | None,
+    scales: Sequence[int],
+    search: Search,
+) -> list[_Step]:
+    """The inputs of each level; ``one`` tells that all match one descriptor.
+
+    Raises:
+        TypeError, ValueError: as :func:`reconstruct_multiscale`, before any work.
+    """
+    if not scales or any(a <= b for a, b in pairwise(scales)):
+        raise ValueError(f"the scales must fall from level to level, got {tuple(scales)}")
+    if len(descriptors) != len(scales):
+        raise ValueError(f"expected a descriptor for each of {len(scales)} scales, got {len(descriptors)}")
+    most = search.max_evaluations
+    if most is None:
+        best = quality_of("best")
+        most = best.evaluations if spec.signed else best.without_samples
+    # the grid is the same at each level
+    size = (image_size[0], image_size[1]) if image_size else check_descriptor(descriptors[-1], spec, None)
+    steps = []
+    for number, (scale, descriptor) in enumerate(zip(scales, descriptors, strict=True)):
+        small, small_size = level_spec(spec, scale, size)
+        check_descriptor(descriptor, *((spec, size) if one else (small, small_size)))
+        if one and spec.normalizer.fixes_contrast:
+            # at the same contrast, an s-th of the pixels with √s times the differences make 1/√s of the votes
+            descriptor = descriptor / scale**0.25
+        budget = most if number + 1 == len(scales) else min(BEFORE_THE_LAST, max(2, most // 4))
+        own = replace(search, max_evaluations=budget, samples=search.samples if spec.signed else 1, polarity=False)
+        steps.append(_Step(scale, small, small_size, descriptor, own, budget))
+    return steps
+
+
+def _report(
+    progress: Callable[[int, int], None] | None, plan: Sequence[_Step], number: int
+) -> Callable[[int, int], None] | None:
+    """``progress`` over all levels, called by the level ``number``."""
+    before, most = (sum(step.max_evaluations for step in steps) for steps in (plan[:number], plan))
+    return None if progress is None else lambda done, _: progress(before + done, most)
+
+
+def _fix_polarity(levels: list[Level], descriptors: Sequence[Tensor]) -> list[Level]:
+    """Each image or its negative: the last level, which shows most, decides for all."""
     negative = looks_negative(levels[-1].reconstruction.image)
-    upright = []
+    fixed = []
     for level, descriptor in zip(levels, descriptors, strict=True):
         image = negated(level.reconstruction.image, negative)
         distance = relative_distance(image, descriptor, level.spec)
-        upright.append(replace(level, reconstruction=replace(level.reconstruction, image=image, distance=distance)))
-    return upright
+        fixed.append(replace(level, reconstruction=replace(level.reconstruction, image=image, distance=distance)))
+    return fixed
 
 
 def _first_start(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
@@ -40,12 +40,13 @@ class PreimageObjective:
         votes: histograms (B, bins, rows, cols) to compare instead; None to compare the descriptor.
         spec: the dialect.
         parameterization: how unknowns become images.
-        flat: the regions known to be constant.
+        flat: the regions that must be constant.
         priors: added to the distance.
-        expected: Ī, what the image is believed to be on average (B, 1, H, W); None where nothing is believed.
+        expected: Ī, the expected image (B, 1, H, W); None where nothing is expected.
         closeness: λ.  Brightness does not count, and ‖Ī‖ is that of Ī without its mean.
-        report: called after each evaluation with the relative descriptor distances ‖φ(Î) - φ(I)‖ / ‖φ(I)‖ (A,) at the
-            points given, whatever is compared, and the indices (A,) of their problems.
+
+    Attributes:
+        distance: (B,), ‖φ(Î) - φ(I)‖ / ‖φ(I)‖ of the descriptors, whatever is compared, at the points evaluated last.
     """
 
     def __init__(
@@ -56,7 +57,6 @@ class PreimageObjective:
         parameterization: Parameterization,
         flat: FlatRegions,
         priors: Sequence[Prior],
-        report: Callable[[Tensor, Tensor], None],
         expected: Tensor | None = None,
         closeness: float = 0.0,
     ) -> None:
@@ -66,7 +66,7 @@ class PreimageObjective:
         self.parameterization = parameterization
         self.flat = flat
         self.priors = tuple(priors)
-        self.report = report
+        self.distance = descriptor.new_zeros(len(descriptor))
         self.descriptor_size = squared_norm(descriptor)
         self.votes_size = None if votes is None else squared_norm(votes)
         self.histograms, self.normalize = steps(descriptor.device, spec)
@@ -82,7 +82,7 @@ class PreimageObjective:
     def __call__(self, unknowns: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
         pieces = [self._evaluate(*piece) for piece in self._pieces(unknowns, index)]
         values, gradients, distances = (torch.cat(parts) for parts in zip(*pieces, strict=True))
-        self.report(distances, index)
+        self.distance[index] = distances
         return values, gradients
 
     def residuals(self, unknowns: Tensor, index: Tensor) -> Tensor:
@@ -107,11 +107,11 @@ class PreimageObjective:
             difference, size = cells - self.votes[index], self.votes_size[index]
         distance = difference.flatten(1) / size.sqrt().unsqueeze(1)
         if self.expected is not None:
-            away = self._away(image, index) * self.closeness[index].sqrt().unsqueeze(1)
-            distance = torch.cat([distance, away], dim=1)
+            deviation = self._deviation(image, index) * self.closeness[index].sqrt().unsqueeze(1)
+            distance = torch.cat([distance, deviation], dim=1)
         return torch.cat([distance, *(prior.residuals(image) for prior in self.priors)], dim=1)
 
-    def _away(self, image: Tensor, index: Tensor) -> Tensor:
+    def _deviation(self, image: Tensor, index: Tensor) -> Tensor:
         assert self.expected is not None
         difference = (image - self.expected[index]).flatten(1)
         return difference - difference.mean(dim=1, keepdim=True)
@@ -119,9 +119,9 @@ class PreimageObjective:
     @torch.no_grad()
     def _evaluate(self, unknowns: Tensor, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         image = self.flat.level(self.parameterization.image(unknowns), index)
-        values, to_image, distances = self._evaluate_image(image, index)
+        values, gradient, distances = self._evaluate_image(image, index)
         # making regions constant is a projection, so its own adjoint
-        return values, self.parameterization.adjoint(self.flat.level(to_image, index)), distances
+        return values, self.parameterization.adjoint(self.flat.level(gradient, index)), distances
 
     @torch.enable_grad()
     def _evaluate_image(self, image: Tensor, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -137,7 +137,7 @@ class PreimageObjective:
                     self.normalize(cells, self.spec) - self.descriptor[index], self.descriptor_size[index]
                 )
         if self.expected is not None:
-            value = value + self.closeness[index] * self._away(image, index).square().sum(1)
+            value = value + self.closeness[index] * self._deviation(image, index).square().sum(1)
         for prior in self.priors:
             value = value + prior(image)
         (gradient,) = torch.autograd.grad(value.sum(), image)

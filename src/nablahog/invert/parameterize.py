@@ -19,8 +19,8 @@ class Parameterization(Protocol):
 
     def unknowns(self, image: Tensor) -> Tensor: ...
 
-    def adjoint(self, to_image: Tensor) -> Tensor:
-        """What reaches the unknowns (A, H·W) from derivatives by the images (A, 1, H, W)."""
+    def adjoint(self, grad_image: Tensor) -> Tensor:
+        """Gradients with respect to images (A, 1, H, W) to those with respect to the unknowns (A, H·W)."""
         ...
 
 
@@ -36,8 +36,8 @@ class Pixels:
     def unknowns(self, image: Tensor) -> Tensor:
         return image.flatten(1)
 
-    def adjoint(self, to_image: Tensor) -> Tensor:
-        return to_image.flatten(1)
+    def adjoint(self, grad_image: Tensor) -> Tensor:
+        return grad_image.flatten(1)
 
 
 def cosines(n: int, like: Tensor) -> Tensor:
@@ -48,49 +48,49 @@ def cosines(n: int, like: Tensor) -> Tensor:
     return matrix.to(like)
 
 
-def _fast_cosines(planes: Tensor, back: bool) -> Tensor:
-    transform = fft.idctn if back else fft.dctn
+def _fast_cosines(planes: Tensor, inverse: bool) -> Tensor:
+    transform = fft.idctn if inverse else fft.dctn
     return torch.from_numpy(transform(planes.numpy(), axes=(-2, -1), norm="ortho", workers=torch.get_num_threads()))
 
 
 class _FastCosines(torch.autograd.Function):
-    """The transform on a CPU, or, orthonormal as it is, back: each is the other's adjoint."""
+    """The transform on a CPU, or its inverse: orthonormal, so each is the other's adjoint."""
 
     @staticmethod
-    def forward(planes: Tensor, back: bool) -> Tensor:
-        return _fast_cosines(planes.detach(), back)
+    def forward(planes: Tensor, inverse: bool) -> Tensor:
+        return _fast_cosines(planes.detach(), inverse)
 
     @staticmethod
     def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
-        ctx.back = inputs[1]
+        ctx.inverse = inputs[1]
 
     @staticmethod
-    def backward(ctx: Any, given: Tensor) -> tuple[Tensor, None]:
-        return _transformed(given, not ctx.back), None
+    def backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor, None]:
+        return _transformed(grad_output, not ctx.inverse), None
 
     @staticmethod
     def jvp(ctx: Any, tangent: Tensor, _: None) -> Tensor:
-        return _transformed(tangent, ctx.back)
+        return _transformed(tangent, ctx.inverse)
 
 
-def _transformed(planes: Tensor, back: bool) -> Tensor:
+def _transformed(planes: Tensor, inverse: bool) -> Tensor:
     if planes.device.type == "cpu":
-        if not torch.is_grad_enabled():  # spares what PyTorch does about each call
-            return _fast_cosines(planes, back)
-        found: Tensor = _FastCosines.apply(planes, back)  # type: ignore[no-untyped-call]
-        return found
+        if not torch.is_grad_enabled():  # saves the overhead of autograd
+            return _fast_cosines(planes, inverse)
+        out: Tensor = _FastCosines.apply(planes, inverse)  # type: ignore[no-untyped-call]
+        return out
     rows, cols = (cosines(n, planes) for n in planes.shape[-2:])
-    return rows.T @ planes @ cols if back else rows @ planes @ cols.T
+    return rows.T @ planes @ cols if inverse else rows @ planes @ cols.T
 
 
 def to_cosines(images: Tensor) -> Tensor:
     """The orthonormal DCT-II of images (..., H, W), differentiable in either mode."""
-    return _transformed(images, back=False)
+    return _transformed(images, inverse=False)
 
 
 def from_cosines(coefficients: Tensor) -> Tensor:
     """Images (..., H, W) from their :func:`to_cosines`."""
-    return _transformed(coefficients, back=True)
+    return _transformed(coefficients, inverse=True)
 
 
 class CosineBasis:
@@ -114,8 +114,8 @@ class CosineBasis:
     def unknowns(self, image: Tensor) -> Tensor:
         return (to_cosines(image) / self.weights).flatten(1)
 
-    def adjoint(self, to_image: Tensor) -> Tensor:
-        return (to_cosines(to_image) * self.weights).flatten(1)
+    def adjoint(self, grad_image: Tensor) -> Tensor:
+        return (to_cosines(grad_image) * self.weights).flatten(1)
 
 
 def low_pass(image: Tensor, sigma: float) -> Tensor:

@@ -75,8 +75,8 @@ def _highlights(image: Tensor) -> Tensor:
     blurred = avg_pool2d(pad(image, (window // 2,) * 4, mode="reflect"), window, stride=1)
     detail = image - blurred
     energy = detail.square().mean(dim=(1, 2, 3))
-    seen = energy > INVISIBLE**2
-    return torch.where(seen, detail.pow(3).mean(dim=(1, 2, 3)) / torch.where(seen, energy, 1).pow(1.5), 0)
+    visible = energy > INVISIBLE**2
+    return torch.where(visible, detail.pow(3).mean(dim=(1, 2, 3)) / torch.where(visible, energy, 1).pow(1.5), 0)
 
 
 def _correlation(a: Tensor, b: Tensor, weight: Tensor) -> Tensor:

@@ -1,28 +1,28 @@
-"""Section 3.1, single-scale: a pre-image from the descriptor alone."""
+"""Section 3.1, single-scale: a pre-image from the descriptor alone.
+
+descriptor → histograms before Eq. 7 → where to start, and what to expect → Eq. 8-9 → minimiser → image
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic
 
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
-from typing_extensions import TypeVar
 
-from ..hog.descriptor import hog
-from ..hog.inputs import ArrayImage, Descriptors, descriptor_tensor, image_batch, to_array
+from ..hog.inputs import ArrayImage, Descriptors
 from ..hog.spec import HOGSpec
-from ..optimize import Minimiser, StopReason
+from .checks import check_descriptor, check_images, descriptors_as_tensor
 from .histograms import recover_histograms, searchable
-from .objective import squared_norm
+from .options import Objective, Search
 from .parameterize import low_pass
 from .polarity import fix_polarity
 from .priors import Prior, Range, RelativeSmoothness
 from .quality import QualityName, quality_of
-from .search import Basis, PreimageSearch
+from .reconstruction import Reconstruction, of_the_kind, relative_distance, to_unit_range
+from .search import PreimageSearch
 from .start import NOISE, at_contrast, in_pairs, noise, starting_images
 
 SHARE_OF_SAMPLES = 0.7  # of the evaluations, the rest goes to the descriptor itself
@@ -33,119 +33,34 @@ ENOUGH = 90  # evaluations of a sample, to explain so much away: with fewer it b
 SMOOTHING = 0.9  # pixels: what the samples agree on is coarser
 MEMORY = 2**29  # bytes that the searches of a part of a batch take, about
 VECTORS = 32  # of unknowns that a search of one image holds at most: measured, memory and images and all copies
-TAILS = 0.005  # share of pixels that may be clipped at either end when the image is brought to 0…1
-
-Values = TypeVar("Values", Tensor, NDArray[Any], default=Tensor)
-
-
-@dataclass(frozen=True)
-class Reconstruction(Generic[Values]):
-    """Pre-images of a batch of descriptors: tensors, or arrays if the descriptors were arrays.
-
-    Arrays of images have no channel axis: (B, H, W); those of a single descriptor (rows, cols, channels) have no batch
-    axis either.
-
-    Attributes:
-        image: (B, 1, H, W) in 0…1.
-        distance: (B,), ‖φ(image) - descriptor‖ / ‖descriptor‖, of exactly this image.
-        stop_reason: why the search for each image ended; a sentence where no minimiser ended it.
-        history: (evaluations, B), the relative distance of the image evaluated last, after each evaluation; a search
-            that has ended repeats its last.
-        evaluations: (B,), operator evaluations spent on each image, one forward and backward; a product of the Jacobian
-            or its transpose with a vector is half of one.
-        seconds: wall time for the whole batch.
-
-    >>> spec = nablahog.presets.uoctti(cell_size=8)
-    >>> descriptor = nablahog.hog(torch.rand(2, 1, 16, 16), spec)
-    >>> result = nablahog.reconstruct(descriptor, spec, max_evaluations=10)
-    >>> result.distance.shape, len(result.stop_reason), bool((result.evaluations <= 10).all())
-    (torch.Size([2]), 2, True)
-    """
-
-    image: Values
-    distance: Values
-    stop_reason: list[StopReason] | list[str]
-    history: Values
-    evaluations: Values
-    seconds: float
-
-
-def to_unit_range(image: Tensor, spec: HOGSpec) -> Tensor:
-    """Bring images (B, 1, H, W) of arbitrary brightness to 0…1.
-
-    HOG fixes no brightness, and except for Eq. 7 as printed no contrast.  An image whose contrast is known keeps it
-    and is shifted, its range centred on 0.5; any other is stretched so that 0.5 % of its pixels fall on 0 and 0.5 % on
-    1.  What still exceeds 0…1 is clipped.
-    """
-    pixels = image.flatten(1)
-    clipped = round(TAILS * (pixels.shape[1] - 1))
-    low, high = (
-        pixels.kthvalue(k, dim=1).values.reshape(-1, 1, 1, 1) for k in (1 + clipped, pixels.shape[1] - clipped)
-    )
-    if spec.normalizer.fixes_contrast:
-        return (image - (low + high) / 2 + 0.5).clamp(0, 1)
-    spread = high - low
-    return torch.where(spread > 0, (image - low) / torch.where(spread > 0, spread, 1), 0.5).clamp(0, 1)
-
-
-def descriptors_as_tensor(descriptor: Tensor | NDArray[Any]) -> Tensor:
-    """Descriptors (B, rows, cols, channels), of an array (rows, cols, channels) one.
-
-    Raises:
-        TypeError: it is neither a tensor nor an array.
-    """
-    if isinstance(descriptor, Tensor):
-        return descriptor
-    tensor = descriptor_tensor("the descriptor", descriptor)
-    return tensor[None] if tensor.dim() == 3 else tensor
-
-
-def of_the_kind(result: Reconstruction, descriptor: Descriptors) -> Reconstruction[Descriptors]:
-    """``result`` as arrays, if ``descriptor`` is one, and without the batch axis, if it has none."""
-    if isinstance(descriptor, Tensor):
-        return result
-    single = descriptor.ndim == 3
-    return Reconstruction(
-        to_array(result.image[:, 0], single),
-        to_array(result.distance, single),
-        result.stop_reason,
-        to_array(result.history[:, 0] if single else result.history),
-        to_array(result.evaluations, single),
-        result.seconds,
-    )
 
 
 def reconstruct(
     descriptor: Descriptors,
     spec: HOGSpec,
-    image_size: tuple[int, int] | None = None,
+    image_size: Sequence[int] | None = None,
     *,
     quality: QualityName = "best",
     seed: int = 0,
-    max_evaluations: int | None = None,
-    samples: int | None = None,
-    closeness: float | None = None,
     start: Tensor | ArrayImage | None = None,
     expected: Tensor | ArrayImage | None = None,
-    region_signs: bool = True,
-    polarity: bool = True,
-    smoothness: float = 0.02,
-    prior: Prior | Sequence[Prior] = (),
-    basis: Basis = "cosine",
-    minimiser: Minimiser = "lbfgs",
+    search: Search = Search(),
+    objective: Objective = Objective(),
     progress: Callable[[int, int], None] | None = None,
 ) -> Reconstruction[Descriptors]:
     """Images whose HOG is the given descriptor, from the descriptor alone, for a whole batch at once.
 
-    The histograms before normalisation are recovered (:mod:`.histograms`); several images with these histograms are
-    found from different starts, the samples; their mean, smoothed, is what the image is expected to be, since what
-    they disagree on is made up; and from there, close to it, an image with this descriptor.  Of an unsigned
-    descriptor, whose samples would differ in the signs of whole regions, what is expected comes from :mod:`.signs`;
-    and of the image found and its negative, the one that looks more like a photograph is returned (:mod:`.polarity`).
+    The histograms before normalisation are recovered (:mod:`.histograms`).  Several images with these histograms, the
+    samples, are searched from different starts.  Their mean, smoothed, is what the image is expected to be: it leaves
+    out what they disagree on.  The answer is an image with this descriptor, close to what is expected.
 
-    Each image has its own steps and its own stop, so a batch finds what its images alone would find, up to rounding,
-    which a long search may amplify.  A batch that needs more than half a GiB (:data:`MEMORY`) is searched in parts, one
-    after the other.
+    An unsigned descriptor has no such samples: they would differ in the signs of whole regions.  What is expected then
+    comes from :mod:`.signs`, and of the image and its negative the one that looks more like a photograph is returned
+    (:mod:`.polarity`).
+
+    Each image has its own steps and its own stop.  A batch therefore gives what its images alone would give, up to
+    rounding, which a long search may amplify.  A batch that needs more than half a GiB (:data:`MEMORY`) is searched in
+    parts, one after the other.
 
     Args:
         descriptor: (B, rows, cols, channels), float32 or float64, a tensor on any device or a NumPy array; an array
@@ -154,187 +69,153 @@ def reconstruct(
         image_size: (height, width); by default whole cells, rows · cell height and cols · cell width.
         quality: ``"best"``, or ``"fast"``: an eighth of the evaluations, for a coarser image.
         seed: of the noise that the search starts from.  The same for every image of the batch.
-        max_evaluations: operator evaluations an image may spend, at least 2, instead of the quality's: 660 where
-            several samples are drawn, else 480, or 80.
-        samples: instead of the quality's 4 or 2, at least 1, of a signed descriptor, or where a ``start`` is given;
-            fewer are drawn if each could spend less than 28 evaluations.  A single one is where the descriptor itself
-            is matched from, and nothing is expected.
-        closeness: λ of :class:`.objective.PreimageObjective`, how strongly the image is kept at what is expected; by
-            default 1 for signed specs, 0.1 for unsigned ones, whose region signs are uncertain.
         start: (B, 1, H, W) in 0…1, images to begin with, of any contrast; by default what the votes integrate to.
         expected: (B, 1, H, W) in 0…1, of any contrast, instead of the samples' mean; no samples are drawn.
-        smoothness: ξ of Eq. 9, on the distance's own scale (see :func:`.priors.smoothness`).
-        prior: one or several, added to the above; with ``smoothness=0``, instead of it.
-        region_signs: whether an unsigned descriptor's regions get signs first.  If not, the search begins with noise,
-            and nothing is expected.
-        polarity: whether, of an unsigned descriptor's image and its negative, the likelier is returned.  If not, it is
-            the one that was found.
-        basis: the unknowns, ``"cosine"`` or, as in the paper, ``"pixels"``.
-        minimiser: ``"lbfgs"``, ``"dogleg"`` (the paper's), ``"momentum"`` or ``"adam"``.
+        search: the minimiser, its unknowns and budget, samples, signs and polarity.
+        objective: smoothness ξ, closeness λ, and priors.
         progress: called with the evaluations done and the most there can be, over all parts of the batch.
 
     Raises:
         TypeError: the descriptor, ``start`` or ``expected`` is no floating-point tensor or array.
         ValueError: their shape contradicts spec and image size, they hold NaN or Inf, the spec keeps DPM's texture
-            without directed channels, or an option is out of range.
+            without directed channels, or there is no such quality.
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> descriptor = nablahog.hog(torch.rand(1, 1, 32, 32), spec)
     >>> nablahog.reconstruct(descriptor, spec, quality="fast").image.shape
     torch.Size([1, 1, 32, 32])
-    >>> nablahog.reconstruct(descriptor[0].numpy(), spec, (32, 32), max_evaluations=10).image.shape  # an array
+    >>> nablahog.reconstruct(descriptor[0].numpy(), spec, (32, 32), quality="fast").image.shape  # an array
     (32, 32)
     """
     began = time.perf_counter()
     targets = descriptors_as_tensor(descriptor)
-    height, width = check_descriptor(targets, spec, image_size)
+    size = check_descriptor(targets, spec, image_size)
     dialect, spec = spec, searchable(spec)
     rooted = dialect.gamma == "sqrt"
-    first_image = _checked("start", start, targets, (height, width), rooted)
-    expected_image = _checked("expected", expected, targets, (height, width), rooted)
-    effort = quality_of(quality)
-    if samples is None:
-        samples = effort.samples
-    sampling = expected_image is None and samples > 1 and (spec.signed or first_image is not None)
-    if max_evaluations is None:
-        max_evaluations = effort.evaluations if sampling else effort.without_samples
-    check_budget(max_evaluations)
-    if samples < 1:
-        raise ValueError(f"samples must be at least 1, got {samples}")
-    if closeness is None:
-        closeness = 1.0 if spec.signed else 0.1
-    for name, number in (("smoothness", smoothness), ("closeness", closeness)):
-        if not 0 <= number < float("inf"):
-            raise ValueError(f"{name} must be a finite number of at least 0, got {number}")
-    priors: list[Prior] = [RelativeSmoothness(smoothness)] if smoothness else []
-    if spec.normalizer.fixes_contrast:
-        priors.append(Range(RANGE_WEIGHT))
-    priors += [prior] if isinstance(prior, Prior) else prior
+    first = check_images("start", start, targets, size, rooted)
+    likely = check_images("expected", expected, targets, size, rooted)
+    plan = _plan(spec, quality, seed, search, objective, first is not None, likely is not None)
     targets = targets.detach()
-    at_once = max(1, MEMORY // ((samples if sampling else 1) * VECTORS * height * width * targets.element_size()))
-    parts = [slice(first, first + at_once) for first in range(0, len(targets), at_once)]
     searches, images = [], []
-    for number, part in enumerate(parts):
-        begins, expects = (None if given is None else given[part] for given in (first_image, expected_image))
-        report = None if progress is None else _over_parts(progress, number, len(parts))
-        search = PreimageSearch(targets[part], spec, (height, width), priors, basis, minimiser, max_evaluations, report)
-        votes = recover_histograms(search.descriptor, spec, (height, width), max_evaluations=effort.on_histograms)
-        if expects is None and begins is None and not spec.signed:
-            if region_signs:
-                expects = starting_images(votes, spec, height, width, 1, seed)[:, 0]
-            else:
-                begins = 0.5 + noise(votes, height, width, 1, seed)[:, 0].expand(len(votes), -1, -1, -1)
-        images.append(_found(search, votes, begins, expects, samples if sampling else 1, closeness, seed))
-        searches.append(search)
+    for part, report in _parts(targets, size, plan, progress):
+        searches.append(PreimageSearch(targets[part], spec, size, plan.priors, search, plan.max_evaluations, report))
+        own_start, own_expected = (None if batch is None else batch[part] for batch in (first, likely))
+        images.append(_preimages(searches[-1], own_start, own_expected, plan))
     image = to_unit_range(torch.cat(images), spec)
-    if polarity and not spec.signed:
+    if search.polarity and not spec.signed:
         image = fix_polarity(image)
     if rooted:
         image = image.square()
-    length = max(len(search.history()) for search in searches)
+    length = max(len(each.history()) for each in searches)
     result = Reconstruction(
         image,
         relative_distance(image, targets, dialect),
-        [reason for search in searches for reason in search.stop_reason],
-        torch.cat([search.history(length) for search in searches], dim=1),
-        torch.cat([search.evaluations for search in searches]),
+        [reason for each in searches for reason in each.stop_reason],
+        torch.cat([each.history(length) for each in searches], dim=1),
+        torch.cat([each.evaluations for each in searches]),
         time.perf_counter() - began,
     )
     return of_the_kind(result, descriptor)
 
 
-def _found(
-    search: PreimageSearch,
-    votes: Tensor,
-    start: Tensor | None,
-    expected: Tensor | None,
-    samples: int,
-    closeness: float,
+@dataclass(frozen=True)
+class _Plan:
+    """The options of a reconstruction, with all defaults filled in; ``samples`` is 1 where none are drawn."""
+
+    seed: int
+    region_signs: bool
+    max_evaluations: int
+    samples: int
+    on_histograms: int
+    closeness: float
+    priors: tuple[Prior, ...]
+
+
+def _plan(
+    spec: HOGSpec,
+    quality: QualityName,
     seed: int,
-) -> Tensor:
-    """Images (B, 1, H, W) that have the descriptors, of any contrast: first the samples, unless one is expected."""
+    search: Search,
+    objective: Objective,
+    has_start: bool,
+    has_expected: bool,
+) -> _Plan:
+    effort = quality_of(quality)
+    samples = effort.samples if search.samples is None else search.samples
+    if has_expected or not (spec.signed or has_start):
+        samples = 1
+    max_evaluations = search.max_evaluations
+    if max_evaluations is None:
+        max_evaluations = effort.evaluations if samples > 1 else effort.without_samples
+    closeness = objective.closeness
+    if closeness is None:
+        closeness = 1.0 if spec.signed else 0.1
+    smoothness = (RelativeSmoothness(objective.smoothness),) if objective.smoothness else ()
+    gray_values = (Range(RANGE_WEIGHT),) if spec.normalizer.fixes_contrast else ()
+    priors = (*smoothness, *gray_values, *objective.priors)
+    return _Plan(seed, search.region_signs, max_evaluations, samples, effort.on_histograms, closeness, priors)
+
+
+def _parts(
+    descriptor: Tensor, size: tuple[int, int], plan: _Plan, progress: Callable[[int, int], None] | None
+) -> Iterator[tuple[slice, Callable[[int, int], None] | None]]:
+    """Parts of a batch that fit into :data:`MEMORY`, each with its share of ``progress``."""
+    height, width = size
+    at_once = max(1, MEMORY // (plan.samples * VECTORS * height * width * descriptor.element_size()))
+    count = -(-len(descriptor) // at_once)
+
+    def share(number: int) -> Callable[[int, int], None] | None:
+        return None if progress is None else lambda done, most: progress(number * most + done, count * most)
+
+    for number in range(count):
+        yield slice(number * at_once, (number + 1) * at_once), share(number)
+
+
+def _preimages(search: PreimageSearch, start: Tensor | None, expected: Tensor | None, plan: _Plan) -> Tensor:
+    """Images (B, 1, H, W) that have the descriptors, of any contrast."""
     spec, (height, width) = search.spec, search.size
-    if expected is None:
-        on_samples = max(1, min(search.max_evaluations - 1, round(SHARE_OF_SAMPLES * search.max_evaluations)))
-        count = max(1, min(samples, on_samples // LEAST_EVALUATIONS))
-        spread = NOISE if count == 1 else SPREAD * min(1, on_samples // count / ENOUGH)
-        if start is None:
-            starts = starting_images(votes, spec, height, width, count, seed, spread)
+    votes = recover_histograms(search.descriptor, spec, search.size, max_evaluations=plan.on_histograms)
+    if expected is None and start is None and not spec.signed:
+        if plan.region_signs:
+            expected = starting_images(votes, spec, height, width, 1, plan.seed)[:, 0]
         else:
-            grain = in_pairs(votes, height, width, count, seed, spread)
-            starts = at_contrast(start, votes, spec).unsqueeze(1) + grain
-        found = search.match(starts, votes, on_samples // count)
-        start = found.mean(dim=1)
-        if count > 1:
-            start = expected = low_pass(start, SMOOTHING)
+            start = 0.5 + noise(votes, height, width, 1, plan.seed)[:, 0].expand(len(votes), -1, -1, -1)
+    if expected is None:
+        start, expected = _mean_of_samples(search, votes, start, plan)
     else:
-        expected = at_contrast(expected, votes, spec)
-        start = expected if start is None else at_contrast(start, votes, spec)
-        constant = (start == start[..., :1, :1]).flatten(1).all(dim=1)
-        if constant.any():  # there all derivatives vanish, and no search would leave it
-            grainy = start + noise(votes, height, width, 1, seed)[:, 0]
-            start = torch.where(constant.reshape(-1, 1, 1, 1), grainy, start)
-    return search.match(start.unsqueeze(1), None, search.left(), expected, closeness)[:, 0]
+        start, expected = _near_expected(votes, spec, start, expected, plan.seed)
+    return search.match(start.unsqueeze(1), None, search.left(), expected, plan.closeness)[:, 0]
 
 
-def _over_parts(progress: Callable[[int, int], None], number: int, count: int) -> Callable[[int, int], None]:
-    """``progress`` over ``count`` parts of a batch, told of the one called ``number``."""
-    return lambda done, most: progress(number * most + done, count * most)
+def _mean_of_samples(
+    search: PreimageSearch, votes: Tensor, start: Tensor | None, plan: _Plan
+) -> tuple[Tensor, Tensor | None]:
+    """Where to start, and what to expect: the mean of images with the histograms ``votes``; nothing of a single one."""
+    spec, (height, width) = search.spec, search.size
+    evaluations = max(1, min(search.max_evaluations - 1, round(SHARE_OF_SAMPLES * search.max_evaluations)))
+    count = max(1, min(plan.samples, evaluations // LEAST_EVALUATIONS))
+    spread = NOISE if count == 1 else SPREAD * min(1, evaluations // count / ENOUGH)
+    if start is None:
+        starts = starting_images(votes, spec, height, width, count, plan.seed, spread)
+    else:
+        grain = in_pairs(votes, height, width, count, plan.seed, spread)
+        starts = at_contrast(start, votes, spec).unsqueeze(1) + grain
+    mean = search.match(starts, votes, evaluations // count).mean(dim=1)
+    if count == 1:
+        return mean, None
+    mean = low_pass(mean, SMOOTHING)
+    return mean, mean
 
 
-@torch.no_grad()
-def relative_distance(image: Tensor, descriptor: Tensor, spec: HOGSpec) -> Tensor:
-    """‖φ(image) - descriptor‖ / ‖descriptor‖ of images (B, 1, H, W) and descriptors (B, rows, cols, channels): (B,)."""
-    residual: Tensor = (hog(image, spec) - descriptor).flatten(1).norm(dim=1)
-    return residual / squared_norm(descriptor).sqrt()
-
-
-def check_budget(max_evaluations: int) -> None:
-    """Raises ValueError unless an image may be searched with so many evaluations."""
-    if max_evaluations < 2:
-        raise ValueError(f"max_evaluations must be at least 2, one for each objective, got {max_evaluations}")
-
-
-def _checked(
-    name: str, images: Tensor | ArrayImage | None, descriptor: Tensor, size: tuple[int, int], rooted: bool
-) -> Tensor | None:
-    """``images``, or their roots, in the descriptor's dtype and on its device, once they are known to be usable."""
-    if images is None:
-        return None
-    if not isinstance(images, Tensor):
-        images, _ = image_batch(name, images)
-        images = images / 255 if images.dtype == torch.uint8 else images
-    if not images.is_floating_point():
-        raise TypeError(f"{name} must be floating-point, got {images.dtype}")
-    if images.shape != (len(descriptor), 1, *size):
-        raise ValueError(f"{name} must have shape {(len(descriptor), 1, *size)}, got {tuple(images.shape)}")
-    if not torch.isfinite(images).all():
-        raise ValueError(f"{name} must be finite, got NaN or Inf")
-    images = images.detach().to(descriptor)
-    return images.clamp(min=0).sqrt() if rooted else images
-
-
-def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int] | None) -> tuple[int, int]:
-    """Height and width of the image to find, once descriptor, spec and image size agree.
-
-    Raises:
-        TypeError, ValueError: as :func:`reconstruct`.
-    """
-    if not isinstance(descriptor, Tensor) or descriptor.dtype not in (torch.float32, torch.float64):
-        got = descriptor.dtype if isinstance(descriptor, Tensor) else type(descriptor).__name__
-        raise TypeError(f"the descriptor must be a float32 or float64 tensor, got {got}")
-    if descriptor.dim() != 4 or not len(descriptor):
-        raise ValueError(
-            f"the descriptor must have shape (B, rows, cols, channels), B at least 1, got {tuple(descriptor.shape)}"
-        )
-    rows, cols, channels = descriptor.shape[1:]
-    height, width = image_size or spec.image_size(rows, cols)
-    expected = (*spec.grid(height, width), spec.channels)
-    if (rows, cols, channels) != expected:
-        raise ValueError(
-            f"{spec.named} descriptor of an image of {height}x{width} pixels must have shape "
-            f"{expected} (rows, cols, channels), got {(rows, cols, channels)}"
-        )
-    if not torch.isfinite(descriptor).all():
-        raise ValueError("the descriptor must be finite, got NaN or Inf")
-    return height, width
+def _near_expected(
+    votes: Tensor, spec: HOGSpec, start: Tensor | None, expected: Tensor, seed: int
+) -> tuple[Tensor, Tensor]:
+    """Where to start, and what to expect, at the contrast of the histograms ``votes``."""
+    expected = at_contrast(expected, votes, spec)
+    start = expected if start is None else at_contrast(start, votes, spec)
+    constant = (start == start[..., :1, :1]).flatten(1).all(dim=1)
+    if constant.any():  # there all derivatives vanish, and no search would leave it
+        height, width = start.shape[2:]
+        grainy = start + noise(votes, height, width, 1, seed)[:, 0]
+        start = torch.where(constant.reshape(-1, 1, 1, 1), grainy, start)
+    return start, expected

@@ -17,7 +17,7 @@ class Quality:
         without_samples: where none are.
         samples: images with the same histograms, whose mean is what to expect.
         on_histograms: evaluations of the normaliser alone, to undo it; each costs the cells, not the pixels.
-        on_colours: evaluations of the operator, for the colours of an image found in gray.
+        on_colours: evaluations of the operator, for the colours of a gray image.
     """
 
     evaluations: int

@@ -3,37 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Literal, TypeAlias, get_args
 
 import torch
 from torch import Tensor
 
 from ..hog.spec import HOGSpec
-from ..optimize import History, Minimiser, StopReason, minimise
+from ..optimize import History, StopReason, minimise
 from .flat import FlatRegions
 from .objective import PreimageObjective
+from .options import Search
 from .parameterize import CosineBasis, Parameterization, Pixels
 from .priors import Prior
 
-Basis: TypeAlias = Literal["cosine", "pixels"]
 EXPONENT = 0.75  # of the cosine basis: 1 converges first in the large, 0.5 in the small
 
 
 class PreimageSearch:
-    """Finds images of given histograms or descriptors from given starts, several for each descriptor.
+    """Searches images of given histograms or descriptors from given starts, several for each descriptor.
 
     Args:
         descriptor: (B, rows, cols, channels).
         spec: its dialect.
         size: (height, width) of the images.
         priors: of all of them.
-        basis: the unknowns.
-        minimiser: its name.
+        options: of these, the minimiser and the basis.
         max_evaluations: of each descriptor, over all its images.
         progress: called with the evaluations done and the most there can be.
 
-    Raises:
-        ValueError: there is no such basis.
+    Attributes:
+        evaluations: (B,) int64, spent so far.
+        stop_reason: why each descriptor's last minimisation ended.
     """
 
     def __init__(
@@ -42,34 +41,31 @@ class PreimageSearch:
         spec: HOGSpec,
         size: tuple[int, int],
         priors: Sequence[Prior],
-        basis: Basis,
-        minimiser: Minimiser,
+        options: Search,
         max_evaluations: int,
-        progress: Callable[[int, int], None] | None,
+        progress: Callable[[int, int], None] | None = None,
     ) -> None:
-        if basis not in get_args(Basis):
-            raise ValueError(f"basis must be one of {', '.join(map(repr, get_args(Basis)))}, got {basis!r}")
         self.descriptor, self.spec, self.size, self.priors = descriptor, spec, size, priors
         self.unknowns: Parameterization = (
-            CosineBasis(*size, descriptor, EXPONENT) if basis == "cosine" else Pixels(*size)
+            CosineBasis(*size, descriptor, EXPONENT) if options.basis == "cosine" else Pixels(*size)
         )
-        self.minimiser: Minimiser = minimiser
+        self.minimiser = options.minimiser
         self.max_evaluations, self.progress = max_evaluations, progress
         batch = len(descriptor)
         self.evaluations = torch.zeros(batch, dtype=torch.long, device=descriptor.device)
         self.stop_reason: list[StopReason] = []
         self._history = History(descriptor, batch)
-        self._done = self._given = 0
+        self._reported = self._assigned = 0
 
     def left(self) -> int:
-        """Evaluations that no :meth:`match` so far was given, for each descriptor; at least 1.
+        """Evaluations that no :meth:`match` has been assigned, for each descriptor; at least 1.
 
-        What one of them did not need is not passed on, since it differs from image to image of a batch.
+        What a minimisation leaves over is not passed on, since it differs from image to image of a batch.
         """
-        return max(1, self.max_evaluations - self._given)
+        return max(1, self.max_evaluations - self._assigned)
 
     def history(self, length: int | None = None) -> Tensor:
-        """(length, B): relative distances, as :class:`.preimage.Reconstruction` has them; by default of the longest."""
+        """(length, B): distances, as :class:`.reconstruction.Reconstruction` has them; by default of the longest."""
         return self._history.filled(int(self.evaluations.max()) if length is None else length)
 
     def match(
@@ -86,25 +82,8 @@ class PreimageSearch:
         ``closeness`` as in :class:`.objective.PreimageObjective`.
         """
         batch, count = starts.shape[:2]
-        self._given += budget * count
-        distances = self.descriptor.new_zeros(batch * count)
-        spent = torch.zeros(batch * count, dtype=torch.long, device=starts.device)
-        before = self.evaluations.clone()
-
-        def report(distance: Tensor, index: Tensor) -> None:
-            distances[index] = distance
-
-        def watch(index: Tensor, evaluations: Tensor) -> None:
-            # the images of one descriptor are evaluated together, but counted one after the other
-            new = torch.zeros_like(spent).index_copy(0, index, evaluations - spent[index]).view(batch, count)
-            spent[index] = evaluations
-            counted = (self.evaluations.unsqueeze(1) + new.cumsum(dim=1)).flatten()[index]
-            descriptors = torch.div(index, count, rounding_mode="floor")
-            self._history.add(counted.clamp(min=1), descriptors, distances[index])
-            self.evaluations = self.evaluations + new.sum(dim=1)
-            if self.progress is not None and int(self.evaluations.max()) > self._done:
-                self._done = int(self.evaluations.max())
-                self.progress(self._done, self.max_evaluations)
+        self._assigned += budget * count
+        before = self.evaluations
 
         def each(x: Tensor) -> Tensor:
             return x.repeat_interleave(count, dim=0)
@@ -116,19 +95,38 @@ class PreimageSearch:
             self.unknowns,
             FlatRegions(each(self.descriptor), self.spec, *self.size),
             self.priors,
-            report,
             None if expected is None else each(expected),
             closeness,
         )
-        found = minimise(
+        minimum = minimise(
             self.minimiser,
             objective,
             self.unknowns.unknowns(starts.flatten(0, 1)),
             max_evaluations=budget,
             progress_tolerance=1e-3,
-            watch=watch,
+            watch=self._account(objective, count),
         )
-        self.stop_reason = found.stop_reason[::count]
-        self.evaluations = before + found.evaluations.view(batch, count).sum(dim=1)
+        self.stop_reason = minimum.stop_reason[::count]
+        self.evaluations = before + minimum.evaluations.view(batch, count).sum(dim=1)
         index = torch.arange(batch * count, device=starts.device)
-        return objective.image(found.x, index).view(starts.shape)
+        return objective.image(minimum.x, index).view(starts.shape)
+
+    def _account(self, objective: PreimageObjective, count: int) -> Callable[[Tensor, Tensor], None]:
+        """What a minimiser calls after each evaluation: enters evaluations and distances, and reports progress.
+
+        The ``count`` images of one descriptor are evaluated together, but counted one after the other.
+        """
+        spent = torch.zeros(len(self.evaluations) * count, dtype=torch.long, device=self.evaluations.device)
+
+        def watch(index: Tensor, evaluations: Tensor) -> None:
+            new = torch.zeros_like(spent).index_copy(0, index, evaluations - spent[index]).view(-1, count)
+            spent[index] = evaluations
+            counted = (self.evaluations.unsqueeze(1) + new.cumsum(dim=1)).flatten()[index]
+            descriptors = torch.div(index, count, rounding_mode="floor")
+            self._history.add(counted.clamp(min=1), descriptors, objective.distance[index])
+            self.evaluations = self.evaluations + new.sum(dim=1)
+            if self.progress is not None and int(self.evaluations.max()) > self._reported:
+                self._reported = int(self.evaluations.max())
+                self.progress(self._reported, self.max_evaluations)
+
+        return watch

@@ -22,10 +22,10 @@ EMPHASIS = 2.0  # power of the weights: a few strong ones make the shape, and ma
 def template_descriptor(
     weights: Descriptors, spec: HOGSpec, image_size: tuple[int, int] | None = None, *, negative: bool = False
 ) -> Descriptors:
-    """Descriptors of images whose histograms are what templates want, or, if ``negative``, what they do not want.
+    """Descriptors of images whose histograms are the squares of templates' positive weights, or negative ones.
 
-    Of each cell they are the squares of its positive, or negative, mean weights: over the blocks that it is part of,
-    and of directed and undirected channels together.  Weights of texture say nothing of edges, and are left out.
+    The weights of a cell are its means over the blocks that it is part of, and over directed and undirected channels.
+    Weights of texture say nothing of edges, and are left out.
 
     Args:
         weights: (B, rows, cols, channels), float32 or float64, of the detector's scores over descriptors; an array also
@@ -43,7 +43,7 @@ def template_descriptor(
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> weights = torch.randn(1, 4, 4, 31)  # of a linear detector
     >>> descriptor = nablahog.template_descriptor(weights, spec)
-    >>> nablahog.reconstruct(descriptor, spec, max_evaluations=10).image.shape
+    >>> nablahog.reconstruct(descriptor, spec, quality="fast").image.shape
     torch.Size([1, 1, 32, 32])
     """
     if not isinstance(weights, Tensor):
@@ -64,11 +64,11 @@ def _template_descriptor(weights: Tensor, spec: HOGSpec, image_size: tuple[int, 
     if not torch.isfinite(weights).all():
         raise ValueError("the weights must be finite, got NaN or Inf")
     of_bins = spec.normalizer.bin_weights(mean_over_colours(weights, spec), spec.bins, spec.signed)
-    wanted = (of_bins * (-1 if negative else 1)).clamp(min=0) ** EMPHASIS
-    if not wanted.flatten(1).any(dim=1).all():
+    histograms = (of_bins * (-1 if negative else 1)).clamp(min=0) ** EMPHASIS
+    if not histograms.flatten(1).any(dim=1).all():
         raise ValueError(f"a template has no {'negative' if negative else 'positive'} weights of edges")
-    wanted = with_margin(wanted, spec)  # nothing is wanted of cells that are left out
-    alignment = CellAlignment(spec, size, wanted)
-    histograms = alignment.restore(alignment(wanted)).repeat(1, spec.colours, 1, 1)
-    found = normalize(at_nominal_contrast(histograms, spec, size), spec)
-    return found.permute(0, 2, 3, 1).contiguous()
+    histograms = with_margin(histograms, spec)  # the cells that are left out have no weights
+    alignment = CellAlignment(spec, size, histograms)
+    histograms = alignment.restore(alignment(histograms)).repeat(1, spec.colours, 1, 1)
+    descriptor = normalize(at_nominal_contrast(histograms, spec, size), spec)
+    return descriptor.permute(0, 2, 3, 1).contiguous()

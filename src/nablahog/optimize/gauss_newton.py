@@ -23,7 +23,7 @@ class Linearization:
     Args:
         problem: whose J it is.
         points: (A, N).
-        index: (A,), the problems that are there.
+        index: (A,), the problems at these points.
 
     Attributes:
         size: M, the number of residuals.
@@ -128,7 +128,7 @@ class GaussNewtonSteps:
         return accuracy
 
     def _used(self, rows: Tensor) -> list[tuple[Linearization, Tensor]]:
-        """The linearisations of the problems ``rows`` (A,), each with a mask of its own problems that are in ``rows``."""
+        """The linearisations of the problems ``rows`` (A,), each with a mask of its problems among them."""
         included = torch.zeros_like(self._model, dtype=torch.bool)
         included[rows] = True
         return [

@@ -1,4 +1,4 @@
-"""What becomes of a trial point, and which way to go on: on a few numbers of each problem, whatever holds its vectors.
+"""The decisions of L-BFGS, on a few numbers of each problem: whether a trial is accepted, the next step or direction.
 
 The line search is Lewis & Overton's bracketing for the weak Wolfe conditions, which copes with the kinks of piecewise
 smooth objectives (Math. Program. 141, 2013).  The direction is a combination of the gradient and of the last m steps s
@@ -8,8 +8,7 @@ are differences of the ones with the gradients before and after (Byrd, Nocedal &
 
 from __future__ import annotations
 
-from typing import Any
-
+from ..runtime.arrays import Floats, Integers, Real
 from ..runtime.compile import compiled, inlined
 
 ARMIJO, CURVATURE = 1e-4, 0.9  # constants of the Wolfe conditions, Nocedal & Wright p. 62
@@ -19,7 +18,7 @@ BESIDE = 4
 
 @inlined
 def _remember(
-    products: Any, with_gradient: Any, dots: Any, pairs: Any, step: Any, tiny: Any, along: int
+    products: Floats, with_gradient: Floats, dots: Floats, pairs: int, step: Real, tiny: Real, along: int
 ) -> tuple[int, int]:
     """Enters the dot products of a new s and y, over the oldest pair's; returns its place and the pairs stored.
 
@@ -45,7 +44,7 @@ def _remember(
 
 
 @inlined
-def _two_loops(products: Any, gradient: Any, pairs: Any, coefficients: Any, alphas: Any) -> Any:
+def _two_loops(products: Floats, gradient: Floats, pairs: int, coefficients: Floats, alphas: Floats) -> Real:
     """H·gradient = γ·gradient + Σ coefficient·vector (Nocedal & Wright, algorithm 7.4): γ, and the coefficients (2m,).
 
     Args:
@@ -57,7 +56,7 @@ def _two_loops(products: Any, gradient: Any, pairs: Any, coefficients: Any, alph
     m = both // 2
     stored = min(m, pairs)
     coefficients[:] = 0
-    gamma = gradient[0] - gradient[0] + 1
+    gamma: Real = gradient[0] - gradient[0] + 1
     for age in range(1, stored + 1):
         at = (pairs - age) % m
         alpha = gradient[at]
@@ -81,32 +80,33 @@ def _two_loops(products: Any, gradient: Any, pairs: Any, coefficients: Any, alph
 
 
 @inlined
-def _between(low: Any, high: Any, guess: Any) -> Any:
+def _between(low: Real, high: Real, guess: Real) -> Real:
     """The next step in a bracket: where a parabola has its minimum, or, of one bounded from below, its middle."""
-    tenth = (high - low) / 10
+    tenth: Real = (high - low) / 10
     if low != 0:
         guess = low + (high - low) / 2
-    if not guess > low + tenth:  # or the parabola is none
-        return low + tenth
+    least: Real = low + tenth
+    if not guess > least:  # or the parabola is none
+        return least
     return min(guess, high - tenth)
 
 
 @compiled
 def decide(
-    trial_values: Any,
-    dots: Any,
-    tiny: Any,
-    values: Any,
-    slopes: Any,
-    steps: Any,
-    lows: Any,
-    highs: Any,
-    pairs: Any,
-    products: Any,
-    with_gradient: Any,
-    taken: Any,
-    places: Any,
-    coefficients: Any,
+    trial_values: Floats,
+    dots: Floats,
+    tiny: Real,
+    values: Floats,
+    slopes: Floats,
+    steps: Floats,
+    lows: Floats,
+    highs: Floats,
+    pairs: Integers,
+    products: Floats,
+    with_gradient: Floats,
+    taken: Floats,
+    places: Integers,
+    coefficients: Floats,
 ) -> None:
     """For each problem, whether it moves on to its trial point, and its next direction or step.
 

@@ -83,19 +83,21 @@ class History:
 
     def __init__(self, like: Tensor, batch: int) -> None:
         self.table = like.new_zeros(0, batch)
-        self.known = torch.zeros(0, batch, dtype=torch.bool, device=like.device)
+        self.filled_in = torch.zeros(0, batch, dtype=torch.bool, device=like.device)
 
     def add(self, evaluations: Tensor, index: Tensor, numbers: Tensor) -> None:
         """The problems ``index`` (A,) have ``numbers`` (A,) after ``evaluations`` (A,), counted from 1."""
         grow = int(evaluations.max()) - len(self.table)
         if grow > 0:
             grow = max(grow, len(self.table))  # doubled, so that the copies cost no more than the entries
-            self.table, self.known = (torch.cat([t, t.new_zeros(grow, t.shape[1])]) for t in (self.table, self.known))
-        self.table[evaluations - 1, index], self.known[evaluations - 1, index] = numbers, True
+            self.table, self.filled_in = (
+                torch.cat([t, t.new_zeros(grow, t.shape[1])]) for t in (self.table, self.filled_in)
+            )
+        self.table[evaluations - 1, index], self.filled_in[evaluations - 1, index] = numbers, True
 
     def filled(self, length: int) -> Tensor:
         """(length, B): where a problem has no number it repeats its last.  Each has one after its first evaluation."""
-        rows = torch.arange(len(self.known), device=self.known.device).unsqueeze(1)
-        last = torch.where(self.known, rows, 0).cummax(dim=0).values
+        rows = torch.arange(len(self.filled_in), device=self.filled_in.device).unsqueeze(1)
+        last = torch.where(self.filled_in, rows, 0).cummax(dim=0).values
         last = last[torch.arange(length, device=last.device).clamp(max=len(last) - 1)]
         return self.table.gather(0, last)

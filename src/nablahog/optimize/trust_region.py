@@ -73,6 +73,6 @@ class TrustRegion:
         radius = self.radius[rows]
         grown = torch.where(gain > GOOD, torch.maximum(radius, GROWN * length), radius)
         self.radius[rows] = torch.where(accepted & (gain >= BAD), grown, SHRUNK * radius)
-        # Chumpy tries a rejected Gauss-Newton step again and again until the radius cuts it; the outcome is known
+        # Chumpy tries a rejected Gauss-Newton step again until the radius cuts it; each trial would fail like the first
         while len(same := rows[~accepted & (self.radius[rows] >= length)]):
             self.radius[same] *= SHRUNK

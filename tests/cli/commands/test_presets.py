@@ -16,6 +16,7 @@ from nablahog import HOGSpec, presets
 from nablahog.cli.arguments.preset_parameters import PRESETS
 from nablahog.cli.inputs.spec import make_spec
 from nablahog.cli.main import main
+from nablahog.invert import Search
 from nablahog.invert.baselines.nearest import NearestWindows
 from nablahog.io.descriptor_file import load_descriptor, save_descriptor
 from nablahog.io.images import Picture, read_image, to_pil
@@ -68,7 +69,7 @@ def test_there_and_back(tmp_path: Path, square: str, name: str) -> None:
     assert _levels(drawn[0]) == _levels(drawn[1]) == _levels(glyphs(loaded.descriptor, spec))
     assert main(["invert", str(array), "-o", str(out), *options, "--image-size", "56x64", *FEW]) == 0
     assert names(out) == ["d_glyphs.png", "d_preimage.png", "d_thumbnails.png", "results.json"]
-    found = nablahog.reconstruct(loaded.descriptor[None], spec, SIZE, max_evaluations=40)
+    found = nablahog.reconstruct(loaded.descriptor[None], spec, SIZE, search=Search(max_evaluations=40))
     assert _levels(out / "d_preimage.png") == _levels(found.image[0])
     (figures,) = json.loads((out / "results.json").read_text())
     assert (figures["descriptor"], figures["image_size"], figures["cc"]) == (spec.name, list(SIZE), None)

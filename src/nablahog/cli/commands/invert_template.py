@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ...invert import reconstruct
+from ...invert import Search, reconstruct
 from ...invert.template import template_descriptor
 from ...io.files import distinct_stems, output_folder, replacing
 from ...io.images import write_image
@@ -78,7 +78,9 @@ def invert_template(arguments: Namespace) -> None:
     say(f"Results in {folder}")
 
 
-def _invert_sign(template: DetectorTemplate, sign: str, arguments: Namespace, progress: object) -> _SignImage:
+def _invert_sign(
+    template: DetectorTemplate, sign: str, arguments: Namespace, progress: Callable[[int, int], None]
+) -> _SignImage:
     weights = template.weights[None].to(torch.device(arguments.device))
     descriptor = template_descriptor(weights, template.spec, template.image_size, negative=sign == "negative")
     result = reconstruct(
@@ -86,8 +88,8 @@ def _invert_sign(template: DetectorTemplate, sign: str, arguments: Namespace, pr
         template.spec,
         template.image_size,
         seed=arguments.seed,
-        max_evaluations=arguments.max_evaluations,
-        progress=progress,  # type: ignore[arg-type]
+        search=Search(max_evaluations=arguments.max_evaluations),
+        progress=progress,
     )
     return _SignImage(sign, result.image[0, 0].cpu(), float(result.distance[0]))
 

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from ... import metrics
 from ...hog.gradient import gray
-from ...invert import LearnedPrior, reconstruct
+from ...invert import LearnedPrior, Search, reconstruct
 from ...invert.colour import reconstruct_colour
 from ...invert.quality import QualityName
 from ...io.files import replacing
@@ -156,10 +156,10 @@ def invert_batch(
             gray images.
     """
     descriptors = torch.stack([source.descriptor for source in sources]).to(device)
-    limit: dict[str, Any] = {} if max_evaluations is None else {"max_evaluations": max_evaluations}
     spec, image_size = sources[0].spec, sources[0].image_size
     method = reconstruct_colour if colour else reconstruct if prior is None else prior.reconstruct
-    result = method(descriptors, spec, image_size, quality=quality, seed=seed, progress=progress, **limit)
+    search = Search(max_evaluations=max_evaluations)
+    result = method(descriptors, spec, image_size, quality=quality, seed=seed, search=search, progress=progress)
     inversions = []
     for index, source in enumerate(sources):
         preimage = result.image[index].detach().float().cpu()

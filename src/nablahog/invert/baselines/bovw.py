@@ -31,8 +31,8 @@ from torch import Tensor
 from torch.nn.functional import fold
 
 from ...io.learned_model import INTEGER, LearnedModel, account, check_tensor, integers, tensor
-from ..preimage import Reconstruction
 from ..provenance import Learning
+from ..reconstruction import Reconstruction
 from .bovw_arrangement import Costs, arrange
 from .dense_sift import CELLS, LENGTH, dense_sift, sift_grid
 

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from ..preimage import Reconstruction
+from ..reconstruction import Reconstruction
 
 LEARNING_RATES = (0.004, 0.0004, 0.00004, 0.000004)
 """Learning rates, in this order."""

@@ -14,8 +14,9 @@ from torch import Tensor
 
 from ...hog.descriptor import hog
 from ...hog.spec import HOGSpec
+from ..checks import check_descriptor
 from ..objective import squared_norm
-from ..preimage import Reconstruction, check_descriptor, relative_distance
+from ..reconstruction import Reconstruction, relative_distance
 
 TRIANGLES = 10_000
 _SIDE = 4  # cells: the largest width and height of a triangle

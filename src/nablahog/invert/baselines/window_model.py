@@ -11,7 +11,8 @@ from torch import Tensor
 
 from ...hog.spec import HOGSpec
 from ...io.learned_model import LearnedModel
-from ..preimage import Reconstruction, check_descriptor, relative_distance
+from ..checks import check_descriptor
+from ..reconstruction import Reconstruction, relative_distance
 
 
 class WindowModel(LearnedModel):

@@ -1,0 +1,74 @@
+"""What a descriptor and images given beside it must be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ..hog.inputs import ArrayImage, descriptor_tensor, image_batch
+from ..hog.spec import HOGSpec
+
+
+def descriptors_as_tensor(descriptor: Tensor | NDArray[Any]) -> Tensor:
+    """Descriptors (B, rows, cols, channels), of an array (rows, cols, channels) one.
+
+    Raises:
+        TypeError: it is neither a tensor nor an array.
+    """
+    if isinstance(descriptor, Tensor):
+        return descriptor
+    tensor = descriptor_tensor("the descriptor", descriptor)
+    return tensor[None] if tensor.dim() == 3 else tensor
+
+
+def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: Sequence[int] | None) -> tuple[int, int]:
+    """Height and width of the image to find, once descriptor, spec and image size agree.
+
+    Raises:
+        TypeError, ValueError: as :func:`.preimage.reconstruct`.
+    """
+    if not isinstance(descriptor, Tensor) or descriptor.dtype not in (torch.float32, torch.float64):
+        got = descriptor.dtype if isinstance(descriptor, Tensor) else type(descriptor).__name__
+        raise TypeError(f"the descriptor must be a float32 or float64 tensor, got {got}")
+    if descriptor.dim() != 4 or not len(descriptor):
+        raise ValueError(
+            f"the descriptor must have shape (B, rows, cols, channels), B at least 1, got {tuple(descriptor.shape)}"
+        )
+    rows, cols, channels = descriptor.shape[1:]
+    height, width = image_size or spec.image_size(rows, cols)
+    expected = (*spec.grid(height, width), spec.channels)
+    if (rows, cols, channels) != expected:
+        raise ValueError(
+            f"{spec.named} descriptor of an image of {height}x{width} pixels must have shape "
+            f"{expected} (rows, cols, channels), got {(rows, cols, channels)}"
+        )
+    if not torch.isfinite(descriptor).all():
+        raise ValueError("the descriptor must be finite, got NaN or Inf")
+    return height, width
+
+
+def check_images(
+    name: str, images: Tensor | ArrayImage | None, descriptor: Tensor, size: tuple[int, int], rooted: bool
+) -> Tensor | None:
+    """``images``, or their roots, in the descriptor's dtype and on its device; None stays None.
+
+    Raises:
+        TypeError, ValueError: as :func:`.preimage.reconstruct`.
+    """
+    if images is None:
+        return None
+    if not isinstance(images, Tensor):
+        images, _ = image_batch(name, images)
+        images = images / 255 if images.dtype == torch.uint8 else images
+    if not images.is_floating_point():
+        raise TypeError(f"{name} must be floating-point, got {images.dtype}")
+    if images.shape != (len(descriptor), 1, *size):
+        raise ValueError(f"{name} must have shape {(len(descriptor), 1, *size)}, got {tuple(images.shape)}")
+    if not torch.isfinite(images).all():
+        raise ValueError(f"{name} must be finite, got NaN or Inf")
+    images = images.detach().to(descriptor)
+    return images.clamp(min=0).sqrt() if rooted else images

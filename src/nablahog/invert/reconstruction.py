@@ -1,0 +1,94 @@
+"""What a reconstruction returns: images in 0…1, with their distance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Generic
+
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from typing_extensions import TypeVar
+
+from ..hog.descriptor import hog
+from ..hog.inputs import Descriptors, to_array
+from ..hog.spec import HOGSpec
+from ..optimize import StopReason
+from .objective import squared_norm
+
+TAILS = 0.005  # share of pixels that may be clipped at either end when the image is brought to 0…1
+
+
+Values = TypeVar("Values", Tensor, NDArray[Any], default=Tensor)
+
+
+@dataclass(frozen=True)
+class Reconstruction(Generic[Values]):
+    """Pre-images of a batch of descriptors: tensors, or arrays if the descriptors were arrays.
+
+    Arrays of images have no channel axis: (B, H, W); those of a single descriptor (rows, cols, channels) have no batch
+    axis either.
+
+    Attributes:
+        image: (B, 1, H, W) in 0…1.
+        distance: (B,), ‖φ(image) - descriptor‖ / ‖descriptor‖, of exactly this image.
+        stop_reason: why the search for each image ended; a sentence where no minimiser ended it.
+        history: (evaluations, B), the relative distance of the image evaluated last, after each evaluation; a search
+            that has ended repeats its last.
+        evaluations: (B,), operator evaluations spent on each image, one value with its gradient; a product of the
+            Jacobian or its transpose with a vector is half of one.
+        seconds: wall time for the whole batch.
+
+    >>> spec = nablahog.presets.uoctti(cell_size=8)
+    >>> descriptor = nablahog.hog(torch.rand(2, 1, 16, 16), spec)
+    >>> result = nablahog.reconstruct(descriptor, spec, quality="fast")
+    >>> result.distance.shape, len(result.stop_reason), bool((result.evaluations <= 80).all())
+    (torch.Size([2]), 2, True)
+    """
+
+    image: Values
+    distance: Values
+    stop_reason: list[StopReason] | list[str]
+    history: Values
+    evaluations: Values
+    seconds: float
+
+
+def to_unit_range(image: Tensor, spec: HOGSpec) -> Tensor:
+    """Bring images (B, 1, H, W) of arbitrary brightness to 0…1.
+
+    HOG fixes no brightness, and except for Eq. 7 as printed no contrast.  An image whose contrast is known keeps it
+    and is shifted, its range centred on 0.5; any other is stretched so that 0.5 % of its pixels fall on 0 and 0.5 % on
+    1.  What still exceeds 0…1 is clipped.
+    """
+    pixels = image.flatten(1)
+    clipped = round(TAILS * (pixels.shape[1] - 1))
+    low, high = (
+        pixels.kthvalue(k, dim=1).values.reshape(-1, 1, 1, 1) for k in (1 + clipped, pixels.shape[1] - clipped)
+    )
+    if spec.normalizer.fixes_contrast:
+        return (image - (low + high) / 2 + 0.5).clamp(0, 1)
+    spread = high - low
+    return torch.where(spread > 0, (image - low) / torch.where(spread > 0, spread, 1), 0.5).clamp(0, 1)
+
+
+@torch.no_grad()
+def relative_distance(image: Tensor, descriptor: Tensor, spec: HOGSpec) -> Tensor:
+    """‖φ(image) - descriptor‖ / ‖descriptor‖ of images (B, 1, H, W) and descriptors (B, rows, cols, channels): (B,)."""
+    residual: Tensor = (hog(image, spec) - descriptor).flatten(1).norm(dim=1)
+    return residual / squared_norm(descriptor).sqrt()
+
+
+def of_the_kind(result: Reconstruction, descriptor: Descriptors) -> Reconstruction[Descriptors]:
+    """``result`` as arrays, if ``descriptor`` is one, and without the batch axis, if it has none."""
+    if isinstance(descriptor, Tensor):
+        return result
+    single = descriptor.ndim == 3
+    return Reconstruction(
+        to_array(result.image[:, 0], single),
+        to_array(result.distance, single),
+        result.stop_reason,
+        to_array(result.history[:, 0] if single else result.history),
+        to_array(result.evaluations, single),
+        result.seconds,
+    )
