@@ -60,7 +60,8 @@ class LearnedPrior(LearnedModel):
     >>> prior = nablahog.train_prior(images, nablahog.presets.uoctti(cell_size=8), epochs=1)
 
     >>> descriptor = nablahog.hog(torch.rand(1, 1, 32, 32), prior.spec)
-    >>> prior.reconstruct(descriptor, prior.spec, max_evaluations=10).image.shape
+    >>> search = nablahog.invert.Search(max_evaluations=10)
+    >>> prior.reconstruct(descriptor, prior.spec, search=search).image.shape
     torch.Size([1, 1, 32, 32])
     """
 
