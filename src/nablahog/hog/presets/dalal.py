@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal, TypeAlias
 
 from ..normalizers import BlockForm, BlockNorm, CellNorm, WindowNorm
@@ -10,6 +11,21 @@ from ..spec import HOGSpec
 from ._pairs import pair
 
 Norm: TypeAlias = Literal["L2-Hys", "L2", "L1-sqrt", "L1", "window"]
+
+_BASE = HOGSpec(
+    name="dalal-triggs",
+    value_range=255.0,
+    colour="largest",
+    border="reflect",
+    bins=9,
+    signed=False,
+    bin_offset=0.5,
+    vote="linear",
+    cell_size=(8, 8),
+    partial_cells="floor",
+    normalizer=BlockNorm((2, 2), step=(2, 2)),
+)
+"""What all of them share; each preset below names its differences."""
 
 
 def dalal_triggs(
@@ -34,17 +50,10 @@ def dalal_triggs(
     """
     cell = pair(cell_size)
     blocks = BlockCells((2 * cell[0], 2 * cell[1]), cell, (cell[0] + cell[1]) / 2)
-    return HOGSpec(
-        name="dalal-triggs",
-        value_range=255.0,
-        colour="largest",
-        border="reflect",
+    return replace(
+        _BASE,
         bins=bins,
-        signed=False,
-        bin_offset=0.5,
-        vote="linear",
         cell_size=cell,
-        partial_cells="floor",
         normalizer=WindowNorm(epsilon=epsilon)
         if norm == "window"
         else BlockNorm((2, 2), step=(2, 2), form=norm, epsilon=epsilon, epsilon_again=1e-3),
@@ -82,17 +91,14 @@ def skimage(
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((8, 8), (14, 6), 81)
     """
-    return HOGSpec(
+    return replace(
+        _BASE,
         name="skimage",
         value_range=value_range,
         colour="gray" if channel_axis is None else "largest",
-        border="reflect",
         bins=orientations,
-        signed=False,
-        bin_offset=0.5,
         vote="hard",
         cell_size=pair(pixels_per_cell),
-        partial_cells="floor",
         normalizer=BlockNorm(pair(cells_per_block), form=block_norm),
         pooling=BoxCells(mean=True),
         gamma="sqrt" if transform_sqrt else "none",
@@ -146,17 +152,12 @@ def opencv(
                 f"window of {window}, a block of {b}, a stride of {s} and a cell of {c} pixels"
             )
     cells = block[0] // cell[0], block[1] // cell[1]
-    return HOGSpec(
+    return replace(
+        _BASE,
         name="opencv",
-        value_range=255.0,
-        colour="largest",
-        border="reflect",
         bins=nbins,
         signed=signed,
-        bin_offset=0.5,
-        vote="linear",
         cell_size=cell,
-        partial_cells="floor",
         normalizer=BlockNorm(
             cells,
             step=cells,
@@ -185,17 +186,14 @@ def maskfeat(cell_size: int = 8, *, nbins: int = 9, gaussian_window: int = 16) -
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((8, 8), (16, 8), 27)
     """
-    return HOGSpec(
+    return replace(
+        _BASE,
         name="maskfeat",
-        value_range=255.0,
         colour="separate",
-        border="reflect",
         bins=nbins,
-        signed=False,
         bin_offset=0.5 + nbins / 2,  # its angles begin at the vertical
         vote="hard",
         cell_size=pair(cell_size),
-        partial_cells="floor",
         normalizer=CellNorm(),
         pooling=BoxCells(window=gaussian_window),
         mask="sobel",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal, TypeAlias
 
 from ..normalizers import FourBlockNorm, Part
@@ -10,6 +11,21 @@ from ..spec import Colour, HOGSpec, Vote
 from ._pairs import pair
 
 Variant: TypeAlias = Literal["uoctti", "dalaltriggs"]
+
+_BASE = HOGSpec(
+    name="uoctti",
+    value_range=255.0,
+    colour="largest",
+    border="ignore",
+    bins=18,
+    signed=True,
+    bin_offset=0.0,
+    vote="hard",
+    cell_size=(8, 8),
+    partial_cells="round",
+    normalizer=FourBlockNorm(),
+)
+"""What all of them share; each preset below names its differences."""
 
 
 def uoctti(
@@ -32,18 +48,12 @@ def uoctti(
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((8, 8), (16, 8), 31)
     """
-    return HOGSpec(
-        name="uoctti",
-        value_range=255.0,
+    return replace(
+        _BASE,
         colour=colour,
-        border="ignore",
         bins=2 * orientations,
-        signed=True,
-        bin_offset=0.0,
         vote=vote,
         cell_size=pair(cell_size),
-        partial_cells="round",
-        normalizer=FourBlockNorm(),
     )
 
 
@@ -74,17 +84,14 @@ def aubry(
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((5, 5), (26, 13), 9)
     """
-    return HOGSpec(
+    return replace(
+        _BASE,
         name="aubry",
         value_range=1.0,
         colour=colour,
-        border="ignore",
         bins=2 * orientations,
-        signed=True,
-        bin_offset=0.0,
         vote=vote,
         cell_size=pair(cell_size),
-        partial_cells="round",
         normalizer=FourBlockNorm(epsilon=0.1, parts=("undirected",)),
     )
 
@@ -117,17 +124,13 @@ def vlfeat(
     }
     if variant not in parts:
         raise ValueError(f"variant must be one of {', '.join(map(repr, parts))}, got {variant!r}")
-    return HOGSpec(
+    return replace(
+        _BASE,
         name="vlfeat" if variant == "uoctti" else "vlfeat-dalaltriggs",
-        value_range=255.0,
-        colour="largest",
-        border="ignore",
         bins=2 * orientations if variant == "uoctti" else orientations,
         signed=variant == "uoctti",
-        bin_offset=0.0,
         vote="linear" if bilinear_orientations else "hard",
         cell_size=pair(cell_size),
-        partial_cells="round",
         normalizer=FourBlockNorm(parts=parts[variant]),
         angle="vlfeat" if bilinear_orientations else "exact",
         layout="planes",
@@ -146,17 +149,10 @@ def dpm(cell_size: int = 8) -> HOGSpec:
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((8, 8), (14, 6), 32)
     """
-    return HOGSpec(
+    return replace(
+        _BASE,
         name="dpm",
-        value_range=255.0,
-        colour="largest",
-        border="ignore",
-        bins=18,
-        signed=True,
-        bin_offset=0.0,
-        vote="hard",
         cell_size=pair(cell_size),
-        partial_cells="round",
         normalizer=FourBlockNorm(parts=("directed", "undirected", "texture", "zero"), texture="dpm", outside="drop"),
         pooling=BilinearCells(beyond="repeat"),
         directions="four-decimals",
@@ -180,17 +176,10 @@ def dlib(cell_size: int = 8) -> HOGSpec:
         raise ValueError(
             f"cell_size must be at least 2: dlib makes another descriptor of cells of one, got {cell_size}"
         )
-    return HOGSpec(
+    return replace(
+        _BASE,
         name="dlib",
-        value_range=255.0,
-        colour="largest",
-        border="ignore",
-        bins=18,
-        signed=True,
-        bin_offset=0.0,
-        vote="hard",
         cell_size=pair(cell_size),
-        partial_cells="round",
         normalizer=FourBlockNorm(texture="dpm", outside="drop"),
         pooling=BilinearCells(beyond="drop"),
         colour_ties="dlib",
@@ -214,16 +203,13 @@ def piotr(cell_size: int = 8, *, orientations: int = 9, clip: float = 0.2) -> HO
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((8, 8), (16, 8), 32)
     """
-    return HOGSpec(
+    return replace(
+        _BASE,
         name="piotr",
         # his gradients are halved and his histograms divided by the pixels of a cell, but so is the root of his ε
         value_range=1.0,
-        colour="largest",
         border="extrapolate",
         bins=2 * orientations,
-        signed=True,
-        bin_offset=0.0,
-        vote="hard",
         cell_size=pair(cell_size),
         partial_cells="floor",
         normalizer=FourBlockNorm(clip=clip, parts=("directed", "undirected", "texture", "zero"), texture="dpm"),
@@ -249,14 +235,13 @@ def cnn_hog(cell_size: int = 8, *, orientations: int = 9, bilinear: bool = False
     """
     if cell_size % 2:
         raise ValueError(f"cell_size must be even, got {cell_size}")
-    return HOGSpec(
+    return replace(
+        _BASE,
         name="cnn-hogb" if bilinear else "cnn-hog",
         value_range=127.5,  # their gradients are halved
         colour="gray",
         border="gray",
         bins=2 * orientations,
-        signed=True,
-        bin_offset=0.0,
         vote="linear" if bilinear else "hard",
         cell_size=pair(cell_size),
         partial_cells="floor",
@@ -278,17 +263,13 @@ def seeing3d(cell_size: int = 5) -> HOGSpec:
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((5, 5), (24, 11), 9)
     """
-    return HOGSpec(
+    return replace(
+        _BASE,
         name="seeing3d",
         value_range=1.0,
-        colour="largest",
-        border="ignore",
         bins=9,
         signed=False,
-        bin_offset=0.0,
-        vote="hard",
         cell_size=pair(cell_size),
-        partial_cells="round",
         normalizer=FourBlockNorm(epsilon=0.1, parts=("undirected",), outside="drop"),
         pooling=BilinearCells(beyond="repeat"),
         directions="four-decimals",
