@@ -72,27 +72,27 @@ def single(images: Tensor, spec: HOGSpec, a: Assumptions) -> Tensor:
 def multi_scale(images: Tensor, spec: HOGSpec, a: Assumptions, more: bool) -> Tensor:
     size = (images.shape[2], images.shape[3])
     descriptors = scale_descriptors(images, spec) if more else [hog(images, spec)] * len(SCALES)
-    found = None
+    result = None
     for scale, descriptor in zip(SCALES, descriptors, strict=True):
         small, small_size = level_spec(spec, scale, size)
         mode = {} if a.upsampling == "nearest" else {"align_corners": False}
         start = (
             noise(len(images), small_size, a)
-            if found is None
-            else interpolate(found, size=small_size, mode=a.upsampling, **mode)
+            if result is None
+            else interpolate(result, size=small_size, mode=a.upsampling, **mode)
         )
         level = a if scale == 1 else replace(a, evaluations=a.per_level)
-        found = as_published(descriptor, small, small_size, level, start)
-    assert found is not None
-    return found
+        result = as_published(descriptor, small, small_size, level, start)
+    assert result is not None
+    return result
 
 
-def figures(found: Tensor, images: Tensor, spec: HOGSpec) -> dict[str, float]:
+def figures(result: Tensor, images: Tensor, spec: HOGSpec) -> dict[str, float]:
     """Means over the images."""
-    pairs = [(f, i) for f, i in zip(found[:, 0], images[:, 0], strict=True)]
+    pairs = [(f, i) for f, i in zip(result[:, 0], images[:, 0], strict=True)]
     cc = [metrics.cross_correlation(*pair) for pair in pairs]
     target = hog(images, spec)
-    distance = (hog(found, spec) - target).flatten(1).norm(dim=1) / target.flatten(1).norm(dim=1)
+    distance = (hog(result, spec) - target).flatten(1).norm(dim=1) / target.flatten(1).norm(dim=1)
     return {
         "CC": float(np.mean(cc)),
         "|CC|": float(np.mean(np.abs(cc))),
@@ -233,9 +233,9 @@ def main() -> None:
             )
             for name, run, spec in variants(of):
                 began = time.perf_counter()
-                found = run(images)
+                result = run(images)
                 seconds = (time.perf_counter() - began) / len(images)
-                row = {**figures(found, images, spec), "seconds": seconds}
+                row = {**figures(result, images, spec), "seconds": seconds}
                 stored[f"{title}, {of}: {name}"] = row
                 print(f"| {name} | {' | '.join(f'{value:.3f}' for value in row.values())} |", flush=True)
     if options.json:

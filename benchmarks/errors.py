@@ -110,13 +110,13 @@ def main() -> None:
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
     images = photographs(options.images)[:: options.every]
-    found = {name: run(images) for name, run in methods().items()}
+    result = {name: run(images) for name, run in methods().items()}
 
     print(f"{len(images)} images of {images.shape[2]}x{images.shape[3]}\n")
     columns = [f"{side} px" for side in WINDOWS]
     print(f"| signs | CC | abs CC | {' | '.join(f'{c}, its signs | {c}, best signs' for c in columns)} |")
     print(f"|---|{'---:|' * (2 + 2 * len(WINDOWS))}")
-    for name, image in found.items():
+    for name, image in result.items():
         cc = correlation(image, images)
         row = [float(cc.mean()), float(cc.abs().mean())]
         for side in WINDOWS:
@@ -129,7 +129,7 @@ def main() -> None:
     bounds = [f"{high:g}–{low:g} px" for high, low in pairwise(PERIODS)]
     print(f"\n| octave, period | {' | '.join([f'> {PERIODS[1]} px', *bounds[1:]])} |\n|---|{'---:|' * len(bounds)}")
     print(f"| share | {' | '.join(f'{float(s):.3f}' for s in share)} |")
-    for name, image in found.items():
+    for name, image in result.items():
         sign = torch.sign(correlation(image, images)).reshape(-1, 1, 1, 1)
         each = [correlation(a, b) for a, b in zip(octaves(image * sign), true, strict=True)]
         print(f"| {name} | {' | '.join(f'{float(c.mean()):.3f}' for c in each)} |")

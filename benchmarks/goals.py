@@ -27,7 +27,7 @@ class Verdict:
     what: str
     peer: str
     goal: str
-    found: str
+    result: str
     met: bool | None
 
 
@@ -98,8 +98,8 @@ def _two_threads(record: Record) -> Verdict:
     for point in record["threads"]:
         by_count = point["programs"].get(program, {})
         if (point["batch"], point["side"]) == (64, 128) and "2" in by_count:
-            found = by_count["1"]["min"] / by_count["2"]["min"]
-            return Verdict(what, "1 thread", "≥ 1.8×", f"{found:.2f}×", found >= 1.8)
+            result = by_count["1"]["min"] / by_count["2"]["min"]
+            return Verdict(what, "1 thread", "≥ 1.8×", f"{result:.2f}×", result >= 1.8)
     return Verdict(what, "1 thread", "≥ 1.8×", "not measured", None)
 
 
@@ -111,8 +111,8 @@ def _memory(record: Record) -> Verdict:
         return Verdict(what, peer, goal, "not measured", None)
     name = max(ours, key=lambda n: ours[n])
     most, papers = ours[name] / memory["image_mib"], ours[PAPERS] / memory["image_mib"]
-    found = f"{papers:.2f} images (the paper's); at most {most:.2f} ({name.removeprefix('ours, ')})"
-    return Verdict(what, peer, goal, found, most <= 3 if memory["side"] == 2048 else None)
+    result = f"{papers:.2f} images (the paper's); at most {most:.2f} ({name.removeprefix('ours, ')})"
+    return Verdict(what, peer, goal, result, most <= 3 if memory["side"] == 2048 else None)
 
 
 def _is_forward(name: str) -> bool:
@@ -123,16 +123,16 @@ def _preimage(record: Record, quality: str, seconds: float, at_least: float | No
     row = record["preimages"]["whole"][quality]
     of = f" at a CC of {at_least:g}" if at_least else ""
     what = f"pre-images of {record['preimages']['images']} photographs, UoCTTI, quality {quality}{of}"
-    found, there = _scaled(row["cpu_s"], record)
+    result, there = _scaled(row["cpu_s"], record)
     good = at_least is None or row["cc"] >= at_least
-    return Verdict(what, "–", f"≤ {seconds:g} s", f"{found}, CC {row['cc']:.3f}", good and there <= seconds)
+    return Verdict(what, "–", f"≤ {seconds:g} s", f"{result}, CC {row['cc']:.3f}", good and there <= seconds)
 
 
 def _pose(record: Record) -> Verdict:
     row = record["poses"]["rows"]["best"]
     ratio = row["ratios"]["exhaustive"]["median"]
-    found, there = _scaled(row["cpu_s"]["median"], record)
-    return Verdict("a pose, known model", "360 renderings", "≤ 0.05 s", f"{found}; {ratio:.2f}×", there <= 0.05)
+    result, there = _scaled(row["cpu_s"]["median"], record)
+    return Verdict("a pose, known model", "360 renderings", "≤ 0.05 s", f"{result}; {ratio:.2f}×", there <= 0.05)
 
 
 def _scaled(seconds: float, record: Record) -> tuple[str, float]:

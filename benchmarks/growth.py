@@ -65,8 +65,8 @@ def operator(every: Sequence[Program], shapes: Sequence[Shape], bytes_a_pixel: M
         photographs = Photographs(batch, side)
         started = time.perf_counter()
         times = in_turns({p.name: p.make(photographs) for p in of}, seconds, again=pixels < COMPILED)
-        found = {p.name: _beside(p, times) for p in of}
-        points.append({"batch": batch, "side": side, "main": of_tables, "programs": found, "left_out": left_out})
+        result = {p.name: _beside(p, times) for p in of}
+        points.append({"batch": batch, "side": side, "main": of_tables, "programs": result, "left_out": left_out})
         print(f"{batch} of {side}x{side}: {time.perf_counter() - started:.0f} s", file=sys.stderr)
     return points
 
@@ -104,8 +104,8 @@ def threads(every: Sequence[Program], shapes: Sequence[tuple[int, int]], seconds
     points = []
     for batch, side in shapes:
         photographs = Photographs(batch, side)
-        found = {p.name: _by_threads(p.make(photographs), counts, seconds) for p in of}
-        points.append({"batch": batch, "side": side, "programs": found})
+        result = {p.name: _by_threads(p.make(photographs), counts, seconds) for p in of}
+        points.append({"batch": batch, "side": side, "programs": result})
     return points
 
 
@@ -134,11 +134,11 @@ def faces(counts: Sequence[int], side: int, seconds: float) -> list[Point]:
         renderers = {method: prepared(mesh, case, method) for method in RENDERERS}
         made = {f"{method}, {what}": call for method, r in renderers.items() for what, call in calls(r).items()}
         times = {name: each(batch) for name, batch in in_turns(made, seconds).items()}
-        found: dict[str, Point] = {name: {**clocks.summaries(), "ratios": {}} for name, clocks in times.items()}
+        result: dict[str, Point] = {name: {**clocks.summaries(), "ratios": {}} for name, clocks in times.items()}
         for what in ("forward", "with derivative"):
             peer = f"opendr, {what}"
-            found[f"edges, {what}"]["ratios"] = {peer: ratio(times[peer].cpu, times[f"edges, {what}"].cpu)}
-        points.append({"faces": len(mesh.faces), "vertices": len(mesh.vertices), "side": side, "programs": found})
+            result[f"edges, {what}"]["ratios"] = {peer: ratio(times[peer].cpu, times[f"edges, {what}"].cpu)}
+        points.append({"faces": len(mesh.faces), "vertices": len(mesh.vertices), "side": side, "programs": result})
     return points
 
 
@@ -153,12 +153,12 @@ def models(folder: Path | None, most: int, scenes: int) -> list[Point]:
     count, kinds = 1, ["best", "exhaustive"]
     while count <= min(most, len(common)):
         some = [replace(example, models=tuple(common[:count])) for example in examples]
-        found = {kind: estimate(some[0], {"method": kind}) for kind in kinds}
+        result = {kind: estimate(some[0], {"method": kind}) for kind in kinds}
         spent: dict[str, list[float]] = {kind: [] for kind in kinds}
         for example in some:
             for kind in kinds:
                 spent[kind].append(seconds_of(example, kind))
-        point: Point = {"models": count, "renderings": {kind: one.renderings for kind, one in found.items()}}
+        point: Point = {"models": count, "renderings": {kind: one.renderings for kind, one in result.items()}}
         point |= {kind: summary(values) for kind, values in spent.items()}
         if "exhaustive" in spent:
             point["ratio"] = ratio(spent["exhaustive"], spent["best"])

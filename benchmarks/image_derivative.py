@@ -86,14 +86,14 @@ def slopes(mesh: Mesh, wanted: Tensor, spec: HOGSpec, method: Method, supersampl
     """(72,): the derivatives by azimuth that a search would follow."""
     renderer = Renderer(mesh, CAMERA, method=method, supersampling=supersampling)
     where = poses(AZIMUTHS).requires_grad_()
-    (found,) = torch.autograd.grad((hog(renderer(where), spec) * wanted).sum(), where)
-    return found[:, 0]
+    (result,) = torch.autograd.grad((hog(renderer(where), spec) * wanted).sum(), where)
+    return result[:, 0]
 
 
-def agreement(found: Tensor, true: Tensor) -> tuple[float, float]:
+def agreement(result: Tensor, true: Tensor) -> tuple[float, float]:
     """Cosine of the two rows of slopes, and the share of equal signs."""
-    cosine = torch.nn.functional.cosine_similarity(found.double(), true.double(), dim=0)
-    return float(cosine), float((found.sign() == true.sign()).double().mean())
+    cosine = torch.nn.functional.cosine_similarity(result.double(), true.double(), dim=0)
+    return float(cosine), float((result.sign() == true.sign()).double().mean())
 
 
 def cell(cosine: float, signs: float) -> str:

@@ -16,15 +16,15 @@ SPECS = {p.name: (p.spec, p.backward) for p in programs({}) if p.spec is not Non
 
 
 def operator(record: Record) -> list[str]:
-    found = []
+    result = []
     for point in (p for p in record["operator"] if p["main"]):
         rows = [
             [name, cell(row["cpu_ms"]), cell(row["wall_ms"]), times_each(row["ratios"])]
             for name, row in point["programs"].items()
         ]
-        found += [f"### {shape(point)}", table(["program", "CPU ms", "wall ms", "times as fast as"], rows)]
-        found += left_out([point])
-    return found
+        result += [f"### {shape(point)}", table(["program", "CPU ms", "wall ms", "times as fast as"], rows)]
+        result += left_out([point])
+    return result
 
 
 def left_out(points: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -34,14 +34,14 @@ def left_out(points: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def memory(record: Record) -> str:
-    found = record["memory"]
-    measured = {name: mib for name, mib in found["programs"].items() if mib is not None}
+    result = record["memory"]
+    measured = {name: mib for name, mib in result["programs"].items() if mib is not None}
     if not measured:
         return "Not measured: this system does not tell."
-    rows = [[name, f"{mib:.1f}", f"{mib / found['image_mib']:.2f}"] for name, mib in measured.items()]
+    rows = [[name, f"{mib:.1f}", f"{mib / result['image_mib']:.2f}"] for name, mib in measured.items()]
     return f"""By how much one call raises the peak of the resident set (VmHWM) of a fresh process, which holds one
-image of {found["side"]}² and has described a small one; the descriptor is a part of it. In images of
-{found["image_mib"]:g} MiB, float32:
+image of {result["side"]}² and has described a small one; the descriptor is a part of it. In images of
+{result["image_mib"]:g} MiB, float32:
 
 {table(["program", "MiB", "images"], rows)}"""
 

@@ -13,36 +13,36 @@ SEARCHES = {"best": "ours, best", "exhaustive": "360 renderings (`exhaustive`)",
 
 
 def preimages(record: Record) -> list[str]:
-    found = record["preimages"]
-    size = "×".join(map(str, found["size"]))
+    result = record["preimages"]
+    size = "×".join(map(str, result["size"]))
     rows = []
-    for name, row in found["rows"].items():
+    for name, row in result["rows"].items():
         seconds = {key: value / 1000 for key, value in row["cpu_ms"].items()}
         label = f"ours, {name}" if row["ratios"] else name
         rows.append([label, cell(seconds), f"{row['cc']:.3f}", times_each(row["ratios"])])
     whole = []
-    for name, row in found["whole"].items():
+    for name, row in result["whole"].items():
         figures = [f"{row['cpu_s']:.3f}", f"{row['wall_s']:.3f}", f"{row['cc']:.3f}", f"{row['evaluations']:.0f}"]
         whole.append([f"ours, {name}", *figures, f"{row['cpu_s'] / row['limit_s']:.0f}×"])
     head = ["all in one batch", "CPU s an image", "wall s", "CC", "evaluations", "of the limit"]
     return [
-        f"""Photographs of {size}, {found["few"]} of them, one by one and in turns. *CNN-HOG* and *CNN-HOGb* have the
+        f"""Photographs of {size}, {result["few"]} of them, one by one and in turns. *CNN-HOG* and *CNN-HOGb* have the
 published schedule of 800 steps and their own network's descriptor, the others UoCTTI; the *published dogleg* is the
 paper's search as [`choices.py`](../benchmarks/choices.py) reads it, with 150 evaluations. CC is the mean correlation
 with the photographs.""",
         table(["method", "CPU s an image", "CC", "times as fast as"], rows),
-        f"""All {found["images"]} at once, as they would be inverted:""",
+        f"""All {result["images"]} at once, as they would be inverted:""",
         table(head, whole),
         f"""The limit is that of the operator with its derivative, as often as it is evaluated. A profiler, which slows
-Python down, says of {found["few"]} in one batch: {shares(found["shares"])}. Only `hog` is the operator; the rest is
+Python down, says of {result["few"]} in one batch: {shares(result["shares"])}. Only `hog` is the operator; the rest is
 what it takes to search by it: the minimiser's vectors, the basis of the unknowns, the objective with its priors, and
 undoing the normaliser.""",
     ]
 
 
 def poses(record: Record) -> list[str]:
-    found, rows = record["poses"], []
-    for name, row in found["rows"].items():
+    result, rows = record["poses"], []
+    for name, row in result["rows"].items():
         figures = [
             cell(row["cpu_s"]),
             f"{row['renderings']:.0f}",
@@ -53,9 +53,9 @@ def poses(record: Record) -> list[str]:
         rows.append([SEARCHES[name], *figures, times_each(row["ratios"]), of_limit])
     head = ["search", "CPU s", "renderings", "median error", "within 15°", "times as fast as", "of the limit"]
     return [
-        f"""Scenes of known models, {found["scenes"]} of them, the models prepared before and of {found["faces"]} faces
-(the median); more of them in [poses.md](poses.md).""",
+        f"""Scenes of known models, {result["scenes"]} of them, the models prepared before and of {result["faces"]}
+faces (the median); more of them in [poses.md](poses.md).""",
         table(head, rows),
         f"""The limit is that of so many renderings with their descriptors. A profiler says of one scene:
-{shares(found["shares"])}.""",
+{shares(result["shares"])}.""",
     ]

@@ -21,9 +21,9 @@ from tests.golden.specs import dtype_of, spec_of, stored
 def difference(case: Case) -> torch.Tensor:
     """The operator's entries less the library's, in one row, float64."""
     torch.set_default_dtype(dtype_of(case))
-    found = hog(case.image, spec_of(case), layout="native")[0]
+    result = hog(case.image, spec_of(case), layout="native")[0]
     torch.set_default_dtype(torch.float32)
-    return (found.double() - stored(case).double()).flatten()
+    return (result.double() - stored(case).double()).flatten()
 
 
 def main() -> None:

@@ -45,8 +45,8 @@ def of_operator(spec: HOGSpec, side: int, seconds: float, rates: Rates) -> dict[
         "both": with_backward(describe, large),
     }
     times = in_turns(calls, seconds)
-    found = {name: summary(clocks.cpu)["median"] for name, clocks in times.items()}
-    return found | {"angles": 1e3 * side**2 / rates.angles}
+    result = {name: summary(clocks.cpu)["median"] for name, clocks in times.items()}
+    return result | {"angles": 1e3 * side**2 / rates.angles}
 
 
 def of_search(call: Call) -> dict[str, float]:
@@ -78,12 +78,12 @@ def _callers(
         return {_part(file.relative_to(package)): 1.0}
     callers = {caller: times[3] for caller, times in stats[function][4].items() if caller not in (*below, function)}
     whole = sum(callers.values())
-    found: dict[str, float] = {}
+    result: dict[str, float] = {}
     for caller, cumulative in callers.items():
         share = cumulative / whole if whole else 1 / len(callers)
         for name, of_caller in _callers(caller, stats, package, (*below, function)).items():
-            found[name] = found.get(name, 0.0) + share * of_caller
-    return found or {"other": 1.0}
+            result[name] = result.get(name, 0.0) + share * of_caller
+    return result or {"other": 1.0}
 
 
 def _part(file: Path) -> str:

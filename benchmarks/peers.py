@@ -54,9 +54,9 @@ def vlfeat(library: Path) -> Peer:
             sizes = (ctypes.c_size_t(n) for n in (width, height, 1, 8))
             vl.vl_hog_put_image(hog, image.ctypes.data_as(ctypes.c_void_p), *sizes)
             shape = [int(getattr(vl, f"vl_hog_get_{n}")(hog)) for n in ("dimension", "height", "width")]
-            found = np.empty(shape, np.float32)
-            vl.vl_hog_extract(hog, found.ctypes.data_as(ctypes.c_void_p))
-            return found
+            result = np.empty(shape, np.float32)
+            vl.vl_hog_extract(hog, result.ctypes.data_as(ctypes.c_void_p))
+            return result
 
         return lambda: [describe(image) for image in floats]
 
@@ -70,11 +70,11 @@ def dlib(library: Path) -> Peer:
 
     def peer(images: Any) -> Call:
         rows, cols = images.shape[1:]
-        found = np.empty(31 * (rows // 8 + 1) * (cols // 8 + 1), np.float32)
+        result = np.empty(31 * (rows // 8 + 1) * (cols // 8 + 1), np.float32)
 
         def describe(image: Any) -> int:
             sizes = ctypes.c_long(rows), ctypes.c_long(cols), ctypes.c_int(8)
-            to = found.ctypes.data_as(ctypes.c_void_p)
+            to = result.ctypes.data_as(ctypes.c_void_p)
             return int(fhog(image.ctypes.data_as(ctypes.c_void_p), *sizes, to))
 
         return lambda: [describe(image) for image in images]

@@ -106,8 +106,8 @@ def memory(every: list[Program], extent: Extent, libraries: dict[str, Path]) -> 
     options = [part for name, path in libraries.items() for part in (f"--{name}", str(path))]
     program, side = str(Path(__file__).with_name("programs.py")), extent.memory_side
     names = extent.memory_of or [p.name for p in every if p.where != "compiled"]
-    found = {name: printed_by(program, [name, "1", str(side), *options]) for name in names}
-    return {"side": side, "image_mib": side**2 * limits.IMAGE / 2**20, "programs": found}
+    result = {name: printed_by(program, [name, "1", str(side), *options]) for name in names}
+    return {"side": side, "image_mib": side**2 * limits.IMAGE / 2**20, "programs": result}
 
 
 def machine() -> dict[str, Any]:
@@ -173,13 +173,13 @@ def main() -> None:
     torch.set_num_threads(1)
     libraries = given_libraries(options)
     start = time.perf_counter()
-    found = measured(QUICK if options.quick else Extent(), libraries, options.images, options.models)
+    result = measured(QUICK if options.quick else Extent(), libraries, options.images, options.models)
     record = {
         "quick": options.quick,
         "machine": machine(),
         "given": [*libraries, *(name for name in ("images", "models") if getattr(options, name) is not None)],
         "seconds": time.perf_counter() - start,
-        **found,
+        **result,
     }
     out.mkdir(parents=True, exist_ok=True)
     (out / "performance.json").write_text(json.dumps(record, indent=1) + "\n")

@@ -85,7 +85,7 @@ the derivative by the image; no library has one, so that it stands beside their 
 
 def _goals(record: Record) -> str:
     reached = {True: "yes", False: "**no**", None: "–"}
-    rows = [[v.what, v.peer, v.goal, v.found, reached[v.met]] for v in verdicts(record)]
+    rows = [[v.what, v.peer, v.goal, v.result, reached[v.met]] for v in verdicts(record)]
     text = table(["what", "beside", "goal", "measured", "reached"], rows)
     factor = their_machine(record)
     if factor is None:

@@ -52,13 +52,13 @@ def rates_of(record: Record) -> Rates:
 
 
 def _curves(points: Sequence[Any], at: Callable[[Any], float], of: Callable[[Any, float], float]) -> list[Curve]:
-    found = []
+    result = []
     for name, colour in SHOWN.items():
         there = [p for p in points if name in p["programs"]]
         values = [(at(p), of(p, p["programs"][name]["cpu_ms"]["median"])) for p in there]
         peer = not name.startswith("ours")
-        found.append(Curve(name, values, colour, dashed=peer, ringed=peer))
-    return found
+        result.append(Curve(name, values, colour, dashed=peer, ringed=peer))
+    return result
 
 
 def _pixels(record: Record, path: Path) -> None:

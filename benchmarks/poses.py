@@ -113,12 +113,12 @@ def main() -> None:
         right, errors, renderings, wall, cpu = [], [], [], [], []
         for example in examples:
             clocks = time.perf_counter(), time.process_time()
-            found = estimate(example, choices)
+            result = estimate(example, choices)
             wall.append(time.perf_counter() - clocks[0])
             cpu.append(time.process_time() - clocks[1])
-            right.append([bool(same_view(found.azimuth, example.azimuth, count)) for count in VIEWS])
-            errors.append(float(azimuth_error(found.azimuth, example.azimuth)))
-            renderings.append(found.renderings)
+            right.append([bool(same_view(result.azimuth, example.azimuth, count)) for count in VIEWS])
+            errors.append(float(azimuth_error(result.azimuth, example.azimuth)))
+            renderings.append(result.renderings)
         shares = " | ".join(f"{100 * sum(column) / len(examples):.1f}" for column in zip(*right, strict=True))
         times = f"{median(wall):.3f} ({min(wall):.3f} … {max(wall):.3f}) | {median(cpu):.3f} | {median(first):.3f}"
         print(f"| {name} | {shares} | {median(errors):.2f}° | {median(renderings):.0f} | {times} |", flush=True)

@@ -49,7 +49,7 @@ def main() -> None:
     size, descriptors = (images.shape[2], images.shape[3]), hog(images, spec)
     reconstruct(descriptors[:1], spec, size, search=Search(max_evaluations=3))
     began = time.process_time()
-    found = reconstruct(
+    result = reconstruct(
         descriptors,
         spec,
         size,
@@ -61,10 +61,10 @@ def main() -> None:
 
     rows = []
     for i, file in enumerate(files):
-        pair = found.image[i, 0], images[i, 0]
+        pair = result.image[i, 0], images[i, 0]
         figures = {"CC": metrics.cross_correlation(*pair), "MI": metrics.mutual_information(*pair)}
-        figures |= {"|CC|": abs(figures["CC"]), "SSIM": metrics.ssim(*pair), "distance": float(found.distance[i])}
-        rows.append({"image": file.name, **figures, "evaluations": int(found.evaluations[i])})
+        figures |= {"|CC|": abs(figures["CC"]), "SSIM": metrics.ssim(*pair), "distance": float(result.distance[i])}
+        rows.append({"image": file.name, **figures, "evaluations": int(result.evaluations[i])})
 
     print(f"{len(files)} images of {images.shape[-2]}x{images.shape[-1]}, {spec.name}, cell {options.cell}")
     print("| figure | mean | 95 % interval | median |\n| --- | --- | --- | --- |")
@@ -75,7 +75,7 @@ def main() -> None:
         low, high = np.quantile(means, (0.025, 0.975))
         print(f"| {name} | {values.mean():.4f} | {low:.4f} … {high:.4f} | {np.median(values):.4f} |")
     evaluations = np.mean([row["evaluations"] for row in rows])
-    seconds = found.seconds / len(files)
+    seconds = result.seconds / len(files)
     print(
         f"{seconds:.3f} s, {spent:.3f} s of CPU and {evaluations:.0f} evaluations an image, {options.threads} threads"
     )

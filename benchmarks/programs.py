@@ -113,15 +113,15 @@ def _ours(of: str, spec: HOGSpec, *beside: str, backward: bool = False, plain: b
 
 def programs(libraries: Mapping[str, Path]) -> list[Program]:
     """All that can run here, of C libraries those that are given by the names of :data:`LIBRARIES`."""
-    found = [_library("scikit-image", scikit_image), _library("OpenCV", opencv)]
+    result = [_library("scikit-image", scikit_image), _library("OpenCV", opencv)]
     if "vlfeat" in libraries:
-        found.append(_library("VLFeat", vlfeat(libraries["vlfeat"])))
+        result.append(_library("VLFeat", vlfeat(libraries["vlfeat"])))
     if "dlib" in libraries:
-        found.append(_library("dlib", dlib(libraries["dlib"])))
-    found += _torch(NAIVE, NaiveHOG)
+        result.append(_library("dlib", dlib(libraries["dlib"])))
+    result += _torch(NAIVE, NaiveHOG)
     if can_compile():
-        found += _torch(COMPILED, compiled, "compiled")
-    found += [
+        result += _torch(COMPILED, compiled, "compiled")
+    result += [
         _ours("scikit-image's", presets.skimage(), "scikit-image"),
         _ours("OpenCV's", presets.opencv(gamma=False), "OpenCV"),
         _ours("VLFeat's", presets.vlfeat(bilinear_orientations=True), "VLFeat"),
@@ -132,8 +132,8 @@ def programs(libraries: Mapping[str, Path]) -> list[Program]:
         _ours("the paper's", PAPER, NAIVE, COMPILED, "OpenCV"),
         _ours("the paper's", PAPER, NAIVE + BACKWARD, COMPILED + BACKWARD, "OpenCV", backward=True),
     ]
-    there = {program.name for program in found}
-    return [replace(p, beside=tuple(name for name in p.beside if name in there)) for p in found]
+    there = {program.name for program in result}
+    return [replace(p, beside=tuple(name for name in p.beside if name in there)) for p in result]
 
 
 def add_libraries(parser: argparse.ArgumentParser) -> None:

@@ -49,7 +49,7 @@ def preimages(folder: Path | None, few: int, side: int | None, rates: Rates) -> 
     images = photographs(folder)[:, :, :side, :side]
     some = images[:: max(1, len(images) // few)][:few]
     methods = _methods()
-    found: dict[str, list[Tensor]] = {name: [] for name in methods}
+    result: dict[str, list[Tensor]] = {name: [] for name in methods}
     times = {name: Times() for name in methods}
     reconstruct(hog(some[:1], SPEC), SPEC, search=Search(max_evaluations=3))
     single(some[:1], SPEC, replace(DOGLEG, evaluations=3))
@@ -57,12 +57,12 @@ def preimages(folder: Path | None, few: int, side: int | None, rates: Rates) -> 
         methods[quality](some[:1])
     for image in some:
         for name, method in methods.items():
-            times[name].add(partial(_keep, found[name], method, image[None]))
+            times[name].add(partial(_keep, result[name], method, image[None]))
     peers = [name for name in methods if name not in OURS]
     rows = {}
     for name in methods:
         ratios = {peer: ratio(times[peer].cpu, times[name].cpu) for peer in peers if name in OURS}
-        rows[name] = {**times[name].summaries(), "cc": _correlation(torch.cat(found[name]), some), "ratios": ratios}
+        rows[name] = {**times[name].summaries(), "cc": _correlation(torch.cat(result[name]), some), "ratios": ratios}
     size = (int(some.shape[2]), int(some.shape[3]))
     whole = {quality: _at_once(images, quality) for quality in OURS}
     limit = max(limits_ms(work(SPEC, True), size[0] * size[1], rates))
@@ -91,24 +91,24 @@ def _cnn_hog(network: CNNHOG, images: Tensor) -> Tensor:
     return network.reconstruct(network.descriptor(images)).image
 
 
-def _keep(found: list[Tensor], method: Callable[[Tensor], Tensor], images: Tensor) -> None:
-    found.append(method(images))
+def _keep(result: list[Tensor], method: Callable[[Tensor], Tensor], images: Tensor) -> None:
+    result.append(method(images))
 
 
-def _correlation(found: Tensor, images: Tensor) -> float:
-    return fmean(metrics.cross_correlation(f, i) for f, i in zip(found[:, 0], images[:, 0], strict=True))
+def _correlation(result: Tensor, images: Tensor) -> float:
+    return fmean(metrics.cross_correlation(f, i) for f, i in zip(result[:, 0], images[:, 0], strict=True))
 
 
 def _at_once(images: Tensor, quality: QualityName) -> dict[str, float]:
     """Seconds an image, of all in one batch, and how close they come."""
     clock, descriptors = Times(), hog(images, SPEC)
-    found: list[Reconstruction] = []
-    clock.add(lambda: found.append(reconstruct(descriptors, SPEC, quality=quality)))
+    result: list[Reconstruction] = []
+    clock.add(lambda: result.append(reconstruct(descriptors, SPEC, quality=quality)))
     return {
         "cpu_s": clock.cpu[0] / 1000 / len(images),
         "wall_s": clock.wall[0] / 1000 / len(images),
-        "cc": _correlation(found[0].image, images),
-        "evaluations": float(found[0].evaluations.double().mean()),
+        "cc": _correlation(result[0].image, images),
+        "evaluations": float(result[0].evaluations.double().mean()),
     }
 
 
@@ -126,9 +126,9 @@ def poses(folder: Path | None, scenes: int, rates: Rates) -> dict[str, Any]:
     renderings: dict[str, list[int]] = {kind: [] for kind in kinds}
     for example in examples:  # which prepares the models, too
         for kind in kinds:
-            found = estimate(example, {"method": kind})
-            errors[kind].append(float(azimuth_error(found.azimuth, example.azimuth)))
-            renderings[kind].append(found.renderings)
+            result = estimate(example, {"method": kind})
+            errors[kind].append(float(azimuth_error(result.azimuth, example.azimuth)))
+            renderings[kind].append(result.renderings)
     seconds: dict[str, list[float]] = {kind: [] for kind in kinds}
     for example in examples:
         for kind in kinds:

@@ -49,9 +49,9 @@ def main() -> None:
     print("| coarse image, abs CC | least energy | mean | best |\n|---|---:|---:|---:|")
     for name, background in (("without a background", 0.0), ("with", signs.BACKGROUND)):
         signs.BACKGROUND = background
-        found = signs.signed_cells(votes, spec, seed=0).images
-        each = likeness(found, own)
-        mean = likeness(found.mean(dim=1, keepdim=True), own)
+        result = signs.signed_cells(votes, spec, seed=0).images
+        each = likeness(result, own)
+        mean = likeness(result.mean(dim=1, keepdim=True), own)
         print(f"| {name} | {each[:, 0].mean():.3f} | {mean.mean():.3f} | {each.amax(dim=1).mean():.3f} |")
 
     print("\n| cue | prefers the photograph | says nothing |\n|---|---:|---:|")

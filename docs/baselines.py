@@ -49,8 +49,8 @@ def row(name: str, image: Tensor, learned: dict[str, Path]) -> list[Panel]:
     panels = [Panel(image, name)]
     for method in METHODS.values():
         if method.name != LEFT_OUT and not method.asked:
-            found = method.run(image[None, None], Table1Settings(learned=learned))[0].image.clamp(0, 1)
-            panels.append(Panel(found, f"{metrics.cross_correlation(found, image):.2f} {method.name}"))
+            result = method.run(image[None, None], Table1Settings(learned=learned))[0].image.clamp(0, 1)
+            panels.append(Panel(result, f"{metrics.cross_correlation(result, image):.2f} {method.name}"))
     return panels
 
 

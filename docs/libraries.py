@@ -25,8 +25,8 @@ def row(name: str, image: Tensor) -> list[Panel]:
     """The photograph, and what is found from each library's descriptor of it."""
     panels = [Panel(image, name)]
     for dialect in DIALECTS:
-        found = METHODS[dialect].run(image[None, None], Table1Settings())[0].image.clamp(0, 1)
-        panels.append(Panel(found, f"{metrics.cross_correlation(found, image):.2f} {dialect}"))
+        result = METHODS[dialect].run(image[None, None], Table1Settings())[0].image.clamp(0, 1)
+        panels.append(Panel(result, f"{metrics.cross_correlation(result, image):.2f} {dialect}"))
     return panels
 
 

@@ -74,20 +74,20 @@ def pose() -> None:
     scenes = rendered(6, models, viewpoints, clutter, origin="", unknown_model=False, seed=0).objects
     one = scenes[-1]
     meshes = {model.name: model.mesh() for model in one.models}
-    found = estimate_pose(one.image, meshes, box=one.box, initial=one.initial)
+    estimate = estimate_pose(one.image, meshes, box=one.box, initial=one.initial)
     result = PoseResult(
         path=one.name,
         photograph=one.image,
         box=one.box,
         matched=PreparedPhotograph(crop_object(one.image, one.box)),
-        estimate=found,
-        mesh=meshes[found.model],
+        estimate=estimate,
+        mesh=meshes[estimate.model],
         candidates=list(meshes),
         passed_over={},
         seconds=0,
         settings=PoseOptions("best", one.initial, 0, None),
     )
-    print(f"pose.png: azimuth {found.azimuth:.1f} for {one.azimuth:.1f}")
+    print(f"pose.png: azimuth {estimate.azimuth:.1f} for {one.azimuth:.1f}")
     with TemporaryDirectory() as folder:
         write(Path(folder), result)
         parts = [Image.open(Path(folder) / f"{one.name}_{what}.png") for what in ("overlay", "similarity")]
@@ -105,9 +105,9 @@ def main() -> None:
     spec = presets.uoctti(cell_size=8)
     images = torch.cat([photograph(name, 128) for name in NAMES])
     descriptors = hog(images, spec)
-    found = reconstruct(descriptors, spec)
+    pre_images = reconstruct(descriptors, spec)
     rows = []
-    for name, image, descriptor, pre_image in zip(NAMES, images, descriptors, found.image, strict=True):
+    for name, image, descriptor, pre_image in zip(NAMES, images, descriptors, pre_images.image, strict=True):
         pair = pre_image[0], image[0]
         caption = f"CC {metrics.cross_correlation(*pair):.2f}, SSIM {metrics.ssim(*pair):.2f}"
         rows.append(
@@ -123,9 +123,9 @@ def main() -> None:
 
     image = photograph("astronaut", 256)
     descriptor = hog(image, spec)
-    found = reconstruct(descriptor, spec)
+    pre_images = reconstruct(descriptor, spec)
     drawn = Panel(glyphs(descriptor[0], spec), "its HOG (UoCTTI, cells of 8 pixels)")
-    panels = [Panel(image[0], "a photograph"), drawn, Panel(found.image[0], "pre-image, from the HOG alone")]
+    panels = [Panel(image[0], "a photograph"), drawn, Panel(pre_images.image[0], "pre-image, from the HOG alone")]
     contact_sheet([panels], height=320).convert("L").save(HERE / "readme.png", optimize=True)
 
 

@@ -29,9 +29,9 @@ def main() -> None:
         vector = torch.from_numpy(np.asarray(weights_of(), np.float32).ravel()[:-1])  # the last is the bias
         weights = from_layout(vector[None], spec, size)
         for sign, negative in (("positive", False), ("negative", True)):
-            found = reconstruct(template_descriptor(weights, spec, size, negative=negative), spec, size)
+            result = reconstruct(template_descriptor(weights, spec, size, negative=negative), spec, size)
             drawn = glyphs((weights[0] * (-1 if negative else 1)).clamp(min=0), spec)
-            row += [Panel(drawn, f"{name}, {sign}"), Panel(found.image[0, 0], "what they see")]
+            row += [Panel(drawn, f"{name}, {sign}"), Panel(result.image[0, 0], "what they see")]
     contact_sheet([row], height=256).convert("L").save(Path(__file__).with_name("templates.png"), optimize=True)
 
 

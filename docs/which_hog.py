@@ -37,10 +37,10 @@ def main() -> None:
         native = torch.from_numpy(vector).float()[None]
         for guess, spec in SPECS.items():
             descriptor = from_layout(native, spec, SIZE).contiguous()
-            found = reconstruct(descriptor, replace(spec, layout="cells"), image_size=SIZE, seed=0)
-            caption = f"{source} as {guess}: {float(found.distance[0]):.2f}"
+            result = reconstruct(descriptor, replace(spec, layout="cells"), image_size=SIZE, seed=0)
+            caption = f"{source} as {guess}: {float(result.distance[0]):.2f}"
             print(caption)
-            panels.append(Panel(found.image[0], caption))
+            panels.append(Panel(result.image[0], caption))
     contact_sheet([panels], 256).save(HERE / "which_hog.png", optimize=True)
 
 

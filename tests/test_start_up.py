@@ -177,8 +177,8 @@ def test_a_name_is_looked_up_once(monkeypatch: pytest.MonkeyPatch) -> None:
     assert isinstance(package, _Package)
     assert "JSONDecoder" in dir(package)
     assert "JSONDecoder" not in package.__dict__
-    found = package.JSONDecoder
-    assert package.__dict__["JSONDecoder"] is found
+    result = package.JSONDecoder
+    assert package.__dict__["JSONDecoder"] is result
     package.JSONDecoder = 3  # what tests do
     assert package.JSONDecoder == 3
     package.JSONDecoder = ModuleType("json.JSONDecoder")  # what Python does

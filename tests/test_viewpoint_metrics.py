@@ -38,38 +38,38 @@ def test_intervals_by_hand() -> None:
 
 
 @given(AZIMUTHS, AZIMUTHS, AZIMUTHS, st.integers(-2, 2))
-def test_errors(found: float, true: float, turn: float, times: int) -> None:
-    error = azimuth_error(found, true)
+def test_errors(result: float, true: float, turn: float, times: int) -> None:
+    error = azimuth_error(result, true)
     assert 0 <= error <= 180
-    assert error == azimuth_error(true, found) == azimuth_error(found + turn, true + turn)
-    assert error == azimuth_error(found + 360 * times, true)
-    assert azimuth_error(found, found) == 0
-    assert azimuth_error(found + 180, true) == 180 - error
-    assert np.cos(np.radians(error)) == pytest.approx(np.cos(np.radians(found - true)), abs=1e-9)
+    assert error == azimuth_error(true, result) == azimuth_error(result + turn, true + turn)
+    assert error == azimuth_error(result + 360 * times, true)
+    assert azimuth_error(result, result) == 0
+    assert azimuth_error(result + 180, true) == 180 - error
+    assert np.cos(np.radians(error)) == pytest.approx(np.cos(np.radians(result - true)), abs=1e-9)
 
 
 @given(AZIMUTHS, AZIMUTHS, DIVISIONS)
-def test_criteria(found: float, true: float, views: int) -> None:
-    assert near_view(found, true, views) == (azimuth_error(found, true) < 360 / views)
-    if azimuth_error(found, true) == 0:
-        assert same_view(found, true, views)
-    if same_view(found, true, views):
-        assert azimuth_error(found, true) <= 360 / views
-    assert same_view(found, true, views) == same_view(found + 360, true - 720, views)
+def test_criteria(result: float, true: float, views: int) -> None:
+    assert near_view(result, true, views) == (azimuth_error(result, true) < 360 / views)
+    if azimuth_error(result, true) == 0:
+        assert same_view(result, true, views)
+    if same_view(result, true, views):
+        assert azimuth_error(result, true) <= 360 / views
+    assert same_view(result, true, views) == same_view(result + 360, true - 720, views)
 
 
 @given(AZIMUTHS, AZIMUTHS)
-def test_finer_thresholds_are_stricter(found: float, true: float) -> None:
-    near = [bool(near_view(found, true, views)) for views in VIEWS]
+def test_finer_thresholds_are_stricter(result: float, true: float) -> None:
+    near = [bool(near_view(result, true, views)) for views in VIEWS]
     assert near == sorted(near, reverse=True)
 
 
 def test_chance() -> None:
     """Of azimuths that say nothing one of each n is in the right interval, and two of each n within the threshold."""
-    found, true = np.random.default_rng(0).uniform(0, 360, (2, 20_000))
+    result, true = np.random.default_rng(0).uniform(0, 360, (2, 20_000))
     for views in VIEWS:
-        assert same_view(found, true, views).mean() == pytest.approx(1 / views, abs=0.02)
-        assert near_view(found, true, views).mean() == pytest.approx(2 / views, abs=0.02)
+        assert same_view(result, true, views).mean() == pytest.approx(1 / views, abs=0.02)
+        assert near_view(result, true, views).mean() == pytest.approx(2 / views, abs=0.02)
 
 
 def test_no_azimuth() -> None:

@@ -106,8 +106,8 @@ def test_the_spec_describes_one_window() -> None:
     image = crop(0, 24, 16, colour=True)
     descriptor = HOGDescriptor(*SMALL)
     pixels = torch.from_numpy(image).permute(2, 0, 1).unsqueeze(0)
-    found = nablahog.hog(pixels, descriptor.spec, layout="native")[0]
-    assert np.abs(found.numpy() - descriptor.compute(image)).max() <= TOLERANCE
+    result = nablahog.hog(pixels, descriptor.spec, layout="native")[0]
+    assert np.abs(result.numpy() - descriptor.compute(image)).max() <= TOLERANCE
 
 
 # --- descriptors -----------------------------------------------------------------------------------------------------

@@ -153,13 +153,13 @@ def test_nan_stays_where_scikit_image_leaves_it() -> None:
 def test_roots_of_negative_values_are_nan_with_a_warning() -> None:
     image = crop(4, 64, 64)[..., 0].astype(float)
     image[10, 10] = -1
-    found = []
+    result = []
     for f in (hog, feature.hog):
         with pytest.warns(RuntimeWarning, match="invalid value encountered in sqrt"):
-            found.append(f(image, transform_sqrt=True))
-    assert_allclose(*found, rtol=0, atol=TOLERANCE)
-    assert np.isnan(found[0]).any()
-    assert np.isfinite(found[0]).any()
+            result.append(f(image, transform_sqrt=True))
+    assert_allclose(*result, rtol=0, atol=TOLERANCE)
+    assert np.isnan(result[0]).any()
+    assert np.isfinite(result[0]).any()
 
 
 @example(dtype=torch.float32, colour=True)
@@ -169,9 +169,9 @@ def test_tensors_are_described_as_arrays_are(dtype: torch.dtype, colour: bool) -
     image = torch.from_numpy(crop(5, 50, 60)).to(dtype)
     image, axis = (image, -1) if colour else (image[..., 0], None)
     for root in (False, True):
-        found = hog(image, visualize=True, transform_sqrt=root, channel_axis=axis)
+        result = hog(image, visualize=True, transform_sqrt=root, channel_axis=axis)
         expected = hog(image.numpy(), visualize=True, transform_sqrt=root, channel_axis=axis)
-        for ours, theirs in zip(found, expected, strict=True):
+        for ours, theirs in zip(result, expected, strict=True):
             assert_array_equal(ours.numpy(), theirs)
             assert ours.numpy().dtype == theirs.dtype
 

@@ -40,11 +40,11 @@ def test_chairs_stay_what_they_are() -> None:
         [2704, 0.522, 0.572, 0.632, 0.765],
         [2108, 0.395, 0.413, 0.821, 0.778],
     ]
-    found = [
+    result = [
         [len(mesh.faces), *(mesh.vertices.amax(0) - mesh.vertices.amin(0)).tolist(), float(mesh.brightness[0])]
         for mesh in map(chair, (0, 1, 9, 22))
     ]
-    np.testing.assert_allclose(found, expected, atol=1e-3)
+    np.testing.assert_allclose(result, expected, atol=1e-3)
 
 
 def test_all_differ(fleet: list[Mesh]) -> None:

@@ -40,13 +40,13 @@ def test_record(tmp_path: Path) -> None:
         _object((1, 2, 3, 4), {"azimuth": 5, "elevation": float("nan"), "distance": 1}),
         _object((1, 2, 3, 4), "none"),
     )
-    found = read_record(path)
-    assert (found[0].category, found[0].box, found[0].cad) == ("chair", (281, 235, 365, 348), 3)
-    assert found[0].viewpoint == Viewpoint(317.5, 20.1, -3.5, 7.5, coarse=False)
-    assert (found[1].category, found[1].cad) == ("sofa", None)
-    assert found[1].viewpoint == Viewpoint(315.0, 10.0, 0.0, 0.0, coarse=True)
-    assert found[3].viewpoint == Viewpoint(315.0, 16.0, -3.5, 7.5, coarse=True)
-    assert [found[k].viewpoint for k in (2, 4, 5, 6)] == [None] * 4
+    result = read_record(path)
+    assert (result[0].category, result[0].box, result[0].cad) == ("chair", (281, 235, 365, 348), 3)
+    assert result[0].viewpoint == Viewpoint(317.5, 20.1, -3.5, 7.5, coarse=False)
+    assert (result[1].category, result[1].cad) == ("sofa", None)
+    assert result[1].viewpoint == Viewpoint(315.0, 10.0, 0.0, 0.0, coarse=True)
+    assert result[3].viewpoint == Viewpoint(315.0, 16.0, -3.5, 7.5, coarse=True)
+    assert [result[k].viewpoint for k in (2, 4, 5, 6)] == [None] * 4
 
 
 @pytest.mark.parametrize(
@@ -102,20 +102,20 @@ def published(tmp_path: Path) -> tuple[Path, Path]:
 
 
 def test_the_selection(published: tuple[Path, Path]) -> None:
-    found = read_pascal3d(*published)
-    assert [each.name for each in found.objects] == ["a#1", "a#3"]
-    assert [each.cad for each in found.objects] == ["03", "11"]
-    assert [each.viewpoint.azimuth for each in found.objects] == [317.5, 315.0]
-    assert [tuple(each.image.shape) for each in found.objects] == [(1, 110, 110), (1, 100, 125)]
-    assert found.left_out == {"occluded": 1, "truncated": 1, "difficult": 2, "without a viewpoint": 1}
-    assert found.summary() == (
+    result = read_pascal3d(*published)
+    assert [each.name for each in result.objects] == ["a#1", "a#3"]
+    assert [each.cad for each in result.objects] == ["03", "11"]
+    assert [each.viewpoint.azimuth for each in result.objects] == [317.5, 315.0]
+    assert [tuple(each.image.shape) for each in result.objects] == [(1, 110, 110), (1, 100, 125)]
+    assert result.left_out == {"occluded": 1, "truncated": 1, "difficult": 2, "without a viewpoint": 1}
+    assert result.summary() == (
         "2 objects of 1 photographs, 1 of them with coarse viewpoints only; "
         "left out: 1 occluded, 1 truncated, 2 difficult, 1 without a viewpoint."
     )
-    assert list(found.failed) == ["e"]
-    assert found.failed["e"].startswith("e.mat: expected a MATLAB file")
+    assert list(result.failed) == ["e"]
+    assert result.failed["e"].startswith("e.mat: expected a MATLAB file")
     expected = (np.add.outer(np.arange(0, 110), np.arange(10, 120)) // 2) / 255
-    assert abs(found.objects[0].image[0].numpy() - expected).max() < 4 / 255
+    assert abs(result.objects[0].image[0].numpy() - expected).max() < 4 / 255
 
 
 def test_nothing_to_select(published: tuple[Path, Path]) -> None:

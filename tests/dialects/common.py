@@ -20,18 +20,18 @@ CAT = torch.from_numpy(data.chelsea()[40:232:4, 60:356:4].transpose(2, 0, 1).cop
 
 def distance(a: HOGSpec, b: HOGSpec, form: CommonForm | None = None, image: Tensor = CAT) -> Distance:
     describer = Describer(image)
-    (found,) = distances(describer, [Query(describer, a, b, form or Orientations())])
-    return found
+    (result,) = distances(describer, [Query(describer, a, b, form or Orientations())])
+    return result
 
 
-def total(found: Distance) -> float:
-    return sum(each.value for each in found.contributions)
+def total(result: Distance) -> float:
+    return sum(each.value for each in result.contributions)
 
 
-def percent(found: Distance) -> dict[str, int]:
+def percent(result: Distance) -> dict[str, int]:
     """Shares that are not 0 in whole percent."""
-    whole = found.distance**2
-    rounded = {each.convention.name: round(100 * each.value / whole) for each in found.contributions}
+    whole = result.distance**2
+    rounded = {each.convention.name: round(100 * each.value / whole) for each in result.contributions}
     return {name: share for name, share in rounded.items() if share}
 
 

@@ -41,22 +41,22 @@ def test_every_hog_has_its_cells_there(name: str) -> None:
     spec, describer = ZOO[name], Describer(IMAGE)
     reduced = GROUND.reduced(spec)
     ((_, descriptor),) = describer.descriptors([reduced])
-    found = GROUND.entries(descriptor, reduced, describer.size)
-    assert found.region == region(spec, describer.size)
-    assert found.values.shape[2] == DIRECTIONS
-    assert torch.isfinite(found.values).all()
-    assert found.values.max() > 0
+    result = GROUND.entries(descriptor, reduced, describer.size)
+    assert result.region == region(spec, describer.size)
+    assert result.values.shape[2] == DIRECTIONS
+    assert torch.isfinite(result.values).all()
+    assert result.values.max() > 0
     computed = describer.computed(reduced)
     ((_, descriptor),) = describer.descriptors([computed])
     more = GROUND.entries(descriptor, computed, describer.size)
-    torch.testing.assert_close(more.within(found.region), found.values.flatten())
+    torch.testing.assert_close(more.within(result.region), result.values.flatten())
 
 
 def test_descriptors_are_those_of_the_operator() -> None:
-    found = dict(Describer(CAT).descriptors(SPECS.values()))
-    assert len(found) == len(SPECS)
+    result = dict(Describer(CAT).descriptors(SPECS.values()))
+    assert len(result) == len(SPECS)
     for name, spec in SPECS.items():
-        assert torch.equal(found[spec], hog(CAT.unsqueeze(0), spec, backend="torch")), name
+        assert torch.equal(result[spec], hog(CAT.unsqueeze(0), spec, backend="torch")), name
 
 
 @pytest.mark.parametrize("name", SPECS)
@@ -115,18 +115,18 @@ def test_cells_of_presets() -> None:
     size = (48, 74)  # 6x9.25 cells
     whole = Box(0, 0, 9, 6)
     dropped = Box(1, 1, 8, 5)
-    found = {name: region(spec, size) for name, spec in SPECS.items()}
-    assert {name for name, cells in found.items() if cells == dropped} == {"dpm", "dlib", "seeing3d"}
-    assert all(found[name] == whole for name in found.keys() - {"dpm", "dlib", "seeing3d"})
+    result = {name: region(spec, size) for name, spec in SPECS.items()}
+    assert {name for name, cells in result.items() if cells == dropped} == {"dpm", "dlib", "seeing3d"}
+    assert all(result[name] == whole for name in result.keys() - {"dpm", "dlib", "seeing3d"})
     assert region(SPECS["vlfeat"], (48, 76)) == Box(0, 0, 10, 6)
     assert common_region([whole, dropped]) == dropped
     assert common_region([Box(0, 0, 2, 5), Box(2, 0, 4, 5)]) is None
 
 
 def _channels(a: HOGSpec, b: HOGSpec) -> tuple[str, ...] | None:
-    found = same_channels(a, b)
-    assert found == same_channels(b, a)
-    return found and found.parts
+    result = same_channels(a, b)
+    assert result == same_channels(b, a)
+    return result and result.parts
 
 
 def test_channels_with_the_same_meaning() -> None:

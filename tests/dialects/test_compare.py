@@ -21,48 +21,48 @@ NAMES = ("skimage", "dlib", "vlfeat", "dpm")
 
 
 @pytest.fixture(scope="module")
-def found() -> Comparison:
+def result() -> Comparison:
     return compare(CAT[..., :64], {name: SPECS[name] for name in NAMES})
 
 
-def test_every_pair_as_if_it_were_alone(found: Comparison) -> None:
-    assert [(pair.a, pair.b) for pair in found.pairs][:3] == [
+def test_every_pair_as_if_it_were_alone(result: Comparison) -> None:
+    assert [(pair.a, pair.b) for pair in result.pairs][:3] == [
         ("skimage", "dlib"),
         ("skimage", "vlfeat"),
         ("skimage", "dpm"),
     ]
-    for pair in found.pairs:
+    for pair in result.pairs:
         alone = distance(SPECS[pair.a], SPECS[pair.b], image=CAT[..., :64])
         assert pair.orientations == alone
         assert (pair.channels is None) == ("skimage" in (pair.a, pair.b)) == (pair.parts == ())
 
 
-def test_the_matrix_is_symmetric(found: Comparison) -> None:
-    distances = found.matrix()
+def test_the_matrix_is_symmetric(result: Comparison) -> None:
+    distances = result.matrix()
     np.testing.assert_array_equal(distances, distances.T)
     assert (distances.diagonal() == 0).all()
     assert distances[0, 1:].min() > 10 * distances[1:, 1:].max()
 
 
-def test_neighbours_are_alike(found: Comparison) -> None:
-    order = found.by_likeness()
+def test_neighbours_are_alike(result: Comparison) -> None:
+    order = result.by_likeness()
     assert sorted(order) == sorted(NAMES)
     assert "skimage" in (order[0], order[-1])
     assert abs(order.index("vlfeat") - order.index("dpm")) == 1
-    rows = matrix(found)
+    rows = matrix(result)
     assert [row["distance"] for row in rows] == [f"{i} {name}" for i, name in enumerate(order, start=1)]
     i, j = order.index("skimage"), order.index("dlib")
-    assert rows[i][str(j + 1)] == found.pairs[0].orientations.distance
+    assert rows[i][str(j + 1)] == result.pairs[0].orientations.distance
     assert rows[i][str(i + 1)] is None
 
 
-def test_the_same_is_said_to_be(found: Comparison) -> None:
-    assert same(found) == ["The same in a common form: vlfeat, dpm."]
-    rows = {str(row["pair"]): row for row in pairs(found)}
+def test_the_same_is_said_to_be(result: Comparison) -> None:
+    assert same(result) == ["The same in a common form: vlfeat, dpm."]
+    rows = {str(row["pair"]): row for row in pairs(result)}
     assert next(iter(rows)) == "vlfeat – dpm"
     assert rows["vlfeat – dpm"]["shares of the squared distance"] == "the same"
     assert rows["dlib – dpm"]["shares of the squared distance"] == "colour ties 100%"
-    of_channels = {str(row["pair"]): row for row in channels(found)}
+    of_channels = {str(row["pair"]): row for row in channels(result)}
     assert of_channels["vlfeat – dpm"]["shares of the squared distance"] == "texture 100%"
     assert of_channels["vlfeat – dpm"]["channels"] == "directed, undirected, texture"
     gray = compare(CAT[:1, :, :64], {name: SPECS[name] for name in ("vlfeat", "dlib", "dpm")})
@@ -72,15 +72,15 @@ def test_the_same_is_said_to_be(found: Comparison) -> None:
     ]
 
 
-def test_shares_below_0_have_a_minus(found: Comparison) -> None:
-    whole = found.pairs[0].orientations
+def test_shares_below_0_have_a_minus(result: Comparison) -> None:
+    whole = result.pairs[0].orientations
     turned = [type(each)(each.convention, each.settings, -each.value) for each in whole.contributions[:1]]
     assert "−" in shares(type(whole)(whole.distance, turned, 0, 0, whole.region))
 
 
-def test_the_csv_file_adds_up(found: Comparison) -> None:
+def test_the_csv_file_adds_up(result: Comparison) -> None:
     text = io.StringIO()
-    csv.writer(text).writerows(csv_rows(found))
+    csv.writer(text).writerows(csv_rows(result))
     rows = list(csv.DictReader(io.StringIO(text.getvalue())))
     compared = {(row["a"], row["b"], row["compared"]) for row in rows}
     assert len(compared) == 6 + 3
@@ -103,7 +103,7 @@ def test_the_csv_file_adds_up(found: Comparison) -> None:
     assert (tie["rows"], tie["cols"]) == ("4", "6")
 
 
-def test_the_presets_are_described(found: Comparison) -> None:
+def test_the_presets_are_described(result: Comparison) -> None:
     rows = {row["preset"]: row for row in conventions(SPECS)}
     assert rows["dpm"]["votes"] == "hard, ties first, four-decimals"
     assert rows["dpm"]["bins"] == "18 over 360°, first at 0°"
@@ -111,7 +111,7 @@ def test_the_presets_are_described(found: Comparison) -> None:
     assert rows["opencv"]["votes"] == "linear, angle opencv"
     assert rows["maskfeat"]["bins"] == "9 over 180°, first at 80°"
     assert rows["skimage"]["cells"] == "floor, box, mean yes, window 0"
-    ties = {row["preset"]: row for row in tie_rows(found.ties)}
+    ties = {row["preset"]: row for row in tie_rows(result.ties)}
     assert ties["skimage"]["between two channels"] is None
     assert ties["dpm"]["at"] == "90°, 270°"
 

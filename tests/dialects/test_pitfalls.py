@@ -30,14 +30,14 @@ from .common import SPECS, distance, entries, percent, photograph
 def test_ties(name: str, tied: float, level: float, apart: float, share: int) -> None:
     image = photograph(name)
     describer = Describer(image)
-    found = ties(describer, SPECS["dpm"])
-    assert round(100 * (found.between_bins or 0), 1) == tied
+    result = ties(describer, SPECS["dpm"])
+    assert round(100 * (result.between_bins or 0), 1) == tied
     assert round(100 * (ties(describer, SPECS["skimage"]).between_bins or 0), 1) == level
     between = distance(SPECS["dpm"], SPECS["piotr"], image=image)
     assert round(between.distance, 3) == apart
     assert percent(between)["bin ties"] == share
     if name == "astronaut":
-        assert round(100 * (found.between_colours or 0), 1) == 2.0
+        assert round(100 * (result.between_colours or 0), 1) == 2.0
     else:
         form = same_channels(SPECS["dpm"], SPECS["piotr"])
         assert distance(SPECS["dpm"], SPECS["piotr"], form, image).largest == pytest.approx(0.4)

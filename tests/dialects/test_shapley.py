@@ -79,16 +79,16 @@ ONE: dict[str, tuple[HOGSpec, HOGSpec]] = {
 
 @pytest.mark.parametrize("name", ONE)
 def test_one_convention_has_it_all(name: str) -> None:
-    found = distance(*ONE[name])
-    assert found.distance > 1e-3
-    (share,) = found.contributions
+    result = distance(*ONE[name])
+    assert result.distance > 1e-3
+    (share,) = result.contributions
     assert share.convention.name == name
-    assert share.value == pytest.approx(found.distance**2, rel=1e-6)
+    assert share.value == pytest.approx(result.distance**2, rel=1e-6)
 
 
 def test_dlib_and_dpm_differ_in_nothing_but_colour_ties() -> None:
-    found = distance(SPECS["dpm"], SPECS["dlib"], image=CAT[..., :48, :64])
-    assert percent(found) == {"colour ties": 100}
+    result = distance(SPECS["dpm"], SPECS["dlib"], image=CAT[..., :48, :64])
+    assert percent(result) == {"colour ties": 100}
     gray = distance(SPECS["dpm"], SPECS["dlib"], image=CAT[:1, :48, :64])
     assert gray.same
     assert gray.contributions == []
@@ -96,11 +96,11 @@ def test_dlib_and_dpm_differ_in_nothing_but_colour_ties() -> None:
 
 def test_identical_specs_are_the_same() -> None:
     for name, spec in SPECS.items():
-        found = distance(spec, replace(spec, name="another", layout="cells"))
-        assert found.distance == 0, name
-        assert found.same
-        assert found.contributions == []
-        assert (found.largest, found.rms) == (0, 0)
+        result = distance(spec, replace(spec, name="another", layout="cells"))
+        assert result.distance == 0, name
+        assert result.same
+        assert result.contributions == []
+        assert (result.largest, result.rms) == (0, 0)
 
 
 def test_vlfeat_and_dpm_differ_in_texture_alone() -> None:
@@ -108,8 +108,8 @@ def test_vlfeat_and_dpm_differ_in_texture_alone() -> None:
     assert distance(SPECS["vlfeat"], SPECS["dpm"], image=image).same
     form = same_channels(SPECS["vlfeat"], SPECS["dpm"])
     assert form == Channels(("directed", "undirected", "texture"))
-    found = distance(SPECS["vlfeat"], SPECS["dpm"], form, image)
-    assert percent(found) == {"texture": 100}
+    result = distance(SPECS["vlfeat"], SPECS["dpm"], form, image)
+    assert percent(result) == {"texture": 100}
     assert distance(SPECS["vlfeat"], SPECS["dpm"], Channels(("directed", "undirected")), image).same
 
 

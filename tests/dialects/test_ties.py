@@ -40,9 +40,9 @@ def test_half_of_the_gradients() -> None:
     """A quarter of the image rises to the right as well; where both meet, a column sees half a step of that."""
     image = _steps(0, 34, 42).long()
     image[:, 22:] += 2 * torch.arange(20)
-    found = _ties(image.to(torch.uint8)[None], SPECS["vlfeat"])
-    assert found.gradients == 32 * 40
-    assert found.between_bins == 21 / 40  # columns 1 … 21 of 1 … 40; column 22 sees 2 to its right
+    result = _ties(image.to(torch.uint8)[None], SPECS["vlfeat"])
+    assert result.gradients == 32 * 40
+    assert result.between_bins == 21 / 40  # columns 1 … 21 of 1 … 40; column 22 sees 2 to its right
 
 
 def test_linear_votes_need_no_rule() -> None:
@@ -65,10 +65,10 @@ def test_no_other_direction_is_met_by_bytes() -> None:
     plane = CAT[:1].double()
     gx, gy = plane[0, 1:-1, 2:] - plane[0, 1:-1, :-2], plane[0, 2:, 1:-1] - plane[0, :-2, 1:-1]
     voting = (gx != 0) | (gy != 0)
-    found = _ties(CAT[:1], SPECS["vlfeat"])
-    assert found.gradients == voting.sum()
-    assert found.between_bins == pytest.approx(float((voting & (gx == 0)).sum() / voting.sum()))
-    assert found.between_bins > 0.01
+    result = _ties(CAT[:1], SPECS["vlfeat"])
+    assert result.gradients == voting.sum()
+    assert result.between_bins == pytest.approx(float((voting & (gx == 0)).sum() / voting.sum()))
+    assert result.between_bins > 0.01
 
 
 def test_colours_tie_where_two_differ_in_direction_alone() -> None:

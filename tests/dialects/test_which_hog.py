@@ -28,8 +28,8 @@ def some(name: str, spec: HOGSpec) -> Tensor:
 
 def vectors(name: str, spec: HOGSpec) -> Tensor:
     """Those of its blocks, or cells, that are not 0."""
-    found = some(name, spec).flatten(0, 1)
-    return found[found.norm(dim=1) > 0]
+    result = some(name, spec).flatten(0, 1)
+    return result[result.norm(dim=1) > 0]
 
 
 def table(heading: str) -> list[list[str]]:
@@ -153,10 +153,10 @@ def test_clipped_entries_are_equal(name: str) -> None:
 
 
 def test_border_of_the_network() -> None:
-    found = entries("camera", SPECS["cnn_hog"])
-    assert found[0].max().item() == found[:, -1].max().item() == pytest.approx(0.2)
-    assert found[0, 0].max().item() == pytest.approx(0.1)
-    assert found.max().item() == pytest.approx(0.4)
+    result = entries("camera", SPECS["cnn_hog"])
+    assert result[0].max().item() == result[:, -1].max().item() == pytest.approx(0.2)
+    assert result[0, 0].max().item() == pytest.approx(0.1)
+    assert result.max().item() == pytest.approx(0.4)
 
 
 def test_the_table_of_conventions() -> None:

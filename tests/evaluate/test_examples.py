@@ -25,20 +25,20 @@ def _selection(*cads: str | None) -> Selection:
 
 
 def test_photographs() -> None:
-    found = photographed(_selection("02", None), CADS, unknown_model=False, seed=0)
-    first, second = found.objects
+    result = photographed(_selection("02", None), CADS, unknown_model=False, seed=0)
+    first, second = result.objects
     assert (first.name, first.model, second.model) == ("a#0", "02", None)
     assert (first.azimuth, first.elevation, second.azimuth) == (0, 5, 10)
     assert first.box == (0, 0, 120, 100)
     assert first.models == tuple(CADS)
-    assert "2 objects of 1 photographs; left out: 4 occluded" in found.origin
-    assert "by all of 3 models, from" in found.origin
-    assert found.failed == {"b": "no image"}
+    assert "2 objects of 1 photographs; left out: 4 occluded" in result.origin
+    assert "by all of 3 models, from" in result.origin
+    assert result.failed == {"b": "no image"}
 
 
 def test_without_the_model_most_like_it() -> None:
-    found = photographed(_selection("02", None), CADS, unknown_model=True, seed=0)
-    assert [[model.name for model in each.models] for each in found.objects] == [["01", "03"], ["01", "02", "03"]]
+    result = photographed(_selection("02", None), CADS, unknown_model=True, seed=0)
+    assert [[model.name for model in each.models] for each in result.objects] == [["01", "03"], ["01", "02", "03"]]
     with pytest.raises(ValueError, match="a#0: there is no candidate model"):
         photographed(_selection("01"), CADS[:1], unknown_model=True, seed=0)
 
@@ -59,17 +59,17 @@ def _rendered(count: int = 3, *, models: int = 3, unknown_model: bool = False, s
 
 
 def test_scenes() -> None:
-    found = _rendered()
-    assert [each.name for each in found.objects] == ["0000", "0001", "0002"]
-    for each in found.objects:
+    result = _rendered()
+    assert [each.name for each in result.objects] == ["0000", "0001", "0002"]
+    for each in result.objects:
         assert (each.azimuth, each.elevation) in ((10, 20), (200, 5))
         assert [model.name for model in each.models] == [each.model]
         assert abs(each.initial[1] - each.elevation) <= 5
         x0, y0, x1, y1 = each.box
         assert 0 <= x0 < x1 <= each.image.shape[2]
         assert 0 <= y0 < y1 <= each.image.shape[1]
-    assert found.origin.startswith("3 scenes of chairs of mine. Each object is looked for by its own model, from")
-    assert len({each.initial for each in [*found.objects, *_rendered(seed=1).objects]}) == 6
+    assert result.origin.startswith("3 scenes of chairs of mine. Each object is looked for by its own model, from")
+    assert len({each.initial for each in [*result.objects, *_rendered(seed=1).objects]}) == 6
 
 
 def test_the_same_scenes_by_other_models() -> None:

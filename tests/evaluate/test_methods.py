@@ -54,18 +54,18 @@ def test_a_method(name: str, tmp_path: Path, learned_files: dict[str, str]) -> N
     sent: Method = pickle.loads(pickle.dumps(method))  # as it reaches the workers
     learned = {kind: Path(path) for kind, path in learned_files.items()}
     learned["prior"] = write_prior(tmp_path / "prior.npz", SPEC)
-    found = sent.run(original[None, None], replace(FAST, learned=learned))
-    assert len(found) == len(method.rows)
-    for one in found:
+    result = sent.run(original[None, None], replace(FAST, learned=learned))
+    assert len(result) == len(method.rows)
+    for one in result:
         assert one.image.shape == original.shape
         assert 0 <= one.image.min() <= one.image.max() <= 1
         assert one.distance > 0 or name == "bovw"  # one of few words in two places may well be right
     if method.multiscale:
-        assert torch.equal(found[0].image, found[-1].image)
-        assert found[0].distance == found[-1].distance
+        assert torch.equal(result[0].image, result[-1].image)
+        assert result[0].distance == result[-1].distance
     if method.spec is not None:
-        d, x = (hog(each[None, None], method.spec) for each in (original, found[0].image))
-        assert found[0].distance == pytest.approx(float((x - d).norm() / d.norm()), rel=1e-3)
+        d, x = (hog(each[None, None], method.spec) for each in (original, result[0].image))
+        assert result[0].distance == pytest.approx(float((x - d).norm() / d.norm()), rel=1e-3)
 
 
 def test_the_prior_decides(tmp_path: Path) -> None:

@@ -41,10 +41,10 @@ def test_a_folder(folder: Path) -> None:
 
 
 def test_as_they_are(folder: Path) -> None:
-    found = read_folder(folder, size=0).images["b.png"]
+    result = read_folder(folder, size=0).images["b.png"]
     expected = COLOURS.astype(np.float32) / 255 @ np.array([0.299, 0.587, 0.114], dtype=np.float32)
-    assert found.dtype == torch.float32
-    torch.testing.assert_close(found, torch.from_numpy(expected))
+    assert result.dtype == torch.float32
+    torch.testing.assert_close(result, torch.from_numpy(expected))
 
 
 def test_a_limit(folder: Path) -> None:

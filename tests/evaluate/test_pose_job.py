@@ -34,10 +34,10 @@ def test_a_pose(tmp_path: Path) -> None:
     assert (result.pictures[0, 8, 8] > 0, result.pictures[0, 0, 0]) == (True, 0)
     assert result.seconds > 0
     store.save(tmp_path / "a.npz", result)
-    found = store.load(tmp_path / "a.npz", _job())
-    assert found is not None
-    assert found.figures == result.figures
-    assert np.array_equal(found.pictures, result.pictures)
+    output = store.load(tmp_path / "a.npz", _job())
+    assert output is not None
+    assert output.figures == result.figures
+    assert np.array_equal(output.pictures, result.pictures)
 
 
 def test_failures() -> None:

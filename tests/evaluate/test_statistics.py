@@ -10,18 +10,18 @@ from nablahog.evaluate.statistics import Statistics, interval, statistics
 
 def test_against_the_normal_interval() -> None:
     values = np.random.default_rng(1).normal(0.7, 0.1, 400).tolist()
-    found = statistics(values)
-    assert (found.mean, found.median, found.n) == (np.mean(values), np.median(values), 400)
+    result = statistics(values)
+    assert (result.mean, result.median, result.n) == (np.mean(values), np.median(values), 400)
     error = 1.96 * np.std(values) / 20
-    assert found.low == pytest.approx(found.mean - error, abs=5e-4)
-    assert found.high == pytest.approx(found.mean + error, abs=5e-4)
+    assert result.low == pytest.approx(result.mean - error, abs=5e-4)
+    assert result.high == pytest.approx(result.mean + error, abs=5e-4)
 
 
 def test_coverage() -> None:
     """The interval of 101 skewed values holds the true mean about as often as it says."""
     samples = np.random.default_rng(2).exponential(1, (100, 101))
     intervals = [statistics(sample.tolist()) for sample in samples]
-    covered = sum(found.low <= 1 <= found.high for found in intervals)  # type: ignore[operator]
+    covered = sum(result.low <= 1 <= result.high for result in intervals)  # type: ignore[operator]
     assert 87 <= covered <= 99
 
 

@@ -62,8 +62,8 @@ def test_failures_are_listed_and_counted(table: Table1) -> None:
 def test_pictures(table: Table1) -> None:
     html = _html(table)
     glyphs = 4
-    photographed, found = 4 + 2, 4 + 3  # the picture table, and two images at four levels below it
-    assert html.count("data:image/png;base64,") == glyphs + photographed + found + 2 * 4
+    photographed, result = 4 + 2, 4 + 3  # the picture table, and two images at four levels below it
+    assert html.count("data:image/png;base64,") == glyphs + photographed + result + 2 * 4
     assert 'alt="1.png, dalal-multi-scale@1/16"' in html
     assert 'alt="&lt;b&gt;.png, dalal-multi-scale"' not in html
     assert "http" not in html

@@ -55,8 +55,8 @@ def test_failures_are_listed_and_counted(table: Table2) -> None:
 
 def test_pictures(table: Table2) -> None:
     html = _html(table)
-    images, found, histograms = 4, 3 + 4 + 4, 3
-    assert html.count("data:image/png;base64,") == images + found + histograms
+    images, result, histograms = 4, 3 + 4 + 4, 3
+    assert html.count("data:image/png;base64,") == images + result + histograms
     assert 'alt="1, paper"' in html
     assert 'alt="0, exemplar"' not in html
     assert "+8°\ntwo" in html

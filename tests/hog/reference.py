@@ -168,13 +168,13 @@ def two_nearest(position: float, count: int) -> Iterator[tuple[int, float]]:
 
 def bilinear_voters(n: int, cell: int, count: int, scheme: BilinearCells, ring: int) -> Voters:
     visible = {"vote": n, "drop": min(count * cell, n), "repeat": count * cell}[scheme.beyond]
-    found: Voters = []
+    output: Voters = []
     for i in range(ring, visible - ring):
         shares = []
         for k, weight in two_nearest((i + 0.5) / cell - 0.5, count):
             shares.append((k, weight * (scheme.edge_gain if k in (0, count - 1) else 1)))
-        found.append((min(i, n - 1 - ring), shares))
-    return found
+        output.append((min(i, n - 1 - ring), shares))
+    return output
 
 
 def box_voters(n: int, cell: int, count: int, scheme: BoxCells, ring: int) -> Voters:
@@ -188,15 +188,15 @@ def box_voters(n: int, cell: int, count: int, scheme: BoxCells, ring: int) -> Vo
 
 
 def block_voters(n: int, cell: int, block: int, step: int, sigma: float, ring: int) -> Voters:
-    found: Voters = []
+    output: Voters = []
     per_block = block // cell
     for number, start in enumerate(range(0, n - block + 1, step)):
         for k in range(block):
             bell = math.exp(-((k - block / 2) ** 2) / (2 * sigma**2))
             near = two_nearest((k + 0.5) / cell - 0.5, per_block)
             if ring <= start + k < n - ring:
-                found.append((start + k, [(number * per_block + c, bell * weight) for c, weight in near]))
-    return found
+                output.append((start + k, [(number * per_block + c, bell * weight) for c, weight in near]))
+    return output
 
 
 def voters(n: int, axis: int, spec: HOGSpec) -> tuple[int, Voters]:
@@ -297,8 +297,8 @@ def normalized_block(v: Array, scheme: BlockNorm) -> Array:
     if scheme.form in ("L1", "L1-sqrt"):
         share = v / (float(np.abs(v).sum()) + scheme.epsilon)
         return share if scheme.form == "L1" else np.sqrt(share)
-    found = unit(v, scheme.epsilon)
-    return found if scheme.form == "L2" else unit(np.minimum(found, scheme.clip), scheme.epsilon_again)
+    output = unit(v, scheme.epsilon)
+    return output if scheme.form == "L2" else unit(np.minimum(output, scheme.clip), scheme.epsilon_again)
 
 
 def block_norm(v: Array, scheme: BlockNorm) -> Array:
@@ -315,15 +315,15 @@ def cell_norm(v: Array, scheme: CellNorm) -> Array:
 
 def window_norm(v: Array, scheme: WindowNorm) -> Array:
     rows, cols, _ = v.shape
-    found = np.empty_like(v)
+    output = np.empty_like(v)
     for row, col in np.ndindex(rows, cols):
         energy = scheme.epsilon**2
         for y, x in np.ndindex(rows, cols):
             down, across = abs(y - row), abs(x - col)
             if max(down, across) <= 3 * scheme.sigma:
                 energy += math.exp(-(down**2 + across**2) / (2 * scheme.sigma**2)) * float((v[y, x] ** 2).sum())
-        found[row, col] = v[row, col] / math.sqrt(energy)
-    return found
+        output[row, col] = v[row, col] / math.sqrt(energy)
+    return output
 
 
 def normalize(v: Array, spec: HOGSpec) -> Array:

@@ -194,8 +194,8 @@ EXACT: dict[str, tuple[HOGSpec, HOGSpec]] = {
 @pytest.mark.parametrize("case", EXACT)
 def test_conversion_is_what_the_other_dialect_finds(case: str) -> None:
     source, target = EXACT[case]
-    found = convert_channels(hog(IMAGE, source), source, target)
-    assert_close(found, hog(IMAGE, target), rtol=0, atol=1e-12)
+    result = convert_channels(hog(IMAGE, source), source, target)
+    assert_close(result, hog(IMAGE, target), rtol=0, atol=1e-12)
 
 
 def test_histogram_channels_of_vlfeat_are_dpms_but_in_the_outermost_cells() -> None:
@@ -210,12 +210,12 @@ def test_histogram_channels_of_vlfeat_are_dpms_but_in_the_outermost_cells() -> N
 def test_conversion_keeps_any_leading_shape_and_is_linear() -> None:
     source, target = presets.dlib(), presets.dpm()
     descriptor = noise(31, dtype=torch.float32)
-    found = convert_channels(descriptor, source, target)
-    assert found.shape == (32,)
-    assert found.dtype == torch.float32
-    assert found[31] == 0
-    assert torch.equal(convert_channels(descriptor.expand(2, 1, 4, 31), source, target)[1, 0, 3], found)
-    assert torch.equal(convert_channels(3 * descriptor, source, target), 3 * found)
+    result = convert_channels(descriptor, source, target)
+    assert result.shape == (32,)
+    assert result.dtype == torch.float32
+    assert result[31] == 0
+    assert torch.equal(convert_channels(descriptor.expand(2, 1, 4, 31), source, target)[1, 0, 3], result)
+    assert torch.equal(convert_channels(3 * descriptor, source, target), 3 * result)
 
 
 REFUSED: dict[str, tuple[HOGSpec, HOGSpec, str]] = {
@@ -287,8 +287,8 @@ def test_where_opencvs_entries_are(row: int, col: int) -> None:
     image = np.zeros((128, 64), np.uint8)
     image[row, col] = 200
     vector = cv2.HOGDescriptor().compute(image)
-    found = from_layout(torch.from_numpy(vector).unsqueeze(0), presets.opencv(), (128, 64))
-    blocks = found.reshape(15, 7, 2, 2, 9)  # rows and columns of blocks, of cells in a block, bins
+    result = from_layout(torch.from_numpy(vector).unsqueeze(0), presets.opencv(), (128, 64))
+    blocks = result.reshape(15, 7, 2, 2, 9)  # rows and columns of blocks, of cells in a block, bins
 
     expected = np.zeros((15, 7, 2, 2, 9), bool)
     votes = [(row, col - 1, (0, 8)), (row, col + 1, (0, 8)), (row - 1, col, (4,)), (row + 1, col, (4,))]

@@ -37,8 +37,8 @@ def found_at(s: HOGSpec, size: tuple[int, int], row: int, col: int) -> np.ndarra
     """Which rows and columns of the descriptor see one bright pixel; and the four that have a gradient."""
     image = torch.zeros(1, 1, *size, dtype=torch.float64)
     image[..., row, col] = 1
-    found: np.ndarray = (hog(image, s)[0] != 0).any(dim=2).numpy()
-    return found
+    result: np.ndarray = (hog(image, s)[0] != 0).any(dim=2).numpy()
+    return result
 
 
 def gradients(row: int, col: int) -> list[tuple[int, int]]:

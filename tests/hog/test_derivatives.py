@@ -38,12 +38,12 @@ def test_derivatives_of_another_angle_or_bin(name: str) -> None:
     """Straight through hard votes it is exactly that of linear ones; of a library's angle, that of the exact one."""
     s, x = SPECS[name], noise(1, 3, 9, 8)
     linear = s.with_linear_votes()
-    found = torch.func.jacrev(lambda z: histograms(z, s))(x)
-    assert_close(torch.func.jacfwd(lambda z: histograms(z, s))(x), found, rtol=1e-12, atol=1e-12)
+    result = torch.func.jacrev(lambda z: histograms(z, s))(x)
+    assert_close(torch.func.jacfwd(lambda z: histograms(z, s))(x), result, rtol=1e-12, atol=1e-12)
     exact = torch.func.jacrev(lambda z: histograms(z, linear))(x)
     # the angle's error is in the votes, and they are in the derivative with respect to the magnitude
     tolerance = 1e-12 if s.derivative == "linear" else 5e-3
-    assert_close(found, exact, rtol=0, atol=tolerance * exact.abs().max().item())
+    assert_close(result, exact, rtol=0, atol=tolerance * exact.abs().max().item())
     if s.vote == "hard":
         assert torch.equal(histograms(x, s), histograms(x, dataclasses.replace(s, derivative="own")))
 
@@ -156,8 +156,8 @@ def slopes_at_zero(f: Function, entries: int) -> Tensor:
 )
 def test_other_norms_at_zero(scheme: Normalizer, slope: float) -> None:
     s = spec(bins=6, signed=True, normalizer=scheme)
-    found = slopes_at_zero(lambda v: normalize(v.view(1, 6, 1, 1), s).flatten(), 6)
-    assert_close(found, slope * torch.eye(6, dtype=DOUBLE))
+    result = slopes_at_zero(lambda v: normalize(v.view(1, 6, 1, 1), s).flatten(), 6)
+    assert_close(result, slope * torch.eye(6, dtype=DOUBLE))
 
 
 @pytest.mark.parametrize("form", ["L1", "L1-sqrt", "L2", "L2-Hys"])

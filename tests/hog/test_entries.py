@@ -65,9 +65,9 @@ def test_cells_side_by_side_count_every_vote_once() -> None:
     for name in ("skimage", "opencv", "maskfeat"):
         spec = dataclasses.replace(SPECS[name], gamma="none")
         cells = histograms(ramp, spec).reshape(1, spec.colours, spec.bins, *spec.cells(*SIZE))[:, 0]
-        found = CellAlignment(spec, SIZE, cells)(cells).sum(dim=1)[0, 2:-2, 2:-2]
+        result = CellAlignment(spec, SIZE, cells)(cells).sum(dim=1)[0, 2:-2, 2:-2]
         step = 2 * spec.value_range / (SIZE[1] - 1) * (4 if spec.mask == "sobel" else 1)
-        torch.testing.assert_close(found, torch.full_like(found, 16 * step), rtol=0.02, atol=0)
+        torch.testing.assert_close(result, torch.full_like(result, 16 * step), rtol=0.02, atol=0)
 
 
 @pytest.mark.parametrize("name", SPECS)

@@ -34,10 +34,10 @@ def dtype(case: Case) -> Iterator[torch.dtype]:
 @pytest.mark.parametrize("backend", ["auto", "torch"])
 def test_equals_the_program(case: Case, dtype: torch.dtype, backend: Backend) -> None:
     """In its own precision and layout, by the compiled loops and by the plain steps."""
-    found = hog(case.image, spec_of(case), layout="native", backend=backend)[0]
-    assert found.dtype == dtype
-    assert found.shape == stored(case).shape
-    assert_close(found.float(), stored(case), rtol=0, atol=TOLERANCE)
+    result = hog(case.image, spec_of(case), layout="native", backend=backend)[0]
+    assert result.dtype == dtype
+    assert result.shape == stored(case).shape
+    assert_close(result.float(), stored(case), rtol=0, atol=TOLERANCE)
 
 
 @every_case

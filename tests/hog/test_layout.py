@@ -87,8 +87,8 @@ def test_blocks_of_skimage() -> None:
 def test_blocks_are_of_neighbouring_cells() -> None:
     """Before a norm that is not the same for all: cell (1, 1) of block (0, 0) is cell (0, 0) of block (1, 1)."""
     s = presets.skimage(cells_per_block=(2, 2), block_norm="L2", feature_vector=False)
-    found = hog(noise(1, 1, 32, 32), s, layout="native")[0]
-    one, other = found[0, 0, 1, 1], found[1, 1, 0, 0]
+    result = hog(noise(1, 1, 32, 32), s, layout="native")[0]
+    one, other = result[0, 0, 1, 1], result[1, 1, 0, 0]
     torch.testing.assert_close(one / one.norm(), other / other.norm())
 
 

@@ -80,10 +80,10 @@ def test_equals_opencv(
     window = block[0] + more[0] * stride[0], block[1] + more[1] * stride[1]
     image, sizes = picture(seed, window[::-1], colours, levels), (window, block, stride, cell)
     expected = theirs(image, sizes, bins, sigma, gamma, signed)
-    found = ours(image, sizes, bins, sigma, gamma, signed)
-    assert found.shape == expected.shape
-    assert found.dtype == expected.dtype
-    np.testing.assert_allclose(found, expected, rtol=0, atol=TOLERANCE)
+    result = ours(image, sizes, bins, sigma, gamma, signed)
+    assert result.shape == expected.shape
+    assert result.dtype == expected.dtype
+    np.testing.assert_allclose(result, expected, rtol=0, atol=TOLERANCE)
 
 
 @pytest.mark.parametrize("colours", [1, 3])
@@ -102,8 +102,8 @@ def test_the_default_descriptor() -> None:
     image = picture(4, (128, 64), 3, 256)
     expected = cv2.HOGDescriptor().compute(image).ravel()
     tensor = torch.from_numpy(image).permute(2, 0, 1).unsqueeze(0)
-    found = hog(tensor, presets.opencv(), layout="native")[0].numpy()
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
+    result = hog(tensor, presets.opencv(), layout="native")[0].numpy()
+    np.testing.assert_allclose(result, expected, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("width", range(16, 24))

@@ -95,15 +95,15 @@ def comparable(image: Image, p: Parameters) -> Flags:
     rows, cols = pixels.shape[0] // high, pixels.shape[1] // wide
     cells = pixels[: rows * high, : cols * wide].reshape(rows, high, cols, wide).any(axis=(1, 3))
     blocks = np.lib.stride_tricks.sliding_window_view(cells, (down, right))
-    found: Flags = ~blocks.any(axis=(2, 3))
-    return found
+    result: Flags = ~blocks.any(axis=(2, 3))
+    return result
 
 
 def largest_difference(image: Image, p: Parameters) -> float:
     """Of all blocks that can be compared."""
-    expected, found = theirs(image, p), ours(image, p)
-    assert found.shape == expected.shape
-    return float(np.abs(found - expected)[comparable(image, p)].max(initial=0.0))
+    expected, result = theirs(image, p), ours(image, p)
+    assert result.shape == expected.shape
+    return float(np.abs(result - expected)[comparable(image, p)].max(initial=0.0))
 
 
 def picture(seed: int, size: tuple[int, int], colours: int, levels: int, smooth: bool) -> Image:
@@ -182,6 +182,6 @@ def test_feature_vector() -> None:
     image = picture(0, (40, 50), 1, 256, False)
     expected = skimage_hog(image[..., 0], 7, (6, 5), (2, 3))
     tensor = torch.from_numpy(image).permute(2, 0, 1).unsqueeze(0).double() / 255
-    found = hog(tensor, presets.skimage(7, (6, 5), (2, 3)), layout="native")[0].numpy()
-    assert found.shape == expected.shape
-    np.testing.assert_allclose(found, expected, rtol=0, atol=TOLERANCE)
+    result = hog(tensor, presets.skimage(7, (6, 5), (2, 3)), layout="native")[0].numpy()
+    assert result.shape == expected.shape
+    np.testing.assert_allclose(result, expected, rtol=0, atol=TOLERANCE)

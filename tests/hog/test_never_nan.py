@@ -161,10 +161,10 @@ def test_nan_stays_in_its_image(name: str) -> None:
         clean = noise(3, 1, height, width, dtype=torch.float32)
         spoilt = clean.clone()
         spoilt[1, 0, 3, 3] = math.nan
-        found = []
+        result = []
         for images in (clean, spoilt):
             images.requires_grad_()
             descriptor = hog(images, s)
-            found.append((descriptor, *torch.autograd.grad(descriptor.sum(), images)))
-        for one, other in zip(*found, strict=True):
+            result.append((descriptor, *torch.autograd.grad(descriptor.sum(), images)))
+        for one, other in zip(*result, strict=True):
             assert torch.equal(one[[0, 2]], other[[0, 2]])

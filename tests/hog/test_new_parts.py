@@ -124,9 +124,9 @@ def test_streamed(new: HOGSpec) -> None:
 
 def test_mirrored(new: HOGSpec) -> None:
     images = noise(2, 1, 16, 24)
-    found = mirrored(hog(images, new), new, 24)
-    assert found is not None
-    assert_close(found, hog(images.flip(3), new), rtol=0, atol=1e-12)
+    result = mirrored(hog(images, new), new, 24)
+    assert result is not None
+    assert_close(result, hog(images.flip(3), new), rtol=0, atol=1e-12)
     order = mirrored_channels(new)
     assert order is not None
     assert sorted(order) == list(range(new.channels))
@@ -135,9 +135,9 @@ def test_mirrored(new: HOGSpec) -> None:
 def test_reconstructed(new: HOGSpec) -> None:
     y, x = torch.meshgrid(torch.linspace(-1, 1, 40), torch.linspace(-1, 1, 32), indexing="ij")
     image = torch.sigmoid(15 * (0.6 - torch.hypot(x, y)))[None, None]
-    found = reconstruct(hog(image, new), new, (40, 32), search=Search(max_evaluations=150))
-    assert found.distance.item() < 0.2
-    alike = np.corrcoef(found.image.flatten().numpy(), image.flatten().numpy())[0, 1]
+    result = reconstruct(hog(image, new), new, (40, 32), search=Search(max_evaluations=150))
+    assert result.distance.item() < 0.2
+    alike = np.corrcoef(result.image.flatten().numpy(), image.flatten().numpy())[0, 1]
     assert abs(alike) > 0.6  # or its negative: bins are not signed
 
 

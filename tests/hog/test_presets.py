@@ -201,8 +201,8 @@ def test_parts_are_channels_of_the_whole() -> None:
         ("directed", "texture"): [*range(18), *range(27, 31)],
     }.items():
         normalizer = dataclasses.replace(presets.dpm().normalizer, parts=parts)
-        found = hog(image, dataclasses.replace(presets.dpm(5), normalizer=normalizer))
-        assert torch.equal(found, whole[..., list(channels)])
+        result = hog(image, dataclasses.replace(presets.dpm(5), normalizer=normalizer))
+        assert torch.equal(result, whole[..., list(channels)])
     assert (whole[..., 31] == 0).all()
 
 

@@ -33,7 +33,7 @@ def assert_alike(s: HOGSpec, height: int) -> None:
         first = start + strip.cells.start // cells * step - reach
         last = start + ((strip.cells.stop - 1) // cells) * step + block + reach
         crop = bands(s, stop - start, start)
-        ours, theirs = ([band for band in found if band[1] > first and band[0] < last] for found in (crop, whole))
+        ours, theirs = ([band for band in result if band[1] > first and band[0] < last] for result in (crop, whole))
         assert ours == theirs, strip
         # and in none of them is the first or the last row of the crop, whose gradients are others
         assert all((start == 0 or above > start) and (stop == height or below < stop) for above, below in ours)

@@ -26,16 +26,16 @@ def test_refuses_numbers_that_are_not_positive(field: str, value: Any) -> None:
 def test_histograms_by_the_energy_around(sigma: float) -> None:
     scheme, votes = WindowNorm(sigma, 0.1), noise(2, 5, 7, 6)
     expected = [window_norm(each.permute(1, 2, 0).numpy(), scheme) for each in votes]
-    found = scheme.normalize(votes, signed=False).permute(0, 2, 3, 1)
-    assert_close(found, torch.stack([torch.from_numpy(each) for each in expected]), rtol=0, atol=1e-14)
+    result = scheme.normalize(votes, signed=False).permute(0, 2, 3, 1)
+    assert_close(result, torch.stack([torch.from_numpy(each) for each in expected]), rtol=0, atol=1e-14)
     assert torch.autograd.gradcheck(lambda x: scheme.normalize(x, signed=False), votes.requires_grad_())
 
 
 def test_a_cell_alone_has_length_one() -> None:
     votes = torch.zeros(1, 4, 9, 9, dtype=DOUBLE)
     votes[:, :, 4, 4] = torch.tensor([3.0, 0, 4, 0])
-    found = WindowNorm(1.0, 1e-6).normalize(votes, signed=False)
-    assert_close(found[0, :, 4, 4], torch.tensor([0.6, 0, 0.8, 0], dtype=DOUBLE))
+    result = WindowNorm(1.0, 1e-6).normalize(votes, signed=False)
+    assert_close(result[0, :, 4, 4], torch.tensor([0.6, 0, 0.8, 0], dtype=DOUBLE))
 
 
 def test_contrast_does_not_count() -> None:
@@ -50,10 +50,10 @@ def test_nothing_beyond_three_sigma_counts() -> None:
     votes = noise(1, 3, 9, 9)
     other = votes.clone()
     other[:, :, 7:] *= 2
-    found = [scheme.normalize(x, signed=False)[:, :, :5] for x in (votes, other)]
-    assert_close(*found, rtol=0, atol=1e-15)
+    result = [scheme.normalize(x, signed=False)[:, :, :5] for x in (votes, other)]
+    assert_close(*result, rtol=0, atol=1e-15)
     other[:, :, 6:] *= 2
-    assert not torch.equal(scheme.normalize(other, signed=False)[:, :, :5], found[0])
+    assert not torch.equal(scheme.normalize(other, signed=False)[:, :, :5], result[0])
 
 
 @pytest.mark.parametrize("norm", ["L2-Hys", "L2", "L1-sqrt", "L1"])

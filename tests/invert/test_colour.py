@@ -34,18 +34,19 @@ def test_colour_comes_closer(name: str) -> None:
     descriptor = hog(two_colours().clamp(0, 1), spec)
     search = Search(max_evaluations=100)
     plain = reconstruct(descriptor, spec, (40, 40), seed=1, search=search)
-    found = reconstruct_colour(descriptor, spec, (40, 40), seed=1, search=search, colour_evaluations=80)
-    assert found.image.shape == (1, 3, 40, 40)
-    assert ((found.image >= 0) & (found.image <= 1)).all()
-    assert (found.distance <= plain.distance).all()
+    result = reconstruct_colour(descriptor, spec, (40, 40), seed=1, search=search, colour_evaluations=80)
+    assert result.image.shape == (1, 3, 40, 40)
+    assert ((result.image >= 0) & (result.image <= 1)).all()
+    assert (result.distance <= plain.distance).all()
     torch.testing.assert_close(
-        found.distance, (hog(found.image, spec) - descriptor).flatten(1).norm(dim=1) / descriptor.flatten(1).norm(dim=1)
+        result.distance,
+        (hog(result.image, spec) - descriptor).flatten(1).norm(dim=1) / descriptor.flatten(1).norm(dim=1),
     )
-    assert (found.evaluations > plain.evaluations).all()
-    alike = torch.corrcoef(torch.stack([gray(found.image).flatten(), plain.image.flatten()]))[0, 1]
+    assert (result.evaluations > plain.evaluations).all()
+    alike = torch.corrcoef(torch.stack([gray(result.image).flatten(), plain.image.flatten()]))[0, 1]
     assert alike > 0.8  # no stronger colours than the descriptor asks for
-    coloured = (found.image - found.image.mean(dim=1, keepdim=True)).abs().max() > 1e-3
-    assert coloured == (found.distance < plain.distance)
+    coloured = (result.image - result.image.mean(dim=1, keepdim=True)).abs().max() > 1e-3
+    assert coloured == (result.distance < plain.distance)
     assert coloured or name == "opencv"
 
 

@@ -54,14 +54,16 @@ def correlation(a: Tensor, b: Tensor) -> float:
 def test_reconstruct(name: str) -> None:
     """From each descriptor an image that has it nearly, and that resembles the scene, or its negative if unsigned."""
     spec, images = SPECS[name], scene()
-    found = reconstruct(hog(images, spec), spec, SIZE, search=Search(max_evaluations=150))
-    assert found.image.shape == images.shape
-    assert ((found.image >= 0) & (found.image <= 1)).all()
-    assert found.distance.min() < 0.4  # the other scene is shaded all over, where hard votes are hard to hit
-    assert found.distance.max() < 0.8
-    own = (hog(found.image, spec) - hog(images, spec)).flatten(1).norm(dim=1) / hog(images, spec).flatten(1).norm(dim=1)
-    torch.testing.assert_close(found.distance, own)
-    for image, original in zip(found.image, images, strict=True):
+    result = reconstruct(hog(images, spec), spec, SIZE, search=Search(max_evaluations=150))
+    assert result.image.shape == images.shape
+    assert ((result.image >= 0) & (result.image <= 1)).all()
+    assert result.distance.min() < 0.4  # the other scene is shaded all over, where hard votes are hard to hit
+    assert result.distance.max() < 0.8
+    own = (hog(result.image, spec) - hog(images, spec)).flatten(1).norm(dim=1) / hog(images, spec).flatten(1).norm(
+        dim=1
+    )
+    torch.testing.assert_close(result.distance, own)
+    for image, original in zip(result.image, images, strict=True):
         alike = correlation(image, original)
         assert (alike if searchable(spec).signed else abs(alike)) > 0.5
 
@@ -69,11 +71,11 @@ def test_reconstruct(name: str) -> None:
 @pytest.mark.parametrize("name", SPECS)
 def test_what_is_searched_has_nearly_the_same_descriptor(name: str) -> None:
     spec, images = SPECS[name], scene(torch.float64)
-    found = searchable(spec)
-    assert found.vote == "linear"
-    assert (found.angle, found.gamma) == ("exact", "none")
+    result = searchable(spec)
+    assert result.vote == "linear"
+    assert (result.angle, result.gamma) == ("exact", "none")
     rooted = images.sqrt() if spec.gamma == "sqrt" else images
-    close = hog(rooted, found)
+    close = hog(rooted, result)
     assert close.shape == hog(images, spec).shape
     assert (close - hog(images, spec)).norm() < 0.5 * close.norm()
 
@@ -96,9 +98,9 @@ def test_recovered_histograms(name: str) -> None:
     spec = searchable(SPECS[name])
     image = torch.rand(1, 1, *SIZE, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
     descriptor = hog(image, spec)
-    found = recover_histograms(descriptor, spec, SIZE, max_evaluations=200)
-    assert found.shape == histograms(image, spec).shape
-    back = normalize(found, spec).permute(0, 2, 3, 1)
+    result = recover_histograms(descriptor, spec, SIZE, max_evaluations=200)
+    assert result.shape == histograms(image, spec).shape
+    back = normalize(result, spec).permute(0, 2, 3, 1)
     assert (back - descriptor).norm() < LEFT.get(name, 0.05) * descriptor.norm()
 
 
@@ -122,8 +124,8 @@ def test_a_root_is_sought_and_squared() -> None:
     """The descriptor of the root of an image has its pre-image squared, in reach of its brightness."""
     spec = dataclasses.replace(presets.uoctti(4), gamma="sqrt", value_range=255.0)
     images = scene()
-    found = reconstruct(hog(images, spec), spec, SIZE, search=Search(max_evaluations=150))
+    result = reconstruct(hog(images, spec), spec, SIZE, search=Search(max_evaluations=150))
     plain = presets.uoctti(4)
     root = dataclasses.replace(plain, value_range=255.0**0.5)
     expected = reconstruct(hog(images.sqrt(), root), root, SIZE, search=Search(max_evaluations=150))
-    assert (found.image - expected.image.square()).abs().mean() < 0.03
+    assert (result.image - expected.image.square()).abs().mean() < 0.03

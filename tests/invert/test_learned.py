@@ -78,8 +78,8 @@ def test_expected_has_the_images_size(size: tuple[int, int]) -> None:
     assert expected.dtype == descriptor.dtype
     assert torch.isfinite(expected).all()
     assert float(expected.mean()) == pytest.approx(0.5, abs=1e-4)
-    found = nablahog.reconstruct(descriptor, SPEC, size, expected=expected, search=Search(max_evaluations=4))
-    assert torch.isfinite(found.image).all()
+    result = nablahog.reconstruct(descriptor, SPEC, size, expected=expected, search=Search(max_evaluations=4))
+    assert torch.isfinite(result.image).all()
 
 
 def test_expected_of_a_batch_is_that_of_each() -> None:
@@ -170,9 +170,9 @@ NOT_MIRRORED = {
 def test_mirrored(name: str) -> None:
     spec = MIRRORED[name]
     images = torch.rand(2, 3, 21, 24, dtype=torch.float64)
-    found = mirrored(hog(images, spec), spec, 24)
-    assert found is not None
-    torch.testing.assert_close(found, hog(images.flip(3), spec), atol=1e-5, rtol=0)
+    result = mirrored(hog(images, spec), spec, 24)
+    assert result is not None
+    torch.testing.assert_close(result, hog(images.flip(3), spec), atol=1e-5, rtol=0)
 
 
 @pytest.mark.parametrize("name", NOT_MIRRORED)
@@ -241,10 +241,10 @@ def test_interrupted_and_resumed(tmp_path: Path, images: dict[str, Tensor]) -> N
     with pytest.raises(KeyboardInterrupt):
         _trained(images, checkpoint=path, progress=_Stop(3))  # two steps an epoch: in the middle of the second
     resumed = _Stop(None)
-    found = _trained(images, checkpoint=path, progress=resumed)
+    result = _trained(images, checkpoint=path, progress=resumed)
     assert resumed.seen == [2, 3, 4, 5, 6]
-    assert torch.equal(found.weights, undisturbed.weights)
-    assert found.learning == undisturbed.learning
+    assert torch.equal(result.weights, undisturbed.weights)
+    assert result.learning == undisturbed.learning
     again = _Stop(None)
     assert torch.equal(_trained(images, checkpoint=path, progress=again).weights, undisturbed.weights)
     assert again.seen == [6]

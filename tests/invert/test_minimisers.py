@@ -183,35 +183,35 @@ def test_reconstruct_by_other_minimisers(name: str, minimiser: Minimiser) -> Non
     spec = SPECS[name]
     descriptor = hog(torch.cat([photograph(48), photograph(48, "coins")]), spec)
     calls: list[int] = []
-    found = reconstruct(
+    result = reconstruct(
         descriptor,
         spec,
         search=Search(max_evaluations=90, samples=1, minimiser=minimiser),
         progress=lambda done, most: calls.append(done),
     )
-    assert found.distance.max() < 0.2
-    assert found.evaluations.max() <= 90
-    assert found.history.shape == (int(found.evaluations.max()), 2)
-    assert torch.isfinite(found.history).all()
-    assert (found.history[-1] < found.history[0] / 2).all()
+    assert result.distance.max() < 0.2
+    assert result.evaluations.max() <= 90
+    assert result.history.shape == (int(result.evaluations.max()), 2)
+    assert torch.isfinite(result.history).all()
+    assert (result.history[-1] < result.history[0] / 2).all()
     assert calls == sorted(set(calls))
-    assert calls[-1] <= found.evaluations.max()
+    assert calls[-1] <= result.evaluations.max()
 
 
 @pytest.mark.parametrize("minimiser", ["dogleg", "momentum", "adam"])
 def test_several_samples_by_other_minimisers(minimiser: Minimiser) -> None:
     spec = dataclasses.replace(SPECS["paper"], signed=True, bins=18)
     descriptor = hog(torch.cat([photograph(32), photograph(32, "coins")]), spec)
-    found = reconstruct(
+    result = reconstruct(
         descriptor,
         spec,
         search=Search(max_evaluations=120, samples=3, minimiser=minimiser),
         objective=Objective(closeness=0.1),
     )
-    assert found.evaluations.max() <= 120
-    assert found.history.shape == (int(found.evaluations.max()), 2)
-    assert torch.isfinite(found.history).all()
-    assert (found.history[-1] < 0.75 * found.history[0]).all()  # 30 evaluations each, from a start that is good
+    assert result.evaluations.max() <= 120
+    assert result.history.shape == (int(result.evaluations.max()), 2)
+    assert torch.isfinite(result.history).all()
+    assert (result.history[-1] < 0.75 * result.history[0]).all()  # 30 evaluations each, from a start that is good
 
 
 def test_a_batch_by_dogleg_equals_a_loop() -> None:
@@ -226,12 +226,12 @@ def test_a_batch_by_dogleg_equals_a_loop() -> None:
 
 @pytest.mark.parametrize("minimiser", ["lbfgs", "dogleg", "momentum", "adam"])
 def test_a_flat_photograph_by_any_minimiser(minimiser: Minimiser) -> None:
-    found = reconstruct(
+    result = reconstruct(
         hog(torch.full((1, 1, 32, 32), 0.7), SPECS["uoctti"]),
         SPECS["uoctti"],
         search=Search(max_evaluations=20, minimiser=minimiser),
     )
-    assert found.distance.item() == 0
+    assert result.distance.item() == 0
 
 
 @pytest.mark.parametrize("minimiser", ["lbfgs", "dogleg"])

@@ -79,14 +79,14 @@ def test_every_level_has_the_same_grid(cell: tuple[int, int], size: tuple[int, i
 @all_specs
 def test_scale_descriptors_are_those_of_averaged_images(spec: HOGSpec) -> None:
     image = torch.cat([photograph(64), photograph(64, "coins")])[..., :48].double()
-    found = scale_descriptors(image, spec)
-    assert len(found) == 4
-    for descriptor, factor in zip(found, (8, 4, 2, 1), strict=True):
+    result = scale_descriptors(image, spec)
+    assert len(result) == 4
+    for descriptor, factor in zip(result, (8, 4, 2, 1), strict=True):
         small, _ = level_spec(spec, factor**2, (64, 48))
         assert descriptor.shape == (2, 8, 6, spec.channels)
         mean = image.unfold(2, factor, factor).unfold(3, factor, factor).mean(dim=(4, 5))
         torch.testing.assert_close(descriptor, hog(mean, small))
-    assert torch.equal(found[-1], hog(image, spec))
+    assert torch.equal(result[-1], hog(image, spec))
     assert len(scale_descriptors(image, spec, (4, 1))) == 2
     with pytest.raises(ValueError, match="no scale 1/4"):
         scale_descriptors(image[..., :47], spec, (4, 1))
@@ -191,11 +191,11 @@ def test_a_flat_image_ends_every_level_early_and_progress_still_rises() -> None:
 def test_a_level_without_texture_does_not_end_those_after_it(name: str) -> None:
     y, x = torch.meshgrid(torch.arange(32), torch.arange(32), indexing="ij")
     checkers = (0.2 + 0.6 * ((x // 2 + y // 2) % 2))[None, None]  # gray but for the last two levels
-    found = reconstruct_multiscale(
+    result = reconstruct_multiscale(
         scale_descriptors(checkers, SPECS[name]), SPECS[name], search=Search(max_evaluations=40)
     )
-    assert found[-2].reconstruction.distance.item() < 0.9
-    assert found[-1].reconstruction.distance.item() < 0.5
+    assert result[-2].reconstruction.distance.item() < 0.9
+    assert result[-1].reconstruction.distance.item() < 0.5
 
 
 @all_specs
@@ -253,13 +253,13 @@ def test_the_last_level_decides_the_polarity_of_all(name: str) -> None:
     spec = SPECS[name]
     for picture in ("camera", "coins", "coffee"):
         descriptor = hog(photograph(32, picture), spec)
-        found, chosen = (
+        result, chosen = (
             reconstruct_multiscale(descriptor, spec, scales=(4, 1), search=Search(max_evaluations=BUDGET, polarity=p))
             for p in (False, True)
         )
-        assert torch.equal(chosen[-1].reconstruction.image, fix_polarity(found[-1].reconstruction.image))
-        turned = not torch.equal(chosen[-1].reconstruction.image, found[-1].reconstruction.image)
-        for a, b in zip(found, chosen, strict=True):
+        assert torch.equal(chosen[-1].reconstruction.image, fix_polarity(result[-1].reconstruction.image))
+        turned = not torch.equal(chosen[-1].reconstruction.image, result[-1].reconstruction.image)
+        for a, b in zip(result, chosen, strict=True):
             assert torch.equal(b.reconstruction.image, 1 - a.reconstruction.image if turned else a.reconstruction.image)
             torch.testing.assert_close(a.reconstruction.distance, b.reconstruction.distance)
 

@@ -123,8 +123,8 @@ def test_flat_regions_are_levelled_by_a_projection() -> None:
         assert torch.equal(regions(pixels, index), levelled)
         torch.testing.assert_close(regions(levelled, index), levelled)
     given = torch.rand_like(pixels)
-    (found,) = torch.autograd.grad(levelled, pixels, given)
-    torch.testing.assert_close(found, regions(given, index))  # its own adjoint
+    (result,) = torch.autograd.grad(levelled, pixels, given)
+    torch.testing.assert_close(result, regions(given, index))  # its own adjoint
     tangent = torch.func.jvp(lambda x: regions(x, index), (pixels.detach(),), (given,))[1]
     torch.testing.assert_close(tangent, regions(given, index))
 
@@ -143,11 +143,11 @@ def test_printed_normaliser_is_undone_exactly(image: Tensor) -> None:
 
 def test_robust_normaliser_is_undone_up_to_contrast() -> None:
     spec = presets.paper(8, global_form="robust")
-    found, true = (
+    result, true = (
         f(photograph(64).double())
         for f in (lambda x: recover_histograms(hog(x, spec), spec), lambda x: histograms(x, spec))
     )
-    torch.testing.assert_close(found / found.sum(), true / true.sum())
+    torch.testing.assert_close(result / result.sum(), true / true.sum())
 
 
 @pytest.mark.parametrize("name", ["camera", "astronaut", "coffee"])
@@ -155,10 +155,10 @@ def test_block_normaliser_is_undone_up_to_contrast(name: str) -> None:
     spec = presets.uoctti(8)
     image = photograph(128, name)
     descriptor, true = hog(image, spec), histograms(image, spec)
-    found = recover_histograms(descriptor, spec)
-    error = (normalize(found, spec).permute(0, 2, 3, 1) - descriptor).norm() / descriptor.norm()
+    result = recover_histograms(descriptor, spec)
+    error = (normalize(result, spec).permute(0, 2, 3, 1) - descriptor).norm() / descriptor.norm()
     assert error < 0.03
-    assert (found / found.sum() - true / true.sum()).norm() < 0.2 * (true / true.sum()).norm()
+    assert (result / result.sum() - true / true.sum()).norm() < 0.2 * (true / true.sum()).norm()
 
 
 def test_mean_gradient_of_a_ramp_is_its_slope() -> None:
@@ -218,9 +218,9 @@ def test_noise_is_seeded_and_the_same_in_every_batch_and_precision() -> None:
     one, several = noise(LIKE, 40, 50, 1, seed=3), noise(LIKE, 40, 50, 4, seed=3, spread=0.2)
     assert one.shape == (1, 1, 1, 40, 50)
     assert several.shape == (1, 4, 1, 40, 50)
-    for found, spread in ((one, NOISE), (several, 0.2)):
-        assert found.std().item() == pytest.approx(spread, rel=0.1)
-        assert abs(found.mean().item()) < 0.1 * spread
+    for result, spread in ((one, NOISE), (several, 0.2)):
+        assert result.std().item() == pytest.approx(spread, rel=0.1)
+        assert abs(result.mean().item()) < 0.1 * spread
     assert torch.equal(one, noise(LIKE.expand(7, 1), 40, 50, 1, seed=3))
     assert torch.equal(one.float(), noise(LIKE.float(), 40, 50, 1, seed=3))
     assert not torch.equal(one, noise(LIKE, 40, 50, 1, seed=4))
@@ -231,10 +231,10 @@ def test_noise_is_seeded_and_the_same_in_every_batch_and_precision() -> None:
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_noise_in_pairs_cancels(count: int) -> None:
-    found = in_pairs(LIKE, 40, 50, count, seed=3, spread=0.2)
-    assert found.shape == (1, count, 1, 40, 50)
-    assert torch.equal(found[:, : (count + 1) // 2], noise(LIKE, 40, 50, (count + 1) // 2, seed=3, spread=0.2))
-    assert torch.equal(found[:, (count + 1) // 2 :], -found[:, : count // 2])
+    result = in_pairs(LIKE, 40, 50, count, seed=3, spread=0.2)
+    assert result.shape == (1, count, 1, 40, 50)
+    assert torch.equal(result[:, : (count + 1) // 2], noise(LIKE, 40, 50, (count + 1) // 2, seed=3, spread=0.2))
+    assert torch.equal(result[:, (count + 1) // 2 :], -result[:, : count // 2])
 
 
 @pytest.mark.parametrize("spec", [presets.uoctti(8), presets.paper(8)], ids=["uoctti", "paper"])

@@ -42,25 +42,25 @@ def test_the_returned_image_explains_the_descriptor(name: str) -> None:
     spec = SPECS[name]
     image = photograph(61)
     descriptor = hog(image, spec)
-    found = reconstruct(descriptor, spec, image_size=(61, 61), search=Search(max_evaluations=120))
-    assert found.image.shape == (1, 1, 61, 61)
-    assert found.image.dtype == torch.float32
-    assert found.image.min() >= 0
-    assert found.image.max() <= 1
-    recomputed = (hog(found.image, spec) - descriptor).norm() / descriptor.norm()
-    torch.testing.assert_close(found.distance[0], recomputed)
-    assert found.distance[0] < (0.5 if spec.vote == "hard" else 0.25)
-    assert len(found.stop_reason) == 1
-    assert found.history.shape[0] == int(found.evaluations[0]) <= 120
-    assert found.history[-1, 0] < found.history[0, 0]
-    assert found.seconds > 0
+    result = reconstruct(descriptor, spec, image_size=(61, 61), search=Search(max_evaluations=120))
+    assert result.image.shape == (1, 1, 61, 61)
+    assert result.image.dtype == torch.float32
+    assert result.image.min() >= 0
+    assert result.image.max() <= 1
+    recomputed = (hog(result.image, spec) - descriptor).norm() / descriptor.norm()
+    torch.testing.assert_close(result.distance[0], recomputed)
+    assert result.distance[0] < (0.5 if spec.vote == "hard" else 0.25)
+    assert len(result.stop_reason) == 1
+    assert result.history.shape[0] == int(result.evaluations[0]) <= 120
+    assert result.history[-1, 0] < result.history[0, 0]
+    assert result.seconds > 0
 
 
 def test_a_photograph_comes_back() -> None:
     spec = presets.uoctti(8)
     images = torch.cat([photograph(96, name) for name in ("camera", "astronaut", "coffee")])
-    found = reconstruct(hog(images, spec), spec, search=Search(max_evaluations=150))
-    for pre_image, image in zip(found.image, images, strict=True):
+    result = reconstruct(hog(images, spec), spec, search=Search(max_evaluations=150))
+    for pre_image, image in zip(result.image, images, strict=True):
         assert correlation(pre_image, image) > 0.85
 
 
@@ -115,9 +115,9 @@ def test_a_batch_spends_what_its_images_alone_would(monkeypatch: pytest.MonkeyPa
 
 def test_a_flat_photograph_is_found_exactly() -> None:
     for spec in (presets.uoctti(8), presets.paper(8)):
-        found = reconstruct(hog(torch.full((1, 1, 32, 32), 0.7), spec), spec, search=Search(max_evaluations=20))
-        assert found.image.unique().numel() == 1
-        assert found.distance.item() == 0
+        result = reconstruct(hog(torch.full((1, 1, 32, 32), 0.7), spec), spec, search=Search(max_evaluations=20))
+        assert result.image.unique().numel() == 1
+        assert result.distance.item() == 0
 
 
 @pytest.mark.parametrize("name", ["signed-global", "paper"])
@@ -125,7 +125,7 @@ def test_a_flat_photograph_is_found_exactly() -> None:
 def test_progress_rises_up_to_the_budget(name: str, budget: int) -> None:
     calls: list[tuple[int, int]] = []
     images = torch.cat([photograph(32), torch.full((1, 1, 32, 32), 0.7)])  # a flat one is found at once
-    found = reconstruct(
+    result = reconstruct(
         hog(images, SPECS[name]),
         SPECS[name],
         search=Search(max_evaluations=budget),
@@ -134,20 +134,20 @@ def test_progress_rises_up_to_the_budget(name: str, budget: int) -> None:
     done = [call[0] for call in calls]
     assert done == sorted(set(done))
     assert {most for _, most in calls} == {budget}
-    assert done[-1] == found.evaluations.max() <= budget
-    assert found.evaluations.min() >= 2
-    assert found.history.shape == (done[-1], 2)
-    assert torch.isfinite(found.history).all()
+    assert done[-1] == result.evaluations.max() <= budget
+    assert result.evaluations.min() >= 2
+    assert result.history.shape == (done[-1], 2)
+    assert torch.isfinite(result.history).all()
 
 
 @pytest.mark.parametrize("size", [(1, 9), (9, 1), (2, 9), (3, 3)])
 @pytest.mark.parametrize("spec", [presets.paper(1), presets.uoctti(2)], ids=["paper", "uoctti"])
 def test_images_of_a_few_pixels(size: tuple[int, int], spec: HOGSpec) -> None:
     image = torch.rand(1, 1, *size, generator=torch.Generator().manual_seed(0))
-    found = reconstruct(hog(image, spec), spec, image_size=size, search=Search(max_evaluations=20))
-    assert torch.isfinite(found.image).all()
-    assert torch.isfinite(found.history).all()
-    assert torch.isfinite(found.distance).all()
+    result = reconstruct(hog(image, spec), spec, image_size=size, search=Search(max_evaluations=20))
+    assert torch.isfinite(result.image).all()
+    assert torch.isfinite(result.history).all()
+    assert torch.isfinite(result.distance).all()
 
 
 @pytest.mark.parametrize(
@@ -167,8 +167,8 @@ def test_images_of_another_shape(options: dict[str, Any], says: str) -> None:
 def test_without_texture_channels() -> None:
     spec = dataclasses.replace(presets.uoctti(8), normalizer=FourBlockNorm(parts=("directed", "undirected")))
     image = photograph(48)
-    found = reconstruct(hog(image, spec), spec, search=Search(max_evaluations=60, samples=1))
-    assert found.distance.item() < 0.3
+    result = reconstruct(hog(image, spec), spec, search=Search(max_evaluations=60, samples=1))
+    assert result.distance.item() < 0.3
 
 
 @pytest.mark.parametrize("name", ["signed-global", "paper-robust"])
@@ -191,14 +191,14 @@ def test_without_texture_channels() -> None:
 )
 def test_every_option_reports_its_images_distance(name: str, options: dict[str, Any]) -> None:
     spec, descriptor = SPECS[name], hog(photograph(32), SPECS[name])
-    found = reconstruct(descriptor, spec, **grouped(**{"max_evaluations": 30, **options}))
-    recomputed = (hog(found.image, spec) - descriptor).norm() / descriptor.norm()
-    torch.testing.assert_close(found.distance, recomputed.reshape(1))
-    assert found.distance < 0.9
-    assert found.image.shape == (1, 1, 32, 32)
-    assert found.image.min() >= 0
-    assert found.image.max() <= 1
-    assert len(found.history) == int(found.evaluations)
+    result = reconstruct(descriptor, spec, **grouped(**{"max_evaluations": 30, **options}))
+    recomputed = (hog(result.image, spec) - descriptor).norm() / descriptor.norm()
+    torch.testing.assert_close(result.distance, recomputed.reshape(1))
+    assert result.distance < 0.9
+    assert result.image.shape == (1, 1, 32, 32)
+    assert result.image.min() >= 0
+    assert result.image.max() <= 1
+    assert len(result.history) == int(result.evaluations)
 
 
 def test_samples_of_too_few_evaluations_are_not_drawn() -> None:
@@ -261,16 +261,16 @@ def test_what_is_expected_is_where_the_search_begins_and_stays_close_to(
     torch.testing.assert_close(weak.history[0, 0], (hog(begun, spec) - descriptor).norm() / descriptor.norm())
     assert correlation(strong.image, expected) > correlation(weak.image, expected)
     assert strong.distance > weak.distance
-    for found in (weak, strong):
-        assert correlation(low_pass(found.image, 3.0), expected) > 0.95
-        assert correlation(found.image, photograph(48)) > correlation(expected, photograph(48))
+    for result in (weak, strong):
+        assert correlation(low_pass(result.image, 3.0), expected) > 0.95
+        assert correlation(result.image, photograph(48)) > correlation(expected, photograph(48))
 
 
 @pytest.mark.parametrize("name", ["signed-global", "paper"])
 def test_a_start_is_where_samples_begin(name: str) -> None:
     spec, image = SPECS[name], photograph(48)
-    found = reconstruct(hog(image, spec), spec, search=Search(max_evaluations=40, polarity=False), start=image)
-    assert correlation(found.image, image) > 0.97
+    result = reconstruct(hog(image, spec), spec, search=Search(max_evaluations=40, polarity=False), start=image)
+    assert correlation(result.image, image) > 0.97
     negative = reconstruct(hog(image, spec), spec, search=Search(max_evaluations=40, polarity=False), start=1 - image)
     assert (correlation(negative.image, image) < -0.97) == (not spec.signed)
 
@@ -293,21 +293,21 @@ def test_the_contrast_of_given_images_does_not_matter(name: str, which: str) -> 
 def test_polarity_chooses_between_an_image_and_its_negative() -> None:
     for name in ("camera", "coins", "coffee"):
         descriptor = hog(photograph(32, name), SPECS["paper"])
-        found = reconstruct(descriptor, SPECS["paper"], search=Search(max_evaluations=30, polarity=False))
+        result = reconstruct(descriptor, SPECS["paper"], search=Search(max_evaluations=30, polarity=False))
         chosen = reconstruct(descriptor, SPECS["paper"], search=Search(max_evaluations=30))
-        assert torch.equal(chosen.image, found.image) or torch.equal(chosen.image, 1 - found.image)
-        assert torch.equal(chosen.image, fix_polarity(found.image))
-        torch.testing.assert_close(chosen.distance, found.distance)
-        assert torch.equal(chosen.history, found.history)
+        assert torch.equal(chosen.image, result.image) or torch.equal(chosen.image, 1 - result.image)
+        assert torch.equal(chosen.image, fix_polarity(result.image))
+        torch.testing.assert_close(chosen.distance, result.distance)
+        assert torch.equal(chosen.history, result.history)
 
 
 def test_polarity_of_a_signed_descriptor_is_known() -> None:
     descriptor = hog(1 - photograph(32), SPECS["signed-global"])
-    found, chosen = (
+    result, chosen = (
         reconstruct(descriptor, SPECS["signed-global"], search=Search(max_evaluations=20, polarity=p)).image
         for p in (False, True)
     )
-    assert torch.equal(found, chosen)
+    assert torch.equal(result, chosen)
 
 
 def test_without_region_signs_the_search_begins_with_noise(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -330,8 +330,8 @@ def test_without_region_signs_the_search_begins_with_noise(monkeypatch: pytest.M
 def test_pixels_are_a_basis_too() -> None:
     spec = presets.uoctti(8)
     descriptor = hog(photograph(64), spec)
-    found = reconstruct(descriptor, spec, search=Search(basis="pixels", max_evaluations=60))
-    assert found.distance[0] < 0.6
+    result = reconstruct(descriptor, spec, search=Search(basis="pixels", max_evaluations=60))
+    assert result.distance[0] < 0.6
 
 
 def test_smoothness_makes_neighbours_agree() -> None:

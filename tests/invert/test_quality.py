@@ -34,7 +34,7 @@ def test_fast_spends_less_and_best_comes_closer() -> None:
     assert (fast.evaluations * 5 < best.evaluations).all()
     assert (best.distance < fast.distance).all()
     of_best, of_fast = (
-        [cross_correlation(a[0], b[0]) for a, b in zip(found.image, images, strict=True)] for found in (best, fast)
+        [cross_correlation(a[0], b[0]) for a, b in zip(result.image, images, strict=True)] for result in (best, fast)
     )
     assert sum(of_best) > sum(of_fast)
     assert sum(of_fast) / 3 > 0.76  # the paper's mean over its own photographs
@@ -47,9 +47,9 @@ def test_best_is_the_default() -> None:
 
 def test_an_unsigned_descriptor_in_less() -> None:
     descriptor = hog(photograph(32), PAPER)
-    found = reconstruct(descriptor, PAPER, quality="fast")
-    assert found.evaluations <= quality_of("fast").without_samples
-    assert found.distance < 0.25
+    result = reconstruct(descriptor, PAPER, quality="fast")
+    assert result.evaluations <= quality_of("fast").without_samples
+    assert result.distance < 0.25
 
 
 def test_what_is_given_goes_before_the_quality() -> None:

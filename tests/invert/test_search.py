@@ -49,15 +49,15 @@ def relative(images: Tensor) -> Tensor:
 def test_evaluations_of_all_images_of_a_descriptor_add_up() -> None:
     account = search()
     assert account.left() == 100
-    found = account.match(starts(3), VOTES, 12)
-    assert found.shape == (3, 3, 1, 32, 32)
+    result = account.match(starts(3), VOTES, 12)
+    assert result.shape == (3, 3, 1, 32, 32)
     # the flat image's start is flat already: one evaluation shows it, another that nothing moves
     textured, flat = account.evaluations[:2].tolist(), int(account.evaluations[2])
     assert textured == [36, 36]
     assert flat in (3, 6)
     assert account.left() == 64
     assert account.history().shape == (36, 3)
-    account.match(found.mean(dim=1, keepdim=True), None, account.left())
+    account.match(result.mean(dim=1, keepdim=True), None, account.left())
     assert account.evaluations[:2].tolist() == [100, 100]
     assert account.evaluations[2] < 10
     assert account.history().shape == (100, 3)
@@ -69,10 +69,10 @@ def test_evaluations_of_all_images_of_a_descriptor_add_up() -> None:
 def test_the_account_of_any_minimiser(minimiser: Minimiser) -> None:
     calls: list[tuple[int, int]] = []
     account = search(budget=60, minimiser=minimiser, progress=lambda *call: calls.append(call))
-    found = account.match(starts(2), VOTES, 20)
+    result = account.match(starts(2), VOTES, 20)
     assert (account.evaluations <= 40).all()
     assert (account.evaluations[:2] > 20).all()
-    account.match(found[:, :1], None, account.left(), IMAGES, 0.1)
+    account.match(result[:, :1], None, account.left(), IMAGES, 0.1)
     assert (account.evaluations <= 60).all()
     history = account.history()
     assert history.shape == (int(account.evaluations.max()), 3)
@@ -123,11 +123,11 @@ def test_images_of_a_descriptor_do_not_influence_each_other(on_votes: bool, mini
     votes = VOTES if on_votes else None
     given: dict[str, Any] = {"expected": IMAGES.flip(0), "closeness": 0.1}
     together = search(minimiser=minimiser)
-    found = together.match(begin, votes, 12, **given)
+    result = together.match(begin, votes, 12, **given)
     spent = torch.zeros(3, dtype=torch.long)
     for k in range(3):
         one = search(minimiser=minimiser)
-        torch.testing.assert_close(one.match(begin[:, k : k + 1], votes, 12, **given)[:, 0], found[:, k])
+        torch.testing.assert_close(one.match(begin[:, k : k + 1], votes, 12, **given)[:, 0], result[:, k])
         spent += one.evaluations
     assert torch.equal(spent, together.evaluations)
 
@@ -135,11 +135,11 @@ def test_images_of_a_descriptor_do_not_influence_each_other(on_votes: bool, mini
 def test_descriptors_do_not_influence_each_other() -> None:
     begin = starts(2)
     together = search()
-    found = together.match(begin, VOTES, 12)
+    result = together.match(begin, VOTES, 12)
     history = together.history()
     for i in range(3):
         one = search(DESCRIPTORS[i : i + 1])
-        torch.testing.assert_close(one.match(begin[i : i + 1], VOTES[i : i + 1], 12)[0], found[i])
+        torch.testing.assert_close(one.match(begin[i : i + 1], VOTES[i : i + 1], 12)[0], result[i])
         assert one.evaluations[0] == together.evaluations[i]
         own = one.history()[:, 0]
         torch.testing.assert_close(history[: len(own), i], own)

@@ -99,8 +99,8 @@ def least_squares(votes: Tensor, spec: HOGSpec, trust: float, background: float)
 @pytest.mark.parametrize("spec", [presets.paper(8), presets.paper(8, bin_offset=0.0), presets.uoctti(8)], ids=repr)
 def test_the_dominant_gradient_of_a_ramp_is_its_own(spec: HOGSpec, angle: float) -> None:
     votes = histograms(ramp(angle, 24), spec)
-    length, found = dominant_gradient(votes, spec)
-    error = (found[0, 1, 1].item() - angle + math.pi / 2) % math.pi - math.pi / 2
+    length, result = dominant_gradient(votes, spec)
+    error = (result[0, 1, 1].item() - angle + math.pi / 2) % math.pi - math.pi / 2
     assert abs(error) < math.radians(0.2)  # Eq. 3 shares a vote along the chord between two bins, not the arc
     total = votes[0, :, 1, 1].sum().item()
     assert 0.9 * total < length[0, 1, 1].item() <= total * (1 + 1e-9)
@@ -130,8 +130,8 @@ def test_votes_of_one_bin_point_to_its_centre(bin_: int) -> None:
 def test_known_regions_come_back_up_to_one_sign(name: str, cell: int) -> None:
     spec = presets.paper(cell)
     image = scene(name, SIDE * cell)
-    found = signed_cells(histograms(image, spec), spec, seed=0).images[:, :1]
-    assert abs(correlation(found, avg_pool2d(image, cell))) > 0.95
+    result = signed_cells(histograms(image, spec), spec, seed=0).images[:, :1]
+    assert abs(correlation(result, avg_pool2d(image, cell))) > 0.95
 
 
 @pytest.mark.parametrize("cell", [(8, 4), (8, 2), (16, 4)])
@@ -139,17 +139,17 @@ def test_known_regions_come_back_up_to_one_sign(name: str, cell: int) -> None:
 def test_cells_need_not_be_square(name: str, cell: tuple[int, int]) -> None:
     spec = presets.paper(cell)
     image = scene(name, 96)
-    found = signed_cells(histograms(image, spec), spec, seed=0).images[:, :1]
-    assert abs(correlation(found, avg_pool2d(image, cell))) > 0.97
+    result = signed_cells(histograms(image, spec), spec, seed=0).images[:, :1]
+    assert abs(correlation(result, avg_pool2d(image, cell))) > 0.97
 
 
 def test_cells_of_one_pixel_have_the_images_own_contrast() -> None:
     # there votes are the gradients themselves; of a smooth image little is lost to their bins
     spec = presets.paper(1)
     image = scene("bump", SIDE)
-    found = signed_cells(histograms(image, spec), spec, seed=0).images[0, :1]
+    result = signed_cells(histograms(image, spec), spec, seed=0).images[0, :1]
     true = image[0] - image.mean()
-    slope = (found * true).sum() / true.square().sum()
+    slope = (result * true).sum() / true.square().sum()
     assert slope.abs().item() == pytest.approx(1, abs=0.1)
 
 
@@ -160,30 +160,30 @@ def test_tiny_grids_reach_the_least_energy_of_all_patterns(size: tuple[int, int]
     for seed in range(5):
         votes = random_votes(seed, *size)
         energies, image = least_squares(votes, spec, *((1.0, 0.0) if cell == 1 else (TRUST, BACKGROUND)))
-        found = signed_cells(votes, spec, seed)
-        assert found.energy[0, 0].item() == pytest.approx(energies.min().item(), abs=1e-8)
-        for energy in found.energy[0]:
+        result = signed_cells(votes, spec, seed)
+        assert result.energy[0, 0].item() == pytest.approx(energies.min().item(), abs=1e-8)
+        for energy in result.energy[0]:
             assert (energies - energy).abs().min() < 1e-8  # each is some pattern's
-        assert min((sign * found.images[0, 0] - image).abs().max() for sign in (1, -1)) < 1e-2 * image.abs().max()
+        assert min((sign * result.images[0, 0] - image).abs().max() for sign in (1, -1)) < 1e-2 * image.abs().max()
 
 
 def test_choices_are_sorted_and_of_the_firsts_sign() -> None:
     votes = random_votes(0, 7, 6, batch=3)
-    found = signed_cells(votes, presets.paper(8), seed=0)
-    assert found.images.shape == (3, ROUNDINGS, 7, 6)
-    assert found.energy.shape == (3, ROUNDINGS)
-    assert (found.energy.diff(dim=1) >= 0).all()
-    assert (found.energy[:, -1] > found.energy[:, 0] + 1e-6).all()
-    assert (found.energy > -1e-9).all()  # sums of squares
-    assert ((found.images * found.images[:, :1]).sum(dim=(2, 3)) >= 0).all()
-    torch.testing.assert_close(found.images.mean(dim=(2, 3)), torch.zeros(3, ROUNDINGS, dtype=torch.float64))
+    result = signed_cells(votes, presets.paper(8), seed=0)
+    assert result.images.shape == (3, ROUNDINGS, 7, 6)
+    assert result.energy.shape == (3, ROUNDINGS)
+    assert (result.energy.diff(dim=1) >= 0).all()
+    assert (result.energy[:, -1] > result.energy[:, 0] + 1e-6).all()
+    assert (result.energy > -1e-9).all()  # sums of squares
+    assert ((result.images * result.images[:, :1]).sum(dim=(2, 3)) >= 0).all()
+    torch.testing.assert_close(result.images.mean(dim=(2, 3)), torch.zeros(3, ROUNDINGS, dtype=torch.float64))
 
 
 def test_what_is_expected_is_the_mean_of_patterns_but_of_single_pixels_the_best() -> None:
     votes = random_votes(0, 7, 6, batch=2)
     for cell, patterns in ((8, slice(None)), (1, slice(1))):
-        found = signed_cells(votes, presets.paper(cell), seed=4)
-        mean = found.images[:, patterns].mean(dim=1)
+        result = signed_cells(votes, presets.paper(cell), seed=4)
+        mean = result.images[:, patterns].mean(dim=1)
         torch.testing.assert_close(expected_cells(votes, presets.paper(cell), seed=4), mean)
 
 
@@ -227,17 +227,17 @@ def test_energy_does_not_depend_on_the_votes_unit_and_the_image_does() -> None:
 @pytest.mark.parametrize("size", [(4, 5), (1, 1), (1, 4), (2, 1), (2, 2)])
 @pytest.mark.parametrize("cell", [1, 8])
 def test_no_votes_make_no_image(size: tuple[int, int], cell: int) -> None:
-    found = signed_cells(torch.zeros(2, 9, *size), presets.paper(cell), seed=0)
-    assert found.images.shape == (2, ROUNDINGS, *size)
-    assert (found.images == 0).all()
-    assert (found.energy == 0).all()
+    result = signed_cells(torch.zeros(2, 9, *size), presets.paper(cell), seed=0)
+    assert result.images.shape == (2, ROUNDINGS, *size)
+    assert (result.images == 0).all()
+    assert (result.energy == 0).all()
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 4), (3, 1), (2, 2)])
 def test_grids_of_a_few_cells(size: tuple[int, int]) -> None:
-    found = signed_cells(random_votes(0, *size), presets.paper(8), seed=0)
-    assert torch.isfinite(found.images).all()
-    assert torch.isfinite(found.energy).all()
+    result = signed_cells(random_votes(0, *size), presets.paper(8), seed=0)
+    assert torch.isfinite(result.images).all()
+    assert torch.isfinite(result.energy).all()
 
 
 @pytest.mark.parametrize("name", ["disc", "bump", "waves"])
@@ -261,10 +261,10 @@ def test_a_large_grid_is_solved_at_half_its_resolution(
 @pytest.mark.parametrize("size", [(9, 7), (8, 8), (33, 2), (2, 35), (5, 5), (17, 19)])
 def test_a_grid_is_halved_as_often_as_it_takes(size: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("nablahog.invert.signs.MAX_CELLS", 20)
-    found = signed_cells(random_votes(0, *size, batch=2), presets.paper(8), seed=0)
-    assert found.images.shape == (2, ROUNDINGS, *size)
-    assert torch.isfinite(found.images).all()
-    assert (found.energy.diff(dim=1) >= 0).all()
+    result = signed_cells(random_votes(0, *size, batch=2), presets.paper(8), seed=0)
+    assert result.images.shape == (2, ROUNDINGS, *size)
+    assert torch.isfinite(result.images).all()
+    assert (result.energy.diff(dim=1) >= 0).all()
 
 
 @pytest.mark.parametrize(
@@ -293,6 +293,6 @@ def test_a_turned_image_has_turned_signs(name: str, motion: str) -> None:
     spec = presets.paper(8, bins=8)  # whose bins a quarter turn maps to each other
     still, moved = (signed_cells(histograms(x, spec), spec, seed=0) for x in (scene(name, 64), move(scene(name, 64))))
     torch.testing.assert_close(still.energy[:, 0], moved.energy[:, 0])  # the others may end elsewhere
-    expected, found = move(still.images[:, :1]), moved.images[:, :1]
-    sign = torch.sign((expected * found).sum())
-    torch.testing.assert_close(found, sign * expected)
+    expected, result = move(still.images[:, :1]), moved.images[:, :1]
+    sign = torch.sign((expected * result).sum())
+    torch.testing.assert_close(result, sign * expected)

@@ -14,16 +14,16 @@ ROOT, PART = (3, 4, 32), (2, 2, 32)
 def structs(rows: list[dict[str, Any]]) -> np.ndarray[Any, Any]:
     """A MATLAB struct array."""
     names = list(rows[0])
-    found = np.zeros(len(rows), dtype=[(name, object) for name in names])
+    result = np.zeros(len(rows), dtype=[(name, object) for name in names])
     for number, row in enumerate(rows):
-        found[number] = tuple(row[name] for name in names)
-    return found
+        result[number] = tuple(row[name] for name in names)
+    return result
 
 
 def cells(items: list[Any]) -> np.ndarray[Any, Any]:
-    found = np.empty(len(items), dtype=object)
-    found[:] = items
-    return found
+    result = np.empty(len(items), dtype=object)
+    result[:] = items
+    return result
 
 
 def weights(shape: tuple[int, ...], seed: int) -> np.ndarray[Any, Any]:

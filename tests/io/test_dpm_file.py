@@ -16,11 +16,11 @@ from tests.io.dpm_models import PART, ROOT, structs, weights, written
 
 def test_root_and_parts(tmp_path: Path) -> None:
     path = written(tmp_path / "toy.mat")
-    found = load_dpm(path)
+    result = load_dpm(path)
     assert is_dpm_file(path)
-    assert (found.class_name, found.cell_size) == ("toy", 8)
-    assert [each.name for each in found.filters] == ["component 1, root", "component 1, parts"]
-    root, parts = (each.weights for each in found.filters)
+    assert (result.class_name, result.cell_size) == ("toy", 8)
+    assert [each.name for each in result.filters] == ["component 1, root", "component 1, parts"]
+    root, parts = (each.weights for each in result.filters)
     assert root.dtype == torch.float32
     np.testing.assert_allclose(root, weights(ROOT, 0), atol=1e-6)
     together = np.zeros((6, 8, 32))

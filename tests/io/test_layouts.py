@@ -42,9 +42,9 @@ def test_every_layout_comes_back(name: str) -> None:
                 how = fit(batched.shape, spec, size)
                 assert how is not None
                 assert how.image_size == (size or (height, width))
-                found = stored(batched, spec, how)
-                assert (found.spec, found.image_size) == (spec, how.image_size)
-                assert torch.equal(found.descriptor, descriptor)
+                result = stored(batched, spec, how)
+                assert (result.spec, result.image_size) == (spec, how.image_size)
+                assert torch.equal(result.descriptor, descriptor)
 
 
 def test_layouts_that_libraries_have_besides() -> None:

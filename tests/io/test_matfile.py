@@ -52,9 +52,9 @@ def test_what_scipy_writes(tmp_path: Path, compressed: bool) -> None:
 @given(st.lists(st.floats(allow_nan=False), max_size=9), st.text(st.characters(codec="ascii", categories=["L"])))
 def test_numbers_and_texts(numbers: list[float], text: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
-        found = read_mat(_write(Path(folder) / "a.mat", {"n": np.array([numbers]), "t": text}))
-    assert found["n"].ravel().tolist() == numbers
-    assert found["t"] == text
+        result = read_mat(_write(Path(folder) / "a.mat", {"n": np.array([numbers]), "t": text}))
+    assert result["n"].ravel().tolist() == numbers
+    assert result["t"] == text
 
 
 def test_objects_and_functions_are_passed_over(tmp_path: Path) -> None:
@@ -104,12 +104,12 @@ def test_arrays_of_numbers_have_their_types(tmp_path: Path) -> None:
         "flag": np.array([[True, False]]),
     }
     others = {"text": "abc", "record": {"a": 1.0}, "list": np.array(["a"], dtype=object)}
-    found = read_mat_arrays(_write(tmp_path / "a.mat", {**written, **others, "complex": np.array([[1 + 2j]])}))
-    assert set(found) == {*written, "complex"}
+    result = read_mat_arrays(_write(tmp_path / "a.mat", {**written, **others, "complex": np.array([[1 + 2j]])}))
+    assert set(result) == {*written, "complex"}
     for name, array in written.items():
-        assert found[name].dtype == array.dtype
-        np.testing.assert_array_equal(found[name], array)
-    assert found["complex"].dtype == np.complex128
+        assert result[name].dtype == array.dtype
+        np.testing.assert_array_equal(result[name], array)
+    assert result["complex"].dtype == np.complex128
 
 
 def test_flags_and_shapes_that_are_no_integers(tmp_path: Path) -> None:

@@ -31,10 +31,10 @@ def test_round_trip(tmp_path: Path, compressed: bool) -> None:
     write_arrays(tmp_path / "a", 7, arrays, compressed=compressed)
     assert os.listdir(tmp_path) == ["a"]
     assert ((tmp_path / "a").stat().st_size < 10_000) == compressed
-    found = read_arrays(tmp_path / "a", "test", ("format", *arrays))
-    assert found.pop("format") == 7
+    result = read_arrays(tmp_path / "a", "test", ("format", *arrays))
+    assert result.pop("format") == 7
     for name, array in arrays.items():
-        np.testing.assert_array_equal(found[name], array)
+        np.testing.assert_array_equal(result[name], array)
 
 
 def test_whatever_is_in_it(tmp_path: Path) -> None:
@@ -43,9 +43,9 @@ def test_whatever_is_in_it(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "a.npz", "a") as archive:
         archive.writestr("readme.txt", "hello")
     assert names_in(tmp_path / "a.npz", "test") == ["a", "b", "c", "d", "readme.txt"]
-    found = numbers_in(tmp_path / "a.npz", "test")
-    assert list(found) == ["a", "b"]
-    np.testing.assert_array_equal(found["a"], arrays["a"])
+    result = numbers_in(tmp_path / "a.npz", "test")
+    assert list(result) == ["a", "b"]
+    np.testing.assert_array_equal(result["a"], arrays["a"])
     whole = (tmp_path / "a.npz").read_bytes()
     (tmp_path / "a.npz").write_bytes(whole.replace(np.arange(3.0).tobytes(), bytes(24)))
     with pytest.raises(ValueError, match="the archive is damaged: Bad CRC"):
@@ -82,9 +82,9 @@ def test_other_errors_are_left_alone(error: type[BaseException]) -> None:
 
 
 def test_accounts() -> None:
-    found = account_of(Account, account_to_text(ACCOUNT))
-    assert found == ACCOUNT
-    assert isinstance(found.losses[1], float)
+    result = account_of(Account, account_to_text(ACCOUNT))
+    assert result == ACCOUNT
+    assert isinstance(result.losses[1], float)
 
 
 @pytest.mark.parametrize(

@@ -30,19 +30,19 @@ def test_deaths_and_failures(tmp_path: Path) -> None:
         job(DARK, seed=1),
     ]
     begun: list[int] = []
-    found = dict(run_jobs(jobs, workers=1, started=begun.append))
+    output = dict(run_jobs(jobs, workers=1, started=begun.append))
     assert begun == [0, 1, 2, 3, 4, 1, 2]  # what died is tried again in the end
     assert not multiprocessing.active_children()
     for index in (0, 4):
-        alone, result = attempt(jobs[index]), found[index]
+        alone, result = attempt(jobs[index]), output[index]
         assert isinstance(result, JobResult)
         assert isinstance(alone, JobResult)
         assert result.figures == alone.figures
         assert np.array_equal(result.pictures, alone.pictures)
-    assert found[2] == "the process at work on it died, 2 times, the last time by signal SIGKILL"
-    assert isinstance(found[1], JobResult)
-    assert found[1].figures[0]["distance"] == 1  # its number of threads
-    assert str(found[3]).startswith("KeyError at fakes.py:")
+    assert output[2] == "the process at work on it died, 2 times, the last time by signal SIGKILL"
+    assert isinstance(output[1], JobResult)
+    assert output[1].figures[0]["distance"] == 1  # its number of threads
+    assert str(output[3]).startswith("KeyError at fakes.py:")
 
 
 def test_left_early() -> None:

@@ -21,10 +21,10 @@ RESULT = JobResult([{"cc": 0.1 + 0.2, "ssim": None}], np.full((1, 32, 32), 7, np
 
 def test_round_trip(tmp_path: Path) -> None:
     save(tmp_path / "new" / "a.npz", RESULT)
-    found = load(tmp_path / "new" / "a.npz", job(DARK))
-    assert found is not None
-    assert (found.figures, found.seconds) == (RESULT.figures, RESULT.seconds)
-    assert np.array_equal(found.pictures, RESULT.pictures)
+    result = load(tmp_path / "new" / "a.npz", job(DARK))
+    assert result is not None
+    assert (result.figures, result.seconds) == (RESULT.figures, RESULT.seconds)
+    assert np.array_equal(result.pictures, RESULT.pictures)
 
 
 def test_damage(tmp_path: Path) -> None:
@@ -37,8 +37,8 @@ def test_damage(tmp_path: Path) -> None:
         assert load(path, job(DARK)) is None
     for position in range(130, len(whole), 97):
         path.write_bytes(whole[:position] + bytes([whole[position] ^ 1]) + whole[position + 1 :])
-        found = load(path, job(DARK))
-        assert found is None or (found.figures == RESULT.figures and np.array_equal(found.pictures, RESULT.pictures))
+        result = load(path, job(DARK))
+        assert result is None or (result.figures == RESULT.figures and np.array_equal(result.pictures, RESULT.pictures))
 
 
 def test_what_does_not_fit(tmp_path: Path) -> None:

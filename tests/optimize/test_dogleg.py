@@ -47,7 +47,7 @@ def compare(problem: SumOfSquares, start: Tensor, iterations: int, radius: float
         radius,
         e_1=EXACT["gradient_tolerance"],
     )
-    found = dogleg(problem, start, max_iterations=iterations, radius=radius, **EXACT)
+    result = dogleg(problem, start, max_iterations=iterations, radius=radius, **EXACT)
     # Chumpy tries one and the same rejected step until the radius cuts it; we once
     new = [i for i in range(len(tried)) if i == 0 or not np.array_equal(tried[i], tried[i - 1])]
     ours = [p[0].numpy() for p in problem.points[1:]]
@@ -55,7 +55,7 @@ def compare(problem: SumOfSquares, start: Tensor, iterations: int, radius: float
     for mine, i in zip(ours, new, strict=True):
         np.testing.assert_allclose(mine, tried[i], rtol=0, atol=1e-8)
     end = max(i for i in range(len(tried)) if accepted[i])
-    np.testing.assert_allclose(found.x[0].numpy(), tried[end], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(result.x[0].numpy(), tried[end], rtol=0, atol=1e-8)
     return [accepted[i] for i in new]
 
 
@@ -89,8 +89,8 @@ def test_steps_of_an_inversion_are_those_of_chumpy() -> None:
     accepted = compare(problem, noise.flatten(1), 3)
     assert sum(accepted) == 3
     # the same through the objective's own value and gradient
-    found = dogleg(objective, noise.flatten(1), max_iterations=3, **EXACT)
-    torch.testing.assert_close(found.x, problem.points[-1], rtol=0, atol=1e-8)
+    result = dogleg(objective, noise.flatten(1), max_iterations=3, **EXACT)
+    torch.testing.assert_close(result.x, problem.points[-1], rtol=0, atol=1e-8)
 
 
 def test_no_more_is_linearised_than_accepted() -> None:
@@ -127,15 +127,15 @@ def test_singular_equations_give_the_shortest_step() -> None:
     torch.testing.assert_close(steps.step[0], torch.linalg.pinv(A) @ b)
     torch.testing.assert_close(steps.image[0], A @ steps.step[0])
     # and the whole search stops there, as no step lowers the value any more
-    found = dogleg(problem, start, cg_tolerance=1e-12, gradient_tolerance=1e-12)
-    assert found.stop_reason == [StopReason.GRADIENT]
-    torch.testing.assert_close(found.x[0], torch.linalg.pinv(A) @ b)
+    result = dogleg(problem, start, cg_tolerance=1e-12, gradient_tolerance=1e-12)
+    assert result.stop_reason == [StopReason.GRADIENT]
+    torch.testing.assert_close(result.x[0], torch.linalg.pinv(A) @ b)
 
 
 def test_a_jacobian_that_vanishes_at_the_minimum() -> None:
-    found = dogleg(SumOfSquares(lambda x, index: powell_singular(x)), torch.tensor([[3.0, -1, 0, 1]]).double())
-    assert found.stop_reason == [StopReason.GRADIENT]
-    assert found.x.abs().max() < 1e-4
+    result = dogleg(SumOfSquares(lambda x, index: powell_singular(x)), torch.tensor([[3.0, -1, 0, 1]]).double())
+    assert result.stop_reason == [StopReason.GRADIENT]
+    assert result.x.abs().max() < 1e-4
 
 
 def test_a_gradient_that_lies_collapses_the_radius() -> None:
@@ -146,9 +146,9 @@ def test_a_gradient_that_lies_collapses_the_radius() -> None:
 
     problem = Liar(lambda x, index: x - 3)
     start = torch.ones(2, 3, dtype=torch.float64)
-    found = dogleg(problem, start)
-    assert found.stop_reason == [StopReason.RADIUS] * 2
-    assert torch.equal(found.x, start)
+    result = dogleg(problem, start)
+    assert result.stop_reason == [StopReason.RADIUS] * 2
+    assert torch.equal(result.x, start)
     assert dogleg(problem, start, radius=1e-16).stop_reason == [StopReason.STEP] * 2
 
 
@@ -158,9 +158,9 @@ def test_stops_on_iterations_and_on_progress() -> None:
         StopReason.ITERATIONS
     ]
     problem = SumOfSquares(lambda x, i: exponentials(x))  # at its minimum, residuals remain
-    found = dogleg(problem, torch.ones(1, 3, dtype=torch.float64), progress_tolerance=1e-3)
-    assert found.stop_reason == [StopReason.PROGRESS]
-    assert found.value < found.history[-2]
+    result = dogleg(problem, torch.ones(1, 3, dtype=torch.float64), progress_tolerance=1e-3)
+    assert result.stop_reason == [StopReason.PROGRESS]
+    assert result.value < result.history[-2]
 
 
 @pytest.mark.parametrize("budget", range(1, 16))
@@ -182,12 +182,12 @@ def test_the_budget_counts_products_too(budget: int) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Linearization, "jvp", counted(jvp))
         patch.setattr(Linearization, "vjp", counted(vjp))
-        found = dogleg(problem, start, max_evaluations=budget, cg_tolerance=1e-12)
+        result = dogleg(problem, start, max_evaluations=budget, cg_tolerance=1e-12)
     halves = problem.halves + problem.linearised + 2 * len(problem.points)
     assert halves <= 2 * budget
-    assert found.evaluations.tolist() == [(halves + 1) // 2]
-    assert found.history.shape == (int(found.evaluations[0]), 1)
-    assert found.stop_reason == [StopReason.BUDGET]
+    assert result.evaluations.tolist() == [(halves + 1) // 2]
+    assert result.history.shape == (int(result.evaluations[0]), 1)
+    assert result.stop_reason == [StopReason.BUDGET]
     if budget >= 3:  # conjugate gradients were cut short, and their step tried
         assert len(problem.points) >= 2
 
@@ -209,10 +209,10 @@ def test_problems_at_different_stages_share_no_linearisation() -> None:
 def test_derivatives_that_are_not_finite() -> None:
     # √x at 0 and below
     problem = SumOfSquares(lambda x, index: x.sqrt() - 2)
-    found = dogleg(problem, torch.tensor([[0.0], [-1.0], [0.5]]).double())
-    assert found.stop_reason[:2] == [StopReason.NOT_FINITE] * 2
-    assert found.x[:2].flatten().tolist() == [0, -1]
-    torch.testing.assert_close(found.x[2].item(), 4.0)
+    result = dogleg(problem, torch.tensor([[0.0], [-1.0], [0.5]]).double())
+    assert result.stop_reason[:2] == [StopReason.NOT_FINITE] * 2
+    assert result.x[:2].flatten().tolist() == [0, -1]
+    torch.testing.assert_close(result.x[2].item(), 4.0)
 
 
 def test_needs_residuals() -> None:

@@ -43,18 +43,18 @@ def logistic(x: Tensor) -> Tensor:
 
 @pytest.mark.parametrize(("function", "n"), [(quadratic, 50), (rosenbrock, 2), (logistic, 20)])
 def test_reaches_the_known_minimum(function: Callable[[Tensor], Tensor], n: int) -> None:
-    found = lbfgs(problem(function), starts(5, n), max_evaluations=500, gradient_tolerance=1e-7)
-    assert found.stop_reason == [StopReason.GRADIENT] * 5
-    for row in found.x:  # the gradient vanishes there, by an independent evaluation
+    result = lbfgs(problem(function), starts(5, n), max_evaluations=500, gradient_tolerance=1e-7)
+    assert result.stop_reason == [StopReason.GRADIENT] * 5
+    for row in result.x:  # the gradient vanishes there, by an independent evaluation
         assert torch.func.grad(lambda x: function(x[None])[0])(row).abs().max() <= 1e-7
     if function is rosenbrock:
-        torch.testing.assert_close(found.x, torch.ones_like(found.x), atol=1e-6, rtol=0)
+        torch.testing.assert_close(result.x, torch.ones_like(result.x), atol=1e-6, rtol=0)
 
 
 def test_a_kink_is_no_obstacle() -> None:
     # min |x0| + 10 |x1 - x0²|: kinks along a curve, minimum 0 at the origin
-    found = lbfgs(problem(lambda x: x[:, 0].abs() + 10 * (x[:, 1] - x[:, 0] ** 2).abs()), starts(6, 2))
-    assert found.value.max() < 1e-3
+    result = lbfgs(problem(lambda x: x[:, 0].abs() + 10 * (x[:, 1] - x[:, 0] ** 2).abs()), starts(6, 2))
+    assert result.value.max() < 1e-3
 
 
 def test_problems_do_not_influence_each_other() -> None:
@@ -70,13 +70,13 @@ def test_problems_do_not_influence_each_other() -> None:
 def test_each_problem_ends_where_it_would_alone(n: int) -> None:
     start = starts(9, n) * torch.logspace(-3, 1, 9).double().unsqueeze(1)[torch.arange(9) * 4 % 9]
 
-    def found(rows: slice) -> Minimum:
+    def result(rows: slice) -> Minimum:
         return lbfgs(problem(logistic), start[rows], max_evaluations=200, memory=5, gradient_tolerance=1e-6)
 
-    together = found(slice(None))
+    together = result(slice(None))
     assert len(set(together.evaluations.tolist())) > 2  # so that rows are moved into the gaps of those that ended
     for i in range(9):
-        alone = found(slice(i, i + 1))
+        alone = result(slice(i, i + 1))
         torch.testing.assert_close(together.x[i], alone.x[0])
         assert together.stop_reason[i] == alone.stop_reason[0] == StopReason.GRADIENT
         assert together.evaluations[i] == alone.evaluations[0]
@@ -155,20 +155,20 @@ def test_budget_is_kept_and_the_result_never_worse_than_the_start() -> None:
         return problem(rosenbrock)(x, index)
 
     start = starts(3, 8)
-    found = lbfgs(counted, start, max_evaluations=7)
+    result = lbfgs(counted, start, max_evaluations=7)
     assert calls == 7
-    assert found.evaluations.tolist() == [7] * 3
-    assert found.stop_reason == [StopReason.BUDGET] * 3
-    assert found.history.shape == (7, 3)
-    assert (found.history.diff(dim=0) <= 0).all()
-    assert (found.value < rosenbrock(start)).all()
-    torch.testing.assert_close(found.value, rosenbrock(found.x))
+    assert result.evaluations.tolist() == [7] * 3
+    assert result.stop_reason == [StopReason.BUDGET] * 3
+    assert result.history.shape == (7, 3)
+    assert (result.history.diff(dim=0) <= 0).all()
+    assert (result.value < rosenbrock(start)).all()
+    torch.testing.assert_close(result.value, rosenbrock(result.x))
 
 
 def test_one_evaluation_returns_the_start() -> None:
     start = starts(2, 3)
-    found = lbfgs(problem(quadratic), start, max_evaluations=1)
-    assert torch.equal(found.x, start)
+    result = lbfgs(problem(quadratic), start, max_evaluations=1)
+    assert torch.equal(result.x, start)
 
 
 def test_each_problem_stops_for_its_own_reason() -> None:
@@ -178,26 +178,26 @@ def test_each_problem_stops_for_its_own_reason() -> None:
         # the first problem is constant: its gradient is zero at once
         return (scale[index] * x.square()).sum(1), 2 * scale[index] * x
 
-    found = lbfgs(objective, starts(2, 3), max_evaluations=50, progress_tolerance=1e-3)
-    assert found.stop_reason[0] == StopReason.GRADIENT
-    assert found.evaluations[0] < found.evaluations[1]
+    result = lbfgs(objective, starts(2, 3), max_evaluations=50, progress_tolerance=1e-3)
+    assert result.stop_reason[0] == StopReason.GRADIENT
+    assert result.evaluations[0] < result.evaluations[1]
     slow = lbfgs(problem(lambda x: 1 + quadratic(x)), starts(1, 50), max_evaluations=500, progress_tolerance=1e-3)
     assert slow.stop_reason == [StopReason.PROGRESS]
     assert slow.evaluations[0] < 500
 
 
 def test_a_gradient_that_lies_ends_the_line_search() -> None:
-    found = lbfgs(lambda x, index: (x.square().sum(1), -2 * x), starts(1, 3), max_evaluations=500)
-    assert found.stop_reason == [StopReason.LINE_SEARCH]
+    result = lbfgs(lambda x, index: (x.square().sum(1), -2 * x), starts(1, 3), max_evaluations=500)
+    assert result.stop_reason == [StopReason.LINE_SEARCH]
 
 
 def test_steps_into_nan_are_taken_back() -> None:
     # √(x - 1) + 1/(x - 1), undefined for x <= 1
-    found = lbfgs(
+    result = lbfgs(
         problem(lambda x: ((x - 1).sqrt() + 1 / (x - 1)).sum(1)), torch.full((2, 2), 1.05).double(), first_step=5
     )
-    assert torch.isfinite(found.x).all()
-    torch.testing.assert_close(found.x, torch.full_like(found.x, 1 + 2 ** (2 / 3)), rtol=1e-4, atol=0)
+    assert torch.isfinite(result.x).all()
+    torch.testing.assert_close(result.x, torch.full_like(result.x, 1 + 2 ** (2 / 3)), rtol=1e-4, atol=0)
 
 
 def test_float32_agrees_with_float64() -> None:

@@ -22,9 +22,9 @@ all_minimisers = pytest.mark.parametrize("name", ALL)
 @pytest.mark.parametrize("case", CASES)
 def test_reaches_the_known_minimum(name: Minimiser, case: str) -> None:
     problem, start, minimum = CASES[case].problem(), CASES[case].points(), CASES[case].minimum
-    found = minimise(name, problem, start, max_evaluations=400)
-    assert found.value < (1e-8 if name in FAST else 1e-3)
-    far = (found.x[0] - torch.tensor(minimum, dtype=torch.float64)).abs().max()
+    result = minimise(name, problem, start, max_evaluations=400)
+    assert result.value < (1e-8 if name in FAST else 1e-3)
+    far = (result.x[0] - torch.tensor(minimum, dtype=torch.float64)).abs().max()
     flat = case == "powell"  # whose valley is quartic
     assert far < ((1e-3 if flat else 1e-4) if name in FAST else 0.05)
 
@@ -48,31 +48,31 @@ def test_mixed_problems_do_not_influence_each_other(name: Minimiser) -> None:
 def test_budget_and_watch(name: Minimiser, budget: int) -> None:
     problem, start = mixed()
     seen: list[tuple[list[int], list[int]]] = []
-    found = minimise(
+    result = minimise(
         name, problem, start, max_evaluations=budget, watch=lambda i, spent: seen.append((i.tolist(), spent.tolist()))
     )
-    assert found.evaluations.max() <= budget
-    assert found.history.shape == (int(found.evaluations.max()), 3)
+    assert result.evaluations.max() <= budget
+    assert result.history.shape == (int(result.evaluations.max()), 3)
     if budget <= 7:
-        assert found.stop_reason == [StopReason.BUDGET] * 3
+        assert result.stop_reason == [StopReason.BUDGET] * 3
     # once for each call of the objective
     assert len(seen) == len(problem.points)
     assert seen[0] == ([0, 1, 2], [1, 1, 1])
     last = {row: spent for rows, spends in seen for row, spent in zip(rows, spends, strict=True)}
-    assert all(last[row] <= found.evaluations[row] for row in range(3))
+    assert all(last[row] <= result.evaluations[row] for row in range(3))
 
 
 @all_minimisers
 def test_returns_the_lowest_point_evaluated(name: Minimiser) -> None:
     problem, start = mixed()
     rows = torch.arange(3)
-    found = minimise(name, problem, start, max_evaluations=25)
+    result = minimise(name, problem, start, max_evaluations=25)
     values = torch.stack(
         [problem.function(points, rows).square().sum(1) for points in problem.points if len(points) == 3]
     )
-    torch.testing.assert_close(found.value, problem.function(found.x, rows).square().sum(1))
-    assert (found.value <= values.amin(0) * (1 + 1e-12)).all()
-    assert (found.value <= found.history.amin(0)).all()
+    torch.testing.assert_close(result.value, problem.function(result.x, rows).square().sum(1))
+    assert (result.value <= values.amin(0) * (1 + 1e-12)).all()
+    assert (result.value <= result.history.amin(0)).all()
 
 
 @all_minimisers
@@ -80,12 +80,12 @@ def test_a_constant_problem_stops_at_once_and_no_other_does(name: Minimiser) -> 
     scale = torch.tensor([[0.0], [1.0]], dtype=torch.float64)
     problem = SumOfSquares(lambda x, index: scale[index] * x**2 + 1)
     start = torch.full((2, 3), 2.0, dtype=torch.float64)
-    found = minimise(name, problem, start, max_evaluations=40)
-    assert found.stop_reason[0] == StopReason.GRADIENT
-    assert found.evaluations[0] <= 2
-    assert torch.equal(found.x[0], start[0])
-    assert found.evaluations[1] > 5
-    assert found.value[1] < found.history[0, 1]
+    result = minimise(name, problem, start, max_evaluations=40)
+    assert result.stop_reason[0] == StopReason.GRADIENT
+    assert result.evaluations[0] <= 2
+    assert torch.equal(result.x[0], start[0])
+    assert result.evaluations[1] > 5
+    assert result.value[1] < result.history[0, 1]
 
 
 @all_minimisers
@@ -93,18 +93,18 @@ def test_stops_when_there_is_no_progress(name: Minimiser) -> None:
     problem = SumOfSquares(
         lambda x, index: torch.cat([CASES["long"].residuals(x), torch.ones(len(x), 1)], dim=1).double()
     )
-    found = minimise(name, problem, CASES["long"].points(), max_evaluations=2000, progress_tolerance=1e-3)
-    assert found.stop_reason == [StopReason.PROGRESS]
-    assert found.value < 1.1
+    result = minimise(name, problem, CASES["long"].points(), max_evaluations=2000, progress_tolerance=1e-3)
+    assert result.stop_reason == [StopReason.PROGRESS]
+    assert result.value < 1.1
 
 
 @all_minimisers
 def test_stops_when_the_gradient_is_small(name: Minimiser) -> None:
-    found = minimise(
+    result = minimise(
         name, CASES["beale"].problem(), CASES["beale"].points(), max_evaluations=2000, gradient_tolerance=1e-3
     )
-    assert found.stop_reason == [StopReason.GRADIENT]
-    _, gradient = CASES["beale"].problem()(found.x, torch.tensor([0]))
+    assert result.stop_reason == [StopReason.GRADIENT]
+    _, gradient = CASES["beale"].problem()(result.x, torch.tensor([0]))
     assert gradient.abs().max() <= 2e-3  # of the dogleg it is half the gradient
 
 
@@ -116,29 +116,29 @@ def test_steps_into_nan_are_taken_back(name: Minimiser) -> None:
 
     options: dict[str, Any] = {"radius": 100.0} if name == "dogleg" else {"first_step": 100.0}
     start = torch.tensor([[20.0, 0.05], [3.0, 4.0]], dtype=torch.float64)
-    found = minimise(name, SumOfSquares(residuals), start, max_evaluations=800, **options)
-    assert torch.isfinite(found.x).all()
-    torch.testing.assert_close(found.x[0], torch.full((2,), 3**0.5).double().exp(), rtol=0.02, atol=0)
-    torch.testing.assert_close(found.x[1], torch.ones(2).double(), rtol=0, atol=1e-3)
+    result = minimise(name, SumOfSquares(residuals), start, max_evaluations=800, **options)
+    assert torch.isfinite(result.x).all()
+    torch.testing.assert_close(result.x[0], torch.full((2,), 3**0.5).double().exp(), rtol=0.02, atol=0)
+    torch.testing.assert_close(result.x[1], torch.ones(2).double(), rtol=0, atol=1e-3)
 
 
 @all_minimisers
 def test_a_start_that_is_not_finite_stops_and_spoils_nothing(name: Minimiser) -> None:
     problem = SumOfSquares(lambda x, index: torch.where(x > 0, x, torch.nan).log())
-    found = minimise(name, problem, torch.tensor([[-1.0], [2.0]]).double(), max_evaluations=200)
-    assert found.x[0] == -1
-    assert found.evaluations[0] < 200
-    torch.testing.assert_close(found.x[1].item(), 1.0, rtol=1e-3, atol=0)
+    result = minimise(name, problem, torch.tensor([[-1.0], [2.0]]).double(), max_evaluations=200)
+    assert result.x[0] == -1
+    assert result.evaluations[0] < 200
+    torch.testing.assert_close(result.x[1].item(), 1.0, rtol=1e-3, atol=0)
 
 
 @all_minimisers
 @pytest.mark.parametrize("case", ["long", "rosenbrock", "powell"])
 def test_float32(name: Minimiser, case: str) -> None:
     problem, start = CASES[case].problem(), CASES[case].points(torch.float32)
-    found = minimise(name, problem, start, max_evaluations=400)
-    assert found.x.dtype == found.value.dtype == found.history.dtype == torch.float32
-    assert torch.isfinite(found.x).all()
-    assert found.value < (1e-6 if name in FAST else 2e-3)
+    result = minimise(name, problem, start, max_evaluations=400)
+    assert result.x.dtype == result.value.dtype == result.history.dtype == torch.float32
+    assert torch.isfinite(result.x).all()
+    assert result.value < (1e-6 if name in FAST else 2e-3)
 
 
 @all_minimisers
@@ -156,7 +156,7 @@ def test_unknown_names_are_refused() -> None:
 
 def test_momentum_is_the_heavy_ball() -> None:
     # x² from 1 with steps that never rise: v ← 0.9·v - g, x ← x + step·v, and 5 % more step after each new lowest point
-    found = minimise(
+    result = minimise(
         "momentum", SumOfSquares(lambda x, index: x), torch.ones(1, 1).double(), max_evaluations=6, first_step=0.02
     )
     x, v, step, values = 1.0, 0.0, 0.01, [1.0]
@@ -165,13 +165,13 @@ def test_momentum_is_the_heavy_ball() -> None:
         x += step * v
         step *= 1.05
         values.append(x * x)
-    torch.testing.assert_close(found.history[:, 0], torch.tensor(values).double(), rtol=1e-6, atol=0)
+    torch.testing.assert_close(result.history[:, 0], torch.tensor(values).double(), rtol=1e-6, atol=0)
 
 
 def test_adam_is_adam() -> None:
     start = torch.tensor([[3.0, -2.0]], dtype=torch.float64)
     residuals = CASES["beale"].residuals
-    found = minimise(
+    result = minimise(
         "adam", SumOfSquares(lambda x, index: residuals(x)), start, max_evaluations=12, first_step=2**0.5 * 1e-3
     )
     x = start.clone().requires_grad_()
@@ -181,4 +181,4 @@ def test_adam_is_adam() -> None:
         residuals(x).square().sum().backward()
         reference.step()
         reference.param_groups[0]["lr"] *= 1.05
-    torch.testing.assert_close(found.x, x.detach())
+    torch.testing.assert_close(result.x, x.detach())

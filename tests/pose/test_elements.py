@@ -40,7 +40,7 @@ def descriptor() -> Tensor:
 
 
 @pytest.fixture(scope="module")
-def found(descriptor: Tensor, background: Background) -> Elements:
+def result(descriptor: Tensor, background: Background) -> Elements:
     return elements(descriptor, background, (4, 5), count=None, threshold=1.2)
 
 
@@ -51,12 +51,12 @@ def test_all_patches() -> None:
     assert torch.equal(patches[3, 4], descriptor[3:5, 4:7])
 
 
-def test_they_are_patches_of_the_descriptor(found: Elements, descriptor: Tensor, background: Background) -> None:
-    assert len(found) > 5
-    for position, patch in zip(found.positions.tolist(), found.patches, strict=True):
+def test_they_are_patches_of_the_descriptor(result: Elements, descriptor: Tensor, background: Background) -> None:
+    assert len(result) > 5
+    for position, patch in zip(result.positions.tolist(), result.patches, strict=True):
         row, col = position
         assert torch.equal(patch, descriptor[row : row + 4, col : col + 5])
-    assert_close(found.discriminability, background.discriminability(found.patches))
+    assert_close(result.discriminability, background.discriminability(result.patches))
 
 
 def overlap(a: Tensor, b: Tensor, size: tuple[int, int]) -> float:
@@ -74,18 +74,18 @@ def test_greedy_by_discriminability_with_little_overlap(
 ) -> None:
     """Every patch is either kept, or overlaps too much with a better one that is."""
     size = (4, 5)
-    found = elements(descriptor, background, size, count=None, overlap=limit, threshold=1.2)
-    assert (found.discriminability.diff() <= 0).all()
+    result = elements(descriptor, background, size, count=None, overlap=limit, threshold=1.2)
+    assert (result.discriminability.diff() <= 0).all()
     patches = all_patches(descriptor, size)
     norms = background.discriminability(patches.flatten(0, 1)).view(patches.shape[:2])
     least = 1.2 * background.discriminability(torch.zeros(1, *size, 9))
-    kept = {tuple(position): k for k, position in enumerate(found.positions.tolist())}
+    kept = {tuple(position): k for k, position in enumerate(result.positions.tolist())}
     assert len(kept) > 3
     for row in range(patches.shape[0]):
         for col in range(patches.shape[1]):
             here, norm = torch.tensor([row, col]), norms[row, col]
-            better = [k for k in range(len(found)) if found.discriminability[k] >= norm]
-            near = [k for k in better if overlap(here, found.positions[k], size) > limit]
+            better = [k for k in range(len(result)) if result.discriminability[k] >= norm]
+            near = [k for k in better if overlap(here, result.positions[k], size) > limit]
             if (row, col) in kept:
                 assert near == [kept[row, col]]
                 assert norm > least
@@ -93,30 +93,30 @@ def test_greedy_by_discriminability_with_little_overlap(
                 assert near or norm <= least
 
 
-def test_count_keeps_the_best(found: Elements, descriptor: Tensor, background: Background) -> None:
+def test_count_keeps_the_best(result: Elements, descriptor: Tensor, background: Background) -> None:
     few = elements(descriptor, background, (4, 5), count=3, threshold=1.2)
-    assert torch.equal(few.positions, found.positions[:3])
-    assert torch.equal(few.weights, found.weights[:3])
+    assert torch.equal(few.positions, result.positions[:3])
+    assert torch.equal(few.weights, result.weights[:3])
 
 
 def test_overlap_of_one_excludes_nothing(descriptor: Tensor, background: Background) -> None:
-    found = elements(descriptor, background, count=None, overlap=1.0, threshold=0.0)
-    assert len(found) == (16 - 4) * (20 - 4)
-    assert len(found.positions.unique(dim=0)) == len(found)
+    result = elements(descriptor, background, count=None, overlap=1.0, threshold=0.0)
+    assert len(result) == (16 - 4) * (20 - 4)
+    assert len(result.positions.unique(dim=0)) == len(result)
 
 
-def test_weights(found: Elements, background: Background) -> None:
-    empty = found.patches.sum(dim=3) <= EMPTY
+def test_weights(result: Elements, background: Background) -> None:
+    empty = result.patches.sum(dim=3) <= EMPTY
     assert 0 < empty.float().mean() < 1
-    assert not found.weights[empty].any()
-    assert_close(found.weights[~empty], background.whiten(found.patches)[~empty])
+    assert not result.weights[empty].any()
+    assert_close(result.weights[~empty], background.whiten(result.patches)[~empty])
 
 
-def test_scores_have_one_scale(found: Elements, background: Background) -> None:
+def test_scores_have_one_scale(result: Elements, background: Background) -> None:
     """The mean of photographs scores -1, an element itself far above 0."""
-    scale, offset = found.scale, found.offset
-    assert_close((found.weights * background.mean.float()).sum((1, 2, 3)) * scale + offset, -torch.ones(len(found)))
-    own = (found.weights * found.patches).sum((1, 2, 3)) * scale + offset
+    scale, offset = result.scale, result.offset
+    assert_close((result.weights * background.mean.float()).sum((1, 2, 3)) * scale + offset, -torch.ones(len(result)))
+    own = (result.weights * result.patches).sum((1, 2, 3)) * scale + offset
     assert (own[:10] > 0.5).all()  # those after them have many empty cells
 
 
@@ -133,20 +133,20 @@ def test_one_of_ten_thousand_patches_of_photographs_scores_0(background: Backgro
     assert scores.quantile(0.9999, dim=1).abs().max() < 0.3
 
 
-def test_regions_of_other_descriptors(found: Elements, descriptor: Tensor) -> None:
+def test_regions_of_other_descriptors(result: Elements, descriptor: Tensor) -> None:
     others = torch.rand(3, *descriptor.shape)
-    regions = found.gather(others)
-    assert regions.shape == (3, *found.patches.shape)
-    assert torch.equal(found.gather(descriptor[None])[0], found.patches)
-    row, col = found.positions[2].tolist()
+    regions = result.gather(others)
+    assert regions.shape == (3, *result.patches.shape)
+    assert torch.equal(result.gather(descriptor[None])[0], result.patches)
+    row, col = result.positions[2].tolist()
     assert torch.equal(regions[1, 2], others[1, row : row + 4, col : col + 5])
 
 
-def test_spread_values_score_as_elements_do(found: Elements, descriptor: Tensor) -> None:
+def test_spread_values_score_as_elements_do(result: Elements, descriptor: Tensor) -> None:
     others = torch.rand(3, *descriptor.shape)
-    spread = found.scatter(found.weights, *descriptor.shape[:2])
+    spread = result.scatter(result.weights, *descriptor.shape[:2])
     assert spread.shape == descriptor.shape
-    assert_close((others * spread).sum((1, 2, 3)), (found.gather(others) * found.weights).sum((1, 2, 3, 4)))
+    assert_close((others * spread).sum((1, 2, 3)), (result.gather(others) * result.weights).sum((1, 2, 3, 4)))
 
 
 @pytest.mark.parametrize("shape", [(16, 20, 9), (3, 20, 9), (16, 4, 9), (0, 5, 9)])

@@ -63,8 +63,8 @@ def test_how_many_are_scored_at_once_does_not_matter(
     image, box = scene(meshes["b"], 150, 0, 0, 500, clutter)
     every = {**models, "c": models["a"], "d": models["b"]}
     assert len(list(exemplar._blocks(every))) == 1
-    found = detect(image, box, every)
-    assert (found.model, found.azimuth) == ("b", 150)
+    output = detect(image, box, every)
+    assert (output.model, output.azimuth) == ("b", 150)
     for most in (1, len(models["a"].scale) + len(models["b"].scale)):
         monkeypatch.setattr(exemplar, "AT_ONCE", most)
         assert [names for _, names in exemplar._blocks(every)] in (
@@ -72,8 +72,8 @@ def test_how_many_are_scored_at_once_does_not_matter(
             [["a", "b"], ["c", "d"]],
         )
         again = detect(image, box, every)
-        assert (again.model, again.azimuth) == (found.model, found.azimuth)
-        assert again.confidence == pytest.approx(found.confidence, rel=1e-4)
+        assert (again.model, again.azimuth) == (output.model, output.azimuth)
+        assert again.confidence == pytest.approx(output.confidence, rel=1e-4)
 
 
 @pytest.mark.parametrize(("name", "azimuth"), [("a", 30), ("b", 150), ("b", 250)])
@@ -82,14 +82,14 @@ def test_a_rendering_is_found_again(
     meshes: dict[str, Mesh], models: dict[str, ExemplarViews], clutter: Tensor, name: str, azimuth: float, focal: float
 ) -> None:
     image, box = scene(meshes[name], azimuth, 30, -10, focal, clutter)
-    found = detect(image, box, models)
-    assert (found.model, found.azimuth, found.elevation) == (name, azimuth, 20)
-    assert found.confidence > 0.5
-    assert 5 <= found.inliers <= 10
-    assert iou(found.box, box) > 0.65  # sizes come in steps of a quarter
+    output = detect(image, box, models)
+    assert (output.model, output.azimuth, output.elevation) == (name, azimuth, 20)
+    assert output.confidence > 0.5
+    assert 5 <= output.inliers <= 10
+    assert iou(output.box, box) > 0.65  # sizes come in steps of a quarter
     colour = detect(image.expand(3, -1, -1).double(), box, models)
     assert (colour.model, colour.azimuth) == (name, azimuth)
-    assert colour.confidence == pytest.approx(found.confidence, rel=1e-2)
+    assert colour.confidence == pytest.approx(output.confidence, rel=1e-2)
 
 
 def test_between_views_it_is_the_nearest(
@@ -188,19 +188,19 @@ def test_star_matching_step_by_step(seed: int, agreement: float) -> None:
     positions = generator.integers(0, 5, (elements, 2))
     boxes = np.sort(generator.uniform(0, 30, (3, 2, 2)), axis=1).reshape(3, 4)
     box = np.array([3.0, 2.0, 20.0, 18.0])
-    found = np.empty((3, 7))
-    star_match(scores, PYRAMID, Layout(level, positions, first, boxes), box, agreement, found)
+    output = np.empty((3, 7))
+    star_match(scores, PYRAMID, Layout(level, positions, first, boxes), box, agreement, output)
     expected = np.array(expected_matches(scores, level, positions, first, boxes, box, agreement))
-    assert found[1, 0] == -math.inf
-    assert np.isfinite(found[[0, 2]]).all()
-    np.testing.assert_allclose(found[[0, 2]], expected[[0, 2]], rtol=1e-5, atol=1e-4)
+    assert output[1, 0] == -math.inf
+    assert np.isfinite(output[[0, 2]]).all()
+    np.testing.assert_allclose(output[[0, 2]], expected[[0, 2]], rtol=1e-5, atol=1e-4)
     assert expected[1, 0] == -math.inf
 
 
 def test_nothing_scores_above_0() -> None:
-    found = np.empty((1, 7))
+    output = np.empty((1, 7))
     one = np.zeros((1, 2), np.int64)
     scores = np.full((1, START[-1]), -0.1, np.float32)
     layout = Layout(one[0, :1], one, np.array([0, 1]), np.zeros((1, 4)))
-    star_match(scores, PYRAMID, layout, np.array([0.0, 0, 9, 9]), 0.0, found)
-    assert found[0, 0] == -math.inf
+    star_match(scores, PYRAMID, layout, np.array([0.0, 0, 9, 9]), 0.0, output)
+    assert output[0, 0] == -math.inf

@@ -123,10 +123,10 @@ def test_other_backgrounds_are_refused(mesh: Mesh, background: Background) -> No
 
 def test_saved_and_loaded(tmp_path: Path, views: ExemplarViews) -> None:
     views.save(tmp_path / "v.npz")
-    found = ExemplarViews.load(tmp_path / "v.npz")
-    assert_close(found.weights, views.weights, rtol=1e-3, atol=1e-6)
+    result = ExemplarViews.load(tmp_path / "v.npz")
+    assert_close(result.weights, views.weights, rtol=1e-3, atol=1e-6)
     for field in dataclasses.fields(ExemplarViews)[1:]:
-        assert torch.equal(getattr(found, field.name), getattr(views, field.name))
+        assert torch.equal(getattr(result, field.name), getattr(views, field.name))
 
 
 @pytest.mark.parametrize(

@@ -52,21 +52,21 @@ def test_inside_it_is_the_exact_inverse(correlation: float) -> None:
     of = background(correlation)
     covariance = windowed(of).template_covariance(size, size)
     exact = torch.linalg.inv(covariance + LAMBDA * torch.eye(len(covariance), dtype=torch.float64))
-    found = matrix(Whitener(of, size, size)).double()
+    result = matrix(Whitener(of, size, size)).double()
     # rows of the matrices for the middle cells; columns for all cells but the outermost two rings
     inside = torch.zeros(size, size, CHANNELS, dtype=torch.bool)
     inside[2:-2, 2:-2] = True
     middle = torch.zeros_like(inside)
     middle[3:-3, 3:-3] = True
-    error = (found - exact)[middle.flatten()][:, inside.flatten()]
+    error = (result - exact)[middle.flatten()][:, inside.flatten()]
     assert error.norm() < 0.02 * exact[middle.flatten()][:, inside.flatten()].norm()
 
 
 @pytest.mark.parametrize(("rows", "cols"), [(5, 9), (1, 1), (12, 3)])
 def test_it_is_symmetric_and_positive_definite(rows: int, cols: int) -> None:
-    found = matrix(Whitener(background(0.6), rows, cols)).double()
-    assert_close(found, found.mT, rtol=0, atol=1e-4)
-    values = torch.linalg.eigvalsh((found + found.mT) / 2)
+    result = matrix(Whitener(background(0.6), rows, cols)).double()
+    assert_close(result, result.mT, rtol=0, atol=1e-4)
+    values = torch.linalg.eigvalsh((result + result.mT) / 2)
     assert values[0] > 0
     assert values[-1] <= 1 / LAMBDA * (1 + 1e-4)
 
@@ -91,9 +91,9 @@ def test_opposite_borders_know_nothing_of_each_other() -> None:
     whitener = Whitener(background(0.2, 2), 16, 16)
     alone = torch.zeros(1, CHANNELS, 16, 16)
     alone[0, :, 0, 0] = 1
-    found = whitener(alone)
-    assert found[0, :, -1].abs().max() < 1e-2 * found.abs().max()
-    assert found[0, :, :, -1].abs().max() < 1e-2 * found.abs().max()
+    result = whitener(alone)
+    assert result[0, :, -1].abs().max() < 1e-2 * result.abs().max()
+    assert result[0, :, :, -1].abs().max() < 1e-2 * result.abs().max()
 
 
 def test_what_is_centred_has_the_mean_of_photographs_at_0() -> None:

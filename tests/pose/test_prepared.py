@@ -34,12 +34,12 @@ def test_elements_lie_in_the_box() -> None:
     crop = crop_object(image, (70.0, 20.0, 130.0, 140.0))
     photograph = PreparedPhotograph(crop)
     assert photograph.background is default_background(pose_spec())
-    descriptor, found = photograph.elements
+    descriptor, result = photograph.elements
     assert_close(descriptor, describe(crop.image, pose_spec())[0].permute(1, 2, 0))
-    assert 5 < len(found) <= ELEMENTS
-    for k, (row, col) in enumerate(found.positions.tolist()):
-        assert torch.equal(found.patches[k], descriptor[row : row + ELEMENT[0], col : col + ELEMENT[1]])
-    middles = (found.positions + torch.tensor(ELEMENT) / 2) * 8 - 64
+    assert 5 < len(result) <= ELEMENTS
+    for k, (row, col) in enumerate(result.positions.tolist()):
+        assert torch.equal(result.patches[k], descriptor[row : row + ELEMENT[0], col : col + ELEMENT[1]])
+    middles = (result.positions + torch.tensor(ELEMENT) / 2) * 8 - 64
     width, height = crop.size
     assert (middles[:, 1].abs() + 20 <= width / 2 + 8).all()
     assert (middles[:, 0].abs() + 20 <= height / 2 + 8).all()
@@ -47,9 +47,9 @@ def test_elements_lie_in_the_box() -> None:
 
 def test_a_narrow_box_has_elements_of_its_middle() -> None:
     photograph = PreparedPhotograph(crop_object(torch.rand(1, 100, 100), (40.0, 0.0, 50.0, 100.0)))
-    _, found = photograph.elements
-    assert len(found) > 0
-    assert ((found.positions[:, 1] - 5.5).abs() <= 1).all()
+    _, result = photograph.elements
+    assert len(result) > 0
+    assert ((result.positions[:, 1] - 5.5).abs() <= 1).all()
 
 
 def test_what_is_beyond_the_photograph_does_not_count() -> None:
@@ -59,8 +59,8 @@ def test_what_is_beyond_the_photograph_does_not_count() -> None:
     image[..., :18] = torch.rand(18)  # the photograph begins at 34; a cell's own votes reach 12 pixels from its middle
     other = dataclasses.replace(crop, image=image)
     for template in ("calibrated", "fine"):
-        found, expected = (getattr(PreparedPhotograph(each), template).weights for each in (other, crop))
-        assert torch.equal(found, expected)
+        result, expected = (getattr(PreparedPhotograph(each), template).weights for each in (other, crop))
+        assert torch.equal(result, expected)
     everywhere = dataclasses.replace(crop, valid=Box(0.0, 0.0, 128.0, 128.0))
     assert not torch.allclose(
         PreparedPhotograph(everywhere).calibrated.weights, PreparedPhotograph(crop).calibrated.weights
@@ -69,12 +69,12 @@ def test_what_is_beyond_the_photograph_does_not_count() -> None:
 
 def test_templates_of_elements(crop: ObjectCrop) -> None:
     photograph = PreparedPhotograph(crop)
-    descriptor, found = photograph.elements
-    for kind, patches in (("dot", found.patches), ("whitened", found.weights)):
+    descriptor, result = photograph.elements
+    for kind, patches in (("dot", result.patches), ("whitened", result.weights)):
         template = photograph.template(kind)  # type: ignore[arg-type]
         assert template.whitener is None
         assert template.spec == pose_spec()
-        assert_close(template.weights.permute(1, 2, 0), found.scatter(patches, *descriptor.shape[:2]))
+        assert_close(template.weights.permute(1, 2, 0), result.scatter(patches, *descriptor.shape[:2]))
 
 
 def test_calibrated_templates_have_whole_and_half_cells(crop: ObjectCrop) -> None:

@@ -51,17 +51,17 @@ def test_values_alone_know_the_top() -> None:
     offsets = torch.randn(80, 6, dtype=torch.float64, generator=torch.Generator().manual_seed(2))
     values, slopes = quadratic(START + away * UNITS)[0].derivatives(START + offsets * UNITS)
     weights = torch.ones(80).double()
-    found = ascent._maximum(offsets, values, torch.full_like(slopes, torch.nan), weights)
-    assert (found - away).norm() < 0.1 * away.norm()
+    output = ascent._maximum(offsets, values, torch.full_like(slopes, torch.nan), weights)
+    assert (output - away).norm() < 0.1 * away.norm()
     some = torch.where(torch.arange(80)[:, None] < 8, slopes * UNITS, torch.nan)
-    assert (ascent._maximum(offsets, values, some, weights) - away).norm() < (found - away).norm()
+    assert (ascent._maximum(offsets, values, some, weights) - away).norm() < (output - away).norm()
 
 
 def test_a_top_far_away_is_only_approached() -> None:
     away = torch.tensor([9.0, 0, 0, 0, 0, 0], dtype=torch.float64)
-    found = fitted(quadratic(START + away * UNITS)[0])
-    assert found.norm() == pytest.approx(ascent._REACH)
-    assert found[0] > 0.9 * ascent._REACH
+    output = fitted(quadratic(START + away * UNITS)[0])
+    assert output.norm() == pytest.approx(ascent._REACH)
+    assert output[0] > 0.9 * ascent._REACH
 
 
 def test_a_valley_is_left_uphill() -> None:
@@ -73,9 +73,9 @@ def test_a_valley_is_left_uphill() -> None:
 
 def test_a_plain_has_no_top() -> None:
     offsets = torch.randn(8, 6, dtype=torch.float64)
-    found = ascent._maximum(offsets, torch.ones(8).double(), torch.zeros(8, 6).double(), torch.ones(8).double())
-    assert torch.isfinite(found).all()
-    assert found.norm() <= ascent._REACH + 1e-9
+    output = ascent._maximum(offsets, torch.ones(8).double(), torch.zeros(8, 6).double(), torch.ones(8).double())
+    assert torch.isfinite(output).all()
+    assert output.norm() <= ascent._REACH + 1e-9
 
 
 def test_ascent_on_a_jagged_quadratic() -> None:

@@ -50,13 +50,13 @@ def test_descriptors_are_those_of_the_operator(crop: ObjectCrop, photograph: Pre
 def test_elements_add_up_in_one_template(crop: ObjectCrop, photograph: PreparedPhotograph) -> None:
     spec = photograph.background.spec
     (descriptor,) = hog(crop.image, spec)
-    found = elements(descriptor, photograph.background, (4, 3), count=9)
-    assert len(found) == 9
+    result = elements(descriptor, photograph.background, (4, 3), count=9)
+    assert len(result) == 9
     renderings = torch.rand(4, *descriptor.shape)
-    for patches in (found.patches, found.weights):
-        template = elements_template(found, patches, spec, *descriptor.shape[:2])
+    for patches in (result.patches, result.weights):
+        template = elements_template(result, patches, spec, *descriptor.shape[:2])
         values, slopes = template.values_and_gradients(renderings.permute(0, 3, 1, 2))
-        assert_close(values, (found.gather(renderings) * patches).sum((1, 2, 3, 4)), rtol=1e-4, atol=1e-4)
+        assert_close(values, (result.gather(renderings) * patches).sum((1, 2, 3, 4)), rtol=1e-4, atol=1e-4)
         assert (slopes == template.weights).all()
 
 

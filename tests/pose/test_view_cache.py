@@ -31,9 +31,9 @@ def test_they_are_the_similarities_of_renderings_that_fill_the_crop(
     template = photograph.calibrated
     poses = fit_to_box(level_poses(equidistant_azimuths(VIEW_COUNT), 15), prepared.hull, prepared.camera, FILL)
     expected = prepared.similarity(template, detail=DETAIL).values(poses)
-    found = view_similarities(prepared, template, 15)
-    assert_close(found, expected, rtol=1e-4, atol=1e-4)
-    assert degrees_between(float(equidistant_azimuths(VIEW_COUNT)[found.argmax()]), 40) <= 360 / VIEW_COUNT
+    result = view_similarities(prepared, template, 15)
+    assert_close(result, expected, rtol=1e-4, atol=1e-4)
+    assert degrees_between(float(equidistant_azimuths(VIEW_COUNT)[result.argmax()]), 40) <= 360 / VIEW_COUNT
 
 
 def test_elevations_are_those_next_to_the_one_asked_for(

@@ -44,15 +44,15 @@ def photographs() -> Background:
 
 def inner_cells(of: dict[str, Tensor], spec: HOGSpec, order: int) -> list[Tensor]:
     """(rows, cols, C) of each image at each scale, float64."""
-    found = []
+    result = []
     for image in of.values():
         for k in range(100):
             small = limit_size(image[None], round(max(image.shape) * 2 ** (-k / 2))) if k else image[None]
             rows, cols = (n // c - 2 for n, c in zip(small.shape[1:], spec.cell_size, strict=True))
             if min(rows, cols) < order + 1:
                 break
-            found.append(hog(small[None], spec)[0, 1:-1, 1:-1].double())
-    return found
+            result.append(hog(small[None], spec)[0, 1:-1, 1:-1].double())
+    return result
 
 
 # --- what is learned -------------------------------------------------------------------------------------------------

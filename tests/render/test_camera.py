@@ -38,8 +38,8 @@ def test_the_camera_is_where_it_is_said_to_be(numbers: tuple[float, ...]) -> Non
     azimuth, elevation, distance = math.radians(numbers[0]), math.radians(numbers[1]), numbers[2]
     level = distance * math.cos(elevation)
     place = [level * math.sin(azimuth), -level * math.cos(azimuth), distance * math.sin(elevation)]
-    found = to_camera(torch.tensor([place], dtype=torch.float64), pose(*numbers))
-    assert_close(found, torch.zeros(1, 1, 3, dtype=torch.float64), rtol=0, atol=1e-12)
+    result = to_camera(torch.tensor([place], dtype=torch.float64), pose(*numbers))
+    assert_close(result, torch.zeros(1, 1, 3, dtype=torch.float64), rtol=0, atol=1e-12)
 
 
 @given(ANY_POSE)

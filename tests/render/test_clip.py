@@ -91,8 +91,8 @@ def test_derivatives() -> None:
     points, faces, corners = soup(3, 4)
 
     def cut(points: Tensor, corners: Tensor) -> tuple[Tensor, Tensor]:
-        found = clip(points, faces, corners, NEAR)
-        return found.points, found.brightness
+        result = clip(points, faces, corners, NEAR)
+        return result.points, result.brightness
 
     inputs = points.requires_grad_(), corners.requires_grad_()
     assert torch.autograd.gradcheck(cut, inputs, check_forward_ad=True)

@@ -32,8 +32,8 @@ AZIMUTH, ELEVATION, THETA = st.floats(-360, 360), st.floats(-85, 85), st.floats(
 
 
 def ours(poses: Tensor, camera: Camera) -> Floats:
-    found: Floats = to_screen(to_camera(torch.from_numpy(POINTS), poses), poses, camera)[0, :, :2].numpy()
-    return found
+    result: Floats = to_screen(to_camera(torch.from_numpy(POINTS), poses), poses, camera)[0, :, :2].numpy()
+    return result
 
 
 def turned(axis: str, degrees: float) -> Floats:

@@ -197,8 +197,8 @@ def test_smooth_shading_and_surfaces_that_pass_through_each_other(step: int) -> 
         direction = torch.eye(6, dtype=torch.float64)[k : k + 1]
         for background in (1.0, BEHIND * 0 + 1):
             renderer = Renderer(one, CAMERA, supersampling=step)
-            found = slope(lambda p, r=renderer, b=background: r(p, b), at, direction)  # type: ignore[misc]
-            blurred = (avg_pool2d(part.double(), 3, 1).flatten() for part in (found, expected))
+            result = slope(lambda p, r=renderer, b=background: r(p, b), at, direction)  # type: ignore[misc]
+            blurred = (avg_pool2d(part.double(), 3, 1).flatten() for part in (result, expected))
             assert cosine_similarity(*blurred, dim=0) > (0.95 if step == 1 else 0.985)
 
 

@@ -36,23 +36,23 @@ def test_surfaces_move_as_their_points_do() -> None:
     (early, before), (late, behind), (now, point) = after(-1e-6), after(1e-6), after(0)
     x, y = point.T
     faces, first = torch.arange(18).reshape(6, 3), torch.zeros(6, dtype=torch.int64)
-    found = surface_motion(now, (late - early) / 2e-6, faces, first, x, y)
-    assert_close(found, (behind - before) / 2e-6, rtol=1e-5, atol=1e-5)
+    result = surface_motion(now, (late - early) / 2e-6, faces, first, x, y)
+    assert_close(result, (behind - before) / 2e-6, rtol=1e-5, atol=1e-5)
 
 
 @pytest.mark.parametrize("where", [pose(33, 20, 3), pose(33, 20, 0.6), pose(200, -40, 0.3), pose(75, 60, 0.1)])
 def test_silhouettes_are_where_one_face_is_turned_to_the_camera_and_one_away(where: Tensor) -> None:
     """Also where the faces go on behind the camera; of edges that do so themselves, nothing is said."""
     one = joined(box(), cylinder(16), box((0.2, 0.3, 2)))
-    found = mesh_edges(one)
+    result = mesh_edges(one)
     points = to_camera(one.vertices, where)
-    a, b = points[0][found.ends].unbind(1)
-    normals = torch.linalg.cross((b - a)[:, None], points[0][found.opposite] - a[:, None])
+    a, b = points[0][result.ends].unbind(1)
+    normals = torch.linalg.cross((b - a)[:, None], points[0][result.opposite] - a[:, None])
     sides = (normals * a[:, None]).sum(2)
     expected = sides[:, 0] * sides[:, 1] >= 0
-    front = (points[0][found.ends][..., 2] > 1e-3).all(1)
+    front = (points[0][result.ends][..., 2] > 1e-3).all(1)
     assert front.sum() > 5
-    assert torch.equal(silhouette_edges(to_screen(points, where, WIDE), found)[0][front], expected[front])
+    assert torch.equal(silhouette_edges(to_screen(points, where, WIDE), result)[0][front], expected[front])
 
 
 def test_crossings_of_a_rectangle() -> None:
@@ -61,26 +61,26 @@ def test_crossings_of_a_rectangle() -> None:
     where = pose(0, distance=3)
     screen = to_screen(to_camera(one.vertices, where), where, CAMERA)
     ids, inverse = rasterize(screen, one.faces, 48, 40)
-    found = edge_crossings(screen, mesh_edges(one), ids, inverse)
-    left = (found.axis == 1) & (found.col < 20)
-    assert found.row[left].tolist() == list(range(11, 33))
-    assert (found.col[left] == 8).all()
-    assert_close(found.at[left], torch.full((22,), 0.8, dtype=torch.float64))
-    assert_close(found.slope[left], torch.zeros(22, dtype=torch.float64))
-    assert found.measured[left].all()
-    assert len(found.at) == 2 * 22 + 2 * 21
+    result = edge_crossings(screen, mesh_edges(one), ids, inverse)
+    left = (result.axis == 1) & (result.col < 20)
+    assert result.row[left].tolist() == list(range(11, 33))
+    assert (result.col[left] == 8).all()
+    assert_close(result.at[left], torch.full((22,), 0.8, dtype=torch.float64))
+    assert_close(result.slope[left], torch.zeros(22, dtype=torch.float64))
+    assert result.measured[left].all()
+    assert len(result.at) == 2 * 22 + 2 * 21
 
 
 def test_hidden_edges_cross_nothing() -> None:
     behind = rectangle(12, 14, 20, 25, CAMERA, distance=3.5)
     hidden = Mesh(behind.vertices + torch.tensor([0, 0.5, 0]), behind.faces, behind.brightness)
     alone, both = rectangle(9.3, 11.2, 30.4, 33.1, CAMERA), joined(rectangle(9.3, 11.2, 30.4, 33.1, CAMERA), hidden)
-    where, found = pose(0, distance=3), []
+    where, result = pose(0, distance=3), []
     for one in (alone, both):
         screen = to_screen(to_camera(one.vertices, where), where, CAMERA)
-        found.append(edge_crossings(screen, mesh_edges(one), *rasterize(screen, one.faces, 48, 40)))
-    assert torch.equal(found[0].row, found[1].row)
-    assert torch.equal(found[0].at, found[1].at)
+        result.append(edge_crossings(screen, mesh_edges(one), *rasterize(screen, one.faces, 48, 40)))
+    assert torch.equal(result[0].row, result[1].row)
+    assert torch.equal(result[0].at, result[1].at)
 
 
 def test_the_first_of_the_highest_at_each_place() -> None:

@@ -56,8 +56,8 @@ def test_slanted_sides_cover_pixels_by_their_share(dtype: torch.dtype) -> None:
     for row in range(48):
         upper, lower = start + row * slope, start + (row + 1) * slope
         middle = (upper + lower) / 2
-        found = float(image[row, :38].sum())
-        assert found == pytest.approx(38 - middle, abs=1e-5)  # whatever pixel it is given to, none is lost
+        result = float(image[row, :38].sum())
+        assert result == pytest.approx(38 - middle, abs=1e-5)  # whatever pixel it is given to, none is lost
         if math.floor(upper) == math.floor(lower):
             assert float(image[row, math.floor(upper)]) == pytest.approx(math.ceil(middle) - middle, abs=1e-5)
 
@@ -78,10 +78,10 @@ def test_edges_are_smoother_than_samples() -> None:
     """What the method is for: at one sample a pixel it is nearer to the truth than the mean of four samples."""
     one, where = box(), poses(4, 13)
     truth = render(one, where, CAMERA, light=FLAT, supersampling=16)
-    found = render(one, where, CAMERA, light=FLAT, supersampling=1)
+    result = render(one, where, CAMERA, light=FLAT, supersampling=1)
     ids = torch.stack([depth_and_normals(one, pose, Camera(CAMERA.focal * 2, 96, 80))[0][0] for pose in twice(where)])
     samples = torch.nn.functional.avg_pool2d(torch.where(torch.isinf(ids), 1.0, 0.8), 2)[:, None]
-    assert (found - truth).norm() < 0.5 * (samples - truth).norm()
+    assert (result - truth).norm() < 0.5 * (samples - truth).norm()
 
 
 def twice(where: Tensor) -> list[Tensor]:
@@ -220,10 +220,10 @@ def test_depths_and_normals() -> None:
 
 def test_normals_of_a_slope_look_towards_the_camera() -> None:
     depth, normals = depth_and_normals(flipped(box()), pose(45, 30, 13), CAMERA)
-    found = normals[0][:, torch.isfinite(depth[0])].T
-    assert (found[:, 2] < 0).all()
-    assert len(found.round(decimals=6).unique(dim=0)) == 3
-    assert_close(found.norm(dim=1), torch.ones(len(found), dtype=torch.float64))
+    result = normals[0][:, torch.isfinite(depth[0])].T
+    assert (result[:, 2] < 0).all()
+    assert len(result.round(decimals=6).unique(dim=0)) == 3
+    assert_close(result.norm(dim=1), torch.ones(len(result), dtype=torch.float64))
 
 
 @pytest.mark.parametrize(

@@ -31,20 +31,20 @@ HEIGHT, WIDTH = 24, 20
 def faces_of(mesh: Mesh) -> list[tuple[Floats, float]]:
     """Corners (3, 3) in the object's frame and the brightness of each face under the default light."""
     light = np.array([1, -2, 3]) / math.sqrt(14)
-    found = []
+    result = []
     for face in mesh.faces.tolist():
         a, b, c = corners = mesh.vertices.numpy()[face]
         normal = np.cross(b - a, c - a)
         normal /= np.linalg.norm(normal)
-        found.append((corners, float(mesh.brightness[face[0]]) * (0.3 + 0.7 * abs(normal @ light))))
-    return found
+        result.append((corners, float(mesh.brightness[face[0]]) * (0.3 + 0.7 * abs(normal @ light))))
+    return result
 
 
 def seen(points: Floats, numbers: Floats) -> Floats:
     """x and y of points of the object."""
     at = torch.tensor(numbers)[None]
-    found: Floats = to_screen(to_camera(torch.tensor(points), at), at, CAMERA)[0].numpy()
-    return found
+    result: Floats = to_screen(to_camera(torch.tensor(points), at), at, CAMERA)[0].numpy()
+    return result
 
 
 def surface(corners: Floats, numbers: Floats, x: float, y: float) -> Floats:
@@ -124,8 +124,8 @@ def test_the_image_and_its_derivatives_are_those_of_the_rule(at: torch.Tensor) -
     picture = torch.rand(1, 1, HEIGHT, WIDTH, dtype=torch.float64)
     image, derivative = by_the_rule(mesh, at[0].numpy(), picture[0, 0].numpy())
     renderer = Renderer(mesh, CAMERA, method="opendr", supersampling=1)
-    found = renderer(at, picture)[0, 0]
-    assert_close(found, torch.from_numpy(image))
+    result = renderer(at, picture)[0, 0]
+    assert_close(result, torch.from_numpy(image))
     for k in range(6):
         direction = torch.eye(6, dtype=torch.float64)[k : k + 1]
         _, slope = torch.func.jvp(lambda p: renderer(p, picture)[0, 0], (at,), (direction,))
@@ -161,7 +161,7 @@ def test_an_outline_hides_what_is_behind_it_and_its_brightness_counts_once() -> 
     inverse = torch.tensor([[[0.0, 0.0, 0.0], [0.0, 0.5, 0.5], [0.0, 0.5, 0.5]]])
     zero = torch.zeros(2, dtype=torch.int64)
     # from sample (0, 1) down to (1, 1), and from (1, 0) right to (1, 1): both cross near (1, 1) and show it
-    found = Crossings(
+    result = Crossings(
         zero,
         torch.tensor([0, 1]),
         torch.tensor([0, 1]),
@@ -173,7 +173,7 @@ def test_an_outline_hides_what_is_behind_it_and_its_brightness_counts_once() -> 
         torch.zeros(2),
     )
     outline = torch.ones(1, 1, dtype=torch.bool)
-    on_outline, (_, drawn) = draw_silhouettes(found, outline, inverse, brightness)
+    on_outline, (_, drawn) = draw_silhouettes(result, outline, inverse, brightness)
     assert on_outline.nonzero().tolist() == [[0, 1, 1]]
     (slope,) = torch.autograd.grad(drawn.sum(), brightness)
     assert torch.equal(slope, torch.ones_like(slope))

@@ -171,16 +171,16 @@ def test_no_faces(find: object, dtype: torch.dtype) -> None:
 def test_function_transforms_see_the_same() -> None:
     """Their tensors show no memory, so that PyTorch is used."""
     points, faces = soup(4)
-    found: list[Tensor] = []
+    result: list[Tensor] = []
 
     def look(points: Tensor) -> Tensor:
         ids, inverse = rasterize(points, faces, HEIGHT, WIDTH)
-        found.append(ids.sum())
+        result.append(ids.sum())
         return points.sum() + inverse.sum()
 
     slope = torch.func.grad(look)(points)
     assert torch.equal(slope, torch.ones_like(points))  # what is seen is a constant
-    assert int(found[0]) == int(rasterize(points, faces, HEIGHT, WIDTH)[0].sum())
+    assert int(result[0]) == int(rasterize(points, faces, HEIGHT, WIDTH)[0].sum())
 
 
 def test_barycentric_coordinates() -> None:

@@ -114,8 +114,8 @@ def test_any_unit_of_length(scale: float, method: Method) -> None:
     unit = torch.tensor([1, 1, scale, 1, 1, 1], dtype=torch.float64)
     where = torch.cat([poses(2, 13), pose(33, 20, 0.4)])
     expected = Renderer(one, CAMERA, method=method)(where)
-    found = Renderer(other, CAMERA, method=method)(where * unit)
-    assert ((found - expected).abs() > 1e-3).float().mean() < 2e-3
+    result = Renderer(other, CAMERA, method=method)(where * unit)
+    assert ((result - expected).abs() > 1e-3).float().mean() < 2e-3
 
 
 def test_the_smallest_image() -> None:

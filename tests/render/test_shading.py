@@ -26,10 +26,10 @@ def test_the_sides_of_a_box() -> None:
     """Opposite sides alike: |n·l|.  The default light tells all three apart."""
     length = math.sqrt(1 + 4 + 9)
     for brightness in (1.0, 0.5):
-        found = shaded(box((1, 2, 3), brightness))
+        result = shaded(box((1, 2, 3), brightness))
         for k, along in enumerate((1, 2, 3)):  # four triangles of each pair of sides
             expected = torch.full((4, 3), brightness * (0.3 + 0.7 * along / length), dtype=torch.float64)
-            assert_close(found[4 * k : 4 * k + 4], expected)
+            assert_close(result[4 * k : 4 * k + 4], expected)
 
 
 def test_the_light_s_length_does_not_matter() -> None:
@@ -60,9 +60,9 @@ def test_smooth_sides_and_sharp_rims() -> None:
 
 def test_few_sides_are_flat() -> None:
     one = cylinder(6, caps=False)
-    found = shaded(one)
-    assert_close(found, found[:, :1].expand(-1, 3))
-    assert len(found[:, 0].unique()) > 2
+    result = shaded(one)
+    assert_close(result, result[:, :1].expand(-1, 3))
+    assert len(result[:, 0].unique()) > 2
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1e-3, 1e6])
@@ -74,10 +74,10 @@ def test_the_mesh_s_unit_does_not_matter(scale: float) -> None:
 def test_albedo_is_a_factor() -> None:
     one = cylinder(24)
     albedo = torch.rand(len(one.vertices), dtype=torch.float64)
-    found = shaded(Mesh(one.vertices, one.faces, albedo))
-    assert_close(found, shaded(one) / 0.8 * albedo[one.faces])
-    assert found.min() >= 0
-    assert found.max() <= 1
+    result = shaded(Mesh(one.vertices, one.faces, albedo))
+    assert_close(result, shaded(one) / 0.8 * albedo[one.faces])
+    assert result.min() >= 0
+    assert result.max() <= 1
 
 
 def test_derivatives() -> None:
@@ -94,9 +94,9 @@ def test_derivatives() -> None:
 def test_triangles_of_no_area_are_dark_and_harmless() -> None:
     vertices = torch.tensor([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0]], dtype=torch.float64, requires_grad=True)
     one = Mesh(vertices, torch.tensor([[0, 1, 2], [0, 1, 3], [1, 1, 3]]), torch.ones(4, dtype=torch.float64))
-    found = shaded(one)
-    assert_close(found[[0, 2]], torch.full((2, 3), 0.3, dtype=torch.float64))
-    (slope,) = torch.autograd.grad(found.sum(), vertices)
+    result = shaded(one)
+    assert_close(result[[0, 2]], torch.full((2, 3), 0.3, dtype=torch.float64))
+    (slope,) = torch.autograd.grad(result.sum(), vertices)
     assert torch.isfinite(slope).all()
 
 

@@ -24,13 +24,13 @@ def nearest(points: Tensor, others: Tensor) -> Tensor:
 
 @meshes
 def test_no_vertex_moves_too_far(mesh: Mesh) -> None:
-    found = simplify(mesh, REACH)
-    assert 0 < len(found.faces) < 0.8 * len(mesh.faces)
-    assert (nearest(found.vertices, mesh.vertices) == 0).all()  # those that are left have not moved
-    assert nearest(mesh.vertices, found.vertices).max() <= REACH
-    a, b, c = found.faces.T
+    result = simplify(mesh, REACH)
+    assert 0 < len(result.faces) < 0.8 * len(mesh.faces)
+    assert (nearest(result.vertices, mesh.vertices) == 0).all()  # those that are left have not moved
+    assert nearest(mesh.vertices, result.vertices).max() <= REACH
+    a, b, c = result.faces.T
     assert ((a != b) & (b != c) & (c != a)).all()
-    assert len(found.faces.sort(1).values.unique(dim=0)) == len(found.faces)
+    assert len(result.faces.sort(1).values.unique(dim=0)) == len(result.faces)
 
 
 @meshes

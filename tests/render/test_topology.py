@@ -16,16 +16,16 @@ from .shapes import box, cylinder, flipped, joined, mesh, quads, split
 TETRAHEDRON = mesh([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)])
 
 
-def places(one: Mesh, found: Edges) -> dict[frozenset[tuple[float, ...]], int]:
+def places(one: Mesh, result: Edges) -> dict[frozenset[tuple[float, ...]], int]:
     """The kind of each edge by where its ends are."""
-    ends = one.vertices[found.ends].tolist()
-    return {frozenset(map(tuple, pair)): kind for pair, kind in zip(ends, found.kind.tolist(), strict=True)}
+    ends = one.vertices[result.ends].tolist()
+    return {frozenset(map(tuple, pair)): kind for pair, kind in zip(ends, result.kind.tolist(), strict=True)}
 
 
 def joins(one: Mesh) -> set[tuple[int, int]]:
     """Which face's normal counts at which corner."""
-    found = smoothing_groups(one)
-    return set(zip(found.corner.tolist(), found.face.tolist(), strict=True))
+    result = smoothing_groups(one)
+    return set(zip(result.corner.tolist(), result.face.tolist(), strict=True))
 
 
 def sheet(size: int) -> Mesh:
@@ -40,40 +40,40 @@ def sheet(size: int) -> Mesh:
 
 def test_a_cube_has_twelve_edges() -> None:
     cube = box()
-    found = mesh_edges(cube)
+    result = mesh_edges(cube)
     expected = {
         frozenset((a, b))
         for a, b in itertools.combinations(map(tuple, cube.vertices.tolist()), 2)
         if math.dist(a, b) == pytest.approx(1)
     }
-    assert places(cube, found) == dict.fromkeys(expected, CREASE)
+    assert places(cube, result) == dict.fromkeys(expected, CREASE)
 
 
 def test_a_tetrahedron() -> None:
-    found = mesh_edges(TETRAHEDRON)
-    assert found.ends.tolist() == [[0, 1], [0, 2], [1, 2], [0, 3], [1, 3], [2, 3]]
-    assert [sorted(pair) for pair in found.opposite.tolist()] == [[2, 3], [1, 3], [0, 3], [1, 2], [0, 2], [0, 1]]
-    assert found.kind.tolist() == [CREASE] * 6
+    result = mesh_edges(TETRAHEDRON)
+    assert result.ends.tolist() == [[0, 1], [0, 2], [1, 2], [0, 3], [1, 3], [2, 3]]
+    assert [sorted(pair) for pair in result.opposite.tolist()] == [[2, 3], [1, 3], [0, 3], [1, 2], [0, 2], [0, 1]]
+    assert result.kind.tolist() == [CREASE] * 6
 
 
 def test_a_triangle_is_open() -> None:
-    found = mesh_edges(mesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)]))
-    assert found.kind.tolist() == [BOUNDARY] * 3
-    assert found.opposite.tolist() == [[2, 2], [1, 1], [0, 0]]
+    result = mesh_edges(mesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)]))
+    assert result.kind.tolist() == [BOUNDARY] * 3
+    assert result.opposite.tolist() == [[2, 2], [1, 1], [0, 0]]
 
 
 def test_an_open_curved_sheet() -> None:
-    found = mesh_edges(sheet(5))
-    assert int((found.kind == BOUNDARY).sum()) == 20
-    assert int((found.kind == SMOOTH).sum()) == 2 * 5 * 4 + 25
-    assert not (found.kind == CREASE).any()
+    result = mesh_edges(sheet(5))
+    assert int((result.kind == BOUNDARY).sum()) == 20
+    assert int((result.kind == SMOOTH).sum()) == 2 * 5 * 4 + 25
+    assert not (result.kind == CREASE).any()
 
 
 def test_three_faces_at_an_edge() -> None:
     fins = mesh([(0, 0, 0), (0, 0, 1), (1, 0, 0), (-1, 1, 0), (-1, -1, 0)], [(0, 1, 2), (1, 0, 3), (0, 1, 4)])
-    found = places(fins, mesh_edges(fins))
-    assert len(found) == 7
-    assert set(found.values()) == {BOUNDARY}
+    result = places(fins, mesh_edges(fins))
+    assert len(result) == 7
+    assert set(result.values()) == {BOUNDARY}
 
 
 @pytest.mark.parametrize("one", [box(), cylinder(12), TETRAHEDRON, sheet(4)], ids=["box", "prism", "4 faces", "sheet"])
@@ -94,8 +94,8 @@ def test_vertices_split_by_colour_are_one(one: Mesh) -> None:
 def test_creases_are_where_faces_meet_at_more_than_30_degrees(sides: int, kind: int) -> None:
     """At twelve sides it is 30 exactly, whatever the rounding."""
     tube = cylinder(sides, caps=False)
-    found = mesh_edges(tube)
-    assert found.kind[found.kind != BOUNDARY].tolist() == [kind] * sides
+    result = mesh_edges(tube)
+    assert result.kind[result.kind != BOUNDARY].tolist() == [kind] * sides
     # one side has two triangles at each vertex, the other side one: all of them join, or each side's own
     assert len(joins(tube)) == 2 * sides * (3 * 3 if kind == SMOOTH else 2 * 2 + 1)
 
@@ -110,8 +110,8 @@ def test_degenerate_triangles_have_no_edges_and_hide_none() -> None:
 
 def test_one_triangle_twice() -> None:
     """An edge of four faces is open; nothing else comes of it."""
-    found = mesh_edges(joined(TETRAHEDRON, TETRAHEDRON))
-    assert found.kind.tolist() == [BOUNDARY] * 6
+    result = mesh_edges(joined(TETRAHEDRON, TETRAHEDRON))
+    assert result.kind.tolist() == [BOUNDARY] * 6
 
 
 def test_a_crowded_vertex_is_no_hang() -> None:
@@ -123,10 +123,10 @@ def test_a_crowded_vertex_is_no_hang() -> None:
     faces = torch.stack([torch.zeros_like(around), around, around.roll(-1)], dim=1)
     fan = mesh(torch.cat([torch.tensor([[0.0, 0, 1]], dtype=torch.float64), rim]), faces)
     assert int((mesh_edges(fan).kind == BOUNDARY).sum()) == count
-    found = smoothing_groups(fan)
-    at_tip = found.corner % 3 == 0
+    result = smoothing_groups(fan)
+    at_tip = result.corner % 3 == 0
     assert at_tip.sum() == count  # each alone; on the rim two meet
-    assert len(found.corner) == count + 4 * count
+    assert len(result.corner) == count + 4 * count
 
 
 def test_faces_of_a_large_angle_do_not_join() -> None:
@@ -134,9 +134,9 @@ def test_faces_of_a_large_angle_do_not_join() -> None:
 
 
 def test_both_corners_of_a_smooth_pair_know_each_other() -> None:
-    found = joins(sheet(3))
+    result = joins(sheet(3))
     own = sheet(3).faces
-    for corner, face in found:
+    for corner, face in result:
         vertex = own.flatten()[corner]
         (back,) = (3 * face + (own[face] == vertex).nonzero()[0]).tolist()
-        assert (back, corner // 3) in found
+        assert (back, corner // 3) in result

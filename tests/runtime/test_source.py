@@ -97,8 +97,8 @@ def _parsed(file: Path) -> Iterator[str]:
 
 @pytest.mark.parametrize("file", sorted(PACKAGE.rglob("*.py")), ids=lambda file: file.relative_to(PACKAGE).as_posix())
 def test_no_import_is_overlooked(file: Path) -> None:
-    found = [ast.unparse(each) for each in source._statements(file.read_text(encoding="utf-8"))]
-    assert set(_parsed(file)) <= set(found)
+    result = [ast.unparse(each) for each in source._statements(file.read_text(encoding="utf-8"))]
+    assert set(_parsed(file)) <= set(result)
 
 
 def test_imports_for_types_do_not_count(tmp_path: Path) -> None:

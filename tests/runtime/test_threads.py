@@ -56,15 +56,15 @@ def test_every_thing_is_in_one_part(two_threads: None, count: int) -> None:
 
 
 def test_the_caller_takes_a_part(two_threads: None) -> None:
-    meeting, found = threading.Barrier(2, timeout=20), []
+    meeting, result = threading.Barrier(2, timeout=20), []
 
     def work(start: int, stop: int) -> None:
-        found.append(threading.current_thread())
+        result.append(threading.current_thread())
         meeting.wait()
 
     share_out(work, 8)
-    assert threading.current_thread() in found
-    assert len(set(found)) == 2
+    assert threading.current_thread() in result
+    assert len(set(result)) == 2
 
 
 @pytest.mark.parametrize("bad", [0, 7], ids=["the caller's part", "another part"])

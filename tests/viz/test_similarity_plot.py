@@ -20,8 +20,8 @@ def where(picture: NDArray[np.float64], colour: tuple[int, int, int]) -> NDArray
 
 def columns(mask: NDArray[np.bool_]) -> list[float]:
     """The least and the largest azimuth at which there is something."""
-    found = np.flatnonzero(mask.any(axis=0))
-    return [float((column + 0.5 - LEFT) / (WIDTH - LEFT - RIGHT) * 360) for column in (found[0], found[-1])]
+    result = np.flatnonzero(mask.any(axis=0))
+    return [float((column + 0.5 - LEFT) / (WIDTH - LEFT - RIGHT) * 360) for column in (result[0], result[-1])]
 
 
 def test_boxes() -> None:
@@ -39,14 +39,14 @@ def test_boxes() -> None:
     assert not boxed(picture, []).std()
 
 
-@pytest.mark.parametrize("found", [0.0, 130.0, 359.9])
-def test_the_pose_found_is_marked(found: float) -> None:
+@pytest.mark.parametrize("azimuth", [0.0, 130.0, 359.9])
+def test_the_pose_found_is_marked(azimuth: float) -> None:
     values = 3 + np.cos(np.radians(np.arange(0, 360, 4)))
-    picture = by_azimuth(values, values, what="dot", azimuth=found)
+    picture = by_azimuth(values, values, what="dot", azimuth=azimuth)
     assert picture.shape[::2] == (3, WIDTH)
     red = where(picture, (255, 38, 26))
     lines = red.sum(axis=0) > 300
-    assert columns(np.broadcast_to(lines, red.shape)) == pytest.approx([found, found], abs=1)
+    assert columns(np.broadcast_to(lines, red.shape)) == pytest.approx([azimuth, azimuth], abs=1)
 
 
 def test_the_curve_is_highest_where_similarity_is() -> None:

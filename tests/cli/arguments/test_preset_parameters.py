@@ -34,8 +34,8 @@ PAIR = tuple[int, int]
     ],
 )
 def test_parsed(text: str, hint: Any, value: Any) -> None:
-    found = parsed(text, hint)
-    assert (found, type(found)) == (value, type(value))
+    result = parsed(text, hint)
+    assert (result, type(result)) == (value, type(value))
     assert parsed(as_text(value), hint) == value
 
 

@@ -42,8 +42,8 @@ def test_opencvs_people_detector_is_known(tmp_path: Path, people: str, capsys: p
     ]
     with Image.open(tmp_path / "out" / "people_positive.png") as picture:
         assert picture.size == (64, 128)
-        found = np.asarray(picture.convert("L"), float)
-    assert abs(np.corrcoef(found.ravel(), disc().flatten())[0, 1]) > 0.4
+        result = np.asarray(picture.convert("L"), float)
+    assert abs(np.corrcoef(result.ravel(), disc().flatten())[0, 1]) > 0.4
     assert "15x7x36" in capsys.readouterr().out
 
 

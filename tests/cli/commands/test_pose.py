@@ -74,23 +74,23 @@ def test_the_best_of_several_models(tmp_path: Path, scene: list[str], capsys: py
     assert names(out) == RESULTS
     assert photograph.read_bytes() == before
 
-    found = json.loads((out / "chair_pose.json").read_text())
-    assert found["model"] == "wooden"
-    assert degrees_between(found["azimuth"], AZIMUTH) < 2
-    assert abs(found["elevation"] - ELEVATION) < 4
-    assert found["candidates"] == ["swivel", "wooden"]
-    assert list(found["passed_over"]) == ["bad"]
-    assert found["image_size"] == [150, 180]
-    assert found["settings"]["initial"] == [-20, ELEVATION]
-    assert found["settings"]["descriptor"]["name"] == "aubry"
-    assert {"azimuth", "distance", "focal_length", "x, y", "similarity"} <= set(found["definitions"])
-    around = found["around"]
+    result = json.loads((out / "chair_pose.json").read_text())
+    assert result["model"] == "wooden"
+    assert degrees_between(result["azimuth"], AZIMUTH) < 2
+    assert abs(result["elevation"] - ELEVATION) < 4
+    assert result["candidates"] == ["swivel", "wooden"]
+    assert list(result["passed_over"]) == ["bad"]
+    assert result["image_size"] == [150, 180]
+    assert result["settings"]["initial"] == [-20, ELEVATION]
+    assert result["settings"]["descriptor"]["name"] == "aubry"
+    assert {"azimuth", "distance", "focal_length", "x, y", "similarity"} <= set(result["definitions"])
+    around = result["around"]
     assert [len(around[key]) for key in ("azimuths", "similarities", "derivatives")] == [AZIMUTHS] * 3
     best = around["azimuths"][int(np.argmax(around["similarities"]))]
-    assert degrees_between(best, found["azimuth"]) <= 4
-    assert {len(path["azimuths"]) for path in found["traces"]} <= {2, 3}
-    assert degrees_between(found["traces"][0]["azimuths"][-1], found["azimuth"]) < 1
-    assert len(found["elements"]["positions"]) == len(found["elements"]["discriminability"]) > 0
+    assert degrees_between(best, result["azimuth"]) <= 4
+    assert {len(path["azimuths"]) for path in result["traces"]} <= {2, 3}
+    assert degrees_between(result["traces"][0]["azimuths"][-1], result["azimuth"]) < 1
+    assert len(result["elements"]["positions"]) == len(result["elements"]["discriminability"]) > 0
 
     assert red(out / "chair_overlay.png", (0, 0, 400, 400)) > 1000  # the box, and the outline
     assert red(out / "chair_elements.png") > 1000
@@ -127,12 +127,12 @@ def test_the_whole_photograph_with_another_background(
     default_background(presets.uoctti(16, colour="gray"), 4).save(background)
     options = ["--background", str(background), "--similarity", "whitened", "--method", "exhaustive", "--init", "0,10"]
     assert main(["pose", scene[0], "--mesh", wedge, *options, "-o", str(tmp_path), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["box"] == [0, 0, 180, 150]
-    assert found["settings"]["background"] == str(background)
-    assert found["settings"]["descriptor"]["name"] == "uoctti"
-    assert found["renderings"] == 360
-    assert found["azimuth"] % 1 == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["box"] == [0, 0, 180, 150]
+    assert result["settings"]["background"] == str(background)
+    assert result["settings"]["descriptor"]["name"] == "uoctti"
+    assert result["renderings"] == 360
+    assert result["azimuth"] % 1 == 0
 
 
 def test_odd_names(tmp_path: Path, scene: list[str], wedge: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -69,11 +69,11 @@ def test_there_and_back(tmp_path: Path, square: str, name: str) -> None:
     assert _levels(drawn[0]) == _levels(drawn[1]) == _levels(glyphs(loaded.descriptor, spec))
     assert main(["invert", str(array), "-o", str(out), *options, "--image-size", "56x64", *FEW]) == 0
     assert names(out) == ["d_glyphs.png", "d_preimage.png", "d_thumbnails.png", "results.json"]
-    found = nablahog.reconstruct(loaded.descriptor[None], spec, SIZE, search=Search(max_evaluations=40))
-    assert _levels(out / "d_preimage.png") == _levels(found.image[0])
+    result = nablahog.reconstruct(loaded.descriptor[None], spec, SIZE, search=Search(max_evaluations=40))
+    assert _levels(out / "d_preimage.png") == _levels(result.image[0])
     (figures,) = json.loads((out / "results.json").read_text())
     assert (figures["descriptor"], figures["image_size"], figures["cc"]) == (spec.name, list(SIZE), None)
-    assert figures["distance"] == pytest.approx(float(found.distance[0]))
+    assert figures["distance"] == pytest.approx(float(result.distance[0]))
 
 
 def _levels(picture: Path | Picture) -> bytes:

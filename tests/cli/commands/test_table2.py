@@ -32,7 +32,7 @@ def _none(problem: PoseInput, settings: Table2Settings) -> PoseOutcome:
     raise ValueError("no detection")
 
 
-def _box(problem: PoseInput, found: PoseOutcome) -> Tensor:
+def _box(problem: PoseInput, result: PoseOutcome) -> Tensor:
     x0, y0, x1, y1 = (round(side) for side in problem.box)
     covered = torch.zeros(problem.image.shape[1:])
     covered[y0:y1, x0:x1] = 1

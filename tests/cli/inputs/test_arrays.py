@@ -62,11 +62,11 @@ def test_files(tmp_path: Path, array: NDArray[np.float32], kind: str, ending: st
             else:
                 np.save(file, layouts.get(ending, values))
     assert is_raw(path)
-    found = ArrayOptions().read(str(path), SpecOptions("vlfeat"))
-    assert (found.spec, found.image_size) == (SPEC, SIZE)
-    assert found.descriptor.dtype == (torch.float64 if values.dtype.itemsize == 8 else torch.float32)
+    result = ArrayOptions().read(str(path), SpecOptions("vlfeat"))
+    assert (result.spec, result.image_size) == (SPEC, SIZE)
+    assert result.descriptor.dtype == (torch.float64 if values.dtype.itemsize == 8 else torch.float32)
     expected = torch.from_numpy(values.astype(np.float64)).permute(1, 2, 0)
-    assert torch.equal(found.descriptor.double(), expected)
+    assert torch.equal(result.descriptor.double(), expected)
 
 
 def test_one_of_several(tmp_path: Path, array: NDArray[np.float32], refused: Callable[..., None]) -> None:

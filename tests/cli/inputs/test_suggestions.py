@@ -62,11 +62,11 @@ def test_what_libraries_returned(tmp_path: Path, peer: str) -> None:
         wanted = SpecOptions(name, settings=tuple((key, as_text(value)) for key, value in values.items()))
         np.save(tmp_path / "d.npy", case.output.ravel() if peer == "opencv" else case.output)
         size = case.pixels.shape[:2]
-        found = ArrayOptions(None if peer == "opencv" else size).read(str(tmp_path / "d.npy"), wanted)
-        assert found.image_size == (values["win_size"][::-1] if peer == "opencv" else size)
-        expected = nablahog.hog(case.image.double() / 255, found.spec)[0]
-        if found.spec.gamma == "none":  # of roots, rounding decides ties
-            torch.testing.assert_close(found.descriptor.double(), expected, rtol=0, atol=1e-6)
+        result = ArrayOptions(None if peer == "opencv" else size).read(str(tmp_path / "d.npy"), wanted)
+        assert result.image_size == (values["win_size"][::-1] if peer == "opencv" else size)
+        expected = nablahog.hog(case.image.double() / 255, result.spec)[0]
+        if result.spec.gamma == "none":  # of roots, rounding decides ties
+            torch.testing.assert_close(result.descriptor.double(), expected, rtol=0, atol=1e-6)
 
 
 # --- what fits instead
@@ -112,11 +112,11 @@ def test_what_fits(
     own: list[str],
     others: list[str],
 ) -> None:
-    found = parameters_that_fit(shape, name, given, size)
-    assert found[: len(own)] == own
-    assert len(found) <= 3
+    result = parameters_that_fit(shape, name, given, size)
+    assert result[: len(own)] == own
+    assert len(result) <= 3
     if not own:
-        assert not found
+        assert not result
     assert [each for each in presets_that_fit(shape, name, size) if each in others] == others
 
 

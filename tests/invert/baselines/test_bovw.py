@@ -76,9 +76,9 @@ def test_words_are_means_of_their_windows(learned: BoVW) -> None:
 def test_flat_windows_are_a_word(learned: BoVW) -> None:
     histogram = learned.histogram(torch.full((1, 1, 64, 64), 0.9))
     assert histogram[0].tolist() == [169] + [0] * (len(learned.vocabulary) - 1)
-    found = learned.reconstruct(histogram)
-    assert float(found.distance) == 0
-    assert float(found.image.std()) < 0.05
+    result = learned.reconstruct(histogram)
+    assert float(result.distance) == 0
+    assert float(result.image.std()) < 0.05
 
 
 def test_the_seed_decides(learned: BoVW) -> None:
@@ -104,8 +104,8 @@ def test_images_of_parts_of_cells() -> None:
     images = {name: image[:42, :55] for name, image in _images().items()}
     model = _learned(images, patch=18)
     assert model.grid == (7, 10)
-    found = model.reconstruct(model.histogram(images["camera"][None, None]))
-    assert found.image.shape == (1, 1, 42, 55)
+    result = model.reconstruct(model.histogram(images["camera"][None, None]))
+    assert result.image.shape == (1, 1, 42, 55)
 
 
 def test_progress(learned: BoVW) -> None:
@@ -165,23 +165,23 @@ def test_inversion_of_what_was_learned(learned: BoVW) -> None:
     """Its words come back to where the database has them, more or less, and never with the wrong polarity."""
     images = _stack()[:4]
     histogram = learned.histogram(images)
-    found = learned.reconstruct(histogram, (64, 64))
-    assert found.image.shape == images.shape
-    assert found.image.dtype == torch.float32
-    assert 0 <= found.image.min() <= found.image.max() <= 1
-    likeness = [cross_correlation(a[0], b[0]) for a, b in zip(found.image, images, strict=True)]
+    result = learned.reconstruct(histogram, (64, 64))
+    assert result.image.shape == images.shape
+    assert result.image.dtype == torch.float32
+    assert 0 <= result.image.min() <= result.image.max() <= 1
+    likeness = [cross_correlation(a[0], b[0]) for a, b in zip(result.image, images, strict=True)]
     assert np.mean(likeness) > 0.3
-    own = learned.histogram(found.image)
-    torch.testing.assert_close(found.distance, (own - histogram).norm(dim=1) / histogram.norm(dim=1))
+    own = learned.histogram(result.image)
+    torch.testing.assert_close(result.distance, (own - histogram).norm(dim=1) / histogram.norm(dim=1))
 
 
 def test_the_history_is_that_of_the_cost(learned: BoVW) -> None:
-    found = learned.reconstruct(learned.histogram(_stack()))
-    assert found.history.shape == (int(found.evaluations.max()) + 1, 5)
-    assert (found.history.diff(dim=0) <= 0).all()
-    assert (found.history[-1, :4] < found.history[0, :4]).all()
-    assert found.stop_reason == ["no swap of two words lowers the cost"] * 5
-    assert found.seconds > 0
+    result = learned.reconstruct(learned.histogram(_stack()))
+    assert result.history.shape == (int(result.evaluations.max()) + 1, 5)
+    assert (result.history.diff(dim=0) <= 0).all()
+    assert (result.history[-1, :4] < result.history[0, :4]).all()
+    assert result.stop_reason == ["no swap of two words lowers the cost"] * 5
+    assert result.seconds > 0
 
 
 def test_a_batch_is_each_of_it(learned: BoVW) -> None:
@@ -280,7 +280,7 @@ def test_wrong_contents(tmp_path: Path, what: str) -> None:
 
 def test_the_smallest_vocabulary() -> None:
     model = tiny_models.bovw()
-    found = model.reconstruct(torch.tensor([[1.0, 0, 1]]))
-    torch.testing.assert_close(found.image, torch.full((1, 1, 16, 20), 0.5))
+    result = model.reconstruct(torch.tensor([[1.0, 0, 1]]))
+    torch.testing.assert_close(result.image, torch.full((1, 1, 16, 20), 0.5))
     with pytest.raises(dataclasses.FrozenInstanceError):
         model.cell = 5  # type: ignore[misc]

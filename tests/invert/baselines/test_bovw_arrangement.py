@@ -25,10 +25,10 @@ def test_costs_of_places() -> None:
     costs = Costs(np.array([one, other] * 20), np.eye(6))
     for of, absent in ((one, other), (other, one)):
         histogram = np.bincount(np.ravel(of), minlength=6).astype(np.float64)
-        found = costs.location(histogram)
-        assert found.shape == (6, 2, 3)
+        result = costs.location(histogram)
+        assert result.shape == (6, 2, 3)
         rows, cols = np.indices((2, 3))
-        own, others = (found[np.array(words), rows, cols].mean() for words in (of, absent))
+        own, others = (result[np.array(words), rows, cols].mean() for words in (of, absent))
         assert own < others - 0.1
 
 
@@ -63,15 +63,15 @@ def _cost(placed: Any, location: Any, costs: Costs) -> float:
 @pytest.mark.parametrize("seed", range(5))
 def test_no_swap_betters_what_is_found(seed: int) -> None:
     words, location, costs = _problem(seed)
-    found, history, settled = arrange(words, location, costs, np.random.default_rng(seed))
+    result, history, settled = arrange(words, location, costs, np.random.default_rng(seed))
     assert settled
-    assert np.array_equal(np.sort(found, axis=None), np.sort(words))
-    assert history[-1] == pytest.approx(_cost(found, location, costs))
+    assert np.array_equal(np.sort(result, axis=None), np.sort(words))
+    assert history[-1] == pytest.approx(_cost(result, location, costs))
     assert all(after <= before for before, after in itertools.pairwise(history))
     assert history[-1] < history[0]
-    for p, q in itertools.combinations(range(found.size), 2):
-        swapped = found.copy()
-        swapped.flat[p], swapped.flat[q] = found.flat[q], found.flat[p]
+    for p, q in itertools.combinations(range(result.size), 2):
+        swapped = result.copy()
+        swapped.flat[p], swapped.flat[q] = result.flat[q], result.flat[p]
         assert _cost(swapped, location, costs) > history[-1] - 1e-6
 
 
@@ -87,5 +87,5 @@ def test_places_alone_are_solved_exactly() -> None:
 def test_neighbours_decide_where_places_do_not(shape: tuple[int, int]) -> None:
     costs = Costs(np.array([[[0], [1]]]).reshape(1, *shape), np.eye(2))
     for words in ([0, 1], [1, 0]):
-        found, _, _ = arrange(np.array(words), np.zeros((2, *shape)), costs, np.random.default_rng(0))
-        assert found.ravel().tolist() == [0, 1]
+        result, _, _ = arrange(np.array(words), np.zeros((2, *shape)), costs, np.random.default_rng(0))
+        assert result.ravel().tolist() == [0, 1]

@@ -28,10 +28,10 @@ def test_the_interior_equals_vlfeat(case: Case) -> None:
     expected = case.output.transpose(1, 2, 0)[..., :27]
     rows, cols = (side // 8 for side in case.pixels.shape)
     image = case.image[..., : 8 * rows, : 8 * cols].double() / 255
-    found = CNNHOG(8, bilinear=bilinear).descriptor(image)[0]
+    result = CNNHOG(8, bilinear=bilinear).descriptor(image)[0]
     # the outermost cells see the false border, and the next share blocks with them
     inside = slice(2, rows - 2), slice(2, cols - 2)
-    assert np.abs(found[inside].numpy() - expected[inside]).max() < (1e-4 if bilinear else 1e-5)
+    assert np.abs(result[inside].numpy() - expected[inside]).max() < (1e-4 if bilinear else 1e-5)
 
 
 def textured(*shape: int, seed: int = 0) -> Tensor:
@@ -41,9 +41,9 @@ def textured(*shape: int, seed: int = 0) -> Tensor:
 def of_preset(image: Tensor, net: CNNHOG) -> Tensor:
     """The dialect without the network, channels last, and as the network lays it out."""
     spec = presets.cnn_hog(net.cell_size, orientations=net.orientations, bilinear=net.bilinear)
-    found = hog(image, spec)
-    assert torch.equal(hog(image, spec, layout="native"), found.permute(0, 3, 1, 2))
-    return found
+    result = hog(image, spec)
+    assert torch.equal(hog(image, spec, layout="native"), result.permute(0, 3, 1, 2))
+    return result
 
 
 @pytest.mark.parametrize("orientations", [4, 6, 9])
@@ -67,11 +67,11 @@ def test_the_preset_describes_photographs_as_the_network_does(photographs: Tenso
 
 def test_bilinear_votes_have_their_own_derivative() -> None:
     image, net = textured(1, 1, 12, 16), CNNHOG(4, bilinear=True)
-    found = torch.autograd.functional.jacobian(net.descriptor, image).reshape(-1, 192)
+    result = torch.autograd.functional.jacobian(net.descriptor, image).reshape(-1, 192)
     steps = 1e-6 * torch.eye(192, dtype=torch.float64).reshape(192, 1, 1, 12, 16)
     columns = [(net.descriptor(image + step) - net.descriptor(image - step)).flatten() / 2e-6 for step in steps]
     # the 1e-7 under their root shows where a gradient points nearly along an orientation
-    assert (found - torch.stack(columns, dim=1)).norm() < 2e-3 * found.norm()
+    assert (result - torch.stack(columns, dim=1)).norm() < 2e-3 * result.norm()
 
 
 def test_nearest_votes_have_the_derivative_of_the_magnitude() -> None:
@@ -81,8 +81,8 @@ def test_nearest_votes_have_the_derivative_of_the_magnitude() -> None:
     (expected,) = torch.autograd.grad(
         (weights * nearest * (responses.square().sum(1, keepdim=True) / 9).sqrt()).sum(), responses
     )
-    (found,) = torch.autograd.grad((weights * cnn_hog._Nearest.apply(responses)).sum(), responses)
-    torch.testing.assert_close(found, expected)
+    (result,) = torch.autograd.grad((weights * cnn_hog._Nearest.apply(responses)).sum(), responses)
+    torch.testing.assert_close(result, expected)
 
 
 @pytest.mark.parametrize("bilinear", [False, True])
@@ -121,17 +121,17 @@ def test_inverts(photographs: Tensor, bilinear: bool) -> None:
     net = CNNHOG(8, bilinear=bilinear)
     descriptor = net.descriptor(photographs)
     steps: list[tuple[int, int]] = []
-    found = net.reconstruct(descriptor, (48, 48), seed=1, progress=lambda done, total: steps.append((done, total)))
-    assert found.image.shape == (2, 1, 48, 48)
-    assert (float(found.image.min()), float(found.image.max())) == (0, 1)
+    result = net.reconstruct(descriptor, (48, 48), seed=1, progress=lambda done, total: steps.append((done, total)))
+    assert result.image.shape == (2, 1, 48, 48)
+    assert (float(result.image.min()), float(result.image.max())) == (0, 1)
     assert steps == [(done, 800) for done in range(1, 801)]
-    assert found.history.shape == (800, 2)
-    assert found.evaluations.tolist() == [800, 800]
-    for image, photograph in zip(found.image, photographs, strict=True):
+    assert result.history.shape == (800, 2)
+    assert result.evaluations.tolist() == [800, 800]
+    for image, photograph in zip(result.image, photographs, strict=True):
         assert np.corrcoef(image.flatten(), photograph.flatten())[0, 1] > 0.5
-    expected = (net.descriptor(found.image) - descriptor).flatten(1).norm(dim=1) / descriptor.flatten(1).norm(dim=1)
-    torch.testing.assert_close(found.distance, expected)
-    assert (found.distance < 0.5).all()
+    expected = (net.descriptor(result.image) - descriptor).flatten(1).norm(dim=1) / descriptor.flatten(1).norm(dim=1)
+    torch.testing.assert_close(result.distance, expected)
+    assert (result.distance < 0.5).all()
 
 
 def test_a_batch_is_its_images_and_the_seed_decides(photographs: Tensor, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -35,11 +35,11 @@ def _reference(image: np.ndarray[Any, Any], cell: int, top: int, left: int) -> n
 
 def test_against_a_pixelwise_reference() -> None:
     image = photograph(24)
-    found = dense_sift(image.double(), 5)
-    assert found.shape == (1, 1, 1, 128)
+    result = dense_sift(image.double(), 5)
+    assert result.shape == (1, 1, 1, 128)
     expected = _reference(image[0, 0].double().numpy(), 5, 0, 0).ravel()
     expected = np.minimum(expected / np.linalg.norm(expected), 0.2)
-    np.testing.assert_allclose(found[0, 0, 0], expected / np.linalg.norm(expected), atol=1e-12)
+    np.testing.assert_allclose(result[0, 0, 0], expected / np.linalg.norm(expected), atol=1e-12)
 
 
 @pytest.mark.parametrize(("degrees", "bins"), [(0, {0}), (45, {1}), (90, {2}), (180, {4}), (270, {6}), (22.5, {0, 1})])
@@ -55,11 +55,11 @@ def test_a_ramp_fills_the_bins_of_its_direction(degrees: float, bins: set[int]) 
 
 def test_symmetries_permute() -> None:
     image = photograph(40).double()
-    found = dense_sift(image, 4).reshape(1, 7, 7, 4, 4, 8)
+    result = dense_sift(image, 4).reshape(1, 7, 7, 4, 4, 8)
     turned = dense_sift(image.rot90(1, (2, 3)), 4).reshape(1, 7, 7, 4, 4, 8)
-    torch.testing.assert_close(turned, found.rot90(1, (1, 2)).rot90(1, (3, 4)).roll(-2, 5), atol=1e-12, rtol=0)
+    torch.testing.assert_close(turned, result.rot90(1, (1, 2)).rot90(1, (3, 4)).roll(-2, 5), atol=1e-12, rtol=0)
     mirrored = dense_sift(image.flip(3), 4).reshape(1, 7, 7, 4, 4, 8)
-    torch.testing.assert_close(mirrored, found.flip(2, 4, 5).roll(5, 5), atol=1e-12, rtol=0)
+    torch.testing.assert_close(mirrored, result.flip(2, 4, 5).roll(5, 5), atol=1e-12, rtol=0)
 
 
 def test_contrast_and_brightness_do_not_matter() -> None:

@@ -64,22 +64,22 @@ def _reference(pair: PairedDictionary, descriptor: NDArray[Any], size: tuple[int
 def test_the_published_rule(spec: HOGSpec, size: tuple[int, int]) -> None:
     pair = learn_hoggles(images(), spec, atoms=25, fast=True, sparsity=0.05)
     descriptor = hog(photograph(64, "coffee")[..., : size[0], : size[1]], spec)
-    found = pair.reconstruct(descriptor, spec, size)
-    assert found.image.shape == (1, 1, *size)
-    np.testing.assert_allclose(found.image[0, 0], _reference(pair, descriptor[0].numpy(), size), atol=5e-3)
+    result = pair.reconstruct(descriptor, spec, size)
+    assert result.image.shape == (1, 1, *size)
+    np.testing.assert_allclose(result.image[0, 0], _reference(pair, descriptor[0].numpy(), size), atol=5e-3)
 
 
 def test_images_learned_from_come_back() -> None:
     for name, image in images().items():
         pair = learn_hoggles({name: image}, SPEC, atoms=100, fast=True)
-        found = pair.reconstruct(hog(image[None, None], SPEC), SPEC)
-        assert cross_correlation(found.image[0, 0], image) > 0.65
+        result = pair.reconstruct(hog(image[None, None], SPEC), SPEC)
+        assert cross_correlation(result.image[0, 0], image) > 0.65
 
 
 def test_images_not_learned_from_are_recognised() -> None:
     image = photograph(64, "coffee")
-    found = learned().reconstruct(hog(image, SPEC), SPEC)
-    assert cross_correlation(found.image[0, 0], image[0, 0]) > 0.4
+    result = learned().reconstruct(hog(image, SPEC), SPEC)
+    assert cross_correlation(result.image[0, 0], image[0, 0]) > 0.4
 
 
 def test_contrast_does_not_matter() -> None:
@@ -89,8 +89,8 @@ def test_contrast_does_not_matter() -> None:
 
 
 def test_nothing_to_invert() -> None:
-    found = learned().reconstruct(torch.zeros(1, 6, 8, 31), SPEC)
-    assert torch.equal(found.image, torch.full((1, 1, 24, 32), 0.5))
+    result = learned().reconstruct(torch.zeros(1, 6, 8, 31), SPEC)
+    assert torch.equal(result.image, torch.full((1, 1, 24, 32), 0.5))
 
 
 # --- files

@@ -56,10 +56,10 @@ class _Stop:
         self.seen.append(done)
 
 
-def _check_same(found: PairedDictionary, expected: PairedDictionary) -> None:
-    assert torch.equal(found.gray, expected.gray)
-    assert torch.equal(found.hog, expected.hog)
-    assert found.learning == expected.learning
+def _check_same(result: PairedDictionary, expected: PairedDictionary) -> None:
+    assert torch.equal(result.gray, expected.gray)
+    assert torch.equal(result.hog, expected.hog)
+    assert result.learning == expected.learning
 
 
 @pytest.mark.parametrize(("at", "kept"), [(0, 0), (1, 0), (3, 3), (5, 3), (7, 6), (8, 8)])

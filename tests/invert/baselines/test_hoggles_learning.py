@@ -64,11 +64,11 @@ def test_the_seed_decides() -> None:
 
 
 def test_threads_make_no_difference_but_rounding(two_threads: None) -> None:
-    found = learn_hoggles(images(), SPEC, atoms=40, iterations=2)
-    image = found.reconstruct(hog(photograph(64), SPEC), SPEC).image
+    result = learn_hoggles(images(), SPEC, atoms=40, iterations=2)
+    image = result.reconstruct(hog(photograph(64), SPEC), SPEC).image
     torch.set_num_threads(1)
     alone = learn_hoggles(images(), SPEC, atoms=40, iterations=2)
-    torch.testing.assert_close(found.hog, alone.hog, atol=1e-3, rtol=0)
+    torch.testing.assert_close(result.hog, alone.hog, atol=1e-3, rtol=0)
     torch.testing.assert_close(image, alone.reconstruct(hog(photograph(64), SPEC), SPEC).image, atol=1e-2, rtol=0)
 
 

@@ -42,17 +42,17 @@ def test_codes_are_those_of_another_solver() -> None:
 def test_codes_of_one_atom() -> None:
     windows = torch.tensor([[3.0, 0.0], [0.1, 5.0], [-3.0, 0.0]])
     atom = torch.tensor([[2.0, 0.0]])
-    found = lasso(atom @ atom.T, windows @ atom.T, 0.5)
-    torch.testing.assert_close(found, torch.tensor([[(6 - 0.5) / 4], [0.0], [0.0]]))
+    result = lasso(atom @ atom.T, windows @ atom.T, 0.5)
+    torch.testing.assert_close(result, torch.tensor([[(6 - 0.5) / 4], [0.0], [0.0]]))
 
 
 def test_codes_of_equal_and_of_empty_atoms() -> None:
     dictionary, windows = _problem()
     alone = lasso(dictionary @ dictionary.T, windows @ dictionary.T, 0.02)
     twice = torch.cat([dictionary, dictionary, torch.zeros(2, dictionary.shape[1])])
-    found = lasso(twice @ twice.T, windows @ twice.T, 0.02)
-    assert not found[:, -2:].any()
-    torch.testing.assert_close(found @ twice, alone @ dictionary, atol=2e-3, rtol=0)
+    result = lasso(twice @ twice.T, windows @ twice.T, 0.02)
+    assert not result[:, -2:].any()
+    torch.testing.assert_close(result @ twice, alone @ dictionary, atol=2e-3, rtol=0)
 
 
 def test_codes_do_not_depend_on_threads(two_threads: None) -> None:

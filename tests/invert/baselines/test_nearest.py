@@ -56,13 +56,13 @@ def test_images_are_stored_in_256_levels() -> None:
 def test_nothing_but_images_and_numbers_decides() -> None:
     descriptor, images = _descriptor("coffee"), _images()
 
-    def found(seed: int) -> Tensor:
+    def result(seed: int) -> Tensor:
         torch.rand(1)  # the global generator does not
         database = learn_nearest(dict(reversed(images.items())), SPEC, windows=100, seed=seed)
         return database.reconstruct(descriptor, SPEC, SIZE).image
 
-    assert torch.equal(found(0), found(0))
-    assert not torch.equal(found(0), found(1))
+    assert torch.equal(result(0), result(0))
+    assert not torch.equal(result(0), result(1))
     changed = learn_nearest({**images, "clock": images["coins"]}, SPEC)
     assert changed.learning.sha256 != _database().learning.sha256
 
@@ -99,8 +99,8 @@ def test_seeds_below_0() -> None:
 def test_an_image_of_the_database_is_found_back(name: str) -> None:
     """Its own windows are the nearest."""
     image = photograph(64, name)[..., : SIZE[0], : SIZE[1]]
-    found = _database(1).reconstruct(_descriptor(name), SPEC, SIZE)
-    torch.testing.assert_close(found.image, stretched((image * 255).round() / 255), atol=1e-5, rtol=0)
+    result = _database(1).reconstruct(_descriptor(name), SPEC, SIZE)
+    torch.testing.assert_close(result.image, stretched((image * 255).round() / 255), atol=1e-5, rtol=0)
 
 
 def _reference(descriptor: Tensor, neighbours: int) -> Tensor:
@@ -117,8 +117,8 @@ def _reference(descriptor: Tensor, neighbours: int) -> Tensor:
 @pytest.mark.parametrize("neighbours", [1, 5, NEIGHBOURS])
 def test_neighbours_are_those_of_a_plain_search(neighbours: int) -> None:
     descriptor = _descriptor("coffee")
-    found = _database(neighbours).reconstruct(descriptor, SPEC, SIZE).image
-    torch.testing.assert_close(found.double(), _reference(descriptor, neighbours), atol=1e-5, rtol=0)
+    result = _database(neighbours).reconstruct(descriptor, SPEC, SIZE).image
+    torch.testing.assert_close(result.double(), _reference(descriptor, neighbours), atol=1e-5, rtol=0)
 
 
 def test_neighbours_by_default() -> None:
@@ -129,11 +129,11 @@ def test_more_neighbours_than_windows() -> None:
     """The mean of all patches is everywhere."""
     descriptor = _descriptor("coffee")
     few = learn_nearest(_images(), SPEC, windows=9)
-    found = dataclasses.replace(few, neighbours=100).reconstruct(descriptor, SPEC, SIZE).image
+    result = dataclasses.replace(few, neighbours=100).reconstruct(descriptor, SPEC, SIZE).image
     nine = dataclasses.replace(few, neighbours=9)
-    assert torch.equal(found, nine.reconstruct(descriptor, SPEC, SIZE).image)
-    assert torch.equal(found, nine.reconstruct(descriptor * 0, SPEC, SIZE).image)
-    assert (float(found.min()), float(found.max())) == (0, 1)
+    assert torch.equal(result, nine.reconstruct(descriptor, SPEC, SIZE).image)
+    assert torch.equal(result, nine.reconstruct(descriptor * 0, SPEC, SIZE).image)
+    assert (float(result.min()), float(result.max())) == (0, 1)
 
 
 def test_few_windows_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -144,17 +144,17 @@ def test_few_windows_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_nothing_to_invert() -> None:
-    found = _database().reconstruct(torch.zeros(1, 6, 8, SPEC.channels), SPEC)
-    assert (float(found.image.min()), float(found.image.max())) == (0, 1)
-    assert found.distance.isfinite().all()
+    result = _database().reconstruct(torch.zeros(1, 6, 8, SPEC.channels), SPEC)
+    assert (float(result.image.min()), float(result.image.max())) == (0, 1)
+    assert result.distance.isfinite().all()
 
 
 @pytest.mark.parametrize("gray", [0.5, 0.3])
 def test_images_without_contrast(gray: float) -> None:
     database = learn_nearest({"flat": torch.full((30, 30), gray)}, SPEC)
-    found = database.reconstruct(torch.zeros(1, 6, 8, SPEC.channels), SPEC)
-    assert torch.equal(found.image, torch.full((1, 1, 24, 24), 0.5))
-    assert found.distance.isfinite().all()
+    result = database.reconstruct(torch.zeros(1, 6, 8, SPEC.channels), SPEC)
+    assert torch.equal(result.image, torch.full((1, 1, 24, 24), 0.5))
+    assert result.distance.isfinite().all()
 
 
 # --- files

@@ -64,10 +64,10 @@ def test_weights_are_those_of_another_solver(penalty: float) -> None:
     rows = np.block([[windows, np.ones((len(windows), 1))], [root * np.eye(entries), np.zeros((entries, 1))]])
     targets = np.concatenate([patches, np.zeros((entries, patches.shape[1]))])
     expected = np.linalg.lstsq(rows, targets, rcond=None)[0]
-    found = learn_ridge(_images(), SPEC, penalty=penalty)
-    np.testing.assert_allclose(found.weights, expected, atol=5e-4)
-    assert found.learning.penalty == penalty
-    assert found.learning.windows == len(windows)
+    result = learn_ridge(_images(), SPEC, penalty=penalty)
+    np.testing.assert_allclose(result.weights, expected, atol=5e-4)
+    assert result.learning.penalty == penalty
+    assert result.learning.windows == len(windows)
 
 
 def test_the_largest_penalty_leaves_the_mean_patch() -> None:
@@ -152,9 +152,9 @@ def _reference(ridge: RidgeRegression, descriptor: NDArray[Any], size: tuple[int
 def test_images_are_means_of_patches(spec: HOGSpec, size: tuple[int, int]) -> None:
     ridge = learn_ridge(_images(), spec)
     descriptor = hog(photograph(64, "coffee")[..., : size[0], : size[1]], spec)
-    found = ridge.reconstruct(descriptor, spec, size)
-    assert found.image.shape == (1, 1, *size)
-    np.testing.assert_allclose(found.image[0, 0], _reference(ridge, descriptor[0].numpy(), size), atol=1e-4)
+    result = ridge.reconstruct(descriptor, spec, size)
+    assert result.image.shape == (1, 1, *size)
+    np.testing.assert_allclose(result.image[0, 0], _reference(ridge, descriptor[0].numpy(), size), atol=1e-4)
 
 
 def test_images_not_learned_from_are_recognised() -> None:
@@ -176,9 +176,9 @@ def test_nothing_to_invert() -> None:
 @pytest.mark.parametrize("gray", [0.5, 0.3])
 def test_images_without_contrast(gray: float) -> None:
     ridge = learn_ridge({"flat": torch.full((30, 30), gray)}, SPEC)
-    found = ridge.reconstruct(hog(torch.full((1, 1, 24, 24), 0.7), SPEC), SPEC)
-    assert torch.equal(found.image, torch.full((1, 1, 24, 24), 0.5))
-    assert found.distance.isfinite().all()
+    result = ridge.reconstruct(hog(torch.full((1, 1, 24, 24), 0.7), SPEC), SPEC)
+    assert torch.equal(result.image, torch.full((1, 1, 24, 24), 0.5))
+    assert result.distance.isfinite().all()
 
 
 # --- files

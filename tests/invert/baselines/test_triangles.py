@@ -47,16 +47,16 @@ def test_they_are_everywhere() -> None:
 
 def test_the_descriptor_comes_closer_and_never_goes_away(descriptor: Tensor) -> None:
     calls: list[tuple[int, int]] = []
-    found = reconstruct_by_triangles(
+    result = reconstruct_by_triangles(
         descriptor, SPEC, (32, 40), triangles=400, progress=lambda done, total: calls.append((done, total))
     )
-    assert found.history.shape == (400, 2)
-    assert (found.history.diff(dim=0) <= 0).all()
-    assert (found.distance < 0.7).all()
-    torch.testing.assert_close(found.distance, found.history[-1])
+    assert result.history.shape == (400, 2)
+    assert (result.history.diff(dim=0) <= 0).all()
+    assert (result.distance < 0.7).all()
+    torch.testing.assert_close(result.distance, result.history[-1])
     assert calls[-1] == (400, 400)
-    assert found.image.min() >= 0
-    assert found.image.max() <= 1
+    assert result.image.min() >= 0
+    assert result.image.max() <= 1
 
 
 def test_a_batch_is_its_images_and_the_seed_decides(descriptor: Tensor) -> None:

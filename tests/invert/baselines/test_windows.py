@@ -85,12 +85,12 @@ def _cut(image: Tensor, spec: HOGSpec, cells: int) -> Tensor:
 @every_side
 def test_windows_at_cells(spec: HOGSpec, cells: int) -> None:
     descriptors = torch.rand(2, 4, 3, spec.channels)
-    found = windows_at_cells(descriptors, cells)
-    assert found.shape == (2, 4, 3, cells * cells * spec.channels)
+    result = windows_at_cells(descriptors, cells)
+    assert result.shape == (2, 4, 3, cells * cells * spec.channels)
     for k in range(2):
         for row in range(4):
             for col in range(3):
-                assert torch.equal(found[k, row, col], _window(descriptors[k], cells, row, col))
+                assert torch.equal(result[k, row, col], _window(descriptors[k], cells, row, col))
 
 
 @every_spec
@@ -98,9 +98,9 @@ def test_windows_at_cells(spec: HOGSpec, cells: int) -> None:
 def test_pairs(spec: HOGSpec, cells: int) -> None:
     images = _images()
     pairs = Pairs(images, spec, cells, ALL, _rng())
-    found = list(pairs)
-    assert len(pairs) == sum(len(windows) for windows, _ in found)
-    for image, (windows, patches) in zip(images, found, strict=True):
+    result = list(pairs)
+    assert len(pairs) == sum(len(windows) for windows, _ in result)
+    for image, (windows, patches) in zip(images, result, strict=True):
         descriptor = hog(image[None, None], spec)[0]
         expected = [_window(descriptor, cells, *place) for place in _places(image, spec)]
         assert torch.equal(windows, torch.stack(expected))
@@ -132,9 +132,9 @@ def test_some_of_the_windows() -> None:
 
 def test_images_of_which_none_is_chosen() -> None:
     spec = SPECS["rounded"]
-    found = list(Pairs(_images(), spec, 3, 1, _rng()))
-    assert [len(windows) for windows, _ in found].count(0) == len(SIZES) - 1
-    for windows, patches in found:
+    result = list(Pairs(_images(), spec, 3, 1, _rng()))
+    assert [len(windows) for windows, _ in result].count(0) == len(SIZES) - 1
+    for windows, patches in result:
         assert (windows.shape[1], patches.shape[1]) == (9 * spec.channels, 9 * 6)
 
 
@@ -157,8 +157,8 @@ def _assembled(patches: Tensor, spec: HOGSpec, cells: int, size: tuple[int, int]
 def test_patches_of_an_image_make_it_again(spec: HOGSpec, cells: int, size: tuple[int, int]) -> None:
     images = torch.rand(2, *size)
     patches = torch.stack([_cut(image, spec, cells) for image in images])
-    found = _assembled(patches, spec, cells, size)
-    torch.testing.assert_close(found, images[:, None], rtol=0, atol=1e-6)
+    result = _assembled(patches, spec, cells, size)
+    torch.testing.assert_close(result, images[:, None], rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["rounded", "ceil"])
@@ -180,17 +180,17 @@ def test_patches_are_averaged(name: str) -> None:
 def test_stretched() -> None:
     images = torch.tensor([[0.25, 0.5, 0.75], [-3, 1, 5], [0.3, 0.3, 0.3], [0, 0, 0]])[:, None, None]
     for each in (images, images.double()):
-        found = stretched(each)
-        assert found.dtype == each.dtype
-        assert found[:, 0, 0].tolist() == [[0, 0.5, 1], [0, 0.5, 1], [0.5] * 3, [0.5] * 3]
+        result = stretched(each)
+        assert result.dtype == each.dtype
+        assert result[:, 0, 0].tolist() == [[0, 0.5, 1], [0, 0.5, 1], [0.5] * 3, [0.5] * 3]
 
 
 @pytest.mark.parametrize("gray", [0.3, 0.9])
 def test_rounding_is_no_contrast(gray: float) -> None:
     spec = SPECS["rounded"]
     patches = torch.full((1, 5, 6, 25 * 6), gray)
-    found = stretched(_assembled(patches, spec, 5, (15, 12)))
-    assert torch.equal(found, torch.full((1, 1, 15, 12), 0.5))
+    result = stretched(_assembled(patches, spec, 5, (15, 12)))
+    assert torch.equal(result, torch.full((1, 1, 15, 12), 0.5))
 
 
 # --- what to learn from

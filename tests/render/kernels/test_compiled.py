@@ -60,11 +60,11 @@ def compiled_jacobian(renderer: Renderer, where: Tensor, background: Tensor) -> 
 def test_images(mesh: Mesh, method: Method, step: int) -> None:
     renderer = Renderer(mesh, CAMERA, method=method, supersampling=step)
     where, background = poses(3, 2.6), torch.rand(3, 1, 72, 64)
-    found, expected = renderer(where, background), plain(renderer, where, background)
-    assert (found - background).abs().max() > 0.3
-    different = (found - expected).abs() > 1e-3
+    result, expected = renderer(where, background), plain(renderer, where, background)
+    assert (result - background).abs().max() > 0.3
+    different = (result - expected).abs() > 1e-3
     assert different.float().mean() < 1e-3  # a sample right on an edge falls on either side
-    assert (found - expected).abs().mean() < 1e-5
+    assert (result - expected).abs().mean() < 1e-5
 
 
 @meshes
@@ -73,16 +73,16 @@ def test_images(mesh: Mesh, method: Method, step: int) -> None:
 def test_derivatives(mesh: Mesh, method: Method, step: int) -> None:
     renderer = Renderer(mesh, CAMERA, method=method, supersampling=step)
     where, background = poses(2, 2.6), torch.rand(1, 1, 72, 64) * 0.2
-    found, expected = (
+    result, expected = (
         jacobian(renderer, where, background).double() for jacobian in (compiled_jacobian, plain_jacobian)
     )
-    error = (found - expected).flatten(1).norm(dim=1) / expected.flatten(1).norm(dim=1)
+    error = (result - expected).flatten(1).norm(dim=1) / expected.flatten(1).norm(dim=1)
     assert error[4:].max() < 2e-2, error  # a shift moves all alike; a tie falls to either side
     if method == "edges":
         assert error.max() < (0.05, 0.03, 0.03)[step // 2], error
     else:
         assert error[2] < 0.04
-        assert cosine_similarity(found.flatten(1), expected.flatten(1)).min() > (0.7, 0.85, 0.95)[step // 2]
+        assert cosine_similarity(result.flatten(1), expected.flatten(1)).min() > (0.7, 0.85, 0.95)[step // 2]
 
 
 @methods
@@ -106,14 +106,14 @@ def test_near_the_camera_too(method: Method) -> None:
     where = torch.cat([pose(20, 10, 0.45), pose(200, -30, 0.4), pose(90, 80, 0.6)])
     renderer = Renderer(one, Camera.from_field_of_view(100, 72, 64), method=method, supersampling=2)
     background = torch.rand(1, 1, 72, 64)
-    found, expected = renderer(where, background), plain(renderer, where, background)
-    print(((found - expected).abs() > 2e-3).float().mean(), (found - expected).abs().mean())
-    assert ((found - expected).abs() > 2e-3).float().mean() < 5e-3
+    result, expected = renderer(where, background), plain(renderer, where, background)
+    print(((result - expected).abs() > 2e-3).float().mean(), (result - expected).abs().mean())
+    assert ((result - expected).abs() > 2e-3).float().mean() < 5e-3
 
 
 def test_images_of_any_size_after_each_other() -> None:
     """Their scratch memory is shared."""
-    where, found = poses(2, 2.6), []
+    where, result = poses(2, 2.6), []
     sizes = [(72, 64), (10, 120), (72, 64), (1, 1), (200, 3), (72, 64)]
     for height, width in sizes:
         camera = Camera(CAMERA.focal, height, width)
@@ -122,9 +122,9 @@ def test_images_of_any_size_after_each_other() -> None:
             image = renderer(where, torch.full((1, 1, height, width), 0.3))
             expected = plain(renderer, where, torch.full((1, 1, height, width), 0.3))
             assert ((image - expected).abs() > 1e-3).float().mean() < 2e-3
-        found.append(image)
-    assert torch.equal(found[0], found[2])
-    assert torch.equal(found[0], found[5])
+        result.append(image)
+    assert torch.equal(result[0], result[2])
+    assert torch.equal(result[0], result[5])
 
 
 def test_threads_do_not_disturb_each_other() -> None:
@@ -150,13 +150,13 @@ def test_the_result_does_not_depend_on_the_number_of_threads() -> None:
 def test_sums_over_pixels_are_those_of_plain_pytorch() -> None:
     grad_image, screen_gradient = torch.randn(3, 7, 9), torch.randn(3, 4, 7, 9)
     x, y = torch.randn(3, 1, 9), torch.randn(3, 7, 1)
-    found = moments(grad_image, screen_gradient, x, y)
+    result = moments(grad_image, screen_gradient, x, y)
     powers_of_x = torch.stack([x**m for m in range(3)], 1)  # (B, 3, 1, W)
     powers_of_y = torch.stack([y**n for n in range(3)], 1)
     expected = torch.einsum("bhw,bkhw,bmow,bnhp->bkmn", grad_image, screen_gradient, powers_of_x, powers_of_y)
-    assert_close(found, expected.double(), rtol=1e-4, atol=1e-4)
+    assert_close(result, expected.double(), rtol=1e-4, atol=1e-4)
     inside = torch.func.vmap(lambda g: moments(g, screen_gradient, x, y))(grad_image[None])
-    assert_close(inside[0], found, rtol=1e-5, atol=1e-5)
+    assert_close(inside[0], result, rtol=1e-5, atol=1e-5)
 
 
 @methods
@@ -172,8 +172,8 @@ def test_sizes_near_the_end_of_numbers_draw_something_or_nothing(method: Method,
 
 def test_silhouettes_are_compiled_and_plain_the_same() -> None:
     mesh, where = MESHES["chair"], poses(2, 2.6)
-    found = silhouette(mesh, where, CAMERA)
+    result = silhouette(mesh, where, CAMERA)
     vertices = mesh.vertices.clone().requires_grad_()
     expected = silhouette(Mesh(vertices, mesh.faces, mesh.brightness), where, CAMERA).detach()
-    assert (found - expected).abs().mean() < 1e-5
-    assert math.isclose(float(found.sum()), float(expected.sum()), rel_tol=1e-4)
+    assert (result - expected).abs().mean() < 1e-5
+    assert math.isclose(float(result.sum()), float(expected.sum()), rel_tol=1e-4)
