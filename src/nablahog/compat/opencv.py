@@ -16,7 +16,7 @@ from torch import Tensor
 from ..hog import HOGSpec, presets
 from ..hog.gradient import gradient
 from ..hog.layout import to_layout
-from ..hog.normalize import normalize
+from ..hog.normalize import normalize_reference
 from ..hog.orientation import votes
 from ..hog.pooling import pool
 
@@ -242,7 +242,7 @@ class HOGDescriptor:
         blocks = []
         for some in torch.split(torch.from_numpy(places), max(1, _AT_ONCE // (self.nbins * high * wide))):
             histograms = pool(patches[:, some // width, some % width].transpose(0, 1), self.spec)
-            blocks.append(to_layout(normalize(histograms, self.spec).permute(0, 2, 3, 1), self.spec))
+            blocks.append(to_layout(normalize_reference(histograms, self.spec).permute(0, 2, 3, 1), self.spec))
         return torch.cat(blocks)[torch.from_numpy(block_of.ravel())].reshape(len(corners), -1)
 
 

@@ -14,7 +14,7 @@ from torch import Tensor
 from ..hog import HOGSpec, presets
 from ..hog.gradient import gradient
 from ..hog.layout import to_layout
-from ..hog.normalize import normalize
+from ..hog.normalize import normalize_reference
 from ..hog.normalizers import BlockForm
 from ..hog.orientation import magnitude
 from .glyphs import glyphs
@@ -90,7 +90,7 @@ def hog(
     size = planes.shape[1], planes.shape[2]
     spec.grid(*size)
     cells = _cells(planes, spec)
-    descriptor = to_layout(normalize(cells.unsqueeze(0), spec).permute(0, 2, 3, 1), spec)[0]
+    descriptor = to_layout(normalize_reference(cells.unsqueeze(0), spec).permute(0, 2, 3, 1), spec)[0]
     tensors = [descriptor.to(values.dtype).contiguous()]
     if visualize:
         tensors.append(glyphs(cells, spec.cell_size, size, values.dtype))

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..hog import HOGSpec
 from ..hog.gradient import gradient
-from ..hog.normalize import normalize
+from ..hog.normalize import normalize_reference
 from ..hog.orientation import votes
 from ..hog.pooling import pool, pooling_matrices
 
@@ -67,7 +67,7 @@ class Describer:
                     cells = pool(pixel_votes, same_cells[0])
                     for spec in same_cells:
                         histograms = cells.reshape(1, spec.colours * spec.bins, *cells.shape[2:])
-                        yield spec, normalize(histograms, spec).permute(0, 2, 3, 1)
+                        yield spec, normalize_reference(histograms, spec).permute(0, 2, 3, 1)
 
     def gradient(self, spec: HOGSpec, dtype: torch.dtype = torch.float32) -> tuple[Tensor, Tensor]:
         """Gx, Gy, each (colours, H, W), in units of the spec's ``value_range``."""

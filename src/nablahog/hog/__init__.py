@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .channels import convert_channels
     from .descriptor import HOG, hog
     from .layout import from_layout, to_layout
+    from .normalize import normalize_reference
     from .steps import histograms_reference
     from .streaming import DescriptorStrip, stream
 
@@ -31,6 +32,7 @@ __all__ = [
     "from_layout",
     "histograms_reference",
     "hog",
+    "normalize_reference",
     "presets",
     "stream",
     "to_layout",
@@ -41,6 +43,7 @@ names_when_used(
     channels=("convert_channels",),
     descriptor=("HOG", "hog"),
     layout=("from_layout", "to_layout"),
+    normalize=("normalize_reference",),
     steps=("histograms_reference",),
     streaming=("DescriptorStrip", "stream"),
 )

@@ -12,7 +12,7 @@ from . import kernels
 from .checks import check_choice
 from .inputs import ArrayImage, image_batch, to_array
 from .layout import to_layout
-from .normalize import normalize
+from .normalize import normalize_reference
 from .spec import HOGSpec
 from .steps import histograms_reference
 
@@ -97,7 +97,9 @@ def hog(
         descriptor = kernels.describe(images, spec)
     else:
         spec.grid(*images.shape[-2:])
-        descriptor = normalize(histograms_reference(images, spec), spec).permute(0, 2, 3, 1).contiguous()  # Eq. 7
+        descriptor = (
+            normalize_reference(histograms_reference(images, spec), spec).permute(0, 2, 3, 1).contiguous()
+        )  # Eq. 7
     return descriptor if layout == "cells" else to_layout(descriptor, spec)
 
 

@@ -8,7 +8,7 @@ from torch import Tensor
 from .spec import HOGSpec
 
 
-def normalize(histograms: Tensor, spec: HOGSpec) -> Tensor:
+def normalize_reference(histograms: Tensor, spec: HOGSpec) -> Tensor:
     """The spec's normaliser: cell histograms (B, colours · bins, rows, cols) to (B, ``spec.channels``, rows, cols)."""
     each = histograms.reshape(-1, spec.bins, *histograms.shape[2:])
     with torch.autocast(histograms.device.type, enabled=False):  # as in :func:`.steps.histograms_reference`

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from ..hog.descriptor import histograms
 from ..hog.kernels import steps
-from ..hog.normalize import normalize
+from ..hog.normalize import normalize_reference
 from ..hog.spec import HOGSpec
 from .flat import FlatRegions
 from .parameterize import Parameterization
@@ -102,7 +102,10 @@ class PreimageObjective:
         image = self.image(unknowns, index)
         cells = histograms(image, self.spec)
         if self.votes is None or self.votes_size is None:
-            difference, size = normalize(cells, self.spec) - self.descriptor[index], self.descriptor_size[index]
+            difference, size = (
+                normalize_reference(cells, self.spec) - self.descriptor[index],
+                self.descriptor_size[index],
+            )
         else:
             difference, size = cells - self.votes[index], self.votes_size[index]
         distance = difference.flatten(1) / size.sqrt().unsqueeze(1)

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ..hog.entries import CellAlignment, mean_over_colours, with_margin
 from ..hog.inputs import Descriptors, descriptor_tensor, to_array
-from ..hog.normalize import normalize
+from ..hog.normalize import normalize_reference
 from ..hog.spec import HOGSpec
 from .histograms import at_nominal_contrast
 
@@ -70,5 +70,5 @@ def _template_descriptor(weights: Tensor, spec: HOGSpec, image_size: tuple[int, 
     histograms = with_margin(histograms, spec)  # the cells that are left out have no weights
     alignment = CellAlignment(spec, size, histograms)
     histograms = alignment.restore(alignment(histograms)).repeat(1, spec.colours, 1, 1)
-    descriptor = normalize(at_nominal_contrast(histograms, spec, size), spec)
+    descriptor = normalize_reference(at_nominal_contrast(histograms, spec, size), spec)
     return descriptor.permute(0, 2, 3, 1).contiguous()

@@ -19,7 +19,7 @@ from torch.testing import assert_close
 
 from nablahog.hog import BilinearCells, BlockCells, BlockNorm, BoxCells, FourBlockNorm, HOGSpec, hog, presets
 from nablahog.hog.kernels import steps, supports
-from nablahog.hog.normalize import normalize
+from nablahog.hog.normalize import normalize_reference
 from nablahog.hog.normalizers import PARTS
 from nablahog.hog.poolings import Pooling
 from nablahog.hog.steps import histograms_reference
@@ -212,7 +212,7 @@ def test_four_blocks(rows: int, cols: int, dtype: torch.dtype) -> None:
     for parts in (PARTS[:3], PARTS[:1], PARTS[1:2], PARTS[:2], PARTS[1:3], PARTS[:3:2]):
         for scheme in (FourBlockNorm(parts=parts), FourBlockNorm(epsilon=0.5, clip=0.1, parts=parts)):
             s = spec(signed=True, bins=12, normalizer=scheme)
-            assert_same(fast(s)[1], normalize, x, s)
+            assert_same(fast(s)[1], normalize_reference, x, s)
 
 
 @dtypes
@@ -222,7 +222,7 @@ def test_normalisers_are_those_of_the_reference(name: str, dtype: torch.dtype) -
     x = noise(2, s.colours * s.bins, 5, 6, dtype=dtype)
     x[0, :, 0] = 0  # empty cells
     x[1, :, 2] *= 1e-3
-    assert_same(fast(s)[1], normalize, x, s)
+    assert_same(fast(s)[1], normalize_reference, x, s)
 
 
 def test_an_entry_exactly_at_the_clip() -> None:
@@ -231,7 +231,7 @@ def test_an_entry_exactly_at_the_clip() -> None:
     exact = FourBlockNorm(epsilon=1.0, clip=float((x[0, 0] / torch.sqrt(8 * x[0, 0] ** 2 / 2 + 1)).item()))
     for each in (scheme, exact):
         s = spec(signed=True, bins=4, normalizer=each)
-        assert_same(fast(s)[1], normalize, x, s)
+        assert_same(fast(s)[1], normalize_reference, x, s)
 
 
 @specs
@@ -275,13 +275,13 @@ def test_any_strides(name: str) -> None:
 
 def test_cells_of_any_strides() -> None:
     s = SPECS["uoctti"]
-    assert_same(fast(s)[1], normalize, noise(2, 5, 4, 18).permute(0, 3, 1, 2), s)
+    assert_same(fast(s)[1], normalize_reference, noise(2, 5, 4, 18).permute(0, 3, 1, 2), s)
 
 
 def test_reference_steps_on_other_devices_and_for_other_dialects() -> None:
-    assert steps(torch.device("cuda"), presets.paper()) == (histograms_reference, normalize)
+    assert steps(torch.device("cuda"), presets.paper()) == (histograms_reference, normalize_reference)
     assert [name for name, s in SPECS.items() if not supports(s)] == ["sobel", "sobel-separate"]
-    assert steps(CPU, SPECS["sobel"]) == (histograms_reference, normalize)
+    assert steps(CPU, SPECS["sobel"]) == (histograms_reference, normalize_reference)
 
 
 def test_backends_differ_by_rounding() -> None:

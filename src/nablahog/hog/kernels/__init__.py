@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn import Parameter
 
 from ..gradient import MASKS
-from ..normalize import normalize
+from ..normalize import normalize_reference
 from ..orientation import vote_rule
 from ..spec import HOGSpec
 from ..steps import histograms_reference
@@ -42,7 +42,7 @@ def _in_graph(images: Tensor) -> bool:
 def describe(images: Tensor, spec: HOGSpec) -> Tensor:
     """Descriptors (B, rows, cols, channels) of images (B, C, H, W) on a CPU, in a dialect that these loops support."""
     if not spec.normalizer.has_loops:
-        return normalize(histograms(images, spec), spec).permute(0, 2, 3, 1).contiguous()
+        return normalize_reference(histograms(images, spec), spec).permute(0, 2, 3, 1).contiguous()
     if _in_graph(images):
         spec.grid(*images.shape[2:])
         descriptors: Tensor = operators.describe(images, spec.to_json())
@@ -65,11 +65,13 @@ def histograms(images: Tensor, spec: HOGSpec) -> Tensor:
 def _norm(of_cells: Tensor, spec: HOGSpec) -> Tensor:
     """The normaliser: cell histograms (B, colours · bins, rows, cols) to (B, channels, rows, cols)."""
     if _in_graph(of_cells) or not spec.normalizer.has_loops:
-        return normalize(of_cells, spec)
+        return normalize_reference(of_cells, spec)
     each = split_colours(of_cells.permute(0, 2, 3, 1), spec)
     return merge_colours(autograd.apply(autograd.NORM, each, _of_one_colour(spec)), spec).permute(0, 3, 1, 2)
 
 
 def steps(device: torch.device, spec: HOGSpec) -> tuple[Step, Step]:
     """The fastest ``histograms`` of images on the device, and ``normalize``, of the dialect."""
-    return (histograms, _norm) if device.type == "cpu" and supports(spec) else (histograms_reference, normalize)
+    return (
+        (histograms, _norm) if device.type == "cpu" and supports(spec) else (histograms_reference, normalize_reference)
+    )

@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.autograd import Function, forward_ad
 
 from ...runtime.arrays import Floats
-from ..normalize import normalize
+from ..normalize import normalize_reference
 from ..spec import HOGSpec
 from ..steps import histograms_reference
 from . import loops
@@ -218,7 +218,7 @@ def _no_array(images: Tensor) -> Floats:
 
 
 def _norm_reference(histograms: Tensor, spec: HOGSpec) -> Tensor:
-    return normalize(histograms.permute(0, 3, 1, 2), spec).permute(0, 2, 3, 1)
+    return normalize_reference(histograms.permute(0, 3, 1, 2), spec).permute(0, 2, 3, 1)
 
 
 def _cells_reference(images: Tensor, spec: HOGSpec) -> Tensor:
