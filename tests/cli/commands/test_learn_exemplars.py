@@ -21,7 +21,7 @@ from nablahog.pose.background import default_background, learn_background
 from nablahog.pose.exemplar_views import SPEC, ExemplarLibrary, ViewSampling
 from nablahog.render import load_mesh
 
-from .common import names
+from ..common import names
 
 POSES = ViewSampling(azimuths=(0, 75), elevations=(20,)).poses()
 

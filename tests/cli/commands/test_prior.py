@@ -12,7 +12,7 @@ from PIL import Image
 
 from nablahog.cli.main import main
 
-from .common import CHELSEA, names
+from ..common import CHELSEA, names
 
 ONCE = ["--epochs", "1"]
 FEW = ["--max-evaluations", "3", "--size", "40"]

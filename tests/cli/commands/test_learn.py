@@ -32,8 +32,8 @@ from nablahog.invert.network import weight_count
 from nablahog.pose.background import learn_background
 from nablahog.pose.whitening import Background
 
-from ..io.archives import arrays_of
-from .common import CHELSEA, names
+from ...io.archives import arrays_of
+from ..common import CHELSEA, names
 
 CELL = ["--cell", "4"]
 OPTIONS = {

@@ -18,7 +18,7 @@ from nablahog.evaluate.photographs import sample_photographs
 from nablahog.invert.baselines import hoggles_learning
 from nablahog.invert.baselines.bovw import BoVW
 
-from .common import CHELSEA, names
+from ..common import CHELSEA, names
 
 
 @pytest.fixture
