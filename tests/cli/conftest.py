@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
 from PIL import Image
 
+from nablahog.cli import terminal
 from nablahog.cli.arguments.learn import KINDS
 from nablahog.cli.main import main
 from nablahog.jobs import resume
@@ -15,6 +17,12 @@ from nablahog.jobs.store import Job, JobResult
 from nablahog.jobs.worker import attempt
 
 from .common import CHELSEA
+
+
+@pytest.fixture(autouse=True)
+def no_lines_of_progress(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A busy machine may take longer than a test expects, and stderr has a line a minute then."""
+    monkeypatch.setattr(terminal, "EVERY", math.inf)
 
 
 @pytest.fixture
