@@ -7,37 +7,23 @@ point with half the step size (the "bold driver", Vogl et al., Biol. Cybern. 59,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, TypeAlias
 
 import torch
 from torch import Tensor
 
-from .result import WINDOW, Minimum, ObjectiveFunction, StopReason, Watch
-from .stopping import enter_reasons
+from .result import WINDOW, History, Minimum, ObjectiveFunction, StopReason, Watch, enter_reasons
 
 GROWTH, SHRINKAGE = 1.05, 0.5
 PATIENCE = 5  # evaluations without a new lowest point
 
-
-class Rule(Protocol):
-    """Where to go from the gradients so far, for a batch."""
-
-    def displacement(self, gradient: Tensor) -> Tensor:
-        """Gradients (A, N) at the current points to displacements (A, N) for a step size of 1."""
-        ...
-
-    def restart(self, mask: Tensor) -> None:
-        """Forgets the gradients of the problems for which ``mask`` (A,) holds."""
-        ...
-
-    def select(self, mask: Tensor) -> None:
-        """Drops the problems for which ``mask`` (A,) does not hold."""
-        ...
+Rule: TypeAlias = Callable[..., tuple[Tensor, tuple[Tensor, ...]]]
+"""Where to go from the gradients so far: from those at the current points (A, N), and a memory of tensors (A, …), to
+displacements (A, N) for a step size of 1, and the new memory."""
 
 
-@dataclass
-class _Point:
+class _Points(NamedTuple):
     """Points (A, N) with their values (A,) and gradients (A, N)."""
 
     x: Tensor
@@ -47,13 +33,13 @@ class _Point:
     def finite(self) -> Tensor:
         return self.value.isfinite() & self.gradient.isfinite().all(1)
 
-    def select(self, mask: Tensor) -> _Point:
-        return _Point(self.x[mask], self.value[mask], self.gradient[mask])
+    def select(self, mask: Tensor) -> _Points:
+        return _Points(*(tensor[mask] for tensor in self))
 
-    def where(self, mask: Tensor, other: _Point) -> _Point:
+    def where(self, mask: Tensor, other: _Points) -> _Points:
         """These where ``mask`` (A,) holds, elsewhere ``other``."""
         column = mask.unsqueeze(1)
-        return _Point(
+        return _Points(
             torch.where(column, self.x, other.x),
             torch.where(mask, self.value, other.value),
             torch.where(column, self.gradient, other.gradient),
@@ -67,32 +53,48 @@ class _Descent:
         index: (A,), the running problems.
         current, lowest: of the running problems.
         step, waited: (A,), step sizes, and evaluations since the last new lowest point.
+        memory: of the rule, for the running problems.
         bad, small: (A,), whether the last value was not finite, and whether the last step was below rounding.
+        history, lowest_values: the values of the current and of the lowest points.
     """
 
     def __init__(
-        self, objective: ObjectiveFunction, start: _Point, rule: Rule, step: Tensor, watch: Watch | None
+        self,
+        objective: ObjectiveFunction,
+        start: Tensor,
+        rule: Rule,
+        memory: Sequence[Tensor],
+        first_step: Callable[[Tensor], Tensor],
+        watch: Watch | None,
     ) -> None:
-        self.objective, self.rule, self.watch = objective, rule, watch
-        self.index = torch.arange(len(start.x), device=start.x.device)
-        self.current = self.lowest = start
-        self.step, self.waited = step, torch.zeros_like(self.index)
-        self.bad = ~start.finite()
+        self.objective, self.rule, self.memory, self.watch = objective, rule, memory, watch
+        x = start.detach().clone()
+        self.index = torch.arange(len(x), device=x.device)
+        self.current = self.lowest = _Points(x, *objective(x, self.index))
+        self.x, self.value = x.clone(), self.current.value.clone()
+        self.step, self.waited = first_step(self.current.gradient), torch.zeros_like(self.index)
+        self.bad = ~self.current.finite()
         self.small = torch.zeros_like(self.bad)
-        self.x, self.value = start.x.clone(), start.value.clone()
-        self.reasons = [StopReason.BUDGET] * len(start.x)
-        self.evaluations = torch.ones_like(self.index)
-        self.history, self.lowest_values = [start.value.clone()], [start.value.clone()]
-        if watch is not None:
-            watch(self.index, self.evaluations)
+        self.reasons = [StopReason.BUDGET] * len(start)
+        self.evaluations = torch.zeros_like(self.index)
+        self.history, self.lowest_values = (History(self.value, len(start)) for _ in range(2))
+        self._count()
 
-    def ended(self, gradient_tolerance: float, progress_tolerance: float) -> dict[StopReason, Tensor]:
-        """Which of the running problems (A,) stop, for each reason."""
+    def _count(self) -> None:
+        self.evaluations[self.index] += 1
+        evaluations = self.evaluations[self.index]
+        self.history.add(evaluations, self.index, self.current.value)
+        self.lowest_values.add(evaluations, self.index, self.lowest.value)
+        if self.watch is not None:
+            self.watch(self.index, evaluations)
+
+    def ended(self, evaluation: int, gradient_tolerance: float, progress_tolerance: float) -> dict[StopReason, Tensor]:
+        """Which of the running problems (A,) stop after so many evaluations, for each reason."""
         value = self.lowest.value
         flat = self.lowest.gradient.abs().amax(1) <= gradient_tolerance
         slow = torch.zeros_like(flat)
-        if len(self.lowest_values) > WINDOW:
-            slow = self.lowest_values[-1 - WINDOW][self.index] - value < progress_tolerance * value
+        if evaluation > WINDOW:
+            slow = self.lowest_values.table[evaluation - 1 - WINDOW, self.index] - value < progress_tolerance * value
         return {
             StopReason.NOT_FINITE: self.bad,
             StopReason.GRADIENT: flat,
@@ -103,19 +105,17 @@ class _Descent:
     def stop(self, done: Tensor) -> None:
         """Those that are ``done`` (A,) are no longer run."""
         running = ~done
-        self.rule.select(running)
+        self.memory = [tensor[running] for tensor in self.memory]
         self.index, self.step, self.waited = self.index[running], self.step[running], self.waited[running]
         self.current, self.lowest = self.current.select(running), self.lowest.select(running)
 
     def advance(self) -> None:
         """Takes a step of each running problem, and restarts those that have come no lower for long."""
-        shift = self.step.unsqueeze(1) * self.rule.displacement(self.current.gradient)
+        displacement, memory = self.rule(self.current.gradient, *self.memory)
+        shift = self.step.unsqueeze(1) * displacement
         self.small = shift.abs().amax(1) <= torch.finfo(shift.dtype).eps * self.current.x.abs().amax(1)
         x = self.current.x + shift
-        current = _Point(x, *self.objective(x, self.index))
-        self.evaluations[self.index] += 1
-        if self.watch is not None:
-            self.watch(self.index, self.evaluations[self.index])
+        current = _Points(x, *self.objective(x, self.index))
         finite = current.finite()
         better = finite & (current.value < self.lowest.value)
         self.lowest = current.where(better, self.lowest)
@@ -125,36 +125,36 @@ class _Descent:
         self.step = torch.where(restart, SHRINKAGE * self.step, torch.where(better, GROWTH * self.step, self.step))
         self.waited = torch.where(restart, 0, waited)
         self.current = self.lowest.where(restart, current)
-        self.rule.restart(restart)
+        self.memory = [torch.where(restart.unsqueeze(1), 0, tensor) for tensor in memory]
         self.bad = torch.zeros_like(restart)
-        for values, new in ((self.history, self.current.value), (self.lowest_values, self.lowest.value)):
-            row = values[-1].clone()
-            row[self.index] = new
-            values.append(row)
+        self._count()
 
 
 def descend(
     objective: ObjectiveFunction,
-    x: Tensor,
-    value: Tensor,
-    gradient: Tensor,
+    start: Tensor,
     rule: Rule,
-    step: Tensor,
+    memory: Sequence[Tensor],
+    first_step: Callable[[Tensor], Tensor],
     *,
-    max_evaluations: int,
-    gradient_tolerance: float,
-    progress_tolerance: float,
-    watch: Watch | None,
+    max_evaluations: int = 300,
+    gradient_tolerance: float = 0.0,
+    progress_tolerance: float = 0.0,
+    watch: Watch | None = None,
 ) -> Minimum:
-    """Minimise a batch from points x (B, N), with their values (B,), gradients (B, N) and step sizes (B,)."""
-    descent = _Descent(objective, _Point(x, value, gradient), rule, step, watch)
-    for evaluation in range(2, max_evaluations + 2):
-        ended = descent.ended(gradient_tolerance, progress_tolerance)
-        done = torch.stack([*ended.values()]).any(dim=0)
+    """Minimise a batch of problems from ``start`` (B, N), stopping as :class:`.result.Stopping` says.
+
+    ``memory`` of the rule are tensors (B, …) of zeros; they are 0 again where a problem restarts.  ``first_step`` makes
+    the first step sizes (B,) from the gradients (B, N) at the start.
+    """
+    descent = _Descent(objective, start, rule, memory, first_step, watch)
+    for evaluation in range(1, max_evaluations + 1):
+        ended = descent.ended(evaluation, gradient_tolerance, progress_tolerance)
+        done = enter_reasons(descent.reasons, descent.index, ended)
         if done.any():
-            enter_reasons(descent.reasons, descent.index, ended)
             descent.stop(done)
-        if not len(descent.index) or evaluation > max_evaluations:
+        if not len(descent.index) or evaluation == max_evaluations:
             break
         descent.advance()
-    return Minimum(descent.x, descent.value, descent.evaluations, descent.reasons, torch.stack(descent.history))
+    history = descent.history.filled(int(descent.evaluations.max()))
+    return Minimum(descent.x, descent.value, descent.evaluations, descent.reasons, history)

@@ -10,15 +10,75 @@ or both.  No problem waits for another.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
 import torch
 from torch import Tensor
 
 from .gauss_newton import GaussNewtonSteps
 from .result import History, LeastSquares, Minimum, ObjectiveFunction, StopReason, Watch
-from .stopping import DoglegRules, Phases
 from .trust_region import Step, TrustRegion
 
 TRIAL, MODEL, PRODUCT = 2, 1, 1  # half evaluations: value and gradient; residuals with their graph; J or Jᵀ times v
+
+
+@dataclass(frozen=True, kw_only=True)
+class DoglegRules:
+    """When the dogleg stops, and how exact its Gauss-Newton steps are.
+
+    Attributes:
+        max_evaluations: budget of each problem.  A trial, value and gradient, is one; the residuals to linearise, and J
+            or Jᵀ times a vector, are half of one each.  Conjugate gradients end while enough is left to try their step.
+        max_iterations: accepted steps of each problem (Chumpy's ``maxiter``).
+        gradient_tolerance: stop a problem when the largest absolute entry of Jᵀr, half the gradient, is at most this
+            (``e_1``).
+        step_tolerance: stop a problem when its step or its radius is at most this share of ‖x‖ (``e_2``).
+        progress_tolerance: stop a problem when a step lowers the value by less than this share of it (``e_3``).
+        cg_iterations: the most for one Gauss-Newton step; 1 makes it the Cauchy step.
+        cg_tolerance: a Gauss-Newton step will do when ‖JᵀJ d + Jᵀr‖ is at most this share of ‖Jᵀr‖.
+    """
+
+    max_evaluations: int = 300
+    max_iterations: int = 200
+    gradient_tolerance: float = 1e-15
+    step_tolerance: float = 1e-15
+    progress_tolerance: float = 0.0
+    cg_iterations: int = 10
+    cg_tolerance: float = 0.1
+
+
+class _Phases:
+    """Which problems look for a Gauss-Newton step (``solving``), and which have one to try (``trying``).
+
+    The others have stopped; ``reasons`` says why.
+    """
+
+    def __init__(self, like: Tensor) -> None:
+        self.solving = torch.ones(len(like), dtype=torch.bool, device=like.device)
+        self.trying = torch.zeros_like(self.solving)
+        self.reasons = [StopReason.BUDGET] * len(like)
+
+    def running(self) -> bool:
+        return bool((self.solving | self.trying).any())
+
+    def try_step(self, rows: Tensor, mask: Tensor) -> None:
+        """Those of ``rows`` (A,) for which ``mask`` (A,) holds have their step, unless they have stopped."""
+        rows = rows[mask & self.solving[rows]]
+        self.solving[rows], self.trying[rows] = False, True
+
+    def solve(self, rows: Tensor) -> None:
+        """The problems ``rows`` (A,) look for their next step."""
+        self.solving[rows], self.trying[rows] = True, False
+
+    def stop(self, rows: Tensor, holds: Mapping[StopReason, Tensor]) -> None:
+        """Stops those of ``rows`` (A,) for which a reason holds, (A,) each, unless they have stopped before."""
+        for reason, mask in holds.items():
+            stopped = rows[mask & (self.solving[rows] | self.trying[rows])]
+            self.solving[stopped] = self.trying[stopped] = False
+            for problem in stopped.tolist():
+                self.reasons[problem] = reason
 
 
 class _Search:
@@ -43,7 +103,7 @@ class _Search:
         self.spent, self.iterations = torch.full_like(rows, TRIAL), torch.zeros_like(rows)
         self.history = History(self.value, len(rows))
         self.newton, self.region = GaussNewtonSteps(self.x), TrustRegion(self.value, radius)
-        self.phases = Phases(self.value)
+        self.phases = _Phases(self.value)
         self._record(rows)
         not_finite = ~(self.value.isfinite() & self.descent.isfinite().all(1))
         self.phases.stop(
@@ -144,15 +204,9 @@ def dogleg(
     problem: LeastSquares | ObjectiveFunction,
     start: Tensor,
     *,
-    max_evaluations: int = 300,
-    max_iterations: int = 200,
     radius: float | None = None,
-    gradient_tolerance: float = 1e-15,
-    step_tolerance: float = 1e-15,
-    progress_tolerance: float = 0.0,
-    cg_iterations: int = 10,
-    cg_tolerance: float = 0.1,
     watch: Watch | None = None,
+    **rules: Any,
 ) -> Minimum:
     """Minimise a batch of sums of squares.
 
@@ -160,36 +214,19 @@ def dogleg(
         problem: :class:`LeastSquares`, called with the running problems' points and indices only.  Problems must not
             influence each other.
         start: (B, N), float32 or float64.
-        max_evaluations: budget of each problem.  A trial, value and gradient, is one; the residuals to linearise, and J
-            or Jᵀ times a vector, are half of one each.  Conjugate gradients end while enough is left to try their step.
-        max_iterations: accepted steps of each problem (Chumpy's ``maxiter``).
         radius: of the first trust region (``delta_0``); by default the length of the first Gauss-Newton step.
-        gradient_tolerance: stop a problem when the largest absolute entry of Jᵀr, half the gradient, is at most this
-            (``e_1``).
-        step_tolerance: stop a problem when its step or its radius is at most this share of ‖x‖ (``e_2``).
-        progress_tolerance: stop a problem when a step lowers the value by less than this share of it (``e_3``).
-        cg_iterations: the most for one Gauss-Newton step; 1 makes it the Cauchy step.
-        cg_tolerance: a Gauss-Newton step will do when ‖JᵀJ d + Jᵀr‖ is at most this share of ‖Jᵀr‖.
         watch: see :data:`Watch`.
+        rules: budget and tolerances, the fields of :class:`DoglegRules`.
 
     Returns:
         For each problem the lowest point found, never worse than its start.
 
     Raises:
-        TypeError: the problem has no residuals.
+        TypeError: the problem has no residuals, or there is no such rule.
     """
     if not isinstance(problem, LeastSquares):
         raise TypeError(f"dogleg needs a problem with residuals (LeastSquares), got {type(problem).__name__}")
-    rules = DoglegRules(
-        max_evaluations,
-        max_iterations,
-        gradient_tolerance,
-        step_tolerance,
-        progress_tolerance,
-        cg_iterations,
-        cg_tolerance,
-    )
-    search = _Search(problem, start, radius, rules, watch)
+    search = _Search(problem, start, radius, DoglegRules(**rules), watch)
     while search.phases.running():
         search.solve()
         search.try_steps()

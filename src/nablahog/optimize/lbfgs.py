@@ -14,8 +14,7 @@ from torch import Tensor
 
 from .lbfgs_decisions import decide
 from .lbfgs_vectors import LbfgsVectors
-from .result import WINDOW, History, Minimum, ObjectiveFunction, StopReason, Watch
-from .stopping import enter_reasons
+from .result import WINDOW, History, Minimum, ObjectiveFunction, StopReason, Watch, enter_reasons
 
 
 def _remaining(done: Tensor, *state: Tensor) -> list[Tensor]:
@@ -179,10 +178,9 @@ def lbfgs(
     for evaluation in range(2, max_evaluations + 1):
         search.advance()
         ended = search.ended(evaluation, gradient_tolerance, progress_tolerance)
-        done = torch.stack([*ended.values()]).any(dim=0)
+        done = enter_reasons(search.reasons, search.index, ended)
         if done.any():
-            enter_reasons(search.reasons, search.index, ended)
             search.stop(done)
-            if not len(search.index):
-                break
+        if not len(search.index):
+            break
     return search.minimum()

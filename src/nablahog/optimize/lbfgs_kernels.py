@@ -5,13 +5,10 @@ from __future__ import annotations
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, NamedTuple
 
-from torch import Tensor
-
 from ..runtime.arrays import Floats, Integers, Real
 from ..runtime.compile import compiled, inlined
 from ..runtime.lanes import Array, Builder, Variable
 from ..runtime.simd import lanes, vector_function, vector_instruction
-from ..runtime.threads import share_out
 from .lbfgs_decisions import ALONG, BESIDE, CHANGE_ALONG, CHANGE_SQUARED, CHANGE_WITH_NEW
 
 if TYPE_CHECKING:
@@ -163,10 +160,10 @@ def _dot(left: Floats, at: int, right: Floats, begin: int, count: int) -> Real:
 
 
 @compiled
-def _dots_loop(
+def dots(
     start: int, stop: int, n: int, new: Floats, old: Floats, directions: Floats, stored: Floats, out: Floats
 ) -> None:
-    """Rows start … stop - 1 of :func:`dots`, to ``out`` (B, 2m + 4).  Vectors of length n lie one after the other."""
+    """Rows start … stop - 1 of :meth:`.LbfgsVectors.dots`, to ``out``.  Vectors of length n lie one after the other."""
     both = out.shape[1] - BESIDE
     whole = n // FOURS * FOURS
     flat = out.reshape(-1)
@@ -222,7 +219,7 @@ def _combine(
 
 
 @compiled
-def _take_step_loop(
+def take_step(
     start: int,
     stop: int,
     taken: Floats,
@@ -236,7 +233,7 @@ def _take_step_loop(
     slopes: Floats,
     peaks: Floats,
 ) -> None:
-    """Rows start … stop - 1 of :func:`take_step`.  The vectors lie one after the other."""
+    """Rows start … stop - 1 of :meth:`.LbfgsVectors.take_step`.  The vectors lie one after the other."""
     both, n = coefficients.shape[1] - 1, len(xs) // len(taken)
     for i in range(start, stop):
         step, by = taken[i], coefficients[i, both]
@@ -256,31 +253,3 @@ def _take_step_loop(
                 _combine(begin, count, first, n, coefficients[i, :both], stored, directions)
                 slope += _dot(gradients, begin, directions, begin, count)
             slopes[i], peaks[i] = slope, peak
-
-
-def dots(trial_gradient: Tensor, gradient: Tensor, direction: Tensor, stored: Tensor) -> Tensor:
-    """As :meth:`.LbfgsVectors.dots`, in as many threads as PyTorch takes."""
-    out = gradient.new_empty(len(gradient), stored.shape[1] + BESIDE)
-    vectors = (trial_gradient, gradient, direction, stored)
-    arrays = *(each.view(-1).numpy() for each in vectors), out.numpy()
-    share_out(lambda start, stop: _dots_loop(start, stop, gradient.shape[1], *arrays), len(out))
-    return out
-
-
-def take_step(
-    taken: Tensor,
-    places: Tensor,
-    coefficients: Tensor,
-    trial_gradient: Tensor,
-    x: Tensor,
-    gradient: Tensor,
-    direction: Tensor,
-    stored: Tensor,
-    slopes: Tensor,
-    peaks: Tensor,
-) -> None:
-    """As :meth:`.LbfgsVectors.take_step`, in as many threads as PyTorch takes."""
-    vectors = (trial_gradient, x, gradient, direction, stored)
-    numbers = (taken.numpy(), places.numpy(), coefficients.numpy())
-    arrays = *(each.view(-1).numpy() for each in vectors), slopes.numpy(), peaks.numpy()
-    share_out(lambda start, stop: _take_step_loop(start, stop, *numbers, *arrays), len(taken))

@@ -8,12 +8,14 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ..runtime.threads import share_out
 from . import lbfgs_kernels
 from .lbfgs_decisions import ALONG, BESIDE, CHANGE_ALONG, CHANGE_SQUARED, CHANGE_WITH_NEW
 
 
 class LbfgsVectors:
-    """Vectors on any device: compiled loops on a CPU (:mod:`.lbfgs_kernels`), elsewhere PyTorch.
+    """Vectors on any device: compiled loops on a CPU (:mod:`.lbfgs_kernels`), in as many threads as PyTorch takes,
+    elsewhere PyTorch.
 
     Attributes:
         x, gradient, direction: (B, N), contiguous.
@@ -29,7 +31,11 @@ class LbfgsVectors:
     def dots(self, trial_gradient: Tensor) -> Tensor:
         """(B, 2m + 4), as :func:`.lbfgs_decisions.decide` takes them, on the CPU."""
         if self.compiled:
-            return lbfgs_kernels.dots(trial_gradient, self.gradient, self.direction, self.stored)
+            out = trial_gradient.new_empty(len(self.stored), self.stored.shape[1] + BESIDE)
+            vectors = (trial_gradient, self.gradient, self.direction, self.stored)
+            arrays = self.x.shape[1], *(each.view(-1).numpy() for each in vectors), out.numpy()
+            share_out(lambda start, stop: lbfgs_kernels.dots(start, stop, *arrays), len(out))
+            return out
         change = trial_gradient - self.gradient
         beside = [trial_gradient.new_empty(0)] * BESIDE
         for which, left, right in (
@@ -56,8 +62,10 @@ class LbfgsVectors:
                 absolute number of the gradient.  These and the first three are on the CPU.
         """
         if self.compiled:
-            vectors = self.x, self.gradient, self.direction, self.stored
-            lbfgs_kernels.take_step(taken, places, coefficients, trial_gradient, *vectors, slopes, peaks)
+            numbers = (each.numpy() for each in (taken, places, coefficients))
+            vectors = (trial_gradient, self.x, self.gradient, self.direction, self.stored)
+            arrays = *numbers, *(each.view(-1).numpy() for each in vectors), slopes.numpy(), peaks.numpy()
+            share_out(lambda start, stop: lbfgs_kernels.take_step(start, stop, *arrays), len(taken))
             return
         moved = taken > 0
         taken, places, coefficients, on_device = (t.to(self.x.device) for t in (taken, places, coefficients, moved))

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol, TypeAlias, runtime_checkable
+from typing import Protocol, TypeAlias, TypedDict, runtime_checkable
 
 import torch
 from torch import Tensor
@@ -48,6 +48,23 @@ class StopReason(str, Enum):
 
 
 WINDOW = 20  # evaluations over which progress is judged
+
+
+class Stopping(TypedDict, total=False):
+    """When a search stops, and who watches it.
+
+    Attributes:
+        max_evaluations: budget of each problem; by default 300.
+        gradient_tolerance: stop a problem whose lowest point has no larger absolute gradient entry; by default 0.
+        progress_tolerance: stop a problem whose lowest value fell by less than this share of itself in 20 evaluations;
+            by default 0.
+        watch: see :data:`Watch`.
+    """
+
+    max_evaluations: int
+    gradient_tolerance: float
+    progress_tolerance: float
+    watch: Watch | None
 
 
 @dataclass(frozen=True)
@@ -101,3 +118,17 @@ class History:
         last = torch.where(self.filled_in, rows, 0).cummax(dim=0).values
         last = last[torch.arange(length, device=last.device).clamp(max=len(last) - 1)]
         return self.table.gather(0, last)
+
+
+def enter_reasons(reasons: list[StopReason], problems: Tensor, holds: Mapping[StopReason, Tensor]) -> Tensor:
+    """Sets the reasons of those ``problems`` (A,) for which one holds, (A,) each; of several the first counts.
+
+    Returns:
+        (A,): whether one holds.
+    """
+    ended = torch.stack([*holds.values()]).any(dim=0)
+    if ended.any():
+        for reason, mask in reversed(list(holds.items())):
+            for problem in problems[mask.to(problems.device)].tolist():
+                reasons[problem] = reason
+    return ended
