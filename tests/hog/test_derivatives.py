@@ -14,8 +14,8 @@ from torch.testing import assert_close
 from nablahog.hog import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm, hog, presets
 from nablahog.hog.descriptor import histograms
 from nablahog.hog.gradient import gradient
-from nablahog.hog.normalize import normalize_reference
 from nablahog.hog.normalizers import BlockForm, GlobalForm, Normalizer
+from nablahog.hog.steps import normalize_reference
 
 from .differences import Function, analytic, assert_jacobian_equals_central_differences, one_sided, vector
 from .zoo import DOUBLE, PRESETS, SPECS, fits, integers, noise, sized, spec

@@ -24,9 +24,9 @@ from nablahog.hog import (
     presets,
 )
 from nablahog.hog.descriptor import histograms
-from nablahog.hog.normalize import normalize_reference
 from nablahog.hog.orientation import votes
 from nablahog.hog.spec import Border
+from nablahog.hog.steps import normalize_reference
 
 from . import reference
 from .zoo import DOUBLE, SPECS, fits, integers, noise, rounding, spec

@@ -12,7 +12,7 @@ from torch import Tensor
 from nablahog import hog, presets, reconstruct
 from nablahog.hog import FourBlockNorm, HOGSpec
 from nablahog.hog.descriptor import histograms
-from nablahog.hog.normalize import normalize_reference
+from nablahog.hog.steps import normalize_reference
 from nablahog.invert import Search
 from nablahog.invert.histograms import recover_histograms, searchable
 

@@ -11,7 +11,7 @@ from torch import Tensor
 from nablahog.hog import HOGSpec, hog, presets
 from nablahog.hog.descriptor import histograms
 from nablahog.hog.gradient import gradient
-from nablahog.hog.normalize import normalize_reference
+from nablahog.hog.steps import normalize_reference
 from nablahog.invert.flat import FlatRegions
 from nablahog.invert.histograms import recover_histograms
 from nablahog.invert.parameterize import CosineBasis, Pixels, cosines, from_cosines, low_pass, to_cosines

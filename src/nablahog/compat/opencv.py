@@ -16,9 +16,9 @@ from torch import Tensor
 from ..hog import HOGSpec, presets
 from ..hog.gradient import gradient
 from ..hog.layout import to_layout
-from ..hog.normalize import normalize_reference
 from ..hog.orientation import votes
 from ..hog.pooling import pool
+from ..hog.steps import normalize_reference
 
 Size: TypeAlias = tuple[int, int]  # (width, height), as everywhere in OpenCV
 _AT_ONCE = 2**23  # votes of all blocks that are pooled together: 32 MiB

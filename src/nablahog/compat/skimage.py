@@ -14,9 +14,9 @@ from torch import Tensor
 from ..hog import HOGSpec, presets
 from ..hog.gradient import gradient
 from ..hog.layout import to_layout
-from ..hog.normalize import normalize_reference
 from ..hog.normalizers import BlockForm
 from ..hog.orientation import magnitude
+from ..hog.steps import normalize_reference
 from .glyphs import glyphs
 
 Image = TypeVar("Image", NDArray[Any], Tensor)

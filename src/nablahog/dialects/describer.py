@@ -11,9 +11,9 @@ from torch import Tensor
 
 from ..hog import HOGSpec
 from ..hog.gradient import gradient
-from ..hog.normalize import normalize_reference
 from ..hog.orientation import votes
 from ..hog.pooling import pool, pooling_matrices
+from ..hog.steps import normalize_reference
 
 _GRADIENT = ("gamma", "value_range", "colour", "colour_ties", "mask", "border")
 _VOTES = ("bins", "signed", "bin_offset", "counterclockwise", "vote", "angle", "directions", "boundary")

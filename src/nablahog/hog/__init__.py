@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from .channels import convert_channels
     from .descriptor import HOG, hog
     from .layout import from_layout, to_layout
-    from .normalize import normalize_reference
-    from .steps import histograms_reference
+    from .steps import histograms_reference, normalize_reference
     from .streaming import DescriptorStrip, stream
 
 __all__ = [
@@ -43,7 +42,6 @@ names_when_used(
     channels=("convert_channels",),
     descriptor=("HOG", "hog"),
     layout=("from_layout", "to_layout"),
-    normalize=("normalize_reference",),
-    steps=("histograms_reference",),
+    steps=("histograms_reference", "normalize_reference"),
     streaming=("DescriptorStrip", "stream"),
 )

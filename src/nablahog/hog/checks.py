@@ -1,9 +1,40 @@
-"""Checks of the fields of a spec: each raises ValueError with one sentence.  Lists become tuples."""
+"""Checks of the fields of a spec and its parts: each raises ValueError with one sentence."""
 
 from __future__ import annotations
 
 import sys
-from typing import Any, get_args
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+_CHECKS: dict[type, dict[str, Callable[[str, object], None]]] = {}
+"""Of each class by field: made once, since torch.compile cannot trace how types are read."""
+
+
+def check_fields(part: object, *others: str) -> None:
+    """The fields of a frozen dataclass are what their types say.
+
+    A float is finite and above 0, a pair of integers is one of at least 1.  Fields of other types than these, literals
+    and truth values are left to the class, and so are the ``others``.
+    """
+    if type(part) not in _CHECKS:
+        checks = {field: _check_of(kind) for field, kind in get_type_hints(type(part)).items()}
+        _CHECKS[type(part)] = {field: check for field, check in checks.items() if check}
+    for field, check in _CHECKS[type(part)].items():
+        if field not in others:
+            check(field, getattr(part, field))
+
+
+def _check_of(kind: Any) -> Callable[[str, object], None] | None:
+    if get_origin(kind) is Literal:
+        return partial(check_choice, choices=kind)
+    return {bool: check_truth, float: check_positive, tuple[int, int]: check_pair}.get(kind)
+
+
+def check_truth(field: str, value: object) -> None:
+    """``value`` is True or False."""
+    if not isinstance(value, bool):
+        raise ValueError(f"{field} must be True or False, got {value!r}")
 
 
 def check_choice(field: str, value: object, choices: Any) -> None:

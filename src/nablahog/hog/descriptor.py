@@ -12,9 +12,8 @@ from . import kernels
 from .checks import check_choice
 from .inputs import ArrayImage, image_batch, to_array
 from .layout import to_layout
-from .normalize import normalize_reference
 from .spec import HOGSpec
-from .steps import histograms_reference
+from .steps import histograms_reference, normalize_reference
 
 Backend: TypeAlias = Literal["auto", "torch"]
 ResultLayout: TypeAlias = Literal["cells", "native"]

@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
-from .checks import check_choice, check_pair, check_positive, lists_to_tuples
+from .checks import check_fields, lists_to_tuples
 from .normalizers import NORMALIZERS, Normalizer
 from .poolings import POOLINGS, BilinearCells, PartialCells, Pooling
 
@@ -109,18 +109,12 @@ class HOGSpec:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
             raise ValueError(f"name must be text, got {self.name!r}")
-        check_positive("value_range", self.value_range)
-        for name, choices in _CHOICES.items():
-            check_choice(name, getattr(self, name), choices)
+        lists_to_tuples(self, "cell_size")
+        check_fields(self, "bin_offset")
         if type(self.bins) is not int or self.bins < 3:
             raise ValueError(f"bins must be an integer of at least 3, got {self.bins!r}")
-        for name in ("signed", "counterclockwise"):
-            if not isinstance(getattr(self, name), bool):
-                raise ValueError(f"{name} must be True or False, got {getattr(self, name)!r}")
         if not isinstance(self.bin_offset, int | float) or not 0 <= self.bin_offset < self.bins:
             raise ValueError(f"bin_offset must lie in [0, bins), in bins, got {self.bin_offset!r}")
-        lists_to_tuples(self, "cell_size")
-        check_pair("cell_size", self.cell_size)
         _check_kind("normalizer", self.normalizer, NORMALIZERS)
         _check_kind("pooling", self.pooling, POOLINGS)
         self._check_together()
@@ -262,22 +256,6 @@ class HOGSpec:
             return cls(**fields)
         except (KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
             raise ValueError(f"not the JSON of a HOGSpec: {error!s}") from None
-
-
-_CHOICES: dict[str, Any] = {
-    "colour": Colour,
-    "border": Border,
-    "vote": Vote,
-    "partial_cells": PartialCells,
-    "gamma": Gamma,
-    "colour_ties": ColourTies,
-    "mask": Mask,
-    "angle": Angle,
-    "directions": Directions,
-    "derivative": Derivative,
-    "boundary": Boundary,
-    "layout": Layout,
-}
 
 
 def _check_kind(field: str, part: Any, kinds: dict[str, Any]) -> None:

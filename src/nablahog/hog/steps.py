@@ -1,4 +1,4 @@
-"""The reference of the first three steps: operations of PyTorch, on any device, differentiable any number of times.
+"""The reference of the four steps: operations of PyTorch, on any device, differentiable any number of times.
 
 :mod:`.kernels` has them compiled for CPUs.
 """
@@ -27,3 +27,11 @@ def histograms_reference(images: Tensor, spec: HOGSpec) -> Tensor:
         gx, gy = gradient(_scaled(images, spec), spec)  # Eq. 1-2
         cells = pool(votes(gx, gy, spec), spec)  # Eq. 3-6
         return cells.reshape(-1, spec.colours * spec.bins, *cells.shape[2:])
+
+
+def normalize_reference(histograms: Tensor, spec: HOGSpec) -> Tensor:
+    """The spec's normaliser: cell histograms (B, colours · bins, rows, cols) to (B, ``spec.channels``, rows, cols)."""
+    each = histograms.reshape(-1, spec.bins, *histograms.shape[2:])
+    with torch.autocast(histograms.device.type, enabled=False):
+        descriptor = spec.normalizer.normalize(each, spec.signed)
+    return descriptor.reshape(-1, spec.channels, *descriptor.shape[2:])

@@ -9,8 +9,8 @@ from torch import Tensor
 
 from ..hog.descriptor import histograms
 from ..hog.kernels import steps
-from ..hog.normalize import normalize_reference
 from ..hog.spec import HOGSpec
+from ..hog.steps import normalize_reference
 from .flat import FlatRegions
 from .parameterize import Parameterization
 from .priors import Prior

@@ -12,8 +12,8 @@ from torch import Tensor
 
 from ..hog.entries import CellAlignment, mean_over_colours, with_margin
 from ..hog.inputs import Descriptors, descriptor_tensor, to_array
-from ..hog.normalize import normalize_reference
 from ..hog.spec import HOGSpec
+from ..hog.steps import normalize_reference
 from .histograms import at_nominal_contrast
 
 EMPHASIS = 2.0  # power of the weights: a few strong ones make the shape, and many weak ones only noise

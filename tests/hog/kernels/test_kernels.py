@@ -19,10 +19,9 @@ from torch.testing import assert_close
 
 from nablahog.hog import BilinearCells, BlockCells, BlockNorm, BoxCells, FourBlockNorm, HOGSpec, hog, presets
 from nablahog.hog.kernels import steps, supports
-from nablahog.hog.normalize import normalize_reference
 from nablahog.hog.normalizers import PARTS
 from nablahog.hog.poolings import Pooling
-from nablahog.hog.steps import histograms_reference
+from nablahog.hog.steps import histograms_reference, normalize_reference
 from nablahog.runtime.compile import compiled
 
 from ..zoo import SPECS, integers, noise, spec

@@ -14,10 +14,9 @@ from torch import Tensor
 from torch.nn import Parameter
 
 from ..gradient import MASKS
-from ..normalize import normalize_reference
 from ..orientation import vote_rule
 from ..spec import HOGSpec
-from ..steps import histograms_reference
+from ..steps import histograms_reference, normalize_reference
 from . import autograd, operators
 from .colours import merge_colours, separate_colours, split_colours
 

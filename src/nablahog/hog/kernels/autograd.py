@@ -15,9 +15,8 @@ from torch import Tensor
 from torch.autograd import Function, forward_ad
 
 from ...runtime.arrays import Floats
-from ..normalize import normalize_reference
 from ..spec import HOGSpec
-from ..steps import histograms_reference
+from ..steps import histograms_reference, normalize_reference
 from . import loops
 
 Both: TypeAlias = tuple[Tensor, Tensor]

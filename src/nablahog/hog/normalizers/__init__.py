@@ -10,11 +10,7 @@ from .global_norm import GlobalForm, GlobalNorm
 from .window import WindowNorm
 
 NORMALIZERS: dict[str, type[Normalizer]] = {
-    GlobalNorm.kind: GlobalNorm,
-    FourBlockNorm.kind: FourBlockNorm,
-    BlockNorm.kind: BlockNorm,
-    CellNorm.kind: CellNorm,
-    WindowNorm.kind: WindowNorm,
+    each.kind: each for each in (GlobalNorm, FourBlockNorm, BlockNorm, CellNorm, WindowNorm)
 }
 
 __all__ = [

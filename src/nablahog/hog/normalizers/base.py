@@ -6,6 +6,8 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
+from ..checks import check_fields
+
 if TYPE_CHECKING:
     from torch import Tensor
     from typing_extensions import Self
@@ -67,17 +69,22 @@ class Normalizer(ABC):
     It may have: :meth:`check`, if it does not go with all bins; :meth:`loops`, without which the compiled cells are
     followed by :meth:`normalize`; :meth:`image_factor`, if one number normalises a whole image; :meth:`invert`, if
     histograms can be computed back in closed form.  The rest has defaults that hold unless channels are left out, or
-    have a meaning beside the bins of cells.
+    have a meaning beside the bins of cells.  Fields are checked by their types, see :func:`.checks.check_fields`.
     """
 
     kind: ClassVar[str]
     has_loops: ClassVar[bool] = False
     """Whether there are compiled loops: set where :meth:`loops` is written."""
+    bounded: ClassVar[bool] = False
+    """Whether entries are of one size in all images, because they are clipped."""
     conventions: ClassVar[tuple[dict[str, str], ...]] = ()
     """Groups of its fields, each with what a reader calls it, if they can be exchanged one after the other."""
 
     def __init_subclass__(cls) -> None:
         cls.has_loops = cls.loops is not Normalizer.loops
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     def check(self, bins: int, signed: bool) -> None:  # noqa: B027
         """Raises ValueError unless it goes with so many orientation bins, signed or not."""
@@ -141,11 +148,6 @@ class Normalizer(ABC):
     def layout_block(self) -> tuple[int, int] | None:
         """(rows, cols) of the cells whose bins are the channels, in blocks; None if channels are something else."""
         return None
-
-    @property
-    def bounded(self) -> bool:
-        """Whether entries are of one size in all images, because they are clipped."""
-        return False
 
     @property
     def keeps_directions(self) -> bool:

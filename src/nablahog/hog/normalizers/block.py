@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
-from ..checks import check_choice, check_pair, check_positive, lists_to_tuples
+from ..checks import lists_to_tuples
 from .base import Footprint, Normalizer, NormalizerLoops
 
 if TYPE_CHECKING:
@@ -39,16 +39,12 @@ class BlockNorm(Normalizer):
     epsilon_outside_root: bool = False
     clip: float = 0.2
     kind: ClassVar[str] = "block"
+    fixes_contrast = False
+    """Blocks have one length."""
 
     def __post_init__(self) -> None:
         lists_to_tuples(self, "block", "step")
-        check_pair("block", self.block)
-        check_pair("step", self.step)
-        check_choice("form", self.form, BlockForm)
-        for name in ("epsilon", "epsilon_again", "clip"):
-            check_positive(name, getattr(self, name))
-        if not isinstance(self.epsilon_outside_root, bool):
-            raise ValueError(f"epsilon_outside_root must be True or False, got {self.epsilon_outside_root!r}")
+        super().__post_init__()
 
     def channels(self, bins: int, signed: bool) -> int:
         """All bins of all cells of a block."""
@@ -118,11 +114,6 @@ class BlockNorm(Normalizer):
         blocks = channels.reshape(batch, of_block, bins, rows * cols).transpose(1, 2).flatten(1, 2)
         counts = fold(torch.ones_like(blocks[:1, :of_block]), size, self.block, stride=self.step).clamp(min=1)
         return fold(blocks, size, self.block, stride=self.step) / counts
-
-    @property
-    def fixes_contrast(self) -> bool:
-        """Blocks have one length."""
-        return False
 
     @property
     def layout_block(self) -> tuple[int, int] | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ..checks import check_positive
 from .base import NormalizerLoops, PerCell
 
 if TYPE_CHECKING:
@@ -22,9 +21,8 @@ class CellNorm(PerCell):
 
     epsilon: float = 1e-12
     kind: ClassVar[str] = "cell"
-
-    def __post_init__(self) -> None:
-        check_positive("epsilon", self.epsilon)
+    fixes_contrast = False
+    """Each cell has length 1."""
 
     def reach(self) -> int | None:
         """None but its own."""
@@ -44,11 +42,6 @@ class CellNorm(PerCell):
         from ..kernels.norms import cell_norm, cell_norm_vjp
 
         return NormalizerLoops(cell_norm, cell_norm_vjp, real(self.epsilon))
-
-    @property
-    def fixes_contrast(self) -> bool:
-        """Each cell has length 1."""
-        return False
 
     def invert(self, channels: Tensor) -> Tensor | None:
         """The entries: nothing tells one cell's level from another's."""

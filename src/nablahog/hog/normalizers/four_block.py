@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias, get_args
 
-from ..checks import check_choice, check_positive, lists_to_tuples
+from ..checks import lists_to_tuples
 from .base import Footprint, Normalizer, NormalizerLoops
 
 if TYPE_CHECKING:
@@ -56,6 +56,10 @@ class FourBlockNorm(Normalizer):
     outside: Outside = "repeat"
     floor: bool = False
     kind: ClassVar[str] = "four-block"
+    fixes_contrast = False
+    """Blocks have one energy."""
+    bounded: ClassVar[bool] = True
+    """By the clip."""
     conventions: ClassVar[tuple[dict[str, str], ...]] = (
         {"epsilon": "ε", "floor": "ε"},
         {"clip": "clip"},
@@ -66,8 +70,7 @@ class FourBlockNorm(Normalizer):
 
     def __post_init__(self) -> None:
         lists_to_tuples(self, "parts")
-        check_positive("epsilon", self.epsilon)
-        check_positive("clip", self.clip)
+        super().__post_init__()
         ordered = (some for n in range(1, 1 + len(PARTS)) for some in itertools.combinations(PARTS, n))
         allowed = [parts for parts in ordered if {*parts} & {*HISTOGRAMS}]
         if self.parts not in allowed:
@@ -75,10 +78,6 @@ class FourBlockNorm(Normalizer):
                 f"parts must be a tuple of {', '.join(map(repr, PARTS))}, in this order, not of texture or zero alone, "
                 f"got {self.parts!r}"
             )
-        check_choice("texture", self.texture, Texture)
-        check_choice("outside", self.outside, Outside)
-        if not isinstance(self.floor, bool):
-            raise ValueError(f"floor must be True or False, got {self.floor!r}")
 
     def check(self, bins: int, signed: bool) -> None:
         """Bins must be signed for channels of directed histograms, and signed ones have opposites."""
@@ -209,16 +208,6 @@ class FourBlockNorm(Normalizer):
             return parts["undirected"]
         batch, _, rows, cols = channels.shape
         return parts["blocks"].reshape(batch, 4, -1, rows, cols).mean(dim=1)
-
-    @property
-    def fixes_contrast(self) -> bool:
-        """Blocks have one energy."""
-        return False
-
-    @property
-    def bounded(self) -> bool:
-        """By the clip."""
-        return True
 
     @property
     def keeps_directions(self) -> bool:

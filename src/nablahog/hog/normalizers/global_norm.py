@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
-from ..checks import check_choice, check_positive
 from .base import NormalizerLoops, PerCell
 
 if TYPE_CHECKING:
@@ -28,10 +27,6 @@ class GlobalNorm(PerCell):
     epsilon: float = 1e-5
     form: GlobalForm = "printed"
     kind: ClassVar[str] = "global"
-
-    def __post_init__(self) -> None:
-        check_positive("epsilon", self.epsilon)
-        check_choice("form", self.form, GlobalForm)
 
     def reach(self) -> int | None:
         """The whole image."""

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from ..checks import check_positive
 from .base import PerCell
 
 if TYPE_CHECKING:
@@ -28,10 +27,8 @@ class WindowNorm(PerCell):
     sigma: float = 1.0
     epsilon: float = 1e-5
     kind: ClassVar[str] = "window"
-
-    def __post_init__(self) -> None:
-        check_positive("sigma", self.sigma)
-        check_positive("epsilon", self.epsilon)
+    fixes_contrast = False
+    """Votes and their surroundings scale alike."""
 
     def reach(self) -> int | None:
         """3σ."""
@@ -55,8 +52,3 @@ class WindowNorm(PerCell):
             pair = around.narrow(axis, reach - apart, cells) + around.narrow(axis, reach + apart, cells)
             total = total + math.exp(-(apart**2) / (2 * self.sigma**2)) * pair
         return total
-
-    @property
-    def fixes_contrast(self) -> bool:
-        """Votes and their surroundings scale alike."""
-        return False

@@ -7,10 +7,6 @@ from .bilinear import BilinearCells
 from .block import BlockCells
 from .box import BoxCells
 
-POOLINGS: dict[str, type[Pooling]] = {
-    BilinearCells.kind: BilinearCells,
-    BoxCells.kind: BoxCells,
-    BlockCells.kind: BlockCells,
-}
+POOLINGS: dict[str, type[Pooling]] = {each.kind: each for each in (BilinearCells, BoxCells, BlockCells)}
 
 __all__ = ["POOLINGS", "BilinearCells", "BlockCells", "BoxCells", "PartialCells", "Pooling", "Spacing"]

@@ -6,6 +6,8 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple, TypeAlias
 
+from ..checks import check_fields
+
 if TYPE_CHECKING:
     from torch import Tensor
 
@@ -34,10 +36,18 @@ class Pooling(ABC):
     * :meth:`reach`, which pixels matter for a cell;
     * :attr:`mirrors`, whether left and right are alike.
 
-    Unless cells are side by side it must have :meth:`spacing` and :meth:`cells`, too.
+    Unless cells are side by side it must have :meth:`spacing` and :meth:`cells`, too.  Fields are checked by their
+    types, see :func:`.checks.check_fields`.
     """
 
     kind: ClassVar[str]
+    interpolates: ClassVar[bool] = False
+    """Whether the weights of a pixel sum to 1, so that they interpolate between the middles of cells."""
+    has_blocks: ClassVar[bool] = False
+    """Whether cells of several blocks may lie on each other, each with weights of its own."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     def check(self, cell_size: tuple[int, int], normalizer: Normalizer) -> None:  # noqa: B027
         """Raises ValueError unless it goes with cells of this size and the normaliser."""
@@ -78,19 +88,9 @@ class Pooling(ABC):
         """Whether the mirrored image has mirrored cells, where these cover it exactly."""
 
     @property
-    def interpolates(self) -> bool:
-        """Whether the weights of a pixel sum to 1, so that they interpolate between the middles of cells."""
-        return False
-
-    @property
     def tile(self) -> int:
         """Pixels after which weights repeat, beside :class:`Spacing`."""
         return 1
-
-    @property
-    def has_blocks(self) -> bool:
-        """Whether cells of several blocks may lie on each other, each with weights of its own."""
-        return False
 
     def first_pixel(self, index: int, cell: int, axis: int) -> int:
         """Of a cell along an axis."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias
 
-from ..checks import check_choice, check_positive
 from .base import Pooling
 
 if TYPE_CHECKING:
@@ -30,10 +29,10 @@ class BilinearCells(Pooling):
     beyond: Beyond = "vote"
     edge_gain: float = 1.0
     kind: ClassVar[str] = "bilinear"
-
-    def __post_init__(self) -> None:
-        check_choice("beyond", self.beyond, Beyond)
-        check_positive("edge_gain", self.edge_gain)
+    mirrors = True
+    """Triangles are symmetric."""
+    interpolates: ClassVar[bool] = True
+    """Two neighbouring triangles sum to 1."""
 
     def weights(self, pixels: int, cells: int, cell: int, axis: int, ring: bool, like: Tensor) -> Tensor:
         """Row k is the bilinear filter of Eq. 5 along one axis, placed at the centre of cell k (Eq. 6).
@@ -60,13 +59,3 @@ class BilinearCells(Pooling):
     def reach(self, cell: int, axis: int) -> tuple[int, int]:
         """A cell more at either side, for weights and for the pixels that vote again."""
         return cell, 2 * cell
-
-    @property
-    def mirrors(self) -> bool:
-        """Triangles are symmetric."""
-        return True
-
-    @property
-    def interpolates(self) -> bool:
-        """Two neighbouring triangles sum to 1."""
-        return True

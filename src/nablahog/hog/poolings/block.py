@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from ..checks import check_pair, check_positive, lists_to_tuples
+from ..checks import lists_to_tuples
 from ..normalizers.base import Footprint
 from .base import PartialCells, Pooling, Spacing
 
@@ -30,12 +30,13 @@ class BlockCells(Pooling):
     step: tuple[int, int]
     sigma: float
     kind: ClassVar[str] = "block"
+    mirrors = False
+    """The middle of the Gaussian is half a pixel to the right of the block's own."""
+    has_blocks: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         lists_to_tuples(self, "block", "step")
-        check_pair("block", self.block)
-        check_pair("step", self.step)
-        check_positive("sigma", self.sigma)
+        super().__post_init__()
 
     def check(self, cell_size: tuple[int, int], normalizer: Normalizer) -> None:
         """Blocks must be whole cells, and be those of the normaliser."""
@@ -80,13 +81,3 @@ class BlockCells(Pooling):
     def reach(self, cell: int, axis: int) -> tuple[int, int]:
         """The pixels of the block."""
         return 0, self.block[axis]
-
-    @property
-    def mirrors(self) -> bool:
-        """The middle of the Gaussian is half a pixel to the right of the block's own."""
-        return False
-
-    @property
-    def has_blocks(self) -> bool:
-        """Blocks."""
-        return True

@@ -24,10 +24,11 @@ class BoxCells(Pooling):
     mean: bool = False
     window: int = 0
     kind: ClassVar[str] = "box"
+    mirrors = True
+    """Boxes, and windows that cover the image exactly, are symmetric."""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.mean, bool):
-            raise ValueError(f"mean must be True or False, got {self.mean!r}")
+        super().__post_init__()
         if type(self.window) is not int or self.window < 0 or self.window == 1:
             raise ValueError(f"window must be 0 or a number of pixels of at least 2, got {self.window!r}")
 
@@ -54,11 +55,6 @@ class BoxCells(Pooling):
     def reach(self, cell: int, axis: int) -> tuple[int, int]:
         """Its own pixels."""
         return 0, cell
-
-    @property
-    def mirrors(self) -> bool:
-        """Boxes, and windows that cover the image exactly, are symmetric."""
-        return True
 
     @property
     def tile(self) -> int:
