@@ -13,13 +13,12 @@ from torch.testing import assert_close
 
 from nablahog import hog, reconstruct, stream
 from nablahog.hog import BilinearCells, GlobalNorm, HOGSpec
-from nablahog.hog.channels import mirrored_channels
+from nablahog.hog.channels import mirrored, mirrored_channels
 from nablahog.hog.descriptor import histograms
 from nablahog.hog.kernels import supports
 from nablahog.hog.normalizers import NORMALIZERS, Footprint, Normalizer, PerCell
 from nablahog.hog.poolings import POOLINGS, Pooling
 from nablahog.invert import Search
-from nablahog.invert.mirror import mirrored
 
 from .differences import assert_jacobian_equals_central_differences
 from .zoo import noise, spec

@@ -18,10 +18,10 @@ from torch import Tensor
 import nablahog
 from nablahog import LearnedPrior, hog, presets, train_prior
 from nablahog.hog import FourBlockNorm, GlobalNorm, HOGSpec
+from nablahog.hog.channels import mirrored
 from nablahog.hog.descriptor import histograms
 from nablahog.invert import Search, network, training
 from nablahog.invert.crops import draw_crops
-from nablahog.invert.mirror import mirrored
 from nablahog.invert.network import CELLS, Architecture, check_spec, default_architecture, network_inputs, weight_count
 
 from ..io import tiny_models

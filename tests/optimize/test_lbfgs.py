@@ -9,8 +9,7 @@ import torch
 from torch import Tensor
 
 from nablahog.optimize import Minimum, ObjectiveFunction, StopReason, lbfgs
-from nablahog.optimize.lbfgs import _Scalars
-from nablahog.optimize.lbfgs_vectors import LbfgsVectors
+from nablahog.optimize.lbfgs import LbfgsVectors, _Scalars
 
 
 def problem(function: Callable[[Tensor], Tensor]) -> ObjectiveFunction:

@@ -25,15 +25,26 @@ def descriptors_as_tensor(descriptor: Tensor | NDArray[Any]) -> Tensor:
     return tensor[None] if tensor.dim() == 3 else tensor
 
 
+def check_floats(name: str, tensor: object) -> None:
+    """Raises TypeError unless ``tensor`` is one of float32 or float64."""
+    got = tensor.dtype if isinstance(tensor, Tensor) else type(tensor).__name__
+    if got not in (torch.float32, torch.float64):
+        raise TypeError(f"{name} must be a float32 or float64 tensor, got {got}")
+
+
+def check_finite(name: str, tensor: Tensor) -> None:
+    """Raises ValueError if ``tensor`` holds NaN or Inf."""
+    if not torch.isfinite(tensor).all():
+        raise ValueError(f"{name} must be finite, got NaN or Inf")
+
+
 def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: Sequence[int] | None) -> tuple[int, int]:
     """Height and width of the image to find, once descriptor, spec and image size agree.
 
     Raises:
         TypeError, ValueError: as :func:`.preimage.reconstruct`.
     """
-    if not isinstance(descriptor, Tensor) or descriptor.dtype not in (torch.float32, torch.float64):
-        got = descriptor.dtype if isinstance(descriptor, Tensor) else type(descriptor).__name__
-        raise TypeError(f"the descriptor must be a float32 or float64 tensor, got {got}")
+    check_floats("the descriptor", descriptor)
     if descriptor.dim() != 4 or not len(descriptor):
         raise ValueError(
             f"the descriptor must have shape (B, rows, cols, channels), B at least 1, got {tuple(descriptor.shape)}"
@@ -46,8 +57,7 @@ def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: Sequence[int
             f"{spec.named} descriptor of an image of {height}x{width} pixels must have shape "
             f"{expected} (rows, cols, channels), got {(rows, cols, channels)}"
         )
-    if not torch.isfinite(descriptor).all():
-        raise ValueError("the descriptor must be finite, got NaN or Inf")
+    check_finite("the descriptor", descriptor)
     return height, width
 
 
@@ -68,7 +78,6 @@ def check_images(
         raise TypeError(f"{name} must be floating-point, got {images.dtype}")
     if images.shape != (len(descriptor), 1, *size):
         raise ValueError(f"{name} must have shape {(len(descriptor), 1, *size)}, got {tuple(images.shape)}")
-    if not torch.isfinite(images).all():
-        raise ValueError(f"{name} must be finite, got NaN or Inf")
+    check_finite(name, images)
     images = images.detach().to(descriptor)
     return images.clamp(min=0).sqrt() if rooted else images

@@ -13,10 +13,10 @@ import torch
 from torch import Tensor
 from torch.nn.utils import vector_to_parameters
 
+from ..hog.channels import mirrored
 from ..hog.spec import HOGSpec
 from ..io.learned_model import SPEC, LearnedModel, account, check_tensor, integers, tensor
 from .checks import check_descriptor
-from .mirror import mirrored
 from .network import Architecture, PriorNetwork, check_spec, network_inputs, weight_count
 from .options import Objective, Search
 from .preimage import reconstruct
@@ -124,18 +124,11 @@ class LearnedPrior(LearnedModel):
             image_size: (height, width).
 
         Raises:
+            TypeError: the descriptor is no float32 or float64 tensor.
             ValueError: the spec is another one, or the descriptor's shape contradicts it, or it holds NaN or Inf.
         """
         self.check(spec)
-        height, width = image_size
-        shape = (*spec.grid(height, width), spec.channels)
-        if descriptor.dim() != 4 or descriptor.shape[1:] != shape:
-            raise ValueError(
-                f"{spec.named} descriptor of an image of {height}x{width} pixels must have shape "
-                f"{shape} (rows, cols, channels) after that of the batch, got {tuple(descriptor.shape)}"
-            )
-        if not torch.isfinite(descriptor).all():
-            raise ValueError("the descriptor must be finite, got NaN or Inf")
+        height, width = check_descriptor(descriptor, spec, image_size)
         single = descriptor.float()
         network = self._network.to(descriptor.device)
         inputs = network_inputs(single, spec, height, width)

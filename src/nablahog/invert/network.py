@@ -131,17 +131,16 @@ class _Block(nn.Module):
     def __init__(self, width: int) -> None:
         super().__init__()
         self.a, self.b = (nn.Conv2d(width, width, 3, padding=1) for _ in range(2))
-        nn.init.zeros_(self.b.weight)
-        nn.init.zeros_(_bias(self.b))
+        _set_to_zero(self.b)
 
     def forward(self, x: Tensor) -> Tensor:
         correction: Tensor = self.b(functional.gelu(self.a(functional.gelu(x))))
         return x + correction
 
 
-def _bias(layer: nn.Conv2d) -> Tensor:
-    assert layer.bias is not None
-    return layer.bias
+def _set_to_zero(layer: nn.Conv2d) -> None:
+    for weights in layer.parameters():
+        nn.init.zeros_(weights)
 
 
 class PriorNetwork(nn.Module):
@@ -162,8 +161,7 @@ class PriorNetwork(nn.Module):
                 body += [nn.Conv2d(width, 4 * widths[level + 1], 1), nn.PixelShuffle(2)]
         self.body = nn.Sequential(*body)
         self.out = nn.Conv2d(widths[-1], 1, 3, padding=1)
-        nn.init.zeros_(self.out.weight)
-        nn.init.zeros_(_bias(self.out))
+        _set_to_zero(self.out)
 
     def forward(self, inputs: Inputs) -> Tensor:
         """Images of about zero mean and unit variance."""

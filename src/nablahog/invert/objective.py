@@ -68,7 +68,7 @@ class PreimageObjective:
         self.priors = tuple(priors)
         self.distance = descriptor.new_zeros(len(descriptor))
         self.descriptor_size = squared_norm(descriptor)
-        self.votes_size = None if votes is None else squared_norm(votes)
+        self.compared_size = self.descriptor_size if votes is None else squared_norm(votes)
         self.histograms, self.normalize = steps(descriptor.device, spec)
         self.expected = expected
         if expected is not None:
@@ -101,14 +101,11 @@ class PreimageObjective:
     def _residuals(self, unknowns: Tensor, index: Tensor) -> Tensor:
         image = self.image(unknowns, index)
         cells = histograms(image, self.spec)
-        if self.votes is None or self.votes_size is None:
-            difference, size = (
-                normalize_reference(cells, self.spec) - self.descriptor[index],
-                self.descriptor_size[index],
-            )
+        if self.votes is None:
+            difference = normalize_reference(cells, self.spec) - self.descriptor[index]
         else:
-            difference, size = cells - self.votes[index], self.votes_size[index]
-        distance = difference.flatten(1) / size.sqrt().unsqueeze(1)
+            difference = cells - self.votes[index]
+        distance = difference.flatten(1) / self.compared_size[index].sqrt().unsqueeze(1)
         if self.expected is not None:
             deviation = self._deviation(image, index) * self.closeness[index].sqrt().unsqueeze(1)
             distance = torch.cat([distance, deviation], dim=1)
@@ -130,18 +127,12 @@ class PreimageObjective:
     def _evaluate_image(self, image: Tensor, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         image = image.detach().requires_grad_()
         cells = self.histograms(image, self.spec)
-        if self.votes is None or self.votes_size is None:
-            value = _share(self.normalize(cells, self.spec) - self.descriptor[index], self.descriptor_size[index])
-            distance = value.detach()
-        else:
-            value = _share(cells - self.votes[index], self.votes_size[index])
-            with torch.no_grad():
-                distance = _share(
-                    self.normalize(cells, self.spec) - self.descriptor[index], self.descriptor_size[index]
-                )
+        with torch.set_grad_enabled(self.votes is None):
+            distance = _share(self.normalize(cells, self.spec) - self.descriptor[index], self.descriptor_size[index])
+        value = distance if self.votes is None else _share(cells - self.votes[index], self.compared_size[index])
         if self.expected is not None:
             value = value + self.closeness[index] * self._deviation(image, index).square().sum(1)
         for prior in self.priors:
             value = value + prior(image)
         (gradient,) = torch.autograd.grad(value.sum(), image)
-        return value.detach(), gradient, distance.sqrt()
+        return value.detach(), gradient, distance.detach().sqrt()

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias
 
+from ..hog.checks import check_choice
 from ..optimize import Minimiser
 from .priors import Prior
 
@@ -41,12 +42,8 @@ class Search:
     polarity: bool = True
 
     def __post_init__(self) -> None:
-        for name, value, names in (
-            ("minimiser", self.minimiser, get_args(Minimiser)),
-            ("basis", self.basis, get_args(Basis)),
-        ):
-            if value not in names:
-                raise ValueError(f"{name} must be one of {', '.join(map(repr, names))}, got {value!r}")
+        check_choice("minimiser", self.minimiser, Minimiser)
+        check_choice("basis", self.basis, Basis)
         if self.max_evaluations is not None and self.max_evaluations < 2:
             raise ValueError(f"max_evaluations must be at least 2, one for each objective, got {self.max_evaluations}")
         if self.samples is not None and self.samples < 1:

@@ -53,10 +53,6 @@ def smoothness(image: Tensor) -> Tensor:
     return (terms[0] + terms[1]) / (pixels * scale)
 
 
-def _fastest_smoothness(image: Tensor) -> Tensor:
-    return kernels.smoothness(image, ROUNDING) if image.device.type == "cpu" else smoothness(image)
-
-
 @dataclass(frozen=True)
 class Prior(ABC):
     """A weighted sum of squares over an image.
@@ -112,7 +108,8 @@ class RelativeSmoothness(Prior):
         return torch.cat([bent, torch.full_like(bent[:, :1], constant)], dim=1)
 
     def __call__(self, image: Tensor) -> Tensor:
-        return self.weight * _fastest_smoothness(image)
+        on_cpu = image.device.type == "cpu"
+        return self.weight * (kernels.smoothness(image, ROUNDING) if on_cpu else smoothness(image))
 
 
 @dataclass(frozen=True)

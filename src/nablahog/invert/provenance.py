@@ -26,25 +26,22 @@ class Learning:
     seed: int
 
 
-def check_images(images: Mapping[str, Tensor]) -> list[str]:
+def check_images(images: Mapping[str, Tensor], least: tuple[int, int] = (0, 0)) -> list[str]:
     """The names of photographs to learn from, sorted.
 
     Raises:
-        ValueError: there are none, or one is not (H, W), float32, in 0…1.
+        ValueError: there are none, or one is not (H, W), float32, in 0…1, or has fewer than ``least`` (height, width)
+            pixels.
     """
     if not images:
         raise ValueError("expected images to learn from, got none")
     for name, image in sorted(images.items()):
         if image.dim() != 2 or image.dtype != torch.float32 or not ((image >= 0) & (image <= 1)).all():
             raise ValueError(f"{name}: expected an image (H, W) of float32 in 0…1")
+        height, width = image.shape
+        if height < least[0] or width < least[1]:
+            raise ValueError(f"{name}: expected at least {least[0]}x{least[1]} pixels, got {height}x{width}")
     return sorted(images)
-
-
-def check_least_size(name: str, image: Tensor, least: tuple[int, int]) -> None:
-    """Raises ValueError unless the image (H, W) called ``name`` has ``least`` (height, width) pixels."""
-    if image.shape[0] < least[0] or image.shape[1] < least[1]:
-        got = f"{image.shape[0]}x{image.shape[1]}"
-        raise ValueError(f"{name}: expected at least {least[0]}x{least[1]} pixels, got {got}")
 
 
 def digest_of_images(images: Mapping[str, Tensor]) -> str:

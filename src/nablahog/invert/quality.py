@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias
+
+from ..hog.checks import check_choice
 
 QualityName: TypeAlias = Literal["best", "fast"]
 
@@ -39,6 +41,5 @@ def quality_of(name: QualityName) -> Quality:
     Raises:
         ValueError: there is no quality of that name.
     """
-    if name not in _QUALITIES:
-        raise ValueError(f"quality must be one of {', '.join(map(repr, get_args(QualityName)))}, got {name!r}")
+    check_choice("quality", name, QualityName)
     return _QUALITIES[name]

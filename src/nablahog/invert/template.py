@@ -7,13 +7,13 @@ in the direction in which it wants them, the stronger the more they matter; and 
 
 from __future__ import annotations
 
-import torch
 from torch import Tensor
 
 from ..hog.entries import CellAlignment, mean_over_colours, with_margin
 from ..hog.inputs import Descriptors, descriptor_tensor, to_array
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
+from .checks import check_finite
 from .histograms import at_nominal_contrast
 
 EMPHASIS = 2.0  # power of the weights: a few strong ones make the shape, and many weak ones only noise
@@ -61,8 +61,7 @@ def _template_descriptor(weights: Tensor, spec: HOGSpec, image_size: tuple[int, 
             f"a template for {spec.name} descriptors of images of {size[0]}x{size[1]} pixels must have shape "
             f"{expected} (rows, cols, channels), got {tuple(weights.shape[1:])}"
         )
-    if not torch.isfinite(weights).all():
-        raise ValueError("the weights must be finite, got NaN or Inf")
+    check_finite("the weights", weights)
     of_bins = spec.normalizer.bin_weights(mean_over_colours(weights, spec), spec.bins, spec.signed)
     histograms = (of_bins * (-1 if negative else 1)).clamp(min=0) ** EMPHASIS
     if not histograms.flatten(1).any(dim=1).all():

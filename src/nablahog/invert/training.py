@@ -8,19 +8,19 @@ import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
+import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn.functional import avg_pool2d, mse_loss
 from torch.nn.utils import clip_grad_norm_, parameters_to_vector
 
 from ..hog.descriptor import hog
 from ..hog.spec import HOGSpec
-from . import training_state
 from .checkpoint import Checkpoint
 from .crops import crop_count, draw_crops, least_side
 from .learned import LearnedPrior, PriorLearning
 from .network import Architecture, Inputs, PriorNetwork, check_spec, default_architecture, network_inputs
-from .provenance import check_images, check_least_size, digest_of_images
+from .provenance import check_images, digest_of_images
 
 BATCH = 12
 CROPS = 23_000  # of a training by default: about an hour and a half on one core
@@ -31,6 +31,7 @@ WARM_UP = 0.1  # share of the steps in which the rate rises
 FIRST, LAST = 1 / 25, 1e-5  # the first and the last rate, relative to the largest
 LEAST_CONTRAST = 0.02  # standard deviation of a crop, in 0…1, from which on it has its full weight
 STRUCTURE = 0.5  # weight of 1 - SSIM beside the mean square error
+_MOMENTS = ("exp_avg", "exp_avg_sq")  # of AdamW, for each weight
 
 
 def train_prior(
@@ -75,9 +76,7 @@ def train_prior(
     """
     architecture = architecture or default_architecture(spec)
     check_spec(spec, architecture)
-    names = check_images(images)
-    for name in names:
-        check_least_size(name, images[name], (least_side(spec.cell_size[0]),) * 2)
+    names = check_images(images, (least_side(spec.cell_size[0]),) * 2)
     order = [images[name] for name in names for _ in range(crop_count(*images[name].shape))]
     steps = max(1, len(order) // BATCH)
     if epochs is None:
@@ -93,8 +92,8 @@ def train_prior(
         "seed": seed,
         "architecture": [list(architecture.widths), list(architecture.blocks)],
     }
-    saved = Checkpoint(checkpoint, "training", identity, training_state.ARRAYS)
-    losses = training_state.restore(saved, network, optimizer, steps)
+    saved = Checkpoint(checkpoint, "training", identity, ("losses", "state"))
+    losses = _restore(saved, network, optimizer, steps)
     batches = _Batches(order, steps, spec, seed)
     for epoch in range(len(losses), epochs):
         total = 0.0
@@ -112,7 +111,7 @@ def train_prior(
         if not math.isfinite(total):
             raise ValueError(f"the training has diverged in epoch {epoch + 1}: the loss is {total}")
         losses.append(total / steps)
-        training_state.save(saved, network, optimizer, losses)
+        _save(saved, network, optimizer, losses)
     progress(epochs * steps, epochs * steps, _report(epochs - 1, epochs, losses))
     weights = parameters_to_vector(network.parameters()).detach().half()
     learning = PriorLearning(images=tuple(names), sha256=digest, seed=seed, epochs=epochs, losses=tuple(losses))
@@ -126,6 +125,46 @@ def _initial(spec: HOGSpec, architecture: Architecture, seed: int) -> tuple[Prio
         torch.manual_seed(seed)
         network = PriorNetwork(spec, architecture)
     return network, torch.optim.AdamW(network.parameters(), weight_decay=WEIGHT_DECAY)
+
+
+def _save(checkpoint: Checkpoint, network: nn.Module, optimizer: torch.optim.AdamW, losses: list[float]) -> None:
+    """Saves the weights of ``network``, the moments of its ``optimizer`` and the ``losses`` of all epochs."""
+    weights = list(network.parameters())
+    state = [weights, *([optimizer.state[weight][moment] for weight in weights] for moment in _MOMENTS)]
+    checkpoint.save({"losses": losses, "state": np.stack([_flat(tensors) for tensors in state])})
+
+
+def _restore(checkpoint: Checkpoint, network: nn.Module, optimizer: torch.optim.AdamW, steps: int) -> list[float]:
+    """Sets network and optimizer to the state of the checkpoint, if there is one, after epochs of ``steps`` each.
+
+    Returns:
+        The losses of these epochs.
+
+    Raises:
+        ValueError: as :meth:`.Checkpoint.restore`.
+    """
+    arrays = checkpoint.restore()
+    if arrays is None:
+        return []
+    losses, state = arrays["losses"], arrays["state"]
+    weights = list(network.parameters())
+    shape = (1 + len(_MOMENTS), sum(weight.numel() for weight in weights))
+    valid = state.dtype == np.float32 and state.shape == shape and losses.dtype == np.float64 and losses.ndim == 1
+    if not valid or not np.isfinite(state.astype(np.float32)).all():
+        raise checkpoint.damaged()
+    sizes = [weight.numel() for weight in weights]
+    parts = zip(weights, *(row.split(sizes) for row in torch.from_numpy(state)), strict=True)
+    for weight, value, *moments in parts:
+        weight.data.copy_(value.view_as(weight))
+        optimizer.state[weight] = {
+            "step": torch.tensor(float(len(losses) * steps)),
+            **{name: moment.view_as(weight).clone() for name, moment in zip(_MOMENTS, moments, strict=True)},
+        }
+    return [float(loss) for loss in losses]
+
+
+def _flat(tensors: list[Tensor]) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+    return torch.cat([tensor.detach().flatten() for tensor in tensors]).numpy()
 
 
 class _Batch(NamedTuple):

@@ -1,4 +1,4 @@
-"""Compiled loops over the vectors of :class:`.lbfgs_vectors.LbfgsVectors`: those of a problem stay in caches."""
+"""Compiled loops over the vectors of :class:`.lbfgs.LbfgsVectors`: those of a problem stay in caches."""
 
 from __future__ import annotations
 

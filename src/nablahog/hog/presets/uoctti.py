@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Literal, TypeAlias
 
+from ..checks import check_choice
 from ..normalizers import FourBlockNorm, Part
 from ..poolings import BilinearCells
 from ..spec import Colour, HOGSpec, Vote
@@ -122,8 +123,7 @@ def vlfeat(
         "uoctti": ("directed", "undirected", "texture"),
         "dalaltriggs": ("blocks",),
     }
-    if variant not in parts:
-        raise ValueError(f"variant must be one of {', '.join(map(repr, parts))}, got {variant!r}")
+    check_choice("variant", variant, Variant)
     return replace(
         _BASE,
         name="vlfeat" if variant == "uoctti" else "vlfeat-dalaltriggs",

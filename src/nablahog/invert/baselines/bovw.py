@@ -31,6 +31,7 @@ from torch import Tensor
 from torch.nn.functional import fold
 
 from ...io.learned_model import INTEGER, LearnedModel, account, check_tensor, integers, tensor
+from ..checks import check_finite, check_floats
 from ..provenance import Learning
 from ..reconstruction import Reconstruction
 from .bovw_arrangement import Costs, arrange
@@ -117,9 +118,7 @@ class BoVW(LearnedModel):
             TypeError: the images are no tensor, or of another dtype.
             ValueError: their shape or size is another, or they hold NaN or other values.
         """
-        if not isinstance(image, Tensor) or image.dtype not in (torch.float32, torch.float64):
-            got = image.dtype if isinstance(image, Tensor) else type(image).__name__
-            raise TypeError(f"the images must be a float32 or float64 tensor, got {got}")
+        check_floats("the images", image)
         expected = (1, *self.image_size)
         if image.dim() != 4 or image.shape[1:] != expected or not len(image):
             raise ValueError(f"the images must have shape {('B', *expected)}, B at least 1, got {tuple(image.shape)}")
@@ -218,9 +217,7 @@ class BoVW(LearnedModel):
         return Costs(self.database.numpy().astype(np.int64), self.vocabulary.numpy().astype(np.float64))
 
     def _check(self, histogram: Tensor, image_size: tuple[int, int] | None) -> None:
-        if not isinstance(histogram, Tensor) or histogram.dtype not in (torch.float32, torch.float64):
-            got = histogram.dtype if isinstance(histogram, Tensor) else type(histogram).__name__
-            raise TypeError(f"the histogram must be a float32 or float64 tensor, got {got}")
+        check_floats("the histogram", histogram)
         words, places = len(self.vocabulary), self.grid[0] * self.grid[1]
         if histogram.dim() != 2 or histogram.shape[1] != words or not len(histogram):
             raise ValueError(f"the histogram must have shape (B, {words}), B at least 1, got {tuple(histogram.shape)}")
@@ -229,8 +226,7 @@ class BoVW(LearnedModel):
                 f"the words were learned from images of {self.image_size[0]}x{self.image_size[1]} pixels "
                 f"(height x width), and cannot make one of {image_size[0]}x{image_size[1]}"
             )
-        if not torch.isfinite(histogram).all():
-            raise ValueError("the histogram must be finite, got NaN or Inf")
+        check_finite("the histogram", histogram)
         if not ((histogram >= 0) & (histogram == histogram.round())).all():
             raise ValueError("the histogram must hold counts, whole numbers of at least 0")
         wrong = histogram.sum(1) != places

@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from ..checks import check_finite, check_floats
 from ..reconstruction import Reconstruction
 
 LEARNING_RATES = (0.004, 0.0004, 0.00004, 0.000004)
@@ -89,8 +90,7 @@ class CNNHOG:
         if image.dim() != 4 or image.shape[1] != 1 or not len(image):
             raise ValueError(f"the image must have shape (B, 1, H, W), B at least 1, got {tuple(image.shape)}")
         self._check_size(*image.shape[2:])
-        if not torch.isfinite(image).all():
-            raise ValueError("the image must be finite, got NaN or Inf")
+        check_finite("the image", image)
         return self._network(255 * image - _MIDDLE).permute(0, 2, 3, 1)
 
     def reconstruct(
@@ -191,9 +191,7 @@ class CNNHOG:
             )
 
     def _check_descriptor(self, descriptor: Tensor, image_size: tuple[int, int] | None) -> tuple[int, int]:
-        if not isinstance(descriptor, Tensor) or descriptor.dtype not in (torch.float32, torch.float64):
-            got = descriptor.dtype if isinstance(descriptor, Tensor) else type(descriptor).__name__
-            raise TypeError(f"the descriptor must be a float32 or float64 tensor, got {got}")
+        check_floats("the descriptor", descriptor)
         allowed = (self.channels, self.channels + 4)
         if descriptor.dim() != 4 or not len(descriptor) or descriptor.shape[3] not in allowed:
             raise ValueError(
@@ -206,8 +204,7 @@ class CNNHOG:
                 f"the descriptor is of an image of {size[0]}x{size[1]} pixels, got image size {image_size}"
             )
         self._check_size(*size)
-        if not torch.isfinite(descriptor).all():
-            raise ValueError("the descriptor must be finite, got NaN or Inf")
+        check_finite("the descriptor", descriptor)
         return size
 
 

@@ -21,7 +21,7 @@ from torch import Tensor
 from ...hog.descriptor import hog
 from ...hog.spec import HOGSpec
 from ..checkpoint import Checkpoint
-from ..provenance import check_images, check_least_size, digest_of_images
+from ..provenance import check_images, digest_of_images
 from .dictionary_learning import DictionaryLearner
 from .hoggles import CELLS, MARGIN, PATCH, HogglesLearning, PairedDictionary, patch_size, unit
 from .lasso import check_sparsity
@@ -81,9 +81,7 @@ def learn_hoggles(
             raise ValueError(f"{name} must be at least 1, got {number}")
     check_sparsity(sparsity)
     check_cells(spec)
-    names = check_images(images)
-    for name in names:
-        check_least_size(name, images[name], patch_size(spec))
+    names = check_images(images, patch_size(spec))
     rng = np.random.default_rng(seed)
     digest = digest_of_images(images)
     progress(0, iterations, "describing the images")
