@@ -155,9 +155,8 @@ def _split(descriptor: Tensor, spec: HOGSpec) -> dict[Part, Tensor]:
             f"{spec.named} descriptor has {spec.channels} channels in its last dimension, got the shape "
             f"{tuple(descriptor.shape)}"
         )
-    lengths = [scheme.channels_of(part, spec.bins, spec.signed) for part in scheme.parts]
-    pieces = descriptor.reshape(*descriptor.shape[:-1], spec.colours, -1).split_with_sizes(lengths, dim=-1)
-    return dict(zip(scheme.parts, pieces, strict=True))
+    of_colours = descriptor.reshape(*descriptor.shape[:-1], spec.colours, -1)
+    return scheme.split(of_colours, spec.bins, spec.signed, dim=-1)
 
 
 def _four_block(spec: HOGSpec) -> FourBlockNorm:

@@ -12,7 +12,7 @@ from torch.autograd.function import once_differentiable
 
 from ..hog.orientation import vanishing
 from ..runtime.arrays import Floats, Integers, Real
-from ..runtime.compile import compiled
+from ..runtime.compile import compiled, inlined
 
 
 @compiled
@@ -49,38 +49,36 @@ def _gradient_sum_vjp(image: Floats, tiny: Real, grad_output: Real, grad_image: 
             grad_image[y, x - 1] -= along_x[x]
 
 
+@inlined
+def _add_differences(
+    first: Floats, second: Floats, squared: Real, sums: Floats, slope: Floats, of_first: Floats, of_second: Floats
+) -> None:
+    """A row of :func:`_differences`: d = second - first, both sums of columns (2, width), and the derivatives."""
+    one = first.dtype.type(1)
+    for x in range(len(first)):
+        d = second[x] - first[x]
+        root = math.sqrt(d * d + squared)
+        reciprocal = one / root
+        slope[x] = d * reciprocal
+        sums[0, x] += root
+        sums[1, x] += reciprocal
+    for x in range(len(first)):
+        of_first[x] -= slope[x]
+    for x in range(len(first)):
+        of_second[x] += slope[x]
+
+
 @compiled
 def _differences(image: Floats, rounding: Real, derivative: Floats) -> tuple[float, float]:
     """Σ√(d² + ρ²) and Σ1/√(d² + ρ²) over the differences d of neighbours; adds the first's to ``derivative``."""
     height, width = image.shape
-    squared, one = rounding * rounding, image.dtype.type(1)
-    slope = np.empty(width, image.dtype)
-    roots, reciprocals = np.zeros(width, image.dtype), np.zeros(width, image.dtype)
+    squared, slope, sums = rounding * rounding, np.empty(width, image.dtype), np.zeros((2, width), image.dtype)
     for y in range(height):
-        for x in range(width - 1):
-            d = image[y, x + 1] - image[y, x]
-            root = math.sqrt(d * d + squared)
-            reciprocal = one / root
-            slope[x] = d * reciprocal
-            roots[x] += root
-            reciprocals[x] += reciprocal
-        for x in range(width - 1):
-            derivative[y, x] -= slope[x]
-        for x in range(width - 1):
-            derivative[y, x + 1] += slope[x]
+        row, of_row = image[y], derivative[y]
+        _add_differences(row[:-1], row[1:], squared, sums, slope, of_row[:-1], of_row[1:])
         if y < height - 1:
-            for x in range(width):
-                d = image[y + 1, x] - image[y, x]
-                root = math.sqrt(d * d + squared)
-                reciprocal = one / root
-                slope[x] = d * reciprocal
-                roots[x] += root
-                reciprocals[x] += reciprocal
-            for x in range(width):
-                derivative[y, x] -= slope[x]
-            for x in range(width):
-                derivative[y + 1, x] += slope[x]
-    return float(roots.astype(np.float64).sum()), float(reciprocals.astype(np.float64).sum())
+            _add_differences(row, image[y + 1], squared, sums, slope, of_row, derivative[y + 1])
+    return float(sums[0].astype(np.float64).sum()), float(sums[1].astype(np.float64).sum())
 
 
 @compiled

@@ -83,7 +83,10 @@ def train_prior(
         epochs = max(1, round(CROPS / (steps * min(BATCH, len(order)))))
     if epochs < 1:
         raise ValueError(f"epochs must be at least 1, got {epochs}")
-    network, optimizer = _initial(spec, architecture, seed)
+    with torch.random.fork_rng(devices=[]):  # layers draw from the global generator, which must not change
+        torch.manual_seed(seed)
+        network = PriorNetwork(spec, architecture)
+    optimizer = torch.optim.AdamW(network.parameters(), weight_decay=WEIGHT_DECAY)
     digest = digest_of_images(images)
     identity = {
         "images": digest,
@@ -116,15 +119,6 @@ def train_prior(
     weights = parameters_to_vector(network.parameters()).detach().half()
     learning = PriorLearning(images=tuple(names), sha256=digest, seed=seed, epochs=epochs, losses=tuple(losses))
     return LearnedPrior(spec, architecture, weights, learning)
-
-
-def _initial(spec: HOGSpec, architecture: Architecture, seed: int) -> tuple[PriorNetwork, torch.optim.AdamW]:
-    with torch.random.fork_rng(
-        devices=[]
-    ):  # layers draw their weights from the global generator, which must not change
-        torch.manual_seed(seed)
-        network = PriorNetwork(spec, architecture)
-    return network, torch.optim.AdamW(network.parameters(), weight_decay=WEIGHT_DECAY)
 
 
 def _save(checkpoint: Checkpoint, network: nn.Module, optimizer: torch.optim.AdamW, losses: list[float]) -> None:
@@ -199,15 +193,12 @@ class _Batches:
             batch = self._cache.get((number, step))
             if batch is None:
                 images = [self.order[k] for k in shuffled[step * BATCH : (step + 1) * BATCH]]
-                batch = self._draw(images, random.Random(f"{self.seed} {number} {step}"))
+                crops = draw_crops(images, self.spec.cell_size[0], random.Random(f"{self.seed} {number} {step}"))
+                inputs = network_inputs(hog(crops, self.spec), self.spec, *crops.shape[2:])
+                batch = _Batch(inputs, crops)
                 if len(self._cache) < CACHED:
                     self._cache[number, step] = batch
             yield batch
-
-    def _draw(self, images: Sequence[Tensor], rng: random.Random) -> _Batch:
-        crops = draw_crops(images, self.spec.cell_size[0], rng)
-        height, width = crops.shape[2:]
-        return _Batch(network_inputs(hog(crops, self.spec), self.spec, height, width), crops)
 
 
 def _report(epoch: int, epochs: int, losses: Sequence[float]) -> str:

@@ -184,28 +184,6 @@ def dots(
 
 
 @inlined
-def _remainder(
-    begin: int,
-    whole: int,
-    end: int,
-    step: Real,
-    by: Real,
-    new: Floats,
-    xs: Floats,
-    gradients: Floats,
-    directions: Floats,
-) -> Real:
-    """:func:`_step` for the last numbers, from ``begin + whole`` to ``begin + end``."""
-    largest: Real = step - step
-    for k in range(whole, end):
-        x = begin + k
-        xs[x] += step * directions[x]
-        gradients[x], directions[x] = new[x], by * new[x]
-        largest = max(largest, abs(new[x]))
-    return largest
-
-
-@inlined
 def _combine(
     begin: int, count: int, first: int, n: int, coefficients: Floats, stored: Floats, directions: Floats
 ) -> None:
@@ -249,7 +227,10 @@ def take_step(
                         stored[s + x] = step * directions[begin + x]
                         stored[y + x] = new[begin + x] - gradients[begin + x]
                 peak = max(peak, _step(xs, directions, begin, step, new, gradients, by, whole))
-                peak = max(peak, _remainder(begin, whole, count, step, by, new, xs, gradients, directions))
+                for x in range(begin + whole, begin + count):
+                    xs[x] += step * directions[x]
+                    gradients[x], directions[x] = new[x], by * new[x]
+                    peak = max(peak, abs(new[x]))
                 _combine(begin, count, first, n, coefficients[i, :both], stored, directions)
                 slope += _dot(gradients, begin, directions, begin, count)
             slopes[i], peaks[i] = slope, peak

@@ -187,10 +187,10 @@ class FourBlockNorm(Normalizer):
             order += [len(order) + k for k in of_parts[part]]
         return order
 
-    def split(self, channels: Tensor, bins: int, signed: bool) -> dict[Part, Tensor]:
-        """Channels in dimension 1 by their parts."""
+    def split(self, channels: Tensor, bins: int, signed: bool, dim: int = 1) -> dict[Part, Tensor]:
+        """Channels in a dimension by their parts."""
         lengths = [self.channels_of(part, bins, signed) for part in self.parts]
-        return dict(zip(self.parts, channels.split_with_sizes(lengths, dim=1), strict=True))
+        return dict(zip(self.parts, channels.split_with_sizes(lengths, dim=dim), strict=True))
 
     def cell_entries(self, channels: Tensor, bins: int, signed: bool) -> Tensor:
         """The directed entries, or for want of them each undirected one twice."""

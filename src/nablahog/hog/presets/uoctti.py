@@ -86,13 +86,9 @@ def aubry(
     ((5, 5), (26, 13), 9)
     """
     return replace(
-        _BASE,
+        uoctti(cell_size, vote=vote, orientations=orientations, colour=colour),
         name="aubry",
         value_range=1.0,
-        colour=colour,
-        bins=2 * orientations,
-        vote=vote,
-        cell_size=pair(cell_size),
         normalizer=FourBlockNorm(epsilon=0.1, parts=("undirected",)),
     )
 
