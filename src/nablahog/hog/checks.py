@@ -7,22 +7,26 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
-_CHECKS: dict[type, dict[str, Callable[[str, object], None]]] = {}
-"""Of each class by field: made once, since torch.compile cannot trace how types are read."""
+_CHECKS: dict[type, dict[str, tuple[Any, Callable[[str, object], None] | None]]] = {}
+"""Of each class by field: its kind and its check, read once, since torch.compile cannot trace how types are read."""
 
 
 def check_fields(part: object, *others: str) -> None:
-    """The fields of a frozen dataclass are what their types say.
+    """The fields of a frozen dataclass are what their types say; tuples may be given as lists, as JSON has them.
 
     A float is finite and above 0, a pair of integers is one of at least 1.  Fields of other types than these, literals
     and truth values are left to the class, and so are the ``others``.
     """
     if type(part) not in _CHECKS:
-        checks = {field: _check_of(kind) for field, kind in get_type_hints(type(part)).items()}
-        _CHECKS[type(part)] = {field: check for field, check in checks.items() if check}
-    for field, check in _CHECKS[type(part)].items():
-        if field not in others:
-            check(field, getattr(part, field))
+        hints = get_type_hints(type(part)).items()
+        _CHECKS[type(part)] = {field: (get_origin(hint), _check_of(hint)) for field, hint in hints}
+    for field, (kind, check) in _CHECKS[type(part)].items():
+        value = getattr(part, field)
+        if kind is tuple and isinstance(value, list):
+            value = tuple(value)
+            object.__setattr__(part, field, value)
+        if check and field not in others:
+            check(field, value)
 
 
 def _check_of(kind: Any) -> Callable[[str, object], None] | None:
@@ -54,11 +58,3 @@ def check_pair(field: str, value: object) -> None:
     """``value`` is a pair of integers of at least 1."""
     if not (isinstance(value, tuple) and len(value) == 2 and all(type(c) is int and c >= 1 for c in value)):
         raise ValueError(f"{field} must be a pair (height, width) of integers of at least 1, got {value!r}")
-
-
-def lists_to_tuples(part: object, *fields: str) -> None:
-    """Makes tuples of those fields of a frozen dataclass that are lists, as those read from JSON are."""
-    for field in fields:
-        value = getattr(part, field)
-        if isinstance(value, list):
-            object.__setattr__(part, field, tuple(value))

@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
-from .checks import check_fields, lists_to_tuples
+from .checks import check_fields
 from .normalizers import NORMALIZERS, Normalizer
 from .poolings import POOLINGS, BilinearCells, PartialCells, Pooling
 
@@ -109,7 +109,6 @@ class HOGSpec:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
             raise ValueError(f"name must be text, got {self.name!r}")
-        lists_to_tuples(self, "cell_size")
         check_fields(self, "bin_offset")
         if type(self.bins) is not int or self.bins < 3:
             raise ValueError(f"bins must be an integer of at least 3, got {self.bins!r}")

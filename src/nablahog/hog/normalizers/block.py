@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
-from ..checks import lists_to_tuples
 from .base import Footprint, Normalizer, NormalizerLoops
 
 if TYPE_CHECKING:
@@ -41,10 +40,6 @@ class BlockNorm(Normalizer):
     kind: ClassVar[str] = "block"
     fixes_contrast = False
     """Blocks have one length."""
-
-    def __post_init__(self) -> None:
-        lists_to_tuples(self, "block", "step")
-        super().__post_init__()
 
     def channels(self, bins: int, signed: bool) -> int:
         """All bins of all cells of a block."""

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias, get_args
 
-from ..checks import lists_to_tuples
 from .base import Footprint, Normalizer, NormalizerLoops
 
 if TYPE_CHECKING:
@@ -69,7 +68,6 @@ class FourBlockNorm(Normalizer):
     )
 
     def __post_init__(self) -> None:
-        lists_to_tuples(self, "parts")
         super().__post_init__()
         ordered = (some for n in range(1, 1 + len(PARTS)) for some in itertools.combinations(PARTS, n))
         allowed = [parts for parts in ordered if {*parts} & {*HISTOGRAMS}]

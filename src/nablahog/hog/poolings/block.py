@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from ..checks import lists_to_tuples
 from ..normalizers.base import Footprint
 from .base import PartialCells, Pooling, Spacing
 
@@ -33,10 +32,6 @@ class BlockCells(Pooling):
     mirrors = False
     """The middle of the Gaussian is half a pixel to the right of the block's own."""
     has_blocks: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        lists_to_tuples(self, "block", "step")
-        super().__post_init__()
 
     def check(self, cell_size: tuple[int, int], normalizer: Normalizer) -> None:
         """Blocks must be whole cells, and be those of the normaliser."""
