@@ -12,9 +12,8 @@ import torch
 from nablahog import hog
 from nablahog.evaluate.learned import SPEC, load
 from nablahog.evaluate.methods import METHODS, Method, Table1Settings, choose
-from nablahog.evaluate.names import DIALECTS, GROUPS, LIBRARIES, TABLE1, TABLE2
+from nablahog.evaluate.names import BASELINES, DIALECTS, GROUPS, LIBRARIES, PUBLISHED, TABLE1, TABLE2
 from nablahog.evaluate.pose_methods import POSE_METHODS
-from nablahog.evaluate.published import BASELINES, PUBLISHED
 
 from .common import image, photographs, write_prior
 

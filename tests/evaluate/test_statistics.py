@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from nablahog.evaluate.statistics import Statistics, interval, statistics
+from nablahog.evaluate.tables import Statistics, interval, statistics
 
 
 def test_against_the_normal_interval() -> None:

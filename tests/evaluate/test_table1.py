@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from nablahog.evaluate.methods import Table1Settings
-from nablahog.evaluate.statistics import statistics
-from nablahog.evaluate.table1 import METRICS, run_table1, write_tables
-from nablahog.evaluate.tables import Failure, evenly_spread
+from nablahog.evaluate.table1 import METRICS, run_table1, write_table1
+from nablahog.evaluate.tables import Failure, evenly_spread, statistics
 
 from .common import made, photographs
 from .fakes import BRIGHT, DARK, LEVELS, MISTAKEN, UNDEFINED
@@ -28,7 +27,7 @@ def _rows(path: Path) -> list[dict[str, str]]:
 
 def test_files(tmp_path: Path, calls: list[str]) -> None:
     table = made(tmp_path, photographs(), BRIGHT, LEVELS)
-    write_tables(tmp_path, table)
+    write_table1(tmp_path, table)
     assert sorted(os.listdir(tmp_path)) == [*FILES, "work"]
 
     rows = _rows(tmp_path / "per_image.csv")
@@ -84,7 +83,7 @@ def test_failures(tmp_path: Path, calls: list[str]) -> None:
     ]
     counts = {line.row: line.statistics["cc"].n for line in table.lines()}
     assert (counts["dark"], counts["dalal-multi-scale@1/4"], counts["mistaken"]) == (2, 1, 0)
-    write_tables(tmp_path, table)
+    write_table1(tmp_path, table)
     rows = _rows(tmp_path / "failures.csv")
     assert rows[0] == {"image": "bad,\n.png", "method": "", "reason": "no image"}
     assert len(rows) == 4

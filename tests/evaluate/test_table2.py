@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from nablahog.evaluate.pose_methods import PoseMethod, Table2Settings
-from nablahog.evaluate.table2 import Table2, run_table2, write_tables
+from nablahog.evaluate.table2 import Table2, run_table2, write_table2
 from nablahog.evaluate.tables import Failure
 
 from .pose_fakes import FAR, NEAR, OTHER, examples
@@ -31,13 +31,13 @@ def test_how_they_are_counted(tmp_path: Path, calls: list[str]) -> None:
     """8° more: 40° leaves the first of 4 views, whose edge is 45°, and all but 40° leave theirs of 24, 15° wide."""
     table = _made(tmp_path, NEAR)
     (exemplar, paper) = table.lines()
-    assert (exemplar.method, exemplar.accuracy["interval", 4].n, exemplar.error.value) == ("exemplar", 0, None)
+    assert (exemplar.method, exemplar.accuracy["interval", 4].n, exemplar.error.median) == ("exemplar", 0, None)
     assert exemplar.paper == {4: 47.33, 8: 35.39, 16: 20.16, 24: 15.23}
     assert exemplar.seconds is None
     means = {of: paper.accuracy[of].mean for of in paper.accuracy}
     assert [means["interval", views] for views in (4, 8, 16, 24)] == [75, 100, 100, 25]
     assert [means["threshold", views] for views in (4, 8, 16, 24)] == [100] * 4
-    assert paper.error.value == pytest.approx(8, abs=1e-4)
+    assert paper.error.median == pytest.approx(8, abs=1e-4)
     assert table.errors("paper") == pytest.approx([8] * 4, abs=1e-4)
     accuracy = paper.accuracy["interval", 4]
     assert accuracy.low is not None
@@ -58,12 +58,12 @@ def test_a_method_that_finds_nothing(tmp_path: Path, calls: list[str]) -> None:
     table = run_table2(tmp_path, examples([0, 0]), [FAR], Table2Settings(), workers=1)
     line = {line.method: line for line in table.lines()}["exemplar"]
     assert line.accuracy["interval", 24].n == 2
-    assert (line.error.value, line.seconds) == (180, None)
+    assert (line.error.median, line.seconds) == (180, None)
 
 
 def test_files(tmp_path: Path, calls: list[str]) -> None:
     table = _made(tmp_path, FAR, NEAR)
-    write_tables(tmp_path, table)
+    write_table2(tmp_path, table)
     assert sorted(os.listdir(tmp_path)) == [*FILES, "work"]
 
     rows = _rows(tmp_path / "per_object.csv")
@@ -76,7 +76,7 @@ def test_files(tmp_path: Path, calls: list[str]) -> None:
         *(("paper", each) for each in "0123"),
     ]
     first = rows[3]
-    assert float(first["azimuth"]) == table.outcomes["paper"]["0"].azimuth  # to the last bit
+    assert float(first["azimuth"]) == table.figures["paper"]["0"]["azimuth"]  # to the last bit
     assert [first[name] for name in ("true_azimuth", "elevation", "model", "found_model")] == [
         "0",
         "15.0",
@@ -106,7 +106,7 @@ def test_files(tmp_path: Path, calls: list[str]) -> None:
 
 def test_a_method_that_is_not_published(tmp_path: Path, calls: list[str]) -> None:
     table = _made(tmp_path, OTHER)
-    write_tables(tmp_path, table)
+    write_table2(tmp_path, table)
     assert [line.method for line in table.lines()] == ["exemplar", "paper", "other"]
     summary = _rows(tmp_path / "summary.csv")
     assert (summary[0]["accuracy"], summary[0]["paper"], summary[-1]["paper"]) == ("", "47.33", "")
@@ -119,10 +119,10 @@ def test_done_once(tmp_path: Path, calls: list[str]) -> None:
     calls.clear()
     second = _made(tmp_path, NEAR, FAR)
     assert calls == ["exemplar"]  # the failure
-    assert second.outcomes == first.outcomes
+    assert second.figures == first.figures
     assert second.seconds == first.seconds
     calls.clear()
-    assert _made(tmp_path, NEAR, seed=1).outcomes != first.outcomes
+    assert _made(tmp_path, NEAR, seed=1).figures != first.figures
     assert calls == ["paper"] * 4
 
 
@@ -130,15 +130,15 @@ def test_in_processes(tmp_path: Path, calls: list[str], monkeypatch: pytest.Monk
     here = _made(tmp_path / "here", NEAR, FAR)
     monkeypatch.undo()
     there = _made(tmp_path / "there", NEAR, FAR)
-    assert there.outcomes == here.outcomes
+    assert there.figures == here.figures
     assert there.failures == here.failures
 
 
 def test_pictures_of_a_few(tmp_path: Path, calls: list[str]) -> None:
     table = run_table2(tmp_path, examples(range(20)), [NEAR], Table2Settings(), workers=1)
-    assert len(table.silhouettes["paper"]) == 9
-    assert table.silhouettes["paper"]["0"].shape == (16, 16)
-    assert table.silhouettes["paper"]["0"].any()
+    assert len(table.pictures["paper"]) == 9
+    assert table.pictures["paper"]["0"].shape == (16, 16)
+    assert table.pictures["paper"]["0"].any()
 
 
 def test_images_that_cannot_be_read(tmp_path: Path, calls: list[str]) -> None:

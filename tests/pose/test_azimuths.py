@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from nablahog.pose.azimuths import (
+from nablahog.pose.placement import (
     azimuth_distance,
     azimuth_sweep,
     consensus,

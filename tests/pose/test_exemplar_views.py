@@ -132,7 +132,7 @@ def test_saved_and_loaded(tmp_path: Path, views: ExemplarViews) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"format": np.array(1)}, "reads exemplars of format 2"),
+        ({"format": np.array(1)}, "reads view sets of format 2"),
         ({"weights": np.zeros((3, 10, 10, 9), np.float16)}, "weights must be finite, torch.float32 of shape"),
         ({"weights": np.zeros(20)}, "weights must be finite"),
         ({"scale": np.full(2, np.nan, np.float32)}, "must be finite"),

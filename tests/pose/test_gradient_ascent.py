@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch.testing import assert_close
 
-from nablahog.pose.azimuths import azimuth_distance, azimuth_sweep
 from nablahog.pose.gradient_ascent import UNITS, lbfgs_ascent, momentum_ascent
+from nablahog.pose.placement import azimuth_distance, azimuth_sweep
 
 from .quadratics import START, quadratic
 

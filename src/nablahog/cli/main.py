@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import os
 import sys
-from argparse import Namespace
 from collections.abc import Sequence
 from importlib import import_module
 
@@ -20,8 +19,8 @@ _COMMANDS = {
     "invert": "invert.invert",
     "invert-template": "invert_template.invert_template",
     "demo": "demo.demo",
-    "table1": "table1.table1",
-    "table2": "table2.table2",
+    "table1": "tables.table1",
+    "table2": "tables.table2",
     "pose": "pose.pose",
     "dialects": "dialects.dialects",
     **{f"learn {kind}": "learn.learn" for kind in KINDS},
@@ -46,7 +45,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(stop.code or 0)
     name = f"nablahog {arguments.command}"
     try:
-        _run(arguments)
+        module, function = _COMMANDS[arguments.command].split(".")
+        getattr(import_module(f".commands.{module}", __package__), function)(arguments)
         sys.stdout.flush()  # a closed pipe should fail here, not at exit
     except KeyboardInterrupt:
         return _failed(name, "interrupted", INTERRUPTED)
@@ -61,11 +61,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         return _failed(name, "not enough memory; a smaller --size, or fewer inputs at once, need less")
     return 0
-
-
-def _run(arguments: Namespace) -> None:
-    module, function = _COMMANDS[arguments.command].split(".")
-    getattr(import_module(f".commands.{module}", __package__), function)(arguments)
 
 
 def _failed(name: str, message: str, status: int = 1) -> int:

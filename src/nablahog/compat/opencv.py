@@ -6,7 +6,7 @@ import math
 import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias, overload
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
@@ -79,26 +79,6 @@ class HOGDescriptor:
     nlevels: int
     signedGradient: bool
     spec: HOGSpec = field(repr=False, compare=False)
-
-    @overload
-    def __init__(self) -> None: ...
-
-    @overload
-    def __init__(
-        self,
-        _winSize: Sequence[int],
-        _blockSize: Sequence[int],
-        _blockStride: Sequence[int],
-        _cellSize: Sequence[int],
-        _nbins: int,
-        _derivAperture: int = 1,
-        _winSigma: float = -1,
-        _histogramNormType: int = 0,
-        _L2HysThreshold: float = 0.2,
-        _gammaCorrection: bool = False,
-        _nlevels: int = 64,
-        _signedGradient: bool = False,
-    ) -> None: ...
 
     def __init__(
         self,

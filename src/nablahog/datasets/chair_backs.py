@@ -7,9 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .solids import Floats, Solid, sheet, tube
-
-Generator = np.random.Generator
+from .solids import Floats, Generator, Solid, sheet, tube
 
 
 def across(columns: int) -> Floats:

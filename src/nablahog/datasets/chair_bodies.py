@@ -8,9 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from .chair_backs import Back, across
-from .solids import Floats, Solid, bar, loft, outline, rounded, section, sheet, slab, tube
-
-Generator = np.random.Generator
+from .solids import Floats, Generator, Solid, bar, loft, outline, rounded, section, sheet, slab, tube
 
 
 def seat(width: float, depth: float, top: float, roundness: float, taper: float, generator: Generator) -> list[Solid]:

@@ -6,9 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from .solids import Floats, Solid, bar, lathe, outline, rounded, slab, tube
-
-Generator = np.random.Generator
+from .solids import Floats, Generator, Solid, bar, lathe, outline, rounded, slab, tube
 
 TURNED = {
     "baluster": (

@@ -11,9 +11,8 @@ import torch
 from ..render.mesh import Mesh
 from . import chair_backs, chair_bodies, chair_legs
 from .chair_backs import Back
-from .solids import Solid, joined, outline, slab
+from .solids import Generator, Solid, joined, outline, slab
 
-Generator = np.random.Generator
 Parts: TypeAlias = tuple[list[Solid], list[Solid]]
 """The solids of a chair by their tone: frame and cover."""
 

@@ -2,6 +2,6 @@
 
 from .compare import Comparison, Pair, compare
 from .conventions import Convention
-from .shapley import ShapleyContribution
+from .distances import ShapleyContribution
 
 __all__ = ["Comparison", "Convention", "Pair", "ShapleyContribution", "compare"]

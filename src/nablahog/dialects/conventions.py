@@ -20,7 +20,6 @@ _GROUPS: tuple[dict[str, str], ...] = (
     {"vote": "votes", "angle": "arctangent", "directions": "direction table", "boundary": "bin ties"},
     {"partial_cells": "partial cells", "pooling": "pooling"},
 )
-_NORMALIZER: tuple[dict[str, str], ...] = ({"normalizer": "normaliser"},)
 
 
 @dataclass(frozen=True)
@@ -86,7 +85,9 @@ def differing(a: HOGSpec, b: HOGSpec) -> list[Convention]:
 
 def _of_normalizers(a: HOGSpec, b: HOGSpec) -> tuple[dict[str, str], ...]:
     groups = a.normalizer.conventions if a.normalizer.kind == b.normalizer.kind else ()
-    return tuple({f"normalizer.{field}": name for field, name in group.items()} for group in groups) or _NORMALIZER
+    return tuple({f"normalizer.{field}": name for field, name in group.items()} for group in groups) or (
+        {"normalizer": "normaliser"},
+    )
 
 
 def exchanged(a: HOGSpec, b: HOGSpec, conventions: Iterable[Convention]) -> HOGSpec:

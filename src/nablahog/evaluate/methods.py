@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 from torch import Tensor
 
 from ..hog import HOGSpec, hog, presets
-from ..invert import Search, reconstruct, reconstruct_multiscale, scale_descriptors
+from ..invert import Reconstruction, Search, reconstruct, reconstruct_multiscale, scale_descriptors
 from ..invert.baselines.cnn_hog import CNNHOG
 from ..invert.baselines.triangles import TRIANGLES, reconstruct_by_triangles
 from ..invert.multiscale import SCALES, level_spec
@@ -85,10 +85,16 @@ def _options(settings: Table1Settings) -> dict[str, Any]:
     return {"seed": settings.seed, "search": Search(max_evaluations=settings.max_evaluations)}
 
 
-def _single(image: Tensor, settings: Table1Settings, *, spec: HOGSpec) -> list[MethodOutput]:
-    size = (image.shape[2], image.shape[3])
-    result = reconstruct(hog(image, spec), spec, size, **_options(settings))
+def _inverted(
+    method: Callable[..., Reconstruction], image: Tensor, spec: HOGSpec, **options: Any
+) -> list[MethodOutput]:
+    """What a method makes of the descriptor of an image."""
+    result = method(hog(image, spec), spec, (image.shape[2], image.shape[3]), **options)
     return [MethodOutput(result.image[0, 0], float(result.distance[0]))]
+
+
+def _single(image: Tensor, settings: Table1Settings, *, spec: HOGSpec) -> list[MethodOutput]:
+    return _inverted(reconstruct, image, spec, **_options(settings))
 
 
 def _multi_scale(image: Tensor, settings: Table1Settings, *, spec: HOGSpec, more: bool) -> list[MethodOutput]:
@@ -108,10 +114,7 @@ def _multi_scale(image: Tensor, settings: Table1Settings, *, spec: HOGSpec, more
 def _learned(
     image: Tensor, settings: Table1Settings, *, kind: str, spec: HOGSpec, seeded: bool = False
 ) -> list[MethodOutput]:
-    size = (image.shape[2], image.shape[3])
-    options = _options(settings) if seeded else {}
-    result = _needed(kind, settings).reconstruct(hog(image, spec), spec, size, **options)
-    return [MethodOutput(result.image[0, 0], float(result.distance[0]))]
+    return _inverted(_needed(kind, settings).reconstruct, image, spec, **(_options(settings) if seeded else {}))
 
 
 def _bovw(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
@@ -133,10 +136,8 @@ def _cnn_hog(image: Tensor, settings: Table1Settings, *, bilinear: bool) -> list
 
 
 def _triangles(image: Tensor, settings: Table1Settings, *, spec: HOGSpec) -> list[MethodOutput]:
-    size = (image.shape[2], image.shape[3])
     count = settings.max_evaluations or TRIANGLES
-    result = reconstruct_by_triangles(hog(image, spec), spec, size, seed=settings.seed, triangles=count)
-    return [MethodOutput(result.image[0, 0], float(result.distance[0]))]
+    return _inverted(reconstruct_by_triangles, image, spec, seed=settings.seed, triangles=count)
 
 
 def _variants(prefix: str, group: str, spec: HOGSpec) -> list[Method]:

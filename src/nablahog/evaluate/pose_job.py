@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 import time
 from dataclasses import asdict, dataclass, fields
@@ -14,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..hog.box import Box
 from ..io.images import as_array
-from ..jobs.store import JobResult
+from ..jobs.store import JobResult, key_of
 from ..runtime.source import code_key
 from .models import Model
 from .pose_methods import PoseInput, PoseMethod, PoseOutcome, Table2Settings, coverage
@@ -45,10 +43,8 @@ class PoseJob:
             "initial": self.initial,
             "seed": self.settings.seed,
             "code": code_key(PoseJob, self.method.run, *filter(None, [self.method.prepare])),
-            "torch": torch.__version__,
-            "shape": self.image.shape,
         }
-        return hashlib.sha256(json.dumps(facts).encode() + self.image.tobytes()).hexdigest()
+        return key_of(facts, self.image)
 
     def run(self) -> JobResult:
         """Runs the method: the pose as figures, its silhouette as the picture; the time is without preparation.

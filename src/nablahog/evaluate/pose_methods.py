@@ -110,17 +110,12 @@ def _estimate(problem: PoseInput, settings: Table2Settings, *, method: SearchMet
         method=method,
         seed=settings.seed,
     )
-    return PoseOutcome(
-        azimuth=estimate.azimuth,
-        elevation=estimate.elevation,
-        distance=estimate.distance,
-        theta=estimate.theta,
-        x=estimate.x,
-        y=estimate.y,
-        focal=estimate.camera.focal,
-        model=estimate.model,
-        similarity=estimate.similarity,
-    )
+    return _outcome(estimate.pose[0], estimate.camera, estimate.model, estimate.similarity)
+
+
+def _outcome(pose: Tensor, camera: Camera, model: str, similarity: float) -> PoseOutcome:
+    azimuth, elevation, distance, theta, x, y = pose.tolist()
+    return PoseOutcome(azimuth, elevation, distance, theta, x, y, camera.focal, model, similarity)
 
 
 @lru_cache(maxsize=2)
@@ -146,9 +141,7 @@ def _exemplar(problem: PoseInput, settings: Table2Settings) -> PoseOutcome:
     model = prepared_model(problem.models[detection.model], crop.camera)
     placed = fit_to_box(start, model.hull, crop.camera, crop.size)[0]
     pose, camera = crop.in_photograph(placed, height, width)
-    azimuth, elevation, distance, theta, x, y = pose.tolist()
-    model_name, confidence = detection.model, detection.confidence
-    return PoseOutcome(azimuth, elevation, distance, theta, x, y, camera.focal, model_name, confidence)
+    return _outcome(pose, camera, detection.model, detection.confidence)
 
 
 def _paper(problem: PoseInput, settings: Table2Settings) -> PoseOutcome:

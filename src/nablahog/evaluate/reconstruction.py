@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import time
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -15,7 +13,7 @@ from torch import Tensor
 
 from .. import metrics
 from ..io.images import as_array
-from ..jobs.store import JobResult, digest
+from ..jobs.store import JobResult, digest, key_of
 from ..runtime.source import code_key
 from .methods import Method, MethodOutput, Table1Settings
 
@@ -47,10 +45,8 @@ class ReconstructionJob:
             "max_evaluations": settings.max_evaluations,
             "learned": None if learned is None else digest(learned),
             "code": code_key(ReconstructionJob, method.run),
-            "torch": torch.__version__,
-            "shape": self.image.shape,
         }
-        return hashlib.sha256(json.dumps(facts).encode() + self.image.tobytes()).hexdigest()
+        return key_of(facts, self.image)
 
     def run(self) -> JobResult:
         """Runs the method and compares its outputs with the image: figures and a picture for each of its rows.

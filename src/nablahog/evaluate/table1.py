@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ..jobs.resume import do_all
 from .methods import Method, Table1Settings
-from .names import GROUPS
+from .names import BASELINES, GROUPS, PUBLISHED
 from .photographs import Photographs
-from .published import BASELINES, PUBLISHED
-from .reconstruction import Figures, ReconstructionJob
-from .statistics import Statistics, statistics
-from .tables import Failure, evenly_spread, write_csv
+from .reconstruction import ReconstructionJob
+from .tables import Results, Statistics, run, statistics, write_csv
 
 METRICS = ("cc", "abs_cc", "mi", "ssim", "distance")
 SHOWN = 6  # images on the page
@@ -42,24 +37,16 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Table1:
+class Table1(Results):
     """All of it.
 
     Attributes:
         methods: that ran.
         photographs: that they ran on.
-        figures: by row and image.
-        seconds: by method and image.
-        failures: images without a result.
-        pictures: by row and image, 8-bit (H, W), of :data:`SHOWN` images.
     """
 
     methods: Sequence[Method]
     photographs: Photographs
-    figures: Mapping[str, Mapping[str, Figures]]
-    seconds: Mapping[str, Mapping[str, float]]
-    failures: Sequence[Failure]
-    pictures: Mapping[str, Mapping[str, NDArray[np.uint8]]]
 
     def lines(self) -> list[Line]:
         """The table, group by group: the paper's baselines that did not run, then the methods that did."""
@@ -85,23 +72,16 @@ class Table1:
 
 
 def run_table1(
-    folder: Path,
-    photographs: Photographs,
-    methods: Sequence[Method],
-    settings: Table1Settings,
-    *,
-    workers: int,
-    progress: Callable[[int, int, str], None] = lambda done, total, at_work: None,
+    folder: Path, photographs: Photographs, methods: Sequence[Method], settings: Table1Settings, **options: Any
 ) -> Table1:
-    """Runs the jobs without a stored result, as :func:`nablahog.jobs.resume.do_all`, and collects all results.
+    """Runs the jobs without a stored result, as :func:`nablahog.jobs.runner.do_all`, and collects all results.
 
     Args:
         folder: for the results, which exists.
         photographs: the images.
         methods: the methods, of different names.
         settings: for all of them.
-        workers: processes to work in.
-        progress: called with the number of jobs done, their total, and the methods at work.
+        options: ``workers`` and ``progress``, as there.
 
     Raises:
         ChildProcessError: worker processes do not start.
@@ -112,25 +92,12 @@ def run_table1(
         for image, pixels in photographs.images.items()
         for method in methods
     }
-    failures = [Failure(image, None, reason) for image, reason in photographs.failed.items()]
-    shown = evenly_spread(list(photographs.images), SHOWN)
-    figures: dict[str, dict[str, Figures]] = {row: {} for method in methods for row in method.rows}
-    pictures: dict[str, dict[str, NDArray[np.uint8]]] = {row: {} for row in figures}
-    seconds: dict[str, dict[str, float]] = {method.name: {} for method in methods}
-    for (image, name), result in do_all(folder, jobs, workers=workers, progress=progress):
-        if isinstance(result, str):
-            failures.append(Failure(image, name, result))
-            continue
-        seconds[name][image] = result.seconds
-        rows = jobs[image, name].method.rows
-        for row, row_figures, picture in zip(rows, result.figures, result.pictures, strict=True):
-            figures[row][image] = dict(row_figures)
-            if image in shown:
-                pictures[row][image] = picture
-    return Table1(methods, photographs, figures, seconds, failures, pictures)
+    rows = {method.name: method.rows for method in methods}
+    results = run(folder, jobs, rows, photographs.failed, SHOWN, **options)
+    return Table1(**vars(results), methods=methods, photographs=photographs)
 
 
-def write_tables(folder: Path, table: Table1) -> None:
+def write_table1(folder: Path, table: Table1) -> None:
     """Writes ``per_image.csv``, ``summary.csv``, ``times.csv`` and ``failures.csv``.
 
     Only the times differ between runs of the same settings, however often they were interrupted.

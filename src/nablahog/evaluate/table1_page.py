@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from importlib.metadata import version
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from .. import metrics
@@ -18,9 +16,8 @@ from ..viz.pictures import Panel, glyphs
 from .learned import load
 from .methods import Method, Table1Settings
 from .photographs import Photographs
-from .statistics import RESAMPLES, Statistics
 from .table1 import Line, Table1
-from .tables import failures_section
+from .tables import RESAMPLES, Statistics, failures_section
 
 HEADINGS = {"cc": "CC", "abs_cc": "|CC|", "mi": "MI", "ssim": "SSIM", "distance": "distance"}
 LEVEL_IMAGES = 2  # for each method in the figure of the levels
@@ -85,24 +82,17 @@ def remarks(left_out: Sequence[Method], learned: Mapping[str, Path], photographs
 
 def terminal_rows(table: Table1) -> list[dict[str, object]]:
     """The means, ours and the paper's, one mapping for each row."""
-    return [
-        {
-            "method": line.row,
-            "n": line.statistics["cc"].n,
-            **{
-                heading: value
-                for metric, name in HEADINGS.items()
-                for heading, value in _means(line, metric, name).items()
-            },
-            "seconds": line.seconds,
-        }
-        for line in table.lines()
-    ]
+    return [_row(line, lambda of: of.mean) for line in table.lines()]
 
 
-def _means(line: Line, metric: str, name: str) -> dict[str, object]:
-    mean: dict[str, object] = {name: line.statistics[metric].mean}
-    return {**mean, f"{name}\npaper": line.paper[metric]} if metric in ("cc", "mi", "ssim") else mean
+def _row(line: Line, figure: Callable[[Statistics], object]) -> dict[str, object]:
+    """A row with ``figure`` of each measure, and the paper's of those that it prints."""
+    row: dict[str, object] = {"method": line.row, "n": line.statistics["cc"].n}
+    for metric, name in HEADINGS.items():
+        row[name] = figure(line.statistics[metric])
+        if metric in ("cc", "mi", "ssim"):
+            row[f"{name}\npaper"] = line.paper[metric]
+    return {**row, "seconds": line.seconds}
 
 
 def page(table: Table1, settings: Table1Settings, origin: str, remarks: Sequence[str] = ()) -> str:
@@ -117,16 +107,18 @@ def page(table: Table1, settings: Table1Settings, origin: str, remarks: Sequence
     failed = f" {len(table.failures)} failed, see below." if table.failures else ""
     ignored = table.photographs.ignored
     passed_over = f" Passed over, as no images by their endings: {', '.join(ignored)}." if ignored else ""
+    text = "These are in no figure above. A further run of the same settings tries them again."
+    failures = failures_section(table.failures, "image", text)
     limit = f", at most {settings.max_evaluations} evaluations" if settings.max_evaluations else ""
     return html.page(
         "Table 1: images from HOG descriptors",
         " ".join([f"{LEAD} {origin}{failed}{passed_over}", *remarks]),
         list(_table(table.lines())),
-        [section for section in (_failures(table), _pictures(table), _levels(table)) if section is not None],
+        [failures, _pictures(table), _levels(table)],
         DEFINITIONS,
-        f"Made by nablahog {version('nablahog')} with PyTorch {torch.__version__}, seed {settings.seed}{limit}. All "
-        "figures, with their full precision, are in summary.csv and per_image.csv beside this page, the times in "
-        "times.csv.",
+        html.footer(
+            "summary.csv and per_image.csv beside this page, the times in times.csv", f", seed {settings.seed}{limit}"
+        ),
     )
 
 
@@ -136,26 +128,13 @@ def _table(lines: Sequence[Line]) -> Iterator[Mapping[str, object]]:
         if line.group != group:
             group = line.group
             yield {"method": group}
-        row: dict[str, object] = {"method": line.row, "n": line.statistics["cc"].n}
-        for metric, name in HEADINGS.items():
-            row |= _means(line, metric, name) | {name: _cell(line.statistics[metric])}
-        yield {**row, "seconds": line.seconds}
+        yield _row(line, _cell)
 
 
 def _cell(of: Statistics) -> html.Cell | None:
     if of.n == 0:
         return None
     return html.Cell(of.mean, f"{html.figure(of.low)} … {html.figure(of.high)}\nmedian {html.figure(of.median)}")
-
-
-def _failures(table: Table1) -> html.Section | None:
-    text = "These are in no figure above. A further run of the same settings tries them again."
-    return failures_section(table.failures, "image", text)
-
-
-def _shown(table: Table1) -> list[str]:
-    names = {image for of_row in table.pictures.values() for image in of_row}
-    return [name for name in table.photographs.images if name in names]
 
 
 def _photograph(table: Table1, image: str) -> html.Cell:
@@ -181,9 +160,11 @@ def _glyphs(image: str, pixels: Tensor, spec: HOGSpec) -> Panel | None:
 
 def _pictures(table: Table1) -> html.Section | None:
     specs = {method.group: method.spec for method in table.methods if method.spec is not None}
+    shown = {image for of_row in table.pictures.values() for image in of_row}
     rows = []
-    for image in _shown(table):
-        pixels = table.photographs.images[image]
+    for image, pixels in table.photographs.images.items():
+        if image not in shown:
+            continue
         row: dict[str, object] = {"image": _photograph(table, image)}
         row |= {group: _glyphs(image, pixels, spec) for group, spec in specs.items()}
         rows.append(row | {method.name: _output(table, method.name, image) for method in table.methods})
@@ -199,13 +180,10 @@ def _levels(table: Table1) -> html.Section | None:
         images = list(table.pictures[method.name])[:LEVEL_IMAGES]
         if method.levels and images:
             rows.append({"image": method.name})
-            rows += [_level_row(table, method, image) for image in images]
+            for image in images:
+                levels = {f"1/{s}": _output(table, row, image) for s, row in zip(SCALES, method.levels, strict=True)}
+                rows.append({"image": _photograph(table, image), **levels})
     if not rows:
         return None
     text = "The image of each level, from the smallest to the size of the image, enlarged to that size."
     return html.Section("Levels", text, table=rows)
-
-
-def _level_row(table: Table1, method: Method, image: str) -> Mapping[str, object]:
-    levels = {f"1/{s}": _output(table, row, image) for s, row in zip(SCALES, method.levels, strict=True)}
-    return {"image": _photograph(table, image), **levels}

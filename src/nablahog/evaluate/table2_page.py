@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
@@ -15,9 +13,8 @@ from ..viz import html
 from ..viz.pictures import Panel, outlined
 from .examples import Example
 from .pose_methods import POSE_METHODS, Table2Settings
-from .statistics import RESAMPLES, Statistics
 from .table2 import NO_POSE, Line, Table2
-from .tables import failures_section
+from .tables import RESAMPLES, Statistics, failures_section
 
 BARS = 12  # of the histograms, 15° each
 
@@ -54,7 +51,7 @@ def terminal_rows(table: Table2) -> list[dict[str, object]]:
             ours, paper = line.accuracy["interval", views].mean, line.paper.get(views)
             figure = "–" if ours is None else f"{ours:.1f}"
             row[f"{views} views"] = figure if paper is None else f"{figure} ({paper:.1f})"
-        rows.append({**row, "error": line.error.value, "seconds": line.seconds})
+        rows.append({**row, "error": line.error.median, "seconds": line.seconds})
     return rows
 
 
@@ -62,15 +59,15 @@ def page(table: Table2, settings: Table2Settings) -> str:
     """The page."""
     failed = f" {len(table.failures)} failed, see below." if table.failures else ""
     lines = table.lines()
-    sections = [_failures(table), _thresholds(lines), _errors(table), _pictures(table)]
+    text = "Where a method failed it counts as wrong above. A further run of the same settings tries it again."
+    failures = failures_section(table.failures, "object", text)
     return html.page(
         "Table 2: poses from HOG descriptors",
         f"{LEAD} {table.examples.origin}{failed}",
         [_row(line) for line in lines],
-        [section for section in sections if section is not None],
+        [failures, _thresholds(lines), _errors(table), _pictures(table)],
         DEFINITIONS,
-        f"Made by nablahog {version('nablahog')} with PyTorch {torch.__version__}, seed {settings.seed}. All figures, "
-        "with their full precision, are in summary.csv, median_error.csv and per_object.csv beside this page.",
+        html.footer("summary.csv, median_error.csv and per_object.csv beside this page", f", seed {settings.seed}"),
     )
 
 
@@ -79,22 +76,13 @@ def _row(line: Line) -> Mapping[str, object]:
     for views in VIEWS:
         row[f"{views} views"] = _cell(line.accuracy["interval", views])
         row[f"{views} views\npaper"] = line.paper.get(views)
-    error = line.error
-    median = None if error.value is None else html.Cell(error.value, _span(error.low, error.high))
-    return {**row, "median error": median, "seconds": line.seconds}
+    return {**row, "median error": _cell(line.error, median=True), "seconds": line.seconds}
 
 
-def _cell(of: Statistics) -> html.Cell | None:
-    return None if of.n == 0 else html.Cell(of.mean, _span(of.low, of.high))
-
-
-def _span(low: float | None, high: float | None) -> str:
-    return f"{html.figure(low)} … {html.figure(high)}"
-
-
-def _failures(table: Table2) -> html.Section | None:
-    text = "Where a method failed it counts as wrong above. A further run of the same settings tries it again."
-    return failures_section(table.failures, "object", text)
+def _cell(of: Statistics, *, median: bool = False) -> html.Cell | None:
+    """The mean, or the median, above its interval."""
+    value = of.median if median else of.mean
+    return None if of.n == 0 else html.Cell(value, f"{html.figure(of.low)} … {html.figure(of.high)}")
 
 
 def _thresholds(lines: Sequence[Line]) -> html.Section:
@@ -146,7 +134,7 @@ def histogram(shares: NDArray[np.float64], highest: float) -> NDArray[np.float64
 
 def _pictures(table: Table2) -> html.Section | None:
     """As in the paper: the images side by side, and each method's pose below them."""
-    names = {name for of in table.silhouettes.values() for name in of}
+    names = {name for of in table.pictures.values() for name in of}
     shown = [each for each in table.examples.objects if each.name in names]
     if not shown:
         return None
@@ -159,9 +147,9 @@ def _pictures(table: Table2) -> html.Section | None:
 
 
 def _pose(table: Table2, method: str, example: Example) -> html.Cell | None:
-    outcome, silhouette = table.outcomes[method].get(example.name), table.silhouettes[method].get(example.name)
-    if outcome is None or silhouette is None:
+    pose, silhouette = table.figures[method].get(example.name), table.pictures[method].get(example.name)
+    if pose is None or silhouette is None:
         return None
-    off = round((outcome.azimuth - example.azimuth + 180) % 360 - 180)
-    remark = f"{off:+d}°" if outcome.model == example.model else f"{off:+d}°\n{outcome.model}"
+    off = round((pose["azimuth"] - example.azimuth + 180) % 360 - 180)
+    remark = f"{off:+d}°" if pose["model"] == example.model else f"{off:+d}°\n{pose['model']}"
     return html.Cell(Panel(outlined(example.image, silhouette >= 128), f"{example.name}, {method}"), remark)

@@ -1,15 +1,56 @@
-"""Parts of both tables."""
+"""Parts of both tables: statistics, results of all methods, failures, and files."""
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..io.files import write_text
+from ..jobs.runner import do_all
+from ..jobs.store import Job
 from ..viz.html import Section
+
+RESAMPLES = 10_000
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Of n values: mean, median, and a 95 % interval of one of them; None if there are no values."""
+
+    mean: float | None
+    median: float | None
+    low: float | None
+    high: float | None
+    n: int
+
+
+def statistics(
+    values: Sequence[float] | NDArray[np.float64], of: Callable[..., NDArray[np.float64]] = np.mean
+) -> Statistics:
+    """Mean, median, and the interval of ``of``, one of ``np.mean`` and ``np.median``, as :func:`interval` has it."""
+    if not len(values):
+        return Statistics(None, None, None, None, 0)
+    array = np.array(values, dtype=np.float64)
+    return Statistics(float(array.mean()), float(np.median(array)), *interval(array, of), len(array))
+
+
+def interval(values: NDArray[np.float64], of: Callable[..., NDArray[np.float64]]) -> tuple[float, float]:
+    """The 95 % percentile bootstrap interval of ``of(values)``, of :data:`RESAMPLES` resamples of fixed seed.
+
+    Args:
+        values: (n,), at least one.
+        of: such as ``np.median``: takes the (resamples, n) and ``axis=1``.
+    """
+    resamples = np.random.default_rng(0).choice(values, (RESAMPLES, len(values)))
+    low, high = np.quantile(of(resamples, axis=1), (0.025, 0.975))
+    return float(low), float(high)
 
 
 @dataclass(frozen=True)
@@ -19,6 +60,57 @@ class Failure:
     image: str
     method: str | None
     reason: str
+
+
+@dataclass(frozen=True)
+class Results:
+    """The results of all methods on all images.
+
+    Attributes:
+        figures: by row and image.
+        seconds: by method and image.
+        failures: images without a result.
+        pictures: by row and image, 8-bit (H, W), of the images that the page shows.
+    """
+
+    figures: Mapping[str, Mapping[str, Mapping[str, Any]]]
+    seconds: Mapping[str, Mapping[str, float]]
+    failures: Sequence[Failure]
+    pictures: Mapping[str, Mapping[str, NDArray[np.uint8]]]
+
+
+def run(
+    folder: Path,
+    jobs: Mapping[tuple[str, str], Job],
+    rows: Mapping[str, Sequence[str]],
+    failed: Mapping[str, str],
+    shown: int,
+    **options: Any,
+) -> Results:
+    """Runs the jobs without a stored result, as :func:`nablahog.jobs.runner.do_all`, and collects all results.
+
+    Args:
+        folder, options: as there.
+        jobs: by image and method.
+        rows: the rows of each method.
+        failed: why images could not be read, by name.
+        shown: how many images to keep the pictures of, evenly spread over all.
+    """
+    failures = [Failure(image, None, reason) for image, reason in failed.items()]
+    with_pictures = evenly_spread(list(dict.fromkeys(image for image, _ in jobs)), shown)
+    figures: dict[str, dict[str, Mapping[str, Any]]] = {row: {} for of_method in rows.values() for row in of_method}
+    pictures: dict[str, dict[str, NDArray[np.uint8]]] = {row: {} for row in figures}
+    seconds: dict[str, dict[str, float]] = {method: {} for method in rows}
+    for (image, method), result in do_all(folder, jobs, **options):
+        if isinstance(result, str):
+            failures.append(Failure(image, method, result))
+            continue
+        seconds[method][image] = result.seconds
+        for row, row_figures, picture in zip(rows[method], result.figures, result.pictures, strict=True):
+            figures[row][image] = row_figures
+            if image in with_pictures:
+                pictures[row][image] = picture
+    return Results(figures, seconds, failures, pictures)
 
 
 def evenly_spread(names: Sequence[str], count: int) -> list[str]:

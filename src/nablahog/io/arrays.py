@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .descriptor_file import is_descriptor_file
+from .files import starts_as
 from .matfile import read_mat_arrays
 from .npz import names_in, numbers_in
 
@@ -79,16 +80,8 @@ def _npy(path: str | os.PathLike[str]) -> NDArray[Any]:
 
 
 def _is_npy(path: str | os.PathLike[str]) -> bool:
-    return _start(path) == b"\x93NUMPY" or Path(path).suffix.lower() == ".npy"
+    return starts_as(path, ".npy", b"\x93NUMPY")
 
 
 def _is_mat(path: str | os.PathLike[str]) -> bool:
-    return _start(path) == b"MATLAB" or Path(path).suffix.lower() == ".mat"
-
-
-def _start(path: str | os.PathLike[str]) -> bytes:
-    try:
-        with open(path, "rb") as file:
-            return file.read(6)
-    except OSError:
-        return b""
+    return starts_as(path, ".mat", b"MATLAB")

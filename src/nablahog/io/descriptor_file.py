@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -15,8 +14,8 @@ from torch import Tensor
 
 from ..hog import HOGSpec
 from ..hog.inputs import descriptor_tensor
-from .files import replacing
-from .npz import check_format, read_arrays, text
+from .files import starts_as
+from .npz import check_format, naming, read_arrays, text, write_arrays
 
 FORMAT = 1
 _ARRAYS = ("format", "descriptor", "spec", "image_size")
@@ -80,14 +79,8 @@ def save_descriptor(
     if not isinstance(descriptor, Tensor):
         descriptor = descriptor_tensor("the descriptor", descriptor)
     stored = StoredDescriptor(descriptor.detach().cpu(), spec, (int(image_size[0]), int(image_size[1])))
-    with replacing(path) as file:
-        np.savez_compressed(
-            file,
-            format=np.array(FORMAT),
-            descriptor=stored.descriptor.numpy(),
-            spec=np.array(spec.to_json()),
-            image_size=np.array(stored.image_size),
-        )
+    arrays = {"descriptor": stored.descriptor.numpy(), "spec": spec.to_json(), "image_size": stored.image_size}
+    write_arrays(path, FORMAT, arrays, compressed=True)
 
 
 def load_descriptor(path: str | os.PathLike[str]) -> StoredDescriptor:
@@ -105,22 +98,13 @@ def load_descriptor(path: str | os.PathLike[str]) -> StoredDescriptor:
     (torch.Size([8, 6, 31]), True, (64, 48))
     """
     arrays = read_arrays(path, "descriptor file", _ARRAYS)
-    try:
+    with naming(path):
         return _checked(arrays)
-    except (TypeError, ValueError, OverflowError, RecursionError) as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def is_descriptor_file(path: str | os.PathLike[str]) -> bool:
     """Whether ``path`` claims to be a descriptor file: it is named .npz, or starts as a zip archive does."""
-    path = Path(path)
-    if path.suffix.lower() == ".npz":
-        return True
-    try:
-        with open(path, "rb") as file:
-            return file.read(4) == b"PK\x03\x04"
-    except OSError:
-        return False
+    return starts_as(path, ".npz", b"PK\x03\x04")
 
 
 def _checked(arrays: dict[str, NDArray[np.generic]]) -> StoredDescriptor:

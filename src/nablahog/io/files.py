@@ -54,6 +54,18 @@ def check_file(path: Path, expected: str) -> None:
         raise ValueError(f"{path}: expected {expected}, got a {'folder' if path.is_dir() else 'special file'}")
 
 
+def starts_as(path: str | os.PathLike[str], ending: str, start: bytes) -> bool:
+    """Whether a file's name has this ending, or its first bytes are these."""
+    path = Path(path)
+    if path.suffix.lower() == ending:
+        return True
+    try:
+        with open(path, "rb") as file:
+            return file.read(len(start)) == start
+    except OSError:
+        return False
+
+
 def check_folder(folder: Path, expected: str) -> None:
     """Raises FileNotFoundError if ``folder`` does not exist, and NotADirectoryError if it is none.
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from ..io.files import replacing
@@ -54,6 +55,12 @@ class Job(Work, Protocol):
 
     def fits(self, result: JobResult) -> bool:
         """Whether a stored result has the rows and shapes of this job; damaged files do not."""
+
+
+def key_of(facts: Mapping[str, object], image: NDArray[np.float32]) -> str:
+    """A hash of an image and of facts, ready for JSON, that a result depends on; the version of PyTorch is one."""
+    text = json.dumps({**facts, "torch": torch.__version__, "shape": image.shape})
+    return hashlib.sha256(text.encode() + image.tobytes()).hexdigest()
 
 
 def digest(path: Path) -> str:

@@ -4,18 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import torch
 from torch import Tensor
 
-from .azimuths import azimuth_distance, consensus, equidistant_azimuths, local_maxima
+from ..hog import HOGSpec
+from .crop import FILL
+from .fourier_whitening import Whitener
 from .gradient_ascent import lbfgs_ascent, momentum_ascent
+from .placement import azimuth_distance, consensus, equidistant_azimuths, fit_to_box, level_poses, local_maxima
 from .prepared import DETAIL, PreparedModel
 from .problem import PoseProblem, SearchResult, SearchTrace
 from .quadratic_ascent import SCHEDULE, quadratic_ascent
-from .similarity import ElementTemplate, Similarity
-from .view_cache import VIEW_COUNT, view_similarities
+from .similarity import (
+    ElementTemplate,
+    Similarity,
+    describe,
+    deviations,
+    downsampled_poses,
+    in_batches,
+    white_background,
+)
 
+VIEW_COUNT = 48  # azimuths around an object
+ELEVATION_STEP = 5.0  # degrees between the elevations that there are views of
+_CACHED = 512  # sets of views, of half a megabyte
 _STARTS = 4  # local maxima of a model's views, at most, that are tilted
 _NEARLY = 0.75  # of the best view's similarity: others that have as much may still turn out to be the best
 _RIVAL = 0.8  # of the best view's similarity, after tilting
@@ -171,3 +185,28 @@ def _rival(best: _Hypothesis, others: Sequence[_Hypothesis]) -> list[_Hypothesis
     elsewhere = [one for one in others if azimuth_distance(one.azimuth, best.azimuth) > _SAME_SIDE]
     rival = max(elsewhere, key=lambda one: one.similarity, default=best)
     return [rival] if rival is not best and rival.similarity >= _RIVAL * best.similarity else []
+
+
+def view_similarities(model: PreparedModel, template: ElementTemplate, elevation: float) -> Tensor:
+    """Calibrated similarities (VIEW_COUNT,) of a template to views of a model at about an elevation, degrees.
+
+    The views fill the crop, instead of the box of an object, so that they do not depend on the photograph.
+    """
+    assert template.whitener is not None
+    rounded = ELEVATION_STEP * round(elevation / ELEVATION_STEP)
+    views = _view_descriptors(model, template.spec, template.whitener, template.shrink, rounded)
+    return (views @ template.weights.flatten()).double()
+
+
+@lru_cache(maxsize=_CACHED)
+def _view_descriptors(model: PreparedModel, spec: HOGSpec, whitener: Whitener, shrink: int, elevation: float) -> Tensor:
+    """Descriptors (VIEW_COUNT, N) of views, each divided by the standard deviation of its score over photographs."""
+    poses = fit_to_box(level_poses(equidistant_azimuths(VIEW_COUNT), elevation), model.hull, model.camera, FILL)
+    renderer = model.renderer(detail=DETAIL, shrink=shrink)
+    compiled, background = renderer.compiled, white_background(renderer.camera)
+
+    def describe_views(some: Tensor) -> Tensor:
+        descriptors = describe(compiled.render(some, background, False).image[:, None], spec)
+        return descriptors.flatten(1) / deviations(whitener.energies(descriptors))[:, None]
+
+    return torch.cat(in_batches(describe_views, downsampled_poses(poses, shrink)))

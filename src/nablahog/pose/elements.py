@@ -101,7 +101,17 @@ def elements(
         ValueError: the descriptor is of another shape or type, an option is out of range, or the background knows no
             templates of this size.
     """
-    _check(descriptor, background, size, count, overlap, threshold)
+    channels = background.spec.channels
+    if descriptor.dim() != 3 or descriptor.shape[2] != channels or not descriptor.is_floating_point():
+        raise ValueError(
+            f"the descriptor must be a floating-point tensor (rows, cols, {channels}), "
+            f"got {descriptor.dtype} of shape {tuple(descriptor.shape)}"
+        )
+    if count is not None and count < 1:
+        raise ValueError(f"count must be at least 1, or None, got {count}")
+    if not 0 <= overlap <= 1 or not threshold >= 0:
+        raise ValueError(f"overlap must lie in 0…1 and threshold be at least 0, got {overlap!r} and {threshold!r}")
+    background.factor(*size)  # raises for sizes it does not know
     across = max(0, descriptor.shape[1] - size[1] + 1)
     if across and descriptor.shape[0] >= size[0]:
         flat = all_patches(descriptor, size).flatten(0, 1)
@@ -116,27 +126,6 @@ def elements(
     weights = element_weights(best, background)
     scale, offset = calibration(weights, background)
     return Elements(positions[kept], best, weights, discriminability[chosen], scale, offset)
-
-
-def _check(
-    descriptor: Tensor,
-    background: Background,
-    size: tuple[int, int],
-    count: int | None,
-    overlap: float,
-    threshold: float,
-) -> None:
-    channels = background.spec.channels
-    if descriptor.dim() != 3 or descriptor.shape[2] != channels or not descriptor.is_floating_point():
-        raise ValueError(
-            f"the descriptor must be a floating-point tensor (rows, cols, {channels}), "
-            f"got {descriptor.dtype} of shape {tuple(descriptor.shape)}"
-        )
-    if count is not None and count < 1:
-        raise ValueError(f"count must be at least 1, or None, got {count}")
-    if not 0 <= overlap <= 1 or not threshold >= 0:
-        raise ValueError(f"overlap must lie in 0…1 and threshold be at least 0, got {overlap!r} and {threshold!r}")
-    background.factor(*size)  # raises for sizes it does not know
 
 
 def most_discriminative(patches: Tensor, background: Background, threshold: float) -> tuple[Tensor, Tensor]:

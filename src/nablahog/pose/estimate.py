@@ -12,10 +12,10 @@ from torch import Tensor
 
 from ..hog.inputs import ArrayImage, image_batch
 from ..render import Camera, Mesh
-from .crop import ObjectCrop, crop_object
+from .crop import crop_object
 from .options import Ascent, SearchMethod, SimilarityKind
 from .prepared import PreparedPhotograph, prepared_model
-from .problem import PoseProblem, SearchResult, SearchTrace
+from .problem import PoseProblem, SearchTrace
 from .searches import SEARCHES
 from .whitening import Background
 
@@ -140,7 +140,24 @@ def estimate_pose(
         torch.Generator().manual_seed(seed),
         progress,
     )
-    return _estimate(SEARCHES[method](problem), crop, *image.shape[1:])
+    result = SEARCHES[method](problem)
+    pose, camera = crop.in_photograph(result.pose, *image.shape[1:])
+    azimuth, elevation, distance, theta, x, y = pose.tolist()
+    return PoseEstimate(
+        azimuth=azimuth % 360,
+        elevation=elevation,
+        distance=distance,
+        theta=theta,
+        x=x,
+        y=y,
+        camera=camera,
+        model=result.model,
+        similarity=result.similarity,
+        similarity_kind=result.kind,
+        crop_pose=result.pose,
+        renderings=result.renderings,
+        traces=result.traces,
+    )
 
 
 def _one_image(photograph: Tensor | ArrayImage) -> Tensor:
@@ -165,24 +182,3 @@ def _checked_view(initial: Sequence[float] | None) -> tuple[float, float] | None
     if len(initial) != 2 or not all(map(math.isfinite, initial)) or not -90 <= initial[1] <= 90:
         raise ValueError(f"initial must be a finite azimuth and an elevation in -90…90, got {initial}")
     return initial[0], initial[1]
-
-
-def _estimate(result: SearchResult, crop: ObjectCrop, height: int, width: int) -> PoseEstimate:
-    """The result for the crop as one for the photograph of ``height`` x ``width`` pixels."""
-    pose, camera = crop.in_photograph(result.pose, height, width)
-    azimuth, elevation, distance, theta, x, y = pose.tolist()
-    return PoseEstimate(
-        azimuth=azimuth % 360,
-        elevation=elevation,
-        distance=distance,
-        theta=theta,
-        x=x,
-        y=y,
-        camera=camera,
-        model=result.model,
-        similarity=result.similarity,
-        similarity_kind=result.kind,
-        crop_pose=result.pose,
-        renderings=result.renderings,
-        traces=result.traces,
-    )

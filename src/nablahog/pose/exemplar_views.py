@@ -9,10 +9,10 @@ import hashlib
 import itertools
 import json
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -21,21 +21,18 @@ from torch.nn import functional
 
 from ..hog.kernels import steps
 from ..hog.presets import aubry
-from ..io.files import replacing
-from ..io.npz import check_format, read_arrays
+from ..io.learned_model import Arrays, Codec, LearnedModel
 from ..render import Camera, Light, Mesh, Renderer, silhouette
 from ..runtime.source import code_key
 from .elements import all_patches, calibration, element_weights, most_discriminative, suppress_overlaps
 from .whitening import Background
 
-FORMAT = 2
 CELL = 5  # pixels of a cell
 SPEC = aubry(CELL)
 LEVELS = 3  # of a pyramid, an octave
 SIDE = 200  # pixels of a rendering: a model of diagonal 1, and half an element around it
 FOCAL = 150 / math.tan(math.radians(54.611 / 2))  # pixels; they render 600 pixels at 54.611° and begin at half of it
 LIGHT = Light(ambient=0.2, diffuse=0.8)
-_COLUMNS = ("weights", "scale", "offset", "level", "positions", "first", "boxes", "viewpoints")
 
 
 @dataclass(frozen=True)
@@ -69,9 +66,18 @@ class ViewSampling:
 VIEW_SAMPLING = ViewSampling()
 
 
+def _stored(arrays: Arrays, name: str) -> Tensor:
+    array = arrays[name]
+    return torch.from_numpy(array.astype(np.float32) if array.dtype == np.float16 else array)
+
+
+_TENSOR = Codec(Tensor.numpy, _stored)
+_HALVES = Codec(lambda value: value.numpy().astype(np.float16), _stored)
+
+
 @dataclass(frozen=True, eq=False)
-class ExemplarViews:
-    """The elements of all views of a model.
+class ExemplarViews(LearnedModel):
+    """The elements of all views of a model; the weights are stored in float16.
 
     Attributes:
         weights: (E, r, c, C), float32, as in :class:`.elements.Elements`.
@@ -85,6 +91,14 @@ class ExemplarViews:
     Raises:
         ValueError: these contradict each other, or hold NaN or Inf.
     """
+
+    KIND = "view set"
+    NOUN = "views"
+    FORMAT = 2
+    ARRAYS: ClassVar = {
+        "weights": _HALVES,
+        **dict.fromkeys(("scale", "offset", "level", "positions", "first", "boxes", "viewpoints"), _TENSOR),
+    }
 
     weights: Tensor
     scale: Tensor
@@ -112,33 +126,9 @@ class ExemplarViews:
         if len(cells) != 3 or not bounded or not in_order:
             raise ValueError("the elements of views must be four-dimensional, in pyramids, and in order of the views")
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes it to the file ``path``, an .npz archive of its attributes and ``format`` (2); weights in float16.
-
-        Raises:
-            OSError: the file cannot be written.
-        """
-        arrays = {name: getattr(self, name).numpy() for name in _COLUMNS}
-        arrays["weights"] = arrays["weights"].astype(np.float16)
-        with replacing(path) as file:
-            np.savez(file, format=np.array(FORMAT), **arrays)
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> ExemplarViews:
-        """What :meth:`save` wrote.  Never unpickles, so nothing in the file is ever run.
-
-        Raises:
-            FileNotFoundError: there is no such file.
-            ValueError: it is no such archive, is damaged, or its arrays contradict each other.
-        """
-        arrays = read_arrays(path, "file of exemplars", ("format", *_COLUMNS))
-        try:
-            check_format(arrays, "exemplar", FORMAT)
-            if arrays["weights"].dtype == np.float16:
-                arrays["weights"] = arrays["weights"].astype(np.float32)
-            return cls(**{name: torch.from_numpy(arrays[name]) for name in _COLUMNS})
-        except (TypeError, ValueError, IndexError, RuntimeError) as error:
-            raise ValueError(f"{os.fspath(path)}: {error}") from None
+    @property
+    def summary(self) -> str:
+        return f"{len(self.viewpoints)} views, {len(self.scale)} elements"
 
 
 @torch.no_grad()
@@ -171,7 +161,8 @@ def learn_views(mesh: Mesh, background: Background, sampling: ViewSampling = VIE
 
 def concatenate_views(models: Sequence[ExemplarViews]) -> ExemplarViews:
     """The views of several models as one; their elements have one size."""
-    columns = {name: torch.cat([getattr(views, name) for views in models]) for name in _COLUMNS if name != "first"}
+    names = ExemplarViews.ARRAYS.keys() - {"first"}
+    columns = {name: torch.cat([getattr(views, name) for views in models]) for name in names}
     counts = torch.cat([views.first.diff() for views in models])
     return ExemplarViews(first=functional.pad(counts.cumsum(0), (1, 0)), **columns)
 
@@ -231,7 +222,7 @@ class ExemplarLibrary:
     def __init__(self, folder: Path | None, background: Background, sampling: ViewSampling = VIEW_SAMPLING) -> None:
         self.folder, self.background, self.sampling = folder, background, sampling
         self._views: dict[str, ExemplarViews] = {}
-        facts = [FORMAT, code_key(learn_views), asdict(sampling), background.spec.to_json()]
+        facts = [ExemplarViews.FORMAT, code_key(learn_views), asdict(sampling), background.spec.to_json()]
         self._common = hashlib.sha256(json.dumps(facts).encode())
         for array in (background.mean, background.covariance):
             self._common.update(array.numpy().tobytes())

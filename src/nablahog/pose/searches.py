@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import torch
 
-from .azimuths import equidistant_azimuths
 from .coarse_to_fine import coarse_to_fine
 from .gradient_ascent import momentum_ascent
 from .options import SearchMethod
+from .placement import equidistant_azimuths
 from .prepared import DETAIL
 from .problem import ELEVATIONS, PoseProblem, SearchResult, SearchTrace
 

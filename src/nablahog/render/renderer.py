@@ -81,7 +81,7 @@ class Renderer:
     def compiled(self) -> CompiledRenderer:
         """The compiled renderings of the mesh, on a CPU, which differentiate by poses only."""
         mesh, brightness, step = self.mesh, self._brightness, self.supersampling
-        return CompiledRenderer(mesh.vertices, mesh.faces, brightness, self.edges, self.camera, step, self.method)
+        return CompiledRenderer(mesh, brightness, self.edges, self.camera, step, self.method)
 
     def __call__(self, poses: Tensor, background: float | Tensor = 1.0) -> Tensor:
         """Images of the mesh.

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from .mesh import Mesh
+from .mesh import Mesh, distinct
 
 CREASE_ANGLE = 30.0
 """Degrees between two faces above which their edge is a crease; below, the faces approximate a smooth surface."""
@@ -45,13 +45,8 @@ def _values(tensor: Tensor) -> NDArray[Any]:
 
 def weld_vertices(places: NDArray[np.float64]) -> NDArray[np.int64]:
     """For each vertex (V, 3) the first one at the same place: colours split vertices, but not the surface."""
-    order = np.lexsort(places.T)
-    new = np.ones(len(order), dtype=bool)
-    new[1:] = (places[order[1:]] != places[order[:-1]]).any(axis=1)
-    first = np.minimum.reduceat(order, np.flatnonzero(new))
-    result = np.empty(len(order), dtype=np.int64)
-    result[order] = first[np.cumsum(new) - 1]
-    return result
+    first, which = distinct(places)
+    return first[which]
 
 
 def mesh_edges(mesh: Mesh) -> Edges:

@@ -7,6 +7,9 @@ import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+from importlib.metadata import version
+
+import torch
 
 from ..io.images import to_pil
 from .pictures import Panel
@@ -93,7 +96,7 @@ def page(
     title: str,
     lead: str,
     table: Sequence[Mapping[str, object]],
-    sections: Sequence[Section],
+    sections: Sequence[Section | None],
     definitions: Mapping[str, str],
     footer: str = "",
 ) -> str:
@@ -103,17 +106,28 @@ def page(
         title, lead, footer: plain text; all text is escaped.
         table: one mapping for each row, all with the keys of the first, which head the columns.  A value may be a
             :class:`Cell` or a :class:`Panel`.  A mapping with a single key is a heading across the table.
-        sections: what follows the table.
+        sections: what follows the table; None is left out.
         definitions: what each figure means, printed under the table's figures.
     """
     return _PAGE.format(
         title=escape(title),
         lead=escape(lead),
         table=_table(table),
-        sections="\n".join(_section(section) for section in sections),
+        sections="\n".join(_section(section) for section in sections if section is not None),
         definitions="\n".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in definitions.items()),
         footer=escape(footer),
     )
+
+
+def footer(figures: str, settings: str = "") -> str:
+    """What a page was made with, and where its figures are with their full precision.
+
+    Args:
+        figures: the files, to end the sentence.
+        settings: of the run, to follow the versions, as ", seed 0".
+    """
+    made = f"Made by nablahog {version('nablahog')} with PyTorch {torch.__version__}{settings}."
+    return f"{made} All figures, with their full precision, are in {figures}."
 
 
 def _table(rows: Sequence[Mapping[str, object]]) -> str:

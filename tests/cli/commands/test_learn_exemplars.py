@@ -10,12 +10,12 @@ import pytest
 import trimesh
 
 from nablahog.cli.commands import learn_exemplars
+from nablahog.cli.commands.learn_exemplars import ExemplarJob
 from nablahog.cli.main import main
 from nablahog.datasets.chairs import chair
-from nablahog.evaluate.exemplar_job import ExemplarJob
 from nablahog.io.sample_photographs import sample_photograph
+from nablahog.jobs.runner import attempt
 from nablahog.jobs.store import JobResult, Work
-from nablahog.jobs.worker import attempt
 from nablahog.pose import exemplar_views as learning
 from nablahog.pose.background import default_background, learn_background
 from nablahog.pose.exemplar_views import SPEC, ExemplarLibrary, ViewSampling

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from ...pose.options import ORDER
 from . import options
-from .options import Parser, integer
+from .options import Parser
 from .pose import exemplars
 from .preset_parameters import DEFAULT_DESCRIPTOR
 
@@ -41,29 +41,16 @@ class Kind(NamedTuple):
 
 
 def _prior(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "--epochs",
-        type=integer(1),
-        metavar="N",
-        help="passes over the images (default: as many as take about an hour and a half on one core)",
-    )
+    epochs = "passes over the images (default: as many as take about an hour and a half on one core)"
+    options.number(command, "--epochs", epochs)
     options.seed(command)
-    command.add_argument(
-        "--threads",
-        type=integer(1, MOST_THREADS),
-        metavar="N",
-        help="to compute in (default: one for each core); another number rounds otherwise",
-    )
+    threads = "to compute in (default: one for each core); another number rounds otherwise"
+    options.number(command, "--threads", threads, most=MOST_THREADS)
 
 
 def _background(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "--order",
-        type=integer(0, MOST_ORDER),
-        default=ORDER,
-        metavar="N",
-        help=f"the largest offset in cells; elements may have a row and a column more (default: {ORDER})",
-    )
+    text = f"the largest offset in cells; elements may have a row and a column more (default: {ORDER})"
+    options.number(command, "--order", text, least=0, most=MOST_ORDER, default=ORDER)
 
 
 def _hoggles(command: argparse.ArgumentParser) -> None:

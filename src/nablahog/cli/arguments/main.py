@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import NoReturn
 
-from .dialects import dialects
-from .invert import demo, glyph, hog, invert, invert_template
+from .invert import demo, dialects, glyph, hog, invert, invert_template
 from .learn import learn
 from .options import Parser
 from .pose import pose

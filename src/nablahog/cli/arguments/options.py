@@ -12,6 +12,8 @@ from ...hog.spec import Vote
 from ...invert.quality import QualityName
 from .preset_parameters import DEFAULT_DESCRIPTOR, PRESETS
 
+MOST = 10**18 - 1  # of an integer
+
 
 class Parser(argparse.ArgumentParser):
     """An argument parser whose errors are one line, as all errors of this command are."""
@@ -20,7 +22,7 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
 
 
-def integer(least: int, most: int = 10**18 - 1) -> Callable[[str], int]:
+def integer(least: int, most: int) -> Callable[[str], int]:
     def parse(text: str) -> int:
         if not re.fullmatch(r"\d{1,18}", text) or int(text) < least:
             raise argparse.ArgumentTypeError(f"expected an integer of at least {least}, got {text!r}")
@@ -31,20 +33,20 @@ def integer(least: int, most: int = 10**18 - 1) -> Callable[[str], int]:
     return parse
 
 
-def cell(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"([1-9]\d{0,5})(?:[x×]([1-9]\d{0,5}))?", text)
-    if match is None:
-        raise argparse.ArgumentTypeError(
-            f"expected pixels of a cell, one number or HEIGHTxWIDTH, each at least 1, got {text!r}"
-        )
-    return int(match[1]), int(match[2] or match[1])
+def _sides(expected: str, *, square: bool) -> Callable[[str], tuple[int, int]]:
+    """Parses (height, width) in pixels; with ``square``, one number is both."""
+
+    def parse(text: str) -> tuple[int, int]:
+        match = re.fullmatch(r"([1-9]\d{0,5})(?:[x×]([1-9]\d{0,5}))?", text)
+        if match is None or not (match[2] or square):
+            raise argparse.ArgumentTypeError(f"expected {expected}, each at least 1, got {text!r}")
+        return int(match[1]), int(match[2] or match[1])
+
+    return parse
 
 
-def image_size(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"([1-9]\d{0,5})[x×]([1-9]\d{0,5})", text)
-    if match is None:
-        raise argparse.ArgumentTypeError(f"expected pixels as HEIGHTxWIDTH, each at least 1, got {text!r}")
-    return int(match[1]), int(match[2])
+cell = _sides("pixels of a cell, one number or HEIGHTxWIDTH", square=True)
+image_size = _sides("pixels as HEIGHTxWIDTH", square=False)
 
 
 def setting(text: str) -> tuple[str, str]:
@@ -105,10 +107,21 @@ def table(
     workers(command)
 
 
+def number(
+    command: argparse.ArgumentParser,
+    name: str,
+    text: str,
+    *,
+    least: int = 1,
+    most: int = MOST,
+    default: int | None = None,
+) -> None:
+    """Adds an option for an integer."""
+    command.add_argument(name, type=integer(least, most), default=default, metavar="N", help=text)
+
+
 def workers(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "--workers", type=integer(1), metavar="N", help="processes to work in (default: one for each core)"
-    )
+    number(command, "--workers", "processes to work in (default: one for each core)")
 
 
 def inputs(command: argparse.ArgumentParser) -> None:
@@ -190,13 +203,8 @@ def dialect(command: argparse.ArgumentParser, preset: str) -> None:
 
 
 def size(command: argparse.ArgumentParser, longer_side: int) -> None:
-    command.add_argument(
-        "--size",
-        type=integer(0),
-        default=longer_side,
-        metavar="N",
-        help=f"shrink photographs to at most N pixels on the longer side, 0 for never (default: {longer_side})",
-    )
+    text = f"shrink photographs to at most N pixels on the longer side, 0 for never (default: {longer_side})"
+    number(command, "--size", text, least=0, default=longer_side)
 
 
 def device_option(command: argparse.ArgumentParser) -> None:
@@ -205,9 +213,7 @@ def device_option(command: argparse.ArgumentParser) -> None:
 
 def minimiser(command: argparse.ArgumentParser) -> None:
     seed(command, "the starting image")
-    command.add_argument(
-        "--max-evaluations", type=integer(2), metavar="N", help="of the objective, for each image; fewer is faster"
-    )
+    number(command, "--max-evaluations", "of the objective, for each image; fewer is faster", least=2)
 
 
 def quality(command: argparse.ArgumentParser) -> None:
@@ -220,4 +226,4 @@ def quality(command: argparse.ArgumentParser) -> None:
 
 
 def seed(command: argparse.ArgumentParser, of: str = "everything random") -> None:
-    command.add_argument("--seed", type=integer(0), default=0, help=f"of {of} (default: 0)")
+    number(command, "--seed", f"of {of} (default: 0)", least=0, default=0)

@@ -7,7 +7,7 @@ import argparse
 from ...evaluate.names import DIALECTS, TABLE1, TABLE2
 from . import options
 from .learn import KINDS
-from .options import Parser, integer
+from .options import Parser
 
 TABLE1_SIZE = 128  # that of the paper's images
 SCENES = 200  # of Table 2
@@ -24,7 +24,7 @@ def table1(commands: argparse._SubParsersAction[Parser]) -> None:
     )
     options.images(command)
     options.table(command, TABLE1, {"dialects": DIALECTS})
-    command.add_argument("--limit", type=integer(1), metavar="N", help="only the first N images")
+    options.number(command, "--limit", "only the first N images")
     options.size(command, TABLE1_SIZE)
     options.minimiser(command)
     options.prior(command, "needed by, and only by, uoctti-learned")
@@ -45,9 +45,7 @@ def table2(commands: argparse._SubParsersAction[Parser]) -> None:
         "interrupted goes on when it is repeated.",
     )
     options.table(command, TABLE2)
-    command.add_argument(
-        "--objects", type=integer(1), metavar="N", help=f"how many (default: {SCENES} scenes, or all of --pascal3d)"
-    )
+    options.number(command, "--objects", f"how many (default: {SCENES} scenes, or all of --pascal3d)")
     command.add_argument(
         "--models", metavar="DIR", help="folder of CAD models (default: procedural chairs, or those of --pascal3d)"
     )

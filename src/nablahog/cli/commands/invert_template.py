@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor
 
-from ...invert import Search, reconstruct
+from ...invert import Reconstruction, Search, reconstruct
 from ...invert.template import template_descriptor
 from ...io.files import distinct_stems, output_folder, replacing
 from ...io.images import write_image
@@ -28,21 +26,6 @@ DEFINITIONS = {
     "template. If gradients are unsigned, bright and dark are a guess.",
     "distance": "‖φ(x) − d‖ / ‖d‖, d the descriptor of these histograms and φ(x) that of the image x.",
 }
-
-
-@dataclass(frozen=True)
-class _SignImage:
-    """One sign of one template.
-
-    Attributes:
-        sign: one of :data:`SIGNS`.
-        image: (H, W) in 0…1.
-        distance: as :data:`DEFINITIONS` has it.
-    """
-
-    sign: str
-    image: Tensor
-    distance: float
 
 
 def invert_template(arguments: Namespace) -> None:
@@ -66,11 +49,11 @@ def invert_template(arguments: Namespace) -> None:
             for number, template in enumerate(templates):
                 with as_user_error(f"{path}: "):
                     bars = {sign: progress(f"{stem} {template.name} {sign}") for sign in SIGNS}
-                    images = [_invert_sign(template, sign, arguments, bar) for sign, bar in bars.items()]
-                for image in images:
-                    write_image(folder / _name(stem, template, number, image.sign), image.image)
-                sheet.append(_panels(template, images))
-                rows.append(_row(path, template, images))
+                    results = {sign: _invert_sign(template, sign, arguments, bar) for sign, bar in bars.items()}
+                for sign, result in results.items():
+                    write_image(folder / _name(stem, template, number, sign), result.image[0])
+                sheet.append(_panels(template, results))
+                rows.append(_row(path, template, results))
             with replacing(folder / f"{stem}_templates.png") as file:
                 contact_sheet(sheet).save(file, format="PNG")
     print_table(rows)
@@ -80,10 +63,10 @@ def invert_template(arguments: Namespace) -> None:
 
 def _invert_sign(
     template: DetectorTemplate, sign: str, arguments: Namespace, progress: Callable[[int, int], None]
-) -> _SignImage:
+) -> Reconstruction:
     weights = template.weights[None].to(torch.device(arguments.device))
     descriptor = template_descriptor(weights, template.spec, template.image_size, negative=sign == "negative")
-    result = reconstruct(
+    return reconstruct(
         descriptor,
         template.spec,
         template.image_size,
@@ -91,26 +74,26 @@ def _invert_sign(
         search=Search(max_evaluations=arguments.max_evaluations),
         progress=progress,
     )
-    return _SignImage(sign, result.image[0, 0].cpu(), float(result.distance[0]))
 
 
-def _panels(template: DetectorTemplate, images: Sequence[_SignImage]) -> list[Panel]:
+def _panels(template: DetectorTemplate, results: Mapping[str, Reconstruction]) -> list[Panel]:
     panels = []
-    for image in images:
-        weights = template.weights.numpy() * (-1 if image.sign == "negative" else 1)
-        caption = f"{template.name}, {image.sign} weights" if template.name else f"{image.sign} weights"
-        panels += [Panel(glyphs(np.maximum(weights, 0), template.spec), caption), Panel(image.image, "what they see")]
+    for sign, result in results.items():
+        weights = template.weights.numpy() * (-1 if sign == "negative" else 1)
+        caption = f"{template.name}, {sign} weights" if template.name else f"{sign} weights"
+        seen = Panel(result.image[0], "what they see")
+        panels += [Panel(glyphs(np.maximum(weights, 0), template.spec), caption), seen]
     return panels
 
 
-def _row(path: str, template: DetectorTemplate, images: Sequence[_SignImage]) -> dict[str, object]:
+def _row(path: str, template: DetectorTemplate, results: Mapping[str, Reconstruction]) -> dict[str, object]:
     rows, cols, channels = template.weights.shape
     return {
         "input": path,
         "template": template.name,
         "descriptor": template.spec.name,
         "shape": f"{rows}x{cols}x{channels}",
-        **{f"distance,\n{image.sign}": image.distance for image in images},
+        **{f"distance,\n{sign}": float(result.distance[0]) for sign, result in results.items()},
     }
 
 

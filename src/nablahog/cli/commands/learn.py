@@ -9,16 +9,15 @@ from pathlib import Path
 import torch
 
 from ...evaluate.learned import LEARNED, SPEC, Learner, sample_training_photographs
-from ...evaluate.photographs import Photographs
+from ...evaluate.photographs import Photographs, read_folder, sample_photographs
 from ...hog import HOGSpec
 from ...io.files import output_folder
 from ...pose.background import learn_background, least_size
 from ...pose.whitening import Background, check_spec
 from ..errors import UserError, as_user_error
 from ..inputs.spec import SpecOptions
-from ..inputs.training_photographs import training_photographs
 from ..terminal import counter, say
-from .table1 import say_ignored
+from .tables import say_ignored
 
 OPTIONS = ("seed", "epochs", "fast", "order")  # of the command that are arguments of a learner
 
@@ -61,4 +60,31 @@ def _photographs(arguments: Namespace, learner: Learner, spec: HOGSpec) -> Photo
     if arguments.images is None and learner.tile is not None:
         return Photographs(sample_training_photographs(arguments.kind))
     folder = None if arguments.images is None else Path(arguments.images)
-    return training_photographs(folder, learner.least(spec), arguments.size)
+    return _training_photographs(folder, learner.least(spec), arguments.size)
+
+
+def _training_photographs(folder: Path | None, least: tuple[int, int], size: int) -> Photographs:
+    """The photographs to learn from.
+
+    Args:
+        folder: of images; None for the sample photographs.
+        least: (height, width) in pixels of the smallest image that can be learned from.
+        size: images are shrunk to at most so many pixels on the longer side; 0 leaves them as they are.
+
+    Returns:
+        At least one image; ``failed`` has the files that cannot be read and the images that are too small.
+
+    Raises:
+        FileNotFoundError, NotADirectoryError: there is no such folder.
+        ValueError: it holds no image, or none to learn from.
+    """
+    read = sample_photographs(size=size, whole=True) if folder is None else read_folder(folder, size=size)
+    for name, image in list(read.images.items()):
+        height, width = image.shape
+        if height < least[0] or width < least[1]:
+            read.failed[name] = f"expected at least {least[0]}x{least[1]} pixels, got {height}x{width}"
+            del read.images[name]
+    if not read.images:
+        name, reason = next(iter(read.failed.items()))
+        raise ValueError(f"{folder or 'scikit-image'}: no image is usable; the first: {name}: {reason}")
+    return read

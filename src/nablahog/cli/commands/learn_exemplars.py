@@ -2,16 +2,66 @@
 
 from __future__ import annotations
 
+import time
 from argparse import Namespace
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from ...datasets.cad import read_models
-from ...evaluate.exemplar_job import ExemplarJob, read_background
 from ...io.files import output_folder, remove_parts
 from ...jobs.runner import cores, run_jobs
+from ...jobs.store import JobResult
+from ...pose.background import default_background
+from ...pose.exemplar_views import SPEC, ExemplarLibrary
+from ...pose.whitening import Background
+from ...render import load_mesh
 from ..errors import UserError, as_user_error
 from ..terminal import counter, say
+
+
+@dataclass(frozen=True)
+class ExemplarJob:
+    """Views of the model in a file, stored in a folder.
+
+    Attributes:
+        model: the file of a mesh.
+        folder: of the :class:`~nablahog.pose.exemplar_views.ExemplarLibrary`.
+        background: the file of a background; None for the default.
+    """
+
+    model: Path
+    folder: Path
+    background: Path | None
+
+    def run(self) -> JobResult:
+        """Learns the views, or reads them if they are stored.
+
+        Raises:
+            ValueError, OSError: the model or the background cannot be read, or the views not be written.
+        """
+        began = time.perf_counter()
+        views = ExemplarLibrary(self.folder, _background(self.background)).views(load_mesh(self.model))
+        figures = {"views": len(views.viewpoints), "elements": len(views.scale)}
+        return JobResult([figures], np.empty(0, np.uint8), time.perf_counter() - began)
+
+
+def _background(path: Path | None) -> Background:
+    """The background in a file, of the baseline's dialect and templates; None for the default.
+
+    Raises:
+        FileNotFoundError, ValueError: there is none in it, or of another dialect.
+    """
+    if path is None:
+        return default_background(SPEC)
+    background = Background.load(path)
+    try:
+        background.check(SPEC)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    return background
 
 
 def learn_exemplars(arguments: Namespace) -> None:
@@ -24,7 +74,7 @@ def learn_exemplars(arguments: Namespace) -> None:
     background = None if arguments.background is None else Path(arguments.background)
     with as_user_error():
         models = read_models(arguments.models)
-        read_background(background)
+        _background(background)
     with output_folder(arguments.output) as folder:
         remove_parts(folder, older_than=60)
         jobs = {name: ExemplarJob(path, folder, background) for name, path in models.paths.items()}

@@ -19,7 +19,7 @@ from ...pose.whitening import Background
 from ...render import Mesh
 from ..errors import as_user_error, forbid_overwrite
 from ..results.pose_page import result_names, write
-from ..results.pose_result import PoseOptions, PoseResult
+from ..results.pose_result import PoseResult
 from ..terminal import counter, print_definitions, print_table, say
 
 Progress = Callable[[int, int, str], None]
@@ -58,7 +58,7 @@ def pose(arguments: Namespace) -> None:
                 progress=progress,
             )
         result = PoseResult(
-            path=arguments.photo,
+            arguments=arguments,
             photograph=photograph,
             box=box,
             matched=PreparedPhotograph(crop_object(photograph, box), background),
@@ -67,7 +67,6 @@ def pose(arguments: Namespace) -> None:
             candidates=list(meshes),
             passed_over=models.failed,
             seconds=time.perf_counter() - began,
-            settings=PoseOptions(arguments.method, arguments.init, arguments.seed, arguments.background),
         )
         write(folder, result)
     if arguments.json:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -95,10 +96,7 @@ def _fit(shape: tuple[int, ...], spec_options: SpecOptions, array_options: Array
     try:
         return array_options.fitting(shape, spec_options)
     except ValueError:
-        if not lengths:
-            raise
-        try:
-            return array_options.fitting((lengths[1],), spec_options)
-        except ValueError:
-            pass
+        if lengths:
+            with suppress(ValueError):
+                return array_options.fitting((lengths[1],), spec_options)
         raise

@@ -35,9 +35,8 @@ class Inversion:
         source: the input.
         preimage: (H, W), or (3, H, W) in colour, float32 in 0…1, on the CPU.
         reference: the gray photograph (Eq. 1) it is compared with, (H, W) in 0…1; None if it is not known.
-        cc, mi, ssim: of the gray pre-image, see :mod:`nablahog.metrics`; None where the reference is not known or the
-            measure not defined.
-        distance: relative distance ‖φ(x) − d‖ / ‖d‖; None where it is not finite.
+        measures: CC, MI and SSIM of the gray pre-image, and the distance, as :data:`nablahog.metrics.DEFINITIONS` has
+            them; None where the reference is not known, or the measure not defined or not finite.
         seconds: the source's share of the time of its batch.
         stop_reason: why the minimiser stopped.
     """
@@ -45,10 +44,7 @@ class Inversion:
     source: Source
     preimage: Tensor
     reference: Tensor | None
-    cc: float | None
-    mi: float | None
-    ssim: float | None
-    distance: float | None
+    measures: dict[str, float | None]
     seconds: float
     stop_reason: str
 
@@ -57,10 +53,7 @@ class Inversion:
         return {
             "input": self.source.path,
             "descriptor": self.source.spec.name,
-            "cc": self.cc,
-            "mi": self.mi,
-            "ssim": self.ssim,
-            "distance": self.distance,
+            **{name.lower(): value for name, value in self.measures.items()},
             "seconds": round(self.seconds, 4),
             "stop_reason": self.stop_reason,
             "image_size": list(self.source.image_size),
@@ -74,10 +67,7 @@ class Inversion:
             "input": self.source.path,
             "descriptor": self.source.spec.name,
             "size": "x".join(map(str, self.source.image_size)),
-            "CC": self.cc,
-            "MI": self.mi,
-            "SSIM": self.ssim,
-            "distance": self.distance,
+            **self.measures,
             "seconds": self.seconds,
         }
 
@@ -165,16 +155,9 @@ def invert_batch(
         preimage = result.image[index].detach().float().cpu()
         preimage = preimage if colour else preimage[0]
         reference = None if source.photo is None else gray(source.photo[None])[0, 0]
-        inversion = Inversion(
-            source,
-            preimage,
-            reference,
-            **_compared(_gray(preimage), reference),
-            distance=_finite(float(result.distance[index])),
-            seconds=result.seconds / len(sources),
-            stop_reason=str(result.stop_reason[index]),
-        )
-        inversions.append(inversion)
+        measures = _measures(_gray(preimage), reference, float(result.distance[index]))
+        seconds, stop_reason = result.seconds / len(sources), str(result.stop_reason[index])
+        inversions.append(Inversion(source, preimage, reference, measures, seconds, stop_reason))
     return inversions
 
 
@@ -189,13 +172,8 @@ def _gray(preimage: Tensor) -> Tensor:
     return preimage if preimage.dim() == 2 else gray(preimage[None])[0, 0].clamp(0, 1)
 
 
-def _compared(preimage: Tensor, reference: Tensor | None) -> dict[str, float | None]:
-    measures = {"cc": metrics.cross_correlation, "mi": metrics.mutual_information, "ssim": metrics.ssim}
-    if reference is None:
-        return dict.fromkeys(measures)
-    figures = {name: measure(preimage, reference) for name, measure in measures.items()}
-    return {name: _finite(figure) for name, figure in figures.items()}
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None  # JSON knows no NaN
+def _measures(preimage: Tensor, reference: Tensor | None, distance: float) -> dict[str, float | None]:
+    measures = {"CC": metrics.cross_correlation, "MI": metrics.mutual_information, "SSIM": metrics.ssim}
+    figures = {name: measure(preimage, reference) for name, measure in measures.items() if reference is not None}
+    finite = {name: value for name, value in {**figures, "distance": distance}.items() if math.isfinite(value)}
+    return {name: finite.get(name) for name in (*measures, "distance")}  # JSON knows no NaN

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import interpolate
@@ -48,7 +46,7 @@ def write(folder: Path, result: PoseResult) -> None:
     Raises:
         OSError: a file cannot be written.
     """
-    names = [folder / name for name in result_names(result.path)]
+    names = [folder / name for name in result_names(result.arguments.photo)]
     overlay, turned, drawn = _overlay(result), _around(result), _glyphs(result)
     sheets = [contact_sheet([panels], HEIGHT) for panels in (overlay, drawn)]
     figures = json.dumps(result.figures(), indent=2, allow_nan=False) + "\n"
@@ -124,10 +122,10 @@ def _glyphs(result: PoseResult) -> list[Panel]:
 
 
 def _page(result: PoseResult, overlay: list[Panel], turned: Panel, drawn: list[Panel]) -> str:
-    spec, settings = result.matched.background.spec, result.settings
-    initial = "unknown" if settings.initial is None else "azimuth {:g}°, elevation {:g}°".format(*settings.initial)
+    spec, arguments = result.matched.background.spec, result.arguments
+    initial = "unknown" if arguments.init is None else "azimuth {:g}°, elevation {:g}°".format(*arguments.init)
     settings_shown = {
-        "method": settings.method,
+        "method": arguments.method,
         "similarity": result.estimate.similarity_kind,
         "initial pose": initial,
         "box": ", ".join(f"{side:g}" for side in result.box),
@@ -160,6 +158,5 @@ def _page(result: PoseResult, overlay: list[Panel], turned: Panel, drawn: list[P
         [row],
         sections,
         result.definitions(),
-        f"Made by nablahog {version('nablahog')} with PyTorch {torch.__version__}, seed {settings.seed}. All figures, "
-        f"with their full precision, are in {result_names(result.path)[3]} beside this page.",
+        html.footer(f"{result_names(arguments.photo)[3]} beside this page", f", seed {arguments.seed}"),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,10 +18,9 @@ from torch import Tensor
 
 from ...hog.box import Box
 from ...io.images import as_array
-from ...pose.azimuths import azimuth_sweep
 from ...pose.crop import SIDE
 from ...pose.estimate import PoseEstimate
-from ...pose.options import SearchMethod
+from ...pose.placement import azimuth_sweep
 from ...pose.prepared import ELEMENT, PreparedPhotograph, prepared_model
 from ...pose.problem import SearchTrace
 from ...render import Mesh
@@ -53,6 +53,7 @@ SIMILARITIES = {
 }
 """What the similarity means, by its kind."""
 
+_POSE = ("model", "azimuth", "elevation", "theta", "distance")  # of an estimate
 _UNITS = {
     "azimuth, elevation, theta": "degrees",
     "distance": "diagonals of the model's bounding box",
@@ -66,26 +67,11 @@ _UNITS = {
 
 
 @dataclass(frozen=True, eq=False)
-class PoseOptions:
-    """The options of the search.
-
-    Attributes:
-        method, initial, seed: as for :func:`nablahog.pose.estimate.estimate_pose`.
-        background: its file's name, None for the default one.
-    """
-
-    method: SearchMethod
-    initial: tuple[float, float] | None
-    seed: int
-    background: str | None
-
-
-@dataclass(frozen=True, eq=False)
 class PoseResult:
     """A pose estimate with its inputs.
 
     Attributes:
-        path: the photograph's file.
+        arguments: of the command: ``photo``, ``method``, ``init``, ``seed`` and ``background``.
         photograph: (C, H, W) in 0…1.
         box: of the object in it.
         matched: its crop and background.
@@ -94,10 +80,9 @@ class PoseResult:
         candidates: the names of all models.
         passed_over: why models could not be read, by their names.
         seconds: of the search.
-        settings: of the search.
     """
 
-    path: str
+    arguments: Namespace
     photograph: Tensor
     box: Box
     matched: PreparedPhotograph
@@ -106,20 +91,12 @@ class PoseResult:
     candidates: Sequence[str]
     passed_over: dict[str, str]
     seconds: float
-    settings: PoseOptions
 
     def row(self) -> dict[str, object]:
         """The most important figures, for a table."""
-        estimate = self.estimate
         return {
-            "photograph": os.fsencode(Path(self.path).name).decode(errors="backslashreplace"),
-            "model": estimate.model,
-            "azimuth": estimate.azimuth,
-            "elevation": estimate.elevation,
-            "theta": estimate.theta,
-            "distance": estimate.distance,
-            "similarity": estimate.similarity,
-            "renderings": estimate.renderings,
+            "photograph": os.fsencode(Path(self.arguments.photo).name).decode(errors="backslashreplace"),
+            **{name: getattr(self.estimate, name) for name in (*_POSE, "similarity", "renderings")},
             "seconds": self.seconds,
         }
 
@@ -132,20 +109,14 @@ class PoseResult:
 
     def figures(self) -> dict[str, Any]:
         """All figures, ready for JSON."""
-        estimate, spec = self.estimate, self.matched.background.spec
+        estimate, spec, arguments = self.estimate, self.matched.background.spec, self.arguments
         similarities, derivatives = self.around
         _, parts = self.matched.elements
         return {
-            "photograph": self.path,
+            "photograph": arguments.photo,
             "image_size": list(self.photograph.shape[1:]),
             "box": list(self.box),
-            "model": estimate.model,
-            "azimuth": estimate.azimuth,
-            "elevation": estimate.elevation,
-            "theta": estimate.theta,
-            "distance": estimate.distance,
-            "x": estimate.x,
-            "y": estimate.y,
+            **{name: getattr(estimate, name) for name in (*_POSE, "x", "y")},
             "focal_length": estimate.camera.focal,
             "similarity": estimate.similarity,
             "renderings": estimate.renderings,
@@ -153,12 +124,12 @@ class PoseResult:
             "candidates": list(self.candidates),
             "passed_over": self.passed_over,
             "settings": {
-                "method": self.settings.method,
+                "method": arguments.method,
                 "similarity": estimate.similarity_kind,
-                "initial": None if self.settings.initial is None else list(self.settings.initial),
-                "background": self.settings.background,
+                "initial": arguments.init,
+                "background": arguments.background,
                 "descriptor": json.loads(spec.to_json()),
-                "seed": self.settings.seed,
+                "seed": arguments.seed,
             },
             "crop": {"side": SIDE, "zoom": self.matched.crop.zoom, "middle": list(self.matched.crop.middle)},
             "around": {
@@ -166,9 +137,7 @@ class PoseResult:
                 "similarities": similarities.tolist(),
                 "derivatives": derivatives.tolist(),
             },
-            "traces": [
-                {"azimuths": list(trace.azimuths), "similarities": list(trace.similarities)} for trace in self.traces
-            ],
+            "traces": [{"azimuths": trace.azimuths, "similarities": trace.similarities} for trace in self.traces],
             "elements": {
                 "size": list(ELEMENT),
                 "positions": parts.positions.tolist(),
@@ -189,7 +158,7 @@ class PoseResult:
         """Similarities and derivatives by azimuth, per degree, at the other parameters of the estimate."""
         model = prepared_model(self.mesh, self.matched.crop.camera)
         template = self.matched.template(self.estimate.similarity_kind)
-        similarity = model.similarity(template, "opendr" if self.settings.method == "paper" else "edges")
+        similarity = model.similarity(template, "opendr" if self.arguments.method == "paper" else "edges")
         values, slopes = similarity.derivatives(self.turned(AZIMUTHS))
         return as_array(values), as_array(slopes[:, 0])
 

@@ -5,30 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from ...runtime.compile import compiled, inlined
-from .arrays import AT, DEPTH, MEASURED, SLOPE, Crossings, Floats, Indices, Samples
+from .arrays import AT, DEPTH, MEASURED, SLOPE, Crossings, Floats, Pixels, Samples
 
 
 @compiled
-def antialias(
-    samples: Samples,
-    crossings: Crossings,
-    count: int,
-    corner: Indices,
-    step: int,
-    image: Floats,
-    screen_gradient: Floats,
-) -> None:
+def antialias(samples: Samples, crossings: Crossings, count: int, pixels: Pixels) -> None:
     """Writes the mean of each pixel's samples, with each visible edge where it crosses between samples.
 
     Args:
-        samples: of a box of the image, shaded.
+        samples: of the box, shaded.
         crossings, count: of :func:`.silhouettes.edge_crossings`.
-        corner: (2,), row and column of the box's first pixel.
-        step: samples of a pixel along a side.
-        image: (H, W) of pixels, gets the brightness inside the box.
-        screen_gradient: (4, H, W), or (0, H, W) if it is not wanted: gets its values inside the box, see
-            :class:`.compiled.Rendering`.
+        pixels: get brightness and screen gradient inside the box.
     """
+    image, screen_gradient, corner, step = pixels
     real = samples.brightness.dtype.type
     half, side = real(0.5), real(1) / real(step)
     share = side * side
@@ -53,7 +42,7 @@ def antialias(
             _pool(sums[0, 1 + channel], step, half * side, screen_gradient[channel, y, left:right])
         sums[0] = sums[1]
         sums[1] = 0
-    _add_crossings(samples.brightness, crossings, count, corner, step, image, screen_gradient)
+    _add_crossings(samples.brightness, crossings, count, pixels)
 
 
 @inlined
@@ -97,16 +86,9 @@ def _add_link_gradients(
 
 
 @inlined
-def _add_crossings(
-    brightness: Floats,
-    crossings: Crossings,
-    count: int,
-    corner: Indices,
-    step: int,
-    image: Floats,
-    screen_gradient: Floats,
-) -> None:
+def _add_crossings(brightness: Floats, crossings: Crossings, count: int, pixels: Pixels) -> None:
     """Moves the boundary of links with an edge to where the edge crosses, and adds its gradient."""
+    image, screen_gradient, corner, step = pixels
     real = brightness.dtype.type
     half, side = real(0.5), real(1) / real(step)
     share = side * side

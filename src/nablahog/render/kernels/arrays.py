@@ -19,8 +19,6 @@ Flags: TypeAlias = NDArray[np.bool_]
 
 AT, SLOPE, DEPTH, MEASURED = 0, 1, 2, 3
 """Columns of :attr:`Crossings.values`."""
-X, X_DEPTH, Y, Y_DEPTH = 0, 1, 2, 3
-"""Channels of :attr:`Images.screen_gradient`."""
 
 
 class MeshArrays(NamedTuple):
@@ -77,6 +75,22 @@ class Images(NamedTuple):
     image: Floats
     screen_gradient: Floats
     clipped: Flags
+
+
+class Pixels(NamedTuple):
+    """The pixels of one image, and the box in it that samples are taken of.
+
+    Attributes:
+        image: (H, W); holds the background at first.
+        screen_gradient: (4, H, W), or (0, H, W) if it is not wanted: see :class:`.compiled.Rendering`.
+        corner: (2,), row and column of the box's first pixel.
+        step: samples of a pixel along a side.
+    """
+
+    image: Floats
+    screen_gradient: Floats
+    corner: Indices
+    step: int
 
 
 class Samples(NamedTuple):

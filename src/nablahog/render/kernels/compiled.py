@@ -13,6 +13,7 @@ from torch import Tensor
 from ...runtime.threads import in_threads
 from ..camera import Camera
 from ..clip import NEAR, clip
+from ..mesh import Mesh
 from ..topology import Edges
 from .arrays import Crossings, EdgeArrays, Floats, Images, MeshArrays, PoseArrays, Samples
 from .pipeline import render_poses
@@ -61,8 +62,7 @@ class CompiledRenderer:
     """An object prepared for many renderings.
 
     Args:
-        vertices: (V, 3).
-        faces: (F, 3).
+        mesh: its vertices and faces.
         brightness: (F, 3), at the corners of each face.
         edges: as :func:`..topology.mesh_edges` returns them; all tensors are on the CPU.
         camera: of all images.
@@ -70,16 +70,14 @@ class CompiledRenderer:
         method: "edges" or "opendr".
     """
 
-    def __init__(
-        self, vertices: Tensor, faces: Tensor, brightness: Tensor, edges: Edges, camera: Camera, step: int, method: str
-    ) -> None:
+    def __init__(self, mesh: Mesh, brightness: Tensor, edges: Edges, camera: Camera, step: int, method: str) -> None:
         self.mesh = MeshArrays(
-            vertices.detach().to(torch.float32).contiguous().numpy(),
-            faces.to(torch.int32).contiguous().numpy(),
+            mesh.vertices.detach().to(torch.float32).contiguous().numpy(),
+            mesh.faces.to(torch.int32).contiguous().numpy(),
             brightness.detach().to(torch.float32).contiguous().numpy(),
         )
         ends, _, kind = (part.to(torch.int32).contiguous().numpy() for part in edges)
-        self.edges = EdgeArrays(ends, kind, _face_planes(vertices.detach().numpy(), edges))
+        self.edges = EdgeArrays(ends, kind, _face_planes(mesh.vertices.detach().numpy(), edges))
         self.camera, self.step, self.method = camera, step, method
 
     def render(self, poses: Tensor, background: Tensor, derivative: bool) -> Rendering:

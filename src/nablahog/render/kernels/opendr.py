@@ -5,22 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...runtime.compile import compiled
-from .arrays import (
-    AT,
-    DEPTH,
-    MEASURED,
-    SLOPE,
-    X_DEPTH,
-    Y_DEPTH,
-    Bytes,
-    Crossings,
-    Floats,
-    Indices,
-    Integers,
-    Samples,
-    X,
-    Y,
-)
+from .arrays import AT, DEPTH, MEASURED, SLOPE, Bytes, Crossings, Floats, Integers, Pixels, Samples
 
 
 @compiled
@@ -63,16 +48,15 @@ def draw_silhouettes(samples: Samples, silhouette: Bytes, crossings: Crossings, 
 
 
 @compiled
-def resolve(
-    samples: Samples, drawn: Integers, corner: Indices, step: int, image: Floats, screen_gradient: Floats
-) -> None:
+def resolve(samples: Samples, drawn: Integers, pixels: Pixels) -> None:
     """Writes the mean of each pixel's samples, and its gradient by :func:`..opendr.image_gradient`.
 
     Args:
         samples: after :func:`draw_silhouettes`.
         drawn: (H, W), not 0 on silhouettes.
-        corner, step, image, screen_gradient: as for :func:`.antialias.antialias`.
+        pixels: as for :func:`.antialias.antialias`.
     """
+    image, screen_gradient, corner, step = pixels
     brightness, inverse = samples.brightness, samples.inverse
     real = brightness.dtype.type
     side = real(1) / real(step)
@@ -97,8 +81,8 @@ def resolve(
                     by_y_depth -= along_y * w
             image[y, x] = total * side * side
             if differentiated:
-                screen_gradient[X, y, x], screen_gradient[X_DEPTH, y, x] = side * by_x, side * by_x_depth
-                screen_gradient[Y, y, x], screen_gradient[Y_DEPTH, y, x] = side * by_y, side * by_y_depth
+                screen_gradient[0, y, x], screen_gradient[1, y, x] = side * by_x, side * by_x_depth
+                screen_gradient[2, y, x], screen_gradient[3, y, x] = side * by_y, side * by_y_depth
 
 
 @compiled

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...runtime.compile import compiled
 from .antialias import antialias
-from .arrays import Crossings, EdgeArrays, Images, MeshArrays, PoseArrays, Samples
+from .arrays import Crossings, EdgeArrays, Images, MeshArrays, Pixels, PoseArrays, Samples
 from .opendr import draw_silhouettes, resolve
 from .rasterize import bounding_box, project, rasterize
 from .shade import shade
@@ -68,12 +68,12 @@ def render_poses(
         )
         number = crossed.number[: 2 * size].reshape(2, height, width)
         crossings = Crossings(number, crossed.link, crossed.values, crossed.edge)
-        image, screen_gradient, silhouette = target.image[b], target.screen_gradient[b], silhouettes[b // stride]
+        pixels, silhouette = Pixels(target.image[b], target.screen_gradient[b], corner, step), silhouettes[b // stride]
         rasterize(screen, faces, all_samples, samples.ids, samples.inverse)
-        shade(screen, mesh, image, corner, step, gradients, samples)
+        shade(screen, mesh, pixels, gradients, samples)
         count = edge_crossings(screen, edges, silhouette, candidates, samples.inverse, crossings)
         if antialiased:
-            antialias(samples, crossings, count, corner, step, image, screen_gradient)
+            antialias(samples, crossings, count, pixels)
         else:
             draw_silhouettes(samples, silhouette, crossings, count)
-            resolve(samples, number[0], corner, step, image, screen_gradient)
+            resolve(samples, number[0], pixels)

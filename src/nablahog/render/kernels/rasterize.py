@@ -85,7 +85,7 @@ def rasterize(screen: Floats, faces: Integers, box: Indices, ids: Integers, inve
         done = 0
         while done < listed:
             rest = triangles[done:listed]
-            used, count = _list_spans(screen, faces, rest, box, ids.shape[1], spans, depths, _BATCH)
+            used, count = _list_spans(screen, faces, rest, box, ids.shape[1], spans, depths)
             done += used
             _draw_spans(spans, depths, count, ids.reshape(-1), inverse.reshape(-1))
 
@@ -123,23 +123,17 @@ def _list_triangles(screen: Floats, faces: Integers, first: int, stop: int, box:
 
 @compiled
 def _list_spans(
-    screen: Floats,
-    faces: Integers,
-    triangles: Integers,
-    box: Indices,
-    width: int,
-    spans: Integers,
-    depths: Floats,
-    room: int,
+    screen: Floats, faces: Integers, triangles: Integers, box: Indices, width: int, spans: Integers, depths: Floats
 ) -> tuple[int, int]:
     """Scans triangles line by line, and lists the span of samples inside them on each line.
+
+    Once there are as many spans as triangles in a batch, no other triangle is begun.
 
     Args:
         triangles: of :func:`_list_triangles`.
         spans: (N, 4), gets the first sample in an image of ``width``, the step to the next, their number, the triangle.
         depths: (N, 4), gets 1 / depth at the first sample, its step to the next, and its least and most in the
             triangle.
-        room: once there are so many spans, no other triangle is begun.
 
     Returns:
         The number of ``triangles`` scanned, and the number of spans.
@@ -149,7 +143,7 @@ def _list_spans(
     # so much that a sample on a common edge of two triangles is in one of them, if they are not scanned alike
     rounding = np.finfo(screen.dtype).eps * real(2 * max(box[1], box[3]))
     done = count = 0
-    while done < len(triangles) and count < room:
+    while done < len(triangles) and count < _BATCH:
         face, along = triangles[np.uintp(done), 0], np.uintp(triangles[np.uintp(done), 1])
         begin, end = triangles[np.uintp(done), 2], triangles[np.uintp(done), 3]
         done += 1

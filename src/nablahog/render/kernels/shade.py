@@ -5,31 +5,22 @@ from __future__ import annotations
 import numpy as np
 
 from ...runtime.compile import compiled, inlined
-from .arrays import Floats, Indices, MeshArrays, Samples
+from .arrays import Floats, MeshArrays, Pixels, Samples
 
 
 @compiled
-def shade(
-    screen: Floats,
-    mesh: MeshArrays,
-    background: Floats,
-    corner: Indices,
-    step: int,
-    gradients: Floats,
-    samples: Samples,
-) -> None:
+def shade(screen: Floats, mesh: MeshArrays, pixels: Pixels, gradients: Floats, samples: Samples) -> None:
     """Writes the brightness of each sample to ``samples.brightness``.
 
     Args:
         screen: (V, 3), as for :func:`.rasterize.rasterize`.
         mesh: its faces, and the brightness at their corners.
-        background: (H, W), a value for each pixel of the image.
-        corner: (2,), row and column of the first pixel of the box that ``samples`` are in.
-        step: samples of a pixel along a side.
+        pixels: whose image holds the background, and whose box ``samples`` are of.
         gradients: (F, 7), scratch.
         samples: rasterised.
     """
     real = screen.dtype.type
+    background, _, corner, step = pixels
     computed = np.zeros(mesh.faces.shape[0], np.uint8)
     ids, inverse, brightness = samples.ids, samples.inverse, samples.brightness
     for i in range(brightness.shape[0]):
