@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.render import Camera, Mesh, Renderer, depth_and_normals, pose, render
-from nablahog.render.clip import clip
+from nablahog.render.pipeline import clip
 from nablahog.render.renderer import Method
 
 from .shapes import FLAT, box, mesh, quads

@@ -31,18 +31,13 @@ class Models:
 
     def meshes(self) -> Iterator[tuple[str, Mesh]]:
         """Loads one after the other with :func:`~nablahog.render.mesh.load_mesh`, and skips those that fail."""
-        for name in self.paths:
-            mesh = self._read(name)
-            if mesh is not None:
-                yield name, mesh
-
-    def _read(self, name: str) -> Mesh | None:
-        path = self.paths[name]
-        try:
-            return load_mesh(path)
-        except (OSError, ValueError) as error:
-            self.failed[name] = str(error).removeprefix(f"{path}: ")
-            return None
+        for name, path in self.paths.items():
+            try:
+                mesh = load_mesh(path)
+            except (OSError, ValueError) as error:
+                self.failed[name] = str(error).removeprefix(f"{path}: ")
+                continue
+            yield name, mesh
 
 
 def read_models(folder: str | os.PathLike[str]) -> Models:

@@ -67,9 +67,9 @@ class Back:
         s = across(13)
         return self.board((-edge, edge), (low, high - crown * s**2), thickness, columns=13)
 
-    def posts(self, top: float, size: float, *, round_: bool, low: float = -4.0) -> list[Solid]:
-        """The two bars at its edges, from ``low`` up to ``top``."""
-        v = np.linspace(low, top, 6)
+    def posts(self, top: float, size: float, *, round_: bool) -> list[Solid]:
+        """The two bars at its edges, from 4 cm below the seat up to ``top``."""
+        v = np.linspace(-4.0, top, 6)
         edge = 1 - size / self.width
         return [tube(self.at(side * edge, v), size, sides=10 if round_ else 4) for side in (-1, 1)]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache, reduce
-from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
 import torch
@@ -47,16 +47,6 @@ class Entries:
         return self.values[inside.rows, inside.cols].flatten()
 
 
-class CommonForm(Protocol):
-    """A form that two descriptors can be brought into; hashable."""
-
-    def reduced(self, spec: HOGSpec) -> HOGSpec:
-        """The spec of the part of the descriptor that is compared."""
-
-    def entries(self, descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int]) -> Entries:
-        """Brings a descriptor (1, rows, cols, channels) of a :meth:`reduced` spec into the common form."""
-
-
 @dataclass(frozen=True)
 class Orientations:
     """The form that every HOG has: strength of the gradients of each cell by unsigned orientation.
@@ -67,9 +57,11 @@ class Orientations:
     """
 
     def reduced(self, spec: HOGSpec) -> HOGSpec:
+        """The spec of the part of the descriptor that is compared."""
         return replace(spec, normalizer=spec.normalizer.of_orientations())
 
     def entries(self, descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int]) -> Entries:
+        """Brings a descriptor (1, rows, cols, channels) of a :meth:`reduced` spec into the common form."""
         of_cells = cell_entries(descriptor, spec)
         if spec.pooling.has_blocks:  # cells that lie on each other are one
             of_cells = CellAlignment(spec, image_size, of_cells)(of_cells)
@@ -88,13 +80,19 @@ class Channels:
     parts: tuple[Part, ...]
 
     def reduced(self, spec: HOGSpec) -> HOGSpec:
+        """As of :class:`Orientations`."""
         normalizer = four_block(spec.normalizer)
         assert normalizer is not None
         scheme = replace(normalizer, parts=self.parts)
         return replace(spec, normalizer=scheme if "texture" in self.parts else replace(scheme, texture="vlfeat"))
 
     def entries(self, descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int]) -> Entries:
+        """As of :class:`Orientations`."""
         return Entries(descriptor[0], *_first(spec))
+
+
+CommonForm: TypeAlias = Orientations | Channels
+"""The forms that two descriptors can be brought into."""
 
 
 def same_channels(a: HOGSpec, b: HOGSpec) -> Channels | None:

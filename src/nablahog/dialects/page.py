@@ -50,6 +50,8 @@ def page(comparison: Comparison, image: Tensor, introduction: str, picture: NDAr
         introduction: see :func:`lead`.
         picture: of the distances, see :func:`heat_map`.
     """
+    specs = comparison.specs.items()
+    drawn = [Panel(glyphs(hog(image.unsqueeze(0), spec)[0], spec), name) for name, spec in specs]
     sections = [
         html.Section(
             "Distances", "The darker the further apart; neighbours are alike.", [Panel(picture, "all distances")]
@@ -65,7 +67,7 @@ def page(comparison: Comparison, image: Tensor, introduction: str, picture: NDAr
         html.Section(
             "What each says of the photograph",
             "The descriptors as glyphs: in each cell, strokes along its edges.",
-            [Panel(image / 255, "the photograph"), *_glyphs(comparison, image)],
+            [Panel(image / 255, "the photograph"), *drawn],
         ),
         html.Section("The presets", "Their conventions.", table=tables.conventions(comparison.specs)),
     ]
@@ -85,10 +87,6 @@ def _channels(comparison: Comparison) -> html.Section | None:
         return None
     text = "Pairs of which some channels mean the same in both: their entries compared as they are."
     return html.Section("Channels with the same meaning", text, table=rows)
-
-
-def _glyphs(comparison: Comparison, image: Tensor) -> list[Panel]:
-    return [Panel(glyphs(hog(image.unsqueeze(0), spec)[0], spec), name) for name, spec in comparison.specs.items()]
 
 
 def heat_map(distances: NDArray[np.float64], names: Sequence[str]) -> NDArray[np.float64]:

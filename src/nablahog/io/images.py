@@ -145,13 +145,13 @@ def to_pil(picture: Picture) -> Image.Image:
     return Image.fromarray(np.rint(values.clip(0, 1) * 255).astype(np.uint8))
 
 
-def write_image(path: str | os.PathLike[str], picture: Picture) -> None:
-    """Writes ``picture``, as :func:`to_pil` takes it, as an 8-bit PNG; ``path`` is replaced whole or not at all.
+def write_image(path: str | os.PathLike[str], picture: Picture | Image.Image) -> None:
+    """Writes ``picture``, as :func:`to_pil` takes it or made by it, as a PNG; ``path`` is replaced whole or not at all.
 
     Raises:
         ValueError: as :func:`to_pil`.
         OSError: the file cannot be written.
     """
-    image = to_pil(picture)
+    image = picture if isinstance(picture, Image.Image) else to_pil(picture)
     with replacing(path) as file:
         image.save(file, format="PNG")

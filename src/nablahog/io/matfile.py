@@ -46,7 +46,7 @@ def read_mat(path: str | os.PathLike[str]) -> dict[str, Any]:
         ValueError: it is no .mat file of version 5, is damaged, or unpacks to more than :data:`MAX_BYTES`.
     """
     with _naming(path) as data:
-        return dict(_matrix(element.data, order, 0) for element, order in _matrices(data))
+        return _variables(data)
 
 
 def read_mat_arrays(path: str | os.PathLike[str]) -> dict[str, NDArray[np.generic]]:
@@ -61,17 +61,8 @@ def read_mat_arrays(path: str | os.PathLike[str]) -> dict[str, NDArray[np.generi
     Raises:
         FileNotFoundError, ValueError: as :func:`read_mat`.
     """
-    arrays = {}
     with _naming(path) as data:
-        for element, order in _matrices(data):
-            flags = _flags(next(_elements(element.data, order), None), order) if len(element.data) else 0
-            code = _CLASSES.get(flags & 0xFF)
-            if code is not None:
-                name, values = _matrix(element.data, order, 0)
-                code = "c16" if flags & _COMPLEX else "?" if flags & _LOGICAL else code
-                with np.errstate(all="ignore"):  # of a damaged file numbers need not fit their class
-                    arrays[name] = values.astype(code)
-    return arrays
+        return _arrays(data)
 
 
 @contextmanager
@@ -95,6 +86,23 @@ class _Damaged(Exception):
 class _Element(NamedTuple):
     kind: int
     data: memoryview
+
+
+def _variables(data: bytes) -> dict[str, Any]:
+    return dict(_matrix(element.data, order, 0) for element, order in _matrices(data))
+
+
+def _arrays(data: bytes) -> dict[str, NDArray[np.generic]]:
+    arrays = {}
+    for element, order in _matrices(data):
+        flags = _flags(next(_elements(element.data, order), None), order) if len(element.data) else 0
+        code = _CLASSES.get(flags & 0xFF)
+        if code is not None:
+            name, values = _matrix(element.data, order, 0)
+            code = "c16" if flags & _COMPLEX else "?" if flags & _LOGICAL else code
+            with np.errstate(all="ignore"):  # of a damaged file numbers need not fit their class
+                arrays[name] = values.astype(code)
+    return arrays
 
 
 def _matrices(data: bytes) -> Iterator[tuple[_Element, str]]:

@@ -1,4 +1,7 @@
-"""estimate_pose(): from an object in a photograph and models of it to azimuth, elevation and distance (Section 3.2)."""
+"""estimate_pose(): from an object in a photograph and models of it to azimuth, elevation and distance (Section 3.2).
+
+:data:`SEARCHES` has the searches by name.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +15,17 @@ from torch import Tensor
 
 from ..hog.inputs import ArrayImage, image_batch
 from ..render import Camera, Mesh
+from .coarse_to_fine import coarse_to_fine
 from .crop import crop_object
+from .gradient_ascent import momentum_ascent
 from .options import Ascent, SearchMethod, SimilarityKind
-from .prepared import PreparedPhotograph, prepared_model
-from .problem import PoseProblem, SearchTrace
-from .searches import SEARCHES
+from .placement import equidistant_azimuths
+from .prepared import DETAIL, PreparedPhotograph, prepared_model
+from .problem import ELEVATIONS, PoseProblem, SearchResult, SearchTrace
 from .whitening import Background
+
+EVERY_DEGREE = 360
+PAPER_STARTS = 8  # azimuths all around, beside the initial one
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,3 +190,43 @@ def _checked_view(initial: Sequence[float] | None) -> tuple[float, float] | None
     if len(initial) != 2 or not all(map(math.isfinite, initial)) or not -90 <= initial[1] <= 90:
         raise ValueError(f"initial must be a finite azimuth and an elevation in -90…90, got {initial}")
     return initial[0], initial[1]
+
+
+def _paper(problem: PoseProblem) -> SearchResult:
+    kind = problem.similarity or "dot"
+    template = problem.photograph.template(kind)
+    azimuth, elevation = problem.initial or (0.0, ELEVATIONS[1])
+    azimuths = torch.cat([equidistant_azimuths(1, azimuth), equidistant_azimuths(PAPER_STARTS)])
+    best, traces, renderings = [], [], 0
+    for name, model in problem.each_model():
+        similarity = model.similarity(template, "opendr")
+        poses, values, path = momentum_ascent(similarity, problem.level_views(model, azimuths, elevation))
+        top = int(values.argmax())
+        best.append((float(values[top]), name, poses[top]))
+        traces += [SearchTrace(name, tuple(one[:, 0].tolist()), tuple(one[:, 1].tolist())) for one in path.unbind(1)]
+        renderings += similarity.renderings
+    value, name, pose = max(best, key=lambda one: one[0])
+    return SearchResult(name, pose, value, kind, renderings, tuple(traces))
+
+
+def _exhaustive(problem: PoseProblem) -> SearchResult:
+    kind = problem.similarity or "calibrated"
+    template = problem.photograph.template(kind)
+    best, renderings = [], 0
+    for name, model in problem.each_model():
+        similarity = model.similarity(template, detail=DETAIL)
+        for elevation in problem.elevations:
+            poses = problem.level_views(model, equidistant_azimuths(EVERY_DEGREE), elevation)
+            values = similarity.values(poses)
+            top = int(values.argmax())
+            best.append((float(values[top]), name, poses[top]))
+        renderings += similarity.renderings
+    value, name, pose = max(best, key=lambda one: one[0])
+    return SearchResult(name, pose, value, kind, renderings)
+
+
+SEARCHES: dict[SearchMethod, Callable[[PoseProblem], SearchResult]] = {
+    "best": coarse_to_fine,
+    "paper": _paper,
+    "exhaustive": _exhaustive,
+}

@@ -76,7 +76,8 @@ class PreparedPhotograph:
     @cached_property
     def fine(self) -> ElementTemplate:
         """The calibrated template of smaller cells, for the last fraction of a degree."""
-        return _calibrated(self.crop, default_background(_finer(self.background.spec)))
+        finer = dataclasses.replace(self.background.spec, cell_size=(_FINE, _FINE))
+        return _calibrated(self.crop, default_background(finer))
 
 
 def _box_cells(pixels: float, cells: int, cell: int) -> tuple[int, int]:
@@ -86,11 +87,6 @@ def _box_cells(pixels: float, cells: int, cell: int) -> tuple[int, int]:
     """
     middle, half = cells / 2, max(pixels / cell, max(ELEMENT)) / 2
     return max(0, math.floor(middle - half)), min(cells, math.ceil(middle + half))
-
-
-@lru_cache(maxsize=4)
-def _finer(spec: HOGSpec) -> HOGSpec:
-    return dataclasses.replace(spec, cell_size=(_FINE, _FINE))
 
 
 def _calibrated(crop: ObjectCrop, background: Background, shrink: int = 1) -> ElementTemplate:

@@ -15,7 +15,7 @@ def rasterize(screen: Tensor, faces: Tensor, height: int, width: int) -> tuple[T
     """Finds the nearest triangle at each sample.
 
     A sample on the common edge of two triangles belongs to both; of triangles at equal depth the first is visible.
-    Triangles with a corner behind the camera (1 / depth ≤ 0) are not drawn: clip them first, :func:`.clip.clip`.
+    Triangles with a corner behind the camera (1 / depth ≤ 0) are not drawn: clip them first, :func:`.pipeline.clip`.
 
     Args:
         screen: (B, V, 3), float32 or float64: x and y in samples, sample (row i, column j) being at (j + ½, i + ½), and

@@ -170,10 +170,7 @@ def _section(section: Section) -> str:
 
 
 def _image(panel: Panel) -> str:
-    return f'<img src="data:image/png;base64,{_png(panel)}" alt="{escape(panel.caption)}">'
-
-
-def _png(panel: Panel) -> str:
     buffer = io.BytesIO()
     to_pil(panel.picture).save(buffer, format="PNG", optimize=True)
-    return base64.b64encode(buffer.getvalue()).decode("ascii")
+    png = base64.b64encode(buffer.getvalue()).decode("ascii")
+    return f'<img src="data:image/png;base64,{png}" alt="{escape(panel.caption)}">'

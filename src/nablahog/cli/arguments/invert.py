@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from typing import get_args
 
+from ...invert.quality import QualityName
 from . import options
 from .options import Parser, setting
 from .preset_parameters import PRESETS
@@ -52,7 +54,12 @@ def invert(commands: argparse._SubParsersAction[Parser]) -> None:
     options.output(command, "DIR", "folder for the results, made if missing")
     options.common(command, SIZE)
     options.minimiser(command)
-    options.quality(command)
+    command.add_argument(
+        "--quality",
+        choices=get_args(QualityName),
+        default="best",
+        help="fast finds coarser images in about a sixth of the time (default: best)",
+    )
     options.prior(command, "for descriptors of the spec that it was learned for")
     command.add_argument(
         "--colour",

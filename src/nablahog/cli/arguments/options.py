@@ -9,7 +9,6 @@ from collections.abc import Callable, Collection, Mapping
 from typing import NoReturn, get_args
 
 from ...hog.spec import Vote
-from ...invert.quality import QualityName
 from .preset_parameters import DEFAULT_DESCRIPTOR, PRESETS
 
 MOST = 10**18 - 1  # of an integer
@@ -214,15 +213,6 @@ def device_option(command: argparse.ArgumentParser) -> None:
 def minimiser(command: argparse.ArgumentParser) -> None:
     seed(command, "the starting image")
     number(command, "--max-evaluations", "of the objective, for each image; fewer is faster", least=2)
-
-
-def quality(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "--quality",
-        choices=get_args(QualityName),
-        default="best",
-        help="fast finds coarser images in about a sixth of the time (default: best)",
-    )
 
 
 def seed(command: argparse.ArgumentParser, of: str = "everything random") -> None:

@@ -141,7 +141,11 @@ def _examples(arguments: Namespace) -> tuple[Examples, dict[str, str]]:
     else:
         viewpoints = read_viewpoints(arguments.viewpoints)
         views = f"seen from the {len(viewpoints)} viewpoints of {Path(arguments.viewpoints).name}"
-    kind = "procedural chairs" if arguments.models is None else f"models of the folder {_name(arguments.models)}"
+    kind = (
+        "procedural chairs"
+        if arguments.models is None
+        else f"models of the folder {Path(arguments.models).resolve().name}"
+    )
     origin = f"{len(models)} {kind}, {views}, in front of photographs that come with scikit-image"
     examples = rendered(
         arguments.objects or SCENES,
@@ -164,10 +168,6 @@ def _photographed(arguments: Namespace) -> tuple[Examples, dict[str, str]]:
     if arguments.objects is not None:
         selection = replace(selection, objects=selection.objects[: arguments.objects])
     return photographed(selection, models, unknown_model=arguments.unknown_model, seed=arguments.seed), passed_over
-
-
-def _name(folder: str) -> str:
-    return Path(folder).resolve().name
 
 
 def _say_failures(results: Results) -> None:

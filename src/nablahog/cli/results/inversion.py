@@ -18,7 +18,6 @@ from ...hog.gradient import gray
 from ...invert import LearnedPrior, Search, reconstruct
 from ...invert.colour import reconstruct_colour
 from ...invert.quality import QualityName
-from ...io.files import replacing
 from ...io.images import write_image
 from ...viz.pictures import Panel, contact_sheet, difference, glyphs
 from ..inputs.sources import Source
@@ -94,8 +93,7 @@ class Inversion:
         preimage, glyph_picture, thumbnails = (folder / name for name in result_names(self.source))
         write_image(preimage, self.preimage)
         write_image(glyph_picture, self.glyphs)
-        with replacing(thumbnails) as file:
-            sheet.save(file, format="PNG")
+        write_image(thumbnails, sheet)
 
 
 def result_names(source: Source) -> list[str]:

@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn.functional import interpolate
 
 from ...hog.box import Box
-from ...io.files import distinct_stems, replacing, write_text
+from ...io.files import distinct_stems, write_text
 from ...io.images import Picture, as_array, write_image
 from ...pose.crop import FILL, crop_object
 from ...pose.prepared import ELEMENT
@@ -51,10 +51,8 @@ def write(folder: Path, result: PoseResult) -> None:
     sheets = [contact_sheet([panels], HEIGHT) for panels in (overlay, drawn)]
     figures = json.dumps(result.figures(), indent=2, allow_nan=False) + "\n"
     html = _page(result, overlay, turned, drawn)
-    for path, sheet in zip((names[0], names[2]), sheets, strict=True):
-        with replacing(path) as file:
-            sheet.save(file, format="PNG")
-    write_image(names[1], turned.picture)
+    for path, picture in zip(names, (sheets[0], turned.picture, sheets[1]), strict=False):
+        write_image(path, picture)
     for path, text in zip(names[3:], (figures, html), strict=True):
         write_text(path, text)
 
