@@ -66,11 +66,8 @@ def load_dpm(path: str | os.PathLike[str]) -> DPMModel:
     try:
         return _unfolded(stored["model"][0])
     except (LookupError, TypeError, ValueError) as error:
-        raise ValueError(f"{os.fspath(path)}: expected a model of voc-release5, but {_reason(error)}") from None
-
-
-def _reason(error: Exception) -> str:
-    return f"it has no {error}" if isinstance(error, KeyError) else str(error)
+        reason = f"it has no {error}" if isinstance(error, KeyError) else error
+        raise ValueError(f"{os.fspath(path)}: expected a model of voc-release5, but {reason}") from None
 
 
 def _integer(number: Any) -> int:

@@ -11,25 +11,12 @@ from typing import NoReturn, get_args
 from ...hog.spec import Vote
 from .preset_parameters import DEFAULT_DESCRIPTOR, PRESETS
 
-MOST = 10**18 - 1  # of an integer
-
 
 class Parser(argparse.ArgumentParser):
     """An argument parser whose errors are one line, as all errors of this command are."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
-
-
-def integer(least: int, most: int) -> Callable[[str], int]:
-    def parse(text: str) -> int:
-        if not re.fullmatch(r"\d{1,18}", text) or int(text) < least:
-            raise argparse.ArgumentTypeError(f"expected an integer of at least {least}, got {text!r}")
-        if int(text) > most:
-            raise argparse.ArgumentTypeError(f"expected an integer of at most {most}, got {text!r}")
-        return int(text)
-
-    return parse
 
 
 def _sides(expected: str, *, square: bool) -> Callable[[str], tuple[int, int]]:
@@ -112,11 +99,19 @@ def number(
     text: str,
     *,
     least: int = 1,
-    most: int = MOST,
+    most: int = 10**18 - 1,
     default: int | None = None,
 ) -> None:
-    """Adds an option for an integer."""
-    command.add_argument(name, type=integer(least, most), default=default, metavar="N", help=text)
+    """Adds an option for an integer in ``least`` … ``most``."""
+
+    def parse(value: str) -> int:
+        if not re.fullmatch(r"\d{1,18}", value) or int(value) < least:
+            raise argparse.ArgumentTypeError(f"expected an integer of at least {least}, got {value!r}")
+        if int(value) > most:
+            raise argparse.ArgumentTypeError(f"expected an integer of at most {most}, got {value!r}")
+        return int(value)
+
+    command.add_argument(name, type=parse, default=default, metavar="N", help=text)
 
 
 def workers(command: argparse.ArgumentParser) -> None:

@@ -16,6 +16,7 @@ from ...evaluate.learned import LEARNED, SPEC, Learner, sample_training_photogra
 from ...evaluate.photographs import Photographs, read_folder, sample_photographs
 from ...hog import HOGSpec
 from ...io.files import output_folder, remove_parts
+from ...io.npz import naming
 from ...jobs.runner import cores, run_jobs
 from ...jobs.store import JobResult
 from ...pose import exemplar_views
@@ -66,19 +67,7 @@ def _learner(arguments: Namespace) -> Learner:
 
 
 def _photographs(arguments: Namespace, learner: Learner, spec: HOGSpec) -> Photographs:
-    if arguments.images is None and learner.tile is not None:
-        return Photographs(sample_training_photographs(arguments.kind))
-    folder = None if arguments.images is None else Path(arguments.images)
-    return _training_photographs(folder, learner.least(spec), arguments.size)
-
-
-def _training_photographs(folder: Path | None, least: tuple[int, int], size: int) -> Photographs:
-    """The photographs to learn from.
-
-    Args:
-        folder: of images; None for the sample photographs.
-        least: (height, width) in pixels of the smallest image that can be learned from.
-        size: images are shrunk to at most so many pixels on the longer side; 0 leaves them as they are.
+    """The photographs of the option ``--images``, or the sample photographs.
 
     Returns:
         At least one image; ``failed`` has the files that cannot be read and the images that are too small.
@@ -87,7 +76,11 @@ def _training_photographs(folder: Path | None, least: tuple[int, int], size: int
         FileNotFoundError, NotADirectoryError: there is no such folder.
         ValueError: it holds no image, or none to learn from.
     """
-    read = sample_photographs(size=size, whole=True) if folder is None else read_folder(folder, size=size)
+    folder, size = arguments.images, arguments.size
+    if folder is None and learner.tile is not None:
+        return Photographs(sample_training_photographs(arguments.kind))
+    read = sample_photographs(size=size, whole=True) if folder is None else read_folder(Path(folder), size=size)
+    least = learner.least(spec)
     for name, image in list(read.images.items()):
         height, width = image.shape
         if height < least[0] or width < least[1]:
@@ -134,10 +127,8 @@ def _background(path: Path | None) -> Background:
     if path is None:
         return default_background(exemplar_views.SPEC)
     background = Background.load(path)
-    try:
+    with naming(path):
         background.check(exemplar_views.SPEC)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
     return background
 
 

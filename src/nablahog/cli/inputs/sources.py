@@ -15,6 +15,7 @@ from ...io.arrays import Fit, fit, is_raw, is_row, read_array, shapes, stored
 from ...io.descriptor_file import StoredDescriptor, is_descriptor_file, load_descriptor
 from ...io.files import distinct_stems
 from ...io.images import limit_size, read_image
+from ...io.npz import naming
 from ..arguments.preset_parameters import as_text, window_of
 from ..errors import as_user_error
 from .spec import SpecOptions
@@ -81,10 +82,8 @@ def read_sources(arguments: Namespace, *, arrays: bool = True, keep_photos: bool
 
 def _from_descriptor_file(path: str, stem: str, options: SpecOptions) -> Source:
     of_file = load_descriptor(path)
-    try:
+    with naming(path):
         options.check(of_file.spec)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
     return _from_stored(path, stem, of_file)
 
 
@@ -148,10 +147,8 @@ class ArrayOptions:
                 parameters that fit.
         """
         array = read_array(path, self.key)
-        try:
+        with naming(path):
             return stored(array, *self.fitting(array.shape, options))
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
 
     def fitting(self, shape: tuple[int, ...], options: SpecOptions) -> tuple[HOGSpec, Fit]:
         """How an array of this shape is a descriptor of the dialect in ``options``.

@@ -15,6 +15,7 @@ from ...hog import HOGSpec, presets
 from ...hog.layout import from_layout
 from ...io.arrays import Fit, fit, is_raw, read_array
 from ...io.dpm_file import is_dpm_file, load_dpm
+from ...io.npz import naming
 from .sources import ArrayOptions
 from .spec import SpecOptions
 
@@ -65,10 +66,8 @@ def read_templates(path: str, spec_options: SpecOptions, array_options: ArrayOpt
             for each in model.filters
         ]
     array = read_array(path, array_options.key)
-    try:
+    with naming(path):
         return [_of_array(array, spec_options, array_options)]
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def _of_array(array: NDArray[np.floating], spec_options: SpecOptions, array_options: ArrayOptions) -> DetectorTemplate:

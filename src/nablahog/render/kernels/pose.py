@@ -19,15 +19,10 @@ from .arrays import Floats
 Doubles = NDArray[np.float64]
 
 
+@compiled
 def rotations(poses: Doubles) -> Doubles:
     """:func:`..camera.rotations` of poses (B, 6), (B, 3, 3)."""
     matrices = np.empty((len(poses), 3, 3))
-    _rotations(poses, matrices)
-    return matrices
-
-
-@compiled
-def _rotations(poses: Doubles, matrices: Doubles) -> None:
     for b in range(poses.shape[0]):
         azimuth, elevation, theta = math.radians(poses[b, 0]), math.radians(poses[b, 1]), math.radians(poses[b, 3])
         sa, ca, se, ce = math.sin(azimuth), math.cos(azimuth), math.sin(elevation), math.cos(elevation)
@@ -37,6 +32,7 @@ def _rotations(poses: Doubles, matrices: Doubles) -> None:
             matrices[b, 0, k] = ct * right[k] + st * down[k]
             matrices[b, 1, k] = ct * down[k] - st * right[k]
             matrices[b, 2, k] = forward[k]
+    return matrices
 
 
 def moments(grad_image: Tensor, screen_gradient: Tensor, x: Tensor, y: Tensor) -> Tensor:
@@ -84,18 +80,13 @@ def _moments(grad_image: Floats, screen_gradient: Floats, x: Floats, y: Floats, 
                     sums[b, channel, 2, n] += part * first * first
 
 
+@compiled
 def vjp_from_moments(sums: Doubles, poses: Doubles, focal: float) -> Doubles:
     """Gradient (B, 6) with respect to poses (B, 6) from the :func:`moments` (B, 4, 3, 3).
 
     It is the PyTorch code of :func:`..pose_gradient.pose_vjp` with :func:`..camera.pose_velocities` written out.
     """
     grad_poses = np.empty(poses.shape)
-    _vjp_from_moments(sums, poses, focal, grad_poses)
-    return grad_poses
-
-
-@compiled
-def _vjp_from_moments(sums: Doubles, poses: Doubles, focal: float, grad_poses: Doubles) -> None:
     degree = math.pi / 180
     for b in range(poses.shape[0]):
         elevation, distance, theta = math.radians(poses[b, 1]), poses[b, 2], math.radians(poses[b, 3])
@@ -110,3 +101,4 @@ def _vjp_from_moments(sums: Doubles, poses: Doubles, focal: float, grad_poses: D
         grad_poses[b, 2] = -focal * (x_depth[1, 0] + y_depth[0, 1])
         grad_poses[b, 3] = -focal * degree * about_z
         grad_poses[b, 4], grad_poses[b, 5] = x[0, 0], y[0, 0]
+    return grad_poses
