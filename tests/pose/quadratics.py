@@ -7,7 +7,7 @@ from typing import cast
 import torch
 from torch import Tensor
 
-from nablahog.pose.gradient_ascent import UNITS
+from nablahog.pose.ascent import UNITS
 from nablahog.pose.similarity import Similarity
 
 START = torch.tensor([100.0, 10, 3, 0, 5, -5], dtype=torch.float64)

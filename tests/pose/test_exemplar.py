@@ -13,7 +13,7 @@ from torch import Tensor
 
 from nablahog.datasets.chairs import chair
 from nablahog.hog.box import Box
-from nablahog.io.sample_photographs import sample_photograph
+from nablahog.io.images import sample_photograph
 from nablahog.pose import exemplar
 from nablahog.pose.background import default_background
 from nablahog.pose.exemplar import NOTHING, UNLIKE, Layout, Pyramid, detect, star_match

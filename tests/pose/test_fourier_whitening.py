@@ -8,8 +8,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.hog import presets
-from nablahog.pose.fourier_whitening import Whitener
-from nablahog.pose.whitening import Background
+from nablahog.pose.whitening import Background, Whitener
 
 SPEC = presets.aubry(8, orientations=2)  # two channels
 CHANNELS = 2

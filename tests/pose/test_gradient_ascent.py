@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch.testing import assert_close
 
-from nablahog.pose.gradient_ascent import UNITS, lbfgs_ascent, momentum_ascent
+from nablahog.pose.ascent import UNITS, lbfgs_ascent, momentum_ascent
 from nablahog.pose.placement import azimuth_distance, azimuth_sweep
 
 from .quadratics import START, quadratic

@@ -8,8 +8,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.pose import quadratic_ascent as ascent
-from nablahog.pose.gradient_ascent import UNITS
-from nablahog.pose.quadratic_ascent import SCHEDULE, Round, quadratic_ascent
+from nablahog.pose.ascent import SCHEDULE, UNITS, Round, quadratic_ascent
 
 from .quadratics import START, Quadratic, quadratic
 

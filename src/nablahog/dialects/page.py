@@ -57,7 +57,11 @@ def page(comparison: Comparison, image: Tensor, introduction: str, picture: NDAr
             "Distances", "The darker the further apart; neighbours are alike.", [Panel(picture, "all distances")]
         ),
         html.Section("Why", "Every pair, the closest first.", table=tables.pairs(comparison)),
-        _channels(comparison),
+        html.Section(
+            "Channels with the same meaning",
+            "Pairs of which some channels mean the same in both: their entries compared as they are.",
+            table=tables.channels(comparison),
+        ),
         html.Section(
             "Ties",
             "8-bit values make gradients that lie exactly between two bins, or are equal in two channels. Libraries "
@@ -79,14 +83,6 @@ def page(comparison: Comparison, image: Tensor, introduction: str, picture: NDAr
         tables.DEFINITIONS,
         html.footer("dialects.csv and ties.csv beside this page"),
     )
-
-
-def _channels(comparison: Comparison) -> html.Section | None:
-    rows = tables.channels(comparison)
-    if not rows:
-        return None
-    text = "Pairs of which some channels mean the same in both: their entries compared as they are."
-    return html.Section("Channels with the same meaning", text, table=rows)
 
 
 def heat_map(distances: NDArray[np.float64], names: Sequence[str]) -> NDArray[np.float64]:

@@ -158,7 +158,7 @@ def _glyphs(image: str, pixels: Tensor, spec: HOGSpec) -> Panel | None:
     return Panel(glyphs(descriptor, spec), f"{image}, glyphs of {spec.name}")
 
 
-def _pictures(table: Table1) -> html.Section | None:
+def _pictures(table: Table1) -> html.Section:
     specs = {method.group: method.spec for method in table.methods if method.spec is not None}
     shown = {image for of_row in table.pictures.values() for image in of_row}
     rows = []
@@ -168,13 +168,11 @@ def _pictures(table: Table1) -> html.Section | None:
         row: dict[str, object] = {"image": _photograph(table, image)}
         row |= {group: _glyphs(image, pixels, spec) for group, spec in specs.items()}
         rows.append(row | {method.name: _output(table, method.name, image) for method in table.methods})
-    if not rows:
-        return None
     text = "The image, its descriptors as glyphs, and the output of each method."
     return html.Section("Pictures", text, table=rows)
 
 
-def _levels(table: Table1) -> html.Section | None:
+def _levels(table: Table1) -> html.Section:
     rows: list[Mapping[str, object]] = []
     for method in table.methods:
         images = list(table.pictures[method.name])[:LEVEL_IMAGES]
@@ -183,7 +181,5 @@ def _levels(table: Table1) -> html.Section | None:
             for image in images:
                 levels = {f"1/{s}": _output(table, row, image) for s, row in zip(SCALES, method.levels, strict=True)}
                 rows.append({"image": _photograph(table, image), **levels})
-    if not rows:
-        return None
     text = "The image of each level, from the smallest to the size of the image, enlarged to that size."
     return html.Section("Levels", text, table=rows)

@@ -132,18 +132,16 @@ def histogram(shares: NDArray[np.float64], highest: float) -> NDArray[np.float64
     return np.asarray(picture, dtype=np.float64) / 255
 
 
-def _pictures(table: Table2) -> html.Section | None:
+def _pictures(table: Table2) -> html.Section:
     """As in the paper: the images side by side, and each method's pose below them."""
     names = {name for of in table.pictures.values() for name in of}
     shown = [each for each in table.examples.objects if each.name in names]
-    if not shown:
-        return None
     images = {each.name: html.Cell(Panel(each.image, each.name), f"azimuth {each.azimuth:.0f}°") for each in shown}
     rows = [
         {"": method.name, **{each.name: _pose(table, method.name, each) for each in shown}} for method in table.methods
     ]
     text = "The outline of the model at the pose that each method found, and how far its azimuth is off."
-    return html.Section("Pictures", text, table=[{"": "test images", **images}, *rows])
+    return html.Section("Pictures", text, table=[{"": "test images", **images}, *rows] if shown else [])
 
 
 def _pose(table: Table2, method: str, example: Example) -> html.Cell | None:

@@ -126,15 +126,13 @@ def write_csv(path: Path, rows: Iterable[Sequence[object]]) -> None:
     write_text(path, text.getvalue())
 
 
-def failures_section(failures: Sequence[Failure], image: str, text: str) -> Section | None:
-    """A section that lists the failures; None if there are none.
+def failures_section(failures: Sequence[Failure], image: str, text: str) -> Section:
+    """A section that lists the failures.
 
     Args:
         failures: of the run.
         image: the heading of their images.
         text: what they mean for the figures.
     """
-    if not failures:
-        return None
     rows = [{image: each.image, "method": each.method or "all", "reason": each.reason} for each in failures]
     return Section(f"Failed: {len(rows)}", text, table=rows)

@@ -10,13 +10,10 @@ import torch
 from torch import Tensor
 
 from ..hog import HOGSpec
+from .ascent import SCHEDULE, lbfgs_ascent, momentum_ascent, quadratic_ascent
 from .crop import FILL
-from .fourier_whitening import Whitener
-from .gradient_ascent import lbfgs_ascent, momentum_ascent
 from .placement import azimuth_distance, consensus, equidistant_azimuths, fit_to_box, level_poses, local_maxima
-from .prepared import DETAIL, PreparedModel
-from .problem import PoseProblem, SearchResult, SearchTrace
-from .quadratic_ascent import SCHEDULE, quadratic_ascent
+from .prepared import DETAIL, PoseProblem, PreparedModel, SearchResult, SearchTrace
 from .similarity import (
     ElementTemplate,
     Similarity,
@@ -26,6 +23,7 @@ from .similarity import (
     in_batches,
     white_background,
 )
+from .whitening import Whitener
 
 VIEW_COUNT = 48  # azimuths around an object
 ELEVATION_STEP = 5.0  # degrees between the elevations that there are views of

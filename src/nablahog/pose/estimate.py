@@ -15,13 +15,12 @@ from torch import Tensor
 
 from ..hog.inputs import ArrayImage, image_batch
 from ..render import Camera, Mesh
+from .ascent import momentum_ascent
 from .coarse_to_fine import coarse_to_fine
 from .crop import crop_object
-from .gradient_ascent import momentum_ascent
 from .options import Ascent, SearchMethod, SimilarityKind
 from .placement import equidistant_azimuths
-from .prepared import DETAIL, PreparedPhotograph, prepared_model
-from .problem import ELEVATIONS, PoseProblem, SearchResult, SearchTrace
+from .prepared import DETAIL, ELEVATIONS, PoseProblem, PreparedPhotograph, SearchResult, SearchTrace, prepared_model
 from .whitening import Background
 
 EVERY_DEGREE = 360
@@ -109,7 +108,7 @@ def estimate_pose(
             initial pose and 8 azimuths around.  ``"exhaustive"``: every degree of azimuth at the initial elevation.
         similarity: ``"dot"``, ``"whitened"`` or ``"calibrated"``, see :mod:`.similarity`; by default ``"dot"`` for the
             paper's method and ``"calibrated"`` for the others.
-        ascent: of ``"best"``: ``"quadratic"``, fits of a quadratic to samples, see :mod:`.quadratic_ascent`;
+        ascent: of ``"best"``: ``"quadratic"``, fits of a quadratic to samples, see :mod:`.ascent`;
             ``"momentum"`` and ``"lbfgs"`` follow single derivatives.
         background: of the coarse descriptor, which also says which descriptor that is; by default that of
             :func:`.prepared.pose_spec`, learned from photographs that come with scikit-image.

@@ -96,7 +96,7 @@ def page(
     title: str,
     lead: str,
     table: Sequence[Mapping[str, object]],
-    sections: Sequence[Section | None],
+    sections: Sequence[Section],
     definitions: Mapping[str, str],
     footer: str = "",
 ) -> str:
@@ -106,14 +106,14 @@ def page(
         title, lead, footer: plain text; all text is escaped.
         table: one mapping for each row, all with the keys of the first, which head the columns.  A value may be a
             :class:`Cell` or a :class:`Panel`.  A mapping with a single key is a heading across the table.
-        sections: what follows the table; None is left out.
+        sections: what follows the table; those without pictures and table are left out.
         definitions: what each figure means, printed under the table's figures.
     """
     return _PAGE.format(
         title=escape(title),
         lead=escape(lead),
         table=_table(table),
-        sections="\n".join(_section(section) for section in sections if section is not None),
+        sections="\n".join(_section(section) for section in sections if section.panels or section.table),
         definitions="\n".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in definitions.items()),
         footer=escape(footer),
     )

@@ -13,7 +13,7 @@ from nablahog.cli.commands import learn
 from nablahog.cli.commands.learn import ExemplarJob
 from nablahog.cli.main import main
 from nablahog.datasets.chairs import chair
-from nablahog.io.sample_photographs import sample_photograph
+from nablahog.io.images import sample_photograph
 from nablahog.jobs.runner import attempt
 from nablahog.jobs.store import JobResult, Work
 from nablahog.pose import exemplar_views as learning

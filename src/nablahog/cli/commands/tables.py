@@ -22,7 +22,7 @@ from ...evaluate.table1 import run_table1, write_table1
 from ...evaluate.table2 import run_table2, write_table2
 from ...evaluate.tables import Results
 from ...io.files import output_folder, write_text
-from ...io.sample_photographs import SAMPLE_NAMES, sample_photograph
+from ...io.images import SAMPLE_NAMES, sample_photograph
 from ...jobs.runner import cores
 from ..arguments.tables import SCENES
 from ..errors import UserError, as_user_error
