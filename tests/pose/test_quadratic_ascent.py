@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.pose import quadratic_ascent as ascent
+from nablahog.pose import ascent
 from nablahog.pose.ascent import SCHEDULE, UNITS, Round, quadratic_ascent
 
 from .quadratics import START, Quadratic, quadratic
