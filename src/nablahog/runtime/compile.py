@@ -137,13 +137,19 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The same for a small function that is called often: its code is copied into its callers.
+    """The same as :func:`borrowing` for a small function that is called often: its code is copied into its callers."""
+    assert isinstance(function, FunctionType)
+    return _Compiled(function, {**_OPTIONS, "_nrt": False, "forceinline": True})
 
-    Avoids numba's reference counting of array arguments on every call, which for a row of pixels can take longer than
-    the work on it.
+
+def borrowing(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The same as :func:`compiled` for a function that makes and returns no arrays.
+
+    Numba does not count references to its arguments and their fields: for a row of pixels that can take longer than the
+    work on it.
     """
     assert isinstance(function, FunctionType)
-    return _Compiled(function, {**_OPTIONS, "forceinline": True})
+    return _Compiled(function, {**_OPTIONS, "_nrt": False})
 
 
 def instruction(define: Callable[..., Any], build: Callable[..., Any]) -> Callable[..., Any]:

@@ -42,6 +42,14 @@ class Array:
         pointer = self.pointer(at, self.vector(count))
         return Lanes(self.write, self.write.builder.load(pointer, align=self.itemsize))
 
+    def load_masked(self, at: Index, mask: Lanes) -> Lanes:
+        """The same where the mask is true; zeros elsewhere, of which nothing is read."""
+        vector = self.vector(mask.count)
+        pointer, zeros = self.pointer(at, vector), self.write.constant(vector, 0.0)
+        align = self.write.ir.Constant(self.write.ir.IntType(32), self.itemsize)
+        name = f"llvm.masked.load.{zeros.suffix()}.p0"
+        return Lanes(self.write, self.write.call(name, vector, pointer, align, mask.value, zeros.value))
+
     def store(self, at: Index, values: Lanes) -> None:
         """Writes a vector to the elements from ``at`` on."""
         self.write.builder.store(values.value, self.pointer(at, values.value.type), align=self.itemsize)
@@ -105,6 +113,10 @@ class Builder:
             total = self.builder.add(total, other)
         return total
 
+    def subtract(self, left: Index, right: Index) -> ir.Value:
+        """The difference of two indices."""
+        return self.builder.sub(self.index(left), self.index(right))
+
     def multiply(self, left: Index, right: Index) -> ir.Value:
         """The product of two indices."""
         return self.builder.mul(self.index(left), self.index(right))
@@ -144,8 +156,8 @@ class Builder:
 
     def first_lanes(self, count: ir.Value, lanes: int) -> Lanes:
         """The mask of the lanes below ``count``."""
-        type_ = self.vector(self.ir.IntType(64), lanes)
-        return self.constant(type_, list(range(lanes))).compare("<", self.splat(count, lanes))
+        type_ = self.vector(self.ir.IntType(32), lanes)
+        return self.constant(type_, list(range(lanes))).compare("<", self.splat_int32(count, lanes))
 
     def shuffle(self, left: Lanes, right: Lanes, order: list[int]) -> Lanes:
         """Lanes of two vectors by number, those of the second after those of the first."""
@@ -192,7 +204,7 @@ class Lanes:
     def _is_integer(self) -> bool:
         return isinstance(self.value.type.element, self.write.ir.IntType)
 
-    def _suffix(self) -> str:
+    def suffix(self) -> str:
         """Of names of LLVM's functions of such vectors."""
         bits = 32 if self.value.type.element == self.write.ir.FloatType() else 64
         return f"v{self.count}f{bits}"
@@ -237,7 +249,7 @@ class Lanes:
 
     def _function(self, name: str, *others: Lanes) -> Lanes:
         values = (self.value, *(other.value for other in others))
-        return Lanes(self.write, self.write.call(f"llvm.{name}.{self._suffix()}", self.value.type, *values))
+        return Lanes(self.write, self.write.call(f"llvm.{name}.{self.suffix()}", self.value.type, *values))
 
     def multiply_add(self, factor: Lanes, more: Lanes) -> Lanes:
         """self · factor + more, rounded once where the processor can: on one machine always alike."""

@@ -3,8 +3,7 @@
 Histograms are (images, rows, cols, bins), descriptors (images, rows, cols, channels); a loop goes over images ``start``
 to ``stop`` of them, and gathers each block in one vector.
 
-Numba vectorises these loops well enough: vector instructions gained 1.10 (`opencv`) to 1.14 (`skimage`) in a call of
-`hog`, and 1.02 (`opencv`) in its vjp (AMD EPYC, AVX2, float32, one image of 256 x 256), and were removed.
+TODO
 """
 
 from __future__ import annotations
@@ -14,10 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...runtime.arrays import DType, Floats, Real
+from ...runtime.arrays import Floats, Real
 from ...runtime.compile import compiled, inlined
 from ..normalizers import BlockNorm
-from .norms import copy, dot
+from .norm_simd import add, clipped, clipped_norm_vjp, copy, copy_scaled, dot, norm_vjp, read_line, roots, roots_vjp
+from .norms import whole_eights
 
 _L1, _L1_SQRT, _L2, _L2_HYS = range(4)
 
@@ -87,119 +87,97 @@ def _slope(energy: Real, product: Real, epsilon: Real, epsilon_outside_root: boo
     return slope
 
 
-class _Block(NamedTuple):
-    """Workspace: vectors of a block, its cells' bins by rows of cells."""
+class _Shape(NamedTuple):
+    """Of a block, whose rows of cells are lines: see :mod:`.norm_simd`."""
 
-    x: Floats  # histograms
-    unit: Floats  # normalised, before and after the clip
-    grad: Floats  # gradients with respect to the first normalisation
-
-
-@inlined
-def _new_block(size: int, dtype: DType) -> _Block:
-    return _Block(np.empty(size, dtype), np.empty(size, dtype), np.empty(size, dtype))
+    high: int  # rows
+    row: int  # numbers of a row
+    line: int
+    row_size: int  # from row to row in the histograms of an image
 
 
 @inlined
-def _gather(histograms: Floats, begin: int, row_size: int, count: int, high: int, x: Floats) -> None:
-    """Copies ``high`` rows of cells of a block, ``count`` numbers each, ``row_size`` apart."""
-    for row in range(high):
-        copy(histograms, begin + row * row_size, count, x, row * count)
+def _shape(images: Floats, scheme: Blocks) -> _Shape:
+    cols, bins = images.shape[2:]
+    count = scheme.wide * bins
+    return _Shape(scheme.high, count, whole_eights(count), cols * bins)
 
 
 @inlined
-def _clipped(x: Floats, factor: Real, clip: Real, out: Floats) -> None:
-    """min(factor · x, clip)."""
-    for k in range(out.size):
-        value = x[k] * factor
-        out[k] = clip if value > clip else value
+def _read_rows(source: Floats, begin: int, row_size: int, shape: _Shape, out: Floats) -> None:
+    """Copies the rows of a block, ``row_size`` apart, to lines."""
+    for row in range(shape.high):
+        read_line(source, begin + row * row_size, 0, shape.row, out, row * shape.line)
 
 
 @inlined
-def _normalize_block(block: _Block, total: Real, scheme: Blocks, out: Floats, to: int) -> None:
-    """From ``block.x``, whose sum or sum of squares is ``total``."""
-    x, size, place = block.x, block.x.size, np.uintp(to)
+def _first_factor(total: Real, scheme: Blocks) -> Real:
+    """The factor of the first normalisation, of a block with a sum, or sum of squares, ``total``."""
+    factor: Real = scheme.epsilon / scheme.epsilon / (total + scheme.epsilon)
+    return _factor(total, scheme.epsilon, scheme.epsilon_outside_root) if scheme.form >= _L2 else factor
+
+
+@inlined
+def _normalize_block(x: Floats, total: Real, scheme: Blocks, unit: Floats) -> Real:
+    """From the lines ``x`` to lines of ``unit``: the result is a factor, which is returned, times these."""
+    factor: Real = _first_factor(total, scheme)
     if scheme.form == _L2_HYS:
-        factor = _factor(total, scheme.epsilon, scheme.epsilon_outside_root)
-        _clipped(x, factor, scheme.clip, block.unit)
-        energy = dot(block.unit, 0, block.unit, 0, size)
+        clipped(x, factor, scheme.clip, unit, 0)
+        energy = dot(unit, 0, unit, 0, unit.size)
         factor = _factor(energy, scheme.epsilon_again, scheme.epsilon_outside_root)
-        x = block.unit
-    elif scheme.form == _L2:
-        factor = _factor(total, scheme.epsilon, scheme.epsilon_outside_root)
+    elif scheme.form == _L1_SQRT:
+        roots(x, factor, unit, 0)
+        factor = factor / factor
     else:
-        factor = scheme.epsilon / scheme.epsilon / (total + scheme.epsilon)
-    if scheme.form == _L1_SQRT:
-        for k in range(size):
-            out[place + np.uintp(k)] = math.sqrt(x[k] * factor)
-    else:
-        for k in range(size):
-            out[place + np.uintp(k)] = x[k] * factor
+        copy(x, 0, x.size, unit, 0)
+    return factor
 
 
 @compiled
 def block_norm(images: Floats, scheme: Blocks, start: int, stop: int, out: Floats) -> None:
     """Histograms to blocks: see :meth:`nablahog.hog.BlockNorm.normalize`."""
     _, rows, cols, size = out.shape
-    bins, row_size, count = images.shape[3], images.shape[2] * images.shape[3], scheme.wide * images.shape[3]
-    block, of_cells = _new_block(size, images.dtype), np.empty(images.shape[1] * images.shape[2], images.dtype)
+    bins, dtype, shape = images.shape[3], images.dtype, _shape(images, scheme)
+    x, unit = np.zeros(shape.high * shape.line, dtype), np.zeros(shape.high * shape.line, dtype)
+    of_cells = np.empty(images.shape[1] * images.shape[2], dtype)
     for image in range(start, stop):
         histograms, of_image, to = images[image].reshape(-1), out[image].reshape(-1), 0
         _sums_of_cells(histograms, bins, scheme.form >= _L2, of_cells)
         for row in range(rows):
             for col in range(cols):
-                y, x = row * scheme.down, col * scheme.across
-                _gather(histograms, y * row_size + x * bins, row_size, count, scheme.high, block.x)
-                _normalize_block(block, _sum_of_block(of_cells, y, x, images.shape[2], scheme), scheme, of_image, to)
+                first, left = row * scheme.down, col * scheme.across
+                _read_rows(histograms, first * shape.row_size + left * bins, shape.row_size, shape, x)
+                total = _sum_of_block(of_cells, first, left, images.shape[2], scheme)
+                factor = _normalize_block(x, total, scheme, unit)
+                for k in range(shape.high):
+                    copy_scaled(unit, k * shape.line, shape.row, of_image, to + k * shape.row, factor)
                 to += size
 
 
 @inlined
-def _clip_vjp(block: _Block, factor: Real, scheme: Blocks, grad: Floats, begin: int) -> None:
-    """L2-Hys: from gradients of the result to those of the first normalisation, ``block.grad``.
-
-    At the clip itself the mean of both sides passes.
-    """
-    x, unit, out, clip, size = block.x, block.unit, block.grad, scheme.clip, block.x.size
-    half, zero = x.dtype.type(0.5), x.dtype.type(0)
-    _clipped(x, factor, clip, unit)
-    energy, product = dot(unit, 0, unit, 0, size), dot(unit, 0, grad, begin, size)
-    again = _factor(energy, scheme.epsilon_again, scheme.epsilon_outside_root)
-    slope = _slope(energy, product, scheme.epsilon_again, scheme.epsilon_outside_root)
-    for k in range(size):
-        through = grad[np.uintp(begin) + np.uintp(k)] * again - unit[k] * slope
-        value = x[k] * factor
-        through = through * half if value == clip else through
-        out[k] = zero if value > clip else through
+def _clip_vjp(x: Floats, grad: Floats, factor: Real, scheme: Blocks, unit: Floats) -> None:
+    """L2-Hys: from gradients of the result to those of the first normalisation, ``grad``; overwrites ``unit``."""
+    epsilon, outside, size = scheme.epsilon_again, scheme.epsilon_outside_root, x.size
+    clipped(x, factor, scheme.clip, unit, 0)
+    energy, product = dot(unit, 0, unit, 0, size), dot(unit, 0, grad, 0, size)
+    again, slope = _factor(energy, epsilon, outside), _slope(energy, product, epsilon, outside)
+    clipped_norm_vjp(x, grad, factor, scheme.clip, again, slope, grad, 0)
 
 
 @inlined
-def _sqrt_vjp(block: _Block, factor: Real, grad: Floats, begin: int) -> None:
-    """L1-sqrt: from gradients of the roots to those of the first normalisation, ``block.grad``; none of zero."""
-    x, out, half, zero = block.x, block.grad, block.x.dtype.type(0.5), block.x.dtype.type(0)
-    for k in range(x.size):
-        root = math.sqrt(x[k] * factor)
-        out[k] = grad[np.uintp(begin) + np.uintp(k)] * half / root if root > zero else zero
-
-
-@inlined
-def _block_vjp(block: _Block, total: Real, scheme: Blocks, grad: Floats, begin: int) -> tuple[Real, Real, Real]:
-    """To ``block.grad``, gradients of the first normalisation; its vjp is x̄ = f · ȳ - s · x - t: returns f, s, t."""
-    size, zero = block.x.size, total - total
-    if scheme.form >= _L2:
-        factor = _factor(total, scheme.epsilon, scheme.epsilon_outside_root)
-    else:
-        factor = scheme.epsilon / scheme.epsilon / (total + scheme.epsilon)
+def _block_vjp(x: Floats, grad: Floats, total: Real, scheme: Blocks, unit: Floats) -> None:
+    """From gradients of the result, ``grad``, to those of the histograms, ``unit``; overwrites ``grad``."""
+    factor, zero = _first_factor(total, scheme), total - total
     if scheme.form == _L2_HYS:
-        _clip_vjp(block, factor, scheme, grad, begin)
+        _clip_vjp(x, grad, factor, scheme, unit)
     elif scheme.form == _L1_SQRT:
-        _sqrt_vjp(block, factor, grad, begin)
-    else:
-        copy(grad, begin, size, block.grad, 0)
-    product = dot(block.x, 0, block.grad, 0, size)
+        roots_vjp(x, grad, factor, grad, 0)
+    product = dot(x, 0, grad, 0, x.size)
     if scheme.form >= _L2:
-        return factor, _slope(total, product, scheme.epsilon, scheme.epsilon_outside_root), zero
-    return factor, zero, factor * factor * product
+        slope = _slope(total, product, scheme.epsilon, scheme.epsilon_outside_root)
+        norm_vjp(x, grad, factor, slope, zero, unit, 0)
+    else:
+        norm_vjp(x, grad, factor, zero, factor * factor * product, unit, 0)
 
 
 @compiled
@@ -208,24 +186,26 @@ def block_norm_vjp(
 ) -> None:
     """Gradients of blocks to those of histograms."""
     _, rows, cols, size = grad_output.shape
-    bins, row_size, count = images.shape[3], images.shape[2] * images.shape[3], scheme.wide * images.shape[3]
-    block, of_cells = _new_block(size, images.dtype), np.empty(images.shape[1] * images.shape[2], images.dtype)
+    bins, dtype, shape = images.shape[3], images.dtype, _shape(images, scheme)
+    lines = shape.high * shape.line
+    x, grad, unit = np.zeros(lines, dtype), np.zeros(lines, dtype), np.zeros(lines, dtype)
+    of_cells = np.empty(images.shape[1] * images.shape[2], dtype)
     for image in range(start, stop):
-        histograms, grad, out = images[image].reshape(-1), grad_output[image].reshape(-1), grad_input[image].reshape(-1)
-        out[:] = 0
+        histograms, of_image, to = (
+            images[image].reshape(-1),
+            grad_output[image].reshape(-1),
+            grad_input[image].reshape(-1),
+        )
+        to[:] = 0
         begin = 0
         _sums_of_cells(histograms, bins, scheme.form >= _L2, of_cells)
         for row in range(rows):
             for col in range(cols):
-                y, x = row * scheme.down, col * scheme.across
-                at = y * row_size + x * bins
-                _gather(histograms, at, row_size, count, scheme.high, block.x)
-                total = _sum_of_block(of_cells, y, x, images.shape[2], scheme)
-                factor, slope, less = _block_vjp(block, total, scheme, grad, begin)
-                values, grads = block.x, block.grad
-                for line in range(scheme.high):
-                    first, to = np.uintp(line * count), np.uintp(at + line * row_size)
-                    for k in range(count):
-                        j = first + np.uintp(k)
-                        out[to + np.uintp(k)] += grads[j] * factor - (values[j] * slope + less)
+                first, left = row * scheme.down, col * scheme.across
+                at = first * shape.row_size + left * bins
+                _read_rows(histograms, at, shape.row_size, shape, x)
+                _read_rows(of_image, begin, shape.row, shape, grad)
+                _block_vjp(x, grad, _sum_of_block(of_cells, first, left, images.shape[2], scheme), scheme, unit)
+                for k in range(shape.high):
+                    add(unit, k * shape.line, shape.row, to, at + k * shape.row_size)
                 begin += size

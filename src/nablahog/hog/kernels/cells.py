@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...runtime.arrays import DType, Floats
-from ...runtime.compile import compiled, inlined
+from ...runtime.compile import borrowing, compiled, inlined
 from ...runtime.simd import PADDING
 from .gradient_loops import gradients_of_rows, new_gradients, padded
 from .parameters import Pixels, Plan, Pooling
@@ -46,13 +46,13 @@ def most_rows(pooling: Pooling) -> int:
     return most
 
 
-@inlined
+@compiled
 def new_sums(pooling: Pooling, dtype: DType) -> Floats:
     """Sums over rows, of one part: a line of columns for each bin of each row of cells."""
     return np.zeros(pooling.column_size * padded(pooling.columns) + PADDING, dtype)
 
 
-@compiled
+@borrowing
 def pool(sums: Floats, part: int, pooling: Pooling, band_cells: Floats) -> None:
     """Adds the sums of a part's columns to ``band_cells`` (columns of cells, column_size), in one line."""
     size, wide, length, step = padded(pooling.columns), pooling.wide, pooling.length, pooling.column_size
@@ -78,7 +78,7 @@ def part_columns(pooling: Pooling, part: int) -> tuple[int, int]:
     return pooling.runs[pooling.parts[part, 0], 0], pooling.runs[pooling.parts[part, 1] - 1, 1]
 
 
-@compiled
+@borrowing
 def sum_up(
     votes: Votes, stride: int, first: int, rows: int, hard: bool, pooling: Pooling, sums: Floats, band_cells: Floats
 ) -> None:
@@ -119,7 +119,7 @@ def _add_band(band_cells: Floats, band: int, pooling: Pooling, cells: Floats) ->
             to, at = to + np.uintp(bins), at + np.uintp(pooling.column_size)
 
 
-@compiled
+@borrowing
 def add_bands(all_band_cells: Floats, pooling: Pooling, cells: Floats) -> None:
     """The cells of an image (rows, cols, bins) from those of all its bands (bands, …)."""
     cells[:] = 0

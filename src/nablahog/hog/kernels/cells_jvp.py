@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...runtime.arrays import DType, Floats, Integers, Real
-from ...runtime.compile import compiled, inlined
+from ...runtime.compile import borrowing, compiled, inlined
 from ...runtime.simd import PADDING
 from ..gradient import BLACK
 from .cells import add_bands, most_rows, new_sums, part_columns, pool
@@ -44,7 +44,7 @@ class Band(NamedTuple):
     sums: Floats
 
 
-@inlined
+@compiled
 def _new_band(plan: Plan, width: int, dtype: DType) -> Band:
     rows = most_rows(plan.pooling)
     size = rows * padded(width) + PADDING
@@ -58,7 +58,7 @@ def _new_band(plan: Plan, width: int, dtype: DType) -> Band:
     )
 
 
-@compiled
+@borrowing
 def _read_row_jvp(pixels: Pixels, start: int, tangent: Floats, row: int, reading: Reading, lines: Floats) -> None:
     """Tangents of one row of pixels, ``tangent`` (channels, height, width), to lines of tangents of values."""
     width, step = pixels.width, pixels.strides[3]
@@ -79,7 +79,7 @@ def _read_row_jvp(pixels: Pixels, start: int, tangent: Floats, row: int, reading
         lines[to], lines[to + width + 1] = lines[to + min(2, width)], lines[to + max(width - 1, 1)]
 
 
-@compiled
+@borrowing
 def _where_won(dx: Floats, dy: Floats, channel: int, winner: Integers, out_x: Floats, out_y: Floats) -> None:
     """Replaces tangents of gradients by the channel's where it won."""
     for x in range(out_x.size):
@@ -108,7 +108,7 @@ def _gradients_jvp(
     return last_read
 
 
-@compiled
+@borrowing
 def _magnitude_jvp(gradients: Gradients, tangents: Gradients, votes: Votes, hard: bool, out: VoteTangents) -> None:
     """Tangents of votes by that of the magnitude."""
     m, gx, gy, dx, dy = votes.m, gradients.gx, gradients.gy, tangents.gx, tangents.gy
@@ -120,7 +120,7 @@ def _magnitude_jvp(gradients: Gradients, tangents: Gradients, votes: Votes, hard
         here[x], after[x], before[x] = longer - far, far, zero
 
 
-@compiled
+@borrowing
 def _angle_jvp(
     gradients: Gradients, tangents: Gradients, m: Floats, exact: Votes, slope: Real, out: VoteTangents
 ) -> None:
@@ -136,7 +136,7 @@ def _angle_jvp(
         before[x] = -half * turned if centre else zero
 
 
-@compiled
+@borrowing
 def _pooling_jvp(
     tangents: VoteTangents,
     bins: Integers,

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ...runtime.arrays import DType, Floats
-from ...runtime.compile import compiled, inlined
+from ...runtime.compile import borrowing, compiled
 from ...runtime.simd import PADDING
 from .cells import most_rows, rows_at_once
 from .gradient_loops import Gradients, gradients_of_rows, new_gradients, padded
@@ -23,7 +23,7 @@ from .gradient_vjp import (
     row_vjp,
     votes_vjp,
 )
-from .norms import copy
+from .norm_simd import copy
 from .parameters import Pixels, Plan, Voting
 from .pooling_vjp import (
     CellGradients,
@@ -51,7 +51,7 @@ class Band(NamedTuple):
     grad_planes: PlaneGradients
 
 
-@inlined
+@compiled
 def _new_band(plan: Plan, width: int, dtype: DType) -> Band:
     rows = most_rows(plan.pooling)
     size = rows * padded(width) + PADDING
@@ -67,7 +67,7 @@ def _new_band(plan: Plan, width: int, dtype: DType) -> Band:
     )
 
 
-@compiled
+@borrowing
 def _recompute(pixels: Pixels, start: int, plan: Plan, begin: int, end: int, last_read: int, band: Band) -> int:
     """Gradients and votes of rows of a band; returns the last row that was read."""
     stride, gradients, votes, exact = padded(pixels.width), band.gradients, band.votes, band.exact
@@ -84,7 +84,7 @@ def _recompute(pixels: Pixels, start: int, plan: Plan, begin: int, end: int, las
     return last_read
 
 
-@compiled
+@borrowing
 def _pooling_vjp(grad_cells: Floats, k: int, plan: Plan, stride: int, first: int, rows: int, band: Band) -> None:
     """Gradients of the votes of the k-th band, of ``rows`` from the ``first`` on."""
     pooling = plan.pooling
@@ -94,7 +94,7 @@ def _pooling_vjp(grad_cells: Floats, k: int, plan: Plan, stride: int, first: int
         votes_gradient(band.grad_cells, band.exact.bins, stride, first, rows, pooling, band.grad_exact)
 
 
-@compiled
+@borrowing
 def _voting_vjp(voting: Voting, size: int, band: Band) -> None:
     """Gradients of Gx and Gy of the first ``size`` elements of the band's planes."""
     gx, gy = band.gradients.gx[:size], band.gradients.gy[:size]

@@ -15,7 +15,8 @@ import numpy as np
 from ...runtime.arrays import DType, Floats, Integers, Real
 from ...runtime.compile import compiled, inlined
 from ..normalizers.four_block import DPM_ORDER, DPM_TEXTURE, PARTS, VLFEAT_TEXTURE, FourBlockNorm
-from .norms import copy, dot
+from .norm_simd import Corners, clipped, clipped_totals, copy, dot, half_sums, read_folded, read_line
+from .norms import whole_eights
 
 
 class FourBlocks(NamedTuple):
@@ -36,17 +37,20 @@ class FourBlocks(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Workspace for one image.  Blocks are those around cell corners: (rows + 1, cols + 1)."""
+    """Workspace for one image.  Blocks are those around cell corners: (rows + 1, cols + 1).
 
-    undirected: Floats  # the contrast-insensitive histogram of a cell
+    What a cell has for each bin is in lines: see :mod:`.norm_simd`.
+    """
+
+    histogram: Floats  # line: of a cell
+    undirected: Floats  # line: its contrast-insensitive histogram
+    channels: Floats  # of a cell, and eight more: a line may reach into the next part, which is written later
+    totals: Floats  # (4,): for each block of a cell, the sum of the clipped entries, or the gradient of its factor
+    entries: Floats  # four lines: gradients of the clipped entries of each block
+    grad: Floats  # line: gradients of a histogram
     energy: Floats  # (rows, cols)
     factors: Floats  # of blocks: what they multiply their cells by
     grad_factors: Floats
-    of_cell: Floats  # (4,): factors of the blocks of one cell: up-left, up-right, down-left, down-right
-    grad_of_cell: Floats
-    grad_texture: Floats  # (4,): gradients of the sums of clipped entries of each block
-    grad_entries: Floats  # (4 · bins,): of clipped entries of each block
-    grad_histogram: Floats  # (bins,)
 
 
 def four_blocks(scheme: FourBlockNorm, bins: int, signed: bool, real: type[Real]) -> FourBlocks:
@@ -70,42 +74,40 @@ def four_blocks(scheme: FourBlockNorm, bins: int, signed: bool, real: type[Real]
     )
 
 
-@inlined
-def new_work(rows: int, cols: int, bins: int, dtype: DType) -> Work:
-    corners = rows + 1, cols + 1
+@compiled
+def new_work(rows: int, cols: int, channels: int, scheme: FourBlocks, dtype: DType) -> Work:
+    line, corners = whole_eights(scheme.bins), (rows + 1, cols + 1)
     return Work(
-        np.zeros(bins, dtype),
+        np.zeros(line, dtype),
+        np.zeros(whole_eights(scheme.undirected), dtype),
+        np.zeros(channels + 8, dtype),
+        np.zeros(4, dtype),
+        np.zeros(4 * line, dtype),
+        np.zeros(line, dtype),
         np.zeros((rows, cols), dtype),
         np.zeros(corners, dtype),
         np.zeros(corners, dtype),
-        np.zeros(4, dtype),
-        np.zeros(4, dtype),
-        np.zeros(4, dtype),
-        np.zeros(4 * bins, dtype),
-        np.zeros(bins, dtype),
     )
 
 
 @inlined
 def fold(histograms: Floats, at: int, scheme: FourBlocks, out: Floats) -> None:
-    """The contrast-insensitive histogram of the cell at ``histograms[at:]``."""
-    first, opposite = np.uintp(at), np.uintp(at + scheme.undirected)
+    """The contrast-insensitive histogram of the cell at ``histograms[at:]``, to a line."""
     if scheme.signed:
-        for k in range(scheme.undirected):
-            out[k] = histograms[first + np.uintp(k)] + histograms[opposite + np.uintp(k)]
+        read_folded(histograms, at, scheme.undirected, scheme.undirected, out, 0)
     else:
-        copy(histograms, at, scheme.undirected, out, 0)
+        read_line(histograms, at, 0, scheme.undirected, out, 0)
 
 
 @inlined
 def block_factors(histograms: Floats, scheme: FourBlocks, work: Work) -> None:
     """What each block multiplies its cells by."""
-    energy, factors = work.energy, work.factors
+    entries, energy, factors = work.undirected, work.energy, work.factors
     rows, cols = energy.shape
     for y in range(rows):
         for x in range(cols):
-            fold(histograms, (y * cols + x) * scheme.bins, scheme, work.undirected)
-            energy[y, x] = dot(work.undirected, 0, work.undirected, 0, scheme.undirected)
+            fold(histograms, (y * cols + x) * scheme.bins, scheme, entries)
+            energy[y, x] = dot(entries, 0, entries, 0, entries.size)
     one = scheme.epsilon / scheme.epsilon
     for y in range(rows + 1):
         up, down = max(y - 1, 0), min(y, rows - 1)
@@ -122,68 +124,40 @@ def block_factors(histograms: Floats, scheme: FourBlocks, work: Work) -> None:
 
 
 @inlined
-def factors_of_cell(factors: Floats, y: int, x: int, out: Floats) -> None:
-    out[0], out[1] = factors[y, x], factors[y, x + 1]
-    out[2], out[3] = factors[y + 1, x], factors[y + 1, x + 1]
+def factors_of_cell(factors: Floats, y: int, x: int) -> Corners:
+    return Corners(factors[y, x], factors[y, x + 1], factors[y + 1, x], factors[y + 1, x + 1])
 
 
 @inlined
-def _clipped(value: Real, factor: Real, clip: Real) -> Real:
-    entry = value * factor
-    return clip if entry > clip else entry
-
-
-@inlined
-def _half_sums(entries: Floats, at: int, count: int, four: Floats, clip: Real, out: Floats, to: int) -> None:
-    """For each bin, half the sum of its clipped entries in the four blocks."""
-    half = out.dtype.type(0.5)
-    f, g, h, i = four[0], four[1], four[2], four[3]
-    for k in range(count):
-        value = entries[np.uintp(at) + np.uintp(k)]
-        upper = _clipped(value, f, clip) + _clipped(value, g, clip)
-        lower = _clipped(value, h, clip) + _clipped(value, i, clip)
-        out[np.uintp(to) + np.uintp(k)] = (upper + lower) * half
-
-
-@inlined
-def _texture(entries: Floats, at: int, count: int, four: Floats, scheme: FourBlocks, out: Floats, to: int) -> None:
+def _texture(entries: Floats, four: Corners, scheme: FourBlocks, totals: Floats, out: Floats, to: int) -> None:
     """For each block, the scaled sum of the clipped entries over all bins."""
-    zero, clip = out.dtype.type(0), scheme.clip
-    a, b, c, d = zero, zero, zero, zero
-    f, g, h, i = four[0], four[1], four[2], four[3]
-    for k in range(count):
-        value = entries[np.uintp(at) + np.uintp(k)]
-        a += _clipped(value, f, clip)
-        b += _clipped(value, g, clip)
-        c += _clipped(value, h, clip)
-        d += _clipped(value, i, clip)
-    order = scheme.order
-    out[to + order[0]], out[to + order[1]] = scheme.texture * a, scheme.texture * b
-    out[to + order[2]], out[to + order[3]] = scheme.texture * c, scheme.texture * d
+    totals[:] = 0
+    clipped_totals(entries, four, scheme.clip, totals)
+    for block in range(4):
+        out[to + scheme.order[block]] = scheme.texture * totals[block]
 
 
 @inlined
-def _describe_cell(histograms: Floats, at: int, scheme: FourBlocks, work: Work, out: Floats, to: int) -> None:
-    """The channels of the cell at ``histograms[at:]``, to ``out[to:]``."""
+def _describe_cell(histograms: Floats, at: int, scheme: FourBlocks, four: Corners, work: Work) -> None:
+    """The channels of the cell at ``histograms[at:]``, to ``work.channels``."""
     directed, undirected, texture, blocks, zero = scheme.first
-    n, four, clip = scheme.undirected, work.of_cell, scheme.clip
-    fold(histograms, at, scheme, work.undirected)
+    n, clip, entries, out = scheme.undirected, scheme.clip, work.undirected, work.channels
+    read_line(histograms, at, 0, scheme.bins, work.histogram, 0)
+    fold(histograms, at, scheme, entries)
     if directed >= 0:
-        _half_sums(histograms, at, scheme.bins, four, clip, out, to + directed)
+        half_sums(work.histogram, four, clip, out, directed)
     if undirected >= 0:
-        _half_sums(work.undirected, 0, n, four, clip, out, to + undirected)
+        half_sums(entries, four, clip, out, undirected)
     if texture >= 0:
         if scheme.directed_texture:
-            _texture(histograms, at, scheme.bins, four, scheme, out, to + texture)
+            _texture(work.histogram, four, scheme, work.totals, out, texture)
         else:
-            _texture(work.undirected, 0, n, four, scheme, out, to + texture)
+            _texture(entries, four, scheme, work.totals, out, texture)
     if blocks >= 0:
-        entries = work.undirected
         for block in range(4):
-            for k in range(n):
-                out[to + blocks + block * n + k] = _clipped(entries[k], four[block], clip)
+            clipped(entries, four[block], clip, out, blocks + block * n)
     if zero >= 0:
-        out[to + zero] = 0
+        out[zero] = 0
 
 
 @compiled
@@ -191,12 +165,14 @@ def four_block_norm(images: Floats, scheme: FourBlocks, start: int, stop: int, o
     """Histograms of images ``start`` to ``stop`` to their descriptors."""
     _, rows, cols, bins = images.shape
     channels, drop = out.shape[3], scheme.dropped
-    work = new_work(rows, cols, bins, images.dtype)
+    work = new_work(rows, cols, channels, scheme, images.dtype)
+    factors, of_cell = work.factors, work.channels
     for image in range(start, stop):
         histograms, descriptor, to = images[image].reshape(-1), out[image].reshape(-1), 0
         block_factors(histograms, scheme, work)
         for y in range(drop, rows - drop):
             for x in range(drop, cols - drop):
-                factors_of_cell(work.factors, y, x, work.of_cell)
-                _describe_cell(histograms, (y * cols + x) * bins, scheme, work, descriptor, to)
+                four = factors_of_cell(factors, y, x)
+                _describe_cell(histograms, (y * cols + x) * bins, scheme, four, work)
+                copy(of_cell, 0, channels, descriptor, to)
                 to += channels

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...runtime.arrays import DType, Flags, Floats, Integers
-from ...runtime.compile import inlined
+from ...runtime.compile import compiled, inlined
 from ...runtime.simd import PADDING
 from ..gradient import BLACK
 from .parameters import Pixels, Reading
@@ -49,13 +49,13 @@ def described_channels(reading: Reading) -> int:
     return 1 if reading.averaged else reading.weights.size
 
 
-@inlined
+@compiled
 def new_lines(reading: Reading, width: int, dtype: DType) -> Floats:
     """The ring buffer of :class:`Gradients`."""
     return np.zeros(described_channels(reading) * 3 * (width + 2), dtype)
 
 
-@inlined
+@compiled
 def new_gradients(reading: Reading, width: int, rows: int, dtype: DType) -> Gradients:
     """For so many rows at a time."""
     size = rows * padded(width) + PADDING

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...runtime.arrays import DType, Floats, Integers, Real
-from ...runtime.compile import compiled, inlined
+from ...runtime.compile import borrowing, compiled, inlined
 from ...runtime.simd import PADDING
 from ..gradient import BLACK
 from .gradient_loops import described_channels, padded
@@ -39,7 +39,7 @@ def ring_line(width: int) -> int:
     return size
 
 
-@inlined
+@compiled
 def new_ring(reading: Reading, width: int, dtype: DType) -> Ring:
     size = 3 * ring_line(width)
     several = size if described_channels(reading) > 1 else 0
@@ -54,12 +54,12 @@ class PlaneGradients(NamedTuple):
     gy: Floats
 
 
-@inlined
+@compiled
 def new_plane_gradients(size: int, dtype: DType) -> PlaneGradients:
     return PlaneGradients(np.zeros(size, dtype), np.zeros(size, dtype))
 
 
-@compiled
+@borrowing
 def votes_vjp(
     votes: Votes,
     gradients: VoteGradients,
@@ -90,7 +90,7 @@ def votes_vjp(
         out_y[x] = along * gy[x] + across * gx[x]
 
 
-@compiled
+@borrowing
 def hard_votes_vjp(votes: Votes, gradients: VoteGradients, gx: Floats, gy: Floats, out: PlaneGradients) -> None:
     """The same of hard votes, which do not change with the angle."""
     zero, one = gx.dtype.type(0), gx.dtype.type(1)

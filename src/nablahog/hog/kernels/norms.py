@@ -10,37 +10,17 @@ import math
 import numpy as np
 
 from ...runtime.arrays import Floats, Real
-from ...runtime.compile import compiled, inlined
+from ...runtime.compile import borrowing, inlined
+from .norm_simd import dot
 
 
 @inlined
-def copy(source: Floats, begin: int, count: int, out: Floats, to: int) -> None:
-    """``out[to:]`` = ``source[begin:]``, so many numbers."""
-    first, place = np.uintp(begin), np.uintp(to)
-    for k in range(count):
-        out[place + np.uintp(k)] = source[first + np.uintp(k)]
+def whole_eights(count: int) -> int:
+    """The size of a line for so many numbers: see :mod:`.norm_simd`."""
+    return (count + 7) // 8 * 8
 
 
-@inlined
-def dot(left: Floats, at: int, right: Floats, begin: int, count: int) -> Real:
-    """The dot product of ``count`` numbers, in four sums that do not wait for each other."""
-    zero = left.dtype.type(0)
-    a, b, c, d = zero, zero, zero, zero
-    one, two, three = np.uintp(1), np.uintp(2), np.uintp(3)
-    whole = count // 4 * 4
-    for k in range(0, whole, 4):
-        x, y = np.uintp(at) + np.uintp(k), np.uintp(begin) + np.uintp(k)
-        a += left[x] * right[y]
-        b += left[x + one] * right[y + one]
-        c += left[x + two] * right[y + two]
-        d += left[x + three] * right[y + three]
-    total: Real = (a + b) + (c + d)
-    for k in range(whole, count):
-        total += left[np.uintp(at) + np.uintp(k)] * right[np.uintp(begin) + np.uintp(k)]
-    return total
-
-
-@compiled
+@borrowing
 def long_dot(left: Floats, right: Floats) -> float:
     """The dot product of long vectors: one sum in float32 would lose digits."""
     total = 0.0
@@ -49,7 +29,7 @@ def long_dot(left: Floats, right: Floats) -> float:
     return total
 
 
-@compiled
+@borrowing
 def global_norm(images: Floats, scheme: tuple[float, bool], start: int, stop: int, out: Floats) -> None:
     """Eq. 7: see :meth:`nablahog.hog.GlobalNorm.normalize`."""
     epsilon, robust = scheme
@@ -62,7 +42,7 @@ def global_norm(images: Floats, scheme: tuple[float, bool], start: int, stop: in
             to[k] = histograms[k] * factor
 
 
-@compiled
+@borrowing
 def global_norm_vjp(
     images: Floats, scheme: tuple[float, bool], grad_output: Floats, start: int, stop: int, grad_input: Floats
 ) -> None:
@@ -84,7 +64,7 @@ def global_norm_vjp(
             to[k] = y[k] * by_output + x[k] * by_input
 
 
-@compiled
+@borrowing
 def cell_norm(images: Floats, epsilon: Real, start: int, stop: int, out: Floats) -> None:
     """Each cell by itself: see :meth:`nablahog.hog.CellNorm.normalize`."""
     for image in range(start, stop):
@@ -97,7 +77,7 @@ def cell_norm(images: Floats, epsilon: Real, start: int, stop: int, out: Floats)
                     out[image, row, col, k] = cell[k] / length
 
 
-@compiled
+@borrowing
 def cell_norm_vjp(
     images: Floats, epsilon: Real, grad_output: Floats, start: int, stop: int, grad_input: Floats
 ) -> None:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...runtime.arrays import DType, Floats, Integers
-from ...runtime.compile import compiled, inlined
+from ...runtime.compile import borrowing, compiled, inlined
 from ...runtime.simd import PADDING
 from .cells import part_columns
 from .parameters import Pooling
@@ -44,19 +44,19 @@ class CellGradients(NamedTuple):
     columns: Floats  # (high · columns of a part · line,): the same of columns of pixels
 
 
-@inlined
+@compiled
 def new_vote_gradients(size: int, dtype: DType) -> VoteGradients:
     return VoteGradients(np.zeros(size, dtype), np.zeros(size, dtype), np.zeros(size, dtype))
 
 
-@inlined
+@compiled
 def new_cell_gradients(pooling: Pooling, dtype: DType) -> CellGradients:
     line = (pooling.bins + BESIDE + 7) // 8 * 8
     cells = np.zeros((pooling.high, pooling.cols + pooling.wide + 1, line), dtype)  # tables end behind the last cell
     return CellGradients(cells, np.empty(pooling.high * (pooling.columns + PADDING) * line, dtype))
 
 
-@compiled
+@borrowing
 def wrap_bins(grad_cells: Floats, pooling: Pooling, band: int, out: Floats) -> None:
     """Copies the cells of a band from ``grad_cells`` (rows, cols, bins) to lines of cyclic bins, ``out``."""
     bins, line, cols = pooling.bins, out.shape[2], pooling.cols
@@ -115,7 +115,7 @@ def _look_up(
             look_up(source, lines, bins, pixels, by_col, weights, by_row, (first + row) * 2, *planes)
 
 
-@compiled
+@borrowing
 def votes_gradient(
     gradients: CellGradients, bins: Integers, stride: int, first: int, rows: int, pooling: Pooling, out: VoteGradients
 ) -> None:

@@ -7,26 +7,20 @@ magnitude is below ``tiny`` give nothing.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ...runtime.arrays import DType, Floats, Integers, Real
-from ...runtime.compile import compiled, inlined
-from ...runtime.lanes import Builder
-from ...runtime.simd import vector_function
-from .orientation_simd import begun_signed_votes, begun_votes, nearest_votes, vlfeat_votes
+from ...runtime.compile import borrowing, compiled, inlined
+from .orientation_simd import begun_signed_votes, begun_votes, nearest_votes, single_votes, vlfeat_votes
 from .parameters import LINEAR, NEAREST, OPENCV, VLFEAT, Voting
-
-if TYPE_CHECKING:
-    from llvmlite import ir
 
 # atan(t) / π for t in 0…1, within 8e-8: an odd polynomial, so that right angles stay exactly on their bin centres
 ARCTANGENT = np.array(
     [0.3183086485, -0.1060524763, 0.06305023492, -0.04212303499, 0.02534499976, -0.01069655349, 0.002168260411],
     np.float32,
 )
-LEAST = np.float32(2.0**-120)  # a divisor that is no zero
 
 
 class Votes(NamedTuple):
@@ -37,16 +31,9 @@ class Votes(NamedTuple):
     bins: Integers  # int32
 
 
-@inlined
+@compiled
 def new_votes(size: int, dtype: DType) -> Votes:
     return Votes(np.zeros(size, dtype), np.zeros(size, dtype), np.zeros(size, np.int32))
-
-
-@vector_function
-def multiply_add(write: Builder, left: ir.Value, right: ir.Value, more: ir.Value) -> ir.Value:
-    """left · right + more, rounded once where the processor can."""
-    bits = 32 if left.type == write.ir.FloatType() else 64
-    return write.call(f"llvm.fmuladd.f{bits}", left.type, left, right, more)
 
 
 @inlined
@@ -66,39 +53,6 @@ def _wrapped(position: Real, count: Real, per_bin: Real) -> tuple[Real, np.int32
     before = np.floor(position)
     bin_ = before - np.floor((before + half) * per_bin) * count
     return position - before, np.int32(bin_ if bin_ > zero else zero)
-
-
-@inlined
-def _linear_single(gx: Floats, gy: Floats, voting: Voting, f: Floats, bins: Integers) -> None:
-    """Linear votes in float32, by a polynomial for the arctangent.
-
-    Numba vectorises this loop: vector instructions gained 1.11 in a call of `hog` (`paper`), and were removed.
-    """
-    real = gx.dtype.type  # numba compiles this for float64, too, although no call comes here
-    zero, quarter, half, one = np.float32(0), np.float32(0.25), np.float32(0.5), np.float32(1)
-    up, per_half_turn, offset, count, per_bin = (
-        voting.up,
-        voting.bins_per_half_turn,
-        voting.offset,
-        voting.turn,
-        voting.per_bin,
-    )
-    for k in range(f.size):
-        x = np.uintp(k)
-        u, v = gx[x], up * gy[x]
-        au, av = abs(u), abs(v)
-        steep = au < av
-        small, large = (au, av) if steep else (av, au)
-        t = small / (LEAST if large < LEAST else large)
-        s = t * t
-        turn = real(ARCTANGENT[6])
-        for j in range(5, -1, -1):
-            turn = multiply_add(turn, s, real(ARCTANGENT[j]))
-        turn = t * turn
-        turn = quarter if small == large else turn  # which may be a bin centre, too
-        turn = half - turn if steep else turn
-        turn = one - turn if u < zero else turn
-        f[x], bins[x] = _wrapped(math.copysign(turn, v) * per_half_turn - offset, count, per_bin)
 
 
 @inlined
@@ -123,13 +77,14 @@ def _linear_double(gx: Floats, gy: Floats, voting: Voting, f: Floats, bins: Inte
         bins[x] = np.int32(_whole(position, voting.turn))
 
 
-@compiled
+@borrowing
 def linear_votes(gx: Floats, gy: Floats, voting: Voting, m: Floats, f: Floats, bins: Integers) -> None:
     """Linear votes by the exact angle."""
-    _magnitudes(gx, gy, voting.tiny, m)
     if gx.itemsize == 4:
-        _linear_single(gx, gy, voting, f, bins)
+        turns = voting.bins_per_half_turn, voting.offset, voting.turn, voting.per_bin
+        single_votes(gx, gy, voting.tiny, voting.up, ARCTANGENT, *turns, m, f, bins)
     else:
+        _magnitudes(gx, gy, voting.tiny, m)
         _linear_double(gx, gy, voting, f, bins)
 
 
@@ -158,7 +113,7 @@ def _opencv_votes(gx: Floats, gy: Floats, voting: Voting, f: Floats, bins: Integ
         f[x], bins[x] = _wrapped(angle * radian * per_radian - offset, count, per_bin)
 
 
-@compiled
+@borrowing
 def vote(gx: Floats, gy: Floats, voting: Voting, m: Floats, f: Floats, bins: Integers) -> None:
     """Votes of planes of gradients; a hard vote writes no ``f``."""
     if voting.kind == LINEAR:
