@@ -7,7 +7,7 @@ import hashlib
 import sys
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache, update_wrapper
+from functools import cache, partial, update_wrapper
 from pathlib import Path
 from types import FunctionType
 from typing import Any
@@ -54,10 +54,13 @@ class _Compiled:
     def __init__(self, function: FunctionType, options: dict[str, Any]) -> None:
         update_wrapper(self, function)
         self.function, self.options = function, options
-        self.machine_code = cache(self._compile)  # not at import: numba takes most of a second to load
+        # not at import: numba takes most of a second to load
+        self.from_python = cache(partial(self._compile, no_cfunc_wrapper=True))
+        # for other compiled functions: wrappers, which unpack Python objects, take longer to compile than many a loop
+        self.machine_code = cache(partial(self._compile, no_cfunc_wrapper=True, no_cpython_wrapper=True))
 
     def __call__(self, *arguments: Any) -> Any:
-        return self.machine_code()(*arguments)
+        return self.from_python()(*arguments)
 
     def entry_point(self, *arguments: Any) -> Callable[..., Any]:
         """The machine code for the types of these arguments; it must be called with the same types.
@@ -67,7 +70,7 @@ class _Compiled:
         import numba
 
         types = tuple(numba.typeof(argument) for argument in arguments)  # type: ignore[no-untyped-call]
-        dispatcher: Any = self.machine_code()  # once: threads that arrive together may each compile their own
+        dispatcher: Any = self.from_python()  # once: threads that arrive together may each compile their own
         dispatcher.compile(types)
         entry_point: Callable[..., Any] = dispatcher.overloads[types].entry_point
         return entry_point
@@ -93,7 +96,7 @@ class _Compiled:
         parts = code.co_code.hex(), repr(code.co_consts), repr(self.options), *constants, *fields, *calls
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
-    def _compile(self) -> Any:
+    def _compile(self, **wrappers: bool) -> Any:
         import numba
 
         # numba's cache on disk is valid until the file of this function changes.  Whatever else the code depends on,
@@ -101,14 +104,26 @@ class _Compiled:
         names = self.function.__globals__ | {name: each.machine_code() for name, each in self._calls().items()}
         function = FunctionType(self.function.__code__, names, self.function.__name__)
         function.__module__ = self.function.__module__
-        function.__qualname__ = f"{self.function.__qualname__}_{self.digest()[:16]}"
+        function.__qualname__ = f"{self.function.__qualname__}_{self.digest()[:16]}_{len(wrappers)}"
+        options = {**self.options, **wrappers}
         try:
-            dispatcher: Any = numba.njit(cache=True, **self.options)(function)
+            dispatcher: Any = numba.njit(cache=True, **options)(function)
         except RuntimeError:  # no folder can be written
-            dispatcher = numba.njit(**self.options)(function)
+            dispatcher = numba.njit(**options)(function)
         else:
             _discard_if_unreadable(dispatcher._cache)
+        _forget_literals(dispatcher)
         return dispatcher
+
+
+def _forget_literals(dispatcher: Any) -> None:
+    """Keeps numba from compiling a function again for each constant that a compiled function calls it with."""
+    from numba.core import types
+
+    template = dispatcher.get_call_template
+    dispatcher.get_call_template = lambda arguments, named: template(
+        [types.unliteral(each) for each in arguments], named
+    )
 
 
 def _discard_if_unreadable(cached: Any) -> None:

@@ -140,7 +140,7 @@ def cells_vjp_of_images(
                     copy(of_y, at, width, ring_y, to + 1)
                     border_vjp(ring_x, ring_y, to, width, y, height, reading.border_factor)
                     if ring.channel_gx.size > 0:
-                        ring.winner[to + 1 : to + width + 1] = band.gradients.winner[at : at + width]
+                        copy(band.gradients.winner, at, width, ring.winner, to + 1)
                 else:
                     ring_x[to : to + width + 2] = 0
                     ring_y[to : to + width + 2] = 0
