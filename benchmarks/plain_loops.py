@@ -7,6 +7,8 @@ import math
 import numpy as np
 
 from nablahog.hog.kernels.gradient_loops import padded
+from nablahog.hog.kernels.norm_simd import Corners
+from nablahog.hog.kernels.orientation_simd import LEAST
 from nablahog.hog.kernels.parameters import Pooling
 from nablahog.hog.kernels.pooling_vjp import CellGradients, VoteGradients
 from nablahog.hog.kernels.votes import Votes
@@ -196,6 +198,185 @@ def votes_gradient(
                         b += weight * source[k + 1]
                         c += weight * source[k + 2]
                 out.before[at], out.here[at], out.after[at] = a, b, c
+
+
+@inlined
+def _arctangent(u: Real, v: Real, coefficients: Floats) -> Real:
+    """The angle of (u, v) in half turns."""
+    zero, half, one, least = np.float32(0), np.float32(0.5), np.float32(1), np.float32(LEAST)
+    au, av = abs(u), abs(v)
+    steep = au < av
+    small, large = (au, av) if steep else (av, au)
+    t = small / (least if large < least else large)
+    s = t * t
+    turn = coefficients[6]
+    for j in range(5, -1, -1):
+        turn = turn * s + coefficients[j]
+    turn = t * turn
+    turn = np.float32(0.25) if small == large else turn
+    turn = half - turn if steep else turn
+    turn = one - turn if u < zero else turn
+    return math.copysign(turn, v)
+
+
+@inlined
+def single_votes(
+    gx: Floats,
+    gy: Floats,
+    tiny: Real,
+    up: Real,
+    arctangent: Floats,
+    bins_per_half_turn: Real,
+    offset: Real,
+    turn: Real,
+    per_bin: Real,
+    m: Floats,
+    f: Floats,
+    bins: Integers,
+) -> None:
+    zero, half = np.float32(0), np.float32(0.5)
+    for k in range(m.size):
+        x = np.uintp(k)
+        m[x] = _magnitude(gx[x], gy[x], tiny)
+        position = _arctangent(gx[x], up * gy[x], arctangent) * bins_per_half_turn - offset
+        before = np.floor(position)
+        bin_ = before - np.floor((before + half) * per_bin) * turn
+        f[x], bins[x] = position - before, np.int32(bin_ if bin_ > zero else zero)
+
+
+@inlined
+def copy(source: Floats, begin: int, count: int, out: Floats, to: int) -> None:
+    for k in range(count):
+        out[np.uintp(to) + np.uintp(k)] = source[np.uintp(begin) + np.uintp(k)]
+
+
+@inlined
+def copy_scaled(source: Floats, begin: int, count: int, out: Floats, to: int, factor: Real) -> None:
+    for k in range(count):
+        out[np.uintp(to) + np.uintp(k)] = factor * source[np.uintp(begin) + np.uintp(k)]
+
+
+@inlined
+def add(source: Floats, begin: int, count: int, out: Floats, to: int) -> None:
+    for k in range(count):
+        out[np.uintp(to) + np.uintp(k)] += source[np.uintp(begin) + np.uintp(k)]
+
+
+@inlined
+def add_scaled(source: Floats, begin: int, count: int, out: Floats, to: int, factor: Real) -> None:
+    for k in range(count):
+        out[np.uintp(to) + np.uintp(k)] += factor * source[np.uintp(begin) + np.uintp(k)]
+
+
+@inlined
+def read_line(source: Floats, begin: int, step: int, count: int, out: Floats, to: int) -> None:
+    for k in range(count):
+        out[np.uintp(to) + np.uintp(k)] = source[np.uintp(begin) + np.uintp(k)]
+
+
+@inlined
+def read_folded(source: Floats, begin: int, step: int, count: int, out: Floats, to: int) -> None:
+    first, second = np.uintp(begin), np.uintp(begin + step)
+    for k in range(count):
+        out[np.uintp(to) + np.uintp(k)] = source[first + np.uintp(k)] + source[second + np.uintp(k)]
+
+
+@inlined
+def dot(left: Floats, at: int, right: Floats, begin: int, count: int) -> Real:
+    zero = left.dtype.type(0)
+    a, b, c, d = zero, zero, zero, zero
+    one, two, three = np.uintp(1), np.uintp(2), np.uintp(3)
+    whole = count // 4 * 4
+    for k in range(0, whole, 4):  # four sums, which do not wait for each other
+        x, y = np.uintp(at) + np.uintp(k), np.uintp(begin) + np.uintp(k)
+        a += left[x] * right[y]
+        b += left[x + one] * right[y + one]
+        c += left[x + two] * right[y + two]
+        d += left[x + three] * right[y + three]
+    total: Real = (a + b) + (c + d)
+    for k in range(whole, count):
+        total += left[np.uintp(at) + np.uintp(k)] * right[np.uintp(begin) + np.uintp(k)]
+    return total
+
+
+@inlined
+def _clip(value: Real, clip: Real) -> Real:
+    return clip if value > clip else value
+
+
+@inlined
+def _through_clip(entry: Real, clip: Real, grad: Real) -> Real:
+    passed = grad * np.float32(0.5) if entry == clip else grad
+    return passed - passed if entry > clip else passed
+
+
+@inlined
+def clipped(x: Floats, factor: Real, clip: Real, out: Floats, to: int) -> None:
+    for k in range(x.size):
+        out[np.uintp(to) + np.uintp(k)] = _clip(x[k] * factor, clip)
+
+
+@inlined
+def clipped_norm_vjp(
+    x: Floats, grad: Floats, factor: Real, clip: Real, by_grad: Real, by_clipped: Real, out: Floats, to: int
+) -> None:
+    for k in range(x.size):
+        entry = x[k] * factor
+        through = grad[k] * by_grad - _clip(entry, clip) * by_clipped
+        out[np.uintp(to) + np.uintp(k)] = _through_clip(entry, clip, through)
+
+
+@inlined
+def norm_vjp(x: Floats, grad: Floats, by_grad: Real, by_x: Real, less: Real, out: Floats, to: int) -> None:
+    for k in range(x.size):
+        out[np.uintp(to) + np.uintp(k)] = grad[k] * by_grad - (x[k] * by_x + less)
+
+
+@inlined
+def half_sums(x: Floats, factors: Corners, clip: Real, out: Floats, to: int) -> None:
+    half = out.dtype.type(0.5)
+    f, g, h, i = factors
+    for k in range(x.size):
+        upper = _clip(x[k] * f, clip) + _clip(x[k] * g, clip)
+        lower = _clip(x[k] * h, clip) + _clip(x[k] * i, clip)
+        out[np.uintp(to) + np.uintp(k)] = (upper + lower) * half
+
+
+@inlined
+def clipped_totals(x: Floats, factors: Corners, clip: Real, out: Floats) -> None:
+    a, b, c, d = out[0], out[1], out[2], out[3]
+    f, g, h, i = factors
+    for k in range(x.size):
+        a += _clip(x[k] * f, clip)
+        b += _clip(x[k] * g, clip)
+        c += _clip(x[k] * h, clip)
+        d += _clip(x[k] * i, clip)
+    out[0], out[1], out[2], out[3] = a, b, c, d
+
+
+@inlined
+def clipped_vjp(
+    x: Floats,
+    factors: Corners,
+    clip: Real,
+    grad: Floats,
+    stride: int,
+    by_grad: Real,
+    grad_totals: Corners,
+    grad_factors: Floats,
+    out: Floats,
+) -> None:
+    a, b, c, d = grad_factors[0], grad_factors[1], grad_factors[2], grad_factors[3]
+    f, g, h, i = factors
+    t, u, v, w = grad_totals
+    for k in range(x.size):
+        p = _through_clip(x[k] * f, clip, grad[np.uintp(k)] * by_grad + t)
+        q = _through_clip(x[k] * g, clip, grad[np.uintp(stride) + np.uintp(k)] * by_grad + u)
+        r = _through_clip(x[k] * h, clip, grad[np.uintp(2 * stride) + np.uintp(k)] * by_grad + v)
+        s = _through_clip(x[k] * i, clip, grad[np.uintp(3 * stride) + np.uintp(k)] * by_grad + w)
+        out[k] = (p * f + q * g) + (r * h + s * i)
+        a, b, c, d = a + p * x[k], b + q * x[k], c + r * x[k], d + s * x[k]
+    grad_factors[0], grad_factors[1], grad_factors[2], grad_factors[3] = a, b, c, d
 
 
 def fits(size: int, bins: int) -> bool:

@@ -38,13 +38,29 @@ class Case:
     vjp: bool = False
 
 
+_BLOCKS = {
+    name: ("block_norms",)
+    for name in ("add", "clipped", "clipped_norm_vjp", "copy", "copy_scaled", "dot", "norm_vjp", "read_line")
+}
+_FOUR_BLOCKS = {
+    **{name: ("four_blocks",) for name in ("clipped", "clipped_totals", "dot", "half_sums")},
+    **{name: ("four_blocks_vjp",) for name in ("add_scaled", "clipped_vjp")},
+    **{name: ("four_blocks", "four_blocks_vjp") for name in ("copy", "read_line")},
+    "read_folded": ("four_blocks",),
+}
 CASES = {
+    "linear_votes": Case({"single_votes": ("votes",)}, "paper"),
     "vlfeat_votes": Case({"vlfeat_votes": ("votes",)}, "vlfeat"),
     "nearest_votes": Case({"nearest_votes": ("votes",)}, "dpm"),
     "begun_votes": Case({"begun_votes": ("votes",)}, "skimage"),
     "sum_votes": Case({"sum_up": ("cells",)}, "paper"),
     "pool_eight": Case({"pool": ("cells", "cells_jvp")}, "paper"),
     "read_votes": Case({"votes_gradient": ("cells_vjp",)}, "paper", vjp=True),
+    "block_norm": Case(_BLOCKS, "skimage"),
+    "block_norm_of_18": Case(_BLOCKS, "opencv"),
+    "block_norm_vjp": Case(_BLOCKS, "opencv", vjp=True),
+    "four_blocks": Case(_FOUR_BLOCKS, "uoctti"),
+    "four_blocks_vjp": Case(_FOUR_BLOCKS, "uoctti", vjp=True),
     "look_up": Case({"fits": ("parameters",)}, "paper", vjp=True),  # beside read_votes; 1 without AVX-512
 }
 

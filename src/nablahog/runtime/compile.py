@@ -120,10 +120,9 @@ def _forget_literals(dispatcher: Any) -> None:
     """Keeps numba from compiling a function again for each constant that a compiled function calls it with."""
     from numba.core import types
 
+    unliteral: Callable[[Any], Any] = types.unliteral
     template = dispatcher.get_call_template
-    dispatcher.get_call_template = lambda arguments, named: template(
-        [types.unliteral(each) for each in arguments], named
-    )
+    dispatcher.get_call_template = lambda arguments, named: template([unliteral(each) for each in arguments], named)
 
 
 def _discard_if_unreadable(cached: Any) -> None:

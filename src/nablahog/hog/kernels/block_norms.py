@@ -1,9 +1,7 @@
 """The normaliser of rectangular blocks of cells, compiled, with its vjp.
 
 Histograms are (images, rows, cols, bins), descriptors (images, rows, cols, channels); a loop goes over images ``start``
-to ``stop`` of them, and gathers each block in one vector.
-
-TODO
+to ``stop`` of them, and gathers each block in lines: see :mod:`.norm_simd`.
 """
 
 from __future__ import annotations
@@ -88,7 +86,7 @@ def _slope(energy: Real, product: Real, epsilon: Real, epsilon_outside_root: boo
 
 
 class _Shape(NamedTuple):
-    """Of a block, whose rows of cells are lines: see :mod:`.norm_simd`."""
+    """Of a block: each of its rows of cells is a line."""
 
     high: int  # rows
     row: int  # numbers of a row

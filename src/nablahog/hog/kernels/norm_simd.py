@@ -1,7 +1,11 @@
 """Normalisers in vector instructions, eight numbers at a time.
 
 LLVM's own vector loops begin at 32 numbers; few histograms and blocks have as many.  A *line* is an array of whole
-eights: a short vector with zeros behind.  For gains see :mod:`.block_norms` and :mod:`.four_blocks`.
+eights: a short vector with zeros behind.
+
+Gains of a call of `hog` over plain Numba loops in the place of these instructions (one image of 256 x 256, AMD EPYC,
+AVX2, float32): block normaliser GAIN (`skimage`), GAIN (`opencv`), its vjp GAIN (`opencv`); four blocks GAIN, their vjp
+GAIN (`uoctti`).
 """
 
 from __future__ import annotations
@@ -18,7 +22,10 @@ if TYPE_CHECKING:
 
 
 def _in_pieces(write: Builder, count: ir.Value, piece: Callable[[Index, int], None], overlap: bool) -> None:
-    """Calls ``piece`` for ``count`` numbers, with an index and a number of lanes."""
+    """Calls ``piece`` for ``count`` numbers, with an index and a number of lanes: eights, then single ones.
+
+    If they may ``overlap``, the last of eight or more are an eight, too.
+    """
     whole = write.builder.and_(count, write.index(-8))
     with write.loop(whole, 8) as k:
         piece(k, 8)
@@ -34,7 +41,10 @@ def _in_pieces(write: Builder, count: ir.Value, piece: Callable[[Index, int], No
 
 
 def _moves(scale: bool, more: bool) -> Callable[..., None]:
-    """An instruction: ``out[to:]`` = ``factor`` times ``source[begin:]``, so many numbers; if ``more``, added to it."""
+    """An instruction: copies ``count`` numbers ``source[begin:]`` to ``out[to:]``, or if ``more`` adds them.
+
+    If it is to ``scale`` them, it takes a factor after the others.
+    """
 
     @vector_instruction
     def move(
