@@ -38,19 +38,17 @@ class Case:
     vjp: bool = False
 
 
-_BLOCKS = {
-    name: ("block_norms",)
-    for name in ("add", "clipped", "clipped_norm_vjp", "copy", "copy_scaled", "dot", "norm_vjp", "read_line")
-}
+_BLOCKS = dict.fromkeys(
+    ("add", "clipped", "clipped_norm_vjp", "copy", "copy_scaled", "dot", "norm_vjp", "read_line"), ("block_norms",)
+)
 _FOUR_BLOCKS = {
-    **{name: ("four_blocks",) for name in ("clipped", "clipped_totals", "dot", "half_sums")},
-    **{name: ("four_blocks_vjp",) for name in ("add_scaled", "clipped_vjp")},
-    **{name: ("four_blocks", "four_blocks_vjp") for name in ("copy", "read_line")},
+    **dict.fromkeys(("clipped", "clipped_totals", "dot", "half_sums"), ("four_blocks",)),
+    **dict.fromkeys(("add_scaled", "clipped_vjp"), ("four_blocks_vjp",)),
+    **dict.fromkeys(("copy", "read_line"), ("four_blocks", "four_blocks_vjp")),
     "read_folded": ("four_blocks",),
 }
 CASES = {
     "linear_votes": Case({"single_votes": ("votes",)}, "paper"),
-    "vlfeat_votes": Case({"vlfeat_votes": ("votes",)}, "vlfeat"),
     "nearest_votes": Case({"nearest_votes": ("votes",)}, "dpm"),
     "begun_votes": Case({"begun_votes": ("votes",)}, "skimage"),
     "sum_votes": Case({"sum_up": ("cells",)}, "paper"),
