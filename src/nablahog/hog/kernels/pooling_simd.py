@@ -125,14 +125,14 @@ def _sum(
                 sums.store(place, total.get())
 
 
-# gain 3.2 (`paper`), together with those below, over a loop that scatters votes to cells
+# gain 4.2 (`paper`), together with those below, over a loop that scatters votes to cells
 sum_hard, sum_hard_one_row = _sums((0,), 2), _sums((0,), 1)
 sum_linear, sum_linear_one_row = _sums((0, 1), 2), _sums((0, 1), 1)
 sum_tangents, sum_tangents_one_row = _sums((0, 1, -1), 2), _sums((0, 1, -1), 1)
 
 
 def _pools(cells: int) -> Callable[..., None]:
-    """An instruction: adds eight columns of eight lines of sums to one or two cells.  Gain 2.1 (`paper`).
+    """An instruction: adds eight columns of eight lines of sums to one or two cells.  Gain 2.4 (`paper`).
 
     ``sums[at:]`` are the first line's, ``stride`` apart.  Weights of the columns in the first cell begin at
     ``by_col[weight:]``, in the second ``step`` further; eight bins of the first cell at ``out[to:]``, of the second
