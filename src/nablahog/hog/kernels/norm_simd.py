@@ -147,11 +147,6 @@ def _through_clip(entries: Lanes, clip: Lanes, grad: Lanes) -> Lanes:
 
 
 @_each_eight
-def scaled(x: Lanes, factor: Lanes) -> Lanes:
-    return x * factor
-
-
-@_each_eight
 def roots(x: Lanes, factor: Lanes) -> Lanes:
     return (x * factor).sqrt()
 

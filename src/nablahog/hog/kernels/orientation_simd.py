@@ -1,7 +1,8 @@
 """Eq. 2-4 in vector instructions: magnitudes and bins of many pixels at a time.
 
 A search among directions is short and has no early end, so that all lanes go through it together; Numba does not
-vectorise such a loop within a loop.  Gains are of a call of `hog`, one image of 256 x 256, AMD EPYC, AVX2, float32, over a plain Numba loop.
+vectorise such a loop within a loop.  Gains are of a call of `hog`, one image of 256 x 256, AMD EPYC, AVX2, float32,
+over a plain Numba loop.
 """
 
 from __future__ import annotations
