@@ -23,7 +23,6 @@ from .colours import merge_colours, separate_colours, split_colours
 Step: TypeAlias = Callable[[Tensor, HOGSpec], Tensor]
 
 
-@lru_cache(maxsize=64)
 def supports(spec: HOGSpec) -> bool:
     """Whether these loops have all that the dialect needs."""
     return spec.border in MASKS[spec.mask].loops and vote_rule(spec).loop is not None
