@@ -165,7 +165,7 @@ def votes_gradient(
 
 
 @inlined
-def _arctangent(u: Real, v: Real, coefficients: Floats) -> Real:
+def _arctangent(u: Real, v: Real, coefficients: Floats) -> Real | float:
     """The angle of (u, v) in half turns."""
     zero, half, one, least = np.float32(0), np.float32(0.5), np.float32(1), np.float32(LEAST)
     au, av = abs(u), abs(v)

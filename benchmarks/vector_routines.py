@@ -38,7 +38,7 @@ class Case:
     vjp: bool = False
 
 
-_BLOCKS = dict.fromkeys(
+_BLOCKS: dict[str, tuple[str, ...]] = dict.fromkeys(
     ("add", "clipped", "clipped_norm_vjp", "copy", "copy_scaled", "dot", "norm_vjp", "read_line"), ("block_norms",)
 )
 _FOUR_BLOCKS = {

@@ -8,6 +8,7 @@ pose.png: a procedural chair in front of one, with the pose found and similarity
 
 from __future__ import annotations
 
+from argparse import Namespace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -19,7 +20,7 @@ from torch import Tensor
 
 from nablahog import hog, metrics, presets, reconstruct
 from nablahog.cli.results.pose_page import write
-from nablahog.cli.results.pose_result import PoseOptions, PoseResult
+from nablahog.cli.results.pose_result import PoseResult
 from nablahog.datasets.viewpoints import sample_viewpoints
 from nablahog.evaluate.examples import rendered
 from nablahog.evaluate.models import procedural_chairs
@@ -75,7 +76,7 @@ def pose() -> None:
     meshes = {model.name: model.mesh() for model in one.models}
     estimate = estimate_pose(one.image, meshes, box=one.box, initial=one.initial)
     result = PoseResult(
-        path=one.name,
+        arguments=Namespace(photo=one.name, method="best", init=one.initial, seed=0, background=None),
         photograph=one.image,
         box=one.box,
         matched=PreparedPhotograph(crop_object(one.image, one.box)),
@@ -84,7 +85,6 @@ def pose() -> None:
         candidates=list(meshes),
         passed_over={},
         seconds=0,
-        settings=PoseOptions("best", one.initial, 0, None),
     )
     print(f"pose.png: azimuth {estimate.azimuth:.1f} for {one.azimuth:.1f}")
     with TemporaryDirectory() as folder:
