@@ -217,6 +217,13 @@ def test_batch_equals_loop_in_both_precisions() -> None:
     torch.testing.assert_close(single.images[:, :2].double(), together.images[:, :2], atol=1e-3, rtol=1e-3)
 
 
+@pytest.mark.usefixtures("two_threads")
+def test_a_batch_of_large_grids_in_two_threads() -> None:
+    """Of 16x16 cells; solvers share such systems out to threads."""
+    votes = histograms(torch.rand(2, 1, 128, 128, generator=torch.Generator().manual_seed(0)), presets.paper())
+    assert signed_cells(votes, presets.paper(), 0).images.isfinite().all()
+
+
 def test_energy_does_not_depend_on_the_votes_unit_and_the_image_does() -> None:
     votes = random_votes(1, 5, 6)
     one, many = (signed_cells(unit * votes, presets.paper(8), seed=0) for unit in (1.0, 1e4))

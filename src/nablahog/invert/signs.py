@@ -118,7 +118,8 @@ def _sign_problem(votes: Tensor, spec: HOGSpec, trust: float, background: float)
     fixed = SMOOTHING * neighbours.T @ neighbours + 1e-3 / (rows * cols)  # the last term makes the mean 0
     system = trust * across.mT @ across + along.mT @ along + fixed + background * _background(votes)
     pull = trust * across.mT * strength.mT
-    response = torch.linalg.solve(system, pull)
+    # positive definite.  A general solver fails on batches of large systems in some builds, with two threads.
+    response = torch.cholesky_solve(pull, torch.linalg.cholesky(system))
     energy = trust * torch.diag_embed(strength.squeeze(2).square()) - pull.mT @ response
     return response * unit, (energy + energy.mT) / 2
 
