@@ -13,32 +13,25 @@ import numpy as np
 
 from ...runtime.arrays import Floats, Real
 from ...runtime.compile import compiled, inlined
-from ..normalizers import BlockNorm
 from .norm_simd import add, clipped, clipped_norm_vjp, copy, copy_scaled, dot, norm_vjp, read_line, roots, roots_vjp
 from .norms import whole_eights
 
 _L1, _L1_SQRT, _L2, _L2_HYS = range(4)
+FORMS = {"L1": _L1, "L1-sqrt": _L1_SQRT, "L2": _L2, "L2-Hys": _L2_HYS}
 
 
 class Blocks(NamedTuple):
-    """What the loops know of a :class:`.normalizers.BlockNorm`."""
+    """What the loops know of a ``BlockNorm``."""
 
     high: int  # cells
     wide: int
     down: int  # cells from block to block
     across: int
-    form: int
+    form: int  # of FORMS
     epsilon: Real
     epsilon_again: Real
     epsilon_outside_root: bool
     clip: Real
-
-
-def rectangles(scheme: BlockNorm, real: type[Real]) -> Blocks:
-    """In float32 or float64, ``real``."""
-    form = {"L1": _L1, "L1-sqrt": _L1_SQRT, "L2": _L2, "L2-Hys": _L2_HYS}[scheme.form]
-    epsilons = real(scheme.epsilon), real(scheme.epsilon_again)
-    return Blocks(*scheme.block, *scheme.step, form, *epsilons, scheme.epsilon_outside_root, real(scheme.clip))
 
 
 @inlined

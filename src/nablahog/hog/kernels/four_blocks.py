@@ -12,13 +12,12 @@ import numpy as np
 
 from ...runtime.arrays import DType, Floats, Integers, Real
 from ...runtime.compile import compiled, inlined
-from ..normalizers.four_block import DPM_ORDER, DPM_TEXTURE, PARTS, VLFEAT_TEXTURE, FourBlockNorm
 from .norm_simd import Corners, clipped, clipped_totals, copy, dot, half_sums, read_folded, read_line
 from .norms import whole_eights
 
 
 class FourBlocks(NamedTuple):
-    """What the loops know of a :class:`.normalizers.FourBlockNorm`."""
+    """What the loops know of a ``FourBlockNorm``."""
 
     epsilon: Real
     clip: Real
@@ -49,27 +48,6 @@ class Work(NamedTuple):
     energy: Floats  # (rows, cols)
     factors: Floats  # of blocks: what they multiply their cells by
     grad_factors: Floats
-
-
-def four_blocks(scheme: FourBlockNorm, bins: int, signed: bool, real: type[Real]) -> FourBlocks:
-    """In float32 or float64, ``real``."""
-    channels = [scheme.channels_of(part, bins, signed) for part in PARTS]
-    first = np.cumsum([0, *channels[:-1]])
-    dpm = scheme.texture == "dpm"
-    return FourBlocks(
-        epsilon=real(scheme.epsilon),
-        clip=real(scheme.clip),
-        floor=scheme.floor,
-        missing=scheme.outside == "missing",
-        dropped=int(scheme.outside == "drop"),
-        signed=signed,
-        bins=bins,
-        undirected=bins // 2 if signed else bins,
-        first=np.where(np.array(channels) > 0, first, -1),
-        directed_texture=dpm,
-        texture=real(DPM_TEXTURE if dpm else VLFEAT_TEXTURE),
-        order=np.argsort(DPM_ORDER) if dpm else np.arange(4),
-    )
 
 
 @compiled

@@ -87,9 +87,18 @@ class BlockNorm(Normalizer):
 
     def loops(self, bins: int, signed: bool, real: Any) -> NormalizerLoops:
         """Block after block."""
-        from ..kernels.block_norms import block_norm, block_norm_vjp, rectangles
+        from ..kernels.block_norms import FORMS, Blocks, block_norm, block_norm_vjp
 
-        return NormalizerLoops(block_norm, block_norm_vjp, rectangles(self, real))
+        constants = Blocks(
+            *self.block,
+            *self.step,
+            form=FORMS[self.form],
+            epsilon=real(self.epsilon),
+            epsilon_again=real(self.epsilon_again),
+            epsilon_outside_root=self.epsilon_outside_root,
+            clip=real(self.clip),
+        )
+        return NormalizerLoops(block_norm, block_norm_vjp, constants)
 
     def mirrored_channels(self, bins: list[int], axes: list[int]) -> list[int]:
         """The cells of each row in reverse."""

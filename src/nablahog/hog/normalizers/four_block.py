@@ -166,10 +166,28 @@ class FourBlockNorm(Normalizer):
 
     def loops(self, bins: int, signed: bool, real: Any) -> NormalizerLoops:
         """Cell after cell."""
-        from ..kernels.four_blocks import four_block_norm, four_blocks
+        import numpy as np
+
+        from ..kernels.four_blocks import FourBlocks, four_block_norm
         from ..kernels.four_blocks_vjp import four_block_norm_vjp
 
-        return NormalizerLoops(four_block_norm, four_block_norm_vjp, four_blocks(self, bins, signed, real))
+        channels = [self.channels_of(part, bins, signed) for part in PARTS]
+        dpm = self.texture == "dpm"
+        constants = FourBlocks(
+            epsilon=real(self.epsilon),
+            clip=real(self.clip),
+            floor=self.floor,
+            missing=self.outside == "missing",
+            dropped=int(self.outside == "drop"),
+            signed=signed,
+            bins=bins,
+            undirected=bins // 2 if signed else bins,
+            first=np.where(np.array(channels) > 0, np.cumsum([0, *channels[:-1]]), -1),
+            directed_texture=dpm,
+            texture=real(DPM_TEXTURE if dpm else VLFEAT_TEXTURE),
+            order=np.argsort(DPM_ORDER) if dpm else np.arange(4),
+        )
+        return NormalizerLoops(four_block_norm, four_block_norm_vjp, constants)
 
     def mirrored_channels(self, bins: list[int], axes: list[int]) -> list[int]:
         """Left and right blocks exchange their texture, and their histograms."""
