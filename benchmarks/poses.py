@@ -25,7 +25,7 @@ import torch
 from nablahog.datasets.viewpoints import read_viewpoints, sample_viewpoints
 from nablahog.evaluate.examples import Example, rendered
 from nablahog.evaluate.models import models_in, procedural_chairs
-from nablahog.io.images import SAMPLE_NAMES, sample_photograph
+from nablahog.io.sample_photographs import SAMPLE_NAMES, sample_photograph
 from nablahog.metrics import VIEWS, azimuth_error, same_view
 from nablahog.pose import PoseEstimate, estimate_pose
 

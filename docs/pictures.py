@@ -26,7 +26,8 @@ from nablahog.evaluate.examples import rendered
 from nablahog.evaluate.models import procedural_chairs
 from nablahog.hog.gradient import gray
 from nablahog.invert import reconstruct_multiscale, scale_descriptors
-from nablahog.io.images import SAMPLE_NAMES, limit_size, sample_photograph
+from nablahog.io.images import limit_size
+from nablahog.io.sample_photographs import SAMPLE_NAMES, sample_photograph
 from nablahog.pose import estimate_pose
 from nablahog.pose.crop import crop_object
 from nablahog.pose.prepared import PreparedPhotograph

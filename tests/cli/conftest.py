@@ -12,9 +12,9 @@ from PIL import Image
 from nablahog.cli import terminal
 from nablahog.cli.arguments.learn import KINDS
 from nablahog.cli.main import main
-from nablahog.jobs import runner
-from nablahog.jobs.runner import attempt
+from nablahog.jobs import resume
 from nablahog.jobs.store import Job, JobResult
+from nablahog.jobs.worker import attempt
 
 from .common import CHELSEA
 
@@ -53,7 +53,7 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
             started(index)
             yield index, attempt(job)
 
-    monkeypatch.setattr(runner, "run_jobs", run)
+    monkeypatch.setattr(resume, "run_jobs", run)
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import torch
 
 from nablahog.dialects import Comparison, compare
 from nablahog.dialects.compare import cliques
-from nablahog.dialects.page import heat_map
+from nablahog.dialects.heatmap import heat_map
 from nablahog.dialects.tables import channels, conventions, csv_rows, matrix, pairs, same, shares, tie_rows
 from nablahog.hog import presets
 

@@ -16,8 +16,8 @@ from skimage.feature import hog as skimage_hog
 from torch import Tensor
 
 from nablahog.dialects.common_form import same_channels
-from nablahog.dialects.compare import ties
 from nablahog.dialects.describer import Describer
+from nablahog.dialects.ties import ties
 from nablahog.hog import HOGSpec, hog
 
 from .common import SPECS, distance, entries, percent, photograph

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from nablahog.dialects.common_form import Channels, same_channels
-from nablahog.dialects.distances import shapley
+from nablahog.dialects.shapley import shapley
 from nablahog.hog import BilinearCells, FourBlockNorm, HOGSpec, presets
 
 from .common import CAT, SPECS, distance, percent, total

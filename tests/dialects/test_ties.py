@@ -8,8 +8,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from nablahog.dialects.compare import Ties, ties
 from nablahog.dialects.describer import Describer
+from nablahog.dialects.ties import Ties, ties
 from nablahog.hog import HOGSpec
 
 from .common import CAT, SPECS

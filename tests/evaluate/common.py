@@ -16,8 +16,8 @@ from nablahog.evaluate.reconstruction import ReconstructionJob
 from nablahog.evaluate.table1 import Table1, run_table1
 from nablahog.invert.learned import PriorLearning
 from nablahog.invert.network import Architecture, weight_count
-from nablahog.jobs.runner import attempt
 from nablahog.jobs.store import Job, JobResult
+from nablahog.jobs.worker import attempt
 
 
 def photographs(count: int = 3, size: int = 32) -> Photographs:

@@ -12,7 +12,7 @@ import torch
 from PIL import Image
 
 from nablahog.evaluate.photographs import read_folder, sample_photographs
-from nablahog.io.images import SAMPLE_NAMES
+from nablahog.io.sample_photographs import SAMPLE_NAMES
 
 COLOURS = np.random.default_rng(0).integers(0, 256, (40, 60, 3), dtype=np.uint8)
 

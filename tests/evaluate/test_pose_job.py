@@ -13,8 +13,8 @@ from nablahog.evaluate.models import Model
 from nablahog.evaluate.pose_job import PoseJob
 from nablahog.evaluate.pose_methods import PoseMethod, Table2Settings
 from nablahog.jobs import store
-from nablahog.jobs.runner import attempt
 from nablahog.jobs.store import JobResult
+from nablahog.jobs.worker import attempt
 
 from .pose_fakes import ENDLESS, FAR, MODELS, NEAR, OTHER, examples
 

@@ -14,7 +14,7 @@ from nablahog import presets
 from nablahog.cli.arguments.preset_parameters import PRESETS
 from nablahog.cli.inputs.spec import make_spec
 from nablahog.hog import HOGSpec
-from nablahog.io.arrays import Fit, fit, shapes, stored
+from nablahog.io.layouts import Fit, fit, shapes, stored
 
 SIZE = (40, 64)
 VARIANTS: dict[str, HOGSpec] = {

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from nablahog.jobs import runner
-from nablahog.jobs.runner import attempt, cores, run_jobs
+from nablahog.jobs.runner import cores, run_jobs
 from nablahog.jobs.store import JobResult
+from nablahog.jobs.worker import attempt
 
 from ..evaluate.common import job
 from ..evaluate.fakes import DARK, KILLED, KILLED_ONCE, MISTAKEN

@@ -8,8 +8,8 @@ import pytest
 
 from nablahog import metrics
 from nablahog.evaluate.methods import METHODS
-from nablahog.jobs.runner import attempt
 from nablahog.jobs.store import JobResult
+from nablahog.jobs.worker import attempt
 
 from ..evaluate import fakes
 from ..evaluate.common import image, job

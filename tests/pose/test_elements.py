@@ -11,7 +11,7 @@ from torch.nn.functional import conv2d
 from torch.testing import assert_close
 
 from nablahog.hog import hog, presets
-from nablahog.io.images import sample_photograph
+from nablahog.io.sample_photographs import sample_photograph
 from nablahog.pose.background import default_background
 from nablahog.pose.elements import EMPTY, Elements, all_patches, calibration, elements
 from nablahog.pose.whitening import Background

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 import io
 import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from typing import NoReturn
 
-from .arguments.invert import demo, dialects, glyph, hog, invert, invert_template
-from .arguments.learn import KINDS, learn
-from .arguments.options import Parser
-from .arguments.pose import pose
-from .arguments.tables import table1, table2
+from .arguments.learn import KINDS
+from .arguments.main import parser
 from .errors import UserError
 
 INTERRUPTED = 130  # what shells report of a command ended by Ctrl-C
@@ -22,14 +17,14 @@ _COMMANDS = {
     "hog": "hog.hog",
     "glyph": "hog.glyph",
     "invert": "invert.invert",
-    "invert-template": "invert.invert_template",
+    "invert-template": "invert_template.invert_template",
     "demo": "demo.demo",
-    "table1": "tables.table1",
-    "table2": "tables.table2",
+    "table1": "table1.table1",
+    "table2": "table2.table2",
     "pose": "pose.pose",
     "dialects": "dialects.dialects",
     **{f"learn {kind}": "learn.learn" for kind in KINDS},
-    "learn exemplars": "learn.learn_exemplars",
+    "learn exemplars": "learn_exemplars.learn_exemplars",
 }
 """Module and function of each command; a module is imported when its command is run, as most import PyTorch."""
 
@@ -71,31 +66,3 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _failed(name: str, message: str, status: int = 1) -> int:
     print(f"{name}: error: {' '.join(message.split())}", file=sys.stderr)
     return status
-
-
-class _Version(argparse.Action):
-    """Like argparse's own action, but reads the version only when asked: that takes as long as all the rest."""
-
-    def __call__(
-        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: object, option: object = None
-    ) -> NoReturn:
-        from importlib.metadata import version
-
-        print(f"nablahog {version('nablahog')}")
-        parser.exit()
-
-
-def parser() -> argparse.ArgumentParser:
-    """The parser of the command; the name of the subcommand is its ``command``."""
-    top = Parser(
-        prog="nablahog",
-        description="HOG descriptors of photographs, and photographs from HOG descriptors.",
-        epilog="`nablahog COMMAND --help` lists the options of a command.",
-    )
-    top.add_argument(
-        "--version", action=_Version, nargs=0, default=argparse.SUPPRESS, help="show program's version number and exit"
-    )
-    commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=Parser)
-    for add in (hog, glyph, invert, invert_template, demo, table1, pose, table2, dialects, learn):
-        add(commands)
-    return top

@@ -2,6 +2,6 @@
 
 from .compare import Comparison, Pair, compare
 from .conventions import Convention
-from .distances import ShapleyContribution
+from .shapley import ShapleyContribution
 
 __all__ = ["Comparison", "Convention", "Pair", "ShapleyContribution", "compare"]

@@ -1,39 +1,22 @@
-"""Distances of descriptors in a common form, and the contribution of each convention to them: its Shapley value.
-
-Source: Shapley, A Value for n-Person Games (1953).
-"""
+"""Distances of descriptors in a common form, and the contribution of each convention to them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from ..hog import HOGSpec
 from ..hog.box import Box
 from .common_form import CommonForm, Entries, common_region, region, unit
-from .conventions import Convention, essential, exchangeable
+from .conventions import essential, exchangeable
 from .describer import Describer
+from .shapley import ShapleyContribution, shapley
 
 SAME = 1e-5  # two descriptors at most so far apart are the same: float32 rounds by less
 UNRELATED = math.sqrt(2)
 
 Progress = Callable[[int, int, str], None]
-
-
-@dataclass(frozen=True)
-class ShapleyContribution:
-    """The contribution of a convention to the squared distance of two descriptors.
-
-    Attributes:
-        convention: fields of the specs.
-        settings: their values in each of both specs, as text.
-        value: the part of the squared distance; below 0 if exchanging the convention increases the distance on average.
-    """
-
-    convention: Convention
-    settings: tuple[str, str]
-    value: float
 
 
 @dataclass(frozen=True)
@@ -143,30 +126,3 @@ def _fits(spec: HOGSpec, size: tuple[int, int]) -> bool:
     except ValueError:
         return False
     return True
-
-
-def shapley(values: Sequence[float], players: int) -> list[float]:
-    """Shapley values: the mean over all orders of what each player adds to the value of those before it.
-
-    Args:
-        values: (2^players,), the value of each subset; the first player is the highest bit of its index.
-        players: their number, at most about a dozen.
-
-    Returns:
-        (players,), with the sum ``values[-1] - values[0]``.
-
-    Raises:
-        ValueError: there are more or fewer values than subsets.
-    """
-    if len(values) != 2**players:
-        raise ValueError(f"expected the values of {2**players} subsets of {players} players, got {len(values)}")
-    return [math.fsum(_weighted_gains(values, players, 1 << k)) for k in reversed(range(players))]
-
-
-def _weighted_gains(values: Sequence[float], players: int, bit: int) -> Iterator[float]:
-    """What the player of this bit adds to each subset without it, times the probability of that subset in an order."""
-    for subset in range(2**players):
-        if not subset & bit:
-            size = subset.bit_count()
-            weight = math.factorial(size) * math.factorial(players - size - 1) / math.factorial(players)
-            yield weight * (values[subset | bit] - values[subset])

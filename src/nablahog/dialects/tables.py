@@ -13,8 +13,9 @@ from ..hog.normalizers import Normalizer
 from ..hog.orientation import bin_angles
 from ..hog.poolings import Pooling
 from .common_form import DIRECTIONS
-from .compare import Comparison, Pair, Ties, cliques
+from .compare import Comparison, Pair, cliques
 from .distances import SAME, Distance
+from .ties import Ties
 
 LEAST = 0.005  # of a squared distance; smaller contributions are in the CSV file only
 

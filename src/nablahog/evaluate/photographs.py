@@ -11,7 +11,8 @@ from torch import Tensor
 
 from ..hog.gradient import gray
 from ..io.files import check_folder
-from ..io.images import SAMPLE_NAMES, limit_size, read_image, sample_photograph
+from ..io.images import limit_size, read_image
+from ..io.sample_photographs import SAMPLE_NAMES, sample_photograph
 
 
 @dataclass

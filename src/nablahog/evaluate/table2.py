@@ -89,7 +89,7 @@ def _right(criterion: str, views: int, pose: Mapping[str, Any] | None, example: 
 def run_table2(
     folder: Path, examples: Examples, methods: Sequence[PoseMethod], settings: Table2Settings, **options: Any
 ) -> Table2:
-    """Runs what has no stored result yet, see :func:`nablahog.jobs.runner.do_all`, and collects all results.
+    """Runs what has no stored result yet, see :func:`nablahog.jobs.resume.do_all`, and collects all results.
 
     Args:
         folder: for the results, which exists.

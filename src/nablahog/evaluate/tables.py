@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..io.files import write_text
-from ..jobs.runner import do_all
+from ..jobs.resume import do_all
 from ..jobs.store import Job
 from ..viz.html import Section
 
@@ -87,7 +87,7 @@ def run(
     shown: int,
     **options: Any,
 ) -> Results:
-    """Runs the jobs without a stored result, as :func:`nablahog.jobs.runner.do_all`, and collects all results.
+    """Runs the jobs without a stored result, as :func:`nablahog.jobs.resume.do_all`, and collects all results.
 
     Args:
         folder, options: as there.

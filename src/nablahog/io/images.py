@@ -1,4 +1,4 @@
-"""Pictures: files to tensors and back, and the sample photographs that scikit-image installs; nothing is downloaded."""
+"""Pictures: files to tensors and back."""
 
 from __future__ import annotations
 
@@ -18,8 +18,6 @@ from .files import check_file, replacing
 
 Picture: TypeAlias = Tensor | NDArray[np.floating]
 
-SAMPLE_NAMES = ("astronaut", "brick", "camera", "chelsea", "clock", "coffee", "coins", "rocket")
-"""Names of the photographs in the wheel of scikit-image."""
 _GRAY_MODES = ("1", "L", "LA", "La")
 
 
@@ -157,11 +155,3 @@ def write_image(path: str | os.PathLike[str], picture: Picture | Image.Image) ->
     image = picture if isinstance(picture, Image.Image) else to_pil(picture)
     with replacing(path) as file:
         image.save(file, format="PNG")
-
-
-def sample_photograph(name: str) -> Tensor:
-    """One of :data:`SAMPLE_NAMES`, (C, H, W) with C 1 or 3, float32 in 0…1."""
-    from skimage import data  # slow to import
-
-    photograph = torch.from_numpy(getattr(data, name)())
-    return (photograph.permute(2, 0, 1) if photograph.dim() == 3 else photograph[None]) / 255

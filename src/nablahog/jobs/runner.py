@@ -1,26 +1,17 @@
-"""Many jobs on all cores, each done once: stored results are read again, and a worker that dies is replaced."""
+"""Many jobs on all cores; a worker that dies is replaced."""
 
 from __future__ import annotations
 
 import os
 import signal
-import threading
-import traceback
 from collections import deque
-from collections.abc import Callable, Generator, Hashable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager, suppress
-from multiprocessing import get_context, parent_process, resource_tracker
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection, wait
-from pathlib import Path
-from typing import TypeVar
 
-import torch
-
-from ..io.files import remove_parts
-from . import store
-from .store import Job, JobResult, Work
-
-Name = TypeVar("Name", bound=Hashable)
+from .store import JobResult, Work
+from .worker import serve
 
 ATTEMPTS = 2  # at a job whose worker dies, perhaps for want of memory that is free later
 STARTS = 3  # workers that may die before they are ready, one after another
@@ -154,102 +145,3 @@ def run_jobs(
             worker.end()
         for worker in pool.values():
             worker.process.join()
-
-
-def do_all(
-    folder: Path,
-    jobs: Mapping[Name, Job],
-    *,
-    workers: int,
-    progress: Callable[[int, int, str], None] = lambda done, total, at_work: None,
-) -> Iterator[tuple[Name, JobResult | str]]:
-    """Does the jobs that have no stored result, then yields the results of all.
-
-    Each result is stored in ``folder/work`` at once, under a hash of everything it depends on.  An interrupted run is
-    resumed; a run with other settings starts anew in the same folder.
-
-    Args:
-        folder: for the results, which exists.
-        jobs: by names of any type.
-        workers: processes to work in.
-        progress: called with the number of jobs done, their total, and the names of the methods at work.
-
-    Yields:
-        In the order of ``jobs``, each name with its result or one sentence why there is none.
-
-    Raises:
-        ChildProcessError: worker processes do not start.
-        OSError: a result cannot be stored.
-    """
-    work = folder / "work"
-    for written in (folder, *(work / method for method in dict.fromkeys(job.name for job in jobs.values()))):
-        remove_parts(written, older_than=60)
-    paths = {name: work / job.name / f"{job.key()}.npz" for name, job in jobs.items()}
-    reasons = _do({paths[name]: job for name, job in jobs.items()}, workers, progress)
-    for name, job in jobs.items():
-        result = store.load(paths[name], job)
-        yield name, reasons.get(paths[name], "its stored result has vanished") if result is None else result
-
-
-def _do(jobs: Mapping[Path, Job], workers: int, progress: Callable[[int, int, str], None]) -> dict[Path, str]:
-    """Does the jobs without a valid result at their path; returns why jobs failed."""
-    missing = [path for path, job in jobs.items() if store.load(path, job) is None]
-    at_work: dict[int, str] = {}
-    done = len(jobs) - len(missing)
-
-    def report() -> None:
-        progress(done, len(jobs), ", ".join(dict.fromkeys(at_work.values())))
-
-    def started(index: int) -> None:
-        at_work[index] = jobs[missing[index]].name
-        report()
-
-    reasons = {}
-    report()
-    with closing(run_jobs([jobs[path] for path in missing], workers=workers, started=started)) as outcomes:
-        for index, outcome in outcomes:
-            if isinstance(outcome, JobResult):
-                store.save(missing[index], outcome)
-            else:
-                reasons[missing[index]] = outcome
-            del at_work[index]
-            done += 1
-            report()
-    return reasons
-
-
-def serve(connection: Connection) -> None:
-    """Sends None when ready; then answers each :class:`Work` with a :class:`JobResult` or the reason of its failure."""
-    torch.set_num_threads(1)  # the same sums in the same order, however many workers there are
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    with suppress(EOFError, OSError):  # the parent has ended
-        connection.send(None)
-        while True:
-            connection.send(attempt(connection.recv()))
-
-
-def _end_with_parent() -> None:
-    """Ends this process when its parent ends, even if the parent is killed."""
-    parent = parent_process()
-    if parent is not None:
-        wait([parent.sentinel])
-        os._exit(1)
-
-
-def attempt(job: Work) -> JobResult | str:
-    """Runs a job; returns its result, or one sentence why it failed."""
-    try:
-        return job.run()
-    except (ValueError, OSError) as error:
-        return _sentence(error)
-    except MemoryError:
-        return "not enough memory"
-    except Exception as error:  # a mistake in one method should not end hours of work on others
-        if isinstance(error, RuntimeError) and "memory" in str(error):
-            return "not enough memory"
-        frame = traceback.extract_tb(error.__traceback__)[-1]
-        return f"{type(error).__name__} at {Path(frame.filename).name}:{frame.lineno}: {_sentence(error)}"
-
-
-def _sentence(error: Exception) -> str:
-    return " ".join(str(error).split())

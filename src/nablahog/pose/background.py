@@ -11,7 +11,8 @@ from torch import Tensor
 from ..hog.gradient import gray
 from ..hog.kernels import steps
 from ..hog.spec import HOGSpec
-from ..io.images import SAMPLE_NAMES, limit_size, sample_photograph
+from ..io.images import limit_size
+from ..io.sample_photographs import SAMPLE_NAMES, sample_photograph
 from .options import ORDER
 from .whitening import Background, check_spec
 

@@ -13,7 +13,8 @@ from ..hog import HOGSpec
 from .ascent import SCHEDULE, lbfgs_ascent, momentum_ascent, quadratic_ascent
 from .crop import FILL
 from .placement import azimuth_distance, consensus, equidistant_azimuths, fit_to_box, level_poses, local_maxima
-from .prepared import DETAIL, PoseProblem, PreparedModel, SearchResult, SearchTrace
+from .prepared import DETAIL, PreparedModel
+from .problem import PoseProblem, SearchResult, SearchTrace
 from .similarity import (
     ElementTemplate,
     Similarity,

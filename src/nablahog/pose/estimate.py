@@ -20,7 +20,8 @@ from .coarse_to_fine import coarse_to_fine
 from .crop import crop_object
 from .options import Ascent, SearchMethod, SimilarityKind
 from .placement import equidistant_azimuths
-from .prepared import DETAIL, ELEVATIONS, PoseProblem, PreparedPhotograph, SearchResult, SearchTrace, prepared_model
+from .prepared import DETAIL, PreparedPhotograph, prepared_model
+from .problem import ELEVATIONS, PoseProblem, SearchResult, SearchTrace
 from .whitening import Background
 
 EVERY_DEGREE = 360

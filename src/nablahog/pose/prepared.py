@@ -1,11 +1,9 @@
-"""A photograph and models prepared for comparison, made once and reused, and what a search of poses is asked."""
+"""A photograph and models prepared for comparison, made once and reused."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import torch
@@ -18,12 +16,11 @@ from ..render.simplify import simplify
 from .background import default_background
 from .crop import DISTANCE, ObjectCrop, downsampled
 from .elements import Elements, elements
-from .options import Ascent, SimilarityKind
-from .placement import fit_to_box, hull, level_poses
+from .options import SimilarityKind
+from .placement import hull
 from .similarity import ElementTemplate, Similarity, calibrated_template, describe, elements_template
 from .whitening import Background, Whitener
 
-ELEVATIONS = (0.0, 15.0, 30.0, 45.0)  # tried where nothing is known of it, degrees
 ELEMENT = (5, 5)  # rows, columns of cells of a visual element
 ELEMENTS = 25  # of a photograph, at most
 DETAIL = 1.0  # pixel that vertices may be off in searches: a third of the faces remain, and poses come out as well
@@ -144,82 +141,3 @@ class PreparedModel:
 def prepared_model(mesh: Mesh, camera: Camera) -> PreparedModel:
     """The prepared model of a mesh, made once, since all crops have one camera."""
     return PreparedModel(mesh, camera)
-
-
-@dataclass(frozen=True, eq=False)
-class SearchTrace:
-    """The poses that a search from one start went through.
-
-    Attributes:
-        model: the model's name.
-        azimuths: degrees, in order, of any turn.
-        similarities: at these poses.
-    """
-
-    model: str
-    azimuths: tuple[float, ...]
-    similarities: tuple[float, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class SearchResult:
-    """The best pose and model of a search.
-
-    Attributes:
-        model: the model's name.
-        pose: (6,) for the crop, angles in degrees, see :data:`nablahog.render.PARAMETERS`.
-        similarity: there.
-        kind: of the similarity.
-        renderings: compared with the photograph.
-        traces: of all starts, if the search keeps them.
-    """
-
-    model: str
-    pose: Tensor
-    similarity: float
-    kind: SimilarityKind
-    renderings: int
-    traces: tuple[SearchTrace, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class PoseProblem:
-    """A photograph, candidate models, and how to search.
-
-    Attributes:
-        photograph: the object's crop with its templates.
-        models: the candidates by name.
-        initial: azimuth and elevation to begin at, degrees; None if unknown.
-        similarity: its kind; None for that of the search.
-        ascent: of the coarse-to-fine search.
-        generator: of what is sampled.
-        progress: called with the models done, their number and the name of the one at work.
-    """
-
-    photograph: PreparedPhotograph
-    models: Mapping[str, PreparedModel]
-    initial: tuple[float, float] | None
-    similarity: SimilarityKind | None
-    ascent: Ascent
-    generator: torch.Generator
-    progress: Callable[[int, int, str], None]
-
-    def each_model(self) -> Iterator[tuple[str, PreparedModel]]:
-        """The models by name, one after the other, with progress."""
-        for done, (name, model) in enumerate(self.models.items()):
-            self.progress(done, len(self.models), name)
-            yield name, model
-
-    @property
-    def elevations(self) -> tuple[float, ...]:
-        """Elevations to search at, degrees."""
-        return ELEVATIONS if self.initial is None else (self.initial[1],)
-
-    def level_views(self, model: PreparedModel, azimuths: Tensor, elevation: float) -> Tensor:
-        """Poses (N, 6) at azimuths (N,) and an elevation, degrees, each placed so that it fills the box."""
-        return self.fit(model, level_poses(azimuths, elevation))
-
-    def fit(self, model: PreparedModel, poses: Tensor) -> Tensor:
-        """Poses (N, 6) moved so that the model fills the object's box."""
-        crop = self.photograph.crop
-        return fit_to_box(poses, model.hull, crop.camera, crop.size)

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from nablahog.cli.commands import learn
-from nablahog.cli.commands.learn import ExemplarJob
+from nablahog.cli.commands import learn_exemplars
+from nablahog.cli.commands.learn_exemplars import ExemplarJob
 from nablahog.cli.main import main
 from nablahog.datasets.chairs import chair
-from nablahog.io.images import sample_photograph
-from nablahog.jobs.runner import attempt
+from nablahog.io.sample_photographs import sample_photograph
 from nablahog.jobs.store import JobResult, Work
+from nablahog.jobs.worker import attempt
 from nablahog.pose import exemplar_views as learning
 from nablahog.pose.background import default_background, learn_background
 from nablahog.pose.exemplar_views import SPEC, ExemplarLibrary, ViewSampling
@@ -44,7 +44,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     def run(jobs: Sequence[Work], *, workers: int) -> Generator[tuple[int, JobResult | str], None, None]:
         yield from ((index, attempt(job)) for index, job in enumerate(jobs))
 
-    monkeypatch.setattr(learn, "run_jobs", run)
+    monkeypatch.setattr(learn_exemplars, "run_jobs", run)
     monkeypatch.setattr(learning.ViewSampling, "poses", lambda self: POSES)
 
 

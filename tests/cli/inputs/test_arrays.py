@@ -15,7 +15,7 @@ from scipy import io
 
 import nablahog
 from nablahog import presets
-from nablahog.cli.inputs.sources import ArrayOptions
+from nablahog.cli.inputs.arrays import ArrayOptions
 from nablahog.cli.inputs.spec import SpecOptions
 from nablahog.cli.main import main
 from nablahog.io.arrays import is_raw, read_array

@@ -11,11 +11,11 @@ import pytest
 import torch
 
 import nablahog
+from nablahog.cli.arguments.main import parser
 from nablahog.cli.arguments.preset_parameters import PRESETS, as_text
-from nablahog.cli.inputs.sources import ArrayOptions
+from nablahog.cli.inputs.arrays import ArrayOptions
 from nablahog.cli.inputs.spec import SpecOptions
 from nablahog.cli.inputs.suggestions import parameters_that_fit, presets_that_fit
-from nablahog.cli.main import parser
 from tests.golden import cases
 
 SETTINGS: dict[str, tuple[str, Callable[[dict[str, Any]], dict[str, Any]]]] = {

@@ -1,4 +1,4 @@
-"""The arguments of ``nablahog hog``, ``glyph``, ``invert``, ``invert-template``, ``demo`` and ``dialects``."""
+"""The arguments of ``nablahog hog``, ``glyph``, ``invert``, ``invert-template`` and ``demo``."""
 
 from __future__ import annotations
 
@@ -7,13 +7,9 @@ from typing import get_args
 
 from ...invert.quality import QualityName
 from . import options
-from .options import Parser, setting
-from .preset_parameters import PRESETS
+from .options import Parser
 
 SIZE = 256
-CELL = (8, 8)
-
-Parameters = tuple[tuple[str, str], ...]
 
 
 def hog(commands: argparse._SubParsersAction[Parser]) -> None:
@@ -101,48 +97,3 @@ def demo(commands: argparse._SubParsersAction[Parser]) -> None:
     options.output(command, "DIR", "folder for the results, made if missing")
     options.device_option(command)
     options.minimiser(command)
-
-
-def _presets(text: str) -> dict[str, tuple[str, Parameters]]:
-    """Parses PRESET,PRESET:KEY=VALUE:… to presets and their parameters, by these texts."""
-    presets: dict[str, tuple[str, Parameters]] = {}
-    for name in text.split(","):
-        preset, *parameters = name.split(":")
-        if preset not in PRESETS:
-            raise argparse.ArgumentTypeError(f"expected presets of {', '.join(PRESETS)}, got {preset!r}")
-        if name in presets:
-            raise argparse.ArgumentTypeError(f"expected different presets, got {name} twice")
-        presets[name] = preset, tuple(setting(each) for each in parameters)
-    if len(presets) < 2:
-        raise argparse.ArgumentTypeError(f"expected at least two presets, separated by commas, got {text!r}")
-    return presets
-
-
-def dialects(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Adds ``nablahog dialects``."""
-    command = commands.add_parser(
-        "dialects",
-        help="compare the HOGs of libraries on a photograph",
-        description="Measures the distances between the HOGs of libraries on a photograph, and the share of each "
-        "convention: ties, border, colour rule, bins, votes, cells, normaliser and so on. With -o, writes "
-        "the page index.html, dialects.png, dialects.csv and ties.csv.",
-    )
-    command.add_argument("photo", metavar="PHOTO", help="an image of any format that Pillow reads")
-    command.add_argument("-o", "--output", metavar="DIR", help="folder for the results, made if missing")
-    command.add_argument(
-        "--presets",
-        type=_presets,
-        metavar="A,B,…",
-        default=",".join(PRESETS),
-        help="at least two, each PRESET or PRESET:KEY=VALUE with parameters as of --set, as opencv:gamma=false "
-        f"(default: {','.join(PRESETS)})",
-    )
-    command.add_argument(
-        "--cell",
-        type=options.cell,
-        default=CELL,
-        metavar="N|HxW",
-        help=f"pixels of a cell of all, one number or height x width (default: {CELL[0]})",
-    )
-    options.size(command, SIZE)
-    command.add_argument("--json", action="store_true", help="print the results as JSON instead of tables")

@@ -12,7 +12,8 @@ import torch
 from torch import Tensor
 
 from ...io.files import output_folder, write_text
-from ...io.images import limit_size, sample_photograph, write_image
+from ...io.images import limit_size, write_image
+from ...io.sample_photographs import sample_photograph
 from ...metrics import DEFINITIONS
 from ...viz import html
 from ..arguments.preset_parameters import PRESETS

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ...dialects import Comparison, compare, page, tables
+from ...dialects.heatmap import heat_map
 from ...evaluate.tables import write_csv
 from ...io.files import output_folder, write_text
 from ...io.images import limit_size, read_image, write_image
@@ -56,7 +57,7 @@ def dialects(arguments: Namespace) -> None:
 
 def _write(folder: Path, comparison: Comparison, image: Tensor, introduction: str) -> None:
     names = comparison.by_likeness()
-    picture = page.heat_map(comparison.matrix(names), names)
+    picture = heat_map(comparison.matrix(names), names)
     html = page.page(comparison, image, introduction, picture)
     with output_folder(folder):
         write_image(folder / "dialects.png", picture)

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, TypeAlias, get_args, get_origin
 
 from ...hog import HOGSpec
-from ...io.arrays import Fit, fit, is_row
+from ...io.layouts import Fit, fit, is_row
 from ..arguments.preset_parameters import PRESETS, as_text, defaults_of, parameters_of, window_of
 from .spec import CELLS, make_spec
 

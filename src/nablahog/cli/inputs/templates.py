@@ -13,10 +13,11 @@ from torch import Tensor
 
 from ...hog import HOGSpec, presets
 from ...hog.layout import from_layout
-from ...io.arrays import Fit, fit, is_raw, read_array
+from ...io.arrays import is_raw, read_array
 from ...io.dpm_file import is_dpm_file, load_dpm
+from ...io.layouts import Fit, fit
 from ...io.npz import naming
-from .sources import ArrayOptions
+from .arrays import ArrayOptions
 from .spec import SpecOptions
 
 # (width, height) of the windows of OpenCV's people detectors, by the number of their weights

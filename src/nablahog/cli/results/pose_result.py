@@ -21,7 +21,8 @@ from ...io.images import as_array
 from ...pose.crop import SIDE
 from ...pose.estimate import PoseEstimate
 from ...pose.placement import azimuth_sweep
-from ...pose.prepared import ELEMENT, PreparedPhotograph, SearchTrace, prepared_model
+from ...pose.prepared import ELEMENT, PreparedPhotograph, prepared_model
+from ...pose.problem import SearchTrace
 from ...render import Mesh
 
 AZIMUTHS = 180  # at which similarity is computed

@@ -1,0 +1,82 @@
+"""``nablahog table1``: the table of pre-images."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from ...evaluate import table1_page
+from ...evaluate.learned import LEARNED, learned_from_samples, load
+from ...evaluate.methods import Method, Table1Settings, choose
+from ...evaluate.photographs import Photographs, read_folder, sample_photographs
+from ...evaluate.table1 import run_table1, write_table1
+from ...io.files import output_folder, write_text
+from ...jobs.runner import cores
+from ..errors import UserError, as_user_error
+from ..results.failures import say_failures, say_ignored
+from ..terminal import counter, print_definitions, print_table, say
+
+
+def table1(arguments: Namespace) -> None:
+    """Makes the table of ``arguments.methods`` on ``arguments.images``.
+
+    Raises:
+        UserError: an input is unusable, or there is no result for any image.
+        OSError: a file or folder is missing or cannot be written.
+    """
+    with as_user_error():
+        files = {kind: Path(getattr(arguments, kind)).resolve() for kind in LEARNED if getattr(arguments, kind)}
+        methods, left_out = choose(arguments.methods, files)
+    _check_files(files, methods)
+    photographs, origin = _photographs(arguments)
+    with output_folder(arguments.output) as folder:
+        settings = Table1Settings(arguments.seed, arguments.max_evaluations, files | _learn_missing(files, methods))
+        remarks = table1_page.remarks(left_out, settings.learned, photographs)
+        with counter("nablahog table1") as progress:
+            workers = arguments.workers or cores()
+            table = run_table1(folder, photographs, methods, settings, workers=workers, progress=progress)
+        if not any(table.seconds.values()):
+            first = table.failures[0]
+            raise UserError(f"there is no result for any image; the first: {first.image}: {first.reason}")
+        write_table1(folder, table)
+        write_text(folder / "index.html", table1_page.page(table, settings, origin, remarks))
+    print_table(table1_page.terminal_rows(table))
+    print_definitions(table1_page.DEFINITIONS)
+    say_failures(table)
+    say_ignored(photographs)
+    for remark in remarks:
+        say(remark)
+    say(f"Look at {folder / 'index.html'}")
+
+
+def _check_files(files: Mapping[str, Path], methods: Sequence[Method]) -> None:
+    """Raises UserError if a learned file cannot be read or is for other descriptors than those of its methods."""
+    for kind, path in files.items():
+        with as_user_error():
+            model = load(kind, path)
+        for method in methods:
+            if method.needs == kind and method.spec is not None:
+                with as_user_error(f"{method.name}: "):
+                    model.check(method.spec)
+
+
+def _learn_missing(files: Mapping[str, Path], methods: Sequence[Method]) -> dict[str, Path]:
+    """Learns the files that methods need and that no option names, from bundled photographs."""
+    learned = {}
+    for kind in dict.fromkeys(method.needs for method in methods if method.needs and method.needs not in files):
+        with counter(f"nablahog table1, learning {kind}") as progress:
+            learned[kind] = learned_from_samples(kind, progress)
+    return learned
+
+
+def _photographs(arguments: Namespace) -> tuple[Photographs, str]:
+    """The images for the table, and a sentence that says where they are from."""
+    if arguments.images is None:
+        photographs = sample_photographs(size=arguments.size, limit=arguments.limit)
+        return photographs, f"{len(photographs.images)} photographs that come with scikit-image, their middle squares."
+    folder = Path(arguments.images)
+    with as_user_error():
+        photographs = read_folder(folder, size=arguments.size, limit=arguments.limit)
+    number = len(photographs.images) + len(photographs.failed)
+    return photographs, f"{number} images of the folder {folder.resolve().name}."

@@ -1,0 +1,52 @@
+"""A worker process: does one job at a time."""
+
+from __future__ import annotations
+
+import os
+import threading
+import traceback
+from contextlib import suppress
+from multiprocessing import parent_process
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+
+import torch
+
+from .store import JobResult, Work
+
+
+def serve(connection: Connection) -> None:
+    """Sends None when ready; then answers each :class:`Work` with a :class:`JobResult` or the reason of its failure."""
+    torch.set_num_threads(1)  # the same sums in the same order, however many workers there are
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    with suppress(EOFError, OSError):  # the parent has ended
+        connection.send(None)
+        while True:
+            connection.send(attempt(connection.recv()))
+
+
+def _end_with_parent() -> None:
+    """Ends this process when its parent ends, even if the parent is killed."""
+    parent = parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)
+
+
+def attempt(job: Work) -> JobResult | str:
+    """Runs a job; returns its result, or one sentence why it failed."""
+    try:
+        return job.run()
+    except (ValueError, OSError) as error:
+        return _sentence(error)
+    except MemoryError:
+        return "not enough memory"
+    except Exception as error:  # a mistake in one method should not end hours of work on others
+        if isinstance(error, RuntimeError) and "memory" in str(error):
+            return "not enough memory"
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        return f"{type(error).__name__} at {Path(frame.filename).name}:{frame.lineno}: {_sentence(error)}"
+
+
+def _sentence(error: Exception) -> str:
+    return " ".join(str(error).split())
