@@ -13,7 +13,7 @@ demo: $(installed)  ## invert a photograph, write pictures, figures and a page i
 	$(bin)/nablahog demo -o $(OUT)
 
 test: $(installed)  ## all tests but the slow ones
-	$(bin)/python -m pytest
+	$(bin)/python -m pytest -n auto --dist worksteal
 
 coverage: $(installed)  ## the same, with the lines that no test runs
 	$(bin)/python -m pytest --cov=nablahog --cov-report=term-missing:skip-covered

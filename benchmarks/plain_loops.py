@@ -98,6 +98,42 @@ def begun_signed_votes(
     _begun(gx, gy, tiny, up, starts, count, before, m, bins, True)
 
 
+@inlined
+def vlfeat_votes(
+    gx: Floats,
+    gy: Floats,
+    tiny: Real,
+    directions: Floats,
+    arccosine: Floats,
+    axes: int,
+    opposite: int,
+    count: int,
+    m: Floats,
+    f: Floats,
+    bins: Integers,
+) -> None:
+    least, unit = arccosine[0], arccosine[1]
+    for k in range(m.size):
+        x = np.uintp(k)
+        m[x] = _magnitude(gx[x], gy[x], tiny)
+        u, v = np.float32(gx[x]), np.float32(gy[x])
+        most, following, best, second = np.float32(-1), np.float32(-1), 0, 0
+        for axis in range(axes):
+            dot = u * directions[axis] + v * directions[axis + axes]
+            size, bin_ = abs(dot), axis + (opposite if dot < 0 else 0)
+            if size > most:
+                most, following, best, second = size, most, bin_, best
+            elif size > following:
+                following, second = size, bin_
+        length = np.float64(math.sqrt(u * u + v * v))
+        cosine = np.float64(most) / (length if length > least else least)
+        cosine = np.float64(np.float32(cosine if cosine < 1 else 1.0))
+        share = np.float32(math.acos(cosine) / unit)
+        ahead = second == (0 if best + 1 == count else best + 1)
+        f[x] = share if ahead else np.float32(1) - share
+        bins[x] = best if ahead else second
+
+
 @compiled
 def pool(sums: Floats, part: int, pooling: Pooling, band_cells: Floats) -> None:
     size, wide, length, step = padded(pooling.columns), pooling.wide, pooling.length, pooling.column_size

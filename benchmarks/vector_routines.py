@@ -14,7 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 
 import numpy as np
@@ -29,13 +29,14 @@ class Case:
 
     Attributes:
         replaced: functions, each with the kernel modules that call it by its name.
-        spec: name of a preset.
+        spec: name of a preset; it must use the routine, with these ``options``.
         vjp: whether the call is hog's vjp.
     """
 
     replaced: dict[str, tuple[str, ...]]
     spec: str
     vjp: bool = False
+    options: dict[str, bool] = field(default_factory=dict)
 
 
 _BLOCKS: dict[str, tuple[str, ...]] = dict.fromkeys(
@@ -49,6 +50,7 @@ _FOUR_BLOCKS = {
 }
 CASES = {
     "linear_votes": Case({"single_votes": ("votes",)}, "paper"),
+    "vlfeat_votes": Case({"vlfeat_votes": ("votes",)}, "vlfeat", options={"bilinear_orientations": True}),
     "nearest_votes": Case({"nearest_votes": ("votes",)}, "dpm"),
     "begun_votes": Case({"begun_votes": ("votes",)}, "skimage"),
     "sum_votes": Case({"sum_up": ("cells",)}, "paper"),
@@ -70,7 +72,7 @@ def call(case: Case) -> Callable[[], object]:
     from nablahog.hog import hog, presets
 
     torch.set_num_threads(1)
-    spec = getattr(presets, case.spec)()
+    spec = getattr(presets, case.spec)(**case.options)
     channels = 1 if spec.colour == "gray" else 3
     images = torch.rand(1, channels, SIDE, SIDE, generator=torch.Generator().manual_seed(0))
     if not case.vjp:

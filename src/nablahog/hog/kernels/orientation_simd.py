@@ -195,3 +195,84 @@ def _begun(
         for _ in range(2):
             found = found.compare(">=", _integers(u, count)).where(found - _integers(u, count), found)
         bins.store(index, found)
+
+
+# asin(s) = s + s · z · _NUMERATOR(z) / _DENOMINATOR(z), z = s²: coefficients of fdlibm
+_NUMERATOR = (
+    1.66666666666666657415e-01,
+    -3.25565818622400915405e-01,
+    2.01212532134862925881e-01,
+    -4.00555345006794114027e-02,
+    7.91534994289814532176e-04,
+    3.47933107596021167570e-05,
+)
+_DENOMINATOR = (
+    1.0,
+    -2.40339491173441421878,
+    2.02094576023350569471,
+    -6.88283971605453293030e-01,
+    7.70381505559019352791e-02,
+)
+
+
+def _polynomial(x: Lanes, coefficients: tuple[float, ...]) -> Lanes:
+    value = x.like(coefficients[-1])
+    for coefficient in reversed(coefficients[:-1]):
+        value = value * x + coefficient
+    return value
+
+
+def _arccosine(cosine: Lanes) -> Lanes:
+    """Of 0…1 in float64: four times the arcsine of the sine of a quarter of the angle."""
+    of_half = (cosine * 0.5 + 0.5).sqrt()
+    z = cosine.like(0.5) - of_half * 0.5
+    sine = z.sqrt()
+    return (sine + sine * z * _polynomial(z, _NUMERATOR) / _polynomial(z, _DENOMINATOR)) * 4.0
+
+
+@vector_instruction
+def vlfeat_votes(
+    write: Builder,
+    gx: Array,
+    gy: Array,
+    tiny: ir.Value,
+    directions: Array,
+    arccosine: Array,
+    axes: ir.Value,
+    opposite: ir.Value,
+    count: ir.Value,
+    m: Array,
+    f: Array,
+    bins: Array,
+) -> None:
+    """Linear votes by VLFeat's arccosine: :func:`nablahog.hog.library_angles.vlfeat`.
+
+    Of ``axes`` directions, the two with the largest |dot products|; a bin is ``opposite`` further where the product is
+    negative.  Gain 2.6 (`vlfeat` with bilinear orientations).
+    """
+    with _each_vector(write, gx, gy) as (index, u, v):
+        single = directions.splat(0, u.count)
+        x, y = u.to(single), v.to(single)
+        zero = _integers(u, 0)
+        largest, next_ = Variable(x.like(-1.0)), Variable(x.like(-1.0))
+        best, second = Variable(zero), Variable(zero)
+        with write.loop(axes) as k:
+            dot = x * directions.splat(k, u.count) + y * directions.splat(write.add(k, axes), u.count)
+            this = _integers(u, k) + dot.compare("<", 0.0).where(_integers(u, opposite), zero)
+            size, most, runner_up = dot.abs(), largest.get(), next_.get()
+            better, good = most.compare("<", size), runner_up.compare("<", size)
+            next_.set(better.where(most, good.where(size, runner_up)))
+            largest.set(better.where(size, most))
+            second.set(better.where(best.get(), good.where(this, second.get())))
+            best.set(better.where(this, best.get()))
+        least, unit = arccosine.splat(0, u.count), arccosine.splat(1, u.count)
+        length = (x * x + y * y).sqrt().to(least)
+        cosine = largest.get().to(least) / length.compare(">", least).where(length, least)
+        cosine = cosine.compare("<", 1.0).where(cosine, 1.0).to(x).to(least)  # which VLFeat rounds to float32
+        of_second = (_arccosine(cosine) / unit).to(x)
+        after = best.get() + 1
+        after = after.compare("==", _integers(u, count)).where(zero, after)
+        ahead = second.get().compare("==", after)
+        m.store(index, _magnitude(u, v, tiny))
+        f.store(index, ahead.where(of_second, of_second.like(1.0) - of_second).to(u))
+        bins.store(index, ahead.where(best.get(), second.get()))

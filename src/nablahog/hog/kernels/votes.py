@@ -13,7 +13,7 @@ import numpy as np
 
 from ...runtime.arrays import DType, Floats, Integers, Real
 from ...runtime.compile import borrowing, compiled, inlined
-from .orientation_simd import begun_signed_votes, begun_votes, nearest_votes, single_votes
+from .orientation_simd import begun_signed_votes, begun_votes, nearest_votes, single_votes, vlfeat_votes
 from .parameters import LINEAR, NEAREST, OPENCV, VLFEAT, Voting
 
 # atan(t) / π for t in 0…1, within 8e-8: an odd polynomial, so that right angles stay exactly on their bin centres
@@ -113,41 +113,6 @@ def _opencv_votes(gx: Floats, gy: Floats, voting: Voting, f: Floats, bins: Integ
         f[x], bins[x] = _wrapped(angle * radian * per_radian - offset, count, per_bin)
 
 
-@inlined
-def _two_nearest(u: np.float32, v: np.float32, directions: Floats, opposite: int) -> tuple[np.float32, int, int]:
-    """The largest |dot product| with directions (cosines, then sines), its bin, and that of the second largest."""
-    axes, most, next_, best, second = directions.size // 2, np.float32(-1), np.float32(-1), 0, 0
-    for axis in range(axes):
-        dot = u * directions[axis] + v * directions[axis + axes]
-        size, bin_ = abs(dot), axis + (opposite if dot < 0 else 0)
-        if size > most:
-            most, next_, best, second = size, most, bin_, best
-        elif size > next_:
-            next_, second = size, bin_
-    return most, best, second
-
-
-@inlined
-def _vlfeat_votes(gx: Floats, gy: Floats, voting: Voting, f: Floats, bins: Integers) -> None:
-    """Linear votes by VLFeat's arccosine: :func:`nablahog.hog.library_angles.vlfeat`.
-
-    Vector instructions gained 0.92 (0.90…0.94) in a call of `hog` (`vlfeat`), and were removed.
-    """
-    directions, least, unit = voting.vlfeat, voting.arccosine[0], voting.arccosine[1]
-    opposite = directions.size // 2 if voting.signed else 0
-    for k in range(f.size):
-        x = np.uintp(k)
-        u, v = np.float32(gx[x]), np.float32(gy[x])
-        most, best, second = _two_nearest(u, v, directions, opposite)
-        length = np.float64(math.sqrt(u * u + v * v))
-        cosine = np.float64(most) / (length if length > least else least)
-        cosine = np.float64(np.float32(cosine if cosine < 1 else 1.0))  # which VLFeat rounds to float32
-        share = np.float32(math.acos(cosine) / unit)
-        ahead = second == (0 if best + 1 == voting.bins else best + 1)
-        f[x] = share if ahead else np.float32(1) - share
-        bins[x] = best if ahead else second
-
-
 @borrowing
 def vote(gx: Floats, gy: Floats, voting: Voting, m: Floats, f: Floats, bins: Integers) -> None:
     """Votes of planes of gradients; a hard vote writes no ``f``."""
@@ -157,8 +122,10 @@ def vote(gx: Floats, gy: Floats, voting: Voting, m: Floats, f: Floats, bins: Int
         _magnitudes(gx, gy, voting.tiny, m)
         _opencv_votes(gx, gy, voting, f, bins)
     elif voting.kind == VLFEAT:
-        _magnitudes(gx, gy, voting.tiny, m)
-        _vlfeat_votes(gx, gy, voting, f, bins)
+        axes = voting.vlfeat.size // 2
+        opposite = axes if voting.signed else 0
+        search = voting.tiny, voting.vlfeat, voting.arccosine, axes, opposite, voting.bins
+        vlfeat_votes(gx, gy, *search, m, f, bins)
     elif voting.kind == NEAREST:
         axes = voting.directions.size // 2
         nearest_votes(gx, gy, voting.tiny, voting.directions, axes, axes if voting.signed else 0, m, bins)
