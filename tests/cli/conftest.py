@@ -35,6 +35,16 @@ def photo(tmp_path: Path) -> str:
 
 
 @pytest.fixture
+def images(tmp_path: Path) -> str:
+    """Three small photographs."""
+    folder = tmp_path / "images"
+    folder.mkdir()
+    for k in range(3):
+        Image.fromarray(CHELSEA[5 * k : 5 * k + 40, 8 * k : 8 * k + 48]).save(folder / f"{k}.png")
+    return str(folder)
+
+
+@pytest.fixture
 def descriptor(tmp_path: Path, photo: str) -> str:
     """A UoCTTI descriptor file of an image of 36x48 pixels."""
     path = tmp_path / "in" / "stored.npz"

@@ -66,16 +66,6 @@ def _small(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(LEARNED, kind, replace(learner, learn=partial(learner.learn, **few)))
 
 
-@pytest.fixture
-def images(tmp_path: Path) -> str:
-    """Three small photographs."""
-    folder = tmp_path / "images"
-    folder.mkdir()
-    for k in range(3):
-        Image.fromarray(CHELSEA[5 * k : 5 * k + 40, 8 * k : 8 * k + 48]).save(folder / f"{k}.png")
-    return str(folder)
-
-
 def test_every_kind_has_arguments_and_a_learner() -> None:
     assert set(KINDS) == {*LEARNED, "background"}
 

@@ -18,17 +18,7 @@ from nablahog.evaluate.photographs import sample_photographs
 from nablahog.invert.baselines import hoggles_learning
 from nablahog.invert.baselines.bovw import BoVW
 
-from ..common import CHELSEA, names
-
-
-@pytest.fixture
-def images(tmp_path: Path) -> str:
-    """Three small photographs."""
-    folder = tmp_path / "images"
-    folder.mkdir()
-    for k in range(3):
-        Image.fromarray(CHELSEA[5 * k : 5 * k + 40, 8 * k : 8 * k + 48]).save(folder / f"{k}.png")
-    return str(folder)
+from ..common import names
 
 
 @pytest.fixture

@@ -191,10 +191,10 @@ def _begun(
                 begun = opposite.where(across.compare("<=", 0.0), begun)
                 begun = early.where(begun | opposite, begun & opposite)
             bin_.set(begun.where(bin_.get() + 1, bin_.get()))
-        found = bin_.get()
+        wrapped = bin_.get()
         for _ in range(2):
-            found = found.compare(">=", _integers(u, count)).where(found - _integers(u, count), found)
-        bins.store(index, found)
+            wrapped = wrapped.compare(">=", _integers(u, count)).where(wrapped - _integers(u, count), wrapped)
+        bins.store(index, wrapped)
 
 
 # asin(s) = s + s · z · _NUMERATOR(z) / _DENOMINATOR(z), z = s²: coefficients of fdlibm
