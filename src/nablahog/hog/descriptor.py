@@ -13,7 +13,7 @@ from .checks import check_choice
 from .inputs import ArrayImage, image_batch, to_array
 from .layout import to_layout
 from .spec import HOGSpec
-from .steps import histograms_reference, normalize_reference
+from .steps import histograms_reference, normalize_reference, spread_nan
 
 Backend: TypeAlias = Literal["auto", "torch"]
 ResultLayout: TypeAlias = Literal["cells", "native"]
@@ -55,8 +55,9 @@ def hog(
     """The HOG descriptor of a batch of images, exactly differentiable (Section 2 of the paper).
 
     Works on CPU and CUDA, under reverse and forward mode, ``vmap`` and ``torch.compile``; second derivatives exist away
-    from kinks.  At kinks it returns the derivatives stated in ``docs/derivatives.md``, never NaN.  A NaN pixel makes
-    its image's descriptor NaN.
+    from kinks.  At kinks it returns the derivatives stated in ``docs/derivatives.md``, never NaN.  A pixel that is NaN or
+    infinite, in any channel, makes its image's descriptor and gradient NaN, all of it; other images of the batch keep
+    theirs.
 
     ``torch.export`` saves graphs with the operator in it; a process that loads one needs ``import
     nablahog.hog.kernels``, for ``import nablahog`` alone loads nothing that computes.
@@ -96,9 +97,8 @@ def hog(
         descriptor = kernels.describe(images, spec)
     else:
         spec.grid(*images.shape[-2:])
-        descriptor = (
-            normalize_reference(histograms_reference(images, spec), spec).permute(0, 2, 3, 1).contiguous()
-        )  # Eq. 7
+        descriptor = normalize_reference(histograms_reference(images, spec), spec)  # Eq. 7
+        descriptor = spread_nan(descriptor, images).permute(0, 2, 3, 1).contiguous()
     return descriptor if layout == "cells" else to_layout(descriptor, spec)
 
 

@@ -65,12 +65,14 @@ def _shares(nearest: Tensor, r: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     with |r|, whose derivative at 0 is 0, every derivative at a bin centre is the mean of the two one-sided ones.
     """
     a = r.abs()
-    weights = torch.stack([1 - a, (a - r) / 2, (a + r) / 2], dim=1)
+    # a constant 0 on the other side: the gradient of that bin may be huge, and half of it minus half of it is not 0
+    before, after = torch.where(r > 0, 0.0, (a - r) / 2), torch.where(r < 0, 0.0, (a + r) / 2)
+    weights = torch.stack([1 - a, before, after], dim=1)
     # clamp only matters for NaN, whose integer is arbitrary: the vote is NaN, the bin must exist
     bin_ = nearest.remainder(spec.bins).long().clamp(0, spec.bins - 1)
-    after = torch.where(bin_ == spec.bins - 1, 0, bin_ + 1)
-    before = torch.where(bin_ == 0, spec.bins - 1, bin_ - 1)
-    return torch.stack([bin_, before, after], dim=1), weights
+    bin_after = torch.where(bin_ == spec.bins - 1, 0, bin_ + 1)
+    bin_before = torch.where(bin_ == 0, spec.bins - 1, bin_ - 1)
+    return torch.stack([bin_, bin_before, bin_after], dim=1), weights
 
 
 def _exact_shares(gx: Tensor, gy: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
@@ -129,10 +131,11 @@ def beginnings(spec: HOGSpec) -> tuple[list[tuple[float, float, bool]], int]:
 def _begun_bins(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
     """The bin (B, 1, H, W) in whose interval [begin, end) the angle of the gradient is.
 
-    By cross products with the lower ends of all bins, in float64.
+    By cross products with the lower ends of all bins, rounded as in the loops: of a gradient that is nearly on a
+    boundary both must find the same bin.
     """
     starts, first = beginnings(spec)
-    x, y = gx.double(), -gy.double() if spec.counterclockwise else gy.double()
+    x, y = gx, -gy if spec.counterclockwise else gy
     lower = (y < 0) | ((y == 0) & (x < 0))  # of the half-plane of angles in [π, 2π)
     if not spec.signed:
         x, y = torch.where(lower, -x, x), torch.where(lower, -y, y)

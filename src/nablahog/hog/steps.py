@@ -21,12 +21,21 @@ def _scaled(images: Tensor, spec: HOGSpec) -> Tensor:
     return images if spec.value_range == 1 else images * spec.value_range
 
 
+def spread_nan(x: Tensor, images: Tensor) -> Tensor:
+    """``x`` (B, …), NaN with NaN derivatives where the image has a pixel that is not finite, in any channel."""
+    if not images.is_floating_point():
+        return x
+    image = images.detach()
+    one_or_nan = 1 + 0 * image.amax((1, 2, 3)) + 0 * image.amin((1, 2, 3))  # neither makes a copy
+    return x * one_or_nan.to(x.dtype).reshape(-1, *(1,) * (x.dim() - 1))
+
+
 def histograms_reference(images: Tensor, spec: HOGSpec) -> Tensor:
     """Eq. 1-6: images (B, C, H, W) to cells (B, colours · bins, rows, cols)."""
     with torch.autocast(images.device.type, enabled=False):  # its half precision would show in every library's parity
-        gx, gy = gradient(_scaled(images, spec), spec)  # Eq. 1-2
+        gx, gy = gradient(spread_nan(_scaled(images, spec), images), spec)  # Eq. 1-2
         cells = pool(votes(gx, gy, spec), spec)  # Eq. 3-6
-        return cells.reshape(-1, spec.colours * spec.bins, *cells.shape[2:])
+        return spread_nan(cells.reshape(-1, spec.colours * spec.bins, *cells.shape[2:]), images)
 
 
 def normalize_reference(histograms: Tensor, spec: HOGSpec) -> Tensor:

@@ -16,6 +16,7 @@ from .inputs import is_pil, pil_pixels
 from .kernels import steps
 from .kernels.norms import long_dot
 from .spec import HOGSpec
+from .steps import spread_nan
 from .strips import Strip, Strips
 
 if TYPE_CHECKING:
@@ -61,7 +62,8 @@ def stream(image: Rows | Image, spec: HOGSpec, *, memory: int = MEMORY) -> Itera
 
     The rows equal those of ``hog`` of the whole image bit by bit: ``np.concatenate([strip.descriptor for strip
     in stream(image, spec)])`` is ``hog(whole, spec)``.  Without compiled loops (see :func:`.kernels.supports` and
-    ``normalizer.has_loops``) they are equal up to rounding.  A pixel that is not finite may spoil other rows.
+    ``normalizer.has_loops``) they are equal up to rounding.  A pixel that is not finite
+    makes the strips NaN that it is read for; ``hog`` makes all rows NaN.
 
     Neighbouring strips share some rows of the image, as cells share pixels and blocks cells; these are read for both.
     Where one number normalises a whole descriptor, as in Eq. 7, the image is read twice.
@@ -161,16 +163,18 @@ def _bytes_of_row(spec: HOGSpec, reader: _Reader, size: int) -> int:
 def _strips(reader: _Reader, spec: HOGSpec, strips: list[Strip]) -> Iterator[DescriptorStrip]:
     histograms, norm = steps(_CPU, spec)
 
-    def cells(strip: Strip) -> Tensor:
+    def cells(pixels: Tensor, strip: Strip) -> Tensor:
         """(1, colours · bins, rows, cols)"""
-        return histograms(reader(*strip.pixels), spec)[:, :, slice(*strip.cells)]
+        return histograms(pixels, spec)[:, :, slice(*strip.cells)]
 
     scale = None
     if spec.normalizer.reach() is None:
-        scale = _scale(map(cells, strips), spec)
+        scale = _scale((cells(reader(*strip.pixels), strip) for strip in strips), spec)
     for strip in strips:
-        descriptor = cells(strip)
+        pixels = reader(*strip.pixels)
+        descriptor = cells(pixels, strip)
         descriptor = norm(descriptor, spec) if scale is None else descriptor * scale.to(descriptor)
+        descriptor = spread_nan(descriptor, pixels)
         first, last = strip.rows
         rows = descriptor[0, :, strip.before : strip.before + last - first]
         yield DescriptorStrip(slice(first, last), rows.permute(1, 2, 0).contiguous().numpy())

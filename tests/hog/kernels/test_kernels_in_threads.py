@@ -32,6 +32,20 @@ def test_threads_change_nothing(name: str) -> None:
             assert torch.equal(one, other)
 
 
+def test_nan_in_the_rows_of_one_thread_reaches_all() -> None:
+    s, before, x = SPECS["uoctti"], torch.get_num_threads(), noise(1, 3, 300, 310, dtype=torch.float32)
+    x[0, 2, -1, 0] = torch.nan
+    x.requires_grad_()
+    torch.set_num_threads(2)
+    try:
+        descriptor = hog(x, s)
+        (grad,) = torch.autograd.grad(descriptor.sum(), x)
+    finally:
+        torch.set_num_threads(before)
+    assert descriptor.isnan().all()
+    assert grad.isnan().all()
+
+
 def test_in_threads_of_the_callers_own() -> None:
     s, images = SPECS["uoctti"], [noise(1, 3, 40, 40, seed=k) for k in range(8)]
     with ThreadPoolExecutor(4) as pool:

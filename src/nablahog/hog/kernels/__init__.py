@@ -16,7 +16,7 @@ from torch.nn import Parameter
 from ..gradient import MASKS
 from ..orientation import vote_rule
 from ..spec import HOGSpec
-from ..steps import histograms_reference, normalize_reference
+from ..steps import histograms_reference, normalize_reference, spread_nan
 from . import autograd, operators
 from .colours import merge_colours, separate_colours, split_colours
 
@@ -41,7 +41,8 @@ def _in_graph(images: Tensor) -> bool:
 def describe(images: Tensor, spec: HOGSpec) -> Tensor:
     """Descriptors (B, rows, cols, channels) of images (B, C, H, W) on a CPU, in a dialect that these loops support."""
     if not spec.normalizer.has_loops:
-        return normalize_reference(histograms(images, spec), spec).permute(0, 2, 3, 1).contiguous()
+        descriptor = spread_nan(normalize_reference(histograms(images, spec), spec), images)
+        return descriptor.permute(0, 2, 3, 1).contiguous()
     if _in_graph(images):
         spec.grid(*images.shape[2:])
         descriptors: Tensor = operators.describe(images, spec.to_json())

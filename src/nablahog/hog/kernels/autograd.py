@@ -16,7 +16,7 @@ from torch.autograd import Function, forward_ad
 
 from ...runtime.arrays import Floats
 from ..spec import HOGSpec
-from ..steps import histograms_reference, normalize_reference
+from ..steps import histograms_reference, normalize_reference, spread_nan
 from . import loops
 
 Both: TypeAlias = tuple[Tensor, Tensor]
@@ -230,7 +230,7 @@ def _norm_jvp(histograms: Tensor, _: object, tangent: Tensor, spec: HOGSpec) -> 
 
 
 def _describe_jvp(images: Tensor, cells: Floats, tangent: Tensor, spec: HOGSpec) -> Tensor:
-    return _norm_jvp(torch.from_numpy(cells), None, loops.cells_jvp(images, tangent, spec), spec)
+    return spread_nan(_norm_jvp(torch.from_numpy(cells), None, loops.cells_jvp(images, tangent, spec), spec), images)
 
 
 CELLS = Step(

@@ -6,15 +6,19 @@ import torch
 from torch import Tensor
 
 from ..spec import COLOURS, HOGSpec
+from ..steps import spread_nan
 
 
 def separate_colours(images: Tensor, spec: HOGSpec) -> Tensor:
-    """Images (B, C, H, W), or if colours are described separately, (B · colours, 1, H, W)."""
+    """Images (B, C, H, W), or if colours are described separately, (B · colours, 1, H, W).
+
+    There, a pixel that is not finite makes all colours of its image NaN.
+    """
     if images.dtype == torch.uint8 and torch.get_default_dtype() == torch.float64:
         images = images.double() / 255
     if spec.colours == 1:
         return images
-    return images.expand(-1, COLOURS, -1, -1).reshape(-1, 1, *images.shape[2:])
+    return spread_nan(images, images).expand(-1, COLOURS, -1, -1).reshape(-1, 1, *images.shape[2:])
 
 
 def merge_colours(descriptors: Tensor, spec: HOGSpec) -> Tensor:

@@ -10,13 +10,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ...runtime.arrays import DType, Floats
+from ...runtime.arrays import DType, Flags, Floats
 from ...runtime.threads import share_out
 from ..spec import HOGSpec
 from . import parameters
 from .cells import add_bands, cells_of_images
 from .cells_jvp import cells_jvp_of_images
 from .cells_vjp import cells_vjp_of_images
+from .finite import find_not_finite
 from .parameters import Pixels, Plan
 
 Work: TypeAlias = Callable[[int, int], None]
@@ -77,6 +78,7 @@ class _Operator(TypedKernelCache):
         self.dtype: DType = np.dtype(np.float64 if double else np.float32)
         channels, height, width = shape
         self.shape = channels, height, width
+        self.floating = stored.is_floating_point
         pooling = parameters.pooling(spec, height, width, torch.float64 if double else torch.float32)
         reading = parameters.reading(spec, channels, height, width, stored)
         self.plan = Plan(reading, parameters.voting(spec, self.dtype.type), pooling)
@@ -100,10 +102,19 @@ class _Operator(TypedKernelCache):
         """Whether threads share out parts of an image, not whole ones."""
         return self.large and batch == 1 and torch.get_num_threads() > 1
 
-    def to_cells(self, images: Tensor, cells: Floats, then: Work) -> None:
-        """From images to ``cells``; ``then`` goes on with the cells of some images while they are in the cache."""
-        pixels, batch = self.pixels(images), images.shape[0]
+    def _find_not_finite(self, pixels: Pixels, images: tuple[int, ...], rows: tuple[int, ...], out: Flags) -> None:
+        if self.floating:
+            self.run(find_not_finite, pixels, self.shape[0], images, rows, out)
+
+    def to_cells(self, images: Tensor, cells: Floats, then: Work) -> Flags:
+        """From images to ``cells``; ``then`` goes on with the cells of some images while they are in the cache.
+
+        Returns the images (B,) that are not finite, whose cells are NaN.
+        """
+        pixels, batch, height = self.pixels(images), images.shape[0], self.shape[1]
+        spoilt: Flags = np.zeros(batch, np.bool_)
         if self._in_bands(batch):
+            share_out(lambda *rows: self._find_not_finite(pixels, (0, 1), rows, spoilt), height)
             band_cells = np.empty((self.bands, self.band_size), self.dtype)
             one, none = (0, 1), cells[:0]
             share_out(
@@ -111,42 +122,53 @@ class _Operator(TypedKernelCache):
             )
             self.run(add_bands, band_cells, self.plan.pooling, cells[0])
             then(0, 1)
-            return
+        else:
 
-        def work(*some: int) -> None:
-            band_cells = np.empty((1, self.band_size), self.dtype)  # each thread's own
-            self.run(cells_of_images, pixels, self.plan, some, (0, self.bands), band_cells, cells)
-            then(*some)
+            def work(*some: int) -> None:
+                band_cells = np.empty((1, self.band_size), self.dtype)  # each thread's own
+                self._find_not_finite(pixels, some, (0, height), spoilt)
+                self.run(cells_of_images, pixels, self.plan, some, (0, self.bands), band_cells, cells)
+                then(*some)
 
-        share_out(work, batch)
+            share_out(work, batch)
+        cells[spoilt] = np.nan
+        return spoilt
 
     def vjp(self, images: Tensor, first: Work, grad_cells: Floats) -> Tensor:
         """Gradients of the images from ``grad_cells``, once ``first`` has computed these for some images."""
         pixels, batch, height = self.pixels(images), images.shape[0], self.shape[1]
         grad_images = np.empty((batch, *self.shape), self.dtype)
+        spoilt: Flags = np.zeros(batch, np.bool_)
+
+        def work(some: tuple[int, ...], rows: tuple[int, ...]) -> None:
+            self._find_not_finite(pixels, some, rows, spoilt)
+            self.run(cells_vjp_of_images, pixels, self.plan, grad_cells, some, rows, grad_images)
+
+        def whole(*some: int) -> None:
+            first(*some)
+            work(some, (0, height))
+
         if self._in_bands(batch):
             first(0, 1)
-            one = 0, 1
-            share_out(
-                lambda *some: self.run(cells_vjp_of_images, pixels, self.plan, grad_cells, one, some, grad_images),
-                height,
-            )
-            return torch.from_numpy(grad_images)
-
-        def work(*some: int) -> None:
-            first(*some)
-            self.run(cells_vjp_of_images, pixels, self.plan, grad_cells, some, (0, height), grad_images)
-
-        share_out(work, batch)
+            share_out(lambda *rows: work((0, 1), rows), height)
+        else:
+            share_out(whole, batch)
+        grad_images[spoilt] = np.nan
         return torch.from_numpy(grad_images)
 
     def jvp(self, images: Tensor, tangents: Floats) -> Tensor:
         """Tangents of the cells from those of the images."""
         reading = self.plan.reading
         reading_jvp = reading._replace(border_value=reading.border_value * 0)
-        arguments = self.pixels(images), tangents, self.plan, reading_jvp
-        out = np.empty((len(images), *self.cells), self.dtype)
-        share_out(lambda *some: self.run(cells_jvp_of_images, *arguments, some, out), len(out))
+        pixels, out = self.pixels(images), np.empty((len(images), *self.cells), self.dtype)
+        spoilt: Flags = np.zeros(len(images), np.bool_)
+
+        def work(*some: int) -> None:
+            self._find_not_finite(pixels, some, (0, self.shape[1]), spoilt)
+            self.run(cells_jvp_of_images, pixels, tangents, self.plan, reading_jvp, some, out)
+
+        share_out(work, len(out))
+        out[spoilt] = np.nan
         return torch.from_numpy(out)
 
 
@@ -206,7 +228,8 @@ def describe(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Floats]:
     operator = _operator(spec, shape[1:], images.dtype)
     cells = np.empty((shape[0], *operator.cells), operator.dtype)
     out = np.empty((shape[0], *operator.norm.grid), operator.dtype)
-    operator.to_cells(images, cells, operator.norm.of_cells(cells, out))
+    spoilt = operator.to_cells(images, cells, operator.norm.of_cells(cells, out))
+    out[spoilt] = np.nan
     return torch.from_numpy(out), cells
 
 

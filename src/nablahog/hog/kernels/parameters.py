@@ -135,7 +135,7 @@ def voting(spec: HOGSpec, real: type[Real]) -> Voting:
         library_angle=rule.inexact,
         tiny=real(tiny),
         up=real(up),
-        bins_per_half_turn=real(spec.bins * math.pi / spec.period),
+        bins_per_half_turn=real(spec.bins / 2 if spec.signed else spec.bins),  # exact: right angles are kinks
         offset=real(spec.bin_offset),
         turn=real(spec.bins),
         per_bin=real(1 / spec.bins),
