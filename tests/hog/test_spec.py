@@ -242,7 +242,7 @@ def test_bad_json_is_a_value_error(text: str) -> None:
 
 
 def test_huge_number_in_json_is_a_value_error() -> None:
-    with pytest.raises(ValueError, match=r"^value_range must be a finite number above 0"):
+    with pytest.raises(ValueError, match=r"^value_range must be a number in 1e-12 … 1e\+12"):
         HOGSpec.from_json(changed(value_range=10**400))
 
 
@@ -251,7 +251,7 @@ def test_huge_number_in_json_is_a_value_error() -> None:
 
 @pytest.mark.parametrize("value", [0, -1.0, math.nan, math.inf, "255", None, True])
 def test_refuses_value_range(value: Any) -> None:
-    with pytest.raises(ValueError, match=r"^value_range must be a finite number above 0, got "):
+    with pytest.raises(ValueError, match=r"^value_range must be a number in 1e-12 … 1e\+12, got "):
         spec(value_range=value)
 
 
@@ -270,7 +270,7 @@ def test_refuses_unknown_choices_and_names_the_known(field: str, value: Any) -> 
 
 @pytest.mark.parametrize("bins", [2, 0, -9, 9.0, "9", None, True])
 def test_refuses_bins(bins: Any) -> None:
-    with pytest.raises(ValueError, match=r"^bins must be an integer of at least 3, got "):
+    with pytest.raises(ValueError, match=r"^bins must be an integer in 3 … 1000, got "):
         spec(bins=bins)
 
 

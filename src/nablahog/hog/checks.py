@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from functools import partial
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
+LEAST, MOST = 1e-12, 1e12  # of constants: squares and cubes of them are numbers in float32
+MOST_PIXELS = 1_000_000  # of a side, in pixels or cells
 _CHECKS: dict[type, dict[str, tuple[Any, Callable[[str, object], None] | None]]] = {}
 """Of each class by field: its kind and its check, read once, since torch.compile cannot trace how types are read."""
 
@@ -14,7 +15,7 @@ _CHECKS: dict[type, dict[str, tuple[Any, Callable[[str, object], None] | None]]]
 def check_fields(part: object, *others: str) -> None:
     """The fields of a frozen dataclass are what their types say; tuples may be given as lists, as JSON has them.
 
-    A float is finite and above 0, a pair of integers is one of at least 1.  Fields of other types than these, literals
+    A float lies in 1e-12 … 1e12, a pair of integers in 1 … 1,000,000.  Fields of other types than these, literals
     and truth values are left to the class, and so are the ``others``.
     """
     if type(part) not in _CHECKS:
@@ -38,23 +39,35 @@ def _check_of(kind: Any) -> Callable[[str, object], None] | None:
 def check_truth(field: str, value: object) -> None:
     """``value`` is True or False."""
     if not isinstance(value, bool):
-        raise ValueError(f"{field} must be True or False, got {value!r}")
+        raise ValueError(f"{field} must be True or False, got {shortened(value)}")
 
 
 def check_choice(field: str, value: object, choices: Any) -> None:
     """``value`` is one of the literal type ``choices``."""
     allowed = get_args(choices)
     if value not in allowed:
-        raise ValueError(f"{field} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
+        raise ValueError(f"{field} must be one of {', '.join(map(repr, allowed))}, got {shortened(value)}")
 
 
 def check_positive(field: str, value: object) -> None:
-    """``value`` is a finite number above 0."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= sys.float_info.max:
-        raise ValueError(f"{field} must be a finite number above 0, got {value!r}")
+    """``value`` is a number in :data:`LEAST` … :data:`MOST`."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not LEAST <= value <= MOST:
+        raise ValueError(f"{field} must be a number in {LEAST:g} … {MOST:g}, got {shortened(value)}")
 
 
 def check_pair(field: str, value: object) -> None:
-    """``value`` is a pair of integers of at least 1."""
-    if not (isinstance(value, tuple) and len(value) == 2 and all(type(c) is int and c >= 1 for c in value)):
-        raise ValueError(f"{field} must be a pair (height, width) of integers of at least 1, got {value!r}")
+    """``value`` is a pair of integers in 1 … :data:`MOST_PIXELS`."""
+    if not (isinstance(value, tuple) and len(value) == 2 and all(map(_is_side, value))):
+        raise ValueError(
+            f"{field} must be a pair (height, width) of integers in 1 … {MOST_PIXELS:,}, got {shortened(value)}"
+        )
+
+
+def _is_side(value: object) -> bool:
+    return type(value) is int and 1 <= value <= MOST_PIXELS
+
+
+def shortened(value: object) -> str:
+    """A wrong value, for a sentence: at most 60 characters of it."""
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:40]} … {text[-10:]}"

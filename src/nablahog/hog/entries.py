@@ -28,10 +28,27 @@ def cell_entries(descriptor: Tensor, spec: HOGSpec) -> Tensor:
     return spec.normalizer.cell_entries(mean_over_colours(descriptor, spec), spec.bins, spec.signed)
 
 
-def with_margin(cells: Tensor, spec: HOGSpec, mode: str = "constant") -> Tensor:
-    """Pads entries (B, n, rows, cols) by the cells that the normaliser leaves out: with 0, or ``"replicate"``."""
+def with_margin(cells: Tensor, spec: HOGSpec) -> Tensor:
+    """Pads entries (B, n, rows, cols) with 0 for the cells around them that the normaliser leaves out."""
     rows, cols = (spec.normalizer.footprint(axis).margin for axis in (0, 1))
-    return pad(cells, (cols, cols, rows, rows), mode=mode) if rows or cols else cells
+    return pad(cells, (cols, cols, rows, rows))
+
+
+def covered_cells(spec: HOGSpec, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
+    """Which rows (rows,) and columns (cols,) of the cells of an image (height, width) the descriptor tells of."""
+    rows, cols = (
+        torch.tensor(spec.normalizer.footprint(axis).covers(cells)) for axis, cells in enumerate(spec.cells(*size))
+    )
+    return rows, cols
+
+
+def of_nearest_cells(entries: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
+    """Entries (B, n, …) as of :func:`cell_entries`, for all cells of an image: of others the nearest cell's."""
+    for axis, covered in enumerate(covered_cells(spec, size)):
+        known, cells = covered.nonzero().squeeze(1), torch.arange(len(covered))
+        nearest = known[(cells.unsqueeze(1) - known).abs().argmin(dim=1)] - spec.normalizer.footprint(axis).margin
+        entries = entries.index_select(2 + axis, nearest.to(entries.device))
+    return entries
 
 
 class CellAlignment:
@@ -65,7 +82,8 @@ class CellAlignment:
         """The dialect's cells (B, bins, rows, cols) to tiling cells."""
         if self.same:
             return histograms
-        alike = histograms / self.weights
+        some = self.weights > 0  # a cell in a ring that casts no votes has none
+        alike = torch.where(some, histograms / torch.where(some, self.weights, 1), 0)
         if not self.blocks:
             return alike
         return self._summed(alike) / self._summed(torch.ones_like(alike[:1, :1])).clamp(min=1)

@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
-from .checks import check_fields
+from .checks import check_fields, shortened
 from .normalizers import NORMALIZERS, Normalizer
 from .poolings import POOLINGS, BilinearCells, PartialCells, Pooling
 
@@ -29,6 +29,7 @@ Derivative: TypeAlias = Literal["own", "linear"]
 Boundary: TypeAlias = Literal["first", "upper"]
 Layout: TypeAlias = Literal["cells", "planes", "colour-planes", "blocks", "block-vector", "opencv-vector"]
 COLOURS = 3  # that a spec with separate colours has
+MOST_BINS = 1000
 
 
 @dataclass(frozen=True)
@@ -108,12 +109,12 @@ class HOGSpec:
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
-            raise ValueError(f"name must be text, got {self.name!r}")
+            raise ValueError(f"name must be text, got {shortened(self.name)}")
         check_fields(self, "bin_offset")
-        if type(self.bins) is not int or self.bins < 3:
-            raise ValueError(f"bins must be an integer of at least 3, got {self.bins!r}")
+        if type(self.bins) is not int or not 3 <= self.bins <= MOST_BINS:
+            raise ValueError(f"bins must be an integer in 3 … {MOST_BINS}, got {shortened(self.bins)}")
         if not isinstance(self.bin_offset, int | float) or not 0 <= self.bin_offset < self.bins:
-            raise ValueError(f"bin_offset must lie in [0, bins), in bins, got {self.bin_offset!r}")
+            raise ValueError(f"bin_offset must lie in [0, bins), in bins, got {shortened(self.bin_offset)}")
         _check_kind("normalizer", self.normalizer, NORMALIZERS)
         _check_kind("pooling", self.pooling, POOLINGS)
         self._check_together()
@@ -136,8 +137,9 @@ class HOGSpec:
         self.pooling.check(self.cell_size, self.normalizer)
         if self.layout == "colour-planes" and self.colour != "separate":
             raise ValueError("the layout 'colour-planes' goes with separate colours")
-        if self.layout in ("blocks", "block-vector", "opencv-vector") and self.normalizer.layout_block is None:
-            raise ValueError(f"the layout {self.layout!r} goes with a BlockNorm")
+        if self.layout in ("blocks", "block-vector", "opencv-vector"):
+            if self.normalizer.layout_block is None or self.colour == "separate":
+                raise ValueError(f"the layout {self.layout!r} goes with a BlockNorm, and not with separate colours")
 
     @property
     def named(self) -> str:
@@ -260,7 +262,8 @@ class HOGSpec:
 def _check_kind(field: str, part: Any, kinds: dict[str, Any]) -> None:
     """``part`` is of one of the classes listed."""
     if type(part) not in kinds.values():
-        raise ValueError(f"{field} must be one of {', '.join(each.__name__ for each in kinds.values())}, got {part!r}")
+        names = ", ".join(each.__name__ for each in kinds.values())
+        raise ValueError(f"{field} must be one of {names}, got {shortened(part)}")
 
 
 def _part(fields: dict[str, Any], kinds: dict[str, Any]) -> Any:

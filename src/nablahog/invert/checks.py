@@ -12,6 +12,8 @@ from torch import Tensor
 from ..hog.inputs import ArrayImage, descriptor_tensor, image_batch
 from ..hog.spec import HOGSpec
 
+LARGEST_ENTRY = 1e6  # far above what any dialect makes of an image; energies of energies are numbers in float32
+
 
 def descriptors_as_tensor(descriptor: Tensor | NDArray[Any]) -> Tensor:
     """Descriptors (B, rows, cols, channels), of an array (rows, cols, channels) one.
@@ -58,6 +60,9 @@ def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: Sequence[int
             f"{expected} (rows, cols, channels), got {(rows, cols, channels)}"
         )
     check_finite("the descriptor", descriptor)
+    largest = float(descriptor.abs().max())
+    if largest > LARGEST_ENTRY:
+        raise ValueError(f"the descriptor's entries must be at most {LARGEST_ENTRY:g} in size, got one of {largest:g}")
     return height, width
 
 

@@ -14,7 +14,7 @@ import torch
 from scipy import ndimage
 from torch import Tensor
 
-from ..hog.entries import cell_entries, with_margin
+from ..hog.entries import cell_entries, covered_cells, of_nearest_cells
 from ..hog.pooling import pooling_matrices
 from ..hog.spec import HOGSpec
 from . import kernels
@@ -24,8 +24,9 @@ class FlatRegions:
     """Replaces each region that must be constant by its mean.  Linear; the identity where there is none."""
 
     def __init__(self, descriptor: Tensor, spec: HOGSpec, height: int, width: int) -> None:
-        empty = (cell_entries(descriptor, spec) == 0).all(dim=1)
-        empty = with_margin(empty.unsqueeze(1), spec).squeeze(1)  # the cells that are left out have no entries
+        entries = of_nearest_cells(cell_entries(descriptor, spec), spec, (height, width))
+        rows, cols = (covered.to(descriptor.device) for covered in covered_cells(spec, (height, width)))
+        empty = (entries == 0).all(dim=1) & rows.unsqueeze(1) & cols
         by_row, by_col = (matrix > 0 for matrix in pooling_matrices(spec, height, width, descriptor))
         silent = (by_row.T.to(descriptor) @ empty.to(descriptor) @ by_col.to(descriptor)) > 0
         # a pixel without gradient has equal neighbours; that the pixel itself equals them is the smoothest choice

@@ -13,8 +13,9 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from ..hog.entries import CellAlignment, cell_entries, with_margin
+from ..hog.entries import CellAlignment, cell_entries, of_nearest_cells
 from ..hog.kernels import steps
+from ..hog.kernels.colours import split_colours
 from ..hog.pooling import pooling_matrices
 from ..hog.spec import HOGSpec
 from ..optimize import lbfgs
@@ -64,12 +65,12 @@ def recover_histograms(
         (B, colours · bins, rows, cols) of cells, in votes.  Their common scale is the original's if the spec fixes the
         contrast, else it is set so that the mean vote of a pixel is that of an ordinary photograph.
     """
-    channels = descriptor.permute(0, 3, 1, 2)
     size = size or spec.image_size(*descriptor.shape[1:3])
-    histograms = spec.normalizer.invert(channels.reshape(len(channels) * spec.colours, -1, *channels.shape[2:]))
+    each = split_colours(descriptor, spec)
+    histograms = spec.normalizer.invert(each.permute(0, 3, 1, 2))
     if histograms is None:
-        histograms = _least_squares(descriptor, spec, size, max_evaluations)
-    histograms = histograms.reshape(len(channels), -1, *histograms.shape[2:])
+        histograms = _least_squares(each, spec.of_one_colour(), size, max_evaluations)
+    histograms = histograms.reshape(len(descriptor), -1, *histograms.shape[2:]).clamp(min=0)  # as votes are
     return histograms if spec.normalizer.fixes_contrast else at_nominal_contrast(histograms, spec, size)
 
 
@@ -98,8 +99,8 @@ def _least_squares(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max
     target = descriptor.permute(0, 3, 1, 2)
     batch = len(target)
     alignment = CellAlignment(spec, size, target)
-    shares = cell_entries(descriptor, spec).clamp(min=0)
-    shares = alignment(with_margin(shares, spec, mode="replicate"))
+    shares = of_nearest_cells(cell_entries(descriptor, spec), spec, size).clamp(min=0)
+    shares = alignment(shares)
     rows, cols = shares.shape[2:]
     tiny = torch.finfo(target.dtype).tiny
     start = torch.log(shares / shares.amax(dim=(1, 2, 3), keepdim=True).clamp(min=tiny) + FLOOR)

@@ -37,7 +37,7 @@ def starting_images(
     With noise of the standard deviation ``spread``, in pairs; the same for every image of the batch.
     """
     if spec.signed:
-        smooth = integrate(*mean_gradient(votes, spec, height, width)).unsqueeze(1)
+        smooth = integrate(*mean_gradient(mean_over_colours(votes, spec), spec, height, width)).unsqueeze(1)
     else:
         cells = expected_cells(of_one_colour(votes, spec, (height, width)), spec, seed).unsqueeze(1)
         # votes of a cell, each the difference of two pixels, to the difference of two cells
@@ -48,8 +48,12 @@ def starting_images(
 
 def of_one_colour(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
     """Histograms (B, colours · bins, rows, cols) to the mean over colours, of cells side by side."""
-    mean = votes.reshape(len(votes), spec.colours, spec.bins, *votes.shape[2:]).mean(dim=1)
-    return CellAlignment(spec, size, votes)(mean)
+    return CellAlignment(spec, size, votes)(mean_over_colours(votes, spec))
+
+
+def mean_over_colours(votes: Tensor, spec: HOGSpec) -> Tensor:
+    """Histograms (B, colours · bins, rows, cols) to (B, bins, rows, cols)."""
+    return votes.reshape(len(votes), spec.colours, spec.bins, *votes.shape[2:]).mean(dim=1)
 
 
 def noise(like: Tensor, height: int, width: int, count: int, seed: int, spread: float = NOISE) -> Tensor:

@@ -84,7 +84,8 @@ class _Operator(TypedKernelCache):
         self.plan = Plan(reading, parameters.voting(spec, self.dtype.type), pooling)
         self.cells = pooling.rows, pooling.cols, pooling.bins
         self.norm = _norm(spec, self.cells, self.dtype)
-        self.for_vjp = self if spec.derivative != "linear" else _operator(spec.with_linear_votes(), shape, stored)
+        jumps = self.plan.voting.hard and spec.derivative == "linear"
+        self.for_vjp = _operator(spec.with_linear_votes(), shape, stored) if jumps else self
         self.bands = len(pooling.bands)
         self.band_size = (pooling.cols + pooling.wide) * pooling.column_size
         self.strides = channels * height * width, height * width, width, 1

@@ -34,6 +34,11 @@ class Footprint(NamedTuple):
         """The fewest cells with so many entries."""
         return (count - 1) * self.step + self.extent + 2 * self.margin
 
+    def covers(self, cells: int) -> list[bool]:
+        """Of so many cells, whether each is in an entry."""
+        end = self.margin + self.count(cells) * self.step - self.step + self.extent
+        return [self.margin <= cell < end and (cell - self.margin) % self.step < self.extent for cell in range(cells)]
+
 
 class NormalizerLoops(NamedTuple):
     """A normaliser compiled: functions of :mod:`..kernels` for images ``start`` to ``stop``, on NumPy arrays.

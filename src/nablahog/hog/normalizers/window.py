@@ -45,7 +45,8 @@ class WindowNorm(PerCell):
         """Sums along an axis, always in the same order: a strip has the bits of the whole image."""
         from torch.nn.functional import pad
 
-        reach, cells = math.floor(3 * self.sigma), energy.shape[axis]
+        cells = energy.shape[axis]
+        reach = min(math.floor(3 * self.sigma), cells - 1)
         around = pad(energy, (reach, reach) if axis == -1 else (0, 0, reach, reach))
         total = energy  # its own weight is 1
         for apart in range(1, reach + 1):

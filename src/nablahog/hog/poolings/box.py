@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from ..checks import MOST_PIXELS, shortened
 from .base import Pooling
 
 if TYPE_CHECKING:
@@ -29,8 +30,10 @@ class BoxCells(Pooling):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if type(self.window) is not int or self.window < 0 or self.window == 1:
-            raise ValueError(f"window must be 0 or a number of pixels of at least 2, got {self.window!r}")
+        if type(self.window) is not int or self.window == 1 or not 0 <= self.window <= MOST_PIXELS:
+            raise ValueError(
+                f"window must be 0 or a number of pixels in 2 … {MOST_PIXELS:,}, got {shortened(self.window)}"
+            )
 
     def weights(self, pixels: int, cells: int, cell: int, axis: int, ring: bool, like: Tensor) -> Tensor:
         """1 in a pixel's own cell, or what the window and the mean make of it."""

@@ -1,0 +1,108 @@
+"""Pre-images of any descriptor of any dialect: an image in 0…1, or a refusal in one sentence.
+
+Wrong is: an image of another shape, of NaN or outside 0…1, or a distance that is not the image's.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import NamedTuple
+
+import torch
+from hypothesis import strategies as st
+from torch import Tensor
+from torch.testing import assert_close
+
+from nablahog.hog import HOGSpec, from_layout, hog, to_layout
+from nablahog.invert import Search, reconstruct
+from nablahog.invert.colour import reconstruct_colour
+from nablahog.invert.reconstruction import relative_distance
+
+from .harness import Fault, check_sentence
+from .specs import Shape, shapes, specs
+
+ENTRIES = ("image", "image", "image", "noise", "gaussian", "constant", "zero", "not finite", "huge", "tiny")
+EVALUATIONS = 30
+LARGEST = 24  # pixels a side
+LONGEST = 30.0  # seconds
+
+
+class Case(NamedTuple):
+    """A descriptor in a dialect, of images of a shape: what its entries are, and how it is inverted."""
+
+    spec: HOGSpec
+    shape: Shape
+    entries: str
+    dtype: str
+    minimiser: str
+    native: bool
+    colour: bool
+    seed: int
+
+
+@st.composite
+def cases(draw: st.DrawFn) -> Case:
+    spec = draw(specs())
+    return Case(
+        spec,
+        draw(shapes(spec, LARGEST)),
+        draw(st.sampled_from(ENTRIES)),
+        draw(st.sampled_from(["float32", "float64"])),
+        draw(st.sampled_from(["lbfgs", "lbfgs", "lbfgs", "dogleg", "adam", "momentum"])),
+        draw(st.booleans()),
+        draw(st.integers(0, 4)) == 0,
+        draw(st.integers(0, 2**31)),
+    )
+
+
+def descriptor_of(case: Case) -> Tensor:
+    """(B, rows, cols, channels)"""
+    random, (batch, channels, height, width) = torch.Generator().manual_seed(case.seed), case.shape
+    dtype = torch.float64 if case.dtype == "float64" else torch.float32
+    shape = batch, *case.spec.grid(height, width), case.spec.channels
+    if case.entries == "image":
+        return hog(torch.rand(batch, channels, height, width, generator=random, dtype=dtype), case.spec)
+    noise = torch.rand(shape, generator=random, dtype=dtype)
+    if case.entries == "not finite":
+        noise.view(-1)[case.seed % noise.numel()] = (math.nan, math.inf, -math.inf)[case.seed % 3]
+    power = case.seed % (38 if case.dtype == "float32" else 308)
+    return {
+        "gaussian": noise * 2 - 1,
+        "constant": torch.full(shape, 0.3, dtype=dtype),
+        "zero": torch.zeros(shape, dtype=dtype),
+        "huge": noise * 10.0**power,
+        "tiny": noise * 10.0**-power,
+    }.get(case.entries, noise)
+
+
+def check(case: Case) -> str:
+    """Inverts it within few evaluations."""
+    descriptor, size = descriptor_of(case), (case.shape[2], case.shape[3])
+    if case.native:
+        back = from_layout(to_layout(descriptor, case.spec), case.spec, size)
+        if not torch.equal(back.nan_to_num(7), descriptor.nan_to_num(7)):
+            raise Fault("wrong", "from_layout is not the inverse of to_layout")
+    search = Search(minimiser=case.minimiser, max_evaluations=EVALUATIONS)  # type: ignore[arg-type]
+    in_colour = case.colour and case.spec.colour != "gray"
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            if in_colour:
+                result = reconstruct_colour(descriptor, case.spec, size, search=search, colour_evaluations=8)
+            else:
+                result = reconstruct(descriptor, case.spec, size, search=search)
+    except ValueError as error:
+        check_sentence(str(error))
+        return "refused"
+    if case.entries == "not finite":
+        raise Fault("wrong", "a descriptor that is not finite was inverted")
+    image, expected = result.image, (len(descriptor), 3 if in_colour else 1, *size)
+    if image.shape != expected:
+        raise Fault("wrong", f"the image has shape {tuple(image.shape)}, not {expected}")
+    if not (image.isfinite().all() and image.min() >= 0 and image.max() <= 1):
+        raise Fault("wrong", f"the image lies in {float(image.min())}…{float(image.max())}")
+    if result.seconds > LONGEST:
+        raise Fault("hung", f"{result.seconds:.0f} s")
+    assert_close(result.distance, relative_distance(image, descriptor, case.spec), rtol=1e-3, atol=1e-6)
+    return "inverted"
