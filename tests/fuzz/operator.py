@@ -122,7 +122,7 @@ def _rounding(spec: HOGSpec, images: Tensor, descriptor: Tensor, weights: float)
 def _rounding_decides(case: Case) -> bool:
     """Whether derivatives are not compared.
 
-    1/√v of votes v near 0; magnitudes near the ends of the dtype; diagonals that are bin centres but for the last digit.
+    1/√v of votes v near 0; magnitudes near the ends of the dtype; diagonals that are bin centres up to rounding.
     """
     spec, ties = case.spec, case.values not in ("noise", "not finite")
     inexact = case.dtype == "float32" or (spec.vote == "linear" and spec.angle != "exact")

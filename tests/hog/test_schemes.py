@@ -50,7 +50,7 @@ def test_normalizers_refuse_flags(value: Any) -> None:
 
 @pytest.mark.parametrize("value", [2, (2,), [2], (0, 2), (2.0, 2), (True, 2), None])
 def test_sizes_of_blocks_are_pairs(value: Any) -> None:
-    message = r" must be a pair \(height, width\) of integers of at least 1, got "
+    message = r" must be a pair \(height, width\) of integers in 1 … 1,000,000, got "
     for name in ("block", "step"):
         sizes = {"block": (2, 2), "step": (1, 1), name: value}
         with pytest.raises(ValueError, match="^" + name + message):

@@ -22,12 +22,6 @@ from torch.testing import assert_close
 
 import nablahog
 from nablahog.hog import (
-    BilinearCells,
-    BlockCells,
-    BlockNorm,
-    BoxCells,
-    CellNorm,
-    GlobalNorm,
     HOGSpec,
     hog,
     presets,
@@ -35,7 +29,8 @@ from nablahog.hog import (
 )
 from nablahog.hog.kernels import supports
 
-from .zoo import SPECS, fits, spec
+from ..fuzz.specs import specs
+from .zoo import SPECS, fits
 
 LEAST = 1  # byte: a row of the descriptor at a time
 dtypes = st.sampled_from([np.uint8, np.float32, np.float64])
@@ -100,39 +95,6 @@ def test_there_are_strips(name: str) -> None:
     s = SPECS[name]
     rows = s.grid(220, 21)[0]
     assert rows / 2 <= assert_streams(picture(220, 21, 3, np.float32), s) <= rows
-
-
-blocks = st.sampled_from(["L1", "L1-sqrt", "L2", "L2-Hys"])
-
-
-@st.composite
-def specs(draw: st.DrawFn) -> HOGSpec:
-    """Sizes of cells, blocks, steps and windows that no preset has."""
-    cell, of_block = draw(st.tuples(sides, sides)), draw(st.tuples(sides, sides))
-    kind, step = draw(st.sampled_from(["block", "box", "bilinear"])), draw(st.tuples(sides, sides))
-    if kind == "block":
-        high, wide = (n * c for n, c in zip(of_block, cell, strict=True))
-        pooling: Any = BlockCells(
-            (high, wide), (draw(st.integers(1, 2 * high)), draw(st.integers(1, 2 * wide))), draw(st.floats(0.3, 9))
-        )
-        normalizer: Any = BlockNorm(of_block, of_block, draw(blocks))
-    else:
-        normalizer = draw(st.sampled_from([BlockNorm(of_block, step, "L2"), CellNorm(), GlobalNorm()]))
-        if kind == "box":
-            pooling = BoxCells(draw(st.booleans()), draw(st.sampled_from([0, 2, 3, 7, 16])))
-        else:
-            pooling = BilinearCells(draw(st.sampled_from(["vote", "drop", "repeat"])), draw(st.floats(0.5, 2)))
-    return spec(
-        cell_size=cell,
-        pooling=pooling,
-        normalizer=normalizer,
-        border=draw(st.sampled_from(["reflect", "replicate", "extrapolate", "zero", "gray", "ignore"])),
-        vote=draw(st.sampled_from(["linear", "hard"])),
-        partial_cells=draw(st.sampled_from(["floor", "round", "ceil"])),
-        colour=draw(st.sampled_from(["gray", "largest", "separate"])),
-        colour_ties=draw(st.sampled_from(["first", "opencv", "dlib"])),
-        bins=draw(st.integers(3, 9)),
-    )
 
 
 @given(

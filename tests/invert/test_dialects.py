@@ -10,13 +10,14 @@ import torch
 from torch import Tensor
 
 from nablahog import hog, presets, reconstruct
-from nablahog.hog import FourBlockNorm, HOGSpec
+from nablahog.hog import BlockNorm, FourBlockNorm, HOGSpec
 from nablahog.hog.descriptor import histograms
 from nablahog.hog.steps import normalize_reference
 from nablahog.invert import Search
 from nablahog.invert.histograms import recover_histograms, searchable
 
 SIZE = (48, 40)
+FEW = Search(max_evaluations=20)
 SPECS: dict[str, HOGSpec] = {
     "vlfeat": presets.vlfeat(cell_size=4),
     "vlfeat-bilinear": presets.vlfeat(cell_size=4, bilinear_orientations=True),
@@ -129,3 +130,46 @@ def test_a_root_is_sought_and_squared() -> None:
     root = dataclasses.replace(plain, value_range=255.0**0.5)
     expected = reconstruct(hog(images.sqrt(), root), root, SIZE, search=Search(max_evaluations=150))
     assert (result.image - expected.image.square()).abs().mean() < 0.03
+
+
+@pytest.mark.parametrize("name", ["uoctti", "dalal-triggs", "skimage", "vlfeat-dalaltriggs", "maskfeat"])
+def test_each_colour_described_separately(name: str) -> None:
+    s = dataclasses.replace({"uoctti": presets.uoctti(4), **SPECS}[name], colour="separate", layout="cells")
+    descriptor = hog(torch.rand(2, 3, *SIZE, generator=torch.Generator().manual_seed(0)), s)
+    assert reconstruct(descriptor, s, SIZE, search=FEW).image.isfinite().all()
+
+
+@pytest.mark.parametrize("step", [(2, 2), (3, 3), (2, 5)])
+def test_cells_in_no_block(step: tuple[int, int]) -> None:
+    """Blocks of two cells that leave the last ones out, or gaps: of those cells nothing is known, not that they are
+    flat."""
+    s = dataclasses.replace(presets.skimage(pixels_per_cell=(8, 8)), normalizer=BlockNorm((2, 2), step))
+    image = torch.rand(1, 1, 40, 40, generator=torch.Generator().manual_seed(0))
+    result = reconstruct(hog(image, s), s, (40, 40), search=FEW)
+    assert result.image.isfinite().all()
+    assert result.image[..., 33:, 33:].unique().numel() > 20
+    assert result.image[..., 17:23, 17:23].unique().numel() > 20
+
+
+def test_cells_in_a_ring_without_votes() -> None:
+    """Their weights are 0."""
+    s = dataclasses.replace(presets.maskfeat(1, gaussian_window=0), border="ignore")
+    descriptor = hog(torch.rand(1, 1, 12, 12, generator=torch.Generator().manual_seed(0)), s)
+    assert reconstruct(descriptor, s, search=FEW).image.isfinite().all()
+
+
+@pytest.mark.parametrize("entry", [-0.3, 1e-30, 1e5])
+def test_descriptors_of_no_image(entry: float) -> None:
+    """Of negative entries, tiny or large ones."""
+    for s in (SPECS["dalal-triggs"], presets.paper(4), SPECS["vlfeat"], SPECS["maskfeat"]):
+        noise = torch.rand(1, *s.grid(*SIZE), s.channels, generator=torch.Generator().manual_seed(0))
+        image = reconstruct(entry * noise, s, SIZE, search=FEW).image
+        assert image.isfinite().all()
+
+
+def test_refuses_entries_whose_energies_overflow() -> None:
+    descriptor = torch.full((1, *presets.paper(4).grid(*SIZE), 9), 1e30)
+    with pytest.raises(
+        ValueError, match=r"^the descriptor's entries must be at most 1e\+06 in size, got one of 1e\+30$"
+    ):
+        reconstruct(descriptor, presets.paper(4), SIZE)

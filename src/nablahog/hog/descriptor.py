@@ -55,9 +55,9 @@ def hog(
     """The HOG descriptor of a batch of images, exactly differentiable (Section 2 of the paper).
 
     Works on CPU and CUDA, under reverse and forward mode, ``vmap`` and ``torch.compile``; second derivatives exist away
-    from kinks.  At kinks it returns the derivatives stated in ``docs/derivatives.md``, never NaN.  A pixel that is NaN or
-    infinite, in any channel, makes its image's descriptor and gradient NaN, all of it; other images of the batch keep
-    theirs.
+    from kinks.  At kinks it returns the derivatives stated in ``docs/derivatives.md``, never NaN.  A pixel that is NaN
+    or infinite, in any channel, makes its image's descriptor and gradient NaN, all of it; other images of the batch
+    keep theirs.
 
     ``torch.export`` saves graphs with the operator in it; a process that loads one needs ``import
     nablahog.hog.kernels``, for ``import nablahog`` alone loads nothing that computes.

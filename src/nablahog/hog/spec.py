@@ -137,9 +137,9 @@ class HOGSpec:
         self.pooling.check(self.cell_size, self.normalizer)
         if self.layout == "colour-planes" and self.colour != "separate":
             raise ValueError("the layout 'colour-planes' goes with separate colours")
-        if self.layout in ("blocks", "block-vector", "opencv-vector"):
-            if self.normalizer.layout_block is None or self.colour == "separate":
-                raise ValueError(f"the layout {self.layout!r} goes with a BlockNorm, and not with separate colours")
+        of_blocks = self.normalizer.layout_block is not None and self.colour != "separate"
+        if self.layout in ("blocks", "block-vector", "opencv-vector") and not of_blocks:
+            raise ValueError(f"the layout {self.layout!r} goes with a BlockNorm, and not with separate colours")
 
     @property
     def named(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
 import subprocess
@@ -18,6 +19,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.hog import BilinearCells, BlockCells, BlockNorm, BoxCells, FourBlockNorm, HOGSpec, hog, presets
+from nablahog.hog.descriptor import Backend, histograms
 from nablahog.hog.kernels import steps, supports
 from nablahog.hog.normalizers import PARTS
 from nablahog.hog.poolings import Pooling
@@ -27,6 +29,7 @@ from nablahog.runtime.compile import compiled
 from ..zoo import SPECS, integers, noise, spec
 
 CPU = torch.device("cpu")
+BACKENDS: tuple[Backend, ...] = ("auto", "torch")
 DTYPES = [torch.float32, torch.float64]
 dtypes = pytest.mark.parametrize("dtype", DTYPES, ids=["float32", "float64"])
 COMPILED = [name for name, s in SPECS.items() if supports(s)]
@@ -338,3 +341,71 @@ def test_code_from_disk_returns_the_same_bits_as_code_just_compiled(tmp_path: Pa
     )
     assert list(tmp_path.iterdir())
     assert made.stdout == loaded.stdout
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_right_angles_are_kinks_of_any_number_of_bins(signed: bool) -> None:
+    """Bin centres at 0° and 90°, where a derivative is the mean of both sides."""
+    stripes = torch.arange(12.0, dtype=torch.float64).square() / 144
+    images = torch.stack([stripes.expand(12, 12), stripes.expand(12, 12).T, stripes.flip(0).expand(12, 12)])[:, None]
+    for bins in range(3, 41):
+        s = spec(bins=bins, signed=signed, bin_offset=0.0, cell_size=(4, 4))
+        assert_same(fast(s)[0], histograms_reference, images, s)
+
+
+def test_linear_votes_by_a_library_angle_have_one_derivative() -> None:
+    """``derivative`` is of hard votes; it changes nothing of linear ones."""
+    s, x = presets.opencv((32, 32), (16, 16), (8, 8), (8, 8), 9), noise(1, 1, 32, 32)
+    assert s.angle == "opencv"
+    linear = dataclasses.replace(s, derivative="linear")
+    for one, other in zip(with_derivatives(hog, x, s), with_derivatives(hog, x, linear), strict=True):
+        assert torch.equal(one, other)
+
+
+@pytest.mark.parametrize("orientations", [6, 10])
+def test_diagonals_of_bytes_between_two_bins(orientations: int) -> None:
+    """Rounding decides on which side they are: in both backends in the same way."""
+    s = presets.piotr(4, orientations=orientations)
+    images = (integers(1, 1, 40, 40, levels=8) * 252).byte()
+    compiled_cells = histograms(images, s)
+    assert_close(compiled_cells, histograms(images, s, backend="torch"), rtol=1e-5, atol=1e-6)
+
+
+def test_huge_gradients_of_empty_bins_cancel_nowhere() -> None:
+    """1/√v of a bin with v = 1e-285 votes is not part of a derivative of other bins, and leaves them their digits."""
+    for seed in range(20):
+        s = spec(
+            mask="sobel",
+            cell_size=(4, 4),
+            normalizer=BlockNorm((2, 2), (2, 2), "L1-sqrt"),
+            pooling=BlockCells((8, 8), (4, 4), 0.1),
+        )
+        x = noise(1, 1, 12, 13, seed=seed)
+        results = [with_derivatives(lambda z, of, by=backend: hog(z, of, backend=by), x, s) for backend in BACKENDS]
+        for got, expected in zip(*results, strict=True):
+            assert_close(got, expected, rtol=1e-9, atol=1e-12 * float(expected.abs().max()))
+
+
+_UNWRITTEN = """
+import torch
+from nablahog import hog, presets
+from tests.hog.zoo import noise
+for s, size in [(presets.vlfeat(cell_size=3), (30, 2)), (presets.dpm(4), (8, 8)), (presets.skimage(), (30, 29))]:
+    try:
+        s.grid(*size)
+    except ValueError:
+        continue
+    x, grads = noise(1, 1, *size), []
+    for backend in ("auto", "torch"):
+        z = x.clone().requires_grad_()
+        hog(z, s, backend=backend).sum().backward()
+        grads.append(z.grad)
+    torch.testing.assert_close(*grads)
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only glibc fills fresh memory")
+def test_no_unwritten_memory_is_read() -> None:
+    """Where no column votes, too: fresh memory is filled with 1e306."""
+    environment = {**os.environ, "MALLOC_PERTURB_": "128"}
+    subprocess.run([sys.executable, "-c", _UNWRITTEN], check=True, env=environment, timeout=300)
