@@ -76,7 +76,7 @@ def learn_exemplars(arguments: Namespace) -> None:
         models = read_models(arguments.models)
         _background(background)
     with output_folder(arguments.output) as folder:
-        remove_parts(folder, older_than=60)
+        remove_parts(folder)
         jobs = {name: ExemplarJob(path, folder, background) for name, path in models.paths.items()}
         names, failed, elements = list(jobs), {}, 0
         workers = arguments.workers or cores()
