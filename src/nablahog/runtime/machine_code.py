@@ -8,6 +8,7 @@ tells damage only; against other users, folder and files belong to this one, and
 from __future__ import annotations
 
 import hashlib
+import logging
 import multiprocessing
 import os
 import pickle
@@ -15,7 +16,6 @@ import secrets
 import stat
 import sys
 import time
-import warnings
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache
@@ -32,11 +32,12 @@ from numba.core.serialize import dumps
 
 from .cache_folder import VARIABLE, cache_folder
 
-DIGEST = 32  # bytes
+KEY, DIGEST = 16, 32  # bytes
 CODE, PART = ".code", ".part"
 DAY = 86400.0
 UNUSED = 60 * DAY  # seconds after which a file is removed
 _VERSIONS = (numba.__version__, llvmlite.__version__, np.__version__, sys.version, getattr(sys, "abiflags", ""))
+_log = logging.getLogger(__name__)
 _rebuild: Any = CompileResult._rebuild
 _dumps: Any = dumps
 
@@ -78,10 +79,10 @@ class CodeCache(NullCache):
 
     def _key(self, signature: Any, codegen: Any) -> bytes:
         facts = [self.identity, *map(_described, signature), *map(str, codegen.magic_tuple()), *_VERSIONS]
-        return hashlib.blake2b("\n".join(facts).encode(), digest_size=DIGEST).digest()
+        return hashlib.blake2b("\n".join(facts).encode(), digest_size=KEY).digest()
 
     def _path(self, folder: Path, key: bytes) -> Path:
-        return folder / f"{self.name}-{key[:16].hex()}{CODE}"
+        return folder / f"{self.name}-{key.hex()}{CODE}"
 
 
 def _described(kind: Any) -> str:
@@ -147,7 +148,7 @@ def _tidy(folder: Path) -> None:
 
 @cache
 def code_folder() -> Path | None:
-    """The folder for machine code, made if missing; None if there is none, which a warning tells.
+    """The folder for machine code, made if missing; None if there is none, which the log tells.
 
     It is ``machine-code`` in the folder that ``NABLAHOG_CACHE_DIR`` names.  Without that variable it is the first of
     these that can be made and that nobody else owns or may write: ``nablahog/machine-code`` where numba's own
@@ -160,11 +161,11 @@ def code_folder() -> Path | None:
             return path
         reasons.append(f"{path}: {reason}")
     if multiprocessing.parent_process() is None:  # or each of many workers would tell
-        warnings.warn(
-            "each process compiles its machine code anew, which takes a minute, as there is no folder to store it in "
-            f"({'; '.join(reasons)}); {VARIABLE} can name another folder",
-            RuntimeWarning,
-            stacklevel=2,
+        _log.warning(
+            "each process compiles its machine code anew, for a minute: there is no folder to store it in (%s); "
+            "%s can name another one",
+            "; ".join(reasons),
+            VARIABLE,
         )
     return None
 

@@ -36,8 +36,8 @@ def large_images(tmp_path: Path) -> str:
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder of models that are learned once from sample photographs, of which there are two."""
     monkeypatch.setattr(learned, "sample_photographs", partial(sample_photographs, limit=2))
-    monkeypatch.setattr(learned, "user_cache_path", lambda name: tmp_path / "caches" / name)
-    return tmp_path / "caches" / "nablahog"
+    monkeypatch.setattr(learned, "cache_folder", lambda: tmp_path / "caches")
+    return tmp_path / "caches"
 
 
 def test_learned_by_default_numbers(tmp_path: Path, large_images: str, capsys: pytest.CaptureFixture[str]) -> None:
