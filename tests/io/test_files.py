@@ -72,6 +72,9 @@ def test_what_a_killed_process_left(tmp_path: Path) -> None:
         file.write(b"new")
     assert sorted(os.listdir(tmp_path)) == [stalled.name, "file"]
     remove_parts(tmp_path / "missing")
+    os.utime(stalled, (0, 0))
+    with output_folder(tmp_path):
+        assert os.listdir(tmp_path) == ["file"]
 
 
 def test_processes_of_the_same_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -87,6 +87,14 @@ def test_of_one_function_under_the_name_of_the_other(cache: Path, server: CodeSe
     assert server.ask(cache) == (0, f"{RIGHT} 0")
 
 
+def test_what_a_changed_numba_cannot_read(cache: Path, server: CodeServer) -> None:
+    for file, payload in zip(files(cache), (pickle.dumps(("no", "code")), b"no pickle"), strict=True):
+        key = bytes.fromhex(file.stem.rpartition("-")[2])
+        file.write_bytes(_digest(payload, key) + payload)
+    assert server.ask(cache) == (0, f"{RIGHT} 0")
+    assert server.ask(cache) == (0, f"{RIGHT} 2")
+
+
 class _Trap:
     """Makes a file when it is unpickled."""
 

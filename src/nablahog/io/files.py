@@ -124,6 +124,8 @@ def checkpoint_for(output: Path) -> Iterator[Path]:
 def output_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """The folder ``path``: made and tried before the block starts, removed if the block fails and leaves it empty.
 
+    Temporary files of earlier runs are removed first (:func:`remove_parts`).
+
     Raises:
         NotADirectoryError: ``path``, or a folder above it, is a file.
         PermissionError: the folder cannot be made or written.
@@ -140,6 +142,7 @@ def output_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     except OSError as error:
         _remove_empty(missing)
         raise PermissionError(f"the output folder {path} cannot be written: {error.strerror}") from None
+    remove_parts(path)
     try:
         yield path
     except BaseException:
