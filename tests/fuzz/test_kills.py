@@ -19,5 +19,5 @@ def _closed() -> Iterator[None]:
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for processes in /proc")
 def test_killed_commands() -> None:
-    for case in (Case("hog", (0.6,)), Case("hoggles", (0.5, 0.8)), Case("table2", (0.7,))):
+    for case in (Case("hog", (0.3,)), Case("hog", (0.6, 0.9)), Case("hoggles", (0.5, 0.8))):
         kills.check(case)
