@@ -13,6 +13,7 @@ import pytest
 from nablahog.evaluate.methods import Table1Settings
 from nablahog.evaluate.table1 import METRICS, run_table1, write_table1
 from nablahog.evaluate.tables import Failure, evenly_spread, statistics
+from nablahog.io.files import ABANDONED
 
 from .common import made, photographs
 from .fakes import BRIGHT, DARK, LEVELS, MISTAKEN, UNDEFINED
@@ -134,7 +135,7 @@ def test_what_a_killed_run_left_is_removed(tmp_path: Path, calls: list[str]) -> 
     for part in (*parts, young):
         part.touch()
     for part in parts:
-        os.utime(part, (time.time() - 100,) * 2)
+        os.utime(part, (time.time() - ABANDONED - 60,) * 2)
     made(tmp_path, photographs(1), DARK)
     assert young.exists()
     assert not any(part.exists() for part in parts)

@@ -9,7 +9,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from platformdirs import user_cache_path
 from torch import Tensor
 
 from ..hog import HOGSpec, presets
@@ -26,6 +25,7 @@ from ..invert.network import default_architecture
 from ..io.files import checkpoint_for
 from ..io.images import limit_size
 from ..io.learned_model import LearnedModel
+from ..runtime.cache_folder import cache_folder
 from ..runtime.source import code_key
 from .photographs import sample_photographs
 
@@ -113,12 +113,12 @@ def _load(kind: str, path: Path, changed: int | None, size: int | None) -> Learn
 def learned_from_samples(kind: str, progress: Progress) -> Path:
     """The file of the model that is learned from the sample photographs, once for all runs.
 
-    It is stored in the user's folder for caches.  An interrupted learning is resumed.
+    It is stored in the folder for caches (:func:`.cache_folder.cache_folder`).  An interrupted learning is resumed.
 
     Raises:
         OSError: it cannot be stored.
     """
-    path = user_cache_path("nablahog") / f"{kind}-{code_key(LEARNED[kind].learn, Learner)[:16]}.npz"
+    path = cache_folder() / f"{kind}-{code_key(LEARNED[kind].learn, Learner)[:16]}.npz"
     try:
         load(kind, path)
     except (OSError, ValueError):  # missing, or damaged by whatever else uses such folders

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 from numpy import generic
 from numpy.typing import NDArray
 
-from ..io.npz import check_format, naming, read_arrays, text, write_arrays
+from ..io.files import check_file
+from ..io.npz import read_arrays, text, write_arrays
 
 FORMAT = 1
+_log = logging.getLogger(__name__)
+State = TypeVar("State")
 
 
 class Checkpoint:
@@ -44,29 +49,53 @@ class Checkpoint:
         if self.path is not None:
             write_arrays(self.path, FORMAT, {"identity": json.dumps(self.identity), **arrays})
 
-    def restore(self) -> dict[str, NDArray[generic]] | None:
-        """The arrays; None if there is no file.
+    def restore(self, read: Callable[[dict[str, NDArray[generic]]], State]) -> State | None:
+        """What ``read`` makes of the arrays; None if there is no file, or a damaged one.
+
+        A damaged file is renamed, which the log tells: the learning starts afresh.
+
+        Args:
+            read: raises ValueError if the arrays are impossible.
 
         Raises:
-            ValueError: it is of another learning, damaged, or no such file.
+            ValueError: the file is of another learning or another version, or no regular file.
+            OSError: it cannot be read or renamed.
         """
         if self.path is None or not self.path.exists():
             return None
-        arrays = read_arrays(self.path, f"checkpoint of a {self.kind}", ("format", "identity", *self.names))
-        with naming(self.path):
-            check_format(arrays, "checkpoint", FORMAT)
-            try:
-                identity = json.loads(text(arrays, "identity"))
-                differing = [key for key, value in self.identity.items() if identity[key] != value]
-            except (KeyError, TypeError, ValueError, RecursionError) as error:
-                raise ValueError(f"the checkpoint cannot be read: {error}") from None
-            if differing:
-                raise ValueError(
-                    f"the checkpoint of another {self.kind} (of other {', '.join(differing)}); "
-                    "finish that one, or remove the file"
-                )
-        return {name: arrays[name] for name in self.names}
+        check_file(self.path, f"a checkpoint of a {self.kind}")
+        with open(self.path, "rb"):
+            pass  # what may not be read is not damaged
+        try:
+            arrays = read_arrays(self.path, f"checkpoint of a {self.kind}", ("format", "identity", *self.names))
+            other = self._other(arrays)
+            state = None if other else read(arrays)
+        except (ArithmeticError, LookupError, RecursionError, TypeError, ValueError):
+            self._set_aside(self.path)
+            return None
+        if other:
+            raise ValueError(f"{self.path}: {other}")
+        return state
 
-    def damaged(self) -> ValueError:
-        """The error to raise if the arrays are impossible."""
-        return ValueError(f"{self.path}: the checkpoint is damaged")
+    def _other(self, arrays: dict[str, NDArray[generic]]) -> str | None:
+        """What else the file is; None if it is of this learning.
+
+        Raises:
+            KeyError, RecursionError, TypeError, ValueError: it is damaged.
+        """
+        version = int(arrays["format"].item())
+        if version != FORMAT:
+            return f"this version reads checkpoints of format {FORMAT}, got {version}"
+        identity = json.loads(text(arrays, "identity"))
+        differing = [key for key, value in self.identity.items() if identity[key] != value]
+        if not differing:
+            return None
+        return (
+            f"the checkpoint of another {self.kind} (of other {', '.join(differing)}); "
+            "finish that one, or remove the file"
+        )
+
+    def _set_aside(self, path: Path) -> None:
+        aside = path.with_name(f"{path.name}.damaged")
+        os.replace(path, aside)
+        _log.warning("%s is damaged: it is now called %s, and the %s starts afresh", path, aside.name, self.kind)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.functional import avg_pool2d, mse_loss
 from torch.nn.utils import clip_grad_norm_, parameters_to_vector
@@ -60,13 +61,14 @@ def train_prior(
         seed: of everything random.
         architecture: of the network; by default :func:`.network.default_architecture`.
         checkpoint: a file that is written after each epoch.  If it exists and is of the same training, this training is
-            resumed, with the same result.  The file is not removed.
+            resumed, with the same result.  The file is not removed.  A damaged one is renamed, and the training starts
+            afresh.
         progress: called with the steps done, their number, and epoch and loss.
 
     Raises:
         ValueError: there are no images, or one is too small or holds other values; there can be no prior for the spec;
-            ``epochs`` is below 1; the checkpoint is of another training, or damaged; the training diverges.
-        OSError: the checkpoint cannot be written.
+            ``epochs`` is below 1; the checkpoint is of another training; the training diverges.
+        OSError: the checkpoint cannot be read or written.
 
     >>> images = {"noise": torch.rand(96, 96, generator=torch.Generator().manual_seed(0))}
     >>> prior = nablahog.train_prior(images, nablahog.presets.uoctti(cell_size=8), epochs=1)
@@ -96,7 +98,7 @@ def train_prior(
         "architecture": [list(architecture.widths), list(architecture.blocks)],
     }
     saved = Checkpoint(checkpoint, "training", identity, ("losses", "state"))
-    losses = _restore(saved, network, optimizer, steps)
+    losses = _restore(saved, network, optimizer, epochs, steps)
     batches = _Batches(order, steps, spec, seed)
     for epoch in range(len(losses), epochs):
         total = 0.0
@@ -128,33 +130,47 @@ def _save(checkpoint: Checkpoint, network: nn.Module, optimizer: torch.optim.Ada
     checkpoint.save({"losses": losses, "state": np.stack([_flat(tensors) for tensors in state])})
 
 
-def _restore(checkpoint: Checkpoint, network: nn.Module, optimizer: torch.optim.AdamW, steps: int) -> list[float]:
-    """Sets network and optimizer to the state of the checkpoint, if there is one, after epochs of ``steps`` each.
+def _restore(
+    checkpoint: Checkpoint, network: nn.Module, optimizer: torch.optim.AdamW, epochs: int, steps: int
+) -> list[float]:
+    """Sets network and optimizer to the state of the checkpoint, if there is one, of ``epochs`` of ``steps`` each.
 
     Returns:
-        The losses of these epochs.
+        The losses of the epochs that it is after.
 
     Raises:
-        ValueError: as :meth:`.Checkpoint.restore`.
+        ValueError, OSError: as :meth:`.Checkpoint.restore`.
     """
-    arrays = checkpoint.restore()
-    if arrays is None:
-        return []
-    losses, state = arrays["losses"], arrays["state"]
     weights = list(network.parameters())
-    shape = (1 + len(_MOMENTS), sum(weight.numel() for weight in weights))
-    valid = state.dtype == np.float32 and state.shape == shape and losses.dtype == np.float64 and losses.ndim == 1
-    if not valid or not np.isfinite(state.astype(np.float32)).all():
-        raise checkpoint.damaged()
     sizes = [weight.numel() for weight in weights]
-    parts = zip(weights, *(row.split(sizes) for row in torch.from_numpy(state)), strict=True)
+    stored = checkpoint.restore(lambda arrays: _state_in(arrays, (1 + len(_MOMENTS), sum(sizes)), epochs))
+    if stored is None:
+        return []
+    losses, state = stored
+    parts = zip(weights, *(row.split(sizes) for row in state), strict=True)
     for weight, value, *moments in parts:
         weight.data.copy_(value.view_as(weight))
         optimizer.state[weight] = {
             "step": torch.tensor(float(len(losses) * steps)),
             **{name: moment.view_as(weight).clone() for name, moment in zip(_MOMENTS, moments, strict=True)},
         }
-    return [float(loss) for loss in losses]
+    return losses
+
+
+def _state_in(
+    arrays: dict[str, NDArray[np.generic]], shape: tuple[int, int], epochs: int
+) -> tuple[list[float], Tensor]:
+    """The losses, and weights and moments of a shape.
+
+    Raises:
+        ValueError: they are impossible.
+    """
+    losses, state = arrays["losses"], arrays["state"]
+    if state.dtype != np.float32 or state.shape != shape or losses.dtype != np.float64 or losses.ndim != 1:
+        raise ValueError(f"expected the state of {shape}, got {state.shape}")
+    if not np.isfinite(state.astype(np.float32)).all() or not 1 <= len(losses) <= epochs:
+        raise ValueError(f"the state after {len(losses)} of {epochs} epochs is impossible")
+    return [float(loss) for loss in losses], torch.from_numpy(state)
 
 
 def _flat(tensors: list[Tensor]) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:

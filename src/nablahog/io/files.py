@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import secrets
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
@@ -13,7 +14,7 @@ from typing import BinaryIO
 
 MAX_STEM_BYTES = 180  # file systems allow 255 a name; the endings of our files need some of them
 PART = ".part"
-_part = itertools.count()
+ABANDONED = 86_400  # seconds: longer than any host stalls, and than the clocks of two hosts differ
 
 
 @contextmanager
@@ -24,20 +25,26 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
     Raises:
         FileExistsError: ``path`` is a folder or a device.
-        OSError: the folder does not exist or cannot be written.
+        OSError: the folder does not exist or cannot be written, or the disk is full; its ``filename`` is ``path``.
     """
     path = Path(os.path.realpath(path))  # a link keeps its target
     if path.exists() and not path.is_file():
         raise FileExistsError(f"{path} cannot be written: it is no regular file")
-    # not mkstemp, whose files only their owner may read
-    part = path.with_name(f".nablahog-{os.getpid()}-{next(_part)}{PART}")
+    # a random name: process numbers come again, in containers and on other hosts of a network share
+    part = path.with_name(f".nablahog-{secrets.token_hex(8)}{PART}")
     try:
-        with open(part, "xb") as file:
-            yield file
-        os.replace(part, path)
-    except BaseException:
-        with suppress(OSError):  # the first error counts
-            part.unlink(missing_ok=True)
+        part.touch(exist_ok=False)  # not mkstemp, whose files only their owner may read
+        try:
+            with open(part, "wb") as file:
+                yield file
+            os.replace(part, path)
+        except BaseException:
+            with suppress(OSError):  # the first error counts
+                part.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        if error.errno is not None and error.filename in (None, str(part)):
+            raise OSError(error.errno, error.strerror, str(path)) from error
         raise
 
 
@@ -89,16 +96,15 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
         file.write(text.encode(errors="backslashreplace"))
 
 
-def remove_parts(folder: Path, *, older_than: float) -> None:
+def remove_parts(folder: Path) -> None:
     """Removes the temporary files in ``folder`` that :func:`replacing` left when its process was killed.
 
-    Args:
-        folder: where.
-        older_than: seconds; another process may be writing a younger file now.
+    These are the files that nobody has written to for :data:`ABANDONED` seconds: a younger one may be of a process that
+    is at work now, here or on another host.
     """
     for part in folder.glob(f".nablahog-*{PART}"):
         with suppress(OSError):
-            if time.time() - part.stat().st_mtime > older_than:
+            if time.time() - part.stat().st_mtime > ABANDONED:
                 part.unlink()
 
 
@@ -108,7 +114,7 @@ def checkpoint_for(output: Path) -> Iterator[Path]:
 
     Temporary files of earlier runs are removed first.
     """
-    remove_parts(output.parent, older_than=60)
+    remove_parts(output.parent)
     checkpoint = output.with_name(f"{output.name}.checkpoint")
     yield checkpoint
     checkpoint.unlink(missing_ok=True)
@@ -117,6 +123,8 @@ def checkpoint_for(output: Path) -> Iterator[Path]:
 @contextmanager
 def output_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """The folder ``path``: made and tried before the block starts, removed if the block fails and leaves it empty.
+
+    Temporary files of earlier runs are removed first (:func:`remove_parts`).
 
     Raises:
         NotADirectoryError: ``path``, or a folder above it, is a file.
@@ -134,6 +142,7 @@ def output_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     except OSError as error:
         _remove_empty(missing)
         raise PermissionError(f"the output folder {path} cannot be written: {error.strerror}") from None
+    remove_parts(path)
     try:
         yield path
     except BaseException:

@@ -42,7 +42,7 @@ def do_all(
     """
     work = folder / "work"
     for written in (folder, *(work / method for method in dict.fromkeys(job.name for job in jobs.values()))):
-        remove_parts(written, older_than=60)
+        remove_parts(written)
     paths = {name: work / job.name / f"{job.key()}.npz" for name, job in jobs.items()}
     reasons = _do({paths[name]: job for name, job in jobs.items()}, workers, progress)
     for name, job in jobs.items():

@@ -1,4 +1,7 @@
-"""A worker process: does one job at a time."""
+"""A worker process: does one job at a time.
+
+This module loads nothing that takes time: a process whose parent is killed while it loads PyTorch ends at once, too.
+"""
 
 from __future__ import annotations
 
@@ -9,16 +12,18 @@ from contextlib import suppress
 from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import torch
-
-from .store import JobResult, Work
+if TYPE_CHECKING:
+    from .store import JobResult, Work
 
 
 def serve(connection: Connection) -> None:
     """Sends None when ready; then answers each :class:`Work` with a :class:`JobResult` or the reason of its failure."""
-    torch.set_num_threads(1)  # the same sums in the same order, however many workers there are
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    import torch
+
+    torch.set_num_threads(1)  # the same sums in the same order, however many workers there are
     with suppress(EOFError, OSError):  # the parent has ended
         connection.send(None)
         while True:

@@ -36,16 +36,17 @@ class _Instruction:
     def __init__(self, define: Callable[..., Any], build: FunctionType) -> None:
         self.define, self.build = define, build
         self.machine_code = cache(self._resolve)
+        self.digest = cache(self._digest)
 
     def _resolve(self) -> Any:
         from numba.extending import intrinsic
 
         return intrinsic(self.define)
 
-    def digest(self) -> str:
+    def _digest(self) -> str:
         """Hash of the source files that its code is made from."""
         files = [sys.modules[name].__file__ for name in sorted(_modules_behind(self.build))]
-        return hashlib.sha256(b"".join(Path(file).read_bytes() for file in files if file)).hexdigest()
+        return hashlib.sha256("".join(_digest_of_file(file) for file in files if file).encode()).hexdigest()
 
 
 class _Compiled:
@@ -54,6 +55,7 @@ class _Compiled:
     def __init__(self, function: FunctionType, options: dict[str, Any]) -> None:
         update_wrapper(self, function)
         self.function, self.options = function, options
+        self.digest = cache(self._digest)
         # not at import: numba takes most of a second to load
         self.from_python = cache(partial(self._compile, no_cfunc_wrapper=True))
         # for other compiled functions: wrappers, which unpack Python objects, take longer to compile than many a loop
@@ -84,36 +86,39 @@ class _Compiled:
         """The compiled functions that this one calls, by their names in its module."""
         return {name: each for name, each in self._globals().items() if isinstance(each, _Compiled | _Instruction)}
 
-    def digest(self) -> str:
-        """Hash of all that the machine code depends on: bytecode, options, constants, fields of tuples, callees."""
+    def _digest(self) -> str:
+        """Hash of what the machine code depends on: bytecode, names, options, constants, fields of tuples, callees."""
         code, used = self.function.__code__, self._globals()
         constants = [repr(value) for value in used.values() if isinstance(value, int | float)]
-        # of its arguments, too: the cache on disk names the class, and the code has the positions of the fields
-        annotations = self.function.__annotations__.values()  # names of types, where evaluation is postponed
-        tuples = [*used.values(), *(self.function.__globals__.get(each, each) for each in annotations)]
-        fields = [f"{each.__module__}.{each.__qualname__}{each._fields}" for each in tuples if hasattr(each, "_fields")]
+        tuples = [each for each in used.values() if hasattr(each, "_fields")]  # the code has positions of fields
+        fields = [f"{each.__module__}.{each.__qualname__}{each._fields}" for each in tuples]
         calls = [each.digest() for each in self._calls().values()]
-        parts = code.co_code.hex(), repr(code.co_consts), repr(self.options), *constants, *fields, *calls
+        own = (code.co_code.hex(), *map(repr, (code.co_consts, code.co_names, self.options)))
+        parts = (*own, *constants, *fields, *calls)
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
     def _compile(self, **wrappers: bool) -> Any:
         import numba
 
-        # numba's cache on disk is valid until the file of this function changes.  Whatever else the code depends on,
-        # functions of other files and options, goes into the name under which it is cached.
+        from .machine_code import CodeCache
+
         names = self.function.__globals__ | {name: each.machine_code() for name, each in self._calls().items()}
         function = FunctionType(self.function.__code__, names, self.function.__name__)
         function.__module__ = self.function.__module__
         function.__qualname__ = f"{self.function.__qualname__}_{self.digest()[:16]}_{len(wrappers)}"
-        options = {**self.options, **wrappers}
-        try:
-            dispatcher: Any = numba.njit(cache=True, **options)(function)
-        except RuntimeError:  # no folder can be written
-            dispatcher = numba.njit(**options)(function)
-        else:
-            _discard_if_unreadable(dispatcher._cache)
+        options: dict[str, Any] = {**self.options, **wrappers}
+        dispatcher: Any = numba.njit(**options)(function)
+        with suppress(OSError):  # without a source file there is no telling what else the code depends on
+            source = _digest_of_file(self.function.__code__.co_filename)
+            identity = f"{function.__module__} {function.__qualname__} {self.digest()} {source}"
+            dispatcher._cache = CodeCache(function.__name__, identity)
         _forget_literals(dispatcher)
         return dispatcher
+
+
+@cache
+def _digest_of_file(path: str) -> str:
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
 def _forget_literals(dispatcher: Any) -> None:
@@ -123,21 +128,6 @@ def _forget_literals(dispatcher: Any) -> None:
     unliteral: Callable[[Any], Any] = types.unliteral
     template = dispatcher.get_call_template
     dispatcher.get_call_template = lambda arguments, named: template([unliteral(each) for each in arguments], named)
-
-
-def _discard_if_unreadable(cached: Any) -> None:
-    """Makes numba's cache of one function forget what it cannot read, and compile again."""
-    load = cached.load_overload
-
-    def load_or_discard(signature: Any, target: Any) -> Any:
-        try:
-            return load(signature, target)
-        except Exception:  # damaged pickles raise nearly anything
-            with suppress(OSError):
-                cached.flush()
-            return None
-
-    cached.load_overload = load_or_discard
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:

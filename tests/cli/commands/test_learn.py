@@ -240,13 +240,13 @@ RESUMED = {
 
 
 @pytest.mark.parametrize("kind", RESUMED)
-def test_checkpoints_that_are_none(tmp_path: Path, images: str, kind: str, refused: Callable[..., None]) -> None:
+def test_damaged_checkpoints(tmp_path: Path, images: str, kind: str, caplog: pytest.LogCaptureFixture) -> None:
     checkpoint = tmp_path / "x.npz.checkpoint"
     checkpoint.write_bytes(b"hello")
     options, _, _, what = RESUMED[kind]
-    command = ["learn", kind, "--images", images, "-o", str(tmp_path / "x.npz"), *options]
-    refused(*command, message=f"{checkpoint}: expected a checkpoint of a {what}")
-    assert checkpoint.read_bytes() == b"hello"
+    assert main(["learn", kind, "--images", images, "-o", str(tmp_path / "x.npz"), *options]) == 0
+    assert f"{checkpoint} is damaged: it is now called {checkpoint.name}.damaged, and the {what} " in caplog.text
+    assert names(tmp_path) == ["images", "x.npz", "x.npz.checkpoint.damaged"]
 
 
 @pytest.mark.parametrize("kind", RESUMED)

@@ -36,8 +36,8 @@ def large_images(tmp_path: Path) -> str:
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder of models that are learned once from sample photographs, of which there are two."""
     monkeypatch.setattr(learned, "sample_photographs", partial(sample_photographs, limit=2))
-    monkeypatch.setattr(learned, "user_cache_path", lambda name: tmp_path / "caches" / name)
-    return tmp_path / "caches" / "nablahog"
+    monkeypatch.setattr(learned, "cache_folder", lambda: tmp_path / "caches")
+    return tmp_path / "caches"
 
 
 def test_learned_by_default_numbers(tmp_path: Path, large_images: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -125,3 +125,15 @@ def test_learning_without_a_file_is_resumed(cache: Path, monkeypatch: pytest.Mon
     path = learned.learned_from_samples("hoggles", lambda done, total, what: seen.append(done))
     assert seen == [0, 4, 5, 6, 7]
     assert names(cache) == [path.name] == [checkpoint.removesuffix(".checkpoint")]
+
+
+def test_a_damaged_checkpoint_in_the_folder_for_caches(
+    cache: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    learner = LEARNED["hoggles"]
+    monkeypatch.setitem(LEARNED, "hoggles", replace(learner, learn=partial(learner.learn, atoms=20, iterations=3)))
+    path = learned.learned_from_samples("hoggles", lambda done, total, what: None)
+    path.rename(path.with_name(f"{path.name}.checkpoint"))
+    assert learned.learned_from_samples("hoggles", lambda done, total, what: None) == path
+    assert names(cache) == [path.name, f"{path.name}.checkpoint.damaged"]
+    assert "starts afresh" in caplog.text

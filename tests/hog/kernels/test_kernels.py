@@ -10,7 +10,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numba
 import pytest
 import torch
 from hypothesis import assume, given, settings
@@ -24,7 +23,6 @@ from nablahog.hog.kernels import steps, supports
 from nablahog.hog.normalizers import PARTS
 from nablahog.hog.poolings import Pooling
 from nablahog.hog.steps import histograms_reference, normalize_reference
-from nablahog.runtime.compile import compiled
 
 from ..zoo import SPECS, integers, noise, spec
 
@@ -295,23 +293,6 @@ def test_backends_differ_by_rounding() -> None:
         hog(x, presets.paper(), backend="numba")  # type: ignore[arg-type]
 
 
-def test_without_a_folder_to_cache_machine_code_in(monkeypatch: pytest.MonkeyPatch) -> None:
-    compile_in_memory = numba.njit
-
-    def njit(**options: Any) -> object:
-        if options.pop("cache", False):
-            raise RuntimeError("cannot cache function: no locator available")
-        return compile_in_memory(**options)
-
-    monkeypatch.setattr(numba, "njit", njit)
-
-    @compiled
-    def doubled(x: float) -> float:
-        return 2 * x
-
-    assert doubled(1.5) == 3.0
-
-
 def test_pooling_weights_of_one_spec_are_not_those_of_another() -> None:
     x = noise(1, 1, 12, 12)
     for s in (spec(cell_size=(4, 4)), spec(cell_size=(3, 3)), spec(cell_size=(4, 4), border="ignore")):
@@ -334,7 +315,7 @@ for spec in (presets.paper(), presets.uoctti()):
 @pytest.mark.slow
 def test_code_from_disk_returns_the_same_bits_as_code_just_compiled(tmp_path: Path) -> None:
     """Or a search resumed in another process would end elsewhere."""
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    environment = os.environ | {"NABLAHOG_CACHE_DIR": str(tmp_path)}
     made, loaded = (
         subprocess.run([sys.executable, "-c", _HASHES], env=environment, capture_output=True, text=True, check=True)
         for _ in range(2)

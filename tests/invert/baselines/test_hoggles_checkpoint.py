@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from nablahog import presets
+from nablahog.invert import checkpoint
 from nablahog.invert.baselines import dictionary_learning, hoggles_learning
 from nablahog.invert.baselines.hoggles import PairedDictionary
 from nablahog.invert.baselines.hoggles_learning import learn_hoggles
@@ -130,75 +131,91 @@ def test_of_another_learning(tmp_path: Path, changed: dict[str, Any], names: str
     assert path.read_bytes() == before
 
 
-DAMAGED = "the checkpoint is damaged"
-
-
 def _state(**changed: Any) -> Any:
     """Of the generator of random numbers."""
     return np.array(json.dumps({**np.random.default_rng(0).bit_generator.state, **changed}))
 
 
-WRONG: dict[str, tuple[Callable[[dict[str, Any]], dict[str, Any]], str]] = {
-    "fewer atoms": (lambda old: {"dictionary": old["dictionary"][1:]}, DAMAGED),
-    "NaN": (lambda old: {"dictionary": old["dictionary"] * np.float32(np.nan)}, DAMAGED),
-    "Inf": (lambda old: {"products": old["products"] + np.float32(np.inf)}, DAMAGED),
-    "integers": (lambda old: {"codes": old["codes"].astype(int)}, DAMAGED),
-    "other codes": (lambda old: {"codes": old["codes"][:, 1:]}, DAMAGED),
-    "batches": (lambda old: {"batches": np.array([3])}, DAMAGED),
-    "half a batch": (lambda old: {"batches": np.array(3.5)}, DAMAGED),
-    "no objectives": (lambda old: {"objective": np.array("x")}, DAMAGED),
-    "one objective": (lambda old: {"objective": np.array(0.1)}, DAMAGED),
-    "no generator": (lambda old: {"random": np.array("{}")}, DAMAGED),
-    "no JSON": (lambda old: {"random": np.array("x")}, DAMAGED),
-    "a list": (lambda old: {"random": np.array("[]")}, DAMAGED),
-    "another generator": (lambda old: {"random": _state(bit_generator="MT19937")}, DAMAGED),
-    "no number": (lambda old: {"random": _state(uinteger="x")}, DAMAGED),
-    "no identity": (lambda old: {"identity": np.array("{}")}, "the checkpoint cannot be read: 'images'"),
-    "a number": (lambda old: {"identity": np.array(1)}, "cannot be read: identity must be one string, got int64"),
-    "a later format": (lambda old: {"format": np.array(2)}, "this version reads checkpoints of format 1, got 2"),
-    "no codes": (
-        lambda old: {"codes": None},
-        "a checkpoint of a dictionary pair, but the archive lacks codes",
-    ),
-    "pickled": (lambda old: {"random": np.array([{}], dtype=object)}, "pickled objects, which are never loaded"),
-}
-ACCEPTED: dict[str, dict[str, Any]] = {
-    "negative batches": {"batches": np.array(-3)},
-    "more batches than iterations": {"batches": np.array(ITERATIONS + 1)},
-    "objectives of NaN": {"objective": np.array([np.nan])},
-    "a generator beyond its range": {"random": _state(uinteger=-1)},
-    "endless JSON": {"random": np.array("[" * 100_000)},
+WRONG: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
+    "fewer atoms": lambda old: {"dictionary": old["dictionary"][1:]},
+    "NaN": lambda old: {"dictionary": old["dictionary"] * np.float32(np.nan)},
+    "Inf": lambda old: {"products": old["products"] + np.float32(np.inf)},
+    "integers": lambda old: {"codes": old["codes"].astype(int)},
+    "other codes": lambda old: {"codes": old["codes"][:, 1:]},
+    "batches": lambda old: {"batches": np.array([3])},
+    "half a batch": lambda old: {"batches": np.array(3.5)},
+    "negative batches": lambda old: {"batches": np.array(-3)},
+    "more batches than iterations": lambda old: {"batches": np.array(ITERATIONS + 1)},
+    "no objectives": lambda old: {"objective": np.array("x")},
+    "one objective": lambda old: {"objective": np.array(0.1)},
+    "objectives of NaN": lambda old: {"objective": np.array([np.nan])},
+    "no generator": lambda old: {"random": np.array("{}")},
+    "no JSON": lambda old: {"random": np.array("x")},
+    "endless JSON": lambda old: {"random": np.array("[" * 100_000)},
+    "a list": lambda old: {"random": np.array("[]")},
+    "another generator": lambda old: {"random": _state(bit_generator="MT19937")},
+    "no number": lambda old: {"random": _state(uinteger="x")},
+    "a generator beyond its range": lambda old: {"random": _state(uinteger=-1)},
+    "no identity": lambda old: {"identity": np.array("{}")},
+    "endless identity": lambda old: {"identity": np.array("[" * 100_000)},
+    "a number": lambda old: {"identity": np.array(1)},
+    "formats": lambda old: {"format": np.array([1, 1])},
+    "no codes": lambda old: {"codes": None},
+    "pickled": lambda old: {"random": np.array([{}], dtype=object)},
 }
 
 
-def _check_refused(path: Path, message: str) -> None:
-    before = path.read_bytes()
-    with pytest.raises(ValueError, match=message) as caught:
-        _learned(checkpoint=path)
-    assert str(caught.value).startswith(f"{path}: ")
-    assert "\n" not in str(caught.value)
-    assert path.read_bytes() == before
+def _check_set_aside(path: Path, log: pytest.LogCaptureFixture) -> None:
+    """Checks that the learning starts afresh, with the result of one that was never disturbed."""
+    damaged, progress = path.read_bytes(), _Stop()
+    log.clear()
+    _check_same(_learned(checkpoint=path, progress=progress), _learned())
+    assert progress.seen == [0, *range(ITERATIONS + 1)]
+    assert path.with_name("kept.damaged").read_bytes() == damaged
+    (message,) = log.messages
+    assert message == f"{path} is damaged: it is now called kept.damaged, and the dictionary pair starts afresh"
+    assert arrays_of(path)["batches"] == ITERATIONS
 
 
 @pytest.mark.parametrize("what", WRONG)
-def test_wrong_contents(tmp_path: Path, what: str) -> None:
-    path, (change, message) = tmp_path / "kept", WRONG[what]
-    _learned(checkpoint=path)
-    rewrite(path, **change(arrays_of(path)))
-    _check_refused(path, message)
-
-
-@pytest.mark.parametrize("what", ACCEPTED)
-def test_impossible_contents(tmp_path: Path, what: str) -> None:
+def test_impossible_contents(tmp_path: Path, what: str, caplog: pytest.LogCaptureFixture) -> None:
     path = tmp_path / "kept"
     _learned(checkpoint=path)
-    rewrite(path, **ACCEPTED[what])
-    _check_refused(path, DAMAGED)
+    rewrite(path, **WRONG[what](arrays_of(path)))
+    _check_set_aside(path, caplog)
 
 
-def test_damaged_files(tmp_path: Path) -> None:
+def test_damaged_files(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path = tmp_path / "kept"
     _learned(checkpoint=path)
     for damaged in damages(path.read_bytes()):
         path.write_bytes(damaged)
-        _check_refused(path, r"expected a checkpoint of a dictionary pair|damaged")
+        _check_set_aside(path, caplog)
+
+
+def test_a_later_version(tmp_path: Path) -> None:
+    path = tmp_path / "kept"
+    _learned(checkpoint=path)
+    rewrite(path, format=np.array(2))
+    with pytest.raises(ValueError, match="this version reads checkpoints of format 1, got 2"):
+        _learned(checkpoint=path)
+    assert os.listdir(tmp_path) == ["kept"]
+
+
+def test_what_is_no_file(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="expected a checkpoint of a dictionary pair, got a folder"):
+        _learned(checkpoint=tmp_path)
+
+
+def test_what_may_not_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may be whole."""
+    path = tmp_path / "kept"
+    path.write_bytes(b"hello")
+
+    def refuse(*args: object) -> None:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(checkpoint, "open", refuse, raising=False)
+    with pytest.raises(PermissionError):
+        _learned(checkpoint=path)
+    assert path.read_bytes() == b"hello"

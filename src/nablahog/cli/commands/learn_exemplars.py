@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ...datasets.cad import read_models
-from ...io.files import output_folder, remove_parts
+from ...io.files import output_folder
 from ...io.npz import naming
 from ...jobs.runner import cores, run_jobs
 from ...jobs.store import JobResult
@@ -76,7 +76,6 @@ def learn_exemplars(arguments: Namespace) -> None:
         models = read_models(arguments.models)
         _background(background)
     with output_folder(arguments.output) as folder:
-        remove_parts(folder, older_than=60)
         jobs = {name: ExemplarJob(path, folder, background) for name, path in models.paths.items()}
         names, failed, elements = list(jobs), {}, 0
         workers = arguments.workers or cores()

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from ...io.npz import text
@@ -73,28 +74,34 @@ class DictionaryLearner:
         """Sets the state to that of the checkpoint, if there is one.  Returns the objectives stored beside it.
 
         Raises:
-            ValueError: as :meth:`.Checkpoint.restore`; or the state is impossible, of more than ``iterations`` batches.
+            ValueError, OSError: as :meth:`.Checkpoint.restore`.
         """
-        arrays = checkpoint.restore()
-        if arrays is None:
-            return []
+        return checkpoint.restore(lambda arrays: self._read(arrays, iterations)) or []
+
+    def _read(self, arrays: dict[str, NDArray[np.generic]], iterations: int) -> list[float]:
+        """Sets the state to that in ``arrays``.  Returns the objectives in them.
+
+        Raises:
+            ArithmeticError, LookupError, RecursionError, TypeError, ValueError: the state is impossible, of more than
+                ``iterations`` batches, and not set.
+        """
         for name, current in self.state().items():
             array = arrays[name]
             if array.dtype.kind != current.dtype.kind or array.shape != current.shape:
-                raise checkpoint.damaged()
+                raise ValueError(f"{name} is {array.dtype} of shape {array.shape}")
             if array.dtype.kind == "f" and not np.isfinite(array.astype(np.float32)).all():
-                raise checkpoint.damaged()
-        self.batches = int(arrays["batches"].item())
+                raise ValueError(f"{name} is not finite")
+        batches = int(arrays["batches"].item())
+        objective = [float(each) for each in arrays["objective"].astype(np.float64)]
+        if not 1 <= batches <= iterations or not np.isfinite(objective).all():
+            raise ValueError(f"impossible: {batches} batches of {iterations}, or an objective")
+        rng = np.random.default_rng()  # another one, because what is impossible may be half set
+        rng.bit_generator.state = json.loads(text(arrays, "random"))
+        self.rng.bit_generator.state = rng.bit_generator.state
+        self.batches = batches
         self.atoms, self._codes, self._products = (
             torch.from_numpy(arrays[name].astype(np.float32)) for name in ("dictionary", "codes", "products")
         )
-        try:
-            self.rng.bit_generator.state = json.loads(text(arrays, "random"))
-            objective = [float(each) for each in arrays["objective"].astype(np.float64)]
-        except (KeyError, OverflowError, RecursionError, TypeError, ValueError):
-            raise checkpoint.damaged() from None
-        if not 1 <= self.batches <= iterations or not np.isfinite(objective).all():
-            raise checkpoint.damaged()
         return objective
 
     def _forgetting(self, size: int) -> float:

@@ -67,14 +67,15 @@ def learn_hoggles(
         fast: whether the atoms are random windows, and no dictionary is learned.
         seed: of everything random.
         checkpoint: a file that is written every hundred iterations.  If it exists and is of the same learning, this
-            learning is resumed, with the same result.  The file is not removed.
+            learning is resumed, with the same result.  The file is not removed.  A damaged one is renamed, and the
+            learning starts afresh.
         progress: called with the iterations done, their number and the last objective.
 
     Raises:
         ValueError: there are no images, or one is too small or holds other values; fewer windows than atoms have
             contrast; a number is out of range; the spec has no row of channels for each cell
-            (:func:`.windows.check_cells`); the checkpoint is of another learning, or damaged.
-        OSError: the checkpoint cannot be written.
+            (:func:`.windows.check_cells`); the checkpoint is of another learning.
+        OSError: the checkpoint cannot be read or written.
     """
     for name, number in (("atoms", atoms), ("iterations", iterations), ("windows", windows)):
         if number < 1:

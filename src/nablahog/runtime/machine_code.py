@@ -1,0 +1,197 @@
+"""Machine code on disk: what is damaged, or may be somebody else's, is never loaded.
+
+Machine code is stored as pickles of object files.  Reading one runs code: a flipped bit can end the process, whoever
+writes the file may do anything.  So each file begins with a digest, which is compared before the rest is unpickled.  It
+tells damage only; against other users, folder and files belong to this one, and nobody else may write them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import multiprocessing
+import os
+import pickle
+import secrets
+import stat
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import llvmlite
+import numba
+import numpy as np
+from numba.core import config, types
+from numba.core.caching import NullCache
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
+
+from .cache_folder import VARIABLE, cache_folder
+
+KEY, DIGEST = 16, 32  # bytes
+CODE, PART = ".code", ".part"
+DAY = 86400.0
+UNUSED = 60 * DAY  # seconds after which a file is removed
+_VERSIONS = (numba.__version__, llvmlite.__version__, np.__version__, sys.version, getattr(sys, "abiflags", ""))
+_log = logging.getLogger(__name__)
+_rebuild: Any = CompileResult._rebuild
+_dumps: Any = dumps
+
+
+class CodeCache(NullCache):
+    """The machine code of one function, for each signature and processor in a file of its own.
+
+    Args:
+        name: of the function, for people who look into the folder.
+        identity: of its code: all that the machine code depends on beside signature, processor and versions.
+    """
+
+    def __init__(self, name: str, identity: str) -> None:
+        self.name, self.identity = name, identity
+
+    def load_overload(self, signature: Any, target: Any) -> Any:
+        """The compiled function; None if it is not on disk, or damaged."""
+        target.refresh()
+        folder = code_folder()
+        if folder is None:
+            return None
+        key = self._key(signature, target.codegen())
+        payload = _read(self._path(folder, key), key)
+        try:
+            return payload and _rebuild(target, *pickle.loads(payload))
+        except Exception:  # of a numba that was changed by hand; unpickling raises nearly anything
+            return None
+
+    def save_overload(self, signature: Any, compiled: Any) -> None:
+        """Stores the compiled function, if that can be done."""
+        folder = code_folder()
+        if folder is None or compiled.library.has_dynamic_globals:
+            return
+        key = self._key(signature, compiled.codegen)
+        payload: bytes = _dumps(compiled._reduce())
+        with suppress(OSError):  # a full disk, say: the code is in memory
+            _write(self._path(folder, key), _digest(payload, key) + payload)
+            _tidy(folder)
+
+    def _key(self, signature: Any, codegen: Any) -> bytes:
+        facts = [self.identity, *map(_described, signature), *map(str, codegen.magic_tuple()), *_VERSIONS]
+        return hashlib.blake2b("\n".join(facts).encode(), digest_size=KEY).digest()
+
+    def _path(self, folder: Path, key: bytes) -> Path:
+        return folder / f"{self.name}-{key.hex()}{CODE}"
+
+
+def _described(kind: Any) -> str:
+    """A type of an argument; of tuples with names, the positions of the fields too."""
+    if not isinstance(kind, types.BaseTuple):
+        return str(kind)
+    elements: Any = kind
+    of, fields = getattr(kind, "instance_class", tuple), ", ".join(map(_described, elements))
+    return f"{of.__module__}.{of.__qualname__}{getattr(of, '_fields', '')}({fields})"
+
+
+def _digest(payload: bytes, key: bytes) -> bytes:
+    return hashlib.blake2b(payload, digest_size=DIGEST, key=key).digest()
+
+
+def _read(path: Path, key: bytes) -> bytes | None:
+    """The contents of a file; None if it is missing, damaged, of another key, or not of this user alone."""
+    try:
+        state = path.lstat()
+        if not stat.S_ISREG(state.st_mode) or not _only_ours(state):
+            return None
+        data = path.read_bytes()
+    except OSError:
+        return None
+    payload = data[DIGEST:]
+    if data[:DIGEST] != _digest(payload, key):
+        return None
+    if time.time() - state.st_mtime > DAY:
+        with suppress(OSError):
+            os.utime(path)  # it is in use
+    return payload
+
+
+def _write(path: Path, data: bytes) -> None:
+    """Writes a file whole or not at all, for the user alone whatever the umask.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    part = path.with_name(f"{secrets.token_hex(16)}{PART}")
+    file = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600)
+    try:
+        with open(file, "wb") as opened:
+            opened.write(data)
+        part.chmod(0o600)
+        os.replace(part, path)
+    except BaseException:
+        with suppress(OSError):
+            part.unlink()
+        raise
+
+
+@cache
+def _tidy(folder: Path) -> None:
+    """Removes files that nobody has used for long, once a process."""
+    now = time.time()
+    for file in folder.iterdir():
+        age = {CODE: UNUSED, PART: DAY}.get(file.suffix)
+        with suppress(OSError):
+            if age is not None and now - file.stat().st_mtime > age:
+                file.unlink()
+
+
+@cache
+def code_folder() -> Path | None:
+    """The folder for machine code, made if missing; None if there is none, which the log tells.
+
+    It is ``machine-code`` in the folder that ``NABLAHOG_CACHE_DIR`` names.  Without that variable it is the first of
+    these that can be made and that nobody else owns or may write: ``nablahog/machine-code`` where numba's own
+    ``NUMBA_CACHE_DIR`` says, ``machine-code`` in the user's folder for caches, and in ``__pycache__`` of this package.
+    """
+    reasons = []
+    for path in _candidates():
+        reason = _made(path)
+        if reason is None:
+            return path
+        reasons.append(f"{path}: {reason}")
+    if multiprocessing.parent_process() is None:  # or each of many workers would tell
+        _log.warning(
+            "each process compiles its machine code anew, for a minute: there is no folder to store it in (%s); "
+            "%s can name another one",
+            "; ".join(reasons),
+            VARIABLE,
+        )
+    return None
+
+
+def _made(path: Path) -> str | None:
+    """Makes a folder for this user alone.  Returns why it cannot be used, None if it can."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileExistsError):
+            path.mkdir(0o700)
+            path.chmod(0o700)  # whatever the umask
+        return None if _only_ours(path.stat()) else "it belongs to others, or others may write it"
+    except OSError as error:
+        return error.strerror or str(error)
+
+
+def _candidates() -> Iterator[Path]:
+    given, of_numba = os.environ.get(VARIABLE), vars(config).get("CACHE_DIR")
+    if of_numba and not given:
+        yield Path(of_numba).absolute() / "nablahog" / "machine-code"
+    with suppress(FileNotFoundError):  # no home
+        yield cache_folder() / "machine-code"
+    if not given:
+        yield Path(__file__).parents[1] / "__pycache__" / "machine-code"
+
+
+def _only_ours(state: os.stat_result) -> bool:
+    """Whether a file or folder is this user's, and nobody else may write it; not asked on Windows."""
+    return not hasattr(os, "geteuid") or (state.st_uid == os.geteuid() and not state.st_mode & 0o022)
