@@ -18,6 +18,7 @@ from ..jobs.store import Job
 from ..viz.html import Section
 
 RESAMPLES = 10_000
+_FORMULAS = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠")  # the last are full-width
 
 
 @dataclass(frozen=True)
@@ -120,10 +121,17 @@ def evenly_spread(names: Sequence[str], count: int) -> list[str]:
 
 
 def write_csv(path: Path, rows: Iterable[Sequence[object]]) -> None:
-    """Writes a table whole or not at all: full precision, nothing where there is None, the heads in the first row."""
+    """Writes a table whole or not at all: full precision, nothing where there is None, the heads in the first row.
+
+    Texts that a spreadsheet would take for a formula, by their first character, begin with an apostrophe.
+    """
     text = io.StringIO(newline="")
-    csv.writer(text, lineterminator="\n").writerows(rows)
+    csv.writer(text, lineterminator="\n").writerows([_cell(value) for value in row] for row in rows)
     write_text(path, text.getvalue())
+
+
+def _cell(value: object) -> object:
+    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULAS) else value
 
 
 def failures_section(failures: Sequence[Failure], image: str, text: str) -> Section:

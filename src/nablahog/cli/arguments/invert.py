@@ -19,7 +19,9 @@ def hog(commands: argparse._SubParsersAction[Parser]) -> None:
         help="compute the descriptors of photographs",
         description="Computes the HOG descriptor of each photograph and saves it with its spec.",
     )
-    command.add_argument("inputs", nargs="+", metavar="PHOTO", help="an image of any format that Pillow reads")
+    command.add_argument(
+        "inputs", nargs="+", type=options.path, metavar="PHOTO", help="an image of any format that Pillow reads"
+    )
     options.output(command, "FILE", "descriptor file (.npz) of one photograph; of several, a folder for one file each")
     options.common(command, 0)
 
@@ -76,6 +78,7 @@ def invert_template(commands: argparse._SubParsersAction[Parser]) -> None:
     command.add_argument(
         "inputs",
         nargs="+",
+        type=options.path,
         metavar="FILE",
         help="a model of voc-release5 (.mat), or an array of weights (.npy, .npz, .mat), with or without a bias at its "
         "end; an array needs --preset, except for OpenCV's people detectors",
