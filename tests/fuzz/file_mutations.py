@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from .file_seeds import SEEDS, Seed
+from .file_seeds import Seed, seeds
 
+LARGEST = 2**20  # bytes of a file, and numbers of an array
 Mutation = Callable[[bytes, Random], bytes]
 
 WORDS = ["", "0", "-1", "1", "3", "nan", "inf", "-inf", "1e999", "1e-320", "1e308", "-0", "0x10", "1_000", "٣", "é"]
@@ -78,6 +79,7 @@ def mutated(seed: Seed, random: Random) -> tuple[bytes, str]:
         except Exception:  # what is already damaged has no structure
             data = change_bytes(data, random)
             steps.append("change_bytes")
+        data = data[:LARGEST]
     return data, ", ".join(steps)
 
 
@@ -98,8 +100,8 @@ _BYTES: list[Callable[[bytes, int, int, Random], bytes]] = [
     lambda d, a, b, r: d[:a] + (word := r.choice(BYTES)) + d[a + len(word) :],
     lambda d, a, b, r: d[:a] + r.choice(BYTES) + d[a:],
     lambda d, a, b, r: d[:a] + r.randbytes(r.randrange(30)) + d[b:],
-    lambda d, a, b, r: d[:a] + (other := r.choice(list(SEEDS.values())).data)[len(other) // 2 :],
-    lambda d, a, b, r: d + r.choice(list(SEEDS.values())).data,
+    lambda d, a, b, r: d[:a] + (other := r.choice(list(seeds().values())).data)[len(other) // 2 :],
+    lambda d, a, b, r: d + r.choice(list(seeds().values())).data,
 ]
 
 
@@ -115,12 +117,12 @@ def change_text(data: bytes, random: Random) -> bytes:
     elif how == 5:
         words[word] += random.choice(WORDS)
     elif how == 6:
-        words[word : word + 1] = [words[word]] * random.choice((0, 2, 5, 1000))
+        words[word : word + 1] = [words[word]] * _times(words[word], random.choice((0, 2, 5, 1000)))
     elif how == 7:
-        words[word] = words[word] * random.choice((2, 100, 10_000))
+        words[word] = words[word] * _times(words[word], random.choice((2, 100, 10_000)))
     lines[at] = " ".join(words)
     if how == 8:
-        lines[at : at + 1] = [lines[at]] * random.choice((0, 2, 10, 3000))
+        lines[at : at + 1] = [lines[at]] * _times(lines[at], random.choice((0, 2, 10, 3000)))
     elif how == 9:
         lines[at:at] = [random.choice(("", " ", "\t", "#", "# x", "\r", "\x0c"))] * random.choice((1, 100, 20_000))
     elif how == 10:
@@ -133,6 +135,11 @@ def change_text(data: bytes, random: Random) -> bytes:
         number = random.randrange(len(text) + 1)
         text = text[:number] + random.choice(WORDS) + text[number + random.randrange(3) :]
     return text.encode("utf-8", "surrogateescape")
+
+
+def _times(text: str, count: int) -> int:
+    """``count``, or so often that the file does not become too large."""
+    return min(count, LARGEST // (len(text) + 1))
 
 
 def change_json(data: bytes, random: Random) -> bytes:
@@ -177,7 +184,7 @@ def change_tree(tree: Any, random: Random) -> Any:
 def change_npy(data: bytes, random: Random) -> bytes:
     """Changes the header, or the array."""
     if random.random() < 0.5:
-        return _npy(change_array(np.load(io.BytesIO(data)), random))
+        return _npy(change_array(_load(data), random))
     length = int.from_bytes(data[8:10], "little")
     header, body = data[10 : 10 + length], data[10 + length :]
     if random.random() < 0.6:
@@ -225,6 +232,16 @@ def change_array(array: np.ndarray[Any, Any], random: Random) -> np.ndarray[Any,
         return np.zeros(2, [("a", "f4"), ("b", "O" if random.random() < 0.3 else "i8")])
 
 
+def _load(data: bytes) -> np.ndarray[Any, Any]:
+    """The array of a .npy file, which is not of things of no bytes."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        array = np.load(io.BytesIO(data))
+    if array.size > LARGEST:
+        raise ValueError("too large to be changed")
+    return array
+
+
 def _npy(array: np.ndarray[Any, Any]) -> bytes:
     file = io.BytesIO()
     np.save(file, array, allow_pickle=True)
@@ -239,7 +256,7 @@ def change_zip(data: bytes, random: Random) -> bytes:
     name, member = members[at]
     how = random.randrange(12)
     if how < 6:
-        members[at] = (name, _npy(change_array(np.load(io.BytesIO(member)), random)))
+        members[at] = (name, _npy(change_array(_load(member), random)))
     elif how < 8:
         members[at] = (name, change_npy(member, random))
     elif how == 8:

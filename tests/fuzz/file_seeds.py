@@ -6,6 +6,7 @@ import io
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -50,7 +51,7 @@ def _images() -> Iterator[tuple[str, Seed]]:
     for mode in ("1", "L", "LA", "RGB", "RGBA", "P", "I;16"):
         picture = Image.fromarray(pixels[..., 0].astype(np.uint16) * 200) if mode == "I;16" else colour.convert(mode)
         yield f"png {mode}", Seed("image", ".png", "png", _saved(picture, "PNG"))
-    for name in ("JPEG", "BMP", "TIFF", "WEBP", "PPM", "TGA", "ICO", "PCX", "SGI", "DDS", "JPEG2000", "IM", "GIF"):
+    for name in ("JPEG", "BMP", "TIFF", "WEBP", "PPM", "TGA", "ICO", "PCX", "SGI", "DDS", "JPEG2000", "GIF"):
         picture = colour.convert("RGB")
         more: dict[str, Any] = {"save_all": True, "append_images": [picture.rotate(90)] * 2} if name == "GIF" else {}
         yield name.lower(), Seed("image", f".{name.lower()}", "bytes", _saved(picture, name, **more))
@@ -161,12 +162,11 @@ def _tables() -> Iterator[tuple[str, Seed]]:
     yield "image ids", Seed("image_ids", ".txt", "text", b"2008_000003 1\n2008_000007 -1\n2008_000008\n")
 
 
-def _all() -> dict[str, Seed]:
+@cache
+def seeds() -> dict[str, Seed]:
+    """All of them by name."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         torch.manual_seed(0)
         parts = (_images(), _descriptors(folder), _matlab(folder), _learned(folder), _meshes(), _tables())
         return {name: seed for part in parts for name, seed in part}
-
-
-SEEDS: dict[str, Seed] = _all()

@@ -23,7 +23,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 from .file_mutations import mutated
-from .file_seeds import SEEDS
+from .file_seeds import seeds
 from .harness import Fault, check_sentence
 
 SECONDS = 5.0  # of the processor until a file is refused: the machine may be busy with something else
@@ -54,12 +54,14 @@ class FileCase:
 
 
 def _case(name: str, number: int) -> FileCase:
-    seed = SEEDS[name]
+    seed = seeds()[name]
     data, how = mutated(seed, Random(number))
     return FileCase(seed.reader, seed.ending, data, f"{name}, {number}: {how}")
 
 
-cases: st.SearchStrategy[FileCase] = st.builds(_case, st.sampled_from(sorted(SEEDS)), st.integers(0, 2**48))
+cases: st.SearchStrategy[FileCase] = st.deferred(
+    lambda: st.builds(_case, st.sampled_from(sorted(seeds())), st.integers(0, 2**48))
+)
 
 
 def corpus() -> dict[str, FileCase]:

@@ -58,6 +58,23 @@ def test_whatever_is_in_it(tmp_path: Path) -> None:
             read(tmp_path / "c.npz", "test")
 
 
+def test_a_member_that_is_no_array(tmp_path: Path) -> None:
+    write_arrays(tmp_path / "a", 1, {"x": 1})
+    with zipfile.ZipFile(tmp_path / "a", "a") as archive:
+        archive.writestr("y.npy", "hello")
+    with pytest.raises(ValueError, match=r"^.*/a: expected a test, but y in the archive is no array \(.npy\)$"):
+        read_arrays(tmp_path / "a", "test", ("x", "y"))
+    assert list(numbers_in(tmp_path / "a", "test")) == ["format", "x"]
+
+
+def test_pipes_and_folders(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.npz")
+    (tmp_path / "folder.npz").mkdir()
+    for name, kind in (("pipe.npz", "special file"), ("folder.npz", "folder")):
+        with pytest.raises(ValueError, match=rf"expected a test \(.npz\), got a {kind}$"):
+            read_arrays(tmp_path / name, "test", ("x",))
+
+
 def test_a_failure_leaves_the_old_file(tmp_path: Path) -> None:
     write_arrays(tmp_path / "a", 1, {"x": 1})
     before = (tmp_path / "a").read_bytes()
@@ -79,6 +96,13 @@ def test_naming(error: type[Exception]) -> None:
 def test_other_errors_are_left_alone(error: type[BaseException]) -> None:
     with pytest.raises(error, match=r"^'?oh'?$"), naming("file"):
         raise error("oh")
+
+
+def test_messages_are_short_and_printable() -> None:
+    with pytest.raises(ValueError, match="…") as caught, naming("file"):
+        raise ValueError("\x1b[31m" * 10_000)
+    assert len(str(caught.value)) < 1000
+    assert str(caught.value).isprintable()
 
 
 def test_accounts() -> None:

@@ -18,7 +18,7 @@ from trimesh.visual.material import PBRMaterial, SimpleMaterial
 
 from nablahog.render.mesh import Mesh, load_mesh
 
-from .mesh_files import CUBE_OFF, QUADS, TRIANGLE, VERTICES_OBJ, as_bytes, glb, write
+from .mesh_files import CUBE_OFF, QUADS, TRIANGLE, VERTICES_OBJ, as_bytes, glb, triangle_glb, write
 
 RED, GREEN, BLUE = 0.299, 0.587, 0.114
 
@@ -290,6 +290,15 @@ def test_materials_of_glb(tmp_path: Path) -> None:
         PBRMaterial(baseColorTexture=Image.new("RGB", (8, 8), (51, 51, 51)), baseColorFactor=[0.0, 1.0, 0.0, 1.0])
     )
     torch.testing.assert_close(both.brightness, torch.full((3,), 0.2 * GREEN, dtype=torch.float64))
+
+
+def test_specular_materials_of_glb(tmp_path: Path) -> None:
+    """Their diffuse colour counts."""
+    gloss = {"diffuseFactor": [0.5, 0.5, 0.5, 1], "glossinessFactor": 1}
+    materials = [{"extensions": {"KHR_materials_pbrSpecularGlossiness": gloss}, "name": "x", "alphaMode": "BLEND"}]
+    meshes = [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}]
+    mesh = load_mesh(write(tmp_path, "a.glb", triangle_glb(materials=materials, meshes=meshes)))
+    np.testing.assert_allclose(mesh.brightness, 0.5, atol=0.01)
 
 
 def test_vertex_colours_of_glb_multiply_the_material(tmp_path: Path) -> None:

@@ -80,7 +80,7 @@ def say(text: str) -> None:
 def print_definitions(definitions: Mapping[str, str]) -> None:
     """Prints what the figures of a table mean."""
     for name, definition in definitions.items():
-        _console().print(Text(f"{name}: {definition}", style="dim"))
+        _console().print(Text(printable(f"{name}: {definition}"), style="dim"))
 
 
 def print_table(rows: Sequence[Mapping[str, Any]]) -> None:

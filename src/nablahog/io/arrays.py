@@ -74,7 +74,8 @@ def _npy(path: str | os.PathLike[str]) -> NDArray[Any]:
         raise ValueError(f"{path}: an array of more than {MAX_BYTES:,} bytes is refused")
     try:
         # mapped, since a damaged header may claim any size
-        return np.array(np.lib.format.open_memmap(path, mode="r"))
+        array = np.lib.format.open_memmap(path, mode="r")
+        return np.array(array) if array.dtype.kind == "f" else array  # to copy 10¹² things of 0 bytes takes forever
     except Exception as error:  # a damaged header fails in many ways
         if "Python objects" in str(error):
             raise ValueError(f"{path}: the file holds pickled objects, which are never loaded") from None

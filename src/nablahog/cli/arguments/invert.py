@@ -38,6 +38,7 @@ def glyph(commands: argparse._SubParsersAction[Parser]) -> None:
         command, "FILE", "PNG file for one input; any name that does not end in .png is a folder for one file each"
     )
     options.common(command, SIZE)
+    options.memory(command)
 
 
 def invert(commands: argparse._SubParsersAction[Parser]) -> None:
@@ -51,6 +52,7 @@ def invert(commands: argparse._SubParsersAction[Parser]) -> None:
     options.inputs(command)
     options.output(command, "DIR", "folder for the results, made if missing")
     options.common(command, SIZE)
+    options.memory(command)
     options.minimiser(command)
     command.add_argument(
         "--quality",
@@ -87,6 +89,7 @@ def invert_template(commands: argparse._SubParsersAction[Parser]) -> None:
     options.of_arrays(command)
     options.dialect(command, "type of descriptor that an array is for")
     options.device_option(command)
+    options.memory(command)
     options.minimiser(command)
 
 

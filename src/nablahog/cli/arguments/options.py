@@ -12,6 +12,8 @@ from ...hog.spec import Vote
 from ...runtime.text import one_line
 from .preset_parameters import DEFAULT_DESCRIPTOR, PRESETS
 
+MEMORY = 4  # gigabytes
+
 
 class Parser(argparse.ArgumentParser):
     """An argument parser whose errors are one line, as all errors of this command are."""
@@ -208,6 +210,11 @@ def dialect(command: argparse.ArgumentParser, preset: str) -> None:
 def size(command: argparse.ArgumentParser, longer_side: int) -> None:
     text = f"shrink photographs to at most N pixels on the longer side, 0 for never (default: {longer_side})"
     number(command, "--size", text, least=0, default=longer_side)
+
+
+def memory(command: argparse.ArgumentParser) -> None:
+    text = f"gigabytes that an input may need; one that needs more is refused (default: {MEMORY})"
+    number(command, "--memory", text, most=10**6, default=MEMORY)
 
 
 def device_option(command: argparse.ArgumentParser) -> None:
