@@ -28,6 +28,14 @@ NAME = "a\x1b[31m\x9b\u202eb.png"
 SHOWN = "a\\x1b[31m\\x9b\\u202eb.png"
 
 
+def test_lines_are_bounded(capsys: pytest.CaptureFixture[str]) -> None:
+    terminal.say("Passed over: " + ", ".join(f"{number}.txt" for number in range(20_000)))
+    line = capsys.readouterr().out
+    assert len(line) <= terminal.LONGEST + 1
+    assert " … " in line
+    assert line.endswith("19999.txt\n")
+
+
 def test_a_terminal_is_not_commanded(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     terminal.say(f"Passed over: {NAME}")
     terminal.print_table([{"input": NAME, "size": [1, 2]}])

@@ -10,7 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nablahog.io.npz import account_of, account_to_text, names_in, naming, numbers_in, read_arrays, write_arrays
+from nablahog.io.npz import (
+    MAX_CHARACTERS,
+    account_of,
+    account_to_text,
+    names_in,
+    naming,
+    numbers_in,
+    read_arrays,
+    text,
+    write_arrays,
+)
 
 
 @dataclass(frozen=True)
@@ -67,6 +77,12 @@ def test_a_member_that_is_no_array(tmp_path: Path) -> None:
     assert list(numbers_in(tmp_path / "a", "test")) == ["format", "x"]
 
 
+def test_texts_are_limited() -> None:
+    assert text({"a": np.array("x" * 100)}, "a") == "x" * 100
+    with pytest.raises(ValueError, match="a must be a string of at most 4,194,304 characters"):
+        text({"a": np.array("[]," * (MAX_CHARACTERS // 3 + 1))}, "a")
+
+
 def test_pipes_and_folders(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.npz")
     (tmp_path / "folder.npz").mkdir()
@@ -112,7 +128,7 @@ def test_accounts() -> None:
 
 
 @pytest.mark.parametrize(
-    "text",
+    "stored",
     [
         "",
         "{}",
@@ -127,7 +143,7 @@ def test_accounts() -> None:
         account_to_text(ACCOUNT)[:-1],
     ],
 )
-def test_what_is_no_account(text: str) -> None:
-    assert text != account_to_text(ACCOUNT)
+def test_what_is_no_account(stored: str) -> None:
+    assert stored != account_to_text(ACCOUNT)
     with pytest.raises(ValueError, match=r"^its account of the learning cannot be read: "):
-        account_of(Account, text)
+        account_of(Account, stored)

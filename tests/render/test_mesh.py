@@ -16,6 +16,7 @@ from trimesh.exchange.ply import export_ply
 from trimesh.exchange.stl import export_stl_ascii
 from trimesh.visual.material import PBRMaterial, SimpleMaterial
 
+from nablahog.render import mesh_file
 from nablahog.render.mesh import Mesh, load_mesh
 
 from .mesh_files import CUBE_OFF, QUADS, TRIANGLE, VERTICES_OBJ, as_bytes, glb, triangle_glb, write
@@ -258,6 +259,15 @@ def test_unreadable_texture_leaves_the_colour(tmp_path: Path, name: str) -> None
     Image.new("L", (4, 4), 255).save(tmp_path / "outside.png")
     mesh = _textured(folder, f"newmtl m\nKd 0 1 0\nmap_Kd {name}\n")
     torch.testing.assert_close(mesh.brightness, torch.full((3,), GREEN, dtype=torch.float64))
+
+
+def test_files_beside_are_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is beyond the limit is ignored, as what cannot be read."""
+    write(tmp_path, "a.mtl", "newmtl a\nKd 0.5 0.5 0.5\n")
+    path = write(tmp_path, "a.obj", "mtllib a.mtl\n" + TRIANGLE.replace("f 1", "usemtl a\nf 1"))
+    np.testing.assert_allclose(load_mesh(path).brightness, 0.5, atol=0.01)
+    monkeypatch.setattr(mesh_file, "MAX_BYTES_BESIDE", 20)
+    np.testing.assert_allclose(load_mesh(path).brightness, mesh_file.BRIGHTNESS)
 
 
 def test_truncated_texture_leaves_the_colour(tmp_path: Path) -> None:

@@ -13,9 +13,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
-from ..runtime.text import printable
+from ..runtime.text import one_line, printable
 from ..viz.html import figure
 
+LONGEST = 1000  # characters of a line: lists of file names may be any length
 EVERY = 60.0  # seconds between lines of progress where there is no terminal
 
 
@@ -73,8 +74,8 @@ class _Lines:
 
 
 def say(text: str) -> None:
-    """Prints a line without markup or wrapping."""
-    _console().print(Text(printable(text)), soft_wrap=True)
+    """Prints a line of at most :data:`LONGEST` characters without markup or wrapping."""
+    _console().print(Text(one_line(text, LONGEST)), soft_wrap=True)
 
 
 def print_definitions(definitions: Mapping[str, str]) -> None:

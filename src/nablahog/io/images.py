@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import warnings
 from contextlib import suppress
@@ -20,6 +21,7 @@ from .files import check_file, replacing
 
 Picture: TypeAlias = Tensor | NDArray[np.floating]
 
+MAX_BYTES = 2**30  # of a file: more than the largest images need that are read
 STRIP = 256  # rows
 
 _GRAY_MODES = ("1", "L", "LA", "La")
@@ -75,7 +77,10 @@ def read_image(path: str | os.PathLike[str]) -> Tensor:
 
 def _decoded(path: Path) -> Image.Image:
     image: Image.Image
-    with Image.open(path) as image:
+    if path.stat().st_size > MAX_BYTES:
+        raise ValueError(f"it has more than {MAX_BYTES:,} bytes")
+    # from memory: some decoders ask for as many bytes as a damaged file promises, and a file allocates them
+    with Image.open(io.BytesIO(path.read_bytes())) as image:
         if image.format == "EPS":
             raise ValueError("PostScript is a program, which is never run; convert it to PNG first")
         image.load()

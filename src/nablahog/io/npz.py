@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     Account = TypeVar("Account", bound=DataclassInstance)
 
 MAX_BYTES = 2**28  # what an archive may unpack to: a descriptor of 138 megapixels at 31 channels and cells of 8
+MAX_CHARACTERS = 2**22  # of a text: as JSON, it may take thirty times as much
 
 
 def read_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -> dict[str, NDArray[np.generic]]:
@@ -35,7 +36,8 @@ def read_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it is no archive, is damaged, lacks an array, holds pickled objects or unpacks to too much.
+        ValueError: it is no archive, is damaged, lacks an array, holds pickled objects, or unpacks to more than
+            :data:`MAX_BYTES`.
     """
     with _opened(path, kind) as archive:
         missing = [name for name in names if name not in archive]
@@ -104,11 +106,13 @@ def text(arrays: dict[str, NDArray[np.generic]], name: str) -> str:
     """The string that the array ``name`` holds.
 
     Raises:
-        ValueError: it holds none.
+        ValueError: it holds none, or one of more than :data:`MAX_CHARACTERS`.
     """
     array = arrays[name]
     if array.shape != () or array.dtype.kind != "U":
         raise ValueError(f"{name} must be one string, got {array.dtype} of shape {array.shape}")
+    if array.itemsize > 4 * MAX_CHARACTERS:
+        raise ValueError(f"{name} must be a string of at most {MAX_CHARACTERS:,} characters")
     return str(array.item())
 
 

@@ -24,6 +24,7 @@ Floats = NDArray[np.float64]
 
 BRIGHTNESS = 0.8
 """Of a mesh without colours."""
+MAX_BYTES_BESIDE = 2**29  # of the files that an OBJ or a PLY names; what is beyond is ignored
 MAX_TEXELS = 2**28  # of all textures, which take seconds to decode
 TEXTURE = 64  # a texture is shrunk to so many texels a side: vertices are further apart than its details
 
@@ -103,10 +104,16 @@ def _beside(path: Path) -> trimesh.resolvers.Resolver:
     from trimesh.resolvers import FilePathResolver
 
     class Beside(FilePathResolver):
+        left = MAX_BYTES_BESIDE
+
         def absolute(self, name: str) -> Path:
             named: Path = super().absolute(name)
             if named.exists() and not named.is_file():  # reading a pipe never ends
                 raise ValueError(f"{name} is no regular file")
+            if named.exists():
+                self.left -= named.stat().st_size
+            if self.left < 0:
+                raise ValueError(f"the files that it needs have more than {MAX_BYTES_BESIDE:,} bytes")
             return named
 
         def get(self, name: str) -> bytes:
