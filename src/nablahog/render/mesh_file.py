@@ -25,6 +25,7 @@ Floats = NDArray[np.float64]
 BRIGHTNESS = 0.8
 """Of a mesh without colours."""
 MAX_BYTES_BESIDE = 2**29  # of the files that an OBJ or a PLY names; what is beyond is ignored
+LONGEST_NAME = 1000  # characters
 MAX_TEXELS = 2**28  # of all textures, which take seconds to decode
 TEXTURE = 64  # a texture is shrunk to so many texels a side: vertices are further apart than its details
 
@@ -107,6 +108,8 @@ def _beside(path: Path) -> trimesh.resolvers.Resolver:
         left = MAX_BYTES_BESIDE
 
         def absolute(self, name: str) -> Path:
+            if len(name) > LONGEST_NAME:  # each of its folders is looked up
+                raise ValueError(f"the name of a file has more than {LONGEST_NAME:,} characters")
             named: Path = super().absolute(name)
             if named.exists() and not named.is_file():  # reading a pipe never ends
                 raise ValueError(f"{name} is no regular file")
