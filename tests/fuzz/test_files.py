@@ -42,7 +42,7 @@ def _many_nodes(count: int) -> bytes:
 LARGE: dict[str, Callable[[], FileCase]] = {
     "blank lines": lambda: FileCase("mesh", ".obj", (TRIANGLE + "\n" * LINES + "f -1 -2 -3\n").encode()),
     "spaces": lambda: FileCase("mesh", ".obj", (TRIANGLE + "f " + " " * LINES + "x\n").encode()),
-    "folders": lambda: FileCase("mesh", ".obj", ("mtllib " + "a/" * LINES + "\n" + VERTICES_OBJ).encode()),
+    "folders": lambda: FileCase("mesh", ".obj", ("mtllib " + "a/" * 4 * LINES + "\n" + VERTICES_OBJ).encode()),
     "comments": lambda: FileCase("mesh", ".off", ("#\n" * LINES + "x" + CUBE_OFF).encode()),
     "solids": lambda: FileCase(
         "mesh", ".stl", b"solid a\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendsolid\n" * 16_000
