@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -132,6 +134,65 @@ def test_output_folders_that_cannot_be(
     for path in (f"{photo}/out", f"{photo}/below/out"):
         refused(command, photo, photo, "-o", path, message="is not a folder")
     refused(command, photo, photo, "-o", "/proc/nablahog/out", message="the output folder /proc/nablahog/out cannot be")
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [
+        *(["hog", "a.png"], ["glyph", "a.png"], ["invert", "a.png"], ["invert-template", "a.npy"], ["demo"]),
+        *(["table1"], ["table2"], ["pose", "a.png", "--mesh", "a.off"], ["dialects", "a.png"]),
+        *(["learn", "prior"], ["learn", "bovw"], ["learn", "exemplars", "--models", "."]),
+    ],
+    ids=" ".join,
+)
+def test_an_output_without_a_name(refused: Callable[..., None], argv: list[str]) -> None:
+    refused(*argv, "-o", "", message="argument -o/--output: expected the name of a file or folder, got ''", status=2)
+
+
+def test_other_files_without_a_name(refused: Callable[..., None]) -> None:
+    for argv in (
+        ["hog", "", "-o", "x"],
+        ["table1", "-o", "x", "--images", ""],
+        ["invert", "a", "-o", "x", "--prior", ""],
+    ):
+        refused(*argv, message="expected the name of a file or folder, got ''", status=2)
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.npz", "a.npy", "a.mat", "a"])
+def test_pipes(tmp_path: Path, refused: Callable[..., None], name: str) -> None:
+    os.mkfifo(tmp_path / name)
+    refused("glyph", str(tmp_path / name), "-o", str(tmp_path / "out"), message="got a special file")
+
+
+def test_errors_are_one_short_printable_line(
+    tmp_path: Path, descriptor: str, refused: Callable[..., None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    fields = json.loads(presets.uoctti().to_json())
+    _arrays(Path(descriptor), spec=np.array(json.dumps(fields | {"border": "\x1b[31m" * 20_000})))
+    argv = ["glyph", descriptor, "-o", str(tmp_path / "out")]
+    refused(*argv, message="border must be one of")
+    for wrong in (argv, ["glyph", "a\x1b[31m\u202eb", *argv[2:]], [*argv, "--key", "x" * 5000, "--\x1b[31m"]):
+        main(wrong)
+        printed = capsys.readouterr().err
+        assert len(printed) <= 1001
+        assert printed.removesuffix("\n").isprintable()
+
+
+def test_few_bytes_that_ask_for_much_memory(tmp_path: Path, refused: Callable[..., None]) -> None:
+    small, wide, out = str(tmp_path / "small.npz"), str(tmp_path / "wide.npz"), ["-o", str(tmp_path / "out")]
+    save_descriptor(small, torch.rand(1, 1, 31), presets.uoctti(6000), (6000, 6000))
+    assert Path(small).stat().st_size < 4096
+    message = (
+        f"{small}: inverting a descriptor of an image of 6000x6000 pixels needs about 12 GB of memory, and 4 GB are"
+    )
+    refused("invert", small, *out, message=message)
+    refused("invert", small, *out, "--memory", "11", message="11 GB are allowed: expected --memory 12 where")
+    save_descriptor(wide, torch.rand(1, 1, 31), presets.uoctti((1, 10**6)), (1, 10**6))
+    for command in ("glyph", "invert"):
+        refused(command, wide, *out, message="drawing 1x1 cells, each for 1x1000000 pixels, needs about 394 GB")
+    np.save(tmp_path / "t.npy", np.ones((1, 1, 31), np.float32))
+    options = ["--preset", "uoctti", "--cell", "6000", "--image-size", "6000x6000", *out]
+    refused("invert-template", str(tmp_path / "t.npy"), *options, message="needs about 12 GB of memory")
 
 
 def test_demo_needs_its_folder(photo: str, refused: Callable[..., None]) -> None:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from functools import partial
+from typing import Any
+
 import pytest
+from rich.console import Console
 
 from nablahog.cli import terminal
 
@@ -18,6 +22,47 @@ def test_progress_without_a_terminal(capsys: pytest.CaptureFixture[str], monkeyp
         "nablahog x: 20 of 50 done, about 6 min left, at a, b",  # ten took two minutes, the first ten are of before
         "nablahog x: 30 of 50 done, about 5 min left, at a, b",
     ]
+
+
+NAME = "a\x1b[31m\x9b\u202eb.png"
+SHOWN = "a\\x1b[31m\\x9b\\u202eb.png"
+
+
+def test_lines_are_bounded(capsys: pytest.CaptureFixture[str]) -> None:
+    terminal.say("Passed over: " + ", ".join(f"{number}.txt" for number in range(20_000)))
+    line = capsys.readouterr().out
+    assert len(line) <= terminal.LONGEST + 1
+    assert " … " in line
+    assert line.endswith("19999.txt\n")
+
+
+def test_a_terminal_is_not_commanded(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal.say(f"Passed over: {NAME}")
+    terminal.print_table([{"input": NAME, "size": [1, 2]}])
+    terminal.print_definitions({"x": NAME})
+    monkeypatch.setattr(terminal, "EVERY", 0.0)
+    with terminal.counter("nablahog x") as progress:
+        progress(0, 2, NAME)
+        progress(1, 2, NAME)
+    printed = capsys.readouterr()
+    assert printed.out.count(SHOWN) == 3
+    assert printed.err.count(SHOWN) == 1
+    assert (printed.out + printed.err).replace("\n", "").isprintable()
+
+
+@pytest.mark.parametrize("bars", [terminal.progress_bars, terminal.counter])
+def test_bars_do_not_command_it_either(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, bars: Any
+) -> None:
+    monkeypatch.setattr(terminal, "Console", partial(Console, force_terminal=True, width=100))
+    with bars(*["x"] * (bars is terminal.counter)) as start:
+        if bars is terminal.counter:
+            start(1, 2, NAME)
+        else:
+            start(NAME)(1, 2)
+    printed = capsys.readouterr().err
+    assert SHOWN in printed
+    assert "\x1b[31m\x9b" not in printed
 
 
 def test_tables(capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import csv
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from nablahog.evaluate.tables import Statistics, interval, statistics
+from nablahog.evaluate.tables import Statistics, interval, statistics, write_csv
 
 
 def test_against_the_normal_interval() -> None:
@@ -41,3 +44,17 @@ def test_an_interval_of_the_median() -> None:
     assert values[38] <= low <= values[42]
     assert values[58] <= high <= values[62]
     assert interval(values, np.mean) == (statistics(values.tolist()).low, statistics(values.tolist()).high)
+
+
+def test_no_text_in_a_table_is_a_formula(tmp_path: Path) -> None:
+    texts = ["=1+1", "+1", "-1", "@a", "＝1", "a=1", "", "'"]
+    write_csv(tmp_path / "a.csv", [("image", "error"), *((text, -1.5) for text in texts), (None, -2)])
+    with open(tmp_path / "a.csv", newline="", encoding="utf-8") as file:
+        rows = list(csv.reader(file))[1:]
+    assert [row[0] for row in rows] == [*(f"'{text}" for text in texts[:5]), *texts[5:], ""]
+    assert [row[1] for row in rows] == ["-1.5"] * len(texts) + ["-2"]
+
+
+def test_no_text_in_a_table_is_another_row(tmp_path: Path) -> None:
+    write_csv(tmp_path / "a.csv", [("a\r=1+1", 1), ("\t=1", 2), ("\n=1", 3), ("\x1b[31m", 4)])
+    assert (tmp_path / "a.csv").read_text() == "a\\r=1+1,1\n\\t=1,2\n\\n=1,3\n\\x1b[31m,4\n"

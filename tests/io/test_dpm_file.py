@@ -10,6 +10,7 @@ import pytest
 import torch
 from scipy.io import savemat
 
+from nablahog.io import dpm_file
 from nablahog.io.dpm_file import is_dpm_file, load_dpm
 from tests.io.dpm_models import PART, ROOT, structs, weights, written
 
@@ -62,7 +63,29 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         "a part of 1x1 cells at 2, 1 is outside its root",
     ),
     "a start that is not there": ({"start": 99}, "expected a model of voc-release5"),
+    "too large for float32": (
+        {"blocks": structs([{"w": np.full(32, 1e300), "shape": np.array([1, 1, 32])} for _ in range(3)])},
+        "a filter holds NaN or Inf, or more than fits float32",
+    ),
+    **{
+        f"{name} {number}": ({name: number}, "numbers that are no integers within ±1,000,000")
+        for name in ("sbin", "start")
+        for number in (np.inf, -np.inf, np.nan, 1e300, 1e7, 1.5)
+    },
+    "an infinite shape": (
+        {"blocks": structs([{"w": np.ones(32), "shape": np.array([np.inf, 1, 32])} for _ in range(3)])},
+        "numbers that are no integers",
+    ),
+    "a class that is no text": ({"class": 3.0}, "its class is no text"),
 }
+
+
+def test_a_filter_that_is_used_too_often(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dpm_file, "MOST_NUMBERS", 4352)  # of both components, 5 · 3 · 4 · 32 of the root
+    load_dpm(written(tmp_path / "toy.mat"))
+    monkeypatch.setattr(dpm_file, "MOST_NUMBERS", 4351)
+    with pytest.raises(ValueError, match="its components have more than 4,351 weights"):
+        load_dpm(tmp_path / "toy.mat")
 
 
 @pytest.mark.parametrize("name", WRONG)

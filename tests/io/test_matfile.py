@@ -121,6 +121,24 @@ def test_flags_and_shapes_that_are_no_integers(tmp_path: Path) -> None:
         assert "expected integers" in _refusal(tmp_path / "b.mat", bytes(damaged))
 
 
+def test_what_takes_more_memory_than_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Elements of no bytes, fields of one byte each, and numbers of one byte that become complex."""
+
+    def variable(kind: int, sides: tuple[int, int], rest: bytes) -> bytes:
+        flags = struct.pack("<IIII", 6, 8, kind, 0) + struct.pack("<IIii", 5, 8, *sides) + struct.pack("<II", 1, 0)
+        return bytes(124) + b"\x00\x01IM" + struct.pack("<II", 14, len(flags + rest)) + flags + rest
+
+    monkeypatch.setattr(matfile, "MAX_ELEMENTS", 100)
+    monkeypatch.setattr(matfile, "MAX_ARRAY_BYTES", 1000)
+    path = tmp_path / "a.mat"
+    assert "more than 100 elements" in _refusal(path, variable(1, (1, 100), struct.pack("<II", 14, 0) * 100))
+    fields = struct.pack("<IIii", 5, 4, 1, 0) + struct.pack("<II", 1, 104) + b"a" * 104
+    assert "more than 100 fields" in _refusal(path, variable(2, (1, 0), fields))
+    path.write_bytes(variable(6 | 0x800, (1, 64), struct.pack("<II", 1, 64) + bytes(64)))
+    with pytest.raises(ValueError, match="its arrays take more than 1,000 bytes"):
+        read_mat_arrays(path)
+
+
 def test_refusals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(matfile, "MAX_BYTES", 2**16)
     path = tmp_path / "a.mat"

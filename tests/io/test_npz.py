@@ -10,7 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nablahog.io.npz import account_of, account_to_text, names_in, naming, numbers_in, read_arrays, write_arrays
+from nablahog.io.npz import (
+    MAX_CHARACTERS,
+    account_of,
+    account_to_text,
+    names_in,
+    naming,
+    numbers_in,
+    read_arrays,
+    text,
+    write_arrays,
+)
 
 
 @dataclass(frozen=True)
@@ -58,6 +68,29 @@ def test_whatever_is_in_it(tmp_path: Path) -> None:
             read(tmp_path / "c.npz", "test")
 
 
+def test_a_member_that_is_no_array(tmp_path: Path) -> None:
+    write_arrays(tmp_path / "a", 1, {"x": 1})
+    with zipfile.ZipFile(tmp_path / "a", "a") as archive:
+        archive.writestr("y.npy", "hello")
+    with pytest.raises(ValueError, match=r"^.*/a: expected a test, but y in the archive is no array \(.npy\)$"):
+        read_arrays(tmp_path / "a", "test", ("x", "y"))
+    assert list(numbers_in(tmp_path / "a", "test")) == ["format", "x"]
+
+
+def test_texts_are_limited() -> None:
+    assert text({"a": np.array("x" * 100)}, "a") == "x" * 100
+    with pytest.raises(ValueError, match="a must be a string of at most 4,194,304 characters"):
+        text({"a": np.array("[]," * (MAX_CHARACTERS // 3 + 1))}, "a")
+
+
+def test_pipes_and_folders(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.npz")
+    (tmp_path / "folder.npz").mkdir()
+    for name, kind in (("pipe.npz", "special file"), ("folder.npz", "folder")):
+        with pytest.raises(ValueError, match=rf"expected a test \(.npz\), got a {kind}$"):
+            read_arrays(tmp_path / name, "test", ("x",))
+
+
 def test_a_failure_leaves_the_old_file(tmp_path: Path) -> None:
     write_arrays(tmp_path / "a", 1, {"x": 1})
     before = (tmp_path / "a").read_bytes()
@@ -81,6 +114,13 @@ def test_other_errors_are_left_alone(error: type[BaseException]) -> None:
         raise error("oh")
 
 
+def test_messages_are_short_and_printable() -> None:
+    with pytest.raises(ValueError, match="…") as caught, naming("file"):
+        raise ValueError("\x1b[31m" * 10_000)
+    assert len(str(caught.value)) < 1000
+    assert str(caught.value).isprintable()
+
+
 def test_accounts() -> None:
     result = account_of(Account, account_to_text(ACCOUNT))
     assert result == ACCOUNT
@@ -88,7 +128,7 @@ def test_accounts() -> None:
 
 
 @pytest.mark.parametrize(
-    "text",
+    "stored",
     [
         "",
         "{}",
@@ -103,7 +143,7 @@ def test_accounts() -> None:
         account_to_text(ACCOUNT)[:-1],
     ],
 )
-def test_what_is_no_account(text: str) -> None:
-    assert text != account_to_text(ACCOUNT)
+def test_what_is_no_account(stored: str) -> None:
+    assert stored != account_to_text(ACCOUNT)
     with pytest.raises(ValueError, match=r"^its account of the learning cannot be read: "):
-        account_of(Account, text)
+        account_of(Account, stored)

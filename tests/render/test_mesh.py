@@ -16,9 +16,10 @@ from trimesh.exchange.ply import export_ply
 from trimesh.exchange.stl import export_stl_ascii
 from trimesh.visual.material import PBRMaterial, SimpleMaterial
 
+from nablahog.render import mesh_file
 from nablahog.render.mesh import Mesh, load_mesh
 
-from .mesh_files import CUBE_OFF, QUADS, TRIANGLE, VERTICES_OBJ, as_bytes, glb, write
+from .mesh_files import CUBE_OFF, QUADS, TRIANGLE, VERTICES_OBJ, as_bytes, glb, triangle_glb, write
 
 RED, GREEN, BLUE = 0.299, 0.587, 0.114
 
@@ -260,6 +261,15 @@ def test_unreadable_texture_leaves_the_colour(tmp_path: Path, name: str) -> None
     torch.testing.assert_close(mesh.brightness, torch.full((3,), GREEN, dtype=torch.float64))
 
 
+def test_files_beside_are_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is beyond the limit is ignored, as what cannot be read."""
+    write(tmp_path, "a.mtl", "newmtl a\nKd 0.5 0.5 0.5\n")
+    path = write(tmp_path, "a.obj", "mtllib a.mtl\n" + TRIANGLE.replace("f 1", "usemtl a\nf 1"))
+    np.testing.assert_allclose(load_mesh(path).brightness, 0.5, atol=0.01)
+    monkeypatch.setattr(mesh_file, "MAX_BYTES_BESIDE", 20)
+    np.testing.assert_allclose(load_mesh(path).brightness, mesh_file.BRIGHTNESS)
+
+
 def test_truncated_texture_leaves_the_colour(tmp_path: Path) -> None:
     noise = np.random.default_rng(0).integers(0, 256, (64, 64), dtype=np.uint8)
     Image.fromarray(noise).save(tmp_path / "t.png")
@@ -290,6 +300,15 @@ def test_materials_of_glb(tmp_path: Path) -> None:
         PBRMaterial(baseColorTexture=Image.new("RGB", (8, 8), (51, 51, 51)), baseColorFactor=[0.0, 1.0, 0.0, 1.0])
     )
     torch.testing.assert_close(both.brightness, torch.full((3,), 0.2 * GREEN, dtype=torch.float64))
+
+
+def test_specular_materials_of_glb(tmp_path: Path) -> None:
+    """Their diffuse colour counts."""
+    gloss = {"diffuseFactor": [0.5, 0.5, 0.5, 1], "glossinessFactor": 1}
+    materials = [{"extensions": {"KHR_materials_pbrSpecularGlossiness": gloss}, "name": "x", "alphaMode": "BLEND"}]
+    meshes = [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}]
+    mesh = load_mesh(write(tmp_path, "a.glb", triangle_glb(materials=materials, meshes=meshes)))
+    np.testing.assert_allclose(mesh.brightness, 0.5, atol=0.01)
 
 
 def test_vertex_colours_of_glb_multiply_the_material(tmp_path: Path) -> None:

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import os
 import struct
+import time
+import tracemalloc
 from pathlib import Path
 
+import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 from trimesh.exchange.stl import export_stl_ascii
 
 from nablahog.render import mesh_bytes, mesh_file
@@ -39,6 +43,9 @@ PLY_HEAD = (
 BINARY_STL = as_bytes(trimesh.creation.box().export(file_type="stl"))
 BINARY_PLY = as_bytes(trimesh.creation.box().export(file_type="ply"))
 BAD_FACES = [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}]
+MANY = {"componentType": 5126, "type": "VEC3", "count": 2000}
+FEW_FACES = [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 0}]}]
+DEEP = [{"mesh": 0, "children": [k + 1]} if k % 100 < 99 else {"mesh": 0} for k in range(10_000)]
 BAD_INDICES = [
     {"componentType": 5126, "type": "VEC3", "bufferView": 0, "count": 3},
     {"componentType": 5121, "type": "SCALAR", "bufferView": 0, "count": 36},
@@ -90,6 +97,31 @@ BAD_INDICES = [
         ("a.glb", triangle_glb(nodes=[{"mesh": 0, "scale": [float("nan"), 1, 1]}]), "not finite"),
         ("a.glb", triangle_glb(meshes=BAD_FACES, accessors=BAD_INDICES), "does not hold"),
         ("a.glb", triangle_glb(meshes=[]), "cannot be read"),
+        (
+            "a.glb",
+            triangle_glb(nodes=[{"mesh": 0}] * 10_000, accessors=[MANY], meshes=FEW_FACES),
+            "vertices in its nodes",
+        ),
+        ("a.glb", triangle_glb(meshes=FEW_FACES * 5_000, accessors=[MANY]), "5,000,000 vertices are allowed"),
+        ("a.glb", triangle_glb(accessors=[MANY | {"type": "MAT4", "count": 10**7}]), "bytes in accessors are allowed"),
+        (
+            "a.glb",
+            triangle_glb(bufferViews=[{"buffer": 0, "byteLength": 5 * 10**7}] * 2),
+            "bytes in views are allowed",
+        ),
+        (
+            "a.glb",
+            triangle_glb(accessors=[MANY, MANY | {"count": -(10**12)}]),
+            "count must be an integer of at least 0",
+        ),
+        ("a.glb", triangle_glb(accessors=[MANY | {"count": 1e9}]), "count must be an integer of at least 0"),
+        ("a.glb", triangle_glb(nodes=DEEP), "nodes above others"),
+        ("a.glb", triangle_glb(extras=[0] * 9_000_000), "its JSON has more than"),
+        ("a.obj", TRIANGLE + "".join(f"usemtl {k}\nf 1 2 3\n" for k in range(10_000)), "at most 10,000 materials"),
+        ("a.off", "OFF -1 -1 0\n0 0 0\n", "promises -1 vertices"),
+        ("a.ply", PLY_HEAD.replace("face 2", f"face {10**9}"), "at most 20,000,000 rows"),
+        ("a.ply", PLY_HEAD.replace("face 2", "face -2"), "promises -2 rows"),
+        ("a.ply", "ply\n" + "comment x\n" * 200_000 + PLY_HEAD[4:], "its header has more than 1,048,576 bytes"),
         ("a.glb", glb([1, 2, 3]), "cannot be read"),
         ("a.glb", b"glTF" + struct.pack("<III", 2, 0, 99_999) + b"JSON" + b"[" * 99_999, "cannot be read"),
     ],
@@ -104,6 +136,47 @@ def test_damaged_files_are_refused_in_one_sentence(
     assert message.startswith(f"{path}: ")
     assert "\n" not in message
     assert "charset" not in message  # no parser may ask for what is not installed
+
+
+def test_names_of_a_glb_are_not_repeated(tmp_path: Path) -> None:
+    """trimesh would name each primitive of a node after the node."""
+    primitives = [{"primitives": [{"attributes": {"POSITION": 0}}] * 1000}]
+    node = {"mesh": 0, "name": "x" * 10**6, "camera": 0, "extras": {}}
+    mesh = load_mesh(write(tmp_path, "a.glb", triangle_glb(meshes=primitives, nodes=[node], cameras=[{}])))
+    assert (len(mesh.vertices), len(mesh.faces)) == (3, 1)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.obj", TRIANGLE + "\n" * 80_000 + "f -1 -2 -3\n"),
+        ("a.obj", TRIANGLE + "f 1 2 3" + " " * 80_000 + "\n"),
+        ("a.off", "#\n" * 80_000 + "\n" * 80_000 + CUBE_OFF),
+        ("a.stl", "solid a\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendsolid\n" * 4_000),
+        ("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n20002 " + "0" * 4000 + " 1 2" + " 1" * 20_000 + "\n"),
+    ],
+)
+def test_time_and_memory_grow_with_the_size(tmp_path: Path, name: str, content: str) -> None:
+    path = write(tmp_path, name, content)
+    tracemalloc.start()
+    began = time.process_time()
+    load_mesh(path)
+    seconds, (_, most) = time.process_time() - began, tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert seconds < 4  # it took eight and more
+    assert most < 100e6
+
+
+def test_textures_are_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    box = trimesh.creation.box()
+    material = trimesh.visual.material.PBRMaterial(baseColorTexture=Image.new("RGB", (4, 5)))
+    box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(box.vertices), 2)), material=material)
+    path = write(tmp_path, "a.glb", box.export(file_type="glb"))
+    monkeypatch.setattr(mesh_file, "MAX_TEXELS", 20)
+    assert load_mesh(path).brightness.max() == 0
+    monkeypatch.setattr(mesh_file, "MAX_TEXELS", 19)
+    with pytest.raises(ValueError, match="at most 19 texels are allowed, got 20"):
+        load_mesh(path)
 
 
 def test_a_whole_triangle_glb_is_read(tmp_path: Path) -> None:

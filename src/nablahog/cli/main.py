@@ -8,10 +8,12 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
+from ..runtime.text import one_line
 from .arguments.learn import KINDS
 from .arguments.main import parser
 from .errors import UserError
 
+MOST_CHARACTERS = 900  # of an error: with the name of the command, a line has at most 1000
 INTERRUPTED = 130  # what shells report of a command ended by Ctrl-C
 _COMMANDS = {
     "hog": "hog.hog",
@@ -64,5 +66,5 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _failed(name: str, message: str, status: int = 1) -> int:
-    print(f"{name}: error: {' '.join(message.split())}", file=sys.stderr)
+    print(f"{name}: error: {one_line(message, MOST_CHARACTERS)}", file=sys.stderr)
     return status

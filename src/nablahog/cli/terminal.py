@@ -13,8 +13,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
+from ..runtime.text import one_line, printable
 from ..viz.html import figure
 
+LONGEST = 1000  # characters of a line: lists of file names may be any length
 EVERY = 60.0  # seconds between lines of progress where there is no terminal
 
 
@@ -22,11 +24,11 @@ EVERY = 60.0  # seconds between lines of progress where there is no terminal
 def progress_bars() -> Iterator[Callable[[str], Callable[[int, int], None]]]:
     """Progress bars on a terminal: a function that starts a bar and returns the function that moves it."""
     console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
 
         def start(description: str) -> Callable[[int, int], None]:
-            task = bars.add_task(description, total=None)
+            task = bars.add_task(printable(description), total=None)
             return lambda done, total: bars.update(task, completed=done, total=total)
 
         yield start
@@ -47,7 +49,7 @@ def counter(name: str) -> Iterator[Callable[[int, int, str], None]]:
     steady = 600  # seconds over which the time left is estimated: items take long, some longer than others
     with Progress(*columns, at_work, console=console, transient=True, speed_estimate_period=steady) as bars:
         task = bars.add_task("", total=None)
-        yield lambda done, total, what: bars.update(task, completed=done, total=total, description=what)
+        yield lambda done, total, what: bars.update(task, completed=done, total=total, description=printable(what))
 
 
 class _Lines:
@@ -66,18 +68,20 @@ class _Lines:
             self.last_line = now
             left = (now - self.began) / (done - self.before) * (total - done)
             minutes = max(1, round(left / 60))
-            print(f"{self.name}: {done} of {total} done, about {minutes} min left, at {what}", file=sys.stderr)
+            print(
+                f"{self.name}: {done} of {total} done, about {minutes} min left, at {printable(what)}", file=sys.stderr
+            )
 
 
 def say(text: str) -> None:
-    """Prints a line as it is, without markup or wrapping."""
-    _console().print(Text(text), soft_wrap=True)
+    """Prints a line of at most :data:`LONGEST` characters without markup or wrapping."""
+    _console().print(Text(one_line(text, LONGEST)), soft_wrap=True)
 
 
 def print_definitions(definitions: Mapping[str, str]) -> None:
     """Prints what the figures of a table mean."""
     for name, definition in definitions.items():
-        _console().print(Text(f"{name}: {definition}", style="dim"))
+        _console().print(Text(printable(f"{name}: {definition}"), style="dim"))
 
 
 def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
@@ -88,7 +92,8 @@ def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
         table.add_column(key, justify="right" if number else "left", overflow="fold", no_wrap=number)
     for row in rows:
         # Text, because a file name in brackets is no markup
-        table.add_row(*(Text("x".join(map(str, v)) if isinstance(v, list) else figure(v)) for v in row.values()))
+        texts = ("x".join(map(str, value)) if isinstance(value, list) else figure(value) for value in row.values())
+        table.add_row(*(Text(printable(text)) for text in texts))
     _console().print(table)
 
 

@@ -22,6 +22,7 @@ from torch.nn import functional
 from ..hog.box import Box
 from ..io.images import read_image
 from ..io.matfile import read_mat
+from ..runtime.text import one_line
 from .voc import VOCObject, check_voc, half_open, read_annotation, read_image_ids
 
 SHORTEST = 100  # pixels of the shortest side of an object's picture (the paper, Section 3.2, Setup)
@@ -118,7 +119,7 @@ def read_record(path: Path) -> list[Record]:
         (record,) = _structures(variables, "record")
         return [_record(each) for each in _structures(record, "objects")]
     except ValueError as error:
-        raise ValueError(f"{path}: expected a record of PASCAL3D+, but {error}") from None
+        raise ValueError(f"{path}: expected a record of PASCAL3D+, but {one_line(error)}") from None
 
 
 def _structures(fields: dict[str, Any], name: str) -> list[dict[str, Any]]:

@@ -5,15 +5,17 @@ from __future__ import annotations
 import csv
 import math
 import os
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..io.files import check_file
+from ..runtime.text import one_line
 
 Floats = NDArray[np.float64]
+
+MAX_BYTES = 2**26  # of a list
 
 _REQUIRED = ("azimuth", "elevation")
 _COLUMNS = (*_REQUIRED, "theta")
@@ -36,17 +38,21 @@ def read_viewpoints(path: str | os.PathLike[str]) -> Floats:
     """
     path = Path(path)
     check_file(path, "a CSV file")
+    if path.stat().st_size > MAX_BYTES:
+        raise ValueError(f"{path}: a list of viewpoints of more than {MAX_BYTES:,} bytes is refused")
     with open(path, newline="", encoding="utf-8-sig") as file:
-        reader = csv.DictReader(file, skipinitialspace=True)
+        reader = csv.reader(file, skipinitialspace=True)
         try:
-            names = [name.strip() for name in reader.fieldnames or ()]
+            names = [name.strip() for name in next((row for row in reader if row), [])]
             missing = [name for name in _REQUIRED if name not in names]
             if missing:
                 raise ValueError(f"expected the columns azimuth and elevation, but {' and '.join(missing)} is missing")
-            reader.fieldnames = names
-            rows = [[_number(row, name) for name in _COLUMNS if name in names] for row in reader]
+            columns = [(names.index(name), name) for name in _COLUMNS if name in names]
+            rows = [
+                [_number(row[at] if at < len(row) else None, name) for at, name in columns] for row in reader if row
+            ]
         except (ValueError, csv.Error) as error:  # UnicodeDecodeError is a ValueError
-            raise ValueError(f"{path}, line {max(1, reader.line_num)}: {error}") from None
+            raise ValueError(f"{path}, line {max(1, reader.line_num)}: {one_line(error)}") from None
     if not rows:
         raise ValueError(f"{path}: expected at least one viewpoint below the names of the columns, got none")
     viewpoints = np.zeros((len(rows), 3))
@@ -56,16 +62,15 @@ def read_viewpoints(path: str | os.PathLike[str]) -> Floats:
     return viewpoints
 
 
-def _number(row: Mapping[str, str | None], name: str) -> float:
-    text = row[name]
+def _number(text: str | None, name: str) -> float:
     try:
         value = float(text or "")
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise ValueError(f"expected a finite number of degrees as {name}, got {text!r}")
+        raise ValueError(f"expected a finite number of degrees as {name}, got {one_line(repr(text), 60)}")
     if name == "elevation" and abs(value) > 90:
-        raise ValueError(f"elevation must lie in -90…90 degrees, got {text}")
+        raise ValueError(f"elevation must lie in -90…90 degrees, got {one_line(text, 60)}")
     return value
 
 

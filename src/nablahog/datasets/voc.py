@@ -7,7 +7,6 @@ Source: Everingham et al., The PASCAL Visual Object Classes Challenge: A Retrosp
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +14,10 @@ from xml.etree import ElementTree
 
 from ..hog.box import Box
 from ..io.files import check_file
+from ..runtime.text import one_line
 
 MAX_BYTES = 2**20  # of an annotation; published ones have at most some ten thousand
+MAX_LIST_BYTES = 2**26  # of a list of images
 
 
 @dataclass(frozen=True)
@@ -56,13 +57,16 @@ def read_image_ids(voc: Path, category: str, split: str) -> list[str]:
     path = next((path for path in (lists / f"{category}_{split}.txt", lists / f"{split}.txt") if path.is_file()), None)
     if path is None:
         raise FileNotFoundError(f"{lists}: expected {category}_{split}.txt or {split}.txt, got neither")
+    if path.stat().st_size > MAX_LIST_BYTES:
+        raise ValueError(f"{path}: a list of images of more than {MAX_LIST_BYTES:,} bytes is refused")
     result = []
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-        match = re.fullmatch(r"\s*([\w-]+)(?:\s+(-1|0|1))?\s*", line, re.ASCII)  # no path separators
-        if match is None and line.strip():
-            raise ValueError(f"{path}: expected lines as '2008_000003 1', got {line[:60]!r}")
-        if match is not None and match[2] != "-1":
-            result.append(match[1])
+        name, *marks = line.split() or [""]
+        plain = name.isascii() and name.replace("_", "0").replace("-", "0").isalnum()  # no path separators
+        if name and not (plain and marks in ([], ["-1"], ["0"], ["1"])):
+            raise ValueError(f"{path}: expected lines as '2008_000003 1', got {one_line(repr(line), 60)}")
+        if name and marks != ["-1"]:
+            result.append(name)
     return result
 
 
@@ -91,7 +95,7 @@ def read_annotation(path: Path) -> list[VOCObject]:
             raise ValueError(f"its root is {root.tag[:60]!r}")
         return [_object(element) for element in root.iterfind("object")]
     except (ElementTree.ParseError, ValueError, LookupError) as error:  # LookupError: an unknown encoding
-        raise ValueError(f"{path}: expected an annotation of PASCAL VOC, but {error}") from None
+        raise ValueError(f"{path}: expected an annotation of PASCAL VOC, but {one_line(error)}") from None
 
 
 def half_open(xmin: float, ymin: float, xmax: float, ymax: float) -> Box:
@@ -109,7 +113,8 @@ def _object(element: ElementTree.Element) -> VOCObject:
 
 def _sides(element: ElementTree.Element) -> Iterator[float]:
     for side in ("xmin", "ymin", "xmax", "ymax"):
-        text = element.findtext(f"bndbox/{side}") or ""
-        if not re.fullmatch(r"\s*\d{1,6}(\.\d*)?\s*", text):
+        text = (element.findtext(f"bndbox/{side}") or "").strip()
+        whole, _, fraction = text.partition(".")
+        if not (whole.isdecimal() and len(whole) <= 6 and f"0{fraction}".isdecimal()):
             raise ValueError(f"{side} of a box is {text[:60]!r}")
         yield float(text)

@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 from ..io.files import write_text
 from ..jobs.resume import do_all
 from ..jobs.store import Job
+from ..runtime.text import printable
 from ..viz.html import Section
 
 RESAMPLES = 10_000
+_FORMULAS = ("=", "+", "-", "@", "＝", "＋", "－", "＠")  # the last are full-width
 
 
 @dataclass(frozen=True)
@@ -120,10 +122,21 @@ def evenly_spread(names: Sequence[str], count: int) -> list[str]:
 
 
 def write_csv(path: Path, rows: Iterable[Sequence[object]]) -> None:
-    """Writes a table whole or not at all: full precision, nothing where there is None, the heads in the first row."""
+    """Writes a table whole or not at all: full precision, nothing where there is None, the heads in the first row.
+
+    Texts that a spreadsheet would take for a formula, by their first character, begin with an apostrophe.  Control
+    characters in texts are escapes.
+    """
     text = io.StringIO(newline="")
-    csv.writer(text, lineterminator="\n").writerows(rows)
+    csv.writer(text, lineterminator="\n").writerows([_cell(value) for value in row] for row in rows)
     write_text(path, text.getvalue())
+
+
+def _cell(value: object) -> object:
+    if not isinstance(value, str):
+        return value
+    text = printable(value)
+    return f"'{text}" if text.startswith(_FORMULAS) else text
 
 
 def failures_section(failures: Sequence[Failure], image: str, text: str) -> Section:

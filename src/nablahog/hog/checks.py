@@ -6,6 +6,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
+from ..runtime.text import one_line
+
 LEAST, MOST = 1e-12, 1e12  # of constants: squares and cubes of them are numbers in float32
 MOST_PIXELS = 1_000_000  # of a side, in pixels or cells
 _CHECKS: dict[type, dict[str, tuple[Any, Callable[[str, object], None] | None]]] = {}
@@ -69,5 +71,4 @@ def _is_side(value: object) -> bool:
 
 def shortened(value: object) -> str:
     """A wrong value, for a sentence: at most 60 characters of it."""
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:40]} … {text[-10:]}"
+    return one_line(repr(value), 60)

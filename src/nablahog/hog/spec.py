@@ -13,6 +13,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
+from ..runtime.text import one_line
 from .checks import check_fields, shortened
 from .normalizers import NORMALIZERS, Normalizer
 from .poolings import POOLINGS, BilinearCells, PartialCells, Pooling
@@ -255,8 +256,10 @@ class HOGSpec:
             if "pooling" in fields:
                 fields["pooling"] = _part(fields["pooling"], POOLINGS)
             return cls(**fields)
-        except (KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
-            raise ValueError(f"not the JSON of a HOGSpec: {error!s}") from None
+        except (KeyError, TypeError, AttributeError, OverflowError, RecursionError, json.JSONDecodeError) as error:
+            raise ValueError(f"not the JSON of a HOGSpec: {one_line(error)}") from None
+        except ValueError as error:
+            raise ValueError(one_line(error)) from None
 
 
 def _check_kind(field: str, part: Any, kinds: dict[str, Any]) -> None:

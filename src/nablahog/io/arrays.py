@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..runtime.text import one_line
 from .descriptor_file import is_descriptor_file
-from .files import starts_as
+from .files import check_file, starts_as
 from .matfile import read_mat_arrays
-from .npz import names_in, numbers_in
+from .npz import MAX_BYTES, names_in, numbers_in
 
 
 def is_raw(path: str | os.PathLike[str]) -> bool:
@@ -52,7 +53,7 @@ def _chosen(path: str | os.PathLike[str], key: str | None) -> NDArray[Any]:
     if key is not None and key in arrays:
         return arrays[key]
     if key is not None:
-        raise ValueError(f"{path}: there is no array {key!r} of numbers, {_listed(arrays)}")
+        raise ValueError(f"{path}: there is no array {one_line(key)!r} of numbers, {_listed(arrays)}")
     several = {name: array for name, array in arrays.items() if array.size > 1}
     if len(several) != 1:
         raise ValueError(f"{path}: expected one array or --key NAME, {_listed(arrays)}")
@@ -63,20 +64,22 @@ def _chosen(path: str | os.PathLike[str], key: str | None) -> NDArray[Any]:
 def _listed(arrays: Mapping[str, NDArray[Any]]) -> str:
     if not arrays:
         return "the file holds no array of numbers"
-    return "the file holds " + ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
+    return one_line("the file holds " + ", ".join(f"{name} {array.shape}" for name, array in arrays.items()))
 
 
 def _npy(path: str | os.PathLike[str]) -> NDArray[Any]:
     path = Path(path)
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: no such file")
+    check_file(path, "an array (.npy)")
+    if path.stat().st_size > MAX_BYTES:
+        raise ValueError(f"{path}: an array of more than {MAX_BYTES:,} bytes is refused")
     try:
         # mapped, since a damaged header may claim any size
-        return np.array(np.lib.format.open_memmap(path, mode="r"))
+        array = np.lib.format.open_memmap(path, mode="r")
+        return np.array(array) if array.dtype.kind == "f" else array  # to copy 10¹² things of 0 bytes takes forever
     except Exception as error:  # a damaged header fails in many ways
         if "Python objects" in str(error):
             raise ValueError(f"{path}: the file holds pickled objects, which are never loaded") from None
-        raise ValueError(f"{path}: expected an array (.npy), but it cannot be read: {error}") from None
+        raise ValueError(f"{path}: expected an array (.npy), but it cannot be read: {one_line(error)}") from None
 
 
 def _is_npy(path: str | os.PathLike[str]) -> bool:

@@ -11,10 +11,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from ..runtime.text import one_line
 from .matfile import read_mat
 
 CHANNELS = 32
 MOST_CELLS = 1000  # of a filter's side: none is larger than a photograph
+MOST_NUMBERS = 2**24  # of all filters: published models have some hundred thousand
+MOST = 10**6  # of an index, a place, or pixels of a cell
 _ROOT, _PARTS = 0, 1  # octaves by which their cells are smaller than the root's
 
 
@@ -66,13 +69,24 @@ def load_dpm(path: str | os.PathLike[str]) -> DPMModel:
     try:
         return _unfolded(stored["model"][0])
     except (LookupError, TypeError, ValueError) as error:
-        reason = f"it has no {error}" if isinstance(error, KeyError) else error
+        reason = one_line(f"it has no {error}" if isinstance(error, KeyError) else error)
         raise ValueError(f"{os.fspath(path)}: expected a model of voc-release5, but {reason}") from None
 
 
+def _integers(numbers: Any) -> list[int]:
+    """Numbers as MATLAB has them, which may be floating-point.
+
+    Raises:
+        ValueError: one is NaN, has a fraction, or is larger than any of a model.
+    """
+    array = np.asarray(numbers, np.float64).reshape(-1)
+    if not (np.abs(array) <= MOST).all() or (array != np.floor(array)).any():
+        raise ValueError(f"it holds numbers that are no integers within ±{MOST:,}")
+    return [int(number) for number in array]
+
+
 def _integer(number: Any) -> int:
-    """A number as MATLAB has it, an array of one."""
-    return int(np.asarray(number).reshape(-1)[0])
+    return _integers(number)[0]
 
 
 def _of(items: Any, number: int) -> Any:
@@ -84,22 +98,35 @@ def _of(items: Any, number: int) -> Any:
 
 def _unfolded(model: dict[str, Any]) -> DPMModel:
     filters: list[Filter] = []
-    number = 0
+    number = numbers = 0
     for rule in _of(model["rules"], _integer(model["start"])):
-        symbols = np.asarray(rule["rhs"]).reshape(-1).astype(int).tolist()
-        anchors = [np.asarray(anchor).reshape(-1).astype(int).tolist() for anchor in rule["anchor"]]
-        placed = [(*_filter(model, symbol), *anchor) for symbol, anchor in zip(symbols, anchors, strict=True)]
+        symbols, anchors = _integers(rule["rhs"]), [_integers(anchor) for anchor in rule["anchor"]]
+        if len(symbols) != len(anchors) or any(len(anchor) != 3 for anchor in anchors):
+            raise ValueError("a component has not one place for each of its filters")
+        placed: list[tuple[NDArray[np.float32], bool, int, int, int]] = []
+        for symbol, anchor in zip(symbols, anchors, strict=True):
+            weights, flipped = _filter(model, symbol)
+            x, y, octave = anchor
+            placed.append((weights, flipped, x, y, octave))
+            numbers += weights.size * (5 if octave == _ROOT else 1)  # a root's parts are on four times its cells
+            if numbers > MOST_NUMBERS:
+                raise ValueError(f"its components have more than {MOST_NUMBERS:,} weights")
         if any(flipped for _, flipped, *_ in placed):
             continue  # the mirror image of another component
         number += 1
-        (root,) = (weights for weights, _, _, _, octave in placed if octave == _ROOT)
+        roots = [weights for weights, _, _, _, octave in placed if octave == _ROOT]
+        if len(roots) != 1:
+            raise ValueError(f"a component has {len(roots)} roots")
+        (root,) = roots
         filters.append(Filter(f"component {number}, root", torch.from_numpy(root)))
         parts = [(weights, x, y) for weights, _, x, y, octave in placed if octave == _PARTS]
         if parts:
             filters.append(Filter(f"component {number}, parts", torch.from_numpy(_together(root, parts))))
     if not filters:
         raise ValueError("it has no component")
-    return DPMModel(str(model["class"]), _integer(model["sbin"]), tuple(filters))
+    if not isinstance(model["class"], str):
+        raise ValueError("its class is no text")
+    return DPMModel(model["class"], _integer(model["sbin"]), tuple(filters))
 
 
 def _filter(model: dict[str, Any], symbol: int) -> tuple[NDArray[np.float32], bool]:
@@ -114,13 +141,13 @@ def _filter(model: dict[str, Any], symbol: int) -> tuple[NDArray[np.float32], bo
 
 
 def _weights(block: dict[str, Any]) -> NDArray[np.float32]:
-    shape = tuple(np.asarray(block["shape"]).reshape(-1).astype(int).tolist())
+    shape = tuple(_integers(block["shape"]))
     if len(shape) != 3 or shape[2] != CHANNELS or not 0 < min(shape) <= max(shape) <= MOST_CELLS:
         raise ValueError(f"a filter has the shape {shape}, not (rows, cols, {CHANNELS})")
-    weights = np.asarray(block["w"], np.float32).reshape(shape, order="F")
-    if not np.isfinite(weights).all():
-        raise ValueError("a filter holds NaN or Inf")
-    return np.ascontiguousarray(weights)
+    weights = np.asarray(block["w"], np.float64).reshape(shape, order="F")
+    if not (np.abs(weights) <= np.finfo(np.float32).max).all():  # NaN fails too
+        raise ValueError("a filter holds NaN or Inf, or more than fits float32")
+    return np.ascontiguousarray(weights, np.float32)
 
 
 def _together(root: NDArray[np.float32], parts: list[tuple[NDArray[np.float32], int, int]]) -> NDArray[np.float32]:

@@ -66,6 +66,8 @@ def starts_as(path: str | os.PathLike[str], ending: str, start: bytes) -> bool:
     path = Path(path)
     if path.suffix.lower() == ending:
         return True
+    if not path.is_file():  # a pipe would wait for its first bytes
+        return False
     try:
         with open(path, "rb") as file:
             return file.read(len(start)) == start

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import os
 import warnings
+from contextlib import suppress
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
@@ -14,9 +16,13 @@ from PIL import Image, ImageOps, UnidentifiedImageError
 from torch import Tensor
 from torch.nn import functional
 
+from ..runtime.text import one_line
 from .files import check_file, replacing
 
 Picture: TypeAlias = Tensor | NDArray[np.floating]
+
+MAX_BYTES = 2**30  # of a file: more than the largest images need that are read
+STRIP = 256  # rows
 
 _GRAY_MODES = ("1", "L", "LA", "La")
 
@@ -61,7 +67,7 @@ def read_image(path: str | os.PathLike[str]) -> Tensor:
         except MemoryError:
             raise
         except Exception as error:  # decoders of damaged files raise nearly anything
-            raise ValueError(f"{path}: the image cannot be read: {error}") from None
+            raise ValueError(f"{path}: the image cannot be read: {one_line(error)}") from None
     if levels.ndim == 2:
         levels = levels[..., None]
     if levels.size == 0:
@@ -70,24 +76,25 @@ def read_image(path: str | os.PathLike[str]) -> Tensor:
 
 
 def _decoded(path: Path) -> Image.Image:
-    with Image.open(path) as image:
+    image: Image.Image
+    if path.stat().st_size > MAX_BYTES:
+        raise ValueError(f"it has more than {MAX_BYTES:,} bytes")
+    # from memory: some decoders ask for as many bytes as a damaged file promises, and a file allocates them
+    with Image.open(io.BytesIO(path.read_bytes())) as image:
         if image.format == "EPS":
             raise ValueError("PostScript is a program, which is never run; convert it to PNG first")
         image.load()
-        upright: Image.Image
-        try:
-            upright = ImageOps.exif_transpose(image)
-        except Exception:  # damaged EXIF data says nothing about the pixels
-            upright = image.copy()
-    return upright
+        with suppress(Exception):  # damaged EXIF data says nothing about the pixels
+            ImageOps.exif_transpose(image, in_place=True)  # else a copy of what may be large
+    return image
 
 
 def _levels(image: Image.Image) -> NDArray[np.float32]:
     """(H, W) or (H, W, channels), float32 in 0…1."""
     if image.mode == "I" or image.mode.startswith("I;16"):  # which of the two a 16-bit PNG is, depends on Pillow
-        return _scaled(np.asarray(image), 65535)
+        return _scaled(_numbers(image), 65535)
     if image.mode == "F":
-        values = np.asarray(image)
+        values = _numbers(image)
         return _scaled(values, 1 if values.max() <= 1 else 255)
     gray = image.mode in _GRAY_MODES
     if image.has_transparency_data:
@@ -98,10 +105,19 @@ def _levels(image: Image.Image) -> NDArray[np.float32]:
     return _scaled(np.asarray(image.convert("L" if gray else "RGB")), 255)
 
 
+def _numbers(image: Image.Image) -> NDArray[Any]:
+    """The pixels of one channel, (H, W), in strips: NumPy copies an image of Pillow twice."""
+    values = np.empty((image.height, image.width), np.asarray(image.crop((0, 0, 1, 1))).dtype)
+    for y in range(0, image.height, STRIP):
+        values[y : y + STRIP] = np.asarray(image.crop((0, y, image.width, min(y + STRIP, image.height))))
+    return values
+
+
 def _scaled(values: NDArray[np.generic], largest: int) -> NDArray[np.float32]:
-    scaled: NDArray[np.float32] = values.astype(np.float32) / np.float32(largest)
-    if scaled.size and not (scaled.min() >= 0 and scaled.max() <= 1):  # NaN fails too
+    if values.size and not (values.min() >= 0 and values.max() <= largest):  # NaN fails too
         raise ValueError(f"expected levels in 0…{largest}, got {values.min()} … {values.max()}")
+    scaled = values.astype(np.float32)
+    scaled /= np.float32(largest)
     return scaled
 
 

@@ -13,15 +13,21 @@ import os
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .files import check_file
+
 MAX_BYTES = 2**26  # what a file may unpack to, far above any record of a photograph
+MAX_ARRAY_BYTES = 2**29  # what its arrays of numbers may take, which it stores in fewer bytes if they are small
+MAX_ELEMENTS = 300_000  # arrays and parts of these, each an object here, though it may have no bytes in the file
 MAX_DEPTH = 16  # of structures in structures
 
+_ORDERS = {b"IM": "<", b"MI": ">"}
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
 _MATRIX, _COMPRESSED = 14, 15
@@ -43,7 +49,7 @@ def read_mat(path: str | os.PathLike[str]) -> dict[str, Any]:
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it is no .mat file of version 5, is damaged, or unpacks to more than :data:`MAX_BYTES`.
+        ValueError: it is no .mat file of version 5, is damaged, or exceeds :data:`MAX_BYTES` or :data:`MAX_ELEMENTS`.
     """
     with _naming(path) as data:
         return _variables(data)
@@ -69,8 +75,7 @@ def read_mat_arrays(path: str | os.PathLike[str]) -> dict[str, NDArray[np.generi
 def _naming(path: str | os.PathLike[str]) -> Iterator[bytes]:
     """The bytes of the file; what is wrong with them is a ValueError that begins with its name."""
     path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file")
+    check_file(path, "a MATLAB file")
     with open(path, "rb") as file:
         data = file.read(MAX_BYTES + 1)
     try:
@@ -88,32 +93,43 @@ class _Element(NamedTuple):
     data: memoryview
 
 
+@dataclass
+class _Bytes:
+    """How numbers are stored, and how many elements were read so far."""
+
+    order: str
+    elements: int = 0
+
+
 def _variables(data: bytes) -> dict[str, Any]:
     return dict(_matrix(element.data, order, 0) for element, order in _matrices(data))
 
 
 def _arrays(data: bytes) -> dict[str, NDArray[np.generic]]:
-    arrays = {}
+    arrays, taken = {}, 0
     for element, order in _matrices(data):
         flags = _flags(next(_elements(element.data, order), None), order) if len(element.data) else 0
         code = _CLASSES.get(flags & 0xFF)
         if code is not None:
             name, values = _matrix(element.data, order, 0)
             code = "c16" if flags & _COMPLEX else "?" if flags & _LOGICAL else code
+            taken += values.size * np.dtype(code).itemsize
+            if taken > MAX_ARRAY_BYTES:
+                raise _Damaged(f"its arrays take more than {MAX_ARRAY_BYTES:,} bytes")
             with np.errstate(all="ignore"):  # of a damaged file numbers need not fit their class
-                arrays[name] = values.astype(code)
+                arrays[name] = values.astype(code, copy=False)
     return arrays
 
 
-def _matrices(data: bytes) -> Iterator[tuple[_Element, str]]:
+def _matrices(data: bytes) -> Iterator[tuple[_Element, _Bytes]]:
     """An array of any class for each variable, unpacked, and the order of the bytes."""
     if len(data) > MAX_BYTES:
         raise _Damaged(f"it has more than {MAX_BYTES:,} bytes")
     if data[:8] == b"\x89HDF\r\n\x1a\n" or data[512:520] == b"\x89HDF\r\n\x1a\n":
         raise _Damaged("it is of version 7.3; save it with `save -v7`")
-    order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
-    if order is None:
+    if data[126:128] not in _ORDERS:
         raise _Damaged("its header says nothing like it")
+    order = _Bytes(_ORDERS[data[126:128]])
     left = MAX_BYTES - len(data)
     for element in _elements(memoryview(data)[128:], order):
         if element.kind == _COMPRESSED:
@@ -138,13 +154,16 @@ def _unpacked(data: memoryview, most: int) -> bytes:
     return unpacked
 
 
-def _elements(data: memoryview, order: str) -> Iterator[_Element]:
+def _elements(data: memoryview, order: _Bytes) -> Iterator[_Element]:
     """The elements in a row: a tag of 8 bytes and data padded to 8 bytes, or both in 8 bytes."""
     position = 0
     while position < len(data):
+        order.elements += 1
+        if order.elements > MAX_ELEMENTS:
+            raise _Damaged(f"it has more than {MAX_ELEMENTS:,} elements")
         if len(data) - position < 8:
             raise _Damaged("it ends too early")
-        first, size = (int(word) for word in np.frombuffer(data, f"{order}u4", 2, position))
+        first, size = (int(word) for word in np.frombuffer(data, f"{order.order}u4", 2, position))
         kind, start, padded = first, position + 8, size + (-size % 8)
         if first >> 16:
             kind, size, start, padded = first & 0xFFFF, first >> 16, position + 4, 4
@@ -156,7 +175,7 @@ def _elements(data: memoryview, order: str) -> Iterator[_Element]:
         position = start + padded
 
 
-def _matrix(data: memoryview, order: str, depth: int) -> tuple[str, Any]:
+def _matrix(data: memoryview, order: _Bytes, depth: int) -> tuple[str, Any]:
     """The name and the value of an array of any class; an empty element is an array without a name."""
     if depth > MAX_DEPTH:
         raise _Damaged(f"it has more than {MAX_DEPTH} structures in each other")
@@ -188,6 +207,8 @@ def _matrix(data: memoryview, order: str, depth: int) -> tuple[str, Any]:
         if len(width) != 1 or width[0] < 1 or names is None:
             raise _Damaged("it is damaged: a structure has no fields")
         (step,) = width
+        if len(names.data) > step * MAX_ELEMENTS:
+            raise _Damaged(f"a structure has more than {MAX_ELEMENTS:,} fields")
         fields = [bytes(names.data[i : i + step]) for i in range(0, len(names.data), step)]
         keys = [field.partition(b"\0")[0].decode("latin-1") for field in fields]
         values_of = [_value(part, order, depth) for part in _exactly(count * len(keys), parts)]
@@ -196,7 +217,7 @@ def _matrix(data: memoryview, order: str, depth: int) -> tuple[str, Any]:
     return name, None
 
 
-def _value(element: _Element, order: str, depth: int) -> Any:
+def _value(element: _Element, order: _Bytes, depth: int) -> Any:
     if element.kind != _MATRIX:
         raise _Damaged(f"it is damaged: a field is of the type {element.kind}")
     return _matrix(element.data, order, depth + 1)[1]
@@ -209,28 +230,28 @@ def _exactly(count: int, parts: Iterator[_Element]) -> list[_Element]:
     return values
 
 
-def _flags(element: _Element | None, order: str) -> int:
+def _flags(element: _Element | None, order: _Bytes) -> int:
     """The class of an array and its flags."""
     return next(iter(_integers(element, order)), 0)
 
 
-def _integers(element: _Element | None, order: str) -> list[int]:
+def _integers(element: _Element | None, order: _Bytes) -> list[int]:
     numbers = _numbers(element, order)
     if not np.isfinite(numbers).all():
         raise _Damaged("it is damaged: expected integers")
     return [int(number) for number in numbers]
 
 
-def _numbers(element: _Element | None, order: str) -> NDArray[np.float64]:
+def _numbers(element: _Element | None, order: _Bytes) -> NDArray[np.float64]:
     code = None if element is None else _NUMBERS.get(element.kind)
     if element is None or code is None or len(element.data) % int(code[1]):
         raise _Damaged("it is damaged: expected numbers")
-    return np.frombuffer(element.data, order + code).astype(np.float64)
+    return np.frombuffer(element.data, order.order + code).astype(np.float64)
 
 
-def _text(element: _Element | None, order: str) -> str:
+def _text(element: _Element | None, order: _Bytes) -> str:
     encoding = None if element is None else _TEXTS.get(element.kind)
     if element is None or encoding is None:
         raise _Damaged("it is damaged: expected text")
-    wide = {"<": "-le", ">": "-be"}[order] if encoding in ("utf-16", "utf-32") else ""
+    wide = {"<": "-le", ">": "-be"}[order.order] if encoding in ("utf-16", "utf-32") else ""
     return bytes(element.data).decode(encoding + wide, errors="replace")

@@ -14,14 +14,16 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_h
 import numpy as np
 from numpy.typing import NDArray
 
-from .files import replacing
+from ..runtime.text import one_line
+from .files import check_file, replacing
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
     Account = TypeVar("Account", bound=DataclassInstance)
 
-MAX_BYTES = 2**30  # what an archive may unpack to: a descriptor of 270 megapixels at 31 channels and cells of 8
+MAX_BYTES = 2**28  # what an archive may unpack to: a descriptor of 138 megapixels at 31 channels and cells of 8
+MAX_CHARACTERS = 2**22  # of a text: as JSON, it may take thirty times as much
 
 
 def read_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -> dict[str, NDArray[np.generic]]:
@@ -34,13 +36,17 @@ def read_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it is no archive, is damaged, lacks an array, holds pickled objects or unpacks to too much.
+        ValueError: it is no archive, is damaged, lacks an array, holds pickled objects, or unpacks to more than
+            :data:`MAX_BYTES`.
     """
     with _opened(path, kind) as archive:
         missing = [name for name in names if name not in archive]
         arrays = {} if missing else {name: archive[name] for name in names}
     if missing:
         raise ValueError(f"{path}: expected a {kind}, but the archive lacks {', '.join(missing)}")
+    for name, array in arrays.items():
+        if not isinstance(array, np.ndarray):  # of a member that is no .npy file, its bytes
+            raise ValueError(f"{path}: expected a {kind}, but {name} in the archive is no array (.npy)")
     return arrays
 
 
@@ -78,13 +84,12 @@ def _unless_pickled(archive: np.lib.npyio.NpzFile, name: str) -> NDArray[np.gene
 @contextmanager
 def _opened(path: str | os.PathLike[str], kind: str) -> Iterator[np.lib.npyio.NpzFile]:
     path = Path(path)
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: no such file")
+    check_file(path, f"a {kind} (.npz)")
     try:
         with zipfile.ZipFile(path) as archive:
             size = sum(member.file_size for member in archive.infolist())
     except Exception as error:  # zipfile has no common base for what damage makes it raise
-        raise ValueError(f"{path}: expected a {kind} (.npz), but it cannot be read: {error}") from None
+        raise ValueError(f"{path}: expected a {kind} (.npz), but it cannot be read: {one_line(error)}") from None
     if size > MAX_BYTES:
         raise ValueError(f"{path}: the archive unpacks to {size:,} bytes, more than the {MAX_BYTES:,} allowed")
     try:
@@ -94,18 +99,20 @@ def _opened(path: str | os.PathLike[str], kind: str) -> Iterator[np.lib.npyio.Np
     except Exception as error:  # a damaged archive fails in zipfile, zlib or numpy, each with its own kinds of error
         if "allow_pickle" in str(error):
             raise ValueError(f"{path}: the archive holds pickled objects, which are never loaded") from None
-        raise ValueError(f"{path}: the archive is damaged: {error}") from None
+        raise ValueError(f"{path}: the archive is damaged: {one_line(error)}") from None
 
 
 def text(arrays: dict[str, NDArray[np.generic]], name: str) -> str:
     """The string that the array ``name`` holds.
 
     Raises:
-        ValueError: it holds none.
+        ValueError: it holds none, or one of more than :data:`MAX_CHARACTERS`.
     """
     array = arrays[name]
     if array.shape != () or array.dtype.kind != "U":
         raise ValueError(f"{name} must be one string, got {array.dtype} of shape {array.shape}")
+    if array.itemsize > 4 * MAX_CHARACTERS:
+        raise ValueError(f"{name} must be a string of at most {MAX_CHARACTERS:,} characters")
     return str(array.item())
 
 
@@ -113,7 +120,7 @@ def check_format(arrays: dict[str, NDArray[np.generic]], kind: str, expected: in
     """Raises ValueError unless the array ``format`` is the version ``expected``."""
     version = arrays["format"]
     if version.shape != () or version.item() != expected:
-        raise ValueError(f"this version reads {kind}s of format {expected}, got {version!s}")
+        raise ValueError(f"this version reads {kind}s of format {expected}, got {one_line(version)}")
 
 
 @contextmanager
@@ -122,7 +129,7 @@ def naming(path: str | os.PathLike[str]) -> Iterator[None]:
     try:
         yield
     except (TypeError, ValueError, RuntimeError, OverflowError, RecursionError) as error:
-        raise ValueError(f"{os.fspath(path)}: {error}") from None
+        raise ValueError(f"{os.fspath(path)}: {one_line(error)}") from None
 
 
 def write_arrays(
@@ -153,7 +160,7 @@ def account_of(kind: type[Account], of: str) -> Account:
         stored = json.loads(of)
         return kind(**{name: _as(hint, stored[name]) for name, hint in get_type_hints(kind).items()})
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ValueError(f"its account of the learning cannot be read: {error!s}") from None
+        raise ValueError(f"its account of the learning cannot be read: {one_line(error)}") from None
 
 
 def _as(hint: Any, value: Any) -> Any:

@@ -106,8 +106,10 @@ def load_mesh(path: str | os.PathLike[str], *, up: Literal["z", "y"] | None = No
     diffuse or base colour; the vertex's colour; GLB's vertex colours multiply its materials.  Without any colour, it is
     0.8.  Transparency is ignored.
 
-    The file is not trusted: of the files that an OBJ or a PLY names, only those in the same folder or below are read;
-    those that cannot be read are ignored.  Nothing is downloaded.
+    The file is not trusted.  It is refused before it is unpacked if it has too many faces, or if the accessors, nodes
+    or textures of a GLB would take much more memory than the file has bytes; the limits are constants of
+    :mod:`.mesh_bytes` and :mod:`.mesh_file`.  Of the files that an OBJ or a PLY names, only those in the same folder or
+    below are read; those that cannot be read are ignored.  Nothing is downloaded.
 
     Args:
         path: the file.

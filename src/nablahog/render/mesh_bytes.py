@@ -5,21 +5,38 @@ trimesh accepts some damaged files, misreads some valid ones, and has no limits 
 
 from __future__ import annotations
 
+import io
 import json
-import re
-from collections.abc import Callable, Iterator, Sequence
-from itertools import pairwise
+from collections.abc import Callable, Collection, Iterator, Sequence
+from itertools import islice, pairwise
 from typing import Any
 
 import numpy as np
 
 MAX_BYTES = 2**30  # a text file of MAX_FACES has fewer
 MAX_FACES = 5_000_000
+MAX_MATERIALS = 10_000  # of an OBJ, each a mesh of its own
+MAX_PLY_HEADER = 2**20  # bytes
+MAX_PLY_ROWS = 4 * MAX_FACES  # vertices, faces and edges
 MAX_NODES = 10_000  # of a GLB
+MAX_GLB_HEADER = 2**24  # bytes: Python's objects take some thirty times as much
+SPARE_BYTES = 2**26  # by which a GLB may unpack to more than its own size
+MAX_LEVELS = 20 * MAX_NODES  # nodes above each node, in all
 MAX_DEPTH = 100  # of a GLB's tree of nodes: each node's place is multiplied together from all above it
 
 # these change what accessors mean; without a decoder, trimesh fills in zeros or raw integers
 _ENCODED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression", "KHR_mesh_quantization")
+# what the geometry and its brightness are made of; names, for instance, are not, which trimesh repeats
+_GLB_PARTS: dict[str, tuple[str, ...] | None] = {  # of its header, and of each of their entries; None: all
+    **dict.fromkeys(("asset", "scene", "accessors", "buffers", "bufferViews", "images", "textures")),
+    "scenes": ("nodes",),
+    "nodes": ("children", "mesh", "matrix", "translation", "rotation", "scale"),
+    "meshes": ("primitives",),
+}
+_PRIMITIVE = ("attributes", "indices", "material", "mode")
+_COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
+_COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+_STRIP = 5  # the mode of primitives each of whose indices but two makes a triangle
 _PLY_TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4"},
     **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4"},
@@ -53,7 +70,8 @@ def as_utf8(text: bytes) -> bytes:
 
 def is_coff(data: bytes) -> bool:
     """Whether an OFF file has a colour on each vertex's line."""
-    return re.match(rb"(\s|#.*\n)*COFF", data) is not None
+    lines = (line.strip() for line in io.BytesIO(data))
+    return next((line for line in lines if line and not line.startswith(b"#")), b"").startswith(b"COFF")
 
 
 def off_lines(data: bytes) -> tuple[int, list[str]]:
@@ -62,14 +80,14 @@ def off_lines(data: bytes) -> tuple[int, list[str]]:
     Raises:
         ValueError: it is no such file, or lines are missing.
     """
-    lines = [line.partition("#")[0].strip() for line in data.decode("utf-8").splitlines()]
-    lines = [line for line in lines if line]
-    match = re.fullmatch(r"C?OFF\b\s*(.*)", lines[0]) if lines else None
-    counts, *body = [match[1], *lines[1:]] if match and match[1] else lines[1:] or [""]
-    if match is None or len(counts.split()) < 2:
+    all_lines = (line.partition("#")[0].strip() for line in io.StringIO(data.decode("utf-8"), newline=None))
+    lines = [line for line in all_lines if line]
+    keyword, *numbers = lines[0].split(maxsplit=1) if lines else [""]
+    counts, *body = [*numbers, *lines[1:]] or [""]
+    if keyword not in ("OFF", "COFF") or len(counts.split()) < 2:
         raise ValueError("it does not begin with OFF or COFF and the numbers of vertices and faces")
     vertices, faces = (int(count) for count in counts.split()[:2])
-    if len(body) < vertices + faces:
+    if vertices < 0 or faces < 0 or len(body) < vertices + faces:
         promised = f"{vertices:,} vertices and {faces:,} faces"
         raise ValueError(f"it promises {promised}, each on a line of its own, but has {len(body):,} lines of them")
     last = body[vertices + faces - 1].split() if faces else ["0"]
@@ -82,19 +100,22 @@ def _off(data: bytes) -> bytes:
     """Triangulates polygons if some have more than four corners, which trimesh refuses."""
     text = as_utf8(data)
     vertices, lines = off_lines(text)
-    if not any(int(line.split(maxsplit=1)[0]) > 4 for line in lines[vertices:]):
-        return text
-    corners = [(int(count), others) for count, *others in map(str.split, lines[vertices:])]
-    polygons = [others[:count] for count, others in corners if count >= 3]
-    fans = [f"3 {first} {b} {c}" for first, *others in polygons for b, c in pairwise(others)]
+    if any(int(line.split(maxsplit=1)[0]) > 4 for line in lines[vertices:]):
+        corners = [(int(count), others) for count, *others in map(str.split, lines[vertices:])]
+        # as numbers, since a text of any length would be repeated for each triangle
+        polygons = [[np.int64(corner) for corner in others[:count]] for count, others in corners if count >= 3]
+        lines[vertices:] = [f"3 {first} {b} {c}" for first, *others in polygons for b, c in pairwise(others)]
     keyword = "COFF" if is_coff(text) else "OFF"
-    return "\n".join([keyword, f"{vertices} {len(fans)} 0", *lines[:vertices], *fans, ""]).encode()
+    return "\n".join([keyword, f"{vertices} {len(lines) - vertices} 0", *lines, ""]).encode()
 
 
 def _obj(data: bytes) -> bytes:
     """Makes all vertex indices of faces absolute: trimesh misreads relative (negative) ones."""
     text = as_utf8(data)
-    if re.search(rb"^\s*f\s(.*\s)?(0\b|[-\d/]*-)", text, flags=re.MULTILINE) is None:
+    materials = len({part[: part.find(b"\n")] for part in text.split(b"usemtl ")})
+    if materials > MAX_MATERIALS:
+        raise ValueError(f"at most {MAX_MATERIALS:,} materials are allowed, got {materials:,}")
+    if not any(map(_needs_absolute, io.BytesIO(text))):
         return text
     counts = {b"v": 0, b"vt": 0, b"vn": 0}
     kinds = tuple(counts)
@@ -121,29 +142,47 @@ def _obj(data: bytes) -> bytes:
     return b"\n".join(lines)
 
 
+def _needs_absolute(line: bytes) -> bool:
+    """Whether a line may be that of a face with an index below 1."""
+    return line.lstrip().startswith(b"f") and any(sign in line for sign in (b"-", b" 0", b"\t0"))
+
+
 def _stl(data: bytes) -> bytes:
     if len(data) == 84 + 50 * int.from_bytes(data[80:84], "little"):
         return data
     text = as_utf8(data)
     if text[:5].lower() != b"solid" or b"endsolid" not in text.lower():
         raise ValueError("it is neither a whole text from solid to endsolid nor binary of the length that it promises")
-    return text
+    # one solid, as trimesh takes long for many
+    corners = [line for line in io.BytesIO(text.lower()) if line.lstrip().startswith(b"vertex")]
+    return b"".join([b"solid\n", *corners, b"\nendsolid"])
 
 
 def _ply(data: bytes) -> bytes:
     """Triangulates polygons if they have different numbers of corners, which trimesh refuses."""
     head, end, body = data.partition(b"end_header")
+    if len(head) > MAX_PLY_HEADER:
+        raise ValueError(f"its header has more than {MAX_PLY_HEADER:,} bytes")
     head = as_utf8(head)
-    newline = re.match(rb"\s*?\n", body)
-    lines = [line.split() for line in head.decode("utf-8").splitlines()]
-    if newline is None or len(lines) < 2 or lines[0] != ["ply"] or lines[1][:1] != ["format"]:
+    header = head.decode("utf-8").splitlines()
+    lines = [line.split() for line in header]
+    start = body.find(b"\n") + 1
+    if not start or body[:start].strip() or len(lines) < 2 or lines[0] != ["ply"] or lines[1][:1] != ["format"]:
         raise ValueError("it does not begin with ply, its format and a header to end_header")
+    elements = list(_ply_elements(lines))
+    rows = sum(count for _, count, _ in elements)
+    if rows > MAX_PLY_ROWS:
+        raise ValueError(f"at most {MAX_PLY_ROWS:,} rows are allowed, got {rows:,}")
+    if lines[1][1] == "ascii":
+        whole = (line for line in io.BytesIO(body[start:]) if not line.isspace())
+        return b"".join([head, end, b"\n", *islice(whole, rows)])
     lists = sum("list" in line[:2] for line in lines)
-    if lines[1][1] == "ascii" or not lists or b"texcoord" in head:
+    if not lists or b"texcoord" in head:
         return head + end + body
     order = "<" if "little" in lines[1][1] else ">"
-    start = newline.end()
-    for name, count, properties in _ply_elements(lines):
+    body = body[start:]
+    start = 0
+    for name, count, properties in elements:
         if name != "face":
             start += count * np.dtype([(field[-1], order + _PLY_TYPES[field[1]]) for field in properties]).itemsize
             continue
@@ -151,19 +190,22 @@ def _ply(data: bytes) -> bytes:
             break
         polygons = _polygons(body, start, count, properties, order)
         fans = [[first, b, c] for first, *others in polygons for b, c in pairwise(others)]
-        rows = np.empty(len(fans), dtype=[("corners", "u1"), ("vertex_indices", order + "i4", (3,))])
-        rows["corners"], rows["vertex_indices"] = 3, fans
-        before = head[: re.search(rb"^element\s+face", head, flags=re.MULTILINE).start()]  # type: ignore[union-attr]
-        element = f"element face {len(fans)}\nproperty list uchar int vertex_indices\nend_header\n"
-        return before + element.encode() + body[newline.end() : start] + rows.tobytes()
-    return head + end + body
+        triangles = np.empty(len(fans), dtype=[("corners", "u1"), ("vertex_indices", order + "i4", (3,))])
+        triangles["corners"], triangles["vertex_indices"] = 3, fans
+        before = header[: next(number for number, line in enumerate(lines) if line[:2] == ["element", "face"])]
+        element = [f"element face {len(fans)}", "property list uchar int vertex_indices", "end_header", ""]
+        return "\n".join([*before, *element]).encode() + body[:start] + triangles.tobytes()
+    return head + end + b"\n" + body
 
 
 def _ply_elements(lines: Sequence[list[str]]) -> Iterator[tuple[str, int, list[list[str]]]]:
     """Each element's name, its number of rows, and its properties' lines up to the next element."""
     starts = [number for number, line in enumerate(lines) if line[:1] == ["element"]]
     for start, end in zip(starts, [*starts[1:], len(lines)], strict=True):
-        yield lines[start][1], int(lines[start][2]), [line for line in lines[start:end] if line[:1] == ["property"]]
+        count = int(lines[start][2])
+        if count < 0:
+            raise ValueError(f"it promises {count:,} rows of an element")
+        yield lines[start][1], count, [line for line in lines[start:end] if line[:1] == ["property"]]
 
 
 def _uniform(body: bytes, at: int, count: int, properties: Sequence[list[str]], order: str) -> bool:
@@ -196,34 +238,113 @@ def _polygons(body: bytes, at: int, count: int, properties: Sequence[list[str]],
 
 
 def _glb(data: bytes) -> bytes:
+    """Refuses what would unpack to much more than the file; leaves out what is no part of the geometry's brightness."""
     if data[:4] != b"glTF" or len(data) < 20 or int.from_bytes(data[8:12], "little") > len(data):
         raise ValueError("it does not begin with glTF, or is truncated")
-    header = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+    end = 20 + int.from_bytes(data[12:16], "little")
+    if end - 20 > MAX_GLB_HEADER:
+        raise ValueError(f"its JSON has more than {MAX_GLB_HEADER:,} bytes")
+    header = json.loads(data[20:end])
     for name in header.get("extensionsRequired", ()):
         if name in _ENCODED:
             raise ValueError(f"it needs the extension {name}, which is not supported")
     for buffer in header.get("buffers", ()):
         if not buffer.get("uri", "data:").startswith("data:"):
-            raise ValueError(f"it needs the file {buffer['uri']!r}, and only GLB files that need no other are read")
-    sizes = {
-        "nodes": (len(header.get("nodes", ())), MAX_NODES),
-        "numbers": (sum(accessor["count"] for accessor in header.get("accessors", ())), 10 * MAX_FACES),
-        "bytes in views": (sum(view["byteLength"] for view in header.get("bufferViews", ())), MAX_BYTES),
-    }
-    for what, (size, limit) in sizes.items():
-        if size > limit:
-            raise ValueError(f"at most {limit:,} {what} are allowed, got {size:,}")
+            raise ValueError(
+                f"it needs the file {buffer['uri'][:200]!r}, and only GLB files that need no other are read"
+            )
+    _check_sizes(header, len(data))
     _check_tree(header.get("nodes", ()))
-    return data
+    plain = {name: _only(header[name], keys) for name, keys in _GLB_PARTS.items() if name in header}
+    for mesh in plain.get("meshes", ()):
+        mesh["primitives"] = _only(mesh["primitives"], _PRIMITIVE)
+    if "materials" in header:
+        plain["materials"] = [_plain_material(material) for material in header["materials"]]
+    text = json.dumps(plain).encode()
+    rest = data[end:]
+    return b"".join([data[:8], _word(20 + len(text) + len(rest)), _word(len(text)), data[16:20], text, rest])
+
+
+def _only(entries: Any, keys: Collection[str] | None) -> Any:
+    """The entries without what is not under one of the keys."""
+    if keys is None:
+        return entries
+    return [{key: value for key, value in entry.items() if key in keys} for entry in entries]
+
+
+def _word(number: int) -> bytes:
+    return number.to_bytes(4, "little")
+
+
+def _plain_material(material: dict[str, Any]) -> dict[str, Any]:
+    """Its colour and texture alone; of one by specular colour and gloss, the diffuse ones."""
+    plain = material.get("pbrMetallicRoughness", {})
+    gloss = material.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness")
+    if gloss is not None:
+        plain = {
+            f"baseColor{what}": gloss[f"diffuse{what}"] for what in ("Factor", "Texture") if f"diffuse{what}" in gloss
+        }
+    return {"pbrMetallicRoughness": {key: value for key, value in plain.items() if key.startswith("baseColor")}}
+
+
+def _check_sizes(header: dict[str, Any], size: int) -> None:
+    """Refuses a header by which a file of ``size`` bytes would unpack to much more.
+
+    Accessors and views may overlap, primitives share accessors, and nodes share meshes.
+    """
+    nodes, accessors = header.get("nodes", ()), header.get("accessors", ())
+    views = sum(_count(view, "byteLength") for view in header.get("bufferViews", ()))
+    unpacked = sum(
+        _count(accessor, "count") * _COMPONENT_BYTES[accessor["componentType"]] * _COMPONENTS[accessor["type"]]
+        for accessor in accessors
+    )
+    meshes = [_size_of_mesh(mesh, accessors) for mesh in header.get("meshes", ())]
+    placed = [meshes[node["mesh"]] for node in nodes if "mesh" in node]
+    most_bytes, stored = size + SPARE_BYTES, sum(accessor["count"] for accessor in accessors)
+    for what, number, limit in (
+        ("nodes", len(nodes), MAX_NODES),
+        ("primitives", sum(each[0] for each in meshes), MAX_NODES),
+        ("primitives in its nodes", sum(each[0] for each in placed), MAX_NODES),
+        ("bytes in views", views, most_bytes),
+        ("bytes in accessors", unpacked, most_bytes),
+        ("vertices", sum(each[1] for each in meshes), max(MAX_FACES, stored)),
+        ("vertices in its nodes", sum(each[1] for each in placed), max(MAX_FACES, stored)),
+        ("faces", sum(each[2] for each in meshes), MAX_FACES),
+        ("faces in its nodes", sum(each[2] for each in placed), MAX_FACES),
+    ):
+        if number > limit:
+            raise ValueError(f"at most {limit:,} {what} are allowed, got {number:,}")
+
+
+def _count(part: dict[str, Any], name: str) -> int:
+    count = part[name]
+    if type(count) is not int or count < 0:
+        raise ValueError(f"{name} must be an integer of at least 0, got {str(count)[:60]}")
+    return count
+
+
+def _size_of_mesh(mesh: dict[str, Any], accessors: Sequence[dict[str, Any]]) -> tuple[int, int, int]:
+    """The numbers of its primitives, vertices and faces."""
+    vertices = faces = 0
+    for primitive in mesh["primitives"]:
+        count: int = accessors[primitive["attributes"]["POSITION"]]["count"]
+        corners: int = accessors[primitive["indices"]]["count"] if "indices" in primitive else count
+        vertices += count
+        faces += corners if primitive.get("mode") == _STRIP else corners // 3
+    return len(mesh["primitives"]), vertices, faces
 
 
 def _check_tree(nodes: Sequence[dict[str, Any]]) -> None:
     parents = {child: number for number, node in enumerate(nodes) for child in node.get("children", ())}
     if len(parents) < sum(len(node.get("children", ())) for node in nodes):
         raise ValueError("its nodes are no tree: one has two parents")
+    levels = 0
     for child in parents:
         depth = 0
         while child in parents:
             child, depth = parents[child], depth + 1
             if depth > MAX_DEPTH:
                 raise ValueError(f"its nodes are nested in more than {MAX_DEPTH} levels, or in a circle")
+        levels += depth
+        if levels > MAX_LEVELS:
+            raise ValueError(f"at most {MAX_LEVELS:,} nodes above others are allowed, counted from each")

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from ..io.files import check_file
+from ..runtime.text import one_line
 from .mesh_bytes import MAX_BYTES, MAX_FACES, as_utf8, is_coff, off_lines, repair
 
 if TYPE_CHECKING:  # slow to import
@@ -23,11 +24,15 @@ Floats = NDArray[np.float64]
 
 BRIGHTNESS = 0.8
 """Of a mesh without colours."""
+MAX_BYTES_BESIDE = 2**29  # of the files that an OBJ or a PLY names; what is beyond is ignored
+LONGEST_NAME = 1000  # characters
+MAX_TEXELS = 2**28  # of all textures, which take seconds to decode
 TEXTURE = 64  # a texture is shrunk to so many texels a side: vertices are further apart than its details
 
 _FORMATS = {".off": "OFF", ".obj": "OBJ", ".ply": "PLY", ".stl": "STL", ".glb": "GLB"}
 ENDINGS = tuple(_FORMATS)
 _GRAY = (0.299, 0.587, 0.114)
+_SHRUNK = (0, 0)  # the key of a texture's small version, which no file can name
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else its remarks go to the terminal
 
@@ -60,7 +65,7 @@ def read_soup(path: Path) -> Soup:
         try:
             return _joined(list(_pieces(path, kind)))
         except Exception as error:  # parsers of damaged files raise nearly anything
-            reason = (str(error).splitlines() or [""])[0][:300] or type(error).__name__
+            reason = one_line((str(error).splitlines() or [""])[0], 300) or type(error).__name__
             raise ValueError(f"{path}: expected a mesh in the format {kind}, but it cannot be read: {reason}") from None
 
 
@@ -78,6 +83,11 @@ def _pieces(path: Path, kind: str) -> Iterator[Soup]:
     faces = sum(len(geometry.faces) for _, geometry in placed)
     if faces > MAX_FACES:
         raise ValueError(f"at most {MAX_FACES:,} faces are allowed, got {faces:,}")
+    textures = {id(texture): texture for _, geometry in placed if (texture := _texture(geometry)) is not None}
+    texels = sum(texture.width * texture.height for texture in textures.values())
+    if texels > MAX_TEXELS:
+        raise ValueError(f"at most {MAX_TEXELS:,} texels are allowed, got {texels:,}")
+    brightness: dict[int, Floats] = {}  # by geometry
     for matrix, geometry in placed:
         if kind == "PLY":
             _check_ply(geometry)
@@ -85,8 +95,9 @@ def _pieces(path: Path, kind: str) -> Iterator[Soup]:
         if vertices.shape[1:] != (3,):
             raise ValueError("its vertices do not have three coordinates each")
         vertices = trimesh.transform_points(vertices, matrix)
-        brightness = _brightness(geometry) if colours is None else _gray(colours)
-        yield Soup(vertices, np.asarray(geometry.faces, dtype=np.int64), brightness)
+        if id(geometry) not in brightness:
+            brightness[id(geometry)] = _brightness(geometry) if colours is None else _gray(colours)
+        yield Soup(vertices, np.asarray(geometry.faces, dtype=np.int64), brightness[id(geometry)])
 
 
 def _beside(path: Path) -> trimesh.resolvers.Resolver:
@@ -94,10 +105,18 @@ def _beside(path: Path) -> trimesh.resolvers.Resolver:
     from trimesh.resolvers import FilePathResolver
 
     class Beside(FilePathResolver):
+        left = MAX_BYTES_BESIDE
+
         def absolute(self, name: str) -> Path:
+            if len(name) > LONGEST_NAME:  # each of its folders is looked up
+                raise ValueError(f"the name of a file has more than {LONGEST_NAME:,} characters")
             named: Path = super().absolute(name)
             if named.exists() and not named.is_file():  # reading a pipe never ends
                 raise ValueError(f"{name} is no regular file")
+            if named.exists():
+                self.left -= named.stat().st_size
+            if self.left < 0:
+                raise ValueError(f"the files that it needs have more than {MAX_BYTES_BESIDE:,} bytes")
             return named
 
         def get(self, name: str) -> bytes:
@@ -127,7 +146,7 @@ def _brightness(geometry: trimesh.Trimesh) -> Floats:
     visual: Any = geometry.visual  # ColorVisuals or TextureVisuals, which share no interface
     count = len(geometry.vertices)
     if visual.kind == "texture":
-        brightness = _material(visual.material, visual.uv, count)
+        brightness = _material(visual.material, _texture(geometry), visual.uv, count)
         colours = visual.vertex_attributes.get("color", ())  # GLB's, which multiply
         return brightness * _gray(np.asarray(colours)) if len(colours) == count else brightness
     if visual.kind in ("vertex", "face"):
@@ -135,16 +154,22 @@ def _brightness(geometry: trimesh.Trimesh) -> Floats:
     return np.full(count, BRIGHTNESS)
 
 
-def _material(material: Any, uv: Floats | None, count: int) -> Floats:
+def _texture(geometry: trimesh.Trimesh) -> Image.Image | None:
+    """Of its colour, if it has one."""
+    material = getattr(geometry.visual, "material", None)
+    names = ("baseColorTexture", "image")  # of GLB, and of MTL and PLY
+    texture: Image.Image | None = next((getattr(material, name) for name in names if hasattr(material, name)), None)
+    return texture
+
+
+def _material(material: Any, texture: Image.Image | None, uv: Floats | None, count: int) -> Floats:
     """MTL's texture replaces the material's colour, which many files leave black; GLB's texture multiplies it."""
     import trimesh
 
     if isinstance(material, trimesh.visual.material.PBRMaterial):
-        factor, texture = material.baseColorFactor, material.baseColorTexture
-        multiplied = factor
+        multiplied = factor = material.baseColorFactor
     else:
-        factor, texture = (material.diffuse if "kd" in material.kwargs else None), material.image
-        multiplied = None
+        factor, multiplied = (material.diffuse if "kd" in material.kwargs else None), None
     sampled = None if texture is None or uv is None or len(uv) != count else _sampled(texture, uv)
     if sampled is not None:
         return sampled if multiplied is None else sampled * _gray(np.asarray(multiplied)[None])
@@ -152,16 +177,27 @@ def _material(material: Any, uv: Floats | None, count: int) -> Floats:
 
 
 def _sampled(texture: Image.Image, uv: Floats) -> Floats | None:
-    try:
-        small = texture.convert("RGB")
-    except Exception:  # a damaged texture is ignored
+    gray = _shrunk(texture)
+    if gray is None:
         return None
-    small.thumbnail((TEXTURE, TEXTURE), Image.Resampling.BOX)
-    gray = _gray(np.asarray(small))
     u, v = np.nan_to_num(np.asarray(uv, dtype=np.float64), posinf=0, neginf=0).T % 1  # textures repeat; v points up
     rows, columns = gray.shape
     sampled: Floats = gray[((1 - v) * rows).astype(int) % rows, (u * columns).astype(int) % columns]
     return sampled
+
+
+def _shrunk(texture: Image.Image) -> Floats | None:
+    """A small version of a texture, in gray; None of one that is damaged.  The texture itself is let go."""
+    if _SHRUNK not in texture.info:  # materials share textures
+        try:
+            small = texture.convert("RGB")
+            small.thumbnail((TEXTURE, TEXTURE), Image.Resampling.BOX)
+            texture.info[_SHRUNK] = _gray(np.asarray(small))
+        except Exception:  # a damaged texture is ignored
+            texture.info[_SHRUNK] = None
+        texture.close()
+    shrunk: Floats | None = texture.info[_SHRUNK]
+    return shrunk
 
 
 def _gray(colours: NDArray[Any]) -> Floats:

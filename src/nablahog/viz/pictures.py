@@ -17,6 +17,7 @@ from ..hog.entries import CellAlignment, mean_over_colours, with_margin
 from ..hog.orientation import bin_angles
 from ..io.images import Picture, as_array, to_pil
 
+CELL_PIXELS = 16  # height of a cell in pictures of glyphs
 RED = (1.0, 0.15, 0.1)
 
 
@@ -59,7 +60,12 @@ def _strokes(angles: NDArray[np.floating], height: int, width: int) -> NDArray[n
     return strokes
 
 
-def glyphs(descriptor: Picture, spec: HOGSpec, cell_pixels: int = 16) -> NDArray[np.float64]:
+def cell_width(spec: HOGSpec, cell_pixels: int) -> int:
+    """Pixels across a cell of ``cell_pixels`` in height, in pictures of glyphs."""
+    return max(1, round(cell_pixels * spec.cell_size[1] / spec.cell_size[0]))
+
+
+def glyphs(descriptor: Picture, spec: HOGSpec, cell_pixels: int = CELL_PIXELS) -> NDArray[np.float64]:
     """The usual picture of a HOG: in each cell, for each orientation, a stroke along the edge.
 
     A stroke is perpendicular to the gradient it stands for, so that a vertical edge is a vertical stroke.  Its
@@ -89,12 +95,12 @@ def glyphs(descriptor: Picture, spec: HOGSpec, cell_pixels: int = 16) -> NDArray
     strongest = votes.max(axis=2, initial=0.0)
     if strongest.any():
         votes = (votes / np.quantile(strongest[strongest > 0], 0.95)).clip(0, 1)
-    cell_width = max(1, round(cell_pixels * spec.cell_size[1] / spec.cell_size[0]))
+    across = cell_width(spec, cell_pixels)
     rows, cols, _ = votes.shape
-    picture = np.zeros((rows, cell_pixels, cols, cell_width))
-    for k, stroke in enumerate(_strokes(angles, cell_pixels, cell_width)):  # one bin at a time: n times less memory
+    picture = np.zeros((rows, cell_pixels, cols, across))
+    for k, stroke in enumerate(_strokes(angles, cell_pixels, across)):  # one bin at a time: n times less memory
         np.maximum(picture, np.einsum("rc,hw->rhcw", votes[..., k], stroke), out=picture)
-    return picture.reshape(rows * cell_pixels, cols * cell_width)
+    return picture.reshape(rows * cell_pixels, cols * across)
 
 
 def difference(picture: Picture, reference: Picture) -> NDArray[np.float64]:

@@ -107,7 +107,7 @@ BAD: dict[str, tuple[str, Callable[[Path], Any], str]] = {
     "missing .mat": ("d.mat", lambda path: None, "no such file"),
     "empty": ("d.npy", lambda path: path.touch(), "expected an array (.npy), but it cannot be read"),
     "text": ("d.npy", lambda path: path.write_text("hello"), "expected an array (.npy), but it cannot be read"),
-    "a folder": ("d.npy", lambda path: path.mkdir(), "expected an array (.npy), but it cannot be read"),
+    "a folder": ("d.npy", lambda path: path.mkdir(), "expected an array (.npy), got a folder"),
     "truncated": (
         "d.npy",
         lambda path: (_with(0)(path), path.write_bytes(path.read_bytes()[:-9])),

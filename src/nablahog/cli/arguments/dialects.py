@@ -37,8 +37,10 @@ def dialects(commands: argparse._SubParsersAction[Parser]) -> None:
         "convention: ties, border, colour rule, bins, votes, cells, normaliser and so on. With -o, writes "
         "the page index.html, dialects.png, dialects.csv and ties.csv.",
     )
-    command.add_argument("photo", metavar="PHOTO", help="an image of any format that Pillow reads")
-    command.add_argument("-o", "--output", metavar="DIR", help="folder for the results, made if missing")
+    command.add_argument("photo", type=options.path, metavar="PHOTO", help="an image of any format that Pillow reads")
+    command.add_argument(
+        "-o", "--output", type=options.path, metavar="DIR", help="folder for the results, made if missing"
+    )
     command.add_argument(
         "--presets",
         type=_presets,

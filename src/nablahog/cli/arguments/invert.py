@@ -19,7 +19,9 @@ def hog(commands: argparse._SubParsersAction[Parser]) -> None:
         help="compute the descriptors of photographs",
         description="Computes the HOG descriptor of each photograph and saves it with its spec.",
     )
-    command.add_argument("inputs", nargs="+", metavar="PHOTO", help="an image of any format that Pillow reads")
+    command.add_argument(
+        "inputs", nargs="+", type=options.path, metavar="PHOTO", help="an image of any format that Pillow reads"
+    )
     options.output(command, "FILE", "descriptor file (.npz) of one photograph; of several, a folder for one file each")
     options.common(command, 0)
 
@@ -36,6 +38,7 @@ def glyph(commands: argparse._SubParsersAction[Parser]) -> None:
         command, "FILE", "PNG file for one input; any name that does not end in .png is a folder for one file each"
     )
     options.common(command, SIZE)
+    options.memory(command)
 
 
 def invert(commands: argparse._SubParsersAction[Parser]) -> None:
@@ -49,6 +52,7 @@ def invert(commands: argparse._SubParsersAction[Parser]) -> None:
     options.inputs(command)
     options.output(command, "DIR", "folder for the results, made if missing")
     options.common(command, SIZE)
+    options.memory(command)
     options.minimiser(command)
     command.add_argument(
         "--quality",
@@ -76,6 +80,7 @@ def invert_template(commands: argparse._SubParsersAction[Parser]) -> None:
     command.add_argument(
         "inputs",
         nargs="+",
+        type=options.path,
         metavar="FILE",
         help="a model of voc-release5 (.mat), or an array of weights (.npy, .npz, .mat), with or without a bias at its "
         "end; an array needs --preset, except for OpenCV's people detectors",
@@ -84,6 +89,7 @@ def invert_template(commands: argparse._SubParsersAction[Parser]) -> None:
     options.of_arrays(command)
     options.dialect(command, "type of descriptor that an array is for")
     options.device_option(command)
+    options.memory(command)
     options.minimiser(command)
 
 

@@ -9,14 +9,17 @@ from collections.abc import Callable, Collection, Mapping
 from typing import NoReturn, get_args
 
 from ...hog.spec import Vote
+from ...runtime.text import one_line
 from .preset_parameters import DEFAULT_DESCRIPTOR, PRESETS
+
+MEMORY = 4  # gigabytes
 
 
 class Parser(argparse.ArgumentParser):
     """An argument parser whose errors are one line, as all errors of this command are."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+        self.exit(2, f"{self.prog}: error: {one_line(message)} (see {self.prog} --help)\n")
 
 
 def _sides(expected: str, *, square: bool) -> Callable[[str], tuple[int, int]]:
@@ -40,6 +43,13 @@ def setting(text: str) -> tuple[str, str]:
     if not key or not equals:
         raise argparse.ArgumentTypeError(f"expected KEY=VALUE, a parameter of the preset, got {text!r}")
     return key, value
+
+
+def path(text: str) -> str:
+    """The name of a file or folder; none would be that of the folder at work."""
+    if not text:
+        raise argparse.ArgumentTypeError("expected the name of a file or folder, got ''")
+    return text
 
 
 def numbers(names: str) -> Callable[[str], tuple[float, ...]]:
@@ -122,6 +132,7 @@ def inputs(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "inputs",
         nargs="+",
+        type=path,
         metavar="PHOTO_or_DESCRIPTOR",
         help="an image of any format that Pillow reads, a file that `nablahog hog` wrote, or, with --preset, an array "
         "that another library computed: .npy, .npz, or .mat up to version 7",
@@ -142,17 +153,17 @@ def of_arrays(command: argparse.ArgumentParser) -> None:
 
 
 def output(command: argparse.ArgumentParser, metavar: str, text: str) -> None:
-    command.add_argument("-o", "--output", required=True, metavar=metavar, help=text)
+    command.add_argument("-o", "--output", required=True, type=path, metavar=metavar, help=text)
 
 
 def images(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "--images", metavar="DIR", help="folder of images (default: photographs that come with scikit-image)"
+        "--images", type=path, metavar="DIR", help="folder of images (default: photographs that come with scikit-image)"
     )
 
 
 def prior(command: argparse.ArgumentParser, use: str) -> None:
-    command.add_argument("--prior", metavar="FILE", help=f"a prior that `nablahog learn prior` wrote; {use}")
+    command.add_argument("--prior", type=path, metavar="FILE", help=f"a prior that `nablahog learn prior` wrote; {use}")
 
 
 def common(command: argparse.ArgumentParser, longer_side: int) -> None:
@@ -199,6 +210,11 @@ def dialect(command: argparse.ArgumentParser, preset: str) -> None:
 def size(command: argparse.ArgumentParser, longer_side: int) -> None:
     text = f"shrink photographs to at most N pixels on the longer side, 0 for never (default: {longer_side})"
     number(command, "--size", text, least=0, default=longer_side)
+
+
+def memory(command: argparse.ArgumentParser) -> None:
+    text = f"gigabytes that an input may need; one that needs more is refused (default: {MEMORY})"
+    number(command, "--memory", text, most=10**6, default=MEMORY)
 
 
 def device_option(command: argparse.ArgumentParser) -> None:

@@ -26,10 +26,11 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         "CAD model is most similar to the photograph's. Of several models it takes the one that fits best. Writes "
         "<stem>_overlay.png, _similarity.png, _elements.png, _pose.json and the page index.html.",
     )
-    command.add_argument("photo", metavar="PHOTO", help="an image of any format that Pillow reads")
+    command.add_argument("photo", type=options.path, metavar="PHOTO", help="an image of any format that Pillow reads")
     command.add_argument(
         "--mesh",
         required=True,
+        type=options.path,
         metavar="FILE_or_DIR",
         help="a CAD model (OFF, PLY or STL: z up, front at -y; OBJ or GLB: y up, front at +z), or a folder of them",
     )
@@ -56,6 +57,7 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
     )
     command.add_argument(
         "--background",
+        type=options.path,
         metavar="FILE",
         help="a file that `nablahog learn background` wrote; it also says which descriptor to use "
         "(default: aubry, gray, cells of 8, learned from the photographs in scikit-image)",
@@ -74,11 +76,16 @@ def exemplars(kinds: argparse._SubParsersAction[Parser]) -> None:
     )
     command.set_defaults(command="learn exemplars")
     command.add_argument(
-        "--models", required=True, metavar="DIR", help="folder of CAD models, as for `nablahog pose --mesh`"
+        "--models",
+        required=True,
+        type=options.path,
+        metavar="DIR",
+        help="folder of CAD models, as for `nablahog pose --mesh`",
     )
     options.output(command, "DIR", "folder for the exemplars, made if missing")
     command.add_argument(
         "--background",
+        type=options.path,
         metavar="FILE",
         help="a file that `nablahog learn background --cell 5` wrote (default: learned from the photographs in "
         "scikit-image)",

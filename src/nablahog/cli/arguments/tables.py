@@ -31,7 +31,7 @@ def table1(commands: argparse._SubParsersAction[Parser]) -> None:
     for kind in (method for method in TABLE1 if method in KINDS):
         text = f"a file that `nablahog learn {kind}` wrote, for the method {kind}"
         default = "default: learned once from photographs that come with scikit-image"
-        command.add_argument(f"--{kind}", metavar="FILE", help=f"{text} ({default})")
+        command.add_argument(f"--{kind}", type=options.path, metavar="FILE", help=f"{text} ({default})")
 
 
 def table2(commands: argparse._SubParsersAction[Parser]) -> None:
@@ -47,12 +47,20 @@ def table2(commands: argparse._SubParsersAction[Parser]) -> None:
     options.table(command, TABLE2)
     options.number(command, "--objects", f"how many (default: {SCENES} scenes, or all of --pascal3d)")
     command.add_argument(
-        "--models", metavar="DIR", help="folder of CAD models (default: procedural chairs, or those of --pascal3d)"
+        "--models",
+        type=options.path,
+        metavar="DIR",
+        help="folder of CAD models (default: procedural chairs, or those of --pascal3d)",
     )
     command.add_argument(
-        "--viewpoints", metavar="CSV", help="viewpoints of the scenes: columns azimuth, elevation, and theta if known"
+        "--viewpoints",
+        type=options.path,
+        metavar="CSV",
+        help="viewpoints of the scenes: columns azimuth, elevation, and theta if known",
     )
     command.add_argument("--unknown-model", action="store_true", help="search among all models except the object's own")
-    command.add_argument("--voc", metavar="DIR", help="the folder VOC2012 of PASCAL VOC")
-    command.add_argument("--pascal3d", metavar="DIR", help="the folder PASCAL3D+_release1.1; needs --voc")
+    command.add_argument("--voc", type=options.path, metavar="DIR", help="the folder VOC2012 of PASCAL VOC")
+    command.add_argument(
+        "--pascal3d", type=options.path, metavar="DIR", help="the folder PASCAL3D+_release1.1; needs --voc"
+    )
     options.seed(command)

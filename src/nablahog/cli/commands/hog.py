@@ -14,7 +14,8 @@ from ...io.descriptor_file import save_descriptor
 from ...io.files import output_folder
 from ...io.images import write_image
 from ...viz.pictures import glyphs
-from ..errors import UserError, forbid_overwrite
+from ..errors import UserError, as_user_error, forbid_overwrite
+from ..inputs.memory import check_glyphs
 from ..inputs.sources import Source, read_sources
 from ..terminal import print_table
 
@@ -48,7 +49,11 @@ def glyph(arguments: Namespace) -> None:
     suffix = Path(arguments.output).suffix.lower()
     if suffix != ".png" and suffix in Image.registered_extensions():
         raise UserError(f"glyphs are written as PNG: expected -o FILE.png or a folder, got {arguments.output}")
-    _write_each(arguments, read_sources(arguments), "_glyphs.png", write, is_file=suffix == ".png")
+    sources = read_sources(arguments)
+    with as_user_error():
+        for source in sources:
+            check_glyphs(source.path, tuple(source.descriptor.shape), source.spec, arguments.memory)
+    _write_each(arguments, sources, "_glyphs.png", write, is_file=suffix == ".png")
 
 
 def _write_each(

@@ -13,6 +13,7 @@ from ...evaluate.learned import load
 from ...invert import LearnedPrior
 from ...io.files import output_folder, write_text
 from ..errors import UserError, as_user_error, forbid_overwrite
+from ..inputs.memory import check_glyphs, check_inversion
 from ..inputs.sources import Source, read_sources
 from ..results.inversion import Inversion, batches, invert_batch, print_figures, result_names
 from ..terminal import progress_bars, say
@@ -26,6 +27,10 @@ def invert(arguments: Namespace) -> None:
         OSError: a file or folder is missing or cannot be written.
     """
     sources = read_sources(arguments, keep_photos=True)
+    with as_user_error():
+        for source in sources:
+            check_inversion(source.path, source.image_size, source.descriptor.numel(), arguments.memory)
+            check_glyphs(source.path, tuple(source.descriptor.shape), source.spec, arguments.memory)
     prior = _prior(arguments, sources)
     folder = Path(arguments.output)
     forbid_overwrite(arguments.inputs, [folder / name for source in sources for name in result_names(source)])

@@ -16,6 +16,7 @@ from ...io.images import write_image
 from ...viz.pictures import Panel, contact_sheet, glyphs
 from ..errors import as_user_error, forbid_overwrite
 from ..inputs.arrays import ArrayOptions
+from ..inputs.memory import check_glyphs, check_inversion
 from ..inputs.spec import SpecOptions
 from ..inputs.templates import DetectorTemplate, read_templates
 from ..terminal import print_definitions, print_table, progress_bars, say
@@ -38,6 +39,10 @@ def invert_template(arguments: Namespace) -> None:
     with as_user_error():
         wanted, raw = SpecOptions.of(arguments), ArrayOptions.of(arguments)
         files = [(path, read_templates(path, wanted, raw)) for path in arguments.inputs]
+        for path, templates in files:
+            for each in templates:
+                check_inversion(path, each.image_size, each.weights.numel(), arguments.memory)
+                check_glyphs(path, tuple(each.weights.shape), each.spec, arguments.memory)
     folder = Path(arguments.output)
     stems = distinct_stems([Path(path) for path, _ in files])
     names = [_names(stem, templates) for stem, (_, templates) in zip(stems, files, strict=True)]

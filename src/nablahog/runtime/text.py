@@ -1,0 +1,29 @@
+"""Text from files and file names, fit for a terminal and for a sentence."""
+
+from __future__ import annotations
+
+MOST_CHARACTERS = 800  # of what a message quotes: with a path, a message has at most 1000
+ELLIPSIS = " … "
+
+
+def printable(text: str) -> str:
+    """``text`` with escapes for what a terminal would obey: control characters, line breaks, bidirectional marks.
+
+    >>> from nablahog.runtime.text import printable
+    >>> printable("a\x1b[31m.png")
+    'a\\x1b[31m.png'
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        each if each.isprintable() else each.encode("unicode_escape", "surrogatepass").decode() for each in text
+    )
+
+
+def one_line(message: object, most: int = MOST_CHARACTERS) -> str:
+    """A message in one printable line of at most ``most`` characters; of a longer one, the middle is left out."""
+    text = printable(" ".join(str(message).split()))
+    if len(text) <= most:
+        return text
+    half = (most - len(ELLIPSIS)) // 2
+    return f"{text[:half]}{ELLIPSIS}{text[-half:]}"

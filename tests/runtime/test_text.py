@@ -1,0 +1,33 @@
+"""Text that a terminal does not obey, of a length that people read."""
+
+from __future__ import annotations
+
+import pytest
+
+from nablahog.runtime.text import one_line, printable
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("ä × 日本 1e-3", "ä × 日本 1e-3"),
+        ("\x1b[31m\x07", "\\x1b[31m\\x07"),
+        ("\x85\x9b31m", "\\x85\\x9b31m"),
+        ("a\u202egnp.exe", "a\\u202egnp.exe"),
+        ("a\nb\r\u2028", "a\\nb\\r\\u2028"),
+        ("\udcff", "\\udcff"),
+    ],
+)
+def test_printable(text: str, expected: str) -> None:
+    assert printable(text) == expected
+    assert printable(text).isprintable()
+
+
+def test_one_line() -> None:
+    assert one_line(ValueError("a\n  b\t\x1b")) == "a b \\x1b"
+    long = one_line("a" * 5000 + "b" * 5000, 100)
+    assert len(long) <= 100
+    assert long.startswith("aaa")
+    assert " … " in long
+    assert long.endswith("bbb")
+    assert one_line("a" * 100, 100) == "a" * 100
