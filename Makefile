@@ -7,7 +7,7 @@ OUT ?= out/demo
 bin := $(VENV)/bin
 installed := $(VENV)/.installed
 
-.PHONY: demo test coverage lint clean
+.PHONY: demo test coverage fuzz lint clean
 
 demo: $(installed)  ## invert a photograph, write pictures, figures and a page into out/demo
 	$(bin)/nablahog demo -o $(OUT)
@@ -17,6 +17,9 @@ test: $(installed)  ## all tests but the slow ones
 
 coverage: $(installed)  ## the same, with the lines that no test runs
 	$(bin)/python -m pytest --cov=nablahog --cov-report=term-missing:skip-covered
+
+fuzz: $(installed)  ## an hour of hostile input: specs, descriptors, files, kills, caches
+	$(bin)/python -m tests.fuzz
 
 lint: $(installed)  ## style and types
 	$(bin)/ruff check .

@@ -86,7 +86,7 @@ def test_failures(tmp_path: Path, calls: list[str]) -> None:
     assert (counts["dark"], counts["dalal-multi-scale@1/4"], counts["mistaken"]) == (2, 1, 0)
     write_table1(tmp_path, table)
     rows = _rows(tmp_path / "failures.csv")
-    assert rows[0] == {"image": "bad,\n.png", "method": "", "reason": "no image"}
+    assert rows[0] == {"image": r"bad,\n.png", "method": "", "reason": "no image"}
     assert len(rows) == 4
 
 

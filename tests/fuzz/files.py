@@ -64,6 +64,19 @@ cases: st.SearchStrategy[FileCase] = st.deferred(
 )
 
 
+def close() -> None:
+    """Ends the process that reads, and removes its folder."""
+    if server.cache_info().currsize:
+        server().close()
+        server.cache_clear()
+
+
+def figures() -> dict[str, str]:
+    """The most that a refused file took in this process, with the case."""
+    (most_bytes, largest), (most_seconds, slowest) = server().most_bytes, server().most_seconds
+    return {"peak": f"{most_bytes / 1e6:.0f} MB: {largest}", "time": f"{most_seconds:.2f} s: {slowest}"}
+
+
 def corpus() -> dict[str, FileCase]:
     """Files that found something, by name, which begins with that of the reader."""
     paths = sorted(CORPUS.iterdir())

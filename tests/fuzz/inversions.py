@@ -42,7 +42,7 @@ class Case(NamedTuple):
 
 
 @st.composite
-def cases(draw: st.DrawFn) -> Case:
+def _cases(draw: st.DrawFn) -> Case:
     spec = draw(specs())
     return Case(
         spec,
@@ -54,6 +54,9 @@ def cases(draw: st.DrawFn) -> Case:
         draw(st.integers(0, 4)) == 0,
         draw(st.integers(0, 2**31)),
     )
+
+
+cases = _cases()
 
 
 def descriptor_of(case: Case) -> Tensor:

@@ -42,7 +42,7 @@ class Case(NamedTuple):
 
 
 @st.composite
-def cases(draw: st.DrawFn) -> Case:
+def _cases(draw: st.DrawFn) -> Case:
     spec = draw(specs())
     return Case(
         spec,
@@ -52,6 +52,9 @@ def cases(draw: st.DrawFn) -> Case:
         draw(st.sampled_from(VALUES)),
         draw(st.integers(0, 2**31)),
     )
+
+
+cases = _cases()
 
 
 def images_of(case: Case) -> Tensor:

@@ -15,4 +15,4 @@ def test_cases_that_once_failed(case: Case) -> None:
 
 
 def test_random_cases() -> None:
-    assert campaign(check, cases(), count=20, number=0).faults == []
+    assert campaign(check, cases, count=20, number=0).faults == []

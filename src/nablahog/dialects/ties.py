@@ -67,7 +67,7 @@ def _between_bins(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
 def _between_colours(describer: Describer, spec: HOGSpec) -> Tensor:
     """Whether several channels have the largest magnitude with different gradients (opposite ones, if unsigned, are
     equal)."""
-    gx, gy = describer.gradient(replace(spec, colour="separate"), torch.float64)
+    gx, gy = describer.gradient(replace(spec, colour="separate", layout="cells"), torch.float64)
     squared = gx * gx + gy * gy
     largest = squared >= squared.amax(dim=0) * (1 - _EQUAL)
     first = largest.to(torch.uint8).argmax(dim=0, keepdim=True)

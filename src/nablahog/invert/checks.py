@@ -60,7 +60,7 @@ def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: Sequence[int
             f"{expected} (rows, cols, channels), got {(rows, cols, channels)}"
         )
     check_finite("the descriptor", descriptor)
-    largest = float(descriptor.abs().max())
+    largest = float(descriptor.detach().abs().max())
     if largest > LARGEST_ENTRY:
         raise ValueError(f"the descriptor's entries must be at most {LARGEST_ENTRY:g} in size, got one of {largest:g}")
     return height, width

@@ -13,9 +13,9 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from ..hog.colours import split_colours
 from ..hog.entries import CellAlignment, cell_entries, of_nearest_cells
 from ..hog.kernels import steps
-from ..hog.kernels.colours import split_colours
 from ..hog.pooling import pooling_matrices
 from ..hog.spec import HOGSpec
 from ..optimize import lbfgs

@@ -13,12 +13,12 @@ import torch
 from torch import Tensor
 from torch.nn import Parameter
 
+from ..colours import merge_colours, separate_colours, split_colours
 from ..gradient import MASKS
 from ..orientation import vote_rule
 from ..spec import HOGSpec
 from ..steps import histograms_reference, normalize_reference, spread_nan
 from . import autograd, operators
-from .colours import merge_colours, separate_colours, split_colours
 
 Step: TypeAlias = Callable[[Tensor, HOGSpec], Tensor]
 

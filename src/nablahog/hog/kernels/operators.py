@@ -11,9 +11,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..colours import merge_colours, separate_colours, separate_colours_vjp, split_colours
 from ..spec import HOGSpec
 from . import loops
-from .colours import merge_colours, separate_colours, separate_colours_vjp, split_colours
 
 
 @lru_cache(maxsize=64)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ..spec import COLOURS, HOGSpec
-from ..steps import spread_nan
+from .spec import COLOURS, HOGSpec
+from .steps import spread_nan
 
 
 def separate_colours(images: Tensor, spec: HOGSpec) -> Tensor:
