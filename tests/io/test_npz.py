@@ -12,6 +12,7 @@ import pytest
 
 from nablahog.io.npz import (
     MAX_CHARACTERS,
+    VARIABLE,
     account_of,
     account_to_text,
     names_in,
@@ -147,3 +148,15 @@ def test_what_is_no_account(stored: str) -> None:
     assert stored != account_to_text(ACCOUNT)
     with pytest.raises(ValueError, match=r"^its account of the learning cannot be read: "):
         account_of(Account, stored)
+
+
+def test_the_environment_sets_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_arrays(tmp_path / "a.npz", 1, {"x": np.zeros(1000)})
+    monkeypatch.setenv(VARIABLE, "4000")
+    with pytest.raises(ValueError, match=r"more than the 4,000 allowed; the environment variable NABLAHOG_MAX_BYTES"):
+        read_arrays(tmp_path / "a.npz", "file", ["x"])
+    monkeypatch.setenv(VARIABLE, "40000")
+    read_arrays(tmp_path / "a.npz", "file", ["x"])
+    monkeypatch.setenv(VARIABLE, "4 GB")
+    with pytest.raises(ValueError, match=r"^NABLAHOG_MAX_BYTES must be a number of bytes, got '4 GB'$"):
+        read_arrays(tmp_path / "a.npz", "file", ["x"])

@@ -14,7 +14,7 @@ from ..runtime.text import one_line
 from .descriptor_file import is_descriptor_file
 from .files import check_file, starts_as
 from .matfile import read_mat_arrays
-from .npz import MAX_BYTES, names_in, numbers_in
+from .npz import check_size, names_in, numbers_in
 
 
 def is_raw(path: str | os.PathLike[str]) -> bool:
@@ -70,8 +70,7 @@ def _listed(arrays: Mapping[str, NDArray[Any]]) -> str:
 def _npy(path: str | os.PathLike[str]) -> NDArray[Any]:
     path = Path(path)
     check_file(path, "an array (.npy)")
-    if path.stat().st_size > MAX_BYTES:
-        raise ValueError(f"{path}: an array of more than {MAX_BYTES:,} bytes is refused")
+    check_size(path, path.stat().st_size)
     try:
         # mapped, since a damaged header may claim any size
         array = np.lib.format.open_memmap(path, mode="r")

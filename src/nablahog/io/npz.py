@@ -23,7 +23,29 @@ if TYPE_CHECKING:
     Account = TypeVar("Account", bound=DataclassInstance)
 
 MAX_BYTES = 2**28  # what an archive may unpack to: a descriptor of 138 megapixels at 31 channels and cells of 8
+VARIABLE = "NABLAHOG_MAX_BYTES"
 MAX_CHARACTERS = 2**22  # of a text: as JSON, it may take thirty times as much
+
+
+def max_bytes() -> int:
+    """What an array or an archive may unpack to: the environment variable ``NABLAHOG_MAX_BYTES``, or MAX_BYTES.
+
+    Raises:
+        ValueError: the variable is no positive number.
+    """
+    given = os.environ.get(VARIABLE) or str(MAX_BYTES)
+    if not given.isdecimal() or int(given) < 1:
+        raise ValueError(f"{VARIABLE} must be a number of bytes, got {one_line(given)!r}")
+    return int(given)
+
+
+def check_size(path: str | os.PathLike[str], size: int) -> None:
+    """Raises ValueError if a file unpacks to more bytes than :func:`max_bytes`."""
+    if size > max_bytes():
+        raise ValueError(
+            f"{path}: the file unpacks to {size:,} bytes, more than the {max_bytes():,} allowed; the environment "
+            f"variable {VARIABLE} allows more"
+        )
 
 
 def read_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -> dict[str, NDArray[np.generic]]:
@@ -37,7 +59,7 @@ def read_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -
     Raises:
         FileNotFoundError: there is no such file.
         ValueError: it is no archive, is damaged, lacks an array, holds pickled objects, or unpacks to more than
-            :data:`MAX_BYTES`.
+            :func:`max_bytes`.
     """
     with _opened(path, kind) as archive:
         missing = [name for name in names if name not in archive]
@@ -90,8 +112,7 @@ def _opened(path: str | os.PathLike[str], kind: str) -> Iterator[np.lib.npyio.Np
             size = sum(member.file_size for member in archive.infolist())
     except Exception as error:  # zipfile has no common base for what damage makes it raise
         raise ValueError(f"{path}: expected a {kind} (.npz), but it cannot be read: {one_line(error)}") from None
-    if size > MAX_BYTES:
-        raise ValueError(f"{path}: the archive unpacks to {size:,} bytes, more than the {MAX_BYTES:,} allowed")
+    check_size(path, size)
     try:
         # opened here, because numpy leaves damaged files open
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as arrays:
