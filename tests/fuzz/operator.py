@@ -26,6 +26,7 @@ DTYPES = {"float64": torch.float64, "float32": torch.float32, "uint8": torch.uin
 STRIDES = ("contiguous", "channels last", "every second pixel", "transposed", "expanded")
 VALUES = ("noise", "noise", "noise", "few levels", "constant", "one pixel", "not finite", "huge", "denormal")
 VALUE_TOLERANCE = {"float64": 1e-9, "float32": 2e-4, "uint8": 2e-4}  # of the largest entry
+ROOT_TOLERANCE = 3e-3
 DERIVATIVE_TOLERANCE = {"float64": 1e-6, "float32": 2e-2}
 INEXACT_TOLERANCE = 1e-4  # of an angle in float32
 
@@ -122,6 +123,11 @@ def _rounding(spec: HOGSpec, images: Tensor, descriptor: Tensor, weights: float)
     return 1e3 * torch.finfo(images.dtype).eps * weights * _largest(descriptor) * spec.value_range / shortest
 
 
+def _value_tolerance(case: Case) -> float:
+    root = getattr(case.spec.normalizer, "form", "") == "L1-sqrt"  # of a rounding error where there should be nothing
+    return ROOT_TOLERANCE if root and case.dtype != "float64" else VALUE_TOLERANCE[case.dtype]
+
+
 def _rounding_decides(case: Case) -> bool:
     """Whether derivatives are not compared.
 
@@ -144,7 +150,7 @@ def check(case: Case) -> str:
     plain, compiled = (lambda x, of=backend: hog(x, spec, backend=of) for backend in ("torch", "auto"))
     inexact = spec.vote == "linear" and spec.angle != "exact"
     if case.dtype == "uint8":
-        _compare("descriptor", compiled(mine), plain(images), VALUE_TOLERANCE["uint8"])
+        _compare("descriptor", compiled(mine), plain(images), _value_tolerance(case))
         return "bytes"
     random = torch.Generator().manual_seed(case.seed + 1)
     descriptor, vjp = torch.func.vjp(compiled, mine)
@@ -161,7 +167,7 @@ def check(case: Case) -> str:
         if not (got[~finite].isnan().all() and other[~finite].isnan().all()):
             raise Fault("wrong", f"{what}: a number where a pixel is not finite")
     for what, got, other in zip(("descriptor", "vjp", "jvp"), results, expectations, strict=True):
-        tolerance = (VALUE_TOLERANCE if what == "descriptor" else DERIVATIVE_TOLERANCE)[case.dtype]
+        tolerance = _value_tolerance(case) if what == "descriptor" else DERIVATIVE_TOLERANCE[case.dtype]
         if what != "descriptor" and _rounding_decides(case):
             continue
         tolerance = max(tolerance, INEXACT_TOLERANCE) if inexact else tolerance
