@@ -132,7 +132,7 @@ class _Operator(TypedKernelCache):
                 then(*some)
 
             share_out(work, batch)
-        cells[spoilt] = np.nan
+        _spoil(cells, spoilt)
         return spoilt
 
     def vjp(self, images: Tensor, first: Work, grad_cells: Floats) -> Tensor:
@@ -154,7 +154,7 @@ class _Operator(TypedKernelCache):
             share_out(lambda *rows: work((0, 1), rows), height)
         else:
             share_out(whole, batch)
-        grad_images[spoilt] = np.nan
+        _spoil(grad_images, spoilt)
         return torch.from_numpy(grad_images)
 
     def jvp(self, images: Tensor, tangents: Floats) -> Tensor:
@@ -169,11 +169,17 @@ class _Operator(TypedKernelCache):
             self.run(cells_jvp_of_images, pixels, tangents, self.plan, reading_jvp, some, out)
 
         share_out(work, len(out))
-        out[spoilt] = np.nan
+        _spoil(out, spoilt)
         return torch.from_numpy(out)
 
 
 _operator = lru_cache(maxsize=64)(_Operator)
+
+
+def _spoil(of_images: Floats, spoilt: Flags) -> None:
+    """Replaces what belongs to some images (B,) by NaN."""
+    if spoilt.any():  # indexing takes longer
+        of_images[spoilt] = np.nan
 
 
 def _nothing(start: int, stop: int) -> None:
@@ -230,7 +236,7 @@ def describe(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Floats]:
     cells = np.empty((shape[0], *operator.cells), operator.dtype)
     out = np.empty((shape[0], *operator.norm.grid), operator.dtype)
     spoilt = operator.to_cells(images, cells, operator.norm.of_cells(cells, out))
-    out[spoilt] = np.nan
+    _spoil(out, spoilt)
     return torch.from_numpy(out), cells
 
 
