@@ -18,7 +18,7 @@ test: $(installed)  ## all tests but the slow ones
 coverage: $(installed)  ## the same, with the lines that no test runs
 	$(bin)/python -m pytest --cov=nablahog --cov-report=term-missing:skip-covered
 
-fuzz: $(installed)  ## an hour of hostile input: specs, descriptors, files, kills, caches
+fuzz: $(installed)  ## half an hour of hostile input: specs, descriptors, files, kills, caches
 	$(bin)/python -m tests.fuzz
 
 lint: $(installed)  ## style and types

@@ -27,7 +27,7 @@ from rich.table import Table
 from .harness import KINDS, Report, campaign
 
 TARGETS = {"operator": 20_000, "inversions": 2_000, "files": 20_000, "kills": 100, "caches": 200}
-"""Cases of each in about an hour on two cores."""
+"""Cases of each in about half an hour on two cores."""
 PART = {"operator": 1_000, "inversions": 100, "files": 2_500, "kills": 25, "caches": 50}
 """Cases of a process."""
 SILENCE = 600.0  # seconds without a word from a part, after which it hangs
