@@ -132,12 +132,14 @@ def _table(watch: _Watch) -> Table:
 def main(argv: Sequence[str] | None = None) -> int:
     """Returns 0 if there was no fault, else 1."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
-    parser.add_argument("targets", nargs="*", choices=[*TARGETS, []], help="all by default")
+    parser.add_argument("targets", nargs="*", metavar="TARGET", help=f"of {', '.join(TARGETS)}; all by default")
     parser.add_argument("--share", type=float, default=1.0, help="of the number of cases, by default 1")
     parser.add_argument("--seed", type=int, default=int(time.time()), help="by default the time")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes, by default one a core")
     parser.add_argument("--part", nargs=3, metavar=("TARGET", "COUNT", "SEED"), help=argparse.SUPPRESS)
     arguments = parser.parse_args(argv)
+    if unknown := set(arguments.targets) - set(TARGETS):
+        parser.error(f"expected targets of {', '.join(TARGETS)}, got {', '.join(sorted(unknown))}")
     if arguments.part:
         target, count, seed = arguments.part
         _run(Part(target, int(count), int(seed)))

@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 from ..runtime.text import one_line
 
 LEAST, MOST = 1e-12, 1e12  # of constants: squares and cubes of them are numbers in float32
-MOST_PIXELS = 1_000_000  # of a side, in pixels or cells
+LONGEST_SIDE = 1_000_000  # of a side, in pixels or cells
 _CHECKS: dict[type, dict[str, tuple[Any, Callable[[str, object], None] | None]]] = {}
 """Of each class by field: its kind and its check, read once, since torch.compile cannot trace how types are read."""
 
@@ -58,15 +58,15 @@ def check_positive(field: str, value: object) -> None:
 
 
 def check_pair(field: str, value: object) -> None:
-    """``value`` is a pair of integers in 1 … :data:`MOST_PIXELS`."""
+    """``value`` is a pair of integers in 1 … :data:`LONGEST_SIDE`."""
     if not (isinstance(value, tuple) and len(value) == 2 and all(map(_is_side, value))):
         raise ValueError(
-            f"{field} must be a pair (height, width) of integers in 1 … {MOST_PIXELS:,}, got {shortened(value)}"
+            f"{field} must be a pair (height, width) of integers in 1 … {LONGEST_SIDE:,}, got {shortened(value)}"
         )
 
 
 def _is_side(value: object) -> bool:
-    return type(value) is int and 1 <= value <= MOST_PIXELS
+    return type(value) is int and 1 <= value <= LONGEST_SIDE
 
 
 def shortened(value: object) -> str:

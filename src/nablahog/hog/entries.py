@@ -10,12 +10,11 @@ from .pooling import pooling_matrices
 from .spec import HOGSpec
 
 
-def mean_over_colours(descriptor: Tensor, spec: HOGSpec) -> Tensor:
-    """Descriptors (B, rows, cols, channels) to (B, channels of one colour, rows, cols)."""
-    target = descriptor.permute(0, 3, 1, 2)
-    if spec.colours > 1:
-        target = target.reshape(len(target), spec.colours, -1, *target.shape[2:]).mean(dim=1)
-    return target
+def mean_over_colours(planes: Tensor, spec: HOGSpec) -> Tensor:
+    """Histograms, or channels, (B, colours · n, rows, cols) to (B, n, rows, cols)."""
+    if spec.colours == 1:
+        return planes
+    return planes.reshape(len(planes), spec.colours, -1, *planes.shape[2:]).mean(dim=1)
 
 
 def cell_entries(descriptor: Tensor, spec: HOGSpec) -> Tensor:
@@ -25,7 +24,7 @@ def cell_entries(descriptor: Tensor, spec: HOGSpec) -> Tensor:
     the energy of its cell or neighbourhood.  For signed bins these are directed entries; if the descriptor has none,
     each undirected entry twice.  Cells that the normaliser leaves out are missing.
     """
-    return spec.normalizer.cell_entries(mean_over_colours(descriptor, spec), spec.bins, spec.signed)
+    return spec.normalizer.cell_entries(mean_over_colours(descriptor.permute(0, 3, 1, 2), spec), spec.bins, spec.signed)
 
 
 def with_margin(cells: Tensor, spec: HOGSpec) -> Tensor:

@@ -17,7 +17,7 @@ from torch import Tensor
 from torch.nn.functional import interpolate, pad
 
 from ..hog.descriptor import histograms
-from ..hog.entries import CellAlignment
+from ..hog.entries import CellAlignment, mean_over_colours
 from ..hog.orientation import bin_angles
 from ..hog.pooling import pooling_matrices
 from ..hog.spec import HOGSpec
@@ -49,11 +49,6 @@ def starting_images(
 def of_one_colour(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
     """Histograms (B, colours · bins, rows, cols) to the mean over colours, of cells side by side."""
     return CellAlignment(spec, size, votes)(mean_over_colours(votes, spec))
-
-
-def mean_over_colours(votes: Tensor, spec: HOGSpec) -> Tensor:
-    """Histograms (B, colours · bins, rows, cols) to (B, bins, rows, cols)."""
-    return votes.reshape(len(votes), spec.colours, spec.bins, *votes.shape[2:]).mean(dim=1)
 
 
 def noise(like: Tensor, height: int, width: int, count: int, seed: int, spread: float = NOISE) -> Tensor:

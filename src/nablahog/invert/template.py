@@ -62,7 +62,7 @@ def _template_descriptor(weights: Tensor, spec: HOGSpec, image_size: tuple[int, 
             f"{expected} (rows, cols, channels), got {tuple(weights.shape[1:])}"
         )
     check_finite("the weights", weights)
-    of_bins = spec.normalizer.bin_weights(mean_over_colours(weights, spec), spec.bins, spec.signed)
+    of_bins = spec.normalizer.bin_weights(mean_over_colours(weights.permute(0, 3, 1, 2), spec), spec.bins, spec.signed)
     histograms = (of_bins * (-1 if negative else 1)).clamp(min=0) ** EMPHASIS
     if not histograms.flatten(1).any(dim=1).all():
         raise ValueError(f"a template has no {'negative' if negative else 'positive'} weights of edges")

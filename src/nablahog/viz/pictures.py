@@ -40,7 +40,7 @@ def edge_votes(descriptor: Picture, spec: HOGSpec) -> tuple[NDArray[np.float64],
     values = as_array(descriptor)
     if values.ndim != 3 or values.shape[2] != spec.channels:
         raise ValueError(f"expected a descriptor of shape (rows, cols, {spec.channels}), got {values.shape}")
-    channels = mean_over_colours(torch.from_numpy(values).unsqueeze(0), spec)
+    channels = mean_over_colours(torch.from_numpy(values).permute(2, 0, 1).unsqueeze(0), spec)
     votes = spec.normalizer.edge_strengths(channels, spec.bins, spec.signed)
     if spec.pooling.has_blocks:
         votes = CellAlignment(spec, spec.image_size(*values.shape[:2]), votes)(votes)

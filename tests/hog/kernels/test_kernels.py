@@ -346,8 +346,8 @@ def test_linear_votes_by_a_library_angle_have_one_derivative() -> None:
 @pytest.mark.parametrize("orientations", [6, 10])
 def test_diagonals_of_bytes_between_two_bins(orientations: int) -> None:
     """Rounding decides on which side they are: in both backends in the same way."""
-    s = presets.piotr(4, orientations=orientations)
-    images = (integers(1, 1, 40, 40, levels=8) * 252).byte()
+    s = presets.piotr(8, orientations=orientations)
+    images = torch.randint(8, (1, 1, 64, 64), generator=torch.Generator().manual_seed(1)).mul(36).byte()
     compiled_cells = histograms(images, s)
     assert_close(compiled_cells, histograms(images, s, backend="torch"), rtol=1e-5, atol=1e-6)
 
@@ -371,11 +371,7 @@ _UNWRITTEN = """
 import torch
 from nablahog import hog, presets
 from tests.hog.zoo import noise
-for s, size in [(presets.vlfeat(cell_size=3), (30, 2)), (presets.dpm(4), (8, 8)), (presets.skimage(), (30, 29))]:
-    try:
-        s.grid(*size)
-    except ValueError:
-        continue
+for s, size in [(presets.vlfeat(cell_size=3), (30, 2)), (presets.dpm(4), (12, 12)), (presets.skimage(), (30, 29))]:
     x, grads = noise(1, 1, *size), []
     for backend in ("auto", "torch"):
         z = x.clone().requires_grad_()

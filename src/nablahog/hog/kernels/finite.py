@@ -1,7 +1,7 @@
 """Images with a pixel that is not finite: their descriptors and derivatives are NaN, as no cell of them can be trusted.
 
 Looked for in a pass of its own, since choosing a channel by its magnitude would pass over a NaN in another.  It takes
-1-3 % of the time of :func:`nablahog.hog`.
+some 3 % of the time of :func:`nablahog.hog` of an image of 256 x 256, up to 10 % of a smaller one.
 """
 
 from __future__ import annotations

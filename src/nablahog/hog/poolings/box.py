@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from ..checks import MOST_PIXELS, shortened
+from ..checks import LONGEST_SIDE, shortened
 from .base import Pooling
 
 if TYPE_CHECKING:
@@ -30,9 +30,9 @@ class BoxCells(Pooling):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if type(self.window) is not int or self.window == 1 or not 0 <= self.window <= MOST_PIXELS:
+        if type(self.window) is not int or self.window == 1 or not 0 <= self.window <= LONGEST_SIDE:
             raise ValueError(
-                f"window must be 0 or a number of pixels in 2 … {MOST_PIXELS:,}, got {shortened(self.window)}"
+                f"window must be 0 or a number of pixels in 2 … {LONGEST_SIDE:,}, got {shortened(self.window)}"
             )
 
     def weights(self, pixels: int, cells: int, cell: int, axis: int, ring: bool, like: Tensor) -> Tensor:
