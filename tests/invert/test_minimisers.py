@@ -18,7 +18,7 @@ from nablahog.invert.objective import PreimageObjective
 from nablahog.invert.parameterize import CosineBasis, Pixels
 from nablahog.invert.priors import Norm, Prior, Range, RelativeSmoothness, Smoothness, TotalVariation
 from nablahog.optimize import LeastSquares, Minimiser
-from nablahog.optimize.gauss_newton import Linearization
+from nablahog.optimize.gauss_newton import GraphJacobian
 
 from .photographs import photograph
 
@@ -160,7 +160,7 @@ def test_linearisation_is_the_jacobian_at_kinks_too(name: str) -> None:
     problem, index = objective(name, False), torch.tensor([1, 0])
     problem.parameterization = Pixels(32, 32)
     x, v = torch.cat([photograph(32, "coins"), photograph(32)]).double().flatten(1), points(2)
-    model = Linearization(problem, x, index)
+    model = GraphJacobian(problem, x, index)
     residuals, image = torch.func.jvp(lambda p: problem.residuals(p, index), (x,), (v,))
     torch.testing.assert_close(model.jvp(v), image)
     _, pull = torch.func.vjp(lambda p: problem.residuals(p, index), x)

@@ -15,7 +15,7 @@ from nablahog.invert.objective import PreimageObjective
 from nablahog.invert.parameterize import Pixels
 from nablahog.invert.priors import Norm, RelativeSmoothness
 from nablahog.optimize import StopReason, dogleg
-from nablahog.optimize.gauss_newton import GaussNewtonSteps, Linearization
+from nablahog.optimize.gauss_newton import GaussNewtonSteps, GraphJacobian
 
 from . import chumpy
 from .problems import CASES, SumOfSquares, beale, exponentials, mixed, only, powell_singular, rosenbrock
@@ -103,7 +103,7 @@ def test_no_more_is_linearised_than_accepted() -> None:
 def test_jacobian_products_are_those_of_the_matrix() -> None:
     problem, start = mixed()
     rows = torch.tensor([2, 0])
-    model = Linearization(problem, start[rows], rows)
+    model = GraphJacobian(problem, start[rows], rows)
     generator = torch.Generator().manual_seed(0)
     for i, row in enumerate(rows):
         J = torch.autograd.functional.jacobian(lambda x: problem.function(x[None], row[None])[0], start[row])  # noqa: B023
@@ -170,18 +170,18 @@ def test_the_budget_counts_products_too(budget: int) -> None:
 
     problem = Counted(lambda x, index: network(3)(x))
     start = torch.ones(1, 6, dtype=torch.float64)
-    jvp, vjp = Linearization.jvp, Linearization.vjp
+    jvp, vjp = GraphJacobian.jvp, GraphJacobian.vjp
 
-    def counted(product: Callable[[Linearization, Tensor], Tensor]) -> Callable[[Linearization, Tensor], Tensor]:
-        def call(model: Linearization, vectors: Tensor) -> Tensor:
+    def counted(product: Callable[[GraphJacobian, Tensor], Tensor]) -> Callable[[GraphJacobian, Tensor], Tensor]:
+        def call(model: GraphJacobian, vectors: Tensor) -> Tensor:
             problem.halves += 1
             return product(model, vectors)
 
         return call
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Linearization, "jvp", counted(jvp))
-        patch.setattr(Linearization, "vjp", counted(vjp))
+        patch.setattr(GraphJacobian, "jvp", counted(jvp))
+        patch.setattr(GraphJacobian, "vjp", counted(vjp))
         result = dogleg(problem, start, max_evaluations=budget, cg_tolerance=1e-12)
     halves = problem.halves + problem.linearised + 2 * len(problem.points)
     assert halves <= 2 * budget

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 from torch import Tensor
 
 from ..hog import HOGSpec, hog, presets
-from ..invert import Reconstruction, Search, reconstruct, reconstruct_multiscale, scale_descriptors
+from ..invert import AsPublished, Reconstruction, Search, reconstruct, reconstruct_multiscale, scale_descriptors
 from ..invert.baselines.cnn_hog import CNNHOG
 from ..invert.baselines.triangles import TRIANGLES, reconstruct_by_triangles
 from ..invert.multiscale import SCALES, level_spec
@@ -43,7 +43,7 @@ class MethodOutput:
     distance: float
 
 
-Run: TypeAlias = Callable[[Tensor, Table1Settings], Sequence[MethodOutput]]
+Run: TypeAlias = Callable[..., Sequence[MethodOutput]]
 
 
 @dataclass(frozen=True)
@@ -85,11 +85,15 @@ def _options(settings: Table1Settings) -> dict[str, Any]:
     return {"seed": settings.seed, "search": Search(max_evaluations=settings.max_evaluations)}
 
 
+def _published_options(settings: Table1Settings) -> dict[str, Any]:
+    return {"seed": settings.seed, "method": AsPublished(max_evaluations=settings.max_evaluations)}
+
+
 def _inverted(
-    method: Callable[..., Reconstruction], image: Tensor, spec: HOGSpec, **options: Any
+    invert: Callable[..., Reconstruction], image: Tensor, spec: HOGSpec, **options: Any
 ) -> list[MethodOutput]:
-    """What a method makes of the descriptor of an image."""
-    result = method(hog(image, spec), spec, (image.shape[2], image.shape[3]), **options)
+    """What ``invert`` makes of the descriptor of an image."""
+    result = invert(hog(image, spec), spec, (image.shape[2], image.shape[3]), **options)
     return [MethodOutput(result.image[0, 0], float(result.distance[0]))]
 
 
@@ -98,12 +102,24 @@ def _single(image: Tensor, settings: Table1Settings, *, spec: HOGSpec) -> list[M
 
 
 def _multi_scale(image: Tensor, settings: Table1Settings, *, spec: HOGSpec, more: bool) -> list[MethodOutput]:
+    return _levels(image, spec, more, **_options(settings))
+
+
+def _paper_single(image: Tensor, settings: Table1Settings, *, spec: HOGSpec) -> list[MethodOutput]:
+    return _inverted(reconstruct, image, spec, **_published_options(settings))
+
+
+def _paper_multi_scale(image: Tensor, settings: Table1Settings, *, spec: HOGSpec, more: bool) -> list[MethodOutput]:
+    return _levels(image, spec, more, **_published_options(settings))
+
+
+def _levels(image: Tensor, spec: HOGSpec, more: bool, **options: Any) -> list[MethodOutput]:
     """The rows of a multi-scale method: its last level, and all of them enlarged to the image's size."""
     size = (image.shape[2], image.shape[3])
     for scale in SCALES:
         level_spec(spec, scale, size)  # raises before the work, not after
     descriptors = scale_descriptors(image, spec, SCALES) if more else hog(image, spec)
-    results = reconstruct_multiscale(descriptors, spec, size, scales=SCALES, **_options(settings))
+    results = reconstruct_multiscale(descriptors, spec, size, scales=SCALES, **options)
     levels = []
     for result in (level.reconstruction for level in results):
         enlarged = enlarge(result.image, *size)[0, 0].clamp(0, 1)
@@ -140,14 +156,20 @@ def _triangles(image: Tensor, settings: Table1Settings, *, spec: HOGSpec) -> lis
     return _inverted(reconstruct_by_triangles, image, spec, seed=settings.seed, triangles=count)
 
 
-def _variants(prefix: str, group: str, spec: HOGSpec) -> list[Method]:
-    def several(more: bool) -> Run:
-        return partial(_multi_scale, spec=spec, more=more)
-
+def _variants(prefix: str, group: str, spec: HOGSpec, single: Run, multi_scale: Run, **options: Any) -> list[Method]:
     return [
-        Method(f"{prefix}-single", group, partial(_single, spec=spec), spec),
-        Method(f"{prefix}-multi-scale", group, several(False), spec, multiscale=True),
-        Method(f"{prefix}-multi-scale-more", group, several(True), spec, multiscale=True),
+        Method(f"{prefix}-single", group, partial(single, spec=spec), spec, **options),
+        *(
+            Method(
+                f"{prefix}-multi-scale{'-more' if more else ''}",
+                group,
+                partial(multi_scale, spec=spec, more=more),
+                spec,
+                multiscale=True,
+                **options,
+            )
+            for more in (False, True)
+        ),
     ]
 
 
@@ -161,9 +183,11 @@ METHODS = {
         Method("ridge", UOCTTI, partial(_learned, kind="ridge", spec=SPEC), SPEC, needs="ridge"),
         Method("nearest", UOCTTI, partial(_learned, kind="nearest", spec=SPEC), SPEC, needs="nearest"),
         Method("triangles", UOCTTI, partial(_triangles, spec=SPEC), SPEC),
-        *_variants("uoctti", UOCTTI, SPEC),
+        Method("paper-uoctti-single", UOCTTI, partial(_paper_single, spec=SPEC), SPEC, asked=True),
+        *_variants("uoctti", UOCTTI, SPEC, _single, _multi_scale),
         Method("uoctti-learned", UOCTTI, partial(_learned, kind="prior", spec=SPEC, seeded=True), SPEC, needs="prior"),
-        *_variants("dalal", DALAL, presets.paper()),
+        *_variants("paper-dalal", DALAL, presets.paper(), _paper_single, _paper_multi_scale, asked=True),
+        *_variants("dalal", DALAL, presets.paper(), _single, _multi_scale),
         *(Method(name, LIBRARIES, partial(_single, spec=spec), spec, asked=True) for name, spec in DIALECTS.items()),
     )
 }

@@ -6,6 +6,7 @@ from ..runtime.lazy import names_when_used
 
 if TYPE_CHECKING:
     from .learned import LearnedPrior
+    from .method import AsPublished
     from .multiscale import Level, reconstruct_multiscale, scale_descriptors
     from .options import Objective, Search
     from .preimage import reconstruct
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from .training import train_prior
 
 __all__ = [
+    "AsPublished",
     "LearnedPrior",
     "Level",
     "Objective",
@@ -29,6 +31,7 @@ __all__ = [
 names_when_used(
     __name__,
     learned=("LearnedPrior",),
+    method=("AsPublished",),
     multiscale=("Level", "reconstruct_multiscale", "scale_descriptors"),
     options=("Objective", "Search"),
     preimage=("reconstruct",),

@@ -21,6 +21,7 @@ from ..hog.inputs import Descriptors
 from ..hog.spec import HOGSpec
 from .checks import check_descriptor, descriptors_as_tensor
 from .histograms import recover_histograms
+from .method import AsPublished, InversionMethod, as_published, check_default_only
 from .options import Objective, Search
 from .polarity import looks_negative, negated
 from .preimage import reconstruct
@@ -87,6 +88,7 @@ def reconstruct_multiscale(
     image_size: Sequence[int] | None = None,
     *,
     scales: Sequence[int] = SCALES,
+    method: InversionMethod | AsPublished = "default",
     seed: int = 0,
     search: Search = Search(),
     objective: Objective = Objective(),
@@ -104,6 +106,8 @@ def reconstruct_multiscale(
         spec: the dialect at the image's own size.
         image_size: (height, width); by default whole cells.
         scales: falling square numbers.
+        method: as :func:`.preimage.reconstruct`.  The paper's search begins with noise at the first level, and with the
+            enlarged image of the one before at each other, whether signed or not.
         seed: of the noise.
         search: as :func:`.preimage.reconstruct`.  Its evaluations are those of the last level; each level before may
             spend a quarter of them and at most 120, "few iterations".  Its samples are those of a signed descriptor.
@@ -125,19 +129,23 @@ def reconstruct_multiscale(
     one = isinstance(descriptors, Tensor | np.ndarray)
     several = [descriptors] * len(scales) if isinstance(descriptors, Tensor | np.ndarray) else list(descriptors)
     targets = [descriptors_as_tensor(descriptor) for descriptor in several]
-    plan = _plan(targets, one, spec, image_size, scales, search)
+    published = as_published(method)
+    plan = _plan(targets, one, spec, image_size, scales, search, published)
     start = expected = None
-    if one and (spec.signed or search.region_signs):
+    if published is not None:
+        check_default_only(search=(search, Search()), objective=(objective, Objective()))
+    elif one and (spec.signed or search.region_signs):
         start = _first_start(targets[0], spec, plan[-1].size, plan[0].size, seed)
     levels: list[Level] = []
     for number, step in enumerate(plan):
         if levels:
             before = enlarge(levels[-1].reconstruction.image, *step.size)
-            start, expected = (before, None) if spec.signed else (None, before)
+            start, expected = (before, None) if spec.signed or published is not None else (None, before)
         reconstruction = reconstruct(
             step.descriptor,
             step.spec,
             step.size,
+            method=step.method,
             seed=seed,
             start=start,
             expected=expected,
@@ -146,7 +154,7 @@ def reconstruct_multiscale(
             progress=_report(progress, plan, number),
         )
         levels.append(Level(step.scale, step.spec, reconstruction))
-    if search.polarity and not spec.signed:
+    if search.polarity and not spec.signed and published is None:
         levels = _fix_polarity(levels, [step.descriptor for step in plan])
     return [
         Level(level.scale, level.spec, of_the_kind(level.reconstruction, descriptor))
@@ -162,8 +170,9 @@ class _Step:
     spec: HOGSpec
     size: tuple[int, int]
     descriptor: Tensor
+    method: InversionMethod | AsPublished
     search: Search
-    max_evaluations: int
+    most: int  # evaluations, or iterations of the paper's search
 
 
 def _plan(
@@ -173,6 +182,7 @@ def _plan(
     image_size: Sequence[int] | None,
     scales: Sequence[int],
     search: Search,
+    published: AsPublished | None,
 ) -> list[_Step]:
     """The inputs of each level; ``one`` tells that all match one descriptor.
 
@@ -196,9 +206,19 @@ def _plan(
         if one and spec.normalizer.fixes_contrast:
             # at the same contrast, an s-th of the pixels with √s times the differences make 1/√s of the votes
             descriptor = descriptor / scale**0.25
-        budget = most if number + 1 == len(scales) else min(BEFORE_THE_LAST, max(2, most // 4))
-        own = replace(search, max_evaluations=budget, samples=search.samples if spec.signed else 1, polarity=False)
-        steps.append(_Step(scale, small, small_size, descriptor, own, budget))
+        last = number + 1 == len(scales)
+        inputs = scale, small, small_size, descriptor
+        if published is None:
+            budget = most if last else min(BEFORE_THE_LAST, max(2, most // 4))
+            own = replace(search, max_evaluations=budget, samples=search.samples if spec.signed else 1, polarity=False)
+            steps.append(_Step(*inputs, "default", own, budget))
+        else:
+            few = published.for_spec(spec)
+            if spec.normalizer.fixes_contrast:  # so that the smoothness weighs as much as at full size
+                few = replace(few, smoothness=[weight / scale**0.25 for weight in few.course])
+            if not last:
+                few = replace(few, iterations=few.level_iterations)
+            steps.append(_Step(*inputs, few, search, few.iterations * len(few.course)))
     return steps
 
 
@@ -206,7 +226,7 @@ def _report(
     progress: Callable[[int, int], None] | None, plan: Sequence[_Step], number: int
 ) -> Callable[[int, int], None] | None:
     """``progress`` over all levels, called by the level ``number``."""
-    before, most = (sum(step.max_evaluations for step in steps) for steps in (plan[:number], plan))
+    before, most = (sum(step.most for step in steps) for steps in (plan[:number], plan))
     return None if progress is None else lambda done, _: progress(before + done, most)
 
 

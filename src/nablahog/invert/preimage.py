@@ -16,10 +16,12 @@ from ..hog.inputs import ArrayImage, Descriptors
 from ..hog.spec import HOGSpec
 from .checks import check_descriptor, check_images, descriptors_as_tensor
 from .histograms import recover_histograms, searchable
+from .method import AsPublished, InversionMethod, as_published, check_default_only
 from .options import Objective, Search
 from .parameterize import low_pass
 from .polarity import fix_polarity
 from .priors import Prior, Range, RelativeSmoothness
+from .published import reconstruct_as_published
 from .quality import QualityName, quality_of
 from .reconstruction import Reconstruction, of_the_kind, relative_distance, to_unit_range
 from .search import PreimageSearch
@@ -41,6 +43,7 @@ def reconstruct(
     image_size: Sequence[int] | None = None,
     *,
     quality: QualityName = "best",
+    method: InversionMethod | AsPublished = "default",
     seed: int = 0,
     start: Tensor | ArrayImage | None = None,
     expected: Tensor | ArrayImage | None = None,
@@ -73,12 +76,14 @@ def reconstruct(
         expected: (B, 1, H, W) in 0…1, of any contrast, instead of the samples' mean; no samples are drawn.
         search: the minimiser, its unknowns and budget, samples, signs and polarity.
         objective: smoothness ξ, closeness λ, and priors.
-        progress: called with the evaluations done and the most there can be, over all parts of the batch.
+        progress: called with the evaluations done, by the paper's search the iterations, and the most there can be,
+            over all parts of the batch.
 
     Raises:
         TypeError: the descriptor, ``start`` or ``expected`` is no floating-point tensor or array.
         ValueError: their shape contradicts spec and image size, they hold NaN or Inf, the spec keeps DPM's texture
-            without directed channels, or there is no such quality.
+            without directed channels, there is no such quality or method, or the method does not take
+            an option.
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> descriptor = nablahog.hog(torch.rand(1, 1, 32, 32), spec)
@@ -90,6 +95,19 @@ def reconstruct(
     began = time.perf_counter()
     targets = descriptors_as_tensor(descriptor)
     size = check_descriptor(targets, spec, image_size)
+    published = as_published(method)
+    if published is not None:
+        check_default_only(
+            quality=(quality, "best"),
+            expected=(expected, None),
+            search=(search, Search()),
+            objective=(objective, Objective()),
+        )
+        first = check_images("start", start, targets, size, spec.gamma == "sqrt")
+        result = reconstruct_as_published(
+            targets.detach(), spec, size, published, seed=seed, start=first, progress=progress
+        )
+        return of_the_kind(result, descriptor)
     dialect, spec = spec, searchable(spec)
     rooted = dialect.gamma == "sqrt"
     first = check_images("start", start, targets, size, rooted)

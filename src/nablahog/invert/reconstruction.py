@@ -38,6 +38,8 @@ class Reconstruction(Generic[Values]):
         evaluations: (B,), operator evaluations spent on each image, one value with its gradient; a product of the
             Jacobian or its transpose with a vector is half of one.
         seconds: wall time for the whole batch.
+        iterates: (iterations + 1, B, 1, H, W) in 0…1, the image after each iteration, from the start on; None unless
+            :class:`.method.AsPublished` asks for them.
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> descriptor = nablahog.hog(torch.rand(2, 1, 16, 16), spec)
@@ -52,6 +54,7 @@ class Reconstruction(Generic[Values]):
     history: Values
     evaluations: Values
     seconds: float
+    iterates: Values | None = None
 
 
 def to_unit_range(image: Tensor, spec: HOGSpec) -> Tensor:
@@ -91,4 +94,5 @@ def of_the_kind(result: Reconstruction, descriptor: Descriptors) -> Reconstructi
         to_array(result.history[:, 0] if single else result.history),
         to_array(result.evaluations, single),
         result.seconds,
+        None if result.iterates is None else to_array(result.iterates[:, 0, 0] if single else result.iterates[:, :, 0]),
     )

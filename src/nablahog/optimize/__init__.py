@@ -5,11 +5,24 @@ from .dogleg import dogleg
 from .lbfgs import lbfgs
 from .minimisers import Minimiser, minimise
 from .momentum import momentum
-from .result import History, LeastSquares, Minimum, ObjectiveFunction, StopReason, Watch
+from .result import (
+    Accepted,
+    History,
+    Jacobian,
+    LeastSquares,
+    Linearizable,
+    Minimum,
+    ObjectiveFunction,
+    StopReason,
+    Watch,
+)
 
 __all__ = [
+    "Accepted",
     "History",
+    "Jacobian",
     "LeastSquares",
+    "Linearizable",
     "Minimiser",
     "Minimum",
     "ObjectiveFunction",

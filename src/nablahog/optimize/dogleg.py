@@ -1,7 +1,8 @@
 """Powell's dogleg on a batch of independent least-squares problems, without any matrix.
 
 The rules are those of Chumpy's ``minimize_dogleg``, which the paper uses: steps, radius, stops and their constants.
-One thing differs: Chumpy solves for the Gauss-Newton step directly, here conjugate gradients do (:mod:`.gauss_newton`).
+One thing differs: Chumpy solves for the Gauss-Newton step directly, here conjugate gradients do (:mod:`.gauss_newton`),
+as exactly as ``cg_tolerance`` says.
 The steps along the path and the radius are in :mod:`.trust_region`.
 
 In each round every running problem does what is next for it: one iteration of conjugate gradients, the trial of a step,
@@ -18,7 +19,7 @@ import torch
 from torch import Tensor
 
 from .gauss_newton import GaussNewtonSteps
-from .result import History, LeastSquares, Minimum, ObjectiveFunction, StopReason, Watch
+from .result import Accepted, History, LeastSquares, Minimum, ObjectiveFunction, StopReason, Watch
 from .trust_region import Step, TrustRegion
 
 TRIAL, MODEL, PRODUCT = 2, 1, 1  # half evaluations: value and gradient; residuals with their graph; J or Jᵀ times v
@@ -93,9 +94,15 @@ class _Search:
     """
 
     def __init__(
-        self, problem: LeastSquares, start: Tensor, radius: float | None, rules: DoglegRules, watch: Watch | None
+        self,
+        problem: LeastSquares,
+        start: Tensor,
+        radius: float | None,
+        rules: DoglegRules,
+        watch: Watch | None,
+        accepted: Accepted | None,
     ) -> None:
-        self.problem, self.rules, self.watch = problem, rules, watch
+        self.problem, self.rules, self.watch, self.accepted = problem, rules, watch, accepted
         self.x = start.detach().clone()
         rows = torch.arange(len(self.x), device=self.x.device)
         self.value, gradient = problem(self.x, rows)
@@ -156,11 +163,13 @@ class _Search:
     def try_steps(self) -> None:
         """The trial of each problem that has a step; those that it lowers move."""
         rows = self.phases.trying.nonzero().squeeze(1)
+        self.moved = rows[:0]
+        if not len(rows):
+            return
         step = self.region.step(self.newton, rows)
         self.phases.stop(rows, {StopReason.STEP: self._short(rows, step.length)})
         trying = self.phases.trying[rows]
         rows, step = rows[trying], step.of(trying)
-        self.moved = rows[:0]
         if len(rows):
             accepted, progress = self._try(rows, step)
             self.phases.stop(
@@ -191,6 +200,8 @@ class _Search:
         self.descent[lower] = -gradient[accepted] / 2
         self.iterations[lower] += 1
         self._record(rows)
+        if self.accepted is not None and len(lower):
+            self.accepted(lower, self.iterations[lower], self.x[lower])
         self.phases.solve(lower)
         return accepted, progress
 
@@ -206,6 +217,7 @@ def dogleg(
     *,
     radius: float | None = None,
     watch: Watch | None = None,
+    accepted: Accepted | None = None,
     **rules: Any,
 ) -> Minimum:
     """Minimise a batch of sums of squares.
@@ -215,7 +227,8 @@ def dogleg(
             influence each other.
         start: (B, N), float32 or float64.
         radius: of the first trust region (``delta_0``); by default the length of the first Gauss-Newton step.
-        watch: see :data:`Watch`.
+        watch: see :data:`.result.Watch`.
+        accepted: see :data:`.result.Accepted`.
         rules: budget and tolerances, the fields of :class:`DoglegRules`.
 
     Returns:
@@ -226,7 +239,7 @@ def dogleg(
     """
     if not isinstance(problem, LeastSquares):
         raise TypeError(f"dogleg needs a problem with residuals (LeastSquares), got {type(problem).__name__}")
-    search = _Search(problem, start, radius, DoglegRules(**rules), watch)
+    search = _Search(problem, start, radius, DoglegRules(**rules), watch, accepted)
     while search.phases.running():
         search.solve()
         search.try_steps()

@@ -16,6 +16,9 @@ ObjectiveFunction: TypeAlias = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
 Watch: TypeAlias = Callable[[Tensor, Tensor], None]
 """Called after each call of the objective: the indices (A,) of its problems, and their evaluations (A,) so far."""
 
+Accepted: TypeAlias = Callable[[Tensor, Tensor, Tensor], None]
+"""Called after accepted steps: the indices (A,) of the problems, their iterations (A,) so far, their points (A, N)."""
+
 
 @runtime_checkable
 class LeastSquares(Protocol):
@@ -28,6 +31,37 @@ class LeastSquares(Protocol):
 
         Row a depends on point a only.  Differentiable by PyTorch, and the derivative again (for J·v).
         """
+        ...
+
+
+class Jacobian(Protocol):
+    """The Jacobians J of some problems of a batch, each at its point.
+
+    Attributes:
+        size: M, the number of residuals.
+    """
+
+    size: int
+
+    def jvp(self, vectors: Tensor, /) -> Tensor:
+        """J·v: (A, N) to (A, M)."""
+        ...
+
+    def vjp(self, vectors: Tensor, /) -> Tensor:
+        """Jᵀ·v: (A, M) to (A, N)."""
+        ...
+
+    def precondition(self, vectors: Tensor, /) -> Tensor:
+        """W⁻¹·v, (A, N), of a symmetric positive W near JᵀJ: the closer, the fewer products a step takes."""
+        ...
+
+
+@runtime_checkable
+class Linearizable(LeastSquares, Protocol):
+    """A problem that knows its Jacobian better than the graph of its residuals does."""
+
+    def linearize(self, points: Tensor, index: Tensor, /) -> Jacobian:
+        """J at the points (A, N) of the problems ``index`` (A,)."""
         ...
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import get_args
 
+from ...invert.method import InversionMethod
 from ...invert.quality import QualityName
 from . import options
 from .options import Parser
@@ -54,6 +55,18 @@ def invert(commands: argparse._SubParsersAction[Parser]) -> None:
     options.common(command, SIZE)
     options.memory(command)
     options.minimiser(command)
+    command.add_argument(
+        "--method",
+        choices=get_args(InversionMethod),
+        default="default",
+        help="paper searches as the paper does, from noise over gray values by Powell's dogleg, in some thirty times "
+        "the time (default: default)",
+    )
+    command.add_argument(
+        "--iterations",
+        action="store_true",
+        help="with --method paper: write <stem>_iterations.png, too, the image after 0, 1, 2 and all iterations",
+    )
     command.add_argument(
         "--quality",
         choices=get_args(QualityName),

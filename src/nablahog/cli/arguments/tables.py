@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from ...evaluate.names import DIALECTS, TABLE1, TABLE2
+from ...evaluate.names import AS_PUBLISHED, DIALECTS, TABLE1, TABLE2
 from . import options
 from .learn import KINDS
 from .options import Parser
@@ -23,7 +23,7 @@ def table1(commands: argparse._SubParsersAction[Parser]) -> None:
         "resumed when it is repeated.",
     )
     options.images(command)
-    options.table(command, TABLE1, {"dialects": DIALECTS})
+    options.table(command, TABLE1, {"dialects": DIALECTS, "published": AS_PUBLISHED})
     options.number(command, "--limit", "only the first N images")
     options.size(command, TABLE1_SIZE)
     options.minimiser(command)

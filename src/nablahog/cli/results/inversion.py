@@ -15,7 +15,7 @@ from torch import Tensor
 
 from ... import metrics
 from ...hog.gradient import gray
-from ...invert import LearnedPrior, Search, reconstruct
+from ...invert import AsPublished, LearnedPrior, Search, reconstruct
 from ...invert.colour import reconstruct_colour
 from ...invert.quality import QualityName
 from ...io.images import write_image
@@ -38,6 +38,7 @@ class Inversion:
             them; None where the reference is not known, or the measure not defined or not finite.
         seconds: the source's share of the time of its batch.
         stop_reason: why the minimiser stopped.
+        iterates: (iterations + 1, H, W) in 0…1, from the start to the pre-image, if they were asked for.
     """
 
     source: Source
@@ -46,6 +47,7 @@ class Inversion:
     measures: dict[str, float | None]
     seconds: float
     stop_reason: str
+    iterates: Tensor | None = None
 
     def figures(self) -> dict[str, Any]:
         """What ``results.json`` says of this input, ready for JSON."""
@@ -84,21 +86,33 @@ class Inversion:
         return glyphs(self.source.descriptor, self.source.spec)
 
     def write(self, folder: Path) -> None:
-        """Writes ``<stem>_preimage.png``, ``<stem>_glyphs.png`` and ``<stem>_thumbnails.png`` into ``folder``.
+        """Writes ``<stem>_preimage.png``, ``_glyphs.png``, ``_thumbnails.png``, and ``_iterations.png`` of iterates.
 
         Raises:
             OSError: a file cannot be written.
         """
         sheet = contact_sheet([self.panels()])
-        preimage, glyph_picture, thumbnails = (folder / name for name in result_names(self.source))
+        kept = self.iterates is not None
+        preimage, glyph_picture, thumbnails, *more = (folder / name for name in result_names(self.source, kept))
         write_image(preimage, self.preimage)
         write_image(glyph_picture, self.glyphs)
         write_image(thumbnails, sheet)
+        for name in more:
+            write_image(name, contact_sheet([self._first_and_last()]))
+
+    def _first_and_last(self) -> list[Panel]:
+        """The photograph, if it is known, and the image after iterations 0, 1, 2 and all, as the paper shows them."""
+        assert self.iterates is not None
+        last = len(self.iterates) - 1
+        shown = [Panel(self.iterates[k], f"iteration {k}") for k in range(min(3, last))]
+        photo = [] if self.source.photo is None else [Panel(self.source.photo, "photograph")]
+        return [*photo, *shown, Panel(self.iterates[last], f"iteration {last}")]
 
 
-def result_names(source: Source) -> list[str]:
-    """The names of the files that :meth:`Inversion.write` leaves."""
-    return [f"{source.stem}_{what}.png" for what in ("preimage", "glyphs", "thumbnails")]
+def result_names(source: Source, iterations: bool = False) -> list[str]:
+    """The names of the files that :meth:`Inversion.write` leaves, with those of iterations or without."""
+    pictures = ("preimage", "glyphs", "thumbnails", *(["iterations"] if iterations else []))
+    return [f"{source.stem}_{what}.png" for what in pictures]
 
 
 def batches(sources: Sequence[Source]) -> list[list[int]]:
@@ -120,6 +134,7 @@ def invert_batch(
     seed: int,
     quality: QualityName = "best",
     max_evaluations: int | None = None,
+    published: AsPublished | None = None,
     prior: LearnedPrior | None = None,
     colour: bool = False,
     progress: Callable[[int, int], None] | None = None,
@@ -132,6 +147,7 @@ def invert_batch(
         seed: of the starting images.
         quality: as :func:`nablahog.reconstruct` has it.
         max_evaluations: of the objective; None for those of the quality.
+        published: the paper's search, instead of the default one.
         prior: learned for the spec; None for none.
         colour: whether to find images in colour, without a prior.
         progress: called with the evaluations done and their largest number.
@@ -145,9 +161,12 @@ def invert_batch(
     """
     descriptors = torch.stack([source.descriptor for source in sources]).to(device)
     spec, image_size = sources[0].spec, sources[0].image_size
-    method = reconstruct_colour if colour else reconstruct if prior is None else prior.reconstruct
-    search = Search(max_evaluations=max_evaluations)
-    result = method(descriptors, spec, image_size, quality=quality, seed=seed, search=search, progress=progress)
+    if published is not None:
+        result = reconstruct(descriptors, spec, image_size, method=published, seed=seed, progress=progress)
+    else:
+        method = reconstruct_colour if colour else reconstruct if prior is None else prior.reconstruct
+        search = Search(max_evaluations=max_evaluations)
+        result = method(descriptors, spec, image_size, quality=quality, seed=seed, search=search, progress=progress)
     inversions = []
     for index, source in enumerate(sources):
         preimage = result.image[index].detach().float().cpu()
@@ -155,7 +174,8 @@ def invert_batch(
         reference = None if source.photo is None else gray(source.photo[None])[0, 0]
         measures = _measures(_gray(preimage), reference, float(result.distance[index]))
         seconds, stop_reason = result.seconds / len(sources), str(result.stop_reason[index])
-        inversions.append(Inversion(source, preimage, reference, measures, seconds, stop_reason))
+        iterates = None if result.iterates is None else result.iterates[:, index, 0].detach().float().cpu()
+        inversions.append(Inversion(source, preimage, reference, measures, seconds, stop_reason, iterates))
     return inversions
 
 
