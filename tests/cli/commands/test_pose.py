@@ -111,7 +111,7 @@ def test_the_papers_method_as_json(
     assert main(["pose", *scene, *options]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed == json.loads((out / "chair_pose.json").read_text())
-    assert (printed["settings"]["method"], printed["settings"]["similarity"]) == ("paper", "dot")
+    assert (printed["settings"]["method"], printed["settings"]["similarity"]) == ("paper", "patches")
     assert printed["candidates"] == ["wedge"]
     assert len(printed["traces"]) == 9
     assert max(value for path in printed["traces"] for value in path["similarities"]) == printed["similarity"]

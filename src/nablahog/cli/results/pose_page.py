@@ -20,7 +20,7 @@ from ...render import Camera, Mesh, render, silhouette
 from ...viz import html
 from ...viz.pictures import Panel, contact_sheet, glyphs, outlined
 from ...viz.similarity_plot import boxed, by_azimuth
-from .pose_result import PoseResult
+from .pose_result import SAMPLES, STEP, PoseResult
 
 HEIGHT = 320  # of the pictures of the overlay
 WIDEST = 1280  # a photograph there
@@ -90,10 +90,13 @@ def _scaled(pose: Tensor, zoom: float) -> Tensor:
 
 def _around(result: PoseResult) -> Panel:
     """The paper's figure."""
-    estimate = result.estimate
+    estimate, around = result.estimate, result.around
     picture = by_azimuth(
-        *result.around,
+        around.similarities,
+        around.derivatives,
+        around.differences,
         what=estimate.similarity_kind,
+        how=f"gray: central differences over ±{STEP:g}°; cosine {around.cosine:.2f}",
         azimuth=estimate.azimuth,
         traces=[(trace.azimuths, trace.similarities) for trace in result.traces],
         views=list(render(result.mesh, result.turned(VIEWS), result.matched.crop.camera)),
@@ -138,7 +141,9 @@ def _page(result: PoseResult, overlay: list[Panel], turned: Panel, drawn: list[P
             "Similarity by azimuth",
             "Only the azimuth changes. Below: renderings at the azimuths above them. "
             f"The cells have {spec.cell_size[0]} pixels of the {result.matched.crop.image.shape[-1]} that the object "
-            f"is scaled to.{paths}",
+            f"is scaled to. Pixels have {SAMPLES}x{SAMPLES} samples, and the derivative is that of the area that edges "
+            f"cover: its cosine with central differences of the curve over ±{STEP:g}° is {result.around.cosine:.2f}. "
+            f"That of OpenDR's derivative with one sample a pixel is {result.around.opendr_cosine:.2f}.{paths}",
             [turned],
         ),
         html.Section(
