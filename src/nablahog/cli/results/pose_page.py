@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import interpolate
 
+from ...hog import HOGSpec
 from ...hog.box import Box
 from ...io.files import distinct_stems, write_text
 from ...io.images import Picture, as_array, write_image
@@ -122,15 +123,21 @@ def _glyphs(result: PoseResult) -> list[Panel]:
     return panels
 
 
+def _named(spec: HOGSpec) -> str:
+    return f"{spec.name}, cells of {spec.cell_size[0]}x{spec.cell_size[1]} pixels"
+
+
 def _page(result: PoseResult, overlay: list[Panel], turned: Panel, drawn: list[Panel]) -> str:
     spec, arguments = result.matched.background.spec, result.arguments
     initial = "unknown" if arguments.init is None else "azimuth {:g}°, elevation {:g}°".format(*arguments.init)
+    phi = spec if result.estimate.similarity_kind != "patches" else result.matched.patches.spec
     settings_shown = {
         "method": arguments.method,
         "similarity": result.estimate.similarity_kind,
         "initial pose": initial,
         "box": ", ".join(f"{side:g}" for side in result.box),
-        "descriptor": f"{spec.name}, cells of {spec.cell_size[0]}x{spec.cell_size[1]} pixels",
+        "descriptor": _named(phi),
+        "visual elements by": _named(spec),
         "candidates": ", ".join(result.candidates),
         **{f"passed over: {name}": reason for name, reason in result.passed_over.items()},
     }
