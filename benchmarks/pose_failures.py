@@ -1,7 +1,7 @@
 """Where the paper's search is wrong and its baseline was right: is the similarity's maximum wrong, or not reached?
 
     python benchmarks/pose_failures.py [--models DIR] [--viewpoints CSV] [--objects 60] [--seed 0] [--threads 1]
-        [--unknown-model]
+        [--unknown-model] [--exemplars DIR]
 
 The objects are those of `nablahog table2` with the same options.  The search, from the baseline's model and pose, is
 compared with a grid: each degree of azimuth at the same elevation, once placed so that the object fills its box, as
@@ -29,11 +29,13 @@ from poses import objects
 ASKED = (4, 24)  # views of the failures
 
 
-def azimuths(example: Example, method: SearchMethod) -> tuple[float, float, float, float] | None:
+def azimuths(
+    example: Example, method: SearchMethod, settings: Table2Settings
+) -> tuple[float, float, float, float] | None:
     """The azimuths of the baseline, of the search, of the grid's maximum, and of the best of both; or no detection."""
     meshes = {model.name: model.mesh() for model in example.models}
     try:
-        start = detection(PoseInput(example.image, example.box, meshes, example.initial), Table2Settings())
+        start = detection(PoseInput(example.image, example.box, meshes, example.initial), settings)
     except ValueError:
         return None
     mesh = meshes[start.model]
@@ -60,7 +62,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--unknown-model", action="store_true", help="leave an object's own model out")
+    parser.add_argument("--exemplars", type=Path, help="folder of the baseline's views, as `nablahog learn exemplars`")
     options = parser.parse_args()
+    settings = Table2Settings(options.seed, options.exemplars)
     torch.set_num_threads(options.threads)
     examples = objects(
         options.objects, options.models, options.viewpoints, unknown_model=options.unknown_model, seed=options.seed
@@ -70,7 +74,7 @@ def main() -> None:
     print("|---|---|" + "---:|" * len(VIEWS))
     counts = []
     for method in PAPER_RENDERERS:
-        of = [(example.azimuth, azimuths(example, method)) for example in examples]
+        of = [(example.azimuth, azimuths(example, method, settings)) for example in examples]
         found = [(true, *each) for true, each in of if each is not None]
         right = {views: [[bool(same_view(one, row[0], views)) for one in row[1:]] for row in found] for views in VIEWS}
         for column, name in enumerate(("the baseline", "the search", "the grid's maximum", "the highest of all")):
