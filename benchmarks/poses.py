@@ -27,21 +27,30 @@ from nablahog.evaluate.examples import Example, rendered
 from nablahog.evaluate.models import models_in, procedural_chairs
 from nablahog.io.sample_photographs import SAMPLE_NAMES, sample_photograph
 from nablahog.metrics import VIEWS, azimuth_error, same_view
-from nablahog.pose import PoseEstimate, estimate_pose
+from nablahog.pose import PoseEstimate, coarse_to_fine, estimate_pose
+from nablahog.pose.ascent import SCHEDULE, Round
 
 ROWS: dict[str, dict[str, Any]] = {
     "best": {},
     "best, elevation unknown": {"initial": None},
     "best, whitened elements": {"similarity": "whitened"},
-    "best, dot product of elements": {"similarity": "dot"},
+    "best, patches": {"similarity": "patches"},
+    "best, 6 values for 4 slopes": {},
+    "best, 12 values for 4 slopes": {},
     "best, by L-BFGS": {"ascent": "lbfgs"},
     "best, by momentum": {"ascent": "momentum"},
     "exhaustive": {"method": "exhaustive"},
-    "exhaustive, dot product of elements": {"method": "exhaustive", "similarity": "dot"},
+    "exhaustive, patches": {"method": "exhaustive", "similarity": "patches"},
     "paper": {"method": "paper"},
+    "paper-edges": {"method": "paper-edges"},
     "paper, whitened elements": {"method": "paper", "similarity": "whitened"},
     "paper, calibrated": {"method": "paper", "similarity": "calibrated"},
 }
+SCHEDULES = {
+    "best, 6 values for 4 slopes": tuple(Round(6, of.spread, slopes=False) if of.slopes else of for of in SCHEDULE),
+    "best, 12 values for 4 slopes": tuple(Round(12, spread, slopes=False) for spread in (0.8, 0.7, 0.6, 0.6)),
+}
+"""Of rows whose quadratic ascent has values only; the second has a round less, for the same time."""
 
 
 def objects(
@@ -105,6 +114,7 @@ def main() -> None:
     print("|---|" + "---:|" * (len(VIEWS) + 5))
     estimate(examples[0], {})  # so that all loops are compiled
     for name, choices in rows.items():
+        coarse_to_fine.SCHEDULE = SCHEDULES.get(name, SCHEDULE)
         first = []
         for example in examples:
             start = time.process_time()

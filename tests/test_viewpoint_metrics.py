@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
-from nablahog.metrics import VIEWS, azimuth_error, near_view, same_view, view
+from nablahog.metrics import VIEWS, azimuth_error, near_view, rotation_error, same_view, view
+from nablahog.render import pose
+from nablahog.render.camera import rotations
 
 # quarters of degrees: sums of them are exact, and edges of all divisions are among them
 AZIMUTHS = st.integers(-4 * 1080, 4 * 1080).map(lambda quarters: quarters / 4)
@@ -72,9 +75,58 @@ def test_chance() -> None:
         assert near_view(result, true, views).mean() == pytest.approx(2 / views, abs=0.02)
 
 
+ANGLES = st.floats(-720, 720)
+VIEWPOINTS = st.tuples(ANGLES, ANGLES, ANGLES)
+
+
+def _camera(viewpoint: tuple[float, float, float]) -> Rotation:
+    """Azimuth about the object's z, then elevation about x, whose 90° look down on it, then the image's own turn."""
+    azimuth, elevation, theta = viewpoint
+    return Rotation.from_euler("ZXZ", [-theta, 90 + elevation, -azimuth], degrees=True)
+
+
+@given(VIEWPOINTS, VIEWPOINTS)
+def test_rotation_errors_by_scipy(result: tuple[float, float, float], true: tuple[float, float, float]) -> None:
+    expected = np.degrees((_camera(result) * _camera(true).inv()).magnitude())
+    assert rotation_error(result, true) == pytest.approx(expected, abs=1e-5)
+
+
+@given(VIEWPOINTS)
+def test_rotations_are_the_renderers(viewpoint: tuple[float, float, float]) -> None:
+    azimuth, elevation, theta = viewpoint
+    matrix = rotations(pose(azimuth, elevation, theta=theta))[0].numpy()
+    np.testing.assert_allclose(matrix, _camera(viewpoint).as_matrix(), atol=1e-9)
+
+
+@given(VIEWPOINTS, VIEWPOINTS, VIEWPOINTS)
+def test_rotation_errors_are_a_distance(
+    one: tuple[float, float, float], other: tuple[float, float, float], third: tuple[float, float, float]
+) -> None:
+    error = rotation_error(one, other)
+    assert 0 <= error <= 180
+    assert error == pytest.approx(rotation_error(other, one), abs=1e-6)
+    assert rotation_error(one, one) == pytest.approx(0, abs=1e-6)
+    assert rotation_error(one, third) <= error + rotation_error(other, third) + 1e-6
+
+
+@given(AZIMUTHS, AZIMUTHS)
+def test_of_level_views_it_is_the_azimuths_error(result: float, true: float) -> None:
+    assert rotation_error([result, 0, 0], [true, 0, 0]) == pytest.approx(azimuth_error(result, true), abs=1e-5)
+    assert rotation_error([30, 10, result], [30, 10, true]) == pytest.approx(azimuth_error(result, true), abs=1e-5)
+
+
+def test_rotation_errors_broadcast() -> None:
+    errors = rotation_error(np.zeros((4, 1, 3)), np.zeros((5, 3)))
+    assert errors.shape == (4, 5)
+    with pytest.raises(ValueError, match="along the last axis, got shape"):
+        rotation_error([0, 0], [0, 0])
+    with pytest.raises(ValueError, match="NaN or infinity"):
+        rotation_error([0, float("nan"), 0], [0, 0, 0])
+
+
 def test_no_azimuth() -> None:
     for bad in (float("nan"), float("inf")):
-        with pytest.raises(ValueError, match="expected azimuths in degrees, got NaN or infinity"):
+        with pytest.raises(ValueError, match="expected angles in degrees, got NaN or infinity"):
             azimuth_error([0, bad], 0)
-        with pytest.raises(ValueError, match="expected azimuths"):
+        with pytest.raises(ValueError, match="expected angles"):
             same_view(0, bad, 4)

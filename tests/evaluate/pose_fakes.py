@@ -20,7 +20,7 @@ def examples(azimuths: Sequence[float], *, size: int = 16) -> Examples:
         image = torch.linspace(0.2, 0.8, size * size).reshape(1, size, size)
         image[0, 0, 0] = azimuth / 360
         box = (0.0, 0.0, float(size), float(size))
-        objects.append(Example(f"{number}", image, box, azimuth, 20.0, "one", MODELS, (90.0 * number, 15.0)))
+        objects.append(Example(f"{number}", image, box, azimuth, 20.0, 1.0, "one", MODELS, (90.0 * number, 15.0)))
     return Examples(objects, "Made up.")
 
 

@@ -18,7 +18,7 @@ CADS = [Model(name, Path(f"{name}.off")) for name in ("01", "02", "03")]
 
 def _selection(*cads: str | None) -> Selection:
     objects = [
-        AnnotatedObject(f"a#{k}", torch.full((3, 100, 120), 0.5), Viewpoint(10.0 * k, 5.0, 0, 7, coarse=False), cad)
+        AnnotatedObject(f"a#{k}", torch.full((3, 100, 120), 0.5), Viewpoint(10.0 * k, 5.0, 2.0, 7, coarse=False), cad)
         for k, cad in enumerate(cads)
     ]
     return Selection(objects, Counter({"occluded": 4}), {"b": "no image"})
@@ -28,7 +28,7 @@ def test_photographs() -> None:
     result = photographed(_selection("02", None), CADS, unknown_model=False, seed=0)
     first, second = result.objects
     assert (first.name, first.model, second.model) == ("a#0", "02", None)
-    assert (first.azimuth, first.elevation, second.azimuth) == (0, 5, 10)
+    assert (first.azimuth, first.elevation, first.theta, second.azimuth) == (0, 5, 2, 10)
     assert first.box == (0, 0, 120, 100)
     assert first.models == tuple(CADS)
     assert "2 objects of 1 photographs; left out: 4 occluded" in result.origin
@@ -53,7 +53,7 @@ def test_initial_poses() -> None:
 
 
 def _rendered(count: int = 3, *, models: int = 3, unknown_model: bool = False, seed: int = 0) -> Examples:
-    viewpoints, clutter = np.array([[10.0, 20.0, 0.0], [200.0, 5.0, 0.0]]), [torch.full((1, 40, 40), 0.5)]
+    viewpoints, clutter = np.array([[10.0, 20.0, 4.0], [200.0, 5.0, -3.0]]), [torch.full((1, 40, 40), 0.5)]
     chairs = procedural_chairs(models)
     return rendered(count, chairs, viewpoints, clutter, origin="chairs of mine", unknown_model=unknown_model, seed=seed)
 
@@ -62,7 +62,7 @@ def test_scenes() -> None:
     result = _rendered()
     assert [each.name for each in result.objects] == ["0000", "0001", "0002"]
     for each in result.objects:
-        assert (each.azimuth, each.elevation) in ((10, 20), (200, 5))
+        assert (each.azimuth, each.elevation, each.theta) in ((10, 20, 4), (200, 5, -3))
         assert [model.name for model in each.models] == [each.model]
         assert abs(each.initial[1] - each.elevation) <= 5
         x0, y0, x1, y1 = each.box

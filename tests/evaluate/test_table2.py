@@ -6,7 +6,9 @@ import csv
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from nablahog.evaluate.pose_methods import PoseMethod, Table2Settings
 from nablahog.evaluate.table2 import Table2, run_table2, write_table2
@@ -15,7 +17,7 @@ from nablahog.evaluate.tables import Failure
 from .pose_fakes import FAR, NEAR, OTHER, examples
 
 AZIMUTHS = [0, 90, 40, 350]
-FILES = ["failures.csv", "median_error.csv", "per_object.csv", "summary.csv"]
+FILES = ["failures.csv", "median_error.csv", "per_object.csv", "rotation.csv", "summary.csv"]
 
 
 def _made(folder: Path, *methods: PoseMethod, seed: int = 0) -> Table2:
@@ -38,6 +40,9 @@ def test_how_they_are_counted(tmp_path: Path, calls: list[str]) -> None:
     assert [means["interval", views] for views in (4, 8, 16, 24)] == [75, 100, 100, 25]
     assert [means["threshold", views] for views in (4, 8, 16, 24)] == [100] * 4
     assert paper.error.median == pytest.approx(8, abs=1e-4)
+    assert 8 < (paper.rotation.median or 0) < 10  # with 5° of elevation and 1° in the image plane
+    assert {angle: of.mean for angle, of in paper.within.items()} == {30: 100, 10: 100}
+    assert (exemplar.rotation.median, exemplar.within[30].n) == (None, 0)
     assert table.errors("paper") == pytest.approx([8] * 4, abs=1e-4)
     accuracy = paper.accuracy["interval", 4]
     assert accuracy.low is not None
@@ -49,6 +54,8 @@ def test_no_pose_is_wrong(tmp_path: Path, calls: list[str]) -> None:
     table = _made(tmp_path, FAR)
     assert table.failures == [Failure("0", "exemplar", "no element")]
     assert table.errors("exemplar") == pytest.approx([180, 100, 100, 100], abs=1e-4)
+    assert table.rotation_errors("exemplar")[0] == 180
+    assert (table.rotation_errors("exemplar")[1:] > 90).all()
     line = {line.method: line for line in table.lines()}["exemplar"]
     assert line.accuracy["threshold", 4].n == 4
     assert line.accuracy["threshold", 4].mean == 0
@@ -68,8 +75,8 @@ def test_files(tmp_path: Path, calls: list[str]) -> None:
 
     rows = _rows(tmp_path / "per_object.csv")
     assert list(rows[0]) == [
-        *("object", "model", "method", "true_azimuth", "true_elevation"),
-        *("azimuth", "elevation", "distance", "theta", "found_model", "error", "seconds"),
+        *("object", "model", "method", "true_azimuth", "true_elevation", "true_theta"),
+        *("azimuth", "elevation", "distance", "theta", "found_model", "error", "rotation_error", "seconds"),
     ]
     assert [(row["method"], row["object"]) for row in rows] == [
         *(("exemplar", each) for each in "123"),
@@ -82,6 +89,19 @@ def test_files(tmp_path: Path, calls: list[str]) -> None:
         "15.0",
         "one",
         "two",
+    ]
+
+    assert float(first["true_theta"]) == 1
+    turn = Rotation.from_euler("ZXZ", [[0, 105, -8], [-1, 110, 0]], degrees=True)
+    expected = np.degrees((turn[0] * turn[1].inv()).magnitude())
+    assert float(first["rotation_error"]) == pytest.approx(expected, abs=1e-4)
+
+    rotation = _rows(tmp_path / "rotation.csv")
+    assert [(row["method"], row["figure"], float(row["value"])) for row in rotation] == [
+        ("exemplar", "median_error", pytest.approx(table.lines()[0].rotation.median)),
+        *(("exemplar", f"within_{angle}_degrees", 0.0) for angle in (30, 10)),
+        ("paper", "median_error", pytest.approx(expected, abs=1)),
+        *(("paper", f"within_{angle}_degrees", 100.0) for angle in (30, 10)),
     ]
 
     summary = _rows(tmp_path / "summary.csv")

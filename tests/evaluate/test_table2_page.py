@@ -37,12 +37,22 @@ def test_figures_and_definitions(table: Table2) -> None:
         assert f">{figure}<" in html
     accuracy = table.lines()[1].accuracy["interval", 4]
     assert f"{accuracy.low:.1f} … {accuracy.high:.1f}" in html
-    for name in ("views, by interval", "views, by threshold", "median error, error", "paper", "best", "exemplar"):
+    criteria = "4, 8, 16, 24 views: by interval", "&lt; 90°, &lt; 45°, &lt; 22.5°, &lt; 15°: by threshold"
+    for name in (*criteria, "rotation, rotation error", "median error, error", "paper", "best", "exemplar"):
         assert f"<dt>{name}</dt>" in html
-    assert "90, 45, 22.5, 15°" in html
     assert "Made up." in html
     assert "seed 7" in html
     assert "nan" not in _text(html).lower().split()
+
+
+def test_both_criteria_and_rotations_are_columns(table: Table2) -> None:
+    html = _html(table)
+    first = re.sub(r"\s+", " ", _text(html[html.index("<table") : html.index("</table>")]))
+    for views, angle in ((4, "90"), (8, "45"), (16, "22.5"), (24, "15")):
+        assert f"{views} views {views} views paper &lt; {angle}°" in first
+    rotation = _text(html[html.index("<h2>Rotation") : html.index("<h2>How far off")])
+    for text in ("≤ 30°, %", "≤ 10°, %", "median error", "100.0"):
+        assert text in rotation
 
 
 def test_failures_are_listed_and_counted(table: Table2) -> None:
@@ -80,10 +90,14 @@ def test_bars() -> None:
 
 def test_terminal(table: Table2) -> None:
     rows = {row["method"]: row for row in table2_page.terminal_rows(table)}
-    assert rows["paper"]["4 views"] == "75.0 (58.9)"
+    assert (rows["paper"]["4 views"], rows["paper"]["< 90°"]) == ("75.0 (58.9)", "100.0")
+    assert (rows["paper"]["24 views"], rows["paper"]["< 15°"]) == ("25.0 (16.9)", "100.0")
     assert rows["other"]["24 views"] == "0.0"
-    assert rows["exemplar"]["objects"] == 4
     assert len({tuple(row) for row in rows.values()}) == 1
+    rotations = {row["method"]: row for row in table2_page.terminal_rotations(table)}
+    assert (rotations["paper"]["rotation ≤ 30°"], rotations["exemplar"]["rotation ≤ 10°"]) == ("100.0", "0.0")
+    assert rotations["exemplar"]["objects"] == 4
+    assert 8 < float(str(rotations["paper"]["rotation error"])) < 10
 
 
 def test_without_failures_and_methods(tmp_path: Path, calls: list[str]) -> None:

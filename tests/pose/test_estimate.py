@@ -100,10 +100,11 @@ def test_of_several_models_it_is_the_right_one(method: Any) -> None:
     assert calls == [(0, 2, "wooden"), (1, 2, "swivel")]
 
 
-def test_the_papers_method_keeps_its_traces(clean: Scene) -> None:
+@pytest.mark.parametrize("method", ["paper", "paper-edges"])
+def test_the_papers_method_keeps_its_traces(clean: Scene, method: Any) -> None:
     image, box = clean
-    estimate = estimate_pose(image, model(), box=box, initial=(200, 18), method="paper")
-    assert estimate.similarity_kind == "dot"
+    estimate = estimate_pose(image, model(), box=box, initial=(200, 18), method=method)
+    assert estimate.similarity_kind == "patches"
     assert degrees_between(estimate.azimuth, 215) < 10
     assert (estimate.elevation, estimate.theta) == (18, 0)
     assert [round(trace.azimuths[0]) for trace in estimate.traces] == [200, 0, 45, 90, 135, 180, 225, 270, 315]
@@ -128,7 +129,7 @@ def test_other_ascents(clean: Scene, ascent: Any) -> None:
     assert degrees_between(estimate.azimuth, 215) < 4
 
 
-@pytest.mark.parametrize("similarity", ["dot", "whitened"])
+@pytest.mark.parametrize("similarity", ["patches", "whitened"])
 def test_other_similarities(clean: Scene, similarity: Any) -> None:
     image, box = clean
     estimate = estimate_pose(image, model(), box=box, initial=(0, 18), similarity=similarity)
@@ -155,9 +156,9 @@ def test_where_there_is_nothing_to_see_any_pose_will_do(image: Tensor) -> None:
     ("changes", "message"),
     [
         ({"models": {}}, "at least one model, got none"),
-        ({"method": "aubry"}, "method must be one of 'best', 'paper', 'exhaustive', got 'aubry'"),
+        ({"method": "aubry"}, "method must be one of 'best', 'paper', 'paper-edges', 'exhaustive', got 'aubry'"),
         ({"ascent": "sgd"}, "ascent must be one of 'quadratic', 'momentum', 'lbfgs', got 'sgd'"),
-        ({"similarity": "cosine"}, "similarity must be one of 'dot', 'whitened', 'calibrated', got 'cosine'"),
+        ({"similarity": "cosine"}, "similarity must be one of 'patches', 'whitened', 'calibrated', got 'cosine'"),
         ({"initial": (math.nan, 0)}, "finite azimuth and an elevation in -90…90"),
         ({"initial": (0, 0, 0)}, "finite azimuth and an elevation in -90…90"),
         ({"initial": (0, 91)}, "finite azimuth and an elevation in -90…90"),

@@ -70,11 +70,10 @@ def test_what_is_beyond_the_photograph_does_not_count() -> None:
 def test_templates_of_elements(crop: ObjectCrop) -> None:
     photograph = PreparedPhotograph(crop)
     descriptor, result = photograph.elements
-    for kind, patches in (("dot", result.patches), ("whitened", result.weights)):
-        template = photograph.template(kind)  # type: ignore[arg-type]
-        assert template.whitener is None
-        assert template.spec == pose_spec()
-        assert_close(template.weights.permute(1, 2, 0), result.scatter(patches, *descriptor.shape[:2]))
+    template = photograph.whitened
+    assert template.whitener is None
+    assert template.spec == pose_spec()
+    assert_close(template.weights.permute(1, 2, 0), result.scatter(result.weights, *descriptor.shape[:2]))
 
 
 def test_calibrated_templates_have_whole_and_half_cells(crop: ObjectCrop) -> None:
@@ -89,8 +88,7 @@ def test_calibrated_templates_have_whole_and_half_cells(crop: ObjectCrop) -> Non
 def test_another_background_brings_its_descriptor(crop: ObjectCrop) -> None:
     background = default_background(presets.uoctti(16, colour="gray"), 4)
     photograph = PreparedPhotograph(crop, background)
-    for kind in ("dot", "whitened", "calibrated"):
-        template = photograph.template(kind)  # type: ignore[arg-type]
+    for template in (photograph.whitened, photograph.calibrated):
         assert template.spec is background.spec
         assert template.weights.shape == (31, 8, 8)
 
@@ -98,7 +96,7 @@ def test_another_background_brings_its_descriptor(crop: ObjectCrop) -> None:
 def test_a_model_is_prepared_once_for_a_camera(crop: ObjectCrop) -> None:
     prepared = prepared_model(model(), crop.camera)
     assert prepared_model(model(), crop.camera) is prepared
-    template = PreparedPhotograph(crop).template("dot")
+    template = PreparedPhotograph(crop).whitened
     renderers = [prepared.similarity(template, *options).renderer for options in ((), ("opendr",), ("edges", 2), ())]  # type: ignore[arg-type]
     assert renderers[0] is renderers[3]
     assert [(each.method, each.supersampling) for each in renderers[:3]] == [("edges", 1), ("opendr", 1), ("edges", 2)]
@@ -117,7 +115,7 @@ def test_less_detail_takes_fewer_faces(crop: ObjectCrop) -> None:
 
 
 def test_similarities_are_of_its_renderings(crop: ObjectCrop) -> None:
-    template = PreparedPhotograph(crop).template("dot")
+    template = PreparedPhotograph(crop).whitened
     poses = columns(torch.tensor([30.0, 60]))
     similarity = prepared_model(model(), crop.camera).similarity(template, "edges", 2)
     images = render(model(), poses, crop.camera, supersampling=2)

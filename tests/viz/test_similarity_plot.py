@@ -10,6 +10,7 @@ from nablahog.viz.pictures import RED
 from nablahog.viz.similarity_plot import LEFT, RIGHT, VIEW, WIDTH, boxed, by_azimuth
 
 BLUE = (24, 74, 150)
+TEXTS = {"what": "patches", "how": "central differences"}
 
 
 def where(picture: NDArray[np.float64], colour: tuple[int, int, int]) -> NDArray[np.bool_]:
@@ -42,7 +43,7 @@ def test_boxes() -> None:
 @pytest.mark.parametrize("azimuth", [0.0, 130.0, 359.9])
 def test_the_pose_found_is_marked(azimuth: float) -> None:
     values = 3 + np.cos(np.radians(np.arange(0, 360, 4)))
-    picture = by_azimuth(values, values, what="dot", azimuth=azimuth)
+    picture = by_azimuth(values, values, values, **TEXTS, azimuth=azimuth)
     assert picture.shape[::2] == (3, WIDTH)
     red = where(picture, (255, 38, 26))
     lines = red.sum(axis=0) > 300
@@ -52,7 +53,7 @@ def test_the_pose_found_is_marked(azimuth: float) -> None:
 def test_the_curve_is_highest_where_similarity_is() -> None:
     azimuths = np.arange(0, 360, 2)
     values = np.exp(-(((azimuths - 200) / 20.0) ** 2))
-    blue = where(by_azimuth(values, np.zeros(180), what="dot", azimuth=0)[:, 24:260], BLUE)
+    blue = where(by_azimuth(values, np.zeros(180), np.zeros(180), **TEXTS, azimuth=0)[:, 24:260], BLUE)
     assert columns(blue) == pytest.approx([0, 360], abs=1)
     rows = blue.argmax(axis=0)
     rows[~blue.any(axis=0)] = 1000
@@ -62,7 +63,7 @@ def test_the_curve_is_highest_where_similarity_is() -> None:
 def test_traces_go_round() -> None:
     flat = np.ones(90)
     traces = [([350.0, 355, 365, 370], [0.5] * 4), ([20.0, 5, -5, -20], [1.5] * 4), ([0.0, 0.0], [0.2, 0.3])]
-    picture = by_azimuth(flat, flat, what="dot", azimuth=180, traces=traces)[:, 24:260]
+    picture = by_azimuth(flat, flat, flat, **TEXTS, azimuth=180, traces=traces)[:, 24:260]
     orange = picture[1] - picture[2] > 0.1  # which nothing else has
     assert columns(orange) == pytest.approx([0, 360], abs=3)
     for side in (slice(LEFT + 1, LEFT + 4), slice(WIDTH - RIGHT - 4, WIDTH - RIGHT - 1)):
@@ -73,8 +74,8 @@ def test_traces_go_round() -> None:
 def test_views_lie_below_their_azimuths() -> None:
     flat = np.ones(90)
     views = [np.full((10, 10), k / 8) for k in range(8)]
-    plain = by_azimuth(flat, flat, what="dot", azimuth=180)
-    strip = by_azimuth(flat, flat, what="dot", azimuth=180, views=views)[:, plain.shape[1] :]
+    plain = by_azimuth(flat, flat, flat, **TEXTS, azimuth=180)
+    strip = by_azimuth(flat, flat, flat, **TEXTS, azimuth=180, views=views)[:, plain.shape[1] :]
     for k, view in enumerate(views):
         middle = round(LEFT + k / 8 * (WIDTH - LEFT - RIGHT))
         assert strip[0, VIEW // 2, middle] == pytest.approx(view[0, 0], abs=0.01)
@@ -82,5 +83,14 @@ def test_views_lie_below_their_azimuths() -> None:
 
 @pytest.mark.parametrize("level", [0.0, 1e-12, -7.0, 1e9])
 def test_any_level(level: float) -> None:
-    picture = by_azimuth(np.full(12, level), np.zeros(12), what="dot", azimuth=0)
+    picture = by_azimuth(np.full(12, level), np.zeros(12), np.zeros(12), **TEXTS, azimuth=0)
     assert np.isfinite(picture).all()
+
+
+def test_derivatives_are_drawn_over_what_they_are_compared_with() -> None:
+    azimuths = np.arange(0, 360, 2)
+    rising, falling = np.where(azimuths < 180, 1.0, -1.0), np.where(azimuths < 180, -1.0, 1.0)
+    apart = by_azimuth(rising, rising, falling, **TEXTS, azimuth=0)[:, 330:]
+    alike = by_azimuth(rising, rising, rising, **TEXTS, azimuth=0)[:, 330:]
+    gray = [(np.abs(picture * 255 - 150) < 12).all(axis=0)[:, LEFT + 20 : 500].sum() for picture in (apart, alike)]
+    assert gray[0] > 3 * gray[1]

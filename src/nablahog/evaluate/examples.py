@@ -26,7 +26,7 @@ class Example:
         name: unique.
         image: (C, H, W), C 1 or 3, float32 in 0…1.
         box: of the object in the image.
-        azimuth, elevation: the true ones, degrees.
+        azimuth, elevation, theta: the true ones, degrees.
         model: the name of its own model, or of the one most like it; None if there is none.
         models: the candidates, at least one.
         initial: azimuth and elevation that methods may begin at, degrees.
@@ -37,6 +37,7 @@ class Example:
     box: Box
     azimuth: float
     elevation: float
+    theta: float
     model: str | None
     models: tuple[Model, ...]
     initial: tuple[float, float]
@@ -79,7 +80,7 @@ def photographed(selection: Selection, models: Sequence[Model], *, unknown_model
             raise ValueError(f"{each.name}: there is no candidate model")
         height, width = each.image.shape[1:]
         initial = (random_azimuth(seed, each.name), PHOTOGRAPHED_FROM)
-        truth = each.viewpoint.azimuth, each.viewpoint.elevation
+        truth = each.viewpoint.azimuth, each.viewpoint.elevation, each.viewpoint.theta
         box = Box(0.0, 0.0, float(width), float(height))
         objects.append(Example(each.name, each.image, box, *truth, each.cad, candidates, initial))
     among = f"{len(models)} models{' but the one annotated as most like it' if unknown_model else ''}"
@@ -123,10 +124,9 @@ def rendered(
     for index in range(count):
         made = scene(index, meshes, viewpoints, photographs, seed=seed)
         candidates = tuple(model for model in models if (model.name == made.model) != unknown_model)
-        azimuth, elevation = (float(angle) for angle in made.pose[:2])
+        truth = float(made.pose[0]), float(made.pose[1]), float(made.pose[3])
         initial = (float(made.initial[0]), float(made.initial[1]))
-        name = f"{index:04d}"
-        objects.append(Example(name, made.image, made.box, azimuth, elevation, made.model, candidates, initial))
+        objects.append(Example(f"{index:04d}", made.image, made.box, *truth, made.model, candidates, initial))
     by = "all models but its own" if unknown_model else "its own model"
     given = "from a random azimuth and an elevation near the true one"
     return Examples(objects, f"{count} scenes of {origin}. Each object is looked for by {by}, {given}.")

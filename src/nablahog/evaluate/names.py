@@ -60,7 +60,7 @@ TABLE1 = (
     "dalal-multi-scale-more",
     *DIALECTS,
 )
-TABLE2 = ("exemplar", "exhaustive", "paper", "best")
+TABLE2 = ("exemplar", "exhaustive", "paper", "paper-edges", "best")
 
 
 @dataclass(frozen=True)

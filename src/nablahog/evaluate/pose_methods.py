@@ -128,28 +128,29 @@ def _views(problem: PoseInput, settings: Table2Settings) -> dict[str, ExemplarVi
     return {name: library.views(mesh) for name, mesh in problem.models.items()}
 
 
-def _detect(problem: PoseInput, settings: Table2Settings) -> Detection:
+def detection(problem: PoseInput, settings: Table2Settings) -> Detection:
+    """The baseline's: Aubry et al.'s most confident one, with its model."""
     return detect(problem.image, problem.box, _views(problem, settings))
 
 
 def _exemplar(problem: PoseInput, settings: Table2Settings) -> PoseOutcome:
-    detection = _detect(problem, settings)
+    detected = detection(problem, settings)
     # a detection has no distance; it follows from the size of the object's box
     height, width = problem.image.shape[1:]
     crop = crop_object(problem.image, problem.box)
-    start = level_poses(torch.tensor([detection.azimuth], dtype=torch.float64), detection.elevation)
-    model = prepared_model(problem.models[detection.model], crop.camera)
+    start = level_poses(torch.tensor([detected.azimuth], dtype=torch.float64), detected.elevation)
+    model = prepared_model(problem.models[detected.model], crop.camera)
     placed = fit_to_box(start, model.hull, crop.camera, crop.size)[0]
     pose, camera = crop.in_photograph(placed, height, width)
-    return _outcome(pose, camera, detection.model, detection.confidence)
+    return _outcome(pose, camera, detected.model, detected.confidence)
 
 
-def _paper(problem: PoseInput, settings: Table2Settings) -> PoseOutcome:
+def _paper(problem: PoseInput, settings: Table2Settings, *, method: SearchMethod) -> PoseOutcome:
     """From the model and pose of Aubry et al.'s most confident detection, as in the paper."""
-    detection = _detect(problem, settings)
-    models = {detection.model: problem.models[detection.model]}
-    start = replace(problem, models=models, initial=(detection.azimuth, detection.elevation))
-    return _estimate(start, settings, method="paper")
+    detected = detection(problem, settings)
+    models = {detected.model: problem.models[detected.model]}
+    start = replace(problem, models=models, initial=(detected.azimuth, detected.elevation))
+    return _estimate(start, settings, method=method)
 
 
 POSE_METHODS = {
@@ -169,9 +170,15 @@ POSE_METHODS = {
         ),
         PoseMethod(
             "paper",
-            "The paper's: momentum over azimuth, every few steps over the distance, too, from the pose that the "
-            "baseline finds and 8 azimuths around, with OpenDR's derivatives.",
-            _paper,
+            "The paper's: dot products of ∇HOG descriptors of patches, momentum over azimuth, every few steps over the "
+            "distance, too, from the pose that the baseline finds and 8 azimuths around, with OpenDR's derivatives.",
+            partial(_paper, method="paper"),
+            _views,
+        ),
+        PoseMethod(
+            "paper-edges",
+            "The same with the derivative of the area that edges cover, and 2x2 samples a pixel.",
+            partial(_paper, method="paper-edges"),
             _views,
         ),
         PoseMethod(

@@ -18,6 +18,7 @@ from .problem import PoseProblem, SearchResult, SearchTrace
 from .similarity import (
     ElementTemplate,
     Similarity,
+    Template,
     describe,
     deviations,
     downsampled_poses,
@@ -91,7 +92,7 @@ class _Search:
         self.problem = problem
         self.kind = problem.similarity or "calibrated"
         self.coarse = problem.photograph.template(self.kind)
-        self.fine = problem.photograph.fine if self.kind == "calibrated" else self.coarse
+        self.fine: Template = problem.photograph.fine if self.kind == "calibrated" else self.coarse
         self.voting = len(problem.models) > 1 and self.kind == "calibrated"
         self.renderings = 0
 
@@ -109,8 +110,8 @@ class _Search:
         return sorted(views, key=lambda view: -view.similarity)
 
     def _view_similarities(self, model: PreparedModel, elevation: float) -> Tensor:
-        if self.coarse.whitener is not None:
-            return view_similarities(model, self.coarse, elevation)
+        if self.kind == "calibrated":
+            return view_similarities(model, self.problem.photograph.calibrated, elevation)
         # without calibration an object of another size has another similarity
         poses = self.problem.level_views(model, equidistant_azimuths(VIEW_COUNT), elevation)
         return self._similarity(model, self.coarse).values(poses)
@@ -146,12 +147,12 @@ class _Search:
             return momentum_ascent(similarity, pose[None], steps=_ASCENT_STEPS, distance_every=1)[0][0]
         return lbfgs_ascent(similarity, pose, _ASCENT_STEPS)
 
-    def _value(self, model: PreparedModel, template: ElementTemplate, pose: Tensor) -> float:
+    def _value(self, model: PreparedModel, template: Template, pose: Tensor) -> float:
         self.renderings += 1
         return float(self._similarity(model, template).values(pose[None]))
 
     @staticmethod
-    def _similarity(model: PreparedModel, template: ElementTemplate) -> Similarity:
+    def _similarity(model: PreparedModel, template: Template) -> Similarity:
         return model.similarity(template, detail=DETAIL)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import get_args
 
 import torch
@@ -15,6 +16,7 @@ from torch import Tensor
 
 from ..hog.inputs import ArrayImage, image_batch
 from ..render import Camera, Mesh
+from ..render.renderer import Method
 from .ascent import momentum_ascent
 from .coarse_to_fine import coarse_to_fine
 from .crop import crop_object
@@ -26,6 +28,9 @@ from .whitening import Background
 
 EVERY_DEGREE = 360
 PAPER_STARTS = 8  # azimuths all around, beside the initial one
+LEARNING_RATE = 2.0  # of the paper's methods
+PAPER_RENDERERS: dict[SearchMethod, tuple[Method, int]] = {"paper": ("opendr", 1), "paper-edges": ("edges", 2)}
+"""How the paper's methods differentiate renderings, and with how many samples along the side of a pixel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +48,8 @@ class PoseEstimate:
         camera: that these are meant for; it sees the whole photograph.
         model: the name of the best model; "" for a single mesh.
         similarity: of its rendering to the photograph.
-        similarity_kind: ``"dot"``, ``"whitened"`` or ``"calibrated"``, see :mod:`.similarity`; a calibrated one is in
-            standard deviations over photographs of anything, the others have no unit.
+        similarity_kind: ``"patches"``, ``"whitened"`` or ``"calibrated"``, see :mod:`.similarity`; a calibrated one is
+            in standard deviations over photographs of anything, the others have no unit.
         crop_pose: (6,), float64: the same pose for the object's crop, see :func:`.crop.crop_object`.
         renderings: compared with the photograph, cached views included.
         traces: of the searches from all starts; empty for ``"exhaustive"``.
@@ -104,11 +109,12 @@ def estimate_pose(
         box: x0, y0, x1, y1 of the object, pixels; by default the whole photograph.
         initial: azimuth and elevation to begin at, degrees; by default unknown.
         method: ``"best"``: views all around at about the initial elevation (or at several, if unknown), then an ascent
-            over all six parameters from the best of them, at last with smaller cells.  ``"paper"``: visual elements of
-            the photograph, OpenDR's derivatives, momentum over azimuth and every few steps over distance, from the
-            initial pose and 8 azimuths around.  ``"exhaustive"``: every degree of azimuth at the initial elevation.
-        similarity: ``"dot"``, ``"whitened"`` or ``"calibrated"``, see :mod:`.similarity`; by default ``"dot"`` for the
-            paper's method and ``"calibrated"`` for the others.
+            over all six parameters from the best of them, at last with smaller cells.  ``"paper"``: patches of the
+            photograph's visual elements, OpenDR's derivatives, momentum over azimuth and every few steps over distance,
+            from the initial pose and 8 azimuths around.  ``"paper-edges"``: the same with the renderer's derivative of
+            the area that edges cover.  ``"exhaustive"``: every degree of azimuth at the initial elevation.
+        similarity: ``"patches"``, ``"whitened"`` or ``"calibrated"``, see :mod:`.similarity`; by default ``"patches"``
+            for the paper's methods and ``"calibrated"`` for the others.
         ascent: of ``"best"``: ``"quadratic"``, fits of a quadratic to samples, see :mod:`.ascent`;
             ``"momentum"`` and ``"lbfgs"`` follow single derivatives.
         background: of the coarse descriptor, which also says which descriptor that is; by default that of
@@ -192,15 +198,17 @@ def _checked_view(initial: Sequence[float] | None) -> tuple[float, float] | None
     return initial[0], initial[1]
 
 
-def _paper(problem: PoseProblem) -> SearchResult:
-    kind = problem.similarity or "dot"
+def _paper(problem: PoseProblem, *, method: SearchMethod) -> SearchResult:
+    """Momentum from the initial pose and azimuths around, with the renderer of one of the paper's methods."""
+    kind = problem.similarity or "patches"
     template = problem.photograph.template(kind)
     azimuth, elevation = problem.initial or (0.0, ELEVATIONS[1])
     azimuths = torch.cat([equidistant_azimuths(1, azimuth), equidistant_azimuths(PAPER_STARTS)])
     best, traces, renderings = [], [], 0
     for name, model in problem.each_model():
-        similarity = model.similarity(template, "opendr")
-        poses, values, path = momentum_ascent(similarity, problem.level_views(model, azimuths, elevation))
+        similarity = model.similarity(template, *PAPER_RENDERERS[method])
+        starts = problem.level_views(model, azimuths, elevation)
+        poses, values, path = momentum_ascent(similarity, starts, learning_rate=LEARNING_RATE)
         top = int(values.argmax())
         best.append((float(values[top]), name, poses[top]))
         traces += [SearchTrace(name, tuple(one[:, 0].tolist()), tuple(one[:, 1].tolist())) for one in path.unbind(1)]
@@ -227,6 +235,7 @@ def _exhaustive(problem: PoseProblem) -> SearchResult:
 
 SEARCHES: dict[SearchMethod, Callable[[PoseProblem], SearchResult]] = {
     "best": coarse_to_fine,
-    "paper": _paper,
+    "paper": partial(_paper, method="paper"),
+    "paper-edges": partial(_paper, method="paper-edges"),
     "exhaustive": _exhaustive,
 }

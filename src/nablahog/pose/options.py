@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, TypeAlias
 
-SimilarityKind: TypeAlias = Literal["dot", "whitened", "calibrated"]
-SearchMethod: TypeAlias = Literal["best", "paper", "exhaustive"]
+SimilarityKind: TypeAlias = Literal["patches", "whitened", "calibrated"]
+SearchMethod: TypeAlias = Literal["best", "paper", "paper-edges", "exhaustive"]
 Ascent: TypeAlias = Literal["quadratic", "momentum", "lbfgs"]
 ORDER = 9  # the largest offset in cells of a background: for templates of up to 10x10

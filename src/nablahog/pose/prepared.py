@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ..hog import HOGSpec, presets
+from ..hog.coordinates import pixel_box
 from ..render import Camera, Mesh, Renderer
 from ..render.renderer import Method
 from ..render.simplify import simplify
@@ -17,12 +18,14 @@ from .background import default_background
 from .crop import DISTANCE, ObjectCrop, downsampled
 from .elements import Elements, elements
 from .options import SimilarityKind
+from .patches import PatchTemplate, patch_template
 from .placement import hull
-from .similarity import ElementTemplate, Similarity, calibrated_template, describe, elements_template
+from .similarity import ElementTemplate, Similarity, Template, calibrated_template, describe, whitened_template
 from .whitening import Background, Whitener
 
 ELEMENT = (5, 5)  # rows, columns of cells of a visual element
 ELEMENTS = 25  # of a photograph, at most
+PATCH_EPSILON = 0.1  # ε of Eq. 7, in votes of images in 0…1: a hundredth of a typical patch's ‖v‖
 DETAIL = 1.0  # pixel that vertices may be off in searches: a third of the faces remain, and poses come out as well
 _COARSE, _FINE = 8, 4  # pixels of a cell: half of them tell poses apart that are half as far from each other
 _SHRINK = 2  # of the crop in the coarse search: with as many cells it finds as many poses, and takes less time
@@ -33,6 +36,12 @@ _REGULARIZATION = {_COARSE: 0.003, _FINE: 0.03}
 def pose_spec(cell_size: int = _COARSE) -> HOGSpec:
     """The descriptor of poses by default: Aubry et al.'s nine contrast-insensitive channels, of gray images."""
     return presets.aubry(cell_size, colour="gray")
+
+
+@lru_cache(maxsize=4)
+def patch_spec(cell_size: tuple[int, int]) -> HOGSpec:
+    """φ of a patch: ∇HOG, Eq. 1-7, whose ε lets patches of a rendering that are nearly flat count for little."""
+    return presets.paper(cell_size, global_form="robust", epsilon=PATCH_EPSILON)
 
 
 class PreparedPhotograph:
@@ -47,13 +56,32 @@ class PreparedPhotograph:
         self.crop, self._own_background = crop, background
         self.background = background or default_background(pose_spec())
 
-    def template(self, kind: SimilarityKind) -> ElementTemplate:
+    def template(self, kind: SimilarityKind) -> Template:
         """The template for one of the similarities of :mod:`.similarity`."""
-        if kind == "calibrated":
-            return self.calibrated
+        template: Template = getattr(self, kind)
+        return template
+
+    @cached_property
+    def patches(self) -> PatchTemplate:
+        """The template of the visual elements' patches of pixels.
+
+        Raises:
+            ValueError: the crop has fewer cells than an element.
+        """
+        spec, (descriptor, elements) = self.background.spec, self.elements
+        if not len(elements):
+            got = "x".join(map(str, descriptor.shape[:2]))
+            raise ValueError(f"visual elements have {ELEMENT[0]}x{ELEMENT[1]} cells, but the object only {got}")
+        (height, width), (rows, cols) = self.crop.image.shape[2:], ELEMENT
+        cells = [(col, row, col + cols, row + rows) for row, col in elements.positions.tolist()]
+        regions = [pixel_box(spec, (height, width), window) for window in cells]
+        return patch_template(self.crop.image, regions, patch_spec(spec.cell_size))
+
+    @property
+    def whitened(self) -> ElementTemplate:
+        """The template of the whitened visual elements."""
         descriptor, elements = self.elements
-        patches = elements.patches if kind == "dot" else elements.weights
-        return elements_template(elements, patches, self.background.spec, *descriptor.shape[:2])
+        return whitened_template(elements, self.background.spec, *descriptor.shape[:2])
 
     @cached_property
     def elements(self) -> tuple[Tensor, Elements]:
@@ -131,7 +159,7 @@ class PreparedModel:
         return self._renderers[key]
 
     def similarity(
-        self, template: ElementTemplate, method: Method = "edges", supersampling: int = 1, *, detail: float = 0.0
+        self, template: Template, method: Method = "edges", supersampling: int = 1, *, detail: float = 0.0
     ) -> Similarity:
         """The similarity of renderings to a template; see :meth:`renderer`."""
         return Similarity(self.renderer(method, supersampling, detail=detail, shrink=template.shrink), template)

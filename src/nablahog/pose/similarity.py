@@ -1,9 +1,9 @@
 """How much a rendering's HOG is like the photograph's (Section 3.2), with its derivative by the pose.
 
-Each similarity is a linear template w of the photograph, ⟨w, φ(P_f)⟩; one of them is divided by its deviation:
-
-* ``dot``, the paper's: Σ ⟨φ(P_I), φ(P_f)⟩ over the visual elements P_I of the photograph;
-* ``whitened``: Σ ⟨Σ⁻¹(φ(P_I) − μ), φ(P_f)⟩ over the same: what photographs have everywhere does not count;
+* ``patches``, the paper's: Σ ⟨φ(P_I), φ(P_f)⟩ over the visual elements P_I of the photograph, φ of each patch as an
+  image of its own, see :mod:`.patches`;
+* ``whitened``: Σ ⟨Σ⁻¹(φ(P_I) − μ), φ(P_f)⟩ over the same elements, in Aubry et al.'s descriptor of the whole crop: what
+  photographs have everywhere does not count;
 * ``calibrated``: the same over the whole window at once, divided by √(φ(P_f)ᵀ Σ⁻¹ φ(P_f)).  That is the score of the
   rendering's own linear discriminant Σ⁻¹ φ(P_f) on the photograph, in its standard deviations over photographs of
   anything: comparable between poses and models, however many edges they show.
@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import torch
 from torch import Tensor
@@ -39,6 +39,21 @@ def describe(images: Tensor, spec: HOGSpec) -> Tensor:
     return normalize(histograms(images, spec), spec)
 
 
+class Template(Protocol):
+    """What renderings are compared with: a photograph's crop, made ``shrink`` times smaller."""
+
+    @property
+    def shrink(self) -> int: ...
+
+    def similarities(self, images: Tensor) -> Tensor:
+        """(B,) of images (B, 1, H, W)."""
+        ...
+
+    def similarities_and_gradients(self, images: Tensor) -> tuple[Tensor, Tensor]:
+        """Similarities (B,) of images (B, 1, H, W), and their gradients with respect to these."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class ElementTemplate:
     """Weights of a photograph's visual elements, or of its whole crop, that renderings are compared with.
@@ -54,6 +69,19 @@ class ElementTemplate:
     weights: Tensor
     whitener: Whitener | None = None
     shrink: int = 1
+
+    def similarities(self, images: Tensor) -> Tensor:
+        """(B,) of images (B, 1, H, W)."""
+        return self.values(describe(images, self.spec))
+
+    def similarities_and_gradients(self, images: Tensor) -> tuple[Tensor, Tensor]:
+        """Similarities (B,) of images (B, 1, H, W), and their gradients with respect to these."""
+        images = images.requires_grad_(True)
+        with torch.enable_grad():
+            descriptors = describe(images, self.spec)
+        values, grad_descriptors = self.values_and_gradients(descriptors.detach())
+        (grad_images,) = torch.autograd.grad(descriptors, images, grad_descriptors)
+        return values, grad_images
 
     def values(self, descriptors: Tensor) -> Tensor:
         """Similarities (B,) of descriptors (B, C, rows, cols)."""
@@ -95,9 +123,9 @@ def calibrated_template(crop: ObjectCrop, spec: HOGSpec, whitener: Whitener, shr
     return ElementTemplate(spec, whitener(descriptor * valid)[0], whitener, shrink)
 
 
-def elements_template(elements: Elements, patches: Tensor, spec: HOGSpec, rows: int, cols: int) -> ElementTemplate:
-    """The template of a photograph's elements with ``patches`` (N, r, c, C): φ(P_I) itself, or whitened."""
-    return ElementTemplate(spec, elements.scatter(patches, rows, cols).permute(2, 0, 1).float().contiguous())
+def whitened_template(elements: Elements, spec: HOGSpec, rows: int, cols: int) -> ElementTemplate:
+    """The template of a photograph's whitened elements, of a descriptor of ``rows`` x ``cols`` cells."""
+    return ElementTemplate(spec, elements.scatter(elements.weights, rows, cols).permute(2, 0, 1).float().contiguous())
 
 
 def white_background(camera: Camera) -> Tensor:
@@ -129,7 +157,7 @@ class Similarity:
         renderings: compared so far.
     """
 
-    def __init__(self, renderer: Renderer, template: ElementTemplate) -> None:
+    def __init__(self, renderer: Renderer, template: Template) -> None:
         self.renderer, self.template = renderer, template
         self.background = white_background(renderer.camera)
         self.renderings = 0
@@ -155,14 +183,10 @@ class Similarity:
 
     def _values(self, poses: Tensor) -> Tensor:
         rendering = self.renderer.compiled.render(poses, self.background, False)
-        return self.template.values(describe(rendering.image[:, None], self.template.spec)).double()
+        return self.template.similarities(rendering.image[:, None]).double()
 
     def _derivatives(self, poses: Tensor) -> tuple[Tensor, Tensor]:
         rendering = self.renderer.compiled.render(poses, self.background, True)
-        images = rendering.image[:, None].requires_grad_(True)
-        with torch.enable_grad():
-            descriptors = describe(images, self.template.spec)
-        values, grad_descriptors = self.template.values_and_gradients(descriptors.detach())
-        (grad_images,) = torch.autograd.grad(descriptors, images, grad_descriptors)
+        values, grad_images = self.template.similarities_and_gradients(rendering.image[:, None])
         grad_poses = pose_vjp(grad_images[:, 0], rendering.screen_gradient, poses, self.renderer.camera)
         return values.double(), grad_poses.double()

@@ -19,7 +19,7 @@ FINER = 3  # drawn so much larger, then shrunk, since Pillow's lines are jagged
 WIDTH, LEFT, RIGHT = 960, 64, 24
 HEIGHTS = 240, 140  # of similarity and derivative
 HEAD, FOOT, VIEW = 24, 20, 96
-_CURVE, _SLOPE, _PATH, _GRID, _TEXT = (24, 74, 150), (150, 150, 150), (222, 130, 20), (225, 225, 225), (40, 40, 40)
+_CURVE, _DIFFERENCE, _PATH, _GRID, _TEXT = (24, 74, 150), (150, 150, 150), (222, 130, 20), (225, 225, 225), (40, 40, 40)
 _MARK: Colour = (round(255 * RED[0]), round(255 * RED[1]), round(255 * RED[2]))
 
 
@@ -43,8 +43,10 @@ def boxed(picture: Picture, boxes: Sequence[Sequence[float]]) -> NDArray[np.floa
 def by_azimuth(
     similarities: Floats,
     derivatives: Floats,
+    differences: Floats,
     *,
     what: str,
+    how: str,
     azimuth: float,
     traces: Sequence[tuple[Sequence[float], Sequence[float]]] = (),
     views: Sequence[Picture] = (),
@@ -53,7 +55,9 @@ def by_azimuth(
 
     Args:
         similarities, derivatives: (N,), at N equidistant azimuths from 0°, the latter per degree.
+        differences: (N,), what the derivatives are compared with, drawn in gray behind them.
         what: kind of similarity.
+        how: what the differences are, and how well they agree.
         azimuth: to mark, degrees.
         traces: of searches: azimuths in degrees, of any turn, and similarities, drawn into the upper part.
         views: equidistant from 0°, drawn below, square.
@@ -65,13 +69,12 @@ def by_azimuth(
     height, middle = 2 * HEAD + sum(HEIGHTS) + 3 * FOOT + strip, (LEFT + WIDTH - RIGHT) / 2
     picture = Image.new("RGB", (WIDTH * FINER, height * FINER), "white")
     draw = ImageDraw.Draw(picture)
-    slope = (np.roll(similarities, -1) - np.roll(similarities, 1)) / (720 / len(similarities))
     of_traces = [np.asarray(values) for _, values in traces]
     top = _Axes(draw, HEAD, HEIGHTS[0], np.concatenate([similarities, *of_traces]))
-    low = _Axes(draw, 2 * HEAD + HEIGHTS[0] + FOOT, HEIGHTS[1], np.concatenate([derivatives, slope, [0.0]]))
+    low = _Axes(draw, 2 * HEAD + HEIGHTS[0] + FOOT, HEIGHTS[1], np.concatenate([derivatives, differences, [0.0]]))
     top.frame(f"similarity, {what}")
     low.frame("its derivative, per degree")
-    _note(draw, middle, low.top - 4, "slope of the curve above, from point to point", _SLOPE, "mb")
+    _note(draw, WIDTH - RIGHT, low.top - 4, how, _DIFFERENCE, "rb")
     for axes in (top, low):
         axes.line([azimuth, azimuth], [axes.low, axes.high], _MARK, 2)
     low.line([0.0, 360.0], [0.0, 0.0], _TEXT, 1)
@@ -81,7 +84,7 @@ def by_azimuth(
         top.line(azimuths, values, _PATH, 1.5)
     around = np.linspace(0, 360, len(similarities) + 1)
     top.line(around, np.append(similarities, similarities[0]), _CURVE, 2)
-    low.line(around, np.append(slope, slope[0]), _SLOPE, 2)
+    low.line(around, np.append(differences, differences[0]), _DIFFERENCE, 3)
     low.line(around, np.append(derivatives, derivatives[0]), _CURVE, 1.5)
     for azimuths, values in traces:
         top.ring(azimuths[0], values[0], _PATH)

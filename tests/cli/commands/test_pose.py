@@ -111,13 +111,22 @@ def test_the_papers_method_as_json(
     assert main(["pose", *scene, *options]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed == json.loads((out / "chair_pose.json").read_text())
-    assert (printed["settings"]["method"], printed["settings"]["similarity"]) == ("paper", "dot")
+    assert (printed["settings"]["method"], printed["settings"]["similarity"]) == ("paper", "patches")
     assert printed["candidates"] == ["wedge"]
     assert len(printed["traces"]) == 9
     assert max(value for path in printed["traces"] for value in path["similarities"]) == printed["similarity"]
     levels = np.asarray(Image.open(out / "chair_similarity.png").convert("RGB"), dtype=int)
     assert ((levels - (222, 130, 20)) ** 2).sum(-1).min() < 100  # paths
-    assert "the paths of the search" in (out / "index.html").read_text()
+    page = (out / "index.html").read_text()
+    assert "the paths of the search" in page
+    for text in ("<td>paper, cells of 8x8 pixels</td>", "<td>aubry, cells of 8x8 pixels</td>"):
+        assert text in page
+    around = printed["around"]
+    derivatives, differences = (np.array(around[name]) for name in ("derivatives", "central_differences"))
+    cosine = derivatives @ differences / np.linalg.norm(derivatives) / np.linalg.norm(differences)
+    assert around["cosine"] == pytest.approx(cosine)
+    assert around["cosine"] > max(0.8, around["opendr_cosine"])
+    assert f"over ±0.1° is {cosine:.2f}" in page
 
 
 def test_the_whole_photograph_with_another_background(

@@ -19,7 +19,7 @@ from nablahog.evaluate.pose_methods import POSE_METHODS, PoseInput, PoseMethod, 
 
 from ..common import names
 
-TABLES = ["failures.csv", "index.html", "median_error.csv", "per_object.csv", "summary.csv"]
+TABLES = ["failures.csv", "index.html", "median_error.csv", "per_object.csv", "rotation.csv", "summary.csv"]
 TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
 
 
@@ -67,7 +67,14 @@ def test_scenes_of_procedural_chairs(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["table2", "-o", str(out), "--objects", "3", "--methods", "paper,exemplar", "--workers", "1"]) == 0
     printed = capsys.readouterr()
     assert printed.err == ""
-    for text in ("58.9", "by interval", "3 scenes of 24 procedural chairs", "looked for by its own model"):
+    for text in (
+        "58.9",
+        "by interval",
+        "< 22.5°",
+        "rotation ≤ 10°",
+        "3 scenes of 24 procedural chairs",
+        "looked for by its own model",
+    ):
         assert text in printed.out
     assert "Failed: 0000, exemplar: no detection" in printed.out
     assert f"Look at {out / 'index.html'}" in printed.out
@@ -149,7 +156,13 @@ def test_refusals(tmp_path: Path, models: str, published: list[str], refused: Ca
     refused(*to, "--models", str(tmp_path / "few"), "--unknown-model", message="at least 2 models to leave one out")
     (tmp_path / "few" / "a.off").write_text("hello")
     refused(*to, "--models", str(tmp_path / "few"), message="no model can be read; the first: a: ")
-    refused(*to, "--methods", "hog", message="expected methods of exemplar, exhaustive, paper, best, got", status=2)
+    refused(
+        *to,
+        "--methods",
+        "hog",
+        message="expected methods of exemplar, exhaustive, paper, paper-edges, best, got",
+        status=2,
+    )
     refused(*to, "--objects", "0", message="at least 1, got '0'", status=2)
 
 

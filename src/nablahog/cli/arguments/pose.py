@@ -53,7 +53,7 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
     command.add_argument(
         "--similarity",
         choices=get_args(SimilarityKind),
-        help="of descriptors (default: dot for the paper's method, calibrated for the others)",
+        help="of descriptors (default: patches for the paper's methods, calibrated for the others)",
     )
     command.add_argument(
         "--background",

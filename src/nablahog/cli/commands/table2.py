@@ -49,6 +49,7 @@ def table2(arguments: Namespace) -> None:
         write_text(folder / "index.html", table2_page.page(table, settings))
     say(table.examples.origin)
     print_table(table2_page.terminal_rows(table))
+    print_table(table2_page.terminal_rotations(table))
     print_definitions(table2_page.DEFINITIONS)
     say_failures(table)
     for name, reason in passed_over.items():

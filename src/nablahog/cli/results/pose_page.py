@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import interpolate
 
+from ...hog import HOGSpec
 from ...hog.box import Box
 from ...io.files import distinct_stems, write_text
 from ...io.images import Picture, as_array, write_image
@@ -20,7 +21,7 @@ from ...render import Camera, Mesh, render, silhouette
 from ...viz import html
 from ...viz.pictures import Panel, contact_sheet, glyphs, outlined
 from ...viz.similarity_plot import boxed, by_azimuth
-from .pose_result import PoseResult
+from .pose_result import SAMPLES, STEP, PoseResult
 
 HEIGHT = 320  # of the pictures of the overlay
 WIDEST = 1280  # a photograph there
@@ -90,10 +91,13 @@ def _scaled(pose: Tensor, zoom: float) -> Tensor:
 
 def _around(result: PoseResult) -> Panel:
     """The paper's figure."""
-    estimate = result.estimate
+    estimate, around = result.estimate, result.around
     picture = by_azimuth(
-        *result.around,
+        around.similarities,
+        around.derivatives,
+        around.differences,
         what=estimate.similarity_kind,
+        how=f"gray: central differences over ±{STEP:g}°; cosine {around.cosine:.2f}",
         azimuth=estimate.azimuth,
         traces=[(trace.azimuths, trace.similarities) for trace in result.traces],
         views=list(render(result.mesh, result.turned(VIEWS), result.matched.crop.camera)),
@@ -119,15 +123,21 @@ def _glyphs(result: PoseResult) -> list[Panel]:
     return panels
 
 
+def _named(spec: HOGSpec) -> str:
+    return f"{spec.name}, cells of {spec.cell_size[0]}x{spec.cell_size[1]} pixels"
+
+
 def _page(result: PoseResult, overlay: list[Panel], turned: Panel, drawn: list[Panel]) -> str:
     spec, arguments = result.matched.background.spec, result.arguments
     initial = "unknown" if arguments.init is None else "azimuth {:g}°, elevation {:g}°".format(*arguments.init)
+    phi = spec if result.estimate.similarity_kind != "patches" else result.matched.patches.spec
     settings_shown = {
         "method": arguments.method,
         "similarity": result.estimate.similarity_kind,
         "initial pose": initial,
         "box": ", ".join(f"{side:g}" for side in result.box),
-        "descriptor": f"{spec.name}, cells of {spec.cell_size[0]}x{spec.cell_size[1]} pixels",
+        "descriptor": _named(phi),
+        "visual elements by": _named(spec),
         "candidates": ", ".join(result.candidates),
         **{f"passed over: {name}": reason for name, reason in result.passed_over.items()},
     }
@@ -138,7 +148,9 @@ def _page(result: PoseResult, overlay: list[Panel], turned: Panel, drawn: list[P
             "Similarity by azimuth",
             "Only the azimuth changes. Below: renderings at the azimuths above them. "
             f"The cells have {spec.cell_size[0]} pixels of the {result.matched.crop.image.shape[-1]} that the object "
-            f"is scaled to.{paths}",
+            f"is scaled to. Pixels have {SAMPLES}x{SAMPLES} samples, and the derivative is that of the area that edges "
+            f"cover: its cosine with central differences of the curve over ±{STEP:g}° is {result.around.cosine:.2f}. "
+            f"That of OpenDR's derivative with one sample a pixel is {result.around.opendr_cosine:.2f}.{paths}",
             [turned],
         ),
         html.Section(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,13 @@ from ...pose.estimate import PoseEstimate
 from ...pose.placement import azimuth_sweep
 from ...pose.prepared import ELEMENT, PreparedPhotograph, prepared_model
 from ...pose.problem import SearchTrace
+from ...pose.similarity import Similarity
 from ...render import Mesh
+from ...render.renderer import Method
 
 AZIMUTHS = 180  # at which similarity is computed
+SAMPLES = 4  # of a pixel along a side there: with fewer, even the derivative of covered areas is off
+STEP = 0.1  # degrees to either side, of central differences: similarity is jagged below a degree
 
 DEFINITIONS = {
     "model": "The model that fits best, of all candidates.",
@@ -43,10 +47,10 @@ DEFINITIONS = {
 """What the figures mean, except the similarity."""
 
 SIMILARITIES = {
-    "dot": "The sum over the visual elements of the photograph of the dot products of their descriptors with those of "
-    "the same regions of the rendering, as in the paper.",
-    "whitened": "The same, with the elements' descriptors whitened by the background: structure that is common in "
-    "photographs has little weight.",
+    "patches": "The sum over the visual elements of the photograph of the dot products of the ∇HOG descriptors of "
+    "their patches with those of the same patches of the rendering, each patch an image of its own, as in the paper.",
+    "whitened": "The sum over the same elements of dot products in the descriptor of the whole window, of which the "
+    "photograph's are whitened by the background: structure that is common in photographs has little weight.",
     "calibrated": "The score of the rendering's linear discriminant on the whole window of the photograph, in "
     "standard deviations over arbitrary photographs. The last steps of the method best, and the similarity that it "
     "reports, use cells of half the size.",
@@ -62,8 +66,40 @@ _UNITS = {
     "x, y, focal_length": "pixels of the photograph",
     "crop": "side in pixels; zoom: its pixels for one of the photograph; middle: x, y in the photograph",
     "around, traces": "azimuths in degrees; derivatives of the similarity per degree",
+    "cosine, opendr_cosine": f"of central differences over ±{STEP:g}° with the derivatives, and with those of OpenDR's "
+    "renderer at one sample a pixel",
     "elements": "rows, columns of cells of the crop",
 }
+
+
+class Around(NamedTuple):
+    """Similarities at :data:`AZIMUTHS` equidistant azimuths from 0° on, and derivatives by azimuth, per degree.
+
+    Attributes:
+        similarities: with :data:`SAMPLES` samples along the side of a pixel.
+        derivatives: of these, by the area that edges cover.
+        differences: central differences of these over ±:data:`STEP`.
+        opendr: OpenDR's derivatives with one sample a pixel, as the paper's search has them.
+    """
+
+    similarities: NDArray[np.float64]
+    derivatives: NDArray[np.float64]
+    differences: NDArray[np.float64]
+    opendr: NDArray[np.float64]
+
+    @property
+    def cosine(self) -> float:
+        """Between the derivatives and the central differences."""
+        return _cosine(self.derivatives, self.differences)
+
+    @property
+    def opendr_cosine(self) -> float:
+        """Between OpenDR's derivatives and the central differences."""
+        return _cosine(self.opendr, self.differences)
+
+
+def _cosine(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    return float(one @ other) / max(float(np.linalg.norm(one) * np.linalg.norm(other)), 1e-30)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +146,6 @@ class PoseResult:
     def figures(self) -> dict[str, Any]:
         """All figures, ready for JSON."""
         estimate, spec, arguments = self.estimate, self.matched.background.spec, self.arguments
-        similarities, derivatives = self.around
         _, parts = self.matched.elements
         return {
             "photograph": arguments.photo,
@@ -134,8 +169,11 @@ class PoseResult:
             "crop": {"side": SIDE, "zoom": self.matched.crop.zoom, "middle": list(self.matched.crop.middle)},
             "around": {
                 "azimuths": (np.arange(AZIMUTHS) * (360 / AZIMUTHS)).tolist(),
-                "similarities": similarities.tolist(),
-                "derivatives": derivatives.tolist(),
+                "similarities": self.around.similarities.tolist(),
+                "derivatives": self.around.derivatives.tolist(),
+                "central_differences": self.around.differences.tolist(),
+                "cosine": self.around.cosine,
+                "opendr_cosine": self.around.opendr_cosine,
             },
             "traces": [{"azimuths": trace.azimuths, "similarities": trace.similarities} for trace in self.traces],
             "elements": {
@@ -154,13 +192,19 @@ class PoseResult:
         return [trace for trace in self.estimate.traces if trace.model == self.estimate.model]
 
     @cached_property
-    def around(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Similarities and derivatives by azimuth, per degree, at the other parameters of the estimate."""
-        model = prepared_model(self.mesh, self.matched.crop.camera)
+    def around(self) -> Around:
+        """Similarities and derivatives by azimuth at the other parameters of the estimate."""
+        poses = self.turned(AZIMUTHS)
+        similarity = self._similarity("edges", SAMPLES)
+        values, slopes = similarity.derivatives(poses)
+        step = poses.new_tensor([STEP, 0, 0, 0, 0, 0])
+        differences = (similarity.values(poses + step) - similarity.values(poses - step)) / (2 * STEP)
+        opendr = self._similarity("opendr", 1).derivatives(poses)[1]
+        return Around(*map(as_array, (values, slopes[:, 0], differences, opendr[:, 0])))
+
+    def _similarity(self, derivative: Method, samples: int) -> Similarity:
         template = self.matched.template(self.estimate.similarity_kind)
-        similarity = model.similarity(template, "opendr" if self.arguments.method == "paper" else "edges")
-        values, slopes = similarity.derivatives(self.turned(AZIMUTHS))
-        return as_array(values), as_array(slopes[:, 0])
+        return prepared_model(self.mesh, self.matched.crop.camera).similarity(template, derivative, samples)
 
     def turned(self, count: int) -> Tensor:
         """Poses for the crop at ``count`` azimuths from 0° on."""

@@ -1,0 +1,34 @@
+"""The paper's methods of Table 2, from the baseline's detection to the pose."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import pytest
+
+from nablahog.evaluate.pose_methods import POSE_METHODS, PoseInput, Table2Settings, coverage, detection
+from nablahog.metrics import rotation_error
+from tests.pose.common import model, photographed
+
+TRUTH = 40.0, 22.0, 0.0
+
+
+@lru_cache
+def problem() -> PoseInput:
+    image, box = photographed(model(), *TRUTH[:2], behind="coffee")
+    return PoseInput(image, box, {"wooden": model()}, (190.0, 70.0))
+
+
+@pytest.mark.parametrize("name", ["paper", "paper-edges"])
+def test_the_papers_methods_begin_where_the_baseline_ends(name: str, tmp_path_factory: pytest.TempPathFactory) -> None:
+    settings = Table2Settings(exemplars=Path(tmp_path_factory.getbasetemp()) / "exemplars")
+    start = detection(problem(), settings)
+    assert start.model == "wooden"
+    outcome = POSE_METHODS[name].run(problem(), settings)
+    assert outcome.model == "wooden"
+    assert outcome.elevation == start.elevation != problem().initial[1]
+    assert outcome.theta == 0
+    assert rotation_error([outcome.azimuth, outcome.elevation, outcome.theta], TRUTH) < 8
+    assert 0 < outcome.similarity < 25  # of so many patches, whose descriptors are of length 1
+    assert coverage(problem(), outcome).sum() > 1000
