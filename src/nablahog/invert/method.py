@@ -33,7 +33,8 @@ class AsPublished:
         level_iterations: the same at each level before the last of a multi-scale reconstruction, "few iterations".
         cg_tolerance: how far the equations of a Gauss-Newton step may be from solved, a share of their right side.
         cg_iterations: of conjugate gradients a step, at most.
-        max_evaluations: operator evaluations an image may spend, at each level of a multi-scale one, at least 2; None for all that the iterations take.  A product with the Jacobian or its transpose is half of one.
+        max_evaluations: operator evaluations an image may spend, at each level of a multi-scale one, at least 2; None
+            for all that the iterations take.  A product with the Jacobian or its transpose is half of one.
         keep_iterates: whether the image after each iteration is returned, too.
 
     Raises:

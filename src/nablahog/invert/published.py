@@ -42,7 +42,8 @@ def reconstruct_as_published(
         size: (height, width) of the images.
         options: of the search.
         seed: of the noise, the same for every image.
-        start: (B, 1, H, W) in 0…1, images to begin with, at the contrast they have; by default noise.
+        start: (B, 1, H, W) in 0…1, images to begin with; by default noise.  A descriptor that leaves the contrast open
+            makes it that of the noise: against a strong contrast the smoothness would count for more.
         progress: called with the iterations done and the most there can be.
 
     Raises:
@@ -53,11 +54,7 @@ def reconstruct_as_published(
     assert options.noise is not None
     batch, height, width = len(descriptor), *size
     grain = noise(descriptor, height, width, 1, seed, options.noise)[0]
-    if start is None:
-        first = grain.expand(batch, -1, -1, -1)
-    else:  # where an image is constant all derivatives vanish, and no search would leave it
-        constant = (start == start[..., :1, :1]).flatten(1).all(dim=1)
-        first = torch.where(constant.reshape(-1, 1, 1, 1), grain, start - 0.5)
+    first = grain.expand(batch, -1, -1, -1) if start is None else _centred(start, grain, spec)
     at_once = max(1, AT_ONCE // (height * width))
     parts = [slice(begin, begin + at_once) for begin in range(0, batch, at_once)]
     searches = [_Search(descriptor[part], searchable(spec), size, options) for part in parts]
@@ -75,6 +72,18 @@ def reconstruct_as_published(
         time.perf_counter() - began,
         _finished(iterates, spec).reshape(batch, -1, 1, height, width).transpose(0, 1) if iterates else None,
     )
+
+
+def _centred(start: Tensor, grain: Tensor, spec: HOGSpec) -> Tensor:
+    """Images (B, 1, H, W) around 0, of the contrast of the noise ``grain`` where the descriptor leaves it open.
+
+    A constant image is replaced by the noise: all derivatives vanish there, and no search would leave it.
+    """
+    centred = start - start.mean(dim=(1, 2, 3), keepdim=True)
+    spread = centred.square().mean(dim=(1, 2, 3), keepdim=True).sqrt()
+    if not spec.normalizer.fixes_contrast:
+        centred = centred * (grain.square().mean().sqrt() / torch.where(spread > 0, spread, 1))
+    return torch.where((start == start[..., :1, :1]).flatten(1).all(dim=1).reshape(-1, 1, 1, 1), grain, centred)
 
 
 def _finished(images: Sequence[Tensor], spec: HOGSpec) -> Tensor:

@@ -68,3 +68,27 @@ def test_invert_fast(tmp_path: Path, photo: str) -> None:
     figures = json.loads((tmp_path / "out" / "results.json").read_text())
     assert figures[0]["distance"] == pytest.approx(float(expected.distance))
     assert main(["invert", photo, "--quality", "good", "-o", str(tmp_path / "out")]) == 2
+
+
+def test_the_papers_search(tmp_path: Path, photo: str, descriptor: str) -> None:
+    out = tmp_path / "out"
+    assert main(["invert", photo, descriptor, "-o", str(out), "--method", "paper", "--iterations", *SMALL]) == 0
+    assert {"cat_iterations.png", "stored_iterations.png", "cat_preimage.png"} <= {*names(out)}
+    with Image.open(out / "cat_iterations.png") as sheet, Image.open(out / "stored_iterations.png") as unknown:
+        assert sheet.width > unknown.width  # the photograph is shown where it is known
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--iterations"], "--iterations needs --method paper"),
+        (["--method", "paper", "--quality", "fast"], "--method paper and --quality fast exclude each other"),
+        (["--method", "paper", "--colour"], "--method paper and --colour exclude each other"),
+    ],
+)
+def test_options_that_the_papers_search_does_not_take(
+    options: list[str], message: str, tmp_path: Path, photo: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["invert", photo, "-o", str(tmp_path / "out"), *options]) != 0
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
