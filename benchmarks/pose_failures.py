@@ -24,7 +24,7 @@ from nablahog.pose.estimate import EVERY_DEGREE, PAPER_RENDERERS
 from nablahog.pose.options import SearchMethod
 from nablahog.pose.placement import azimuth_sweep, equidistant_azimuths, fit_to_box, level_poses
 from nablahog.pose.prepared import PreparedPhotograph, prepared_model
-from poses import objects
+from poses import add_options, objects_of
 
 ASKED = (4, 24)  # views of the failures
 
@@ -56,19 +56,12 @@ def azimuths(
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--models", type=Path, help="folder of CAD models; by default procedural chairs")
-    parser.add_argument("--viewpoints", type=Path, help="CSV of azimuth and elevation; by default drawn at random")
-    parser.add_argument("--objects", type=int, default=60)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--unknown-model", action="store_true", help="leave an object's own model out")
+    add_options(parser, threads=1)
     parser.add_argument("--exemplars", type=Path, help="folder of the baseline's views, as `nablahog learn exemplars`")
     options = parser.parse_args()
     settings = Table2Settings(options.seed, options.exemplars)
     torch.set_num_threads(options.threads)
-    examples = objects(
-        options.objects, options.models, options.viewpoints, unknown_model=options.unknown_model, seed=options.seed
-    )
+    examples = objects_of(options)
     print(f"{len(examples)} objects, seed {options.seed}; in percent of these by interval\n")
     print("| method | azimuth of | " + " | ".join(f"{views} views" for views in VIEWS) + " |")
     print("|---|---|" + "---:|" * len(VIEWS))

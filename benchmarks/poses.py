@@ -65,6 +65,23 @@ def objects(
     return rendered(count, chairs, angles, clutter, origin="", unknown_model=unknown_model, seed=seed).objects
 
 
+def add_options(parser: argparse.ArgumentParser, threads: int) -> None:
+    """Adds those that choose the objects, and the number of threads."""
+    parser.add_argument("--models", type=Path, help="folder of CAD models; by default procedural chairs")
+    parser.add_argument("--viewpoints", type=Path, help="CSV of azimuth and elevation; by default drawn at random")
+    parser.add_argument("--objects", type=int, default=60)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--threads", type=int, default=threads)
+    parser.add_argument("--unknown-model", action="store_true", help="leave an object's own model out")
+
+
+def objects_of(options: argparse.Namespace) -> list[Example]:
+    """The objects that the options of :func:`add_options` choose."""
+    return objects(
+        options.objects, options.models, options.viewpoints, unknown_model=options.unknown_model, seed=options.seed
+    )
+
+
 def estimate(example: Example, choices: dict[str, Any]) -> PoseEstimate:
     models = {model.name: model.mesh() for model in example.models}
     return estimate_pose(example.image, models, box=example.box, **{"initial": example.initial, **choices})
@@ -90,20 +107,13 @@ def growth(examples: list[Example]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--models", type=Path, help="folder of CAD models; by default procedural chairs")
-    parser.add_argument("--viewpoints", type=Path, help="CSV of azimuth and elevation; by default drawn at random")
-    parser.add_argument("--objects", type=int, default=60)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--unknown-model", action="store_true", help="leave an object's own model out")
+    add_options(parser, threads=2)
     parser.add_argument("--rows", help="only these, separated by semicolons")
     parser.add_argument("--growth", action="store_true", help="time by the number of models instead")
     options = parser.parse_args()
     options.unknown_model |= options.growth
     torch.set_num_threads(options.threads)
-    examples = objects(
-        options.objects, options.models, options.viewpoints, unknown_model=options.unknown_model, seed=options.seed
-    )
+    examples = objects_of(options)
     rows = ROWS if options.rows is None else {name: ROWS[name] for name in options.rows.split(";")}
     print(f"{len(examples)} objects, seed {options.seed}, {options.threads} threads\n")
     if options.growth:
@@ -114,7 +124,7 @@ def main() -> None:
     print("|---|" + "---:|" * (len(VIEWS) + 5))
     estimate(examples[0], {})  # so that all loops are compiled
     for name, choices in rows.items():
-        coarse_to_fine.SCHEDULE = SCHEDULES.get(name, SCHEDULE)
+        vars(coarse_to_fine)["SCHEDULE"] = SCHEDULES.get(name, SCHEDULE)
         first = []
         for example in examples:
             start = time.process_time()

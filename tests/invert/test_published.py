@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -106,11 +107,13 @@ def test_the_preconditioner_undoes_the_smoothness(norms: Norms) -> None:
 
 
 @pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.name)
-def test_histograms_jvp_is_forward_mode(spec: HOGSpec) -> None:
+@pytest.mark.parametrize("compiled", [True, False])
+def test_histograms_jvp_is_forward_mode(spec: HOGSpec, compiled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     images, tangents = torch.rand(2, 1, *SIZE, dtype=torch.float64), random(2, 1, *SIZE)
     with forward_ad.dual_level():
         dual = forward_ad.make_dual(images, tangents)
         expected = forward_ad.unpack_dual(histograms(dual, spec)).tangent
+    monkeypatch.setattr(import_module("nablahog.hog.kernels"), "supports", lambda spec: compiled)
     torch.testing.assert_close(histograms_jvp(images, tangents, spec), expected)
 
 

@@ -132,6 +132,55 @@ def test_singular_equations_give_the_shortest_step() -> None:
     torch.testing.assert_close(result.x[0], torch.linalg.pinv(A) @ b)
 
 
+class Preconditioned(GraphJacobian):
+    """Scaled by the diagonal of JᵀJ."""
+
+    def __init__(self, problem: SumOfSquares, points: Tensor, index: Tensor, diagonal: Tensor) -> None:
+        super().__init__(problem, points, index)
+        self.diagonal = diagonal
+
+    def precondition(self, vectors: Tensor) -> Tensor:
+        return vectors / self.diagonal
+
+
+def test_a_preconditioner_saves_products_and_leaves_the_solution() -> None:
+    generator = torch.Generator().manual_seed(0)
+    scales = torch.logspace(0, 3, 8, dtype=torch.float64)
+    A = (torch.eye(8, dtype=torch.float64) + 0.1 * torch.randn(8, 8, generator=generator, dtype=torch.float64)) * scales
+    b = torch.randn(8, generator=generator, dtype=torch.float64)
+
+    class Scaled(SumOfSquares):
+        def linearize(self, points: Tensor, index: Tensor) -> Preconditioned:
+            return Preconditioned(self, points, index, A.square().sum(0))
+
+    start, rows = torch.zeros(1, 8, dtype=torch.float64), torch.tensor([0])
+    reached = {}
+    for kind in (SumOfSquares, Scaled):
+        problem, steps = kind(lambda x, index: x @ A.T - b), GaussNewtonSteps(start)
+        steps.linearize(problem, start, rows, b[None] @ A)
+        for _ in range(6):
+            steps.take_step(rows)
+            steps.update_direction(rows)
+        reached[kind] = float((A @ steps.step[0] - b).norm())
+        result = dogleg(problem, start, cg_iterations=100, cg_tolerance=1e-12)
+        torch.testing.assert_close(result.x[0], torch.linalg.solve(A, b), rtol=1e-6, atol=1e-9)
+    assert reached[Scaled] < reached[SumOfSquares] / 100
+
+
+def test_accepted_steps_are_told() -> None:
+    told: list[tuple[int, float]] = []
+    problem = SumOfSquares(lambda x, index: rosenbrock(x))
+
+    def accepted(index: Tensor, iterations: Tensor, points: Tensor) -> None:
+        assert index.tolist() == [0]
+        told.append((int(iterations), float(problem.function(points, index).square().sum())))
+
+    result = dogleg(problem, torch.tensor([[-1.2, 1.0]]).double(), max_iterations=5, accepted=accepted)
+    assert [iteration for iteration, _ in told] == [1, 2, 3, 4, 5]
+    assert [value for _, value in told] == sorted((value for _, value in told), reverse=True)
+    assert told[-1][1] == pytest.approx(float(result.value))
+
+
 def test_a_jacobian_that_vanishes_at_the_minimum() -> None:
     result = dogleg(SumOfSquares(lambda x, index: powell_singular(x)), torch.tensor([[3.0, -1, 0, 1]]).double())
     assert result.stop_reason == [StopReason.GRADIENT]

@@ -43,7 +43,7 @@ class MethodOutput:
     distance: float
 
 
-Run: TypeAlias = Callable[..., Sequence[MethodOutput]]
+Run: TypeAlias = Callable[[Tensor, Table1Settings], Sequence[MethodOutput]]
 
 
 @dataclass(frozen=True)
@@ -156,9 +156,11 @@ def _triangles(image: Tensor, settings: Table1Settings, *, spec: HOGSpec) -> lis
     return _inverted(reconstruct_by_triangles, image, spec, seed=settings.seed, triangles=count)
 
 
-def _variants(prefix: str, group: str, spec: HOGSpec, single: Run, multi_scale: Run, **options: Any) -> list[Method]:
+def _variants(
+    prefix: str, group: str, spec: HOGSpec, single: Callable[..., Any], multi_scale: Callable[..., Any], *, asked: bool
+) -> list[Method]:
     return [
-        Method(f"{prefix}-single", group, partial(single, spec=spec), spec, **options),
+        Method(f"{prefix}-single", group, partial(single, spec=spec), spec, asked=asked),
         *(
             Method(
                 f"{prefix}-multi-scale{'-more' if more else ''}",
@@ -166,7 +168,7 @@ def _variants(prefix: str, group: str, spec: HOGSpec, single: Run, multi_scale: 
                 partial(multi_scale, spec=spec, more=more),
                 spec,
                 multiscale=True,
-                **options,
+                asked=asked,
             )
             for more in (False, True)
         ),
@@ -184,10 +186,10 @@ METHODS = {
         Method("nearest", UOCTTI, partial(_learned, kind="nearest", spec=SPEC), SPEC, needs="nearest"),
         Method("triangles", UOCTTI, partial(_triangles, spec=SPEC), SPEC),
         Method("paper-uoctti-single", UOCTTI, partial(_paper_single, spec=SPEC), SPEC, asked=True),
-        *_variants("uoctti", UOCTTI, SPEC, _single, _multi_scale),
+        *_variants("uoctti", UOCTTI, SPEC, _single, _multi_scale, asked=False),
         Method("uoctti-learned", UOCTTI, partial(_learned, kind="prior", spec=SPEC, seeded=True), SPEC, needs="prior"),
         *_variants("paper-dalal", DALAL, presets.paper(), _paper_single, _paper_multi_scale, asked=True),
-        *_variants("dalal", DALAL, presets.paper(), _single, _multi_scale),
+        *_variants("dalal", DALAL, presets.paper(), _single, _multi_scale, asked=False),
         *(Method(name, LIBRARIES, partial(_single, spec=spec), spec, asked=True) for name, spec in DIALECTS.items()),
     )
 }

@@ -11,7 +11,7 @@ from ..hog.spec import HOGSpec
 
 InversionMethod: TypeAlias = Literal["default", "paper"]
 Norms: TypeAlias = Literal["squared", "printed"]
-PRINTED = 100.0  # ξ
+SMOOTHNESS = 100.0  # ξ of the paper
 
 
 @dataclass(frozen=True)
@@ -70,12 +70,12 @@ class AsPublished:
         """The values of ξ, one after the other."""
         if isinstance(self.smoothness, Sequence):
             return tuple(self.smoothness)
-        return (PRINTED if self.smoothness is None else self.smoothness,)
+        return (SMOOTHNESS if self.smoothness is None else self.smoothness,)
 
     def for_spec(self, spec: HOGSpec) -> AsPublished:
         """The same without None."""
         fixed = spec.normalizer.fixes_contrast
-        smoothness = (0.3 if fixed else PRINTED) if self.smoothness is None else self.smoothness
+        smoothness = (0.3 if fixed else SMOOTHNESS) if self.smoothness is None else self.smoothness
         noise = (1e-2 if fixed else 1e-4) if self.noise is None else self.noise
         return replace(self, smoothness=smoothness, noise=noise)
 

@@ -21,7 +21,7 @@ from .start import noise
 Progress: TypeAlias = Callable[[int, int], None]
 
 TRIALS = 50  # evaluations of an iteration beside the products of its step: far more than it takes
-AT_ONCE = 2**20  # pixels of the images that are searched together, about half a GiB
+AT_ONCE = 2**20  # pixels of the images that are searched together
 
 
 def reconstruct_as_published(

@@ -59,7 +59,7 @@ def invert(commands: argparse._SubParsersAction[Parser]) -> None:
         "--method",
         choices=get_args(InversionMethod),
         default="default",
-        help="paper searches as the paper does, from noise over gray values by Powell's dogleg, in some thirty times "
+        help="paper searches as the paper does, from noise over gray values by Powell's dogleg, in some twenty times "
         "the time (default: default)",
     )
     command.add_argument(
