@@ -1,11 +1,11 @@
 """How much each choice that the paper leaves open moves its Table 1, and how much each step of ours does.
 
-    python benchmarks/choices.py [--images DIR] [--every N] [--limit N] [--only paper|ours] [--json FILE]
+    python benchmarks/choices.py [--images DIR] [--every N] [--limit N] [--only paper|ours] [--of uoctti|paper]
+        [--json FILE]
 
-The first tables search as the paper does, with everything that it does not state at one assumption, the base: the
-descriptor's relative distance over gray values from nearly constant images, with absolute differences of 4-neighbours
-(Eq. 9), by L-BFGS.  Each row changes one assumption.  The last tables take one step away from ``nablahog.reconstruct``
-or change it.  Prints means over the images; figures as `nablahog.metrics.DEFINITIONS` defines them.
+The first tables search as the paper does, ``reconstruct(…, method="paper")``; each row changes one choice of the first,
+the base.  The last tables take one step away from ``nablahog.reconstruct`` or change it.  Prints means over the images;
+figures as `nablahog.metrics.DEFINITIONS` defines them.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ import argparse
 import json
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import torch
@@ -24,67 +24,68 @@ from torch import Tensor
 from torch.nn.functional import interpolate
 
 from nablahog import HOGSpec, hog, metrics, presets, reconstruct
-from nablahog.invert.histograms import recover_histograms
-from nablahog.invert.multiscale import SCALES, level_spec, reconstruct_multiscale, scale_descriptors
-from nablahog.invert.options import Basis, Objective, Search
-from nablahog.invert.priors import Prior, Range, RelativeSmoothness, Smoothness, TotalVariation
+from nablahog.invert import AsPublished
+from nablahog.invert.multiscale import reconstruct_multiscale, scale_descriptors
+from nablahog.invert.options import Objective, Search
+from nablahog.invert.published_objective import PublishedObjective
 from nablahog.invert.reconstruction import to_unit_range
-from nablahog.invert.search import PreimageSearch
-from nablahog.invert.start import at_contrast
-from nablahog.optimize import Minimiser
+from nablahog.invert.start import noise
+from nablahog.optimize import lbfgs
 from photographs import photographs
 
-Upsampling = Literal["nearest", "bilinear", "bicubic"]
-WEIGHT = 1e-4  # of Σ|i_p - i_q|, on the scale of the relative squared distance
+Variant = tuple[str, Callable[[Tensor], Tensor], HOGSpec]
 
 
-@dataclass(frozen=True)
-class Assumptions:
-    """One way to read Section 3.1."""
-
-    priors: tuple[Prior, ...] = (Smoothness(WEIGHT),)
-    basis: Basis = "pixels"
-    minimiser: Minimiser = "lbfgs"
-    evaluations: int = 150
-    noise: float = 0.01  # standard deviation around mid-gray of the start, in 0…1
-    seed: int = 0
-    upsampling: Upsampling = "bilinear"
-    per_level: int = 40
+def size_of(images: Tensor) -> tuple[int, int]:
+    return images.shape[2], images.shape[3]
 
 
-def as_published(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], a: Assumptions, start: Tensor) -> Tensor:
-    """Images (B, 1, H, W) in 0…1 from (B, 1, H, W), the one objective from the one start."""
-    search = PreimageSearch(descriptor, spec, size, a.priors, Search(a.minimiser, a.basis), a.evaluations)
-    start = at_contrast(start, recover_histograms(descriptor, spec), spec)
-    return to_unit_range(search.match(start.unsqueeze(1), None, a.evaluations)[:, 0], spec)
+def published(spec: HOGSpec, seed: int = 0, **choices: Any) -> Callable[[Tensor], Tensor]:
+    """Images (B, 1, H, W) in 0…1 to their pre-images by the paper's search."""
+    method = AsPublished(**choices)
+    return lambda images: reconstruct(hog(images, spec), spec, size_of(images), method=method, seed=seed).image
 
 
-def noise(count: int, size: tuple[int, int], a: Assumptions) -> Tensor:
-    generator = torch.Generator().manual_seed(a.seed)
-    return (0.5 + a.noise * torch.randn(1, 1, *size, generator=generator)).expand(count, -1, -1, -1)
+def by_lbfgs(spec: HOGSpec, evaluations: int) -> Callable[[Tensor], Tensor]:
+    """The same objective from the same noise, minimised by L-BFGS."""
+    options = AsPublished().for_spec(spec)
+    spread = options.noise
+    assert spread is not None
+
+    def search(images: Tensor) -> Tensor:
+        descriptor, size = hog(images, spec), size_of(images)
+        objective = PublishedObjective(descriptor, spec, size, options.course[0], options.norms)
+        start = noise(descriptor, *size, 1, 0, spread)[0].flatten(1).expand(len(images), -1)
+        return to_unit_range(objective.images(lbfgs(objective, start, max_evaluations=evaluations).x), spec)
+
+    return search
 
 
-def single(images: Tensor, spec: HOGSpec, a: Assumptions) -> Tensor:
-    size = (images.shape[2], images.shape[3])
-    return as_published(hog(images, spec), spec, size, a, noise(len(images), size, a))
+def published_levels(
+    spec: HOGSpec, more: bool, upsampling: str | None = None, same_votes: bool = True, **choices: Any
+) -> Callable[[Tensor], Tensor]:
+    """The same with four levels.
 
+    Args:
+        spec: of the last.
+        more: whether each level is given the descriptor of the image at its size.
+        upsampling: of images from level to level, a mode of `torch.nn.functional.interpolate`.
+        same_votes: whether the one descriptor of all levels is made that of an image of their size.
+        choices: of `AsPublished`.
+    """
 
-def multi_scale(images: Tensor, spec: HOGSpec, a: Assumptions, more: bool) -> Tensor:
-    size = (images.shape[2], images.shape[3])
-    descriptors = scale_descriptors(images, spec) if more else [hog(images, spec)] * len(SCALES)
-    result = None
-    for scale, descriptor in zip(SCALES, descriptors, strict=True):
-        small, small_size = level_spec(spec, scale, size)
-        mode = {} if a.upsampling == "nearest" else {"align_corners": False}
-        start = (
-            noise(len(images), small_size, a)
-            if result is None
-            else interpolate(result, size=small_size, mode=a.upsampling, **mode)
+    def enlarge(image: Tensor, height: int, width: int) -> Tensor:
+        return interpolate(image, (height, width), mode=upsampling or "bicubic")
+
+    def search(images: Tensor) -> Tensor:
+        descriptors = (
+            scale_descriptors(images, spec) if more else hog(images, spec) if same_votes else [hog(images, spec)] * 4
         )
-        level = a if scale == 1 else replace(a, evaluations=a.per_level)
-        result = as_published(descriptor, small, small_size, level, start)
-    assert result is not None
-    return result
+        with patch("nablahog.invert.multiscale.enlarge", enlarge):
+            levels = reconstruct_multiscale(descriptors, spec, size_of(images), method=AsPublished(**choices))
+        return levels[-1].reconstruction.image
+
+    return search
 
 
 def figures(result: Tensor, images: Tensor, spec: HOGSpec) -> dict[str, float]:
@@ -102,38 +103,36 @@ def figures(result: Tensor, images: Tensor, spec: HOGSpec) -> dict[str, float]:
     }
 
 
-Variant = tuple[str, Callable[[Tensor], Tensor], HOGSpec]
-
-
 def paper_variants(of: str) -> list[Variant]:
-    """The base and what changes it, for the descriptor type ``of``."""
+    """The paper's search, and what changes it, for the descriptor type ``of``."""
     preset = getattr(presets, of)
-    spec, base = preset(), Assumptions()
-    rows: list[Variant] = []
+    spec: HOGSpec = preset()
+    rows: list[Variant] = [("base", published(spec), spec)]
 
-    def add(name: str, changed: HOGSpec | None = None, **assumptions: Any) -> None:
-        of_row = changed or spec
-        rows.append((name, lambda images: single(images, of_row, replace(base, **assumptions)), of_row))
+    def add(name: str, changed: HOGSpec | None = None, **choices: Any) -> None:
+        rows.append((name, published(changed or spec, **choices), changed or spec))
 
-    add("base")
     add("another seed", seed=1)
-    add("start: noise of 0.1", noise=0.1)
-    for n in (50, 300):
-        add(f"{n} evaluations", evaluations=n)
-    for name in ("dogleg", "momentum", "adam"):
-        add(f"minimiser: {name}", minimiser=name)
-    add("unknowns: cosine basis", basis="cosine")
-    add("no smoothness", priors=())
-    for factor in (0.01, 0.1, 10.0):
-        add(f"smoothness: absolute, ξ x {factor:g}", priors=(Smoothness(factor * WEIGHT),))
-    for factor in (0.1, 1.0, 10.0):
-        add(f"smoothness: squared, ξ x {factor:g}", priors=(Smoothness(factor * WEIGHT, "squared"),))
-    add("smoothness: absolute, 8 neighbours", priors=(Smoothness(WEIGHT, neighbours=8),))
-    add("smoothness: relative to the gradient, 0.02 (ours)", priors=(RelativeSmoothness(0.02),))
-    add("smoothness: TV, β = 2", priors=(TotalVariation(WEIGHT),))
+    weights = (0.01, 0.1, 1.0, 10.0, 100.0) if of == "paper" else (1.0, 10.0, 1000.0)
+    for weight in weights:
+        add(f"ξ = {weight:g}", smoothness=weight)
+    falling = [3.0, 0.3, 0.03] if of == "paper" else [1000.0, 100.0, 10.0]
+    add(f"ξ falls: {', '.join(f'{weight:g}' for weight in falling)}", smoothness=falling)
+    for weight in (0.1, 1.0, 10.0, 100.0):
+        add(f"norms as printed, ξ = {weight:g}", norms="printed", smoothness=weight)
+    if of == "uoctti":
+        add("norms as printed, ξ = 100, noise of 0.01", norms="printed", noise=0.01)
+    for deviation in (1e-3, 1e-1) if of == "paper" else (1e-2,):
+        add(f"start: noise of {deviation:g}", noise=deviation)
+    add("8 neighbours", neighbours=8)
+    for n in (10, 20, 80):
+        add(f"{n} iterations", iterations=n)
+    for n in (10, 40):
+        add(f"a step's equations: {n} iterations of conjugate gradients", cg_iterations=n)
+    add("a step's equations: to 1e-6, or 1000 iterations", cg_tolerance=1e-6, cg_iterations=1000)
+    rows.append(("minimiser: L-BFGS, 3000 evaluations", by_lbfgs(spec, 3000), spec))
     if of == "paper":
-        add("gray values kept in 0…1 (ours)", priors=(Smoothness(WEIGHT), Range(100.0)))
-        add("normaliser √(‖v‖² + ε²)", preset(global_form="robust"))
+        add("normaliser √(‖v‖² + ε²), ξ = 100, noise of 1e-4", preset(global_form="robust"))
         for epsilon in (1e-3, 1e-1):
             add(f"ε = {epsilon:g}", preset(epsilon=epsilon))
         add("bins centred at 0°, 20°, …", preset(bin_offset=0.0))
@@ -142,23 +141,16 @@ def paper_variants(of: str) -> list[Variant]:
         add("hard votes", preset(vote="hard"))
     for cell in (4, 16):
         add(f"cells of {cell}", preset(cell))
-    for mode in ("bilinear", "nearest", "bicubic"):
-        for more in (False, True):
-            name = f"multi-scale{'-more' if more else ''}, {mode}"
-            rows.append((name, _multi_scale(spec, replace(base, upsampling=mode), more), spec))
-    rows += [
-        (f"multi-scale-more, {n} a level", _multi_scale(spec, replace(base, per_level=n), True), spec)
-        for n in (10, 100)
-    ]
+    for more in (False, True):
+        name = "multi-scale-more" if more else "multi-scale"
+        levels: list[tuple[str, dict[str, Any]]] = [("", {})]
+        if of == "paper":
+            levels += [(f", {mode}", {"upsampling": mode}) for mode in ("nearest", "bilinear")]
+            levels += [(f", {n} iterations a level", {"level_iterations": n}) for n in (3, 40)]
+            if not more:
+                levels.append((", the descriptor unchanged", {"same_votes": False}))
+        rows += [(f"{name}{what}", published_levels(spec, more, **options), spec) for what, options in levels]
     return rows
-
-
-def _multi_scale(spec: HOGSpec, a: Assumptions, more: bool) -> Callable[[Tensor], Tensor]:
-    return lambda images: multi_scale(images, spec, a, more)
-
-
-def size_of(images: Tensor) -> tuple[int, int]:
-    return images.shape[2], images.shape[3]
 
 
 def our_variants(of: str) -> list[Variant]:
@@ -213,6 +205,7 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=1, help="only every Nth image")
     parser.add_argument("--limit", type=int, help="only the first N of these")
     parser.add_argument("--only", choices=("paper", "ours"), help="only these tables")
+    parser.add_argument("--of", choices=("uoctti", "paper"), help="only the tables of this descriptor")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--json", type=Path, help="write the figures to this file, too")
     options = parser.parse_args()
@@ -224,7 +217,7 @@ def main() -> None:
         tables.pop("nablahog.reconstruct" if options.only == "paper" else "as published")
     stored = {}
     for title, variants in tables.items():
-        for of in ("uoctti", "paper"):
+        for of in (options.of,) if options.of else ("uoctti", "paper"):
             print(f"\n{title}, {of}, {len(images)} images of {images.shape[2]}x{images.shape[3]}")
             print(
                 "| | CC | |CC| | MI | SSIM | distance | s an image |\n|---|---:|---:|---:|---:|---:|---:|".replace(

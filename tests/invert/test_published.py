@@ -15,7 +15,7 @@ from torch.autograd import forward_ad
 from nablahog import HOGSpec, hog, presets, reconstruct, reconstruct_multiscale
 from nablahog.hog.kernels import histograms, histograms_jvp
 from nablahog.invert import AsPublished, Objective, Search, scale_descriptors
-from nablahog.invert.method import Norms
+from nablahog.invert.method import Neighbours, Norms
 from nablahog.invert.priors import EPSILON
 from nablahog.invert.published_objective import DIAGONAL, PublishedObjective
 
@@ -35,28 +35,34 @@ def photographs(count: int, side: int) -> Tensor:
     return torch.cat([photograph(side, name) for name in ("camera", "coins", "moon")[:count]])
 
 
-def problem(spec: HOGSpec, norms: Norms, xi: float = 0.5) -> tuple[PublishedObjective, Tensor, Tensor]:
+def problem(
+    spec: HOGSpec, norms: Norms, xi: float = 0.5, neighbours: Neighbours = 4
+) -> tuple[PublishedObjective, Tensor, Tensor]:
     """The objective of two random images, points, and their indices, in reverse order."""
     images = torch.rand(2, 1, *SIZE, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     spec = spec.with_linear_votes()
     if spec.gamma == "sqrt":
         spec = presets.opencv(gamma=False)
     return (
-        PublishedObjective(hog(images, spec), spec, SIZE, xi, norms),
+        PublishedObjective(hog(images, spec), spec, SIZE, xi, norms, neighbours),
         random(2, math.prod(SIZE)),
         torch.tensor([1, 0]),
     )
 
 
+@pytest.mark.parametrize("neighbours", [4, 8])
 @pytest.mark.parametrize("norms", NORMS)
-def test_the_value_is_equation_9(norms: Norms) -> None:
+def test_the_value_is_equation_9(norms: Norms, neighbours: Neighbours) -> None:
     spec, xi = presets.paper(), 0.3
-    objective, points, index = problem(spec, norms, xi)
+    objective, points, index = problem(spec, norms, xi, neighbours)
     value, _ = objective(points, index)
     for row, image in enumerate(points.reshape(-1, 1, *SIZE)):
         distance = float((hog(image[None], spec)[0] - objective.descriptor[index[row]].permute(1, 2, 0)).norm())
         gray = image[0].numpy()
-        steps = np.concatenate([np.diff(gray, axis=0).ravel(), np.diff(gray, axis=1).ravel()])
+        pairs = [np.diff(gray, axis=0), np.diff(gray, axis=1)]
+        if neighbours == 8:
+            pairs += [gray[1:, 1:] - gray[:-1, :-1], gray[1:, :-1] - gray[:-1, 1:]]
+        steps = np.concatenate([pair.ravel() for pair in pairs])
         squared = distance**2 + xi**2 * (steps**2).sum()
         printed = distance + xi * (steps**2 / np.sqrt(steps**2 + EPSILON**2)).sum()
         assert float(value[row]) == pytest.approx(squared if norms == "squared" else printed, rel=1e-9)
@@ -65,10 +71,11 @@ def test_the_value_is_equation_9(norms: Norms) -> None:
         assert float(objective.distance[index[row]]) == pytest.approx(distance / length)
 
 
+@pytest.mark.parametrize("neighbours", [4, 8])
 @pytest.mark.parametrize("norms", NORMS)
 @pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.name)
-def test_the_jacobian_is_that_of_the_residuals(spec: HOGSpec, norms: Norms) -> None:
-    objective, points, index = problem(spec, norms)
+def test_the_jacobian_is_that_of_the_residuals(spec: HOGSpec, norms: Norms, neighbours: Neighbours) -> None:
+    objective, points, index = problem(spec, norms, neighbours=neighbours)
     jacobian = objective.linearize(points, index)
     residuals = objective.residuals(points, index)
     assert jacobian.size == residuals.shape[1]
@@ -207,6 +214,7 @@ def test_refusals(options: dict[str, Any], message: str) -> None:
         ({"smoothness": []}, "smoothness must be"),
         ({"noise": -1.0}, "noise must be"),
         ({"norms": "cubed"}, "norms must be"),
+        ({"neighbours": 6}, "neighbours must be"),
         ({"iterations": 0}, "iterations must be at least 1"),
         ({"cg_tolerance": 1.0}, "cg_tolerance must be between 0 and 1"),
         ({"max_evaluations": 1}, "max_evaluations must be at least 2"),

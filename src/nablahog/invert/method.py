@@ -11,6 +11,7 @@ from ..hog.spec import HOGSpec
 
 InversionMethod: TypeAlias = Literal["default", "paper"]
 Norms: TypeAlias = Literal["squared", "printed"]
+Neighbours: TypeAlias = Literal[4, 8]
 SMOOTHNESS = 100.0  # ξ of the paper
 
 
@@ -27,6 +28,7 @@ class AsPublished:
             iterations", hardly counts.  A descriptor that fixes the contrast would lose to it: there None is 0.3.
         norms: ``"squared"``: ‖φ(I) - φ(Î)‖² + ξ² Σ (i_p - i_q)², what a dogleg minimises that is given φ(I) - φ(Î) and
             ξ (i_p - i_q) as residuals; ``"printed"``: ‖φ(I) - φ(Î)‖ + ξ Σ |i_p - i_q|, letter by letter.
+        neighbours: of a pixel, 4, or 8 with the diagonals, which count as much.
         noise: standard deviation of the start, in 0…1.  None for 1e-4 where the descriptor leaves the contrast open, so
             that the smoothness of the start weighs as much as its distance, and 0.01 where it does not.
         iterations: accepted steps, at most, for each ξ.
@@ -43,6 +45,7 @@ class AsPublished:
 
     smoothness: float | Sequence[float] | None = None
     norms: Norms = "squared"
+    neighbours: Neighbours = 4
     noise: float | None = None
     iterations: int = 40
     level_iterations: int = 10
@@ -53,6 +56,7 @@ class AsPublished:
 
     def __post_init__(self) -> None:
         check_choice("norms", self.norms, Norms)
+        check_choice("neighbours", self.neighbours, Neighbours)
         if not self.course or not all(0 < weight < float("inf") for weight in self.course):
             raise ValueError(f"smoothness must be a finite number above 0, or several, got {self.smoothness}")
         if self.noise is not None and not 0 < self.noise < float("inf"):

@@ -16,15 +16,15 @@ from torch import Tensor
 
 from ..hog.orientation import magnitude
 from . import kernels
+from .method import Neighbours
 
 ROUNDING = 0.05  # of the mean gradient magnitude: below it an absolute difference is rounded off, for the minimiser
 EPSILON = 1e-3  # ε of the powers, a quarter of the step between two 8-bit levels
 
 Form: TypeAlias = Literal["absolute", "squared"]
-Neighbours: TypeAlias = Literal[4, 8]
 
 
-def _differences(image: Tensor, neighbours: Neighbours = 4) -> list[Tensor]:
+def differences(image: Tensor, neighbours: Neighbours = 4) -> list[Tensor]:
     """i_p - i_q over all pairs of neighbours, each pair once: along x, along y, and along both diagonals if 8."""
     pairs = [(image[..., :, 1:], image[..., :, :-1]), (image[..., 1:, :], image[..., :-1, :])]
     if neighbours == 8:
@@ -34,7 +34,7 @@ def _differences(image: Tensor, neighbours: Neighbours = 4) -> list[Tensor]:
 
 def _rounded(image: Tensor) -> tuple[list[Tensor], Tensor, int]:
     """Differences along x and along y, Σ‖∇i‖ per pixel (A,), and the number of pixels: what smoothness is made of."""
-    dx, dy = _differences(image)
+    dx, dy = differences(image)
     gx, gy = (dx[..., 1:] + dx[..., :-1])[..., 1:-1, :], (dy[..., 1:, :] + dy[..., :-1, :])[..., 1:-1]
     pixels = image[0].numel()  # sums over them, since the mean of no differences, in one row or column, is NaN
     visible = magnitude(gx, gy).sum(dim=(1, 2, 3)) / pixels
@@ -138,7 +138,7 @@ class Smoothness(Prior):
     def terms(self, image: Tensor) -> Tensor:
         exponent = 1 if self.form == "absolute" else 2
         return torch.cat(
-            [_power(d, d.square(), exponent).flatten(1) for d in _differences(image, self.neighbours)], dim=1
+            [_power(d, d.square(), exponent).flatten(1) for d in differences(image, self.neighbours)], dim=1
         )
 
 

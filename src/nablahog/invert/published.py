@@ -129,7 +129,9 @@ class _Search:
 
     def _minimise(self, smoothness: float, accepted: Accepted) -> None:
         options = self.options
-        objective = PublishedObjective(self.descriptor, self.spec, self.size, smoothness, options.norms)
+        objective = PublishedObjective(
+            self.descriptor, self.spec, self.size, smoothness, options.norms, options.neighbours
+        )
         all_iterations = options.iterations * (options.cg_iterations + TRIALS)
         share = all_iterations if options.max_evaluations is None else options.max_evaluations // len(options.course)
         minimum = dogleg(

@@ -16,9 +16,9 @@ from torch import Tensor
 from ..hog.kernels import histograms_jvp, steps
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
-from .method import Norms
+from .method import Neighbours, Norms
 from .parameterize import from_cosines, to_cosines
-from .priors import EPSILON
+from .priors import EPSILON, differences
 
 DIAGONAL = 1e-5  # of the mean diagonal of JᵀJ, which stands for HOG in the preconditioner
 
@@ -35,15 +35,23 @@ class PublishedObjective:
         size: (height, width) of the images.
         smoothness: ξ.
         norms: ``"squared"`` or ``"printed"``.
+        neighbours: 4 or 8.
 
     Attributes:
         distance: (B,), ‖φ(I) - φ(Î)‖ / ‖φ(I)‖, at the points evaluated last.
     """
 
     def __init__(
-        self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], smoothness: float, norms: Norms
+        self,
+        descriptor: Tensor,
+        spec: HOGSpec,
+        size: tuple[int, int],
+        smoothness: float,
+        norms: Norms,
+        neighbours: Neighbours = 4,
     ) -> None:
         self.spec, self.size, self.smoothness, self.printed = spec, size, smoothness, norms == "printed"
+        self.neighbours: Neighbours = neighbours
         self.descriptor = descriptor.permute(0, 3, 1, 2)
         self.length = descriptor.flatten(1).norm(dim=1).clamp(min=torch.finfo(descriptor.dtype).tiny)
         self.distance = torch.zeros_like(self.length)
@@ -53,12 +61,16 @@ class PublishedObjective:
         """Points (A, H·W) to images (A, 1, H, W)."""
         return points.reshape(-1, 1, *self.size)
 
+    def of_neighbours(self, images: Tensor) -> Tensor:
+        """i_p - i_q over the neighbours of images (A, 1, H, W), each pair once: (A, K)."""
+        return torch.cat([d.flatten(1) for d in differences(images, self.neighbours)], dim=1)
+
     def __call__(self, points: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
         with torch.enable_grad():
             points = points.detach().requires_grad_()
             images = self.images(points)
             difference = self.normalize(self.histograms(images, self.spec), self.spec) - self.descriptor[index]
-            value = self._terms(difference.flatten(1), neighbour_differences(images)).square().sum(1)
+            value = self._terms(difference.flatten(1), self.of_neighbours(images)).square().sum(1)
         (gradient,) = torch.autograd.grad(value.sum(), points)
         self.distance[index] = difference.detach().flatten(1).norm(dim=1) / self.length[index]
         return value.detach(), gradient
@@ -67,7 +79,7 @@ class PublishedObjective:
         """Points (A, H·W) to residuals (A, M) whose squares sum to the values."""
         images = self.images(points)
         difference = normalize_reference(self.histograms(images, self.spec), self.spec) - self.descriptor[index]
-        return self._terms(difference.flatten(1), neighbour_differences(images))
+        return self._terms(difference.flatten(1), self.of_neighbours(images))
 
     def linearize(self, points: Tensor, index: Tensor) -> PublishedJacobian:
         """J at the points (A, H·W)."""
@@ -79,12 +91,6 @@ class PublishedObjective:
             return torch.cat([difference, self.smoothness * of_neighbours], dim=1)
         power = (of_neighbours.square() + EPSILON**2).pow(-1 / 4)
         return torch.cat([difference / root_length(difference), math.sqrt(self.smoothness) * of_neighbours * power], 1)
-
-
-def neighbour_differences(images: Tensor) -> Tensor:
-    """i_p - i_q over the 4-neighbours of images (A, 1, H, W), each pair once: (A, K)."""
-    pairs = images[..., 1:] - images[..., :-1], images[..., 1:, :] - images[..., :-1, :]
-    return torch.cat([pair.flatten(1) for pair in pairs], dim=1)
 
 
 def root_length(vectors: Tensor) -> Tensor:
@@ -117,7 +123,7 @@ class PublishedJacobian:
             described = normalize_reference(self._leaf, spec)
             self._cotangents = torch.zeros_like(described, requires_grad=True)
             (self._norm_vjp,) = torch.autograd.grad(described, self._leaf, self._cotangents, create_graph=True)
-            self._of_neighbours = neighbour_differences(self._images)
+            self._of_neighbours = objective.of_neighbours(self._images)
         difference = (described.detach() - objective.descriptor[index]).flatten(1)
         self._lengths = [difference.shape[1], self._of_neighbours.shape[1]]
         self.size = sum(self._lengths)
@@ -137,7 +143,7 @@ class PublishedJacobian:
         """J·v: (A, H·W) to (A, M)."""
         images = self._objective.images(vectors)
         of_hog = self._scaled(self._hog_jvp(images).flatten(1))
-        return torch.cat([of_hog, self._slopes * neighbour_differences(images)], dim=1)
+        return torch.cat([of_hog, self._slopes * self._objective.of_neighbours(images)], dim=1)
 
     @torch.no_grad()
     def vjp(self, vectors: Tensor) -> Tensor:
@@ -170,8 +176,11 @@ class PublishedJacobian:
     def _preconditioner(self) -> Tensor:
         """Eigenvalues of ξ²L + d for the cosines of the images, (A, 1, H, W)."""
         height, width = self._objective.size
-        along_y, along_x = (2 - 2 * torch.cos(math.pi * torch.arange(n) / n) for n in (height, width))
-        laplacian = (along_y.unsqueeze(1) + along_x).to(self._slopes)
+        cos_y, cos_x = (torch.cos(math.pi * torch.arange(n) / n) for n in (height, width))
+        laplacian = (2 - 2 * cos_y).unsqueeze(1) + (2 - 2 * cos_x)
+        if self._objective.neighbours == 8:
+            laplacian = laplacian + 4 - 4 * cos_y.unsqueeze(1) * cos_x  # exact but for the border
+        laplacian = laplacian.to(self._slopes)
         generator = torch.Generator().manual_seed(0)
         signs = torch.randint(0, 2, (1, 1, height, width), generator=generator).to(self._slopes) * 2 - 1
         # Hutchinson's estimate of the trace: the mean of ‖J s‖² over random signs s, of which one will do
