@@ -118,7 +118,7 @@ def paper_variants(of: str) -> list[Variant]:
         add(f"ξ = {weight:g}", smoothness=weight)
     falling = [3.0, 0.3, 0.03] if of == "paper" else [1000.0, 100.0, 10.0]
     add(f"ξ falls: {', '.join(f'{weight:g}' for weight in falling)}", smoothness=falling)
-    for weight in (0.1, 1.0, 10.0, 100.0):
+    for weight in (0.001, 0.01, 0.1, 1.0) if of == "paper" else (0.1, 1.0, 10.0, 100.0):
         add(f"norms as printed, ξ = {weight:g}", norms="printed", smoothness=weight)
     if of == "uoctti":
         add("norms as printed, ξ = 100, noise of 0.01", norms="printed", noise=0.01)
