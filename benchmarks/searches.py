@@ -1,13 +1,12 @@
 """Pre-images and poses beside what others do for them: quality, times, and what these are spent on.
 
-Pre-images: the schedule of CNN-HOG, and the paper's search by Powell's dogleg (``choices.py``), of the same images.
-Poses: 360 renderings, one a degree, and the paper's search, of the same scenes.  One thread, CPU time, in turns.
+Pre-images: the schedule of CNN-HOG, and the paper's search (``method="paper"``), of the same images.  Poses: 360
+renderings, one a degree, and the paper's search, of the same scenes.  One thread, CPU time, in turns.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import fmean, median
@@ -16,11 +15,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from choices import Assumptions, single
 from growth import seconds_of
 from limits import Rates, limits_ms, rendering_work, work
 from nablahog import hog, metrics, presets, reconstruct
-from nablahog.invert import Reconstruction, Search
+from nablahog.invert import AsPublished, Reconstruction, Search
 from nablahog.invert.baselines.cnn_hog import CNNHOG
 from nablahog.invert.quality import QualityName
 from nablahog.metrics import azimuth_error
@@ -31,7 +29,6 @@ from poses import estimate, objects
 from timing import Times, ratio, summary
 
 SPEC = presets.uoctti()
-DOGLEG = Assumptions(minimiser="dogleg")
 OURS: tuple[QualityName, ...] = ("fast", "best")
 CANVAS = 128  # pixels of a side of what poses are rendered to
 RADIUS = 15.0  # degrees of azimuth within which a pose counts as right
@@ -52,7 +49,7 @@ def preimages(folder: Path | None, few: int, side: int | None, rates: Rates) -> 
     result: dict[str, list[Tensor]] = {name: [] for name in methods}
     times = {name: Times() for name in methods}
     reconstruct(hog(some[:1], SPEC), SPEC, search=Search(max_evaluations=3))
-    single(some[:1], SPEC, replace(DOGLEG, evaluations=3))
+    _published(some[:1], AsPublished(iterations=1, cg_iterations=2))
     for quality in OURS:
         methods[quality](some[:1])
     for image in some:
@@ -79,12 +76,16 @@ def _methods() -> dict[str, Callable[[Tensor], Tensor]]:
         **{name: partial(_ours, quality=name) for name in OURS},
         "CNN-HOG": partial(_cnn_hog, CNNHOG()),
         "CNN-HOGb": partial(_cnn_hog, CNNHOG(bilinear=True)),
-        "published dogleg": lambda images: single(images, SPEC, DOGLEG),
+        "paper": partial(_published, method=AsPublished()),
     }
 
 
 def _ours(images: Tensor, quality: QualityName) -> Tensor:
     return reconstruct(hog(images, SPEC), SPEC, quality=quality).image
+
+
+def _published(images: Tensor, method: AsPublished) -> Tensor:
+    return reconstruct(hog(images, SPEC), SPEC, method=method).image
 
 
 def _cnn_hog(network: CNNHOG, images: Tensor) -> Tensor:
