@@ -27,8 +27,8 @@ def preimages(record: Record) -> list[str]:
     head = ["all in one batch", "CPU s an image", "wall s", "CC", "evaluations", "of the limit"]
     return [
         f"""Photographs of {size}, {result["few"]} of them, one by one and in turns. *CNN-HOG* and *CNN-HOGb* have the
-published schedule of 800 steps and their own network's descriptor, the others UoCTTI; *paper* is the paper's own search,
-`method="paper"`. CC is the mean correlation with the photographs.""",
+published schedule of 800 steps and their own network's descriptor, the others UoCTTI; *paper* is the paper's own
+search, `method="paper"`. CC is the mean correlation with the photographs.""",
         table(["method", "CPU s an image", "CC", "times as fast as"], rows),
         f"""All {result["images"]} at once, as they would be inverted:""",
         table(head, whole),
