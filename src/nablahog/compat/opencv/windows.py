@@ -6,7 +6,7 @@ A grid serves all windows whose corners are whole strides of blocks apart; windo
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -123,6 +123,18 @@ class _Grid(NamedTuple):
     y: Integers
 
 
+_entry_points: dict[bool, Callable[..., None]] = {}
+
+
+def _block_grid(region: Region, scheme: Scheme, out: Floats) -> None:
+    """The loop of that name, without Numba's look-up by the types of all arguments: they differ in one respect."""
+    arguments = region, scheme.angles, scheme.blocks, out
+    writeable = region.values.flags.writeable
+    if writeable not in _entry_points:
+        _entry_points[writeable] = block_grid.entry_point(*arguments)  # type: ignore[attr-defined]
+    _entry_points[writeable](*arguments)
+
+
 def _grids(padded: Padded, corners: Integers, scheme: Scheme) -> Iterator[_Grid]:
     across, down = scheme.blocks.across, scheme.blocks.down
     group = corners[:, 0] % across * down + corners[:, 1] % down
@@ -135,7 +147,7 @@ def _grids(padded: Padded, corners: Integers, scheme: Scheme) -> Iterator[_Grid]
         cols, rows = (width - scheme.blocks.width) // across + 1, (height - scheme.blocks.height) // down + 1
         values = np.zeros(cols * rows * scheme.numbers + PADDING, np.float32)
         out = values[:-PADDING].reshape(cols, rows, scheme.numbers)
-        block_grid(padded.region(x, y, width, height), scheme.angles, scheme.blocks, out)
+        _block_grid(padded.region(x, y, width, height), scheme, out)
         yield _Grid(values, rows, windows, (some[:, 0] - x) // across, (some[:, 1] - y) // down)
 
 
