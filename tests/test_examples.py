@@ -11,6 +11,7 @@ from PIL import Image
 
 FOLDER = Path(__file__).parent.parent / "examples"
 SETTINGS = {
+    "detector_score": ["--steps", "2"],
     "detector_template": ["--quality", "fast"],
     "hog_as_a_loss": ["--size", "64", "--steps", "3"],
     "invert": ["--size", "64", "--quality", "fast"],

@@ -1,0 +1,32 @@
+"""``cv2.HOGDescriptor`` of OpenCV 4, which OpenCV 5 has moved out of its main package, and its score's derivative.
+
+``import nablahog.compat.opencv as cv2`` is enough for a program that uses the class: all other names are those of the
+installed OpenCV.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from .descriptor import HOGDescriptor
+from .differentiable import score
+
+__all__ = [
+    "HOGDescriptor",
+    "HOGDescriptor_getDaimlerPeopleDetector",
+    "HOGDescriptor_getDefaultPeopleDetector",
+    "score",
+]
+
+HOGDescriptor_getDaimlerPeopleDetector = HOGDescriptor.getDaimlerPeopleDetector
+HOGDescriptor_getDefaultPeopleDetector = HOGDescriptor.getDefaultPeopleDetector
+
+
+def __getattr__(name: str) -> Any:
+    if name.startswith("_"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    try:
+        return getattr(importlib.import_module("cv2"), name)
+    except ImportError:
+        raise AttributeError(f"{__name__} has no {name!r}, and OpenCV, which may have it, is not installed") from None

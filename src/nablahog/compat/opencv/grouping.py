@@ -1,0 +1,144 @@
+"""Detections that overlap, made one: OpenCV's two groupings and its clipping (``hog.cpp``, ``cascadedetect.cpp``).
+
+Rectangles are (N, 4), int32: x, y, width and height in pixels.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .arguments import Size
+
+Rectangles: TypeAlias = NDArray[np.int32]
+Weights: TypeAlias = NDArray[np.float64]
+
+_EPSILON = 0.2  # differences of similar rectangles, as a share of their sides
+_KERNEL = np.array([8.0, 16.0, math.log(1.3)])  # of the mean shift: pixels at scale 1, and the logarithm of a scale
+
+
+def _classes(rectangles: Rectangles) -> NDArray[np.int64]:
+    """The class of each: similar rectangles, and what is similar to these; numbered by their first members."""
+    x, y, width, height = rectangles.T.astype(np.float64)
+    edges = np.stack([x, y, x + width, y + height])
+    labels = np.full(len(rectangles), -1)
+    count = 0
+    for first in range(len(rectangles)):
+        if labels[first] >= 0:
+            continue
+        labels[first], waiting = count, [first]
+        while waiting:
+            k = waiting.pop()
+            delta = _EPSILON * 0.5 * (np.minimum(width, width[k]) + np.minimum(height, height[k]))
+            similar = (np.abs(edges - edges[:, k : k + 1]) <= delta).all(axis=0) & (labels < 0)
+            labels[similar] = count
+            waiting.extend(np.flatnonzero(similar).tolist())
+        count += 1
+    return labels
+
+
+def group_rectangles(rectangles: Rectangles, weights: Weights, threshold: int) -> tuple[Rectangles, Weights]:
+    """The mean of each class of more than ``threshold`` rectangles, with its largest weight.
+
+    Small ones inside others are left out.  A threshold of 0 or less groups nothing.
+    """
+    if threshold <= 0 or not len(rectangles):
+        return rectangles, weights
+    labels = _classes(rectangles)
+    members = np.bincount(labels)
+    sums = np.stack([np.bincount(labels, side) for side in rectangles.T], axis=1)
+    means = np.rint(sums * (1 / members)[:, None]).astype(np.int32)
+    largest = np.full(len(members), -np.inf)
+    np.maximum.at(largest, labels, weights)
+    many = members > threshold
+    kept = [k for k in np.flatnonzero(many).tolist() if not _inside_another(k, means, members, many)]
+    return means[kept], largest[kept]
+
+
+def _inside_another(k: int, means: Rectangles, members: NDArray[np.int64], many: NDArray[np.bool_]) -> bool:
+    """Whether a class is in one of more members, up to a fifth of its sides; all of at least ``threshold``."""
+    margin = np.rint(means[:, 2:] * _EPSILON).astype(np.int64)
+    corner, opposite = means[:, :2], means[:, :2] + means[:, 2:]
+    within = (corner[k] >= corner - margin).all(axis=1) & (opposite[k] <= opposite + margin).all(axis=1)
+    larger = (members > max(3, members[k])) | (members[k] < 3)
+    others = many & (np.arange(len(means)) != k)
+    return bool((within & larger & others).any())
+
+
+def group_by_mean_shift(
+    rectangles: Rectangles, weights: Weights, scales: Weights, threshold: float, window: Size
+) -> tuple[Rectangles, Weights]:
+    """The modes of the density of detections in place and logarithm of scale, above ``threshold``, with their density.
+
+    Each detection counts with its weight.
+    """
+    x, y, width, height = rectangles.T.astype(np.float64)
+    centres = np.rint(x + width / 2), np.rint(y + height / 2)  # halves to even, as OpenCV's points of integers
+    hits = np.stack([*centres, np.log(scales)], axis=1)
+    kernels = _kernels(hits[:, 2])
+    heights = weights / np.sqrt(kernels.sum(axis=1))
+    modes: list[NDArray[np.float64]] = []
+    for hit in hits:
+        mode = _climb(_shifted(hit, hits, kernels, heights), hits, kernels, heights)
+        if not any(_distance(mode, other) < 1 for other in modes):
+            modes.append(mode)
+    found = [_density(mode, hits, kernels, heights) for mode in modes]
+    kept = [k for k, density in enumerate(found) if density > threshold]
+    boxes = np.array([_box(modes[k], window) for k in kept], np.int32).reshape(-1, 4)
+    return boxes, np.array([found[k] for k in kept], np.float64)
+
+
+def _kernels(log_scales: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Widths of kernels (…, 3) at logarithms of scales."""
+    at = np.exp(log_scales)
+    return np.stack([_KERNEL[0] * at, _KERNEL[1] * at, np.full_like(at, _KERNEL[2])], axis=-1)
+
+
+def _density(
+    point: NDArray[np.float64], hits: NDArray[np.float64], kernels: NDArray[np.float64], heights: NDArray[np.float64]
+) -> float:
+    return float(np.sum(heights * np.exp(-np.square((hits - point) / kernels).sum(axis=1) / 2)))
+
+
+def _shifted(
+    point: NDArray[np.float64], hits: NDArray[np.float64], kernels: NDArray[np.float64], heights: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """One step of the mean shift."""
+    near = heights * np.exp(-np.square(hits / kernels - point / kernels).sum(axis=1) / 2)
+    shifted: NDArray[np.float64] = (near[:, None] * (hits / kernels)).sum(axis=0) / (near[:, None] / kernels).sum(
+        axis=0
+    )
+    return shifted
+
+
+def _climb(
+    point: NDArray[np.float64], hits: NDArray[np.float64], kernels: NDArray[np.float64], heights: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    for _ in range(100):
+        before, point = point, _shifted(point, hits, kernels, heights)
+        if _distance(point, before) <= 1e-5:
+            break
+    return point
+
+
+def _distance(point: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """Squared, in kernels at the other's scale."""
+    return float(np.square((other - point) / _kernels(other[2])).sum())
+
+
+def _box(mode: NDArray[np.float64], window: Size) -> tuple[int, int, int, int]:
+    """The rectangle of a mode; towards zero, as OpenCV rounds it."""
+    scale = math.exp(mode[2])
+    width, height = int(window[0] * scale), int(window[1] * scale)
+    return int(mode[0] - width // 2), int(mode[1] - height // 2), width, height
+
+
+def clip(rectangles: Rectangles, weights: Weights, size: Size) -> tuple[Rectangles, Weights]:
+    """Cut off at the border of an image of (width, height); what is outside of it is left out."""
+    corner = np.maximum(rectangles[:, :2], 0)
+    sides = np.minimum(rectangles[:, :2] + rectangles[:, 2:], size) - corner
+    kept = (sides > 0).all(axis=1)
+    return np.hstack([corner, sides])[kept].astype(np.int32), weights[kept]

@@ -1,0 +1,187 @@
+"""Files of ``cv2.HOGDescriptor``: OpenCV's FileStorage as YAML, XML or JSON, also gzipped.
+
+Only what ``HOGDescriptor::write`` of ``hog.cpp`` puts into a file is read; nothing in it is ever run.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+import os
+import re
+import textwrap
+import zlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, TypeAlias
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ...io.files import check_file, replacing
+from ...runtime.text import one_line
+
+MAX_BYTES = 2**26  # of a file, unpacked
+_TYPE = "opencv-object-detector-hog"
+_SPECIAL = {".nan": "nan", ".inf": "inf", "+.inf": "inf", "-.inf": "-inf"}
+
+Node: TypeAlias = Mapping[str, Any]
+"""Numbers and sequences of numbers by their names; as texts, unless JSON has read them."""
+
+
+def write(path: str | os.PathLike[str], name: str, node: Mapping[str, object]) -> None:
+    """Writes integers, floats, tuples of integers and an array of float32 under a name, in the format of the ending.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    stem = Path(path).name.removesuffix(".gz")
+    text = _FORMATS.get(Path(stem).suffix.lower(), _yaml)(name or default_name(stem), node)
+    packed = text.encode() if stem == Path(path).name else gzip.compress(text.encode(), mtime=0)
+    with replacing(path) as file:
+        file.write(packed)
+
+
+def default_name(stem: str) -> str:
+    """OpenCV's name of the object in a file: the file's own, without its ending, as an identifier."""
+    name = re.sub(r"[^A-Za-z0-9_-]", "_", stem.rpartition(".")[0] or stem)
+    name = name if re.match("[A-Za-z_]", name) else f"_{name}"
+    return "unnamed" if name == "_" else name
+
+
+def read(path: str | os.PathLike[str], name: str) -> Node:
+    """The node of that name, or the first one.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is no such file, has no such node, or the node is no HOGDescriptor.
+    """
+    path = Path(path)
+    check_file(path, "a FileStorage of a HOGDescriptor")
+    try:
+        nodes = _nodes(_text(path))
+    except (ValueError, ElementTree.ParseError, RecursionError) as error:
+        raise ValueError(f"{path}: expected a FileStorage of OpenCV: {one_line(error)}") from None
+    node = nodes.get(name) if name else next(iter(nodes.values()), None)
+    if not isinstance(node, Mapping) or "winSize" not in node:
+        raise ValueError(f"{path}: expected a HOGDescriptor{f' named {one_line(name)!r}' if name else ''}, got none")
+    return node
+
+
+def integers(node: Node, name: str) -> tuple[int, ...]:
+    """One integer, or a sequence of them.
+
+    Raises:
+        ValueError: there are none, or they are no integers.
+    """
+    values = _values(node, name)
+    if not np.array_equal(values, np.rint(values)) or np.abs(values).max(initial=0) > 1e9:
+        raise ValueError(f"{name} must be integers, got {one_line(node[name])}")
+    return tuple(int(value) for value in values)
+
+
+def floats(node: Node, name: str) -> tuple[float, ...]:
+    """One number, or a sequence of them.
+
+    Raises:
+        ValueError: there are none.
+    """
+    return tuple(_values(node, name).tolist())
+
+
+def _values(node: Node, name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+    value = node.get(name, "")
+    words = value.strip("[] \n").replace(",", " ").split() if isinstance(value, str) else np.ravel(value).tolist()
+    try:
+        values = np.array([float(_SPECIAL.get(str(word).lower(), word)) for word in words], np.float64)
+    except (TypeError, ValueError):
+        values = np.empty(0)
+    if not len(values):
+        raise ValueError(f"{name} must be numbers, got {one_line(value) or 'nothing'}")
+    return values
+
+
+# --- reading ---------------------------------------------------------------------------------------------------------
+
+
+def _text(path: Path) -> str:
+    with path.open("rb") as file:
+        data = file.read(MAX_BYTES + 1)
+    if data[:2] == b"\x1f\x8b":
+        unpack = zlib.decompressobj(wbits=31)
+        try:
+            data = unpack.decompress(data, MAX_BYTES + 1)
+        except zlib.error as error:
+            raise ValueError(f"it cannot be unpacked: {error}") from None
+    if len(data) > MAX_BYTES:
+        raise ValueError(f"it is larger than {MAX_BYTES:,} bytes")
+    return data.decode().lstrip("\ufeff \t\r\n")  # UnicodeDecodeError is a ValueError
+
+
+def _nodes(text: str) -> dict[str, Any]:
+    if text.startswith("{"):
+        nodes = json.loads(text)
+        return nodes if isinstance(nodes, dict) else {}
+    if text.startswith("<"):
+        if "<!DOCTYPE" in text:  # whose entities may grow without limit
+            raise ValueError("XML with a DOCTYPE is not read")
+        root = ElementTree.fromstring(text)
+        return {node.tag: {entry.tag: entry.text or "" for entry in node} for node in root}
+    if not text.startswith(("%YAML", "---")):
+        raise ValueError(f"it begins with {one_line(text[:20])!r}")
+    return dict(_yaml_nodes(text))
+
+
+def _yaml_nodes(text: str) -> Iterator[tuple[str, dict[str, str]]]:
+    """The maps of a document: lines that are not indented begin them."""
+    for part in re.split(r"\n(?=[^\s#.\-%])", text.replace("\r", ""))[1:]:
+        name, _, content = part.partition(":")
+        entries = re.findall(r"(?m)^[ \t]+([\w-]+)[ \t]*:[ \t]*(\[[^\]:]*\]|[^\s\[\]]+)", content)
+        yield name.strip(" \"'"), dict(entries)
+
+
+# --- writing ---------------------------------------------------------------------------------------------------------
+
+
+def _number(value: object, dot: str) -> str:
+    if isinstance(value, int):
+        return str(value)
+    text = f"{value:.9g}" if isinstance(value, np.float32) else f"{value:.17g}"
+    if text.lstrip("-").isdigit():
+        return text + dot
+    return {"nan": ".Nan", "inf": ".Inf", "-inf": "-.Inf"}.get(text, text)
+
+
+def _sequence(value: object, dot: str, between: str, indent: str) -> str:
+    words = [_number(each, dot) for each in value]  # type: ignore[attr-defined]
+    return textwrap.fill(between.join(words), 76, subsequent_indent=indent, break_on_hyphens=False)
+
+
+def _yaml(name: str, node: Mapping[str, object]) -> str:
+    lines = [f"%YAML:1.0\n---\n{name}: !!{_TYPE}"]
+    for key, value in node.items():
+        several = isinstance(value, tuple | np.ndarray)
+        text = f"[ {_sequence(value, '.', ', ', 7 * ' ')} ]" if several else _number(value, ".")
+        lines.append(f"   {key}: {text}")
+    return "\n".join(lines) + "\n"
+
+
+def _xml(name: str, node: Mapping[str, object]) -> str:
+    lines = [f'<?xml version="1.0"?>\n<opencv_storage>\n<{name} type_id="{_TYPE}">']
+    for key, value in node.items():
+        several = isinstance(value, tuple | np.ndarray)
+        text = f"\n    {_sequence(value, '.', ' ', 4 * ' ')}" if several else _number(value, ".")
+        lines.append(f"  <{key}>{text}</{key}>")
+    return "\n".join(lines) + f"</{name}>\n</opencv_storage>\n"
+
+
+def _json(name: str, node: Mapping[str, object]) -> str:
+    lines = [f'{{\n    "{name}": {{\n        "type_id": "{_TYPE}"']
+    for key, value in node.items():
+        several = isinstance(value, tuple | np.ndarray)
+        text = f"[ {_sequence(value, '.0', ', ', 12 * ' ')} ]" if several else _number(value, ".0")
+        lines.append(f'        "{key}": {text}')
+    return ",\n".join(lines) + "\n    }\n}\n"
+
+
+_FORMATS = {".xml": _xml, ".json": _json}

@@ -1,0 +1,303 @@
+"""Detection side by side with ``cv2.HOGDescriptor``: the same rectangles, in its order, and weights within 1e-5."""
+
+from __future__ import annotations
+
+import runpy
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
+from skimage import data
+
+from nablahog.compat import opencv
+from nablahog.compat.opencv import HOGDescriptor
+from nablahog.compat.opencv.pyramid import resized
+
+cv2 = pytest.importorskip("cv2")
+if not hasattr(cv2, "HOGDescriptor"):
+    pytest.skip("OpenCV 5 has no HOG in its main package", allow_module_level=True)
+
+SMALL = ((16, 24), (8, 8), (4, 8), (4, 4), 6)
+PEOPLE = cv2.HOGDescriptor_getDefaultPeopleDetector()
+
+# a program as OpenCV's sample peopledetect.py: what changes is the first import
+SAMPLE = """
+import {module} as cv
+
+hog = cv.HOGDescriptor()
+hog.setSVMDetector(cv.HOGDescriptor_getDefaultPeopleDetector())
+image = cv.imread("people.png")
+found, weights = hog.detectMultiScale(image, winStride=(8, 8), padding=(32, 32), scale=1.05)
+for x, y, w, h in found:
+    cv.rectangle(image, (x, y), (x + w, y + h), (0, 255, 0), 1)
+"""
+
+
+@pytest.fixture(autouse=True)
+def _one_thread() -> Any:
+    """OpenCV's threads write their results in any order, and weights not in that of rectangles."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    yield
+    cv2.setNumThreads(threads)
+
+
+def photograph(name: str, size: int, colour: bool) -> np.ndarray:
+    """With people, at a width of so many pixels."""
+    image = getattr(data, name)()
+    image = cv2.resize(image, (size, image.shape[0] * size // image.shape[1]), interpolation=cv2.INTER_AREA)
+    return np.ascontiguousarray(image if colour else image[..., 1])
+
+
+def both(detector: np.ndarray, *arguments: Any) -> tuple[Any, Any]:
+    ours, theirs = HOGDescriptor(*arguments), cv2.HOGDescriptor(*arguments)
+    ours.setSVMDetector(detector)
+    theirs.setSVMDetector(detector)
+    return ours, theirs
+
+
+def random_detector(seed: int) -> np.ndarray:
+    """Of random weights, with a bias that lets through a fifth of the windows of a photograph."""
+    weights = np.random.default_rng(seed).standard_normal(HOGDescriptor(*SMALL).getDescriptorSize())
+    windows = cv2.HOGDescriptor(*SMALL).compute(photograph("astronaut", 150, True)).reshape(-1, len(weights))
+    return np.append(weights, -np.quantile(windows @ weights, 0.8)).astype(np.float32) / 4
+
+
+def assert_same(ours: Any, theirs: Any) -> None:
+    assert len(ours[0]) == len(theirs[0])
+    for mine, others in zip(ours, theirs, strict=True):
+        assert type(mine) is type(others)
+        if len(others):
+            assert (mine.dtype, mine.shape) == (others.dtype, others.shape)
+    if len(theirs[0]):
+        assert_array_equal(ours[0], theirs[0])
+        # a density of the mean shift is a sum over many windows, and may be large
+        assert np.abs((ours[1] - theirs[1]) / np.maximum(1, theirs[1])).max() <= 1e-5
+
+
+# --- people ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"winStride": (8, 8), "padding": (32, 32), "scale": 1.05},
+        {"hitThreshold": -0.7, "winStride": (4, 4), "padding": (8, 8), "scale": 1.2, "groupThreshold": 1},
+        {"hitThreshold": -0.9, "winStride": (16, 8), "padding": (0, 24), "scale": 1.1, "groupThreshold": 0},
+        {"hitThreshold": -0.6, "scale": 1.05, "groupThreshold": 0.1, "useMeanshiftGrouping": True},
+    ],
+    ids=["defaults", "sample", "offsets", "all", "mean shift"],
+)
+@pytest.mark.parametrize(("name", "size"), [("astronaut", 320), ("rocket", 300)])
+@pytest.mark.parametrize("colour", [False, True])
+def test_people(name: str, size: int, colour: bool, options: dict[str, Any]) -> None:
+    image = photograph(name, size, colour)
+    ours, theirs = both(PEOPLE)
+    assert_same(ours.detectMultiScale(image, **options), theirs.detectMultiScale(image, **options))
+
+
+def test_somebody_is_found() -> None:
+    ours, theirs = both(PEOPLE)
+    options = {"padding": (8, 8), "scale": 1.1, "groupThreshold": 1.0}
+    found = ours.detectMultiScale(data.astronaut(), **options)
+    assert len(found[0]) > 0
+    assert_same(found, theirs.detectMultiScale(data.astronaut(), **options))
+
+
+def test_the_other_people_detector() -> None:
+    detector = HOGDescriptor.getDaimlerPeopleDetector()
+    assert_array_equal(detector, cv2.HOGDescriptor_getDaimlerPeopleDetector())
+    image = photograph("astronaut", 200, False)
+    ours, theirs = both(detector, (48, 96), (16, 16), (8, 8), (8, 8), 9)
+    assert_same(
+        ours.detectMultiScale(image, -1, groupThreshold=1), theirs.detectMultiScale(image, -1, groupThreshold=1)
+    )
+
+
+def test_a_program_with_one_changed_import(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    cv2.imwrite("people.png", photograph("astronaut", 400, True)[..., ::-1])
+    results = {}
+    for module in ("cv2", "nablahog.compat.opencv"):
+        Path("program.py").write_text(SAMPLE.format(module=module))
+        results[module] = runpy.run_path("program.py")
+    assert isinstance(results["nablahog.compat.opencv"]["hog"], HOGDescriptor)
+    assert_same(*([results[module][name] for name in ("found", "weights")] for module in reversed(results)))
+    assert_array_equal(*(result["image"] for result in results.values()))
+
+
+# --- any detector ----------------------------------------------------------------------------------------------------
+
+
+@given(
+    seed=st.integers(0, 9),
+    size=st.tuples(st.integers(24, 50), st.integers(24, 50)),
+    colour=st.booleans(),
+    stride=st.tuples(st.integers(3, 9), st.integers(3, 9)),
+    padding=st.tuples(st.integers(-1, 9), st.integers(-1, 9)),
+    scale=st.sampled_from([0.9, 1.0, 1.1, 1.37]),
+    group=st.sampled_from([0, 1, 2.9]),
+    mean_shift=st.booleans(),
+)
+@settings(max_examples=40)
+def test_photographs(
+    seed: int,
+    size: tuple[int, int],
+    colour: bool,
+    stride: tuple[int, int],
+    padding: tuple[int, int],
+    scale: float,
+    group: float,
+    mean_shift: bool,
+) -> None:
+    ours, theirs = both(random_detector(seed), *SMALL)
+    image = photograph("astronaut", 150, colour)[30 : 30 + size[1], 40 : 40 + size[0]]
+    assert_same(ours.detect(image, -0.1, stride, padding), theirs.detect(image, -0.1, stride, padding))
+    options = (0.1, stride, padding, scale, group, mean_shift)
+    assert_same(ours.detectMultiScale(image, *options), theirs.detectMultiScale(image, *options))
+
+
+def test_places() -> None:
+    """Of these, windows beyond the padded image are left out."""
+    image = photograph("astronaut", 60, True)
+    places = [(0, 0), (7, 3), (44, 36), (45, 36), (-4, 2), (-9, 0), (7, 3)]
+    ours, theirs = both(random_detector(3), *SMALL)
+    for options in ({}, {"winStride": (4, 8), "padding": (4, 8)}):
+        assert_same(*(each.detect(image, -99, searchLocations=places, **options) for each in (ours, theirs)))
+
+
+def test_without_a_detector() -> None:
+    ours, theirs = HOGDescriptor(), cv2.HOGDescriptor()
+    image = photograph("astronaut", 200, True)
+    assert ours.detect(image) == theirs.detect(image) == ((), ())
+    assert ours.detectMultiScale(image) == theirs.detectMultiScale(image) == ((), ())
+    assert ours.svmDetector == theirs.svmDetector == ()
+    assert ours.checkDetectorSize() is theirs.checkDetectorSize() is True
+
+
+def test_coefficients_without_a_bias() -> None:
+    image, (*weights, bias) = photograph("astronaut", 60, True), random_detector(1)
+    detector = np.array(weights, np.float32)
+    ours, theirs = both(detector, *SMALL)
+    assert_same(ours.detect(image, -float(bias)), theirs.detect(image, -float(bias)))
+    assert_array_equal(ours.svmDetector, theirs.svmDetector)
+    column, _ = both(detector.reshape(-1, 1).astype(float), *SMALL)
+    assert_array_equal(column.svmDetector, detector)
+    column.setSVMDetector(None)
+    assert column.svmDetector == ()
+
+
+def test_threads_change_nothing() -> None:
+    image = photograph("astronaut", 120, True)
+    ours, _ = both(random_detector(2), *SMALL)
+    threads = torch.get_num_threads()
+    try:
+        results = []
+        for number in (1, 3):
+            torch.set_num_threads(number)
+            results.append(ours.detectMultiScale(image, groupThreshold=0))
+    finally:
+        torch.set_num_threads(threads)
+    for one, three in zip(*results, strict=True):
+        assert_array_equal(one, three)
+
+
+@given(
+    size=st.tuples(st.integers(1, 80), st.integers(1, 80)),
+    to=st.tuples(st.integers(1, 90), st.integers(1, 90)),
+    channels=st.sampled_from([1, 3]),
+)
+@settings(max_examples=60)
+def test_smaller_images_are_opencvs(size: tuple[int, int], to: tuple[int, int], channels: int) -> None:
+    image = np.ascontiguousarray(data.astronaut()[: size[1], : size[0], :channels])
+    expected = cv2.resize(image, to, interpolation=cv2.INTER_LINEAR_EXACT).reshape(to[1], to[0], channels)
+    assert_array_equal(resized(image, to), expected)
+
+
+# --- refusals --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "words"),
+    [
+        ({"hitThreshold": "0"}, TypeError, "hitThreshold must be a number, got '0'"),
+        ({"winStride": 8}, TypeError, "winStride must be a pair"),
+        ({"winStride": (8, -8)}, ValueError, "winStride must be at least 1"),
+        ({"padding": (1.5, 0)}, TypeError, "padding must be a pair"),
+        ({"scale": None}, TypeError, "scale must be a number, got None"),
+        ({"groupThreshold": ()}, TypeError, "groupThreshold must be a number"),
+    ],
+)
+def test_options_are_refused(options: dict[str, Any], error: type[Exception], words: str) -> None:
+    """OpenCV's own errors are :class:`cv2.error`, where it does not crash."""
+    with pytest.raises(error, match=words):
+        both(PEOPLE)[0].detectMultiScale(np.zeros((128, 64), np.uint8), **options)
+
+
+def test_images_are_refused() -> None:
+    ours, _ = both(PEOPLE)
+    for method in (ours.detect, ours.detectMultiScale):
+        with pytest.raises(TypeError, match="uint8, got float64"):
+            method(np.zeros((128, 64)))
+        with pytest.raises(ValueError, match="a window of 64x128 pixels"):
+            method(np.zeros((100, 64), np.uint8))
+
+
+@pytest.mark.parametrize(
+    ("detector", "error", "words"),
+    [
+        (np.zeros(10), ValueError, r"the 3780 coefficients .* got an array of the shape \(10,\)"),
+        (np.zeros((60, 63)), ValueError, r"shape \(60, 63\)"),
+        (np.array(["a"]), TypeError, "an array of numbers"),
+    ],
+)
+def test_detectors_are_refused(detector: np.ndarray, error: type[Exception], words: str) -> None:
+    descriptor = HOGDescriptor()
+    with pytest.raises(error, match=words):
+        descriptor.setSVMDetector(detector)
+    assert descriptor.svmDetector == ()
+
+
+# --- OpenCV's coefficients -------------------------------------------------------------------------------------------
+
+
+def test_people_detectors_are_opencvs() -> None:
+    ours = HOGDescriptor.getDefaultPeopleDetector()
+    assert_array_equal(ours, PEOPLE)
+    assert ours.dtype == PEOPLE.dtype
+    assert_array_equal(opencv.HOGDescriptor_getDefaultPeopleDetector(), PEOPLE)
+
+
+def test_people_detectors_from_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    both(PEOPLE)[1].save(str(tmp_path / "default.yml"))
+    both(random_detector(0), *SMALL)[1].save(str(tmp_path / "daimler.yml"))
+    monkeypatch.setenv("NABLAHOG_PEOPLE_DETECTORS", str(tmp_path))
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    assert_array_equal(HOGDescriptor.getDefaultPeopleDetector(), PEOPLE)
+    with pytest.raises(ValueError, match="expected the 1981 coefficients of getDaimlerPeopleDetector"):
+        HOGDescriptor.getDaimlerPeopleDetector()
+
+
+@pytest.mark.parametrize("installed", [None, ModuleType("cv2")], ids=["no OpenCV", "OpenCV 5"])
+def test_without_opencvs_coefficients(installed: ModuleType | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cv2", installed)  # type: ignore[arg-type]
+    monkeypatch.delenv("NABLAHOG_PEOPLE_DETECTORS", raising=False)
+    with pytest.raises(RuntimeError, match="install opencv-python<5, or name by NABLAHOG_PEOPLE_DETECTORS"):
+        HOGDescriptor.getDefaultPeopleDetector()
+
+
+def test_other_names_are_opencvs(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert opencv.imread is cv2.imread
+    with pytest.raises(AttributeError):
+        _ = opencv.no_such_name
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    with pytest.raises(AttributeError, match="OpenCV, which may have it, is not installed"):
+        _ = opencv.imread

@@ -1,0 +1,144 @@
+"""Files of ``cv2.HOGDescriptor``: what OpenCV writes is read, and the other way round."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from nablahog.compat.opencv import HOGDescriptor
+from nablahog.compat.opencv.storage import default_name
+
+NAMES = (
+    *("winSize", "blockSize", "blockStride", "cellSize", "nbins", "derivAperture", "winSigma", "histogramNormType"),
+    *("L2HysThreshold", "gammaCorrection", "nlevels", "signedGradient"),
+)
+SMALL = ((16, 24), (8, 8), (4, 8), (4, 4), 6, 1, 2.5, 0, 0.2, True, 13, True)
+ENDINGS = ["yml", "yaml", "xml", "json", "txt", "yml.gz", "xml.gz"]
+
+
+def detector(size: int) -> np.ndarray:
+    """Numbers that a text may get wrong: of all magnitudes, whole ones, and zero."""
+    random = np.random.default_rng(0)
+    numbers = random.standard_normal(size) * 10.0 ** random.integers(-30, 30, size)
+    numbers[:5] = 0, 1, -100, 2**24, 1 / 3
+    return numbers.astype(np.float32)
+
+
+def with_detector(descriptor: Any) -> Any:
+    descriptor.setSVMDetector(detector(descriptor.getDescriptorSize() + 1))
+    return descriptor
+
+
+def assert_equal(one: Any, other: Any) -> None:
+    assert [getattr(one, name) for name in NAMES] == [getattr(other, name) for name in NAMES]
+    assert_array_equal(one.svmDetector, other.svmDetector)
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_opencv_reads_and_writes_the_same(ending: str, tmp_path: Path) -> None:
+    cv2 = pytest.importorskip("cv2")
+    ours, theirs = with_detector(HOGDescriptor(*SMALL)), with_detector(cv2.HOGDescriptor(*SMALL))
+    path, other = str(tmp_path / f"some file.{ending}"), str(tmp_path / f"other.{ending}")
+    ours.save(path)
+    assert_equal(cv2.HOGDescriptor(path), ours)
+    theirs.save(other)
+    loaded = HOGDescriptor(other)
+    assert_equal(loaded, ours)
+    assert loaded.load(other, "other") is True
+
+
+@pytest.mark.parametrize("name", ["a b.yml", "1y.yaml", "a.b.xml", "é-x_1.json", "noext"])
+def test_names_of_objects_are_opencvs(name: str, tmp_path: Path) -> None:
+    cv2 = pytest.importorskip("cv2")
+    path = tmp_path / name
+    cv2.HOGDescriptor().save(str(path))
+    if name.isascii():
+        assert default_name(name) in path.read_text()
+    assert HOGDescriptor().load(path, default_name(name) if name.isascii() else "")
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_what_is_saved_is_loaded(ending: str, tmp_path: Path) -> None:
+    path = tmp_path / f"a.{ending}"
+    saved = with_detector(HOGDescriptor(*SMALL))
+    saved.save(path, "my_object")
+    assert_equal(HOGDescriptor(path), saved)
+    with pytest.raises(ValueError, match="expected a HOGDescriptor named 'other', got none"):
+        HOGDescriptor().load(path, "other")
+
+
+def test_sigma_is_stored_as_a_number(tmp_path: Path) -> None:
+    HOGDescriptor().save(tmp_path / "a.yml")
+    loaded = HOGDescriptor(tmp_path / "a.yml")
+    assert (loaded.winSigma, loaded.getWinSigma(), HOGDescriptor().getWinSigma()) == (4.0, 4.0, 4.0)
+    assert loaded.svmDetector == ()
+
+
+def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    (tmp_path / "a.yml").write_text("old")
+    broken = HOGDescriptor()
+    broken.__dict__["winSize"] = object()
+    with pytest.raises(TypeError):
+        broken.save(tmp_path / "a.yml")
+    assert [each.name for each in tmp_path.iterdir()] == ["a.yml"]
+    assert (tmp_path / "a.yml").read_text() == "old"
+    with pytest.raises(OSError, match="none"):
+        HOGDescriptor().save(tmp_path / "none" / "a.yml")
+
+
+FILE = """%YAML:1.0
+---
+a: !!opencv-object-detector-hog
+   winSize: [ 16, 24 ]
+   blockSize: [ 8, 8 ]
+   blockStride: [ 4, 8 ]
+   cellSize: [ 4, 4 ]
+   nbins: 6
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("hello", "expected a FileStorage of OpenCV: it begins with 'hello'"),
+        ("", "expected a FileStorage of OpenCV"),
+        ("%YAML:1.0\n---\na: 3\n", "expected a HOGDescriptor, got none"),
+        ("{", "expected a FileStorage of OpenCV"),
+        ("{" * 100_000, "expected a FileStorage of OpenCV"),
+        ('{"a": [1]}', "expected a HOGDescriptor, got none"),
+        ("<a>", "expected a FileStorage of OpenCV"),
+        ('<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "c">]><a/>', "XML with a DOCTYPE is not read"),
+        (FILE.replace("16, 24", "16"), "winSize must have length 2, got 1"),
+        (FILE.replace("16, 24", "15, 24"), "a window of 15"),
+        (FILE.replace("16, 24", "16.5, 24"), "winSize must be integers"),
+        (FILE.replace("nbins: 6", "nbins: x"), "nbins must be numbers, got x"),
+        (FILE.replace("nbins: 6", "nbins: .inf"), "nbins must be integers"),
+        (FILE + "   SVMDetector: [ 1., 2. ]\n", "svmdetector must be the 216 coefficients"),
+        (FILE + "   winSigma: [ 1., 2. ]\n", "winSigma must have length 1, got 2"),
+    ],
+)
+def test_damaged_files_are_refused(text: str, words: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.yml"
+    path.write_text(text)
+    descriptor = with_detector(HOGDescriptor())
+    with pytest.raises(ValueError, match=words):
+        descriptor.load(path)
+    assert_equal(descriptor, with_detector(HOGDescriptor()))
+
+
+def test_files_that_unpack_to_too_much_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.yml.gz").write_bytes(gzip.compress(b" " * (2**26 + 1)))
+    with pytest.raises(ValueError, match="larger than 67,108,864 bytes"):
+        HOGDescriptor(tmp_path / "a.yml.gz")
+
+
+def test_there_must_be_a_file(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="no such file"):
+        HOGDescriptor(tmp_path / "a.yml")
+    with pytest.raises(ValueError, match="got a folder"):
+        HOGDescriptor(tmp_path)
