@@ -39,7 +39,10 @@ def _tiny(path: Path) -> None:
 
 BAD_PHOTOS: dict[str, tuple[Callable[[Path], Any], str]] = {
     "missing": (lambda path: path.unlink(), "no such file"),
-    "a folder": (lambda path: (path.unlink(), path.mkdir()), "expected an image file, got a folder"),
+    "a folder": (
+        lambda path: (path.unlink(), path.mkdir()),
+        "expected a file, or a folder of files of these kinds: .apng",
+    ),
     "empty": (lambda path: path.write_bytes(b""), "expected an image, got a file of no format that Pillow reads"),
     "no image": (lambda path: path.write_text("hello"), "expected an image, got a file of no format that Pillow reads"),
     "truncated": (_truncated, "the image cannot be read"),
@@ -55,8 +58,8 @@ def test_bad_photographs(tmp_path: Path, photo: str, refused: Callable[..., None
     bad.write_bytes(Path(photo).read_bytes())
     make, message = BAD_PHOTOS[what]
     make(bad)
-    refused(command, photo, str(bad), "-o", str(tmp_path / "out"), message=f"{bad}: ")
-    refused(command, photo, str(bad), "-o", str(tmp_path / "out"), message=message)
+    refused(command, str(bad), "-o", str(tmp_path / "out"), message=f"{bad}: ")
+    refused(command, str(bad), "-o", str(tmp_path / "out"), message=message)
 
 
 def test_shrunk_below_a_cell(tmp_path: Path, photo: str, refused: Callable[..., None]) -> None:
@@ -92,12 +95,12 @@ BAD_DESCRIPTORS: dict[str, tuple[Callable[[Path], Any], str]] = {
 @pytest.mark.parametrize("command", ["glyph", "invert"])
 @pytest.mark.parametrize("what", BAD_DESCRIPTORS)
 def test_bad_descriptor_files(
-    tmp_path: Path, photo: str, descriptor: str, refused: Callable[..., None], command: str, what: str
+    tmp_path: Path, descriptor: str, refused: Callable[..., None], command: str, what: str
 ) -> None:
     make, message = BAD_DESCRIPTORS[what]
     make(Path(descriptor))
-    refused(command, photo, descriptor, "-o", str(tmp_path / "out"), message=f"{descriptor}: ")
-    refused(command, photo, descriptor, "-o", str(tmp_path / "out"), message=message)
+    refused(command, descriptor, "-o", str(tmp_path / "out"), message=f"{descriptor}: ")
+    refused(command, descriptor, "-o", str(tmp_path / "out"), message=message)
 
 
 @pytest.mark.parametrize(
@@ -221,6 +224,10 @@ def test_one_file_for_several_inputs(tmp_path: Path, photo: str, refused: Callab
         (["--seed", "many"], "got 'many'"),
         (["--device", "tpu"], "expected cpu, cuda or cuda:N, got 'tpu'"),
         (["--descriptor", "sift"], "invalid choice: 'sift'"),
+        (["--preset", "sikmage"], "did you mean 'skimage'?"),
+        (["--quality", "Fats"], "did you mean 'fast'?"),
+        (["--qualty", "fast"], "unrecognized arguments: --qualty fast; did you mean '--quality'?"),
+        (["-o", "-"], "these results cannot go to stdout"),
         (["--max-evaluations", "1"], "at least 2, got '1'"),
     ],
 )
