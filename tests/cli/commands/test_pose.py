@@ -81,6 +81,7 @@ def test_the_best_of_several_models(tmp_path: Path, scene: list[str], capsys: py
     assert degrees_between(result["azimuth"], AZIMUTH) < 2
     assert abs(result["elevation"] - ELEVATION) < 4
     assert result["candidates"] == ["swivel", "wooden"]
+    assert result["warning"] is None
     assert list(result["passed_over"]) == ["bad"]
     assert result["image_size"] == [150, 180]
     assert result["settings"]["initial"] == [-20, ELEVATION]
@@ -170,13 +171,24 @@ def test_odd_names(tmp_path: Path, scene: list[str], wedge: str, capsys: pytest.
 
 
 def test_axes_of_the_model(tmp_path: Path, scene: list[str], wedge: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """A wedge whose front is said to be at its left looks the same from 90 degrees less."""
-    azimuths = []
-    for front, start in (("-y", 0), ("+x", -90)):
-        options = ["--method", "exhaustive", f"--init={start},10", "--up", "z", f"--front={front}", "--json"]
-        assert main(["pose", scene[0], "--mesh", wedge, "-o", str(tmp_path / front), *options]) == 0
-        azimuths.append(json.loads(capsys.readouterr().out)["azimuth"])
-    assert degrees_between(azimuths[1] + 90, azimuths[0]) < 1.5
+    """A wedge on its side in a file of y up, its front to +x, is the same object."""
+    lines = WEDGE.splitlines()
+    corners = [line.split() for line in lines[2:8]]
+    # what is to the object's right, behind and above it: file -z, -x and +y
+    on_its_side = tmp_path / "side.off"
+    moved = [f"-{behind} {above} -{right}" for right, behind, above in corners]
+    on_its_side.write_text("\n".join([*lines[:2], *moved, *lines[8:]]) + "\n")
+    poses = []
+    for path, axes in ((wedge, []), (str(on_its_side), ["--up", "y", "--front=+x"])):
+        options = ["--method", "exhaustive", "--init", "0,10", *axes, "--json", "-o", str(tmp_path / "out")]
+        assert main(["pose", scene[0], "--mesh", path, *options]) == 0
+        printed = capsys.readouterr()
+        poses.append(json.loads(printed.out))
+        assert poses[-1]["similarity"] < 5  # a wedge is no chair
+        assert printed.err == f"nablahog pose: warning: {poses[-1]['warning']}\n"
+        assert poses[-1]["warning"] in (tmp_path / "out" / "index.html").read_text()
+    assert [pose["azimuth"] for pose in poses] == [poses[0]["azimuth"]] * 2
+    assert poses[1]["similarity"] == pytest.approx(poses[0]["similarity"])
 
 
 def test_bad_inputs(tmp_path: Path, scene: list[str], refused: Callable[..., None]) -> None:

@@ -17,7 +17,7 @@ from ...io.files import output_folder
 from ...io.images import write_image
 from ...viz.pictures import glyph_image
 from ..errors import UserError, forbid_overwrite
-from ..inputs.memory import check_glyphs
+from ..inputs.memory import check_glyph_image
 from ..inputs.sources import Inputs, Source, read_inputs
 from ..terminal import print_table
 
@@ -52,7 +52,7 @@ def glyph(arguments: Namespace) -> int:
         write_image(path, glyph_image(source.descriptor, source.spec))
 
     def check(source: Source) -> None:
-        check_glyphs(source.path, tuple(source.descriptor.shape), source.spec, arguments.memory)
+        check_glyph_image(source.path, tuple(source.descriptor.shape), source.spec, arguments.memory)
 
     suffix = Path(arguments.output).suffix.lower()
     if suffix != ".png" and suffix in Image.registered_extensions():

@@ -74,6 +74,8 @@ def pose(arguments: Namespace) -> None:
             seconds=time.perf_counter() - began,
         )
         write(folder, result)
+    if result.warning is not None:
+        inform(f"nablahog pose: warning: {result.warning}")
     if arguments.json:
         print(json.dumps(result.figures(), indent=2, allow_nan=False))
         return

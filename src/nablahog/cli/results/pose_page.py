@@ -164,7 +164,7 @@ def _page(result: PoseResult, overlay: list[Panel], turned: Drawing, drawn: list
     row = result.row()
     return html.page(
         f"Pose of {row['photograph']}",
-        LEAD,
+        LEAD if result.warning is None else f"{LEAD} Mind that {result.warning}.",
         [row],
         sections,
         result.definitions(),
