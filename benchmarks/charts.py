@@ -1,34 +1,19 @@
-"""Curves on logarithmic axes, drawn with Pillow."""
+"""Curves on logarithmic axes, as SVG."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
-from itertools import pairwise
 from pathlib import Path
 
-from PIL import Image, ImageDraw, ImageFont
+from nablahog.viz.svg import SERIES, Drawing
 
-Colour = tuple[int, int, int]
 Points = Sequence[tuple[float, float]]
 
-FINER = 3  # drawn so much larger, then shrunk, since Pillow's lines are jagged
 WIDTH, HEIGHT = 1000, 480
 LEFT, TOP, BOTTOM = 72, 40, 48
-KEY, LINE = 52, 17  # pixels that a line of the legend has before its name, and from line to line
-GRID, TEXT, FAINT = (225, 225, 225), (40, 40, 40), (140, 140, 140)
-COLOURS: tuple[Colour, ...] = (  # that people of any colour vision tell apart (Okabe and Ito), and darker ones of these
-    (0, 114, 178),
-    (213, 94, 0),
-    (0, 158, 115),
-    (204, 121, 167),
-    (86, 180, 233),
-    (230, 159, 0),
-    (120, 60, 0),
-    (0, 80, 60),
-)
+KEY, LINE, LETTER = 52, 17, 6.6  # pixels that a line of the legend has before its name, from line to line, and a letter
 
 
 @dataclass(frozen=True)
@@ -38,7 +23,7 @@ class Curve:
     Attributes:
         name: in the legend.
         points: from left to right, all positive.
-        colour: its number in :data:`COLOURS`; None for gray.
+        colour: its number among the :data:`~nablahog.viz.svg.SERIES` colours; None for gray.
         dashed: as limits and peers are.
         ringed: whether its points are rings, as those of peers, and not dots.
     """
@@ -49,37 +34,40 @@ class Curve:
     dashed: bool = False
     ringed: bool = False
 
+    @property
+    def stroke(self) -> str:
+        """The name of its colour."""
+        return "faint" if self.colour is None else f"series{self.colour % SERIES}"
+
 
 def chart(path: Path, title: str, across: str, ticks: Sequence[tuple[float, str]], curves: Sequence[Curve]) -> None:
     """Write a picture of curves.
 
     Args:
-        path: of a PNG.
+        path: of an SVG.
         title: what is measured upwards.
         across: what is changed.
-        ticks: where to mark that, and what to write there, in ASCII as Pillow's own font has little else.
+        ticks: where to mark that, and what to write there.
         curves: that have any points are drawn.
     """
     drawn = [curve for curve in curves if curve.points]
-    picture = Image.new("RGB", (WIDTH * FINER, HEIGHT * FINER), "white")
-    longest = max(_font().getlength(curve.name) / FINER for curve in drawn)
-    right = WIDTH - KEY - math.ceil(longest) - 12
+    right = WIDTH - KEY - math.ceil(LETTER * max(len(curve.name) for curve in drawn)) - 12
     upwards = [y for curve in drawn for _, y in curve.points]
-    axes = _Axes(ImageDraw.Draw(picture), right, [x for x, _ in ticks], upwards)
+    last = "; ".join(f"{curve.name}: {curve.points[-1][1]:.3g}" for curve in drawn)
+    drawing = Drawing(WIDTH, HEIGHT, f"{title}, by {across}", f"At the right end, {last}.")
+    axes = _Axes(drawing, right, [x for x, _ in ticks], upwards)
     axes.frame(title, across, ticks)
     for curve in drawn:
         axes.curve(curve)
     axes.legend(sorted(drawn, key=lambda curve: -curve.points[-1][1]))
-    picture.resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS).save(path, optimize=True)
+    path.write_text(drawing.svg(), encoding="utf-8")
 
 
 class _Axes:
     """Both logarithmic, the frame ``right`` pixels from the left at most."""
 
-    def __init__(
-        self, draw: ImageDraw.ImageDraw, right: int, across: Sequence[float], upwards: Sequence[float]
-    ) -> None:
-        self.draw, self.right = draw, right
+    def __init__(self, drawing: Drawing, right: int, across: Sequence[float], upwards: Sequence[float]) -> None:
+        self.drawing, self.right = drawing, right
         self.first, self.last = math.log10(min(across)), math.log10(max(across))
         self.low, self.high = math.log10(min(upwards)) - 0.05, math.log10(max(upwards)) + 0.05
 
@@ -92,59 +80,29 @@ class _Axes:
 
     def frame(self, title: str, across: str, ticks: Sequence[tuple[float, str]]) -> None:
         for value, label in ticks:
-            self._line([(self.x(value), TOP), (self.x(value), HEIGHT - BOTTOM)], GRID, 1)
-            self._text(self.x(value), HEIGHT - BOTTOM + 5, label, TEXT, "mt")
+            self.drawing.line([(self.x(value), TOP), (self.x(value), HEIGHT - BOTTOM)], "grid")
+            self.drawing.note((self.x(value), HEIGHT - BOTTOM + 17), label, anchor="middle")
         for value in _marks(self.low, self.high):
-            self._line([(LEFT, self.y(value)), (self.right, self.y(value))], GRID, 1)
-            self._text(LEFT - 6, self.y(value), f"{value:g}", TEXT, "rm")
-        self._text(LEFT, TOP - 10, title, TEXT, "lb")
-        self._text((LEFT + self.right) / 2, HEIGHT - 8, across, TEXT, "mb")
+            self.drawing.line([(LEFT, self.y(value)), (self.right, self.y(value))], "grid")
+            self.drawing.note((LEFT - 6, self.y(value) + 4), f"{value:g}", anchor="end")
+        self.drawing.note((LEFT, TOP - 12), title)
+        self.drawing.note(((LEFT + self.right) / 2, HEIGHT - 8), across, anchor="middle")
 
     def curve(self, curve: Curve) -> None:
-        colour = FAINT if curve.colour is None else COLOURS[curve.colour % len(COLOURS)]
         places = [(self.x(x), self.y(y)) for x, y in curve.points]
-        for start, end in pairwise(places):
-            self._stroke(start, end, colour, curve.dashed)
+        self.drawing.line(places, curve.stroke, 2, dashed=curve.dashed)
         if curve.colour is not None:
             for place in places:
-                self._dot(place, colour, curve.ringed)
+                self.drawing.dot(place, curve.stroke, 3.5, ringed=curve.ringed)
 
     def legend(self, curves: Sequence[Curve]) -> None:
         left = self.right + 16
         for k, curve in enumerate(curves):
-            colour = FAINT if curve.colour is None else COLOURS[curve.colour % len(COLOURS)]
             y = TOP + 8 + k * LINE
-            self._stroke((left, y), (left + 28, y), colour, curve.dashed)
+            self.drawing.line([(left, y), (left + 28, y)], curve.stroke, 2, dashed=curve.dashed)
             if curve.colour is not None:
-                self._dot((left + 14, y), colour, curve.ringed)
-            self._text(left + KEY - 16, y, curve.name, TEXT, "lm")
-
-    def _stroke(self, start: tuple[float, float], end: tuple[float, float], colour: Colour, dashed: bool) -> None:
-        if not dashed:
-            self._line([start, end], colour, 2)
-            return
-        pieces = max(1, round(math.dist(start, end) / 10))
-        for k in range(pieces):
-            self._line([_between(start, end, k / pieces), _between(start, end, (k + 0.6) / pieces)], colour, 1.5)
-
-    def _line(self, points: Points, colour: Colour, width: float) -> None:
-        self.draw.line([(x * FINER, y * FINER) for x, y in points], fill=colour, width=round(width * FINER))
-
-    def _dot(self, place: tuple[float, float], colour: Colour, ringed: bool) -> None:
-        corners = [FINER * (place[k % 2] + shift) for k, shift in enumerate((-3.5, -3.5, 3.5, 3.5))]
-        self.draw.ellipse(corners, fill=(255, 255, 255) if ringed else colour, outline=colour, width=round(1.5 * FINER))
-
-    def _text(self, x: float, y: float, text: str, colour: Colour, anchor: str) -> None:
-        self.draw.text((x * FINER, y * FINER), text, colour, _font(), anchor)
-
-
-@cache
-def _font() -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    return ImageFont.load_default(12 * FINER)
-
-
-def _between(start: tuple[float, float], end: tuple[float, float], share: float) -> tuple[float, float]:
-    return start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1])
+                self.drawing.dot((left + 14, y), curve.stroke, 3.5, ringed=curve.ringed)
+            self.drawing.note((left + KEY - 16, y + 4), curve.name)
 
 
 def _marks(low: float, high: float) -> list[float]:

@@ -42,7 +42,7 @@ def growth(record: Record, rates: Rates) -> list[str]:
 
 
 def _picture(what: str) -> str:
-    return f"![Times by {what}](performance-{what}.png)"
+    return f"![Times by {what}](performance-{what}.svg)"
 
 
 def _a_pixel(points: Sequence[Mapping[str, Any]]) -> str:

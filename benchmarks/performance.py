@@ -2,7 +2,7 @@
 
     python benchmarks/performance.py [--vlfeat LIB] [--dlib LIB] [--images DIR] [--models DIR] [--quick] [--out docs]
 
-prints the page and writes performance.json, performance.md and performance-*.png.
+prints the page and writes performance.json, performance.md and performance-*.svg.
 """
 
 from __future__ import annotations

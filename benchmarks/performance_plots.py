@@ -25,7 +25,7 @@ SHOWN = {  # of the operator, with their colours; peers as dashed rings
 
 
 def write_plots(record: Record, folder: Path) -> None:
-    """Write all pictures, ``performance-*.png``."""
+    """Write all pictures, ``performance-*.svg``."""
     plots: dict[str, Callable[[Record, Path], None]] = {
         "pixels": _pixels,
         "batch": _batch,
@@ -34,7 +34,7 @@ def write_plots(record: Record, folder: Path) -> None:
         "models": _models,
     }
     for name, plot in plots.items():
-        plot(record, folder / f"performance-{name}.png")
+        plot(record, folder / f"performance-{name}.svg")
 
 
 def of_axis(record: Record, axis: str) -> list[Any]:
@@ -79,7 +79,7 @@ def _batch(record: Record, path: Path) -> None:
     points = of_axis(record, "batch")
     curves = _curves(points, lambda p: p["batch"], lambda p, ms: 1e3 * ms / p["batch"])
     side, ticks = points[0]["side"], [(p["batch"], str(p["batch"])) for p in points]
-    chart(path, f"CPU us an image of {side}x{side}, one thread", "images of a batch", ticks, curves)
+    chart(path, f"CPU µs an image of {side}x{side}, one thread", "images of a batch", ticks, curves)
 
 
 def _threads(record: Record, path: Path) -> None:

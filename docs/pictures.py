@@ -3,13 +3,14 @@
 preimages.png: eight photographs of 128x128, their UoCTTI glyphs, pre-images and differences.
 scales.png: the multi-scale variants of the paper's descriptor, level by level.
 readme.png: one photograph of 256x256.
-pose.png: a procedural chair in front of one, with the pose found and similarity by azimuth.
+pose.png, pose-similarity.svg: a procedural chair in front of one, with the pose found, and similarity by azimuth.
 """
 
 from __future__ import annotations
 
 from argparse import Namespace
 from pathlib import Path
+from shutil import copyfile
 from tempfile import TemporaryDirectory
 
 import numpy as np
@@ -90,13 +91,8 @@ def pose() -> None:
     print(f"pose.png: azimuth {estimate.azimuth:.1f} for {one.azimuth:.1f}")
     with TemporaryDirectory() as folder:
         write(Path(folder), result)
-        parts = [Image.open(Path(folder) / f"{one.name}_{what}.png") for what in ("overlay", "similarity")]
-        sheet = Image.new("RGB", (max(part.width for part in parts), sum(part.height for part in parts)), "white")
-        top = 0
-        for part in parts:
-            sheet.paste(part, ((sheet.width - part.width) // 2, top))
-            top += part.height
-        sheet.save(HERE / "pose.png", optimize=True)
+        Image.open(Path(folder) / f"{one.name}_overlay.png").save(HERE / "pose.png", optimize=True)
+        copyfile(Path(folder) / f"{one.name}_similarity.svg", HERE / "pose-similarity.svg")
 
 
 def main() -> None:

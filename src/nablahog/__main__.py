@@ -1,7 +1,21 @@
-"""``python -m nablahog``: the same as the command ``nablahog``."""
+# PYTHON_ARGCOMPLETE_OK
+"""The command ``nablahog``, also as ``python -m nablahog``."""
+
+from __future__ import annotations
 
 import sys
 
-from .cli.main import main
 
-sys.exit(main())
+def main() -> int:
+    """Runs the command; Ctrl-C before it runs, while modules are imported, is no traceback either."""
+    try:
+        from .cli.main import main as run
+
+        return run()
+    except KeyboardInterrupt:
+        print("nablahog: error: interrupted", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -92,6 +92,25 @@ def test_as_a_process(tmp_path: Path, photo: str) -> None:
     assert names(tmp_path) == ["d", "in"]
 
 
+@pytest.mark.parametrize("module", ["argparse", "nablahog.cli.arguments.options", "torch", "rich.console"])
+def test_interrupted_while_modules_are_imported(tmp_path: Path, photo: str, module: str) -> None:
+    program = f"""
+import sys
+class Interrupt:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            raise KeyboardInterrupt
+sys.modules.pop({module!r}, None)
+sys.meta_path.insert(0, Interrupt())
+sys.argv[1:] = ["hog", {photo!r}, "-o", {str(tmp_path / "d.npz")!r}]
+from nablahog.__main__ import main
+sys.exit(main())"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert ended.returncode == 130
+    assert ended.stderr in ("nablahog: error: interrupted\n", "nablahog hog: error: interrupted\n")
+    assert ended.stdout == ""
+
+
 def test_interrupted_as_a_process(tmp_path: Path, photo: str) -> None:
     out = tmp_path / "out"
     # a test run in the background may have told its children to ignore interrupts

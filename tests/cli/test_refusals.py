@@ -39,7 +39,10 @@ def _tiny(path: Path) -> None:
 
 BAD_PHOTOS: dict[str, tuple[Callable[[Path], Any], str]] = {
     "missing": (lambda path: path.unlink(), "no such file"),
-    "a folder": (lambda path: (path.unlink(), path.mkdir()), "expected an image file, got a folder"),
+    "a folder": (
+        lambda path: (path.unlink(), path.mkdir()),
+        "expected a file, or a folder of files of these kinds: .apng",
+    ),
     "empty": (lambda path: path.write_bytes(b""), "expected an image, got a file of no format that Pillow reads"),
     "no image": (lambda path: path.write_text("hello"), "expected an image, got a file of no format that Pillow reads"),
     "truncated": (_truncated, "the image cannot be read"),
@@ -55,8 +58,8 @@ def test_bad_photographs(tmp_path: Path, photo: str, refused: Callable[..., None
     bad.write_bytes(Path(photo).read_bytes())
     make, message = BAD_PHOTOS[what]
     make(bad)
-    refused(command, photo, str(bad), "-o", str(tmp_path / "out"), message=f"{bad}: ")
-    refused(command, photo, str(bad), "-o", str(tmp_path / "out"), message=message)
+    refused(command, str(bad), "-o", str(tmp_path / "out"), message=f"{bad}: ")
+    refused(command, str(bad), "-o", str(tmp_path / "out"), message=message)
 
 
 def test_shrunk_below_a_cell(tmp_path: Path, photo: str, refused: Callable[..., None]) -> None:
@@ -92,12 +95,12 @@ BAD_DESCRIPTORS: dict[str, tuple[Callable[[Path], Any], str]] = {
 @pytest.mark.parametrize("command", ["glyph", "invert"])
 @pytest.mark.parametrize("what", BAD_DESCRIPTORS)
 def test_bad_descriptor_files(
-    tmp_path: Path, photo: str, descriptor: str, refused: Callable[..., None], command: str, what: str
+    tmp_path: Path, descriptor: str, refused: Callable[..., None], command: str, what: str
 ) -> None:
     make, message = BAD_DESCRIPTORS[what]
     make(Path(descriptor))
-    refused(command, photo, descriptor, "-o", str(tmp_path / "out"), message=f"{descriptor}: ")
-    refused(command, photo, descriptor, "-o", str(tmp_path / "out"), message=message)
+    refused(command, descriptor, "-o", str(tmp_path / "out"), message=f"{descriptor}: ")
+    refused(command, descriptor, "-o", str(tmp_path / "out"), message=message)
 
 
 @pytest.mark.parametrize(
@@ -188,8 +191,9 @@ def test_few_bytes_that_ask_for_much_memory(tmp_path: Path, refused: Callable[..
     refused("invert", small, *out, message=message)
     refused("invert", small, *out, "--memory", "11", message="11 GB are allowed: expected --memory 12 where")
     save_descriptor(wide, torch.rand(1, 1, 31), presets.uoctti((1, 10**6)), (1, 10**6))
-    for command in ("glyph", "invert"):
-        refused(command, wide, *out, message="drawing 1x1 cells, each for 1x1000000 pixels, needs about 394 GB")
+    for command, needed in (("glyph", 396), ("invert", 394)):
+        message = f"drawing 1x1 cells, each for 1x1000000 pixels, needs about {needed} GB"
+        refused(command, wide, *out, message=message)
     np.save(tmp_path / "t.npy", np.ones((1, 1, 31), np.float32))
     options = ["--preset", "uoctti", "--cell", "6000", "--image-size", "6000x6000", *out]
     refused("invert-template", str(tmp_path / "t.npy"), *options, message="needs about 12 GB of memory")
@@ -221,6 +225,10 @@ def test_one_file_for_several_inputs(tmp_path: Path, photo: str, refused: Callab
         (["--seed", "many"], "got 'many'"),
         (["--device", "tpu"], "expected cpu, cuda or cuda:N, got 'tpu'"),
         (["--descriptor", "sift"], "invalid choice: 'sift'"),
+        (["--preset", "sikmage"], "did you mean 'skimage'?"),
+        (["--quality", "Fats"], "did you mean 'fast'?"),
+        (["--qualty", "fast"], "unrecognized arguments: --qualty fast; did you mean '--quality'?"),
+        (["-o", "-"], "these results cannot go to stdout"),
         (["--max-evaluations", "1"], "at least 2, got '1'"),
     ],
 )

@@ -65,6 +65,20 @@ def test_bars_do_not_command_it_either(
     assert "\x1b[31m\x9b" not in printed
 
 
+def test_wide_tables_fit_a_narrow_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Table 1 is the widest; its numbers stay whole."""
+    monkeypatch.setattr(terminal, "PIPED", 80)
+    headings = ("CC", "CC\npaper", "|CC|", "MI", "MI\npaper", "SSIM", "SSIM\npaper", "distance", "seconds")
+    name = "paper-dalal-multi-scale-more@1/64"
+    row = {"method": name, "n": 101, **dict.fromkeys(headings, -0.12345)}
+    terminal.print_table([row, {**row, "method": "uoctti-single"}])
+    terminal.print_table([{"input": "/a/long/path/of/a/photograph/of/a/cat.png", "CC": 0.5, "output": "x" * 90}])
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert sum(line.count("-0.123") for line in lines) == 2 * len(headings)
+    assert name in "".join(line[:10].strip() for line in lines)
+
+
 def test_tables(capsys: pytest.CaptureFixture[str]) -> None:
     terminal.print_table([{"name": "[red]", "x": None, "size": [1, 2]}, {"name": "b", "x": 0.12345, "size": [3, 4]}])
     terminal.print_definitions({"x": "[bold]"})

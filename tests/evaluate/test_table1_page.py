@@ -41,7 +41,7 @@ def test_figures_and_definitions(table: Table1) -> None:
     for number in (mean.mean, mean.median, 0.760, 1.908, 0.433, 0.287, 0.121):
         assert f"{number:.3f}" in html
     assert f"{mean.low:.3f} … {mean.high:.3f}\nmedian {mean.median:.3f}" in html
-    for name in ("UoCTTI HOG", "Dalal&#x27;s HOG", *LEVELS.rows, "bovw", "seconds"):
+    for name in ("UoCTTI HOG", "Dalal&#39;s HOG", *LEVELS.rows, "bovw", "seconds"):
         assert name in html
     for name in ("CC", "|CC|", "MI", "SSIM", "distance", "NAME@1/s", "paper", "seconds", "mean, interval, median"):
         assert f"<dt>{name}</dt>" in html
@@ -74,7 +74,7 @@ def test_remarks(table: Table1, tmp_path: Path) -> None:
     assert learned.spec is not None
     assert table1_page.remarks([], {}, photographs(2)) == []
     assert table1_page.remarks([learned], {}, photographs(2)) == [
-        "uoctti-learned is left out: it needs --prior FILE, see `nablahog learn prior`."
+        "uoctti-learned is optional, and runs with --prior FILE, see `nablahog learn prior`."
     ]
     for images, expected in [
         (("a.png",), []),

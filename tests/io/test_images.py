@@ -5,16 +5,19 @@ from __future__ import annotations
 import io
 import os
 import struct
+import sys
 import warnings
 import zlib
+from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 import torch
 from PIL import Image
 
-from nablahog.io.images import limit_size, read_image, to_pil, write_image
+from nablahog.io.images import image_endings, limit_size, read_image, register_heif, to_pil, write_image
 
 RAMP = np.arange(256, dtype=np.uint8).reshape(16, 16)
 COLOURS = np.random.default_rng(0).integers(0, 256, (6, 5, 3), dtype=np.uint8)
@@ -227,3 +230,25 @@ def test_what_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"got \(2, 4, 4\)"):
         to_pil(torch.zeros(2, 4, 4))
     assert not os.listdir(tmp_path)
+
+
+@pytest.mark.skipif(find_spec("pillow_heif") is None, reason="needs pillow-heif")
+def test_heic(tmp_path: Path) -> None:
+    register_heif()
+    colour = (200, 100, 50)
+    Image.new("RGB", (48, 32), colour).save(tmp_path / "a.heic", quality=100)
+    assert {".heic", ".heif"} <= image_endings()
+    image = read_image(tmp_path / "a.heic")
+    assert image.shape == (3, 32, 48)
+    torch.testing.assert_close(image.mean((1, 2)), torch.tensor(colour) / 255, atol=0.02, rtol=0)
+
+
+def test_heif_is_registered_once_where_it_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[int] = []
+    installed = ModuleType("pillow_heif")
+    installed.register_heif_opener = lambda: calls.append(1)  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "pillow_heif", installed)
+    register_heif.cache_clear()
+    assert ".png" in image_endings() & image_endings()
+    assert calls == [1]
+    register_heif.cache_clear()

@@ -17,6 +17,7 @@ from trimesh.exchange.stl import export_stl_ascii
 from trimesh.visual.material import PBRMaterial, SimpleMaterial
 
 from nablahog.render import mesh_file
+from nablahog.render.axes import axes
 from nablahog.render.mesh import Mesh, load_mesh
 
 from .mesh_files import CUBE_OFF, QUADS, TRIANGLE, VERTICES_OBJ, as_bytes, glb, triangle_glb, write
@@ -174,6 +175,46 @@ def test_y_up_becomes_z_up(tmp_path: Path, ending: str, up: Any) -> None:
     front, top = vertices[vertices[:, 1].argmin()], vertices[vertices[:, 2].argmax()]
     torch.testing.assert_close(front, torch.tensor([-0.5, -1.5, -1], dtype=torch.float64), atol=1e-6, rtol=0)
     torch.testing.assert_close(top, torch.tensor([-0.5, 1.5, 1], dtype=torch.float64), atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize(
+    ("up", "front", "rows"),
+    [
+        ("z", None, ((1, 0, 0), (0, 1, 0), (0, 0, 1))),
+        ("+y", None, ((1, 0, 0), (0, 0, -1), (0, 1, 0))),
+        ("z", "x", ((0, 1, 0), (-1, 0, 0), (0, 0, 1))),
+        ("-z", "-y", ((-1, 0, 0), (0, 1, 0), (0, 0, -1))),
+        ("x", "+z", ((0, -1, 0), (0, 0, -1), (1, 0, 0))),
+    ],
+)
+def test_axes(up: str, front: str | None, rows: tuple[tuple[int, ...], ...]) -> None:
+    """Up goes to +z and the front to -y, without a mirror."""
+    turned = np.array(axes(up, front))
+    assert turned.tolist() == np.array(rows).tolist()
+    assert np.linalg.det(turned) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    ("up", "front", "message"),
+    [
+        ("x", None, "no usual front"),
+        ("-y", None, "no usual front"),
+        ("w", None, "up must be one of x, y and z"),
+        ("z", "+", "front must be one of x, y and z"),
+        ("z", "-z", "must be two axes"),
+        ("y", "y", "must be two axes"),
+    ],
+)
+def test_axes_that_are_none(up: str, front: str | None, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        axes(up, front)
+
+
+def test_a_front_that_is_named(tmp_path: Path) -> None:
+    path = write(tmp_path, "a.off", "OFF 4 4 0\n0 0 0\n5 0 0\n0 1 0\n0 0 2\n3 0 1 2\n3 0 1 3\n3 0 2 3\n3 1 2 3\n")
+    vertices = load_mesh(path, front="+x").vertices * 30**0.5
+    tip = vertices[vertices[:, 1].argmin()]  # the one at x = 5, which is in front
+    torch.testing.assert_close(tip, torch.tensor([-0.5, -2.5, -1], dtype=torch.float64))
 
 
 def test_off_is_taken_as_z_up(tmp_path: Path) -> None:

@@ -6,12 +6,14 @@ import base64
 import io
 import re
 from html.parser import HTMLParser
+from xml.etree import ElementTree
 
 import numpy as np
 from PIL import Image
 
 from nablahog.viz.html import Cell, Section, figure, page
 from nablahog.viz.pictures import Panel
+from nablahog.viz.svg import COLOURS, Drawing
 
 TABLE = [{"input": "<b>", "CC": 0.12345, "SSIM": None}, {"input": "x", "CC": None, "SSIM": None}]
 SECTIONS = [Section("A & B", "text", [Panel(np.eye(4), '"quoted"')])]
@@ -25,7 +27,7 @@ class _Balanced(HTMLParser):
         self.open: list[str] = []
 
     def handle_starttag(self, tag: str, attrs: object) -> None:
-        if tag not in ("meta", "img"):
+        if tag not in ("meta", "img", "input"):
             self.open.append(tag)
 
     def handle_endtag(self, tag: str) -> None:
@@ -37,10 +39,11 @@ def test_page() -> None:
     parser = _Balanced()
     parser.feed(html)
     assert not parser.open
-    for text in ("T&lt;", "&lt;b&gt;", "0.123", "A &amp; B", "&quot;quoted&quot;", "corr &lt;", "foot"):
+    for text in ("T&lt;", "&lt;b&gt;", "0.123", "A &amp; B", "&#34;quoted&#34;", "corr &lt;", "foot"):
         assert text in html
     assert "<b>" not in html
     assert not re.search(r"(src|href)=\"(?!data:)", html)
+    assert 'alt="&#34;quoted&#34;"' in html
     (encoded,) = re.findall(r"base64,([^\"]+)", html)
     assert np.asarray(Image.open(io.BytesIO(base64.b64decode(encoded)))).tolist() == (np.eye(4) * 255).tolist()
 
@@ -58,9 +61,12 @@ def test_remarks_and_headings_in_tables() -> None:
     table = [{"method": "group <1>"}, {"method": "a", "CC": Cell(0.5, "0.4 … 0.6 <")}, {"method": "b", "CC": None}]
     html = page("T", "", table, [], {})
     _Balanced().feed(html)
-    assert '<th colspan="2">group &lt;1&gt;</th>' in html
-    assert "<td class=number>0.500<small>0.4 … 0.6 &lt;</small></td>" in html
-    assert "<td class=number>–</td>" in html
+    assert '<th colspan="2" scope="rowgroup">group &lt;1&gt;</th>' in html
+    assert '<td class="number" data-value="0.5">0.500<small>0.4 … 0.6 &lt;</small></td>' in html
+    assert '<td class="number" data-value="">–</td>' in html
+    assert html.count("<tbody>") == 1  # in which rows are sorted
+    assert html.count('<th scope="row">') == 2
+    assert html.count('<th scope="col"') == 2
 
 
 def test_tables_of_pictures() -> None:
@@ -72,3 +78,37 @@ def test_tables_of_pictures() -> None:
     assert "<small>x &lt;</small>" in html
     assert 'class="grid"' in html
     assert 'class="pictures"' not in html
+    assert "<caption>text</caption>" in html
+
+
+def test_what_is_seen() -> None:
+    html = page("T", "", [], [Section("A", "", [Panel(np.eye(4), "pre-image", "The image of <x>")])], {})
+    assert 'alt="The image of &lt;x&gt;"><figcaption>pre-image</figcaption>' in html
+
+
+def test_two_pictures_with_a_slider() -> None:
+    first = Section("", "drag", compared=(Panel(np.eye(4), "before"), Panel(1 - np.eye(4), "after")))
+    html = page("T", "lead", TABLE, [], {}, first=first)
+    _Balanced().feed(html)
+    assert html.index("lead") < html.index('type="range"') < html.index("<table")
+    before, after = re.findall(r"base64,([^\"]+)", html)
+    assert before != after
+    assert "--at" in html
+
+
+def test_a_drawing() -> None:
+    drawing = Drawing(100, 50, "Title <", "what it shows")
+    drawing.line([(0, 1), (2.345, 6)], "curve", 2)
+    drawing.dot((5, 5), "series1", 3, ringed=True)
+    drawing.note((1, 2), "a < b", anchor="end")
+    svg = drawing.svg()
+    root = ElementTree.fromstring(svg)
+    shapes = {element.tag.rpartition("}")[2]: element for element in root}
+    assert (root.get("viewBox"), root.get("role")) == ("0 0 100 50", "img")
+    assert [shapes[name].text for name in ("title", "desc", "text")] == ["Title <", "what it shows", "a < b"]
+    assert [float(n) for n in re.split("[, ]", shapes["polyline"].get("points", "").strip())] == [0, 1, 2.35, 6]
+    light, dark = COLOURS["curve"]
+    assert shapes["polyline"].get("stroke") == light
+    assert f".l-curve {{ stroke: {dark}; }}" in svg[svg.index("prefers-color-scheme: dark") :]
+    assert shapes["circle"].get("fill") == COLOURS["ground"][0]
+    assert svg in page("T", "", [], [Section("A", "", drawing=drawing)], {})

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 import nablahog
 from nablahog import HOGSpec, presets
 from nablahog.hog import FourBlockNorm
+from nablahog.viz import pictures
 from nablahog.viz.pictures import RED, Panel, contact_sheet, difference, edge_votes, glyphs, outlined
 
 SPECS = [
@@ -224,3 +225,14 @@ def test_contact_sheet() -> None:
     assert (pixels == [255, 255, 255]).all(1).sum() > 1000
     with pytest.raises(ValueError, match="at least one panel"):
         contact_sheet([[]])
+
+
+@pytest.mark.parametrize("strip", [1, 500, 10**9])
+def test_glyphs_in_strips_are_the_same(strip: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pictures, "STRIP_PIXELS", strip)
+    spec = presets.uoctti((8, 4))
+    descriptor = torch.rand(5, 7, spec.channels)
+    image = pictures.glyph_image(descriptor, spec, 12)
+    assert (image.mode, image.size) == ("L", (7 * 6, 5 * 12))
+    assert np.array_equal(np.asarray(image), np.rint(glyphs(descriptor, spec, 12) * 255))
+    assert not np.asarray(pictures.glyph_image(torch.zeros(5, 7, spec.channels), spec, 12)).any()

@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
+import base64
+import io
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from PIL import Image
 
 from nablahog.viz.pictures import RED
-from nablahog.viz.similarity_plot import LEFT, RIGHT, VIEW, WIDTH, boxed, by_azimuth
+from nablahog.viz.similarity_plot import HEIGHTS, LEFT, RIGHT, VIEW, WIDTH, boxed, by_azimuth
+from nablahog.viz.svg import Drawing
 
-BLUE = (24, 74, 150)
 TEXTS = {"what": "patches", "how": "central differences"}
 
 
-def where(picture: NDArray[np.float64], colour: tuple[int, int, int]) -> NDArray[np.bool_]:
-    """The pixels that have about this colour."""
-    near: NDArray[np.bool_] = (np.abs(picture * 255 - np.array(colour)[:, None, None]) < 50).all(axis=0)
-    return near
+def lines(drawing: Drawing, colour: str) -> list[NDArray[np.float64]]:
+    """The lines of a colour: (n, 2) of x and y."""
+    return [np.array(s.points) for s in drawing.shapes if s.kind == "line" and s.colour == colour]
 
 
-def columns(mask: NDArray[np.bool_]) -> list[float]:
-    """The least and the largest azimuth at which there is something."""
-    result = np.flatnonzero(mask.any(axis=0))
-    return [float((column + 0.5 - LEFT) / (WIDTH - LEFT - RIGHT) * 360) for column in (result[0], result[-1])]
+def azimuths(line: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of the points of a line."""
+    return (line[:, 0] - LEFT) / (WIDTH - LEFT - RIGHT) * 360
 
 
 def test_boxes() -> None:
@@ -43,54 +45,64 @@ def test_boxes() -> None:
 @pytest.mark.parametrize("azimuth", [0.0, 130.0, 359.9])
 def test_the_pose_found_is_marked(azimuth: float) -> None:
     values = 3 + np.cos(np.radians(np.arange(0, 360, 4)))
-    picture = by_azimuth(values, values, values, **TEXTS, azimuth=azimuth)
-    assert picture.shape[::2] == (3, WIDTH)
-    red = where(picture, (255, 38, 26))
-    lines = red.sum(axis=0) > 300
-    assert columns(np.broadcast_to(lines, red.shape)) == pytest.approx([azimuth, azimuth], abs=1)
+    drawing = by_azimuth(values, values, values, **TEXTS, azimuth=azimuth)
+    upper, lower = lines(drawing, "mark")
+    for line in (upper, lower):
+        assert azimuths(line) == pytest.approx([azimuth, azimuth])
+    assert abs(upper[0, 1] - upper[1, 1]) == pytest.approx(HEIGHTS[0])
+    assert f"the pose found has {azimuth:.1f}°" in drawing.description
 
 
 def test_the_curve_is_highest_where_similarity_is() -> None:
-    azimuths = np.arange(0, 360, 2)
-    values = np.exp(-(((azimuths - 200) / 20.0) ** 2))
-    blue = where(by_azimuth(values, np.zeros(180), np.zeros(180), **TEXTS, azimuth=0)[:, 24:260], BLUE)
-    assert columns(blue) == pytest.approx([0, 360], abs=1)
-    rows = blue.argmax(axis=0)
-    rows[~blue.any(axis=0)] = 1000
-    assert columns((rows == rows.min()) & blue) == pytest.approx([200, 200], abs=4)
+    at = np.arange(0, 360, 2)
+    values = np.exp(-(((at - 200) / 20.0) ** 2))
+    drawing = by_azimuth(values, np.zeros(180), np.zeros(180), **TEXTS, azimuth=0)
+    curve = next(line for line in lines(drawing, "curve") if len(line) > 2)
+    assert azimuths(curve)[[0, -1]] == pytest.approx([0, 360])
+    assert azimuths(curve)[curve[:, 1].argmin()] == pytest.approx(200)
+    assert "largest at an azimuth of 200°" in drawing.description
 
 
 def test_traces_go_round() -> None:
     flat = np.ones(90)
     traces = [([350.0, 355, 365, 370], [0.5] * 4), ([20.0, 5, -5, -20], [1.5] * 4), ([0.0, 0.0], [0.2, 0.3])]
-    picture = by_azimuth(flat, flat, flat, **TEXTS, azimuth=180, traces=traces)[:, 24:260]
-    orange = picture[1] - picture[2] > 0.1  # which nothing else has
-    assert columns(orange) == pytest.approx([0, 360], abs=3)
-    for side in (slice(LEFT + 1, LEFT + 4), slice(WIDTH - RIGHT - 4, WIDTH - RIGHT - 1)):
-        assert len(np.flatnonzero(np.diff(orange[:, side].any(axis=1)))) >= 4  # two lines
-    assert not orange[:, (np.arange(WIDTH) > LEFT + 100) & (np.arange(WIDTH) < WIDTH - RIGHT - 100)].any()
+    drawing = by_azimuth(flat, flat, flat, **TEXTS, azimuth=180, traces=traces)
+    around = [np.sort(azimuths(line)) for line in lines(drawing, "path")]
+    for one in ((350, 360), (0, 10), (340, 360), (0, 20)):  # out on one side, back on the other
+        assert any(line[[0, -1]] == pytest.approx(one) for line in around), one
+    assert all((line >= -1e-6).all() and (line <= 360 + 1e-6).all() for line in around)
+    starts = [shape for shape in drawing.shapes if shape.kind == "dot"]
+    assert [azimuths(np.array(shape.points))[0] for shape in starts] == pytest.approx([350, 20, 0])
+    assert all((shape.colour, shape.fill) == ("path", "ground") for shape in starts)
 
 
 def test_views_lie_below_their_azimuths() -> None:
     flat = np.ones(90)
     views = [np.full((10, 10), k / 8) for k in range(8)]
     plain = by_azimuth(flat, flat, flat, **TEXTS, azimuth=180)
-    strip = by_azimuth(flat, flat, flat, **TEXTS, azimuth=180, views=views)[:, plain.shape[1] :]
-    for k, view in enumerate(views):
-        middle = round(LEFT + k / 8 * (WIDTH - LEFT - RIGHT))
-        assert strip[0, VIEW // 2, middle] == pytest.approx(view[0, 0], abs=0.01)
+    drawing = by_azimuth(flat, flat, flat, **TEXTS, azimuth=180, views=views)
+    shown = [shape for shape in drawing.shapes if shape.kind == "image"]
+    middles = np.array([[shape.points[0][0] + VIEW / 2, shape.points[0][1]] for shape in shown])
+    assert azimuths(middles) == pytest.approx(np.arange(8) * 45)
+    assert (middles[:, 1] == plain.height).all()
+    assert drawing.height > plain.height + VIEW
+    for shape, view in zip(shown, views, strict=True):
+        levels = np.asarray(Image.open(io.BytesIO(base64.b64decode(shape.text))))
+        np.testing.assert_allclose(levels, 255 * view, atol=1)
 
 
 @pytest.mark.parametrize("level", [0.0, 1e-12, -7.0, 1e9])
 def test_any_level(level: float) -> None:
-    picture = by_azimuth(np.full(12, level), np.zeros(12), np.zeros(12), **TEXTS, azimuth=0)
-    assert np.isfinite(picture).all()
+    drawing = by_azimuth(np.full(12, level), np.zeros(12), np.zeros(12), **TEXTS, azimuth=0)
+    assert all(np.isfinite(np.array(shape.points)).all() for shape in drawing.shapes)
 
 
 def test_derivatives_are_drawn_over_what_they_are_compared_with() -> None:
-    azimuths = np.arange(0, 360, 2)
-    rising, falling = np.where(azimuths < 180, 1.0, -1.0), np.where(azimuths < 180, -1.0, 1.0)
-    apart = by_azimuth(rising, rising, falling, **TEXTS, azimuth=0)[:, 330:]
-    alike = by_azimuth(rising, rising, rising, **TEXTS, azimuth=0)[:, 330:]
-    gray = [(np.abs(picture * 255 - 150) < 12).all(axis=0)[:, LEFT + 20 : 500].sum() for picture in (apart, alike)]
-    assert gray[0] > 3 * gray[1]
+    at = np.arange(0, 360, 2)
+    rising, falling = np.where(at < 180, 1.0, -1.0), np.where(at < 180, -1.0, 1.0)
+    drawing = by_azimuth(np.zeros(180), rising, falling, **TEXTS, azimuth=0)
+    drawn = [(shape.colour, np.array(shape.points)) for shape in drawing.shapes if len(shape.points) == 181]
+    assert [colour for colour, _ in drawn] == ["curve", "faint", "curve"]
+    (_, differences), (_, derivatives) = drawn[1:]
+    assert derivatives[10, 1] < differences[10, 1]  # 1 is above -1
+    assert derivatives[100, 1] > differences[100, 1]

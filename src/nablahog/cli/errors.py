@@ -1,11 +1,18 @@
-"""Errors of the user, in one sentence."""
+"""Errors of the user, in one sentence; inputs that are skipped."""
 
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+
+from ..runtime.text import one_line
+
+MOST_CHARACTERS = 900  # of an error: with the name of the command, a line has at most 1000
+SOME_SKIPPED = 3  # exit status: some inputs were skipped, the others done
 
 
 class UserError(Exception):
@@ -19,6 +26,58 @@ def as_user_error(prefix: str = "") -> Iterator[None]:
         yield
     except ValueError as error:
         raise UserError(f"{prefix}{error}") from None
+
+
+def tell(command: str, message: str) -> None:
+    """Prints a line on stderr; ``command`` is without ``nablahog``."""
+    print(f"nablahog {command}: {one_line(message, MOST_CHARACTERS)}", file=sys.stderr)
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """An input that cannot be used, and why."""
+
+    input: str
+    reason: str
+
+
+class Skipping:
+    """Passes over inputs that cannot be used: each is named on stderr at once, and the others are done.
+
+    Attributes:
+        skipped: so far.
+    """
+
+    def __init__(self, command: str, count: int) -> None:
+        """Of ``count`` inputs of the command; a single one is an error as any other."""
+        self.command, self.count = command, count
+        self.skipped: list[Skipped] = []
+
+    @contextmanager
+    def each(self, path: str) -> Iterator[None]:
+        """Skips the input ``path`` if the block raises ValueError, OSError or UserError."""
+        try:
+            yield
+        except (ValueError, OSError, UserError) as error:
+            message = str(error) if path in str(error) else f"{path}: {error}"
+            if self.count == 1:
+                raise UserError(message) from None
+            self.skipped.append(Skipped(path, message.removeprefix(f"{path}: ")))
+            tell(self.command, f"skipped: {message}")
+
+    def check(self) -> None:
+        """Raises UserError if all inputs were skipped."""
+        if len(self.skipped) == self.count:
+            raise UserError(f"none of the {self.count} inputs can be used")
+
+    @property
+    def status(self) -> int:
+        """The exit status."""
+        return SOME_SKIPPED if self.skipped else 0
+
+    def figures(self) -> list[dict[str, str]]:
+        """What ``results.json`` says of the skipped inputs."""
+        return [{"input": each.input, "error": each.reason} for each in self.skipped]
 
 
 def forbid_overwrite(inputs: Iterable[str | os.PathLike[str]], targets: Iterable[Path]) -> None:

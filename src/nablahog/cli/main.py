@@ -8,12 +8,10 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from ..runtime.text import one_line
 from .arguments.learn import KINDS
 from .arguments.main import parser
-from .errors import UserError
+from .errors import UserError, tell
 
-MOST_CHARACTERS = 900  # of an error: with the name of the command, a line has at most 1000
 INTERRUPTED = 130  # what shells report of a command ended by Ctrl-C
 _COMMANDS = {
     "hog": "hog.hog",
@@ -35,36 +33,44 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command with ``argv``, by default the arguments of this process.
 
     Returns:
-        The exit status: 0; 1 after an error, which one line on stderr has told; 2 for wrong arguments; 130 when
-        interrupted.
+        The exit status: 0; 1 after an error, which one line on stderr has told; 2 for wrong arguments; 3 when some
+        inputs were skipped, each with a line on stderr, and the others done; 130 when interrupted.
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # file names and units need not fit the terminal's encoding
+    whole = parser()
+    if "_ARGCOMPLETE" in os.environ:  # the shell asks for completions
+        import argcomplete
+
+        argcomplete.autocomplete(whole)
     try:
-        arguments = parser().parse_args(argv)
+        arguments = whole.parse_args(argv)
     except SystemExit as stop:  # --help, --version or wrong arguments: argparse has printed
         return int(stop.code or 0)
-    name = f"nablahog {arguments.command}"
+    command: str = arguments.command
     try:
-        module, function = _COMMANDS[arguments.command].split(".")
-        getattr(import_module(f".commands.{module}", __package__), function)(arguments)
+        module, function = _COMMANDS[command].split(".")
+        from .terminal import be_quiet  # loads rich
+
+        be_quiet(arguments.quiet)
+        status = getattr(import_module(f".commands.{module}", __package__), function)(arguments)
         sys.stdout.flush()  # a closed pipe should fail here, not at exit
     except KeyboardInterrupt:
-        return _failed(name, "interrupted", INTERRUPTED)
+        return _failed(command, "interrupted", INTERRUPTED)
     except BrokenPipeError:
         # the reader has closed the pipe; Python would fail again when it flushes stdout at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (UserError, OSError) as error:
-        return _failed(name, str(error))
+        return _failed(command, str(error))
     except (MemoryError, RuntimeError) as error:
         if not isinstance(error, MemoryError) and "memory" not in str(error):
             raise
-        return _failed(name, "not enough memory; a smaller --size, or fewer inputs at once, need less")
-    return 0
+        return _failed(command, "not enough memory; a smaller --size, or fewer inputs at once, need less")
+    return int(status or 0)
 
 
-def _failed(name: str, message: str, status: int = 1) -> int:
-    print(f"{name}: error: {one_line(message, MOST_CHARACTERS)}", file=sys.stderr)
+def _failed(command: str, message: str, status: int = 1) -> int:
+    tell(command, f"error: {message}")
     return status

@@ -6,8 +6,10 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
@@ -18,6 +20,14 @@ from ..viz.html import figure
 
 LONGEST = 1000  # characters of a line: lists of file names may be any length
 EVERY = 60.0  # seconds between lines of progress where there is no terminal
+PIPED = 120  # columns, where there is no terminal
+_quiet = False
+
+
+def be_quiet(quiet: bool) -> None:
+    """Whether everything below is silent from now on; errors and ``--json`` are not."""
+    global _quiet
+    _quiet = quiet
 
 
 @contextmanager
@@ -25,7 +35,7 @@ def progress_bars() -> Iterator[Callable[[str], Callable[[int, int], None]]]:
     """Progress bars on a terminal: a function that starts a bar and returns the function that moves it."""
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
+    with Progress(*columns, console=console, transient=True, disable=_quiet or not console.is_terminal) as bars:
 
         def start(description: str) -> Callable[[int, int], None]:
             task = bars.add_task(printable(description), total=None)
@@ -41,6 +51,9 @@ def counter(name: str) -> Iterator[Callable[[int, int, str], None]]:
     A bar on a terminal, a line every minute elsewhere.
     """
     console = Console(stderr=True)
+    if _quiet:
+        yield lambda done, total, what: None
+        return
     if not console.is_terminal:
         yield _Lines(name)
         return
@@ -75,18 +88,37 @@ class _Lines:
 
 def say(text: str) -> None:
     """Prints a line of at most :data:`LONGEST` characters without markup or wrapping."""
-    _console().print(Text(one_line(text, LONGEST)), soft_wrap=True)
+    if not _quiet:
+        _console().print(Text(one_line(text, LONGEST)), soft_wrap=True)
+
+
+def inform(text: str) -> None:
+    """Prints a line on stderr that is no error; stdout is free for what others read."""
+    if not _quiet:
+        print(one_line(text, LONGEST), file=sys.stderr)
+
+
+def say_page(page: Path) -> None:
+    """Points to a page, which has the pictures and says what the figures mean."""
+    say(f"Look at {page}, which also says what the figures mean")
 
 
 def print_definitions(definitions: Mapping[str, str]) -> None:
-    """Prints what the figures of a table mean."""
-    for name, definition in definitions.items():
-        _console().print(Text(printable(f"{name}: {definition}"), style="dim"))
+    """Prints what the figures of a table mean, for commands that make no page."""
+    if not _quiet:
+        for name, definition in definitions.items():
+            _console().print(Text(printable(f"{name}: {definition}"), style="dim"))
 
 
 def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
-    """Prints a table with one line for each of ``rows``, which all have the keys of the first."""
-    table = Table()
+    """Prints a table with one line for each of ``rows``, which all have the keys of the first.
+
+    Numbers are never broken; texts are, so that the table fits the terminal.
+    """
+    if _quiet:
+        return
+    console = _console()
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
     for key in rows[0]:
         number = all(row[key] is None or isinstance(row[key], int | float) for row in rows)
         table.add_column(key, justify="right" if number else "left", overflow="fold", no_wrap=number)
@@ -94,8 +126,11 @@ def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
         # Text, because a file name in brackets is no markup
         texts = ("x".join(map(str, value)) if isinstance(value, list) else figure(value) for value in row.values())
         table.add_row(*(Text(printable(text)) for text in texts))
-    _console().print(table)
+    unbounded = console.options.update(max_width=LONGEST)
+    if console.measure(table, options=unbounded).maximum > console.width:
+        table.padding = (0, 0, 0, 0)
+    console.print(table)
 
 
 def _console() -> Console:
-    return Console(width=None if sys.stdout.isatty() else 120)
+    return Console(width=None if sys.stdout.isatty() else PIPED)

@@ -29,11 +29,11 @@ class Models:
     ignored: list[str]
     failed: dict[str, str] = field(default_factory=dict)
 
-    def meshes(self) -> Iterator[tuple[str, Mesh]]:
+    def meshes(self, up: str | None = None, front: str | None = None) -> Iterator[tuple[str, Mesh]]:
         """Loads one after the other with :func:`~nablahog.render.mesh.load_mesh`, and skips those that fail."""
         for name, path in self.paths.items():
             try:
-                mesh = load_mesh(path)
+                mesh = load_mesh(path, up=up, front=front)
             except (OSError, ValueError) as error:
                 self.failed[name] = str(error).removeprefix(f"{path}: ")
                 continue

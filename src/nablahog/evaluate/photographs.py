@@ -6,12 +6,11 @@ import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from PIL import Image
 from torch import Tensor
 
 from ..hog.gradient import gray
 from ..io.files import check_folder
-from ..io.images import limit_size, read_image
+from ..io.images import image_endings, limit_size, read_image
 from ..io.sample_photographs import SAMPLE_NAMES, sample_photograph
 
 
@@ -46,7 +45,7 @@ def read_folder(folder: Path, *, size: int, limit: int | None = None) -> Photogr
         ValueError: it holds no image file.
     """
     check_folder(folder, "images")
-    readable = {ending for ending, kind in Image.registered_extensions().items() if kind in Image.OPEN}
+    readable = image_endings()
     entries = [entry for entry in sorted(folder.iterdir()) if not entry.name.startswith(".")]
     files = [entry for entry in entries if entry.suffix.lower() in readable and not entry.is_dir()]
     if not files:

@@ -66,7 +66,7 @@ LEAD = (
 def remarks(left_out: Sequence[Method], learned: Mapping[str, Path], photographs: Photographs) -> list[str]:
     """Remarks on methods that learn from photographs: which are left out, and which have trained on the test images."""
     sentences = [
-        f"{each.name} is left out: it needs --{each.needs} FILE, see `nablahog learn {each.needs}`."
+        f"{each.name} is optional, and runs with --{each.needs} FILE, see `nablahog learn {each.needs}`."
         for each in left_out
     ]
     for kind, path in learned.items():

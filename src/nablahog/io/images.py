@@ -6,6 +6,7 @@ import io
 import os
 import warnings
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -34,8 +35,23 @@ def as_array(picture: Picture) -> NDArray[np.float64]:
     return np.asarray(picture, dtype=np.float64)
 
 
+@cache
+def register_heif() -> None:
+    """Lets Pillow read HEIC and AVIF as pillow-heif does, where it is installed."""
+    with suppress(ImportError):
+        import pillow_heif
+
+        pillow_heif.register_heif_opener()
+
+
+def image_endings() -> set[str]:
+    """The endings, as ".png", of files that :func:`read_image` reads as images."""
+    register_heif()
+    return {ending for ending, kind in Image.registered_extensions().items() if kind in Image.OPEN}
+
+
 def read_image(path: str | os.PathLike[str]) -> Tensor:
-    """The picture in a file, of any format that Pillow decodes by itself.
+    """The picture in a file, of any format that Pillow decodes by itself, or with pillow-heif where that is installed.
 
     It comes upright (EXIF orientation), over white where it is transparent, and of several frames the first.  Gray
     files (1, 8 or 16 bit, or float) have one channel, all others R, G, B.  A level k of 8 or 16 bits becomes k/255 or
@@ -77,6 +93,7 @@ def read_image(path: str | os.PathLike[str]) -> Tensor:
 
 def _decoded(path: Path) -> Image.Image:
     image: Image.Image
+    register_heif()
     if path.stat().st_size > MAX_BYTES:
         raise ValueError(f"it has more than {MAX_BYTES:,} bytes")
     # from memory: some decoders ask for as many bytes as a damaged file promises, and a file allocates them

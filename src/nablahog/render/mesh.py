@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from .axes import axes
 from .mesh_file import Soup, read_soup
 
 Floats = NDArray[np.float64]
@@ -93,7 +93,7 @@ def _check(name: str, array: Tensor, shape: tuple[int, ...], dtype: torch.dtype)
         raise ValueError(f"{name} must be {expected}, got {got}")
 
 
-def load_mesh(path: str | os.PathLike[str], *, up: Literal["z", "y"] | None = None) -> Mesh:
+def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, front: str | None = None) -> Mesh:
     """The mesh in a file, :meth:`~Mesh.normalized`, in the object's frame (z up, front to -y).
 
     Formats, by the file's ending: OFF (with the colours of COFF), OBJ with MTL, PLY, STL, and GLB that needs no other
@@ -113,8 +113,10 @@ def load_mesh(path: str | os.PathLike[str], *, up: Literal["z", "y"] | None = No
 
     Args:
         path: the file.
-        up: which of the file's axes points up.  With "y", the front looks to the file's +z, and (x, y, z) becomes
-            (x, -z, y).  None: "y" for OBJ and GLB, "z" for the others, as these formats are mostly used.
+        up: which of the file's axes points up: "x", "y" or "z", with a sign or without.  None: "y" for OBJ and GLB, "z"
+            for the others, as these formats are mostly used.
+        front: which of the file's axes the front looks along, likewise.  None: "-y" with z up; "+z" with y up, so that
+            (x, y, z) becomes (x, -z, y).
 
     Returns:
         The mesh, on the CPU.
@@ -122,7 +124,8 @@ def load_mesh(path: str | os.PathLike[str], *, up: Literal["z", "y"] | None = No
     Raises:
         FileNotFoundError: there is no such file.
         ValueError: it is a folder, of another ending, too big, damaged, or holds no triangle of any area, coordinates
-            that are not finite, or faces that refer to vertices that it does not hold; or ``up`` is none of the above.
+            that are not finite, or faces that refer to vertices that it does not hold; or ``up`` and ``front`` are no
+            two axes.
 
     >>> import tempfile
     >>> from nablahog.render import load_mesh
@@ -136,13 +139,10 @@ def load_mesh(path: str | os.PathLike[str], *, up: Literal["z", "y"] | None = No
             [ 0.3000,  0.0000, -0.4000],
             [-0.3000,  0.0000,  0.4000]], dtype=torch.float64)
     """
-    if up not in ("z", "y", None):
-        raise ValueError(f"up must be 'z', 'y' or None, got {up!r}")
     path = Path(path)
+    turned = np.array(axes(up or ("y" if path.suffix.lower() in _Y_UP else "z"), front), dtype=np.float64)
     soup = read_soup(path)
-    if up == "y" or (up is None and path.suffix.lower() in _Y_UP):
-        x, y, z = soup.vertices.T
-        soup = Soup(np.stack([x, -z, y], axis=1), soup.faces, soup.brightness)
+    soup = Soup(soup.vertices @ turned.T, soup.faces, soup.brightness)
     try:
         whole = Mesh(*map(torch.from_numpy, (soup.vertices, soup.faces, soup.brightness))).normalized()
         return _tidied(whole).normalized()  # without flat or unused parts, the box may be smaller

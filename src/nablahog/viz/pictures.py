@@ -18,6 +18,7 @@ from ..hog.orientation import bin_angles
 from ..io.images import Picture, as_array, to_pil
 
 CELL_PIXELS = 16  # height of a cell in pictures of glyphs
+STRIP_PIXELS = 2**21  # of a strip of glyphs, which is drawn in float64
 RED = (1.0, 0.15, 0.1)
 
 
@@ -89,18 +90,41 @@ def glyphs(descriptor: Picture, spec: HOGSpec, cell_pixels: int = CELL_PIXELS) -
     >>> nablahog.glyphs(descriptor, spec).shape  # 8x6 cells of 16x16 pixels
     (128, 96)
     """
+    return _drawn(*_votes_and_strokes(descriptor, spec, cell_pixels))
+
+
+def glyph_image(descriptor: Picture, spec: HOGSpec, cell_pixels: int = CELL_PIXELS) -> Image.Image:
+    """:func:`glyphs` as an 8-bit image, drawn in strips: a byte for each of its pixels is most of what it takes."""
+    votes, strokes = _votes_and_strokes(descriptor, spec, cell_pixels)
+    rows, cols, _ = votes.shape
+    _, _, across = strokes.shape
+    image = Image.new("L", (cols * across, rows * cell_pixels))
+    step = max(1, STRIP_PIXELS // (cols * across * cell_pixels))
+    for top in range(0, rows, step):
+        image.paste(to_pil(_drawn(votes[top : top + step], strokes)), (0, top * cell_pixels))
+    return image
+
+
+def _votes_and_strokes(
+    descriptor: Picture, spec: HOGSpec, cell_pixels: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The votes (rows, cols, n) in 0…1 and the strokes (n, height, width) of a cell in the picture."""
     if cell_pixels < 1:
         raise ValueError(f"cell_pixels must be at least 1, got {cell_pixels}")
     votes, angles = edge_votes(descriptor, spec)
     strongest = votes.max(axis=2, initial=0.0)
     if strongest.any():
         votes = (votes / np.quantile(strongest[strongest > 0], 0.95)).clip(0, 1)
-    across = cell_width(spec, cell_pixels)
+    return votes, _strokes(angles, cell_pixels, cell_width(spec, cell_pixels))
+
+
+def _drawn(votes: NDArray[np.float64], strokes: NDArray[np.float64]) -> NDArray[np.float64]:
     rows, cols, _ = votes.shape
-    picture = np.zeros((rows, cell_pixels, cols, across))
-    for k, stroke in enumerate(_strokes(angles, cell_pixels, across)):  # one bin at a time: n times less memory
+    _, down, across = strokes.shape
+    picture = np.zeros((rows, down, cols, across))
+    for k, stroke in enumerate(strokes):  # one bin at a time: n times less memory
         np.maximum(picture, np.einsum("rc,hw->rhcw", votes[..., k], stroke), out=picture)
-    return picture.reshape(rows * cell_pixels, cols * across)
+    return picture.reshape(rows * down, cols * across)
 
 
 def difference(picture: Picture, reference: Picture) -> NDArray[np.float64]:
@@ -133,10 +157,11 @@ def outlined(picture: Picture, inside: NDArray[np.bool_]) -> NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Panel:
-    """A picture, (H, W), (1, H, W) or (3, H, W) in 0…1, with its caption."""
+    """A picture, (H, W), (1, H, W) or (3, H, W) in 0…1, with its caption, and what is seen on it if that says less."""
 
     picture: Picture
     caption: str
+    seen: str = ""
 
 
 def contact_sheet(rows: Sequence[Sequence[Panel]], height: int = 256, margin: int = 8) -> Image.Image:

@@ -7,20 +7,18 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import ImageDraw
 
 from ..io.images import Picture, to_pil
 from .pictures import RED
+from .svg import Drawing
 
-Colour = tuple[int, int, int]
 Floats = NDArray[np.floating]
 
-FINER = 3  # drawn so much larger, then shrunk, since Pillow's lines are jagged
 WIDTH, LEFT, RIGHT = 960, 64, 24
 HEIGHTS = 240, 140  # of similarity and derivative
 HEAD, FOOT, VIEW = 24, 20, 96
-_CURVE, _DIFFERENCE, _PATH, _GRID, _TEXT = (24, 74, 150), (150, 150, 150), (222, 130, 20), (225, 225, 225), (40, 40, 40)
-_MARK: Colour = (round(255 * RED[0]), round(255 * RED[1]), round(255 * RED[2]))
+_MARK = (round(255 * RED[0]), round(255 * RED[1]), round(255 * RED[2]))
 
 
 def boxed(picture: Picture, boxes: Sequence[Sequence[float]]) -> NDArray[np.float64]:
@@ -37,7 +35,8 @@ def boxed(picture: Picture, boxes: Sequence[Sequence[float]]) -> NDArray[np.floa
     draw = ImageDraw.Draw(drawn)
     for x0, y0, x1, y1 in boxes:
         draw.rectangle((round(x0), round(y0), round(x1) - 1, round(y1) - 1), outline=_MARK, width=2)
-    return _picture(drawn)
+    levels: NDArray[np.float64] = np.asarray(drawn).transpose(2, 0, 1) / 255
+    return levels
 
 
 def by_azimuth(
@@ -50,7 +49,7 @@ def by_azimuth(
     azimuth: float,
     traces: Sequence[tuple[Sequence[float], Sequence[float]]] = (),
     views: Sequence[Picture] = (),
-) -> NDArray[np.float64]:
+) -> Drawing:
     """Similarity and, below it, its derivative over all azimuths.
 
     Args:
@@ -61,47 +60,43 @@ def by_azimuth(
         azimuth: to mark, degrees.
         traces: of searches: azimuths in degrees, of any turn, and similarities, drawn into the upper part.
         views: equidistant from 0°, drawn below, square.
-
-    Returns:
-        (3, H, W) in 0…1.
     """
     strip = VIEW + 8 if views else 0
     height, middle = 2 * HEAD + sum(HEIGHTS) + 3 * FOOT + strip, (LEFT + WIDTH - RIGHT) / 2
-    picture = Image.new("RGB", (WIDTH * FINER, height * FINER), "white")
-    draw = ImageDraw.Draw(picture)
+    best = 360 * int(np.argmax(similarities)) / len(similarities)
+    seen = f"The similarity, {what}, is largest at an azimuth of {best:g}°; the pose found has {azimuth:.1f}°."
+    drawing = Drawing(WIDTH, height, "Similarity and its derivative by azimuth", seen)
     of_traces = [np.asarray(values) for _, values in traces]
-    top = _Axes(draw, HEAD, HEIGHTS[0], np.concatenate([similarities, *of_traces]))
-    low = _Axes(draw, 2 * HEAD + HEIGHTS[0] + FOOT, HEIGHTS[1], np.concatenate([derivatives, differences, [0.0]]))
+    top = _Axes(drawing, HEAD, HEIGHTS[0], np.concatenate([similarities, *of_traces]))
+    low = _Axes(drawing, 2 * HEAD + HEIGHTS[0] + FOOT, HEIGHTS[1], np.concatenate([derivatives, differences, [0.0]]))
     top.frame(f"similarity, {what}")
     low.frame("its derivative, per degree")
-    _note(draw, WIDTH - RIGHT, low.top - 4, how, _DIFFERENCE, "rb")
+    drawing.note((WIDTH - RIGHT, low.top - 6), how, "faint", "end")
     for axes in (top, low):
-        axes.line([azimuth, azimuth], [axes.low, axes.high], _MARK, 2)
-    low.line([0.0, 360.0], [0.0, 0.0], _TEXT, 1)
+        axes.line([azimuth, azimuth], [axes.low, axes.high], "mark", 2)
+    low.line([0.0, 360.0], [0.0, 0.0], "text", 1)
     if traces:
-        _note(draw, middle, HEAD - 4, "paths of the search; rings: starts", _PATH, "mb")
+        drawing.note((middle, HEAD - 6), "paths of the search; rings: starts", "path", "middle")
     for azimuths, values in traces:
-        top.line(azimuths, values, _PATH, 1.5)
+        top.line(azimuths, values, "path", 1.5)
     around = np.linspace(0, 360, len(similarities) + 1)
-    top.line(around, np.append(similarities, similarities[0]), _CURVE, 2)
-    low.line(around, np.append(differences, differences[0]), _DIFFERENCE, 3)
-    low.line(around, np.append(derivatives, derivatives[0]), _CURVE, 1.5)
+    top.line(around, np.append(similarities, similarities[0]), "curve", 2)
+    low.line(around, np.append(differences, differences[0]), "faint", 3)
+    low.line(around, np.append(derivatives, derivatives[0]), "curve", 1.5)
     for azimuths, values in traces:
-        top.ring(azimuths[0], values[0], _PATH)
-    _note(draw, WIDTH - RIGHT, HEAD - 4, f"found: {azimuth:.1f}°", _MARK, "rb")
-    _note(draw, middle, height - strip - 8, "azimuth of the camera", _TEXT, "mb")
+        drawing.dot((top.x(azimuths[0] % 360), top.y(values[0])), "path", 5, ringed=True)
+    drawing.note((WIDTH - RIGHT, HEAD - 6), f"found: {azimuth:.1f}°", "mark", "end")
+    drawing.note((middle, height - strip - 10), "azimuth of the camera", anchor="middle")
     for k, view in enumerate(views):
-        shown = to_pil(view).convert("RGB").resize((VIEW * FINER, VIEW * FINER), Image.Resampling.LANCZOS)
-        left = top.x(360 * k / len(views)) - VIEW / 2
-        picture.paste(shown, (round(left * FINER), (height - strip) * FINER))
-    return _picture(picture.resize((WIDTH, height), Image.Resampling.LANCZOS))
+        drawing.image((top.x(360 * k / len(views)) - VIEW / 2, height - strip), VIEW, view)
+    return drawing
 
 
 class _Axes:
     """A part of the figure: 0 … 360° across, and upwards from the least of ``values`` to the largest."""
 
-    def __init__(self, draw: ImageDraw.ImageDraw, top: int, height: int, values: Floats) -> None:
-        self.draw, self.top, self.height = draw, top, height
+    def __init__(self, drawing: Drawing, top: int, height: int, values: Floats) -> None:
+        self.drawing, self.top, self.height = drawing, top, height
         low, high = float(values.min()), float(values.max())
         margin = 0.05 * (high - low) or 1.0
         self.low, self.high = low - margin, high + margin
@@ -115,16 +110,16 @@ class _Axes:
     def frame(self, title: str) -> None:
         bottom = self.top + self.height
         for azimuth in range(0, 361, 45):
-            _stroke(self.draw, [(self.x(azimuth), self.top), (self.x(azimuth), bottom)], _GRID, 1)
-            _note(self.draw, self.x(azimuth), bottom + 4, f"{azimuth}°", _TEXT, "mt")
+            self.drawing.line([(self.x(azimuth), self.top), (self.x(azimuth), bottom)], "grid")
+            self.drawing.note((self.x(azimuth), bottom + 16), f"{azimuth}°", anchor="middle")
         step = _step((self.high - self.low) / 3)
         for k in range(math.ceil(self.low / step), math.floor(self.high / step) + 1):
-            _stroke(self.draw, [(LEFT, self.y(k * step)), (WIDTH - RIGHT, self.y(k * step))], _GRID, 1)
-            _note(self.draw, LEFT - 6, self.y(k * step), f"{k * step:.6g}", _TEXT, "rm")
-        _note(self.draw, LEFT, self.top - 4, title, _CURVE, "lb")
+            self.drawing.line([(LEFT, self.y(k * step)), (WIDTH - RIGHT, self.y(k * step))], "grid")
+            self.drawing.note((LEFT - 6, self.y(k * step) + 4), f"{k * step:.6g}", anchor="end")
+        self.drawing.note((LEFT, self.top - 6), title, "curve")
 
     def line(
-        self, azimuths: Sequence[float] | Floats, values: Sequence[float] | Floats, fill: Colour, width: float
+        self, azimuths: Sequence[float] | Floats, values: Sequence[float] | Floats, colour: str, width: float
     ) -> None:
         """Of azimuths of any turn: it leaves on one side and comes back on the other."""
         along, upwards = np.asarray(azimuths, dtype=np.float64), np.asarray(values, dtype=np.float64)
@@ -137,12 +132,8 @@ class _Axes:
             inside = (here > -1e-6) & (here < 360 + 1e-6)
             for part in np.split(np.arange(len(here)), np.flatnonzero(np.diff(inside)) + 1):
                 if inside[part[0]]:
-                    _stroke(self.draw, [(self.x(here[k]), self.y(upwards[k])) for k in part], fill, width)
-
-    def ring(self, azimuth: float, value: float, colour: Colour) -> None:
-        x, y = self.x(azimuth % 360), self.y(value)
-        corners = tuple(FINER * side for side in (x - 5, y - 5, x + 5, y + 5))
-        self.draw.ellipse(corners, fill=(255, 255, 255), outline=colour, width=2 * FINER)
+                    points = [(self.x(float(here[k])), self.y(float(upwards[k]))) for k in part]
+                    self.drawing.line(points, colour, width)
 
 
 def _turns(azimuths: Floats) -> range:
@@ -161,17 +152,3 @@ def _step(about: float) -> float:
     """The largest of 1, 2 and 5 times a power of ten that is at most ``about``."""
     power = 10.0 ** math.floor(math.log10(about))
     return max(power * factor for factor in (1, 2, 5) if power * factor <= about)
-
-
-def _stroke(draw: ImageDraw.ImageDraw, points: Sequence[tuple[float, float]], fill: Colour, width: float) -> None:
-    draw.line([(x * FINER, y * FINER) for x, y in points], fill=fill, width=round(width * FINER), joint="curve")
-
-
-def _note(draw: ImageDraw.ImageDraw, x: float, y: float, text: str, fill: Colour, anchor: str) -> None:
-    font = ImageFont.load_default(12 * FINER)
-    draw.text((x * FINER, y * FINER), text, fill=fill, font=font, anchor=anchor)
-
-
-def _picture(image: Image.Image) -> NDArray[np.float64]:
-    levels: NDArray[np.float64] = np.asarray(image).transpose(2, 0, 1) / 255
-    return levels

@@ -21,9 +21,12 @@ def test_invert(tmp_path: Path, photo: str, descriptor: str, capsys: pytest.Capt
     assert main(["invert", photo, descriptor, photo, "-o", str(tmp_path / "out"), *SMALL]) == 0
     printed = capsys.readouterr()
     assert printed.err == ""
-    assert "Pearson correlation" in printed.out
+    assert f"Look at {tmp_path / 'out' / 'index.html'}, which also says what the figures mean" in printed.out
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert "Pearson correlation" in page
+    assert page.count("data:image/png;base64,") == 2 + 4 + 2 + 4  # the slider, and all of each input
     pictures = [f"{s}_{w}.png" for s in ("cat", "cat_2", "stored") for w in ("glyphs", "preimage", "thumbnails")]
-    assert names(tmp_path / "out") == sorted([*pictures, "results.json"])
+    assert names(tmp_path / "out") == sorted([*pictures, "index.html", "results.json"])
     results = json.loads((tmp_path / "out" / "results.json").read_text())
     assert [result["input"] for result in results] == [photo, descriptor, photo]
     for result in results:

@@ -68,7 +68,7 @@ def test_there_and_back(tmp_path: Path, square: str, name: str) -> None:
     assert main(["glyph", str(array), "-o", str(drawn[1]), *options, "--image-size", "56x64"]) == 0
     assert _levels(drawn[0]) == _levels(drawn[1]) == _levels(glyphs(loaded.descriptor, spec))
     assert main(["invert", str(array), "-o", str(out), *options, "--image-size", "56x64", *FEW]) == 0
-    assert names(out) == ["d_glyphs.png", "d_preimage.png", "d_thumbnails.png", "results.json"]
+    assert names(out) == ["d_glyphs.png", "d_preimage.png", "d_thumbnails.png", "index.html", "results.json"]
     result = nablahog.reconstruct(loaded.descriptor[None], spec, SIZE, search=Search(max_evaluations=40))
     assert _levels(out / "d_preimage.png") == _levels(result.image[0])
     (figures,) = json.loads((out / "results.json").read_text())

@@ -76,7 +76,7 @@ def test_the_table_without_it(
     others = [option for kind, path in learned_files.items() for option in (f"--{kind}", path)]
     command = ["table1", "--images", images, "-o", str(tmp_path / "out"), *FEW, "--limit", "1"]
     assert main([*command, *others]) == 0
-    remark = "uoctti-learned is left out: it needs --prior FILE, see `nablahog learn prior`."
+    remark = "uoctti-learned is optional, and runs with --prior FILE, see `nablahog learn prior`."
     assert remark in capsys.readouterr().out.splitlines()
     assert remark in (tmp_path / "out" / "index.html").read_text()
     assert "uoctti-learned" not in names(tmp_path / "out" / "work")

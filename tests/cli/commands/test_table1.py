@@ -46,13 +46,14 @@ def test_the_command(tmp_path: Path, images: str, here: None, capsys: pytest.Cap
     assert main(["table1", "--images", images, "-o", str(out), *QUICK, "--max-evaluations", "3", "--limit", "6"]) == 0
     printed = capsys.readouterr()
     assert printed.err == ""
-    for text in ("dalal-single", "hoggles", "0.170", "Pearson correlation", f"Look at {out / 'index.html'}"):
+    for text in ("dalal-single", "hoggles", "0.170", "Ran: ", f"Look at {out / 'index.html'}"):
         assert text in printed.out
     assert "Failed: x.png, all methods: expected an image, got a file of no format that Pillow reads" in printed.out
     assert names(out) == [*TABLES, "work"]
     html = (out / "index.html").read_text()
     assert "6 images of the folder images." in html
     assert "x.png" in html
+    assert "Pearson correlation" in html
     with open(out / "per_image.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["method"] for row in rows[:6]] == ["dalal-single"] * 5 + ["dalal-multi-scale"]  # in the table's order
@@ -177,3 +178,4 @@ def test_interrupted_killed_and_repeated(tmp_path: Path, images: str, here: None
     assert _tables(out) == _tables(undisturbed)
     html = re.sub(r"base64,[^\"]*", "", (out / "index.html").read_text())
     assert "x.png" in html
+    assert "Pearson correlation" in html

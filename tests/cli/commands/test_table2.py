@@ -69,7 +69,7 @@ def test_scenes_of_procedural_chairs(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert printed.err == ""
     for text in (
         "58.9",
-        "by interval",
+        "Ran: exemplar, paper",
         "< 22.5°",
         "rotation ≤ 10°",
         "3 scenes of 24 procedural chairs",

@@ -107,7 +107,7 @@ BAD: dict[str, tuple[str, Callable[[Path], Any], str]] = {
     "missing .mat": ("d.mat", lambda path: None, "no such file"),
     "empty": ("d.npy", lambda path: path.touch(), "expected an array (.npy), but it cannot be read"),
     "text": ("d.npy", lambda path: path.write_text("hello"), "expected an array (.npy), but it cannot be read"),
-    "a folder": ("d.npy", lambda path: path.mkdir(), "expected an array (.npy), got a folder"),
+    "a folder": ("d.npy", lambda path: path.mkdir(), "expected a file, or a folder of files"),
     "truncated": (
         "d.npy",
         lambda path: (_with(0)(path), path.write_bytes(path.read_bytes()[:-9])),
@@ -156,15 +156,13 @@ BAD: dict[str, tuple[str, Callable[[Path], Any], str]] = {
 
 
 @pytest.mark.parametrize("what", BAD)
-def test_bad_files(
-    tmp_path: Path, photo: str, refused: Callable[..., None], monkeypatch: pytest.MonkeyPatch, what: str
-) -> None:
+def test_bad_files(tmp_path: Path, refused: Callable[..., None], monkeypatch: pytest.MonkeyPatch, what: str) -> None:
     monkeypatch.chdir(tmp_path)
     name, make, message = BAD[what]
     path = tmp_path / name
     make(path)
     for command in ("glyph", "invert"):
-        arguments = [command, photo, str(path), "-o", str(tmp_path / "out"), "--preset", "vlfeat"]
+        arguments = [command, str(path), "-o", str(tmp_path / "out"), "--preset", "vlfeat"]
         refused(*arguments, message=f"{path}: ")
         refused(*arguments, message=message)
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 
 from . import options
-from .options import Parser, setting
+from .did_you_mean import did_you_mean
+from .options import SIZE, Parser, setting
 from .preset_parameters import PRESETS
 
-SIZE = 256
 CELL = (8, 8)
 Parameters = tuple[tuple[str, str], ...]
 
@@ -19,7 +19,8 @@ def _presets(text: str) -> dict[str, tuple[str, Parameters]]:
     for name in text.split(","):
         preset, *parameters = name.split(":")
         if preset not in PRESETS:
-            raise argparse.ArgumentTypeError(f"expected presets of {', '.join(PRESETS)}, got {preset!r}")
+            meant = did_you_mean(preset, PRESETS)
+            raise argparse.ArgumentTypeError(f"expected presets of {', '.join(PRESETS)}, got {preset!r}{meant}")
         if name in presets:
             raise argparse.ArgumentTypeError(f"expected different presets, got {name} twice")
         presets[name] = preset, tuple(setting(each) for each in parameters)
@@ -38,9 +39,7 @@ def dialects(commands: argparse._SubParsersAction[Parser]) -> None:
         "the page index.html, dialects.png, dialects.csv and ties.csv.",
     )
     command.add_argument("photo", type=options.path, metavar="PHOTO", help="an image of any format that Pillow reads")
-    command.add_argument(
-        "-o", "--output", type=options.path, metavar="DIR", help="folder for the results, made if missing"
-    )
+    options.output(command, "DIR", "folder for the results, made if missing", required=False)
     command.add_argument(
         "--presets",
         type=_presets,

@@ -8,9 +8,7 @@ from typing import get_args
 from ...invert.method import InversionMethod
 from ...invert.quality import QualityName
 from . import options
-from .options import Parser
-
-SIZE = 256
+from .options import SEVERAL, Parser
 
 
 def hog(commands: argparse._SubParsersAction[Parser]) -> None:
@@ -21,10 +19,15 @@ def hog(commands: argparse._SubParsersAction[Parser]) -> None:
         description="Computes the HOG descriptor of each photograph and saves it with its spec.",
     )
     command.add_argument(
-        "inputs", nargs="+", type=options.path, metavar="PHOTO", help="an image of any format that Pillow reads"
+        "inputs",
+        nargs="+",
+        type=options.path,
+        metavar="PHOTO",
+        help=f"an image of any format that Pillow reads; {SEVERAL}",
     )
-    options.output(command, "FILE", "descriptor file (.npz) of one photograph; of several, a folder for one file each")
-    options.common(command, 0)
+    text = "descriptor file (.npz) of one photograph, - for stdout; of several, a folder for one file each"
+    options.output(command, "FILE", text, stdout=True)
+    options.common(command)
 
 
 def glyph(commands: argparse._SubParsersAction[Parser]) -> None:
@@ -35,10 +38,9 @@ def glyph(commands: argparse._SubParsersAction[Parser]) -> None:
         description="Draws each descriptor as glyphs: in each cell, strokes along its edges.",
     )
     options.inputs(command)
-    options.output(
-        command, "FILE", "PNG file for one input; any name that does not end in .png is a folder for one file each"
-    )
-    options.common(command, SIZE)
+    text = "PNG file for one input, - for stdout; any other name is a folder for one file each"
+    options.output(command, "FILE", text, stdout=True)
+    options.common(command)
     options.memory(command)
 
 
@@ -48,11 +50,12 @@ def invert(commands: argparse._SubParsersAction[Parser]) -> None:
         "invert",
         help="find images that have given descriptors",
         description="Finds an image for each descriptor and compares it with the photograph if there is one. "
-        "Writes <stem>_preimage.png, _glyphs.png, _thumbnails.png and results.json.",
+        "Writes <stem>_preimage.png, _glyphs.png, _thumbnails.png, the page index.html and results.json, which also "
+        "says which inputs were skipped, and why.",
     )
     options.inputs(command)
     options.output(command, "DIR", "folder for the results, made if missing")
-    options.common(command, SIZE)
+    options.common(command)
     options.memory(command)
     options.minimiser(command)
     command.add_argument(

@@ -5,21 +5,42 @@ from __future__ import annotations
 import argparse
 import math
 import re
-from collections.abc import Callable, Collection, Mapping
-from typing import NoReturn, get_args
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import Any, NoReturn, get_args
 
 from ...hog.spec import Vote
 from ...runtime.text import one_line
+from .did_you_mean import did_you_mean
 from .preset_parameters import DEFAULT_DESCRIPTOR, PRESETS
 
 MEMORY = 4  # gigabytes
+SIZE = 256  # pixels of photographs: a pre-image of so many takes seconds
+SEVERAL = "a folder or a quoted pattern for all such files in it; - for stdin"
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line, as all errors of this command are."""
+    """An argument parser whose errors are one line, as all errors of this command are, and suggest what was meant."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: error: {one_line(message)} (see {self.prog} --help)\n")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            expected = f"invalid choice: {value!r} (choose from {', '.join(map(str, action.choices))})"
+            raise argparse.ArgumentError(action, expected + did_you_mean(str(value), action.choices))
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        arguments, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            owner = getattr(arguments, "parser", self)
+            owner.error(f"unrecognized arguments: {' '.join(unknown)}{owner.meant(unknown)}")
+        return arguments
+
+    def meant(self, unknown: Collection[str]) -> str:
+        """A suggestion for the first of the unknown arguments that is like one of the options."""
+        options = [option for option in self._option_string_actions if option.startswith("--")]
+        suggestions = (did_you_mean(each.split("=")[0], options) for each in unknown if each.startswith("--"))
+        return next(filter(None, suggestions), "")
 
 
 def _sides(expected: str, *, square: bool) -> Callable[[str], tuple[int, int]]:
@@ -83,23 +104,52 @@ def device(text: str) -> str:
     return text
 
 
+class _ListMethods(argparse.Action):
+    """Prints the lines of its ``const`` and exits."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: object, option: object = None
+    ) -> NoReturn:
+        print(*self.const(), sep="\n")
+        parser.exit()
+
+
 def table(
-    command: argparse.ArgumentParser, methods: Collection[str], sets: Mapping[str, Collection[str]] | None = None
+    command: argparse.ArgumentParser,
+    methods: Collection[str],
+    listed: Callable[[], Iterable[str]],
+    sets: Mapping[str, Collection[str]] | None = None,
 ) -> None:
-    """Adds the options of the commands of tables; ``sets`` are names for several methods."""
+    """Adds the options of the commands of tables.
+
+    Args:
+        command: to add them to.
+        methods: the names to choose from.
+        listed: the lines of ``--list-methods``.
+        sets: names for several methods.
+    """
     sets = sets or {}
 
     def parse(text: str) -> list[str]:
         names = [name for part in text.split(",") for name in sets.get(part, [part])]
         for name in names:
             if name not in methods:
-                raise argparse.ArgumentTypeError(f"expected methods of {', '.join(methods)}, got {name!r}")
+                meant = did_you_mean(name, [*methods, *sets])
+                raise argparse.ArgumentTypeError(f"expected methods of {', '.join(methods)}, got {name!r}{meant}")
         return names
 
     output(command, "DIR", "folder for the results, made if missing")
     several = "".join(f"; {name} for {', '.join(each)}" for name, each in sets.items())
     only = f"only these, separated by commas, of: {', '.join(methods)}{several}"
     command.add_argument("--methods", type=parse, metavar="NAME,…", help=only)
+    command.add_argument(
+        "--list-methods",
+        action=_ListMethods,
+        nargs=0,
+        const=listed,
+        default=argparse.SUPPRESS,
+        help="list the methods, and which of them run without being asked for, and exit",
+    )
     workers(command)
 
 
@@ -135,7 +185,7 @@ def inputs(command: argparse.ArgumentParser) -> None:
         type=path,
         metavar="PHOTO_or_DESCRIPTOR",
         help="an image of any format that Pillow reads, a file that `nablahog hog` wrote, or, with --preset, an array "
-        "that another library computed: .npy, .npz, or .mat up to version 7",
+        f"that another library computed: .npy, .npz, or .mat up to version 7; {SEVERAL}",
     )
     of_arrays(command)
 
@@ -152,8 +202,21 @@ def of_arrays(command: argparse.ArgumentParser) -> None:
     command.add_argument("--key", metavar="NAME", help="name of the array in an .npz or .mat file with several")
 
 
-def output(command: argparse.ArgumentParser, metavar: str, text: str) -> None:
-    command.add_argument("-o", "--output", required=True, type=path, metavar=metavar, help=text)
+def output(
+    command: argparse.ArgumentParser, metavar: str, text: str, *, stdout: bool = False, required: bool = True
+) -> None:
+    """Adds ``--output`` and ``--quiet``; with ``stdout``, the output may be ``-``."""
+
+    def parse(value: str) -> str:
+        if value == "-" and not stdout:
+            raise argparse.ArgumentTypeError("expected the name of a file or folder: these results cannot go to stdout")
+        return path(value)
+
+    command.add_argument("-o", "--output", required=required, type=parse, metavar=metavar, help=text)
+    command.add_argument(
+        "-q", "--quiet", action="store_true", help="print neither tables nor progress; errors and --json are printed"
+    )
+    command.set_defaults(parser=command)
 
 
 def images(command: argparse.ArgumentParser) -> None:
@@ -166,12 +229,15 @@ def prior(command: argparse.ArgumentParser, use: str) -> None:
     command.add_argument("--prior", type=path, metavar="FILE", help=f"a prior that `nablahog learn prior` wrote; {use}")
 
 
-def common(command: argparse.ArgumentParser, longer_side: int) -> None:
+def common(command: argparse.ArgumentParser) -> None:
     dialect(
         command,
         f"type of descriptor (default: {DEFAULT_DESCRIPTOR}); must agree with that of descriptor files",
     )
-    size(command, longer_side)
+    text = (
+        f"shrink photographs to at most N pixels on the longer side, 0 for never (default: {SIZE}, as said on stderr)"
+    )
+    number(command, "--size", text, least=0)
     device_option(command)
     command.add_argument("--json", action="store_true", help="print the results as JSON instead of a table")
 

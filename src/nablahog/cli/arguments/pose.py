@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from typing import get_args
 
 from ...pose.options import SearchMethod, SimilarityKind
@@ -17,6 +18,12 @@ def _view(text: str) -> tuple[float, ...]:
     return azimuth, elevation
 
 
+def _axis(text: str) -> str:
+    if not re.fullmatch("[+-]?[xyz]", text):
+        raise argparse.ArgumentTypeError(f"expected x, y or z, with a sign or without, got {text!r}")
+    return text
+
+
 def pose(commands: argparse._SubParsersAction[Parser]) -> None:
     """Adds ``nablahog pose``."""
     command = commands.add_parser(
@@ -24,7 +31,7 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         help="find the pose of an object from CAD models",
         description="Finds the viewpoint of an object in a photograph: the pose at which the HOG of a rendering of a "
         "CAD model is most similar to the photograph's. Of several models it takes the one that fits best. Writes "
-        "<stem>_overlay.png, _similarity.png, _elements.png, _pose.json and the page index.html.",
+        "<stem>_overlay.png, _elements.png, _similarity.svg, _pose.json and the page index.html.",
     )
     command.add_argument("photo", type=options.path, metavar="PHOTO", help="an image of any format that Pillow reads")
     command.add_argument(
@@ -33,6 +40,19 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         type=options.path,
         metavar="FILE_or_DIR",
         help="a CAD model (OFF, PLY or STL: z up, front at -y; OBJ or GLB: y up, front at +z), or a folder of them",
+    )
+    command.add_argument(
+        "--up",
+        type=_axis,
+        metavar="AXIS",
+        help="which axis of the models' files points up: x, y or z, with a sign or without (default: by format, see "
+        "--mesh); write --up=-z if negative",
+    )
+    command.add_argument(
+        "--front",
+        type=_axis,
+        metavar="AXIS",
+        help="which axis the front of the models looks along, likewise (default: -y with z up, +z with y up)",
     )
     options.output(command, "DIR", "folder for the results, made if missing")
     command.add_argument(

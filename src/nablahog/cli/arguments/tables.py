@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 
 from ...evaluate.names import AS_PUBLISHED, DIALECTS, TABLE1, TABLE2
 from . import options
@@ -11,6 +12,27 @@ from .options import Parser
 
 TABLE1_SIZE = 128  # that of the paper's images
 SCENES = 200  # of Table 2
+
+
+def _table1_methods() -> Iterator[str]:
+    """A line for each method of Table 1: its name, its input, and when it runs."""
+    from ...evaluate.learned import LEARNED  # these load PyTorch
+    from ...evaluate.methods import METHODS
+
+    for name, method in METHODS.items():
+        when = "with --methods only" if method.asked else "runs"
+        if method.needs:
+            hours = LEARNED[method.needs].takes_hours
+            when = f"with --{method.needs} FILE only" if hours else f"runs; learns {method.needs} the first time"
+        yield f"{name:30} {method.group:24} {when}"
+
+
+def _table2_methods() -> Iterator[str]:
+    """A line for each method of Table 2; all run."""
+    from ...evaluate.pose_methods import POSE_METHODS  # loads PyTorch
+
+    for name, method in POSE_METHODS.items():
+        yield f"{name:12} {method.about}"
 
 
 def table1(commands: argparse._SubParsersAction[Parser]) -> None:
@@ -23,7 +45,7 @@ def table1(commands: argparse._SubParsersAction[Parser]) -> None:
         "resumed when it is repeated.",
     )
     options.images(command)
-    options.table(command, TABLE1, {"dialects": DIALECTS, "published": AS_PUBLISHED})
+    options.table(command, TABLE1, _table1_methods, {"dialects": DIALECTS, "published": AS_PUBLISHED})
     options.number(command, "--limit", "only the first N images")
     options.size(command, TABLE1_SIZE)
     options.minimiser(command)
@@ -44,7 +66,7 @@ def table2(commands: argparse._SubParsersAction[Parser]) -> None:
         "procedural chairs in scenes that are rendered, or those of PASCAL VOC and PASCAL3D+. A run that was "
         "interrupted goes on when it is repeated.",
     )
-    options.table(command, TABLE2)
+    options.table(command, TABLE2, _table2_methods)
     options.number(command, "--objects", f"how many (default: {SCENES} scenes, or all of --pascal3d)")
     command.add_argument(
         "--models",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from argparse import Namespace
 from collections.abc import Sequence
-from importlib.metadata import version
 from pathlib import Path
 
 import torch
@@ -14,21 +13,25 @@ from torch import Tensor
 from ...io.files import output_folder, write_text
 from ...io.images import limit_size, write_image
 from ...io.sample_photographs import sample_photograph
-from ...metrics import DEFINITIONS
-from ...viz import html
 from ..arguments.preset_parameters import PRESETS
 from ..inputs.sources import from_photo
-from ..results.inversion import Inversion, invert_batch, print_figures
-from ..terminal import progress_bars, say
+from ..results import inversion_page
+from ..results.inversion import Inversion, invert_batch
+from ..terminal import print_table, progress_bars, say_page
 
 SIZE = 256
-DESCRIPTORS = ("paper", "uoctti")  # both of the paper
+DESCRIPTORS = ("uoctti", "paper")  # both of the paper; the one that keeps more comes first
+TITLE = "A photograph from its HOG descriptor"
 LEAD = (
-    "Each row starts from a HOG descriptor alone and shows an image with the same descriptor. The photograph is not an "
-    "input of the inversion; it is shown for comparison. HOG contains neither colour nor brightness, so the pre-image "
-    "is gray and is compared with the gray photograph. In the difference, middle gray means equal. The paper's "
-    "descriptor has unsigned gradients, which are the same for a region and its negative, so parts of that pre-image "
-    "may be inverted."
+    "Each image was found from a HOG descriptor alone. The photograph is not an input of the inversion; it is shown "
+    "for comparison. HOG contains neither colour nor brightness, so the pre-image is gray and is compared with the "
+    "gray photograph. In the difference, middle gray means equal. The uoctti descriptor tells bright from dark. The "
+    "paper's has unsigned gradients, which are the same for a region and its negative: that pre-image is right up to "
+    "the sign of its regions."
+)
+REMARK = (
+    "All figures, with their full precision, are in figures.json beside this page. The photograph, Eileen Collins by "
+    "NASA, is in the public domain and comes with scikit-image."
 )
 
 
@@ -49,8 +52,8 @@ def demo(arguments: Namespace) -> None:
                 [source], device=device, seed=arguments.seed, max_evaluations=limit, progress=bar
             )
         _write(folder, photo, inversions)
-    print_figures(inversions)
-    say(f"Look at {folder / 'index.html'}")
+    print_table([inversion.row() for inversion in inversions])
+    say_page(folder / "index.html")
 
 
 def _write(folder: Path, photo: Tensor, inversions: Sequence[Inversion]) -> None:
@@ -61,25 +64,4 @@ def _write(folder: Path, photo: Tensor, inversions: Sequence[Inversion]) -> None
         write_image(folder / f"{inversion.source.stem}_difference.png", compared.picture)
     figures = [inversion.figures() for inversion in inversions]
     write_text(folder / "figures.json", json.dumps(figures, indent=2))
-    write_text(folder / "index.html", _page(inversions))
-
-
-def _page(inversions: Sequence[Inversion]) -> str:
-    sections = [
-        html.Section(
-            heading=f"{inversion.source.spec.name} descriptor",
-            text=f"{' x '.join(map(str, inversion.source.descriptor.shape))} numbers (rows, columns, channels). "
-            f"The minimiser stopped after {inversion.seconds:.1f} s: {inversion.stop_reason}.",
-            panels=inversion.panels(),
-        )
-        for inversion in inversions
-    ]
-    return html.page(
-        "A photograph from its HOG descriptor",
-        LEAD,
-        [inversion.row() for inversion in inversions],
-        sections,
-        DEFINITIONS,
-        f"Made by nablahog {version('nablahog')}. The photograph, Eileen Collins by NASA, is in the public domain and "
-        "comes with scikit-image.",
-    )
+    write_text(folder / "index.html", inversion_page.page(inversions, title=TITLE, lead=LEAD, remark=REMARK))

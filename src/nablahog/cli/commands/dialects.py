@@ -16,7 +16,7 @@ from ...io.files import output_folder, write_text
 from ...io.images import limit_size, read_image, write_image
 from ..errors import as_user_error, forbid_overwrite
 from ..inputs.spec import SpecOptions
-from ..terminal import counter, print_definitions, print_table, say
+from ..terminal import counter, print_definitions, print_table, say, say_page
 
 RESULTS = ("index.html", "dialects.png", "dialects.csv", "ties.csv")
 
@@ -51,8 +51,10 @@ def dialects(arguments: Namespace) -> None:
         print(json.dumps(report, indent=2, allow_nan=False))
         return
     _print(comparison, introduction)
-    if folder is not None:
-        say(f"Look at {folder / 'index.html'}")
+    if folder is None:
+        print_definitions(tables.DEFINITIONS)
+    else:
+        say_page(folder / "index.html")
 
 
 def _write(folder: Path, comparison: Comparison, image: Tensor, introduction: str) -> None:
@@ -79,4 +81,3 @@ def _print(comparison: Comparison, introduction: str) -> None:
         print_table(of_channels)
     say("Ties, of the gradients that are not 0:")
     print_table(tables.tie_rows(comparison.ties))
-    print_definitions(tables.DEFINITIONS)

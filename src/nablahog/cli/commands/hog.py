@@ -4,75 +4,95 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from argparse import Namespace
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from PIL import Image
 
 from ...io.descriptor_file import save_descriptor
 from ...io.files import output_folder
 from ...io.images import write_image
-from ...viz.pictures import glyphs
-from ..errors import UserError, as_user_error, forbid_overwrite
-from ..inputs.memory import check_glyphs
-from ..inputs.sources import Source, read_sources
+from ...viz.pictures import glyph_image
+from ..errors import UserError, forbid_overwrite
+from ..inputs.memory import check_glyph_image
+from ..inputs.sources import Inputs, Source, read_inputs
 from ..terminal import print_table
 
+STDOUT = "-"
 
-def hog(arguments: Namespace) -> None:
-    """Saves the descriptor of each photograph with its spec.
+
+def hog(arguments: Namespace) -> int:
+    """Saves the descriptor of each photograph with its spec; returns the exit status.
 
     Raises:
-        UserError: an input is unusable.
-        OSError: a file or folder is missing or cannot be written.
+        UserError: no input can be used, or an option is wrong.
+        OSError: a folder is missing or cannot be written.
     """
 
     def write(path: Path, source: Source) -> None:
         save_descriptor(path, source.descriptor, source.spec, source.image_size)
 
     is_file = not arguments.output.endswith(os.sep)  # a file of any name, since np.load does not mind
-    _write_each(arguments, read_sources(arguments, arrays=False), ".npz", write, is_file=is_file)
+    _check_stdout(arguments)
+    return _write_each(arguments, read_inputs(arguments, arrays=False), ".npz", write, is_file=is_file)
 
 
-def glyph(arguments: Namespace) -> None:
-    """Draws each descriptor.
+def glyph(arguments: Namespace) -> int:
+    """Draws each descriptor; returns the exit status.
 
     Raises:
-        UserError: an input is unusable.
-        OSError: a file or folder is missing or cannot be written.
+        UserError: no input can be used, or an option is wrong.
+        OSError: a folder is missing or cannot be written.
     """
 
     def write(path: Path, source: Source) -> None:
-        write_image(path, glyphs(source.descriptor, source.spec))
+        write_image(path, glyph_image(source.descriptor, source.spec))
+
+    def check(source: Source) -> None:
+        check_glyph_image(source.path, tuple(source.descriptor.shape), source.spec, arguments.memory)
 
     suffix = Path(arguments.output).suffix.lower()
     if suffix != ".png" and suffix in Image.registered_extensions():
         raise UserError(f"glyphs are written as PNG: expected -o FILE.png or a folder, got {arguments.output}")
-    sources = read_sources(arguments)
-    with as_user_error():
-        for source in sources:
-            check_glyphs(source.path, tuple(source.descriptor.shape), source.spec, arguments.memory)
-    _write_each(arguments, sources, "_glyphs.png", write, is_file=suffix == ".png")
+    _check_stdout(arguments)
+    inputs = read_inputs(arguments, check=check)
+    return _write_each(arguments, inputs, "_glyphs.png", write, is_file=suffix == ".png")
+
+
+def _check_stdout(arguments: Namespace) -> None:
+    if arguments.output == STDOUT and arguments.json:
+        raise UserError("-o - and --json would both write to stdout: expected one of them")
+    if arguments.output == STDOUT and sys.stdout.isatty():
+        raise UserError("-o - writes bytes, and stdout is a terminal: expected a pipe or a file")
 
 
 def _write_each(
     arguments: Namespace,
-    sources: Sequence[Source],
+    inputs: Inputs,
     ending: str,
     write: Callable[[Path, Source], None],
     *,
     is_file: bool,
-) -> None:
-    """Writes one result for each input: to the file ``-o`` if one input and ``is_file``, else to a folder."""
-    output = Path(arguments.output)
-    if len(sources) > 1 and output.suffix and ending.endswith(output.suffix.lower()):
-        raise UserError(f"several inputs need a folder: expected -o DIR, got the file name {output}")
-    if len(sources) == 1 and is_file and not output.is_dir():
+) -> int:
+    """Writes one result for each input: to stdout, the file ``-o`` if one input and ``is_file``, or a folder."""
+    output, sources = Path(arguments.output), inputs.sources
+    to_stdout = arguments.output == STDOUT
+    if inputs.many and (to_stdout or (output.suffix and ending.endswith(output.suffix.lower()))):
+        got = "stdout" if to_stdout else f"the file name {output}"
+        raise UserError(f"several inputs need a folder: expected -o DIR, got {got}")
+    if to_stdout:
+        with TemporaryDirectory(prefix="nablahog-stdout-") as temporary:
+            write(result := Path(temporary, "result"), sources[0])
+            sys.stdout.buffer.write(result.read_bytes())
+        return inputs.skipping.status
+    if not inputs.many and is_file and not output.is_dir():
         folder, targets = output.parent, [output]
     else:
         folder, targets = output, [output / f"{source.stem}{ending}" for source in sources]
-    forbid_overwrite(arguments.inputs, targets)
+    forbid_overwrite(inputs.paths, targets)
     with output_folder(folder):
         for target, source in zip(targets, sources, strict=True):
             write(target, source)
@@ -87,6 +107,7 @@ def _write_each(
         for target, source in zip(targets, sources, strict=True)
     ]
     if arguments.json:
-        print(json.dumps(rows, indent=2))
+        print(json.dumps([*rows, *inputs.skipping.figures()], indent=2))
     else:
         print_table(rows)
+    return inputs.skipping.status

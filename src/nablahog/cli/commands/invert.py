@@ -14,55 +14,71 @@ from ...invert import AsPublished, LearnedPrior
 from ...io.files import output_folder, write_text
 from ..errors import UserError, as_user_error, forbid_overwrite
 from ..inputs.memory import check_glyphs, check_inversion
-from ..inputs.sources import Source, read_sources
-from ..results.inversion import Inversion, batches, invert_batch, print_figures, result_names
-from ..terminal import progress_bars, say
+from ..inputs.sources import Source, read_inputs
+from ..results import inversion_page
+from ..results.inversion import Inversion, batches, invert_batch, result_names
+from ..terminal import print_table, progress_bars, say_page
 
 
-def invert(arguments: Namespace) -> None:
-    """Finds an image for each descriptor, in batches of one spec and size.
+def invert(arguments: Namespace) -> int:
+    """Finds an image for each descriptor, in batches of one spec and size; returns the exit status.
 
     Raises:
-        UserError: an input is unusable.
-        OSError: a file or folder is missing or cannot be written.
+        UserError: no input can be used, or an option is wrong.
+        OSError: a folder is missing or cannot be written.
     """
-    sources = read_sources(arguments, keep_photos=True)
-    with as_user_error():
-        for source in sources:
-            check_inversion(source.path, source.image_size, source.descriptor.numel(), arguments.memory)
-            check_glyphs(source.path, tuple(source.descriptor.shape), source.spec, arguments.memory)
-    published = _published(arguments)
-    prior = _prior(arguments, sources)
-    folder = Path(arguments.output)
+    published, prior = _published(arguments), _prior(arguments)
+
+    def check(source: Source) -> None:
+        check_inversion(source.path, source.image_size, source.descriptor.numel(), arguments.memory)
+        check_glyphs(source.path, tuple(source.descriptor.shape), source.spec, arguments.memory)
+        if prior is not None:
+            prior.check(source.spec)
+
+    inputs = read_inputs(arguments, keep_photos=True, check=check)
+    sources, skipping, folder = inputs.sources, inputs.skipping, Path(arguments.output)
     results = [name for source in sources for name in result_names(source, arguments.iterations)]
-    forbid_overwrite(arguments.inputs, [folder / name for name in results])
+    forbid_overwrite(inputs.paths, [folder / name for name in (*results, "results.json", "index.html")])
     inversions: dict[int, Inversion] = {}
+
+    def run(batch: Sequence[int], about: str) -> None:
+        with progress_bars() as progress:
+            inverted = invert_batch(
+                [sources[i] for i in batch],
+                device=torch.device(arguments.device),
+                quality=arguments.quality,
+                seed=arguments.seed,
+                max_evaluations=arguments.max_evaluations,
+                published=published,
+                prior=prior,
+                colour=arguments.colour,
+                progress=progress(about),
+            )
+        inversions.update(zip(batch, inverted, strict=True))
+
     with output_folder(folder):
         for number, batch in enumerate(groups := batches(sources), start=1):
             about = f"batch {number} of {len(groups)}, {len(batch)} x {sources[batch[0]].spec.name}"
-            with progress_bars() as progress, as_user_error(f"{', '.join(sources[i].path for i in batch)}: "):
-                inverted = invert_batch(
-                    [sources[i] for i in batch],
-                    device=torch.device(arguments.device),
-                    quality=arguments.quality,
-                    seed=arguments.seed,
-                    max_evaluations=arguments.max_evaluations,
-                    published=published,
-                    prior=prior,
-                    colour=arguments.colour,
-                    progress=progress(about),
-                )
-            for index, inversion in zip(batch, inverted, strict=True):
-                inversion.write(folder)
-                inversions[index] = inversion
+            try:
+                run(batch, about)
+            except ValueError:  # of one of them: which is seen one by one
+                for index in batch:
+                    with skipping.each(sources[index].path):
+                        run([index], about)
+            skipping.check()
+            for index in inversions.keys() & {*batch}:
+                inversions[index].write(folder)
             # after each batch, so that an interrupted run leaves its finished part whole
-            figures = [inversions[index].figures() for index in sorted(inversions)]
-            write_text(folder / "results.json", json.dumps(figures, indent=2, allow_nan=False) + "\n")
+            done = [inversions[index] for index in sorted(inversions)]
+            figures = json.dumps([*(each.figures() for each in done), *skipping.figures()], indent=2, allow_nan=False)
+            write_text(folder / "results.json", f"{figures}\n")
+        write_text(folder / "index.html", inversion_page.page(done, skipping.skipped))
     if arguments.json:
-        print(json.dumps(figures, indent=2, allow_nan=False))
+        print(figures)
     else:
-        print_figures([inversions[index] for index in sorted(inversions)])
-        say(f"Results in {folder}")
+        print_table([inversion.row() for inversion in done])
+        say_page(folder / "index.html")
+    return skipping.status
 
 
 def _published(arguments: Namespace) -> AsPublished | None:
@@ -78,15 +94,12 @@ def _published(arguments: Namespace) -> AsPublished | None:
     return AsPublished(max_evaluations=arguments.max_evaluations, keep_iterates=arguments.iterations)
 
 
-def _prior(arguments: Namespace, sources: Sequence[Source]) -> LearnedPrior | None:
-    """The prior of the option ``--prior``, which must have been learned for the specs of all sources."""
+def _prior(arguments: Namespace) -> LearnedPrior | None:
+    """The prior of the option ``--prior``."""
     if arguments.prior is None:
         return None
     if arguments.colour:
         raise UserError("--colour and --prior exclude each other: the prior was learned from gray images")
     with as_user_error():
         prior: LearnedPrior = load("prior", Path(arguments.prior))
-    for source in sources:
-        with as_user_error(f"{source.path}: "):
-            prior.check(source.spec)
     return prior

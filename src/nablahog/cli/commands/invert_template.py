@@ -16,6 +16,7 @@ from ...io.images import write_image
 from ...viz.pictures import Panel, contact_sheet, glyphs
 from ..errors import as_user_error, forbid_overwrite
 from ..inputs.arrays import ArrayOptions
+from ..inputs.expand import expand
 from ..inputs.memory import check_glyphs, check_inversion
 from ..inputs.spec import SpecOptions
 from ..inputs.templates import DetectorTemplate, read_templates
@@ -29,27 +30,32 @@ DEFINITIONS = {
 }
 
 
-def invert_template(arguments: Namespace) -> None:
-    """Makes the pictures: for each template its weights as glyphs, and an image, of either sign.
+def invert_template(arguments: Namespace) -> int:
+    """Makes the pictures: for each template its weights as glyphs, and an image, of either sign; returns the status.
 
     Raises:
-        UserError: an input is unusable.
-        OSError: a file or folder is missing or cannot be written.
+        UserError: no input can be used, or an option is wrong.
+        OSError: a folder is missing or cannot be written.
     """
     with as_user_error():
         wanted, raw = SpecOptions.of(arguments), ArrayOptions.of(arguments)
-        files = [(path, read_templates(path, wanted, raw)) for path in arguments.inputs]
-        for path, templates in files:
+    expanded = expand(arguments, (".mat", ".npy", ".npz"))
+    skipping, folder = expanded.skipping, Path(arguments.output)
+    stems = distinct_stems([Path(path) for path in expanded.paths])
+    files: list[tuple[str, str, list[DetectorTemplate]]] = []
+    for stem, path in zip(stems, expanded.paths, strict=True):
+        with skipping.each(path):
+            templates = read_templates(path, wanted, raw)
             for each in templates:
                 check_inversion(path, each.image_size, each.weights.numel(), arguments.memory)
                 check_glyphs(path, tuple(each.weights.shape), each.spec, arguments.memory)
-    folder = Path(arguments.output)
-    stems = distinct_stems([Path(path) for path, _ in files])
-    names = [_names(stem, templates) for stem, (_, templates) in zip(stems, files, strict=True)]
-    forbid_overwrite(arguments.inputs, [folder / name for of_file in names for name in of_file])
+            files.append((stem, path, templates))
+    skipping.check()
+    names = [_names(stem, templates) for stem, _, templates in files]
+    forbid_overwrite(expanded.paths, [folder / name for of_file in names for name in of_file])
     rows = []
     with output_folder(folder), progress_bars() as progress:
-        for stem, (path, templates) in zip(stems, files, strict=True):
+        for stem, path, templates in files:
             sheet = []
             for number, template in enumerate(templates):
                 with as_user_error(f"{path}: "):
@@ -63,6 +69,7 @@ def invert_template(arguments: Namespace) -> None:
     print_table(rows)
     print_definitions(DEFINITIONS)
     say(f"Results in {folder}")
+    return skipping.status
 
 
 def _invert_sign(

@@ -17,10 +17,11 @@ from ...pose.estimate import estimate_pose
 from ...pose.prepared import ELEMENT, PreparedPhotograph
 from ...pose.whitening import Background
 from ...render import Mesh
+from ...render.axes import axes
 from ..errors import as_user_error, forbid_overwrite
 from ..results.pose_page import result_names, write
 from ..results.pose_result import PoseResult
-from ..terminal import counter, print_definitions, print_table, say
+from ..terminal import counter, inform, print_table, say_page
 
 Progress = Callable[[int, int, str], None]
 
@@ -38,12 +39,16 @@ def pose(arguments: Namespace) -> None:
         box = checked_box(arguments.box or (0.0, 0.0, float(width), float(height)), height, width)
         background = None if arguments.background is None else _background(Path(arguments.background))
         models = _models(Path(arguments.mesh))
+        if arguments.up is not None:
+            axes(arguments.up, arguments.front)
     folder = Path(arguments.output)
     inputs = [arguments.photo, arguments.background or arguments.photo, *models.paths.values()]
     forbid_overwrite(inputs, [folder / name for name in result_names(arguments.photo)])
     with output_folder(folder), as_user_error():
         with counter("nablahog pose") as progress:
-            meshes = _meshes(models, progress)
+            meshes = _meshes(models, arguments, progress)
+        for name, reason in (*models.failed.items(), *((name, "no model by its ending") for name in models.ignored)):
+            inform(f"nablahog pose: skipped: {name}: {reason}")
         with counter("nablahog pose") as progress:
             began = time.perf_counter()
             estimate = estimate_pose(
@@ -69,14 +74,13 @@ def pose(arguments: Namespace) -> None:
             seconds=time.perf_counter() - began,
         )
         write(folder, result)
+    if result.warning is not None:
+        inform(f"nablahog pose: warning: {result.warning}")
     if arguments.json:
         print(json.dumps(result.figures(), indent=2, allow_nan=False))
         return
     print_table([result.row()])
-    print_definitions(result.definitions())
-    for name, reason in models.failed.items():
-        say(f"Passed over: {name}: {reason}")
-    say(f"Look at {folder / 'index.html'}")
+    say_page(folder / "index.html")
 
 
 def _background(path: Path) -> Background:
@@ -98,9 +102,9 @@ def _models(path: Path) -> Models:
     return Models({os.fsencode(path.stem).decode(errors="backslashreplace"): path}, [])
 
 
-def _meshes(models: Models, progress: Progress) -> dict[str, Mesh]:
+def _meshes(models: Models, arguments: Namespace, progress: Progress) -> dict[str, Mesh]:
     meshes = {}
-    for name, mesh in models.meshes():
+    for name, mesh in models.meshes(arguments.up, arguments.front):
         meshes[name] = mesh
         progress(len(meshes) + len(models.failed), len(models.paths), f"reading {name}")
     if not meshes:

@@ -15,7 +15,7 @@ from ...io.files import output_folder, write_text
 from ...jobs.runner import cores
 from ..errors import UserError, as_user_error
 from ..results.failures import say_failures, say_ignored
-from ..terminal import counter, print_definitions, print_table, say
+from ..terminal import counter, print_table, say, say_page
 
 
 def table1(arguments: Namespace) -> None:
@@ -42,12 +42,12 @@ def table1(arguments: Namespace) -> None:
         write_table1(folder, table)
         write_text(folder / "index.html", table1_page.page(table, settings, origin, remarks))
     print_table(table1_page.terminal_rows(table))
-    print_definitions(table1_page.DEFINITIONS)
+    say(f"Ran: {', '.join(method.name for method in methods)}")
     say_failures(table)
     say_ignored(photographs)
     for remark in remarks:
         say(remark)
-    say(f"Look at {folder / 'index.html'}")
+    say_page(folder / "index.html")
 
 
 def _check_files(files: Mapping[str, Path], methods: Sequence[Method]) -> None:

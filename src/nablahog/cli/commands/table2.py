@@ -21,7 +21,7 @@ from ...jobs.runner import cores
 from ..arguments.tables import SCENES
 from ..errors import UserError, as_user_error
 from ..results.failures import say_failures
-from ..terminal import counter, print_definitions, print_table, say
+from ..terminal import counter, print_table, say, say_page
 
 CHAIRS = 24  # procedural models
 VIEWPOINTS = 10_000  # of our own distribution, of which each scene has one
@@ -50,11 +50,11 @@ def table2(arguments: Namespace) -> None:
     say(table.examples.origin)
     print_table(table2_page.terminal_rows(table))
     print_table(table2_page.terminal_rotations(table))
-    print_definitions(table2_page.DEFINITIONS)
+    say(f"Ran: {', '.join(method.name for method in methods)}")
     say_failures(table)
     for name, reason in passed_over.items():
         say(f"Passed over: {name}: {reason}")
-    say(f"Look at {folder / 'index.html'}")
+    say_page(folder / "index.html")
 
 
 def _examples(arguments: Namespace) -> tuple[Examples, dict[str, str]]:

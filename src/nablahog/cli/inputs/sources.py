@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from argparse import Namespace
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,10 +15,13 @@ from ...hog import HOGSpec, hog
 from ...io.arrays import is_raw
 from ...io.descriptor_file import StoredDescriptor, is_descriptor_file, load_descriptor
 from ...io.files import distinct_stems
-from ...io.images import limit_size, read_image
+from ...io.images import image_endings, limit_size, read_image
 from ...io.npz import naming
-from ..errors import as_user_error
+from ..arguments.options import SIZE
+from ..errors import Skipping, as_user_error
+from ..terminal import inform
 from .arrays import ArrayOptions
+from .expand import STDIN, expand, stdin_as_file
 from .spec import SpecOptions
 
 
@@ -40,42 +45,104 @@ class Source:
     image_size: tuple[int, int]
     photo: Tensor | None
 
+    @property
+    def name(self) -> str:
+        """Of the file, without its folders, printable."""
+        return os.fsencode(Path(self.path).name).decode(errors="backslashreplace") if self.path != STDIN else "stdin"
 
-def read_sources(arguments: Namespace, *, arrays: bool = True, keep_photos: bool = False) -> list[Source]:
+
+@dataclass(frozen=True)
+class Inputs:
+    """The inputs of a command that can be used.
+
+    Attributes:
+        sources: at least one.
+        skipping: has the others.
+        paths: of all files among the inputs.
+        many: whether results go to a folder, see :class:`~.expand.Expanded`.
+    """
+
+    sources: list[Source]
+    skipping: Skipping
+    paths: list[str]
+    many: bool
+
+
+def read_inputs(
+    arguments: Namespace,
+    *,
+    arrays: bool = True,
+    keep_photos: bool = False,
+    check: Callable[[Source], None] = lambda source: None,
+) -> Inputs:
     """Reads and checks the ``inputs`` of a command; computes the descriptors of the photographs among them.
 
     Args:
-        arguments: ``inputs``: photographs of any format that Pillow reads, descriptor files, arrays of other libraries;
-            the options of their dialect; ``size``: photographs are shrunk to at most so many pixels on the longer side,
-            0 for never; ``device``: computes the descriptors.
-        arrays: whether inputs may be arrays of other libraries.
+        arguments: ``inputs``: photographs of any format that Pillow reads, descriptor files, arrays of other libraries,
+            folders and patterns of these, - for stdin; the options of their dialect; ``size``: photographs are shrunk
+            to at most so many pixels on the longer side, 0 for never, None for :data:`SIZE`, with a line on stderr;
+            ``device``: computes the descriptors.
+        arrays: whether inputs may be descriptors: files of this program, and arrays of other libraries.
         keep_photos: whether the photographs are needed afterwards.
-
-    Returns:
-        One source for each input, in order.
+        check: raises ValueError or UserError for sources that cannot be used.
 
     Raises:
-        UserError: an option, or the first input that is wrong, with its path.
-        OSError: a file is missing.
+        UserError: an option is wrong, or no input can be used.
     """
     with as_user_error():
         spec_options = SpecOptions.of(arguments)
-        array_options = ArrayOptions.of(arguments) if arrays else None
-        stems = distinct_stems([Path(path) for path in arguments.inputs])
-        sources, no_array = [], True
-        for path, stem in zip(arguments.inputs, stems, strict=True):
-            if array_options is not None and is_raw(path):
-                source = _from_stored(path, stem, array_options.read(path, spec_options))
-                no_array = False
-            elif is_descriptor_file(path):
-                source = _from_descriptor_file(path, stem, spec_options)
-            else:
-                photo, device = read_image(path), torch.device(arguments.device)
-                source = from_photo(path, stem, photo, spec_options.spec(), size=arguments.size, device=device)
+    array_options = ArrayOptions.of(arguments) if arrays else None
+    expanded = expand(arguments, {*image_endings(), *([".npz"] if arrays else [])})
+    stems = distinct_stems([Path("stdin" if path == STDIN else path) for path in expanded.paths])
+    reader = _Reader(arguments, spec_options, array_options)
+    sources = []
+    for path, stem in zip(expanded.paths, stems, strict=True):
+        with expanded.skipping.each(path):
+            source = reader.read(path, stem)
+            check(source)
             sources.append(source if keep_photos else replace(source, photo=None))
-        if array_options is not None and no_array:
+    expanded.skipping.check()
+    if reader.shrunk:
+        inform(f"{reader.shrunk} of the photographs shrunk to {SIZE} pixels; --size 0 takes them as they are")
+    if array_options is not None and not reader.arrays:
+        with as_user_error():
             array_options.check_unused()
-    return sources
+    return Inputs(sources, expanded.skipping, expanded.paths, expanded.many)
+
+
+@dataclass
+class _Reader:
+    """Reads inputs with the same options.
+
+    Attributes:
+        arrays: how many of them were arrays of other libraries.
+        shrunk: how many were photographs that were shrunk without having been asked to.
+    """
+
+    arguments: Namespace
+    spec_options: SpecOptions
+    array_options: ArrayOptions | None
+    arrays: int = 0
+    shrunk: int = 0
+
+    def read(self, path: str, stem: str) -> Source:
+        if path == STDIN:
+            with stdin_as_file() as file:
+                return replace(self._read(file, stem), path=STDIN)
+        return self._read(path, stem)
+
+    def _read(self, path: str, stem: str) -> Source:
+        if self.array_options is not None and is_raw(path):
+            self.arrays += 1
+            return _from_stored(path, stem, self.array_options.read(path, self.spec_options))
+        if is_descriptor_file(path):
+            return _from_descriptor_file(path, stem, self.spec_options)
+        photo, size = read_image(path), self.arguments.size
+        device = torch.device(self.arguments.device)
+        limit = SIZE if size is None else size
+        source = from_photo(path, stem, photo, self.spec_options.spec(), size=limit, device=device)
+        self.shrunk += size is None and source.image_size != photo.shape[1:]
+        return source
 
 
 def _from_descriptor_file(path: str, stem: str, options: SpecOptions) -> Source:
@@ -95,7 +162,7 @@ def _from_stored(path: str, stem: str, of_file: StoredDescriptor) -> Source:
 
 
 def from_photo(path: str, stem: str, photo: Tensor, spec: HOGSpec, *, size: int, device: torch.device) -> Source:
-    """Computes the descriptor of a photograph (C, H, W) in 0…1, shrunk as in :func:`read_sources`.
+    """Computes the descriptor of a photograph (C, H, W) in 0…1, shrunk as in :func:`read_inputs`.
 
     Raises:
         ValueError: the shrunk photograph is smaller than a cell; the message begins with ``path``.

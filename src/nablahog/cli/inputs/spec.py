@@ -10,6 +10,7 @@ from typing import Any
 
 from ...hog import HOGSpec
 from ...hog.spec import Vote
+from ..arguments.did_you_mean import did_you_mean
 from ..arguments.preset_parameters import DEFAULT_DESCRIPTOR, PRESETS, as_text, defaults_of, parameters_of, parsed
 
 CELLS = ("cell_size", "pixels_per_cell")  # what presets call --cell
@@ -72,7 +73,8 @@ class SpecOptions:
         hints, parameters = parameters_of(self.name), {}
         for key, text in self.settings:
             if key not in hints:
-                raise ValueError(f"--set: {self.name} has no parameter {key!r}, but {', '.join(hints)}")
+                meant = did_you_mean(key, hints)
+                raise ValueError(f"--set: {self.name} has no parameter {key!r}, but {', '.join(hints)}{meant}")
             try:
                 parameters[key] = parsed(text, hints[key])
             except ValueError as error:

@@ -21,7 +21,6 @@ from ...invert.quality import QualityName
 from ...io.images import write_image
 from ...viz.pictures import Panel, contact_sheet, difference, glyphs
 from ..inputs.sources import Source
-from ..terminal import print_definitions, print_table
 
 BATCH_PIXELS = 2**21  # 32 images of 256x256: results are written after each batch
 
@@ -74,11 +73,28 @@ class Inversion:
 
     def panels(self) -> list[Panel]:
         """The pictures to show side by side: photograph and difference only where the photograph is known."""
-        drawn = [Panel(self.glyphs, f"glyphs, {self.source.spec.name}"), Panel(self.preimage, "pre-image")]
+        of, spec = self.source.name, self.source.spec
+        drawn = [
+            Panel(self.glyphs, f"glyphs, {spec.name}", f"Strokes along the edges of {of}, cell by cell, of its HOG"),
+            Panel(self.preimage, "pre-image", f"The image found from the {spec.name} HOG of {of} alone"),
+        ]
         if self.source.photo is None or self.reference is None:
             return drawn
-        compared = Panel(difference(_gray(self.preimage), self.reference), "pre-image - photograph")
-        return [Panel(self.source.photo, "photograph"), *drawn, compared]
+        apart = difference(_gray(self.preimage), self.reference)
+        seen = "Gray where pre-image and photograph agree, bright where the pre-image is brighter"
+        return [
+            Panel(self.source.photo, "photograph", f"The photograph {of}"),
+            *drawn,
+            Panel(apart, "pre-image - photograph", f"{of}: {seen}"),
+        ]
+
+    def pair(self) -> tuple[Panel, Panel] | None:
+        """The gray photograph, where it is known, and the pre-image."""
+        if self.reference is None:
+            return None
+        of = self.source.name
+        preimage = Panel(self.preimage, "pre-image", f"The image found from the HOG of {of} alone")
+        return Panel(self.reference, "photograph", f"The photograph {of} in gray"), preimage
 
     @cached_property
     def glyphs(self) -> NDArray[Any]:
@@ -177,12 +193,6 @@ def invert_batch(
         iterates = None if result.iterates is None else result.iterates[:, index, 0].detach().float().cpu()
         inversions.append(Inversion(source, preimage, reference, measures, seconds, stop_reason, iterates))
     return inversions
-
-
-def print_figures(inversions: Sequence[Inversion]) -> None:
-    """Prints the table of the inversions, at least one, and what its figures mean."""
-    print_table([inversion.row() for inversion in inversions])
-    print_definitions(metrics.DEFINITIONS)
 
 
 def _gray(preimage: Tensor) -> Tensor:

@@ -21,6 +21,7 @@ from ...render import Camera, Mesh, render, silhouette
 from ...viz import html
 from ...viz.pictures import Panel, contact_sheet, glyphs, outlined
 from ...viz.similarity_plot import boxed, by_azimuth
+from ...viz.svg import Drawing
 from .pose_result import SAMPLES, STEP, PoseResult
 
 HEIGHT = 320  # of the pictures of the overlay
@@ -37,7 +38,7 @@ LEAD = (
 def result_names(path: str) -> list[str]:
     """The names of the files that :func:`write` leaves for the photograph ``path``."""
     (stem,) = distinct_stems([Path(path)])
-    endings = ("overlay.png", "similarity.png", "elements.png", "pose.json")
+    endings = ("overlay.png", "elements.png", "similarity.svg", "pose.json")
     return [*(f"{stem}_{ending}" for ending in endings), "index.html"]
 
 
@@ -52,9 +53,9 @@ def write(folder: Path, result: PoseResult) -> None:
     sheets = [contact_sheet([panels], HEIGHT) for panels in (overlay, drawn)]
     figures = json.dumps(result.figures(), indent=2, allow_nan=False) + "\n"
     html = _page(result, overlay, turned, drawn)
-    for path, picture in zip(names, (sheets[0], turned.picture, sheets[1]), strict=False):
+    for path, picture in zip(names, sheets, strict=False):
         write_image(path, picture)
-    for path, text in zip(names[3:], (figures, html), strict=True):
+    for path, text in zip(names[2:], (turned.svg(), figures, html), strict=True):
         write_text(path, text)
 
 
@@ -89,10 +90,10 @@ def _scaled(pose: Tensor, zoom: float) -> Tensor:
     return scaled[None]
 
 
-def _around(result: PoseResult) -> Panel:
+def _around(result: PoseResult) -> Drawing:
     """The paper's figure."""
     estimate, around = result.estimate, result.around
-    picture = by_azimuth(
+    return by_azimuth(
         around.similarities,
         around.derivatives,
         around.differences,
@@ -102,7 +103,6 @@ def _around(result: PoseResult) -> Panel:
         traces=[(trace.azimuths, trace.similarities) for trace in result.traces],
         views=list(render(result.mesh, result.turned(VIEWS), result.matched.crop.camera)),
     )
-    return Panel(picture, f"similarity of {estimate.model} and its derivative by azimuth")
 
 
 def _glyphs(result: PoseResult) -> list[Panel]:
@@ -127,7 +127,7 @@ def _named(spec: HOGSpec) -> str:
     return f"{spec.name}, cells of {spec.cell_size[0]}x{spec.cell_size[1]} pixels"
 
 
-def _page(result: PoseResult, overlay: list[Panel], turned: Panel, drawn: list[Panel]) -> str:
+def _page(result: PoseResult, overlay: list[Panel], turned: Drawing, drawn: list[Panel]) -> str:
     spec, arguments = result.matched.background.spec, result.arguments
     initial = "unknown" if arguments.init is None else "azimuth {:g}°, elevation {:g}°".format(*arguments.init)
     phi = spec if result.estimate.similarity_kind != "patches" else result.matched.patches.spec
@@ -151,7 +151,7 @@ def _page(result: PoseResult, overlay: list[Panel], turned: Panel, drawn: list[P
             f"is scaled to. Pixels have {SAMPLES}x{SAMPLES} samples, and the derivative is that of the area that edges "
             f"cover: its cosine with central differences of the curve over ±{STEP:g}° is {result.around.cosine:.2f}. "
             f"That of OpenDR's derivative with one sample a pixel is {result.around.opendr_cosine:.2f}.{paths}",
-            [turned],
+            drawing=turned,
         ),
         html.Section(
             "Visual elements",
@@ -164,7 +164,7 @@ def _page(result: PoseResult, overlay: list[Panel], turned: Panel, drawn: list[P
     row = result.row()
     return html.page(
         f"Pose of {row['photograph']}",
-        LEAD,
+        LEAD if result.warning is None else f"{LEAD} Mind that {result.warning}.",
         [row],
         sections,
         result.definitions(),

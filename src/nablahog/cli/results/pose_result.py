@@ -57,6 +57,10 @@ SIMILARITIES = {
 }
 """What the similarity means, by its kind."""
 
+LEAST = 5.0
+"""A calibrated similarity below which a pose may mean nothing: 9 of 10 boxes of photographs without any chair stay
+below it (48 boxes, 24 models), and none of 48 scenes with one of the models (``benchmarks/unrelated_poses.py``)."""
+
 _POSE = ("model", "azimuth", "elevation", "theta", "distance")  # of an estimate
 _UNITS = {
     "azimuth, elevation, theta": "degrees",
@@ -136,6 +140,17 @@ class PoseResult:
             "seconds": self.seconds,
         }
 
+    @property
+    def warning(self) -> str | None:
+        """A sentence if the similarity is no larger than in photographs of something else."""
+        estimate = self.estimate
+        if estimate.similarity_kind != "calibrated" or estimate.similarity >= LEAST:
+            return None
+        return (
+            f"the similarity, {estimate.similarity:.1f}, is below {LEAST:g}, as models mostly have it in photographs "
+            "of something else: this pose may mean nothing"
+        )
+
     def definitions(self) -> dict[str, str]:
         """What the figures of :meth:`row` mean."""
         return {name: of for name, of in self._definitions().items() if name in self.row()}
@@ -154,6 +169,7 @@ class PoseResult:
             **{name: getattr(estimate, name) for name in (*_POSE, "x", "y")},
             "focal_length": estimate.camera.focal,
             "similarity": estimate.similarity,
+            "warning": self.warning,
             "renderings": estimate.renderings,
             "seconds": round(self.seconds, 4),
             "candidates": list(self.candidates),

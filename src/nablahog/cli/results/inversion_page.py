@@ -1,0 +1,69 @@
+"""The page of inversions, of ``nablahog invert`` and ``nablahog demo``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ...metrics import DEFINITIONS
+from ...viz import html
+from ..errors import Skipped
+from .inversion import Inversion
+
+SHOWN = 24  # inputs with pictures, which are inlined: a page of hundreds would not open
+TITLE = "Images from HOG descriptors"
+LEAD = (
+    "Each image was found from a HOG descriptor alone. A photograph is no input of the inversion; where there is one, "
+    "it is shown for comparison. HOG contains neither colour nor brightness, so the pre-image is gray, unless --colour "
+    "guesses hues, and is compared with the gray photograph. In the difference, middle gray means equal."
+)
+
+
+def page(
+    inversions: Sequence[Inversion],
+    skipped: Sequence[Skipped] = (),
+    *,
+    title: str = TITLE,
+    lead: str = LEAD,
+    remark: str = "All figures, with their full precision, are in results.json beside this page.",
+) -> str:
+    """The page: for each of the first inversions a section with its pictures, below a table of all.
+
+    Args:
+        inversions: at least one, in the order to show.
+        skipped: inputs without a result.
+        title, lead: of the page.
+        remark: the last sentence.
+    """
+    shown = inversions[:SHOWN]
+    more = f" The pictures of {len(shown)} of {len(inversions)} are below." if len(shown) < len(inversions) else ""
+    table = [{"input": each.input, "reason": each.reason} for each in skipped]
+    left_out = html.Section("Skipped inputs", "These files could not be used.", table=table)
+    return html.page(
+        title,
+        f"{lead}{more}",
+        [{**inversion.row(), "input": inversion.source.name} for inversion in inversions],
+        [*map(_section, shown), left_out],
+        DEFINITIONS,
+        f"{html.made()} {remark}",
+        first=_first(shown),
+    )
+
+
+def _first(inversions: Sequence[Inversion]) -> html.Section | None:
+    """The first photograph that is known, to wipe to its pre-image."""
+    for inversion in inversions:
+        pair = inversion.pair()
+        if pair is not None:
+            text = f"{inversion.source.name}: drag to see the photograph, or the image found from its HOG."
+            return html.Section("", text, compared=pair)
+    return None
+
+
+def _section(inversion: Inversion) -> html.Section:
+    source = inversion.source
+    numbers = " x ".join(map(str, source.descriptor.shape))
+    return html.Section(
+        f"{source.name}, {source.spec.name}",
+        f"From {numbers} numbers (rows, columns, channels), in {inversion.seconds:.1f} s.",
+        inversion.panels(),
+    )

@@ -1,0 +1,94 @@
+"""Drawings of lines and texts as SVG, in colours that follow light and dark mode."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from ..io.images import Picture
+from .environment import environment, png
+
+Point = tuple[float, float]
+
+LIKE_THE_PAGE = ("#ffffff", "#15171a")
+SERIES = 8
+COLOURS = {  # by name: in light mode and in dark mode
+    "ground": LIKE_THE_PAGE,
+    "text": ("#282828", "#e4e6e8"),
+    "grid": ("#e1e1e1", "#33383e"),
+    "faint": ("#8c8c8c", "#8f979f"),
+    "curve": ("#184a96", "#7cb0ff"),
+    "path": ("#c46f0a", "#f0a24a"),
+    "mark": ("#ff261a", "#ff6b61"),
+    # series that people of any colour vision tell apart (Okabe and Ito), and darker ones of these
+    "series0": ("#0072b2", "#4aa8e0"),
+    "series1": ("#d55e00", "#ff8a3d"),
+    "series2": ("#009e73", "#2fc79b"),
+    "series3": ("#b8578f", "#dd92be"),
+    "series4": ("#3d9bd1", "#8fd0f5"),
+    "series5": ("#b87f00", "#f0b93a"),
+    "series6": ("#783c00", "#c98f52"),
+    "series7": ("#00503c", "#79b8a6"),
+}
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A part of a drawing.
+
+    Attributes:
+        kind: "line", "dot", "text" or "image".
+        points: of a line; of the others, the one place.
+        colour: a key of :data:`COLOURS`.
+        width: of a line, radius of a dot, side of an image.
+        text: of a text; of an image, its PNG in base64.
+        fill: of a dot, a key of :data:`COLOURS`.
+        anchor: of a text: "start", "middle" or "end" of it is at its place.
+        dashed: of a line.
+    """
+
+    kind: str
+    points: Sequence[Point]
+    colour: str = "text"
+    width: float = 1.0
+    text: str = ""
+    fill: str = "ground"
+    anchor: str = "start"
+    dashed: bool = False
+
+
+@dataclass
+class Drawing:
+    """A drawing, to which shapes are added from the back to the front.
+
+    Attributes:
+        width, height: pixels; y grows downwards.
+        title, description: for those who cannot see it.
+        shapes: so far.
+    """
+
+    width: int
+    height: int
+    title: str
+    description: str
+    shapes: list[Shape] = field(default_factory=list)
+
+    def line(self, points: Sequence[Point], colour: str, width: float = 1.0, *, dashed: bool = False) -> None:
+        """Adds a line through points."""
+        self.shapes.append(Shape("line", points, colour, width, dashed=dashed))
+
+    def dot(self, place: Point, colour: str, radius: float, *, ringed: bool = False) -> None:
+        """Adds a dot, or a ring."""
+        self.shapes.append(Shape("dot", [place], colour, radius, fill="ground" if ringed else colour))
+
+    def note(self, place: Point, text: str, colour: str = "text", anchor: str = "start") -> None:
+        """Adds a text, whose base line is at the place."""
+        self.shapes.append(Shape("text", [place], colour, text=text, anchor=anchor))
+
+    def image(self, corner: Point, side: float, picture: Picture) -> None:
+        """Adds a square picture by its upper left corner."""
+        self.shapes.append(Shape("image", [corner], width=side, text=png(picture)))
+
+    def svg(self) -> str:
+        """The text of the SVG: a file, or a part of a page."""
+        return environment().get_template("drawing.svg").render(drawing=self, colours=COLOURS)
