@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 import os
 import sys
 from collections.abc import Sequence
@@ -27,6 +28,7 @@ _COMMANDS = {
     "dialects": "dialects.dialects",
     **{f"learn {kind}": "learn.learn" for kind in KINDS},
     "learn exemplars": "learn_exemplars.learn_exemplars",
+    "warmup": "warmup.warmup",
 }
 """Module and function of each command; a module is imported when its command is run, as most import PyTorch."""
 
@@ -46,6 +48,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as stop:  # --help, --version or wrong arguments: argparse has printed
         return int(stop.code or 0)
     name = f"nablahog {arguments.command}"
+    if sys.stderr.isatty():
+        _show_log()
     try:
         module, function = _COMMANDS[arguments.command].split(".")
         getattr(import_module(f".commands.{module}", __package__), function)(arguments)
@@ -63,6 +67,21 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         return _failed(name, "not enough memory; a smaller --size, or fewer inputs at once, need less")
     return 0
+
+
+class _ToStderr(logging.Handler):
+    """Prints to the stream of the moment, which progress bars replace."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        print(f"nablahog: {one_line(record.getMessage(), MOST_CHARACTERS)}", file=sys.stderr)
+
+
+def _show_log() -> None:
+    """Shows what the package logs, such as that it compiles."""
+    logger = logging.getLogger(__package__.partition(".")[0])
+    if not logger.handlers:
+        logger.addHandler(_ToStderr())
+        logger.setLevel(logging.INFO)
 
 
 def _failed(name: str, message: str, status: int = 1) -> int:

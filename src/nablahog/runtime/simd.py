@@ -19,6 +19,11 @@ if TYPE_CHECKING:
 PADDING = 16  # elements, at least as many as a vector has
 
 
+def whole_vectors(count: int) -> int:
+    """``count`` elements rounded up to whole vectors."""
+    return (count + PADDING - 1) // PADDING * PADDING
+
+
 @cache
 def lanes(size: int) -> int:
     """Lanes of a vector register, of elements of ``size`` bytes."""
