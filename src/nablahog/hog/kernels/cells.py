@@ -12,7 +12,7 @@ import numpy as np
 
 from ...runtime.arrays import DType, Floats
 from ...runtime.compile import borrowing, inlined
-from ...runtime.simd import PADDING, whole_vectors
+from ...runtime.simd import PADDING, aligned_zeros, whole_vectors
 from .gradient_loops import Gradients, gradients_of_rows, new_gradients, padded
 from .parameters import Pixels, Plan, Pooling
 from .pooling_simd import (
@@ -49,7 +49,7 @@ def rows_at_once(stride: int) -> int:
 
 def new_sums(pooling: Pooling, dtype: DType) -> Floats:
     """Those of a :class:`Band`."""
-    return np.zeros(pooling.column_size * whole_vectors(pooling.columns) + PADDING, dtype)
+    return aligned_zeros(pooling.column_size * whole_vectors(pooling.columns) + PADDING, dtype)
 
 
 def new_band(plan: Plan, width: int, dtype: DType) -> Band:

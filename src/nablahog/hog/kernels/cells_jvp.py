@@ -9,7 +9,7 @@ import numpy as np
 
 from ...runtime.arrays import DType, Floats, Integers, Real
 from ...runtime.compile import borrowing, inlined
-from ...runtime.simd import PADDING, whole_vectors
+from ...runtime.simd import PADDING, aligned_zeros, whole_vectors
 from ..gradient import BLACK
 from .cells import add_bands, new_sums, part_columns, pool
 from .gradient_loops import (
@@ -56,7 +56,7 @@ def new_band_jvp(plan: Plan, width: int, dtype: DType) -> BandJvp:
         new_gradients(plan.reading, width, rows, dtype),
         new_votes(size, dtype),
         new_votes(size, dtype),
-        VoteTangents(np.zeros(size, dtype), np.zeros(size, dtype), np.zeros(size, dtype)),
+        VoteTangents(aligned_zeros(size, dtype), aligned_zeros(size, dtype), aligned_zeros(size, dtype)),
         new_sums(pooling, dtype),
         np.empty((len(pooling.bands), columns * pooling.column_size), dtype),
     )

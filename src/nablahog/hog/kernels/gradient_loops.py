@@ -13,7 +13,7 @@ import numpy as np
 
 from ...runtime.arrays import DType, Flags, Floats, Integers
 from ...runtime.compile import inlined
-from ...runtime.simd import PADDING, whole_vectors
+from ...runtime.simd import PADDING, aligned_zeros, whole_vectors
 from ..gradient import BLACK
 from .parameters import Pixels, Reading
 
@@ -45,9 +45,9 @@ def new_gradients(reading: Reading, width: int, rows: int, dtype: DType) -> Grad
     """For so many rows at a time."""
     size = rows * whole_vectors(width) + PADDING
     several = size if reading.channels > 1 else 0
-    lines, values = np.zeros(reading.channels * 3 * (width + 2), dtype), np.zeros(width, dtype)
-    gx, gy, other_gx, other_gy = (np.zeros(n, dtype) for n in (size, size, several, several))
-    return Gradients(lines, gx, gy, np.zeros(several, np.int32), other_gx, other_gy, values)
+    lines, values = aligned_zeros(reading.channels * 3 * (width + 2), dtype), aligned_zeros(width, dtype)
+    gx, gy, other_gx, other_gy = (aligned_zeros(n, dtype) for n in (size, size, several, several))
+    return Gradients(lines, gx, gy, aligned_zeros(several, np.int32), other_gx, other_gy, values)
 
 
 @inlined

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...runtime.arrays import DType, Floats, Integers, Real
 from ...runtime.compile import borrowing, inlined
-from ...runtime.simd import PADDING, whole_vectors
+from ...runtime.simd import PADDING, aligned_zeros, whole_vectors
 from ..gradient import BLACK
 from .gradient_loops import padded, stored_values
 from .parameters import Pixels, Reading
@@ -43,8 +43,8 @@ def ring_line(width: int) -> int:
 def new_ring(reading: Reading, width: int, dtype: DType) -> Ring:
     size = 3 * (whole_vectors(width) + PADDING)
     several = size if reading.channels > 1 else 0
-    gx, gy, winner = np.zeros(size, dtype), np.zeros(size, dtype), np.zeros(size, np.int32)
-    return Ring(gx, gy, winner, *(np.zeros(n, dtype) for n in (several, several, width, width)))
+    gx, gy, winner = aligned_zeros(size, dtype), aligned_zeros(size, dtype), aligned_zeros(size, np.int32)
+    return Ring(gx, gy, winner, *(aligned_zeros(n, dtype) for n in (several, several, width, width)))
 
 
 class PlaneGradients(NamedTuple):
@@ -55,7 +55,7 @@ class PlaneGradients(NamedTuple):
 
 
 def new_plane_gradients(size: int, dtype: DType) -> PlaneGradients:
-    return PlaneGradients(np.zeros(size, dtype), np.zeros(size, dtype))
+    return PlaneGradients(aligned_zeros(size, dtype), aligned_zeros(size, dtype))
 
 
 @borrowing

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from ...runtime.arrays import DType, Floats, Integers
 from ...runtime.compile import borrowing, inlined
-from ...runtime.simd import PADDING
+from ...runtime.simd import PADDING, aligned_zeros
 from .cells import part_columns
 from .parameters import Pooling
 from .pooling_vjp_avx512 import look_up
@@ -45,13 +46,14 @@ class CellGradients(NamedTuple):
 
 
 def new_vote_gradients(size: int, dtype: DType) -> VoteGradients:
-    return VoteGradients(np.zeros(size, dtype), np.zeros(size, dtype), np.zeros(size, dtype))
+    return VoteGradients(aligned_zeros(size, dtype), aligned_zeros(size, dtype), aligned_zeros(size, dtype))
 
 
 def new_cell_gradients(pooling: Pooling, dtype: DType) -> CellGradients:
     line = (pooling.bins + BESIDE + 7) // 8 * 8
-    cells = np.zeros((pooling.high, pooling.cols + pooling.wide + 1, line), dtype)  # tables end behind the last cell
-    return CellGradients(cells, np.empty(pooling.high * (pooling.columns + PADDING) * line, dtype))
+    shape = pooling.high, pooling.cols + pooling.wide + 1, line  # tables end behind the last cell
+    columns = aligned_zeros(pooling.high * (pooling.columns + PADDING) * line, dtype)
+    return CellGradients(aligned_zeros(math.prod(shape), dtype).reshape(shape), columns)
 
 
 @borrowing
