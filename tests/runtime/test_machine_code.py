@@ -140,7 +140,9 @@ def test_a_folder_that_others_may_write(cache: Path, server: CodeServer) -> None
 
 def test_a_full_disk(tmp_path: Path, server: CodeServer) -> None:
     for largest in (0, 1000):
-        assert server.ask(tmp_path, largest) == (0, f"{RIGHT} 0")
+        status, text = server.ask(tmp_path, largest)
+        assert (status, text.count(f"they cannot be kept ({tmp_path}")) == (0, 1)
+        assert text.endswith(f"{RIGHT} 0")
         assert not files(tmp_path)
 
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import io
+import logging
 import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 
+from ..runtime.text import one_line
 from .arguments.learn import KINDS
 from .arguments.main import parser
-from .errors import UserError, tell
+from .errors import MOST_CHARACTERS, UserError, tell
 
 INTERRUPTED = 130  # what shells report of a command ended by Ctrl-C
 _COMMANDS = {
@@ -25,6 +27,7 @@ _COMMANDS = {
     "dialects": "dialects.dialects",
     **{f"learn {kind}": "learn.learn" for kind in KINDS},
     "learn exemplars": "learn_exemplars.learn_exemplars",
+    "warmup": "warmup.warmup",
 }
 """Module and function of each command; a module is imported when its command is run, as most import PyTorch."""
 
@@ -49,6 +52,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as stop:  # --help, --version or wrong arguments: argparse has printed
         return int(stop.code or 0)
     command: str = arguments.command
+    if sys.stderr.isatty() and not arguments.quiet:
+        _show_log()
     try:
         module, function = _COMMANDS[command].split(".")
         from .terminal import be_quiet  # loads rich
@@ -69,6 +74,21 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         return _failed(command, "not enough memory; a smaller --size, or fewer inputs at once, need less")
     return int(status or 0)
+
+
+class _ToStderr(logging.Handler):
+    """Prints to the stream of the moment, which progress bars replace."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        print(f"nablahog: {one_line(record.getMessage(), MOST_CHARACTERS)}", file=sys.stderr)
+
+
+def _show_log() -> None:
+    """Shows what the package logs, such as that it compiles."""
+    logger = logging.getLogger(__package__.partition(".")[0])
+    if not logger.handlers:
+        logger.addHandler(_ToStderr())
+        logger.setLevel(logging.INFO)
 
 
 def _failed(command: str, message: str, status: int = 1) -> int:

@@ -7,13 +7,12 @@ import hashlib
 import sys
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache, partial, update_wrapper
+from functools import cache, update_wrapper
 from pathlib import Path
 from types import FunctionType
 from typing import Any
 
-# No fused multiply-add unless a loop asks for it: LLVM would fuse some when it compiles and others when it has loaded a
-# part of the code from disk, so that a search that is resumed in another process would end elsewhere.
+# No fused multiply-add unless a loop asks for it: which LLVM would fuse depends on what it has inlined.
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 _PACKAGE = __name__.partition(".")[0]
 
@@ -57,9 +56,8 @@ class _Compiled:
         self.function, self.options = function, options
         self.digest = cache(self._digest)
         # not at import: numba takes most of a second to load
-        self.from_python = cache(partial(self._compile, no_cfunc_wrapper=True))
-        # for other compiled functions: wrappers, which unpack Python objects, take longer to compile than many a loop
-        self.machine_code = cache(partial(self._compile, no_cfunc_wrapper=True, no_cpython_wrapper=True))
+        self.from_python = cache(self._whole)
+        self.machine_code = cache(self._part)
 
     def __call__(self, *arguments: Any) -> Any:
         return self.from_python()(*arguments)
@@ -97,21 +95,37 @@ class _Compiled:
         parts = (*own, *constants, *fields, *calls)
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
-    def _compile(self, **wrappers: bool) -> Any:
-        import numba
-
+    def _whole(self) -> Any:
+        """Numba's dispatcher for calls from Python."""
+        from . import one_module
         from .machine_code import CodeCache
+
+        dispatcher = self._dispatcher(pipeline_class=one_module.WholeCompiler)
+        with suppress(OSError):  # without a source file there is no telling what else the code depends on
+            files = self.function.__code__.co_filename, one_module.__file__
+            sources = " ".join(map(_digest_of_file, files))
+            identity = f"{self.function.__module__} {dispatcher.py_func.__qualname__} {self.digest()} {sources}"
+            dispatcher._cache = CodeCache(dispatcher.py_func.__name__, identity)
+        return dispatcher
+
+    def _part(self) -> Any:
+        """The same for calls from other compiled functions.
+
+        Without wrappers: to unpack Python's objects takes longer to compile than many a loop.
+        """
+        from .one_module import PartCompiler
+
+        return self._dispatcher(pipeline_class=PartCompiler, no_cpython_wrapper=True)
+
+    def _dispatcher(self, **options: Any) -> Any:
+        import numba
 
         names = self.function.__globals__ | {name: each.machine_code() for name, each in self._calls().items()}
         function = FunctionType(self.function.__code__, names, self.function.__name__)
         function.__module__ = self.function.__module__
-        function.__qualname__ = f"{self.function.__qualname__}_{self.digest()[:16]}_{len(wrappers)}"
-        options: dict[str, Any] = {**self.options, **wrappers}
+        function.__qualname__ = f"{self.function.__qualname__}_{self.digest()[:16]}_{len(options)}"
+        options |= {**self.options, "no_cfunc_wrapper": True}
         dispatcher: Any = numba.njit(**options)(function)
-        with suppress(OSError):  # without a source file there is no telling what else the code depends on
-            source = _digest_of_file(self.function.__code__.co_filename)
-            identity = f"{function.__module__} {function.__qualname__} {self.digest()} {source}"
-            dispatcher._cache = CodeCache(function.__name__, identity)
         _forget_literals(dispatcher)
         return dispatcher
 

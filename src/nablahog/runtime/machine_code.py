@@ -51,31 +51,35 @@ class CodeCache(NullCache):
     """
 
     def __init__(self, name: str, identity: str) -> None:
-        self.name, self.identity = name, identity
+        self.name, self.identity, self._began = name, identity, 0.0
 
     def load_overload(self, signature: Any, target: Any) -> Any:
-        """The compiled function; None if it is not on disk, or damaged."""
+        """The compiled function; None if it is not on disk, or damaged, and numba has to compile it."""
         target.refresh()
         folder = code_folder()
-        if folder is None:
-            return None
-        key = self._key(signature, target.codegen())
-        payload = _read(self._path(folder, key), key)
-        try:
-            return payload and _rebuild(target, *pickle.loads(payload))
-        except Exception:  # of a numba that was changed by hand; unpickling raises nearly anything
-            return None
+        if folder is not None:
+            key = self._key(signature, target.codegen())
+            payload = _read(self._path(folder, key), key)
+            with suppress(Exception):  # of a numba that was changed by hand; unpickling raises nearly anything
+                if payload:
+                    return _rebuild(target, *pickle.loads(payload))
+        _tell_that_it_compiles(folder)
+        self._began = time.perf_counter()
+        return None
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
         """Stores the compiled function, if that can be done."""
+        _log.info("compiled %s in %.1f s", self.name, time.perf_counter() - self._began)
         folder = code_folder()
         if folder is None or compiled.library.has_dynamic_globals:
             return
         key = self._key(signature, compiled.codegen)
         payload: bytes = _dumps(compiled._reduce())
-        with suppress(OSError):  # a full disk, say: the code is in memory
+        try:
             _write(self._path(folder, key), _digest(payload, key) + payload)
             _tidy(folder)
+        except OSError as error:  # a full disk, say: the code is in memory
+            _warn_that_nothing_is_kept(f"{folder}: {error.strerror}")
 
     def _key(self, signature: Any, codegen: Any) -> bytes:
         facts = [self.identity, *map(_described, signature), *map(str, codegen.magic_tuple()), *_VERSIONS]
@@ -83,6 +87,25 @@ class CodeCache(NullCache):
 
     def _path(self, folder: Path, key: bytes) -> Path:
         return folder / f"{self.name}-{key.hex()}{CODE}"
+
+
+@cache
+def _tell_that_it_compiles(folder: Path | None) -> None:
+    """Once a process."""
+    if folder is not None:
+        _log.info("compiling loops for this processor, once; some take seconds. They are kept in %s", folder)
+
+
+@cache
+def _warn_that_nothing_is_kept(reasons: str) -> None:
+    """Once a process, and not in each of many workers."""
+    if multiprocessing.parent_process() is None:
+        _log.warning(
+            "each process compiles its loops anew, for some seconds each, as they cannot be kept (%s). Set %s to a "
+            "folder that you may write, in a container one of the image or of a volume; `nablahog warmup` fills it",
+            reasons,
+            VARIABLE,
+        )
 
 
 def _described(kind: Any) -> str:
@@ -160,13 +183,7 @@ def code_folder() -> Path | None:
         if reason is None:
             return path
         reasons.append(f"{path}: {reason}")
-    if multiprocessing.parent_process() is None:  # or each of many workers would tell
-        _log.warning(
-            "each process compiles its machine code anew, for a minute: there is no folder to store it in (%s); "
-            "%s can name another one",
-            "; ".join(reasons),
-            VARIABLE,
-        )
+    _warn_that_nothing_is_kept("; ".join(reasons))
     return None
 
 

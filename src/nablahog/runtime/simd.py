@@ -10,6 +10,9 @@ from collections.abc import Callable
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+import numpy.typing as npt
+
 from .compile import instruction
 from .lanes import Builder
 
@@ -17,6 +20,20 @@ if TYPE_CHECKING:
     from llvmlite import ir
 
 PADDING = 16  # elements, at least as many as a vector has
+CACHE_LINE = 64  # bytes
+
+
+def whole_vectors(count: int) -> int:
+    """``count`` elements rounded up to whole vectors."""
+    return (count + PADDING - 1) // PADDING * PADDING
+
+
+def aligned_zeros(count: int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
+    """A plane of zeros that begins with a cache line, so that no vector lies in two."""
+    kind = np.dtype(dtype)
+    memory = np.zeros(count * kind.itemsize + CACHE_LINE, np.uint8)
+    begin = -memory.ctypes.data % CACHE_LINE
+    return memory[begin : begin + count * kind.itemsize].view(kind)
 
 
 @cache

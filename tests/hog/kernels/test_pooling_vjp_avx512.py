@@ -36,14 +36,15 @@ def test_tables_hold_what_is_read_without_them(name: str, size: tuple[int, int])
         pytest.skip(str(why))
     rows, cols = spec.cells(*size)
     images = noise(2, 3 if spec.colour == "largest" else 1, *size, dtype=torch.float32)
-    grad_cells = noise(2, rows, cols, spec.bins, seed=1, dtype=torch.float32).numpy()
+    grad_cells = noise(2, rows, cols, spec.bins, seed=1, dtype=torch.float32).flatten(1).numpy()
     operator = loops._operator(spec, images.shape[1:], images.dtype)
     assert operator.plan.pooling.look_up
 
     def gradient(look_up: bool) -> np.ndarray:
         plan = operator.plan._replace(pooling=operator.plan.pooling._replace(look_up=look_up))
-        out = np.empty(images.shape, np.float32)
-        loops.cells_vjp_of_images(operator.pixels(images), plan, grad_cells, (0, 2), (0, size[0]), out)
+        out = np.empty((2, images[0].numel()), np.float32)
+        band = loops.new_band_vjp(plan, size[1], out.dtype)
+        loops.cells_vjp_of_images(operator.pixels(images), plan, grad_cells, (0, 2), (0, size[0]), band, out)
         return out
 
     one, other = gradient(True), gradient(False)

@@ -11,6 +11,7 @@ from .learn import learn
 from .options import Parser
 from .pose import pose
 from .tables import table1, table2
+from .warmup import warmup
 
 
 class _Version(argparse.Action):
@@ -36,6 +37,6 @@ def parser() -> argparse.ArgumentParser:
         "--version", action=_Version, nargs=0, default=argparse.SUPPRESS, help="show program's version number and exit"
     )
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=Parser)
-    for add in (hog, glyph, invert, invert_template, demo, table1, pose, table2, dialects, learn):
+    for add in (hog, glyph, invert, invert_template, demo, table1, pose, table2, dialects, learn, warmup):
         add(commands)
     return top

@@ -213,10 +213,14 @@ def output(
         return path(value)
 
     command.add_argument("-o", "--output", required=required, type=parse, metavar=metavar, help=text)
+    quiet(command)
+    command.set_defaults(parser=command)
+
+
+def quiet(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "-q", "--quiet", action="store_true", help="print neither tables nor progress; errors and --json are printed"
     )
-    command.set_defaults(parser=command)
 
 
 def images(command: argparse.ArgumentParser) -> None:

@@ -6,12 +6,14 @@ over rows and pooled over columns, a part of few columns at a time.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ...runtime.arrays import DType, Floats
-from ...runtime.compile import borrowing, compiled, inlined
-from ...runtime.simd import PADDING
-from .gradient_loops import gradients_of_rows, new_gradients, padded
+from ...runtime.compile import borrowing, inlined
+from ...runtime.simd import PADDING, aligned_zeros, whole_vectors
+from .gradient_loops import Gradients, gradients_of_rows, new_gradients, padded
 from .parameters import Pixels, Plan, Pooling
 from .pooling_simd import (
     BINS,
@@ -31,25 +33,31 @@ from .votes import Votes, new_votes, vote
 PIXELS_AT_ONCE = 1024  # whose gradients and votes stay in the first-level cache
 
 
+class Band(NamedTuple):
+    """Workspace: what is known of a band."""
+
+    gradients: Gradients  # of a few of its rows
+    votes: Votes
+    sums: Floats  # over rows, of one part: a line of columns for each bin of each row of cells
+
+
 @inlined
 def rows_at_once(stride: int) -> int:
     """Rows whose gradients are found before they vote."""
     return max(1, PIXELS_AT_ONCE // stride)
 
 
-@inlined
-def most_rows(pooling: Pooling) -> int:
-    """Rows of the largest band."""
-    most = 1
-    for band in range(pooling.bands.shape[0]):
-        most = max(most, pooling.bands[band, 1] - pooling.bands[band, 0])
-    return most
-
-
-@compiled
 def new_sums(pooling: Pooling, dtype: DType) -> Floats:
-    """Sums over rows, of one part: a line of columns for each bin of each row of cells."""
-    return np.zeros(pooling.column_size * padded(pooling.columns) + PADDING, dtype)
+    """Those of a :class:`Band`."""
+    return aligned_zeros(pooling.column_size * whole_vectors(pooling.columns) + PADDING, dtype)
+
+
+def new_band(plan: Plan, width: int, dtype: DType) -> Band:
+    """For images of that width."""
+    stride, most = whole_vectors(width), plan.pooling.most_rows
+    few = min(max(1, PIXELS_AT_ONCE // stride), most)
+    gradients, votes = new_gradients(plan.reading, width, few, dtype), new_votes(most * stride + PADDING, dtype)
+    return Band(gradients, votes, new_sums(plan.pooling, dtype))
 
 
 @borrowing
@@ -109,43 +117,42 @@ def sum_up(
 
 @inlined
 def _add_band(band_cells: Floats, band: int, pooling: Pooling, cells: Floats) -> None:
-    """Eq. 6: adds the cells of a band to those of the image (rows, cols, bins)."""
-    bins, first, out = pooling.bins, pooling.bands[band, 2], cells.reshape(-1)
+    """Eq. 6: adds the cells of a band to those of the image (rows · cols · bins,)."""
+    bins, first = pooling.bins, pooling.bands[band, 2]
     for row in range(first, min(first + pooling.high, pooling.rows)):
         to, at = np.uintp(row * pooling.cols * bins), np.uintp((row - first) * bins)
         for _ in range(pooling.cols):
             for k in range(bins):
-                out[to + np.uintp(k)] += band_cells[at + np.uintp(k)]
+                cells[to + np.uintp(k)] += band_cells[at + np.uintp(k)]
             to, at = to + np.uintp(bins), at + np.uintp(pooling.column_size)
 
 
 @borrowing
 def add_bands(all_band_cells: Floats, pooling: Pooling, cells: Floats) -> None:
-    """The cells of an image (rows, cols, bins) from those of all its bands (bands, …)."""
+    """The cells of an image (rows · cols · bins,) from those of all its bands (bands, …)."""
     cells[:] = 0
     for band in range(pooling.bands.shape[0]):
         _add_band(all_band_cells[band], band, pooling, cells)
 
 
-@compiled
+@borrowing
 def cells_of_images(
     pixels: Pixels,
     plan: Plan,
     images: tuple[int, int],
     bands: tuple[int, int],
+    work: Band,
     band_cells: Floats,
     cells: Floats,
 ) -> None:
-    """Cells of images (first, last) and bands (first, last) of them, to ``cells`` (images, rows, cols, bins).
+    """Cells of images (first, last) and bands (first, last) of them, to ``cells`` (images, rows · cols · bins).
 
     ``band_cells`` (1, …) is overwritten.  If ``cells`` is of no images, it is (bands, …) and the result, of one image.
     """
     reading, voting, pooling = plan.reading, plan.voting, plan.pooling
-    real = band_cells.dtype
-    stride, most = padded(pixels.width), most_rows(pooling)
-    few = min(rows_at_once(stride), most)
-    gradients, votes = new_gradients(reading, pixels.width, few, real), new_votes(most * stride + PADDING, real)
-    sums = new_sums(pooling, real)
+    gradients, votes, sums = work.gradients, work.votes, work.sums
+    stride = padded(pixels.width)
+    few = min(rows_at_once(stride), pooling.most_rows)
     hard = voting.hard or pooling.bins == 1
     for image in range(images[0], images[1]):
         start, last_read = image * pixels.strides[0], -1

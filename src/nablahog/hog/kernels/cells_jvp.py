@@ -8,18 +8,19 @@ from typing import NamedTuple
 import numpy as np
 
 from ...runtime.arrays import DType, Floats, Integers, Real
-from ...runtime.compile import borrowing, compiled, inlined
-from ...runtime.simd import PADDING
+from ...runtime.compile import borrowing, inlined
+from ...runtime.simd import PADDING, aligned_zeros, whole_vectors
 from ..gradient import BLACK
-from .cells import add_bands, most_rows, new_sums, part_columns, pool
+from .cells import add_bands, new_sums, part_columns, pool
 from .gradient_loops import (
     Gradients,
-    described_channels,
     gradient_of_row,
     gradients_of_rows,
     new_gradients,
     padded,
+    stored_values,
 )
+from .norm_simd import copy
 from .parameters import Pixels, Plan, Pooling, Reading
 from .pooling_simd import BINS, BinRange, PixelRows, Place, RowWeights, sum_tangents, sum_tangents_one_row
 from .votes import Votes, linear_votes, new_votes, vote
@@ -33,7 +34,7 @@ class VoteTangents(NamedTuple):
     before: Floats
 
 
-class Band(NamedTuple):
+class BandJvp(NamedTuple):
     """Workspace: what is known of a band, and the tangents of it."""
 
     gradients: Gradients
@@ -42,37 +43,42 @@ class Band(NamedTuple):
     exact: Votes  # by the exact angle
     vote_tangents: VoteTangents
     sums: Floats
+    cells: Floats  # (bands, …): tangents of the cells of all bands of an image
 
 
-@compiled
-def _new_band(plan: Plan, width: int, dtype: DType) -> Band:
-    rows = most_rows(plan.pooling)
-    size = rows * padded(width) + PADDING
-    return Band(
+def new_band_jvp(plan: Plan, width: int, dtype: DType) -> BandJvp:
+    """For images of that width."""
+    pooling = plan.pooling
+    rows, columns = pooling.most_rows, pooling.cols + pooling.wide
+    size = rows * whole_vectors(width) + PADDING
+    return BandJvp(
         new_gradients(plan.reading, width, rows, dtype),
         new_gradients(plan.reading, width, rows, dtype),
         new_votes(size, dtype),
         new_votes(size, dtype),
-        VoteTangents(np.zeros(size, dtype), np.zeros(size, dtype), np.zeros(size, dtype)),
-        new_sums(plan.pooling, dtype),
+        VoteTangents(aligned_zeros(size, dtype), aligned_zeros(size, dtype), aligned_zeros(size, dtype)),
+        new_sums(pooling, dtype),
+        np.empty((len(pooling.bands), columns * pooling.column_size), dtype),
     )
 
 
 @borrowing
-def _read_row_jvp(pixels: Pixels, start: int, tangent: Floats, row: int, reading: Reading, lines: Floats) -> None:
+def _read_row_jvp(pixels: Pixels, start: int, tangent: Floats, row: int, reading: Reading, work: Gradients) -> None:
     """Tangents of one row of pixels, ``tangent`` (channels, height, width), to lines of tangents of values."""
-    width, step = pixels.width, pixels.strides[3]
+    width, values, lines = pixels.width, work.values, work.lines
     real, black = lines.dtype.type, lines.dtype.type(BLACK)
     half, zero = real(0.5), real(0)
     for channel in range(reading.weights.size):
         to = ((0 if reading.averaged else 3 * channel) + row % 3) * (width + 2)
         begin = start + channel * pixels.strides[1] + row * pixels.strides[2]
         first = channel == 0 or not reading.averaged
-        values, weight = pixels.values, reading.weights[channel]
+        weight = reading.weights[channel]
+        if reading.sqrt:
+            stored_values(pixels, begin, values)
         for x in range(width):
             slope = weight * reading.scale
             if reading.sqrt:
-                value = reading.scale * real(values[begin + x * step])
+                value = reading.scale * values[x]
                 slope = zero if value <= black else slope * half / math.sqrt(value)
             change = slope * tangent[channel, row, x]
             lines[to + x + 1] = change if first else lines[to + x + 1] + change
@@ -89,7 +95,7 @@ def _where_won(dx: Floats, dy: Floats, channel: int, winner: Integers, out_x: Fl
 
 @inlined
 def _gradients_jvp(
-    pixels: Pixels, start: int, tangent: Floats, reading: Reading, rows: tuple[int, int], last_read: int, band: Band
+    pixels: Pixels, start: int, tangent: Floats, reading: Reading, rows: tuple[int, int], last_read: int, band: BandJvp
 ) -> int:
     """Tangents of the gradients of rows (first, last); returns the last row that was read."""
     width, stride = pixels.width, padded(pixels.width)
@@ -98,10 +104,10 @@ def _gradients_jvp(
     for row in range(rows[0], rows[1]):
         while last_read < min(row + 1, pixels.height - 1):
             last_read += 1
-            _read_row_jvp(pixels, start, tangent, last_read, reading, of.lines)
+            _read_row_jvp(pixels, start, tangent, last_read, reading, of)
         to = (row - rows[0]) * stride
         gradient_of_row(of.lines, pixels, 0, row, reading, of.gx, of.gy, to)
-        for channel in range(1, described_channels(reading)):
+        for channel in range(1, reading.channels):
             gradient_of_row(of.lines, pixels, channel, row, reading, of.other_gx, of.other_gy, to)
             line = slice(to, to + width)
             _where_won(of.other_gx[line], of.other_gy[line], channel, winner[line], of.gx[line], of.gy[line])
@@ -166,14 +172,12 @@ def _pooling_jvp(
         pool(sums, part, pooling, band_cells)
 
 
-@compiled
-def _cells_jvp(
-    pixels: Pixels, start: int, tangent: Floats, plan: Plan, reading_jvp: Reading, band: Band, out: Floats
-) -> None:
-    """Tangents of the cells of one image, to ``out`` (bands, …)."""
+@borrowing
+def _cells_jvp(pixels: Pixels, start: int, tangent: Floats, plan: Plan, reading_jvp: Reading, band: BandJvp) -> None:
+    """Tangents of the cells of one image, to ``band.cells``."""
     stride, voting, pooling = padded(pixels.width), plan.voting, plan.pooling
     gradients, tangents, votes, exact = band.gradients, band.tangents, band.votes, band.exact
-    last_read, last_tangent = -1, -1
+    last_read, last_tangent, out = -1, -1, band.cells
     for k in range(pooling.bands.shape[0]):
         first, last, _ = pooling.bands[k]
         rows = last - first
@@ -188,25 +192,27 @@ def _cells_jvp(
         if voting.library_angle:
             linear_votes(gradients.gx, gradients.gy, voting, exact.m, exact.f, exact.bins)
         else:
-            exact.f[:] = votes.f
-            exact.bins[:] = votes.bins
+            copy(votes.f, 0, votes.f.size, exact.f, 0)
+            copy(votes.bins, 0, votes.bins.size, exact.bins, 0)
         _angle_jvp(gradients, tangents, votes.m, exact, voting.slope, band.vote_tangents)
         _pooling_jvp(band.vote_tangents, exact.bins, stride, first, rows, pooling, band.sums, out[k])
 
 
-@compiled
+@borrowing
 def cells_jvp_of_images(
-    pixels: Pixels, tangents: Floats, plan: Plan, reading_jvp: Reading, images: tuple[int, int], out: Floats
+    pixels: Pixels,
+    tangents: Floats,
+    plan: Plan,
+    reading_jvp: Reading,
+    images: tuple[int, int],
+    band: BandJvp,
+    out: Floats,
 ) -> None:
-    """Tangents of cells of images (first, last), to ``out`` (images, rows, cols, bins).
+    """Tangents of cells of images (first, last), to ``out`` (images, rows · cols · bins).
 
     ``tangents`` are (images, channels, height, width), of the pixels; ``reading_jvp`` is as ``plan.reading``, but for
     images beyond whose border everything is zero.
     """
-    pooling = plan.pooling
-    columns = pooling.cols + pooling.wide
-    band_cells = np.empty((pooling.bands.shape[0], columns * pooling.column_size), out.dtype)
-    band = _new_band(plan, pixels.width, out.dtype)
     for image in range(images[0], images[1]):
-        _cells_jvp(pixels, image * pixels.strides[0], tangents[image], plan, reading_jvp, band, band_cells)
-        add_bands(band_cells, pooling, out[image])
+        _cells_jvp(pixels, image * pixels.strides[0], tangents[image], plan, reading_jvp, band)
+        add_bands(band.cells, plan.pooling, out[image])

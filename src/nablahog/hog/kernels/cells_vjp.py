@@ -9,12 +9,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ...runtime.arrays import DType, Floats
-from ...runtime.compile import borrowing, compiled
-from ...runtime.simd import PADDING
-from .cells import most_rows, rows_at_once
+from ...runtime.compile import borrowing
+from ...runtime.simd import PADDING, whole_vectors
+from .cells import rows_at_once
 from .gradient_loops import Gradients, gradients_of_rows, new_gradients, padded
 from .gradient_vjp import (
     PlaneGradients,
+    Ring,
     border_vjp,
     hard_votes_vjp,
     new_plane_gradients,
@@ -36,7 +37,7 @@ from .pooling_vjp import (
 from .votes import Votes, linear_votes, new_votes, vote
 
 
-class Band(NamedTuple):
+class BandVjp(NamedTuple):
     """Workspace: what is recomputed of a band, or known of the gradients with respect to it.
 
     ``exact`` and ``grad_exact`` are empty unless votes are by a library's angle: then these are by the exact one.
@@ -49,14 +50,15 @@ class Band(NamedTuple):
     grad_votes: VoteGradients
     grad_exact: VoteGradients
     grad_planes: PlaneGradients
+    ring: Ring
 
 
-@compiled
-def _new_band(plan: Plan, width: int, dtype: DType) -> Band:
-    rows = most_rows(plan.pooling)
-    size = rows * padded(width) + PADDING
+def new_band_vjp(plan: Plan, width: int, dtype: DType) -> BandVjp:
+    """For images of that width."""
+    rows = plan.pooling.most_rows
+    size = rows * whole_vectors(width) + PADDING
     exact = size if plan.voting.library_angle else 0
-    return Band(
+    return BandVjp(
         new_gradients(plan.reading, width, rows, dtype),
         new_votes(size, dtype),
         new_votes(exact, dtype),
@@ -64,11 +66,12 @@ def _new_band(plan: Plan, width: int, dtype: DType) -> Band:
         new_vote_gradients(size, dtype),
         new_vote_gradients(exact, dtype),
         new_plane_gradients(size, dtype),
+        new_ring(plan.reading, width, dtype),
     )
 
 
 @borrowing
-def _recompute(pixels: Pixels, start: int, plan: Plan, begin: int, end: int, last_read: int, band: Band) -> int:
+def _recompute(pixels: Pixels, start: int, plan: Plan, begin: int, end: int, last_read: int, band: BandVjp) -> int:
     """Gradients and votes of rows of a band; returns the last row that was read."""
     stride, gradients, votes, exact = padded(pixels.width), band.gradients, band.votes, band.exact
     few = rows_at_once(stride)
@@ -85,7 +88,7 @@ def _recompute(pixels: Pixels, start: int, plan: Plan, begin: int, end: int, las
 
 
 @borrowing
-def _pooling_vjp(grad_cells: Floats, k: int, plan: Plan, stride: int, first: int, rows: int, band: Band) -> None:
+def _pooling_vjp(grad_cells: Floats, k: int, plan: Plan, stride: int, first: int, rows: int, band: BandVjp) -> None:
     """Gradients of the votes of the k-th band, of ``rows`` from the ``first`` on."""
     pooling = plan.pooling
     wrap_bins(grad_cells, pooling, k, band.grad_cells.cells)
@@ -95,7 +98,7 @@ def _pooling_vjp(grad_cells: Floats, k: int, plan: Plan, stride: int, first: int
 
 
 @borrowing
-def _voting_vjp(voting: Voting, size: int, band: Band) -> None:
+def _voting_vjp(voting: Voting, size: int, band: BandVjp) -> None:
     """Gradients of Gx and Gy of the first ``size`` elements of the band's planes."""
     gx, gy = band.gradients.gx[:size], band.gradients.gy[:size]
     if voting.hard:
@@ -108,21 +111,27 @@ def _voting_vjp(voting: Voting, size: int, band: Band) -> None:
         votes_vjp(*votes, *votes, gx, gy, voting.slope, band.grad_planes)
 
 
-@compiled
+@borrowing
 def cells_vjp_of_images(
-    pixels: Pixels, plan: Plan, grad_cells: Floats, images: tuple[int, int], rows: tuple[int, int], grad_images: Floats
+    pixels: Pixels,
+    plan: Plan,
+    grad_cells: Floats,
+    images: tuple[int, int],
+    rows: tuple[int, int],
+    band: BandVjp,
+    grad_images: Floats,
 ) -> None:
-    """Rows (first, last) of images (first, last), to ``grad_images`` (images, channels, height, width).
+    """Rows (first, last) of images (first, last), to ``grad_images`` (images, channels · height · width).
 
-    ``grad_cells`` is (images, rows, cols, bins).
+    ``grad_cells`` is (images, rows · cols · bins).
     """
     height, width, reading, pooling = pixels.height, pixels.width, plan.reading, plan.pooling
     stride, line = padded(width), ring_line(width)
-    band, ring = _new_band(plan, width, grad_images.dtype), new_ring(reading, width, grad_images.dtype)
+    ring = band.ring
     of_x, of_y, ring_x, ring_y = band.grad_planes.gx, band.grad_planes.gy, ring.gx, ring.gy
     begin, end = rows
     for image in range(images[0], images[1]):
-        start, out = image * pixels.strides[0], grad_images[image].reshape(-1)
+        start, out = image * pixels.strides[0], grad_images[image]
         ring_x[:] = 0
         ring_y[:] = 0
         row, last_read = max(begin - 1, 0), -1

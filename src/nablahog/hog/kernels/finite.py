@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from ...runtime.arrays import Flags
-from ...runtime.compile import compiled
+from ...runtime.compile import borrowing
 from .parameters import Pixels
 
 
-@compiled
+@borrowing
 def find_not_finite(pixels: Pixels, channels: int, images: tuple[int, int], rows: tuple[int, int], out: Flags) -> None:
     """Sets ``out`` (images,) where rows (first, last) of an image, of images (first, last), hold NaN or infinity."""
     values, width, step = pixels.values, pixels.width, np.uintp(pixels.strides[3])

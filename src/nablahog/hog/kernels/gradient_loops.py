@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...runtime.arrays import DType, Flags, Floats, Integers
-from ...runtime.compile import compiled, inlined
-from ...runtime.simd import PADDING
+from ...runtime.compile import inlined
+from ...runtime.simd import PADDING, aligned_zeros, whole_vectors
 from ..gradient import BLACK
 from .parameters import Pixels, Reading
 
@@ -27,6 +27,7 @@ class Gradients(NamedTuple):
     winner: Integers  # plane: the channel of each gradient, if there are several
     other_gx: Floats  # plane of one row: gradients of one channel
     other_gy: Floats
+    values: Floats  # (width,): the row that is read
 
 
 class Rows(NamedTuple):
@@ -37,48 +38,52 @@ class Rows(NamedTuple):
     below: int
 
 
-@inlined
-def padded(count: int) -> int:
-    """Rounded up to whole vectors."""
-    return (count + PADDING - 1) // PADDING * PADDING
+padded = inlined(whole_vectors)
 
 
-@inlined
-def described_channels(reading: Reading) -> int:
-    """1 if channels are averaged."""
-    return 1 if reading.averaged else reading.weights.size
-
-
-@compiled
-def new_lines(reading: Reading, width: int, dtype: DType) -> Floats:
-    """The ring buffer of :class:`Gradients`."""
-    return np.zeros(described_channels(reading) * 3 * (width + 2), dtype)
-
-
-@compiled
 def new_gradients(reading: Reading, width: int, rows: int, dtype: DType) -> Gradients:
     """For so many rows at a time."""
-    size = rows * padded(width) + PADDING
-    several = size if described_channels(reading) > 1 else 0
-    gx, gy = np.zeros(size, dtype), np.zeros(size, dtype)
-    winner = np.zeros(several, np.int32)
-    other_gx, other_gy = np.zeros(several, dtype), np.zeros(several, dtype)
-    return Gradients(new_lines(reading, width, dtype), gx, gy, winner, other_gx, other_gy)
+    size = rows * whole_vectors(width) + PADDING
+    several = size if reading.channels > 1 else 0
+    lines, values = aligned_zeros(reading.channels * 3 * (width + 2), dtype), aligned_zeros(width, dtype)
+    gx, gy, other_gx, other_gy = (aligned_zeros(n, dtype) for n in (size, size, several, several))
+    return Gradients(lines, gx, gy, aligned_zeros(several, np.int32), other_gx, other_gy, values)
 
 
 @inlined
-def _read_line(pixels: Pixels, begin: int, reading: Reading, channel: int, first: bool, lines: Floats, to: int) -> None:
-    """Values of the row of pixels at ``begin``, to the line at ``lines[to:]``, or added to it if not ``first``.
+def stored_values(pixels: Pixels, begin: int, out: Floats) -> None:
+    """The row of pixels at ``begin`` as floating point.
+
+    Rows without gaps have loops of their own, which LLVM vectorises.
+    """
+    real, at, step = out.dtype.type, np.uintp(begin), np.uintp(pixels.strides[3])
+    values, stored = pixels.values, pixels.bytes
+    if stored.size > 0 and step == 1:
+        for k in range(out.size):
+            out[np.uintp(k)] = real(stored[at + np.uintp(k)])
+    elif stored.size > 0:
+        for k in range(out.size):
+            out[np.uintp(k)] = real(stored[at + np.uintp(k) * step])
+    elif step == 1:
+        for k in range(out.size):
+            out[np.uintp(k)] = values[at + np.uintp(k)]
+    else:
+        for k in range(out.size):
+            out[np.uintp(k)] = values[at + np.uintp(k) * step]
+
+
+@inlined
+def _read_line(values: Floats, reading: Reading, channel: int, first: bool, lines: Floats, to: int) -> None:
+    """A row of stored ``values`` to the line at ``lines[to:]``, or added to it if not ``first``.
 
     The channel's weight in Eq. 1 applies to the square roots if there are any.
     """
     real = lines.dtype.type
     zero, black, scale, weight = real(0), real(BLACK), reading.scale, reading.weights[channel]
-    at, step, place = np.uintp(begin), np.uintp(pixels.strides[3]), np.uintp(to + 1)
-    values, width, sqrt = pixels.values, pixels.width, reading.sqrt
+    place, width, sqrt = np.uintp(to + 1), values.size, reading.sqrt
     for k in range(width):
         x = np.uintp(k)
-        value = scale * real(values[at + x * step])
+        value = scale * values[x]
         if sqrt:
             value = zero if value <= black else math.sqrt(value)
         value = weight * value
@@ -87,12 +92,13 @@ def _read_line(pixels: Pixels, begin: int, reading: Reading, channel: int, first
 
 
 @inlined
-def _read_row(pixels: Pixels, start: int, row: int, reading: Reading, lines: Floats) -> None:
+def _read_row(pixels: Pixels, start: int, row: int, reading: Reading, values: Floats, lines: Floats) -> None:
     """One row of pixels of all channels, to its lines in the ring buffer."""
     for channel in range(reading.weights.size):
         to = ((0 if reading.averaged else 3 * channel) + row % 3) * (pixels.width + 2)
         begin = start + channel * pixels.strides[1] + row * pixels.strides[2]
-        _read_line(pixels, begin, reading, channel, channel == 0 or not reading.averaged, lines, to)
+        stored_values(pixels, begin, values)
+        _read_line(values, reading, channel, channel == 0 or not reading.averaged, lines, to)
 
 
 @inlined
@@ -184,17 +190,16 @@ def gradients_of_rows(
     They are of the channel of largest magnitude.  ``last_read`` is the last row in the ring buffer, on return too.
     """
     width, stride = pixels.width, padded(pixels.width)
-    channels = described_channels(reading)
     last_read = max(last_read, begin - 2)
     for row in range(begin, end):
         while last_read < min(row + 1, pixels.height - 1):
             last_read += 1
-            _read_row(pixels, start, last_read, reading, work.lines)
+            _read_row(pixels, start, last_read, reading, work.values, work.lines)
         to = at + (row - begin) * stride
         gradient_of_row(work.lines, pixels, 0, row, reading, work.gx, work.gy, to)
-        if channels > 1:
+        if reading.channels > 1:
             work.winner[to : to + width] = 0
-        for channel in range(1, channels):
+        for channel in range(1, reading.channels):
             gradient_of_row(work.lines, pixels, channel, row, reading, work.other_gx, work.other_gy, 0)
             _choose(work, channel, reading.last_wins, width, to)
     return last_read

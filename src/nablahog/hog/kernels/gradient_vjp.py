@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ...runtime.arrays import DType, Floats, Integers, Real
-from ...runtime.compile import borrowing, compiled, inlined
-from ...runtime.simd import PADDING
+from ...runtime.compile import borrowing, inlined
+from ...runtime.simd import PADDING, aligned_zeros, whole_vectors
 from ..gradient import BLACK
-from .gradient_loops import described_channels, padded
+from .gradient_loops import padded, stored_values
 from .parameters import Pixels, Reading
 from .pooling_vjp import VoteGradients
 from .votes import Votes
@@ -30,6 +30,7 @@ class Ring(NamedTuple):
     channel_gx: Floats  # the same of one channel, if there are several
     channel_gy: Floats
     values: Floats  # (width,): gradients of one row of values
+    stored: Floats  # (width,): the row as it is stored
 
 
 @inlined
@@ -39,12 +40,11 @@ def ring_line(width: int) -> int:
     return size
 
 
-@compiled
 def new_ring(reading: Reading, width: int, dtype: DType) -> Ring:
-    size = 3 * ring_line(width)
-    several = size if described_channels(reading) > 1 else 0
-    gx, gy, winner = np.zeros(size, dtype), np.zeros(size, dtype), np.zeros(size, np.int32)
-    return Ring(gx, gy, winner, np.zeros(several, dtype), np.zeros(several, dtype), np.empty(width, dtype))
+    size = 3 * (whole_vectors(width) + PADDING)
+    several = size if reading.channels > 1 else 0
+    gx, gy, winner = aligned_zeros(size, dtype), aligned_zeros(size, dtype), aligned_zeros(size, np.int32)
+    return Ring(gx, gy, winner, *(aligned_zeros(n, dtype) for n in (several, several, width, width)))
 
 
 class PlaneGradients(NamedTuple):
@@ -54,9 +54,8 @@ class PlaneGradients(NamedTuple):
     gy: Floats
 
 
-@compiled
 def new_plane_gradients(size: int, dtype: DType) -> PlaneGradients:
-    return PlaneGradients(np.zeros(size, dtype), np.zeros(size, dtype))
+    return PlaneGradients(aligned_zeros(size, dtype), aligned_zeros(size, dtype))
 
 
 @borrowing
@@ -169,17 +168,16 @@ def _sobel_vjp(gx: Floats, gy: Floats, row: int, height: int, width: int, out: F
 
 
 @inlined
-def _reading_vjp(
-    pixels: Pixels, begin: int, reading: Reading, channel: int, values: Floats, out: Floats, to: int
-) -> None:
+def _reading_vjp(pixels: Pixels, begin: int, reading: Reading, channel: int, ring: Ring, out: Floats, to: int) -> None:
     """From gradients of values to those of the pixels at ``begin``, by the derivative of the root if there is one."""
-    real, black, step = out.dtype.type, out.dtype.type(BLACK), pixels.strides[3]
+    real, black = out.dtype.type, out.dtype.type(BLACK)
     half, zero = real(0.5), real(0)
     place, slope = np.uintp(to), reading.weights[channel] * reading.scale
-    stored, scale, width = pixels.values, reading.scale, pixels.width
+    values, stored, scale, width = ring.values, ring.stored, reading.scale, pixels.width
     if reading.sqrt:
+        stored_values(pixels, begin, stored)
         for x in range(width):
-            value = scale * real(stored[begin + x * step])
+            value = scale * stored[x]
             out[to + x] = zero if value <= black else slope * half / math.sqrt(value) * values[x]
     else:
         for k in range(width):
@@ -208,4 +206,4 @@ def row_vjp(pixels: Pixels, start: int, row: int, reading: Reading, ring: Ring, 
             else:
                 _central_vjp(gx, gy, row, height, width, reading, reading.scale / reading.scale, ring.values, 0)
         begin = start + channel * pixels.strides[1] + row * pixels.strides[2]
-        _reading_vjp(pixels, begin, reading, channel, ring.values, out, to)
+        _reading_vjp(pixels, begin, reading, channel, ring, out, to)

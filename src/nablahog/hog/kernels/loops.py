@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, TypeAlias
@@ -14,16 +15,34 @@ from ...runtime.arrays import DType, Flags, Floats
 from ...runtime.threads import share_out
 from ..spec import HOGSpec
 from . import parameters
-from .cells import add_bands, cells_of_images
-from .cells_jvp import cells_jvp_of_images
-from .cells_vjp import cells_vjp_of_images
+from .cells import add_bands, cells_of_images, new_band
+from .cells_jvp import cells_jvp_of_images, new_band_jvp
+from .cells_vjp import cells_vjp_of_images, new_band_vjp
 from .finite import find_not_finite
 from .parameters import Pixels, Plan
 
 Work: TypeAlias = Callable[[int, int], None]
 """Goes over some images, from the first to the one behind the last."""
 
+_NO_VALUES, _NO_BYTES = np.empty(0, np.float32), np.empty(0, np.uint8)
 _LARGE = 2**16  # pixels of an image that is worth more than one thread
+
+
+class _Workspace(threading.local):
+    """The workspace that each thread used last, and may use again: new memory is slow at first."""
+
+    def __init__(self) -> None:
+        self._owner: object = None
+        self._work: Any = None
+
+    def of(self, owner: object, make: Callable[[], Any]) -> Any:
+        """The owner's workspace, made if another one's was used last."""
+        if self._owner is not owner:
+            self._owner, self._work = owner, make()
+        return self._work
+
+
+_forward, _backward = _Workspace(), _Workspace()
 
 
 class TypedKernelCache:
@@ -83,6 +102,7 @@ class _Operator(TypedKernelCache):
         reading = parameters.reading(spec, channels, height, width, stored)
         self.plan = Plan(reading, parameters.voting(spec, self.dtype.type), pooling)
         self.cells = pooling.rows, pooling.cols, pooling.bins
+        self.cells_size = pooling.rows * pooling.cols * pooling.bins
         self.norm = _norm(spec, self.cells, self.dtype)
         jumps = self.plan.voting.hard and spec.derivative == "linear"
         self.for_vjp = _operator(spec.with_linear_votes(), shape, stored) if jumps else self
@@ -94,10 +114,14 @@ class _Operator(TypedKernelCache):
     def pixels(self, images: Tensor) -> Pixels:
         """The stored values, of any strides without a copy."""
         if images.is_contiguous():
-            return Pixels(images.numpy().reshape(-1), *self.shape[1:], self.strides)
-        batch, channel, row, col = strides = images.stride()
-        span = 1 + sum((n - 1) * step for n, step in zip(images.shape, strides, strict=True))
-        return Pixels(images.as_strided((span,), (1,)).numpy(), *self.shape[1:], (batch, channel, row, col))
+            memory, strides = images.numpy().reshape(-1), self.strides
+        else:
+            batch, channel, row, col = images.stride()
+            strides = batch, channel, row, col
+            span = 1 + sum((n - 1) * step for n, step in zip(images.shape, strides, strict=True))
+            memory = images.as_strided((span,), (1,)).numpy()
+        values, stored = (memory, _NO_BYTES) if self.floating else (_NO_VALUES, memory)
+        return Pixels(values, stored, *self.shape[1:], strides)
 
     def _in_bands(self, batch: int) -> bool:
         """Whether threads share out parts of an image, not whole ones."""
@@ -107,28 +131,32 @@ class _Operator(TypedKernelCache):
         if self.floating:
             self.run(find_not_finite, pixels, self.shape[0], images, rows, out)
 
+    def _to_cells(
+        self, pixels: Pixels, images: tuple[int, ...], bands: tuple[int, ...], band_cells: Floats, cells: Floats
+    ) -> None:
+        work = _forward.of(self, lambda: new_band(self.plan, pixels.width, self.dtype))
+        self.run(cells_of_images, pixels, self.plan, images, bands, work, band_cells, cells)
+
     def to_cells(self, images: Tensor, cells: Floats, then: Work) -> Flags:
         """From images to ``cells``; ``then`` goes on with the cells of some images while they are in the cache.
 
         Returns the images (B,) that are not finite, whose cells are NaN.
         """
         pixels, batch, height = self.pixels(images), images.shape[0], self.shape[1]
+        flat = cells.reshape(batch, self.cells_size)
         spoilt: Flags = np.zeros(batch, np.bool_)
         if self._in_bands(batch):
             share_out(lambda *rows: self._find_not_finite(pixels, (0, 1), rows, spoilt), height)
-            band_cells = np.empty((self.bands, self.band_size), self.dtype)
-            one, none = (0, 1), cells[:0]
-            share_out(
-                lambda *some: self.run(cells_of_images, pixels, self.plan, one, some, band_cells, none), self.bands
-            )
-            self.run(add_bands, band_cells, self.plan.pooling, cells[0])
+            band_cells, none = np.empty((self.bands, self.band_size), self.dtype), flat[:0]
+            share_out(lambda *some: self._to_cells(pixels, (0, 1), some, band_cells, none), self.bands)
+            self.run(add_bands, band_cells, self.plan.pooling, flat[0])
             then(0, 1)
         else:
 
             def work(*some: int) -> None:
                 band_cells = np.empty((1, self.band_size), self.dtype)  # each thread's own
                 self._find_not_finite(pixels, some, (0, height), spoilt)
-                self.run(cells_of_images, pixels, self.plan, some, (0, self.bands), band_cells, cells)
+                self._to_cells(pixels, some, (0, self.bands), band_cells, flat)
                 then(*some)
 
             share_out(work, batch)
@@ -139,11 +167,13 @@ class _Operator(TypedKernelCache):
         """Gradients of the images from ``grad_cells``, once ``first`` has computed these for some images."""
         pixels, batch, height = self.pixels(images), images.shape[0], self.shape[1]
         grad_images = np.empty((batch, *self.shape), self.dtype)
+        of_cells, of_images = grad_cells.reshape(batch, self.cells_size), grad_images.reshape(batch, self.strides[0])
         spoilt: Flags = np.zeros(batch, np.bool_)
 
         def work(some: tuple[int, ...], rows: tuple[int, ...]) -> None:
             self._find_not_finite(pixels, some, rows, spoilt)
-            self.run(cells_vjp_of_images, pixels, self.plan, grad_cells, some, rows, grad_images)
+            band = _backward.of(self, lambda: new_band_vjp(self.plan, pixels.width, self.dtype))
+            self.run(cells_vjp_of_images, pixels, self.plan, of_cells, some, rows, band, of_images)
 
         def whole(*some: int) -> None:
             first(*some)
@@ -162,11 +192,13 @@ class _Operator(TypedKernelCache):
         reading = self.plan.reading
         reading_jvp = reading._replace(border_value=reading.border_value * 0)
         pixels, out = self.pixels(images), np.empty((len(images), *self.cells), self.dtype)
+        flat = out.reshape(len(images), self.cells_size)
         spoilt: Flags = np.zeros(len(images), np.bool_)
 
         def work(*some: int) -> None:
             self._find_not_finite(pixels, some, (0, self.shape[1]), spoilt)
-            self.run(cells_jvp_of_images, pixels, tangents, self.plan, reading_jvp, some, out)
+            band = new_band_jvp(self.plan, pixels.width, self.dtype)
+            self.run(cells_jvp_of_images, pixels, tangents, self.plan, reading_jvp, some, band, flat)
 
         share_out(work, len(out))
         _spoil(out, spoilt)

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from ...runtime.arrays import Flags, Floats, Integers, Real, Stored
+from ...runtime.arrays import Bytes, Flags, Floats, Integers, Real
 from ...runtime.simd import PADDING, lanes
 from .. import library_angles
 from ..gradient import BORDERS, GRAY_WEIGHTS, MASKS, last_of_equals
@@ -28,7 +28,8 @@ _COLUMNS = 128  # of pixels that are pooled together: their sums stay in the fir
 class Pixels(NamedTuple):
     """A batch of images as stored, of any strides."""
 
-    values: Stored  # (span,): the memory that the images lie in
+    values: Floats  # (span,): the memory that the images lie in; empty if it holds bytes
+    bytes: Bytes  # the same, of uint8; empty if it holds floating point
     height: int
     width: int
     strides: tuple[int, int, int, int]  # in elements: from image to image, channel, row, column
@@ -40,6 +41,7 @@ class Reading(NamedTuple):
     scale: Real  # factor of stored values
     weights: Floats  # (channels,): of the average that is described, or ones
     averaged: bool  # whether channels are averaged, not compared by magnitude
+    channels: int  # that are described: 1 if they are averaged
     sqrt: bool
     sobel: bool
     border_factor: Real  # of the difference to a value beyond the image; 0 for a mirrored image
@@ -80,6 +82,7 @@ class Pooling(NamedTuple):
 
     bands: Integers  # (bands, 3): first row of pixels, the one after the last, first row of cells
     band_of: Integers  # (height,): -1 for rows that do not vote
+    most_rows: int  # of pixels, of the largest band
     by_row: Floats  # (height · high,): weights of a row of pixels
     runs: Integers  # (runs, 3): first column of pixels, the one after the last, first column of cells
     by_col: Floats  # (runs · wide · length + padding,): weights of a run's columns for each cell, zero behind them
@@ -114,6 +117,7 @@ def reading(spec: HOGSpec, channels: int, height: int, width: int, stored: torch
         scale=real(spec.value_range / 255 if stored == torch.uint8 else spec.value_range),
         weights=np.array(weights if averaged else (1.0,) * channels, real),
         averaged=averaged,
+        channels=1 if averaged else channels,
         sqrt=spec.gamma == "sqrt",
         sobel=MASKS[spec.mask].smooths,
         border_factor=real(border.times),
@@ -228,6 +232,7 @@ def pooling(spec: HOGSpec, height: int, width: int, dtype: torch.dtype) -> Pooli
     return Pooling(
         bands=np.array(bands, np.int64).reshape(-1, 3),
         band_of=band_of,
+        most_rows=max((stop - start for start, stop, _ in bands), default=1),
         by_row=by_row.reshape(-1),
         runs=np.array(runs, np.int64).reshape(-1, 3),
         by_col=np.append(by_col, np.zeros(PADDING, by_col.dtype)),

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from ...runtime.arrays import DType, Floats, Integers
-from ...runtime.compile import borrowing, compiled, inlined
-from ...runtime.simd import PADDING
+from ...runtime.compile import borrowing, inlined
+from ...runtime.simd import PADDING, aligned_zeros
 from .cells import part_columns
 from .parameters import Pooling
 from .pooling_vjp_avx512 import look_up
@@ -44,23 +45,22 @@ class CellGradients(NamedTuple):
     columns: Floats  # (high · columns of a part · line,): the same of columns of pixels
 
 
-@compiled
 def new_vote_gradients(size: int, dtype: DType) -> VoteGradients:
-    return VoteGradients(np.zeros(size, dtype), np.zeros(size, dtype), np.zeros(size, dtype))
+    return VoteGradients(aligned_zeros(size, dtype), aligned_zeros(size, dtype), aligned_zeros(size, dtype))
 
 
-@compiled
 def new_cell_gradients(pooling: Pooling, dtype: DType) -> CellGradients:
     line = (pooling.bins + BESIDE + 7) // 8 * 8
-    cells = np.zeros((pooling.high, pooling.cols + pooling.wide + 1, line), dtype)  # tables end behind the last cell
-    return CellGradients(cells, np.empty(pooling.high * (pooling.columns + PADDING) * line, dtype))
+    shape = pooling.high, pooling.cols + pooling.wide + 1, line  # tables end behind the last cell
+    columns = aligned_zeros(pooling.high * (pooling.columns + PADDING) * line, dtype)
+    return CellGradients(aligned_zeros(math.prod(shape), dtype).reshape(shape), columns)
 
 
 @borrowing
 def wrap_bins(grad_cells: Floats, pooling: Pooling, band: int, out: Floats) -> None:
-    """Copies the cells of a band from ``grad_cells`` (rows, cols, bins) to lines of cyclic bins, ``out``."""
+    """Copies the cells of a band from ``grad_cells`` (rows · cols · bins,) to lines of cyclic bins, ``out``."""
     bins, line, cols = pooling.bins, out.shape[2], pooling.cols
-    source, target = grad_cells.reshape(-1), out.reshape(-1)
+    target = out.reshape(-1)
     for k in range(pooling.high):
         row, to = pooling.bands[band, 2] + k, np.uintp(k * out.shape[1] * line)
         if row >= pooling.rows:
@@ -69,9 +69,9 @@ def wrap_bins(grad_cells: Floats, pooling: Pooling, band: int, out: Floats) -> N
         at = np.uintp(row * cols * bins)
         for _ in range(cols):
             for bin_ in range(bins):
-                target[to + np.uintp(bin_ + 1)] = source[at + np.uintp(bin_)]
-            target[to] = source[at + np.uintp(bins - 1)]
-            target[to + np.uintp(bins + 1)] = source[at]
+                target[to + np.uintp(bin_ + 1)] = grad_cells[at + np.uintp(bin_)]
+            target[to] = grad_cells[at + np.uintp(bins - 1)]
+            target[to + np.uintp(bins + 1)] = grad_cells[at]
             to, at = to + np.uintp(line), at + np.uintp(bins)
 
 

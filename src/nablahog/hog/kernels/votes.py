@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...runtime.arrays import DType, Floats, Integers, Real
-from ...runtime.compile import borrowing, compiled, inlined
+from ...runtime.compile import borrowing, inlined
+from ...runtime.simd import aligned_zeros
 from .orientation_simd import begun_signed_votes, begun_votes, nearest_votes, single_votes, vlfeat_votes
 from .parameters import LINEAR, NEAREST, OPENCV, VLFEAT, Voting
 
@@ -31,9 +32,8 @@ class Votes(NamedTuple):
     bins: Integers  # int32
 
 
-@compiled
 def new_votes(size: int, dtype: DType) -> Votes:
-    return Votes(np.zeros(size, dtype), np.zeros(size, dtype), np.zeros(size, np.int32))
+    return Votes(aligned_zeros(size, dtype), aligned_zeros(size, dtype), aligned_zeros(size, np.int32))
 
 
 @inlined

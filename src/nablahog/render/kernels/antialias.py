@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...runtime.compile import compiled, inlined
+from ...runtime.compile import borrowing, compiled, inlined
 from .arrays import AT, DEPTH, MEASURED, SLOPE, Crossings, Floats, Pixels, Samples
 
 
@@ -40,8 +40,7 @@ def antialias(samples: Samples, crossings: Crossings, count: int, pixels: Pixels
         _pool(sums[0, 0], step, share, image[y, left:right])
         for channel in range(screen_gradient.shape[0]):
             _pool(sums[0, 1 + channel], step, half * side, screen_gradient[channel, y, left:right])
-        sums[0] = sums[1]
-        sums[1] = 0
+        _move_up(sums)
     _add_crossings(samples.brightness, crossings, count, pixels)
 
 
@@ -86,6 +85,17 @@ def _add_link_gradients(
 
 
 @inlined
+def _move_up(sums: Floats) -> None:
+    """The sums of the next row become those of this one.
+
+    In loops: numba compiles string functions, for three seconds, for the error message of an assignment.
+    """
+    for channel in range(sums.shape[1]):
+        for j in range(sums.shape[2]):
+            sums[0, channel, j], sums[1, channel, j] = sums[1, channel, j], 0
+
+
+@inlined
 def _add_crossings(brightness: Floats, crossings: Crossings, count: int, pixels: Pixels) -> None:
     """Moves the boundary of links with an edge to where the edge crosses, and adds its gradient."""
     image, screen_gradient, corner, step = pixels
@@ -114,7 +124,7 @@ def _add_crossings(brightness: Floats, crossings: Crossings, count: int, pixels:
             screen_gradient[3 - k, y, x] += d * w
 
 
-@compiled
+@borrowing
 def _pool(line: Floats, step: int, factor: float, out: Floats) -> None:
     """Sums ``step`` neighbours each on a line, times ``factor``."""
     if step == 1:  # a loop of its own, which the compiler can turn into vector instructions

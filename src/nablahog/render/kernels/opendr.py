@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...runtime.compile import compiled
+from ...runtime.compile import borrowing
 from .arrays import AT, DEPTH, MEASURED, SLOPE, Bytes, Crossings, Floats, Integers, Pixels, Samples
 
 
-@compiled
+@borrowing
 def draw_silhouettes(samples: Samples, silhouette: Bytes, crossings: Crossings, count: int) -> None:
     """Draws silhouette edges one sample wide, with brightness and 1 / depth of the surface in front.
 
@@ -47,7 +47,7 @@ def draw_silhouettes(samples: Samples, silhouette: Bytes, crossings: Crossings, 
             brightness[to_i, to_j], inverse[to_i, to_j] = values[n, SLOPE], values[n, DEPTH]
 
 
-@compiled
+@borrowing
 def resolve(samples: Samples, drawn: Integers, pixels: Pixels) -> None:
     """Writes the mean of each pixel's samples, and its gradient by :func:`..opendr.image_gradient`.
 
@@ -85,7 +85,7 @@ def resolve(samples: Samples, drawn: Integers, pixels: Pixels) -> None:
                 screen_gradient[2, y, x], screen_gradient[3, y, x] = side * by_y, side * by_y_depth
 
 
-@compiled
+@borrowing
 def _difference(line: Floats, drawn: Integers, k: int) -> float:
     """The derivative along a line of samples: the mean of the one-sided differences that touch no silhouette.
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ...runtime.compile import compiled
+from ...runtime.compile import borrowing, compiled
 from .arrays import Floats, Indices, Integers
 
 _BATCH = 1024  # triangles that go through the three loops of rasterize together
@@ -15,7 +15,7 @@ _BATCH = 1024  # triangles that go through the three loops of rasterize together
 # test for negative ones
 
 
-@compiled
+@borrowing
 def project(
     points: Floats, rotation: Floats, distance: float, focal: float, centre: Floats, nearest: float, screen: Floats
 ) -> float:
@@ -35,7 +35,7 @@ def project(
     return least
 
 
-@compiled
+@borrowing
 def bounding_box(screen: Floats, step: int, height: int, width: int, box: Indices) -> None:
     """Finds the pixels that the points (V, 3) may cover, and moves the origin of their x and y to its corner.
 
@@ -90,7 +90,7 @@ def rasterize(screen: Floats, faces: Integers, box: Indices, ids: Integers, inve
             _draw_spans(spans, depths, count, ids.reshape(-1), inverse.reshape(-1))
 
 
-@compiled
+@borrowing
 def _list_triangles(screen: Floats, faces: Integers, first: int, stop: int, box: Indices, triangles: Integers) -> int:
     """Lists the triangles among ``first`` … ``stop`` - 1 whose bounding box has a sample.
 
@@ -121,7 +121,7 @@ def _list_triangles(screen: Floats, faces: Integers, first: int, stop: int, box:
     return count
 
 
-@compiled
+@borrowing
 def _list_spans(
     screen: Floats, faces: Integers, triangles: Integers, box: Indices, width: int, spans: Integers, depths: Floats
 ) -> tuple[int, int]:
@@ -187,7 +187,7 @@ def _list_spans(
     return done, count
 
 
-@compiled
+@borrowing
 def _edge_bounds(
     p0: float, q0: float, p1: float, q1: float, turn: float, more: float, infinite: float
 ) -> tuple[float, float, float, float, float, float]:
@@ -211,7 +211,7 @@ def _edge_bounds(
     return min(p0, p1), max(p0, p1), q0 if forth >= 0 else q1, slope, low, high
 
 
-@compiled
+@borrowing
 def _draw_spans(spans: Integers, depths: Floats, count: int, ids: Integers, inverse: Floats) -> None:
     """Draws the first ``count`` spans of :func:`_list_spans` with a depth test; the samples are flat."""
     real = depths.dtype.type

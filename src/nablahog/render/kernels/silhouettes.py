@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...runtime.compile import compiled, inlined
+from ...runtime.compile import borrowing, inlined
 from ..edge_gradient import GAP, TOUCHING
 from ..topology import BOUNDARY
 from .arrays import AT, DEPTH, MEASURED, SLOPE, Bytes, Crossings, EdgeArrays, Floats, Integers
@@ -12,7 +12,7 @@ from .arrays import AT, DEPTH, MEASURED, SLOPE, Bytes, Crossings, EdgeArrays, Fl
 _CACHED = 1024  # edges that stay in a processor's cache
 
 
-@compiled
+@borrowing
 def silhouette_edges(edges: EdgeArrays, eyes: Floats, silhouettes: Bytes) -> None:
     """Marks silhouette edges: of one face only, or with both faces on one side as seen from the camera.
 
@@ -34,7 +34,7 @@ def silhouette_edges(edges: EdgeArrays, eyes: Floats, silhouettes: Bytes) -> Non
                 row[e] = (kind[e] == BOUNDARY) | (side * other >= 0)
 
 
-@compiled
+@borrowing
 def edge_crossings(
     screen: Floats,
     edges: EdgeArrays,

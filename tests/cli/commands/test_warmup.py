@@ -1,0 +1,42 @@
+"""``nablahog warmup``."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from nablahog.cli.main import main
+from nablahog.runtime.cache_folder import VARIABLE
+
+COMPILES = """
+import logging, sys
+logging.basicConfig(level=logging.INFO, stream=sys.stdout)
+import torch
+import nablahog
+images = torch.rand(1, 3, 40, 24, requires_grad=True)
+nablahog.hog(images, nablahog.presets.paper()).sum().backward()
+"""
+
+
+def test_a_process_after_it_compiles_nothing(tmp_path: Path) -> None:
+    environment = os.environ | {VARIABLE: str(tmp_path)}
+    command = [sys.executable, "-m", "nablahog", "warmup", "paper"]
+    warmed = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert warmed.stdout.endswith(f" s, kept in {tmp_path / 'machine-code'}\n")
+    program = [sys.executable, "-c", COMPILES]
+    assert subprocess.run(program, env=environment, capture_output=True, text=True, check=True).stdout == ""
+
+
+def test_an_unknown_step(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["warmup", "sift"]) == 1
+    assert "expected steps of aubry, " in capsys.readouterr().err
+
+
+def test_nowhere_to_keep_it(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("nablahog.cli.commands.warmup.code_folder", lambda: None)
+    assert main(["warmup"]) == 1
+    assert "set NABLAHOG_CACHE_DIR to one that you may write" in capsys.readouterr().err
