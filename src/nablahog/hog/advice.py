@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 
 import torch
@@ -46,7 +47,10 @@ def _is_beyond(images: Tensor) -> bool:
         values = sample.numpy()
     except RuntimeError:  # of a transform of torch.func, a dual number, without storage
         return False
-    return bool(values.size) and bool(values.max() > 1 + BEYOND or values.min() < -BEYOND)
+    if not values.size:
+        return False
+    # what is not finite says nothing of a range
+    return bool(1 + BEYOND < values.max() < math.inf or -math.inf < values.min() < -BEYOND)
 
 
 def _warn(text: str) -> None:
