@@ -7,7 +7,7 @@ OUT ?= out/demo
 bin := $(VENV)/bin
 installed := $(VENV)/.installed
 
-.PHONY: demo test coverage fuzz lint clean
+.PHONY: demo test coverage fuzz bounds lint clean
 
 demo: $(installed)  ## invert a photograph, write pictures, figures and a page into out/demo
 	$(bin)/nablahog demo -o $(OUT)
@@ -20,6 +20,10 @@ coverage: $(installed)  ## the same, with the lines that no test runs
 
 fuzz: $(installed)  ## half an hour of hostile input: specs, descriptors, files, kills, caches
 	$(bin)/python -m tests.fuzz
+
+bounds: $(installed)  ## the tests with the lowest and the newest versions allowed, on each Python found (ARGS="tests/io")
+	$(bin)/python -m pip install --quiet uv
+	PATH="$(abspath $(bin)):$$PATH" .ci/bounds $(ARGS)
 
 lint: $(installed)  ## style and types
 	$(bin)/ruff check .

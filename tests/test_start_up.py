@@ -117,6 +117,24 @@ def test_the_function_wins_over_the_package_of_its_name(program: str, name: str)
     assert show(program) == "<class 'function'>\n"
 
 
+@pytest.mark.parametrize(
+    ("program", "name"),
+    [
+        ("import nablahog.hog.kernels as module", "hog.kernels"),
+        ("import nablahog.hog.kernels; module = nablahog.hog.kernels", "hog.kernels"),
+        ("import nablahog; nablahog.hog; import nablahog.hog.kernels; module = nablahog.hog.kernels", "hog.kernels"),
+        ("from nablahog import hog; import nablahog.hog.kernels as module", "hog.kernels"),
+        ("from nablahog.hog import kernels as module", "hog.kernels"),
+        ("import nablahog.hog.presets as module", "hog.presets"),
+        ("import nablahog.hog.kernels.operators as module", "hog.kernels.operators"),
+        ("import nablahog.render.camera as module", "render.camera"),
+    ],
+)
+def test_its_modules_are_reached_all_the_same(program: str, name: str) -> None:
+    shown = show(f"{program}\nimport nablahog\nprint(type(nablahog.hog), type(nablahog.render), module.__name__)")
+    assert shown == f"<class 'function'> <class 'function'> nablahog.{name}\n"
+
+
 def test_so_it_does_in_other_packages() -> None:
     program = "import nablahog.pose.elements\nprint(nablahog.pose.elements.__name__, type(nablahog.pose.elements))"
     assert show(program) == "elements <class 'function'>\n"

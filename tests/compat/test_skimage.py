@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import inspect
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import PIL.Image
 import pytest
 import torch
 from hypothesis import example, given, settings
@@ -52,7 +54,7 @@ def test_signature_is_the_same() -> None:
 
 @given(
     seed=st.integers(0, 99),
-    orientations=st.integers(3, 16),
+    orientations=st.integers(1, 16),
     pixels_per_cell=sides,
     cells_per_block=blocks,
     spare=st.tuples(st.integers(0, 9), st.integers(0, 9)),
@@ -189,12 +191,12 @@ def test_tensors_have_derivatives(norm: str) -> None:
 
 
 REFUSED: dict[str, tuple[Any, dict[str, Any], str]] = {
-    "three dimensions": (np.zeros((32, 32, 3)), {}, "two dimensions"),
-    "four dimensions": (np.zeros((2, 32, 32, 3)), {"channel_axis": -1}, "two dimensions"),
-    "no channels": (np.zeros((32, 32)), {"channel_axis": -1}, "two dimensions"),
-    "one row": (np.zeros(100), {}, "at least one cell"),
-    "no cell": (np.zeros((7, 40)), {}, "at least one cell"),
-    "no block": (np.zeros((23, 40)), {}, "a block has 3x3"),
+    "three dimensions": (np.zeros((32, 32, 3)), {}, "two spatial dimensions"),
+    "four dimensions": (np.zeros((2, 32, 32, 3)), {"channel_axis": -1}, "two spatial dimensions"),
+    "no channels": (np.zeros((32, 32)), {"channel_axis": -1}, "two spatial dimensions"),
+    "one row": (np.zeros(100), {}, "image is too small"),
+    "no cell": (np.zeros((7, 40)), {}, "image is too small"),
+    "no block": (np.zeros((23, 40)), {}, "at least: 24 rows and 24 cols"),
     "complex": (np.zeros((32, 32), complex), {}, "must be real"),
     "norm": (np.zeros((32, 32)), {"block_norm": "L3"}, "form must be one of"),
 }
@@ -224,12 +226,118 @@ def test_pictures_of_cells_of_one_pixel() -> None:
         feature.hog(image, **options)
 
 
-def test_what_scikit_image_does_not_refuse() -> None:
-    with pytest.raises(ValueError, match="bins must be an integer in 3 … 1000"):
-        hog(np.zeros((32, 32)), orientations=2)
+# arguments that nobody would think of: the same result, or an error of the same kind
+ODD: dict[str, dict[str, Any]] = {
+    "1 orientation": {"orientations": 1},
+    "2 orientations": {"orientations": 2},
+    "a float of bins": {"orientations": 9.0},
+    "floats": {"pixels_per_cell": (8.0, np.float64(6))},
+    "integers of NumPy": {"orientations": np.int8(9), "pixels_per_cell": np.array([8, 6])},
+    "lists": {"pixels_per_cell": [8, 6], "cells_per_block": [2, 2]},
+    "one number": {"pixels_per_cell": 8},
+    "three numbers": {"pixels_per_cell": (8, 8, 8)},
+    "floats of cells": {"cells_per_block": (2.0, 2.0)},
+    "an iterator": {"pixels_per_cell": lambda: iter((8, 6))},
+    "a truth value as number": {"feature_vector": 0, "visualize": 1, "transform_sqrt": 1},
+    "an axis of NumPy": {"channel_axis": np.int64(2)},
+    "too high an axis": {"channel_axis": 3},
+    "too low an axis": {"channel_axis": -4},
+    "a float as axis": {"channel_axis": 1.0},
+    "no axis": {"channel_axis": None},
+    "no norm": {"block_norm": None},
+    "another norm": {"block_norm": "l2"},
+    "too few rows": {"pixels_per_cell": (20, 8)},
+    "too few cells": {"cells_per_block": (6, 6)},
+}
 
 
-@pytest.mark.parametrize("sizes", [8, (8.0, 8), (8, 8, 8)])
-def test_cells_are_pairs_of_integers(sizes: Any) -> None:
-    with pytest.raises((TypeError, ValueError)):
+@pytest.mark.parametrize("colour", [False, True])
+@pytest.mark.parametrize("case", ODD)
+def test_odd_arguments_have_the_same_outcome(case: str, colour: bool) -> None:
+    image = crop(7, 40, 48) if colour else crop(7, 40, 48)[..., 1]
+    outcomes = []
+    for f in (hog, feature.hog):
+        options = {"channel_axis": -1 if colour else None, **ODD[case]}
+        options = {name: value() if callable(value) else value for name, value in options.items()}
+        try:
+            outcomes.append(f(image, **options))
+        except (TypeError, ValueError) as error:
+            outcomes.append(error)
+    ours, theirs = outcomes
+    if isinstance(theirs, Exception):
+        assert isinstance(ours, type(theirs))
+        if "small" in str(theirs):
+            assert str(ours) == str(theirs)
+        return
+    assert not isinstance(ours, Exception), ours
+    for mine, original in zip(*(o if isinstance(o, tuple) else (o,) for o in outcomes), strict=True):
+        assert mine.shape == original.shape
+        assert_allclose(mine, original, rtol=0, atol=TOLERANCE * max(1.0, np.abs(original).max()))
+
+
+@pytest.mark.parametrize("root", [False, True])
+@pytest.mark.parametrize("colour", [False, True])
+def test_masked_arrays(colour: bool, root: bool) -> None:
+    image = crop(8, 40, 48).astype(float)
+    masked = np.ma.masked_array(image, image > 128) if colour else np.ma.masked_array(image, image > 128)[..., 0]
+    assert_same(masked, channel_axis=-1 if colour else None, transform_sqrt=root)
+    filled = feature.hog(masked.filled(0), channel_axis=-1 if colour else None, transform_sqrt=root)
+    assert np.abs(hog(masked, channel_axis=-1 if colour else None, transform_sqrt=root) - filled).max() > 0.01
+
+
+def test_what_becomes_an_array_will_do() -> None:
+    image = crop(9, 40, 48)
+    for kind in (PIL.Image.fromarray(image), image.tolist()):
+        assert_same(kind, channel_axis=-1)
+
+
+@pytest.mark.parametrize("orientations", [1, 2])
+def test_tensors_of_few_bins_are_described_as_arrays_are(orientations: int) -> None:
+    image = crop(5, 50, 60)[..., 0].astype(float)
+    assert_array_equal(hog(torch.from_numpy(image), orientations).numpy(), hog(image, orientations))
+
+
+@pytest.mark.parametrize("sizes", [(8.5, 8), (8, float("inf"))])
+def test_cells_are_whole_pixels(sizes: Any) -> None:
+    """scikit-image counts cells of 8.5 pixels, and fills them with cells of 8."""
+    with pytest.raises(TypeError, match="cannot be interpreted as an integer"):
         hog(np.zeros((32, 32)), pixels_per_cell=sizes)
+
+
+def test_there_is_at_least_one_bin() -> None:
+    with pytest.raises(ValueError, match="orientations must be at least 1, got 0"):
+        hog(np.zeros((32, 32)), orientations=0)
+
+
+def test_type_checkers_know_what_comes_back(tmp_path: Path) -> None:
+    program = """
+import numpy as np
+import torch
+from nablahog.compat.skimage import hog
+
+array, tensor, either = np.zeros((32, 32)), torch.zeros(32, 32), bool(input())
+reveal_type(hog(array).shape)
+reveal_type(hog(tensor, pixels_per_cell=[8.0, 8]))
+reveal_type(hog(tensor, visualize=True)[1])
+reveal_type(hog(tensor, visualize=either))
+"""
+    (tmp_path / "program.py").write_text(program)
+    api = pytest.importorskip("mypy.api")
+    out, _, status = api.run([str(tmp_path / "program.py"), "--strict", "--cache-dir", str(tmp_path)])
+    assert status == 0, out
+    revealed = [line.split('"')[1] for line in out.splitlines() if "Revealed" in line]
+    tensor = "torch._tensor.Tensor"
+    both = f"{tensor} | tuple[{tensor}, {tensor}]", f"Union[{tensor}, tuple[{tensor}, {tensor}]]"  # as mypy 1 has it
+    assert revealed[1:3] == [tensor, tensor]
+    assert revealed[3] in both
+    assert revealed[0].startswith(("tuple[", "builtins.tuple["))
+
+
+def test_the_tests_of_scikit_image_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where they are installed with it, as before version 0.26, and the data that they fetch are at hand."""
+    theirs = pytest.importorskip("skimage.feature.tests.test_hog")
+    source = Path(theirs.__file__).read_text(encoding="utf-8")
+    program = f"import skimage.feature, nablahog.compat.skimage as ours\nskimage.feature.hog = ours.hog\n{source}"
+    assert "feature.hog(" in program
+    monkeypatch.setattr(feature, "hog", hog)
+    assert pytest.main([str(theirs.__file__), "-q", "-p", "no:cacheprovider", "--no-header"]) == 0

@@ -117,9 +117,9 @@ def test_other_kinds_of_pil_images_are_refused() -> None:
         hog(image, SPEC)
 
 
-@pytest.mark.parametrize("dtype", ["f2", "i8", "u2", "?", "c8", "U1", "O"])
+@pytest.mark.parametrize("dtype", ["i8", "u2", "?", "c8", "U1", "O"])
 def test_other_numbers_are_refused(dtype: str) -> None:
-    with pytest.raises(TypeError, match=r"^images must (be float32 or float64 in 0…1|hold real numbers)"):
+    with pytest.raises(TypeError, match=r"^images must (be floats in 0…1|hold real numbers)"):
         hog(np.zeros((16, 24), dtype), SPEC)
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
+from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings
@@ -75,6 +77,54 @@ def test_autocast_keeps_precision(name: str) -> None:
         descriptor = hog(image, s)
     assert descriptor.dtype == torch.float32
     assert_close(descriptor, expected)
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
+@pytest.mark.parametrize("name", ["paper", "uoctti", "opencv"])
+def test_halves_are_computed_in_single_precision(name: str, dtype: torch.dtype) -> None:
+    s = PRESETS[name](4)
+    image = noise(2, 3, *s.image_size(2, 2), dtype=torch.float32).to(dtype)
+    single = image.float().requires_grad_()
+    half = image.clone().requires_grad_()
+    expected, descriptor = hog(single, s), hog(half, s)
+    assert descriptor.dtype == dtype
+    assert_close(descriptor, expected.to(dtype), rtol=0, atol=0)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        under_autocast = hog(half, s)
+    assert under_autocast.dtype == torch.float32
+    assert_close(under_autocast, expected, rtol=0, atol=0)
+    cotangent = torch.ones_like(expected)
+    (gradient,) = torch.autograd.grad(under_autocast, half, cotangent)
+    assert gradient.dtype == dtype
+    assert_close(gradient, torch.autograd.grad(expected, single, cotangent)[0].to(dtype), rtol=0, atol=0)
+
+
+def test_a_network_of_halves() -> None:
+    network = nn.Sequential(HOG("uoctti"), nn.Flatten(), nn.Linear(2 * 2 * 31, 1)).to(torch.bfloat16)
+    assert network(torch.rand(1, 3, 16, 16, dtype=torch.bfloat16)).dtype == torch.bfloat16
+
+
+def test_arrays_of_halves() -> None:
+    array = np.random.default_rng(0).random((16, 16)).astype(np.float16)
+    descriptor = hog(array, "uoctti")
+    assert descriptor.dtype == np.float16
+    np.testing.assert_array_equal(descriptor, hog(array.astype(np.float32), "uoctti").astype(np.float16))
+
+
+@pytest.mark.parametrize("layout", ["cells", "native"])
+@pytest.mark.parametrize("name", PRESETS)
+def test_meta_tensors_have_the_shape(name: str, layout: Any) -> None:
+    s = PRESETS[name](4)
+    image = noise(2, 3, *s.image_size(2, 3), dtype=torch.float32)
+    expected, of_bytes = hog(image, s, layout=layout), hog(image.byte().to("meta"), s)
+    on_meta = image.to("meta").requires_grad_()
+    descriptor = hog(on_meta, s, layout=layout)
+    assert descriptor.is_meta
+    assert of_bytes.is_meta
+    assert (descriptor.shape, descriptor.dtype) == (expected.shape, expected.dtype)
+    descriptor.sum().backward()
+    assert on_meta.grad is not None
+    assert on_meta.grad.shape == image.shape
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device here")
@@ -219,8 +269,17 @@ def test_module_is_the_function(name: str) -> None:
     assert (module(image) == hog(image, s)).all()
     assert not module.state_dict()
     assert not list(module.parameters())
-    assert s.name in repr(module)
-    assert "(4, 4)" in repr(module)
+    assert repr(s) in repr(module)
+
+
+def test_module_has_a_layout_and_takes_names() -> None:
+    image = noise(1, 3, 24, 24, dtype=torch.float32)
+    expected = hog(image, presets.vlfeat(), layout="native")
+    module = HOG("vlfeat", layout="native")
+    assert expected.shape == (1, 31, 3, 3)
+    assert_close(module(image), expected, rtol=0, atol=0)
+    assert_close(hog(image, "vlfeat", layout="native"), expected, rtol=0, atol=0)
+    assert "layout='native'" in repr(module)
 
 
 def test_module_in_a_network() -> None:

@@ -257,3 +257,20 @@ def test_refuses_what_does_not_go_together(changes: dict[str, Any], message: str
 def test_is_immutable() -> None:
     with pytest.raises(dataclasses.FrozenInstanceError):
         presets.paper().bins = 18  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(
+    ("spec", "shown"),
+    [
+        (presets.paper(), "<HOGSpec presets.paper()>"),
+        (presets.uoctti(6), "<HOGSpec presets.uoctti() with cell_size=(6, 6)>"),
+        (
+            presets.skimage(8, cells_per_block=(2, 2)),
+            "<HOGSpec presets.skimage() with bins=8, normalizer.block=(2, 2)>",
+        ),
+        (presets.cnn_hog(bilinear=True), "<HOGSpec presets.cnn_hog() with name='cnn-hogb', vote='linear'>"),
+        (presets.opencv(win_size=(64, 64)), "<HOGSpec presets.opencv()>"),  # the window is no part of it
+    ],
+)
+def test_a_spec_shows_what_differs_from_the_nearest_preset(spec: HOGSpec, shown: str) -> None:
+    assert repr(spec) == shown

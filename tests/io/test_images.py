@@ -53,7 +53,10 @@ def test_colour_levels_are_exact(tmp_path: Path, ending: str) -> None:
 def test_sixteen_bits(tmp_path: Path, ending: str) -> None:
     levels = np.array([[0, 1, 256], [32768, 65534, 65535]], dtype=np.uint16)
     path = tmp_path / f"deep.{ending}"
-    Image.fromarray(levels).save(path)
+    if ending == "pgm":  # which Pillow cannot always write
+        path.write_bytes(b"P5\n3 2\n65535\n" + levels.astype(">u2").tobytes())
+    else:
+        Image.fromarray(levels).save(path)
     torch.testing.assert_close(read_image(path)[0], torch.from_numpy(levels / 65535).float(), rtol=1e-6, atol=0)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Sequence
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar, overload
 
 import numpy as np
 import torch
@@ -14,18 +14,55 @@ from torch import Tensor
 
 from ..hog import HOGSpec, presets
 from ..hog.gradient import gradient
-from ..hog.layout import to_layout
 from ..hog.normalizers import BlockForm
 from ..hog.orientation import magnitude
-from ..hog.steps import normalize_reference
 
 Image = TypeVar("Image", NDArray[Any], Tensor)
 
 
+@overload
 def hog(
     image: Image,
     orientations: int = 9,
-    pixels_per_cell: Sequence[int] = (8, 8),
+    pixels_per_cell: Sequence[float] = (8, 8),
+    cells_per_block: Sequence[int] = (3, 3),
+    block_norm: BlockForm = "L2-Hys",
+    visualize: Literal[False] = False,
+    transform_sqrt: bool = False,
+    feature_vector: bool = True,
+    *,
+    channel_axis: int | None = None,
+) -> Image: ...
+@overload
+def hog(
+    image: Image,
+    orientations: int = 9,
+    pixels_per_cell: Sequence[float] = (8, 8),
+    cells_per_block: Sequence[int] = (3, 3),
+    block_norm: BlockForm = "L2-Hys",
+    *,
+    visualize: Literal[True],
+    transform_sqrt: bool = False,
+    feature_vector: bool = True,
+    channel_axis: int | None = None,
+) -> tuple[Image, Image]: ...
+@overload
+def hog(
+    image: Image,
+    orientations: int = 9,
+    pixels_per_cell: Sequence[float] = (8, 8),
+    cells_per_block: Sequence[int] = (3, 3),
+    block_norm: BlockForm = "L2-Hys",
+    visualize: bool = False,
+    transform_sqrt: bool = False,
+    feature_vector: bool = True,
+    *,
+    channel_axis: int | None = None,
+) -> Image | tuple[Image, Image]: ...
+def hog(
+    image: Image,
+    orientations: int = 9,
+    pixels_per_cell: Sequence[float] = (8, 8),
     cells_per_block: Sequence[int] = (3, 3),
     block_norm: BlockForm = "L2-Hys",
     visualize: bool = False,
@@ -37,14 +74,17 @@ def hog(
     """``skimage.feature.hog``: the same result for the same arguments.
 
     Values are not rescaled, and ε is absolute.  Ties between two bins or two channels are decided as in scikit-image,
-    also by rounding errors; a gradient less than 1.4e-14° below 0° votes nowhere, as there.  There are two differences:
-    votes of a cell are added in float64 instead of float32, which changes entries by about 1e-7; and fewer than three
-    orientations are refused.
+    also by rounding errors; a gradient less than 1.4e-14° below 0° votes nowhere, as there.  One difference is left:
+    votes of a cell are added in float64 instead of float32, which changes entries by about 1e-7.  What cannot be
+    described is refused in one sentence: cells whose sides are no whole numbers, and blocks or bins of which there are
+    none, for which scikit-image has a descriptor that is empty or made of other cells.
 
     Args:
-        image: (M, N), or with channels on ``channel_axis``; an array, or a tensor on any device.
-        orientations: bins over 180°, at least 3.
-        pixels_per_cell: (height, width).
+        image: (M, N), or with channels on ``channel_axis``; an array or what becomes one, or a tensor on any device.
+            Of a masked array the difference of two pixels, one of which is masked, is the pixel on the right or below,
+            as in scikit-image: fill it first, ``image.filled(0)``.
+        orientations: bins over 180°, at least 1.
+        pixels_per_cell: (height, width), whole numbers, also as floats.
         cells_per_block: (rows, cols).
         block_norm: ``"L1"``, ``"L1-sqrt"``, ``"L2"`` or ``"L2-Hys"``.
         visualize: whether to return an image of the HOG, too: in each cell a line for each bin, along the edges that
@@ -56,12 +96,14 @@ def hog(
 
     Returns:
         The descriptor, (rows of blocks, columns of blocks, rows of cells, columns of cells, bins), or flat; with
-        ``visualize``, also the image (M, N).  Arrays if ``image`` is one, else tensors on its device, differentiable in
-        ``image``; float32 for images of float32 or less, otherwise float64.
+        ``visualize``, also the image (M, N).  Tensors on its device if ``image`` is one, differentiable in it, else
+        arrays; float32 for images of float32 or less, otherwise float64.
 
     Raises:
         ValueError: the image has not two dimensions beside its channels, holds no block, or is complex; or an argument
             is out of its range.
+        TypeError: a number of bins, cells or pixels is not a whole one.
+        numpy.exceptions.AxisError: the image has no such ``channel_axis``.
 
     Source: ``skimage/feature/_hog.py``.
 
@@ -75,26 +117,34 @@ def hog(
     >>> image.grad.shape
     torch.Size([64, 64])
     """
-    is_tensor = isinstance(image, Tensor)
+    bins, cell, block = operator.index(orientations), _sides(pixels_per_cell), _pair(cells_per_block)
+    if bins < 1:
+        raise ValueError(f"orientations must be at least 1, got {bins}")
+    # its bins do not count: other dialects have no fewer than three
     spec = presets.skimage(
-        operator.index(orientations),
-        _pair(pixels_per_cell),
-        _pair(cells_per_block),
-        block_norm,
-        transform_sqrt=transform_sqrt and is_tensor,  # arrays take NumPy's square root
-        feature_vector=feature_vector,
+        pixels_per_cell=cell,
+        cells_per_block=block,
+        block_norm=block_norm,
+        transform_sqrt=transform_sqrt and isinstance(image, Tensor),  # arrays take NumPy's square root
         value_range=1.0,
     )
-    values = _tensor(image) if isinstance(image, Tensor) else torch.from_numpy(_array(image, transform_sqrt))
+    values = _tensor(image) if isinstance(image, Tensor) else _array(image, transform_sqrt)
     planes = _planes(values, channel_axis)
     size = planes.shape[1], planes.shape[2]
-    spec.grid(*size)
-    cells = _cells(planes, spec)
-    descriptor = to_layout(normalize_reference(cells.unsqueeze(0), spec).permute(0, 2, 3, 1), spec)[0]
-    tensors = [descriptor.to(values.dtype).contiguous()]
+    least = block[0] * cell[0], block[1] * cell[1]
+    if size[0] < least[0] or size[1] < least[1]:  # in the words of scikit-image
+        raise ValueError(
+            "The input image is too small given the values of pixels_per_cell and cells_per_block. "
+            f"It should have at least: {least[0]} rows and {least[1]} cols."
+        )
+    gx, gy = _gradient(planes, spec)
+    cells = _cells(gx, gy, bins, spec)
+    blocks = spec.normalizer.normalize(cells.unsqueeze(0), signed=False)[0].permute(1, 2, 0)
+    descriptor = blocks.flatten() if feature_vector else blocks.reshape(*blocks.shape[:2], block[0], block[1], bins)
+    tensors = [descriptor.to(gx.dtype).contiguous()]
     if visualize:
-        tensors.append(_glyphs(cells, spec.cell_size, size, values.dtype))
-    results: list[Any] = tensors if is_tensor else [each.numpy() for each in tensors]
+        tensors.append(_glyphs(cells, cell, size, gx.dtype))
+    results: list[Any] = tensors if isinstance(image, Tensor) else [each.numpy() for each in tensors]
     return (results[0], results[1]) if visualize else results[0]
 
 
@@ -104,12 +154,20 @@ def _pair(sizes: Sequence[int]) -> tuple[int, int]:
     return operator.index(first), operator.index(second)
 
 
+def _sides(sizes: Sequence[float]) -> tuple[int, int]:
+    """Two integers, also as floats."""
+    first, second = (int(side) if isinstance(side, float) and side.is_integer() else side for side in sizes)
+    return _pair((first, second))  # type: ignore[arg-type]
+
+
 def _array(image: NDArray[Any], transform_sqrt: bool) -> NDArray[Any]:
-    """A copy of the image, of at least two dimensions, in float32 or float64."""
+    """A copy of the image, of at least two dimensions, in float32 or float64.  Masked arrays remain such."""
     image = np.atleast_2d(image)
     if image.dtype.kind == "c":
         raise ValueError(f"the image must be real, got {image.dtype}")
     values = image.astype(np.float32 if image.dtype.char in "ef" else np.float64, order="C")
+    if not isinstance(values, np.ma.MaskedArray):
+        values = np.asarray(values)
     return np.sqrt(values) if transform_sqrt else values
 
 
@@ -121,29 +179,44 @@ def _tensor(image: Tensor) -> Tensor:
     return image.to(torch.float32 if image.is_floating_point() and image.dtype != torch.float64 else torch.float64)
 
 
-def _planes(values: Tensor, channel_axis: int | None) -> Tensor:
+def _planes(values: Image, channel_axis: int | None) -> Image:
     """The image's channels (C, M, N)."""
-    if values.dim() != (2 if channel_axis is None else 3):
+    axis = None if channel_axis is None else operator.index(channel_axis)
+    if axis is not None and not -values.ndim <= axis < values.ndim:
+        raise np.exceptions.AxisError(axis, values.ndim, "channel_axis")
+    if values.ndim != (2 if axis is None else 3):  # in the words of scikit-image
         raise ValueError(
-            f"the image must have two dimensions, and a third for channels if channel_axis says which, got the shape "
-            f"{tuple(values.shape)} and channel_axis {channel_axis}"
+            "Only images with two spatial dimensions are supported. If using with color/multichannel images, specify "
+            f"`channel_axis`: got the shape {tuple(values.shape)} and channel_axis {axis}"
         )
-    return values.unsqueeze(0) if channel_axis is None else values.movedim(channel_axis, 0)
+    if axis is None:
+        return values[None]
+    return values.movedim(axis, 0) if isinstance(values, Tensor) else np.moveaxis(values, axis, 0)
 
 
-def _cells(planes: Tensor, spec: HOGSpec) -> Tensor:
-    """Mean votes (bins, rows, cols) of the cells, float64.  A NaN affects its cell only."""
-    gx, gy = gradient(planes.unsqueeze(1), spec)
+def _gradient(planes: NDArray[Any] | Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
+    """Gx, Gy (C, M, N) of an image's channels."""
+    if isinstance(planes, np.ma.MaskedArray):  # what NumPy leaves behind where a difference is masked is described
+        gx, gy = np.zeros((2, *planes.shape), planes.dtype)
+        gx[:, :, 1:-1] = planes[:, :, 2:] - planes[:, :, :-2]
+        gy[:, 1:-1] = planes[:, 2:] - planes[:, :-2]
+        return torch.from_numpy(gx), torch.from_numpy(gy)
+    values = planes if isinstance(planes, Tensor) else torch.from_numpy(planes)
+    return gradient(values.unsqueeze(1), spec)
+
+
+def _cells(gx: Tensor, gy: Tensor, bins: int, spec: HOGSpec) -> Tensor:
+    """Mean votes (bins, rows, cols) of the cells, float64, by the gradients (C, M, N).  A NaN affects its cell only."""
     along_x, along_y = (g.detach().cpu().numpy() for g in (gx, gy))
-    if len(planes) > 1:
+    if len(gx) > 1:
         winner = np.hypot(along_x, along_y).argmax(axis=0, keepdims=True)
         along_x, along_y = (np.take_along_axis(g, winner, axis=0) for g in (along_x, along_y))
         gx, gy = (g.gather(0, torch.from_numpy(winner).to(g.device)) for g in (gx, gy))
-    outside = torch.from_numpy(_outside(along_x, along_y, spec.bins)).to(gx.device)
+    outside = torch.from_numpy(_outside(along_x, along_y, bins)).to(gx.device)
     votes = torch.where(outside, 0.0, magnitude(gx.double(), gy.double()))
-    (rows, cols), (high, wide) = spec.cells(*planes.shape[1:]), spec.cell_size
+    (rows, cols), (high, wide) = spec.cells(*gx.shape[1:]), spec.cell_size
     whole = votes[:, : rows * high, : cols * wide]
-    return whole.reshape(spec.bins, rows, high, cols, wide).mean(dim=(2, 4))
+    return whole.reshape(bins, rows, high, cols, wide).mean(dim=(2, 4))
 
 
 def _outside(gx: NDArray[Any], gy: NDArray[Any], bins: int) -> NDArray[np.bool_]:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..hog import hog
+from ..hog.descriptor import describe
 from ..viz import html
 from ..viz.pictures import Panel, glyphs
 from . import tables
@@ -41,7 +41,7 @@ def page(comparison: Comparison, image: Tensor, introduction: str, picture: NDAr
         picture: of the distances, see :func:`.heatmap.heat_map`.
     """
     specs = comparison.specs.items()
-    drawn = [Panel(glyphs(hog(image.unsqueeze(0), spec)[0], spec), name) for name, spec in specs]
+    drawn = [Panel(glyphs(describe(image.unsqueeze(0), spec)[0], spec), name) for name, spec in specs]
     sections = [
         html.Section(
             "Distances", "The darker the further apart; neighbours are alike.", [Panel(picture, "all distances")]

@@ -9,24 +9,31 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from . import kernels
+from .advice import advise
 from .checks import check_choice
 from .inputs import ArrayImage, image_batch, to_array
 from .layout import to_layout
+from .presets import as_spec
 from .spec import HOGSpec
 from .steps import histograms_reference, normalize_reference, spread_nan
 
 Backend: TypeAlias = Literal["auto", "torch"]
 ResultLayout: TypeAlias = Literal["cells", "native"]
+HALVES = (torch.float16, torch.bfloat16)
 
 
 def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
     if not isinstance(images, Tensor):
         raise TypeError(f"images must be a torch tensor (B, C, H, W), got {type(images).__name__}")
     if images.dim() != 4 or images.shape[1] < 1:
-        raise ValueError(f"images must have shape (B, C, H, W) with at least one channel, got {tuple(images.shape)}")
+        advice = {2: "images[None, None]", 3: "images[None] for one image (C, H, W), images[:, None] for gray ones"}
+        write = f": write {advice[images.dim()]}" if images.dim() in advice else ""
+        raise ValueError(
+            f"images must have shape (B, C, H, W) with at least one channel, got {tuple(images.shape)}{write}"
+        )
     spec.check_channels(images.shape[1])
     if images.dtype not in (torch.uint8, torch.float32, torch.float64):
-        raise TypeError(f"images must be float32 or float64 in 0…1, or uint8 in 0…255, got {images.dtype}")
+        raise TypeError(f"images must be floats in 0…1, or uint8 in 0…255, got {images.dtype}")
     if backend != "auto":
         check_choice("backend", backend, Backend)
 
@@ -44,13 +51,15 @@ def histograms(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> T
 
 
 @overload
-def hog(images: Tensor, spec: HOGSpec, *, layout: ResultLayout = "cells", backend: Backend = "auto") -> Tensor: ...
+def hog(
+    images: Tensor, spec: HOGSpec | str, *, layout: ResultLayout = "cells", backend: Backend = "auto"
+) -> Tensor: ...
 @overload
 def hog(
-    images: ArrayImage, spec: HOGSpec, *, layout: ResultLayout = "cells", backend: Backend = "auto"
+    images: ArrayImage, spec: HOGSpec | str, *, layout: ResultLayout = "cells", backend: Backend = "auto"
 ) -> NDArray[Any]: ...
 def hog(
-    images: Tensor | ArrayImage, spec: HOGSpec, *, layout: ResultLayout = "cells", backend: Backend = "auto"
+    images: Tensor | ArrayImage, spec: HOGSpec | str, *, layout: ResultLayout = "cells", backend: Backend = "auto"
 ) -> Tensor | NDArray[Any]:
     """The HOG descriptor of a batch of images, exactly differentiable (Section 2 of the paper).
 
@@ -64,20 +73,26 @@ def hog(
 
     Args:
         images: (B, C, H, W), float32 or float64 in 0…1, or uint8 in 0…255; any number of channels (three are R, G, B)
-            and any strides: none is copied on a CPU.  Or a NumPy array (H, W), (H, W, C) or (B, H, W, C), C 1 or 3,
-            or a PIL image of mode L or RGB.
-        spec: the dialect, from :mod:`nablahog.presets`.
+            and any strides: none is copied on a CPU.  float16 and bfloat16 are computed in float32.  Or a NumPy array
+            (H, W), (H, W, C) or (B, H, W, C), C 1 or 3, or a PIL image of mode L or RGB.
+        spec: the dialect, from :mod:`nablahog.presets`, or the name of a preset with its defaults, ``"skimage"``.
         layout: ``"cells"``, or ``"native"``, the shape and order that the library itself returns.
         backend: ``"auto"``, compiled loops on a CPU; ``"torch"``, the steps as the paper has them, a few operations of
             PyTorch each.  The results differ by rounding.
 
     Returns:
         (B, rows, cols, channels), or B in front of the library's own shape; the dtype of the images (the default dtype
-        for uint8).  An array for arrays and PIL images, without B for a single one.
+        for uint8; float32 for float16 and bfloat16 under autocast, as of PyTorch's operators that compute in float32),
+        and so has the gradient.  An array for arrays and PIL images, without B for a single one.  Of tensors on the
+        device ``meta`` its shape.
 
     Raises:
         TypeError: ``images`` is no tensor, array or PIL image, or of another dtype.
-        ValueError: ``images`` has other axes, or is smaller than one cell.
+        ValueError: ``images`` has other axes, or is smaller than one cell; there is no such preset.
+
+    Warns:
+        UserWarning: the floats lie far beyond 0…1 (looked up in some pixels, on the CPU); there are four channels; or
+            the spec is scikit-image's for gray images, and there are three.
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> nablahog.hog(torch.rand(2, 3, 64, 48), spec).shape
@@ -89,21 +104,40 @@ def hog(
     >>> images.grad.shape
     torch.Size([1, 1, 16, 16])
     """
-    if not isinstance(images, Tensor):
-        batch, single = image_batch("images", images)
-        return to_array(hog(batch, spec, layout=layout, backend=backend), single)
-    _check(images, spec, backend)
+    spec = as_spec(spec)
+    if isinstance(images, Tensor):
+        return _described(images, spec, layout, backend)
+    batch, single = image_batch("images", images)
+    return to_array(_described(batch, spec, layout, backend), single)
+
+
+def _described(images: Tensor, spec: HOGSpec, layout: ResultLayout, backend: Backend) -> Tensor:
+    values = images.float() if isinstance(images, Tensor) and images.dtype in HALVES else images
+    _check(values, spec, backend)
+    advise(values, spec)
+    descriptor = describe(values, spec, backend=backend)
+    if layout != "cells":
+        check_choice("layout", layout, ResultLayout)
+        descriptor = to_layout(descriptor, spec)
+    if values is not images and not torch.is_autocast_enabled(images.device.type):
+        return descriptor.to(images.dtype)
+    return descriptor
+
+
+def describe(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> Tensor:
+    """:func:`hog` of images as it takes them, float32, float64 or uint8, without its checks and warnings."""
     if backend == "auto" and images.is_cpu and kernels.supports(spec):
-        descriptor = kernels.describe(images, spec)
-    else:
-        spec.grid(*images.shape[-2:])
-        descriptor = normalize_reference(histograms_reference(images, spec), spec)  # Eq. 7
-        descriptor = spread_nan(descriptor, images).permute(0, 2, 3, 1).contiguous()
-    return descriptor if layout == "cells" else to_layout(descriptor, spec)
+        return kernels.describe(images, spec)
+    shape = len(images), *spec.grid(*images.shape[-2:]), spec.channels
+    if images.is_meta:  # a graph, but no values
+        dtype = images.dtype if images.is_floating_point() else torch.get_default_dtype()
+        return images.to(dtype).sum((1, 2, 3)).reshape(-1, 1, 1, 1).expand(shape).contiguous()
+    descriptor = normalize_reference(histograms_reference(images, spec), spec)  # Eq. 7
+    return spread_nan(descriptor, images).permute(0, 2, 3, 1).contiguous()
 
 
 class HOG(nn.Module):
-    """:func:`hog` with its spec, as a module to put into a network.  It has no parameters.
+    """:func:`hog` with its spec and layout, as a module to put into a network.  It has no parameters.
 
     >>> describe = nablahog.HOG(nablahog.presets.paper())
     >>> network = torch.nn.Sequential(torch.nn.Conv2d(3, 1, 3, padding=1), describe)
@@ -111,9 +145,11 @@ class HOG(nn.Module):
     torch.Size([1, 4, 4, 9])
     """
 
-    def __init__(self, spec: HOGSpec) -> None:
+    def __init__(self, spec: HOGSpec | str, *, layout: ResultLayout = "cells", backend: Backend = "auto") -> None:
         super().__init__()
-        self.spec = spec
+        self.spec = as_spec(spec)
+        self.layout: ResultLayout = layout
+        self.backend: Backend = backend
 
     @overload
     def forward(self, images: Tensor) -> Tensor: ...
@@ -121,7 +157,7 @@ class HOG(nn.Module):
     def forward(self, images: ArrayImage) -> NDArray[Any]: ...
     def forward(self, images: Tensor | ArrayImage) -> Tensor | NDArray[Any]:
         """Images (B, C, H, W) to descriptors (B, rows, cols, channels); see :func:`hog`."""
-        return hog(images, self.spec)
+        return hog(images, self.spec, layout=self.layout, backend=self.backend)
 
     def extra_repr(self) -> str:
-        return self.spec.name + f", cell_size={self.spec.cell_size}"
+        return repr(self.spec) + ("" if self.layout == "cells" else f", layout={self.layout!r}")

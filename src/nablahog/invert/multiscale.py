@@ -18,6 +18,7 @@ from torch.nn.functional import avg_pool2d
 
 from ..hog.descriptor import hog
 from ..hog.inputs import Descriptors
+from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from .checks import check_descriptor, descriptors_as_tensor
 from .histograms import recover_histograms
@@ -84,7 +85,7 @@ def scale_descriptors(image: Tensor, spec: HOGSpec, scales: Sequence[int] = SCAL
 
 def reconstruct_multiscale(
     descriptors: Descriptors | Sequence[Descriptors],
-    spec: HOGSpec,
+    spec: HOGSpec | str,
     image_size: Sequence[int] | None = None,
     *,
     scales: Sequence[int] = SCALES,
@@ -103,7 +104,7 @@ def reconstruct_multiscale(
     Args:
         descriptors: (B, rows, cols, channels), matched at every level (multi-scale), or one for each scale
             (multi-scale-more, see :func:`scale_descriptors`).  Arrays as for :func:`.preimage.reconstruct`.
-        spec: the dialect at the image's own size.
+        spec: the dialect at the image's own size, or the name of a preset with its defaults.
         image_size: (height, width); by default whole cells.
         scales: falling square numbers.
         method: as :func:`.preimage.reconstruct`.  The paper's search begins with noise at the first level, and with the
@@ -126,6 +127,7 @@ def reconstruct_multiscale(
     >>> [tuple(level.reconstruction.image.shape) for level in levels]
     [(1, 1, 16, 16), (1, 1, 32, 32)]
     """
+    spec = as_spec(spec)
     one = isinstance(descriptors, Tensor | np.ndarray)
     several = [descriptors] * len(scales) if isinstance(descriptors, Tensor | np.ndarray) else list(descriptors)
     targets = [descriptors_as_tensor(descriptor) for descriptor in several]

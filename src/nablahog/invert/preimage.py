@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from ..hog.inputs import ArrayImage, Descriptors
+from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from .checks import check_descriptor, check_images, descriptors_as_tensor
 from .histograms import recover_histograms, searchable
@@ -39,7 +40,7 @@ VECTORS = 32  # of unknowns that a search of one image holds at most: measured, 
 
 def reconstruct(
     descriptor: Descriptors,
-    spec: HOGSpec,
+    spec: HOGSpec | str,
     image_size: Sequence[int] | None = None,
     *,
     quality: QualityName = "best",
@@ -68,7 +69,7 @@ def reconstruct(
     Args:
         descriptor: (B, rows, cols, channels), float32 or float64, a tensor on any device or a NumPy array; an array
             also (rows, cols, channels).
-        spec: the dialect that made it.
+        spec: the dialect that made it, or the name of a preset with its defaults.
         image_size: (height, width); by default whole cells, rows · cell height and cols · cell width.
         quality: ``"best"``, or ``"fast"``: an eighth of the evaluations, for a coarser image.
         seed: of the noise that the search starts from.  The same for every image of the batch.
@@ -93,7 +94,7 @@ def reconstruct(
     (32, 32)
     """
     began = time.perf_counter()
-    targets = descriptors_as_tensor(descriptor)
+    spec, targets = as_spec(spec), descriptors_as_tensor(descriptor)
     size = check_descriptor(targets, spec, image_size)
     published = as_published(method)
     if published is not None:

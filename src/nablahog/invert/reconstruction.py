@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import html
+import io
 from dataclasses import dataclass
 from typing import Any, Generic
 
@@ -17,12 +20,12 @@ from ..optimize import StopReason
 from .objective import squared_norm
 
 TAILS = 0.005  # share of pixels that may be clipped at either end when the image is brought to 0…1
-
+SHOWN = 4  # images of a batch, in a notebook and with their distances
 
 Values = TypeVar("Values", Tensor, NDArray[Any], default=Tensor)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Reconstruction(Generic[Values]):
     """Pre-images of a batch of descriptors: tensors, or arrays if the descriptors were arrays.
 
@@ -55,6 +58,30 @@ class Reconstruction(Generic[Values]):
     evaluations: Values
     seconds: float
     iterates: Values | None = None
+
+    def __repr__(self) -> str:
+        """Shape and figures, not the pixels."""
+        distances = [f"{distance:.3g}" for distance in self.distance.reshape(-1)[:SHOWN].tolist()]
+        more = ", …" if len(self.stop_reason) > SHOWN else ""
+        return (
+            f"<Reconstruction image {'x'.join(map(str, self.image.shape))}, distance {', '.join(distances)}{more}, "
+            f"{', '.join(dict.fromkeys(map(str, self.stop_reason)))}, {self.seconds:.1f} s>"
+        )
+
+    def _repr_html_(self) -> str:
+        """The first images, for notebooks."""
+        from ..io.images import to_pil
+
+        height, width = self.image.shape[-2:]
+        pictures = []
+        for image in self.image.reshape(-1, height, width)[:SHOWN]:
+            file = io.BytesIO()
+            to_pil(image).save(file, format="PNG")
+            png = base64.b64encode(file.getvalue()).decode("ascii")
+            pictures.append(
+                f'<img src="data:image/png;base64,{png}" width="{width}" height="{height}" alt="pre-image">'
+            )
+        return f"<p>{' '.join(pictures)}</p><p>{html.escape(repr(self))}</p>"
 
 
 def to_unit_range(image: Tensor, spec: HOGSpec) -> Tensor:

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterable
 from importlib import import_module
 from importlib.util import find_spec
-from types import ModuleType
+from types import FunctionType, ModuleType
 from typing import Any
 
 
@@ -20,6 +20,7 @@ class _Package(ModuleType):
         if name in homes:
             value = getattr(import_module(f"{self.__name__}.{homes[name]}"), name)
             self.__dict__[name] = value
+            self._let_pass(name)
             return value
         # a module of the package needs no import of its own
         if not name.startswith("_") and find_spec(f"{self.__name__}.{name}") is not None:
@@ -31,6 +32,19 @@ class _Package(ModuleType):
         # `nablahog.render` are functions
         if not (name in self.__dict__["_homes"] and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
+        if isinstance(value, ModuleType):
+            self._let_pass(name)
+            above, _, ours = self.__name__.rpartition(".")
+            if isinstance(package := sys.modules.get(above), _Package):
+                package._let_pass(ours)
+
+    def _let_pass(self, name: str) -> None:
+        """Gives a function in place of a package the package's modules: `import nablahog.hog.kernels as kernels`."""
+        value, package = self.__dict__.get(name), sys.modules.get(f"{self.__name__}.{name}")
+        if isinstance(value, FunctionType) and package is not None and hasattr(package, "__path__"):
+            for below, module in vars(package).items():
+                if isinstance(module, ModuleType) and module.__name__ == f"{package.__name__}.{below}":
+                    setattr(value, below, module)
 
     def __dir__(self) -> list[str]:
         public = self.__dict__.get("__all__", self.__dict__["_homes"])
@@ -41,7 +55,8 @@ def names_when_used(package: str, **modules: Iterable[str]) -> None:
     """Makes names of modules names of their package.  A module is loaded when one of its names is first used.
 
     Where a name is also that of a module of the package, the name wins, in whatever order things are imported:
-    ``nablahog.hog`` is the function, and the package is reached by ``from nablahog.hog import …``.
+    ``nablahog.hog`` is the function, and the package is reached by ``from nablahog.hog import …``.  The function
+    has the modules of the package that are loaded, so that ``import nablahog.hog.kernels as kernels`` works, too.
 
     Args:
         package: its ``__name__``, from its ``__init__.py``.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, Optional
 
 import pytest
 
@@ -30,6 +30,7 @@ PAIR = tuple[int, int]
         ("8x6", int | PAIR, (8, 6)),
         ("none", int | None, None),
         ("2", int | None, 2),
+        ("2", Optional[int], 2),  # noqa: UP045, as Python 3.10 has it
         ("l2-hys", Literal["L2", "L2-Hys"], "L2-Hys"),
     ],
 )

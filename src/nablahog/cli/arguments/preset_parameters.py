@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from types import NoneType, UnionType
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from ...hog import HOGSpec, presets
 
@@ -55,7 +55,8 @@ def parsed(text: str, hint: Any) -> Any:
     Raises:
         ValueError: it is none; the message says what was expected.
     """
-    kinds = get_args(hint) if get_origin(hint) is UnionType else (hint,)
+    # Python 3.10 reads a parameter `int | None = None` as Optional
+    kinds = get_args(hint) if get_origin(hint) in (UnionType, Union) else (hint,)
     for kind in kinds:
         with suppress(ValueError):
             return _value(text, kind)

@@ -11,7 +11,8 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ...hog import HOGSpec, hog
+from ...hog import HOGSpec
+from ...hog.descriptor import describe
 from ...io.arrays import is_raw
 from ...io.descriptor_file import StoredDescriptor, is_descriptor_file, load_descriptor
 from ...io.files import distinct_stems
@@ -174,5 +175,5 @@ def from_photo(path: str, stem: str, photo: Tensor, spec: HOGSpec, *, size: int,
     except ValueError as error:
         shrunk = "" if small is photo else f" after shrinking it to {size} pixels"
         raise ValueError(f"{path}: {error}{shrunk}") from None
-    descriptor = hog(small[None].to(device), spec)[0].cpu()
+    descriptor = describe(small[None].to(device), spec)[0].cpu()
     return Source(path, stem, descriptor, spec, (height, width), small)

@@ -1,5 +1,7 @@
 """The dialects by name: each is one HOGSpec with its source."""
 
+from ..checks import shortened
+from ..spec import HOGSpec
 from .dalal import dalal_triggs, maskfeat, opencv, skimage
 from .paper import paper
 from .uoctti import aubry, cnn_hog, dlib, dpm, piotr, seeing3d, uoctti, vlfeat
@@ -19,3 +21,22 @@ __all__ = [
     "uoctti",
     "vlfeat",
 ]
+
+BY_NAME: dict[str, HOGSpec] = {name: globals()[name]() for name in __all__}
+"""Each with its defaults."""
+
+
+def as_spec(spec: HOGSpec | str) -> HOGSpec:
+    """A spec, or the preset of that name with its defaults.
+
+    Raises:
+        TypeError: it is neither a spec nor a name.
+        ValueError: there is no such preset.
+    """
+    if isinstance(spec, HOGSpec):
+        return spec
+    if not isinstance(spec, str):
+        raise TypeError(f"spec must be a HOGSpec or the name of a preset, got {type(spec).__name__}")
+    if spec not in BY_NAME:
+        raise ValueError(f"spec must be a HOGSpec or one of {', '.join(BY_NAME)}, got {shortened(spec)}")
+    return BY_NAME[spec]

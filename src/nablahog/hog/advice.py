@@ -1,0 +1,57 @@
+"""Images that are computed, but may not be what was meant: said in a warning, with the line to write."""
+
+from __future__ import annotations
+
+import math
+import warnings
+
+import torch
+from torch import Tensor
+from torch.nn import Parameter
+
+from .spec import COLOURS, HOGSpec
+
+STEP = 8  # of the rows and columns looked at: 8 bits as floats show in any few pixels
+BEYOND = 1.0  # how far beyond 0…1: what filters overshoot is less
+_CALLER = 5  # frames up: this file's two, the two of the operator, and the line that called it
+
+
+def advise(images: Tensor, spec: HOGSpec) -> None:
+    """Warns of images (B, C, H, W) whose range or channels are seldom meant; of each line of a program once.
+
+    Python's default filter sees to the latter.  Graphs and fake tensors have no values; those on other devices than the
+    CPU are not waited for.
+    """
+    if torch.compiler.is_compiling() or type(images) not in (Tensor, Parameter):
+        return
+    channels = images.shape[1]
+    if channels == COLOURS + 1:
+        _warn(
+            "images have 4 channels, and each of them is described; of RGBA images drop the last: write images[:, :3] "
+            "for tensors, image.convert('RGB') for PIL"
+        )
+    if channels == COLOURS and spec.colour == "gray" and spec.layout in ("blocks", "block-vector"):
+        _warn(
+            "images have 3 channels, which this spec makes gray (Eq. 1); scikit-image refuses them, or takes the "
+            "channel of largest gradient: write presets.skimage(channel_axis=-1) for that"
+        )
+    if images.is_cpu and images.is_floating_point() and _is_beyond(images):
+        _warn(
+            "images of floats have values far beyond 0…1, where 1 is white: divide those in 0…255 by 255, or pass uint8"
+        )
+
+
+def _is_beyond(images: Tensor) -> bool:
+    sample = images[..., ::STEP, ::STEP].detach()
+    try:
+        values = sample.numpy()
+    except RuntimeError:  # of a transform of torch.func, a dual number, without storage
+        return False
+    if not values.size:
+        return False
+    # what is not finite says nothing of a range
+    return bool(1 + BEYOND < values.max() < math.inf or -math.inf < values.min() < -BEYOND)
+
+
+def _warn(text: str) -> None:
+    warnings.warn(text, UserWarning, stacklevel=_CALLER)
