@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...runtime.arrays import Integers, Stored
+from ...runtime.arrays import Bytes, Integers
 from ...runtime.compile import compiled
 from .arguments import Size
 
@@ -34,7 +34,7 @@ def _axis(pixels: int, resized: int) -> Axis:
 
 
 @compiled
-def _interpolate(image: Stored, rows: Axis, cols: Axis, out: Stored) -> None:
+def _interpolate(image: Bytes, rows: Axis, cols: Axis, out: Bytes) -> None:
     """``image`` (rows, columns, channels) to ``out``, of the same axes."""
     line = np.zeros(image.shape[1] * image.shape[2], np.int32)
     half, all_ = np.int32(1 << 15), np.int32(256)

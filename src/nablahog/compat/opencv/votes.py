@@ -13,14 +13,14 @@ import numpy as np
 
 from ...hog import HOGSpec
 from ...hog.library_angles import opencv_table
-from ...runtime.arrays import Floats, Integers, Stored
+from ...runtime.arrays import Bytes, Floats, Integers
 from ...runtime.compile import compiled, inlined
 
 
 class Region(NamedTuple):
     """Pixels to describe: a part of a padded image."""
 
-    values: Stored  # the image, uint8, its axes (rows, columns, channels) in one line
+    values: Bytes  # the image, its axes (rows, columns, channels) in one line
     channels: int
     row_of: Integers  # (rows + 2,): where a row of the region begins in values; one more before and behind
     pixel_of: Integers  # (columns + 2,): the same of columns
