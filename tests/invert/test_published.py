@@ -45,7 +45,7 @@ def problem(
         spec = presets.opencv(gamma=False)
     return (
         PublishedObjective(hog(images, spec), spec, SIZE, xi, norms, neighbours),
-        random(2, math.prod(SIZE)),
+        0.2 * random(2, math.prod(SIZE)),
         torch.tensor([1, 0]),
     )
 
