@@ -91,8 +91,8 @@ def hog(
         ValueError: ``images`` has other axes, or is smaller than one cell; there is no such preset.
 
     Warns:
-        UserWarning: the floats lie far beyond 0…1 (looked up in some pixels, on the CPU); there are four channels; or
-            the spec is scikit-image's for gray images, and there are three.
+        UserWarning: the floats reach far beyond 0…1 (above 2; looked up in some pixels, on the CPU); there are four
+            channels; or the spec is scikit-image's for gray images, and there are three.
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> nablahog.hog(torch.rand(2, 3, 64, 48), spec).shape

@@ -174,13 +174,15 @@ def opencv(
     )
 
 
-def maskfeat(cell_size: int = 8, *, nbins: int = 9, gaussian_window: int = 16) -> HOGSpec:
+def maskfeat(cell_size: int = 8, *, nbins: int = 9, gaussian_window: int = 16, patches: bool = False) -> HOGSpec:
     """What MaskFeat's ``HOGLayerC`` returns (SlowFast ``models/operators.py``), in (3, bins, rows, cols).
 
     Args:
         cell_size: ``pool``, pixels of a cell.
         nbins: bins over 180°.
         gaussian_window: pixels of the side of a Gaussian that is tiled over the image and weighs its votes, 0 for none.
+        patches: whether its own layout is that of the network's targets, a row for each patch of 2x2 cells: (196, 108)
+            of an image of 224x224 (``_get_hog_label_2d``, and mmpretrain's ``HOGGenerator``).
 
     >>> spec = nablahog.presets.maskfeat()
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
@@ -199,5 +201,5 @@ def maskfeat(cell_size: int = 8, *, nbins: int = 9, gaussian_window: int = 16) -
         mask="sobel",
         counterclockwise=True,
         boundary="upper",
-        layout="colour-planes",
+        layout="patches" if patches else "colour-planes",
     )
