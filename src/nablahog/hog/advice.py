@@ -50,7 +50,7 @@ def _is_beyond(images: Tensor) -> bool:
     if not values.size:
         return False
     # what is not finite says nothing of a range; of what is centred, half is above 0
-    return 1 + BEYOND < np.maximum.reduce(values, axis=None) < math.inf
+    return 1 + BEYOND < float(np.maximum.reduce(values, axis=None)) < math.inf
 
 
 def _warn(text: str) -> None:
