@@ -7,7 +7,7 @@ OUT ?= out/demo
 bin := $(VENV)/bin
 installed := $(VENV)/.installed
 
-.PHONY: demo test coverage fuzz bounds lint clean
+.PHONY: demo test coverage fuzz bounds lint wheel clean
 
 demo: $(installed)  ## invert a photograph, write pictures, figures and a page into out/demo
 	$(bin)/nablahog demo -o $(OUT)
@@ -30,6 +30,9 @@ lint: $(installed)  ## style and types
 	$(bin)/ruff format --check .
 	$(bin)/mypy
 	MYPYPATH=benchmarks:. $(bin)/mypy --allow-untyped-calls --follow-imports silent benchmarks docs
+
+wheel: $(installed)  ## a wheel for this version of Python, with machine code for this kind of processor
+	.ci/wheel $(bin)/python
 
 # the stamp is made last, so an installation that failed is tried again
 $(installed): pyproject.toml constraints.txt

@@ -3,6 +3,8 @@
 Machine code is stored as pickles of object files.  Reading one runs code: a flipped bit can end the process, whoever
 writes the file may do anything.  So each file begins with a digest, which is compared before the rest is unpickled.  It
 tells damage only; against other users, folder and files belong to this one, and nobody else may write them.
+
+A wheel may bring machine code beside the Python files, made for a level of processors.  It is trusted as they are.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ import logging
 import multiprocessing
 import os
 import pickle
+import platform
 import secrets
 import stat
 import sys
@@ -24,19 +27,21 @@ from typing import Any
 
 import llvmlite
 import numba
-import numpy as np
 from numba.core import config, types
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
 from .cache_folder import VARIABLE, cache_folder
+from .processor import LEVELS, Level, level
 
 KEY, DIGEST = 16, 32  # bytes
 CODE, PART = ".code", ".part"
 DAY = 86400.0
 UNUSED = 60 * DAY  # seconds after which a file is removed
-_VERSIONS = (numba.__version__, llvmlite.__version__, np.__version__, sys.version, getattr(sys, "abiflags", ""))
+# of what the code calls at run time, and of the bytecode that it was made from
+_VERSIONS = (numba.__version__, llvmlite.__version__, str(sys.implementation.cache_tag), getattr(sys, "abiflags", ""))
+SHIPPED = Path(__file__).parents[1] / "machine_code"
 _log = logging.getLogger(__name__)
 _rebuild: Any = CompileResult._rebuild
 _dumps: Any = dumps
@@ -57,12 +62,9 @@ class CodeCache(NullCache):
         """The compiled function; None if it is not on disk, or damaged, and numba has to compile it."""
         target.refresh()
         folder = code_folder()
-        if folder is not None:
-            key = self._key(signature, target.codegen())
-            payload = _read(self._path(folder, key), key)
+        for payload in self._payloads(signature, target.codegen(), folder):
             with suppress(Exception):  # of a numba that was changed by hand; unpickling raises nearly anything
-                if payload:
-                    return _rebuild(target, *pickle.loads(payload))
+                return _rebuild(target, *pickle.loads(payload))
         _tell_that_it_compiles(folder)
         self._began = time.perf_counter()
         return None
@@ -73,7 +75,7 @@ class CodeCache(NullCache):
         folder = code_folder()
         if folder is None or compiled.library.has_dynamic_globals:
             return
-        key = self._key(signature, compiled.codegen)
+        key = self._key(signature, _processor(compiled.codegen))
         payload: bytes = _dumps(compiled._reduce())
         try:
             _write(self._path(folder, key), _digest(payload, key) + payload)
@@ -81,8 +83,21 @@ class CodeCache(NullCache):
         except OSError as error:  # a full disk, say: the code is in memory
             _warn_that_nothing_is_kept(f"{folder}: {error.strerror}")
 
-    def _key(self, signature: Any, codegen: Any) -> bytes:
-        facts = [self.identity, *map(_described, signature), *map(str, codegen.magic_tuple()), *_VERSIONS]
+    def _payloads(self, signature: Any, codegen: Any, folder: Path | None) -> Iterator[bytes]:
+        """What there is on disk: made for this very processor, then for its level."""
+        own = self._key(signature, _processor(codegen))
+        if folder is not None and (payload := _read(self._path(folder, own), own)):
+            yield payload
+        general = level()
+        if general is not None:
+            key = self._key(signature, _of_level(general))
+            if folder is not None and (payload := _read(self._path(folder, key), key)):
+                yield payload
+            if payload := _verified(self._path(SHIPPED, key), key):
+                yield payload
+
+    def _key(self, signature: Any, processor: str) -> bytes:
+        facts = [self.identity, *map(_described, signature), processor, *_VERSIONS]
         return hashlib.blake2b("\n".join(facts).encode(), digest_size=KEY).digest()
 
     def _path(self, folder: Path, key: bytes) -> Path:
@@ -108,6 +123,19 @@ def _warn_that_nothing_is_kept(reasons: str) -> None:
         )
 
 
+def _processor(codegen: Any) -> str:
+    """What numba compiles for."""
+    triple, name, features = codegen.magic_tuple()
+    for each in LEVELS:
+        if (name, features) == (each.name, each.flags):
+            return _of_level(each)
+    return f"{triple}\n{name}\n{features}"
+
+
+def _of_level(general: Level) -> str:
+    return f"{sys.platform} {platform.machine()} {general.name}"
+
+
 def _described(kind: Any) -> str:
     """A type of an argument; of tuples with names, the positions of the fields too."""
     if not isinstance(kind, types.BaseTuple):
@@ -127,16 +155,23 @@ def _read(path: Path, key: bytes) -> bytes | None:
         state = path.lstat()
         if not stat.S_ISREG(state.st_mode) or not _only_ours(state):
             return None
+    except OSError:
+        return None
+    payload = _verified(path, key)
+    if payload is not None and time.time() - state.st_mtime > DAY:
+        with suppress(OSError):
+            os.utime(path)  # it is in use
+    return payload
+
+
+def _verified(path: Path, key: bytes) -> bytes | None:
+    """The contents of a file; None if it is missing, damaged or of another key."""
+    try:
         data = path.read_bytes()
     except OSError:
         return None
     payload = data[DIGEST:]
-    if data[:DIGEST] != _digest(payload, key):
-        return None
-    if time.time() - state.st_mtime > DAY:
-        with suppress(OSError):
-            os.utime(path)  # it is in use
-    return payload
+    return payload if data[:DIGEST] == _digest(payload, key) else None
 
 
 def _write(path: Path, data: bytes) -> None:

@@ -7,7 +7,6 @@ elements that are meant, with weight zero; so planes are padded to whole :data:`
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy.typing as npt
 
 from .compile import instruction
 from .lanes import Builder
+from .processor import vector_bytes
 
 if TYPE_CHECKING:
     from llvmlite import ir
@@ -36,12 +36,9 @@ def aligned_zeros(count: int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
     return memory[begin : begin + count * kind.itemsize].view(kind)
 
 
-@cache
 def lanes(size: int) -> int:
     """Lanes of a vector register, of elements of ``size`` bytes."""
-    from llvmlite.binding import get_host_cpu_features
-
-    return (64 if get_host_cpu_features().get("avx512f") else 32) // size
+    return vector_bytes() // size
 
 
 def vector_instruction(build: Callable[..., None]) -> Callable[..., None]:

@@ -22,4 +22,10 @@ def warmup(commands: argparse._SubParsersAction[Parser]) -> None:
         "image keeps.",
     )
     command.add_argument("steps", nargs="*", metavar="STEP", help=f"only these, of {', '.join(STEPS)}; by default all")
+    command.add_argument(
+        "--portable",
+        action="store_true",
+        help="not for this processor alone, but for all that have one of its levels (x86-64-v3, x86-64-v4): for "
+        "containers and wheels",
+    )
     options.quiet(command)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import time
 from argparse import Namespace
+from collections.abc import Sequence
 
 import torch
 from torch.autograd import forward_ad
@@ -13,6 +17,7 @@ from ...hog import HOGSpec, hog
 from ...invert import reconstruct
 from ...pose import estimate_pose
 from ...runtime.machine_code import code_folder
+from ...runtime.processor import levels
 from ..arguments.did_you_mean import did_you_mean
 from ..arguments.preset_parameters import PRESETS, window_of
 from ..arguments.warmup import STEPS
@@ -27,6 +32,7 @@ def warmup(arguments: Namespace) -> None:
 
     Raises:
         UserError: there is no such step, or no folder to keep machine code in; the log has the reasons.
+        SystemExit: a process of ``--portable`` failed, and has said why.
     """
     steps = arguments.steps or STEPS
     for step in steps:
@@ -35,12 +41,26 @@ def warmup(arguments: Namespace) -> None:
     folder = code_folder()
     if folder is None:
         raise UserError("there is no folder to keep machine code in: set NABLAHOG_CACHE_DIR to one that you may write")
+    if arguments.portable:
+        return _portable(steps)
     began, before = time.monotonic(), _files()
     with counter("nablahog warmup") as progress:
         for done, step in enumerate(steps):
             progress(done, len(steps), step)
             _run(step)
     say(f"{_files() - before} functions compiled in {time.monotonic() - began:.0f} s, kept in {folder}")
+
+
+def _portable(steps: Sequence[str]) -> None:
+    """The same in a process for each level: numba takes what it compiles for from the environment, when it is loaded."""
+    if not levels():
+        raise UserError("this processor has no level that others share: leave out --portable")
+    for general in levels():
+        say(f"for processors of level {general.name}")
+        command = [sys.executable, "-m", "nablahog", "warmup", *steps]
+        ended = subprocess.run(command, env=os.environ | general.environment(), check=False)
+        if ended.returncode:
+            raise SystemExit(ended.returncode)
 
 
 def _files() -> int:
