@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,7 +25,7 @@ def power(x, k):
     return x**k
 """
 SERVER = """
-import os, sys, traceback, resource
+import os, pathlib, sys, traceback, resource
 import numba.core.registry
 import nablahog.runtime.machine_code
 from nablahog.runtime.cache_folder import VARIABLE
@@ -34,10 +35,12 @@ cpu_target.target_context.refresh()
 cpu_target.typing_context.refresh()
 resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
-def answer(folder, limit):
+def answer(folder, limit, shipped):
     import numpy as np
     os.umask(0)
     os.environ[VARIABLE] = folder
+    if shipped:
+        nablahog.runtime.machine_code.SHIPPED = pathlib.Path(shipped)
     if limit:
         resource.setrlimit(resource.RLIMIT_FSIZE, (int(limit),) * 2)
     import functions
@@ -79,9 +82,11 @@ class CodeServer:
 
     Args:
         folder: for the module with the functions.
+        environment: variables beside those of this process.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, environment: Mapping[str, str] | None = None) -> None:
+        self.folder = folder
         (folder / "functions.py").write_text(FUNCTIONS)
         self.process = subprocess.Popen(
             [sys.executable, "-B", "-c", SERVER],
@@ -90,19 +95,20 @@ class CodeServer:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            env={**os.environ, "PYTHONFAULTHANDLER": ""},
+            env={**os.environ, "PYTHONFAULTHANDLER": "", **(environment or {})},
         )
 
-    def ask(self, cache: Path, largest: int | None = None) -> Answer:
+    def ask(self, cache: Path, largest: int | None = None, shipped: Path | None = None) -> Answer:
         """Calls the functions in a child.
 
         Args:
             cache: ``NABLAHOG_CACHE_DIR``.
             largest: bytes of a file, where the disk shall be full.
+            shipped: the folder for machine code in the package.
         """
         assert self.process.stdin is not None
         assert self.process.stdout is not None
-        self.process.stdin.write(f"{cache}\t{'' if largest is None else largest}\n")
+        self.process.stdin.write(f"{cache}\t{'' if largest is None else largest}\t{shipped or ''}\n")
         self.process.stdin.flush()
         lines = []
         for line in self.process.stdout:

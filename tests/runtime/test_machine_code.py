@@ -16,6 +16,7 @@ import pytest
 from nablahog.runtime import machine_code
 from nablahog.runtime.cache_folder import cache_folder
 from nablahog.runtime.machine_code import CODE, DAY, DIGEST, UNUSED, _digest, _read, _tidy, _write, code_folder
+from nablahog.runtime.processor import level
 
 from .code_server import CodeServer
 
@@ -52,6 +53,36 @@ def test_for_the_owner_alone_whatever_the_umask(cache: Path) -> None:
     assert len(files(cache)) == 2
     assert {file.stat().st_mode & 0o777 for file in files(cache)} == {0o600}
     assert (cache / "machine-code").stat().st_mode & 0o777 == 0o700
+
+
+@pytest.fixture(scope="module")
+def general(tmp_path_factory: pytest.TempPathFactory, server: CodeServer) -> Path:
+    """A cache with machine code for the level of this processor, of the same functions."""
+    its_level = level()
+    if its_level is None:
+        pytest.skip("this processor has no level")
+    folder = tmp_path_factory.mktemp("general")
+    other = CodeServer(server.folder, its_level.environment())
+    assert other.ask(folder) == (0, f"{RIGHT} 0")
+    other.close()
+    return folder
+
+
+def test_code_for_a_level_is_of_use_to_processors_that_have_it(general: Path, made: Path, server: CodeServer) -> None:
+    assert server.ask(general) == (0, f"{RIGHT} 2")
+    assert not {file.name for file in files(general)} & {file.name for file in files(made)}
+
+
+def test_code_of_a_wheel(general: Path, tmp_path: Path, server: CodeServer) -> None:
+    shipped = shutil.copytree(general / "machine-code", tmp_path / "shipped")
+    for file in shipped.iterdir():
+        file.chmod(0o666)  # whoever can write in the package needs no machine code
+    assert server.ask(tmp_path / "cache", shipped=shipped) == (0, f"{RIGHT} 2")
+    assert not files(tmp_path / "cache")
+    for file in shipped.iterdir():
+        file.write_bytes(flipped(-1)(file.read_bytes()))
+    assert server.ask(tmp_path / "cache", shipped=shipped) == (0, f"{RIGHT} 0")
+    assert len(files(tmp_path / "cache")) == 2
 
 
 def flipped(position: int) -> Callable[[bytes], bytes]:

@@ -11,6 +11,7 @@ import pytest
 
 from nablahog.cli.main import main
 from nablahog.runtime.cache_folder import VARIABLE
+from nablahog.runtime.processor import levels
 
 COMPILES = """
 import logging, sys
@@ -24,11 +25,23 @@ nablahog.hog(images, nablahog.presets.paper()).sum().backward()
 
 def test_a_process_after_it_compiles_nothing(tmp_path: Path) -> None:
     environment = os.environ | {VARIABLE: str(tmp_path)}
-    command = [sys.executable, "-m", "nablahog", "warmup", "paper"]
-    warmed = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    assert warmed.stdout.endswith(f" s, kept in {tmp_path / 'machine-code'}\n")
-    program = [sys.executable, "-c", COMPILES]
-    assert subprocess.run(program, env=environment, capture_output=True, text=True, check=True).stdout == ""
+
+    def run(*command: str) -> str:
+        return subprocess.run(
+            [sys.executable, *command], env=environment, capture_output=True, text=True, check=True
+        ).stdout
+
+    portable = ["--portable"] if levels() else []
+    warmed = run("-m", "nablahog", "warmup", "paper", *portable)
+    assert warmed.count(f" s, kept in {tmp_path / 'machine-code'}\n") == max(1, len(levels()))
+    assert run("-c", COMPILES) == ""
+    assert run("-m", "nablahog", "warmup", "paper").startswith("0 functions compiled")
+
+
+def test_a_processor_like_no_other(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("nablahog.cli.commands.warmup.levels", list)
+    assert main(["warmup", "--portable"]) == 1
+    assert "leave out --portable" in capsys.readouterr().err
 
 
 def test_an_unknown_step(capsys: pytest.CaptureFixture[str]) -> None:

@@ -52,7 +52,7 @@ def warmup(arguments: Namespace) -> None:
 
 
 def _portable(steps: Sequence[str]) -> None:
-    """The same in a process for each level: numba takes what it compiles for from the environment, when it is loaded."""
+    """The same in a process for each level: numba reads what it compiles for when it is loaded."""
     if not levels():
         raise UserError("this processor has no level that others share: leave out --portable")
     for general in levels():
