@@ -9,9 +9,11 @@ import time
 from argparse import Namespace
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 from torch.autograd import forward_ad
 
+from ...compat.opencv import HOGDescriptor
 from ...datasets import chairs
 from ...hog import HOGSpec, hog
 from ...invert import reconstruct
@@ -78,6 +80,8 @@ def _run(step: str) -> None:
         estimate_pose(torch.rand(1, SIDE, SIDE), chairs.chair(0), initial=(0.0, 20.0))
     else:
         _describe(PRESETS[step](), window_of(step, {}) or (SIDE, SIDE))
+    if step == "opencv":
+        _detect()
 
 
 def _describe(spec: HOGSpec, size: tuple[int, int]) -> None:
@@ -87,3 +91,10 @@ def _describe(spec: HOGSpec, size: tuple[int, int]) -> None:
         torch.autograd.grad(hog(images, spec).sum(), images)
         with forward_ad.dual_level():
             hog(forward_ad.make_dual(images.detach(), torch.ones_like(images)), spec)  # type: ignore[no-untyped-call]
+
+
+def _detect() -> None:
+    """OpenCV's own class: descriptors, windows and their scores."""
+    descriptor = HOGDescriptor()
+    descriptor.setSVMDetector(np.zeros(descriptor.getDescriptorSize() + 1, np.float32))
+    descriptor.detectMultiScale(np.zeros((160, 80, 3), np.uint8))
