@@ -42,7 +42,7 @@ class PriorLearning(Learning):
     losses: tuple[float, ...]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LearnedPrior(LearnedModel):
     """A network from a descriptor to an image, near the mean of all photographs that have this descriptor.
 

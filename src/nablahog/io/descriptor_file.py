@@ -22,7 +22,7 @@ FORMAT = 1
 _ARRAYS = ("format", "descriptor", "spec", "image_size")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class StoredDescriptor:
     """A descriptor with all that is needed to invert it.
 
@@ -58,6 +58,11 @@ class StoredDescriptor:
             )
         if not torch.isfinite(self.descriptor).all():
             raise ValueError("the descriptor must be finite, got NaN or Inf")
+
+    def __repr__(self) -> str:
+        """Sizes and spec, not the numbers."""
+        shape, size = ("x".join(map(str, sides)) for sides in (self.descriptor.shape, self.image_size))
+        return f"<StoredDescriptor {shape}, image {size}, {self.spec!r}>"
 
 
 def save_descriptor(
