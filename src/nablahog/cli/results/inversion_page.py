@@ -16,6 +16,7 @@ LEAD = (
     "it is shown for comparison. HOG contains neither colour nor brightness, so the pre-image is gray, unless --colour "
     "guesses hues, and is compared with the gray photograph. In the difference, middle gray means equal."
 )
+SECONDS = "Wall time of the search; where one search is for several inputs, an equal share of it."
 
 
 def page(
@@ -41,7 +42,7 @@ def page(
         f"{lead}{more}",
         [{**inversion.row(), "input": inversion.source.name} for inversion in inversions],
         [*map(_section, shown), skipped_section(skipped)],
-        DEFINITIONS,
+        {**DEFINITIONS, "seconds": SECONDS},
         f"{html.made()} {remark}",
         first=_first(shown),
     )

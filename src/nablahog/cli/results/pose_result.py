@@ -153,7 +153,8 @@ class PoseResult:
 
     def definitions(self) -> dict[str, str]:
         """What the figures of :meth:`row` mean."""
-        return {name: of for name, of in self._definitions().items() if name in self.row()}
+        definitions = self._definitions()
+        return {name: definitions[name] for name in self.row() if name in definitions}
 
     def _definitions(self) -> dict[str, str]:
         return {**DEFINITIONS, "similarity": SIMILARITIES[self.estimate.similarity_kind]}
