@@ -48,7 +48,7 @@ def write(folder: Path, result: PoseResult) -> None:
     Raises:
         OSError: a file cannot be written.
     """
-    names = [folder / name for name in result_names(result.arguments.photo)]
+    names = [folder / name for name in result_names(result.photo)]
     overlay, turned, drawn = _overlay(result), _around(result), _glyphs(result)
     sheets = [contact_sheet([panels], HEIGHT) for panels in (overlay, drawn)]
     figures = json.dumps(result.figures(), indent=2, allow_nan=False) + "\n"
@@ -141,11 +141,11 @@ def _named(spec: HOGSpec) -> str:
 
 
 def _page(result: PoseResult, overlay: list[Panel], turned: Drawing, drawn: list[Panel]) -> str:
-    spec, arguments = result.matched.background.spec, result.arguments
-    initial = "unknown" if arguments.init is None else "azimuth {:g}°, elevation {:g}°".format(*arguments.init)
+    spec = result.matched.background.spec
+    initial = "unknown" if result.initial is None else "azimuth {:g}°, elevation {:g}°".format(*result.initial)
     phi = spec if result.estimate.similarity_kind != "patches" else result.matched.patches.spec
     settings_shown = {
-        "method": arguments.method,
+        "method": result.method,
         "similarity": result.estimate.similarity_kind,
         "initial pose": initial,
         "box": ", ".join(f"{side:g}" for side in result.box),
@@ -189,5 +189,5 @@ def _page(result: PoseResult, overlay: list[Panel], turned: Drawing, drawn: list
         [row],
         sections,
         result.definitions(),
-        html.footer(f"{result_names(arguments.photo)[3]} beside this page", f", seed {arguments.seed}"),
+        html.footer(f"{result_names(result.photo)[3]} beside this page", f", seed {result.seed}"),
     )
