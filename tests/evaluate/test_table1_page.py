@@ -116,4 +116,5 @@ def test_terminal(table: Table1) -> None:
     assert rows["uoctti-single"]["n"] == 4
     assert rows["dalal-multi-scale"]["n"] == 3
     assert rows["dalal-multi-scale"]["SSIM\npaper"] == 0.293
+    assert [*rows][-5:] == ["dalal-multi-scale", "  @1/64", "  @1/16", "  @1/4", "  @1/1"]
     assert len({tuple(row) for row in rows.values()}) == 1

@@ -12,6 +12,7 @@ from nablahog.evaluate import table2_page
 from nablahog.evaluate.pose_methods import Table2Settings
 from nablahog.evaluate.table2 import Table2, run_table2
 from nablahog.evaluate.table2_page import histogram
+from nablahog.viz.html import figure
 
 from .pose_fakes import FAR, NEAR, OTHER, examples
 
@@ -33,8 +34,8 @@ def _text(html: str) -> str:
 
 def test_figures_and_definitions(table: Table2) -> None:
     html = _html(table)
-    for figure in ("75.0", "58.9", "47.3", "16.9", "8.000", "100.0"):
-        assert f">{figure}<" in html
+    for number in ("75.0", "58.9", "47.3", "16.9", "8.000", "100.0"):
+        assert f">{number}<" in html
     accuracy = table.lines()[1].accuracy["interval", 4]
     assert f"{accuracy.low:.1f} … {accuracy.high:.1f}" in html
     criteria = "4, 8, 16, 24 views: by interval", "&lt; 90°, &lt; 45°, &lt; 22.5°, &lt; 15°: by threshold"
@@ -92,12 +93,12 @@ def test_bars() -> None:
 
 def test_terminal(table: Table2) -> None:
     rows = {row["method"]: row for row in table2_page.terminal_rows(table)}
-    assert (rows["paper"]["4 views"], rows["paper"]["< 90°"]) == ("75.0 (58.9)", "100.0")
-    assert (rows["paper"]["24 views"], rows["paper"]["< 15°"]) == ("25.0 (16.9)", "100.0")
+    assert (rows["paper"]["4 views"], figure(rows["paper"]["< 90°"])) == ("75.0 (58.9)", "100.0")
+    assert (rows["paper"]["24 views"], figure(rows["paper"]["< 15°"])) == ("25.0 (16.9)", "100.0")
     assert rows["other"]["24 views"] == "0.0"
     assert len({tuple(row) for row in rows.values()}) == 1
     rotations = {row["method"]: row for row in table2_page.terminal_rotations(table)}
-    assert (rotations["paper"]["rotation ≤ 30°"], rotations["exemplar"]["rotation ≤ 10°"]) == ("100.0", "0.0")
+    assert (rotations["paper"]["rotation ≤ 30°"], rotations["exemplar"]["rotation ≤ 10°"]) == (100, 0)
     assert rotations["exemplar"]["objects"] == 4
     assert 8 < float(str(rotations["paper"]["rotation error"])) < 10
 

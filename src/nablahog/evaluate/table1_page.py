@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -81,8 +82,9 @@ def remarks(left_out: Sequence[Method], learned: Mapping[str, Path], photographs
 
 
 def terminal_rows(table: Table1) -> list[dict[str, object]]:
-    """The means, ours and the paper's, one mapping for each row."""
-    return [_row(line, lambda of: of.mean) for line in table.lines()]
+    """The means, ours and the paper's, one mapping for each row; a level below its method has the name of its scale."""
+    rows = [_row(line, lambda of: of.mean) for line in table.lines()]
+    return [{**row, "method": re.sub("^.+@", "  @", str(row["method"]))} for row in rows]
 
 
 def _row(line: Line, figure: Callable[[Statistics], object]) -> dict[str, object]:

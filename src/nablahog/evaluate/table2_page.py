@@ -53,7 +53,7 @@ def terminal_rows(table: Table2) -> list[dict[str, object]]:
         row: dict[str, object] = {"method": line.method}
         for views in VIEWS:
             paper = line.paper.get(views)
-            figure = _percent(line.accuracy["interval", views])
+            figure = html.figure(_percent(line.accuracy["interval", views]))
             row[f"{views} views"] = figure if paper is None else f"{figure} ({paper:.1f})"
             row[f"< {360 / views:g}°"] = _percent(line.accuracy["threshold", views])
         rows.append({**row, "error": line.error.median})
@@ -74,8 +74,8 @@ def terminal_rotations(table: Table2) -> list[dict[str, object]]:
     ]
 
 
-def _percent(of: Statistics) -> str:
-    return "–" if of.mean is None else f"{of.mean:.1f}"
+def _percent(of: Statistics) -> html.Shown | None:
+    return None if of.mean is None else html.Shown(of.mean, f"{of.mean:.1f}")
 
 
 def page(table: Table2, settings: Table2Settings) -> str:
