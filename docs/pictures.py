@@ -8,7 +8,6 @@ pose.png, pose-similarity.svg: a procedural chair in front of one, with the pose
 
 from __future__ import annotations
 
-from argparse import Namespace
 from pathlib import Path
 from shutil import copyfile
 from tempfile import TemporaryDirectory
@@ -78,7 +77,7 @@ def pose() -> None:
     meshes = {model.name: model.mesh() for model in one.models}
     estimate = estimate_pose(one.image, meshes, box=one.box, initial=one.initial)
     result = PoseResult(
-        arguments=Namespace(photo=one.name, method="best", init=one.initial, seed=0, background=None),
+        photo=one.name,
         photograph=one.image,
         box=one.box,
         matched=PreparedPhotograph(crop_object(one.image, one.box)),
@@ -87,6 +86,10 @@ def pose() -> None:
         candidates=list(meshes),
         passed_over={},
         seconds=0,
+        method="best",
+        initial=one.initial,
+        seed=0,
+        background=None,
     )
     print(f"pose.png: azimuth {estimate.azimuth:.1f} for {one.azimuth:.1f}")
     with TemporaryDirectory() as folder:

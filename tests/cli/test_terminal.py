@@ -69,14 +69,25 @@ def test_wide_tables_fit_a_narrow_terminal(capsys: pytest.CaptureFixture[str], m
     """Table 1 is the widest; its numbers stay whole."""
     monkeypatch.setattr(terminal, "PIPED", 80)
     headings = ("CC", "CC\npaper", "|CC|", "MI", "MI\npaper", "SSIM", "SSIM\npaper", "distance", "seconds")
-    name = "paper-dalal-multi-scale-more@1/64"
-    row = {"method": name, "n": 101, **dict.fromkeys(headings, -0.12345)}
-    terminal.print_table([row, {**row, "method": "uoctti-single"}])
+    row = {"method": "paper-dalal-multi-scale-more", "n": 101, **dict.fromkeys(headings, -0.12345)}
+    terminal.print_table([row, {**row, "method": "  @1/64"}, {**row, "method": "uoctti-single"}])
     terminal.print_table([{"input": "/a/long/path/of/a/photograph/of/a/cat.png", "CC": 0.5, "output": "x" * 90}])
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= 80
-    assert sum(line.count("-0.123") for line in lines) == 2 * len(headings)
-    assert name in "".join(line[:10].strip() for line in lines)
+    assert sum(line.count("-0.123") for line in lines) == 3 * len(headings)
+    names = [line[:11].rstrip() for line in lines]
+    for broken in (["paper-", "dalal-", "multi-", "scale-more"], ["  @1/64"], ["uoctti-", "single"]):  # at hyphens
+        at = names.index(broken[0])
+        assert names[at : at + len(broken)] == broken
+
+
+def test_short_names_stay_whole(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(terminal, "PIPED", 50)
+    row = {"method": "paper-edges", **{f"{n} views": "83.3 (47.3)" for n in (4, 8, 16, 24)}}
+    terminal.print_table([row])
+    _, _, *lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 50
+    assert [line.split() for line in lines] == [["paper-edges", *["83.3"] * 4], ["(47.3)"] * 4]
 
 
 def test_tables(capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,6 +11,7 @@ import torch
 
 from nablahog.dialects import Comparison, compare
 from nablahog.dialects.compare import cliques
+from nablahog.dialects.distances import UNRELATED
 from nablahog.dialects.heatmap import heat_map
 from nablahog.dialects.tables import channels, conventions, csv_rows, matrix, pairs, same, shares, tie_rows
 from nablahog.hog import presets
@@ -116,15 +117,21 @@ def test_the_presets_are_described(result: Comparison) -> None:
     assert ties["dpm"]["at"] == "90°, 270°"
 
 
-def test_the_picture() -> None:
-    drawn = heat_map(np.array([[0, 1.0], [1.0, 0]]), ["a", "opencv:gamma=false"])
-    assert drawn.min() >= 0
-    assert drawn.max() <= 1
-    assert drawn.shape[1] > drawn.shape[0]  # the name is as long upright, but the scale is below
-    near = heat_map(np.array([[0, 0.001], [0.001, 0]]), ["a", "b"])
-    far = heat_map(np.array([[0, 1.4], [1.4, 0]]), ["a", "b"])
-    assert far.mean() < near.mean()
-    assert not np.array_equal(near, heat_map(np.array([[0, 1e-7], [1e-7, 0]]), ["a", "b"]))
+def test_the_heat_map() -> None:
+    distances = np.array([[0, 0.3, 1.4], [0.3, 0, 1e-7], [1.4, 1e-7, 0]])
+    drawing = heat_map(distances, ["a", "b", "opencv:gamma=false"])
+    tiles = [shape.opacity for shape in drawing.shapes if shape.kind == "rectangle"]
+    strengths = np.array(tiles[:9]).reshape(3, 3)
+    np.testing.assert_allclose(strengths, np.sqrt(distances / UNRELATED))
+    assert tiles[9:] == sorted(tiles[9:])  # the scale
+    texts = [shape for shape in drawing.shapes if shape.kind == "text"]
+    on_tiles = [shape.text for shape in texts if shape.colour.startswith("on-")]
+    assert on_tiles == ["0.300", "1.400", "0.300", "0", "1.400", "0"]
+    assert {shape.text: shape.colour for shape in texts}["1.400"] == "on-strong-heat"
+    assert drawing.description == (
+        "Of 3 pairs the closest are opencv:gamma=false and b, 0.000, and the furthest apart opencv:gamma=false and a, "
+        "1.400."
+    )
 
 
 def test_groups_of_which_all_are_alike() -> None:

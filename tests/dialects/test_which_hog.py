@@ -199,7 +199,7 @@ def test_the_table_of_conventions() -> None:
     assert pytest.approx(1.41, abs=0.005) == UNRELATED
 
 
-@pytest.mark.parametrize("name", ["dialects.png", "which_hog.png", "which_hog.py"])
+@pytest.mark.parametrize("name", ["dialects.svg", "which_hog.png", "which_hog.py"])
 def test_what_it_shows_is_there(name: str) -> None:
     assert name in TEXT
     assert (Path(__file__).parents[2] / "docs" / name).is_file()

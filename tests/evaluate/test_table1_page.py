@@ -9,7 +9,7 @@ import pytest
 
 from nablahog.evaluate import table1_page
 from nablahog.evaluate.methods import METHODS, Method, Table1Settings
-from nablahog.evaluate.names import UOCTTI
+from nablahog.evaluate.names import LIBRARIES, UOCTTI
 from nablahog.evaluate.table1 import Table1
 
 from .common import made, photographs, write_prior
@@ -64,9 +64,17 @@ def test_pictures(table: Table1) -> None:
     glyphs = 4
     photographed, result = 4 + 2, 4 + 3  # the picture table, and two images at four levels below it
     assert html.count("data:image/png;base64,") == glyphs + photographed + result + 2 * 4
-    assert 'alt="1.png, dalal-multi-scale@1/16"' in html
-    assert 'alt="&lt;b&gt;.png, dalal-multi-scale"' not in html
+    assert 'alt="What dalal-multi-scale@1/16 made of 1.png"' in html
+    assert 'alt="What dalal-multi-scale made of &lt;b&gt;.png"' not in html
     assert "http" not in html
+
+
+def test_glyphs_are_of_groups_with_one_descriptor(tmp_path: Path, calls: list[str]) -> None:
+    """Others would stand below glyphs that are not theirs."""
+    dlib, opencv = (Method(name, LIBRARIES, BRIGHT.run, METHODS[name].spec) for name in ("dlib", "opencv"))
+    for methods, columns in (((SEEN, dlib), 2), ((SEEN, dlib, opencv), 1)):
+        html = _html(made(tmp_path, photographs(1), *methods))
+        assert html.count('alt="Strokes along the edges of 0.png, cell by cell, of its ') == columns
 
 
 def test_remarks(table: Table1, tmp_path: Path) -> None:
@@ -108,4 +116,5 @@ def test_terminal(table: Table1) -> None:
     assert rows["uoctti-single"]["n"] == 4
     assert rows["dalal-multi-scale"]["n"] == 3
     assert rows["dalal-multi-scale"]["SSIM\npaper"] == 0.293
+    assert [*rows][-5:] == ["dalal-multi-scale", "  @1/64", "  @1/16", "  @1/4", "  @1/1"]
     assert len({tuple(row) for row in rows.values()}) == 1

@@ -46,6 +46,7 @@ def test_round_trip(tmp_path: Path, spec: HOGSpec, dtype: torch.dtype) -> None:
     assert stored.image_size == SIZE
     assert stored.descriptor.dtype == dtype
     assert torch.equal(stored.descriptor, descriptor)
+    assert repr(stored) == f"<StoredDescriptor {'x'.join(map(str, descriptor.shape))}, image 40x29, {spec!r}>"
 
 
 def test_the_arrays_are_plain(tmp_path: Path) -> None:

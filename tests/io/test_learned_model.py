@@ -44,7 +44,9 @@ def _check_same(values: dict[str, Any], expected: dict[str, Any]) -> None:
 
 @every_kind
 def test_summary(kind: str) -> None:
-    assert "2 images" in models()[kind].summary
+    model = models()[kind]
+    assert "2 images" in model.summary
+    assert repr(model) == f"<{type(model).__name__}: {model.summary}>"
 
 
 @every_kind

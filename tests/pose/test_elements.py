@@ -53,6 +53,7 @@ def test_all_patches() -> None:
 
 def test_they_are_patches_of_the_descriptor(result: Elements, descriptor: Tensor, background: Background) -> None:
     assert len(result) > 5
+    assert repr(result).startswith(f"<Elements: {len(result)} of ")
     for position, patch in zip(result.positions.tolist(), result.patches, strict=True):
         row, col = position
         assert torch.equal(patch, descriptor[row : row + 4, col : col + 5])

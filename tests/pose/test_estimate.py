@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -13,7 +14,7 @@ from nablahog.hog import presets
 from nablahog.hog.box import Box
 from nablahog.pose import PoseEstimate, estimate_pose
 from nablahog.pose.background import default_background
-from nablahog.render import silhouette
+from nablahog.render import Camera, silhouette
 
 from .common import SWIVEL, WOODEN, degrees_between, model, overlap, photographed
 
@@ -120,6 +121,16 @@ def test_exhaustive_search_is_of_whole_degrees(clean: Scene) -> None:
     assert degrees_between(estimate.azimuth, 215) <= 1
     assert estimate.azimuth % 1 == 0
     assert estimate.renderings == 360
+
+
+def test_an_estimate_shows_its_pose_and_figures() -> None:
+    camera = Camera.from_field_of_view(30, 60, 80)
+    one = PoseEstimate(130.04, 12, 2.5, -1.25, 3, -4, camera, "wooden", 14.72, "calibrated", torch.zeros(6), 360)
+    assert repr(one) == (
+        "<PoseEstimate azimuth 130.0°, elevation 12.0°, theta -1.2°, distance 2.50, x 3.0, y -4.0, model wooden, "
+        "calibrated similarity 14.7, 360 renderings>"
+    )
+    assert "model" not in repr(replace(one, model=""))
 
 
 @pytest.mark.parametrize("ascent", ["momentum", "lbfgs"])

@@ -374,5 +374,6 @@ def test_a_mesh_takes_arrays_and_lists() -> None:
     mesh = Mesh(vertices, faces, (0.5, 0.5, 0.5))  # type: ignore[arg-type]
     assert (mesh.vertices.dtype, mesh.faces.dtype) == (torch.float64, torch.int64)
     assert mesh.brightness.tolist() == [0.5] * 3
+    assert repr(mesh) == "<Mesh 3 vertices, 1 faces>"
     with pytest.raises(ValueError, match=r"vertices must be float64 of shape \(1, 3\), got float64 of shape \(1, 2\)"):
         Mesh([[0.0, 1.0]], [[0, 0, 0]], [0.5])  # type: ignore[arg-type]

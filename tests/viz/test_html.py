@@ -6,14 +6,12 @@ import base64
 import io
 import re
 from html.parser import HTMLParser
-from xml.etree import ElementTree
 
 import numpy as np
 from PIL import Image
 
 from nablahog.viz.html import Cell, Section, figure, page
 from nablahog.viz.pictures import Panel
-from nablahog.viz.svg import COLOURS, Drawing
 
 TABLE = [{"input": "<b>", "CC": 0.12345, "SSIM": None}, {"input": "x", "CC": None, "SSIM": None}]
 SECTIONS = [Section("A & B", "text", [Panel(np.eye(4), '"quoted"')])]
@@ -94,21 +92,3 @@ def test_two_pictures_with_a_slider() -> None:
     before, after = re.findall(r"base64,([^\"]+)", html)
     assert before != after
     assert "--at" in html
-
-
-def test_a_drawing() -> None:
-    drawing = Drawing(100, 50, "Title <", "what it shows")
-    drawing.line([(0, 1), (2.345, 6)], "curve", 2)
-    drawing.dot((5, 5), "series1", 3, ringed=True)
-    drawing.note((1, 2), "a < b", anchor="end")
-    svg = drawing.svg()
-    root = ElementTree.fromstring(svg)
-    shapes = {element.tag.rpartition("}")[2]: element for element in root}
-    assert (root.get("viewBox"), root.get("role")) == ("0 0 100 50", "img")
-    assert [shapes[name].text for name in ("title", "desc", "text")] == ["Title <", "what it shows", "a < b"]
-    assert [float(n) for n in re.split("[, ]", shapes["polyline"].get("points", "").strip())] == [0, 1, 2.35, 6]
-    light, dark = COLOURS["curve"]
-    assert shapes["polyline"].get("stroke") == light
-    assert f".l-curve {{ stroke: {dark}; }}" in svg[svg.index("prefers-color-scheme: dark") :]
-    assert shapes["circle"].get("fill") == COLOURS["ground"][0]
-    assert svg in page("T", "", [], [Section("A", "", drawing=drawing)], {})

@@ -7,7 +7,8 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from textwrap import fill
+from typing import Any, Literal
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -18,6 +19,7 @@ from rich.text import Text
 from ..runtime.text import one_line, printable
 from ..viz.html import figure
 
+SHORT = 16  # characters of a name that is not broken in a table
 LONGEST = 1000  # characters of a line: lists of file names may be any length
 EVERY = 60.0  # seconds between lines of progress where there is no terminal
 PIPED = 120  # columns, where there is no terminal
@@ -113,23 +115,36 @@ def print_definitions(definitions: Mapping[str, str]) -> None:
 def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
     """Prints a table with one line for each of ``rows``, which all have the keys of the first.
 
-    Numbers are never broken; texts are, so that the table fits the terminal.
+    Numbers and short names are never broken; texts are, so that the table fits the terminal: those of a single column
+    at hyphens and blanks.
     """
     if _quiet:
         return
     console = _console()
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
-    for key in rows[0]:
-        number = all(row[key] is None or isinstance(row[key], int | float) for row in rows)
-        table.add_column(key, justify="right" if number else "left", overflow="fold", no_wrap=number)
-    for row in rows:
-        # Text, because a file name in brackets is no markup
-        texts = ("x".join(map(str, value)) if isinstance(value, list) else figure(value) for value in row.values())
-        table.add_row(*(Text(printable(text)) for text in texts))
-    unbounded = console.options.update(max_width=LONGEST)
-    if console.measure(table, options=unbounded).maximum > console.width:
-        table.padding = (0, 0, 0, 0)
+    columns = {key: [_shown(row[key]) for row in rows] for key in rows[0]}
+    numbers = [key for key in columns if all(row[key] is None or isinstance(row[key], int | float) for row in rows)]
+    broken = [key for key, shown in columns.items() if key not in numbers and not all(map(_is_short_name, shown))]
+    widths = {key: max(map(len, [*key.split("\n"), *shown])) for key, shown in columns.items()}
+    room = console.width - sum(widths.values()) - 2 * (len(columns) - 1)
+    if room < 0 and len(broken) == 1:
+        (key,) = broken
+        width = widths[key] + room + len(columns) - 1  # with one blank between columns, not two
+        columns[key] = [fill(text, max(width, 1)) for text in columns[key]]
+    table = Table(box=SIMPLE_HEAD, padding=(0, int(room >= 0), 0, 0), pad_edge=False, show_edge=False)
+    for key in columns:
+        justify: Literal["left", "right"] = "right" if key in numbers else "left"
+        table.add_column(key, justify=justify, overflow="fold", no_wrap=key not in broken)
+    for row in zip(*columns.values(), strict=True):
+        table.add_row(*map(Text, row))  # because a file name in brackets is no markup
     console.print(table)
+
+
+def _is_short_name(text: str) -> bool:
+    return len(text) <= SHORT and " " not in text
+
+
+def _shown(value: object) -> str:
+    return printable("x".join(map(str, value)) if isinstance(value, list) else figure(value))
 
 
 def _console() -> Console:

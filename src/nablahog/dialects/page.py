@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
 from torch import Tensor
 
 from ..hog.descriptor import describe
 from ..viz import html
 from ..viz.pictures import Panel, glyphs
+from ..viz.svg import Drawing
 from . import tables
 from .compare import Comparison
 
@@ -31,20 +30,26 @@ def lead(comparison: Comparison, photograph: str, size: tuple[int, int], shrunk:
     )
 
 
-def page(comparison: Comparison, image: Tensor, introduction: str, picture: NDArray[np.float64]) -> str:
+def page(comparison: Comparison, image: Tensor, introduction: str, distances: Drawing) -> str:
     """The page.
 
     Args:
         comparison: of the dialects.
         image: the photograph, (C, H, W), uint8.
         introduction: see :func:`lead`.
-        picture: of the distances, see :func:`.heatmap.heat_map`.
+        distances: drawn by :func:`.heatmap.heat_map`.
     """
-    specs = comparison.specs.items()
-    drawn = [Panel(glyphs(describe(image.unsqueeze(0), spec)[0], spec), name) for name, spec in specs]
+    drawn = [
+        Panel(
+            glyphs(describe(image.unsqueeze(0), spec)[0], spec),
+            name,
+            f"Strokes along the edges of the photograph, cell by cell, of its {name} HOG",
+        )
+        for name, spec in comparison.specs.items()
+    ]
     sections = [
         html.Section(
-            "Distances", "The darker the further apart; neighbours are alike.", [Panel(picture, "all distances")]
+            "Distances", "The stronger the colour the further apart; neighbours are alike.", drawings=[distances]
         ),
         html.Section("Why", "Every pair, the closest first.", table=tables.pairs(comparison)),
         html.Section(
@@ -61,7 +66,7 @@ def page(comparison: Comparison, image: Tensor, introduction: str, picture: NDAr
         html.Section(
             "What each says of the photograph",
             "The descriptors as glyphs: in each cell, strokes along its edges.",
-            [Panel(image / 255, "the photograph"), *drawn],
+            [Panel(image / 255, "the photograph", "The photograph that all of them describe"), *drawn],
         ),
         html.Section("The presets", "Their conventions.", table=tables.conventions(comparison.specs)),
     ]

@@ -12,6 +12,7 @@ from ..hog import HOGSpec
 from ..hog.normalizers import Normalizer
 from ..hog.orientation import bin_angles
 from ..hog.poolings import Pooling
+from ..viz.html import Shown
 from .common_form import DIRECTIONS
 from .compare import Comparison, Pair, cliques
 from .distances import SAME, Distance
@@ -99,9 +100,9 @@ def shares(distance: Distance) -> str:
     return ", ".join(f"{each.convention.name} {_percent(each.value / squared)}" for each in large)
 
 
-def short(value: float) -> str:
+def short(value: float) -> Shown:
     """A number with two significant digits."""
-    return f"{value:#.2g}" if value else "0"
+    return Shown(value, f"{value:#.2g}" if value else "0")
 
 
 def _percent(share: float, decimals: int = 0) -> str:
@@ -114,12 +115,16 @@ def tie_rows(ties: Mapping[str, Ties]) -> list[dict[str, object]]:
         {
             "preset": name,
             "gradients": each.gradients,
-            "between two bins": None if each.between_bins is None else _percent(each.between_bins, 1),
+            "between two bins": _tied(each.between_bins),
             "at": ", ".join(f"{angle:g}°" for angle in each.directions) if each.directions else None,
-            "between two channels": None if each.between_colours is None else _percent(each.between_colours, 1),
+            "between two channels": _tied(each.between_colours),
         }
         for name, each in ties.items()
     ]
+
+
+def _tied(share: float | None) -> Shown | None:
+    return None if share is None else Shown(share, _percent(share, 1))
 
 
 def same(comparison: Comparison) -> list[str]:
@@ -173,7 +178,7 @@ def _plain(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, tuple):
-        return ("x" if isinstance(value[0], int) else "+").join(map(str, value))
+        return ("x" if isinstance(value[0], int) else " + ").join(map(str, value))
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -81,8 +82,9 @@ def remarks(left_out: Sequence[Method], learned: Mapping[str, Path], photographs
 
 
 def terminal_rows(table: Table1) -> list[dict[str, object]]:
-    """The means, ours and the paper's, one mapping for each row."""
-    return [_row(line, lambda of: of.mean) for line in table.lines()]
+    """The means, ours and the paper's, one mapping for each row; a level below its method has the name of its scale."""
+    rows = [_row(line, lambda of: of.mean) for line in table.lines()]
+    return [{**row, "method": re.sub("^.+@", "  @", str(row["method"]))} for row in rows]
 
 
 def _row(line: Line, figure: Callable[[Statistics], object]) -> dict[str, object]:
@@ -138,7 +140,7 @@ def _cell(of: Statistics) -> html.Cell | None:
 
 
 def _photograph(table: Table1, image: str) -> html.Cell:
-    return html.Cell(Panel(table.photographs.images[image], image), image)
+    return html.Cell(Panel(table.photographs.images[image], image, f"The image {image}"), image)
 
 
 def _output(table: Table1, row: str, image: str) -> html.Cell | None:
@@ -147,7 +149,7 @@ def _output(table: Table1, row: str, image: str) -> html.Cell | None:
     if picture is None or figures is None:
         return None
     remark = f"CC {html.figure(figures['cc'])}\nSSIM {html.figure(figures['ssim'])}"
-    return html.Cell(Panel(picture / np.float64(255), f"{image}, {row}"), remark)
+    return html.Cell(Panel(picture / np.float64(255), f"{image}, {row}", f"What {row} made of {image}"), remark)
 
 
 def _glyphs(image: str, pixels: Tensor, spec: HOGSpec) -> Panel | None:
@@ -155,18 +157,23 @@ def _glyphs(image: str, pixels: Tensor, spec: HOGSpec) -> Panel | None:
         descriptor = hog(pixels[None, None], spec)[0]
     except ValueError:  # too small for this dialect, if not for another
         return None
-    return Panel(glyphs(descriptor, spec), f"{image}, glyphs of {spec.name}")
+    seen = f"Strokes along the edges of {image}, cell by cell, of its {spec.name} HOG"
+    return Panel(glyphs(descriptor, spec), f"{image}, glyphs of {spec.name}", seen)
 
 
 def _pictures(table: Table1) -> html.Section:
-    specs = {method.group: method.spec for method in table.methods if method.spec is not None}
+    specs: dict[str, set[HOGSpec]] = {}
+    for method in table.methods:
+        if method.spec is not None:
+            specs.setdefault(method.group, set()).add(method.spec)
+    described = {group: spec for group, (spec, *others) in specs.items() if not others}
     shown = {image for of_row in table.pictures.values() for image in of_row}
     rows = []
     for image, pixels in table.photographs.images.items():
         if image not in shown:
             continue
         row: dict[str, object] = {"image": _photograph(table, image)}
-        row |= {group: _glyphs(image, pixels, spec) for group, spec in specs.items()}
+        row |= {group: _glyphs(image, pixels, spec) for group, spec in described.items()}
         rows.append(row | {method.name: _output(table, method.name, image) for method in table.methods})
     text = "The image, its descriptors as glyphs, and the output of each method."
     return html.Section("Pictures", text, table=rows)

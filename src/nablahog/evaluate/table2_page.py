@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
 
 from ..metrics import VIEWS
 from ..viz import html
 from ..viz.pictures import Panel, outlined
+from ..viz.svg import Drawing
 from .examples import Example
 from .pose_methods import POSE_METHODS, Table2Settings
 from .table2 import NO_POSE, WITHIN, Line, Table2
@@ -36,8 +36,9 @@ DEFINITIONS = {
     "objects": f"All of them count: where a method has no pose, it is wrong, by {NO_POSE:g}°.",
     "interval below a figure": f"It holds the figure with 95 %: percentile bootstrap, {RESAMPLES:,} resamples of the "
     "objects with a fixed seed.",
-    "the paper's, in brackets": "What it prints, for 247 chairs of PASCAL VOC and 1393 CAD models. It does not say "
-    "by which criterion; only by interval the baseline is better than chance at 4 views, so it is compared with that.",
+    f"{', '.join(map(str, VIEWS))} views, paper": "What the paper prints, for 247 chairs of PASCAL VOC and 1393 CAD "
+    "models. It does not say by which criterion; only by interval the baseline is better than chance at 4 views, so it "
+    "is compared with that.",
     "seconds": "Median wall time of a method for one object, in a process that computes in one thread and has read the "
     "models; a process's first object takes longer, while code is compiled or loaded.",
     **{name: method.about for name, method in POSE_METHODS.items()},
@@ -52,7 +53,7 @@ def terminal_rows(table: Table2) -> list[dict[str, object]]:
         row: dict[str, object] = {"method": line.method}
         for views in VIEWS:
             paper = line.paper.get(views)
-            figure = _percent(line.accuracy["interval", views])
+            figure = html.figure(_percent(line.accuracy["interval", views]))
             row[f"{views} views"] = figure if paper is None else f"{figure} ({paper:.1f})"
             row[f"< {360 / views:g}°"] = _percent(line.accuracy["threshold", views])
         rows.append({**row, "error": line.error.median})
@@ -73,8 +74,8 @@ def terminal_rotations(table: Table2) -> list[dict[str, object]]:
     ]
 
 
-def _percent(of: Statistics) -> str:
-    return "–" if of.mean is None else f"{of.mean:.1f}"
+def _percent(of: Statistics) -> html.Shown | None:
+    return None if of.mean is None else html.Shown(of.mean, f"{of.mean:.1f}")
 
 
 def page(table: Table2, settings: Table2Settings) -> str:
@@ -99,7 +100,7 @@ def _row(line: Line) -> Mapping[str, object]:
     row: dict[str, object] = {"method": line.method, "objects": line.accuracy["interval", VIEWS[0]].n}
     for views in VIEWS:
         row[f"{views} views"] = _cell(line.accuracy["interval", views])
-        row[f"{views} views\npaper"] = line.paper.get(views)
+        row[f"{views}\xa0views\npaper"] = line.paper.get(views)
         row[f"< {360 / views:g}°"] = _cell(line.accuracy["threshold", views])
     return {**row, "median error": _cell(line.error, median=True), "seconds": line.seconds}
 
@@ -128,47 +129,58 @@ def _errors(table: Table2) -> html.Section:
     counts = {each.name: np.histogram(table.errors(each.name), BARS, (0, 180))[0] for each in table.methods}
     shares = {name: of / max(1, of.sum()) for name, of in counts.items()}
     highest = max((float(of.max()) for of in shares.values()), default=1.0) or 1.0
-    panels = [
-        Panel(histogram(of, highest), f"{name}: {', '.join(f'{100 * share:.0f}' for share in of)} %")
-        for name, of in shares.items()
-    ]
-    text = f"Share of the objects whose azimuth differs from the true one by 0 … 180°, {180 // BARS}° a bar."
-    return html.Section("How far off", text, panels)
+    text = (
+        f"Percent of the objects by how far their azimuth is off, {180 // BARS}° a bar. Objects without a pose are "
+        f"{NO_POSE:g}° off."
+    )
+    drawings = [histogram(name, of, highest) for name, of in shares.items()]
+    return html.Section("How far off", text, drawings=drawings)
 
 
-def histogram(shares: NDArray[np.float64], highest: float) -> NDArray[np.float64]:
-    """Bars over 0 … 180° with marks below.
+def histogram(name: str, shares: NDArray[np.float64], highest: float) -> Drawing:
+    """Bars over 0 … 180°, each below its percents.
 
     Args:
+        name: of the method.
         shares: (n,), each in 0…highest.
-        highest: the share that is as high as the picture.
-
-    Returns:
-        (H, W) in 0…1, dark bars on white.
+        highest: the share that is as high as the drawing.
     """
-    width, height, foot, margin = 20, 110, 18, 12
-    picture = Image.new("L", (len(shares) * width + 2 * margin, height + foot), 255)
-    draw, font = ImageDraw.Draw(picture), ImageFont.load_default(11)
+    step = 180 / len(shares)
+    filled = [f"{k * step:g} … {(k + 1) * step:g}°: {_share(share)} %" for k, share in enumerate(shares) if share]
+    bar, left, top, height = 21, 18, 40, 90
+    bottom, right = top + height, left + bar * len(shares)
+    drawing = Drawing(right + left, bottom + 24, f"{name}: errors of the azimuth", ", ".join(filled))
+    drawing.note((left, 14), name)
     for k, share in enumerate(shares):
-        left = margin + k * width
-        draw.rectangle((left + 1, height - round(share / highest * (height - 4)), left + width - 2, height), fill=70)
-    draw.line((margin, height, margin + len(shares) * width, height), fill=0)
+        if share:
+            high = height * share / highest
+            drawing.rectangle((left + k * bar + 1, bottom - high), bar - 2, high, "curve")
+            drawing.note((left + (k + 0.5) * bar, bottom - high - 4), _share(share), anchor="middle")
+    drawing.line([(left, bottom), (right, bottom)], "text")
     for degrees in (0, 45, 90, 135, 180):
-        at = margin + degrees / 180 * len(shares) * width
-        draw.text((at, height + 2), f"{degrees}°", fill=0, font=font, anchor="ma")
-    return np.asarray(picture, dtype=np.float64) / 255
+        drawing.note((left + degrees / step * bar, bottom + 16), f"{degrees}°", anchor="middle")
+    return drawing
+
+
+def _share(share: float) -> str:
+    percent = round(100 * share)
+    return str(percent) if percent else "< 1"
 
 
 def _pictures(table: Table2) -> html.Section:
     """As in the paper: the images side by side, and each method's pose below them."""
     names = {name for of in table.pictures.values() for name in of}
     shown = [each for each in table.examples.objects if each.name in names]
-    images = {each.name: html.Cell(Panel(each.image, each.name), f"azimuth {each.azimuth:.0f}°") for each in shown}
+    images = {
+        each.name: html.Cell(Panel(each.image, each.name, f"The image {each.name}"), f"azimuth {each.azimuth:.0f}°")
+        for each in shown
+    }
     rows = [
-        {"": method.name, **{each.name: _pose(table, method.name, each) for each in shown}} for method in table.methods
+        {"method": method.name, **{each.name: _pose(table, method.name, each) for each in shown}}
+        for method in table.methods
     ]
     text = "The outline of the model at the pose that each method found, and how far its azimuth is off."
-    return html.Section("Pictures", text, table=[{"": "test images", **images}, *rows] if shown else [])
+    return html.Section("Pictures", text, table=[{"method": "test images", **images}, *rows] if shown else [])
 
 
 def _pose(table: Table2, method: str, example: Example) -> html.Cell | None:
@@ -177,4 +189,5 @@ def _pose(table: Table2, method: str, example: Example) -> html.Cell | None:
         return None
     off = round((pose["azimuth"] - example.azimuth + 180) % 360 - 180)
     remark = f"{off:+d}°" if pose["model"] == example.model else f"{off:+d}°\n{pose['model']}"
-    return html.Cell(Panel(outlined(example.image, silhouette >= 128), f"{example.name}, {method}"), remark)
+    seen = f"{example.name} with the outline of a model at the pose that {method} found"
+    return html.Cell(Panel(outlined(example.image, silhouette >= 128), f"{example.name}, {method}", seen), remark)

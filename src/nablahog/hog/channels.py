@@ -9,6 +9,7 @@ from .inputs import Descriptors, descriptor_tensor, to_array
 from .normalizers import PARTS, FourBlockNorm, Part
 from .normalizers.four_block import VLFEAT_TEXTURE, four_block
 from .orientation import vote_rule
+from .presets import as_spec
 from .spec import HOGSpec
 
 # what says where gradients are counted and what an entry is; other fields matter at borders, at ties, or through ε
@@ -89,7 +90,7 @@ def reorder_texture(descriptor: Tensor, spec: HOGSpec) -> Tensor:
     return torch.cat(list(parts.values()), dim=-1).flatten(-2)
 
 
-def convert_channels(descriptor: Descriptors, source: HOGSpec, target: HOGSpec) -> Descriptors:
+def convert_channels(descriptor: Descriptors, source: HOGSpec | str, target: HOGSpec | str) -> Descriptors:
     """The channels that another four-block dialect has, in its order, if they are exactly those at hand.
 
     Directed and undirected channels mean the same in all of them: VLFeat's 31 become DPM's first 27, DPM's 32 dlib's
@@ -99,22 +100,23 @@ def convert_channels(descriptor: Descriptors, source: HOGSpec, target: HOGSpec) 
 
     Args:
         descriptor: (..., channels) of ``source``, tensor or array.
-        source: the dialect it is of.
-        target: the dialect whose channels to make of it.
+        source: the dialect it is of, or the name of a preset with its defaults.
+        target: the dialect whose channels to make of it, likewise.
 
     Returns:
         (..., channels) of ``target``, of the kind, dtype and device of ``descriptor``; linear in it.
 
     Raises:
         ValueError: ``target`` has channels that cannot be made exactly: directed or undirected ones that are not
-            there, or another library's texture; its histograms or clip are others; a dialect is not four-block; or
-            the shape is not the source's.
+            there, or another library's texture; its histograms or clip are others; a dialect is not four-block; the
+            shape is not the source's; or there is no such preset.
 
     >>> dpm, dlib = nablahog.presets.dpm(), nablahog.presets.dlib()
     >>> descriptor = nablahog.hog(torch.rand(1, 1, 64, 64), dpm)
     >>> nablahog.convert_channels(descriptor, dpm, dlib).shape[-1], descriptor.shape[-1]
     (31, 32)
     """
+    source, target = as_spec(source), as_spec(target)
     if not isinstance(descriptor, Tensor):
         return to_array(convert_channels(descriptor_tensor("the descriptor", descriptor), source, target))
     parts, scheme, goal = _split(descriptor, source), _four_block(source), _four_block(target)

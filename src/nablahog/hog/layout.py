@@ -7,6 +7,7 @@ import math
 from torch import Tensor
 
 from .inputs import Descriptors, descriptor_tensor, to_array
+from .presets import as_spec
 from .spec import COLOURS, HOGSpec
 
 PATCH = 2  # cells of the side of a transformer's patch
@@ -33,23 +34,24 @@ def native_shape(spec: HOGSpec, image_size: tuple[int, int]) -> tuple[int, ...]:
     return (rows * cols * spec.channels,)
 
 
-def to_layout(descriptor: Descriptors, spec: HOGSpec) -> Descriptors:
+def to_layout(descriptor: Descriptors, spec: HOGSpec | str) -> Descriptors:
     """Converts descriptors (B, rows, cols, channels) to the spec's layout; arrays also (rows, cols, channels).
 
     By ``spec.layout`` this is ``"cells"``, the same; ``"planes"``, (B, channels, rows, cols); ``"colour-planes"``,
     (B, 3, bins, rows, cols); ``"patches"``, (B, patches of 2x2 cells, channels · 4), as a transformer's tokens, and in
     each channel by channel; ``"blocks"``, (B, rows, cols, rows of cells, columns of cells, bins); ``"block-vector"``,
     the same in one row; ``"opencv-vector"``, in one row, too, but column by column of blocks, and in a block column by
-    column of cells.
+    column of cells.  The spec may be the name of a preset with its defaults.
 
     Raises:
-        ValueError: in the layout of patches, rows or columns are odd.
+        ValueError: in the layout of patches, rows or columns are odd; there is no such preset.
 
     >>> spec = nablahog.presets.opencv(win_size=(64, 128))
     >>> descriptor = nablahog.hog(torch.rand(1, 1, 128, 64), spec)
     >>> descriptor.shape, nablahog.to_layout(descriptor, spec).shape
     (torch.Size([1, 15, 7, 36]), torch.Size([1, 3780]))
     """
+    spec = as_spec(spec)
     if not isinstance(descriptor, Tensor):
         tensor = descriptor_tensor("the descriptor", descriptor)
         single = tensor.dim() == 3
@@ -70,22 +72,23 @@ def to_layout(descriptor: Descriptors, spec: HOGSpec) -> Descriptors:
     return (blocks if spec.layout == "block-vector" else blocks.permute(0, 2, 1, 4, 3, 5)).flatten(1)
 
 
-def from_layout(native: Descriptors, spec: HOGSpec, image_size: tuple[int, int]) -> Descriptors:
+def from_layout(native: Descriptors, spec: HOGSpec | str, image_size: tuple[int, int]) -> Descriptors:
     """The inverse of :func:`to_layout`: descriptors (B, rows, cols, channels).
 
     Args:
         native: B in front of the library's own shape, or of its entries in one row; an array also without B.
-        spec: the dialect.
+        spec: the dialect, or the name of a preset with its defaults.
         image_size: (height, width) of the images.
 
     Raises:
-        ValueError: the shape is none of the spec's for images of that size.
+        ValueError: the shape is none of the spec's for images of that size; there is no such preset.
 
     >>> spec = nablahog.presets.opencv(win_size=(64, 128))
     >>> vector = np.zeros(3780, np.float32)  # as of cv2.HOGDescriptor().compute
     >>> nablahog.from_layout(vector, spec, (128, 64)).shape
     (15, 7, 36)
     """
+    spec = as_spec(spec)
     rows, cols = spec.grid(*image_size)
     expected = native_shape(spec, image_size)
     if not isinstance(native, Tensor):

@@ -15,6 +15,7 @@ from torch import Tensor
 from .inputs import is_pil, pil_pixels
 from .kernels import steps
 from .kernels.norms import long_dot
+from .presets import as_spec
 from .spec import HOGSpec
 from .steps import spread_nan
 from .strips import Strip, Strips
@@ -57,7 +58,7 @@ class DescriptorStrip(NamedTuple):
     descriptor: npt.NDArray[Any]
 
 
-def stream(image: Rows | Image, spec: HOGSpec, *, memory: int = MEMORY) -> Iterator[DescriptorStrip]:
+def stream(image: Rows | Image, spec: HOGSpec | str, *, memory: int = MEMORY) -> Iterator[DescriptorStrip]:
     """Computes the HOG descriptor of an image that is larger than memory, in strips of rows from the top.
 
     The rows equal those of ``hog`` of the whole image bit by bit: ``np.concatenate([strip.descriptor for strip
@@ -72,7 +73,7 @@ def stream(image: Rows | Image, spec: HOGSpec, *, memory: int = MEMORY) -> Itera
         image: (H, W) or (H, W, C), uint8 in 0…255, or float32 or float64 in 0…1; of any number of channels (three are
             R, G, B).  A :class:`numpy.memmap`, as of ``np.load(path, mmap_mode="r")``, anything else that has
             ``shape``, ``dtype`` and rows ``[start:stop]``, or a PIL image of mode L or RGB.
-        spec: the dialect, from :mod:`nablahog.presets`.
+        spec: the dialect, from :mod:`nablahog.presets`, or the name of a preset with its defaults.
         memory: bytes that a strip takes, nearly, with all that it is computed from; but it has at least one row,
             however few they are.  The tables of the loops come on top: for a moment, before a strip of another size
             than the last, some 6 bytes (float64: 10) for each pixel of a row and column of cells.
@@ -83,8 +84,8 @@ def stream(image: Rows | Image, spec: HOGSpec, *, memory: int = MEMORY) -> Itera
 
     Raises:
         TypeError: ``image`` has no shape, dtype and rows, or another dtype.
-        ValueError: it has another shape, or is smaller than one cell; ``memory`` is no positive integer; while it is
-            read, its rows are not of its shape.
+        ValueError: it has another shape, or is smaller than one cell; ``memory`` is no positive integer; there is no
+            such preset; while it is read, its rows are not of its shape.
 
     >>> image, spec = np.zeros((640, 64), np.uint8), nablahog.presets.uoctti()
     >>> descriptor = np.empty((*spec.grid(640, 64), spec.channels), np.float32)
@@ -93,6 +94,7 @@ def stream(image: Rows | Image, spec: HOGSpec, *, memory: int = MEMORY) -> Itera
     >>> np.array_equal(descriptor, nablahog.hog(image, spec))
     True
     """
+    spec = as_spec(spec)
     reader = _Reader(pil_pixels("image", image) if is_pil(image) else image, spec)
     if type(memory) is not int or memory < 1:
         raise ValueError(f"memory must be a positive integer, in bytes, got {memory!r}")

@@ -14,6 +14,7 @@ from torch import Tensor
 from torch.nn.utils import vector_to_parameters
 
 from ..hog.channels import mirrored
+from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from ..io.learned_model import SPEC, LearnedModel, account, check_tensor, integers, tensor
 from .checks import check_descriptor
@@ -41,7 +42,7 @@ class PriorLearning(Learning):
     losses: tuple[float, ...]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LearnedPrior(LearnedModel):
     """A network from a descriptor to an image, near the mean of all photographs that have this descriptor.
 
@@ -108,25 +109,26 @@ class LearnedPrior(LearnedModel):
         architecture = Architecture(values["widths"], values["blocks"])
         return cls(values["spec"], architecture, values["weights"], values["training"])
 
-    def check(self, spec: HOGSpec) -> None:
+    def check(self, spec: HOGSpec | str) -> None:
         """Raises ValueError if descriptors of ``spec`` are not what it was learned for."""
-        self.spec.check_same(spec, f"the {self.NOUN}")
+        self.spec.check_same(as_spec(spec), f"the {self.NOUN}")
 
     @torch.no_grad()
-    def expected(self, descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int]) -> Tensor:
+    def expected(self, descriptor: Tensor, spec: HOGSpec | str, image_size: tuple[int, int]) -> Tensor:
         """The images of the network, (B, 1, H, W) around 0.5, at the contrast of the histograms.
 
         Where the descriptor determines that of the mirrored image, the mean of both predictions is taken.
 
         Args:
             descriptor: (B, rows, cols, channels), float32 or float64, on any device.
-            spec: its dialect, which must be the prior's.
+            spec: its dialect, or the name of a preset with its defaults; it must be the prior's.
             image_size: (height, width).
 
         Raises:
             TypeError: the descriptor is no float32 or float64 tensor.
             ValueError: the spec is another one, or the descriptor's shape contradicts it, or it holds NaN or Inf.
         """
+        spec = as_spec(spec)
         self.check(spec)
         height, width = check_descriptor(descriptor, spec, image_size)
         single = descriptor.float()
@@ -142,7 +144,7 @@ class LearnedPrior(LearnedModel):
     def reconstruct(
         self,
         descriptor: Tensor,
-        spec: HOGSpec,
+        spec: HOGSpec | str,
         image_size: Sequence[int] | None = None,
         *,
         quality: QualityName = "best",
@@ -157,7 +159,7 @@ class LearnedPrior(LearnedModel):
         Raises:
             TypeError, ValueError: as :func:`nablahog.reconstruct`; the spec is not the prior's.
         """
-        began = time.perf_counter()
+        began, spec = time.perf_counter(), as_spec(spec)
         self.check(spec)
         size = check_descriptor(descriptor, spec, image_size)
         result = reconstruct(

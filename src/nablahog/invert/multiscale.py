@@ -67,15 +67,18 @@ def level_spec(spec: HOGSpec, scale: int, image_size: tuple[int, int]) -> tuple[
     return replace(spec, cell_size=cell), (image_size[0] // factor, image_size[1] // factor)
 
 
-def scale_descriptors(image: Tensor, spec: HOGSpec, scales: Sequence[int] = SCALES) -> list[Tensor]:
+def scale_descriptors(image: Tensor, spec: HOGSpec | str, scales: Sequence[int] = SCALES) -> list[Tensor]:
     """What multi-scale-more is given: the descriptors (B, rows, cols, channels) of ``image`` at each scale.
 
     Args:
         image: (B, C, H, W) in 0…1.  A pixel of a level is the mean of those it covers.
+        spec: the dialect, or the name of a preset with its defaults.
+        scales: as of :func:`reconstruct_multiscale`.
 
     Raises:
-        ValueError: a scale does not exist for this size.
+        ValueError: a scale does not exist for this size; there is no such preset.
     """
+    spec = as_spec(spec)
     levels = []
     for scale in scales:
         small, _ = level_spec(spec, scale, (image.shape[2], image.shape[3]))

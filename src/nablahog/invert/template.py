@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ..hog.entries import CellAlignment, mean_over_colours, with_margin
 from ..hog.inputs import Descriptors, descriptor_tensor, to_array
+from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
 from .checks import check_finite
@@ -20,7 +21,7 @@ EMPHASIS = 2.0  # power of the weights: a few strong ones make the shape, and ma
 
 
 def template_descriptor(
-    weights: Descriptors, spec: HOGSpec, image_size: tuple[int, int] | None = None, *, negative: bool = False
+    weights: Descriptors, spec: HOGSpec | str, image_size: tuple[int, int] | None = None, *, negative: bool = False
 ) -> Descriptors:
     """Descriptors of images whose histograms are the squares of templates' positive weights, or negative ones.
 
@@ -30,7 +31,7 @@ def template_descriptor(
     Args:
         weights: (B, rows, cols, channels), float32 or float64, of the detector's scores over descriptors; an array also
             (rows, cols, channels).
-        spec: their dialect.
+        spec: their dialect, or the name of a preset with its defaults.
         image_size: (height, width) of the images; by default whole cells.
         negative: whether negative weights count, not positive ones.
 
@@ -38,7 +39,7 @@ def template_descriptor(
         (B, rows, cols, channels), to be inverted by :func:`nablahog.reconstruct` with the same spec and image size.
 
     Raises:
-        ValueError: the weights have another shape, are not finite, or none has the sign.
+        ValueError: the weights have another shape, are not finite, or none has the sign; there is no such preset.
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> weights = torch.randn(1, 4, 4, 31)  # of a linear detector
@@ -46,6 +47,7 @@ def template_descriptor(
     >>> nablahog.reconstruct(descriptor, spec, quality="fast").image.shape
     torch.Size([1, 1, 32, 32])
     """
+    spec = as_spec(spec)
     if not isinstance(weights, Tensor):
         tensor = descriptor_tensor("the template", weights)
         single = tensor.dim() == 3

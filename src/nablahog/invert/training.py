@@ -16,6 +16,7 @@ from torch.nn.functional import avg_pool2d, mse_loss
 from torch.nn.utils import clip_grad_norm_, parameters_to_vector
 
 from ..hog.descriptor import hog
+from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from .checkpoint import Checkpoint
 from .crops import crop_count, draw_crops, least_side
@@ -37,7 +38,7 @@ _MOMENTS = ("exp_avg", "exp_avg_sq")  # of AdamW, for each weight
 
 def train_prior(
     images: Mapping[str, Tensor],
-    spec: HOGSpec,
+    spec: HOGSpec | str,
     *,
     epochs: int | None = None,
     seed: int = 0,
@@ -56,7 +57,8 @@ def train_prior(
 
     Args:
         images: (H, W) each, float32 in 0…1, by name.
-        spec: the dialect; signed, with square cells of 2, 4, 8 or 16 pixels.
+        spec: the dialect, or the name of a preset with its defaults; signed, with square cells of 2, 4, 8 or 16
+            pixels.
         epochs: passes over the images, in which larger ones give several crops; by default about 23,000 crops in all.
         seed: of everything random.
         architecture: of the network; by default :func:`.network.default_architecture`.
@@ -67,7 +69,8 @@ def train_prior(
 
     Raises:
         ValueError: there are no images, or one is too small or holds other values; there can be no prior for the spec;
-            ``epochs`` is below 1; the checkpoint is of another training; the training diverges.
+            there is no such preset; ``epochs`` is below 1; the checkpoint is of another training; the training
+            diverges.
         OSError: the checkpoint cannot be read or written.
 
     >>> images = {"noise": torch.rand(96, 96, generator=torch.Generator().manual_seed(0))}
@@ -76,6 +79,7 @@ def train_prior(
     >>> prior.learning.images, len(prior.learning.losses)
     (('noise',), 1)
     """
+    spec = as_spec(spec)
     architecture = architecture or default_architecture(spec)
     check_spec(spec, architecture)
     names = check_images(images, (least_side(spec.cell_size[0]),) * 2)

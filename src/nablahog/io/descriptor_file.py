@@ -14,6 +14,7 @@ from torch import Tensor
 
 from ..hog import HOGSpec
 from ..hog.inputs import descriptor_tensor
+from ..hog.presets import as_spec
 from .files import starts_as
 from .npz import check_format, naming, read_arrays, text, write_arrays
 
@@ -21,7 +22,7 @@ FORMAT = 1
 _ARRAYS = ("format", "descriptor", "spec", "image_size")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class StoredDescriptor:
     """A descriptor with all that is needed to invert it.
 
@@ -58,24 +59,33 @@ class StoredDescriptor:
         if not torch.isfinite(self.descriptor).all():
             raise ValueError("the descriptor must be finite, got NaN or Inf")
 
+    def __repr__(self) -> str:
+        """Sizes and spec, not the numbers."""
+        shape, size = ("x".join(map(str, sides)) for sides in (self.descriptor.shape, self.image_size))
+        return f"<StoredDescriptor {shape}, image {size}, {self.spec!r}>"
+
 
 def save_descriptor(
-    path: str | os.PathLike[str], descriptor: Tensor | NDArray[np.floating], spec: HOGSpec, image_size: tuple[int, int]
+    path: str | os.PathLike[str],
+    descriptor: Tensor | NDArray[np.floating],
+    spec: HOGSpec | str,
+    image_size: tuple[int, int],
 ) -> None:
     """Writes a descriptor (rows, cols, channels) of an image of ``image_size`` (height, width) to the file ``path``.
 
-    The descriptor is a tensor or an array.  The file is a compressed .npz archive of the arrays ``descriptor``,
-    ``spec`` (its JSON), ``image_size`` and ``format`` (1), for any ending of its name.  It is replaced whole or not at
-    all.
+    The descriptor is a tensor or an array, the spec its dialect, or the name of a preset with its defaults.  The file
+    is a compressed .npz archive of the arrays ``descriptor``, ``spec`` (its JSON), ``image_size`` and ``format`` (1),
+    for any ending of its name.  It is replaced whole or not at all.
 
     Raises:
-        TypeError, ValueError: as :class:`StoredDescriptor`; nothing is written.
+        TypeError, ValueError: as :class:`StoredDescriptor`, or there is no such preset; nothing is written.
         OSError: the file cannot be written.
 
     >>> spec = nablahog.presets.uoctti()
     >>> descriptor = nablahog.hog(np.zeros((64, 48), np.uint8), spec)
     >>> nablahog.save_descriptor("image.npz", descriptor, spec, (64, 48))
     """
+    spec = as_spec(spec)
     if not isinstance(descriptor, Tensor):
         descriptor = descriptor_tensor("the descriptor", descriptor)
     stored = StoredDescriptor(descriptor.detach().cpu(), spec, (int(image_size[0]), int(image_size[1])))

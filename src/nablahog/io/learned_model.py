@@ -33,7 +33,7 @@ class Codec(NamedTuple):
 
 
 class LearnedModel(ABC):
-    """A model with a file.  A subclass is a dataclass whose checks are in ``__post_init__``.
+    """A model with a file.  A subclass is a dataclass, without a ``repr``, whose checks are in ``__post_init__``.
 
     Attributes:
         KIND: what a file of it is, for messages.
@@ -48,6 +48,10 @@ class LearnedModel(ABC):
     ARRAYS: ClassVar[Mapping[str, Codec]]
     FORMAT: ClassVar[int] = 1
     COMPRESSED: ClassVar[bool] = False
+
+    def __repr__(self) -> str:
+        """Its summary, not the numbers."""
+        return f"<{type(self).__name__}: {self.summary}>"
 
     @property
     @abstractmethod

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ..hog.gradient import gray
 from ..hog.kernels import steps
+from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from ..io.images import limit_size
 from ..io.sample_photographs import SAMPLE_NAMES, sample_photograph
@@ -28,7 +29,7 @@ def least_size(spec: HOGSpec, order: int = ORDER) -> tuple[int, int]:
 
 def learn_background(
     images: Mapping[str, Tensor],
-    spec: HOGSpec,
+    spec: HOGSpec | str,
     *,
     order: int = ORDER,
     regularization: float = 0.01,
@@ -41,7 +42,7 @@ def learn_background(
 
     Args:
         images: (H, W) each, float32 in 0…1, by name.
-        spec: the dialect, not globally normalised.
+        spec: the dialect, or the name of a preset with its defaults; not globally normalised.
         order: the largest offset between cells, at least 0; templates may have one row and column more.
         regularization: see :class:`.whitening.Background`.
         progress: called with the images done, their number and the name of the one at work.
@@ -50,6 +51,7 @@ def learn_background(
         ValueError: there are no images, or one is too small or holds NaN or Inf; the spec is globally normalised;
             ``order`` is below 0.
     """
+    spec = as_spec(spec)
     check_spec(spec)
     if order < 0:
         raise ValueError(f"order must be at least 0, got {order}")
@@ -73,8 +75,11 @@ def learn_background(
 
 
 @lru_cache(maxsize=8)
-def default_background(spec: HOGSpec, order: int = ORDER) -> Background:
+def default_background(spec: HOGSpec | str, order: int = ORDER) -> Background:
     """The background of the photographs that come with scikit-image, learned at the first call for ``spec``.
+
+    Args:
+        spec, order: as of :func:`learn_background`.
 
     Raises:
         ValueError: as :func:`learn_background`.

@@ -22,7 +22,7 @@ normally distributed with the variance of photographs, it would be 2.6; with tha
 """
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Elements:
     """Patches of r x c cells of one descriptor with C channels, the most discriminative first.
 
@@ -44,6 +44,11 @@ class Elements:
 
     def __len__(self) -> int:
         return len(self.positions)
+
+    def __repr__(self) -> str:
+        """Number and size, not the patches."""
+        rows, cols, channels = self.patches.shape[1:]
+        return f"<Elements: {len(self)} of {rows}x{cols} cells with {channels} channels>"
 
     def gather(self, descriptors: Tensor) -> Tensor:
         """The same regions of other descriptors: (B, rows, cols, C) to (B, N, r, c, C), differentiable."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import get_args
 
@@ -33,7 +33,7 @@ PAPER_RENDERERS: dict[SearchMethod, tuple[Method, int]] = {"paper": ("opendr", 1
 """How the paper's methods differentiate renderings, and with how many samples along the side of a pixel."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PoseEstimate:
     """A pose of an object in a photograph, and the model that it is for.
 
@@ -75,7 +75,16 @@ class PoseEstimate:
     similarity_kind: SimilarityKind
     crop_pose: Tensor
     renderings: int
-    traces: tuple[SearchTrace, ...] = field(default=(), repr=False)
+    traces: tuple[SearchTrace, ...] = ()
+
+    def __repr__(self) -> str:
+        """Pose and figures, not the camera or the search."""
+        model = f", model {self.model}" if self.model else ""
+        return (
+            f"<PoseEstimate azimuth {self.azimuth:.1f}°, elevation {self.elevation:.1f}°, theta {self.theta:.1f}°, "
+            f"distance {self.distance:.2f}, x {self.x:.1f}, y {self.y:.1f}{model}, "
+            f"{self.similarity_kind} similarity {self.similarity:.3g}, {self.renderings} renderings>"
+        )
 
     @property
     def pose(self) -> Tensor:

@@ -75,7 +75,7 @@ _TENSOR = Codec(Tensor.numpy, _stored)
 _HALVES = Codec(lambda value: value.numpy().astype(np.float16), _stored)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ExemplarViews(LearnedModel):
     """The elements of all views of a model; the weights are stored in float16.
 

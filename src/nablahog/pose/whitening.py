@@ -24,7 +24,7 @@ _MARGIN = 4  # cells, between a descriptor and itself around the torus
 LARGEST = 1e6  # entry of a mean or covariance: those of descriptors are far below 1
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Background(LearnedModel):
     """Mean and autocovariance of a stationary descriptor, learned by :func:`.background.learn_background`.
 
@@ -59,7 +59,7 @@ class Background(LearnedModel):
     covariance: Tensor
     images: tuple[str, ...]
     regularization: float = 0.01
-    _factors: dict[tuple[int, int], Tensor] = field(default_factory=dict, init=False, repr=False)
+    _factors: dict[tuple[int, int], Tensor] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         check_spec(self.spec)

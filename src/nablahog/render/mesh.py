@@ -23,7 +23,7 @@ FLAT = 1e-12
 _Y_UP = (".obj", ".glb")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Mesh:
     """Triangles with a brightness at each vertex.  Immutable.
 
@@ -70,6 +70,10 @@ class Mesh:
             raise ValueError(f"faces must refer to the vertices 0…{count - 1}, got {low if low < 0 else high}")
         if not bool(((self.brightness >= 0) & (self.brightness <= 1)).all()):  # NaN fails too
             raise ValueError("brightness must lie in 0…1")
+
+    def __repr__(self) -> str:
+        """Sizes, not the corners."""
+        return f"<Mesh {len(self.vertices)} vertices, {len(self.faces)} faces>"
 
     def normalized(self) -> Mesh:
         """The mesh with its bounding box centred at 0 and of diagonal 1; differentiable in the vertices.

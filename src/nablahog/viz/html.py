@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -17,6 +18,7 @@ from .svg import Drawing
 if TYPE_CHECKING:
     import jinja2
 
+LONG = 40  # characters of a text in a table, from which on it is not squeezed into a narrow column
 GRID = 6.8  # width of the columns of a table of pictures, in the page's rem: ten fit
 
 
@@ -38,7 +40,7 @@ class Section:
         panels: pictures side by side.
         table: as :func:`page` takes it.
         compared: two pictures of one shape, one above the other, with a slider that wipes from the first to the second.
-        drawing: a chart.
+        drawings: charts side by side, if there is room.
     """
 
     heading: str
@@ -46,11 +48,24 @@ class Section:
     panels: Sequence[Panel] = ()
     table: Sequence[Mapping[str, object]] = ()
     compared: tuple[Panel, Panel] | None = None
-    drawing: Drawing | None = None
+    drawings: Sequence[Drawing] = ()
+
+
+class Shown(float):
+    """A figure with a text of its own, by whose value tables are sorted."""
+
+    text: str
+
+    def __new__(cls, value: float, text: str) -> Shown:
+        shown = super().__new__(cls, value)
+        shown.text = text
+        return shown
 
 
 def figure(value: object) -> str:
     """A figure as people read it: three decimals, one from 10 on, an en dash for None, anything else as it is."""
+    if isinstance(value, Shown):
+        return value.text
     if value is None:
         return "–"
     if not isinstance(value, float):
@@ -87,7 +102,7 @@ def page(
         lead=lead,
         rows=table,
         caption=caption,
-        sections=[each for each in sections if each.panels or each.table or each.compared or each.drawing],
+        sections=[each for each in sections if each.panels or each.table or each.compared or each.drawings],
         definitions=definitions,
         footer=footer,
         first=first,
@@ -113,7 +128,7 @@ def footer(figures: str, settings: str = "") -> str:
 def _template() -> jinja2.Template:
     pages = environment().overlay()
     pages.filters = {**pages.filters, "png": _png, "inner": _inner, "figure": figure, "table": _table, "sortable": _key}
-    pages.tests = {**pages.tests, "cell": _is_cell, "panel": _is_panel}
+    pages.tests = {**pages.tests, "cell": _is_cell, "panel": _is_panel, "long": _is_long}
     return pages.get_template("page.html")
 
 
@@ -123,6 +138,10 @@ def _is_cell(value: object) -> bool:
 
 def _is_panel(value: object) -> bool:
     return isinstance(value, Panel)
+
+
+def _is_long(value: object) -> bool:
+    return isinstance(value, str) and len(value) > LONG
 
 
 @dataclass(frozen=True)
@@ -169,8 +188,9 @@ def _inner(value: object) -> object:
     return value.value if isinstance(value, Cell) else value
 
 
-def _key(value: object) -> str:
-    return "" if value is None else repr(value)
+def _key(value: float | None) -> str:
+    """By what a figure is sorted; what is none, or not finite, comes last."""
+    return repr(value) if value is not None and math.isfinite(value) else ""
 
 
 def _png(panel: Panel) -> str:

@@ -15,6 +15,7 @@ from scipy import ndimage
 from ..hog import HOGSpec
 from ..hog.entries import CellAlignment, mean_over_colours, with_margin
 from ..hog.orientation import bin_angles
+from ..hog.presets import as_spec
 from ..io.images import Picture, as_array, to_pil
 
 CELL_PIXELS = 16  # height of a cell in pictures of glyphs
@@ -66,7 +67,7 @@ def cell_width(spec: HOGSpec, cell_pixels: int) -> int:
     return max(1, round(cell_pixels * spec.cell_size[1] / spec.cell_size[0]))
 
 
-def glyphs(descriptor: Picture, spec: HOGSpec, cell_pixels: int = CELL_PIXELS) -> NDArray[np.float64]:
+def glyphs(descriptor: Picture, spec: HOGSpec | str, cell_pixels: int = CELL_PIXELS) -> NDArray[np.float64]:
     """The usual picture of a HOG: in each cell, for each orientation, a stroke along the edge.
 
     A stroke is perpendicular to the gradient it stands for, so that a vertical edge is a vertical stroke.  Its
@@ -75,7 +76,7 @@ def glyphs(descriptor: Picture, spec: HOGSpec, cell_pixels: int = CELL_PIXELS) -
 
     Args:
         descriptor: (rows, cols, channels), tensor or array; values below 0 are drawn as 0.
-        spec: its dialect.
+        spec: its dialect, or the name of a preset with its defaults.
         cell_pixels: height of a cell in the picture; its width follows from the shape of the spec's cells.
 
     Returns:
@@ -83,14 +84,14 @@ def glyphs(descriptor: Picture, spec: HOGSpec, cell_pixels: int = CELL_PIXELS) -
         descriptor, and where cells are left out.
 
     Raises:
-        ValueError: the shape is none of the spec's, or ``cell_pixels`` is below 1.
+        ValueError: the shape is none of the spec's; ``cell_pixels`` is below 1; or there is no such preset.
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> descriptor = nablahog.hog(np.eye(64, 48, dtype=np.float32), spec)
     >>> nablahog.glyphs(descriptor, spec).shape  # 8x6 cells of 16x16 pixels
     (128, 96)
     """
-    return _drawn(*_votes_and_strokes(descriptor, spec, cell_pixels))
+    return _drawn(*_votes_and_strokes(descriptor, as_spec(spec), cell_pixels))
 
 
 def glyph_image(descriptor: Picture, spec: HOGSpec, cell_pixels: int = CELL_PIXELS) -> Image.Image:

@@ -16,10 +16,10 @@ COLOURS = {  # by name: in light mode and in dark mode
     "ground": LIKE_THE_PAGE,
     "text": ("#282828", "#e4e6e8"),
     "grid": ("#e1e1e1", "#33383e"),
-    "faint": ("#8c8c8c", "#8f979f"),
+    "faint": ("#707070", "#8f979f"),
     "curve": ("#184a96", "#7cb0ff"),
-    "path": ("#c46f0a", "#f0a24a"),
-    "mark": ("#ff261a", "#ff6b61"),
+    "path": ("#a85b00", "#f0a24a"),
+    "mark": ("#d9170c", "#ff6b61"),
     # series that people of any colour vision tell apart (Okabe and Ito), and darker ones of these
     "series0": ("#0072b2", "#4aa8e0"),
     "series1": ("#d55e00", "#ff8a3d"),
@@ -29,7 +29,13 @@ COLOURS = {  # by name: in light mode and in dark mode
     "series5": ("#b87f00", "#f0b93a"),
     "series6": ("#783c00", "#c98f52"),
     "series7": ("#00503c", "#79b8a6"),
+    "heat": ("#072248", "#8db2ea"),
+    "on-weak-heat": ("#000000", "#ffffff"),
+    "on-strong-heat": ("#ffffff", "#000000"),
 }
+STRONG = 0.617
+"""Opacity of heat up to which texts in on-weak-heat have a contrast of 4.5 or more, and from which on those in
+on-strong-heat have it, in either mode."""
 
 
 @dataclass(frozen=True)
@@ -37,24 +43,30 @@ class Shape:
     """A part of a drawing.
 
     Attributes:
-        kind: "line", "dot", "text" or "image".
-        points: of a line; of the others, the one place.
+        kind: "line", "dot", "text", "rectangle" or "image".
+        points: of a line; of the others, the one place, of a rectangle and an image their upper left corner.
         colour: a key of :data:`COLOURS`.
-        width: of a line, radius of a dot, side of an image.
+        width: of a line, a rectangle and an image; radius of a dot.
+        height: of a rectangle.
         text: of a text; of an image, its PNG in base64.
         fill: of a dot, a key of :data:`COLOURS`.
         anchor: of a text: "start", "middle" or "end" of it is at its place.
         dashed: of a line.
+        upwards: of a text: whether it runs from bottom to top.
+        opacity: of a rectangle, 0…1.
     """
 
     kind: str
     points: Sequence[Point]
     colour: str = "text"
     width: float = 1.0
+    height: float = 0.0
     text: str = ""
     fill: str = "ground"
     anchor: str = "start"
     dashed: bool = False
+    upwards: bool = False
+    opacity: float = 1.0
 
 
 @dataclass
@@ -81,9 +93,15 @@ class Drawing:
         """Adds a dot, or a ring."""
         self.shapes.append(Shape("dot", [place], colour, radius, fill="ground" if ringed else colour))
 
-    def note(self, place: Point, text: str, colour: str = "text", anchor: str = "start") -> None:
+    def note(
+        self, place: Point, text: str, colour: str = "text", anchor: str = "start", *, upwards: bool = False
+    ) -> None:
         """Adds a text, whose base line is at the place."""
-        self.shapes.append(Shape("text", [place], colour, text=text, anchor=anchor))
+        self.shapes.append(Shape("text", [place], colour, text=text, anchor=anchor, upwards=upwards))
+
+    def rectangle(self, corner: Point, width: float, height: float, colour: str, opacity: float = 1.0) -> None:
+        """Adds a filled rectangle by its upper left corner."""
+        self.shapes.append(Shape("rectangle", [corner], colour, width, height, opacity=opacity))
 
     def image(self, corner: Point, side: float, picture: Picture) -> None:
         """Adds a square picture by its upper left corner."""

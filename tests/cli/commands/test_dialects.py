@@ -12,12 +12,11 @@ import pytest
 from PIL import Image
 
 from nablahog.cli.main import main
-from nablahog.io.images import read_image
 
 from ..common import CHELSEA, names
 
 SMALL = ["--presets", "vlfeat,dpm,skimage", "--size", "64"]
-RESULTS = ["dialects.csv", "dialects.png", "index.html", "ties.csv"]
+RESULTS = ["dialects.csv", "dialects.svg", "index.html", "ties.csv"]
 
 
 class _Text(HTMLParser):
@@ -48,7 +47,6 @@ def test_the_files(photo: str, tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert main(["dialects", photo, "-o", str(out), *SMALL]) == 0
     assert f"Look at {out / 'index.html'}" in capsys.readouterr().out
     assert names(out) == RESULTS
-    assert read_image(out / "dialects.png").shape[0] == 1
     with open(out / "dialects.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert {row["compared"] for row in rows} == {"common form", "directed undirected texture"}
@@ -68,7 +66,11 @@ def test_the_files(photo: str, tmp_path: Path, capsys: pytest.CaptureFixture[str
         "What the figures mean",
     ):
         assert heading in text
-    assert html.count("data:image/png;base64,") == 1 + 1 + 3
+    assert html.count("data:image/png;base64,") == 1 + 3
+    assert (out / "dialects.svg").read_text() in html
+    assert 'alt="Strokes along the edges of the photograph, cell by cell, of its vlfeat HOG"' in html
+    share = 100 * float(ties["vlfeat"]["between_bins"])
+    assert f'data-value="{share / 100!r}">{share:.1f}%<' in html  # sorted by the number
 
 
 def test_json(photo: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -151,6 +153,6 @@ def test_what_does_not_fit(
 def test_bad_photographs_and_folders(photo: str, tmp_path: Path, refused: Callable[..., None]) -> None:
     refused("dialects", str(tmp_path / "none.png"), message="no such file")
     refused("dialects", photo, "-o", photo, *SMALL, message="cannot be made")
-    target = tmp_path / "in" / "dialects.png"
+    target = tmp_path / "in" / "dialects.svg"
     target.write_bytes(Path(photo).read_bytes())
     refused("dialects", str(target), "-o", str(target.parent), *SMALL, message="would overwrite an input")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,6 +13,8 @@ from PIL import Image
 from nablahog import hog, presets
 from nablahog.cli.main import main
 from tests.io.dpm_models import written
+
+from ..common import names
 
 FEW = ["--max-evaluations", "20"]
 
@@ -35,7 +36,8 @@ def people(tmp_path: Path) -> str:
 
 def test_opencvs_people_detector_is_known(tmp_path: Path, people: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["invert-template", people, "-o", str(tmp_path / "out"), *FEW]) == 0
-    assert sorted(os.listdir(tmp_path / "out")) == [
+    assert names(tmp_path / "out") == [
+        "index.html",
         "people_negative.png",
         "people_positive.png",
         "people_templates.png",
@@ -69,10 +71,25 @@ def test_a_model_of_voc_release5(tmp_path: Path, capsys: pytest.CaptureFixture[s
     path = written(tmp_path / "toy.mat")
     assert main(["invert-template", str(path), "-o", str(tmp_path / "out"), *FEW]) == 0
     numbered = [f"toy_{k}_{sign}.png" for k in (1, 2) for sign in ("negative", "positive")]
-    assert sorted(os.listdir(tmp_path / "out")) == [*numbered, "toy_templates.png"]
+    assert names(tmp_path / "out") == ["index.html", *numbered, "toy_templates.png"]
     out = capsys.readouterr().out
     assert "component 1, root" in out
     assert "component 1, parts" in out
+    assert f"Look at {tmp_path / 'out' / 'index.html'}, which also says what the figures mean" in out
+    page = (tmp_path / "out" / "index.html").read_text()
+    for text in ("<h2>toy.mat, component 1, root, dpm</h2>", '<th scope="row">toy.mat, component 1, parts</th>'):
+        assert text in page
+    assert page.count("data:image/png;base64,") == 2 * 4
+    for sign in ("for", "against"):
+        assert f'alt="An image with the edges that speak {sign} a detection by toy.mat, component 1, root"' in page
+
+
+def test_a_file_that_is_skipped_is_on_the_page(tmp_path: Path, people: str) -> None:
+    np.save(tmp_path / "odd.npy", np.ones(17))
+    assert main(["invert-template", people, str(tmp_path / "odd.npy"), "-o", str(tmp_path / "out"), *FEW]) == 3
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert "<h2>people.npy, opencv</h2>" in page
+    assert page.index("Skipped inputs") < page.index("odd.npy") < page.index("expected --preset NAME")
 
 
 def test_refusals(tmp_path: Path, people: str, refused: Callable[..., None]) -> None:

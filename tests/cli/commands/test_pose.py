@@ -102,6 +102,9 @@ def test_the_best_of_several_models(tmp_path: Path, scene: list[str], capsys: py
     assert drawing in page
     assert drawing.count("data:image/png;base64,") == 8  # renderings below the curves
     assert page.count("data:image/png;base64,") == 4 + 8 + 4
+    assert 'alt="The same with the outline of wooden at the pose found"' in page
+    defined = re.findall(r"<dt>(\w+)</dt>", page)
+    assert defined == [name for name in re.findall(r'<th scope="col".*?>(\w+)</th>', page) if name in defined]
     assert "http" not in re.sub(r"http://www.w3.org/[\w/]+", "", page)  # names of SVG, which nobody loads
     for text in (
         "Pose of chair.png",

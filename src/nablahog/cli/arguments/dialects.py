@@ -36,7 +36,7 @@ def dialects(commands: argparse._SubParsersAction[Parser]) -> None:
         help="compare the HOGs of libraries on a photograph",
         description="Measures the distances between the HOGs of libraries on a photograph, and the share of each "
         "convention: ties, border, colour rule, bins, votes, cells, normaliser and so on. With -o, writes "
-        "the page index.html, dialects.png, dialects.csv and ties.csv.",
+        "the page index.html, dialects.svg, dialects.csv and ties.csv.",
     )
     command.add_argument("photo", type=options.path, metavar="PHOTO", help="an image of any format that Pillow reads")
     options.output(command, "DIR", "folder for the results, made if missing", required=False)

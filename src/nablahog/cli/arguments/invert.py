@@ -91,7 +91,7 @@ def invert_template(commands: argparse._SubParsersAction[Parser]) -> None:
         help="show what a linear detector looks for",
         description="Shows what the positive and the negative weights of linear templates see: of DPM models "
         "(voc-release5 .mat), root and parts of each component; of arrays of weights, such as an SVM's. Writes "
-        "<stem>_positive.png, <stem>_negative.png and, with glyphs, <stem>_templates.png.",
+        "<stem>_positive.png, <stem>_negative.png and, with glyphs, <stem>_templates.png, and a page, index.html.",
     )
     command.add_argument(
         "inputs",

@@ -13,12 +13,12 @@ from ...dialects import Comparison, compare, page, tables
 from ...dialects.heatmap import heat_map
 from ...evaluate.tables import write_csv
 from ...io.files import output_folder, write_text
-from ...io.images import limit_size, read_image, write_image
+from ...io.images import limit_size, read_image
 from ..errors import as_user_error, forbid_overwrite
 from ..inputs.spec import SpecOptions
 from ..terminal import counter, print_definitions, print_table, say, say_page
 
-RESULTS = ("index.html", "dialects.png", "dialects.csv", "ties.csv")
+RESULTS = ("index.html", "dialects.svg", "dialects.csv", "ties.csv")
 
 
 def dialects(arguments: Namespace) -> None:
@@ -59,10 +59,10 @@ def dialects(arguments: Namespace) -> None:
 
 def _write(folder: Path, comparison: Comparison, image: Tensor, introduction: str) -> None:
     names = comparison.by_likeness()
-    picture = heat_map(comparison.matrix(names), names)
-    html = page.page(comparison, image, introduction, picture)
+    drawing = heat_map(comparison.matrix(names), names)
+    html = page.page(comparison, image, introduction, drawing)
     with output_folder(folder):
-        write_image(folder / "dialects.png", picture)
+        write_text(folder / "dialects.svg", drawing.svg())
         write_csv(folder / "dialects.csv", tables.csv_rows(comparison))
         write_csv(folder / "ties.csv", tables.csv_ties(comparison.ties))
         write_text(folder / "index.html", html)

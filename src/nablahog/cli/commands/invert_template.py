@@ -3,31 +3,26 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from itertools import chain
 from pathlib import Path
 
-import numpy as np
 import torch
 
 from ...invert import Reconstruction, Search, reconstruct
 from ...invert.template import template_descriptor
-from ...io.files import distinct_stems, output_folder
+from ...io.files import distinct_stems, output_folder, write_text
 from ...io.images import write_image
-from ...viz.pictures import Panel, contact_sheet, glyphs
+from ...viz.pictures import contact_sheet
 from ..errors import as_user_error, forbid_overwrite
 from ..inputs.arrays import ArrayOptions
 from ..inputs.expand import expand
 from ..inputs.memory import check_glyphs, check_inversion
 from ..inputs.spec import SpecOptions
 from ..inputs.templates import DetectorTemplate, read_templates
-from ..terminal import print_definitions, print_table, progress_bars, say
-
-SIGNS = ("positive", "negative")
-DEFINITIONS = {
-    "positive, negative": "An image whose histograms are the squares of the positive, or negative, weights of a "
-    "template. If gradients are unsigned, bright and dark are a guess.",
-    "distance": "‖φ(x) − d‖ / ‖d‖, d the descriptor of these histograms and φ(x) that of the image x.",
-}
+from ..results import template_page
+from ..results.template_page import SIGNS, InvertedTemplate
+from ..terminal import print_table, progress_bars, say_page
 
 
 def invert_template(arguments: Namespace) -> int:
@@ -52,23 +47,23 @@ def invert_template(arguments: Namespace) -> int:
             files.append((stem, path, templates))
     skipping.check()
     names = [_names(stem, templates) for stem, _, templates in files]
-    forbid_overwrite(expanded.paths, [folder / name for of_file in names for name in of_file])
-    rows = []
+    forbid_overwrite(expanded.paths, [folder / name for name in (*chain(*names), "index.html")])
+    done: list[InvertedTemplate] = []
     with output_folder(folder), progress_bars() as progress:
         for stem, path, templates in files:
-            sheet = []
+            of_file = []
             for number, template in enumerate(templates):
                 with as_user_error(f"{path}: "):
                     bars = {sign: progress(f"{stem} {template.name} {sign}") for sign in SIGNS}
-                    results = {sign: _invert_sign(template, sign, arguments, bar) for sign, bar in bars.items()}
-                for sign, result in results.items():
-                    write_image(folder / _name(stem, template, number, sign), result.image[0])
-                sheet.append(_panels(template, results))
-                rows.append(_row(path, template, results))
-            write_image(folder / f"{stem}_templates.png", contact_sheet(sheet))
-    print_table(rows)
-    print_definitions(DEFINITIONS)
-    say(f"Results in {folder}")
+                    images = {sign: _invert_sign(template, sign, arguments, bar) for sign, bar in bars.items()}
+                for sign, image in images.items():
+                    write_image(folder / _name(stem, template, number, sign), image.image[0])
+                of_file.append(InvertedTemplate(path, template, images))
+            write_image(folder / f"{stem}_templates.png", contact_sheet([each.panels() for each in of_file]))
+            done += of_file
+        write_text(folder / "index.html", template_page.page(done, skipping.skipped, arguments.seed))
+    print_table([{"input": each.path, "template": each.template.name, **each.figures()} for each in done])
+    say_page(folder / "index.html")
     return skipping.status
 
 
@@ -85,27 +80,6 @@ def _invert_sign(
         search=Search(max_evaluations=arguments.max_evaluations),
         progress=progress,
     )
-
-
-def _panels(template: DetectorTemplate, results: Mapping[str, Reconstruction]) -> list[Panel]:
-    panels = []
-    for sign, result in results.items():
-        weights = template.weights.numpy() * (-1 if sign == "negative" else 1)
-        caption = f"{template.name}, {sign} weights" if template.name else f"{sign} weights"
-        seen = Panel(result.image[0], "what they see")
-        panels += [Panel(glyphs(np.maximum(weights, 0), template.spec), caption), seen]
-    return panels
-
-
-def _row(path: str, template: DetectorTemplate, results: Mapping[str, Reconstruction]) -> dict[str, object]:
-    rows, cols, channels = template.weights.shape
-    return {
-        "input": path,
-        "template": template.name,
-        "descriptor": template.spec.name,
-        "shape": f"{rows}x{cols}x{channels}",
-        **{f"distance,\n{sign}": float(result.distance[0]) for sign, result in results.items()},
-    }
 
 
 def _names(stem: str, templates: Sequence[DetectorTemplate]) -> list[str]:

@@ -63,7 +63,7 @@ def pose(arguments: Namespace) -> None:
                 progress=progress,
             )
         result = PoseResult(
-            arguments=arguments,
+            photo=arguments.photo,
             photograph=photograph,
             box=box,
             matched=PreparedPhotograph(crop_object(photograph, box), background),
@@ -72,6 +72,10 @@ def pose(arguments: Namespace) -> None:
             candidates=list(meshes),
             passed_over=models.failed,
             seconds=time.perf_counter() - began,
+            method=arguments.method,
+            initial=arguments.init,
+            seed=arguments.seed,
+            background=arguments.background,
         )
         write(folder, result)
     if result.warning is not None:

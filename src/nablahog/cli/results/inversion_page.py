@@ -16,6 +16,7 @@ LEAD = (
     "it is shown for comparison. HOG contains neither colour nor brightness, so the pre-image is gray, unless --colour "
     "guesses hues, and is compared with the gray photograph. In the difference, middle gray means equal."
 )
+SECONDS = "Wall time of the search; where one search is for several inputs, an equal share of it."
 
 
 def page(
@@ -36,17 +37,21 @@ def page(
     """
     shown = inversions[:SHOWN]
     more = f" The pictures of {len(shown)} of {len(inversions)} are below." if len(shown) < len(inversions) else ""
-    table = [{"input": each.input, "reason": each.reason} for each in skipped]
-    left_out = html.Section("Skipped inputs", "These files could not be used.", table=table)
     return html.page(
         title,
         f"{lead}{more}",
         [{**inversion.row(), "input": inversion.source.name} for inversion in inversions],
-        [*map(_section, shown), left_out],
-        DEFINITIONS,
+        [*map(_section, shown), skipped_section(skipped)],
+        {**DEFINITIONS, "seconds": SECONDS},
         f"{html.made()} {remark}",
         first=_first(shown),
     )
+
+
+def skipped_section(skipped: Sequence[Skipped]) -> html.Section:
+    """Which inputs have no result, and why."""
+    table = [{"input": each.input, "reason": each.reason} for each in skipped]
+    return html.Section("Skipped inputs", "These files could not be used.", table=table)
 
 
 def _first(inversions: Sequence[Inversion]) -> html.Section | None:

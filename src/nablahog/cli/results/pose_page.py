@@ -48,7 +48,7 @@ def write(folder: Path, result: PoseResult) -> None:
     Raises:
         OSError: a file cannot be written.
     """
-    names = [folder / name for name in result_names(result.arguments.photo)]
+    names = [folder / name for name in result_names(result.photo)]
     overlay, turned, drawn = _overlay(result), _around(result), _glyphs(result)
     sheets = [contact_sheet([panels], HEIGHT) for panels in (overlay, drawn)]
     figures = json.dumps(result.figures(), indent=2, allow_nan=False) + "\n"
@@ -72,10 +72,22 @@ def _overlay(result: PoseResult) -> list[Panel]:
     pose = _scaled(estimate.crop_pose, fill / FILL)
     pasted = render(mesh, pose, close.camera, background=close.image)
     return [
-        Panel(boxed(whole_outlined, [[side * zoom for side in result.box]]), "the photograph"),
-        Panel(close.image[0], "the object"),
-        Panel(_outlined(close.image[0], mesh, pose, close.camera), f"outline of {estimate.model}"),
-        Panel(pasted[0], f"azimuth {round(estimate.azimuth)}°, elevation {round(estimate.elevation)}°"),
+        Panel(
+            boxed(whole_outlined, [[side * zoom for side in result.box]]),
+            "the photograph",
+            f"The photograph with the object's box and the outline of {estimate.model}",
+        ),
+        Panel(close.image[0], "the object", "The object in gray, closer"),
+        Panel(
+            _outlined(close.image[0], mesh, pose, close.camera),
+            f"outline of {estimate.model}",
+            f"The same with the outline of {estimate.model} at the pose found",
+        ),
+        Panel(
+            pasted[0],
+            f"azimuth {round(estimate.azimuth)}°, elevation {round(estimate.elevation)}°",
+            f"A rendering of {estimate.model} at the pose found, in the object's place",
+        ),
     ]
 
 
@@ -111,7 +123,7 @@ def _glyphs(result: PoseResult) -> list[Panel]:
     rendering = render(result.mesh, result.estimate.crop_pose[None], crop.camera)
     _, elements = result.matched.elements
     panels = []
-    for image, what in ((crop.image, "the object"), (rendering, f"rendering of {result.estimate.model}")):
+    for image, what in ((crop.image, "the object"), (rendering, f"the rendering of {result.estimate.model}")):
         (descriptor,) = describe(image, spec).permute(0, 2, 3, 1)
         drawn = glyphs(descriptor, spec, cell_pixels=24)
         down, across = (drawn.shape[axis] / descriptor.shape[axis] for axis in range(2))
@@ -119,7 +131,8 @@ def _glyphs(result: PoseResult) -> list[Panel]:
             Box(col * across, row * down, (col + ELEMENT[1]) * across, (row + ELEMENT[0]) * down)
             for row, col in elements.positions.tolist()
         ]
-        panels += [Panel(image[0], what), Panel(boxed(drawn, boxes), f"its glyphs, {len(boxes)} elements")]
+        seen = f"Strokes along the edges of {what}, cell by cell, with {len(boxes)} boxes around visual elements"
+        panels += [Panel(image[0], what), Panel(boxed(drawn, boxes), f"its glyphs, {len(boxes)} elements", seen)]
     return panels
 
 
@@ -128,11 +141,11 @@ def _named(spec: HOGSpec) -> str:
 
 
 def _page(result: PoseResult, overlay: list[Panel], turned: Drawing, drawn: list[Panel]) -> str:
-    spec, arguments = result.matched.background.spec, result.arguments
-    initial = "unknown" if arguments.init is None else "azimuth {:g}°, elevation {:g}°".format(*arguments.init)
+    spec = result.matched.background.spec
+    initial = "unknown" if result.initial is None else "azimuth {:g}°, elevation {:g}°".format(*result.initial)
     phi = spec if result.estimate.similarity_kind != "patches" else result.matched.patches.spec
     settings_shown = {
-        "method": arguments.method,
+        "method": result.method,
         "similarity": result.estimate.similarity_kind,
         "initial pose": initial,
         "box": ", ".join(f"{side:g}" for side in result.box),
@@ -141,7 +154,10 @@ def _page(result: PoseResult, overlay: list[Panel], turned: Drawing, drawn: list
         "candidates": ", ".join(result.candidates),
         **{f"passed over: {name}": reason for name, reason in result.passed_over.items()},
     }
-    paths = " In orange, the paths of the search from its starts." if result.traces else ""
+    paths = (
+        " In orange, the paths of the search from its starts; their poses differ in more than the azimuth, so they do "
+        "not lie on the curve."
+    )
     sections = [
         html.Section("Overlay", "The outline of the model at the estimated pose, and its rendering.", overlay),
         html.Section(
@@ -150,8 +166,9 @@ def _page(result: PoseResult, overlay: list[Panel], turned: Drawing, drawn: list
             f"The cells have {spec.cell_size[0]} pixels of the {result.matched.crop.image.shape[-1]} that the object "
             f"is scaled to. Pixels have {SAMPLES}x{SAMPLES} samples, and the derivative is that of the area that edges "
             f"cover: its cosine with central differences of the curve over ±{STEP:g}° is {result.around.cosine:.2f}. "
-            f"That of OpenDR's derivative with one sample a pixel is {result.around.opendr_cosine:.2f}.{paths}",
-            drawing=turned,
+            f"That of OpenDR's derivative with one sample a pixel is {result.around.opendr_cosine:.2f}."
+            + (paths if result.traces else ""),
+            drawings=[turned],
         ),
         html.Section(
             "Visual elements",
@@ -159,7 +176,11 @@ def _page(result: PoseResult, overlay: list[Panel], turned: Drawing, drawn: list
             "calibrated similarity compares the whole window instead.",
             drawn,
         ),
-        html.Section("Settings", "", table=[{"setting": key, "value": value} for key, value in settings_shown.items()]),
+        html.Section(
+            "Settings",
+            "What was asked for, and what was compared.",
+            table=[{"setting": key, "value": value} for key, value in settings_shown.items()],
+        ),
     ]
     row = result.row()
     return html.page(
@@ -168,5 +189,5 @@ def _page(result: PoseResult, overlay: list[Panel], turned: Drawing, drawn: list
         [row],
         sections,
         result.definitions(),
-        html.footer(f"{result_names(arguments.photo)[3]} beside this page", f", seed {arguments.seed}"),
+        html.footer(f"{result_names(result.photo)[3]} beside this page", f", seed {result.seed}"),
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,6 +19,7 @@ from ...hog.box import Box
 from ...io.images import as_array
 from ...pose.crop import SIDE
 from ...pose.estimate import PoseEstimate
+from ...pose.options import SearchMethod
 from ...pose.placement import azimuth_sweep
 from ...pose.prepared import ELEMENT, PreparedPhotograph, prepared_model
 from ...pose.problem import SearchTrace
@@ -111,7 +111,7 @@ class PoseResult:
     """A pose estimate with its inputs.
 
     Attributes:
-        arguments: of the command: ``photo``, ``method``, ``init``, ``seed`` and ``background``.
+        photo: the file of the photograph, as the user gave it.
         photograph: (C, H, W) in 0…1.
         box: of the object in it.
         matched: its crop and background.
@@ -120,9 +120,11 @@ class PoseResult:
         candidates: the names of all models.
         passed_over: why models could not be read, by their names.
         seconds: of the search.
+        method, initial, seed: of the search, as :func:`nablahog.estimate_pose` has them.
+        background: its file; None for the default one.
     """
 
-    arguments: Namespace
+    photo: str
     photograph: Tensor
     box: Box
     matched: PreparedPhotograph
@@ -131,11 +133,15 @@ class PoseResult:
     candidates: Sequence[str]
     passed_over: dict[str, str]
     seconds: float
+    method: SearchMethod
+    initial: tuple[float, float] | None
+    seed: int
+    background: str | None
 
     def row(self) -> dict[str, object]:
         """The most important figures, for a table."""
         return {
-            "photograph": os.fsencode(Path(self.arguments.photo).name).decode(errors="backslashreplace"),
+            "photograph": os.fsencode(Path(self.photo).name).decode(errors="backslashreplace"),
             **{name: getattr(self.estimate, name) for name in (*_POSE, "similarity", "renderings")},
             "seconds": self.seconds,
         }
@@ -153,17 +159,18 @@ class PoseResult:
 
     def definitions(self) -> dict[str, str]:
         """What the figures of :meth:`row` mean."""
-        return {name: of for name, of in self._definitions().items() if name in self.row()}
+        definitions = self._definitions()
+        return {name: definitions[name] for name in self.row() if name in definitions}
 
     def _definitions(self) -> dict[str, str]:
         return {**DEFINITIONS, "similarity": SIMILARITIES[self.estimate.similarity_kind]}
 
     def figures(self) -> dict[str, Any]:
         """All figures, ready for JSON."""
-        estimate, spec, arguments = self.estimate, self.matched.background.spec, self.arguments
+        estimate, spec = self.estimate, self.matched.background.spec
         _, parts = self.matched.elements
         return {
-            "photograph": arguments.photo,
+            "photograph": self.photo,
             "image_size": list(self.photograph.shape[1:]),
             "box": list(self.box),
             **{name: getattr(estimate, name) for name in (*_POSE, "x", "y")},
@@ -175,12 +182,12 @@ class PoseResult:
             "candidates": list(self.candidates),
             "passed_over": self.passed_over,
             "settings": {
-                "method": arguments.method,
+                "method": self.method,
                 "similarity": estimate.similarity_kind,
-                "initial": arguments.init,
-                "background": arguments.background,
+                "initial": self.initial,
+                "background": self.background,
                 "descriptor": json.loads(spec.to_json()),
-                "seed": arguments.seed,
+                "seed": self.seed,
             },
             "crop": {"side": SIDE, "zoom": self.matched.crop.zoom, "middle": list(self.matched.crop.middle)},
             "around": {

@@ -56,7 +56,7 @@ class BoVWLearning(Learning):
     rounds: int
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class BoVW(LearnedModel):
     """A codebook of visual words, a gray patch for each, and a database of their arrangements.
 

@@ -57,7 +57,7 @@ class HogglesLearning(Learning):
     objective: tuple[float, ...]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PairedDictionary(WindowModel):
     """Atoms of gray patches and of HOG windows, in pairs: the k-th patch is what the k-th window looks like.
 

@@ -41,7 +41,7 @@ class NearestLearning(Learning):
     windows: int
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class NearestWindows(WindowModel):
     """A database of photographs.  Windows and their patches are drawn from it at the first inversion.
 

@@ -43,7 +43,7 @@ class RidgeLearning(Learning):
     penalty: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RidgeRegression(WindowModel):
     """The affine function from a window to a patch.
 

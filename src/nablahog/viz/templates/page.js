@@ -14,6 +14,10 @@ for (const wipe of document.querySelectorAll(".wipe")) {
   }
   show();
 }
+const compared = (x, y, numeric, down) => {
+  if (numeric && (x === "" || y === "")) return (x === "") - (y === "");  // what is missing comes last
+  return (down ? -1 : 1) * (numeric ? x - y : x.localeCompare(y));
+};
 for (const table of document.querySelectorAll("table:not(.grid)")) {
   table.querySelectorAll("thead th").forEach((head, column) => {
     const button = document.createElement("button");
@@ -28,20 +32,16 @@ for (const table of document.querySelectorAll("table:not(.grid)")) {
       for (const body of table.tBodies) {  // the rows of a group stay together
         const rows = [...body.rows].filter((row) => !row.classList.contains("group"));
         const key = (row) => row.cells[column].dataset.value ?? row.cells[column].textContent.trim();
-        rows.sort((a, b) => {
-          const [x, y] = [key(a), key(b)];
-          if (numeric && (x === "" || y === "")) return (x === "") - (y === "");  // what is missing comes last
-          return (down ? -1 : 1) * (numeric ? x - y : x.localeCompare(y));
-        });
+        rows.sort((a, b) => compared(key(a), key(b), numeric, down));
         body.append(...rows);
       }
     });
   });
 }
-for (const region of document.querySelectorAll(".table")) {
+for (const region of document.querySelectorAll(".table, .drawings figure")) {
   const hint = document.createElement("p");
   hint.className = "hint";
-  hint.textContent = "More columns to the right: scroll or swipe.";
+  hint.textContent = "More to the right: scroll or swipe.";
   region.after(hint);
   new ResizeObserver(() => region.classList.toggle("wide", region.scrollWidth > region.clientWidth + 1)).observe(region);
 }
