@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 
 import pytest
@@ -14,6 +13,7 @@ from nablahog.invert.baselines.bovw_learning import learn_bovw
 from nablahog.invert.baselines.hoggles_learning import learn_hoggles
 from nablahog.invert.baselines.nearest import learn_nearest
 from nablahog.invert.baselines.ridge import learn_ridge
+from nablahog.runtime.forward_mode import load_forward_mode
 
 # derandomized: a failure belongs to a change, never to the luck of the run
 settings.register_profile("nablahog", deadline=None, max_examples=20, derandomize=True)
@@ -22,11 +22,7 @@ settings.load_profile("nablahog")
 # On a machine that is busy with something else, threads that wait for each other make minutes of seconds.
 torch.set_num_threads(1)
 
-# The first use of forward mode in a process makes PyTorch itself call a function it has deprecated, and our tests turn
-# warnings into errors.
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore", DeprecationWarning)
-    torch.func.jvp(torch.sin, (torch.zeros(1),), (torch.ones(1),))
+load_forward_mode()  # tests use it themselves, and turn warnings into errors
 
 
 @pytest.fixture(autouse=True)

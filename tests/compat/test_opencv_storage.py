@@ -102,6 +102,9 @@ a: !!opencv-object-detector-hog
 """
 
 
+LONG = '{"a": {"winSize": [' + 3000 * "1, " + '"' + 10**6 * "x" + '"]}}'  # 12 GB as an array of texts
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -120,6 +123,15 @@ a: !!opencv-object-detector-hog
         (FILE.replace("nbins: 6", "nbins: .inf"), "nbins must be integers"),
         (FILE + "   SVMDetector: [ 1., 2. ]\n", "svmdetector must be the 216 coefficients"),
         (FILE + "   winSigma: [ 1., 2. ]\n", "winSigma must have length 1, got 2"),
+        (FILE + "   SVMDetector: [ 1., 2.,\n       3.", r"'SVMDetector: \[ 1., 2., 3.' is no entry"),  # cut
+        (FILE + "   nlevels: 6 4\n", "'nlevels: 6 4' is no entry"),
+        (FILE.replace("nbins: 6", "nbins: 1_0"), "nbins must be numbers, got 1_0"),
+        (FILE.replace("nbins: 6", "nbins: ٦"), "nbins must be numbers, got ٦"),
+        ('{"a": {"winSize": [%s, 2]}}' % ("9" * 400), "winSize must be numbers, got"),
+        ('{"a": {"winSize": [[1], [2, 3]]}}', r"winSize must be numbers, got \[\[1\], \[2, 3\]\]"),
+        ('{"a": {"winSize": ["1", "2"]}}', r"winSize must be numbers, got \['1', '2'\]"),
+        (LONG, "winSize must be numbers, got"),
+        ("<a>" + 100_000 * "<b/>" + "</a>", "it has more than 100,000 tags"),
     ],
 )
 def test_damaged_files_are_refused(text: str, words: str, tmp_path: Path) -> None:
@@ -132,9 +144,37 @@ def test_damaged_files_are_refused(text: str, words: str, tmp_path: Path) -> Non
 
 
 def test_files_that_unpack_to_too_much_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "a.yml.gz").write_bytes(gzip.compress(b" " * (2**26 + 1)))
-    with pytest.raises(ValueError, match="larger than 67,108,864 bytes"):
+    (tmp_path / "a.yml.gz").write_bytes(gzip.compress(b" " * (2**23 + 1)))
+    with pytest.raises(ValueError, match="larger than 8,388,608 bytes"):
         HOGDescriptor(tmp_path / "a.yml.gz")
+
+
+def test_a_packed_file_that_is_cut_is_refused(tmp_path: Path) -> None:
+    packed = gzip.compress((FILE + "   nlevels: 7\n").encode())
+    (tmp_path / "a.yml.gz").write_bytes(packed)
+    assert HOGDescriptor(tmp_path / "a.yml.gz").nlevels == 7
+    (tmp_path / "a.yml.gz").write_bytes(packed[:-9])
+    with pytest.raises(ValueError, match="it cannot be unpacked: Compressed file ended before"):
+        HOGDescriptor(tmp_path / "a.yml.gz")
+
+
+def test_what_a_hand_may_write_is_read(tmp_path: Path) -> None:
+    text = FILE.replace("---\n", "").replace("nbins: 6", "nbins:  6   # bins") + "   # no detector\n...\n"
+    (tmp_path / "a.yml").write_text(text.replace("\n", "\r\n"))
+    assert HOGDescriptor(tmp_path / "a.yml").nbins == 6
+
+
+def test_coefficients_beyond_float32_are_infinite_as_opencvs(tmp_path: Path) -> None:
+    cv2 = pytest.importorskip("cv2")
+    numbers = np.array([1e300, -1e300, np.nan, -np.inf] + [1.0] * 212)
+    ours, theirs = HOGDescriptor(*SMALL), cv2.HOGDescriptor(*SMALL)
+    ours.setSVMDetector(numbers)
+    theirs.setSVMDetector(numbers)
+    assert_array_equal(ours.svmDetector, theirs.svmDetector)
+    (tmp_path / "a.yml").write_text(FILE + "   signedGradient: 1\n   SVMDetector: [ 1e300, -1e300, .Nan, -.Inf,\n")
+    with (tmp_path / "a.yml").open("a") as file:
+        file.write("      " + ", ".join(["1."] * 212) + " ]\n")
+    assert_array_equal(HOGDescriptor(tmp_path / "a.yml").svmDetector, theirs.svmDetector)
 
 
 def test_there_must_be_a_file(tmp_path: Path) -> None:

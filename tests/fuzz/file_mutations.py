@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import gzip
 import io
 import json
 import struct
@@ -292,6 +293,17 @@ def change_glb(data: bytes, random: Random) -> bytes:
     return b"glTF" + struct.pack("<II", 2, 12 + len(chunks)) + chunks
 
 
+def change_gzip(data: bytes, random: Random) -> bytes:
+    """Changes the text before it is packed; sometimes cuts it, or packs it in two."""
+    text = change_text(gzip.decompress(data), random)
+    at = random.randrange(len(text) + 1)
+    how = random.randrange(8)
+    if how == 0:
+        return gzip.compress(text[:at], mtime=0) + gzip.compress(text[at:], mtime=0)
+    packed = gzip.compress(text, mtime=0)
+    return packed[: random.randrange(len(packed))] if how == 1 else packed
+
+
 def change_mat(data: bytes, random: Random) -> bytes:
     """Changes the bytes of a variable before it is packed."""
     kind, length = struct.unpack("<II", data[128:136])
@@ -369,4 +381,5 @@ _STRUCTURED: dict[str, Mutation] = {
     "glb": change_glb,
     "mat": change_mat,
     "png": change_png,
+    "gzip": change_gzip,
 }

@@ -17,6 +17,7 @@ from PIL import Image
 from scipy.io import savemat
 
 from nablahog import presets
+from nablahog.compat.opencv import HOGDescriptor
 from nablahog.io.npz import write_arrays
 from nablahog.pose.exemplar_views import ExemplarViews
 from tests.datasets.test_pascal3d import COARSE, FINE
@@ -25,7 +26,7 @@ from tests.io.dpm_models import model
 from tests.io.tiny_models import models
 from tests.render.mesh_files import CUBE_OFF, TRIANGLE, VERTICES_OBJ, as_bytes, triangle_glb
 
-Kind = Literal["bytes", "text", "json", "zip", "npy", "glb", "mat", "png"]
+Kind = Literal["bytes", "text", "json", "zip", "npy", "glb", "mat", "png", "gzip"]
 
 
 @dataclass(frozen=True)
@@ -162,11 +163,24 @@ def _tables() -> Iterator[tuple[str, Seed]]:
     yield "image ids", Seed("image_ids", ".txt", "text", b"2008_000003 1\n2008_000007 -1\n2008_000008\n")
 
 
+def _storages(folder: Path) -> Iterator[tuple[str, Seed]]:
+    descriptor = HOGDescriptor((16, 24), (8, 8), (4, 8), (4, 4), 6, _winSigma=2.5, _signedGradient=True)
+    descriptor.setSVMDetector(np.linspace(-0.2, 0.1, descriptor.getDescriptorSize() + 1))
+    kinds: dict[str, Kind] = {".yml": "text", ".xml": "text", ".json": "json", ".yml.gz": "gzip"}
+    for ending, kind in kinds.items():
+        path = folder / f"file{ending}"
+        descriptor.save(path, "detector")
+        yield f"storage {ending}", Seed("storage", ending, kind, path.read_bytes())
+
+
 @cache
 def seeds() -> dict[str, Seed]:
     """All of them by name."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         torch.manual_seed(0)
-        parts = (_images(), _descriptors(folder), _matlab(folder), _learned(folder), _meshes(), _tables())
+        parts = (
+            *(_images(), _descriptors(folder), _matlab(folder), _learned(folder)),
+            *(_meshes(), _tables(), _storages(folder)),
+        )
         return {name: seed for part in parts for name, seed in part}

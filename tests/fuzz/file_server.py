@@ -21,6 +21,7 @@ from nablahog import HOGSpec
 from nablahog.cli.inputs.arrays import ArrayOptions
 from nablahog.cli.inputs.spec import SpecOptions
 from nablahog.cli.inputs.templates import read_templates
+from nablahog.compat.opencv import HOGDescriptor
 from nablahog.datasets.pascal3d import read_record
 from nablahog.datasets.viewpoints import read_viewpoints
 from nablahog.datasets.voc import read_annotation, read_image_ids
@@ -59,6 +60,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "annotation": read_annotation,
     "image_ids": _image_ids,
     "spec": lambda path: HOGSpec.from_json(path.read_bytes().decode("utf-8", "surrogateescape")),
+    "storage": lambda path: HOGDescriptor().load(path),
     "background": Background.load,
     "views": ExemplarViews.load,
     **{kind: learner.model.load for kind, learner in LEARNED.items()},

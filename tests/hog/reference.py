@@ -98,8 +98,9 @@ def opencv_degrees(gx: float, gy: float) -> float:
 def vlfeat_votes(gx: float, gy: float, spec: HOGSpec) -> Array:
     """VLFeat's bilinear assignment of one gradient, by a float32 arccosine."""
     n = spec.bins // 2 if spec.signed else spec.bins
-    length = max(F32(math.sqrt(float(F32(gx) ** 2 + F32(gy) ** 2))), 1e-10)
-    dots = [F32(gx) * F32(math.cos(k * math.pi / n)) + F32(gy) * F32(math.sin(k * math.pi / n)) for k in range(n)]
+    x, y = F32(gx), F32(gy)
+    length = max(F32(math.sqrt(float(x * x + y * y))), 1e-10)  # x**2 is float64 before NumPy 2
+    dots = [x * F32(math.cos(k * math.pi / n)) + y * F32(math.sin(k * math.pi / n)) for k in range(n)]
     order = sorted(range(n), key=lambda k: (-abs(dots[k]), k))
     share = float(np.arccos(F32(min(abs(dots[order[0]]) / length, 1.0)))) / (math.pi / n)
     votes = np.zeros(spec.bins)

@@ -36,8 +36,11 @@ def be_quiet(quiet: bool) -> None:
 def progress_bars() -> Iterator[Callable[[str], Callable[[int, int], None]]]:
     """Progress bars on a terminal: a function that starts a bar and returns the function that moves it."""
     console = Console(stderr=True)
+    if _quiet or not console.is_terminal:  # rich's own switch leaves an empty line
+        yield lambda description: lambda done, total: None
+        return
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True, disable=_quiet or not console.is_terminal) as bars:
+    with Progress(*columns, console=console, transient=True) as bars:
 
         def start(description: str) -> Callable[[int, int], None]:
             task = bars.add_task(printable(description), total=None)

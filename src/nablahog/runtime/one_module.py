@@ -79,7 +79,6 @@ class _LowerPart(_LowerWhole):
         name = part.fndesc.qualname.rpartition(".")[2]
         callee = _dynfunc.make_function(part.fndesc.lookup_module(), name, "", 0, part.env, (state.library,))
         targetctx.insert_user_function(callee, part.fndesc, [state.library])
-        state.reload_init.extend(state.library._reload_init)
         state.cr = part._replace(cfunc=callee)
         return lowered
 

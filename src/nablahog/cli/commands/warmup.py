@@ -18,6 +18,7 @@ from ...datasets import chairs
 from ...hog import HOGSpec, hog
 from ...invert import reconstruct
 from ...pose import estimate_pose
+from ...runtime.forward_mode import load_forward_mode
 from ...runtime.machine_code import code_folder
 from ...runtime.processor import levels
 from ..arguments.did_you_mean import did_you_mean
@@ -86,6 +87,7 @@ def _run(step: str) -> None:
 
 def _describe(spec: HOGSpec, size: tuple[int, int]) -> None:
     """Images of both dtypes, and their derivatives in both modes."""
+    load_forward_mode()
     for dtype in (torch.float32, torch.float64):
         images = torch.rand(1, 1 if spec.colour == "gray" else 3, *size, dtype=dtype, requires_grad=True)
         torch.autograd.grad(hog(images, spec).sum(), images)

@@ -122,8 +122,9 @@ class Parameters:
                 f"svmdetector must be the {size} coefficients of a descriptor in one line, and one more for a bias, "
                 f"got an array of the shape {coefficients.shape}"
             )
-        # a copy, so that what it was made of may change
-        self.__dict__["svmDetector"] = np.array(coefficients, np.float32).reshape(-1) if coefficients.size else ()
+        with np.errstate(over="ignore"):  # to infinity, as OpenCV's
+            copy = np.array(coefficients, np.float32).reshape(-1)  # so that what it was made of may change
+        self.__dict__["svmDetector"] = copy if copy.size else ()
 
     def checkDetectorSize(self) -> bool:
         """Whether the detector is of the descriptor's length, or one more, or there is none."""

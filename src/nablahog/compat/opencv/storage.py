@@ -6,12 +6,14 @@ Only what ``HOGDescriptor::write`` of ``hog.cpp`` puts into a file is read; noth
 from __future__ import annotations
 
 import gzip
+import io
 import json
 import os
 import re
 import textwrap
 import zlib
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeAlias
 from xml.etree import ElementTree
@@ -21,9 +23,11 @@ import numpy as np
 from ...io.files import check_file, replacing
 from ...runtime.text import one_line
 
-MAX_BYTES = 2**26  # of a file, unpacked
+MAX_BYTES = 2**23  # of a file, unpacked: half a million coefficients, where a detector of people has four thousand
+MAX_TAGS = 100_000  # of an XML file, whose elements take a hundred times their size
 _TYPE = "opencv-object-detector-hog"
-_SPECIAL = {".nan": "nan", ".inf": "inf", "+.inf": "inf", "-.inf": "-inf"}
+_YAML_ENTRY = re.compile(r"(?m)^[ \t]+([\w-]+)[ \t]*:[ \t]*(\[[^\]:]*\]|[^\s\[\]]+)[ \t]*(?:#.*)?$")
+_YAML_NOTHING = re.compile(r"(?m)#.*$|^[ \t]*!!\S+|^\.\.\.$|^---.*$")  # comments, the type, ends of documents
 
 Node: TypeAlias = Mapping[str, Any]
 """Numbers and sequences of numbers by their names; as texts, unless JSON has read them."""
@@ -91,14 +95,18 @@ def floats(node: Node, name: str) -> tuple[float, ...]:
 
 def _values(node: Node, name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
     value = node.get(name, "")
-    words = value.strip("[] \n").replace(",", " ").split() if isinstance(value, str) else np.ravel(value).tolist()
-    try:
-        values = np.array([float(_SPECIAL.get(str(word).lower(), word)) for word in words], np.float64)
-    except (TypeError, ValueError):
-        values = np.empty(0)
-    if not len(values):
-        raise ValueError(f"{name} must be numbers, got {one_line(value) or 'nothing'}")
-    return values
+    with suppress(OverflowError, ValueError):
+        words = _words(value) if isinstance(value, str) else value if isinstance(value, list) else [value]
+        if words and all(isinstance(word, float | int) or isinstance(value, str) for word in words):
+            return np.array([float(word) for word in words], np.float64)
+    raise ValueError(f"{name} must be numbers, got {one_line(value) or 'nothing'}")
+
+
+def _words(text: str) -> list[str]:
+    """The numbers of a text, as Python writes them."""
+    if not text.isascii() or "_" in text:
+        raise ValueError  # Python's numbers have more digits than a file's
+    return text.lower().replace(".nan", "nan").replace(".inf", "inf").strip("[] \n").replace(",", " ").split()
 
 
 # --- reading ---------------------------------------------------------------------------------------------------------
@@ -108,10 +116,9 @@ def _text(path: Path) -> str:
     with path.open("rb") as file:
         data = file.read(MAX_BYTES + 1)
     if data[:2] == b"\x1f\x8b":
-        unpack = zlib.decompressobj(wbits=31)
         try:
-            data = unpack.decompress(data, MAX_BYTES + 1)
-        except zlib.error as error:
+            data = gzip.GzipFile(fileobj=io.BytesIO(data)).read(MAX_BYTES + 1)
+        except (EOFError, OSError, zlib.error) as error:
             raise ValueError(f"it cannot be unpacked: {error}") from None
     if len(data) > MAX_BYTES:
         raise ValueError(f"it is larger than {MAX_BYTES:,} bytes")
@@ -125,6 +132,8 @@ def _nodes(text: str) -> dict[str, Any]:
     if text.startswith("<"):
         if "<!DOCTYPE" in text:  # whose entities may grow without limit
             raise ValueError("XML with a DOCTYPE is not read")
+        if text.count("<") > MAX_TAGS:
+            raise ValueError(f"it has more than {MAX_TAGS:,} tags")
         root = ElementTree.fromstring(text)
         return {node.tag: {entry.tag: entry.text or "" for entry in node} for node in root}
     if not text.startswith(("%YAML", "---")):
@@ -136,8 +145,10 @@ def _yaml_nodes(text: str) -> Iterator[tuple[str, dict[str, str]]]:
     """The maps of a document: lines that are not indented begin them."""
     for part in re.split(r"\n(?=[^\s#.\-%])", text.replace("\r", ""))[1:]:
         name, _, content = part.partition(":")
-        entries = re.findall(r"(?m)^[ \t]+([\w-]+)[ \t]*:[ \t]*(\[[^\]:]*\]|[^\s\[\]]+)", content)
-        yield name.strip(" \"'"), dict(entries)
+        entries = dict(_YAML_ENTRY.findall(content))
+        if "winSize" in entries and (rest := _YAML_NOTHING.sub("", _YAML_ENTRY.sub("", content)).strip()):
+            raise ValueError(f"{one_line(rest, 40)!r} is no entry")  # what a file that is cut ends with
+        yield name.strip(" \"'"), entries
 
 
 # --- writing ---------------------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from torch import Tensor
 from torch.autograd import forward_ad
 from torch.nn import Parameter
 
+from ...runtime.forward_mode import load_forward_mode
 from ..colours import merge_colours, separate_colours, split_colours
 from ..gradient import MASKS
 from ..orientation import vote_rule
@@ -71,6 +72,7 @@ def histograms_jvp(images: Tensor, tangents: Tensor, spec: HOGSpec) -> Tensor:
     if images.is_cpu and supports(spec):
         pixels, directions = (separate_colours(each.detach(), spec) for each in (images, tangents))
         return merge_colours(loops.cells_jvp(pixels, directions, _of_one_colour(spec)), spec).permute(0, 3, 1, 2)
+    load_forward_mode()
     with forward_ad.dual_level():
         dual = forward_ad.make_dual(images.detach(), tangents)  # type: ignore[no-untyped-call]
         return forward_ad.unpack_dual(histograms_reference(dual, spec)).tangent  # type: ignore[no-any-return, no-untyped-call]
