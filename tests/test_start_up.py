@@ -41,6 +41,17 @@ def loaded_by(program: str) -> set[str]:
     return set(ended.stdout.splitlines()[-1].split()[1:])
 
 
+@pytest.mark.parametrize(("before", "after"), [(None, "passive"), ("active", "active")])
+def test_threads_of_the_command_sleep_while_they_wait(
+    before: str | None, after: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("OMP_WAIT_POLICY", raising=False)
+    if before:
+        monkeypatch.setenv("OMP_WAIT_POLICY", before)
+    program = "import os, sys; from nablahog.__main__ import main; sys.argv = ['nablahog', '--version']; main()"
+    assert run(f"{program}; print(os.environ['OMP_WAIT_POLICY'])").stdout.splitlines()[-1] == after
+
+
 def test_heavy_modules_would_be_seen() -> None:
     assert loaded_by("import numpy") == {"numpy"}
 

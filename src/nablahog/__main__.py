@@ -3,11 +3,15 @@
 
 from __future__ import annotations
 
+import os
 import sys
 
 
 def main() -> int:
     """Runs the command; Ctrl-C before it runs, while modules are imported, is no traceback either."""
+    # threads that wait for each other with busy processors take many times as long where something else is at work;
+    # OpenMP reads this when PyTorch is loaded
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     try:
         from .cli.main import main as run
 

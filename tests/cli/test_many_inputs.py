@@ -114,7 +114,10 @@ def test_photographs_are_shrunk_alike_and_it_is_said(tmp_path: Path, capsys: pyt
     for command, name in (("hog", "d.npz"), ("glyph", "g.png")):
         assert main([command, str(tmp_path / "large.png"), "-o", str(tmp_path / name)]) == 0
         said = capsys.readouterr().err
-        assert said == "1 of the photographs shrunk to 256 pixels; --size 0 takes them as they are\n"
+        assert said == "the photograph is shrunk to 256 pixels; --size 0 takes it as it is\n"
+    assert main(["hog", *[str(tmp_path / "large.png")] * 2, "-o", str(tmp_path / "both")]) == 0
+    said = capsys.readouterr().err
+    assert said == "2 photographs are shrunk to 256 pixels; --size 0 takes them as they are\n"
     assert load_descriptor(tmp_path / "d.npz").image_size == (192, 256)
     assert main(["hog", str(tmp_path / "large.png"), "-o", str(tmp_path / "d.npz"), "--size", "0"]) == 0
     assert capsys.readouterr().err == ""

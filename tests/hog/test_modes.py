@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from torch.testing import assert_close
 
 from nablahog.hog import HOG, HOGSpec, hog, presets
+from nablahog.hog.descriptor import Backend
 
 from .zoo import DOUBLE, PRESETS, SPECS, fits, integers, noise
 
@@ -224,12 +225,12 @@ def fresh_compiler() -> Iterator[None]:
     torch._dynamo.reset()
 
 
-def assert_compiled_equals_eager(s: HOGSpec, backend: str) -> None:
-    in_one_graph = torch.compile(lambda z: hog(z, s), backend=backend, fullgraph=True)
+def assert_compiled_equals_eager(s: HOGSpec, backend: str, steps: Backend = "auto") -> None:
+    in_one_graph = torch.compile(lambda z: hog(z, s, backend=steps), backend=backend, fullgraph=True)
     size = s.image_size(2, 2)
     for image in (noise(2, 3, *size, dtype=torch.float32), integers(2, 3, *size, levels=8, dtype=torch.float32)):
         a, b = image.clone().requires_grad_(), image.clone().requires_grad_()
-        first, second = in_one_graph(a), hog(b, s)
+        first, second = in_one_graph(a), hog(b, s, backend=steps)
         assert_close(first, second, rtol=0, atol=1e-6)
         first.square().sum().backward()
         second.square().sum().backward()
@@ -240,6 +241,13 @@ def assert_compiled_equals_eager(s: HOGSpec, backend: str) -> None:
 @compiled
 def test_compiles_to_one_graph(name: str) -> None:
     assert_compiled_equals_eager(PRESETS[name](4), "aot_eager")
+
+
+@pytest.mark.usefixtures("fresh_compiler")
+@pytest.mark.parametrize("steps", ["auto", "torch"])
+@pytest.mark.parametrize("name", ["derivative", "derivative-upper"])
+def test_hard_votes_with_the_derivative_of_linear_ones_compile(name: str, steps: Backend) -> None:
+    assert_compiled_equals_eager(SPECS[name], "aot_eager", steps)
 
 
 @pytest.mark.usefixtures("fresh_compiler")

@@ -196,10 +196,16 @@ def votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
     that of the magnitude, at a fixed bin, or, if the spec says so, that of linear votes.
     """
     rule = vote_rule(spec)
-    bins, weights = rule.shares(gx, gy, spec)
-    empty = gx.new_zeros((gx.shape[0], spec.bins, *gx.shape[1:]))
-    cast = empty.scatter_add_(1, bins, weights * magnitude(gx, gy).unsqueeze(1))
+    cast = _cast(gx, gy, rule, spec)
     if spec.derivative == "own" or not rule.hard:
         return cast
-    linear = votes(gx, gy, spec.with_linear_votes())
+    linear = _cast(
+        gx, gy, LINEAR_VOTES["exact"], spec
+    )  # no spec of its own: torch.compile cannot trace the making of one
     return linear - linear.detach() + cast.detach()
+
+
+def _cast(gx: Tensor, gy: Tensor, rule: VoteRule, spec: HOGSpec) -> Tensor:
+    bins, weights = rule.shares(gx, gy, spec)
+    empty = gx.new_zeros((gx.shape[0], spec.bins, *gx.shape[1:]))
+    return empty.scatter_add_(1, bins, weights * magnitude(gx, gy).unsqueeze(1))

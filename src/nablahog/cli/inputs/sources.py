@@ -104,7 +104,11 @@ def read_inputs(
             sources.append(source if keep_photos else replace(source, photo=None))
     expanded.skipping.check()
     if reader.shrunk:
-        inform(f"{reader.shrunk} of the photographs shrunk to {SIZE} pixels; --size 0 takes them as they are")
+        one = len(expanded.paths) == 1
+        which, them = (
+            ("the photograph is", "it as it is") if one else (f"{reader.shrunk} photographs are", "them as they are")
+        )
+        inform(f"{which} shrunk to {SIZE} pixels; --size 0 takes {them}")
     if array_options is not None and not reader.arrays:
         with as_user_error():
             array_options.check_unused()
