@@ -19,12 +19,7 @@ from numba.core.typed_passes import IRLegalization, NativeLowering, NoPythonBack
 # numba comes without types: Any below stands for its own objects
 
 
-class _Library(JITCodeLibrary):
-    def _optimize_functions(self, module: Any) -> None:
-        module.data_layout = self.codegen._data_layout  # the rest is done once for all parts
-
-
-class _Part(_Library):
+class _Part(JITCodeLibrary):
     """Instructions of a part, with the libraries of those that it calls."""
 
     def add_linking_library(self, library: Any) -> None:
@@ -38,7 +33,7 @@ class _Part(_Library):
         return 0  # it has no machine code of its own
 
 
-class _Whole(_Library):
+class _Whole(JITCodeLibrary):
     def finalize(self) -> None:
         self._linking_libraries = list(_with_parts(self._linking_libraries, {}))
         super().finalize()
@@ -57,7 +52,7 @@ def _with_parts(libraries: list[Any], known: dict[Any, None]) -> dict[Any, None]
 @register_pass(mutates_CFG=True, analysis_only=False)
 class _LowerWhole(NativeLowering):
     _name = "lower_whole"
-    library: type[_Library] = _Whole
+    library: type[JITCodeLibrary] = _Whole
 
     def run_pass(self, state: Any) -> bool:
         state.library = self.library(state.targetctx.codegen(), state.func_id.func_qualname)
