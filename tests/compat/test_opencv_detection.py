@@ -296,6 +296,9 @@ def test_without_opencvs_coefficients(installed: ModuleType | None, monkeypatch:
 
 def test_other_names_are_opencvs(monkeypatch: pytest.MonkeyPatch) -> None:
     assert opencv.imread is cv2.imread
+    constants = [name for name in dir(cv2) if name.startswith("HOGDescriptor_") and not name.endswith("Detector")]
+    assert constants
+    assert {name: opencv.__dict__[name] for name in constants} == {name: getattr(cv2, name) for name in constants}
     with pytest.raises(AttributeError):
         _ = opencv.no_such_name
     monkeypatch.setitem(sys.modules, "cv2", None)

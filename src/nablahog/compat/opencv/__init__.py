@@ -14,11 +14,18 @@ from .differentiable import score
 
 __all__ = [
     "HOGDescriptor",
+    "HOGDescriptor_DEFAULT_NLEVELS",
+    "HOGDescriptor_DESCR_FORMAT_COL_BY_COL",
+    "HOGDescriptor_DESCR_FORMAT_ROW_BY_ROW",
+    "HOGDescriptor_L2Hys",
     "HOGDescriptor_getDaimlerPeopleDetector",
     "HOGDescriptor_getDefaultPeopleDetector",
     "score",
 ]
 
+HOGDescriptor_L2Hys = 0
+HOGDescriptor_DEFAULT_NLEVELS = 64
+HOGDescriptor_DESCR_FORMAT_COL_BY_COL, HOGDescriptor_DESCR_FORMAT_ROW_BY_ROW = 0, 1
 HOGDescriptor_getDaimlerPeopleDetector = HOGDescriptor.getDaimlerPeopleDetector
 HOGDescriptor_getDefaultPeopleDetector = HOGDescriptor.getDefaultPeopleDetector
 
