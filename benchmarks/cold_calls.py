@@ -14,6 +14,7 @@ from typing import Any
 
 import torch
 
+from machine import processor
 from nablahog.hog import hog, presets
 from page_text import table
 from timing import Times, cell, ratio
@@ -30,7 +31,12 @@ def cold_calls(side: int = SIDE, turns: int = TURNS, work: int = WORK) -> dict[s
     calls: dict[str, Callable[[], object]] = {LEAST: partial(torch.add, one, 1)}
     for stored in ((255 * image).to(torch.uint8), image, image.double()):
         calls[str(stored.dtype).partition(".")[2]] = partial(hog, stored, spec)
-    return {"side": side, "work": work, "calls": {name: _of(call, other, turns) for name, call in calls.items()}}
+    return {
+        "machine": processor(),
+        "side": side,
+        "work": work,
+        "calls": {name: _of(call, other, turns) for name, call in calls.items()},
+    }
 
 
 def _of(call: Callable[[], object], other: torch.Tensor, turns: int) -> dict[str, Any]:
@@ -51,7 +57,8 @@ def page(record: dict[str, Any]) -> str:
     ]
     side, mb = record["side"], 4 * record["work"] / 1e6
     return f"""Wall time of a call right after another, and of one after other work that has read and written {mb:.0f}
-MB: scikit-image's descriptor of one image of {side}², by how it is stored; and the least that PyTorch can do.
+MB: scikit-image's descriptor of one image of {side}², by how it is stored; and the least that PyTorch can do
+({record["machine"]}).
 
 {table(["call", "ms, warm", "ms, cold", "cold / warm"], rows)}"""
 

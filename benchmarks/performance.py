@@ -28,6 +28,7 @@ import limits
 import searches
 from cold_calls import SIDE, TURNS, WORK, cold_calls
 from goals import PAPERS
+from machine import processor
 from memory import printed_by
 from parts import of_operator
 from performance_page import write_page
@@ -118,16 +119,6 @@ def machine() -> dict[str, Any]:
     libraries = {name: version(name) for name in ("torch", "numpy", "numba", "scikit-image")}
     others = {"OpenCV": cv2.getVersionString(), "Python": platform.python_version()}
     return libraries | others | {platform.system(): f"{platform.machine()}, {os.cpu_count()} CPUs ({processor()})"}
-
-
-def processor() -> str:
-    """Its name; where the system does not tell, that of its kind."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor()
-    names = (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
-    return next(names, platform.processor())
 
 
 def operator_parts(every: list[Program], side: int, seconds: float, rates: limits.Rates) -> dict[str, Any]:
