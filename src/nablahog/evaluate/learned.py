@@ -21,7 +21,7 @@ from ..invert.baselines.nearest import NearestWindows, learn_nearest
 from ..invert.baselines.ridge import RidgeRegression, learn_ridge
 from ..invert.baselines.windows import check_cells
 from ..invert.crops import least_side
-from ..invert.network import default_architecture
+from ..invert.network import network_class
 from ..io.files import checkpoint_for
 from ..io.images import limit_size
 from ..io.learned_model import LearnedModel
@@ -82,7 +82,7 @@ LEARNED = {
     "prior": Learner(
         LearnedPrior,
         train_prior,
-        default_architecture,
+        lambda spec: network_class(spec).default_architecture(spec),
         lambda spec: (least_side(spec.cell_size[0]),) * 2,
         resumes=True,
         takes_hours=True,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -29,11 +30,11 @@ class Photographs:
     ignored: list[str] = field(default_factory=list)
 
 
-def read_folder(folder: Path, *, size: int, limit: int | None = None) -> Photographs:
+def read_folder(folder: Path, *, size: int, limit: int | None = None, below: bool = False) -> Photographs:
     """The images of a folder, sorted by name.
 
-    Files count as images if Pillow reads files of their ending.  Hidden files and folders below are passed over, the
-    latter noted as ignored.
+    Files count as images if Pillow reads files of their ending.  Hidden files and folders are passed over, and so are
+    all folders, noted as ignored, unless the images ``below`` count too, by names like ``chairs/1.png``.
 
     Args:
         folder: where.
@@ -46,21 +47,31 @@ def read_folder(folder: Path, *, size: int, limit: int | None = None) -> Photogr
     """
     check_folder(folder, "images")
     readable = image_endings()
-    entries = [entry for entry in sorted(folder.iterdir()) if not entry.name.startswith(".")]
+    entries = sorted(_entries(folder, below))
     files = [entry for entry in entries if entry.suffix.lower() in readable and not entry.is_dir()]
     if not files:
         raise ValueError(f"{folder}: expected a folder of images, but it holds none")
-    result = Photographs(ignored=[_name(entry) for entry in entries if entry not in files])
+    result = Photographs(ignored=[_name(entry, folder) for entry in sorted(set(entries) - set(files))])
     for path in files[:limit]:
-        _read(path, size, result)
+        _read(path, _name(path, folder), size, result)
     return result
 
 
-def _read(path: Path, size: int, result: Photographs) -> None:
+def _entries(folder: Path, below: bool) -> Iterator[Path]:
+    for entry in folder.iterdir():
+        if entry.name.startswith("."):
+            continue
+        if below and entry.is_dir():
+            yield from _entries(entry, below)
+        else:
+            yield entry
+
+
+def _read(path: Path, name: str, size: int, result: Photographs) -> None:
     try:
-        result.images[_name(path)] = _prepared(read_image(path), size)
+        result.images[name] = _prepared(read_image(path), size)
     except (OSError, ValueError) as error:
-        result.failed[_name(path)] = str(error).removeprefix(f"{path}: ")
+        result.failed[name] = str(error).removeprefix(f"{path}: ")
 
 
 def sample_photographs(*, size: int, limit: int | None = None, whole: bool = False) -> Photographs:
@@ -80,5 +91,5 @@ def _prepared(image: Tensor, size: int) -> Tensor:
     return gray(small[None])[0, 0].clamp(0, 1)  # the weights' sum may pass 1 by a rounding
 
 
-def _name(path: Path) -> str:
-    return os.fsencode(path.name).decode(errors="backslashreplace")  # a name of any bytes fits the tables
+def _name(path: Path, folder: Path) -> str:
+    return os.fsencode(path.relative_to(folder).as_posix()).decode(errors="backslashreplace")  # a name of any bytes fits the tables

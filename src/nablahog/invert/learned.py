@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -13,18 +11,16 @@ import torch
 from torch import Tensor
 from torch.nn.utils import vector_to_parameters
 
-from ..hog.channels import mirrored
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from ..io.learned_model import SPEC, LearnedModel, account, check_tensor, integers, tensor
 from .checks import check_descriptor
-from .network import Architecture, PriorNetwork, check_spec, network_inputs, weight_count
-from .options import Objective, Search
-from .preimage import reconstruct
+from .histograms import searchable
+from .network import make_network, network_class, weight_count
+from .prior_network import Architecture, PriorNetwork
 from .provenance import Learning
-from .quality import QualityName
-from .reconstruction import Reconstruction
 from .start import at_contrast
+from .unsigned_network import UnsignedNetwork
 
 LARGEST = float(torch.finfo(torch.float16).max)
 
@@ -46,10 +42,10 @@ class PriorLearning(Learning):
 class LearnedPrior(LearnedModel):
     """A network from a descriptor to an image, near the mean of all photographs that have this descriptor.
 
-    :meth:`reconstruct` finds a pre-image near that image.
+    ``nablahog.reconstruct(…, prior=prior)`` finds a pre-image near that image.
 
     Attributes:
-        spec: the dialect that it was learned for; signed, with square cells of 2, 4, 8 or 16 pixels.
+        spec: the dialect that it was learned for; if it is unsigned, the prior is for all unsigned dialects.
         architecture: of its network.
         weights: all of them, (n,), float16, finite.
         learning: how it was learned.
@@ -61,8 +57,7 @@ class LearnedPrior(LearnedModel):
     >>> prior = nablahog.train_prior(images, nablahog.presets.uoctti(cell_size=8), epochs=1)
 
     >>> descriptor = nablahog.hog(torch.rand(1, 1, 32, 32), prior.spec)
-    >>> search = nablahog.invert.Search(max_evaluations=10)
-    >>> prior.reconstruct(descriptor, prior.spec, search=search).image.shape
+    >>> nablahog.reconstruct(descriptor, prior.spec, prior=prior, quality="fast").image.shape
     torch.Size([1, 1, 32, 32])
     """
 
@@ -82,7 +77,7 @@ class LearnedPrior(LearnedModel):
     learning: PriorLearning
 
     def __post_init__(self) -> None:
-        check_spec(self.spec, self.architecture)
+        network_class(self.spec).check(self.spec, self.architecture)
         shape = (weight_count(self.spec, self.architecture),)
         check_tensor("weights", self.weights, torch.float16, shape, -LARGEST, LARGEST)
 
@@ -111,17 +106,22 @@ class LearnedPrior(LearnedModel):
 
     def check(self, spec: HOGSpec | str) -> None:
         """Raises ValueError if descriptors of ``spec`` are not what it was learned for."""
-        self.spec.check_same(as_spec(spec), f"the {self.NOUN}")
+        spec = as_spec(spec)
+        if self.spec.signed:
+            self.spec.check_same(spec, f"the {self.NOUN}")
+        elif searchable(spec).signed:
+            raise ValueError(f"the {self.NOUN} was learned for unsigned descriptors, {spec.named} descriptor is signed")
 
     @torch.no_grad()
     def expected(self, descriptor: Tensor, spec: HOGSpec | str, image_size: tuple[int, int]) -> Tensor:
         """The images of the network, (B, 1, H, W) around 0.5, at the contrast of the histograms.
 
-        Where the descriptor determines that of the mirrored image, the mean of both predictions is taken.
+        The mean of what it predicts for the image and for the mirrored one, where the descriptor determines that.  Of a
+        dialect of the roots of images, the expected roots.
 
         Args:
             descriptor: (B, rows, cols, channels), float32 or float64, on any device.
-            spec: its dialect, or the name of a preset with its defaults; it must be the prior's.
+            spec: its dialect, or the name of a preset with its defaults; it must be the prior's, or any unsigned one.
             image_size: (height, width).
 
         Raises:
@@ -130,56 +130,37 @@ class LearnedPrior(LearnedModel):
         """
         spec = as_spec(spec)
         self.check(spec)
-        height, width = check_descriptor(descriptor, spec, image_size)
-        single = descriptor.float()
-        network = self._network.to(descriptor.device)
-        inputs = network_inputs(single, spec, height, width)
-        image: Tensor = network(inputs)[..., :height, :width]
-        mirrored_descriptor = mirrored(single, spec, width)
-        if mirrored_descriptor is not None:
-            other: Tensor = network(network_inputs(mirrored_descriptor, spec, height, width))[..., :height, :width]
-            image = (image + other.flip(3)) / 2
-        return at_contrast(image, inputs.votes, spec).to(descriptor.dtype)
+        size = check_descriptor(descriptor, spec, image_size)
+        images, votes = self._network.to(descriptor.device).predict(descriptor.float(), spec, size)
+        return at_contrast(images, votes, searchable(spec)).to(descriptor.dtype)
 
-    def reconstruct(
-        self,
-        descriptor: Tensor,
-        spec: HOGSpec | str,
-        image_size: Sequence[int] | None = None,
-        *,
-        quality: QualityName = "best",
-        seed: int = 0,
-        start: Tensor | None = None,
-        search: Search = Search(),
-        objective: Objective = Objective(),
-        progress: Callable[[int, int], None] | None = None,
-    ) -> Reconstruction:
-        """:func:`nablahog.reconstruct` near :meth:`expected`, with its other options.
+    @torch.no_grad()
+    def right_way_up(self, images: Tensor, descriptor: Tensor, spec: HOGSpec | str) -> Tensor:
+        """How likely it is that images with unsigned descriptors are no negatives.
+
+        Args:
+            images: (B, 1, H, W), of any contrast.
+            descriptor: (B, rows, cols, channels), theirs, float32 or float64.
+            spec: its dialect, or the name of a preset with its defaults.
+
+        Returns:
+            (B,) in 0…1; that of the negatives is the rest to 1.  Always 1 for signed descriptors.
 
         Raises:
-            TypeError, ValueError: as :func:`nablahog.reconstruct`; the spec is not the prior's.
+            TypeError, ValueError: as :meth:`expected`.
         """
-        began, spec = time.perf_counter(), as_spec(spec)
+        spec = as_spec(spec)
         self.check(spec)
-        size = check_descriptor(descriptor, spec, image_size)
-        result = reconstruct(
-            descriptor,
-            spec,
-            size,
-            quality=quality,
-            seed=seed,
-            start=start,
-            expected=self.expected(descriptor, spec, size),
-            search=search,
-            objective=objective,
-            progress=progress,
-        )
-        return replace(result, seconds=time.perf_counter() - began)
+        check_descriptor(descriptor, spec, (images.shape[2], images.shape[3]))
+        network = self._network.to(descriptor.device)
+        if not isinstance(network, UnsignedNetwork):
+            return descriptor.new_ones(len(descriptor))
+        return network.right_way_up(images.float(), descriptor.float(), spec).to(descriptor.dtype)
 
     @cached_property
     def _network(self) -> PriorNetwork:
         with torch.device("meta"):
-            network = PriorNetwork(self.spec, self.architecture)
+            network = make_network(self.spec, self.architecture)
         network.to_empty(device="cpu")
         vector_to_parameters(self.weights.float().cpu(), network.parameters())
         return network.eval()

@@ -4,36 +4,57 @@ from __future__ import annotations
 
 import math
 import os
-import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, Protocol
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
-from torch.nn.functional import avg_pool2d, mse_loss
-from torch.nn.utils import clip_grad_norm_, parameters_to_vector
+from torch.nn.utils import clip_grad_norm_
 
-from ..hog.descriptor import hog
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from .checkpoint import Checkpoint
-from .crops import crop_count, draw_crops, least_side
+from .crops import least_side
 from .learned import LearnedPrior, PriorLearning
-from .network import Architecture, Inputs, PriorNetwork, check_spec, default_architecture, network_inputs
+from .network import make_network, network_class
+from .prior_network import Architecture
 from .provenance import check_images, digest_of_images
+from .signed_training import SignedTraining
+from .unsigned_training import UnsignedTraining
 
-BATCH = 12
-CROPS = 23_000  # of a training by default: about an hour and a half on one core
-ROUNDS = 6  # epochs until the same crops come again
-CACHED = 400  # batches whose inputs stay in memory until then: about a gigabyte
-LEARNING_RATE, WEIGHT_DECAY, LARGEST_GRADIENT = 1.5e-3, 1e-3, 1.0
+LARGEST_GRADIENT = 1.0
 WARM_UP = 0.1  # share of the steps in which the rate rises
 FIRST, LAST = 1 / 25, 1e-5  # the first and the last rate, relative to the largest
-LEAST_CONTRAST = 0.02  # standard deviation of a crop, in 0…1, from which on it has its full weight
-STRUCTURE = 0.5  # weight of 1 - SSIM beside the mean square error
 _MOMENTS = ("exp_avg", "exp_avg_sq")  # of AdamW, for each weight
+
+
+class Training(Protocol):
+    """What a network is trained with.
+
+    Attributes:
+        steps: of an epoch.
+        crops: of an epoch.
+        default_crops: of all epochs, by default.
+        learning_rate: the largest.
+        weight_decay: of AdamW.
+    """
+
+    steps: int
+    crops: int
+    default_crops: int
+    learning_rate: float
+    weight_decay: float
+
+    def batches(self, epoch: int) -> Iterator[Any]:
+        """Those of an epoch, NamedTuples of tensors; what is random depends on the seed and the epoch alone."""
+
+    def loss(self, network: Any, batch: Any) -> Tensor:
+        """Of the network in training, for one batch."""
+
+    def finish(self, network: Any) -> None:
+        """What is left to do when the network is trained."""
 
 
 def train_prior(
@@ -44,27 +65,30 @@ def train_prior(
     seed: int = 0,
     architecture: Architecture | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
+    device: torch.device | str = "cpu",
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
 ) -> LearnedPrior:
     """Learns, from photographs, which image to expect for a descriptor.
 
-    The network predicts random crops from their descriptors, up to brightness and contrast.  The loss is the mean
-    square error at unit contrast, whose minimum is the mean of all photographs with the descriptor, plus half of
-    1 - SSIM, which makes that less blurred.
+    The network predicts random crops, up to brightness and contrast: of signed descriptors pixel by pixel
+    (:mod:`.signed_training`), of unsigned ones their regions, and which side of these is bright
+    (:mod:`.unsigned_training`); a prior for one unsigned dialect is a prior for all.
 
     The result depends on the images, the spec, epochs, seed and architecture alone, as long as PyTorch, its number of
-    threads and the processor stay the same.
+    threads and the device stay the same.
 
     Args:
         images: (H, W) each, float32 in 0…1, by name.
-        spec: the dialect, or the name of a preset with its defaults; signed, with square cells of 2, 4, 8 or 16
-            pixels.
-        epochs: passes over the images, in which larger ones give several crops; by default about 23,000 crops in all.
+        spec: the dialect, or the name of a preset with its defaults; if it is signed, with square cells of 2, 4, 8 or
+            16 pixels.
+        epochs: passes over the images, in which larger ones give several crops to learn a signed spec from; by default
+            as many as give 23,000 crops in all, or 300,000 of an unsigned spec.
         seed: of everything random.
-        architecture: of the network; by default :func:`.network.default_architecture`.
+        architecture: of the network; by default of 5.9 million weights for UoCTTI with cells of 8, 5.3 for unsigned specs.
         checkpoint: a file that is written after each epoch.  If it exists and is of the same training, this training is
             resumed, with the same result.  The file is not removed.  A damaged one is renamed, and the training starts
             afresh.
+        device: where to compute.
         progress: called with the steps done, their number, and epoch and loss.
 
     Raises:
@@ -80,19 +104,19 @@ def train_prior(
     (('noise',), 1)
     """
     spec = as_spec(spec)
-    architecture = architecture or default_architecture(spec)
-    check_spec(spec, architecture)
+    architecture = architecture or network_class(spec).default_architecture(spec)
+    network_class(spec).check(spec, architecture)
     names = check_images(images, (least_side(spec.cell_size[0]),) * 2)
-    order = [images[name] for name in names for _ in range(crop_count(*images[name].shape))]
-    steps = max(1, len(order) // BATCH)
+    training: Training = (SignedTraining if spec.signed else UnsignedTraining)([images[name] for name in names], spec, seed)
+    steps = training.steps
     if epochs is None:
-        epochs = max(1, round(CROPS / (steps * min(BATCH, len(order)))))
+        epochs = max(1, round(training.default_crops / training.crops))
     if epochs < 1:
         raise ValueError(f"epochs must be at least 1, got {epochs}")
     with torch.random.fork_rng(devices=[]):  # layers draw from the global generator, which must not change
         torch.manual_seed(seed)
-        network = PriorNetwork(spec, architecture)
-    optimizer = torch.optim.AdamW(network.parameters(), weight_decay=WEIGHT_DECAY)
+        network = make_network(spec, architecture).to(device, memory_format=torch.channels_last)
+    optimizer = torch.optim.AdamW(network.parameters(), weight_decay=training.weight_decay)
     digest = digest_of_images(images)
     identity = {
         "images": digest,
@@ -103,26 +127,28 @@ def train_prior(
     }
     saved = Checkpoint(checkpoint, "training", identity, ("losses", "state"))
     losses = _restore(saved, network, optimizer, epochs, steps)
-    batches = _Batches(order, steps, spec, seed)
     for epoch in range(len(losses), epochs):
         total = 0.0
-        for step, batch in enumerate(batches(epoch)):
-            done = epoch * steps + step
-            progress(done, epochs * steps, _report(epoch, epochs, losses))
-            for group in optimizer.param_groups:
-                group["lr"] = LEARNING_RATE * one_cycle((done + 0.5) / (epochs * steps))
-            loss = _loss(network, batch)
-            optimizer.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]
-            clip_grad_norm_(network.parameters(), LARGEST_GRADIENT)
-            optimizer.step()
-            total += loss.item()
+        with torch.random.fork_rng():  # of what is left out in training
+            torch.manual_seed(seed + epoch)
+            for step, batch in enumerate(training.batches(epoch)):
+                done = epoch * steps + step
+                progress(done, epochs * steps, _report(epoch, epochs, losses))
+                for group in optimizer.param_groups:
+                    group["lr"] = training.learning_rate * one_cycle((done + 0.5) / (epochs * steps))
+                loss = training.loss(network, type(batch)(*(part.to(device) for part in batch)))
+                optimizer.zero_grad()
+                loss.backward()  # type: ignore[no-untyped-call]
+                clip_grad_norm_(network.parameters(), LARGEST_GRADIENT)
+                optimizer.step()
+                total += loss.item()
         if not math.isfinite(total):
             raise ValueError(f"the training has diverged in epoch {epoch + 1}: the loss is {total}")
         losses.append(total / steps)
         _save(saved, network, optimizer, losses)
+    training.finish(network.eval())
     progress(epochs * steps, epochs * steps, _report(epochs - 1, epochs, losses))
-    weights = parameters_to_vector(network.parameters()).detach().half()
+    weights = torch.from_numpy(_flat(list(network.parameters()))).half()
     learning = PriorLearning(images=tuple(names), sha256=digest, seed=seed, epochs=epochs, losses=tuple(losses))
     return LearnedPrior(spec, architecture, weights, learning)
 
@@ -178,47 +204,7 @@ def _state_in(
 
 
 def _flat(tensors: list[Tensor]) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
-    return torch.cat([tensor.detach().flatten() for tensor in tensors]).numpy()
-
-
-class _Batch(NamedTuple):
-    """Crops, and the network's inputs for them."""
-
-    inputs: Inputs
-    crops: Tensor
-
-
-class _Batches:
-    """The batches of each epoch.
-
-    Inputs take a third of a step, so the crops of an epoch come again every few epochs.  What is random depends on the
-    seed and the epoch alone, so that an interruption does not change it.
-
-    Args:
-        order: the images, each as often as it gives crops.
-        steps: of an epoch.
-        spec: the dialect.
-        seed: of everything random.
-    """
-
-    def __init__(self, order: Sequence[Tensor], steps: int, spec: HOGSpec, seed: int) -> None:
-        self.order, self.steps, self.spec, self.seed = order, steps, spec, seed
-        self._cache: dict[tuple[int, int], _Batch] = {}
-
-    def __call__(self, epoch: int) -> Iterator[_Batch]:
-        """The batches of an epoch, in its own order."""
-        number = epoch % ROUNDS
-        shuffled = random.Random(f"{self.seed} {number}").sample(range(len(self.order)), len(self.order))
-        for step in random.Random(f"{self.seed} {epoch} steps").sample(range(self.steps), self.steps):
-            batch = self._cache.get((number, step))
-            if batch is None:
-                images = [self.order[k] for k in shuffled[step * BATCH : (step + 1) * BATCH]]
-                crops = draw_crops(images, self.spec.cell_size[0], random.Random(f"{self.seed} {number} {step}"))
-                inputs = network_inputs(hog(crops, self.spec), self.spec, *crops.shape[2:])
-                batch = _Batch(inputs, crops)
-                if len(self._cache) < CACHED:
-                    self._cache[number, step] = batch
-            yield batch
+    return torch.cat([tensor.detach().flatten() for tensor in tensors]).cpu().numpy()
 
 
 def _report(epoch: int, epochs: int, losses: Sequence[float]) -> str:
@@ -230,26 +216,3 @@ def one_cycle(progress: float) -> float:
     if progress < WARM_UP:
         return FIRST + (1 - FIRST) * (1 - math.cos(math.pi * progress / WARM_UP)) / 2
     return LAST + (1 - LAST) * (1 + math.cos(math.pi * (progress - WARM_UP) / (1 - WARM_UP))) / 2
-
-
-def _loss(network: PriorNetwork, batch: _Batch) -> Tensor:
-    crops = batch.crops
-    height, width = crops.shape[2:]
-    image: Tensor = network(batch.inputs)[..., :height, :width]
-    mean = crops.mean(dim=(2, 3), keepdim=True)
-    contrast = crops.std(dim=(2, 3), keepdim=True, correction=0).clamp(min=LEAST_CONTRAST)
-    similarity = _ssim(image * contrast + mean, crops)
-    return mse_loss(image, (crops - mean) / contrast) + STRUCTURE * (1 - similarity)
-
-
-def _ssim(a: Tensor, b: Tensor) -> Tensor:
-    """SSIM of images in 0…1 in windows of 7x7 pixels, differentiable, with its usual constants."""
-
-    def window(x: Tensor) -> Tensor:
-        return avg_pool2d(x, 7, 1)
-
-    mean_a, mean_b = window(a), window(b)
-    squares = window(a * a) + window(b * b) - mean_a**2 - mean_b**2
-    products = window(a * b) - mean_a * mean_b
-    alike = (2 * mean_a * mean_b + 1e-4) * (2 * products + 9e-4)
-    return (alike / ((mean_a**2 + mean_b**2 + 1e-4) * (squares + 9e-4))).mean()

@@ -1,0 +1,213 @@
+"""The network of a prior for unsigned descriptors: from the histograms of cells to a coarse image.
+
+An unsigned histogram does not tell which side of an edge is the brighter one.  What photographs look like does, by and
+large: backgrounds are even, the sky is bright and above, objects have parts.  So the network sees the whole image at
+once, and answers with a coarse one, two pixels a cell along each axis.  Details are left to the descriptor.
+
+A second part judges an image beside its negative: which of the two is the photograph, and how sure that is.
+
+Inputs are histograms of any dialect, unsigned, in nine bins, of cells that tile the image: see :func:`cell_votes`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import adaptive_avg_pool2d, gelu, interpolate, pixel_shuffle, pixel_unshuffle
+
+from ..hog.orientation import bin_angles
+from ..hog.spec import HOGSpec
+from .histograms import recover_histograms, searchable
+from .prior_network import Architecture, Prediction, PriorNetwork, ResidualBlock, set_to_zero
+from .start import of_one_colour
+
+BINS = 9
+FINER = 2  # pixels of the answer for a cell, along each axis
+CONTRAST = 4.0  # of votes, relative to their mean, before the logarithm
+MOST_CELLS = 20  # rows or columns that the network sees: larger grids are shrunk
+COARSEST = 4  # cells of the grid for one of the coarsest resolution, along each axis
+LEAST_CELLS = 2 * COARSEST
+HISTOGRAM_EVALUATIONS = 60  # of the recovery; enough for a network, the search uses more
+WHOLE, WHOLE_CHANNELS, WHOLE_UNITS = 4, 64, 256  # where the whole image is seen: parts along each axis, channels, units
+DROPOUT = 0.1  # share of channels and units left out in training, where the whole image is seen
+JUDGE_WIDTHS = (48, 96, 128)
+FLAT = 1e-6  # standard deviation below which an image of unit contrast counts as flat
+
+
+def cell_votes(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
+    """Histograms (B, colours · bins, rows, cols) of images (height, width) as the network takes them, (B, 9, R, C).
+
+    Bins are centred at 10°, 30°, …, cells are square, and R and C multiples of :data:`COARSEST`, of few cells.
+    """
+    tiling = _to_nine_bins(of_one_colour(votes, spec, size), spec)
+    height, width = (n * side for n, side in zip(tiling.shape[2:], spec.cell_size, strict=True))
+    side = max(math.sqrt(spec.cell_size[0] * spec.cell_size[1]), max(height, width) / MOST_CELLS)
+    rows, cols = (max(LEAST_CELLS, round(n / side / COARSEST) * COARSEST) for n in (height, width))
+    if tiling.shape[2:] == (rows, cols):
+        return tiling
+    return interpolate(tiling, size=(rows, cols), mode="bilinear", align_corners=False, antialias=True)
+
+
+def _to_nine_bins(votes: Tensor, spec: HOGSpec) -> Tensor:
+    """Histograms (B, bins, rows, cols) to (B, 9, rows, cols): votes are shared between the two nearest bins."""
+    position = torch.from_numpy(bin_angles(spec)) * (BINS / math.pi) - 0.5
+    below = torch.floor(position + 1e-6)  # rounding would share a vote that lies on a centre
+    share = (position - below).clamp(0, 1)
+    to, bins = torch.zeros(BINS, spec.bins, dtype=torch.float64), torch.arange(spec.bins)
+    to.index_put_((below.long() % BINS, bins), 1 - share, accumulate=True)
+    to.index_put_(((below.long() + 1) % BINS, bins), share, accumulate=True)
+    return torch.einsum("kb,nbrc->nkrc", to.to(votes), votes)
+
+
+def mirrored_votes(votes: Tensor) -> Tensor:
+    """Those (B, 9, R, C) of the images flipped from left to right: 10° becomes 170°."""
+    return votes.flip(1, 3)
+
+
+def compressed(votes: Tensor) -> Tensor:
+    """Votes of any scale as a network sees them: log(1 + 4 · votes / their mean over the image)."""
+    mean = votes.mean(dim=(1, 2, 3), keepdim=True)
+    return torch.log1p(CONTRAST * votes / torch.where(mean > 0, mean, 1))
+
+
+def normalised(images: Tensor) -> Tensor:
+    """Images (B, 1, H, W) of zero mean and unit variance; 0 where they are flat."""
+    images = images - images.mean(dim=(2, 3), keepdim=True)
+    contrast = images.std(dim=(2, 3), keepdim=True, correction=0)
+    return torch.where(contrast > FLAT, images / contrast.clamp(min=FLAT), 0)
+
+
+class _WholeImage(nn.Module):
+    """x plus a correction from the whole image, seen in 4x4 parts; 0 before training."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        size = WHOLE_CHANNELS * WHOLE**2
+        self.inp, self.out = nn.Conv2d(width, WHOLE_CHANNELS, 1), nn.Conv2d(WHOLE_CHANNELS, width, 1)
+        self.a, self.b = nn.Linear(size, WHOLE_UNITS), nn.Linear(WHOLE_UNITS, size)
+        self.dropout = nn.Dropout(DROPOUT)
+        set_to_zero(self.out)
+
+    def forward(self, x: Tensor) -> Tensor:
+        parts = adaptive_avg_pool2d(self.inp(gelu(x)), WHOLE)
+        seen = self.b(self.dropout(gelu(self.a(parts.flatten(1))))).view_as(parts)
+        correction: Tensor = self.out(gelu(seen))
+        if correction.shape != x.shape:
+            correction = interpolate(correction, size=x.shape[2:], mode="bilinear", align_corners=False)
+        return x + correction
+
+
+class _Regions(nn.Module):
+    """From votes (B, 9, R, C) to images (B, 1, 2R, 2C) of about zero mean and unit variance.
+
+    Down to a quarter of the grid and up again, with what was there on the way down added on the way up.
+    """
+
+    def __init__(self, architecture: Architecture) -> None:
+        super().__init__()
+        widths, last = architecture.widths, len(architecture.widths) - 1
+
+        def blocks(level: int) -> nn.Sequential:
+            share = DROPOUT if level == last else 0.0
+            return nn.Sequential(*(ResidualBlock(widths[level], share) for _ in range(architecture.blocks[level])))
+
+        self.inp = nn.Conv2d(BINS, widths[0], 3, padding=1)
+        self.down, self.up = (nn.ModuleList(blocks(level) for level in range(last + 1)) for _ in range(2))
+        steps = list(zip(widths, widths[1:], strict=False))
+        self.shrink = nn.ModuleList(nn.Conv2d(fine, coarse, 2, stride=2) for fine, coarse in steps)
+        self.enlarge = nn.ModuleList(nn.Conv2d(coarse, 4 * fine, 1) for fine, coarse in steps)
+        self.whole = _WholeImage(widths[-1])
+        self.out = nn.Conv2d(widths[0], FINER**2, 3, padding=1)
+
+    def forward(self, votes: Tensor) -> Tensor:
+        x, levels = self.inp(compressed(votes)), []
+        for blocks, shrink in zip(self.down[:-1], self.shrink, strict=True):
+            levels.append(blocks(x))
+            x = shrink(gelu(levels[-1]))
+        x = self.up[-1](self.whole(self.down[-1](x)))
+        for level in range(len(levels) - 1, -1, -1):
+            x = self.up[level](levels[level] + pixel_shuffle(self.enlarge[level](gelu(x)), 2))
+        return pixel_shuffle(self.out(gelu(x)), FINER)
+
+
+class _Judge(nn.Module):
+    """From votes, the regions' images and images (B, 1, 2R, 2C) to be judged to log-odds (B,) that these are no negatives.
+
+    A function of an image minus the same of its negative, so that the one's are those of the other, negated.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        first, second, third = JUDGE_WIDTHS
+        self.body = nn.Sequential(
+            nn.Conv2d(BINS + 2 * FINER**2, first, 3, padding=1),
+            ResidualBlock(first),
+            nn.GELU(),
+            nn.Conv2d(first, second, 2, stride=2),
+            ResidualBlock(second),
+            nn.GELU(),
+            nn.Conv2d(second, third, 2, stride=2),
+            ResidualBlock(third, DROPOUT),
+            nn.GELU(),
+            nn.AdaptiveAvgPool2d(WHOLE),
+            nn.Flatten(),
+            nn.Linear(third * WHOLE**2, 64),
+            nn.GELU(),
+            nn.Dropout(0.5),
+        )
+        self.out = nn.Linear(64, 1, bias=False)
+
+    def forward(self, votes: Tensor, regions: Tensor, images: Tensor) -> Tensor:
+        seen, of_regions, of_images = compressed(votes), pixel_unshuffle(regions, FINER), pixel_unshuffle(images, FINER)
+        one, negative = (
+            self.body(torch.cat([seen, of_regions, sign * of_images], dim=1)) for sign in (1.0, -1.0)
+        )
+        odds: Tensor = self.out(one - negative)
+        return odds.squeeze(1)
+
+
+class UnsignedNetwork(PriorNetwork):
+    """Its architecture is that of the regions; the judge's is fixed."""
+
+    def __init__(self, spec: HOGSpec, architecture: Architecture) -> None:
+        super().__init__()
+        self.regions, self.judge = _Regions(architecture), _Judge()
+
+    @classmethod
+    def default_architecture(cls, spec: HOGSpec) -> Architecture:
+        return Architecture((64, 128, 256), (1, 2, 1))
+
+    @classmethod
+    def check(cls, spec: HOGSpec, architecture: Architecture) -> None:
+        resolutions = COARSEST.bit_length()
+        if len(architecture.widths) != resolutions:
+            raise ValueError(f"a prior for unsigned descriptors has {resolutions} widths, got {architecture.widths}")
+
+    def predict(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Prediction:
+        """The mean of what is predicted for it, and for the mirrored image; the likelier of it and its negative."""
+        spec = searchable(spec)
+        votes = recover_histograms(descriptor, spec, size, max_evaluations=HISTOGRAM_EVALUATIONS)
+        seen = cell_votes(votes, spec, size)
+        regions = self.regions_of(seen)
+        images = torch.where(self.log_odds(seen, regions, regions).reshape(-1, 1, 1, 1) < 0, -regions, regions)
+        return Prediction(interpolate(images, size=size, mode="bicubic", align_corners=False), votes)
+
+    def right_way_up(self, images: Tensor, descriptor: Tensor, spec: HOGSpec) -> Tensor:
+        """The probabilities (B,) that images (B, 1, H, W) with the descriptors are no negatives."""
+        spec, size = searchable(spec), (images.shape[2], images.shape[3])
+        votes = recover_histograms(descriptor, spec, size, max_evaluations=HISTOGRAM_EVALUATIONS)
+        seen = cell_votes(votes, spec, size)
+        coarse = (FINER * seen.shape[2], FINER * seen.shape[3])
+        small = interpolate(images, size=coarse, mode="bilinear", align_corners=False, antialias=True)
+        return torch.sigmoid(self.log_odds(seen, self.regions_of(seen), small))
+
+    def regions_of(self, seen: Tensor) -> Tensor:
+        regions: Tensor = self.regions(seen) + self.regions(mirrored_votes(seen)).flip(3)
+        return regions / 2
+
+    def log_odds(self, seen: Tensor, regions: Tensor, images: Tensor) -> Tensor:
+        images = normalised(images)
+        odds: Tensor = self.judge(seen, regions, images) + self.judge(mirrored_votes(seen), regions.flip(3), images.flip(3))
+        return odds / 2

@@ -1,0 +1,150 @@
+"""What a network for unsigned descriptors is trained with: windows of photographs with their votes, and the loss."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import avg_pool2d, interpolate, softplus
+
+from ..hog import presets
+from ..hog.descriptor import histograms
+from ..hog.spec import HOGSpec
+from .unsigned_network import FINER, UnsignedNetwork, cell_votes, normalised
+
+BATCH = 32
+CROPS = 300_000  # of a training by default: about an hour on two cores
+LEARNING_RATE, WEIGHT_DECAY = 1.2e-3, 0.03
+CELL = 8  # pixels
+GRIDS = [(16, 16)] * 6 + [(12, 16), (16, 12), (12, 12), (16, 8)]  # cells of the windows of a batch
+LEAST_SIDE, LARGE = 0.5, 0.4  # of windows, relative to the largest; the share of windows that are as large as can be
+GAMMA = 0.45  # the logarithm of the exponent of gray values is at most
+UNEVEN, UNCERTAIN = 0.4, 0.15  # logarithms of votes are off by, all over a region, and one by one
+LEAST_CONTRAST = 0.02  # standard deviation of a window, in 0…1, from which on it has its full weight
+HELD_OUT = 25  # one image of so many is not trained with
+FEWEST = 8  # images held out, below which nothing is concluded from them
+
+
+class _Batch(NamedTuple):
+    """Votes as the network sees them, (B, 9, R, C), and images of two pixels a cell, (B, 1, 2R, 2C), normalised."""
+
+    votes: Tensor
+    images: Tensor
+
+
+class UnsignedTraining:
+    """The batches of each epoch, and the loss.
+
+    Half of the regions' loss is the square error to the image, half the lesser of those to the image and its negative:
+    the signs of regions can thus come to agree with each other before it is known which side is bright.  That of the
+    judge is the cross entropy of its choice between a mixture of the regions with the true image, and its negative.
+
+    Votes are those of several dialects, and made uncertain, as those that are recovered from a descriptor are.
+
+    One image in 25 is held out, for the judge's confidence to be right of images that it was not trained with.
+
+    Args:
+        images: (H, W) each.
+        spec: ignored: all unsigned dialects look alike to the network.
+        seed: of everything random.
+    """
+
+    default_crops, learning_rate, weight_decay = CROPS, LEARNING_RATE, WEIGHT_DECAY
+
+    def __init__(self, images: Sequence[Tensor], spec: HOGSpec, seed: int) -> None:
+        held = slice(HELD_OUT // 2, None, HELD_OUT)
+        self.held_out = list(images[held])
+        self.images = [image for k, image in enumerate(images) if k % HELD_OUT != HELD_OUT // 2]
+        self.seed = seed
+        self.steps = max(1, len(self.images) // BATCH)
+        self.crops = self.steps * min(BATCH, len(self.images))
+        self.specs = [presets.paper(CELL), presets.paper(CELL), presets.skimage(), presets.opencv()]
+
+    def batches(self, epoch: int) -> Iterator[_Batch]:
+        """The batches of an epoch, in its own order."""
+        order = random.Random(f"{self.seed} {epoch}").sample(self.images, len(self.images))
+        for step in range(self.steps):
+            yield self._batch(order[step * BATCH : (step + 1) * BATCH], random.Random(f"{self.seed} {epoch} {step}"))
+
+    def _batch(self, images: Sequence[Tensor], rng: random.Random) -> _Batch:
+        grid, spec = rng.choice(GRIDS), rng.choice(self.specs)
+        windows = torch.cat([_window(image, grid, rng) for image in images])
+        generator = torch.Generator().manual_seed(rng.randrange(2**62))
+        exact = _votes(windows, spec)
+        uneven = torch.randn(len(exact), 1, 5, 5, generator=generator)
+        uneven = interpolate(uneven, size=exact.shape[2:], mode="bicubic", align_corners=True)
+        most = torch.rand(len(exact), 1, 1, 1, generator=generator) * UNEVEN
+        noise = most * uneven + UNCERTAIN * torch.randn(exact.shape, generator=generator)
+        return _Batch(exact * torch.exp(noise), _target(windows))
+
+    def loss(self, network: UnsignedNetwork, batch: _Batch) -> Tensor:
+        """The mean over the windows, of regions and judge."""
+        images, regions = batch.images, network.regions(batch.votes)
+        apart, negative = ((regions - sign * images).square().mean(dim=(1, 2, 3)) for sign in (1.0, -1.0))
+        loss = (apart + torch.minimum(apart, negative)).mean() / 2
+        answer = normalised(regions.detach())
+        share = torch.rand(len(images), 1, 1, 1, device=images.device)
+        share = torch.where(share < 0.5, 0, 2 * share - 1)  # of the true image
+        upright = torch.where((answer * images).sum(dim=(1, 2, 3), keepdim=True) < 0, -answer, answer)
+        known = (torch.rand_like(share) < 0.7).to(answer)  # else the judge must do without the regions' own choice
+        odds = network.judge(batch.votes, known * answer, normalised(share * images + (1 - share) * upright))
+        return loss + softplus(-odds).mean()
+
+    @torch.no_grad()
+    def finish(self, network: UnsignedNetwork) -> None:
+        """Scales the judge's log-odds to those of the images that were held out."""
+        if len(self.held_out) < FEWEST:
+            return
+        odds = torch.cat([self._odds(network, image) for image in self.held_out])
+        factors = torch.logspace(-1, 1, 201)
+        likelihood = softplus(-factors[:, None] * odds).mean(dim=1)
+        network.judge.out.weight *= float(factors[likelihood.argmin()])
+
+    def _odds(self, network: UnsignedNetwork, image: Tensor) -> Tensor:
+        """The log-odds (1,) of the network's own answer for a whole image, signed as the truth is."""
+        device = network.judge.out.weight.device
+        window = _whole(image)
+        votes = _votes(window, self.specs[0]).to(device)
+        regions = network.regions_of(votes)
+        right = (normalised(regions) * _target(window).to(device)).sum(dim=(1, 2, 3))
+        return (network.log_odds(votes, regions, regions) * torch.sign(right)).cpu()
+
+
+def _votes(windows: Tensor, spec: HOGSpec) -> Tensor:
+    return cell_votes(histograms(windows, spec), spec, (windows.shape[2], windows.shape[3]))
+
+
+def _target(windows: Tensor) -> Tensor:
+    """Windows (B, 1, 8R, 8C) in 0…1 to images of two pixels a cell, of unit variance if they are not flat."""
+    small = avg_pool2d(windows, CELL // FINER)
+    small = small - small.mean(dim=(2, 3), keepdim=True)
+    return small / windows.std(dim=(2, 3), keepdim=True, correction=0).clamp(min=LEAST_CONTRAST)
+
+
+def _whole(image: Tensor) -> Tensor:
+    """All of an image (H, W), of as many cells as fit, (1, 1, 8R, 8C)."""
+    shrink = 16 * CELL / max(image.shape)
+    size = [max(2, round(n * shrink / CELL / 4)) * 4 * CELL for n in image.shape]
+    return _resized(image, size[0], size[1])
+
+
+def _window(image: Tensor, grid: tuple[int, int], rng: random.Random) -> Tensor:
+    """A window (1, 1, 8R, 8C) of an image (H, W) in 0…1: its place, size, mirroring and gamma are random."""
+    height, width = (CELL * n for n in grid)
+    largest = min(image.shape[0] / height, image.shape[1] / width)
+    scale = largest * (1.0 if rng.random() < LARGE else rng.uniform(LEAST_SIDE, 1))
+    rows, cols = (max(1, math.floor(n * scale)) for n in (height, width))
+    top, left = (rng.randrange(n - size + 1) for n, size in zip(image.shape, (rows, cols), strict=True))
+    window = _resized(image[top : top + rows, left : left + cols], height, width)
+    window = window ** math.exp(rng.uniform(-GAMMA, GAMMA))
+    return window.flip(3) if rng.random() < 0.5 else window
+
+
+def _resized(image: Tensor, height: int, width: int) -> Tensor:
+    if image.shape == (height, width):
+        return image[None, None]
+    return interpolate(image[None, None], (height, width), mode="bilinear", antialias=True, align_corners=False)
