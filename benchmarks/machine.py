@@ -5,9 +5,15 @@ from __future__ import annotations
 import platform
 from pathlib import Path
 
+from nablahog.runtime.processor import vector_bytes
+
 
 def processor() -> str:
-    """Its name; where the system does not tell, that of its kind."""
+    """Its name and the width of its vectors; where the system does not tell, that of its kind."""
+    return f"{_name()}, vectors of {8 * vector_bytes()} bits"
+
+
+def _name() -> str:
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:

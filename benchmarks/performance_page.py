@@ -82,7 +82,7 @@ first use has been.
 The photograph is scikit-image's cameraman, gray, shrunk, or beyond its 512 pixels tiled; cells have 8 pixels.
 Libraries are given bytes, one image after the other, PyTorch's programs float32 in 0…1 and the whole batch. *Ours,
 X's* computes what X computes; *the paper's* is its Dalal-type descriptor, *naive torch* the same as one would write it
-([`peers.py`](../benchmarks/peers.py)), *compiled torch* `torch.compile` of that. *With backward* is the descriptor and
+(`benchmarks/peers.py`), *compiled torch* `torch.compile` of that. *With backward* is the descriptor and
 the derivative by the image; no library has one, so that it stands beside their descriptors alone.{missing}"""
 
 

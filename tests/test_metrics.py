@@ -7,10 +7,21 @@ import math
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 from skimage import data
+from skimage.metrics import peak_signal_noise_ratio
 
 from nablahog import metrics
-from nablahog.metrics import DEFINITIONS, cross_correlation, mutual_information, ssim
+from nablahog.metrics import (
+    DEFINITIONS,
+    cross_correlation,
+    euclidean_distance,
+    mean_distance,
+    mutual_information,
+    normalised_error,
+    psnr,
+    ssim,
+)
 
 CAMERA = data.camera()[::4, ::4] / 255.0
 RANDOM = np.random.default_rng(0)
@@ -65,14 +76,14 @@ def test_images_whose_squares_vanish() -> None:
 
 def test_tensors_and_rounded_white() -> None:
     a, b = torch.rand(2, 16, 16, generator=torch.Generator().manual_seed(0))
-    for measure in (cross_correlation, mutual_information, ssim):
+    for measure in (cross_correlation, mutual_information, ssim, psnr, euclidean_distance):
         assert measure(a, b) == pytest.approx(measure(a.numpy(), b.numpy()))
     assert mutual_information(np.full((4, 4), 1 + 1e-7), np.full((4, 4), 1.0)) == 0
 
 
 def test_bytes_and_lists() -> None:
     levels = data.camera()[::8, ::8]
-    for measure in (cross_correlation, mutual_information, ssim):
+    for measure in (cross_correlation, mutual_information, ssim, psnr, euclidean_distance):
         expected = measure(levels / 255.0, 1 - levels / 255.0)
         assert measure(levels, 255 - levels) == pytest.approx(expected)
         assert measure(torch.from_numpy(levels), (1 - levels / 255.0).tolist()) == pytest.approx(expected)
@@ -83,7 +94,87 @@ def test_ssim_needs_its_window() -> None:
     assert ssim(CAMERA[:7], CAMERA[:7]) == pytest.approx(1)
 
 
-@pytest.mark.parametrize("measure", [cross_correlation, mutual_information, ssim])
+@pytest.mark.parametrize("noise", [1e-6, 1e-3, 0.1, 1.0])
+def test_psnr_is_that_of_scikit_image(noise: float) -> None:
+    other = (CAMERA + noise * RANDOM.standard_normal(CAMERA.shape)).clip(0, 1)
+    expected = peak_signal_noise_ratio(CAMERA, other, data_range=1.0)
+    assert psnr(CAMERA, other) == psnr(other, CAMERA) == pytest.approx(expected, rel=1e-12)
+
+
+def test_psnr_at_its_ends() -> None:
+    black, white = np.zeros((4, 4)), np.ones((4, 4))
+    assert psnr(black, white) == 0
+    assert psnr(black, black) == math.inf
+    assert psnr(black, np.full((4, 4), 1 / 255)) == pytest.approx(20 * math.log10(255))
+
+
+def test_euclidean_distance() -> None:
+    a, b = RANDOM.random((2, 3, 5))
+    squares = [(a[i, j] - b[i, j]) ** 2 for i, j in np.ndindex(a.shape)]
+    assert euclidean_distance(a, b) == pytest.approx(math.sqrt(sum(squares)))
+    assert euclidean_distance(a, a) == 0
+    assert psnr(a, b) == pytest.approx(-20 * math.log10(euclidean_distance(a, b) / math.sqrt(a.size)))
+
+
+@pytest.mark.parametrize("count", [2, 3, 7])
+def test_the_mean_distance_is_over_all_pairs(count: int) -> None:
+    images = RANDOM.random((count, 6, 5))
+    total = 0.0
+    for i in range(count):
+        for j in range(count):
+            total += math.sqrt(float(((images[i] - images[j]) ** 2).sum()))
+    assert mean_distance(images) == pytest.approx(total / (count * (count - 1)), rel=1e-12)
+    assert mean_distance(reversed(images)) == pytest.approx(mean_distance(images), rel=1e-12)
+
+
+def test_the_mean_distance_of_tensors_and_bytes() -> None:
+    levels = RANDOM.integers(0, 256, (3, 8, 8), dtype=np.uint8)
+    assert mean_distance(torch.from_numpy(levels)) == mean_distance(levels) == mean_distance(levels / 255)
+    assert mean_distance(torch.from_numpy(levels).float() / 255) == pytest.approx(mean_distance(levels), rel=1e-6)
+
+
+def test_sets_without_a_mean_distance() -> None:
+    assert math.isnan(mean_distance([]))
+    assert math.isnan(mean_distance([CAMERA]))
+    assert math.isnan(mean_distance([CAMERA, CAMERA, CAMERA[:-1]]))
+    assert math.isnan(mean_distance([CAMERA[:8, :16], CAMERA[:16, :8]]))  # as many pixels
+    assert mean_distance([CAMERA, CAMERA]) == 0
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (np.zeros((1, 8, 8)), r"expected an image \(H, W\), got \(1, 8, 8\)"),
+        (np.zeros((0, 8)), r"got \(0, 8\)"),
+        (np.full((8, 8), 2.0), "images in 0…1, got values in 2 … 2"),
+        (np.full((8, 8), np.nan), "nan"),
+    ],
+)
+def test_the_mean_distance_of_wrong_images(wrong: NDArray[np.float64], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        mean_distance([np.zeros((8, 8)), wrong])
+
+
+def test_the_normalised_error() -> None:
+    images = RANDOM.random((4, 6, 5))
+    n = mean_distance(images)
+    assert normalised_error(images[0], images[1], n) == euclidean_distance(images[0], images[1]) / n
+    assert normalised_error(images[0], images[0], n) == 0
+    # an answer that is another photograph of the set has an error of 1 in the mean
+    errors = [normalised_error(a, b, n) for i, a in enumerate(images) for j, b in enumerate(images) if i != j]
+    assert np.mean(errors) == pytest.approx(1)
+    # it does not depend on the scale of gray values
+    assert normalised_error(images[0] / 2, images[1] / 2, mean_distance(images / 2)) == pytest.approx(
+        normalised_error(images[0], images[1], n)
+    )
+
+
+@pytest.mark.parametrize("n", [0.0, math.nan])
+def test_the_normalised_error_needs_different_photographs(n: float) -> None:
+    assert math.isnan(normalised_error(CAMERA, CAMERA, n))
+
+
+@pytest.mark.parametrize("measure", [cross_correlation, mutual_information, ssim, psnr, euclidean_distance])
 def test_wrong_images(measure: object) -> None:
     assert callable(measure)
     with pytest.raises(ValueError, match=r"one shape \(H, W\), got \(8, 8\) and \(8, 9\)"):
@@ -97,5 +188,5 @@ def test_wrong_images(measure: object) -> None:
 
 
 def test_every_figure_is_defined() -> None:
-    assert set(DEFINITIONS) == {"CC", "MI", "SSIM", "distance"}
+    assert set(DEFINITIONS) == {"CC", "MI", "SSIM", "PSNR", "normalised error", "distance"}
     assert str(metrics.BINS) in DEFINITIONS["MI"]

@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from nablahog import metrics
 from nablahog.evaluate.methods import Table1Settings
 from nablahog.evaluate.table1 import METRICS, run_table1, write_table1
 from nablahog.evaluate.tables import Failure, evenly_spread, statistics
 from nablahog.io.files import ABANDONED
 
 from .common import made, photographs
-from .fakes import BRIGHT, DARK, LEVELS, MISTAKEN, UNDEFINED
+from .fakes import BRIGHT, DARK, EXACT, LEVELS, MISTAKEN, UNDEFINED
 
 FILES = ["failures.csv", "per_image.csv", "summary.csv", "times.csv"]
 
@@ -37,7 +38,8 @@ def test_files(tmp_path: Path, calls: list[str]) -> None:
     assert named == [(row, f"{k}.png") for row in (*BRIGHT.rows, *LEVELS.rows) for k in range(3)]
     for row in rows:
         figures = table.figures[row["method"]][row["image"]]
-        assert all(float(row[metric]) == figures[metric] for metric in METRICS)  # to the last bit
+        values = [float(row[metric]) if row[metric] else None for metric in METRICS]
+        assert values == [figures[metric] for metric in METRICS]  # to the last bit
 
     summary = {(row["method"], row["metric"]): row for row in _rows(tmp_path / "summary.csv")}
     assert list(summary["bovw", "cc"]) == ["method", "metric", "mean", "median", "low", "high", "paper", "n"]
@@ -67,6 +69,52 @@ def test_order_and_groups(tmp_path: Path, calls: list[str]) -> None:
     assert by_row["dalal-multi-scale"].seconds is not None
     assert by_row["undefined"].statistics["distance"].n == 0
     assert by_row["undefined"].statistics["cc"].n == 1
+
+
+def test_psnr_and_normalised_error(tmp_path: Path, calls: list[str]) -> None:
+    """In the files as by definition, the error normalised by all photographs of the run."""
+    some = photographs()
+    table = made(tmp_path, some, DARK, EXACT)
+    write_table1(tmp_path, table)
+    images = {name: image.numpy() for name, image in some.images.items()}
+    n = metrics.mean_distance(images.values())
+    assert table.mean_distance == n > 0
+
+    rows = {(row["method"], row["image"]): row for row in _rows(tmp_path / "per_image.csv")}
+    for name, image in images.items():
+        dark = (image - np.float32(0.25)).clip(0, 1)
+        assert float(rows["dark", name]["psnr"]) == metrics.psnr(dark, image)
+        assert float(rows["dark", name]["normalised_error"]) == metrics.normalised_error(dark, image, n)
+        assert (rows["exact", name]["psnr"], rows["exact", name]["normalised_error"]) == ("", "0.0")
+
+    summary = {(row["method"], row["metric"]): row for row in _rows(tmp_path / "summary.csv")}
+    for metric in ("psnr", "normalised_error"):
+        values = [float(rows["dark", name][metric]) for name in images]
+        line = summary["dark", metric]
+        assert (float(line["mean"]), line["paper"], line["n"]) == (pytest.approx(np.mean(values)), "", "3")
+    assert (summary["exact", "psnr"]["mean"], summary["exact", "psnr"]["n"]) == ("", "0")
+
+
+def test_the_normalised_error_is_of_the_run(tmp_path: Path, calls: list[str]) -> None:
+    """A stored result of one photograph serves sets with other distances."""
+    few, more = (made(tmp_path, photographs(count), DARK) for count in (2, 3))
+    assert calls == ["dark"] * 3
+    (a, b) = (table.figures["dark"]["0.png"] for table in (few, more))
+    assert few.mean_distance != more.mean_distance
+    assert a["normalised_error"] * few.mean_distance == pytest.approx(b["normalised_error"] * more.mean_distance)
+    assert a["psnr"] == b["psnr"]
+
+
+def test_sets_without_a_normalised_error(tmp_path: Path, calls: list[str]) -> None:
+    single, sizes, equal = photographs(1), photographs(3), photographs(1)
+    sizes.images["0.png"] = sizes.images["0.png"][:30].contiguous()
+    equal.images["copy.png"] = equal.images["0.png"]
+    for some in (single, sizes, equal):
+        table = made(tmp_path, some, DARK)
+        write_table1(tmp_path, table)
+        rows = _rows(tmp_path / "per_image.csv")
+        assert len(rows) == len(some.images)
+        assert all(row["normalised_error"] == "" and float(row["psnr"]) > 0 for row in rows)
 
 
 def test_failures(tmp_path: Path, calls: list[str]) -> None:

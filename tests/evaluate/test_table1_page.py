@@ -11,6 +11,7 @@ from nablahog.evaluate import table1_page
 from nablahog.evaluate.methods import METHODS, Method, Table1Settings
 from nablahog.evaluate.names import LIBRARIES, UOCTTI
 from nablahog.evaluate.table1 import Table1
+from nablahog.viz.html import figure
 
 from .common import made, photographs, write_prior
 from .fakes import BRIGHT, LEVELS
@@ -43,11 +44,40 @@ def test_figures_and_definitions(table: Table1) -> None:
     assert f"{mean.low:.3f} … {mean.high:.3f}\nmedian {mean.median:.3f}" in html
     for name in ("UoCTTI HOG", "Dalal&#39;s HOG", *LEVELS.rows, "bovw", "seconds"):
         assert name in html
-    for name in ("CC", "|CC|", "MI", "SSIM", "distance", "NAME@1/s", "paper", "seconds", "mean, interval, median"):
+    for name in (
+        "CC",
+        "|CC|",
+        "MI",
+        "SSIM",
+        "PSNR",
+        "distance",
+        "NAME@1/s",
+        "paper",
+        "seconds",
+        "mean, interval, median",
+    ):
         assert f"<dt>{name}</dt>" in html
     assert "Images of mine." in html
     assert "seed 7, at most 9 evaluations" in html
     assert "nan" not in _text(html).lower().split()
+
+
+def test_psnr_and_normalised_error(table: Table1, tmp_path: Path) -> None:
+    """The table of the fixture has photographs of two sizes."""
+    several, one_size = _html(table), made(tmp_path / "other", photographs(3), SEEN)
+    html = _html(one_size)
+    for page in (several, html):
+        for name in ("PSNR", "normalised error"):
+            assert f"<dt>{name}</dt>" in page
+    for metric in ("psnr", "normalised_error"):
+        of = one_size.lines()[4].statistics[metric]
+        assert of.low is not None
+        assert of.high is not None
+        assert f"{figure(of.low)} … {figure(of.high)}\nmedian {figure(of.median)}" in html
+    assert table.lines()[4].statistics["normalised_error"].n == 0
+    assert f"N of these 3 photographs is {one_size.mean_distance:.3f}." in html
+    assert "N of these" not in several
+    assert "Not defined for these photographs: it takes at least two that differ, all of one size." in several
 
 
 def test_failures_are_listed_and_counted(table: Table1) -> None:
@@ -117,4 +147,5 @@ def test_terminal(table: Table1) -> None:
     assert rows["dalal-multi-scale"]["n"] == 3
     assert rows["dalal-multi-scale"]["SSIM\npaper"] == 0.293
     assert [*rows][-5:] == ["dalal-multi-scale", "  @1/64", "  @1/16", "  @1/4", "  @1/1"]
-    assert len({tuple(row) for row in rows.values()}) == 1
+    (columns,) = {tuple(row) for row in rows.values()}
+    assert {"PSNR", "normalised error"}.isdisjoint(columns)  # of which the page has room

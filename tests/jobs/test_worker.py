@@ -26,6 +26,8 @@ def test_figures() -> None:
     assert figures["cc"] == figures["abs_cc"] == metrics.cross_correlation(expected, image())
     assert figures["mi"] == metrics.mutual_information(expected, image())
     assert figures["ssim"] == metrics.ssim(expected, image())
+    assert figures["psnr"] == metrics.psnr(expected, image())
+    assert figures["euclidean_distance"] == metrics.euclidean_distance(expected, image())
     assert figures["distance"] == -0.25
     assert abs(result.pictures[0] / 255 - expected.numpy()).max() <= 0.5 / 255 + 1e-6
     assert result.seconds > 0
@@ -35,6 +37,8 @@ def test_figures_that_are_not_defined() -> None:
     result = attempt(job(fakes.UNDEFINED))
     assert isinstance(result, JobResult)
     assert result.figures[0]["distance"] is None
+    assert result.figures[0]["psnr"] is None  # the image itself
+    assert result.figures[0]["euclidean_distance"] == 0
 
 
 def test_the_magnitude_of_cc() -> None:

@@ -77,9 +77,12 @@ def _figures(output: MethodOutput, reference: NDArray[np.float32]) -> Figures:
         "abs_cc": abs(cc),
         "mi": metrics.mutual_information(*pair),
         "ssim": metrics.ssim(*pair),
+        "psnr": metrics.psnr(*pair),
+        "euclidean_distance": metrics.euclidean_distance(*pair),  # normalised in the table, by its photographs
         "distance": output.distance,
     }
-    return {name: value if np.isfinite(value) else None for name, value in figures.items()}  # JSON knows no NaN
+    # JSON knows no NaN and no infinity
+    return {name: value if np.isfinite(value) else None for name, value in figures.items()}
 
 
 def _levels(image: Tensor) -> NDArray[np.uint8]:

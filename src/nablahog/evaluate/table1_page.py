@@ -20,7 +20,16 @@ from .photographs import Photographs
 from .table1 import Line, Table1
 from .tables import RESAMPLES, Statistics, failures_section
 
-HEADINGS = {"cc": "CC", "abs_cc": "|CC|", "mi": "MI", "ssim": "SSIM", "distance": "distance"}
+HEADINGS = {
+    "cc": "CC",
+    "abs_cc": "|CC|",
+    "mi": "MI",
+    "ssim": "SSIM",
+    "psnr": "PSNR",
+    "normalised_error": "normalised error",
+    "distance": "distance",
+}
+TERMINAL = {metric: name for metric, name in HEADINGS.items() if metric not in ("psnr", "normalised_error")}  # fits 80
 LEVEL_IMAGES = 2  # for each method in the figure of the levels
 
 DEFINITIONS = {
@@ -83,14 +92,14 @@ def remarks(left_out: Sequence[Method], learned: Mapping[str, Path], photographs
 
 def terminal_rows(table: Table1) -> list[dict[str, object]]:
     """The means, ours and the paper's, one mapping for each row; a level below its method has the name of its scale."""
-    rows = [_row(line, lambda of: of.mean) for line in table.lines()]
+    rows = [_row(line, lambda of: of.mean, TERMINAL) for line in table.lines()]
     return [{**row, "method": re.sub("^.+@", "  @", str(row["method"]))} for row in rows]
 
 
-def _row(line: Line, figure: Callable[[Statistics], object]) -> dict[str, object]:
-    """A row with ``figure`` of each measure, and the paper's of those that it prints."""
+def _row(line: Line, figure: Callable[[Statistics], object], headings: Mapping[str, str]) -> dict[str, object]:
+    """A row with ``figure`` of each measure of ``headings``, and the paper's of those that it prints."""
     row: dict[str, object] = {"method": line.row, "n": line.statistics["cc"].n}
-    for metric, name in HEADINGS.items():
+    for metric, name in headings.items():
         row[name] = figure(line.statistics[metric])
         if metric in ("cc", "mi", "ssim"):
             row[f"{name}\npaper"] = line.paper[metric]
@@ -117,11 +126,19 @@ def page(table: Table1, settings: Table1Settings, origin: str, remarks: Sequence
         " ".join([f"{LEAD} {origin}{failed}{passed_over}", *remarks]),
         list(_table(table.lines())),
         [failures, _pictures(table), _levels(table)],
-        DEFINITIONS,
+        _definitions(table),
         html.footer(
             "summary.csv and per_image.csv beside this page, the times in times.csv", f", seed {settings.seed}{limit}"
         ),
     )
+
+
+def _definitions(table: Table1) -> dict[str, str]:
+    """:data:`DEFINITIONS`, with N of the run's own photographs."""
+    here = "Not defined for these photographs: it takes at least two that differ, all of one size."
+    if table.mean_distance > 0:
+        here = f"N of these {len(table.photographs.images)} photographs is {table.mean_distance:.3f}."
+    return {**DEFINITIONS, "normalised error": f"{DEFINITIONS['normalised error']} {here}"}
 
 
 def _table(lines: Sequence[Line]) -> Iterator[Mapping[str, object]]:
@@ -130,7 +147,7 @@ def _table(lines: Sequence[Line]) -> Iterator[Mapping[str, object]]:
         if line.group != group:
             group = line.group
             yield {"method": group}
-        yield _row(line, _cell)
+        yield _row(line, _cell, HEADINGS)
 
 
 def _cell(of: Statistics) -> html.Cell | None:

@@ -30,14 +30,17 @@ def test_invert(tmp_path: Path, photo: str, descriptor: str, capsys: pytest.Capt
     results = json.loads((tmp_path / "out" / "results.json").read_text())
     assert [result["input"] for result in results] == [photo, descriptor, photo]
     for result in results:
-        assert {"input", "descriptor", "cc", "mi", "ssim", "distance", "seconds"} <= set(result)
+        assert {"input", "descriptor", "cc", "mi", "ssim", "psnr", "distance", "seconds"} <= set(result)
         assert result["descriptor"] == "uoctti"
         assert result["image_size"] == [36, 48]
         assert 0 < result["distance"] < 1
         assert read_image(tmp_path / "out" / result["preimage"]).shape == (1, 36, 48)
     known, unknown, _ = results
-    assert all(isinstance(known[name], float) for name in ("cc", "mi", "ssim"))
-    assert unknown["cc"] is unknown["mi"] is unknown["ssim"] is None
+    assert all(isinstance(known[name], float) for name in ("cc", "mi", "ssim", "psnr"))
+    assert unknown["cc"] is unknown["mi"] is unknown["ssim"] is unknown["psnr"] is None
+    assert "<dt>PSNR</dt>" in page
+    assert "<dt>normalised error</dt>" not in page  # of which there is none without a set
+    assert "PSNR" not in printed.out  # nor room for it in 80 columns
 
 
 def test_invert_prints_the_list_it_writes(tmp_path: Path, photo: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -52,7 +52,7 @@ def demo(arguments: Namespace) -> None:
                 [source], device=device, seed=arguments.seed, max_evaluations=limit, progress=bar
             )
         _write(folder, photo, inversions)
-    print_table([inversion.row() for inversion in inversions])
+    print_table([inversion.terminal_row() for inversion in inversions])
     say_page(folder / "index.html")
 
 

@@ -76,7 +76,7 @@ def invert(arguments: Namespace) -> int:
     if arguments.json:
         print(figures)
     else:
-        print_table([inversion.row() for inversion in done])
+        print_table([inversion.terminal_row() for inversion in done])
         say_page(folder / "index.html")
     return skipping.status
 

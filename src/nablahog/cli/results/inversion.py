@@ -22,6 +22,12 @@ from ...io.images import write_image
 from ...viz.pictures import Panel, contact_sheet, difference, glyphs
 from ..inputs.sources import Source
 
+MEASURES = {
+    "CC": metrics.cross_correlation,
+    "MI": metrics.mutual_information,
+    "SSIM": metrics.ssim,
+    "PSNR": metrics.psnr,
+}
 BATCH_PIXELS = 2**21  # 32 images of 256x256: results are written after each batch
 
 
@@ -33,8 +39,9 @@ class Inversion:
         source: the input.
         preimage: (H, W), or (3, H, W) in colour, float32 in 0…1, on the CPU.
         reference: the gray photograph (Eq. 1) it is compared with, (H, W) in 0…1; None if it is not known.
-        measures: CC, MI and SSIM of the gray pre-image, and the distance, as :data:`nablahog.metrics.DEFINITIONS` has
-            them; None where the reference is not known, or the measure not defined or not finite.
+        measures: CC, MI, SSIM and PSNR of the gray pre-image, and the distance, as
+            :data:`nablahog.metrics.DEFINITIONS` has them; None where the reference is not known, or the measure not
+            defined or not finite.
         seconds: the source's share of the time of its batch.
         stop_reason: why the minimiser stopped.
         iterates: (iterations + 1, H, W) in 0…1, from the start to the pre-image, if they were asked for.
@@ -70,6 +77,10 @@ class Inversion:
             **self.measures,
             "seconds": self.seconds,
         }
+
+    def terminal_row(self) -> dict[str, object]:
+        """:meth:`row` without PSNR, so that it fits 80 columns."""
+        return {name: value for name, value in self.row().items() if name != "PSNR"}
 
     def panels(self) -> list[Panel]:
         """The pictures to show side by side: photograph and difference only where the photograph is known."""
@@ -201,7 +212,6 @@ def _gray(preimage: Tensor) -> Tensor:
 
 
 def _measures(preimage: Tensor, reference: Tensor | None, distance: float) -> dict[str, float | None]:
-    measures = {"CC": metrics.cross_correlation, "MI": metrics.mutual_information, "SSIM": metrics.ssim}
-    figures = {name: measure(preimage, reference) for name, measure in measures.items() if reference is not None}
+    figures = {name: measure(preimage, reference) for name, measure in MEASURES.items() if reference is not None}
     finite = {name: value for name, value in {**figures, "distance": distance}.items() if math.isfinite(value)}
-    return {name: finite.get(name) for name in (*measures, "distance")}  # JSON knows no NaN
+    return {name: finite.get(name) for name in (*MEASURES, "distance")}  # JSON: no NaN, no infinity

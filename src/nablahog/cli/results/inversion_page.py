@@ -42,7 +42,7 @@ def page(
         f"{lead}{more}",
         [{**inversion.row(), "input": inversion.source.name} for inversion in inversions],
         [*map(_section, shown), skipped_section(skipped)],
-        {**DEFINITIONS, "seconds": SECONDS},
+        {**{name: DEFINITIONS[name] for name in inversions[0].measures}, "seconds": SECONDS},
         f"{html.made()} {remark}",
         first=_first(shown),
     )
