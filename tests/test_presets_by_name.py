@@ -33,7 +33,7 @@ def _prior(spec: Spec, folder: Path) -> object:
     prior = nablahog.train_prior({"noise": torch.rand(96, 96, generator=torch.Generator().manual_seed(0))}, spec)
     tensor = torch.from_numpy(DESCRIPTOR)[None]
     prior.check(spec)
-    return prior.expected(tensor, spec, (64, 48)), prior.reconstruct(tensor, spec, search=FEW).image
+    return prior.expected(tensor, spec, (64, 48)), nablahog.reconstruct(tensor, spec, prior=prior, search=FEW).image
 
 
 CALLS: dict[str, Callable[[Any, Path], object]] = {
@@ -68,7 +68,7 @@ def _arrays(result: object) -> Iterator[object]:
 
 @pytest.mark.parametrize("call", CALLS)
 def test_a_name_is_the_preset_with_its_defaults(call: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("nablahog.invert.training.CROPS", 1)
+    monkeypatch.setattr("nablahog.invert.signed_training.SignedTraining.default_crops", 1)
     by_name, by_spec = (CALLS[call](spec, tmp_path) for spec in ("uoctti", presets.uoctti()))
     assert list(_arrays(by_name)) == list(_arrays(by_spec))
     with pytest.raises(ValueError, match=r"^spec must be a HOGSpec or one of aubry, .*, got 'hog'$"):

@@ -15,7 +15,8 @@ from nablahog.evaluate.photographs import Photographs
 from nablahog.evaluate.reconstruction import ReconstructionJob
 from nablahog.evaluate.table1 import Table1, run_table1
 from nablahog.invert.learned import PriorLearning
-from nablahog.invert.network import Architecture, weight_count
+from nablahog.invert.network import weight_count
+from nablahog.invert.prior_network import Architecture
 from nablahog.jobs.store import Job, JobResult
 from nablahog.jobs.worker import attempt
 

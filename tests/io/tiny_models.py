@@ -13,7 +13,8 @@ from nablahog.invert.baselines.hoggles import HogglesLearning, PairedDictionary
 from nablahog.invert.baselines.nearest import NearestLearning, NearestWindows
 from nablahog.invert.baselines.ridge import RidgeLearning, RidgeRegression
 from nablahog.invert.learned import PriorLearning
-from nablahog.invert.network import Architecture, weight_count
+from nablahog.invert.network import weight_count
+from nablahog.invert.prior_network import Architecture
 from nablahog.io.learned_model import LearnedModel
 from nablahog.pose.whitening import Background
 
@@ -22,8 +23,10 @@ SOURCE: dict[str, Any] = {"images": ("a", "b"), "sha256": "00", "seed": 3}
 
 def prior(spec: HOGSpec | None = None) -> LearnedPrior:
     """Random weights."""
-    spec, architecture = spec or presets.uoctti(8), Architecture((8, 8, 8, 8), (1, 1, 0, 0))
-    weights = 0.2 * torch.randn(weight_count(spec, architecture), generator=torch.Generator().manual_seed(1))
+    spec = spec or presets.uoctti(8)
+    architecture = Architecture((8, 8, 8, 8), (1, 1, 0, 0)) if spec.signed else Architecture((8, 8, 8), (1, 0, 0))
+    scale = 0.2 if spec.signed else 0.05  # so that nothing saturates
+    weights = scale * torch.randn(weight_count(spec, architecture), generator=torch.Generator().manual_seed(1))
     return LearnedPrior(spec, architecture, weights.half(), PriorLearning(**SOURCE, epochs=2, losses=(1.5, 0.1 + 0.2)))
 
 

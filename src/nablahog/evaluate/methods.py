@@ -127,10 +127,12 @@ def _levels(image: Tensor, spec: HOGSpec, more: bool, **options: Any) -> list[Me
     return [levels[-1], *levels]
 
 
-def _learned(
-    image: Tensor, settings: Table1Settings, *, kind: str, spec: HOGSpec, seeded: bool = False
-) -> list[MethodOutput]:
-    return _inverted(_needed(kind, settings).reconstruct, image, spec, **(_options(settings) if seeded else {}))
+def _learned(image: Tensor, settings: Table1Settings, *, kind: str, spec: HOGSpec) -> list[MethodOutput]:
+    return _inverted(_needed(kind, settings).reconstruct, image, spec)
+
+
+def _with_prior(image: Tensor, settings: Table1Settings, *, spec: HOGSpec) -> list[MethodOutput]:
+    return _inverted(reconstruct, image, spec, prior=_needed("prior", settings), **_options(settings))
 
 
 def _bovw(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
@@ -187,7 +189,7 @@ METHODS = {
         Method("triangles", UOCTTI, partial(_triangles, spec=SPEC), SPEC),
         Method("paper-uoctti-single", UOCTTI, partial(_paper_single, spec=SPEC), SPEC, asked=True),
         *_variants("uoctti", UOCTTI, SPEC, _single, _multi_scale, asked=False),
-        Method("uoctti-learned", UOCTTI, partial(_learned, kind="prior", spec=SPEC, seeded=True), SPEC, needs="prior"),
+        Method("uoctti-learned", UOCTTI, partial(_with_prior, spec=SPEC), SPEC, needs="prior"),
         *_variants("paper-dalal", DALAL, presets.paper(), _paper_single, _paper_multi_scale, asked=True),
         *_variants("dalal", DALAL, presets.paper(), _single, _multi_scale, asked=False),
         *(Method(name, LIBRARIES, partial(_single, spec=spec), spec, asked=True) for name, spec in DIALECTS.items()),

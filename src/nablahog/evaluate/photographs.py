@@ -92,4 +92,6 @@ def _prepared(image: Tensor, size: int) -> Tensor:
 
 
 def _name(path: Path, folder: Path) -> str:
-    return os.fsencode(path.relative_to(folder).as_posix()).decode(errors="backslashreplace")  # a name of any bytes fits the tables
+    return os.fsencode(path.relative_to(folder).as_posix()).decode(
+        errors="backslashreplace"
+    )  # a name of any bytes fits the tables

@@ -144,7 +144,7 @@ class LearnedPrior(LearnedModel):
             spec: its dialect, or the name of a preset with its defaults.
 
         Returns:
-            (B,) in 0…1; that of the negatives is the rest to 1.  Always 1 for signed descriptors.
+            (B,) in 0…1; that of the negatives is the rest to 1.  1 for signed descriptors, which know.
 
         Raises:
             TypeError, ValueError: as :meth:`expected`.

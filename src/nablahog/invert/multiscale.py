@@ -13,6 +13,7 @@ from itertools import pairwise
 from typing import Generic
 
 import numpy as np
+import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
@@ -22,6 +23,7 @@ from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from .checks import check_descriptor, descriptors_as_tensor
 from .histograms import recover_histograms
+from .learned import LearnedPrior
 from .method import AsPublished, InversionMethod, as_published, check_default_only
 from .options import Objective, Search
 from .polarity import looks_negative, negated
@@ -94,6 +96,7 @@ def reconstruct_multiscale(
     scales: Sequence[int] = SCALES,
     method: InversionMethod | AsPublished = "default",
     seed: int = 0,
+    prior: LearnedPrior | None = None,
     search: Search = Search(),
     objective: Objective = Objective(),
     progress: Callable[[int, int], None] | None = None,
@@ -113,6 +116,8 @@ def reconstruct_multiscale(
         method: as :func:`.preimage.reconstruct`.  The paper's search begins with noise at the first level, and with the
             enlarged image of the one before at each other, whether signed or not.
         seed: of the noise.
+        prior: as :func:`.preimage.reconstruct`: of a signed descriptor what the last level expects; of an unsigned one
+            what the first does, if all match one descriptor, and which side of the last is bright.
         search: as :func:`.preimage.reconstruct`.  Its evaluations are those of the last level; each level before may
             spend a quarter of them and at most 120, "few iterations".  Its samples are those of a signed descriptor.
             With its polarity the last level decides, for all levels, between the image and its negative.
@@ -138,7 +143,9 @@ def reconstruct_multiscale(
     plan = _plan(targets, one, spec, image_size, scales, search, published)
     start = expected = None
     if published is not None:
-        check_default_only(search=(search, Search()), objective=(objective, Objective()))
+        check_default_only(prior=(prior, None), search=(search, Search()), objective=(objective, Objective()))
+    elif prior is not None and one and not spec.signed:
+        expected = avg_pool2d(prior.expected(targets[0], spec, plan[-1].size), plan[-1].size[0] // plan[0].size[0])
     elif one and (spec.signed or search.region_signs):
         start = _first_start(targets[0], spec, plan[-1].size, plan[0].size, seed)
     levels: list[Level] = []
@@ -154,13 +161,14 @@ def reconstruct_multiscale(
             seed=seed,
             start=start,
             expected=expected,
+            prior=prior if spec.signed and step is plan[-1] else None,
             search=step.search,
             objective=objective,
             progress=_report(progress, plan, number),
         )
         levels.append(Level(step.scale, step.spec, reconstruction))
     if search.polarity and not spec.signed and published is None:
-        levels = _fix_polarity(levels, [step.descriptor for step in plan])
+        levels = _fix_polarity(levels, [step.descriptor for step in plan], prior)
     return [
         Level(level.scale, level.spec, of_the_kind(level.reconstruction, descriptor))
         for level, descriptor in zip(levels, several, strict=True)
@@ -235,14 +243,20 @@ def _report(
     return None if progress is None else lambda done, _: progress(before + done, most)
 
 
-def _fix_polarity(levels: list[Level], descriptors: Sequence[Tensor]) -> list[Level]:
+def _fix_polarity(levels: list[Level], descriptors: Sequence[Tensor], prior: LearnedPrior | None) -> list[Level]:
     """Each image or its negative: the last level, which shows most, decides for all."""
-    negative = looks_negative(levels[-1].reconstruction.image)
+    last, right_way_up = levels[-1].reconstruction.image, None
+    if prior is None:
+        negative = looks_negative(last)
+    else:
+        judged = prior.right_way_up(last, descriptors[-1], levels[-1].spec)
+        negative, right_way_up = judged < 0.5, torch.maximum(judged, 1 - judged)
     fixed = []
     for level, descriptor in zip(levels, descriptors, strict=True):
         image = negated(level.reconstruction.image, negative)
         distance = relative_distance(image, descriptor, level.spec)
-        fixed.append(replace(level, reconstruction=replace(level.reconstruction, image=image, distance=distance)))
+        result = replace(level.reconstruction, image=image, distance=distance, right_way_up=right_way_up)
+        fixed.append(replace(level, reconstruction=result))
     return fixed
 
 

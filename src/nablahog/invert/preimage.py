@@ -17,10 +17,11 @@ from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from .checks import check_descriptor, check_images, descriptors_as_tensor
 from .histograms import recover_histograms, searchable
+from .learned import LearnedPrior
 from .method import AsPublished, InversionMethod, as_published, check_default_only
 from .options import Objective, Search
 from .parameterize import low_pass
-from .polarity import fix_polarity
+from .polarity import looks_negative, negated
 from .priors import Prior, Range, RelativeSmoothness
 from .published import reconstruct_as_published
 from .quality import QualityName, quality_of
@@ -48,6 +49,7 @@ def reconstruct(
     seed: int = 0,
     start: Tensor | ArrayImage | None = None,
     expected: Tensor | ArrayImage | None = None,
+    prior: LearnedPrior | None = None,
     search: Search = Search(),
     objective: Objective = Objective(),
     progress: Callable[[int, int], None] | None = None,
@@ -60,7 +62,7 @@ def reconstruct(
 
     An unsigned descriptor has no such samples: they would differ in the signs of whole regions.  What is expected then
     comes from :mod:`.signs`, and of the image and its negative the one that looks more like a photograph is returned
-    (:mod:`.polarity`).
+    (:mod:`.polarity`).  A learned prior knows both better.
 
     Each image has its own steps and its own stop.  A batch therefore gives what its images alone would give, up to
     rounding, which a long search may amplify.  A batch that needs more than half a GiB (:data:`MEMORY`) is searched in
@@ -75,6 +77,8 @@ def reconstruct(
         seed: of the noise that the search starts from.  The same for every image of the batch.
         start: (B, 1, H, W) in 0…1, images to begin with, of any contrast; by default what the votes integrate to.
         expected: (B, 1, H, W) in 0…1, of any contrast, instead of the samples' mean; no samples are drawn.
+        prior: a network that was learned for such descriptors, and says what is expected; of unsigned ones also which
+            side is bright.
         search: the minimiser, its unknowns and budget, samples, signs and polarity.
         objective: smoothness ξ, closeness λ, and priors.
         progress: called with the evaluations done, by the paper's search the iterations, and the most there can be,
@@ -101,6 +105,7 @@ def reconstruct(
         check_default_only(
             quality=(quality, "best"),
             expected=(expected, None),
+            prior=(prior, None),
             search=(search, Search()),
             objective=(objective, Objective()),
         )
@@ -113,6 +118,10 @@ def reconstruct(
     rooted = dialect.gamma == "sqrt"
     first = check_images("start", start, targets, size, rooted)
     likely = check_images("expected", expected, targets, size, rooted)
+    if prior is not None:
+        if likely is not None:
+            raise ValueError("expected images and a prior contradict each other: give one of them")
+        likely = prior.expected(targets.detach(), dialect, size)
     plan = _plan(spec, quality, seed, search, objective, first is not None, likely is not None)
     targets = targets.detach()
     searches, images = [], []
@@ -121,8 +130,14 @@ def reconstruct(
         own_start, own_expected = (None if batch is None else batch[part] for batch in (first, likely))
         images.append(_preimages(searches[-1], own_start, own_expected, plan))
     image = to_unit_range(torch.cat(images), spec)
-    if search.polarity and not spec.signed:
-        image = fix_polarity(image)
+    right_way_up = None
+    if not spec.signed:
+        if prior is not None:
+            right_way_up = prior.right_way_up(image, targets, dialect)
+        if search.polarity:
+            negative = looks_negative(image) if right_way_up is None else right_way_up < 0.5
+            image = negated(image, negative)
+            right_way_up = None if right_way_up is None else torch.maximum(right_way_up, 1 - right_way_up)
     if rooted:
         image = image.square()
     length = max(len(each.history()) for each in searches)
@@ -133,6 +148,7 @@ def reconstruct(
         torch.cat([each.history(length) for each in searches], dim=1),
         torch.cat([each.evaluations for each in searches]),
         time.perf_counter() - began,
+        right_way_up=right_way_up,
     )
     return of_the_kind(result, descriptor)
 

@@ -26,10 +26,6 @@ _DESCRIPTOR, _VOTES = 5.0, 3.84  # scale entries of a four-block descriptor, and
 
 
 def _check_dialect(spec: HOGSpec) -> None:
-    if not spec.signed:
-        raise ValueError(
-            f"a prior can be learned for signed gradients only: {spec.name} does not tell an image from its negative"
-        )
     footprints = [spec.normalizer.footprint(axis) for axis in (0, 1)]
     if any(along.margin for along in footprints) or not spec.normalizer.keeps_directions:
         raise ValueError(
@@ -115,9 +111,9 @@ class SignedNetwork(PriorNetwork):
     @classmethod
     def check(cls, spec: HOGSpec, architecture: Architecture) -> None:
         _check_dialect(spec)
-        side = spec.cell_size[0]
-        if 2 ** (len(architecture.widths) - 1) != side:
-            raise ValueError(f"{len(architecture.widths)} resolutions do not lead from cells of {side} pixels to pixels")
+        side, resolutions = spec.cell_size[0], len(architecture.widths)
+        if 2 ** (resolutions - 1) != side:
+            raise ValueError(f"{resolutions} resolutions do not lead from cells of {side} pixels to pixels")
 
     def predict(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Prediction:
         """Where the descriptor determines that of the mirrored image, the mean of both predictions."""
@@ -135,4 +131,3 @@ class SignedNetwork(PriorNetwork):
         """Images of about zero mean and unit variance."""
         correction: Tensor = self.out(self.body(self.inp(cells)))
         return self.gain * integral + correction
-

@@ -6,7 +6,6 @@ import random
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-import torch
 from torch import Tensor, nn
 from torch.nn.functional import avg_pool2d, mse_loss
 

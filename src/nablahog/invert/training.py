@@ -84,7 +84,8 @@ def train_prior(
         epochs: passes over the images, in which larger ones give several crops to learn a signed spec from; by default
             as many as give 23,000 crops in all, or 300,000 of an unsigned spec.
         seed: of everything random.
-        architecture: of the network; by default of 5.9 million weights for UoCTTI with cells of 8, 5.3 for unsigned specs.
+        architecture: of the network; by default of 5.9 million weights for UoCTTI with cells of 8, of 5.3 million for
+            unsigned specs.
         checkpoint: a file that is written after each epoch.  If it exists and is of the same training, this training is
             resumed, with the same result.  The file is not removed.  A damaged one is renamed, and the training starts
             afresh.
@@ -107,7 +108,8 @@ def train_prior(
     architecture = architecture or network_class(spec).default_architecture(spec)
     network_class(spec).check(spec, architecture)
     names = check_images(images, (least_side(spec.cell_size[0]),) * 2)
-    training: Training = (SignedTraining if spec.signed else UnsignedTraining)([images[name] for name in names], spec, seed)
+    kind = SignedTraining if spec.signed else UnsignedTraining
+    training: Training = kind([images[name] for name in names], spec, seed)
     steps = training.steps
     if epochs is None:
         epochs = max(1, round(training.default_crops / training.crops))
@@ -115,7 +117,8 @@ def train_prior(
         raise ValueError(f"epochs must be at least 1, got {epochs}")
     with torch.random.fork_rng(devices=[]):  # layers draw from the global generator, which must not change
         torch.manual_seed(seed)
-        network = make_network(spec, architecture).to(device, memory_format=torch.channels_last)
+        network = make_network(spec, architecture).to(device)
+    network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # convolutions take a fifth less time
     optimizer = torch.optim.AdamW(network.parameters(), weight_decay=training.weight_decay)
     digest = digest_of_images(images)
     identity = {

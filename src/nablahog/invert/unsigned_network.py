@@ -12,6 +12,7 @@ Inputs are histograms of any dialect, unsigned, in nine bins, of cells that tile
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
@@ -115,7 +116,7 @@ class _Regions(nn.Module):
 
         self.inp = nn.Conv2d(BINS, widths[0], 3, padding=1)
         self.down, self.up = (nn.ModuleList(blocks(level) for level in range(last + 1)) for _ in range(2))
-        steps = list(zip(widths, widths[1:], strict=False))
+        steps = list(pairwise(widths))
         self.shrink = nn.ModuleList(nn.Conv2d(fine, coarse, 2, stride=2) for fine, coarse in steps)
         self.enlarge = nn.ModuleList(nn.Conv2d(coarse, 4 * fine, 1) for fine, coarse in steps)
         self.whole = _WholeImage(widths[-1])
@@ -133,7 +134,7 @@ class _Regions(nn.Module):
 
 
 class _Judge(nn.Module):
-    """From votes, the regions' images and images (B, 1, 2R, 2C) to be judged to log-odds (B,) that these are no negatives.
+    """From votes, the regions' images, and images (B, 1, 2R, 2C) to log-odds (B,) that the latter are no negatives.
 
     A function of an image minus the same of its negative, so that the one's are those of the other, negated.
     """
@@ -161,9 +162,7 @@ class _Judge(nn.Module):
 
     def forward(self, votes: Tensor, regions: Tensor, images: Tensor) -> Tensor:
         seen, of_regions, of_images = compressed(votes), pixel_unshuffle(regions, FINER), pixel_unshuffle(images, FINER)
-        one, negative = (
-            self.body(torch.cat([seen, of_regions, sign * of_images], dim=1)) for sign in (1.0, -1.0)
-        )
+        one, negative = (self.body(torch.cat([seen, of_regions, sign * of_images], dim=1)) for sign in (1.0, -1.0))
         odds: Tensor = self.out(one - negative)
         return odds.squeeze(1)
 
@@ -209,5 +208,6 @@ class UnsignedNetwork(PriorNetwork):
 
     def log_odds(self, seen: Tensor, regions: Tensor, images: Tensor) -> Tensor:
         images = normalised(images)
-        odds: Tensor = self.judge(seen, regions, images) + self.judge(mirrored_votes(seen), regions.flip(3), images.flip(3))
-        return odds / 2
+        odds: Tensor = self.judge(seen, regions, images)
+        mirrored: Tensor = self.judge(mirrored_votes(seen), regions.flip(3), images.flip(3))
+        return (odds + mirrored) / 2

@@ -85,7 +85,7 @@ class UnsignedTraining:
         """The mean over the windows, of regions and judge."""
         images, regions = batch.images, network.regions(batch.votes)
         apart, negative = ((regions - sign * images).square().mean(dim=(1, 2, 3)) for sign in (1.0, -1.0))
-        loss = (apart + torch.minimum(apart, negative)).mean() / 2
+        loss: Tensor = (apart + torch.minimum(apart, negative)).mean() / 2
         answer = normalised(regions.detach())
         share = torch.rand(len(images), 1, 1, 1, device=images.device)
         share = torch.where(share < 0.5, 0, 2 * share - 1)  # of the true image

@@ -200,7 +200,7 @@ def test_too_small_images(tmp_path: Path, images: str, kind: str, refused: Calla
     [
         ("prior", ["--cell", "32"], "pixels only, got 32x32"),
         ("prior", ["--cell", "8x4"], "pixels only, got 8x4"),
-        ("prior", ["--descriptor", "paper"], "for signed gradients only"),
+        ("prior", ["--descriptor", "aubry"], "directed channels of all cells only"),
         ("background", ["--descriptor", "paper"], "locally normalised descriptors only"),
         ("bovw", ["--size", "20"], "windows of 32x32 pixels"),
     ],
@@ -215,6 +215,7 @@ def test_what_cannot_be_learned(
     ("kind", "options", "message"),
     [
         ("prior", ["--epochs", "0"], "at least 1, got '0'"),
+        ("prior", ["--signs", "both"], "invalid choice: 'both'"),
         ("prior", ["--threads", "100000"], "at most 1024, got '100000'"),
         ("prior", ["--seed", "x"], "got 'x'"),
         ("ridge", ["--seed", "-1"], "-1"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ...pose.options import ORDER
 from . import options
@@ -16,6 +16,7 @@ SIZE = 512
 BOVW_SIZE = 128  # that of the images of Table 1
 MOST_THREADS = 1024
 MOST_ORDER = 100
+PRESET_OF_SIGNS = {"signed": DEFAULT_DESCRIPTOR, "unsigned": "paper"}
 
 
 class Kind(NamedTuple):
@@ -44,8 +45,23 @@ def _prior(command: argparse.ArgumentParser) -> None:
     epochs = "passes over the images (default: as many as take about an hour and a half on one core)"
     options.number(command, "--epochs", epochs)
     options.seed(command)
+    command.add_argument(
+        "--signs",
+        action=_Signs,
+        choices=PRESET_OF_SIGNS,
+        dest=argparse.SUPPRESS,
+        help=f"--preset {' or '.join(PRESET_OF_SIGNS.values())}: a prior for one unsigned descriptor is for all",
+    )
+    options.device_option(command)
     threads = "to compute in (default: one for each core); another number rounds otherwise"
     options.number(command, "--threads", threads, most=MOST_THREADS)
+
+
+class _Signs(argparse.Action):
+    """Chooses the preset."""
+
+    def __call__(self, _: object, namespace: argparse.Namespace, signs: Any, option: str | None = None) -> None:
+        namespace.descriptor = PRESET_OF_SIGNS[signs]
 
 
 def _background(command: argparse.ArgumentParser) -> None:

@@ -19,7 +19,7 @@ from ..inputs.spec import SpecOptions
 from ..results.failures import say_ignored
 from ..terminal import counter, say
 
-OPTIONS = ("seed", "epochs", "fast", "order")  # of the command that are arguments of a learner
+OPTIONS = ("seed", "epochs", "device", "fast", "order")  # of the command that are arguments of a learner
 
 
 def learn(arguments: Namespace) -> None:
@@ -69,7 +69,11 @@ def _photographs(arguments: Namespace, learner: Learner, spec: HOGSpec) -> Photo
     folder, size = arguments.images, arguments.size
     if folder is None and learner.tile is not None:
         return Photographs(sample_training_photographs(arguments.kind))
-    read = sample_photographs(size=size, whole=True) if folder is None else read_folder(Path(folder), size=size, below=True)
+    read = (
+        sample_photographs(size=size, whole=True)
+        if folder is None
+        else read_folder(Path(folder), size=size, below=True)
+    )
     least = learner.least(spec)
     for name, image in list(read.images.items()):
         height, width = image.shape

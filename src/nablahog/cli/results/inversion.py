@@ -191,9 +191,16 @@ def invert_batch(
     if published is not None:
         result = reconstruct(descriptors, spec, image_size, method=published, seed=seed, progress=progress)
     else:
-        method = reconstruct_colour if colour else reconstruct if prior is None else prior.reconstruct
-        search = Search(max_evaluations=max_evaluations)
-        result = method(descriptors, spec, image_size, quality=quality, seed=seed, search=search, progress=progress)
+        options: dict[str, Any] = {
+            "quality": quality,
+            "seed": seed,
+            "search": Search(max_evaluations=max_evaluations),
+            "progress": progress,
+        }
+        if colour:
+            result = reconstruct_colour(descriptors, spec, image_size, **options)
+        else:
+            result = reconstruct(descriptors, spec, image_size, prior=prior, **options)
     inversions = []
     for index, source in enumerate(sources):
         preimage = result.image[index].detach().float().cpu()
