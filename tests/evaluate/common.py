@@ -14,9 +14,9 @@ from nablahog.evaluate.methods import Method, Table1Settings
 from nablahog.evaluate.photographs import Photographs
 from nablahog.evaluate.reconstruction import ReconstructionJob
 from nablahog.evaluate.table1 import Table1, run_table1
-from nablahog.invert.learned import PriorLearning
 from nablahog.invert.network import weight_count
 from nablahog.invert.prior_network import Architecture
+from nablahog.invert.provenance import NetworkLearning
 from nablahog.jobs.store import Job, JobResult
 from nablahog.jobs.worker import attempt
 
@@ -35,7 +35,7 @@ def write_prior(path: Path, spec: HOGSpec, *, images: Sequence[str] = (), value:
     """A prior for cells of 8 that has learned nothing."""
     tiny = Architecture((4, 4, 4, 4), (0, 0, 0, 0))
     weights = torch.full((weight_count(spec, tiny),), value, dtype=torch.float16)
-    learning = PriorLearning(images=tuple(images), sha256="00", seed=0, epochs=1, losses=(1.0,))
+    learning = NetworkLearning(images=tuple(images), sha256="00", seed=0, epochs=1, losses=(1.0,))
     LearnedPrior(spec, tiny, weights, learning).save(path)
     return path
 

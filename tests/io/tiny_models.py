@@ -12,9 +12,9 @@ from nablahog.invert.baselines.bovw import BoVW, BoVWLearning
 from nablahog.invert.baselines.hoggles import HogglesLearning, PairedDictionary
 from nablahog.invert.baselines.nearest import NearestLearning, NearestWindows
 from nablahog.invert.baselines.ridge import RidgeLearning, RidgeRegression
-from nablahog.invert.learned import PriorLearning
 from nablahog.invert.network import weight_count
 from nablahog.invert.prior_network import Architecture
+from nablahog.invert.provenance import NetworkLearning
 from nablahog.io.learned_model import LearnedModel
 from nablahog.pose.whitening import Background
 
@@ -27,7 +27,9 @@ def prior(spec: HOGSpec | None = None) -> LearnedPrior:
     architecture = Architecture((8, 8, 8, 8), (1, 1, 0, 0)) if spec.signed else Architecture((8, 8, 8), (1, 0, 0))
     scale = 0.2 if spec.signed else 0.05  # so that nothing saturates
     weights = scale * torch.randn(weight_count(spec, architecture), generator=torch.Generator().manual_seed(1))
-    return LearnedPrior(spec, architecture, weights.half(), PriorLearning(**SOURCE, epochs=2, losses=(1.5, 0.1 + 0.2)))
+    return LearnedPrior(
+        spec, architecture, weights.half(), NetworkLearning(**SOURCE, epochs=2, losses=(1.5, 0.1 + 0.2))
+    )
 
 
 def hoggles() -> PairedDictionary:

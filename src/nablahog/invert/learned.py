@@ -3,39 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor
-from torch.nn.utils import vector_to_parameters
 
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
-from ..io.learned_model import SPEC, LearnedModel, account, check_tensor, integers, tensor
+from ..io.learned_model import SPEC, LearnedModel, account, integers, tensor
 from .checks import check_descriptor
 from .histograms import searchable
-from .network import make_network, network_class, weight_count
+from .network import make_network, network_class
 from .prior_network import Architecture, PriorNetwork
-from .provenance import Learning
+from .provenance import NetworkLearning
 from .start import at_contrast
 from .unsigned_network import UnsignedNetwork
-
-LARGEST = float(torch.finfo(torch.float16).max)
-
-
-@dataclass(frozen=True, kw_only=True)
-class PriorLearning(Learning):
-    """How a prior was learned.
-
-    Attributes:
-        epochs: passes over the images.
-        losses: the mean loss of each epoch.
-    """
-
-    epochs: int
-    losses: tuple[float, ...]
+from .weights import check_weights, with_weights
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -68,26 +53,21 @@ class LearnedPrior(LearnedModel):
         "widths": integers(),
         "blocks": integers(),
         "weights": tensor(np.float16),
-        "training": account(PriorLearning),
+        "training": account(NetworkLearning),
     }
 
     spec: HOGSpec
     architecture: Architecture
     weights: Tensor
-    learning: PriorLearning
+    learning: NetworkLearning
 
     def __post_init__(self) -> None:
         network_class(self.spec).check(self.spec, self.architecture)
-        shape = (weight_count(self.spec, self.architecture),)
-        check_tensor("weights", self.weights, torch.float16, shape, -LARGEST, LARGEST)
+        check_weights(self.weights, partial(make_network, self.spec, self.architecture))
 
     @property
     def summary(self) -> str:
-        learning = self.learning
-        return (
-            f"{len(learning.images)} images, {learning.epochs} epochs, last loss {learning.losses[-1]:.4f}, "
-            f"{len(self.weights):,} weights"
-        )
+        return f"{self.learning.summary}, {len(self.weights):,} weights"
 
     def _values(self) -> dict[str, Any]:
         widths, blocks = self.architecture.widths, self.architecture.blocks
@@ -159,8 +139,4 @@ class LearnedPrior(LearnedModel):
 
     @cached_property
     def _network(self) -> PriorNetwork:
-        with torch.device("meta"):
-            network = make_network(self.spec, self.architecture)
-        network.to_empty(device="cpu")
-        vector_to_parameters(self.weights.float().cpu(), network.parameters())
-        return network.eval()
+        return with_weights(partial(make_network, self.spec, self.architecture), self.weights)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import torch
+from functools import partial
 
 from ..hog.spec import HOGSpec
 from .prior_network import Architecture, PriorNetwork
 from .signed_network import SignedNetwork
 from .unsigned_network import UnsignedNetwork
+from .weights import count
 
 
 def network_class(spec: HOGSpec) -> type[PriorNetwork]:
@@ -22,5 +23,4 @@ def make_network(spec: HOGSpec, architecture: Architecture) -> PriorNetwork:
 
 def weight_count(spec: HOGSpec, architecture: Architecture) -> int:
     """The number of weights of a network, without allocating them."""
-    with torch.device("meta"):
-        return sum(weight.numel() for weight in make_network(spec, architecture).parameters())
+    return count(partial(make_network, spec, architecture))

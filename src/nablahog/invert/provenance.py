@@ -26,6 +26,24 @@ class Learning:
     seed: int
 
 
+@dataclass(frozen=True, kw_only=True)
+class NetworkLearning(Learning):
+    """How a network was trained.
+
+    Attributes:
+        epochs: passes over the photographs.
+        losses: the mean loss of each epoch.
+    """
+
+    epochs: int
+    losses: tuple[float, ...]
+
+    @property
+    def summary(self) -> str:
+        """In a few words."""
+        return f"{len(self.images)} images, {self.epochs} epochs, last loss {self.losses[-1]:.4f}"
+
+
 def check_images(images: Mapping[str, Tensor], least: tuple[int, int] = (0, 0)) -> list[str]:
     """The names of photographs to learn from, sorted.
 

@@ -62,20 +62,24 @@ def network_inputs(descriptor: Tensor, spec: HOGSpec, height: int, width: int) -
     votes = recover_histograms(descriptor, spec, (height, width), max_evaluations=HISTOGRAM_EVALUATIONS)
     integral = integrate(*mean_gradient(votes, spec, height, width))
     contrast = integral.std(dim=(2, 3), keepdim=True, correction=0).clamp(min=FLAT * spec.value_range)
-    integral = _padded((integral - integral.mean(dim=(2, 3), keepdim=True)) / contrast, height, width, cell)
+    integral = padded((integral - integral.mean(dim=(2, 3), keepdim=True)) / contrast, height, width, cell)
     rows, cols = (n // cell for n in integral.shape[2:])
-    entries = descriptor.permute(0, 3, 1, 2)
-    if spec.normalizer.bounded:
-        entries = entries * _DESCRIPTOR
-    else:  # its scale is arbitrary
-        size = entries.square().mean(dim=(1, 2, 3), keepdim=True).sqrt()
-        entries = entries / torch.where(size > 0, size, 1)
+    entries = scaled_entries(descriptor, spec)
     pixel_votes = torch.asinh(votes / contrast * (_VOTES / cell**2))
-    per_cell = _padded(torch.cat([entries, pixel_votes], dim=1), rows, cols, 1)
+    per_cell = padded(torch.cat([entries, pixel_votes], dim=1), rows, cols, 1)
     return Inputs(torch.cat([per_cell, functional.pixel_unshuffle(integral, cell)], dim=1), integral, votes)
 
 
-def _padded(x: Tensor, height: int, width: int, multiple: int) -> Tensor:
+def scaled_entries(descriptor: Tensor, spec: HOGSpec) -> Tensor:
+    """Entries of descriptors (B, rows, cols, channels) as (B, channels, rows, cols), of a size of about 1."""
+    entries = descriptor.permute(0, 3, 1, 2)
+    if spec.normalizer.bounded:
+        return entries * _DESCRIPTOR
+    size = entries.square().mean(dim=(1, 2, 3), keepdim=True).sqrt()  # else their scale is arbitrary
+    return entries / torch.where(size > 0, size, 1)
+
+
+def padded(x: Tensor, height: int, width: int, multiple: int) -> Tensor:
     """``x`` padded by its last rows and columns to the next multiples of ``multiple`` from ``height`` and ``width``."""
     bottom, right = (-(-n // multiple) * multiple - size for n, size in zip((height, width), x.shape[2:], strict=True))
     return functional.pad(x, (0, right, 0, bottom), mode="replicate") if bottom or right else x

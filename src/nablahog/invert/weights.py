@@ -1,0 +1,40 @@
+"""The weights of a network as one row of numbers, as files hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import TypeVar
+
+import torch
+from torch import Tensor, nn
+from torch.nn.utils import vector_to_parameters
+
+from ..io.learned_model import check_tensor
+
+LARGEST = float(torch.finfo(torch.float16).max)
+Network = TypeVar("Network", bound=nn.Module)
+
+
+def flat(tensors: Iterable[Tensor]) -> Tensor:
+    """All their entries in order, (n,), on the CPU."""
+    return torch.cat([tensor.detach().flatten() for tensor in tensors]).cpu()
+
+
+def count(make: Callable[[], nn.Module]) -> int:
+    """The number of weights of the network that ``make`` makes, without allocating them."""
+    with torch.device("meta"):
+        return sum(weight.numel() for weight in make().parameters())
+
+
+def check_weights(weights: Tensor, make: Callable[[], nn.Module]) -> None:
+    """Raises ValueError unless these are all weights of such a network, (n,), float16, finite."""
+    check_tensor("weights", weights, torch.float16, (count(make),), -LARGEST, LARGEST)
+
+
+def with_weights(make: Callable[[], Network], weights: Tensor) -> Network:
+    """The network that ``make`` makes, with weights (n,), in float32 on the CPU, for evaluation."""
+    with torch.device("meta"):
+        network = make()
+    network.to_empty(device="cpu")
+    vector_to_parameters(weights.float().cpu(), network.parameters())
+    return network.eval()
