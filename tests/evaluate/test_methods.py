@@ -12,9 +12,10 @@ import torch
 from nablahog import hog
 from nablahog.evaluate.learned import SPEC, load
 from nablahog.evaluate.methods import METHODS, Method, Table1Settings, choose
-from nablahog.evaluate.names import BASELINES, DIALECTS, GROUPS, LIBRARIES, PUBLISHED, TABLE1, TABLE2
+from nablahog.evaluate.names import BASELINES, DIALECTS, GROUPS, LIBRARIES, PUBLISHED, TABLE1, TABLE2, TAKES_HOURS
 from nablahog.evaluate.pose_methods import POSE_METHODS
 
+from ..io import tiny_models
 from .common import image, photographs, write_prior
 
 FAST = Table1Settings(max_evaluations=8)
@@ -53,6 +54,9 @@ def test_a_method(name: str, tmp_path: Path, learned_files: dict[str, str]) -> N
     sent: Method = pickle.loads(pickle.dumps(method))  # as it reaches the workers
     learned = {kind: Path(path) for kind, path in learned_files.items()}
     learned["prior"] = write_prior(tmp_path / "prior.npz", SPEC)
+    for kind in {"upconv", "dalal-upconv"} & {name}:
+        learned[kind] = tmp_path / f"{kind}.npz"
+        tiny_models.upconv(method.spec).save(learned[kind])
     result = sent.run(original[None, None], replace(FAST, learned=learned))
     assert len(result) == len(method.rows)
     for one in result:
@@ -91,8 +95,9 @@ def test_what_can_be_asked_for_is_what_there_is() -> None:
 
 def test_choosing() -> None:
     every, learned = [method for method in METHODS.values() if not method.asked], METHODS["uoctti-learned"]
-    assert choose(None, ["prior"]) == (every, [])
-    assert choose(None, []) == ([method for method in every if method is not learned], [learned])
+    lacking = [METHODS[name] for name in ("upconv", "uoctti-learned", "dalal-upconv")]
+    assert choose(None, list(TAKES_HOURS)) == (every, [])
+    assert choose(None, []) == ([method for method in every if method not in lacking], lacking)
     two = ["dalal-single", "uoctti-single"]
     assert choose(two, []) == ([METHODS[name] for name in reversed(two)], [])
     assert choose(["uoctti-learned"], ["prior"]) == ([learned], [])
@@ -100,6 +105,8 @@ def test_choosing() -> None:
     assert all(METHODS[name].asked for name in DIALECTS)
     with pytest.raises(ValueError, match="uoctti-learned needs --prior FILE"):
         choose([*two, "uoctti-learned"], [])
+    with pytest.raises(ValueError, match="dalal-upconv needs --dalal-upconv FILE, see `nablahog learn upconv --preset"):
+        choose(["dalal-upconv", "upconv"], ["upconv"])
     with pytest.raises(ValueError, match="none of the methods asked for uses --prior; these do: uoctti-learned"):
         choose(two, ["prior"])
 

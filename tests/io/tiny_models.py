@@ -12,9 +12,12 @@ from nablahog.invert.baselines.bovw import BoVW, BoVWLearning
 from nablahog.invert.baselines.hoggles import HogglesLearning, PairedDictionary
 from nablahog.invert.baselines.nearest import NearestLearning, NearestWindows
 from nablahog.invert.baselines.ridge import RidgeLearning, RidgeRegression
+from nablahog.invert.baselines.upconv import Upconv
+from nablahog.invert.baselines.upconv_network import UpconvNetwork
 from nablahog.invert.network import weight_count
 from nablahog.invert.prior_network import Architecture
 from nablahog.invert.provenance import NetworkLearning
+from nablahog.invert.weights import count
 from nablahog.io.learned_model import LearnedModel
 from nablahog.pose.whitening import Background
 
@@ -62,6 +65,15 @@ def nearest() -> NearestWindows:
     return NearestWindows(presets.uoctti((4, 3), orientations=3), images, NearestLearning(**SOURCE, windows=9))
 
 
+def upconv(spec: HOGSpec | None = None) -> Upconv:
+    """Random weights."""
+    spec = spec or presets.uoctti(8)
+    widths = (8, 4, 4, 2)
+    number = count(lambda: UpconvNetwork(spec, widths))
+    weights = 0.2 * torch.randn(number, generator=torch.Generator().manual_seed(1))
+    return Upconv(spec, widths, weights.half(), NetworkLearning(**SOURCE, epochs=2, losses=(1.5, 0.1 + 0.2)))
+
+
 def background() -> Background:
     """Of one offset."""
     spec = presets.aubry(5, orientations=3)
@@ -70,5 +82,5 @@ def background() -> Background:
 
 
 def models() -> dict[str, LearnedModel]:
-    makers = (prior, background, hoggles, bovw, ridge, nearest)
+    makers = (prior, background, hoggles, bovw, ridge, nearest, upconv)
     return {maker.__name__: maker() for maker in makers}

@@ -19,6 +19,9 @@ from ..invert.baselines.hoggles import PairedDictionary, patch_size
 from ..invert.baselines.hoggles_learning import learn_hoggles
 from ..invert.baselines.nearest import NearestWindows, learn_nearest
 from ..invert.baselines.ridge import RidgeRegression, learn_ridge
+from ..invert.baselines.upconv import Upconv
+from ..invert.baselines.upconv_learning import learn_upconv
+from ..invert.baselines.upconv_network import default_widths
 from ..invert.baselines.windows import check_cells
 from ..invert.crops import least_side
 from ..invert.network import network_class
@@ -45,7 +48,6 @@ class Learner:
         check: raises ValueError for a spec that it cannot be learned for.
         least: (height, width) of the smallest image that can be learned from.
         resumes: whether an interrupted learning is resumed from its checkpoint.
-        takes_hours: whether it is learned only if asked for.
         tile: pixels of the side of all images to learn from; None if their size is free.
     """
 
@@ -54,7 +56,6 @@ class Learner:
     check: Callable[[HOGSpec], object] = lambda spec: None
     least: Callable[[HOGSpec], tuple[int, int]] = lambda spec: spec.cell_size
     resumes: bool = False
-    takes_hours: bool = False
     tile: int | None = None
 
     def learn_to(
@@ -78,6 +79,13 @@ def _learn_bovw(images: Mapping[str, Tensor], spec: HOGSpec, **options: Any) -> 
     return learn_bovw(images, **options)
 
 
+_UPCONV = Learner(
+    Upconv,
+    learn_upconv,
+    default_widths,
+    lambda spec: (least_side(spec.cell_size[0]),) * 2,
+    resumes=True,
+)
 LEARNED = {
     "prior": Learner(
         LearnedPrior,
@@ -85,14 +93,15 @@ LEARNED = {
         lambda spec: network_class(spec).default_architecture(spec),
         lambda spec: (least_side(spec.cell_size[0]),) * 2,
         resumes=True,
-        takes_hours=True,
     ),
     "hoggles": Learner(PairedDictionary, learn_hoggles, check_cells, patch_size, resumes=True),
     "bovw": Learner(BoVW, _learn_bovw, least=lambda spec: (1, 1), tile=128),
     "ridge": Learner(RidgeRegression, learn_ridge, check_cells),
     "nearest": Learner(NearestWindows, learn_nearest, check_cells),
+    "upconv": _UPCONV,
+    "dalal-upconv": _UPCONV,
 }
-"""By name, which is also that of the option for its file, and of what ``nablahog learn`` learns."""
+"""By the name of the option for its file; those of :data:`.TAKES_HOURS` are not learned unless asked for."""
 
 
 def load(kind: str, path: Path) -> Any:

@@ -16,8 +16,8 @@ from ..invert.baselines.cnn_hog import CNNHOG
 from ..invert.baselines.triangles import TRIANGLES, reconstruct_by_triangles
 from ..invert.multiscale import SCALES, level_spec
 from ..invert.start import enlarge
-from .learned import LEARNED, SPEC, load
-from .names import DALAL, DIALECTS, LIBRARIES, NO_HOG, UOCTTI
+from .learned import SPEC, load
+from .names import DALAL, DIALECTS, LIBRARIES, NO_HOG, TAKES_HOURS, UOCTTI
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def _bovw(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
 
 def _needed(kind: str, settings: Table1Settings) -> Any:
     if kind not in settings.learned:
-        raise ValueError(f"this method needs what `nablahog learn {kind}` learns")
+        raise ValueError(f"this method needs what `nablahog learn {TAKES_HOURS.get(kind, kind)}` learns")
     return load(kind, settings.learned[kind])
 
 
@@ -177,6 +177,7 @@ def _variants(
     ]
 
 
+_DALAL = presets.paper()
 METHODS = {
     method.name: method
     for method in (
@@ -186,12 +187,16 @@ METHODS = {
         Method("cnn-hogb", UOCTTI, partial(_cnn_hog, bilinear=True)),
         Method("ridge", UOCTTI, partial(_learned, kind="ridge", spec=SPEC), SPEC, needs="ridge"),
         Method("nearest", UOCTTI, partial(_learned, kind="nearest", spec=SPEC), SPEC, needs="nearest"),
+        Method("upconv", UOCTTI, partial(_learned, kind="upconv", spec=SPEC), SPEC, needs="upconv"),
         Method("triangles", UOCTTI, partial(_triangles, spec=SPEC), SPEC),
         Method("paper-uoctti-single", UOCTTI, partial(_paper_single, spec=SPEC), SPEC, asked=True),
         *_variants("uoctti", UOCTTI, SPEC, _single, _multi_scale, asked=False),
         Method("uoctti-learned", UOCTTI, partial(_with_prior, spec=SPEC), SPEC, needs="prior"),
-        *_variants("paper-dalal", DALAL, presets.paper(), _paper_single, _paper_multi_scale, asked=True),
-        *_variants("dalal", DALAL, presets.paper(), _single, _multi_scale, asked=False),
+        Method(
+            "dalal-upconv", DALAL, partial(_learned, kind="dalal-upconv", spec=_DALAL), _DALAL, needs="dalal-upconv"
+        ),
+        *_variants("paper-dalal", DALAL, _DALAL, _paper_single, _paper_multi_scale, asked=True),
+        *_variants("dalal", DALAL, _DALAL, _single, _multi_scale, asked=False),
         *(Method(name, LIBRARIES, partial(_single, spec=spec), spec, asked=True) for name, spec in DIALECTS.items()),
     )
 }
@@ -205,7 +210,7 @@ def choose(names: Sequence[str] | None, given: Collection[str]) -> tuple[list[Me
 
     Args:
         names: of the methods to run; None for all that can run, except those that run only if asked for by name.
-        given: kinds of :data:`.LEARNED` that there are files of.
+        given: names of :data:`.LEARNED` that there are files of.
 
     Raises:
         ValueError: a method in ``names`` lacks a file, or no method uses one of the files given.
@@ -215,10 +220,8 @@ def choose(names: Sequence[str] | None, given: Collection[str]) -> tuple[list[Me
         if all(method.needs != kind for method in methods):
             of = ", ".join(method.name for method in METHODS.values() if method.needs == kind)
             raise ValueError(f"none of the methods asked for uses --{kind}; these do: {of}")
-    lacking = [
-        method for method in methods if method.needs and method.needs not in given and LEARNED[method.needs].takes_hours
-    ]
+    lacking = [method for method in methods if method.needs in TAKES_HOURS and method.needs not in given]
     if names is not None and lacking:
-        needed = lacking[0].needs
-        raise ValueError(f"{lacking[0].name} needs --{needed} FILE, see `nablahog learn {needed}`")
+        needed = str(lacking[0].needs)
+        raise ValueError(f"{lacking[0].name} needs --{needed} FILE, see `nablahog learn {TAKES_HOURS[needed]}`")
     return [method for method in methods if method not in lacking], lacking

@@ -46,12 +46,14 @@ TABLE1 = (
     "cnn-hogb",
     "ridge",
     "nearest",
+    "upconv",
     "triangles",
     "paper-uoctti-single",
     "uoctti-single",
     "uoctti-multi-scale",
     "uoctti-multi-scale-more",
     "uoctti-learned",
+    "dalal-upconv",
     "paper-dalal-single",
     "paper-dalal-multi-scale",
     "paper-dalal-multi-scale-more",
@@ -60,6 +62,9 @@ TABLE1 = (
     "dalal-multi-scale-more",
     *DIALECTS,
 )
+TAKES_HOURS = {"prior": "prior", "upconv": "upconv", "dalal-upconv": "upconv --preset paper"}
+"""Files that methods of Table 1 run only with, since they take hours to learn, and the `nablahog learn` that does."""
+
 TABLE2 = ("exemplar", "exhaustive", "paper", "paper-edges", "best")
 
 

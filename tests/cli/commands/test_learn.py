@@ -43,6 +43,7 @@ OPTIONS = {
     "bovw": ["--seed", "3"],
     "ridge": [*CELL, "--seed", "3"],
     "nearest": [*CELL, "--seed", "3"],
+    "upconv": [*CELL, "--seed", "3", "--epochs", "2", "--threads", "1"],
 }
 SUMMARIES = {
     "prior": r"Prior in OUT: 3 images, 2 epochs, last loss \d\.\d{4}, [\d,]+ weights",
@@ -51,23 +52,35 @@ SUMMARIES = {
     "bovw": r"Vocabulary in OUT: \d words, 3 images",
     "ridge": r"Regression in OUT: [\d,]+ weights, 3 images",
     "nearest": "Database in OUT: 3 images",
+    "upconv": r"Network in OUT: 3 images, 2 epochs, last loss \d\.\d{4}, [\d,]+ weights",
 }
-LEAST = {"prior": "32x32", "background": "24x24", "hoggles": "28x28"}  # pixels of an image, for cells of 4
+LEAST = {
+    "prior": "32x32",
+    "background": "24x24",
+    "hoggles": "28x28",
+    "upconv": "32x32",
+}  # pixels of an image, for cells of 4
+
+FEW: dict[str, dict[str, Any]] = {
+    "hoggles": {"atoms": 20, "iterations": 7},
+    "bovw": {"words": 3},
+    "upconv": {"widths": (8, 4, 2)},
+}  # of cells of 4
 
 every_kind = pytest.mark.parametrize("kind", KINDS)
 
 
 @pytest.fixture(autouse=True)
 def _small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Dictionaries of a few atoms with a checkpoint every second iteration, and vocabularies of a few words."""
+    """Dictionaries of a few atoms with a checkpoint every second iteration, few words and narrow networks."""
     monkeypatch.setattr(hoggles_learning, "REPORTED", 2)
-    for kind, few in (("hoggles", {"atoms": 20, "iterations": 7}), ("bovw", {"words": 3})):
+    for kind, few in FEW.items():
         learner = LEARNED[kind]
         monkeypatch.setitem(LEARNED, kind, replace(learner, learn=partial(learner.learn, **few)))
 
 
 def test_every_kind_has_arguments_and_a_learner() -> None:
-    assert set(KINDS) == {*LEARNED, "background"}
+    assert set(KINDS) == {*LEARNED, "background"} - {"dalal-upconv"}  # learned as upconv, of another descriptor
 
 
 @every_kind
@@ -149,10 +162,11 @@ def test_the_photographs_of_scikit_image(tmp_path: Path, monkeypatch: pytest.Mon
         shapes[kind] = {name: tuple(image.shape) for name, image in images.items()}
         raise KeyboardInterrupt
 
-    for kind in LEARNED:
+    kinds = {*LEARNED} & {*KINDS}
+    for kind in kinds:
         monkeypatch.setitem(LEARNED, kind, replace(LEARNED[kind], learn=partial(stop, kind=kind)))
         assert main(["learn", kind, "-o", str(tmp_path / "p.npz"), "--size", "100"]) == 130
-    for kind in {*LEARNED} - {"bovw"}:
+    for kind in kinds - {"bovw"}:
         assert len(shapes[kind]) == 8
         assert shapes[kind]["coffee"] == (67, 100)  # whole
     assert set(shapes["bovw"].values()) == {(128, 128)}
@@ -181,6 +195,7 @@ def test_bad_inputs(tmp_path: Path, images: str, kind: str, refused: Callable[..
 
 SMALL = {
     "prior": (["--size", "20"], "0.png: expected at least 32x32 pixels, got 17x20"),
+    "upconv": (["--cell", "16"], "0.png: expected at least 64x64 pixels, got 40x48"),
     "background": ([], "0.png: expected at least 96x96 pixels, got 40x48"),
     "hoggles": ([], "0.png: expected at least 56x56 pixels, got 40x48"),
     "ridge": (["--cell", "64"], "0.png: expected at least 64x64 pixels, got 40x48"),
@@ -201,6 +216,8 @@ def test_too_small_images(tmp_path: Path, images: str, kind: str, refused: Calla
         ("prior", ["--cell", "32"], "pixels only, got 32x32"),
         ("prior", ["--cell", "8x4"], "pixels only, got 8x4"),
         ("prior", ["--descriptor", "aubry"], "directed channels of all cells only"),
+        ("upconv", ["--cell", "32"], "pixels only, got 32x32"),
+        ("upconv", ["--descriptor", "opencv"], "descriptors of single cells only"),
         ("background", ["--descriptor", "paper"], "locally normalised descriptors only"),
         ("bovw", ["--size", "20"], "windows of 32x32 pixels"),
     ],
@@ -215,6 +232,7 @@ def test_what_cannot_be_learned(
     ("kind", "options", "message"),
     [
         ("prior", ["--epochs", "0"], "at least 1, got '0'"),
+        ("upconv", ["--epochs", "0"], "at least 1, got '0'"),
         ("prior", ["--signs", "both"], "invalid choice: 'both'"),
         ("prior", ["--threads", "100000"], "at most 1024, got '100000'"),
         ("prior", ["--seed", "x"], "got 'x'"),
@@ -237,6 +255,7 @@ def test_no_kind(refused: Callable[..., None]) -> None:
 RESUMED = {
     "prior": (["--epochs", "3"], 2, "losses", "training"),
     "hoggles": (CELL, 5, "objective", "dictionary pair"),
+    "upconv": ([*CELL, "--epochs", "3"], 2, "losses", "training"),
 }  # options, steps before the interruption, an array of the checkpoint, what it is of
 
 

@@ -137,3 +137,29 @@ def test_a_damaged_checkpoint_in_the_folder_for_caches(
     assert learned.learned_from_samples("hoggles", lambda done, total, what: None) == path
     assert names(cache) == [path.name, f"{path.name}.checkpoint.damaged"]
     assert "starts afresh" in caplog.text
+
+
+@pytest.mark.usefixtures("here")
+def test_networks_of_two_descriptors(
+    tmp_path: Path, images: str, refused: Callable[..., None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Learned and used from the command; a row runs with its own file only."""
+    presets = [("upconv", "uoctti"), ("dalal-upconv", "paper")]
+    files = {name: str(tmp_path / f"{name}.npz") for name, _ in presets}
+    for name, preset in presets:
+        small = ["--epochs", "1", "--size", "40"]
+        assert main(["learn", "upconv", "--images", images, "-o", files[name], "--preset", preset, *small]) == 0
+    table, out = ["table1", "--images", images, "--limit", "1"], tmp_path / "out"
+    both = [option for name, file in files.items() for option in (f"--{name}", file)]
+    capsys.readouterr()
+    assert main([*table, "-o", str(out), "--methods", "upconv,dalal-upconv", *both]) == 0
+    printed = capsys.readouterr().out
+    rows = [line.split(",")[:2] for line in (out / "per_image.csv").read_text().splitlines()[1:]]
+    assert rows == [["upconv", "0.png"], ["dalal-upconv", "0.png"]]
+    assert "The dalal-upconv file was learned from images of the same names as 1 of these" in printed
+    to = ["-o", str(tmp_path / "other")]
+    refused(*table, *to, "--methods", "dalal-upconv", "--upconv", files["upconv"], message="uses --upconv; these do: ")
+    message = "dalal-upconv: the network was learned for another spec: its value_range is 255.0"
+    refused(*table, *to, "--dalal-upconv", files["upconv"], message=message)
+    message = "dalal-upconv needs --dalal-upconv FILE, see `nablahog learn upconv --preset paper`"
+    refused(*table, *to, "--methods", "dalal-upconv", message=message)

@@ -41,10 +41,17 @@ class Kind(NamedTuple):
     size: int = SIZE
 
 
-def _prior(command: argparse.ArgumentParser) -> None:
+def _network(command: argparse.ArgumentParser) -> None:
     epochs = "passes over the images (default: as many as take about an hour and a half on one core)"
     options.number(command, "--epochs", epochs)
     options.seed(command)
+    options.device_option(command)
+    threads = "to compute in (default: one for each core); another number rounds otherwise"
+    options.number(command, "--threads", threads, most=MOST_THREADS)
+
+
+def _prior(command: argparse.ArgumentParser) -> None:
+    _network(command)
     command.add_argument(
         "--signs",
         action=_Signs,
@@ -52,9 +59,6 @@ def _prior(command: argparse.ArgumentParser) -> None:
         dest=argparse.SUPPRESS,
         help=f"--preset {' or '.join(PRESET_OF_SIGNS.values())}: a prior for one unsigned descriptor is for all",
     )
-    options.device_option(command)
-    threads = "to compute in (default: one for each core); another number rounds otherwise"
-    options.number(command, "--threads", threads, most=MOST_THREADS)
 
 
 class _Signs(argparse.Action):
@@ -75,12 +79,13 @@ def _hoggles(command: argparse.ArgumentParser) -> None:
 
 
 _RESUMED = "an interrupted run is resumed from it when it is repeated, and it is removed at the end."
+_EPOCHS_SAVED = f"The state after each epoch is saved in FILE.npz.checkpoint; {_RESUMED}"
 
 KINDS = {
     "prior": Kind(
         "the images to expect for a descriptor, for --prior",
-        "Trains a network to predict an image from its descriptor: near the mean of all photographs that have it. The "
-        f"state after each epoch is saved in FILE.npz.checkpoint; {_RESUMED}",
+        "Trains a network to predict an image from its descriptor: near the mean of all photographs that have it. "
+        f"{_EPOCHS_SAVED}",
         "the prior, for `nablahog invert --prior` and `nablahog table1 --prior`",
         _prior,
     ),
@@ -119,6 +124,13 @@ KINDS = {
         "Stores photographs. Each patch of an image is then the mean of the patches under the most similar windows of "
         "their descriptors.",
         "the database",
+    ),
+    "upconv": Kind(
+        "an up-convolutional network, for `nablahog table1 --upconv`; of --preset paper, for --dalal-upconv",
+        "Trains a network of convolutions and up-convolutions to give the image of a descriptor, as Dosovitskiy and "
+        f"Brox do. {_EPOCHS_SAVED}",
+        "the network",
+        _network,
     ),
 }
 """By name: what ``nablahog learn`` learns from photographs."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 
-from ...evaluate.names import AS_PUBLISHED, DIALECTS, TABLE1, TABLE2
+from ...evaluate.names import AS_PUBLISHED, DIALECTS, TABLE1, TABLE2, TAKES_HOURS
 from . import options
 from .learn import KINDS
 from .options import Parser
@@ -16,13 +16,12 @@ SCENES = 200  # of Table 2
 
 def _table1_methods() -> Iterator[str]:
     """A line for each method of Table 1: its name, its input, and when it runs."""
-    from ...evaluate.learned import LEARNED  # these load PyTorch
-    from ...evaluate.methods import METHODS
+    from ...evaluate.methods import METHODS  # loads PyTorch
 
     for name, method in METHODS.items():
         when = "with --methods only" if method.asked else "runs"
         if method.needs:
-            hours = LEARNED[method.needs].takes_hours
+            hours = method.needs in TAKES_HOURS
             when = f"with --{method.needs} FILE only" if hours else f"runs; learns {method.needs} the first time"
         yield f"{name:30} {method.group:24} {when}"
 
@@ -50,10 +49,17 @@ def table1(commands: argparse._SubParsersAction[Parser]) -> None:
     options.size(command, TABLE1_SIZE)
     options.minimiser(command)
     options.prior(command, "needed by, and only by, uoctti-learned")
-    for kind in (method for method in TABLE1 if method in KINDS):
-        text = f"a file that `nablahog learn {kind}` wrote, for the method {kind}"
-        default = "default: learned once from photographs that come with scikit-image"
-        command.add_argument(f"--{kind}", type=options.path, metavar="FILE", help=f"{text} ({default})")
+    for method in TABLE1:
+        if method in KINDS or method in TAKES_HOURS:
+            _model_file(command, method)
+
+
+def _model_file(command: argparse.ArgumentParser, method: str) -> None:
+    """Adds the option for the file that a method of Table 1 needs, which has the method's name."""
+    text = f"a file that `nablahog learn {TAKES_HOURS.get(method, method)}` wrote, for the method {method}"
+    if method not in TAKES_HOURS:
+        text += " (default: learned once from photographs that come with scikit-image)"
+    command.add_argument(f"--{method}", dest=method, type=options.path, metavar="FILE", help=text)
 
 
 def table2(commands: argparse._SubParsersAction[Parser]) -> None:

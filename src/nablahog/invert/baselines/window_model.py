@@ -1,4 +1,4 @@
-"""The inversion that HOGgles, ridge regression and nearest neighbours share: each window gives a patch of the image."""
+"""The inversion that the learned baselines share: what is around a place of the descriptor gives the image there."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..reconstruction import Reconstruction, relative_distance
 
 
 class WindowModel(LearnedModel):
-    """A model for one dialect, ``spec``, that inverts descriptors window by window.  Nothing of it is random."""
+    """A model for one dialect, ``spec``, that inverts descriptors without a search.  Nothing of it is random."""
 
     spec: HOGSpec
 
@@ -35,7 +35,8 @@ class WindowModel(LearnedModel):
     ) -> Reconstruction:
         """Images from descriptors, the interface of :func:`nablahog.reconstruct`.
 
-        Each image is stretched so that its darkest pixel is 0 and its brightest 1; one without contrast is 0.5.
+        A model that does not know brightness and contrast stretches each image so that its darkest pixel is 0 and its
+        brightest 1; one without contrast is 0.5.
 
         Args:
             descriptor: (B, rows, cols, channels), float32 or float64, on any device; computed in float32 on the CPU.
