@@ -5,9 +5,10 @@ Of the kind of Dosovitskiy and Brox, *Inverting Visual Representations with Conv
 that each cell knows of distant ones, and up-convolutions, each twice as fine with half the channels, enlarge it to the
 image; leaky ReLUs of slope 0.2.
 
-Different here: gray images, not colour; sizes to train on a CPU, 4.2 million weights for UoCTTI with cells of 8, which
-shrink the cells by 4; a second stream of convolutions that does not shrink them, beside the first; and a channel that
-tells the scale of descriptors which are not normalised to a fixed one.
+Different here: gray images, not colour; sizes to train on a CPU, 4.2 million weights for UoCTTI with cells of 8; and a
+channel that tells the scale of descriptors which are not normalised to a fixed one.  The number of layers is our own
+choice, too: one stream of convolutions shrinks the cells by 4 and enlarges them again, another keeps their resolution,
+and both go into the up-convolutions to pixels.
 """
 
 from __future__ import annotations
