@@ -132,8 +132,9 @@ def test_learning_says_for_which_presets_it_is(
     tmp_path: Path, square: str, refused: Callable[..., None], name: str
 ) -> None:
     learn = ["--images", str(Path(square).parent), "-o", str(tmp_path / "x.npz"), "--preset", name]
-    refused("learn", "prior", *learn, message=f"{name}")
-    refused("learn", "prior", *learn, message="a prior can be learned for")
+    if name != "skimage":  # unsigned
+        refused("learn", "prior", *learn, message=f"{name}")
+        refused("learn", "prior", *learn, message="a prior can be learned for")
     refused("learn", "ridge", *learn, "--set", "a=b", message=f"--set: {name} has no parameter 'a', but")
 
 
