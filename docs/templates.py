@@ -12,7 +12,9 @@ import numpy as np
 import torch
 
 from nablahog import presets, reconstruct
+from nablahog.cli.commands.invert_template import SMOOTHNESS
 from nablahog.hog.layout import from_layout
+from nablahog.invert import Objective
 from nablahog.invert.template import template_descriptor
 from nablahog.viz.pictures import Panel, contact_sheet, glyphs
 
@@ -23,16 +25,18 @@ DETECTORS = {
 
 
 def main() -> None:
-    row = []
+    panels = []
     for name, (window, weights_of) in DETECTORS.items():
         spec, size = presets.opencv(window), window[::-1]
         vector = torch.from_numpy(np.asarray(weights_of(), np.float32).ravel()[:-1])  # the last is the bias
         weights = from_layout(vector[None], spec, size)
         for sign, negative in (("positive", False), ("negative", True)):
-            result = reconstruct(template_descriptor(weights, spec, size, negative=negative), spec, size)
+            descriptor = template_descriptor(weights, spec, size, negative=negative)
+            result = reconstruct(descriptor, spec, size, objective=Objective(smoothness=SMOOTHNESS))
             drawn = glyphs((weights[0] * (-1 if negative else 1)).clamp(min=0), spec)
-            row += [Panel(drawn, f"{name}, {sign}"), Panel(result.image[0, 0], "what they see")]
-    contact_sheet([row], height=256).convert("L").save(Path(__file__).with_name("templates.png"), optimize=True)
+            row = [Panel(drawn, f"{name}, {sign}"), Panel(result.image[0, 0], "what they see")]
+            panels += [*row, Panel(1 - result.image[0, 0], "or its negative")]
+    contact_sheet([panels], height=256).convert("L").save(Path(__file__).with_name("templates.png"), optimize=True)
 
 
 if __name__ == "__main__":

@@ -10,10 +10,21 @@ import pytest
 import torch
 
 from nablahog import hog
-from nablahog.evaluate.learned import SPEC, load
+from nablahog.evaluate.learned import SPEC, load, shipped_files
 from nablahog.evaluate.methods import METHODS, Method, Table1Settings, choose
-from nablahog.evaluate.names import BASELINES, DIALECTS, GROUPS, LIBRARIES, PUBLISHED, TABLE1, TABLE2, TAKES_HOURS
+from nablahog.evaluate.names import (
+    BASELINES,
+    DIALECTS,
+    GROUPS,
+    LEARNED_DIALECTS,
+    LIBRARIES,
+    PUBLISHED,
+    TABLE1,
+    TABLE2,
+    TAKES_HOURS,
+)
 from nablahog.evaluate.pose_methods import POSE_METHODS
+from nablahog.invert.prior_choice import default_prior_file
 
 from ..io import tiny_models
 from .common import image, photographs, write_prior
@@ -53,7 +64,7 @@ def test_a_method(name: str, tmp_path: Path, learned_files: dict[str, str]) -> N
     original = photographs(1, 40 if name == "bovw" else 32).images["0.png"]  # two windows of words, at least
     sent: Method = pickle.loads(pickle.dumps(method))  # as it reaches the workers
     learned = {kind: Path(path) for kind, path in learned_files.items()}
-    learned["prior"] = write_prior(tmp_path / "prior.npz", SPEC)
+    learned |= {"prior": write_prior(tmp_path / "prior.npz", SPEC), **shipped_files()}
     for kind in {"upconv", "dalal-upconv"} & {name}:
         learned[kind] = tmp_path / f"{kind}.npz"
         tiny_models.upconv(method.spec).save(learned[kind])
@@ -90,14 +101,19 @@ def test_the_prior_decides(tmp_path: Path) -> None:
 def test_what_can_be_asked_for_is_what_there_is() -> None:
     assert tuple(METHODS) == TABLE1
     assert tuple(POSE_METHODS) == TABLE2
-    assert tuple(name for name, method in METHODS.items() if method.group == LIBRARIES) == tuple(DIALECTS)
+    of_libraries = tuple(name for name, method in METHODS.items() if method.group == LIBRARIES)
+    assert of_libraries == (*DIALECTS, *LEARNED_DIALECTS)
+    assert tuple(f"{name}-learned" for name, spec in DIALECTS.items() if default_prior_file(spec)) == LEARNED_DIALECTS
 
 
 def test_choosing() -> None:
     every, learned = [method for method in METHODS.values() if not method.asked], METHODS["uoctti-learned"]
-    lacking = [METHODS[name] for name in ("upconv", "uoctti-learned", "dalal-upconv")]
+    lacking = [method for method in every if method.needs in TAKES_HOURS]
     assert choose(None, list(TAKES_HOURS)) == (every, [])
     assert choose(None, []) == ([method for method in every if method not in lacking], lacking)
+    unsigned = ["dalal-learned", "dalal-multi-scale-more-learned"]
+    assert [m.name for m in lacking if m not in choose(None, [], ["unsigned-prior"])[1]] == unsigned
+    assert choose(unsigned, [], ["unsigned-prior"]) == ([METHODS[name] for name in unsigned], [])
     two = ["dalal-single", "uoctti-single"]
     assert choose(two, []) == ([METHODS[name] for name in reversed(two)], [])
     assert choose(["uoctti-learned"], ["prior"]) == ([learned], [])
@@ -121,4 +137,4 @@ def test_the_seed_decides() -> None:
 @pytest.mark.parametrize("name", [name for name, method in METHODS.items() if method.multiscale])
 def test_images_without_a_64th(name: str) -> None:
     with pytest.raises(ValueError, match="1/64"):
-        METHODS[name].run(image()[None, None, :30, :28], FAST)
+        METHODS[name].run(image()[None, None, :30, :28], replace(FAST, learned=shipped_files()))

@@ -40,6 +40,17 @@ def test_a_folder(folder: Path) -> None:
     assert read.ignored == ["below.png", "notes.txt"]
 
 
+def test_folders_below(folder: Path) -> None:
+    for name in ("chairs", "below.png/more", ".hidden"):
+        (folder / name).mkdir(parents=True)
+        Image.fromarray(COLOURS).save(folder / name / "1.png")
+    (folder / "chairs" / "loop").symlink_to(folder, target_is_directory=True)
+    read = read_folder(folder, size=0, recursive=True)
+    assert list(read.images) == ["a.BMP", "b.png", "below.png/more/1.png", "chairs/1.png"]
+    assert list(read.failed) == ["c.jpg", "d.png"]
+    assert read.ignored == ["chairs/loop", "notes.txt"]
+
+
 def test_as_they_are(folder: Path) -> None:
     result = read_folder(folder, size=0).images["b.png"]
     expected = COLOURS.astype(np.float32) / 255 @ np.array([0.299, 0.587, 0.114], dtype=np.float32)

@@ -25,9 +25,11 @@ from nablahog.invert.crops import draw_crops
 from nablahog.invert.network import network_class, weight_count
 from nablahog.invert.prior_network import Architecture
 from nablahog.invert.signed_network import CELLS, network_inputs
+from nablahog.invert.signed_training import SignedTraining
 
 from ..io import tiny_models
 from ..io.archives import check_refused
+from .interruption import Interruption
 from .photographs import photograph
 
 SPEC = presets.uoctti(8)
@@ -190,7 +192,7 @@ def test_not_mirrored(name: str) -> None:
 @pytest.fixture
 def images(monkeypatch: pytest.MonkeyPatch) -> dict[str, Tensor]:
     """Four small photographs, two to a step, whose histograms are found in a hurry."""
-    monkeypatch.setattr(signed_training, "BATCH", 2)
+    monkeypatch.setattr(SignedTraining, "batch", 2)
     monkeypatch.setattr(unsigned_training, "BATCH", 2)
     monkeypatch.setattr(signed_network, "HISTOGRAM_EVALUATIONS", 5)
     names = ("camera", "coins", "clock", "brick")
@@ -232,33 +234,20 @@ def test_training_lowers_the_loss(images: dict[str, Tensor]) -> None:
     assert sum(losses[-rounds:]) < 0.95 * sum(losses[:rounds])  # of the same crops
 
 
-class _Stop:
-    """Progress that is interrupted when ``at`` steps are done."""
-
-    def __init__(self, at: int | None) -> None:
-        self.at = at
-        self.seen: list[int] = []
-
-    def __call__(self, done: int, total: int, what: str) -> None:
-        if done == self.at:
-            raise KeyboardInterrupt
-        self.seen.append(done)
-
-
 @every_kind
 def test_interrupted_and_resumed(tmp_path: Path, images: dict[str, Tensor], kind: str) -> None:
     path = tmp_path / "kept"
     undisturbed = _trained(images, kind)
     with pytest.raises(KeyboardInterrupt):
-        _trained(images, kind, checkpoint=path, progress=_Stop(3))  # two steps an epoch: in the middle of the second
-    resumed = _Stop(None)
+        _trained(images, kind, checkpoint=path, progress=Interruption(3))  # of two steps an epoch
+    resumed = Interruption()
     result = _trained(images, kind, checkpoint=path, progress=resumed)
-    assert resumed.seen == [2, 3, 4, 5, 6]
+    assert resumed.steps == [2, 3, 4, 5, 6]
     assert torch.equal(result.weights, undisturbed.weights)
     assert result.learning == undisturbed.learning
-    again = _Stop(None)
+    again = Interruption()
     assert torch.equal(_trained(images, kind, checkpoint=path, progress=again).weights, undisturbed.weights)
-    assert again.seen == [6]
+    assert again.steps == [6]
     assert os.listdir(tmp_path) == ["kept"]
 
 
@@ -293,7 +282,7 @@ def test_damaged_checkpoints(tmp_path: Path, images: dict[str, Tensor], caplog: 
     damages: list[Callable[[], object]] = [
         lambda: path.write_bytes(whole[: len(whole) // 2]),
         lambda: path.write_bytes(b""),
-        replaced(state=arrays["state"][:, 1:]),
+        replaced(state=arrays["state"][1:]),
         replaced(state=arrays["state"] * np.float32(np.nan)),
         replaced(losses=np.array("x")),
         replaced(losses=np.zeros(2)),

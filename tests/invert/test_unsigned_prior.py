@@ -36,7 +36,7 @@ FEW = Search(max_evaluations=4)
 every_dialect = pytest.mark.parametrize("spec", UNSIGNED.values(), ids=UNSIGNED)
 
 
-def _seen(image: Tensor, spec: HOGSpec) -> Tensor:
+def _votes(image: Tensor, spec: HOGSpec) -> Tensor:
     spec = searchable(spec)
     return cell_votes(histograms(image, spec), spec, (image.shape[2], image.shape[3]))
 
@@ -44,20 +44,20 @@ def _seen(image: Tensor, spec: HOGSpec) -> Tensor:
 @every_dialect
 def test_all_dialects_look_alike(spec: HOGSpec) -> None:
     image = photograph(128)
-    ours, papers = (compressed(_seen(image, each)).flatten() for each in (spec, PAPER))
+    ours, papers = (compressed(_votes(image, each)).flatten() for each in (spec, PAPER))
     assert ours.shape == papers.shape
     assert float(torch.corrcoef(torch.stack([ours, papers]))[0, 1]) > 0.9
 
 
 def test_votes_on_a_centre_are_not_shared() -> None:
     image = photograph(128)
-    assert torch.equal(_seen(image, PAPER), histograms(image, PAPER))
+    assert torch.equal(_votes(image, PAPER), histograms(image, PAPER))
 
 
 @pytest.mark.parametrize("size", [(128, 128), (64, 96), (200, 400), (480, 320), (16, 40), (9, 9)])
-def test_what_the_network_sees_is_of_the_images_proportions(size: tuple[int, int]) -> None:
+def test_what_the_network_takes_is_of_the_images_proportions(size: tuple[int, int]) -> None:
     image = photograph(128).repeat(1, 1, 4, 4)[..., : size[0], : size[1]]
-    rows, cols = _seen(image, PAPER).shape[2:]
+    rows, cols = _votes(image, PAPER).shape[2:]
     assert rows % 4 == cols % 4 == 0
     assert 8 <= min(rows, cols) <= max(rows, cols) <= 20
     if min(size) >= 8 * 8:
@@ -66,14 +66,14 @@ def test_what_the_network_sees_is_of_the_images_proportions(size: tuple[int, int
 
 def test_mirrored_votes() -> None:
     image = photograph(128)
-    assert_close(_seen(image.flip(3), PAPER), mirrored_votes(_seen(image, PAPER)), atol=1e-3, rtol=1e-4)
+    assert_close(_votes(image.flip(3), PAPER), mirrored_votes(_votes(image, PAPER)), atol=1e-3, rtol=1e-4)
 
 
 @every_dialect
 def test_a_negative_is_as_unlikely_as_the_image_is_likely(spec: HOGSpec) -> None:
     image = photograph(128)
     descriptor, prior = hog(image, spec), tiny_models.prior(PAPER)
-    one, other = (prior.right_way_up(each, descriptor, spec) for each in (image, 1 - image))
+    one, other = (prior.polarity_confidence(each, descriptor, spec) for each in (image, 1 - image))
     assert one.shape == (1,)
     assert 0 < float(one) < 1
     assert abs(float(one) - 0.5) > 1e-6  # says something
@@ -101,7 +101,7 @@ def test_a_flat_image() -> None:
     assert torch.isfinite(prior.expected(descriptor, PAPER, (64, 64))).all()
     result = reconstruct(descriptor, PAPER, prior=prior, search=FEW)
     assert torch.isfinite(result.image).all()
-    assert_close(prior.right_way_up(torch.full((1, 1, 64, 64), 0.3), descriptor, PAPER), torch.tensor([0.5]))
+    assert_close(prior.polarity_confidence(torch.full((1, 1, 64, 64), 0.3), descriptor, PAPER), torch.tensor([0.5]))
 
 
 @pytest.mark.parametrize("polarity", [True, False])
@@ -110,14 +110,14 @@ def test_the_prior_decides_which_side_is_bright(polarity: bool) -> None:
     descriptors, prior = hog(images, PAPER), tiny_models.prior(PAPER)
     search = dataclasses.replace(FEW, polarity=polarity)
     result = reconstruct(descriptors, PAPER, prior=prior, search=search)
-    assert result.right_way_up is not None
-    judged = prior.right_way_up(result.image, descriptors, PAPER)
-    assert_close(result.right_way_up, judged, atol=0.02, rtol=0)  # judged before the tails are clipped
-    assert (result.right_way_up >= 0.5).all() or not polarity
+    assert result.polarity_confidence is not None
+    own = prior.polarity_confidence(result.image, descriptors, PAPER)
+    assert_close(result.polarity_confidence, own, atol=1e-4, rtol=0)
+    assert (result.polarity_confidence >= 0.5).all() or not polarity
     array = reconstruct(descriptors[0].numpy(), PAPER, prior=prior, search=search)
-    assert array.right_way_up is not None
-    assert array.right_way_up.shape == ()
-    assert reconstruct(descriptors, PAPER, search=FEW).right_way_up is None
+    assert array.polarity_confidence is not None
+    assert array.polarity_confidence.shape == ()
+    assert reconstruct(descriptors, PAPER, search=FEW).polarity_confidence is None
 
 
 @pytest.mark.parametrize("more", [False, True])
@@ -126,9 +126,15 @@ def test_multi_scale(more: bool) -> None:
     given = scale_descriptors(image, PAPER, scales) if more else hog(image, PAPER)
     levels = reconstruct_multiscale(given, PAPER, scales=scales, prior=prior, search=Search(max_evaluations=8))
     results = [level.reconstruction for level in levels]
-    assert all(result.right_way_up is results[-1].right_way_up for result in results)
-    assert results[-1].right_way_up is not None
-    assert float(results[-1].right_way_up) >= 0.5
+    assert all(result.polarity_confidence is results[-1].polarity_confidence for result in results)
+    assert results[-1].polarity_confidence is not None
+    assert float(results[-1].polarity_confidence) >= 0.5
+
+
+def test_signed_descriptors_know_which_side_is_bright() -> None:
+    spec = presets.uoctti(8)
+    image, prior = photograph(64), tiny_models.prior(spec)
+    assert torch.equal(prior.polarity_confidence(1 - image, hog(image, spec), spec), torch.ones(1))
 
 
 def test_multi_scale_of_a_signed_descriptor() -> None:
@@ -155,4 +161,4 @@ def test_what_does_not_fit() -> None:
         with pytest.raises(ValueError, match="prior is an option of the default method"):
             invert(descriptor, PAPER, prior=prior, method="paper")
     with pytest.raises(ValueError, match="must have shape"):
-        prior.right_way_up(photograph(32), descriptor, PAPER)
+        prior.polarity_confidence(photograph(32), descriptor, PAPER)

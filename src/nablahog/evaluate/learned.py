@@ -25,11 +25,13 @@ from ..invert.baselines.upconv_network import default_widths
 from ..invert.baselines.windows import check_cells
 from ..invert.crops import least_side
 from ..invert.network import network_class
+from ..invert.prior_choice import default_prior_file
 from ..io.files import checkpoint_for
 from ..io.images import limit_size
 from ..io.learned_model import LearnedModel
 from ..runtime.cache_folder import cache_folder
 from ..runtime.source import code_key
+from .names import SHIPPED
 from .photographs import sample_photographs
 
 Progress: TypeAlias = Callable[[int, int, str], None]
@@ -79,6 +81,13 @@ def _learn_bovw(images: Mapping[str, Tensor], spec: HOGSpec, **options: Any) -> 
     return learn_bovw(images, **options)
 
 
+_PRIOR = Learner(
+    LearnedPrior,
+    train_prior,
+    lambda spec: network_class(spec).default_architecture(spec),
+    lambda spec: (least_side(spec.cell_size[0]),) * 2,
+    resumes=True,
+)
 _UPCONV = Learner(
     Upconv,
     learn_upconv,
@@ -87,13 +96,8 @@ _UPCONV = Learner(
     resumes=True,
 )
 LEARNED = {
-    "prior": Learner(
-        LearnedPrior,
-        train_prior,
-        lambda spec: network_class(spec).default_architecture(spec),
-        lambda spec: (least_side(spec.cell_size[0]),) * 2,
-        resumes=True,
-    ),
+    "prior": _PRIOR,
+    "unsigned-prior": _PRIOR,
     "hoggles": Learner(PairedDictionary, learn_hoggles, check_cells, patch_size, resumes=True),
     "bovw": Learner(BoVW, _learn_bovw, least=lambda spec: (1, 1), tile=128),
     "ridge": Learner(RidgeRegression, learn_ridge, check_cells),
@@ -102,6 +106,12 @@ LEARNED = {
     "dalal-upconv": _UPCONV,
 }
 """By the name of the option for its file; those of :data:`.TAKES_HOURS` are not learned unless asked for."""
+
+
+def shipped_files() -> dict[str, Path]:
+    """The files of :data:`.SHIPPED` kinds that the package was installed with."""
+    files = {kind: default_prior_file(presets.paper()) for kind in SHIPPED}
+    return {kind: file for kind, file in files.items() if file is not None and file.exists()}
 
 
 def load(kind: str, path: Path) -> Any:

@@ -17,7 +17,7 @@ from ..invert.baselines.triangles import TRIANGLES, reconstruct_by_triangles
 from ..invert.multiscale import SCALES, level_spec
 from ..invert.start import enlarge
 from .learned import SPEC, load
-from .names import DALAL, DIALECTS, LIBRARIES, NO_HOG, TAKES_HOURS, UOCTTI
+from .names import DALAL, DIALECTS, LEARNED_DIALECTS, LIBRARIES, NO_HOG, TAKES_HOURS, UOCTTI
 
 
 @dataclass(frozen=True)
@@ -131,8 +131,14 @@ def _learned(image: Tensor, settings: Table1Settings, *, kind: str, spec: HOGSpe
     return _inverted(_needed(kind, settings).reconstruct, image, spec)
 
 
-def _with_prior(image: Tensor, settings: Table1Settings, *, spec: HOGSpec) -> list[MethodOutput]:
-    return _inverted(reconstruct, image, spec, prior=_needed("prior", settings), **_options(settings))
+def _with_prior(image: Tensor, settings: Table1Settings, *, kind: str, spec: HOGSpec) -> list[MethodOutput]:
+    return _inverted(reconstruct, image, spec, prior=_needed(kind, settings), **_options(settings))
+
+
+def _multi_scale_more_with_prior(
+    image: Tensor, settings: Table1Settings, *, kind: str, spec: HOGSpec
+) -> list[MethodOutput]:
+    return _levels(image, spec, more=True, prior=_needed(kind, settings), **_options(settings))
 
 
 def _bovw(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
@@ -177,6 +183,11 @@ def _variants(
     ]
 
 
+def _learned_unsigned(name: str, group: str, run: Callable[..., Any], spec: HOGSpec, **options: bool) -> Method:
+    kind = "unsigned-prior"
+    return Method(name, group, partial(run, kind=kind, spec=spec), spec, needs=kind, **options)
+
+
 _DALAL = presets.paper()
 METHODS = {
     method.name: method
@@ -191,26 +202,37 @@ METHODS = {
         Method("triangles", UOCTTI, partial(_triangles, spec=SPEC), SPEC),
         Method("paper-uoctti-single", UOCTTI, partial(_paper_single, spec=SPEC), SPEC, asked=True),
         *_variants("uoctti", UOCTTI, SPEC, _single, _multi_scale, asked=False),
-        Method("uoctti-learned", UOCTTI, partial(_with_prior, spec=SPEC), SPEC, needs="prior"),
+        Method("uoctti-learned", UOCTTI, partial(_with_prior, kind="prior", spec=SPEC), SPEC, needs="prior"),
         Method(
             "dalal-upconv", DALAL, partial(_learned, kind="dalal-upconv", spec=_DALAL), _DALAL, needs="dalal-upconv"
         ),
         *_variants("paper-dalal", DALAL, _DALAL, _paper_single, _paper_multi_scale, asked=True),
         *_variants("dalal", DALAL, _DALAL, _single, _multi_scale, asked=False),
+        _learned_unsigned("dalal-learned", DALAL, _with_prior, _DALAL),
+        _learned_unsigned(
+            "dalal-multi-scale-more-learned", DALAL, _multi_scale_more_with_prior, _DALAL, multiscale=True
+        ),
         *(Method(name, LIBRARIES, partial(_single, spec=spec), spec, asked=True) for name, spec in DIALECTS.items()),
+        *(
+            _learned_unsigned(name, LIBRARIES, _with_prior, DIALECTS[name.removesuffix("-learned")], asked=True)
+            for name in LEARNED_DIALECTS
+        ),
     )
 }
 """All methods by name, each group in the order of the table."""
 
 
-def choose(names: Sequence[str] | None, given: Collection[str]) -> tuple[list[Method], list[Method]]:
+def choose(
+    names: Sequence[str] | None, given: Collection[str], shipped: Collection[str] = ()
+) -> tuple[list[Method], list[Method]]:
     """Chooses the methods to run, and lists those left out for want of a file; both in the order of the table.
 
     Files that can be learned from bundled photographs are optional.
 
     Args:
         names: of the methods to run; None for all that can run, except those that run only if asked for by name.
-        given: names of :data:`.LEARNED` that there are files of.
+        given: names of :data:`.LEARNED` that files were given of.
+        shipped: those that the package was installed with files of.
 
     Raises:
         ValueError: a method in ``names`` lacks a file, or no method uses one of the files given.
@@ -220,7 +242,7 @@ def choose(names: Sequence[str] | None, given: Collection[str]) -> tuple[list[Me
         if all(method.needs != kind for method in methods):
             of = ", ".join(method.name for method in METHODS.values() if method.needs == kind)
             raise ValueError(f"none of the methods asked for uses --{kind}; these do: {of}")
-    lacking = [method for method in methods if method.needs in TAKES_HOURS and method.needs not in given]
+    lacking = [method for method in methods if method.needs in TAKES_HOURS and method.needs not in (*given, *shipped)]
     if names is not None and lacking:
         needed = str(lacking[0].needs)
         raise ValueError(f"{lacking[0].name} needs --{needed} FILE, see `nablahog learn {TAKES_HOURS[needed]}`")

@@ -31,6 +31,12 @@ DIALECTS: dict[str, HOGSpec] = {
 }
 """Methods of Table 1 that invert the descriptor of a library, with cells of 8 pixels."""
 
+LEARNED_DIALECTS = tuple(
+    f"{name}-learned"
+    for name in ("vlfeat-dalaltriggs", "seeing3d", "aubry", "skimage", "opencv", "opencv-linear", "maskfeat")
+)
+"""The same with a learned prior, of those whose gradients are unsigned."""
+
 AS_PUBLISHED = (
     "paper-uoctti-single",
     "paper-dalal-single",
@@ -60,10 +66,20 @@ TABLE1 = (
     "dalal-single",
     "dalal-multi-scale",
     "dalal-multi-scale-more",
+    "dalal-learned",
+    "dalal-multi-scale-more-learned",
     *DIALECTS,
+    *LEARNED_DIALECTS,
 )
-TAKES_HOURS = {"prior": "prior", "upconv": "upconv", "dalal-upconv": "upconv --preset paper"}
+TAKES_HOURS = {
+    "prior": "prior",
+    "unsigned-prior": "prior --signs unsigned",
+    "upconv": "upconv",
+    "dalal-upconv": "upconv --preset paper",
+}
 """Files that methods of Table 1 run only with, since they take hours to learn, and the `nablahog learn` that does."""
+SHIPPED = ("unsigned-prior",)
+"""Those of them that come with the package."""
 
 TABLE2 = ("exemplar", "exhaustive", "paper", "paper-edges", "best")
 

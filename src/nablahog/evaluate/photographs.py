@@ -30,11 +30,12 @@ class Photographs:
     ignored: list[str] = field(default_factory=list)
 
 
-def read_folder(folder: Path, *, size: int, limit: int | None = None, below: bool = False) -> Photographs:
+def read_folder(folder: Path, *, size: int, limit: int | None = None, recursive: bool = False) -> Photographs:
     """The images of a folder, sorted by name.
 
     Files count as images if Pillow reads files of their ending.  Hidden files and folders are passed over, and so are
-    all folders, noted as ignored, unless the images ``below`` count too, by names like ``chairs/1.png``.
+    all folders, noted as ignored, unless ``recursive``: then images below count, by names like ``chairs/1.png``, but
+    links to folders are not followed.
 
     Args:
         folder: where.
@@ -47,7 +48,7 @@ def read_folder(folder: Path, *, size: int, limit: int | None = None, below: boo
     """
     check_folder(folder, "images")
     readable = image_endings()
-    entries = sorted(_entries(folder, below))
+    entries = sorted(_entries(folder, recursive))
     files = [entry for entry in entries if entry.suffix.lower() in readable and not entry.is_dir()]
     if not files:
         raise ValueError(f"{folder}: expected a folder of images, but it holds none")
@@ -57,12 +58,12 @@ def read_folder(folder: Path, *, size: int, limit: int | None = None, below: boo
     return result
 
 
-def _entries(folder: Path, below: bool) -> Iterator[Path]:
+def _entries(folder: Path, recursive: bool) -> Iterator[Path]:
     for entry in folder.iterdir():
         if entry.name.startswith("."):
             continue
-        if below and entry.is_dir():
-            yield from _entries(entry, below)
+        if recursive and entry.is_dir() and not entry.is_symlink():  # which may lead back
+            yield from _entries(entry, recursive)
         else:
             yield entry
 
@@ -92,6 +93,5 @@ def _prepared(image: Tensor, size: int) -> Tensor:
 
 
 def _name(path: Path, folder: Path) -> str:
-    return os.fsencode(path.relative_to(folder).as_posix()).decode(
-        errors="backslashreplace"
-    )  # a name of any bytes fits the tables
+    name = os.fsencode(path.relative_to(folder).as_posix())
+    return name.decode(errors="backslashreplace")  # a name of any bytes fits the tables

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from .multiscale import Level, reconstruct_multiscale, scale_descriptors
     from .options import Objective, Search
     from .preimage import reconstruct
+    from .prior_choice import default_prior
     from .reconstruction import Reconstruction
     from .template import template_descriptor
     from .training import train_prior
@@ -21,6 +22,7 @@ __all__ = [
     "Objective",
     "Reconstruction",
     "Search",
+    "default_prior",
     "reconstruct",
     "reconstruct_multiscale",
     "scale_descriptors",
@@ -35,6 +37,7 @@ names_when_used(
     multiscale=("Level", "reconstruct_multiscale", "scale_descriptors"),
     options=("Objective", "Search"),
     preimage=("reconstruct",),
+    prior_choice=("default_prior",),
     reconstruction=("Reconstruction",),
     template=("template_descriptor",),
     training=("train_prior",),

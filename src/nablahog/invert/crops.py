@@ -6,8 +6,10 @@ import random
 from collections.abc import Sequence
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn.functional import interpolate
+
+from ..hog.spec import HOGSpec
 
 WINDOW = 128  # pixels of a crop's side, at most
 LEAST_SHRUNK = 64  # pixels of an image's shorter side, below which it is not shrunk
@@ -22,6 +24,33 @@ def least_side(cell: int) -> int:
 def crop_count(height: int, width: int) -> int:
     """The number of crops of an image of this size in an epoch, about as many as cover it."""
     return max(1, round(height * width / WINDOW**2))
+
+
+class CropTraining:
+    """What trainings share whose batches are crops, each image as often as it gives crops.
+
+    Args:
+        images: (H, W) each.
+        spec: the dialect.
+        seed: of everything random.
+
+    Attributes:
+        batch: crops of a batch.
+        order: the images, one for each crop.
+        steps: of an epoch.
+        crops: of an epoch.
+    """
+
+    batch: int
+
+    def __init__(self, images: Sequence[Tensor], spec: HOGSpec, seed: int) -> None:
+        self.order = [image for image in images for _ in range(crop_count(*image.shape))]
+        self.spec, self.seed = spec, seed
+        self.steps = max(1, len(self.order) // self.batch)
+        self.crops = self.steps * min(self.batch, len(self.order))
+
+    def calibrate(self, network: nn.Module) -> None:
+        """Nothing: the network says nothing of its confidence."""
 
 
 def draw_crops(images: Sequence[Tensor], cell: int, rng: random.Random) -> Tensor:

@@ -13,8 +13,11 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.utils import clip_grad_norm_
 
+from ..hog.spec import HOGSpec
 from .checkpoint import Checkpoint
-from .weights import flat
+from .crops import least_side
+from .provenance import NetworkLearning, check_images, digest_of_images
+from .weights import flat, fold_statistics
 
 LARGEST_GRADIENT = 1.0
 WARM_UP = 0.1  # share of the steps in which the rate rises
@@ -45,21 +48,60 @@ class Training(Protocol):
     def loss(self, network: Any, batch: Any) -> Tensor:
         """Of the network in training, for one batch."""
 
-    def finish(self, network: Any) -> None:
-        """What is left to do when the network is trained."""
+    def calibrate(self, network: Any) -> None:
+        """Makes what the trained network says of its own confidence true of images that it was not trained with."""
 
 
-def epoch_count(training: Training, epochs: int | None) -> int:
-    """``epochs``; if None, as many as have about the training's default number of crops.
+def learn_network(
+    images: Mapping[str, Tensor],
+    spec: HOGSpec,
+    training: Callable[[Sequence[Tensor], HOGSpec, int], Training],
+    make: Callable[[], nn.Module],
+    architecture: Sequence[object],
+    *,
+    epochs: int | None,
+    seed: int,
+    checkpoint: str | os.PathLike[str] | None,
+    device: torch.device | str,
+    progress: Callable[[int, int, str], None],
+) -> tuple[Tensor, NetworkLearning]:
+    """Fits a network to photographs.
+
+    Args:
+        images: (H, W) each, float32 in 0…1, by name.
+        spec: the dialect.
+        training: from the images in the order of their names, the spec and the seed.
+        make: as of :func:`fit`.
+        architecture: of the network, values that are equal after a round trip through JSON.
+        epochs: passes over the images; None for as many as have about the training's default number of crops.
+        seed, checkpoint, device, progress: as of :func:`fit`.
+
+    Returns:
+        The weights, (n,), float16, on the CPU, and how they were learned.
 
     Raises:
-        ValueError: ``epochs`` is below 1.
+        ValueError: there are no images, or one is too small or holds other values; ``epochs`` is below 1; else, and
+            OSError, as :func:`fit`.
     """
+    names = check_images(images, (least_side(spec.cell_size[0]),) * 2)
+    data = training([images[name] for name in names], spec, seed)
     if epochs is None:
-        return max(1, round(training.default_crops / training.crops))
+        epochs = max(1, round(data.default_crops / data.crops))
     if epochs < 1:
         raise ValueError(f"epochs must be at least 1, got {epochs}")
-    return epochs
+    digest = digest_of_images(images)
+    identity = {
+        "images": digest,
+        "spec": spec.to_json(),
+        "epochs": epochs,
+        "seed": seed,
+        "architecture": architecture,
+    }
+    weights, losses = fit(
+        make, data, identity, epochs=epochs, seed=seed, checkpoint=checkpoint, device=device, progress=progress
+    )
+    learning = NetworkLearning(images=tuple(names), sha256=digest, seed=seed, epochs=epochs, losses=tuple(losses))
+    return weights.half(), learning
 
 
 def fit(
@@ -119,16 +161,16 @@ def fit(
             raise ValueError(f"the training has diverged in epoch {epoch + 1}: the loss is {total}")
         losses.append(total / steps)
         _save(saved, network, optimizer, losses)
-    training.finish(network.eval())
+    fold_statistics(network.eval())
+    training.calibrate(network)
     progress(epochs * steps, epochs * steps, _report(epochs - 1, epochs, losses))
     return flat(network.parameters()), losses
 
 
 def _save(checkpoint: Checkpoint, network: nn.Module, optimizer: torch.optim.AdamW, losses: list[float]) -> None:
-    """Saves the weights of ``network``, the moments of its ``optimizer`` and the ``losses`` of all epochs."""
-    weights = list(network.parameters())
-    state = [weights, *([optimizer.state[weight][moment] for weight in weights] for moment in _MOMENTS)]
-    checkpoint.save({"losses": losses, "state": torch.stack([flat(tensors) for tensors in state]).numpy()})
+    """Saves weights and statistics of ``network``, moments of its ``optimizer``, and the ``losses`` of all epochs."""
+    moments = [optimizer.state[weight][moment] for moment in _MOMENTS for weight in network.parameters()]
+    checkpoint.save({"losses": losses, "state": flat([*network.parameters(), *_statistics(network), *moments]).numpy()})
 
 
 def _restore(
@@ -142,33 +184,40 @@ def _restore(
     Raises:
         ValueError, OSError: as :meth:`.Checkpoint.restore`.
     """
-    weights = list(network.parameters())
-    sizes = [weight.numel() for weight in weights]
-    stored = checkpoint.restore(lambda arrays: _state_in(arrays, (1 + len(_MOMENTS), sum(sizes)), epochs))
+    trained = list(network.parameters())
+    weights = [*trained, *_statistics(network)]
+    likes = [*weights, *(weight for _ in _MOMENTS for weight in trained)]
+    sizes = [like.numel() for like in likes]
+    stored = checkpoint.restore(lambda arrays: _state_in(arrays, sum(sizes), epochs))
     if stored is None:
         return []
     losses, state = stored
-    parts = zip(weights, *(row.split(sizes) for row in state), strict=True)
-    for weight, value, *moments in parts:
-        weight.data.copy_(value.view_as(weight))
+    values = [part.view_as(like) for part, like in zip(torch.split(state, sizes), likes, strict=True)]
+    for weight, value in zip(weights, values, strict=False):
+        weight.data.copy_(value)
+    of_weights = values[len(weights) :]
+    for k, weight in enumerate(trained):
         optimizer.state[weight] = {
             "step": torch.tensor(float(len(losses) * steps)),
-            **{name: moment.view_as(weight).clone() for name, moment in zip(_MOMENTS, moments, strict=True)},
+            **{name: of_weights[k + j * len(trained)].clone() for j, name in enumerate(_MOMENTS)},
         }
     return losses
 
 
-def _state_in(
-    arrays: dict[str, NDArray[np.generic]], shape: tuple[int, int], epochs: int
-) -> tuple[list[float], Tensor]:
-    """The losses, and weights and moments of a shape.
+def _statistics(network: nn.Module) -> list[Tensor]:
+    """The running means and variances that it normalises by."""
+    return [buffer for buffer in network.buffers() if buffer.is_floating_point()]
+
+
+def _state_in(arrays: dict[str, NDArray[np.generic]], size: int, epochs: int) -> tuple[list[float], Tensor]:
+    """The losses, and weights and moments (size,).
 
     Raises:
         ValueError: they are impossible.
     """
     losses, state = arrays["losses"], arrays["state"]
-    if state.dtype != np.float32 or state.shape != shape or losses.dtype != np.float64 or losses.ndim != 1:
-        raise ValueError(f"expected the state of {shape}, got {state.shape}")
+    if state.dtype != np.float32 or state.shape != (size,) or losses.dtype != np.float64 or losses.ndim != 1:
+        raise ValueError(f"expected {size} weights and moments, got {state.shape}")
     if not np.isfinite(state.astype(np.float32)).all() or not 1 <= len(losses) <= epochs:
         raise ValueError(f"the state after {len(losses)} of {epochs} epochs is impossible")
     return [float(loss) for loss in losses], torch.from_numpy(state)

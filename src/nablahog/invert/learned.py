@@ -115,7 +115,7 @@ class LearnedPrior(LearnedModel):
         return at_contrast(images, votes, searchable(spec)).to(descriptor.dtype)
 
     @torch.no_grad()
-    def right_way_up(self, images: Tensor, descriptor: Tensor, spec: HOGSpec | str) -> Tensor:
+    def polarity_confidence(self, images: Tensor, descriptor: Tensor, spec: HOGSpec | str) -> Tensor:
         """How likely it is that images with unsigned descriptors are no negatives.
 
         Args:
@@ -135,7 +135,7 @@ class LearnedPrior(LearnedModel):
         network = self._network.to(descriptor.device)
         if not isinstance(network, UnsignedNetwork):
             return descriptor.new_ones(len(descriptor))
-        return network.right_way_up(images.float(), descriptor.float(), spec).to(descriptor.dtype)
+        return network.polarity_confidence(images.float(), descriptor.float(), spec).to(descriptor.dtype)
 
     @cached_property
     def _network(self) -> PriorNetwork:

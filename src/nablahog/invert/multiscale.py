@@ -13,7 +13,6 @@ from itertools import pairwise
 from typing import Generic
 
 import numpy as np
-import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
@@ -22,17 +21,20 @@ from ..hog.inputs import Descriptors
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from .checks import check_descriptor, descriptors_as_tensor
-from .histograms import recover_histograms
+from .coarser import CoarserDescriptor
+from .histograms import recover_histograms, searchable
 from .learned import LearnedPrior
 from .method import AsPublished, InversionMethod, as_published, check_default_only
 from .options import Objective, Search
-from .polarity import looks_negative, negated
+from .polarity import negated, negatives
 from .preimage import reconstruct
+from .prior_choice import PriorChoice, as_prior
 from .quality import quality_of
 from .reconstruction import Reconstruction, Values, of_the_kind, relative_distance
 from .start import enlarge, starting_images
 
 SCALES = (64, 16, 4, 1)
+COARSER_WEIGHT = 0.1  # of the distance at each scale before, relative to that at the level's own
 BEFORE_THE_LAST = 120  # evaluations at most of an image at each level before
 
 
@@ -96,7 +98,7 @@ def reconstruct_multiscale(
     scales: Sequence[int] = SCALES,
     method: InversionMethod | AsPublished = "default",
     seed: int = 0,
-    prior: LearnedPrior | None = None,
+    prior: PriorChoice = None,
     search: Search = Search(),
     objective: Objective = Objective(),
     progress: Callable[[int, int], None] | None = None,
@@ -141,12 +143,12 @@ def reconstruct_multiscale(
     targets = [descriptors_as_tensor(descriptor) for descriptor in several]
     published = as_published(method)
     plan = _plan(targets, one, spec, image_size, scales, search, published)
-    start = expected = None
     if published is not None:
         check_default_only(prior=(prior, None), search=(search, Search()), objective=(objective, Objective()))
-    elif prior is not None and one and not spec.signed:
-        expected = avg_pool2d(prior.expected(targets[0], spec, plan[-1].size), plan[-1].size[0] // plan[0].size[0])
-    elif one and (spec.signed or search.region_signs):
+    learned, start, expected = as_prior(prior, spec), None, None
+    if learned is not None and one and not spec.signed:
+        expected = avg_pool2d(learned.expected(targets[0], spec, plan[-1].size), plan[-1].size[0] // plan[0].size[0])
+    elif one and published is None and (spec.signed or search.region_signs):
         start = _first_start(targets[0], spec, plan[-1].size, plan[0].size, seed)
     levels: list[Level] = []
     for number, step in enumerate(plan):
@@ -161,14 +163,14 @@ def reconstruct_multiscale(
             seed=seed,
             start=start,
             expected=expected,
-            prior=prior if spec.signed and step is plan[-1] else None,
+            prior=learned if spec.signed and step is plan[-1] else None,
             search=step.search,
-            objective=objective,
+            objective=objective if one or published is not None else _with_coarser(objective, plan[:number], step),
             progress=_report(progress, plan, number),
         )
         levels.append(Level(step.scale, step.spec, reconstruction))
     if search.polarity and not spec.signed and published is None:
-        levels = _fix_polarity(levels, [step.descriptor for step in plan], prior)
+        levels = _fix_polarity(levels, [step.descriptor for step in plan], learned)
     return [
         Level(level.scale, level.spec, of_the_kind(level.reconstruction, descriptor))
         for level, descriptor in zip(levels, several, strict=True)
@@ -243,19 +245,25 @@ def _report(
     return None if progress is None else lambda done, _: progress(before + done, most)
 
 
+def _with_coarser(objective: Objective, before: Sequence[_Step], step: _Step) -> Objective:
+    """Also that the image, shrunk, has the descriptors of the levels ``before``."""
+    priors = [
+        CoarserDescriptor(COARSER_WEIGHT, each.descriptor, searchable(each.spec), step.size[0] // each.size[0])
+        for each in before
+    ]
+    return replace(objective, priors=(*objective.priors, *priors))
+
+
 def _fix_polarity(levels: list[Level], descriptors: Sequence[Tensor], prior: LearnedPrior | None) -> list[Level]:
     """Each image or its negative: the last level, which shows most, decides for all."""
-    last, right_way_up = levels[-1].reconstruction.image, None
-    if prior is None:
-        negative = looks_negative(last)
-    else:
-        judged = prior.right_way_up(last, descriptors[-1], levels[-1].spec)
-        negative, right_way_up = judged < 0.5, torch.maximum(judged, 1 - judged)
+    last = levels[-1].reconstruction.image
+    confidence = None if prior is None else prior.polarity_confidence(last, descriptors[-1], levels[-1].spec)
+    negative, confidence = negatives(last, confidence)
     fixed = []
     for level, descriptor in zip(levels, descriptors, strict=True):
         image = negated(level.reconstruction.image, negative)
         distance = relative_distance(image, descriptor, level.spec)
-        result = replace(level.reconstruction, image=image, distance=distance, right_way_up=right_way_up)
+        result = replace(level.reconstruction, image=image, distance=distance, polarity_confidence=confidence)
         fixed.append(replace(level, reconstruction=result))
     return fixed
 

@@ -41,7 +41,7 @@ class PreimageObjective:
         spec: the dialect.
         parameterization: how unknowns become images.
         flat: the regions that must be constant.
-        priors: added to the distance.
+        priors: added to the distance, of the batch.
         expected: Ī, the expected image (B, 1, H, W); None where nothing is expected.
         closeness: λ.  Brightness does not count, and ‖Ī‖ is that of Ī without its mean.
 
@@ -109,7 +109,7 @@ class PreimageObjective:
         if self.expected is not None:
             deviation = self._deviation(image, index) * self.closeness[index].sqrt().unsqueeze(1)
             distance = torch.cat([distance, deviation], dim=1)
-        return torch.cat([distance, *(prior.residuals(image) for prior in self.priors)], dim=1)
+        return torch.cat([distance, *(prior.of(index).residuals(image) for prior in self.priors)], dim=1)
 
     def _deviation(self, image: Tensor, index: Tensor) -> Tensor:
         assert self.expected is not None
@@ -133,6 +133,6 @@ class PreimageObjective:
         if self.expected is not None:
             value = value + self.closeness[index] * self._deviation(image, index).square().sum(1)
         for prior in self.priors:
-            value = value + prior(image)
+            value = value + prior.of(index)(image)
         (gradient,) = torch.autograd.grad(value.sum(), image)
         return value.detach(), gradient, distance.detach().sqrt()

@@ -50,6 +50,16 @@ def looks_negative(image: Tensor) -> Tensor:
     return brightness_cues(image) @ torch.tensor(WEIGHTS, dtype=image.dtype, device=image.device) < 0
 
 
+def negatives(image: Tensor, confidence: Tensor | None = None) -> tuple[Tensor, Tensor | None]:
+    """Which images (B, 1, H, W) in 0…1 are rather negatives, (B,), and the confidence (B,) once these are negated.
+
+    A learned prior's ``confidence`` that they are none decides; where there is no prior, the cues, without any.
+    """
+    if confidence is None:
+        return looks_negative(image), None
+    return confidence < 0.5, torch.maximum(confidence, 1 - confidence)
+
+
 def negated(image: Tensor, which: Tensor) -> Tensor:
     """Images (B, 1, H, W) in 0…1, those ``which`` (B,) replaced by their negatives."""
     return torch.where(which.reshape(-1, 1, 1, 1), 1 - image, image)

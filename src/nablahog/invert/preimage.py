@@ -17,11 +17,11 @@ from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from .checks import check_descriptor, check_images, descriptors_as_tensor
 from .histograms import recover_histograms, searchable
-from .learned import LearnedPrior
 from .method import AsPublished, InversionMethod, as_published, check_default_only
 from .options import Objective, Search
 from .parameterize import low_pass
-from .polarity import looks_negative, negated
+from .polarity import negated, negatives
+from .prior_choice import PriorChoice, as_prior
 from .priors import Prior, Range, RelativeSmoothness
 from .published import reconstruct_as_published
 from .quality import QualityName, quality_of
@@ -49,7 +49,7 @@ def reconstruct(
     seed: int = 0,
     start: Tensor | ArrayImage | None = None,
     expected: Tensor | ArrayImage | None = None,
-    prior: LearnedPrior | None = None,
+    prior: PriorChoice = None,
     search: Search = Search(),
     objective: Objective = Objective(),
     progress: Callable[[int, int], None] | None = None,
@@ -78,7 +78,7 @@ def reconstruct(
         start: (B, 1, H, W) in 0…1, images to begin with, of any contrast; by default what the votes integrate to.
         expected: (B, 1, H, W) in 0…1, of any contrast, instead of the samples' mean; no samples are drawn.
         prior: a network that was learned for such descriptors, and says what is expected; of unsigned ones also which
-            side is bright.
+            side is bright.  ``"default"`` is the one that comes with the package, for all unsigned descriptors.
         search: the minimiser, its unknowns and budget, samples, signs and polarity.
         objective: smoothness ξ, closeness λ, and priors.
         progress: called with the evaluations done, by the paper's search the iterations, and the most there can be,
@@ -87,8 +87,9 @@ def reconstruct(
     Raises:
         TypeError: the descriptor, ``start`` or ``expected`` is no floating-point tensor or array.
         ValueError: their shape contradicts spec and image size, they hold NaN or Inf, the spec keeps DPM's texture
-            without directed channels, there is no such quality or method, or the method does not take
-            an option.
+            without directed channels, there is no such quality or method, the method does not take an option, or the
+            prior is for others.
+        FileNotFoundError: the default prior was not installed.
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> descriptor = nablahog.hog(torch.rand(1, 1, 32, 32), spec)
@@ -118,26 +119,24 @@ def reconstruct(
     rooted = dialect.gamma == "sqrt"
     first = check_images("start", start, targets, size, rooted)
     likely = check_images("expected", expected, targets, size, rooted)
-    if prior is not None:
+    learned = as_prior(prior, dialect)
+    if learned is not None:
         if likely is not None:
             raise ValueError("expected images and a prior contradict each other: give one of them")
-        likely = prior.expected(targets.detach(), dialect, size)
+        likely = learned.expected(targets.detach(), dialect, size)
     plan = _plan(spec, quality, seed, search, objective, first is not None, likely is not None)
     targets = targets.detach()
     searches, images = [], []
     for part, report in _parts(targets, size, plan, progress):
-        searches.append(PreimageSearch(targets[part], spec, size, plan.priors, search, plan.max_evaluations, report))
+        own = [prior.of(part) for prior in plan.priors]
+        searches.append(PreimageSearch(targets[part], spec, size, own, search, plan.max_evaluations, report))
         own_start, own_expected = (None if batch is None else batch[part] for batch in (first, likely))
         images.append(_preimages(searches[-1], own_start, own_expected, plan))
     image = to_unit_range(torch.cat(images), spec)
-    right_way_up = None
-    if not spec.signed:
-        if prior is not None:
-            right_way_up = prior.right_way_up(image, targets, dialect)
-        if search.polarity:
-            negative = looks_negative(image) if right_way_up is None else right_way_up < 0.5
-            image = negated(image, negative)
-            right_way_up = None if right_way_up is None else torch.maximum(right_way_up, 1 - right_way_up)
+    confidence = None if learned is None or spec.signed else learned.polarity_confidence(image, targets, dialect)
+    if search.polarity and not spec.signed:
+        negative, confidence = negatives(image, confidence)
+        image = negated(image, negative)
     if rooted:
         image = image.square()
     length = max(len(each.history()) for each in searches)
@@ -148,7 +147,7 @@ def reconstruct(
         torch.cat([each.history(length) for each in searches], dim=1),
         torch.cat([each.evaluations for each in searches]),
         time.perf_counter() - began,
-        right_way_up=right_way_up,
+        polarity_confidence=confidence,
     )
     return of_the_kind(result, descriptor)
 

@@ -11,6 +11,8 @@ from torch.nn.functional import gelu
 
 from ..hog.spec import HOGSpec
 
+MOMENTUM = 0.02  # of the running means and variances of channels
+
 
 @dataclass(frozen=True)
 class Architecture:
@@ -78,16 +80,17 @@ class PriorNetwork(nn.Module, ABC):
 
 
 class ResidualBlock(nn.Module):
-    """x plus a correction, 0 before training; in training, of a share ``dropout`` of channels left out."""
+    """x plus a correction, 0 before training; in training, with a share ``dropout`` of channels left out."""
 
     def __init__(self, width: int, dropout: float = 0.0) -> None:
         super().__init__()
         self.a, self.b = (nn.Conv2d(width, width, 3, padding=1) for _ in range(2))
+        self.normalise_a, self.normalise_b = (nn.BatchNorm2d(width, momentum=MOMENTUM) for _ in range(2))
         self.dropout = nn.Dropout2d(dropout)
         set_to_zero(self.b)
 
     def forward(self, x: Tensor) -> Tensor:
-        correction: Tensor = self.b(self.dropout(gelu(self.a(gelu(x)))))
+        correction: Tensor = self.b(self.dropout(gelu(self.normalise_b(self.a(gelu(self.normalise_a(x)))))))
         return x + correction
 
 

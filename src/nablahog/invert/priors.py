@@ -79,6 +79,10 @@ class Prior(ABC):
         """Images (A, 1, H, W) to the prior (A,)."""
         return self.weight * self.terms(image).square().sum(1)
 
+    def of(self, index: Tensor | slice) -> Prior:
+        """The prior of the images ``index`` of a batch: for most kinds, the same for all."""
+        return self
+
 
 def _power(difference: Tensor, squared: Tensor, exponent: float) -> Tensor:
     """Terms whose squares sum to |d|^exponent, from d or one component of it and from |d|²; rounded off at 0."""

@@ -43,8 +43,8 @@ class Reconstruction(Generic[Values]):
         seconds: wall time for the whole batch.
         iterates: (iterations + 1, B, 1, H, W) in 0…1, the image after each iteration, from the start on; None unless
             :class:`.method.AsPublished` asks for them.
-        right_way_up: (B,) in 0…1, how likely it is that the image is no negative, as a learned prior for unsigned
-            descriptors judges it; None without one.
+        polarity_confidence: (B,) in 0…1, how likely it is that the image is no negative, by a learned prior for
+            unsigned descriptors; None without one.
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> descriptor = nablahog.hog(torch.rand(2, 1, 16, 16), spec)
@@ -60,7 +60,7 @@ class Reconstruction(Generic[Values]):
     evaluations: Values
     seconds: float
     iterates: Values | None = None
-    right_way_up: Values | None = None
+    polarity_confidence: Values | None = None
 
     def __repr__(self) -> str:
         """Shape and figures, not the pixels."""
@@ -125,5 +125,5 @@ def of_the_kind(result: Reconstruction, descriptor: Descriptors) -> Reconstructi
         to_array(result.evaluations, single),
         result.seconds,
         None if result.iterates is None else to_array(result.iterates[:, 0, 0] if single else result.iterates[:, :, 0]),
-        None if result.right_way_up is None else to_array(result.right_way_up, single),
+        None if result.polarity_confidence is None else to_array(result.polarity_confidence, single),
     )

@@ -94,7 +94,7 @@ class PreimageSearch:
             self.spec,
             self.unknowns,
             FlatRegions(each(self.descriptor), self.spec, *self.size),
-            self.priors,
+            [prior.of(each(torch.arange(batch, device=starts.device))) for prior in self.priors],
             None if expected is None else each(expected),
             closeness,
         )

@@ -11,7 +11,7 @@ from torch.nn.functional import avg_pool2d, mse_loss
 
 from ..hog.descriptor import hog
 from ..hog.spec import HOGSpec
-from .crops import crop_count, draw_crops
+from .crops import CropTraining, draw_crops
 from .signed_network import network_inputs
 
 BATCH = 12
@@ -31,7 +31,7 @@ class _Batch(NamedTuple):
     crops: Tensor
 
 
-class SignedTraining:
+class SignedTraining(CropTraining):
     """The batches of each epoch, and the loss.
 
     The loss is the mean square error at unit contrast, whose minimum is the mean of all photographs with the
@@ -39,24 +39,12 @@ class SignedTraining:
 
     Inputs take a third of a step, so the crops of an epoch come again every few epochs.  What is random depends on the
     seed and the epoch alone, so that an interruption does not change it.
-
-    Args:
-        images: (H, W) each.
-        spec: the dialect.
-        seed: of everything random.
-
-    Attributes:
-        steps: of an epoch.
-        crops: of an epoch.
     """
 
-    default_crops, learning_rate, weight_decay = CROPS, LEARNING_RATE, WEIGHT_DECAY
+    batch, default_crops, learning_rate, weight_decay = BATCH, CROPS, LEARNING_RATE, WEIGHT_DECAY
 
     def __init__(self, images: Sequence[Tensor], spec: HOGSpec, seed: int) -> None:
-        self.order = [image for image in images for _ in range(crop_count(*image.shape))]
-        self.spec, self.seed = spec, seed
-        self.steps = max(1, len(self.order) // BATCH)
-        self.crops = self.steps * min(BATCH, len(self.order))
+        super().__init__(images, spec, seed)
         self._cache: dict[tuple[int, int], _Batch] = {}
 
     def batches(self, epoch: int) -> Iterator[_Batch]:
@@ -66,7 +54,7 @@ class SignedTraining:
         for step in random.Random(f"{self.seed} {epoch} steps").sample(range(self.steps), self.steps):
             batch = self._cache.get((number, step))
             if batch is None:
-                images = [self.order[k] for k in shuffled[step * BATCH : (step + 1) * BATCH]]
+                images = [self.order[k] for k in shuffled[step * self.batch : (step + 1) * self.batch]]
                 crops = draw_crops(images, self.spec.cell_size[0], random.Random(f"{self.seed} {number} {step}"))
                 inputs = network_inputs(hog(crops, self.spec), self.spec, *crops.shape[2:])
                 batch = _Batch(inputs.cells, inputs.integral, crops)
@@ -83,9 +71,6 @@ class SignedTraining:
         contrast = crops.std(dim=(2, 3), keepdim=True, correction=0).clamp(min=LEAST_CONTRAST)
         similarity = _ssim(image * contrast + mean, crops)
         return mse_loss(image, (crops - mean) / contrast) + STRUCTURE * (1 - similarity)
-
-    def finish(self, network: nn.Module) -> None:
-        """Nothing is left to do."""
 
 
 def _ssim(a: Tensor, b: Tensor) -> Tensor:

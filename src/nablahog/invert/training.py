@@ -11,12 +11,10 @@ from torch import Tensor
 
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
-from .crops import least_side
-from .fitting import Training, epoch_count, fit
+from .fitting import learn_network
 from .learned import LearnedPrior
 from .network import make_network, network_class
 from .prior_network import Architecture
-from .provenance import NetworkLearning, check_images, digest_of_images
 from .signed_training import SignedTraining
 from .unsigned_training import UnsignedTraining
 
@@ -71,27 +69,16 @@ def train_prior(
     spec = as_spec(spec)
     architecture = architecture or network_class(spec).default_architecture(spec)
     network_class(spec).check(spec, architecture)
-    names = check_images(images, (least_side(spec.cell_size[0]),) * 2)
-    kind = SignedTraining if spec.signed else UnsignedTraining
-    training: Training = kind([images[name] for name in names], spec, seed)
-    epochs = epoch_count(training, epochs)
-    digest = digest_of_images(images)
-    identity = {
-        "images": digest,
-        "spec": spec.to_json(),
-        "epochs": epochs,
-        "seed": seed,
-        "architecture": [list(architecture.widths), list(architecture.blocks)],
-    }
-    weights, losses = fit(
+    weights, learning = learn_network(
+        images,
+        spec,
+        SignedTraining if spec.signed else UnsignedTraining,
         partial(make_network, spec, architecture),
-        training,
-        identity,
+        [list(architecture.widths), list(architecture.blocks)],
         epochs=epochs,
         seed=seed,
         checkpoint=checkpoint,
         device=device,
         progress=progress,
     )
-    learning = NetworkLearning(images=tuple(names), sha256=digest, seed=seed, epochs=epochs, losses=tuple(losses))
-    return LearnedPrior(spec, architecture, weights.half(), learning)
+    return LearnedPrior(spec, architecture, weights, learning)

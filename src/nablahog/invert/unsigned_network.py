@@ -1,10 +1,10 @@
 """The network of a prior for unsigned descriptors: from the histograms of cells to a coarse image.
 
 An unsigned histogram does not tell which side of an edge is the brighter one.  What photographs look like does, by and
-large: backgrounds are even, the sky is bright and above, objects have parts.  So the network sees the whole image at
-once, and answers with a coarse one, two pixels a cell along each axis.  Details are left to the descriptor.
+large: backgrounds are even, the sky is bright and above, objects have parts.  So the network takes all of the image
+at once, and answers with a coarse one, two pixels a cell along each axis.  Details are left to the descriptor.
 
-A second part judges an image beside its negative: which of the two is the photograph, and how sure that is.
+A second part, the polarity, tells which of an image and its negative is the photograph, and how sure that is.
 
 Inputs are histograms of any dialect, unsigned, in nine bins, of cells that tile the image: see :func:`cell_votes`.
 """
@@ -27,13 +27,14 @@ from .start import of_one_colour
 BINS = 9
 FINER = 2  # pixels of the answer for a cell, along each axis
 CONTRAST = 4.0  # of votes, relative to their mean, before the logarithm
-MOST_CELLS = 20  # rows or columns that the network sees: larger grids are shrunk
+MOST_CELLS = 20  # rows or columns that the network takes: larger grids are shrunk
 COARSEST = 4  # cells of the grid for one of the coarsest resolution, along each axis
 LEAST_CELLS = 2 * COARSEST
 HISTOGRAM_EVALUATIONS = 60  # of the recovery; enough for a network, the search uses more
-WHOLE, WHOLE_CHANNELS, WHOLE_UNITS = 4, 64, 256  # where the whole image is seen: parts along each axis, channels, units
-DROPOUT = 0.1  # share of channels and units left out in training, where the whole image is seen
-JUDGE_WIDTHS = (48, 96, 128)
+WHOLE = 4  # parts along each axis, where the whole image is taken in
+WHOLE_CHANNELS, WHOLE_UNITS = 64, 256  # channels of each part, and units for all of them
+DROPOUT = 0.1  # share of channels and units left out in training, where the whole image is taken in
+POLARITY_WIDTHS = (48, 96, 128)
 FLAT = 1e-6  # standard deviation below which an image of unit contrast counts as flat
 
 
@@ -68,7 +69,7 @@ def mirrored_votes(votes: Tensor) -> Tensor:
 
 
 def compressed(votes: Tensor) -> Tensor:
-    """Votes of any scale as a network sees them: log(1 + 4 · votes / their mean over the image)."""
+    """Votes of any scale as a network takes them: log(1 + 4 · votes / their mean over the image)."""
     mean = votes.mean(dim=(1, 2, 3), keepdim=True)
     return torch.log1p(CONTRAST * votes / torch.where(mean > 0, mean, 1))
 
@@ -81,7 +82,7 @@ def normalised(images: Tensor) -> Tensor:
 
 
 class _WholeImage(nn.Module):
-    """x plus a correction from the whole image, seen in 4x4 parts; 0 before training."""
+    """x plus a correction from the whole image, in 4x4 parts; 0 before training."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -93,8 +94,8 @@ class _WholeImage(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         parts = adaptive_avg_pool2d(self.inp(gelu(x)), WHOLE)
-        seen = self.b(self.dropout(gelu(self.a(parts.flatten(1))))).view_as(parts)
-        correction: Tensor = self.out(gelu(seen))
+        mixed = self.b(self.dropout(gelu(self.a(parts.flatten(1))))).view_as(parts)
+        correction: Tensor = self.out(gelu(mixed))
         if correction.shape != x.shape:
             correction = interpolate(correction, size=x.shape[2:], mode="bilinear", align_corners=False)
         return x + correction
@@ -133,7 +134,7 @@ class _Regions(nn.Module):
         return pixel_shuffle(self.out(gelu(x)), FINER)
 
 
-class _Judge(nn.Module):
+class _Polarity(nn.Module):
     """From votes, the regions' images, and images (B, 1, 2R, 2C) to log-odds (B,) that the latter are no negatives.
 
     A function of an image minus the same of its negative, so that the one's are those of the other, negated.
@@ -141,7 +142,7 @@ class _Judge(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        first, second, third = JUDGE_WIDTHS
+        first, second, third = POLARITY_WIDTHS
         self.body = nn.Sequential(
             nn.Conv2d(BINS + 2 * FINER**2, first, 3, padding=1),
             ResidualBlock(first),
@@ -161,18 +162,20 @@ class _Judge(nn.Module):
         self.out = nn.Linear(64, 1, bias=False)
 
     def forward(self, votes: Tensor, regions: Tensor, images: Tensor) -> Tensor:
-        seen, of_regions, of_images = compressed(votes), pixel_unshuffle(regions, FINER), pixel_unshuffle(images, FINER)
-        one, negative = (self.body(torch.cat([seen, of_regions, sign * of_images], dim=1)) for sign in (1.0, -1.0))
+        of_images = pixel_unshuffle(images, FINER)
+        given = torch.cat([compressed(votes), pixel_unshuffle(regions, FINER)], dim=1)
+        both = torch.cat([torch.cat([given, sign * of_images], dim=1) for sign in (1.0, -1.0)])
+        one, negative = self.body(both).chunk(2)  # in one batch, whose statistics thus do not tell one from the other
         odds: Tensor = self.out(one - negative)
         return odds.squeeze(1)
 
 
 class UnsignedNetwork(PriorNetwork):
-    """Its architecture is that of the regions; the judge's is fixed."""
+    """Its architecture is that of the regions; that of the polarity is fixed."""
 
     def __init__(self, spec: HOGSpec, architecture: Architecture) -> None:
         super().__init__()
-        self.regions, self.judge = _Regions(architecture), _Judge()
+        self.regions, self.polarity = _Regions(architecture), _Polarity()
 
     @classmethod
     def default_architecture(cls, spec: HOGSpec) -> Architecture:
@@ -188,26 +191,26 @@ class UnsignedNetwork(PriorNetwork):
         """The mean of what is predicted for it, and for the mirrored image; the likelier of it and its negative."""
         spec = searchable(spec)
         votes = recover_histograms(descriptor, spec, size, max_evaluations=HISTOGRAM_EVALUATIONS)
-        seen = cell_votes(votes, spec, size)
-        regions = self.regions_of(seen)
-        images = torch.where(self.log_odds(seen, regions, regions).reshape(-1, 1, 1, 1) < 0, -regions, regions)
+        inputs = cell_votes(votes, spec, size)
+        regions = self.regions_of(inputs)
+        images = torch.where(self.log_odds(inputs, regions, regions).reshape(-1, 1, 1, 1) < 0, -regions, regions)
         return Prediction(interpolate(images, size=size, mode="bicubic", align_corners=False), votes)
 
-    def right_way_up(self, images: Tensor, descriptor: Tensor, spec: HOGSpec) -> Tensor:
+    def polarity_confidence(self, images: Tensor, descriptor: Tensor, spec: HOGSpec) -> Tensor:
         """The probabilities (B,) that images (B, 1, H, W) with the descriptors are no negatives."""
         spec, size = searchable(spec), (images.shape[2], images.shape[3])
         votes = recover_histograms(descriptor, spec, size, max_evaluations=HISTOGRAM_EVALUATIONS)
-        seen = cell_votes(votes, spec, size)
-        coarse = (FINER * seen.shape[2], FINER * seen.shape[3])
+        inputs = cell_votes(votes, spec, size)
+        coarse = (FINER * inputs.shape[2], FINER * inputs.shape[3])
         small = interpolate(images, size=coarse, mode="bilinear", align_corners=False, antialias=True)
-        return torch.sigmoid(self.log_odds(seen, self.regions_of(seen), small))
+        return torch.sigmoid(self.log_odds(inputs, self.regions_of(inputs), small))
 
-    def regions_of(self, seen: Tensor) -> Tensor:
-        regions: Tensor = self.regions(seen) + self.regions(mirrored_votes(seen)).flip(3)
+    def regions_of(self, inputs: Tensor) -> Tensor:
+        regions: Tensor = self.regions(inputs) + self.regions(mirrored_votes(inputs)).flip(3)
         return regions / 2
 
-    def log_odds(self, seen: Tensor, regions: Tensor, images: Tensor) -> Tensor:
+    def log_odds(self, inputs: Tensor, regions: Tensor, images: Tensor) -> Tensor:
         images = normalised(images)
-        odds: Tensor = self.judge(seen, regions, images)
-        mirrored: Tensor = self.judge(mirrored_votes(seen), regions.flip(3), images.flip(3))
+        odds: Tensor = self.polarity(inputs, regions, images)
+        mirrored: Tensor = self.polarity(mirrored_votes(inputs), regions.flip(3), images.flip(3))
         return (odds + mirrored) / 2

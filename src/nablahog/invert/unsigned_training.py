@@ -12,14 +12,18 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d, interpolate, softplus
 
 from ..hog import presets
-from ..hog.descriptor import histograms
+from ..hog.descriptor import histograms, hog
 from ..hog.spec import HOGSpec
-from .unsigned_network import FINER, UnsignedNetwork, cell_votes, normalised
+from .histograms import recover_histograms
+from .unsigned_network import FINER, HISTOGRAM_EVALUATIONS, UnsignedNetwork, cell_votes, normalised
 
 BATCH = 32
-CROPS = 300_000  # of a training by default: about an hour on two cores
+CROPS = 300_000  # of a training by default: about an hour and a half on two cores, by the time of a step
 LEARNING_RATE, WEIGHT_DECAY = 1.2e-3, 0.03
 CELL = 8  # pixels
+PAPER, SKIMAGE, OPENCV, MASKFEAT = presets.paper(CELL), presets.skimage(), presets.opencv(), presets.maskfeat()
+DIALECTS = [[PAPER, SKIMAGE, PAPER, MASKFEAT]] * 3 + [[SKIMAGE, OPENCV]]  # of a batch, for equal parts of its windows
+LOSSY = [OPENCV, MASKFEAT]  # whose descriptors do not determine histograms: values are clipped, cells lose contrast
 GRIDS = [(16, 16)] * 6 + [(12, 16), (16, 12), (12, 12), (16, 8)]  # cells of the windows of a batch
 LEAST_SIDE, LARGE = 0.5, 0.4  # of windows, relative to the largest; the share of windows that are as large as can be
 GAMMA = 0.45  # the logarithm of the exponent of gray values is at most
@@ -30,7 +34,7 @@ FEWEST = 8  # images held out, below which nothing is concluded from them
 
 
 class _Batch(NamedTuple):
-    """Votes as the network sees them, (B, 9, R, C), and images of two pixels a cell, (B, 1, 2R, 2C), normalised."""
+    """:func:`.unsigned_network.cell_votes` (B, 9, R, C), and normalised images of two pixels a cell, (B, 1, 2R, 2C)."""
 
     votes: Tensor
     images: Tensor
@@ -41,15 +45,15 @@ class UnsignedTraining:
 
     Half of the regions' loss is the square error to the image, half the lesser of those to the image and its negative:
     the signs of regions can thus come to agree with each other before it is known which side is bright.  That of the
-    judge is the cross entropy of its choice between a mixture of the regions with the true image, and its negative.
+    polarity is the cross entropy of the choice between a mixture of the regions with the true image, and its negative.
 
     Votes are those of several dialects, and made uncertain, as those that are recovered from a descriptor are.
 
-    One image in 25 is held out, for the judge's confidence to be right of images that it was not trained with.
+    One image in 25 is held out, for the confidence in the polarity to be right of images that were not trained with.
 
     Args:
         images: (H, W) each.
-        spec: ignored: all unsigned dialects look alike to the network.
+        spec: ignored: the network takes the votes of all unsigned dialects alike.
         seed: of everything random.
     """
 
@@ -62,7 +66,6 @@ class UnsignedTraining:
         self.seed = seed
         self.steps = max(1, len(self.images) // BATCH)
         self.crops = self.steps * min(BATCH, len(self.images))
-        self.specs = [presets.paper(CELL), presets.paper(CELL), presets.skimage(), presets.opencv()]
 
     def batches(self, epoch: int) -> Iterator[_Batch]:
         """The batches of an epoch, in its own order."""
@@ -71,51 +74,58 @@ class UnsignedTraining:
             yield self._batch(order[step * BATCH : (step + 1) * BATCH], random.Random(f"{self.seed} {epoch} {step}"))
 
     def _batch(self, images: Sequence[Tensor], rng: random.Random) -> _Batch:
-        grid, spec = rng.choice(GRIDS), rng.choice(self.specs)
+        grid, specs = rng.choice(GRIDS), rng.choice(DIALECTS)
         windows = torch.cat([_window(image, grid, rng) for image in images])
         generator = torch.Generator().manual_seed(rng.randrange(2**62))
-        exact = _votes(windows, spec)
-        uneven = torch.randn(len(exact), 1, 5, 5, generator=generator)
-        uneven = interpolate(uneven, size=exact.shape[2:], mode="bicubic", align_corners=True)
-        most = torch.rand(len(exact), 1, 1, 1, generator=generator) * UNEVEN
-        noise = most * uneven + UNCERTAIN * torch.randn(exact.shape, generator=generator)
-        return _Batch(exact * torch.exp(noise), _target(windows))
+        parts = windows.chunk(len(specs))
+        votes = torch.cat([_votes(part, spec) for part, spec in zip(parts, specs, strict=False)])
+        uneven = torch.randn(len(votes), 1, 5, 5, generator=generator)
+        uneven = interpolate(uneven, size=votes.shape[2:], mode="bicubic", align_corners=True)
+        most = torch.rand(len(votes), 1, 1, 1, generator=generator) * UNEVEN
+        noise = most * uneven + UNCERTAIN * torch.randn(votes.shape, generator=generator)
+        return _Batch(votes * torch.exp(noise), _target(windows))
 
     def loss(self, network: UnsignedNetwork, batch: _Batch) -> Tensor:
-        """The mean over the windows, of regions and judge."""
+        """The mean over the windows, of regions and polarity."""
         images, regions = batch.images, network.regions(batch.votes)
         apart, negative = ((regions - sign * images).square().mean(dim=(1, 2, 3)) for sign in (1.0, -1.0))
         loss: Tensor = (apart + torch.minimum(apart, negative)).mean() / 2
         answer = normalised(regions.detach())
         share = torch.rand(len(images), 1, 1, 1, device=images.device)
         share = torch.where(share < 0.5, 0, 2 * share - 1)  # of the true image
-        upright = torch.where((answer * images).sum(dim=(1, 2, 3), keepdim=True) < 0, -answer, answer)
-        known = (torch.rand_like(share) < 0.7).to(answer)  # else the judge must do without the regions' own choice
-        odds = network.judge(batch.votes, known * answer, normalised(share * images + (1 - share) * upright))
+        positive = torch.where((answer * images).sum(dim=(1, 2, 3), keepdim=True) < 0, -answer, answer)
+        known = (torch.rand_like(share) < 0.7).to(answer)  # else the polarity must be found without the regions' own
+        odds = network.polarity(batch.votes, known * answer, normalised(share * images + (1 - share) * positive))
         return loss + softplus(-odds).mean()
 
     @torch.no_grad()
-    def finish(self, network: UnsignedNetwork) -> None:
-        """Scales the judge's log-odds to those of the images that were held out."""
+    def calibrate(self, network: UnsignedNetwork) -> None:
+        """Scales the log-odds of polarity to those of the images that were held out."""
         if len(self.held_out) < FEWEST:
             return
         odds = torch.cat([self._odds(network, image) for image in self.held_out])
         factors = torch.logspace(-1, 1, 201)
         likelihood = softplus(-factors[:, None] * odds).mean(dim=1)
-        network.judge.out.weight *= float(factors[likelihood.argmin()])
+        network.polarity.out.weight *= float(factors[likelihood.argmin()])
 
     def _odds(self, network: UnsignedNetwork, image: Tensor) -> Tensor:
         """The log-odds (1,) of the network's own answer for a whole image, signed as the truth is."""
-        device = network.judge.out.weight.device
+        device = network.polarity.out.weight.device
         window = _whole(image)
-        votes = _votes(window, self.specs[0]).to(device)
+        votes = _votes(window, PAPER).to(device)
         regions = network.regions_of(votes)
         right = (normalised(regions) * _target(window).to(device)).sum(dim=(1, 2, 3))
         return (network.log_odds(votes, regions, regions) * torch.sign(right)).cpu()
 
 
 def _votes(windows: Tensor, spec: HOGSpec) -> Tensor:
-    return cell_votes(histograms(windows, spec), spec, (windows.shape[2], windows.shape[3]))
+    """Of windows (B, 1, H, W), the histograms, or what can be recovered of them from a descriptor that loses some."""
+    size = (windows.shape[2], windows.shape[3])
+    if spec in LOSSY:
+        votes = recover_histograms(hog(windows, spec), spec, size, max_evaluations=HISTOGRAM_EVALUATIONS)
+    else:
+        votes = histograms(windows, spec)
+    return cell_votes(votes, spec, size)
 
 
 def _target(windows: Tensor) -> Tensor:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import math
+from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
 
 import torch
@@ -37,4 +38,25 @@ def with_weights(make: Callable[[], Network], weights: Tensor) -> Network:
         network = make()
     network.to_empty(device="cpu")
     vector_to_parameters(weights.float().cpu(), network.parameters())
+    for layer in _normalised(network):
+        layer.reset_running_stats()
     return network.eval()
+
+
+@torch.no_grad()
+def fold_statistics(network: nn.Module) -> None:
+    """Makes what the network normalises by running means and variances a matter of its weights alone.
+
+    Until it is trained further, its answers stay the same.
+    """
+    for layer in _normalised(network):
+        mean, variance = layer.running_mean, layer.running_var
+        assert mean is not None
+        assert variance is not None
+        layer.weight.mul_(torch.sqrt((1 + layer.eps) / (variance + layer.eps)))
+        layer.bias.sub_(mean * layer.weight / math.sqrt(1 + layer.eps))
+        layer.reset_running_stats()
+
+
+def _normalised(network: nn.Module) -> Iterator[nn.BatchNorm2d]:
+    return (layer for layer in network.modules() if isinstance(layer, nn.BatchNorm2d))

@@ -25,5 +25,5 @@ def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: p
         "paper",
     ]
     html = (tmp_path / "demo" / "index.html").read_text()
-    assert html.count("data:image/png;base64,") == 2 + 8
+    assert html.count("data:image/png;base64,") == 2 + 8 + html.count('alt="The negative')  # if the prior is unsure
     assert "http" not in html

@@ -80,7 +80,7 @@ def _small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_every_kind_has_arguments_and_a_learner() -> None:
-    assert set(KINDS) == {*LEARNED, "background"} - {"dalal-upconv"}  # learned as upconv, of another descriptor
+    assert set(KINDS) == {*LEARNED, "background"} - {"dalal-upconv", "unsigned-prior"}  # as others, of another preset
 
 
 @every_kind

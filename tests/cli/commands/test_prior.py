@@ -1,4 +1,4 @@
-"""`--prior`: inverting and the table with what `nablahog learn prior` wrote."""
+"""`--prior`: inverting and the table with what `nablahog learn prior` wrote, or with what comes with the package."""
 
 from __future__ import annotations
 
@@ -31,13 +31,29 @@ def images(tmp_path: Path) -> str:
     return _photographs(tmp_path / "images")
 
 
+def _prior(folder: Path, *options: str) -> str:
+    path = folder / "prior.npz"
+    assert main(["learn", "prior", "--images", _photographs(folder / "images"), "-o", str(path), *ONCE, *options]) == 0
+    return str(path)
+
+
 @pytest.fixture(scope="module")
 def prior(tmp_path_factory: pytest.TempPathFactory) -> str:
     """The file that the command writes."""
-    folder = tmp_path_factory.mktemp("learned")
-    path = folder / "prior.npz"
-    assert main(["learn", "prior", "--images", _photographs(folder / "images"), "-o", str(path), *ONCE]) == 0
-    return str(path)
+    return _prior(tmp_path_factory.mktemp("signed"))
+
+
+@pytest.fixture(scope="module")
+def unsigned_prior(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The same for unsigned descriptors."""
+    return _prior(tmp_path_factory.mktemp("unsigned"), "--signs", "unsigned")
+
+
+def _inverted(photo: str, out: Path, *options: str) -> tuple[bytes, float | None]:
+    """The picture, and the confidence in its polarity."""
+    assert main(["invert", photo, "-o", str(out), *FEW, *options]) == 0
+    (result,) = json.loads((out / "results.json").read_text())
+    return (out / result["preimage"]).read_bytes(), result["polarity"]
 
 
 def test_inverting_with_it(
@@ -53,6 +69,67 @@ def test_inverting_with_it(
     assert all(learned != plain for plain, learned in zip(made[0], made[1], strict=True))
     results = json.loads((tmp_path / "out1" / "results.json").read_text())
     assert all(0 < result["distance"] < 1 for result in results)
+
+
+@pytest.mark.parametrize("preset", ["paper", "skimage", "opencv"])
+def test_inverting_unsigned_descriptors_with_it(
+    tmp_path: Path, photo: str, preset: str, unsigned_prior: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = {"shipped": [], "own": ["--prior", unsigned_prior], "none": ["--no-prior"]}
+    made = {name: _inverted(photo, tmp_path / name, "--preset", preset, *more) for name, more in options.items()}
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert len({picture for picture, _ in made.values()}) == 3
+    assert made["none"][1] is None
+    assert all(0.5 <= confidence <= 1 for name, (_, confidence) in made.items() if name != "none" and confidence)
+    assert made["shipped"][1] != made["own"][1]
+    pages = {name: (tmp_path / name / "index.html").read_text() for name in options}
+    assert "Probability that the pre-image is no negative" in pages["shipped"]
+    assert "Probability that the pre-image is no negative" not in pages["none"]
+    printed = {name: f"cat.png ({made[name][1]:.0%} sure)" in out for name in ("shipped", "own")}
+    for name, said in printed.items():
+        assert ("or its negative" in pages[name]) == said == (made[name][1] < 0.8)
+    assert printed["own"]  # has hardly learned anything
+
+
+def test_signed_descriptors_have_none_by_default(tmp_path: Path, photo: str) -> None:
+    plain, without = (_inverted(photo, tmp_path / name, *more) for name, more in [("a", []), ("b", ["--no-prior"])])
+    assert plain == without
+
+
+def test_an_installation_without_priors(
+    tmp_path: Path,
+    photo: str,
+    images: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    refused: Callable[..., None],
+) -> None:
+    without = _inverted(photo, tmp_path / "without", "--preset", "paper", "--no-prior")
+    capsys.readouterr()
+    monkeypatch.setattr("nablahog.invert.prior_choice.FOLDER", tmp_path)
+    assert _inverted(photo, tmp_path / "missing", "--preset", "paper") == without
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("Inverting without a learned prior: this installation of nablahog has no unsigned.npz")
+    message = "dalal-learned needs --unsigned-prior FILE, see `nablahog learn prior --signs unsigned`"
+    command = ["table1", "--images", images, "-o", str(tmp_path / "out"), "--methods"]
+    refused(*command, "dalal-learned", message=message)
+
+
+def test_both_options(tmp_path: Path, photo: str, prior: str, refused: Callable[..., None]) -> None:
+    refused(
+        "invert", photo, "-o", str(tmp_path / "out"), "--prior", prior, "--no-prior", message="not allowed", status=2
+    )
+
+
+def test_the_table_of_unsigned_descriptors(tmp_path: Path, images: str, unsigned_prior: str) -> None:
+    tables = []
+    for name, options in [("shipped", []), ("own", ["--unsigned-prior", unsigned_prior])]:
+        command = ["table1", "--images", images, "-o", str(tmp_path / name), *FEW, "--workers", "1", "--limit", "1"]
+        assert main([*command, "--methods", "dalal-learned,opencv-learned", *options]) == 0
+        tables.append((tmp_path / name / "summary.csv").read_text())
+        assert "opencv-learned,cc," in tables[-1]
+    assert tables[0] != tables[1]
 
 
 def test_the_table_with_it(tmp_path: Path, images: str, prior: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -106,6 +183,13 @@ def test_priors_for_other_cells(
     message = "the prior was learned for another spec: its cell_size is (2, 2), the uoctti descriptor's (8, 8)"
     refused("invert", descriptor, *options, message=f"{descriptor}: {message}")
     refused("table1", "--images", images, *options, message=f"uoctti-learned: {message}")
+
+
+def test_a_prior_of_the_other_kind(
+    tmp_path: Path, images: str, unsigned_prior: str, refused: Callable[..., None]
+) -> None:
+    command = ["table1", "--images", images, "-o", str(tmp_path / "out"), "--prior", unsigned_prior]
+    refused(*command, message="uoctti-learned: the prior was learned for unsigned descriptors, a uoctti descriptor is")
 
 
 def test_damaged_priors(tmp_path: Path, images: str, photo: str, prior: str, refused: Callable[..., None]) -> None:

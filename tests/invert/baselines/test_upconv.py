@@ -13,7 +13,6 @@ from torch import Tensor
 
 from nablahog import hog, presets
 from nablahog.hog import HOGSpec
-from nablahog.invert.baselines import upconv_learning
 from nablahog.invert.baselines.upconv import Upconv
 from nablahog.invert.baselines.upconv_learning import UpconvTraining, learn_upconv
 from nablahog.invert.baselines.upconv_network import (
@@ -149,7 +148,7 @@ def test_what_does_not_fit() -> None:
 @pytest.fixture
 def images(monkeypatch: pytest.MonkeyPatch) -> dict[str, Tensor]:
     """Four small photographs, two to a step."""
-    monkeypatch.setattr(upconv_learning, "BATCH", 2)
+    monkeypatch.setattr(UpconvTraining, "batch", 2)
     names = ("camera", "coins", "clock", "brick")
     return {name: photograph(64, name)[0, 0, :40, :48].contiguous() for name in names}
 
@@ -182,44 +181,15 @@ def test_training_lowers_the_error(images: dict[str, Tensor], spec: HOGSpec) -> 
     assert (result - pixels).square().mean() < 0.7 * pixels.var(correction=0)
 
 
-class _Stop:
-    """Progress that is interrupted when ``at`` steps are done."""
-
-    def __init__(self, at: int | None) -> None:
-        self.at = at
-        self.seen: list[int] = []
-
-    def __call__(self, done: int, total: int, what: str) -> None:
-        if done == self.at:
-            raise KeyboardInterrupt
-        self.seen.append(done)
-
-
-def test_interrupted_and_resumed(tmp_path: Path, images: dict[str, Tensor]) -> None:
-    path = tmp_path / "kept"
-    undisturbed = _learned(images)
-    with pytest.raises(KeyboardInterrupt):
-        _learned(images, checkpoint=path, progress=_Stop(3))  # two steps an epoch: in the middle of the second
-    resumed = _Stop(None)
-    result = _learned(images, checkpoint=path, progress=resumed)
-    assert resumed.seen == [2, 3, 4, 5, 6]
-    assert torch.equal(result.weights, undisturbed.weights)
-    assert result.learning == undisturbed.learning
-
-
-def test_checkpoints_of_another_training(tmp_path: Path, images: dict[str, Tensor]) -> None:
-    path = tmp_path / "kept"
-    _learned(images, epochs=1, checkpoint=path)
-    for changed, message in [
-        ({"seed": 1}, "seed"),
-        ({"epochs": 2}, "epochs"),
-        ({"widths": (8, 4, 4, 3)}, "architecture"),
-        ({"spec": SPECS["paper"]}, "spec"),
-        ({"images": {"camera": images["camera"]}}, "images"),
-    ]:
-        options: dict[str, Any] = {"images": images, "epochs": 1, **changed}
-        with pytest.raises(ValueError, match=rf"checkpoint of another training \(of other {message}\)"):
-            _learned(checkpoint=path, **options)
+@pytest.mark.parametrize(
+    ("changed", "message"), [({"widths": (8, 4, 4, 3)}, "architecture"), ({"spec": SPECS["paper"]}, "spec")]
+)
+def test_checkpoint_of_another_training(
+    tmp_path: Path, images: dict[str, Tensor], changed: dict[str, Any], message: str
+) -> None:
+    _learned(images, epochs=1, checkpoint=tmp_path / "kept")
+    with pytest.raises(ValueError, match=rf"checkpoint of another training \(of other {message}\)"):
+        _learned(images, epochs=1, checkpoint=tmp_path / "kept", **changed)
 
 
 def test_epochs_by_default(images: dict[str, Tensor], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -76,7 +76,7 @@ def invert(commands: argparse._SubParsersAction[Parser]) -> None:
         default="best",
         help="fast finds coarser images in about a sixth of the time (default: best)",
     )
-    options.prior(command, "for descriptors of the spec that it was learned for")
+    options.prior(command)
     command.add_argument(
         "--colour",
         action="store_true",

@@ -42,7 +42,10 @@ class Kind(NamedTuple):
 
 
 def _network(command: argparse.ArgumentParser) -> None:
-    epochs = "passes over the images (default: as many as take about an hour and a half on one core)"
+    epochs = (
+        "passes over the images (default: as many as take about an hour and a half on one core, or on two for "
+        "unsigned descriptors)"
+    )
     options.number(command, "--epochs", epochs)
     options.seed(command)
     options.device_option(command)

@@ -229,8 +229,17 @@ def images(command: argparse.ArgumentParser) -> None:
     )
 
 
-def prior(command: argparse.ArgumentParser, use: str) -> None:
-    command.add_argument("--prior", type=path, metavar="FILE", help=f"a prior that `nablahog learn prior` wrote; {use}")
+def prior(command: argparse.ArgumentParser) -> None:
+    """Adds ``--prior`` and ``--no-prior``."""
+    choice = command.add_mutually_exclusive_group()
+    choice.add_argument(
+        "--prior",
+        type=path,
+        metavar="FILE",
+        help="a prior that `nablahog learn prior` wrote for such descriptors (default: of unsigned ones, the one that "
+        "comes with nablahog)",
+    )
+    choice.add_argument("--no-prior", action="store_true", help="invert with nothing that was learned")
 
 
 def common(command: argparse.ArgumentParser) -> None:

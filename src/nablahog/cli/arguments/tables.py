@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 
-from ...evaluate.names import AS_PUBLISHED, DIALECTS, TABLE1, TABLE2, TAKES_HOURS
+from ...evaluate.names import AS_PUBLISHED, DIALECTS, LEARNED_DIALECTS, SHIPPED, TABLE1, TABLE2, TAKES_HOURS
 from . import options
 from .learn import KINDS
 from .options import Parser
@@ -21,7 +21,7 @@ def _table1_methods() -> Iterator[str]:
     for name, method in METHODS.items():
         when = "with --methods only" if method.asked else "runs"
         if method.needs:
-            hours = method.needs in TAKES_HOURS
+            hours = method.needs in TAKES_HOURS and method.needs not in SHIPPED
             when = f"with --{method.needs} FILE only" if hours else f"runs; learns {method.needs} the first time"
         yield f"{name:30} {method.group:24} {when}"
 
@@ -44,14 +44,23 @@ def table1(commands: argparse._SubParsersAction[Parser]) -> None:
         "resumed when it is repeated.",
     )
     options.images(command)
-    options.table(command, TABLE1, _table1_methods, {"dialects": DIALECTS, "published": AS_PUBLISHED})
+    several = {"dialects": DIALECTS, "dialects-learned": LEARNED_DIALECTS, "published": AS_PUBLISHED}
+    options.table(command, TABLE1, _table1_methods, several)
     options.number(command, "--limit", "only the first N images")
     options.size(command, TABLE1_SIZE)
     options.minimiser(command)
-    options.prior(command, "needed by, and only by, uoctti-learned")
+    _prior_file(command, "prior", "uoctti-learned")
+    _prior_file(command, "unsigned-prior", "dalal-learned and others of unsigned descriptors")
     for method in TABLE1:
         if method in KINDS or method in TAKES_HOURS:
             _model_file(command, method)
+
+
+def _prior_file(command: argparse.ArgumentParser, kind: str, methods: str) -> None:
+    text = f"a file that `nablahog learn {TAKES_HOURS[kind]}` wrote, for {methods}"
+    if kind in SHIPPED:
+        text += " (default: the prior that comes with nablahog)"
+    command.add_argument(f"--{kind}", dest=kind, type=options.path, metavar="FILE", help=text)
 
 
 def _model_file(command: argparse.ArgumentParser, method: str) -> None:

@@ -14,6 +14,7 @@ from ...io.files import output_folder, write_text
 from ...io.images import limit_size, write_image
 from ...io.sample_photographs import sample_photograph
 from ..arguments.preset_parameters import PRESETS
+from ..inputs.prior import PriorOptions
 from ..inputs.sources import from_photo
 from ..results import inversion_page
 from ..results.inversion import Inversion, invert_batch
@@ -26,8 +27,8 @@ LEAD = (
     "Each image was found from a HOG descriptor alone. The photograph is not an input of the inversion; it is shown "
     "for comparison. HOG contains neither colour nor brightness, so the pre-image is gray and is compared with the "
     "gray photograph. In the difference, middle gray means equal. The uoctti descriptor tells bright from dark. The "
-    "paper's has unsigned gradients, which are the same for a region and its negative: that pre-image is right up to "
-    "the sign of its regions."
+    "paper's has unsigned gradients, which are the same for a region and its negative: which regions are bright is "
+    "what a learned prior expects of photographs."
 )
 REMARK = (
     "All figures, with their full precision, are in figures.json beside this page. The photograph, Eileen Collins by "
@@ -41,6 +42,7 @@ def demo(arguments: Namespace) -> None:
     Raises:
         OSError: the folder or a file cannot be written.
     """
+    prior = PriorOptions(None, default=True)
     device, photo = torch.device(arguments.device), limit_size(sample_photograph("astronaut"), SIZE)
     with output_folder(arguments.output) as folder, progress_bars() as progress:
         bars = {name: progress(name) for name in DESCRIPTORS}
@@ -49,7 +51,12 @@ def demo(arguments: Namespace) -> None:
             source = from_photo("astronaut", name, photo, PRESETS[name](), size=0, device=device)
             limit = arguments.max_evaluations
             inversions += invert_batch(
-                [source], device=device, seed=arguments.seed, max_evaluations=limit, progress=bar
+                [source],
+                device=device,
+                seed=arguments.seed,
+                max_evaluations=limit,
+                prior=prior.for_spec(source.spec),
+                progress=bar,
             )
         _write(folder, photo, inversions)
     print_table([inversion.terminal_row() for inversion in inversions])
@@ -60,7 +67,7 @@ def _write(folder: Path, photo: Tensor, inversions: Sequence[Inversion]) -> None
     write_image(folder / "photograph.png", photo)
     for inversion in inversions:
         inversion.write(folder)
-        _, _, _, compared = inversion.panels()
+        compared = inversion.panels()[-1]
         write_image(folder / f"{inversion.source.stem}_difference.png", compared.picture)
     figures = [inversion.figures() for inversion in inversions]
     write_text(folder / "figures.json", json.dumps(figures, indent=2))

@@ -9,15 +9,17 @@ from pathlib import Path
 
 import torch
 
-from ...evaluate.learned import load
-from ...invert import AsPublished, LearnedPrior
+from ...invert import AsPublished
 from ...io.files import output_folder, write_text
-from ..errors import UserError, as_user_error, forbid_overwrite
+from ..errors import UserError, forbid_overwrite
 from ..inputs.memory import check_glyphs, check_inversion
+from ..inputs.prior import PriorOptions
 from ..inputs.sources import Source, read_inputs
 from ..results import inversion_page
 from ..results.inversion import Inversion, batches, invert_batch, result_names
-from ..terminal import print_table, progress_bars, say_page
+from ..terminal import print_table, progress_bars, say, say_page
+
+NAMED = 5  # inputs of a kind, on the terminal
 
 
 def invert(arguments: Namespace) -> int:
@@ -32,8 +34,7 @@ def invert(arguments: Namespace) -> int:
     def check(source: Source) -> None:
         check_inversion(source.path, source.image_size, source.descriptor.numel(), arguments.memory)
         check_glyphs(source.path, tuple(source.descriptor.shape), source.spec, arguments.memory)
-        if prior is not None:
-            prior.check(source.spec)
+        prior.check(source.spec)
 
     inputs = read_inputs(arguments, keep_photos=True, check=check)
     sources, skipping, folder = inputs.sources, inputs.skipping, Path(arguments.output)
@@ -50,7 +51,7 @@ def invert(arguments: Namespace) -> int:
                 seed=arguments.seed,
                 max_evaluations=arguments.max_evaluations,
                 published=published,
-                prior=prior,
+                prior=prior.for_spec(sources[batch[0]].spec),
                 colour=arguments.colour,
                 progress=progress(about),
             )
@@ -77,8 +78,17 @@ def invert(arguments: Namespace) -> int:
         print(figures)
     else:
         print_table([inversion.terminal_row() for inversion in done])
+        _say_unsure(done)
         say_page(folder / "index.html")
     return skipping.status
+
+
+def _say_unsure(inversions: Sequence[Inversion]) -> None:
+    """Of which pre-images the negative may as well be right."""
+    unsure = [f"{each.source.name} ({each.polarity:.0%} sure)" for each in inversions if each.unsure]
+    if unsure:
+        more = ", …" if len(unsure) > NAMED else ""
+        say(f"Which side is bright is uncertain: {', '.join(unsure[:NAMED])}{more}")
 
 
 def _published(arguments: Namespace) -> AsPublished | None:
@@ -94,12 +104,10 @@ def _published(arguments: Namespace) -> AsPublished | None:
     return AsPublished(max_evaluations=arguments.max_evaluations, keep_iterates=arguments.iterations)
 
 
-def _prior(arguments: Namespace) -> LearnedPrior | None:
-    """The prior of the option ``--prior``."""
-    if arguments.prior is None:
-        return None
-    if arguments.colour:
+def _prior(arguments: Namespace) -> PriorOptions:
+    """Without one for what takes none: the paper's search, and images in colour."""
+    if arguments.colour and arguments.prior:
         raise UserError("--colour and --prior exclude each other: the prior was learned from gray images")
-    with as_user_error():
-        prior: LearnedPrior = load("prior", Path(arguments.prior))
-    return prior
+    if arguments.colour or arguments.method == "paper":
+        return PriorOptions(None, False)
+    return PriorOptions.of(arguments)

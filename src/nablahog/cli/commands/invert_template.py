@@ -9,7 +9,7 @@ from pathlib import Path
 
 import torch
 
-from ...invert import Reconstruction, Search, reconstruct
+from ...invert import Objective, Reconstruction, Search, reconstruct
 from ...invert.template import template_descriptor
 from ...io.files import distinct_stems, output_folder, write_text
 from ...io.images import write_image
@@ -23,6 +23,8 @@ from ..inputs.templates import DetectorTemplate, read_templates
 from ..results import template_page
 from ..results.template_page import SIGNS, InvertedTemplate
 from ..terminal import print_table, progress_bars, say_page
+
+SMOOTHNESS = 0.3  # no image has a template: less would only explain its noise
 
 
 def invert_template(arguments: Namespace) -> int:
@@ -77,6 +79,7 @@ def _invert_sign(
         template.spec,
         template.image_size,
         seed=arguments.seed,
+        objective=Objective(smoothness=SMOOTHNESS),
         search=Search(max_evaluations=arguments.max_evaluations),
         progress=progress,
     )

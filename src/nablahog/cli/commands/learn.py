@@ -69,11 +69,10 @@ def _photographs(arguments: Namespace, learner: Learner, spec: HOGSpec) -> Photo
     folder, size = arguments.images, arguments.size
     if folder is None and learner.tile is not None:
         return Photographs(sample_training_photographs(arguments.kind))
-    read = (
-        sample_photographs(size=size, whole=True)
-        if folder is None
-        else read_folder(Path(folder), size=size, below=True)
-    )
+    if folder is None:
+        read = sample_photographs(size=size, whole=True)
+    else:
+        read = read_folder(Path(folder), size=size, recursive=True)
     least = learner.least(spec)
     for name, image in list(read.images.items()):
         height, width = image.shape

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ...evaluate import table1_page
-from ...evaluate.learned import LEARNED, learned_from_samples, load
+from ...evaluate.learned import LEARNED, learned_from_samples, load, shipped_files
 from ...evaluate.methods import Method, Table1Settings, choose
 from ...evaluate.photographs import Photographs, read_folder, sample_photographs
 from ...evaluate.table1 import run_table1, write_table1
@@ -27,8 +27,10 @@ def table1(arguments: Namespace) -> None:
     """
     with as_user_error():
         files = {kind: Path(getattr(arguments, kind)).resolve() for kind in LEARNED if getattr(arguments, kind)}
-        methods, left_out = choose(arguments.methods, files)
+        shipped = shipped_files()
+        methods, left_out = choose(arguments.methods, files, shipped)
     _check_files(files, methods)
+    files = {kind: path for kind, path in shipped.items() if any(each.needs == kind for each in methods)} | files
     photographs, origin = _photographs(arguments)
     with output_folder(arguments.output) as folder:
         settings = Table1Settings(arguments.seed, arguments.max_evaluations, files | _learn_missing(files, methods))

@@ -28,6 +28,7 @@ MEASURES = {
     "SSIM": metrics.ssim,
     "PSNR": metrics.psnr,
 }
+SURE = 0.8  # confidence in the polarity, below which the negative is shown, too
 BATCH_PIXELS = 2**21  # 32 images of 256x256: results are written after each batch
 
 
@@ -45,6 +46,8 @@ class Inversion:
         seconds: the source's share of the time of its batch.
         stop_reason: why the minimiser stopped.
         iterates: (iterations + 1, H, W) in 0…1, from the start to the pre-image, if they were asked for.
+        polarity: the learned prior's probability that the pre-image is no negative; None of signed descriptors, which
+            tell, and without a prior.
     """
 
     source: Source
@@ -54,6 +57,7 @@ class Inversion:
     seconds: float
     stop_reason: str
     iterates: Tensor | None = None
+    polarity: float | None = None
 
     def figures(self) -> dict[str, Any]:
         """What ``results.json`` says of this input, ready for JSON."""
@@ -61,6 +65,7 @@ class Inversion:
             "input": self.source.path,
             "descriptor": self.source.spec.name,
             **{name.lower(): value for name, value in self.measures.items()},
+            "polarity": self.polarity,
             "seconds": round(self.seconds, 4),
             "stop_reason": self.stop_reason,
             "image_size": list(self.source.image_size),
@@ -75,12 +80,18 @@ class Inversion:
             "descriptor": self.source.spec.name,
             "size": "x".join(map(str, self.source.image_size)),
             **self.measures,
+            "polarity": self.polarity,
             "seconds": self.seconds,
         }
 
     def terminal_row(self) -> dict[str, object]:
-        """:meth:`row` without PSNR, so that it fits 80 columns."""
-        return {name: value for name, value in self.row().items() if name != "PSNR"}
+        """:meth:`row` without PSNR and polarity, so that it fits 80 columns."""
+        return {name: value for name, value in self.row().items() if name not in ("PSNR", "polarity")}
+
+    @property
+    def unsure(self) -> bool:
+        """Whether it may well be a negative."""
+        return self.polarity is not None and self.polarity < SURE
 
     def panels(self) -> list[Panel]:
         """The pictures to show side by side: photograph and difference only where the photograph is known."""
@@ -89,6 +100,9 @@ class Inversion:
             Panel(self.glyphs, f"glyphs, {spec.name}", f"Strokes along the edges of {of}, cell by cell, of its HOG"),
             Panel(self.preimage, "pre-image", f"The image found from the {spec.name} HOG of {of} alone"),
         ]
+        if self.polarity is not None and self.unsure:
+            negative = f"The negative of the image found from the HOG of {of}, which has the same HOG"
+            drawn.append(Panel(1 - self.preimage, f"or its negative, {1 - self.polarity:.0%}", negative))
         if self.source.photo is None or self.reference is None:
             return drawn
         apart = difference(_gray(self.preimage), self.reference)
@@ -175,7 +189,7 @@ def invert_batch(
         quality: as :func:`nablahog.reconstruct` has it.
         max_evaluations: of the objective; None for those of the quality.
         published: the paper's search, instead of the default one.
-        prior: learned for the spec; None for none.
+        prior: that was learned for such descriptors; None for none.
         colour: whether to find images in colour, without a prior.
         progress: called with the evaluations done and their largest number.
 
@@ -209,7 +223,8 @@ def invert_batch(
         measures = _measures(_gray(preimage), reference, float(result.distance[index]))
         seconds, stop_reason = result.seconds / len(sources), str(result.stop_reason[index])
         iterates = None if result.iterates is None else result.iterates[:, index, 0].detach().float().cpu()
-        inversions.append(Inversion(source, preimage, reference, measures, seconds, stop_reason, iterates))
+        polarity = None if result.polarity_confidence is None else round(float(result.polarity_confidence[index]), 4)
+        inversions.append(Inversion(source, preimage, reference, measures, seconds, stop_reason, iterates, polarity))
     return inversions
 
 

@@ -16,6 +16,10 @@ LEAD = (
     "it is shown for comparison. HOG contains neither colour nor brightness, so the pre-image is gray, unless --colour "
     "guesses hues, and is compared with the gray photograph. In the difference, middle gray means equal."
 )
+POLARITY = (
+    "Probability that the pre-image is no negative, by the learned prior; none of descriptors that tell bright from "
+    "dark, and without a prior."
+)
 SECONDS = "Wall time of the search; where one search is for several inputs, an equal share of it."
 
 
@@ -36,13 +40,19 @@ def page(
         remark: the last sentence.
     """
     shown = inversions[:SHOWN]
+    rows = [{**inversion.row(), "input": inversion.source.name} for inversion in inversions]
+    definitions = {name: DEFINITIONS[name] for name in inversions[0].measures}
+    if any(inversion.polarity is not None for inversion in inversions):
+        definitions["polarity"] = POLARITY
+    else:
+        rows = [{name: value for name, value in row.items() if name != "polarity"} for row in rows]
     more = f" The pictures of {len(shown)} of {len(inversions)} are below." if len(shown) < len(inversions) else ""
     return html.page(
         title,
         f"{lead}{more}",
-        [{**inversion.row(), "input": inversion.source.name} for inversion in inversions],
+        rows,
         [*map(_section, shown), skipped_section(skipped)],
-        {**{name: DEFINITIONS[name] for name in inversions[0].measures}, "seconds": SECONDS},
+        {**definitions, "seconds": SECONDS},
         f"{html.made()} {remark}",
         first=_first(shown),
     )

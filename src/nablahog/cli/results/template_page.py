@@ -26,7 +26,7 @@ LEAD = (
 )
 DEFINITIONS = {
     "positive, negative": "An image whose histograms are the squares of the positive, or negative, weights of a "
-    "template. If gradients are unsigned, bright and dark are a guess.",
+    "template. If gradients are unsigned, bright and dark are a guess: the negative has the same.",
     "distance": "‖φ(x) − d‖ / ‖d‖, d the descriptor of these histograms and φ(x) that of the image x.",
 }
 
@@ -69,6 +69,9 @@ class InvertedTemplate:
             strokes = f"Strokes along the edges that speak {SIGNS[sign]} a detection by {self.name}, cell by cell"
             seen = f"An image with the edges that speak {SIGNS[sign]} a detection by {self.name}"
             panels += [Panel(drawn, caption, strokes), Panel(image.image[0], "what they see", seen)]
+            if not self.template.spec.signed:
+                negative = "The negative of that image, which has the same edges"
+                panels.append(Panel(1 - image.image[0], "or its negative", negative))
         return panels
 
 

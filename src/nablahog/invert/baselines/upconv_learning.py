@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import random
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import NamedTuple
 
@@ -20,14 +20,13 @@ from torch.nn.functional import mse_loss
 
 from ...hog.descriptor import hog
 from ...hog.spec import HOGSpec
-from ..crops import crop_count, draw_crops, least_side
-from ..fitting import epoch_count, fit
-from ..provenance import NetworkLearning, check_images, digest_of_images
+from ..crops import CropTraining, draw_crops
+from ..fitting import learn_network
 from .upconv import Upconv
 from .upconv_network import UpconvNetwork, check_widths, default_widths, network_input
 
 BATCH = 12
-CROPS = 60_000  # of a training by default: about an hour and a half on one core
+CROPS = 60_000  # of a training by default: about an hour and a half on one core, by the time of the first steps
 LEARNING_RATE, WEIGHT_DECAY = 1e-3, 4e-4  # at a rate of 1e-4 the error falls more slowly in so few steps
 
 
@@ -38,28 +37,16 @@ class _Batch(NamedTuple):
     crops: Tensor
 
 
-class UpconvTraining:
-    """The batches of each epoch, and the loss.  What is random depends on the seed and the epoch alone.
+class UpconvTraining(CropTraining):
+    """The batches of each epoch, and the loss.  What is random depends on the seed and the epoch alone."""
 
-    Args:
-        images: (H, W) each.
-        spec: the dialect.
-        seed: of everything random.
-    """
-
-    default_crops, learning_rate, weight_decay = CROPS, LEARNING_RATE, WEIGHT_DECAY
-
-    def __init__(self, images: Sequence[Tensor], spec: HOGSpec, seed: int) -> None:
-        self.order = [image for image in images for _ in range(crop_count(*image.shape))]
-        self.spec, self.seed = spec, seed
-        self.steps = max(1, len(self.order) // BATCH)
-        self.crops = self.steps * min(BATCH, len(self.order))
+    batch, default_crops, learning_rate, weight_decay = BATCH, CROPS, LEARNING_RATE, WEIGHT_DECAY
 
     def batches(self, epoch: int) -> Iterator[_Batch]:
         """The batches of an epoch, in its own order."""
         shuffled = random.Random(f"{self.seed} {epoch}").sample(self.order, len(self.order))
         for step in range(self.steps):
-            images = shuffled[step * BATCH : (step + 1) * BATCH]
+            images = shuffled[step * self.batch : (step + 1) * self.batch]
             crops = draw_crops(images, self.spec.cell_size[0], random.Random(f"{self.seed} {epoch} {step}"))
             yield _Batch(network_input(hog(crops, self.spec), self.spec, *crops.shape[2:]), crops)
 
@@ -67,9 +54,6 @@ class UpconvTraining:
         """The mean square error of a pixel."""
         height, width = batch.crops.shape[2:]
         return mse_loss(network(batch.cells)[..., :height, :width], batch.crops)
-
-    def finish(self, network: nn.Module) -> None:
-        """Nothing is left to do."""
 
 
 def learn_upconv(
@@ -108,26 +92,16 @@ def learn_upconv(
     """
     widths = widths or default_widths(spec)
     check_widths(spec, widths)
-    names = check_images(images, (least_side(spec.cell_size[0]),) * 2)
-    training = UpconvTraining([images[name] for name in names], spec, seed)
-    epochs = epoch_count(training, epochs)
-    digest = digest_of_images(images)
-    identity = {
-        "images": digest,
-        "spec": spec.to_json(),
-        "epochs": epochs,
-        "seed": seed,
-        "architecture": ["upconv", *widths],
-    }
-    weights, losses = fit(
+    weights, learning = learn_network(
+        images,
+        spec,
+        UpconvTraining,
         partial(UpconvNetwork, spec, widths),
-        training,
-        identity,
+        ["upconv", *widths],
         epochs=epochs,
         seed=seed,
         checkpoint=checkpoint,
         device=device,
         progress=progress,
     )
-    learning = NetworkLearning(images=tuple(names), sha256=digest, seed=seed, epochs=epochs, losses=tuple(losses))
-    return Upconv(spec, widths, weights.half(), learning)
+    return Upconv(spec, widths, weights, learning)
