@@ -1,4 +1,4 @@
-"""Is the learned prior as sure of the polarity as it is right?
+"""Is the learned prior as sure of the polarity as it is right, and do samples disagree where it is wrong?
 
     python benchmarks/calibration.py --images DIR [DIR ...] [--prior FILE] [--every N] [--threads N] [--chart FILE]
 
@@ -6,6 +6,10 @@ Each photograph is inverted from the descriptors of three unsigned presets, and 
 right if its correlation with the photograph is positive.  The table has, for pre-images of which the prior is so sure,
 how many there are, how sure it is in the mean, and how many are right, with the 95 % interval of Wilson.  Above it are
 the means of each way, and Brier's score: the mean square of confidence minus right; 0.25 is that of a coin.
+
+Below it is, of the paper's descriptor, how the agreement of four samples goes with the magnitude of the pre-image's
+correlation with the photograph: Spearman's correlation of the two, and the latter's mean for each third of the images,
+by agreement.
 """
 
 from __future__ import annotations
@@ -17,17 +21,27 @@ from itertools import pairwise
 from pathlib import Path
 
 import torch
+from scipy.stats import spearmanr
 from torch import Tensor
 
 from errors import correlation
 from nablahog import LearnedPrior, hog, presets, reconstruct, reconstruct_multiscale
-from nablahog.invert import Reconstruction, default_prior, scale_descriptors
+from nablahog.invert import Reconstruction, default_prior, reconstruct_samples, scale_descriptors
 from nablahog.viz.svg import Drawing
 from photographs import photographs
 
 EDGES = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 BATCH = 16
 SIDE, MARGIN = 360, 48  # pixels of the chart
+
+
+def agreement(images: Tensor, prior: LearnedPrior) -> tuple[Tensor, Tensor]:
+    """How far samples agree (B,), and the magnitude of the pre-image's correlation with the photograph (B,)."""
+    spec, size = presets.paper(8), (images.shape[2], images.shape[3])
+    descriptor = hog(images, spec)
+    samples = reconstruct_samples(descriptor, spec, size, prior=prior, quality="fast")
+    made = reconstruct(descriptor, spec, size, prior=prior, quality="fast").image
+    return samples.agreement, correlation(made[:, 0], images[:, 0]).abs()
 
 
 def judged(images: Tensor, prior: LearnedPrior) -> Iterator[tuple[str, Tensor, Tensor]]:
@@ -104,10 +118,12 @@ def main() -> None:
     torch.set_num_threads(options.threads)
     prior = default_prior("paper") if options.prior is None else LearnedPrior.load(options.prior)
     found: dict[str, list[tuple[Tensor, Tensor]]] = {}
+    agreements = []
     for folder in options.images:
         for images in photographs(folder)[:: options.every].split(BATCH):
             for name, sure, is_right in judged(images, prior):
                 found.setdefault(name, []).append((sure, is_right))
+            agreements.append(agreement(images, prior))
     columns = {name: tuple(torch.cat(part) for part in zip(*parts, strict=True)) for name, parts in found.items()}
     columns["all"] = tuple(torch.cat(part) for part in zip(*columns.values(), strict=True))
     print("| inverted from | n | sure | right | Brier |\n|---|---:|---:|---:|---:|")
@@ -118,6 +134,9 @@ def main() -> None:
     rows = table(*columns["all"])
     for mean, share, low, high, n in rows:
         print(f"| {math.floor(mean * 10) / 10:.1f} … | {n} | {mean:.3f} | {share:.3f} ({low:.3f}–{high:.3f}) |")
+    agree, alike = (torch.cat(part) for part in zip(*agreements, strict=True))
+    thirds = ", ".join(f"{part.mean():.3f}" for part in alike[agree.argsort()].chunk(3))
+    print(f"\nAgreement of samples with abs CC: Spearman {spearmanr(agree, alike).statistic:.2f}; by thirds: {thirds}")
     if options.chart:
         draw(options.chart, rows)
 

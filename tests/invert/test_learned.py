@@ -24,6 +24,7 @@ from nablahog.invert import Search, signed_network, signed_training, unsigned_tr
 from nablahog.invert.crops import draw_crops
 from nablahog.invert.network import network_class, weight_count
 from nablahog.invert.prior_network import Architecture
+from nablahog.invert.provenance import digest_of_weights
 from nablahog.invert.signed_network import CELLS, network_inputs
 from nablahog.invert.signed_training import SignedTraining
 
@@ -251,6 +252,27 @@ def test_interrupted_and_resumed(tmp_path: Path, images: dict[str, Tensor], kind
     assert os.listdir(tmp_path) == ["kept"]
 
 
+@every_kind
+def test_going_on(tmp_path: Path, images: dict[str, Tensor], kind: str) -> None:
+    """From what was learned before; an interruption does not change it."""
+    before = torch.get_rng_state()
+    start = _trained(images, kind)
+    further = _trained(images, kind, start=start, seed=1)
+    assert torch.equal(torch.get_rng_state(), before)
+    assert further.learning.start == digest_of_weights(start.weights)
+    others = start, _trained(images, kind, seed=1)
+    moved, apart = (float((further.weights - other.weights).float().norm()) for other in others)
+    assert 0 < moved < apart
+    with pytest.raises(KeyboardInterrupt):
+        _trained(images, kind, start=start, seed=1, checkpoint=tmp_path / "kept", progress=Interruption(3))
+    assert torch.equal(
+        _trained(images, kind, start=start, seed=1, checkpoint=tmp_path / "kept").weights, further.weights
+    )
+    path = tmp_path / "prior.npz"
+    further.save(path)
+    assert LearnedPrior.load(path).learning == further.learning
+
+
 def test_checkpoints_of_another_training(tmp_path: Path, images: dict[str, Tensor]) -> None:
     path = tmp_path / "kept"
     _trained(images, epochs=1, checkpoint=path)
@@ -300,7 +322,7 @@ def test_damaged_checkpoints(tmp_path: Path, images: dict[str, Tensor], caplog: 
 
 
 def test_what_cannot_be_learned_from(images: dict[str, Tensor]) -> None:
-    camera = images["camera"]
+    camera, start = images["camera"], _trained(images, "unsigned", epochs=1)
     wrong: list[tuple[dict[str, Any], str]] = [
         ({"images": {}}, "expected images to learn from, got none"),
         ({"images": {"a": camera[:31]}}, "a: expected at least 32x32 pixels, got 31x48"),
@@ -311,6 +333,8 @@ def test_what_cannot_be_learned_from(images: dict[str, Tensor]) -> None:
         ({"epochs": 0}, "epochs must be at least 1, got 0"),
         ({"architecture": Architecture((8, 8, 8), (0, 0, 0))}, "3 resolutions do not lead from cells of 8 pixels"),
         ({"kind": "unsigned", "architecture": TINY}, "a prior for unsigned descriptors has 3 widths"),
+        ({"start": start}, "the prior was learned for unsigned descriptors, a uoctti descriptor is signed"),
+        ({"kind": "unsigned", "start": start, "architecture": TINY}, "the prior to go on from is of Architecture"),
     ]
     for changed, message in wrong:
         with pytest.raises(ValueError, match=message):

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .preimage import reconstruct
     from .prior_choice import default_prior
     from .reconstruction import Reconstruction
+    from .samples import Samples, reconstruct_samples
     from .template import template_descriptor
     from .training import train_prior
 
@@ -21,10 +22,12 @@ __all__ = [
     "Level",
     "Objective",
     "Reconstruction",
+    "Samples",
     "Search",
     "default_prior",
     "reconstruct",
     "reconstruct_multiscale",
+    "reconstruct_samples",
     "scale_descriptors",
     "template_descriptor",
     "train_prior",
@@ -39,6 +42,7 @@ names_when_used(
     preimage=("reconstruct",),
     prior_choice=("default_prior",),
     reconstruction=("Reconstruction",),
+    samples=("Samples", "reconstruct_samples"),
     template=("template_descriptor",),
     training=("train_prior",),
 )

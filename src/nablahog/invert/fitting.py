@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import islice
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,10 +17,12 @@ from torch.nn.utils import clip_grad_norm_
 from ..hog.spec import HOGSpec
 from .checkpoint import Checkpoint
 from .crops import least_side
-from .provenance import NetworkLearning, check_images, digest_of_images
-from .weights import flat, fold_statistics
+from .provenance import NetworkLearning, check_images, digest_of_images, digest_of_weights
+from .weights import flat, fold_statistics, unfold_statistics, with_weights
 
 LARGEST_GRADIENT = 1.0
+AGAIN = 0.5  # the largest rate of a training that goes on from another, relative to the usual one
+FEW = 20  # batches, of which means and variances are taken before such a training
 WARM_UP = 0.1  # share of the steps in which the rate rises
 FIRST, LAST = 1 / 25, 1e-5  # the first and the last rate, relative to the largest
 _MOMENTS = ("exp_avg", "exp_avg_sq")  # of AdamW, for each weight
@@ -59,6 +62,7 @@ def learn_network(
     make: Callable[[], nn.Module],
     architecture: Sequence[object],
     *,
+    start: Tensor | None = None,
     epochs: int | None,
     seed: int,
     checkpoint: str | os.PathLike[str] | None,
@@ -73,6 +77,7 @@ def learn_network(
         training: from the images in the order of their names, the spec and the seed.
         make: as of :func:`fit`.
         architecture: of the network, values that are equal after a round trip through JSON.
+        start: weights (n,), float16, to go on from; None for random ones.
         epochs: passes over the images; None for as many as have about the training's default number of crops.
         seed, checkpoint, device, progress: as of :func:`fit`.
 
@@ -97,10 +102,23 @@ def learn_network(
         "seed": seed,
         "architecture": architecture,
     }
+    of_start = ""
+    if start is not None:
+        identity["start"] = of_start = digest_of_weights(start)
     weights, losses = fit(
-        make, data, identity, epochs=epochs, seed=seed, checkpoint=checkpoint, device=device, progress=progress
+        make,
+        data,
+        identity,
+        start=start,
+        epochs=epochs,
+        seed=seed,
+        checkpoint=checkpoint,
+        device=device,
+        progress=progress,
     )
-    learning = NetworkLearning(images=tuple(names), sha256=digest, seed=seed, epochs=epochs, losses=tuple(losses))
+    learning = NetworkLearning(
+        images=tuple(names), sha256=digest, seed=seed, epochs=epochs, losses=tuple(losses), start=of_start
+    )
     return weights.half(), learning
 
 
@@ -109,6 +127,7 @@ def fit(
     training: Training,
     identity: Mapping[str, object],
     *,
+    start: Tensor | None = None,
     epochs: int,
     seed: int,
     checkpoint: str | os.PathLike[str] | None,
@@ -121,6 +140,8 @@ def fit(
         make: the network before training; its weights may be drawn from the global generator, which is not changed.
         training: its batches and its loss.
         identity: what the result depends on, as of :class:`.Checkpoint`.
+        start: weights (n,) to go on from, of an earlier training, at a rate that is at most :data:`AGAIN` of the
+            largest; None for those of ``make``.
         epochs: at least 1.
         seed: of the weights, and of what the network draws in training.
         checkpoint: a file that is written after each epoch, and that a training is resumed from; None for no file.
@@ -137,10 +158,15 @@ def fit(
     steps = training.steps
     with torch.random.fork_rng(devices=[]):  # layers draw from the global generator, which must not change
         torch.manual_seed(seed)
-        network = make().to(device)
+        network = (make() if start is None else with_weights(make, start)).to(device)
     network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # convolutions take a fifth less time
     optimizer = torch.optim.AdamW(network.parameters(), weight_decay=training.weight_decay)
     saved = Checkpoint(checkpoint, "training", identity, ("losses", "state"))
+    if start is not None:
+        with torch.random.fork_rng():
+            torch.manual_seed(seed)
+            unfold_statistics(network, lambda: _losses(training, network, device))
+    largest = training.learning_rate * (1.0 if start is None else AGAIN)
     losses = _restore(saved, network, optimizer, epochs, steps)
     for epoch in range(len(losses), epochs):
         total = 0.0
@@ -150,8 +176,8 @@ def fit(
                 done = epoch * steps + step
                 progress(done, epochs * steps, _report(epoch, epochs, losses))
                 for group in optimizer.param_groups:
-                    group["lr"] = training.learning_rate * one_cycle((done + 0.5) / (epochs * steps))
-                loss = training.loss(network, type(batch)(*(part.to(device) for part in batch)))
+                    group["lr"] = largest * one_cycle((done + 0.5) / (epochs * steps))
+                loss = training.loss(network, _on(device, batch))
                 optimizer.zero_grad()
                 loss.backward()  # type: ignore[no-untyped-call]
                 clip_grad_norm_(network.parameters(), LARGEST_GRADIENT)
@@ -165,6 +191,15 @@ def fit(
     training.calibrate(network)
     progress(epochs * steps, epochs * steps, _report(epochs - 1, epochs, losses))
     return flat(network.parameters()), losses
+
+
+def _on(device: torch.device | str, batch: Any) -> Any:
+    return type(batch)(*(part.to(device) for part in batch))
+
+
+def _losses(training: Training, network: nn.Module, device: torch.device | str) -> list[Tensor]:
+    """Of the first few batches."""
+    return [training.loss(network, _on(device, batch)) for batch in islice(training.batches(0), FEW)]
 
 
 def _save(checkpoint: Checkpoint, network: nn.Module, optimizer: torch.optim.AdamW, losses: list[float]) -> None:

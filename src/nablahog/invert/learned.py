@@ -115,6 +115,34 @@ class LearnedPrior(LearnedModel):
         return at_contrast(images, votes, searchable(spec)).to(descriptor.dtype)
 
     @torch.no_grad()
+    def samples(
+        self, descriptor: Tensor, spec: HOGSpec | str, image_size: tuple[int, int], count: int, *, seed: int = 0
+    ) -> Tensor:
+        """Draws of images that the network thinks possible, (B, count, 1, H, W), as :meth:`expected` has them.
+
+        In each draw another share of what the network sees in the large is left out, and which side is bright is drawn
+        by :meth:`polarity_confidence`.
+
+        Args:
+            descriptor, spec, image_size: as of :meth:`expected`.
+            count: draws of each descriptor.
+            seed: of the draws; the same for every descriptor of the batch.
+
+        Raises:
+            TypeError: as :meth:`expected`.
+            ValueError: as :meth:`expected`; the prior is for signed descriptors, which leave no regions open.
+        """
+        spec = as_spec(spec)
+        self.check(spec)
+        size = check_descriptor(descriptor, spec, image_size)
+        network = self._network.to(descriptor.device)
+        if not isinstance(network, UnsignedNetwork):
+            raise ValueError("samples are drawn of unsigned descriptors, this prior is for signed ones")
+        draws, votes = network.draws(descriptor.float(), spec, size, count, seed)
+        images = at_contrast(draws, votes.repeat_interleave(count, dim=0), searchable(spec))
+        return images.to(descriptor.dtype).reshape(-1, count, 1, *size)
+
+    @torch.no_grad()
     def polarity_confidence(self, images: Tensor, descriptor: Tensor, spec: HOGSpec | str) -> Tensor:
         """How likely it is that images with unsigned descriptors are no negatives.
 

@@ -33,10 +33,12 @@ class NetworkLearning(Learning):
     Attributes:
         epochs: passes over the photographs.
         losses: the mean loss of each epoch.
+        start: SHA-256 of the weights that it went on from, hexadecimal; empty if these were random.
     """
 
     epochs: int
     losses: tuple[float, ...]
+    start: str = ""
 
     @property
     def summary(self) -> str:
@@ -60,6 +62,11 @@ def check_images(images: Mapping[str, Tensor], least: tuple[int, int] = (0, 0)) 
         if height < least[0] or width < least[1]:
             raise ValueError(f"{name}: expected at least {least[0]}x{least[1]} pixels, got {height}x{width}")
     return sorted(images)
+
+
+def digest_of_weights(weights: Tensor) -> str:
+    """The SHA-256 of weights (n,), float16, hexadecimal."""
+    return hashlib.sha256(weights.cpu().numpy().tobytes()).hexdigest()
 
 
 def digest_of_images(images: Mapping[str, Tensor]) -> str:

@@ -26,6 +26,7 @@ def train_prior(
     epochs: int | None = None,
     seed: int = 0,
     architecture: Architecture | None = None,
+    start: LearnedPrior | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     device: torch.device | str = "cpu",
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
@@ -48,6 +49,7 @@ def train_prior(
         seed: of everything random.
         architecture: of the network; by default of 5.9 million weights for UoCTTI with cells of 8, of 5.3 million for
             unsigned specs.
+        start: a prior for such descriptors to go on from: what it has learned is changed to what these images show.
         checkpoint: a file that is written after each epoch.  If it exists and is of the same training, this training is
             resumed, with the same result.  The file is not removed.  A damaged one is renamed, and the training starts
             afresh.
@@ -56,8 +58,8 @@ def train_prior(
 
     Raises:
         ValueError: there are no images, or one is too small or holds other values; there can be no prior for the spec;
-            there is no such preset; ``epochs`` is below 1; the checkpoint is of another training; the training
-            diverges.
+            there is no such preset; ``start`` is for others, or of another architecture; ``epochs`` is below 1; the
+            checkpoint is of another training; the training diverges.
         OSError: the checkpoint cannot be read or written.
 
     >>> images = {"noise": torch.rand(96, 96, generator=torch.Generator().manual_seed(0))}
@@ -67,6 +69,11 @@ def train_prior(
     (('noise',), 1)
     """
     spec = as_spec(spec)
+    if start is not None:
+        start.check(spec)
+        if architecture not in (None, start.architecture):
+            raise ValueError(f"the prior to go on from is of {start.architecture}, not of {architecture}")
+        architecture = start.architecture
     architecture = architecture or network_class(spec).default_architecture(spec)
     network_class(spec).check(spec, architecture)
     weights, learning = learn_network(
@@ -75,6 +82,7 @@ def train_prior(
         SignedTraining if spec.signed else UnsignedTraining,
         partial(make_network, spec, architecture),
         [list(architecture.widths), list(architecture.blocks)],
+        start=None if start is None else start.weights,
         epochs=epochs,
         seed=seed,
         checkpoint=checkpoint,

@@ -12,6 +12,8 @@ Inputs are histograms of any dialect, unsigned, in nine bins, of cells that tile
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 
 import torch
@@ -34,6 +36,7 @@ HISTOGRAM_EVALUATIONS = 60  # of the recovery; enough for a network, the search 
 WHOLE = 4  # parts along each axis, where the whole image is taken in
 WHOLE_CHANNELS, WHOLE_UNITS = 64, 256  # channels of each part, and units for all of them
 DROPOUT = 0.1  # share of channels and units left out in training, where the whole image is taken in
+DRAWN = 0.3  # the same share, in draws of what is possible: of 0.1, 0.3 and 0.5, that whose best draw is best
 POLARITY_WIDTHS = (48, 96, 128)
 FLAT = 1e-6  # standard deviation below which an image of unit contrast counts as flat
 
@@ -170,6 +173,22 @@ class _Polarity(nn.Module):
         return odds.squeeze(1)
 
 
+@contextmanager
+def _left_out(network: nn.Module) -> Iterator[None]:
+    """While it lasts, a share :data:`DRAWN` of what the network leaves out in training is left out."""
+    layers = [layer for layer in network.modules() if isinstance(layer, nn.Dropout | nn.Dropout2d)]
+    shares = [layer.p for layer in layers]
+    for layer in layers:
+        layer.p = DRAWN
+        layer.train()
+    try:
+        yield
+    finally:
+        for layer, share in zip(layers, shares, strict=True):
+            layer.p = share
+            layer.eval()
+
+
 class UnsignedNetwork(PriorNetwork):
     """Its architecture is that of the regions; that of the polarity is fixed."""
 
@@ -195,6 +214,25 @@ class UnsignedNetwork(PriorNetwork):
         regions = self.regions_of(inputs)
         images = torch.where(self.log_odds(inputs, regions, regions).reshape(-1, 1, 1, 1) < 0, -regions, regions)
         return Prediction(interpolate(images, size=size, mode="bicubic", align_corners=False), votes)
+
+    def draws(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], count: int, seed: int) -> Prediction:
+        """Draws of what is possible for descriptors (B, rows, cols, channels), (B · count, 1, H, W)."""
+        spec = searchable(spec)
+        votes = recover_histograms(descriptor, spec, size, max_evaluations=HISTOGRAM_EVALUATIONS)
+        images = [self._drawn(inputs.unsqueeze(0), count, seed) for inputs in cell_votes(votes, spec, size)]
+        return Prediction(interpolate(torch.cat(images), size=size, mode="bicubic", align_corners=False), votes)
+
+    def _drawn(self, inputs: Tensor, count: int, seed: int) -> Tensor:
+        """Images (count, 1, 2R, 2C) of the votes (1, 9, R, C) of one descriptor, by other channels left out in each."""
+        inputs = inputs.expand(count, -1, -1, -1)
+        with torch.random.fork_rng():
+            torch.manual_seed(seed)
+            with _left_out(self.regions):
+                regions = self.regions(inputs)
+            likely = torch.sigmoid(self.log_odds(inputs, regions, regions))
+            return torch.where(
+                torch.rand_like(likely).reshape(-1, 1, 1, 1) < likely.reshape(-1, 1, 1, 1), regions, -regions
+            )
 
     def polarity_confidence(self, images: Tensor, descriptor: Tensor, spec: HOGSpec) -> Tensor:
         """The probabilities (B,) that images (B, 1, H, W) with the descriptors are no negatives."""

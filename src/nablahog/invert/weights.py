@@ -58,5 +58,34 @@ def fold_statistics(network: nn.Module) -> None:
         layer.reset_running_stats()
 
 
+@torch.no_grad()
+def unfold_statistics(network: nn.Module, run: Callable[[], object]) -> None:
+    """Makes a network of :func:`fold_statistics` one that can be trained further.
+
+    It normalises again, by the means and variances of what it is ``run`` on.  Until it is trained, its answers stay the
+    same.
+    """
+    moments: dict[nn.BatchNorm2d, list[tuple[Tensor, Tensor]]] = {layer: [] for layer in _normalised(network)}
+
+    def watch(layer: nn.Module, inputs: tuple[Tensor, ...]) -> None:
+        assert isinstance(layer, nn.BatchNorm2d)
+        moments[layer].append((inputs[0].mean(dim=(0, 2, 3)), inputs[0].square().mean(dim=(0, 2, 3))))
+
+    watched = [layer.register_forward_pre_hook(watch) for layer in moments]
+    network.eval()
+    run()
+    for hook in watched:
+        hook.remove()
+    for layer, seen in moments.items():
+        mean, square = (torch.stack(each).mean(dim=0) for each in zip(*seen, strict=True))
+        assert layer.running_mean is not None
+        assert layer.running_var is not None
+        layer.running_mean.copy_(mean)
+        layer.running_var.copy_(square - mean.square())
+        layer.bias.add_(mean * layer.weight / math.sqrt(1 + layer.eps))
+        layer.weight.mul_(torch.sqrt((layer.running_var + layer.eps) / (1 + layer.eps)))
+    network.train()
+
+
 def _normalised(network: nn.Module) -> Iterator[nn.BatchNorm2d]:
     return (layer for layer in network.modules() if isinstance(layer, nn.BatchNorm2d))

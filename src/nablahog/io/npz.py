@@ -179,7 +179,7 @@ def account_of(kind: type[Account], of: str) -> Account:
     """
     try:
         stored = json.loads(of)
-        return kind(**{name: _as(hint, stored[name]) for name, hint in get_type_hints(kind).items()})
+        return kind(**{name: _as(hint, stored[name]) for name, hint in get_type_hints(kind).items() if name in stored})
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ValueError(f"its account of the learning cannot be read: {one_line(error)}") from None
 

@@ -29,6 +29,7 @@ from nablahog.evaluate.learned import LEARNED
 from nablahog.evaluate.photographs import read_folder
 from nablahog.invert.baselines import hoggles_learning
 from nablahog.invert.network import weight_count
+from nablahog.invert.provenance import digest_of_weights
 from nablahog.pose.background import learn_background
 from nablahog.pose.whitening import Background
 
@@ -119,6 +120,19 @@ def test_a_prior(tmp_path: Path, images: str) -> None:
     prior = LearnedPrior.load(out)
     assert (prior.learning.epochs, len(prior.learning.losses)) == (2, 2)
     assert len(prior.weights) == weight_count(prior.spec, prior.architecture)
+
+
+def test_going_on_from_a_prior(tmp_path: Path, images: str, refused: Callable[..., None]) -> None:
+    start, out = tmp_path / "start.npz", tmp_path / "p.npz"
+    options = ["--images", images, *OPTIONS["prior"]]
+    assert main(["learn", "prior", *options, "-o", str(start)]) == 0
+    assert main(["learn", "prior", *options, "-o", str(out), "--start", str(start)]) == 0
+    assert LearnedPrior.load(out).learning.start == digest_of_weights(LearnedPrior.load(start).weights)
+    for unusable, message in [
+        ("none.npz", "none.npz: no such file"),
+        ("default", "no prior for a uoctti descriptor comes with the package"),
+    ]:
+        refused("learn", "prior", *options, "-o", str(out), "--start", unusable, message=message)
 
 
 def test_a_background(tmp_path: Path, images: str) -> None:

@@ -116,6 +116,20 @@ def test_an_installation_without_priors(
     refused(*command, "dalal-learned", message=message)
 
 
+def test_samples(tmp_path: Path, photo: str, prior: str, refused: Callable[..., None]) -> None:
+    out = tmp_path / "out"
+    options = ["invert", photo, "-o", str(out), *FEW, "--samples", "2"]
+    assert main([*options, "--preset", "paper"]) == 0
+    (result,) = json.loads((out / "results.json").read_text())
+    assert 0 < result["agreement"] < 1
+    assert "cat_samples.png" in names(out)
+    assert "sample 2" in (out / "index.html").read_text()
+    assert main([*options[:3], str(tmp_path / "signed"), *options[4:], "--prior", prior]) == 0  # nothing is left open
+    assert "cat_samples.png" not in names(tmp_path / "signed")
+    for option in ("--no-prior", "--colour", "--method paper"):
+        refused(*options, *option.split(), message=f"--samples and {option} exclude each other: samples are draws of a")
+
+
 def test_both_options(tmp_path: Path, photo: str, prior: str, refused: Callable[..., None]) -> None:
     refused(
         "invert", photo, "-o", str(tmp_path / "out"), "--prior", prior, "--no-prior", message="not allowed", status=2

@@ -10,6 +10,8 @@ from ...invert.quality import QualityName
 from . import options
 from .options import SEVERAL, Parser
 
+MOST_SAMPLES = 64
+
 
 def hog(commands: argparse._SubParsersAction[Parser]) -> None:
     """Adds ``nablahog hog``."""
@@ -77,6 +79,14 @@ def invert(commands: argparse._SubParsersAction[Parser]) -> None:
         help="fast finds coarser images in about a sixth of the time (default: best)",
     )
     options.prior(command)
+    options.number(
+        command,
+        "--samples",
+        "of unsigned descriptors, write <stem>_samples.png, too: so many further answers that the prior thinks "
+        "possible, in so many times the time; where they differ, the descriptor does not tell",
+        least=2,
+        most=MOST_SAMPLES,
+    )
     command.add_argument(
         "--colour",
         action="store_true",

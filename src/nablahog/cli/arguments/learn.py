@@ -56,6 +56,11 @@ def _network(command: argparse.ArgumentParser) -> None:
 def _prior(command: argparse.ArgumentParser) -> None:
     _network(command)
     command.add_argument(
+        "--start",
+        metavar="FILE",
+        help="go on from this prior, in place of random weights; 'default' is the one that comes with the package",
+    )
+    command.add_argument(
         "--signs",
         action=_Signs,
         choices=PRESET_OF_SIGNS,

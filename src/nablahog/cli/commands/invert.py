@@ -38,7 +38,7 @@ def invert(arguments: Namespace) -> int:
 
     inputs = read_inputs(arguments, keep_photos=True, check=check)
     sources, skipping, folder = inputs.sources, inputs.skipping, Path(arguments.output)
-    results = [name for source in sources for name in result_names(source, arguments.iterations)]
+    results = [name for source in sources for name in result_names(source, _more_pictures(arguments))]
     forbid_overwrite(inputs.paths, [folder / name for name in (*results, "results.json", "index.html")])
     inversions: dict[int, Inversion] = {}
 
@@ -52,6 +52,7 @@ def invert(arguments: Namespace) -> int:
                 max_evaluations=arguments.max_evaluations,
                 published=published,
                 prior=prior.for_spec(sources[batch[0]].spec),
+                samples=arguments.samples,
                 colour=arguments.colour,
                 progress=progress(about),
             )
@@ -83,6 +84,11 @@ def invert(arguments: Namespace) -> int:
     return skipping.status
 
 
+def _more_pictures(arguments: Namespace) -> list[str]:
+    """The pictures of an inversion that there are only if they are asked for."""
+    return [name for name in ("iterations", "samples") if getattr(arguments, name)]
+
+
 def _say_unsure(inversions: Sequence[Inversion]) -> None:
     """Of which pre-images the negative may as well be right."""
     unsure = [f"{each.source.name} ({each.polarity:.0%} sure)" for each in inversions if each.unsure]
@@ -108,6 +114,11 @@ def _prior(arguments: Namespace) -> PriorOptions:
     """Without one for what takes none: the paper's search, and images in colour."""
     if arguments.colour and arguments.prior:
         raise UserError("--colour and --prior exclude each other: the prior was learned from gray images")
+    without = [name for name in ("--colour", "--no-prior") if getattr(arguments, name[2:].replace("-", "_"))]
+    if arguments.method == "paper":
+        without.append("--method paper")
+    if arguments.samples and without:
+        raise UserError(f"--samples and {without[0]} exclude each other: samples are draws of a prior")
     if arguments.colour or arguments.method == "paper":
         return PriorOptions(None, False)
     return PriorOptions.of(arguments)

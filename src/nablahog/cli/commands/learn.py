@@ -11,6 +11,7 @@ import torch
 from ...evaluate.learned import LEARNED, SPEC, Learner, sample_training_photographs
 from ...evaluate.photographs import Photographs, read_folder, sample_photographs
 from ...hog import HOGSpec
+from ...invert import LearnedPrior, default_prior
 from ...io.files import output_folder
 from ...pose.background import learn_background, least_size
 from ...pose.whitening import Background, check_spec
@@ -39,7 +40,9 @@ def learn(arguments: Namespace) -> None:
         spec = SpecOptions.of(arguments).spec() if "descriptor" in arguments else SPEC
         learner.check(spec)  # before any image is read
         photographs = _photographs(arguments, learner, spec)
-    options = {name: getattr(arguments, name) for name in OPTIONS if name in arguments}
+        options = {name: getattr(arguments, name) for name in OPTIONS if name in arguments}
+        if getattr(arguments, "start", None) is not None:
+            options["start"] = _prior(arguments.start, spec)
     with output_folder(output.parent), as_user_error():
         for name, reason in photographs.failed.items():
             say(f"Passed over: {name}: {reason}")
@@ -54,6 +57,17 @@ def _learner(arguments: Namespace) -> Learner:
         return Learner(Background, learn_background, check_spec, lambda spec: least_size(spec, arguments.order))
     learner = LEARNED[arguments.kind]
     return replace(learner, resumes=False) if getattr(arguments, "fast", False) else learner
+
+
+def _prior(file: str, spec: HOGSpec) -> LearnedPrior:
+    """The prior in a file, or, for ``"default"``, the one that comes with the package.
+
+    Raises:
+        ValueError, OSError: there is none, or it is not for descriptors of ``spec``.
+    """
+    prior = default_prior(spec) if file == "default" else LearnedPrior.load(file)
+    prior.check(spec)
+    return prior
 
 
 def _photographs(arguments: Namespace, learner: Learner, spec: HOGSpec) -> Photographs:

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from ... import metrics
 from ...hog.gradient import gray
-from ...invert import AsPublished, LearnedPrior, Search, reconstruct
+from ...invert import AsPublished, LearnedPrior, Search, reconstruct, reconstruct_samples
 from ...invert.colour import reconstruct_colour
 from ...invert.quality import QualityName
 from ...io.images import write_image
@@ -48,6 +48,8 @@ class Inversion:
         iterates: (iterations + 1, H, W) in 0…1, from the start to the pre-image, if they were asked for.
         polarity: the learned prior's probability that the pre-image is no negative; None of signed descriptors, which
             tell, and without a prior.
+        samples: (K, H, W) in 0…1, further answers that the prior thinks possible, if they were asked for.
+        agreement: of the samples, as :class:`nablahog.invert.Samples` has it.
     """
 
     source: Source
@@ -58,6 +60,8 @@ class Inversion:
     stop_reason: str
     iterates: Tensor | None = None
     polarity: float | None = None
+    samples: Tensor | None = None
+    agreement: float | None = None
 
     def figures(self) -> dict[str, Any]:
         """What ``results.json`` says of this input, ready for JSON."""
@@ -66,6 +70,7 @@ class Inversion:
             "descriptor": self.source.spec.name,
             **{name.lower(): value for name, value in self.measures.items()},
             "polarity": self.polarity,
+            "agreement": self.agreement,
             "seconds": round(self.seconds, 4),
             "stop_reason": self.stop_reason,
             "image_size": list(self.source.image_size),
@@ -113,6 +118,14 @@ class Inversion:
             Panel(apart, "pre-image - photograph", f"{of}: {seen}"),
         ]
 
+    def sampled(self) -> list[Panel]:
+        """The pre-image and the samples, if there are any."""
+        if self.samples is None:
+            return []
+        about = f"A further image with about the HOG of {self.source.name}, that the prior thinks possible"
+        drawn = [Panel(sample, f"sample {k}", about) for k, sample in enumerate(self.samples, start=1)]
+        return [Panel(self.preimage, "pre-image", f"The image found from the HOG of {self.source.name} alone"), *drawn]
+
     def pair(self) -> tuple[Panel, Panel] | None:
         """The gray photograph, where it is known, and the pre-image."""
         if self.reference is None:
@@ -127,33 +140,35 @@ class Inversion:
         return glyphs(self.source.descriptor, self.source.spec)
 
     def write(self, folder: Path) -> None:
-        """Writes ``<stem>_preimage.png``, ``_glyphs.png``, ``_thumbnails.png``, and ``_iterations.png`` of iterates.
+        """Writes ``<stem>_preimage.png``, ``_glyphs.png``, ``_thumbnails.png``; ``_iterations.png``, ``_samples.png``.
+
+        The last two if there are iterates, and samples.
 
         Raises:
             OSError: a file cannot be written.
         """
-        sheet = contact_sheet([self.panels()])
-        kept = self.iterates is not None
-        preimage, glyph_picture, thumbnails, *more = (folder / name for name in result_names(self.source, kept))
+        further = {"iterations": self._first_and_last(), "samples": self.sampled()}
+        more = {name: panels for name, panels in further.items() if panels}
+        sheets = [contact_sheet([panels]) for panels in (self.panels(), *more.values())]  # all, before any is written
+        preimage, glyph_picture, *names = (folder / name for name in result_names(self.source, list(more)))
         write_image(preimage, self.preimage)
         write_image(glyph_picture, self.glyphs)
-        write_image(thumbnails, sheet)
-        for name in more:
-            write_image(name, contact_sheet([self._first_and_last()]))
+        for name, sheet in zip(names, sheets, strict=True):
+            write_image(name, sheet)
 
     def _first_and_last(self) -> list[Panel]:
-        """The photograph, if it is known, and the image after iterations 0, 1, 2 and all, as the paper shows them."""
-        assert self.iterates is not None
+        """The photograph, if it is known, and the iterates 0, 1, 2 and the last, as the paper shows them."""
+        if self.iterates is None:
+            return []
         last = len(self.iterates) - 1
         shown = [Panel(self.iterates[k], f"iteration {k}") for k in range(min(3, last))]
         photo = [] if self.source.photo is None else [Panel(self.source.photo, "photograph")]
         return [*photo, *shown, Panel(self.iterates[last], f"iteration {last}")]
 
 
-def result_names(source: Source, iterations: bool = False) -> list[str]:
-    """The names of the files that :meth:`Inversion.write` leaves, with those of iterations or without."""
-    pictures = ("preimage", "glyphs", "thumbnails", *(["iterations"] if iterations else []))
-    return [f"{source.stem}_{what}.png" for what in pictures]
+def result_names(source: Source, more: Sequence[str] = ()) -> list[str]:
+    """The names of the files that :meth:`Inversion.write` leaves, with ``more`` of them than are always there."""
+    return [f"{source.stem}_{what}.png" for what in ("preimage", "glyphs", "thumbnails", *more)]
 
 
 def batches(sources: Sequence[Source]) -> list[list[int]]:
@@ -177,6 +192,7 @@ def invert_batch(
     max_evaluations: int | None = None,
     published: AsPublished | None = None,
     prior: LearnedPrior | None = None,
+    samples: int | None = None,
     colour: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Inversion]:
@@ -190,6 +206,7 @@ def invert_batch(
         max_evaluations: of the objective; None for those of the quality.
         published: the paper's search, instead of the default one.
         prior: that was learned for such descriptors; None for none.
+        samples: further answers to unsigned descriptors, by their prior; None for none.
         colour: whether to find images in colour, without a prior.
         progress: called with the evaluations done and their largest number.
 
@@ -202,19 +219,21 @@ def invert_batch(
     """
     descriptors = torch.stack([source.descriptor for source in sources]).to(device)
     spec, image_size = sources[0].spec, sources[0].image_size
+    options: dict[str, Any] = {
+        "quality": quality,
+        "seed": seed,
+        "search": Search(max_evaluations=max_evaluations),
+        "progress": progress,
+    }
     if published is not None:
         result = reconstruct(descriptors, spec, image_size, method=published, seed=seed, progress=progress)
+    elif colour:
+        result = reconstruct_colour(descriptors, spec, image_size, **options)
     else:
-        options: dict[str, Any] = {
-            "quality": quality,
-            "seed": seed,
-            "search": Search(max_evaluations=max_evaluations),
-            "progress": progress,
-        }
-        if colour:
-            result = reconstruct_colour(descriptors, spec, image_size, **options)
-        else:
-            result = reconstruct(descriptors, spec, image_size, prior=prior, **options)
+        result = reconstruct(descriptors, spec, image_size, prior=prior, **options)
+    drawn = None
+    if samples is not None and prior is not None and result.polarity_confidence is not None:
+        drawn = reconstruct_samples(descriptors, spec, image_size, count=samples, prior=prior, **options)
     inversions = []
     for index, source in enumerate(sources):
         preimage = result.image[index].detach().float().cpu()
@@ -223,9 +242,28 @@ def invert_batch(
         measures = _measures(_gray(preimage), reference, float(result.distance[index]))
         seconds, stop_reason = result.seconds / len(sources), str(result.stop_reason[index])
         iterates = None if result.iterates is None else result.iterates[:, index, 0].detach().float().cpu()
-        polarity = None if result.polarity_confidence is None else round(float(result.polarity_confidence[index]), 4)
-        inversions.append(Inversion(source, preimage, reference, measures, seconds, stop_reason, iterates, polarity))
+        polarity = None if result.polarity_confidence is None else _rounded(result.polarity_confidence[index])
+        further = None if drawn is None else drawn.image[index, :, 0].float().cpu()
+        agreement = None if drawn is None else _rounded(drawn.agreement[index])
+        inversions.append(
+            Inversion(
+                source,
+                preimage,
+                reference,
+                measures,
+                seconds,
+                stop_reason,
+                iterates,
+                polarity,
+                further,
+                agreement,
+            )
+        )
     return inversions
+
+
+def _rounded(value: Tensor) -> float:
+    return round(float(value), 4)
 
 
 def _gray(preimage: Tensor) -> Tensor:

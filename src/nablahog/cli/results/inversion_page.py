@@ -20,6 +20,7 @@ POLARITY = (
     "Probability that the pre-image is no negative, by the learned prior; none of descriptors that tell bright from "
     "dark, and without a prior."
 )
+SAMPLES = "Samples agree by the mean magnitude of the correlations of two of them"
 SECONDS = "Wall time of the search; where one search is for several inputs, an equal share of it."
 
 
@@ -77,8 +78,10 @@ def _first(inversions: Sequence[Inversion]) -> html.Section | None:
 def _section(inversion: Inversion) -> html.Section:
     source = inversion.source
     numbers = " x ".join(map(str, source.descriptor.shape))
+    agreement = inversion.agreement
+    samples = "" if agreement is None else f" {SAMPLES}: {agreement:.2f}."
     return html.Section(
         f"{source.name}, {source.spec.name}",
-        f"From {numbers} numbers (rows, columns, channels), in {inversion.seconds:.1f} s.",
-        inversion.panels(),
+        f"From {numbers} numbers (rows, columns, channels), in {inversion.seconds:.1f} s.{samples}",
+        [*inversion.panels(), *inversion.sampled()[1:]],
     )

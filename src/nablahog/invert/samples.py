@@ -1,0 +1,105 @@
+"""Several answers to one unsigned descriptor: where they disagree, nobody knows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from ..hog.presets import as_spec
+from ..hog.spec import HOGSpec
+from .checks import check_descriptor
+from .options import Objective, Search
+from .preimage import reconstruct
+from .prior_choice import PriorChoice, as_prior
+from .quality import QualityName
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Pre-images of each descriptor that differ in what it leaves open.
+
+    Attributes:
+        image: (B, K, 1, H, W) in 0…1.
+        distance: (B, K), as of :class:`.reconstruction.Reconstruction`.
+        agreement: (B,) in 0…1, the mean over all pairs of two samples of the magnitude of their correlation.  Where it
+            is high, the pre-image is more like the photograph; the polarity, on which all may agree or not, is left
+            out.
+    """
+
+    image: Tensor
+    distance: Tensor
+    agreement: Tensor
+
+
+def reconstruct_samples(
+    descriptor: Tensor,
+    spec: HOGSpec | str,
+    image_size: Sequence[int] | None = None,
+    *,
+    count: int = 4,
+    prior: PriorChoice = "default",
+    quality: QualityName = "best",
+    seed: int = 0,
+    search: Search = Search(),
+    objective: Objective = Objective(),
+    progress: Callable[[int, int], None] | None = None,
+) -> Samples:
+    """Several pre-images of each unsigned descriptor, each near another draw of what the prior expects.
+
+    See :meth:`.learned.LearnedPrior.samples`.  Which side of a sample is bright is drawn, too: of descriptors of which
+    the prior is to 70 % sure, three samples of ten are negatives.
+
+    Args:
+        descriptor: (B, rows, cols, channels), float32 or float64, on any device.
+        spec: the dialect that made it, or the name of a preset with its defaults.
+        image_size: (height, width); by default whole cells.
+        count: K, samples of each descriptor, at least 2.
+        prior: a network that was learned for unsigned descriptors; by default that which comes with the package.
+        quality, search, objective, progress: as of :func:`.preimage.reconstruct`, of each sample.
+        seed: of the draws; the same for every descriptor of the batch.
+
+    Raises:
+        TypeError: the descriptor is no float32 or float64 tensor, or the prior is none.
+        ValueError: as :func:`.preimage.reconstruct`; the prior is for signed descriptors; ``count`` is below 2.
+        FileNotFoundError: the default prior was not installed.
+
+    >>> descriptor = nablahog.hog(torch.rand(1, 1, 64, 64), "paper")
+    >>> samples = nablahog.invert.reconstruct_samples(descriptor, "paper", count=2, quality="fast")
+    >>> samples.image.shape, samples.agreement.shape
+    (torch.Size([1, 2, 1, 64, 64]), torch.Size([1]))
+    """
+    if count < 2:
+        raise ValueError(f"expected at least 2 samples, got {count}")
+    spec = as_spec(spec)
+    learned = as_prior(prior, spec)
+    if learned is None:
+        raise TypeError("prior must be a LearnedPrior or 'default', got None")
+    size = check_descriptor(descriptor, spec, image_size)
+    expected = learned.samples(descriptor.detach(), spec, size, count, seed=seed).flatten(0, 1)
+    if spec.gamma == "sqrt":
+        expected = expected.clamp(min=0).square()  # samples are of roots
+    result = reconstruct(
+        descriptor.repeat_interleave(count, dim=0),
+        spec,
+        size,
+        quality=quality,
+        expected=expected,
+        search=replace(search, polarity=False),
+        objective=objective,
+        progress=progress,
+    )
+    image = result.image.reshape(-1, count, 1, *size)
+    return Samples(image, result.distance.reshape(-1, count), _agreement(image))
+
+
+def _agreement(images: Tensor) -> Tensor:
+    """Images (B, K, 1, H, W) to the mean magnitude of the correlations of two of K, (B,); flat ones have none."""
+    pixels = images.flatten(2)
+    pixels = pixels - pixels.mean(dim=2, keepdim=True)
+    size = pixels.norm(dim=2, keepdim=True)
+    pixels = pixels / torch.where(size > 0, size, 1)
+    one, other = torch.triu_indices(images.shape[1], images.shape[1], offset=1)
+    return (pixels[:, one] * pixels[:, other]).sum(dim=2).abs().mean(dim=1)
