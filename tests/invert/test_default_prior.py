@@ -65,12 +65,13 @@ def test_without_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_where_they_are_from() -> None:
-    """README.md says which photographs, by their digest, and which seed."""
+    """README.md says which photographs, by their digest, which seed, and which weights it went on from."""
     prior, readme = default_prior("paper"), (FOLDER / "README.md").read_text(encoding="utf-8")
     assert prior.learning.sha256 in readme
     assert f"{len(prior.learning.images):,} " in readme
     assert f"--epochs {prior.learning.epochs}" in readme
-    assert prior.learning.seed == 0
+    assert f"--seed {prior.learning.seed} " in readme
+    assert prior.learning.start in readme
 
 
 def test_they_are_small() -> None:

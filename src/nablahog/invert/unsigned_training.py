@@ -22,12 +22,12 @@ CROPS = 300_000  # of a training by default: about an hour and a half on two cor
 LEARNING_RATE, WEIGHT_DECAY = 1.2e-3, 0.03
 CELL = 8  # pixels
 PAPER, SKIMAGE, OPENCV, MASKFEAT = presets.paper(CELL), presets.skimage(), presets.opencv(), presets.maskfeat()
-DIALECTS = [[PAPER, SKIMAGE, PAPER, MASKFEAT]] * 3 + [[SKIMAGE, OPENCV]]  # of a batch, for equal parts of its windows
+DIALECTS = [[PAPER, SKIMAGE]] * 4 + [[PAPER, MASKFEAT], [SKIMAGE, OPENCV]]  # of a batch, for equal parts of its windows
 LOSSY = [OPENCV, MASKFEAT]  # whose descriptors do not determine histograms: values are clipped, cells lose contrast
 GRIDS = [(16, 16)] * 6 + [(12, 16), (16, 12), (12, 12), (16, 8)]  # cells of the windows of a batch
-LEAST_SIDE, LARGE = 0.5, 0.4  # of windows, relative to the largest; the share of windows that are as large as can be
+LEAST_SIDE, LARGE = 0.5, 0.6  # of windows, relative to the largest; the share of windows that are as large as can be
 GAMMA = 0.45  # the logarithm of the exponent of gray values is at most
-UNEVEN, UNCERTAIN = 0.4, 0.15  # logarithms of votes are off by, all over a region, and one by one
+BLIND = 0.75  # of the regions' loss does not see the sign of the whole image
 LEAST_CONTRAST = 0.02  # standard deviation of a window, in 0…1, from which on it has its full weight
 HELD_OUT = 25  # one image of so many is not trained with
 FEWEST = 8  # images held out, below which nothing is concluded from them
@@ -43,11 +43,12 @@ class _Batch(NamedTuple):
 class UnsignedTraining:
     """The batches of each epoch, and the loss.
 
-    Half of the regions' loss is the square error to the image, half the lesser of those to the image and its negative:
-    the signs of regions can thus come to agree with each other before it is known which side is bright.  That of the
-    polarity is the cross entropy of the choice between a mixture of the regions with the true image, and its negative.
+    A quarter of the regions' loss is the square error to the image, the rest the lesser of those to the image and its
+    negative: the signs of regions can thus come to agree with each other before it is known which side is bright.
+    That of the polarity is the cross entropy of the choice between a mixture of the regions with the true image, and
+    its negative.
 
-    Votes are those of several dialects, and made uncertain, as those that are recovered from a descriptor are.
+    Votes are those of several dialects, and of some what is recovered from a descriptor that loses a part of them.
 
     One image in 25 is held out, for the confidence in the polarity to be right of images that were not trained with.
 
@@ -76,20 +77,15 @@ class UnsignedTraining:
     def _batch(self, images: Sequence[Tensor], rng: random.Random) -> _Batch:
         grid, specs = rng.choice(GRIDS), rng.choice(DIALECTS)
         windows = torch.cat([_window(image, grid, rng) for image in images])
-        generator = torch.Generator().manual_seed(rng.randrange(2**62))
         parts = windows.chunk(len(specs))
         votes = torch.cat([_votes(part, spec) for part, spec in zip(parts, specs, strict=False)])
-        uneven = torch.randn(len(votes), 1, 5, 5, generator=generator)
-        uneven = interpolate(uneven, size=votes.shape[2:], mode="bicubic", align_corners=True)
-        most = torch.rand(len(votes), 1, 1, 1, generator=generator) * UNEVEN
-        noise = most * uneven + UNCERTAIN * torch.randn(votes.shape, generator=generator)
-        return _Batch(votes * torch.exp(noise), _target(windows))
+        return _Batch(votes, _target(windows))
 
     def loss(self, network: UnsignedNetwork, batch: _Batch) -> Tensor:
         """The mean over the windows, of regions and polarity."""
         images, regions = batch.images, network.regions(batch.votes)
         apart, negative = ((regions - sign * images).square().mean(dim=(1, 2, 3)) for sign in (1.0, -1.0))
-        loss: Tensor = (apart + torch.minimum(apart, negative)).mean() / 2
+        loss: Tensor = ((1 - BLIND) * apart + BLIND * torch.minimum(apart, negative)).mean()
         answer = normalised(regions.detach())
         share = torch.rand(len(images), 1, 1, 1, device=images.device)
         share = torch.where(share < 0.5, 0, 2 * share - 1)  # of the true image
