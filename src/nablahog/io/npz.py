@@ -7,7 +7,7 @@ import os
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import MISSING, asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_hints
 
@@ -172,14 +172,16 @@ def account_to_text(account: DataclassInstance) -> str:
 
 
 def account_of(kind: type[Account], of: str) -> Account:
-    """What :func:`account_to_text` wrote of a dataclass.
+    """What :func:`account_to_text` wrote of a dataclass, before it had some fields with defaults, too.
 
     Raises:
         ValueError: it wrote something else.
     """
     try:
         stored = json.loads(of)
-        return kind(**{name: _as(hint, stored[name]) for name, hint in get_type_hints(kind).items() if name in stored})
+        left_out = {field.name for field in fields(kind) if field.default is not MISSING} - stored.keys()
+        hints = get_type_hints(kind).items()
+        return kind(**{name: _as(hint, stored[name]) for name, hint in hints if name not in left_out})
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ValueError(f"its account of the learning cannot be read: {one_line(error)}") from None
 
