@@ -24,9 +24,8 @@ class Samples:
     Attributes:
         image: (B, K, 1, H, W) in 0…1.
         distance: (B, K), as of :class:`.reconstruction.Reconstruction`.
-        agreement: (B,) in 0…1, the mean over all pairs of two samples of the magnitude of their correlation.  Where it
-            is high, the pre-image is more like the photograph; the polarity, on which all may agree or not, is left
-            out.
+        agreement: (B,) in 0…1, the mean over all pairs of two samples of the magnitude of their correlation, which does
+            not see their polarities.
     """
 
     image: Tensor
