@@ -26,7 +26,8 @@ from torch import Tensor
 
 from errors import correlation
 from nablahog import LearnedPrior, hog, presets, reconstruct, reconstruct_multiscale
-from nablahog.invert import Reconstruction, default_prior, reconstruct_samples, scale_descriptors
+from nablahog.invert import Reconstruction, reconstruct_samples, scale_descriptors
+from nablahog.invert.prior_choice import PriorChoice
 from nablahog.viz.svg import Drawing
 from photographs import photographs
 
@@ -35,7 +36,7 @@ BATCH = 16
 SIDE, MARGIN = 360, 48  # pixels of the chart
 
 
-def agreement(images: Tensor, prior: LearnedPrior) -> tuple[Tensor, Tensor]:
+def agreement(images: Tensor, prior: PriorChoice) -> tuple[Tensor, Tensor]:
     """How far samples agree (B,), and the magnitude of the pre-image's correlation with the photograph (B,)."""
     spec, size = presets.paper(8), (images.shape[2], images.shape[3])
     descriptor = hog(images, spec)
@@ -44,7 +45,7 @@ def agreement(images: Tensor, prior: LearnedPrior) -> tuple[Tensor, Tensor]:
     return samples.agreement, correlation(made[:, 0], images[:, 0]).abs()
 
 
-def judged(images: Tensor, prior: LearnedPrior) -> Iterator[tuple[str, Tensor, Tensor]]:
+def judged(images: Tensor, prior: PriorChoice) -> Iterator[tuple[str, Tensor, Tensor]]:
     """How images are inverted, how sure the prior is (B,), and whether it is right (B,)."""
     for spec in (presets.paper(8), presets.skimage(), presets.opencv()):
         result = reconstruct(hog(images, spec), spec, images.shape[2:], prior=prior, quality="fast")
@@ -110,13 +111,13 @@ def draw(path: Path, rows: Sequence[tuple[float, float, float, float, int]]) -> 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--images", type=Path, nargs="+", required=True, help="folders of images, each of one size")
-    parser.add_argument("--prior", type=Path, help="by default the one that comes with nablahog")
+    parser.add_argument("--prior", type=Path, help="by default those that come with nablahog")
     parser.add_argument("--every", type=int, default=1, help="only each so many-th image")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--chart", type=Path, help="an SVG")
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
-    prior = default_prior("paper") if options.prior is None else LearnedPrior.load(options.prior)
+    prior: PriorChoice = "default" if options.prior is None else LearnedPrior.load(options.prior)
     found: dict[str, list[tuple[Tensor, Tensor]]] = {}
     agreements = []
     for folder in options.images:

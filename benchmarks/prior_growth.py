@@ -23,7 +23,7 @@ from errors import correlation
 from nablahog import LearnedPrior, hog, presets, train_prior
 from nablahog.evaluate.photographs import read_folder
 from nablahog.invert.prior_network import Architecture
-from nablahog.invert.unsigned_training import BATCH
+from nablahog.invert.training_windows import BATCH
 from photographs import photographs
 
 SPEC = presets.paper(8)
@@ -47,6 +47,7 @@ def main() -> None:
     parser.add_argument("--test", type=Path, required=True, help="folder of 128x128 images to judge by")
     parser.add_argument("--steps", type=int, default=1000, help=f"of {BATCH} windows each")
     parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--precision", choices=("float32", "bfloat16"), default="float32")
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
     every, test = read_folder(options.images, size=0, recursive=True).images, photographs(options.test)
@@ -58,7 +59,8 @@ def main() -> None:
         images = {name: every[name] for name in names[:count]}
         epochs = max(1, round(options.steps * BATCH / count))
         began = time.monotonic()
-        prior = train_prior(images, SPEC, epochs=epochs, architecture=Architecture(WIDTHS[size], BLOCKS))
+        architecture = Architecture(WIDTHS[size], BLOCKS)
+        prior = train_prior(images, SPEC, epochs=epochs, architecture=architecture, precision=options.precision)
         minutes = (time.monotonic() - began) / 60
         cc, abs_cc, share = likeness(prior, test)
         figures = f"{cc:.3f} | {abs_cc:.3f} | {share:.0%} | {minutes:.0f}"

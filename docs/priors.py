@@ -1,4 +1,4 @@
-"""Makes docs/priors.png: photographs from unsigned descriptors, without the prior that comes with nablahog and with it.
+"""Makes docs/priors.png: photographs from unsigned descriptors, without the priors of the package and with them.
 
 `python docs/priors.py`; two minutes.  The photographs, of 128x128, come with scikit-image, and are in the public domain
 or under CC0.  Above each pre-image is its correlation with the photograph, and for those with the prior how sure that

@@ -11,11 +11,9 @@ import cv2
 import numpy as np
 import torch
 
-from nablahog import presets, reconstruct
-from nablahog.cli.commands.invert_template import SMOOTHNESS
+from nablahog import presets
 from nablahog.hog.layout import from_layout
-from nablahog.invert import Objective
-from nablahog.invert.template import template_descriptor
+from nablahog.invert import reconstruct_template
 from nablahog.viz.pictures import Panel, contact_sheet, glyphs
 
 DETECTORS = {
@@ -31,8 +29,7 @@ def main() -> None:
         vector = torch.from_numpy(np.asarray(weights_of(), np.float32).ravel()[:-1])  # the last is the bias
         weights = from_layout(vector[None], spec, size)
         for sign, negative in (("positive", False), ("negative", True)):
-            descriptor = template_descriptor(weights, spec, size, negative=negative)
-            result = reconstruct(descriptor, spec, size, objective=Objective(smoothness=SMOOTHNESS))
+            result = reconstruct_template(weights, spec, size, negative=negative)
             drawn = glyphs((weights[0] * (-1 if negative else 1)).clamp(min=0), spec)
             row = [Panel(drawn, f"{name}, {sign}"), Panel(result.image[0, 0], "what they see")]
             panels += [*row, Panel(1 - result.image[0, 0], "or its negative")]

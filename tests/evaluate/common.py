@@ -33,7 +33,7 @@ def image() -> Tensor:
 
 def write_prior(path: Path, spec: HOGSpec, *, images: Sequence[str] = (), value: float = 0.1) -> Path:
     """A prior for cells of 8 that has learned nothing."""
-    tiny = Architecture((4, 4, 4, 4), (0, 0, 0, 0))
+    tiny = Architecture((4, 4, 4), (0, 0, 0))
     weights = torch.full((weight_count(spec, tiny),), value, dtype=torch.float16)
     learning = NetworkLearning(images=tuple(images), sha256="00", seed=0, epochs=1, losses=(1.0,))
     LearnedPrior(spec, tiny, weights, learning).save(path)

@@ -13,7 +13,7 @@ from torch.testing import assert_close
 
 from nablahog import hog, reconstruct, stream
 from nablahog.hog import BilinearCells, GlobalNorm, HOGSpec
-from nablahog.hog.channels import mirrored, mirrored_channels
+from nablahog.hog.channels import mirrored_channels
 from nablahog.hog.descriptor import histograms
 from nablahog.hog.kernels import supports
 from nablahog.hog.normalizers import NORMALIZERS, Footprint, Normalizer, PerCell
@@ -76,10 +76,6 @@ class WideCells(Pooling):
     def reach(self, cell: int, axis: int) -> tuple[int, int]:
         return cell, 2 * cell
 
-    @property
-    def mirrors(self) -> bool:
-        return True
-
 
 @pytest.fixture(params=["normalizer", "pooling", "both"])
 def new(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> HOGSpec:
@@ -123,12 +119,10 @@ def test_streamed(new: HOGSpec) -> None:
 
 def test_mirrored(new: HOGSpec) -> None:
     images = noise(2, 1, 16, 24)
-    result = mirrored(hog(images, new), new, 24)
-    assert result is not None
-    assert_close(result, hog(images.flip(3), new), rtol=0, atol=1e-12)
     order = mirrored_channels(new)
     assert order is not None
     assert sorted(order) == list(range(new.channels))
+    assert_close(hog(images, new).flip(2)[..., list(order)], hog(images.flip(3), new), rtol=0, atol=1e-12)
 
 
 def test_reconstructed(new: HOGSpec) -> None:
@@ -153,9 +147,9 @@ def test_a_normalizer_without_a_piece_is_refused(piece: str) -> None:
         type("Unfinished", (Normalizer,), written)()
 
 
-@pytest.mark.parametrize("piece", ["weights", "reach", "mirrors"])
+@pytest.mark.parametrize("piece", ["weights", "reach"])
 def test_a_pooling_without_a_piece_is_refused(piece: str) -> None:
-    written = {name: value for name, value in vars(WideCells).items() if name in ("weights", "reach", "mirrors")}
+    written = {name: value for name, value in vars(WideCells).items() if name in ("weights", "reach")}
     del written[piece]
     with pytest.raises(TypeError, match=f"abstract method '?{piece}'?"):
         type("Unfinished", (Pooling,), written)()

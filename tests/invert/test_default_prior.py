@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
+from torch.testing import assert_close
 
-from nablahog import hog, presets, reconstruct, reconstruct_multiscale
+from nablahog import hog, metrics, presets, reconstruct, reconstruct_multiscale
 from nablahog.hog import HOGSpec
 from nablahog.invert import Search, default_prior, scale_descriptors
 from nablahog.invert.prior_choice import FOLDER
@@ -15,18 +17,22 @@ from nablahog.invert.prior_choice import FOLDER
 from .photographs import photograph
 
 FEW = Search(max_evaluations=4)
-MISSING = r"^this installation of nablahog has no unsigned\.npz, the prior for unsigned descriptors: "
 
 
-@pytest.mark.parametrize("spec", [presets.paper(8), presets.opencv(), presets.aubry(8)], ids=lambda spec: spec.name)
+SPECS = [presets.paper(8), presets.opencv(), presets.aubry(8), presets.uoctti(8), presets.dpm()]
+
+
+@pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.name)
 def test_by_default(spec: HOGSpec) -> None:
     descriptor = hog(photograph(128), spec)
-    default, same = (
-        reconstruct(descriptor, spec, prior=prior, search=FEW) for prior in ("default", default_prior(spec))
+    own = default_prior(spec)
+    several = [own] if own.signed else [own, default_prior("uoctti")]
+    default, both, alone, none = (
+        reconstruct(descriptor, spec, prior=prior, search=FEW).image for prior in ("default", several, own, None)
     )
-    assert default.polarity_confidence is not None
-    assert torch.equal(default.image, same.image)
-    assert not torch.equal(default.image, reconstruct(descriptor, spec, search=FEW).image)
+    assert torch.equal(default, both)
+    assert torch.equal(default, alone) == own.signed
+    assert not torch.equal(default, none)
 
 
 def test_by_the_name_of_a_preset() -> None:
@@ -43,34 +49,55 @@ def test_multi_scale() -> None:
     assert levels[-1].reconstruction.polarity_confidence is not None
 
 
-def test_descriptors_without_one() -> None:
-    spec = presets.dpm()
-    with pytest.raises(ValueError, match=r"^no prior for a dpm descriptor comes with the package: give one, or none$"):
-        reconstruct(hog(photograph(64), spec), spec, prior="default", search=FEW)
+@pytest.mark.parametrize("spec", [presets.paper(8), presets.opencv()], ids=lambda spec: spec.name)
+def test_details(spec: HOGSpec) -> None:
+    """Found near what the signed prior expects of what is found near what the unsigned one does; at every scale."""
+    image, search = photograph(128), Search(max_evaluations=100)
+    with_them, without = (
+        reconstruct(hog(image, spec), spec, prior=prior, search=search) for prior in ("default", default_prior(spec))
+    )
+    assert float(with_them.evaluations) <= 100
+    assert len(with_them.history) == int(with_them.evaluations)
+    assert_close(with_them.history[-1], with_them.distance, rtol=0.3, atol=0)
+    assert float(metrics.cross_correlation(with_them.image[0, 0], without.image[0, 0])) > 0.8
+
+
+def test_several_priors() -> None:
+    unsigned, signed = default_prior("paper"), default_prior("uoctti")
+    descriptor = hog(photograph(64), "uoctti")
+    one, other = (reconstruct(descriptor, "uoctti", prior=prior, search=FEW) for prior in (signed, [unsigned, signed]))
+    assert torch.equal(one.image, other.image)
+    for several in ([], [unsigned], [signed, signed]):
+        with pytest.raises(ValueError, match="expected one prior for signed descriptors, and at most one for others"):
+            reconstruct(descriptor, "uoctti", prior=several, search=FEW)
 
 
 def test_what_is_no_prior() -> None:
     spec = presets.paper(8)
-    with pytest.raises(TypeError, match=r"^prior must be a LearnedPrior, 'default' or None, got 'best'$"):
-        reconstruct(hog(photograph(64), spec), spec, prior="best", search=FEW)  # type: ignore[arg-type]
+    wrong: list[Any] = ["best", [None]]
+    for prior in wrong:
+        with pytest.raises(TypeError, match=r"^prior must be a LearnedPrior, a list of these, 'default' or None, got"):
+            reconstruct(hog(photograph(64), spec), spec, prior=prior, search=FEW)
 
 
-def test_without_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("spec", "kind"), [("paper", "unsigned"), ("vlfeat", "signed")])
+def test_without_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, spec: str, kind: str) -> None:
     monkeypatch.setattr("nablahog.invert.prior_choice.FOLDER", tmp_path)
-    spec = presets.paper(8)
     descriptor = hog(photograph(64), spec)
-    with pytest.raises(FileNotFoundError, match=MISSING):
+    message = rf"^this installation of nablahog has no {kind}\.npz, the prior for {kind} descriptors: "
+    with pytest.raises(FileNotFoundError, match=message):
         reconstruct(descriptor, spec, prior="default", search=FEW)
     assert reconstruct(descriptor, spec, search=FEW).polarity_confidence is None
 
 
-def test_where_they_are_from() -> None:
+@pytest.mark.parametrize("spec", ["paper", "uoctti"])
+def test_where_they_are_from(spec: str) -> None:
     """README.md says which photographs, by their digest, which seed, and which weights it went on from."""
-    prior, readme = default_prior("paper"), (FOLDER / "README.md").read_text(encoding="utf-8")
+    prior, readme = default_prior(spec), (FOLDER / "README.md").read_text(encoding="utf-8")
     assert prior.learning.sha256 in readme
     assert f"{len(prior.learning.images):,} " in readme
     assert f"--epochs {prior.learning.epochs}" in readme
-    assert f"--seed {prior.learning.seed} " in readme
+    assert f"seed {prior.learning.seed}" in readme
     assert prior.learning.start in readme
 
 

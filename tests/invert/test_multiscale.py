@@ -106,7 +106,7 @@ def test_scale_descriptors_are_those_of_averaged_images(spec: HOGSpec) -> None:
 def test_levels_grow_and_report_their_own_distance(
     preset: Any, cell: tuple[int, int], more: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in ("preimage", "multiscale"):  # rough histograms will do, and are sooner found
+    for module in ("single_scale", "multiscale"):  # rough histograms will do, and are sooner found
         rough = functools.partial(recover_histograms, max_evaluations=30)
         monkeypatch.setattr(f"nablahog.invert.{module}.recover_histograms", rough)
     spec, size = preset(cell), (4 * cell[0], 3 * cell[1])

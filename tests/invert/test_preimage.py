@@ -21,7 +21,7 @@ from nablahog.invert import Objective, Search
 from nablahog.invert.histograms import recover_histograms
 from nablahog.invert.parameterize import low_pass
 from nablahog.invert.polarity import fix_polarity
-from nablahog.invert.preimage import LEAST_EVALUATIONS, SHARE_OF_SAMPLES
+from nablahog.invert.single_scale import LEAST_EVALUATIONS, SHARE_OF_SAMPLES
 from nablahog.invert.start import at_contrast
 from nablahog.optimize import minimise
 
@@ -247,8 +247,8 @@ def test_what_is_expected_is_where_the_search_begins_and_stays_close_to(
     def never(*given: Any) -> Tensor:
         raise AssertionError("no start but the expected is needed")
 
-    monkeypatch.setattr("nablahog.invert.preimage.starting_images", never)
-    monkeypatch.setattr("nablahog.invert.preimage.noise", never)
+    monkeypatch.setattr("nablahog.invert.single_scale.starting_images", never)
+    monkeypatch.setattr("nablahog.invert.single_scale.noise", never)
     spec = SPECS[name]
     descriptor = hog(photograph(48).double(), spec)
     expected = low_pass(photograph(48).double(), 3.0)

@@ -11,8 +11,8 @@ from torch import Tensor
 from nablahog import hog, presets, reconstruct
 from nablahog.invert import Search
 from nablahog.invert.colour import reconstruct_colour
-from nablahog.invert.preimage import VECTORS
 from nablahog.invert.quality import quality_of
+from nablahog.invert.single_scale import VECTORS
 from nablahog.metrics import cross_correlation
 
 from .options import grouped
@@ -90,7 +90,7 @@ def test_a_batch_in_parts_is_the_same(spec: Any, options: dict[str, Any], monkey
     descriptors = hog(photographs(40, torch.float64), spec)
     options = {"max_evaluations": 80, **options}  # two samples, and too short for rounding to grow
     whole = reconstruct(descriptors, spec, **grouped(**options))
-    monkeypatch.setattr("nablahog.invert.preimage.MEMORY", 1)
+    monkeypatch.setattr("nablahog.invert.single_scale.MEMORY", 1)
     calls: list[tuple[int, int]] = []
     parts = reconstruct(descriptors, spec, progress=lambda *call: calls.append(call), **grouped(**options))
     for name in ("image", "distance", "history"):
@@ -111,11 +111,11 @@ def test_parts_are_as_large_as_the_memory_allows(monkeypatch: pytest.MonkeyPatch
             1, 1, 1, 32, 32
         )
 
-    monkeypatch.setattr("nablahog.invert.preimage.starting_images", recorded)
+    monkeypatch.setattr("nablahog.invert.single_scale.starting_images", recorded)
     descriptors = hog(photographs(32), UOCTTI).repeat(3, 1, 1, 1)
     of_one = VECTORS * 4 * 32 * 32
     for samples, memory, expected in [(1, 4, [4, 4, 1]), (2, 4, [2, 2, 2, 2, 1]), (2, 100, [9]), (2, 1, [1] * 9)]:
         sizes.clear()
-        monkeypatch.setattr("nablahog.invert.preimage.MEMORY", memory * of_one)
+        monkeypatch.setattr("nablahog.invert.single_scale.MEMORY", memory * of_one)
         assert len(reconstruct(descriptors, UOCTTI, search=Search(samples=samples, max_evaluations=3)).image) == 9
         assert sizes == expected

@@ -153,7 +153,7 @@ def test_what_does_not_fit() -> None:
     signed = presets.uoctti(8)
     with pytest.raises(ValueError, match="prior was learned for unsigned descriptors, a uoctti descriptor is signed"):
         prior.expected(hog(photograph(64), signed), signed, (64, 64))
-    with pytest.raises(ValueError, match="the prior was learned for another spec"):
+    with pytest.raises(ValueError, match="learned for signed descriptors, a paper descriptor is unsigned"):
         tiny_models.prior(signed).expected(descriptor, PAPER, (64, 64))
     with pytest.raises(ValueError, match="expected images and a prior contradict each other"):
         reconstruct(descriptor, PAPER, prior=prior, expected=photograph(64))

@@ -12,10 +12,11 @@ from torch.testing import assert_close
 
 from nablahog import presets
 from nablahog.hog import HOGSpec
-from nablahog.invert import unsigned_training
+from nablahog.invert import training_windows, unsigned_training
 from nablahog.invert.prior_network import Architecture
+from nablahog.invert.training_windows import HELD_OUT
 from nablahog.invert.unsigned_network import UnsignedNetwork
-from nablahog.invert.unsigned_training import DIALECTS, HELD_OUT, UnsignedTraining
+from nablahog.invert.unsigned_training import DIALECTS, UnsignedTraining
 
 from .photographs import photograph
 
@@ -42,7 +43,7 @@ def _training(images: list[Tensor]) -> UnsignedTraining:
 
 
 def test_images_held_out_are_not_trained_with(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(unsigned_training, "BATCH", 4)
+    monkeypatch.setattr(training_windows, "BATCH", 4)
     images = [image * torch.nan if k % HELD_OUT == HELD_OUT // 2 else image for k, image in enumerate(_patches(50))]
     training = _training(images)
     assert len(training.held_out) == 2

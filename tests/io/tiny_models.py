@@ -27,7 +27,7 @@ SOURCE: dict[str, Any] = {"images": ("a", "b"), "sha256": "00", "seed": 3}
 def prior(spec: HOGSpec | None = None) -> LearnedPrior:
     """Random weights."""
     spec = spec or presets.uoctti(8)
-    architecture = Architecture((8, 8, 8, 8), (1, 1, 0, 0)) if spec.signed else Architecture((8, 8, 8), (1, 0, 0))
+    architecture = Architecture((8, 8, 8), (1, 0, 0))
     scale = 0.2 if spec.signed else 0.05  # so that nothing saturates
     weights = scale * torch.randn(weight_count(spec, architecture), generator=torch.Generator().manual_seed(1))
     return LearnedPrior(

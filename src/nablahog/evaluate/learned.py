@@ -110,7 +110,7 @@ LEARNED = {
 
 def shipped_files() -> dict[str, Path]:
     """The files of :data:`.SHIPPED` kinds that the package was installed with."""
-    files = {kind: default_prior_file(presets.paper()) for kind in SHIPPED}
+    files = {kind: default_prior_file(spec) for kind, spec in zip(SHIPPED, (SPEC, presets.paper()), strict=True)}
     return {kind: file for kind, file in files.items() if file is not None and file.exists()}
 
 

@@ -14,6 +14,7 @@ from ..hog import HOGSpec, hog, presets
 from ..invert import AsPublished, Reconstruction, Search, reconstruct, reconstruct_multiscale, scale_descriptors
 from ..invert.baselines.cnn_hog import CNNHOG
 from ..invert.baselines.triangles import TRIANGLES, reconstruct_by_triangles
+from ..invert.histograms import searchable
 from ..invert.multiscale import SCALES, level_spec
 from ..invert.start import enlarge
 from .learned import SPEC, load
@@ -58,7 +59,8 @@ class Method:
             processes import it, so it is a function of a module, or a ``functools.partial`` of one.
         spec: the dialect of its input descriptor; None if that is no HOG.
         multiscale: whether it also has a row for each of :data:`SCALES`.
-        needs: the kind of learned file that it reads, a key of ``Table1Settings.learned``; None if it reads none.
+        needs: the kinds of learned files that it reads, keys of ``Table1Settings.learned``; the first is for
+            descriptors of ``spec``.
         asked: whether it runs only if it is asked for by name.
     """
 
@@ -67,7 +69,7 @@ class Method:
     run: Run
     spec: HOGSpec | None = None
     multiscale: bool = False
-    needs: str | None = None
+    needs: tuple[str, ...] = ()
     asked: bool = False
 
     @property
@@ -131,14 +133,16 @@ def _learned(image: Tensor, settings: Table1Settings, *, kind: str, spec: HOGSpe
     return _inverted(_needed(kind, settings).reconstruct, image, spec)
 
 
-def _with_prior(image: Tensor, settings: Table1Settings, *, kind: str, spec: HOGSpec) -> list[MethodOutput]:
-    return _inverted(reconstruct, image, spec, prior=_needed(kind, settings), **_options(settings))
+def _with_prior(image: Tensor, settings: Table1Settings, *, kinds: Sequence[str], spec: HOGSpec) -> list[MethodOutput]:
+    priors = [_needed(kind, settings) for kind in kinds]
+    return _inverted(reconstruct, image, spec, prior=priors, **_options(settings))
 
 
 def _multi_scale_more_with_prior(
-    image: Tensor, settings: Table1Settings, *, kind: str, spec: HOGSpec
+    image: Tensor, settings: Table1Settings, *, kinds: Sequence[str], spec: HOGSpec
 ) -> list[MethodOutput]:
-    return _levels(image, spec, more=True, prior=_needed(kind, settings), **_options(settings))
+    priors = [_needed(kind, settings) for kind in kinds]
+    return _levels(image, spec, more=True, prior=priors, **_options(settings))
 
 
 def _bovw(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
@@ -183,38 +187,36 @@ def _variants(
     ]
 
 
-def _learned_unsigned(name: str, group: str, run: Callable[..., Any], spec: HOGSpec, **options: bool) -> Method:
-    kind = "unsigned-prior"
-    return Method(name, group, partial(run, kind=kind, spec=spec), spec, needs=kind, **options)
+def _learned_prior(name: str, group: str, run: Callable[..., Any], spec: HOGSpec, **options: bool) -> Method:
+    kinds = ("prior",) if searchable(spec).signed else ("unsigned-prior", "prior")
+    return Method(name, group, partial(run, kinds=kinds, spec=spec), spec, needs=kinds, **options)
 
 
 _DALAL = presets.paper()
 METHODS = {
     method.name: method
     for method in (
-        Method("bovw", NO_HOG, _bovw, needs="bovw"),
-        Method("hoggles", UOCTTI, partial(_learned, kind="hoggles", spec=SPEC), SPEC, needs="hoggles"),
+        Method("bovw", NO_HOG, _bovw, needs=("bovw",)),
+        Method("hoggles", UOCTTI, partial(_learned, kind="hoggles", spec=SPEC), SPEC, needs=("hoggles",)),
         Method("cnn-hog", UOCTTI, partial(_cnn_hog, bilinear=False)),
         Method("cnn-hogb", UOCTTI, partial(_cnn_hog, bilinear=True)),
-        Method("ridge", UOCTTI, partial(_learned, kind="ridge", spec=SPEC), SPEC, needs="ridge"),
-        Method("nearest", UOCTTI, partial(_learned, kind="nearest", spec=SPEC), SPEC, needs="nearest"),
-        Method("upconv", UOCTTI, partial(_learned, kind="upconv", spec=SPEC), SPEC, needs="upconv"),
+        Method("ridge", UOCTTI, partial(_learned, kind="ridge", spec=SPEC), SPEC, needs=("ridge",)),
+        Method("nearest", UOCTTI, partial(_learned, kind="nearest", spec=SPEC), SPEC, needs=("nearest",)),
+        Method("upconv", UOCTTI, partial(_learned, kind="upconv", spec=SPEC), SPEC, needs=("upconv",)),
         Method("triangles", UOCTTI, partial(_triangles, spec=SPEC), SPEC),
         Method("paper-uoctti-single", UOCTTI, partial(_paper_single, spec=SPEC), SPEC, asked=True),
         *_variants("uoctti", UOCTTI, SPEC, _single, _multi_scale, asked=False),
-        Method("uoctti-learned", UOCTTI, partial(_with_prior, kind="prior", spec=SPEC), SPEC, needs="prior"),
+        _learned_prior("uoctti-learned", UOCTTI, _with_prior, SPEC),
         Method(
-            "dalal-upconv", DALAL, partial(_learned, kind="dalal-upconv", spec=_DALAL), _DALAL, needs="dalal-upconv"
+            "dalal-upconv", DALAL, partial(_learned, kind="dalal-upconv", spec=_DALAL), _DALAL, needs=("dalal-upconv",)
         ),
         *_variants("paper-dalal", DALAL, _DALAL, _paper_single, _paper_multi_scale, asked=True),
         *_variants("dalal", DALAL, _DALAL, _single, _multi_scale, asked=False),
-        _learned_unsigned("dalal-learned", DALAL, _with_prior, _DALAL),
-        _learned_unsigned(
-            "dalal-multi-scale-more-learned", DALAL, _multi_scale_more_with_prior, _DALAL, multiscale=True
-        ),
+        _learned_prior("dalal-learned", DALAL, _with_prior, _DALAL),
+        _learned_prior("dalal-multi-scale-more-learned", DALAL, _multi_scale_more_with_prior, _DALAL, multiscale=True),
         *(Method(name, LIBRARIES, partial(_single, spec=spec), spec, asked=True) for name, spec in DIALECTS.items()),
         *(
-            _learned_unsigned(name, LIBRARIES, _with_prior, DIALECTS[name.removesuffix("-learned")], asked=True)
+            _learned_prior(name, LIBRARIES, _with_prior, DIALECTS[name.removesuffix("-learned")], asked=True)
             for name in LEARNED_DIALECTS
         ),
     )
@@ -239,11 +241,16 @@ def choose(
     """
     methods = [m for name, m in METHODS.items() if (name in names if names is not None else not m.asked)]
     for kind in given:
-        if all(method.needs != kind for method in methods):
-            of = ", ".join(method.name for method in METHODS.values() if method.needs == kind)
+        if not any(kind in method.needs for method in methods):
+            of = ", ".join(method.name for method in METHODS.values() if kind in method.needs)
             raise ValueError(f"none of the methods asked for uses --{kind}; these do: {of}")
-    lacking = [method for method in methods if method.needs in TAKES_HOURS and method.needs not in (*given, *shipped)]
+    lacking = {
+        method.name: kind
+        for method in methods
+        for kind in reversed(method.needs)
+        if kind in TAKES_HOURS and kind not in (*given, *shipped)
+    }
     if names is not None and lacking:
-        needed = str(lacking[0].needs)
-        raise ValueError(f"{lacking[0].name} needs --{needed} FILE, see `nablahog learn {TAKES_HOURS[needed]}`")
-    return [method for method in methods if method not in lacking], lacking
+        name, kind = next(iter(lacking.items()))
+        raise ValueError(f"{name} needs --{kind} FILE, see `nablahog learn {TAKES_HOURS[kind]}`")
+    return [method for method in methods if method.name not in lacking], [METHODS[name] for name in lacking]

@@ -31,11 +31,8 @@ DIALECTS: dict[str, HOGSpec] = {
 }
 """Methods of Table 1 that invert the descriptor of a library, with cells of 8 pixels."""
 
-LEARNED_DIALECTS = tuple(
-    f"{name}-learned"
-    for name in ("vlfeat-dalaltriggs", "seeing3d", "aubry", "skimage", "opencv", "opencv-linear", "maskfeat")
-)
-"""The same with a learned prior, of those whose gradients are unsigned."""
+LEARNED_DIALECTS = tuple(f"{name}-learned" for name in DIALECTS)
+"""The same with a learned prior."""
 
 AS_PUBLISHED = (
     "paper-uoctti-single",
@@ -78,7 +75,7 @@ TAKES_HOURS = {
     "dalal-upconv": "upconv --preset paper",
 }
 """Files that methods of Table 1 run only with, since they take hours to learn, and the `nablahog learn` that does."""
-SHIPPED = ("unsigned-prior",)
+SHIPPED = ("prior", "unsigned-prior")
 """Those of them that come with the package."""
 
 TABLE2 = ("exemplar", "exhaustive", "paper", "paper-edges", "best")

@@ -36,14 +36,14 @@ class ReconstructionJob:
     def key(self) -> str:
         """A hash of image, method, settings, and the code that makes the result."""
         settings, method = self.settings, self.method
-        learned = settings.learned.get(method.needs) if method.needs else None
+        learned = [settings.learned[kind] for kind in method.needs if kind in settings.learned]
         facts = {
             "method": method.name,
             "rows": method.rows,
             "spec": None if method.spec is None else method.spec.to_json(),
             "seed": settings.seed,
             "max_evaluations": settings.max_evaluations,
-            "learned": None if learned is None else digest(learned),
+            "learned": [digest(path) for path in learned],
             "code": code_key(ReconstructionJob, method.run),
         }
         return key_of(facts, self.image)

@@ -8,7 +8,6 @@ from torch import Tensor
 from .inputs import Descriptors, descriptor_tensor, to_array
 from .normalizers import PARTS, FourBlockNorm, Part
 from .normalizers.four_block import VLFEAT_TEXTURE, four_block
-from .orientation import vote_rule
 from .presets import as_spec
 from .spec import HOGSpec
 
@@ -42,24 +41,6 @@ def mirrored_channels(spec: HOGSpec) -> tuple[int, ...] | None:
     bins, axes = (_mirrored_bins(int(target), count) for count in (spec.bins, _axes(spec)))
     of_colour = spec.normalizer.mirrored_channels(bins, axes)
     return tuple(colour * len(of_colour) + k for colour in range(spec.colours) for k in of_colour)
-
-
-def mirrored(descriptor: Tensor, spec: HOGSpec, width: int) -> Tensor | None:
-    """What :func:`nablahog.hog` gives for the images flipped from left to right, from the descriptor alone.
-
-    None if no permutation of channels does that, if cells do not cover the width exactly, or with hard votes, whose
-    ties go to the same bin in either image.
-
-    Args:
-        descriptor: (B, rows, cols, channels).
-        spec: its dialect.
-        width: of the images.
-    """
-    order = mirrored_channels(spec)
-    whole = spec.image_size(descriptor.shape[1], descriptor.shape[2])[1] == width
-    if order is None or vote_rule(spec).hard or not spec.pooling.mirrors or not whole:
-        return None
-    return descriptor.flip(2)[..., list(order)]
 
 
 def _mirrored_bins(target: int, bins: int) -> list[int]:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from .prior_choice import default_prior
     from .reconstruction import Reconstruction
     from .samples import Samples, reconstruct_samples
-    from .template import template_descriptor
+    from .template import reconstruct_template, template_descriptor
     from .training import train_prior
 
 __all__ = [
@@ -28,6 +28,7 @@ __all__ = [
     "reconstruct",
     "reconstruct_multiscale",
     "reconstruct_samples",
+    "reconstruct_template",
     "scale_descriptors",
     "template_descriptor",
     "train_prior",
@@ -43,6 +44,6 @@ names_when_used(
     prior_choice=("default_prior",),
     reconstruction=("Reconstruction",),
     samples=("Samples", "reconstruct_samples"),
-    template=("template_descriptor",),
+    template=("reconstruct_template", "template_descriptor"),
     training=("train_prior",),
 )

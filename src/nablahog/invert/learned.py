@@ -30,7 +30,7 @@ class LearnedPrior(LearnedModel):
     ``nablahog.reconstruct(…, prior=prior)`` finds a pre-image near that image.
 
     Attributes:
-        spec: the dialect that it was learned for; if it is unsigned, the prior is for all unsigned dialects.
+        spec: a dialect that it was learned for; the prior is for all signed dialects, or for all unsigned ones.
         architecture: of its network.
         weights: all of them, (n,), float16, finite.
         learning: how it was learned.
@@ -48,6 +48,7 @@ class LearnedPrior(LearnedModel):
 
     KIND = "learned prior"
     NOUN = "prior"
+    COMPRESSED = True  # the names of thousands of photographs are a tenth of it
     ARRAYS: ClassVar = {
         "spec": SPEC,
         "widths": integers(),
@@ -64,6 +65,11 @@ class LearnedPrior(LearnedModel):
     def __post_init__(self) -> None:
         network_class(self.spec).check(self.spec, self.architecture)
         check_weights(self.weights, partial(make_network, self.spec, self.architecture))
+
+    @cached_property
+    def signed(self) -> bool:
+        """Whether it is for signed descriptors."""
+        return searchable(self.spec).signed
 
     @property
     def summary(self) -> str:
@@ -87,21 +93,20 @@ class LearnedPrior(LearnedModel):
     def check(self, spec: HOGSpec | str) -> None:
         """Raises ValueError if descriptors of ``spec`` are not what it was learned for."""
         spec = as_spec(spec)
-        if self.spec.signed:
-            self.spec.check_same(spec, f"the {self.NOUN}")
-        elif searchable(spec).signed:
-            raise ValueError(f"the {self.NOUN} was learned for unsigned descriptors, {spec.named} descriptor is signed")
+        own, other = ("signed" if signed else "unsigned" for signed in (self.signed, searchable(spec).signed))
+        if own != other:
+            raise ValueError(f"the {self.NOUN} was learned for {own} descriptors, {spec.named} descriptor is {other}")
 
     @torch.no_grad()
     def expected(self, descriptor: Tensor, spec: HOGSpec | str, image_size: tuple[int, int]) -> Tensor:
         """The images of the network, (B, 1, H, W) around 0.5, at the contrast of the histograms.
 
-        The mean of what it predicts for the image and for the mirrored one, where the descriptor determines that.  Of a
-        dialect of the roots of images, the expected roots.
+        The mean of what it predicts for the image and for the mirrored one.  Of a dialect of the roots of images, the
+        expected roots.
 
         Args:
             descriptor: (B, rows, cols, channels), float32 or float64, on any device.
-            spec: its dialect, or the name of a preset with its defaults; it must be the prior's, or any unsigned one.
+            spec: its dialect, or the name of a preset with its defaults; signed if the prior's is, else unsigned.
             image_size: (height, width).
 
         Raises:

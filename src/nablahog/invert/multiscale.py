@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Generic
+from typing import Any, Generic
 
 import numpy as np
 from torch import Tensor
@@ -20,7 +20,7 @@ from ..hog.descriptor import hog
 from ..hog.inputs import Descriptors
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
-from .checks import check_descriptor, descriptors_as_tensor
+from .checks import check_descriptor, check_images, descriptors_as_tensor
 from .coarser import CoarserDescriptor
 from .histograms import recover_histograms, searchable
 from .learned import LearnedPrior
@@ -28,9 +28,10 @@ from .method import AsPublished, InversionMethod, as_published, check_default_on
 from .options import Objective, Search
 from .polarity import negated, negatives
 from .preimage import reconstruct
-from .prior_choice import PriorChoice, as_prior
+from .prior_choice import PriorChoice, as_priors
 from .quality import quality_of
 from .reconstruction import Reconstruction, Values, of_the_kind, relative_distance
+from .single_scale import search_preimages
 from .start import enlarge, starting_images
 
 SCALES = (64, 16, 4, 1)
@@ -119,7 +120,7 @@ def reconstruct_multiscale(
             enlarged image of the one before at each other, whether signed or not.
         seed: of the noise.
         prior: as :func:`.preimage.reconstruct`: of a signed descriptor what the last level expects; of an unsigned one
-            what the first does, if all match one descriptor, and which side of the last is bright.
+            what the first does, if all match one descriptor, and details and polarity of the last.
         search: as :func:`.preimage.reconstruct`.  Its evaluations are those of the last level; each level before may
             spend a quarter of them and at most 120, "few iterations".  Its samples are those of a signed descriptor.
             With its polarity the last level decides, for all levels, between the image and its negative.
@@ -145,9 +146,11 @@ def reconstruct_multiscale(
     plan = _plan(targets, one, spec, image_size, scales, search, published)
     if published is not None:
         check_default_only(prior=(prior, None), search=(search, Search()), objective=(objective, Objective()))
-    learned, start, expected = as_prior(prior, spec), None, None
+    learned, start, expected = as_priors(prior, spec), None, None
     if learned is not None and one and not spec.signed:
-        expected = avg_pool2d(learned.expected(targets[0], spec, plan[-1].size), plan[-1].size[0] // plan[0].size[0])
+        expected = avg_pool2d(
+            learned.own.expected(targets[0], spec, plan[-1].size), plan[-1].size[0] // plan[0].size[0]
+        )
     elif one and published is None and (spec.signed or search.region_signs):
         start = _first_start(targets[0], spec, plan[-1].size, plan[0].size, seed)
     levels: list[Level] = []
@@ -155,22 +158,32 @@ def reconstruct_multiscale(
         if levels:
             before = enlarge(levels[-1].reconstruction.image, *step.size)
             start, expected = (before, None) if spec.signed or published is not None else (None, before)
-        reconstruction = reconstruct(
-            step.descriptor,
-            step.spec,
-            step.size,
-            method=step.method,
-            seed=seed,
-            start=start,
-            expected=expected,
-            prior=learned if spec.signed and step is plan[-1] else None,
-            search=step.search,
-            objective=objective if one or published is not None else _with_coarser(objective, plan[:number], step),
-            progress=_report(progress, plan, number),
-        )
+        options: dict[str, Any] = {
+            "seed": seed,
+            "search": step.search,
+            "objective": objective if one or published is not None else _with_coarser(objective, plan[:number], step),
+            "progress": _report(progress, plan, number),
+        }
+        if learned is not None and not spec.signed and step is plan[-1]:
+            near = check_images("expected", expected, step.descriptor, step.size, spec.gamma == "sqrt")
+            reconstruction = search_preimages(
+                step.descriptor.detach(), step.spec, step.size, expected=near, learned=learned, **options
+            )
+        else:
+            own = learned.own if learned is not None and spec.signed and step is plan[-1] else None
+            reconstruction = reconstruct(
+                step.descriptor,
+                step.spec,
+                step.size,
+                method=step.method,
+                start=start,
+                expected=expected,
+                prior=own,
+                **options,
+            )
         levels.append(Level(step.scale, step.spec, reconstruction))
     if search.polarity and not spec.signed and published is None:
-        levels = _fix_polarity(levels, [step.descriptor for step in plan], learned)
+        levels = _fix_polarity(levels, [step.descriptor for step in plan], learned and learned.own)
     return [
         Level(level.scale, level.spec, of_the_kind(level.reconstruction, descriptor))
         for level, descriptor in zip(levels, several, strict=True)

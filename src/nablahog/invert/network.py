@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from ..hog.spec import HOGSpec
+from .histograms import searchable
 from .prior_network import Architecture, PriorNetwork
 from .signed_network import SignedNetwork
 from .unsigned_network import UnsignedNetwork
@@ -12,8 +13,12 @@ from .weights import count
 
 
 def network_class(spec: HOGSpec) -> type[PriorNetwork]:
-    """The class of networks for descriptors of ``spec``."""
-    return SignedNetwork if spec.signed else UnsignedNetwork
+    """The class of networks for descriptors of ``spec``.
+
+    Raises:
+        ValueError: no image of such a descriptor can be sought.
+    """
+    return SignedNetwork if searchable(spec).signed else UnsignedNetwork
 
 
 def make_network(spec: HOGSpec, architecture: Architecture) -> PriorNetwork:

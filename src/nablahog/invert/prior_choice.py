@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
@@ -12,12 +13,12 @@ from .histograms import searchable
 from .learned import LearnedPrior
 
 FOLDER = Path(__file__).with_name("default_priors")
-PriorChoice: TypeAlias = LearnedPrior | Literal["default"] | None
-"""A prior, the one that comes with the package, or none."""
+PriorChoice: TypeAlias = LearnedPrior | Sequence[LearnedPrior] | Literal["default"] | None
+"""A prior; one for unsigned descriptors and one for signed ones; those that come with the package; or none."""
 
 
 def default_prior_file(spec: HOGSpec | str) -> Path | None:
-    """The file of the prior that comes with the package for descriptors of ``spec``; None for those without one.
+    """The file of the prior that comes with the package for descriptors of ``spec``; None if none can be inverted.
 
     Raises:
         ValueError: there is no such preset.
@@ -25,8 +26,8 @@ def default_prior_file(spec: HOGSpec | str) -> Path | None:
     try:
         signed = searchable(as_spec(spec)).signed
     except ValueError:  # no image of such a descriptor can be sought
-        signed = True
-    return None if signed else FOLDER / "unsigned.npz"
+        return None
+    return FOLDER / ("signed.npz" if signed else "unsigned.npz")
 
 
 def default_prior(spec: HOGSpec | str) -> LearnedPrior:
@@ -43,18 +44,49 @@ def default_prior(spec: HOGSpec | str) -> LearnedPrior:
     return _load(file)
 
 
-def as_prior(prior: PriorChoice, spec: HOGSpec) -> LearnedPrior | None:
-    """The prior that is meant for descriptors of ``spec``.
+class Priors(NamedTuple):
+    """Those that a reconstruction uses.
+
+    Attributes:
+        own: for its descriptors.
+        details: if these are unsigned, one for signed descriptors, or None: once signs are found, it knows details.
+    """
+
+    own: LearnedPrior
+    details: LearnedPrior | None = None
+
+
+def as_priors(prior: PriorChoice, spec: HOGSpec) -> Priors | None:
+    """The priors that are meant for descriptors of ``spec``.
 
     Raises:
-        TypeError: it is no prior.
+        TypeError: they are none.
+        ValueError, FileNotFoundError: as :func:`default_prior`; of several there is not one for such descriptors.
+    """
+    if prior is None:
+        return None
+    if isinstance(prior, LearnedPrior):
+        return Priors(prior)
+    if prior == "default":
+        prior = default_priors(spec)
+    if isinstance(prior, str) or not all(isinstance(each, LearnedPrior) for each in prior):
+        raise TypeError(f"prior must be a LearnedPrior, a list of these, 'default' or None, got {prior!r}")
+    signed = searchable(spec).signed
+    by_signs = {each.signed: each for each in prior if isinstance(each, LearnedPrior)}
+    if signed not in by_signs or len(by_signs) < len(prior):
+        kind = "signed" if signed else "unsigned"
+        raise ValueError(f"expected one prior for {kind} descriptors, and at most one for others, got {prior!r}")
+    return Priors(by_signs[signed], None if signed else by_signs.get(True))
+
+
+def default_priors(spec: HOGSpec | str) -> list[LearnedPrior]:
+    """All priors that come with the package and help with descriptors of ``spec``.
+
+    Raises:
         ValueError, FileNotFoundError: as :func:`default_prior`.
     """
-    if prior is None or isinstance(prior, LearnedPrior):
-        return prior
-    if prior == "default":
-        return default_prior(spec)
-    raise TypeError(f"prior must be a LearnedPrior, 'default' or None, got {prior!r}")
+    own = default_prior(spec)
+    return [own] if own.signed else [own, default_prior("uoctti")]
 
 
 @lru_cache(maxsize=2)

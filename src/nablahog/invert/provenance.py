@@ -34,11 +34,13 @@ class NetworkLearning(Learning):
         epochs: passes over the photographs.
         losses: the mean loss of each epoch.
         start: SHA-256 of the weights that it went on from, hexadecimal; empty if these were random.
+        precision: of its convolutions and matrix products.
     """
 
     epochs: int
     losses: tuple[float, ...]
     start: str = ""
+    precision: str = "float32"
 
     @property
     def summary(self) -> str:

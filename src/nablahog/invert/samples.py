@@ -12,9 +12,9 @@ from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from .checks import check_descriptor
 from .options import Objective, Search
-from .preimage import reconstruct
-from .prior_choice import PriorChoice, as_prior
+from .prior_choice import PriorChoice, as_priors
 from .quality import QualityName
+from .single_scale import search_preimages
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,19 +73,19 @@ def reconstruct_samples(
     if count < 2:
         raise ValueError(f"expected at least 2 samples, got {count}")
     spec = as_spec(spec)
-    learned = as_prior(prior, spec)
+    learned = as_priors(prior, spec)
     if learned is None:
-        raise TypeError("prior must be a LearnedPrior or 'default', got None")
+        raise TypeError("prior must be a LearnedPrior, a list of these or 'default', got None")
     size = check_descriptor(descriptor, spec, image_size)
-    expected = learned.samples(descriptor.detach(), spec, size, count, seed=seed).flatten(0, 1)
-    if spec.gamma == "sqrt":
-        expected = expected.clamp(min=0).square()  # samples are of roots
-    result = reconstruct(
+    descriptor = descriptor.detach()
+    result = search_preimages(
         descriptor.repeat_interleave(count, dim=0),
         spec,
         size,
         quality=quality,
-        expected=expected,
+        seed=seed,
+        expected=learned.own.samples(descriptor, spec, size, count, seed=seed).flatten(0, 1),
+        learned=learned,
         search=replace(search, polarity=False),
         objective=objective,
         progress=progress,

@@ -1,76 +1,93 @@
-"""What a network for signed descriptors is trained with: crops with their descriptors, and the loss."""
+"""What a network for signed descriptors is trained with: windows of photographs with their histograms, and the loss."""
 
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
+import torch
 from torch import Tensor, nn
 from torch.nn.functional import avg_pool2d, mse_loss
 
+from ..hog import presets
 from ..hog.descriptor import hog
 from ..hog.spec import HOGSpec
-from .crops import CropTraining, draw_crops
-from .signed_network import network_inputs
+from .cell_votes import signed_cells
+from .histograms import recover_histograms, searchable
+from .signed_network import HISTOGRAM_EVALUATIONS, network_inputs
+from .training_windows import CELL, WindowTraining
 
-BATCH = 12
-CROPS = 23_000  # of a training by default: about an hour and a half on one core
-ROUNDS = 6  # epochs until the same crops come again
-CACHED = 400  # batches whose inputs stay in memory until then: about a gigabyte
-LEARNING_RATE, WEIGHT_DECAY = 1.5e-3, 1e-3
-LEAST_CONTRAST = 0.02  # standard deviation of a crop, in 0…1, from which on it has its full weight
+CROPS = 90_000  # of a training by default
+LEARNING_RATE, WEIGHT_DECAY = 2e-3, 1e-3
+UOCTTI, VLFEAT, DPM = presets.uoctti(CELL), presets.vlfeat(cell_size=CELL), presets.dpm(CELL)
+PIOTR, NETWORK = presets.piotr(CELL), presets.cnn_hog(CELL)
+DIALECTS = [[UOCTTI, VLFEAT]] * 3 + [
+    [UOCTTI, DPM],
+    [UOCTTI, PIOTR],
+    [DPM, NETWORK],
+]  # of a batch, for equal parts of it
+GRIDS = [(15, 15)] * 4 + [(16, 16)] * 2 + [(12, 16), (16, 12), (12, 12), (10, 14)]  # of 128x128: cells begin anywhere
+GAMMA, SHRUNK = 0.2, 0.5  # the latter is the share of windows that are shrunk where photographs are large enough
+LEAST_CONTRAST = 0.02  # standard deviation of a window, in 0…1, from which on it has its full weight
 STRUCTURE = 0.5  # weight of 1 - SSIM beside the mean square error
 
 
 class _Batch(NamedTuple):
-    """Crops (B, 1, h, w), and the network's inputs for them."""
+    """The network's inputs, and the windows (B, 1, 8R, 8C)."""
 
     cells: Tensor
     integral: Tensor
-    crops: Tensor
+    windows: Tensor
 
 
-class SignedTraining(CropTraining):
+class SignedTraining(WindowTraining):
     """The batches of each epoch, and the loss.
 
     The loss is the mean square error at unit contrast, whose minimum is the mean of all photographs with the
-    descriptor, plus half of 1 - SSIM, which makes that less blurred.
+    histograms, plus half of 1 - SSIM, which makes that less blurred.  The histograms are what is recovered from
+    descriptors of several dialects.
 
-    Inputs take a third of a step, so the crops of an epoch come again every few epochs.  What is random depends on the
-    seed and the epoch alone, so that an interruption does not change it.
+    Args:
+        images: (H, W) each.
+        spec: ignored: the network takes the histograms of all signed dialects alike.
+        seed: of everything random.
     """
 
-    batch, default_crops, learning_rate, weight_decay = BATCH, CROPS, LEARNING_RATE, WEIGHT_DECAY
+    default_crops, learning_rate, weight_decay = CROPS, LEARNING_RATE, WEIGHT_DECAY
+    grids, gamma = GRIDS, GAMMA
 
     def __init__(self, images: Sequence[Tensor], spec: HOGSpec, seed: int) -> None:
-        super().__init__(images, spec, seed)
-        self._cache: dict[tuple[int, int], _Batch] = {}
+        super().__init__(images, seed)
 
-    def batches(self, epoch: int) -> Iterator[_Batch]:
-        """The batches of an epoch, in its own order."""
-        number = epoch % ROUNDS
-        shuffled = random.Random(f"{self.seed} {number}").sample(range(len(self.order)), len(self.order))
-        for step in random.Random(f"{self.seed} {epoch} steps").sample(range(self.steps), self.steps):
-            batch = self._cache.get((number, step))
-            if batch is None:
-                images = [self.order[k] for k in shuffled[step * self.batch : (step + 1) * self.batch]]
-                crops = draw_crops(images, self.spec.cell_size[0], random.Random(f"{self.seed} {number} {step}"))
-                inputs = network_inputs(hog(crops, self.spec), self.spec, *crops.shape[2:])
-                batch = _Batch(inputs.cells, inputs.integral, crops)
-                if len(self._cache) < CACHED:
-                    self._cache[number, step] = batch
-            yield batch
+    def _batch(self, images: Sequence[Tensor], grid: tuple[int, int], rng: random.Random) -> _Batch:
+        specs = rng.choice(DIALECTS)
+        windows = torch.cat([self._window(image, grid, rng) for image in images])
+        cells = [_cells(part, spec) for part, spec in zip(windows.chunk(len(specs)), specs, strict=False)]
+        inputs = network_inputs(torch.cat(cells))
+        return _Batch(inputs.cells, inputs.integral, windows)
+
+    def _scale(self, largest: float, rng: random.Random) -> float:
+        """Windows are enlarged only if the photograph is smaller: enlarged ones have no details."""
+        return min(largest, rng.uniform(1, max(1, largest)) if rng.random() < SHRUNK else 1.0)
 
     def loss(self, network: nn.Module, batch: _Batch) -> Tensor:
-        """The mean over the crops."""
-        crops = batch.crops
-        height, width = crops.shape[2:]
-        image: Tensor = network(batch.cells, batch.integral)[..., :height, :width]
-        mean = crops.mean(dim=(2, 3), keepdim=True)
-        contrast = crops.std(dim=(2, 3), keepdim=True, correction=0).clamp(min=LEAST_CONTRAST)
-        similarity = _ssim(image * contrast + mean, crops)
-        return mse_loss(image, (crops - mean) / contrast) + STRUCTURE * (1 - similarity)
+        """The mean over the windows."""
+        windows, image = batch.windows, network(batch.cells, batch.integral)
+        mean = windows.mean(dim=(2, 3), keepdim=True)
+        contrast = windows.std(dim=(2, 3), keepdim=True, correction=0).clamp(min=LEAST_CONTRAST)
+        similarity = _ssim(image * contrast + mean, windows)
+        return mse_loss(image, (windows - mean) / contrast) + STRUCTURE * (1 - similarity)
+
+    def calibrate(self, network: nn.Module) -> None:
+        """Nothing: the network says nothing of its confidence."""
+
+
+def _cells(windows: Tensor, spec: HOGSpec) -> Tensor:
+    """The network's histograms (B, 18, R, C) of windows (B, 1, 8R, 8C), as recovered from their descriptors."""
+    size, searched = (windows.shape[2], windows.shape[3]), searchable(spec)
+    votes = recover_histograms(hog(windows, spec), searched, size, max_evaluations=HISTOGRAM_EVALUATIONS)
+    return signed_cells(votes, searched, size)
 
 
 def _ssim(a: Tensor, b: Tensor) -> Tensor:

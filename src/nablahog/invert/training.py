@@ -11,7 +11,8 @@ from torch import Tensor
 
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
-from .fitting import learn_network
+from .fitting import Precision, learn_network
+from .histograms import searchable
 from .learned import LearnedPrior
 from .network import make_network, network_class
 from .prior_network import Architecture
@@ -29,37 +30,40 @@ def train_prior(
     start: LearnedPrior | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     device: torch.device | str = "cpu",
+    precision: Precision = "float32",
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
 ) -> LearnedPrior:
     """Learns, from photographs, which image to expect for a descriptor.
 
-    The network predicts random crops, up to brightness and contrast: of signed descriptors pixel by pixel
+    The network predicts random windows, up to brightness and contrast: of signed descriptors pixel by pixel
     (:mod:`.signed_training`), of unsigned ones their regions, and which side of these is bright
-    (:mod:`.unsigned_training`); a prior for one unsigned dialect is a prior for all.
+    (:mod:`.unsigned_training`).  A prior for one signed dialect is for all, and so is one for an unsigned dialect.  One
+    image in 25, in the order of their names, is not trained with.
 
-    The result depends on the images, the spec, epochs, seed and architecture alone, as long as PyTorch, its number of
-    threads and the device stay the same.
+    The result depends on the images, whether the spec is signed, epochs, seed, architecture and precision alone, as
+    long as PyTorch, its number of threads and the device stay the same.
 
     Args:
         images: (H, W) each, float32 in 0…1, by name.
-        spec: the dialect, or the name of a preset with its defaults; if it is signed, with square cells of 2, 4, 8 or
-            16 pixels.
-        epochs: passes over the images, in which larger ones give several crops to learn a signed spec from; by default
-            as many as give 23,000 crops in all, or 300,000 of an unsigned spec.
+        spec: a dialect of the descriptors that it is for, or the name of a preset with its defaults.
+        epochs: passes over the images, of one window each; by default as many as give 90,000 windows in all, or 300,000
+            for unsigned descriptors.
         seed: of everything random.
-        architecture: of the network; by default of 5.9 million weights for UoCTTI with cells of 8, of 5.3 million for
-            unsigned specs.
+        architecture: of the network; by default of 2.2 million weights for signed descriptors, of 5.3 million for
+            unsigned ones.
         start: a prior for such descriptors to go on from: what it has learned is changed to what these images show.
         checkpoint: a file that is written after each epoch.  If it exists and is of the same training, this training is
             resumed, with the same result.  The file is not removed.  A damaged one is renamed, and the training starts
             afresh.
         device: where to compute.
+        precision: of convolutions and matrix products in training; ``"bfloat16"`` takes half the time where the
+            processor has instructions for it.
         progress: called with the steps done, their number, and epoch and loss.
 
     Raises:
         ValueError: there are no images, or one is too small or holds other values; there can be no prior for the spec;
-            there is no such preset; ``start`` is for others, or of another architecture; ``epochs`` is below 1; the
-            checkpoint is of another training; the training diverges.
+            there is no such preset or precision; ``start`` is for others, or of another architecture; ``epochs`` is
+            below 1; the checkpoint is of another training; the training diverges.
         OSError: the checkpoint cannot be read or written.
 
     >>> images = {"noise": torch.rand(96, 96, generator=torch.Generator().manual_seed(0))}
@@ -79,7 +83,7 @@ def train_prior(
     weights, learning = learn_network(
         images,
         spec,
-        SignedTraining if spec.signed else UnsignedTraining,
+        SignedTraining if searchable(spec).signed else UnsignedTraining,
         partial(make_network, spec, architecture),
         [list(architecture.widths), list(architecture.blocks)],
         start=None if start is None else start.weights,
@@ -87,6 +91,7 @@ def train_prior(
         seed=seed,
         checkpoint=checkpoint,
         device=device,
+        precision=precision,
         progress=progress,
     )
     return LearnedPrior(spec, architecture, weights, learning)

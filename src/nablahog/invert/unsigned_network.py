@@ -20,13 +20,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import adaptive_avg_pool2d, gelu, interpolate, pixel_shuffle, pixel_unshuffle
 
-from ..hog.orientation import bin_angles
 from ..hog.spec import HOGSpec
+from .cell_votes import UNSIGNED_BINS, unsigned_cells
 from .histograms import recover_histograms, searchable
 from .prior_network import Architecture, Prediction, PriorNetwork, ResidualBlock, set_to_zero
-from .start import of_one_colour
 
-BINS = 9
 FINER = 2  # pixels of the answer for a cell, along each axis
 CONTRAST = 4.0  # of votes, relative to their mean, before the logarithm
 MOST_CELLS = 20  # rows or columns that the network takes: larger grids are shrunk
@@ -46,24 +44,13 @@ def cell_votes(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
 
     Bins are centred at 10°, 30°, …, cells are square, and R and C multiples of :data:`COARSEST`, of few cells.
     """
-    tiling = _to_nine_bins(of_one_colour(votes, spec, size), spec)
+    tiling = unsigned_cells(votes, spec, size)
     height, width = (n * side for n, side in zip(tiling.shape[2:], spec.cell_size, strict=True))
     side = max(math.sqrt(spec.cell_size[0] * spec.cell_size[1]), max(height, width) / MOST_CELLS)
     rows, cols = (max(LEAST_CELLS, round(n / side / COARSEST) * COARSEST) for n in (height, width))
     if tiling.shape[2:] == (rows, cols):
         return tiling
     return interpolate(tiling, size=(rows, cols), mode="bilinear", align_corners=False, antialias=True)
-
-
-def _to_nine_bins(votes: Tensor, spec: HOGSpec) -> Tensor:
-    """Histograms (B, bins, rows, cols) to (B, 9, rows, cols): votes are shared between the two nearest bins."""
-    position = torch.from_numpy(bin_angles(spec)) * (BINS / math.pi) - 0.5
-    below = torch.floor(position + 1e-6)  # rounding would share a vote that lies on a centre
-    share = (position - below).clamp(0, 1)
-    to, bins = torch.zeros(BINS, spec.bins, dtype=torch.float64), torch.arange(spec.bins)
-    to.index_put_((below.long() % BINS, bins), 1 - share, accumulate=True)
-    to.index_put_(((below.long() + 1) % BINS, bins), share, accumulate=True)
-    return torch.einsum("kb,nbrc->nkrc", to.to(votes), votes)
 
 
 def mirrored_votes(votes: Tensor) -> Tensor:
@@ -118,7 +105,7 @@ class _Regions(nn.Module):
             share = DROPOUT if level == last else 0.0
             return nn.Sequential(*(ResidualBlock(widths[level], share) for _ in range(architecture.blocks[level])))
 
-        self.inp = nn.Conv2d(BINS, widths[0], 3, padding=1)
+        self.inp = nn.Conv2d(UNSIGNED_BINS, widths[0], 3, padding=1)
         self.down, self.up = (nn.ModuleList(blocks(level) for level in range(last + 1)) for _ in range(2))
         steps = list(pairwise(widths))
         self.shrink = nn.ModuleList(nn.Conv2d(fine, coarse, 2, stride=2) for fine, coarse in steps)
@@ -134,7 +121,7 @@ class _Regions(nn.Module):
         x = self.up[-1](self.whole(self.down[-1](x)))
         for level in range(len(levels) - 1, -1, -1):
             x = self.up[level](levels[level] + pixel_shuffle(self.enlarge[level](gelu(x)), 2))
-        return pixel_shuffle(self.out(gelu(x)), FINER)
+        return pixel_shuffle(self.out(gelu(x)), FINER).float()
 
 
 class _Polarity(nn.Module):
@@ -147,7 +134,7 @@ class _Polarity(nn.Module):
         super().__init__()
         first, second, third = POLARITY_WIDTHS
         self.body = nn.Sequential(
-            nn.Conv2d(BINS + 2 * FINER**2, first, 3, padding=1),
+            nn.Conv2d(UNSIGNED_BINS + 2 * FINER**2, first, 3, padding=1),
             ResidualBlock(first),
             nn.GELU(),
             nn.Conv2d(first, second, 2, stride=2),
@@ -170,7 +157,7 @@ class _Polarity(nn.Module):
         both = torch.cat([torch.cat([given, sign * of_images], dim=1) for sign in (1.0, -1.0)])
         one, negative = self.body(both).chunk(2)  # in one batch, whose statistics thus do not tell one from the other
         odds: Tensor = self.out(one - negative)
-        return odds.squeeze(1)
+        return odds.squeeze(1).float()
 
 
 @contextmanager

@@ -4,32 +4,35 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool2d, interpolate, softplus
+from torch.nn.functional import affine_grid, avg_pool2d, grid_sample, softplus
 
 from ..hog import presets
 from ..hog.descriptor import histograms, hog
 from ..hog.spec import HOGSpec
 from .histograms import recover_histograms
+from .training_windows import CELL, WindowTraining, resized
 from .unsigned_network import FINER, HISTOGRAM_EVALUATIONS, UnsignedNetwork, cell_votes, normalised
 
-BATCH = 32
 CROPS = 300_000  # of a training by default: about an hour and a half on two cores, by the time of a step
 LEARNING_RATE, WEIGHT_DECAY = 1.2e-3, 0.03
-CELL = 8  # pixels
 PAPER, SKIMAGE, OPENCV, MASKFEAT = presets.paper(CELL), presets.skimage(), presets.opencv(), presets.maskfeat()
-DIALECTS = [[PAPER, SKIMAGE]] * 4 + [[PAPER, MASKFEAT], [SKIMAGE, OPENCV]]  # of a batch, for equal parts of its windows
+DIALECTS = [[PAPER, SKIMAGE]] * 3 + [
+    [PAPER, OPENCV],
+    [SKIMAGE, OPENCV],
+    [PAPER, MASKFEAT],
+]  # of a batch, for equal parts
 LOSSY = [OPENCV, MASKFEAT]  # whose descriptors do not determine histograms: values are clipped, cells lose contrast
 GRIDS = [(16, 16)] * 6 + [(12, 16), (16, 12), (12, 12), (16, 8)]  # cells of the windows of a batch
 LEAST_SIDE, LARGE = 0.5, 0.6  # of windows, relative to the largest; the share of windows that are as large as can be
 GAMMA = 0.45  # the logarithm of the exponent of gray values is at most
+TURNED, TURN, STRETCH = 0.5, 12.0, 0.15  # share of windows, degrees, and logarithm of the change of proportions
 BLIND = 0.75  # of the regions' loss does not see the sign of the whole image
 LEAST_CONTRAST = 0.02  # standard deviation of a window, in 0…1, from which on it has its full weight
-HELD_OUT = 25  # one image of so many is not trained with
 FEWEST = 8  # images held out, below which nothing is concluded from them
 
 
@@ -40,7 +43,7 @@ class _Batch(NamedTuple):
     images: Tensor
 
 
-class UnsignedTraining:
+class UnsignedTraining(WindowTraining):
     """The batches of each epoch, and the loss.
 
     A quarter of the regions' loss is the square error to the image, the rest the lesser of those to the image and its
@@ -50,7 +53,7 @@ class UnsignedTraining:
 
     Votes are those of several dialects, and of some what is recovered from a descriptor that loses a part of them.
 
-    One image in 25 is held out, for the confidence in the polarity to be right of images that were not trained with.
+    By the images held out, the confidence in the polarity becomes right of images that were not trained with.
 
     Args:
         images: (H, W) each.
@@ -59,27 +62,20 @@ class UnsignedTraining:
     """
 
     default_crops, learning_rate, weight_decay = CROPS, LEARNING_RATE, WEIGHT_DECAY
+    grids, gamma = GRIDS, GAMMA
 
     def __init__(self, images: Sequence[Tensor], spec: HOGSpec, seed: int) -> None:
-        held = slice(HELD_OUT // 2, None, HELD_OUT)
-        self.held_out = list(images[held])
-        self.images = [image for k, image in enumerate(images) if k % HELD_OUT != HELD_OUT // 2]
-        self.seed = seed
-        self.steps = max(1, len(self.images) // BATCH)
-        self.crops = self.steps * min(BATCH, len(self.images))
+        super().__init__(images, seed)
 
-    def batches(self, epoch: int) -> Iterator[_Batch]:
-        """The batches of an epoch, in its own order."""
-        order = random.Random(f"{self.seed} {epoch}").sample(self.images, len(self.images))
-        for step in range(self.steps):
-            yield self._batch(order[step * BATCH : (step + 1) * BATCH], random.Random(f"{self.seed} {epoch} {step}"))
-
-    def _batch(self, images: Sequence[Tensor], rng: random.Random) -> _Batch:
-        grid, specs = rng.choice(GRIDS), rng.choice(DIALECTS)
-        windows = torch.cat([_window(image, grid, rng) for image in images])
+    def _batch(self, images: Sequence[Tensor], grid: tuple[int, int], rng: random.Random) -> _Batch:
+        specs = rng.choice(DIALECTS)
+        windows = _turned(torch.cat([self._window(image, grid, rng) for image in images]), rng)
         parts = windows.chunk(len(specs))
         votes = torch.cat([_votes(part, spec) for part, spec in zip(parts, specs, strict=False)])
         return _Batch(votes, _target(windows))
+
+    def _scale(self, largest: float, rng: random.Random) -> float:
+        return largest * (1.0 if rng.random() < LARGE else rng.uniform(LEAST_SIDE, 1))
 
     def loss(self, network: UnsignedNetwork, batch: _Batch) -> Tensor:
         """The mean over the windows, of regions and polarity."""
@@ -114,6 +110,20 @@ class UnsignedTraining:
         return (network.log_odds(votes, regions, regions) * torch.sign(right)).cpu()
 
 
+def _turned(windows: Tensor, rng: random.Random) -> Tensor:
+    """Windows (B, 1, H, W), some of them turned and stretched; what comes from beyond a window is its mirror image."""
+    height, width = windows.shape[2:]
+    affine = []
+    for _ in windows:
+        angle = math.radians(rng.uniform(-TURN, TURN))
+        along_x, along_y = (math.exp(sign * rng.uniform(0, STRETCH) / 2) for sign in rng.choice([(1, -1), (-1, 1)]))
+        cos, sin = math.cos(angle), math.sin(angle)
+        rows = [[cos * along_x, -sin * along_y * height / width, 0], [sin * along_x * width / height, cos * along_y, 0]]
+        affine.append(rows if rng.random() < TURNED else [[1, 0, 0], [0, 1, 0]])
+    grid = affine_grid(windows.new_tensor(affine), list(windows.shape), align_corners=False)
+    return grid_sample(windows, grid, padding_mode="reflection", align_corners=False).clamp(0, 1)
+
+
 def _votes(windows: Tensor, spec: HOGSpec) -> Tensor:
     """Of windows (B, 1, H, W), the histograms, or what can be recovered of them from a descriptor that loses some."""
     size = (windows.shape[2], windows.shape[3])
@@ -135,22 +145,4 @@ def _whole(image: Tensor) -> Tensor:
     """All of an image (H, W), of as many cells as fit, (1, 1, 8R, 8C)."""
     shrink = 16 * CELL / max(image.shape)
     size = [max(2, round(n * shrink / CELL / 4)) * 4 * CELL for n in image.shape]
-    return _resized(image, size[0], size[1])
-
-
-def _window(image: Tensor, grid: tuple[int, int], rng: random.Random) -> Tensor:
-    """A window (1, 1, 8R, 8C) of an image (H, W) in 0…1: its place, size, mirroring and gamma are random."""
-    height, width = (CELL * n for n in grid)
-    largest = min(image.shape[0] / height, image.shape[1] / width)
-    scale = largest * (1.0 if rng.random() < LARGE else rng.uniform(LEAST_SIDE, 1))
-    rows, cols = (max(1, math.floor(n * scale)) for n in (height, width))
-    top, left = (rng.randrange(n - size + 1) for n, size in zip(image.shape, (rows, cols), strict=True))
-    window = _resized(image[top : top + rows, left : left + cols], height, width)
-    window = window ** math.exp(rng.uniform(-GAMMA, GAMMA))
-    return window.flip(3) if rng.random() < 0.5 else window
-
-
-def _resized(image: Tensor, height: int, width: int) -> Tensor:
-    if image.shape == (height, width):
-        return image[None, None]
-    return interpolate(image[None, None], (height, width), mode="bilinear", antialias=True, align_corners=False)
+    return resized(image, size[0], size[1])

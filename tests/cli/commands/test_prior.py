@@ -92,9 +92,14 @@ def test_inverting_unsigned_descriptors_with_it(
     assert printed["own"]  # has hardly learned anything
 
 
-def test_signed_descriptors_have_none_by_default(tmp_path: Path, photo: str) -> None:
-    plain, without = (_inverted(photo, tmp_path / name, *more) for name, more in [("a", []), ("b", ["--no-prior"])])
-    assert plain == without
+@pytest.mark.parametrize("preset", ["uoctti", "dlib"])
+def test_signed_descriptors_have_one_by_default(tmp_path: Path, photo: str, preset: str) -> None:
+    options = ["--preset", preset]
+    shipped, without = (
+        _inverted(photo, tmp_path / name, *options, *more) for name, more in [("a", []), ("b", ["--no-prior"])]
+    )
+    assert shipped != without
+    assert shipped[1] is without[1] is None
 
 
 def test_an_installation_without_priors(
@@ -162,8 +167,13 @@ def test_the_table_with_it(tmp_path: Path, images: str, prior: str, capsys: pyte
 
 @pytest.mark.usefixtures("here")
 def test_the_table_without_it(
-    tmp_path: Path, images: str, learned_files: dict[str, str], capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    images: str,
+    learned_files: dict[str, str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
+    monkeypatch.setattr("nablahog.invert.prior_choice.FOLDER", tmp_path)
     others = [option for kind, path in learned_files.items() for option in (f"--{kind}", path)]
     command = ["table1", "--images", images, "-o", str(tmp_path / "out"), *FEW, "--limit", "1"]
     assert main([*command, *others]) == 0
@@ -175,7 +185,10 @@ def test_the_table_without_it(
     assert remark not in capsys.readouterr().out  # nobody asked for it
 
 
-def test_the_table_asked_for_it_without_a_prior(tmp_path: Path, images: str, refused: Callable[..., None]) -> None:
+def test_the_table_asked_for_it_without_a_prior(
+    tmp_path: Path, images: str, monkeypatch: pytest.MonkeyPatch, refused: Callable[..., None]
+) -> None:
+    monkeypatch.setattr("nablahog.invert.prior_choice.FOLDER", tmp_path)
     options = ["--methods", "uoctti-single,uoctti-learned"]
     message = "uoctti-learned needs --prior FILE, see `nablahog learn prior`"
     refused("table1", "--images", images, "-o", str(tmp_path / "out"), *options, message=message)
@@ -183,20 +196,8 @@ def test_the_table_asked_for_it_without_a_prior(tmp_path: Path, images: str, ref
 
 def test_priors_that_do_not_fit(tmp_path: Path, photo: str, prior: str, refused: Callable[..., None]) -> None:
     options = ["-o", str(tmp_path / "out"), "--prior", prior]
-    refused("invert", photo, *options, "--cell", "4", message=f"{photo}: the prior was learned for another spec: its ")
-    refused("invert", photo, *options, "--descriptor", "paper", message="for another spec")
-    refused("invert", photo, *options, "--vote", "hard", message="its vote is 'linear', the uoctti descriptor's 'hard'")
-
-
-def test_priors_for_other_cells(
-    tmp_path: Path, images: str, photo: str, descriptor: str, refused: Callable[..., None]
-) -> None:
-    other = tmp_path / "other.npz"
-    assert main(["learn", "prior", "--images", images, "-o", str(other), *ONCE, "--cell", "2"]) == 0
-    options = ["-o", str(tmp_path / "out"), "--prior", str(other)]
-    message = "the prior was learned for another spec: its cell_size is (2, 2), the uoctti descriptor's (8, 8)"
-    refused("invert", descriptor, *options, message=f"{descriptor}: {message}")
-    refused("table1", "--images", images, *options, message=f"uoctti-learned: {message}")
+    message = f"{photo}: the prior was learned for signed descriptors, a paper descriptor is unsigned"
+    refused("invert", photo, *options, "--descriptor", "paper", message=message)
 
 
 def test_a_prior_of_the_other_kind(

@@ -16,13 +16,13 @@ from nablahog.hog import HOGSpec
 from nablahog.invert.baselines.upconv import Upconv
 from nablahog.invert.baselines.upconv_learning import UpconvTraining, learn_upconv
 from nablahog.invert.baselines.upconv_network import (
+    CELLS,
     UpconvNetwork,
     check_widths,
     default_widths,
     input_channels,
     network_input,
 )
-from nablahog.invert.signed_network import CELLS
 from nablahog.invert.weights import count
 
 from ...io import tiny_models

@@ -16,6 +16,7 @@ SIZE = 512
 BOVW_SIZE = 128  # that of the images of Table 1
 MOST_THREADS = 1024
 MOST_ORDER = 100
+PRECISIONS = ("float32", "bfloat16")
 PRESET_OF_SIGNS = {"signed": DEFAULT_DESCRIPTOR, "unsigned": "paper"}
 
 
@@ -42,15 +43,18 @@ class Kind(NamedTuple):
 
 
 def _network(command: argparse.ArgumentParser) -> None:
-    epochs = (
-        "passes over the images (default: as many as take about an hour and a half on one core, or on two for "
-        "unsigned descriptors)"
-    )
-    options.number(command, "--epochs", epochs)
+    options.number(command, "--epochs", "passes over the images (default: as many as take an hour or two on two cores)")
     options.seed(command)
     options.device_option(command)
     threads = "to compute in (default: one for each core); another number rounds otherwise"
     options.number(command, "--threads", threads, most=MOST_THREADS)
+    command.add_argument(
+        "--precision",
+        choices=PRECISIONS,
+        default=PRECISIONS[0],
+        help="of convolutions; bfloat16 takes half the time where the processor has instructions for it (default: "
+        "%(default)s)",
+    )
 
 
 def _prior(command: argparse.ArgumentParser) -> None:
@@ -65,7 +69,7 @@ def _prior(command: argparse.ArgumentParser) -> None:
         action=_Signs,
         choices=PRESET_OF_SIGNS,
         dest=argparse.SUPPRESS,
-        help=f"--preset {' or '.join(PRESET_OF_SIGNS.values())}: a prior for one unsigned descriptor is for all",
+        help=f"--preset {' or '.join(PRESET_OF_SIGNS.values())}: a prior for one such descriptor is for all",
     )
 
 

@@ -236,8 +236,7 @@ def prior(command: argparse.ArgumentParser) -> None:
         "--prior",
         type=path,
         metavar="FILE",
-        help="a prior that `nablahog learn prior` wrote for such descriptors (default: of unsigned ones, the one that "
-        "comes with nablahog)",
+        help="what `nablahog learn prior` wrote for such descriptors (default: the prior that comes with nablahog)",
     )
     choice.add_argument("--no-prior", action="store_true", help="invert with nothing that was learned")
 

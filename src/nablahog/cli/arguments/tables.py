@@ -20,9 +20,8 @@ def _table1_methods() -> Iterator[str]:
 
     for name, method in METHODS.items():
         when = "with --methods only" if method.asked else "runs"
-        if method.needs:
-            hours = method.needs in TAKES_HOURS and method.needs not in SHIPPED
-            when = f"with --{method.needs} FILE only" if hours else f"runs; learns {method.needs} the first time"
+        for kind in set(method.needs) - set(SHIPPED):
+            when = f"with --{kind} FILE only" if kind in TAKES_HOURS else f"runs; learns {kind} the first time"
         yield f"{name:30} {method.group:24} {when}"
 
 
@@ -49,7 +48,7 @@ def table1(commands: argparse._SubParsersAction[Parser]) -> None:
     options.number(command, "--limit", "only the first N images")
     options.size(command, TABLE1_SIZE)
     options.minimiser(command)
-    _prior_file(command, "prior", "uoctti-learned")
+    _prior_file(command, "prior", "uoctti-learned and others of signed descriptors")
     _prior_file(command, "unsigned-prior", "dalal-learned and others of unsigned descriptors")
     for method in TABLE1:
         if method in KINDS or method in TAKES_HOURS:

@@ -28,7 +28,7 @@ LEAD = (
     "for comparison. HOG contains neither colour nor brightness, so the pre-image is gray and is compared with the "
     "gray photograph. In the difference, middle gray means equal. The uoctti descriptor tells bright from dark. The "
     "paper's has unsigned gradients, which are the same for a region and its negative: which regions are bright is "
-    "what a learned prior expects of photographs."
+    "what a learned prior expects of photographs, and so are the details of both."
 )
 REMARK = (
     "All figures, with their full precision, are in figures.json beside this page. The photograph, Eileen Collins by "

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import torch
 
-from ...invert import Objective, Reconstruction, Search, reconstruct
-from ...invert.template import template_descriptor
+from ...invert import Reconstruction, reconstruct_template
 from ...io.files import distinct_stems, output_folder, write_text
 from ...io.images import write_image
 from ...viz.pictures import contact_sheet
@@ -23,8 +22,6 @@ from ..inputs.templates import DetectorTemplate, read_templates
 from ..results import template_page
 from ..results.template_page import SIGNS, InvertedTemplate
 from ..terminal import print_table, progress_bars, say_page
-
-SMOOTHNESS = 0.3  # no image has a template: less would only explain its noise
 
 
 def invert_template(arguments: Namespace) -> int:
@@ -72,15 +69,13 @@ def invert_template(arguments: Namespace) -> int:
 def _invert_sign(
     template: DetectorTemplate, sign: str, arguments: Namespace, progress: Callable[[int, int], None]
 ) -> Reconstruction:
-    weights = template.weights[None].to(torch.device(arguments.device))
-    descriptor = template_descriptor(weights, template.spec, template.image_size, negative=sign == "negative")
-    return reconstruct(
-        descriptor,
+    return reconstruct_template(
+        template.weights[None].to(torch.device(arguments.device)),
         template.spec,
         template.image_size,
+        negative=sign == "negative",
         seed=arguments.seed,
-        objective=Objective(smoothness=SMOOTHNESS),
-        search=Search(max_evaluations=arguments.max_evaluations),
+        max_evaluations=arguments.max_evaluations,
         progress=progress,
     )
 

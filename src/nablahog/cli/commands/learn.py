@@ -20,7 +20,7 @@ from ..inputs.spec import SpecOptions
 from ..results.failures import say_ignored
 from ..terminal import counter, say
 
-OPTIONS = ("seed", "epochs", "device", "fast", "order")  # of the command that are arguments of a learner
+OPTIONS = ("seed", "epochs", "device", "precision", "fast", "order")  # of the command that are arguments of a learner
 
 
 def learn(arguments: Namespace) -> None:

@@ -30,7 +30,7 @@ def table1(arguments: Namespace) -> None:
         shipped = shipped_files()
         methods, left_out = choose(arguments.methods, files, shipped)
     _check_files(files, methods)
-    files = {kind: path for kind, path in shipped.items() if any(each.needs == kind for each in methods)} | files
+    files = {kind: path for kind, path in shipped.items() if any(kind in each.needs for each in methods)} | files
     photographs, origin = _photographs(arguments)
     with output_folder(arguments.output) as folder:
         settings = Table1Settings(arguments.seed, arguments.max_evaluations, files | _learn_missing(files, methods))
@@ -58,7 +58,7 @@ def _check_files(files: Mapping[str, Path], methods: Sequence[Method]) -> None:
         with as_user_error():
             model = load(kind, path)
         for method in methods:
-            if method.needs == kind and method.spec is not None:
+            if method.needs[:1] == (kind,) and method.spec is not None:
                 with as_user_error(f"{method.name}: "):
                     model.check(method.spec)
 
@@ -66,7 +66,7 @@ def _check_files(files: Mapping[str, Path], methods: Sequence[Method]) -> None:
 def _learn_missing(files: Mapping[str, Path], methods: Sequence[Method]) -> dict[str, Path]:
     """Learns the files that methods need and that no option names, from bundled photographs."""
     learned = {}
-    for kind in dict.fromkeys(method.needs for method in methods if method.needs and method.needs not in files):
+    for kind in dict.fromkeys(kind for method in methods for kind in method.needs if kind not in files):
         with counter(f"nablahog table1, learning {kind}") as progress:
             learned[kind] = learned_from_samples(kind, progress)
     return learned

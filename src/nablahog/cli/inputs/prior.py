@@ -9,7 +9,7 @@ from pathlib import Path
 from ...evaluate.learned import load
 from ...hog import HOGSpec
 from ...invert.learned import LearnedPrior
-from ...invert.prior_choice import default_prior, default_prior_file
+from ...invert.prior_choice import PriorChoice, default_prior_file, default_priors
 from ..errors import as_user_error
 from ..terminal import inform
 
@@ -43,12 +43,12 @@ class PriorOptions:
         if self.given is not None:
             self.given.check(spec)
 
-    def for_spec(self, spec: HOGSpec) -> LearnedPrior | None:
-        """The prior for descriptors of ``spec``, if there is one; says so where one was not installed."""
+    def for_spec(self, spec: HOGSpec) -> PriorChoice:
+        """The priors for descriptors of ``spec``, if there are any; says so where they were not installed."""
         if not self.default or default_prior_file(spec) is None:
             return self.given
         try:
-            return default_prior(spec)
+            return default_priors(spec)
         except FileNotFoundError as error:
             self.default = False  # said once
             inform(f"Inverting without a learned prior: {error}")

@@ -15,8 +15,9 @@ from torch import Tensor
 
 from ... import metrics
 from ...hog.gradient import gray
-from ...invert import AsPublished, LearnedPrior, Search, reconstruct, reconstruct_samples
+from ...invert import AsPublished, Search, reconstruct, reconstruct_samples
 from ...invert.colour import reconstruct_colour
+from ...invert.prior_choice import PriorChoice
 from ...invert.quality import QualityName
 from ...io.images import write_image
 from ...viz.pictures import Panel, contact_sheet, difference, glyphs
@@ -191,7 +192,7 @@ def invert_batch(
     quality: QualityName = "best",
     max_evaluations: int | None = None,
     published: AsPublished | None = None,
-    prior: LearnedPrior | None = None,
+    prior: PriorChoice = None,
     samples: int | None = None,
     colour: bool = False,
     progress: Callable[[int, int], None] | None = None,
@@ -205,7 +206,7 @@ def invert_batch(
         quality: as :func:`nablahog.reconstruct` has it.
         max_evaluations: of the objective; None for those of the quality.
         published: the paper's search, instead of the default one.
-        prior: that was learned for such descriptors; None for none.
+        prior: as :func:`nablahog.reconstruct` has it.
         samples: further answers to unsigned descriptors, by their prior; None for none.
         colour: whether to find images in colour, without a prior.
         progress: called with the evaluations done and their largest number.

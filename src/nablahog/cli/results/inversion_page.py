@@ -14,7 +14,8 @@ TITLE = "Images from HOG descriptors"
 LEAD = (
     "Each image was found from a HOG descriptor alone. A photograph is no input of the inversion; where there is one, "
     "it is shown for comparison. HOG contains neither colour nor brightness, so the pre-image is gray, unless --colour "
-    "guesses hues, and is compared with the gray photograph. In the difference, middle gray means equal."
+    "guesses hues, and is compared with the gray photograph. In the difference, middle gray means equal. Of all images "
+    "with a descriptor, it is one near what a learned prior expects of photographs, unless --no-prior was given."
 )
 POLARITY = (
     "Probability that the pre-image is no negative, by the learned prior; none of descriptors that tell bright from "

@@ -33,8 +33,7 @@ class Pooling(ABC):
     * ``kind``, its name in JSON;
     * :meth:`weights`, from which both the reference steps and the compiled loops pool.  A pixel's cells follow each
       other;
-    * :meth:`reach`, which pixels matter for a cell;
-    * :attr:`mirrors`, whether left and right are alike.
+    * :meth:`reach`, which pixels matter for a cell.
 
     Unless cells are side by side it must have :meth:`spacing` and :meth:`cells`, too.  Fields are checked by their
     types, see :func:`.checks.check_fields`.
@@ -81,11 +80,6 @@ class Pooling(ABC):
     @abstractmethod
     def reach(self, cell: int, axis: int) -> tuple[int, int]:
         """The pixels that vote into cells: from how many before the first of :class:`Spacing` to how many after it."""
-
-    @property
-    @abstractmethod
-    def mirrors(self) -> bool:
-        """Whether the mirrored image has mirrored cells, where these cover it exactly."""
 
     @property
     def tile(self) -> int:

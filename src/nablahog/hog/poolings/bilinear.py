@@ -29,8 +29,6 @@ class BilinearCells(Pooling):
     beyond: Beyond = "vote"
     edge_gain: float = 1.0
     kind: ClassVar[str] = "bilinear"
-    mirrors = True
-    """Triangles are symmetric."""
     interpolates: ClassVar[bool] = True
     """Two neighbouring triangles sum to 1."""
 

@@ -29,8 +29,6 @@ class BlockCells(Pooling):
     step: tuple[int, int]
     sigma: float
     kind: ClassVar[str] = "block"
-    mirrors = False
-    """The middle of the Gaussian is half a pixel to the right of the block's own."""
     has_blocks: ClassVar[bool] = True
 
     def check(self, cell_size: tuple[int, int], normalizer: Normalizer) -> None:

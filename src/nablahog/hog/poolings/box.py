@@ -25,8 +25,6 @@ class BoxCells(Pooling):
     mean: bool = False
     window: int = 0
     kind: ClassVar[str] = "box"
-    mirrors = True
-    """Boxes, and windows that cover the image exactly, are symmetric."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

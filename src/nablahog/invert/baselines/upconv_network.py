@@ -17,15 +17,17 @@ from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
+from torch.nn.functional import pad
 
 from ...hog.normalizers import Footprint
 from ...hog.spec import HOGSpec
 from ..prior_network import set_to_zero
-from ..signed_network import CELLS, padded, scaled_entries
 
 SLOPE = 0.2  # of leaky ReLUs
 MEAN = 0.5  # of gray values in 0…1, about
 LARGEST_WIDTH = 1024
+CELLS = (2, 4, 8, 16)  # sides of cells in pixels, powers of two
+_DESCRIPTOR = 5.0  # scales entries of a four-block descriptor to about 1
 
 
 def default_widths(spec: HOGSpec) -> tuple[int, ...]:
@@ -71,10 +73,15 @@ def network_input(descriptor: Tensor, spec: HOGSpec, height: int, width: int) ->
         where the descriptor has fewer.
     """
     cell = spec.cell_size[0]
-    entries = scaled_entries(descriptor, spec)
-    if not spec.normalizer.bounded:
+    entries = descriptor.permute(0, 3, 1, 2)
+    if spec.normalizer.bounded:
+        entries = entries * _DESCRIPTOR
+    else:  # their scale is arbitrary
+        size = entries.square().mean(dim=(1, 2, 3), keepdim=True).sqrt()
+        entries = entries / torch.where(size > 0, size, 1)
         entries = torch.cat([entries, _scale(descriptor).expand(-1, 1, *entries.shape[2:])], dim=1)
-    return padded(entries, -(-height // cell), -(-width // cell), 1)
+    bottom, right = (-(-n // cell) - cells for n, cells in zip((height, width), entries.shape[2:], strict=True))
+    return pad(entries, (0, right, 0, bottom), mode="replicate") if bottom or right else entries
 
 
 def _scale(descriptor: Tensor) -> Tensor:
