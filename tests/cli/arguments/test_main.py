@@ -17,7 +17,8 @@ def test_methods_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
     assert lines["uoctti-single"].endswith("  runs")
     assert lines["opencv"].endswith("  with --methods only")
-    assert lines["uoctti-learned"].endswith("  with --prior FILE only")
+    assert lines["uoctti-learned"].endswith("  runs")
+    assert lines["upconv"].endswith("  with --upconv FILE only")
     assert lines["hoggles"].endswith("  runs; learns hoggles the first time")
     assert max(map(len, lines.values())) <= 100
 

@@ -70,7 +70,7 @@ def test_a_flat_photograph(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
 
 def test_invert_fast(tmp_path: Path, photo: str) -> None:
     spec, descriptor = presets.uoctti(8), nablahog.hog(read_image(photo)[None], presets.uoctti(8))
-    expected = nablahog.reconstruct(descriptor, spec, (60, 80), quality="fast")
+    expected = nablahog.reconstruct(descriptor, spec, (60, 80), prior="default", quality="fast")
     assert main(["invert", photo, "--quality", "fast", "-o", str(tmp_path / "out")]) == 0
     figures = json.loads((tmp_path / "out" / "results.json").read_text())
     assert figures[0]["distance"] == pytest.approx(float(expected.distance))
