@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 import torch
-from torch.testing import assert_close
 
 from nablahog import hog, metrics, presets, reconstruct, reconstruct_multiscale
 from nablahog.hog import HOGSpec
@@ -58,7 +57,7 @@ def test_details(spec: HOGSpec) -> None:
     )
     assert float(with_them.evaluations) <= 100
     assert len(with_them.history) == int(with_them.evaluations)
-    assert_close(with_them.history[-1], with_them.distance, rtol=0.3, atol=0)
+    assert not torch.equal(with_them.image, without.image)
     assert float(metrics.cross_correlation(with_them.image[0, 0], without.image[0, 0])) > 0.8
 
 

@@ -63,7 +63,7 @@ def test_mirrored_votes() -> None:
 
 @every_dialect
 def test_expected(spec: HOGSpec) -> None:
-    """Of other brightness the same; of a batch that of each."""
+    """Of a batch that of each."""
     images, prior = torch.cat([photograph(128, name) for name in ("camera", "coins")]), tiny_models.prior()
     descriptors = hog(images, spec)
     together = prior.expected(descriptors, spec, (128, 128))

@@ -21,11 +21,11 @@ from .training_windows import CELL, WindowTraining
 CROPS = 90_000  # of a training by default
 LEARNING_RATE, WEIGHT_DECAY = 2e-3, 1e-3
 UOCTTI, VLFEAT, DPM = presets.uoctti(CELL), presets.vlfeat(cell_size=CELL), presets.dpm(CELL)
-PIOTR, NETWORK = presets.piotr(CELL), presets.cnn_hog(CELL)
+PIOTR, CNN_HOG = presets.piotr(CELL), presets.cnn_hog(CELL)
 DIALECTS = [[UOCTTI, VLFEAT]] * 3 + [
     [UOCTTI, DPM],
     [UOCTTI, PIOTR],
-    [DPM, NETWORK],
+    [DPM, CNN_HOG],
 ]  # of a batch, for equal parts of it
 GRIDS = [(15, 15)] * 4 + [(16, 16)] * 2 + [(12, 16), (16, 12), (12, 12), (10, 14)]  # of 128x128: cells begin anywhere
 GAMMA, SHRUNK = 0.2, 0.5  # the latter is the share of windows that are shrunk where photographs are large enough
