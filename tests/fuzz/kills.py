@@ -27,7 +27,7 @@ QUICK = ["--methods", "dalal-multi-scale,dalal-single", "--max-evaluations", "40
 LEARN = ["--images", "images", "--cell", "4", "-o", "out/model.npz"]
 COMMANDS: dict[str, list[str]] = {
     "hog": ["hog", *(f"images/{k}.png" for k in range(6)), "-o", "out/"],
-    "prior": ["learn", "prior", *LEARN, "--epochs", "2", "--threads", "1"],
+    "prior": ["learn", "prior", "--images", "images", "-o", "out/model.npz", "--epochs", "2", "--threads", "1"],
     "hoggles": ["learn", "hoggles", *LEARN],
     "table1": ["table1", "--images", "images", *QUICK, "--workers", "1", "-o", "out"],
     "table2": ["table2", "--objects", "3", "--methods", "paper", "--workers", "1", "-o", "out"],

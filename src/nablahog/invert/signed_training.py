@@ -47,18 +47,10 @@ class SignedTraining(WindowTraining):
     The loss is the mean square error at unit contrast, whose minimum is the mean of all photographs with the
     histograms, plus half of 1 - SSIM, which makes that less blurred.  The histograms are what is recovered from
     descriptors of several dialects.
-
-    Args:
-        images: (H, W) each.
-        spec: ignored: the network takes the histograms of all signed dialects alike.
-        seed: of everything random.
     """
 
     default_crops, learning_rate, weight_decay = CROPS, LEARNING_RATE, WEIGHT_DECAY
     grids, gamma = GRIDS, GAMMA
-
-    def __init__(self, images: Sequence[Tensor], spec: HOGSpec, seed: int) -> None:
-        super().__init__(images, seed)
 
     def _batch(self, images: Sequence[Tensor], grid: tuple[int, int], rng: random.Random) -> _Batch:
         specs = rng.choice(DIALECTS)

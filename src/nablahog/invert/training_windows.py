@@ -11,6 +11,8 @@ from typing import Any
 from torch import Tensor
 from torch.nn.functional import interpolate
 
+from ..hog.spec import HOGSpec
+
 BATCH = 32
 CELL = 8  # pixels of the cells of a window
 HELD_OUT = 25  # one image of so many is not trained with, to judge by
@@ -23,6 +25,7 @@ class WindowTraining(ABC):
 
     Args:
         images: (H, W) each, float32 in 0…1.
+        spec: ignored: a network takes the histograms of all dialects of its kind alike.
         seed: of everything random.
 
     Attributes:
@@ -36,7 +39,7 @@ class WindowTraining(ABC):
     grids: Sequence[tuple[int, int]]
     gamma: float
 
-    def __init__(self, images: Sequence[Tensor], seed: int) -> None:
+    def __init__(self, images: Sequence[Tensor], spec: HOGSpec, seed: int) -> None:
         self.held_out = list(images[HELD_OUT // 2 :: HELD_OUT])
         self.images = [image for k, image in enumerate(images) if k % HELD_OUT != HELD_OUT // 2]
         self.seed = seed

@@ -54,18 +54,10 @@ class UnsignedTraining(WindowTraining):
     Votes are those of several dialects, and of some what is recovered from a descriptor that loses a part of them.
 
     By the images held out, the confidence in the polarity becomes right of images that were not trained with.
-
-    Args:
-        images: (H, W) each.
-        spec: ignored: the network takes the votes of all unsigned dialects alike.
-        seed: of everything random.
     """
 
     default_crops, learning_rate, weight_decay = CROPS, LEARNING_RATE, WEIGHT_DECAY
     grids, gamma = GRIDS, GAMMA
-
-    def __init__(self, images: Sequence[Tensor], spec: HOGSpec, seed: int) -> None:
-        super().__init__(images, seed)
 
     def _batch(self, images: Sequence[Tensor], grid: tuple[int, int], rng: random.Random) -> _Batch:
         specs = rng.choice(DIALECTS)

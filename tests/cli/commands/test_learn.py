@@ -38,7 +38,7 @@ from ..common import CHELSEA, names
 
 CELL = ["--cell", "4"]
 OPTIONS = {
-    "prior": [*CELL, "--seed", "3", "--epochs", "2", "--threads", "1"],
+    "prior": ["--seed", "3", "--epochs", "2", "--threads", "1"],
     "background": [*CELL, "--order", "3"],
     "hoggles": [*CELL, "--seed", "3"],
     "bovw": ["--seed", "3"],
@@ -105,7 +105,7 @@ def test_learning(tmp_path: Path, images: str, kind: str, capsys: pytest.Capture
         return
     model: Any = LEARNED[kind].model.load(out)
     assert (model.learning.images, model.learning.seed) == (("0.png", "1.png", "2.png"), 3)
-    assert kind == "bovw" or model.spec == presets.uoctti(4)
+    assert kind == "bovw" or model.spec == presets.uoctti(8 if kind == "prior" else 4)
 
 
 def _printed(capsys: pytest.CaptureFixture[str]) -> list[str]:
@@ -247,7 +247,7 @@ def test_what_cannot_be_learned(
         ("prior", ["--seed", "x"], "got 'x'"),
         ("prior", ["--precision", "half"], "invalid choice: 'half'"),
         ("ridge", ["--seed", "-1"], "-1"),
-        ("prior", ["--vote", "soft"], "invalid choice: 'soft'"),
+        ("upconv", ["--vote", "soft"], "invalid choice: 'soft'"),
         ("background", ["--order", "101"], "at most 100, got '101'"),
     ],
 )

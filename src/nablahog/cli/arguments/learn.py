@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ...pose.options import ORDER
 from . import options
@@ -17,7 +17,7 @@ BOVW_SIZE = 128  # that of the images of Table 1
 MOST_THREADS = 1024
 MOST_ORDER = 100
 PRECISIONS = ("float32", "bfloat16")
-PRESET_OF_SIGNS = {"signed": DEFAULT_DESCRIPTOR, "unsigned": "paper"}
+SIGNS = ("signed", "unsigned")
 
 
 class Kind(NamedTuple):
@@ -28,7 +28,7 @@ class Kind(NamedTuple):
         description: what is learned.
         output: what the output file is.
         options: adds its own options.
-        descriptor: the default type of descriptor; None if it has its own.
+        descriptor: the default type of descriptor; None if there is nothing to choose.
         remark: on types of descriptors.
         size: the default size of images.
     """
@@ -66,18 +66,11 @@ def _prior(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument(
         "--signs",
-        action=_Signs,
-        choices=PRESET_OF_SIGNS,
-        dest=argparse.SUPPRESS,
-        help=f"--preset {' or '.join(PRESET_OF_SIGNS.values())}: a prior for one such descriptor is for all",
+        choices=SIGNS,
+        default=SIGNS[0],
+        help="for all dialects with signed gradients, such as uoctti, or for all with unsigned ones, such as paper "
+        "(default: %(default)s)",
     )
-
-
-class _Signs(argparse.Action):
-    """Chooses the preset."""
-
-    def __call__(self, _: object, namespace: argparse.Namespace, signs: Any, option: str | None = None) -> None:
-        namespace.descriptor = PRESET_OF_SIGNS[signs]
 
 
 def _background(command: argparse.ArgumentParser) -> None:
@@ -100,6 +93,7 @@ KINDS = {
         f"{_EPOCHS_SAVED}",
         "the prior, for `nablahog invert --prior` and `nablahog table1 --prior`",
         _prior,
+        descriptor=None,
     ),
     "background": Kind(
         "mean and covariance of descriptors of photographs, from which the elements of objects stand out",

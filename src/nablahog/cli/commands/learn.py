@@ -10,7 +10,7 @@ import torch
 
 from ...evaluate.learned import LEARNED, SPEC, Learner, sample_training_photographs
 from ...evaluate.photographs import Photographs, read_folder, sample_photographs
-from ...hog import HOGSpec
+from ...hog import HOGSpec, presets
 from ...invert import LearnedPrior, default_prior
 from ...io.files import output_folder
 from ...pose.background import learn_background, least_size
@@ -37,7 +37,7 @@ def learn(arguments: Namespace) -> None:
     if getattr(arguments, "threads", None) is not None:
         torch.set_num_threads(arguments.threads)
     with as_user_error():
-        spec = SpecOptions.of(arguments).spec() if "descriptor" in arguments else SPEC
+        spec = _spec(arguments)
         learner.check(spec)  # before any image is read
         photographs = _photographs(arguments, learner, spec)
         options = {name: getattr(arguments, name) for name in OPTIONS if name in arguments}
@@ -57,6 +57,17 @@ def _learner(arguments: Namespace) -> Learner:
         return Learner(Background, learn_background, check_spec, lambda spec: least_size(spec, arguments.order))
     learner = LEARNED[arguments.kind]
     return replace(learner, resumes=False) if getattr(arguments, "fast", False) else learner
+
+
+def _spec(arguments: Namespace) -> HOGSpec:
+    """The dialect to learn for; of a prior, one of those that it is for.
+
+    Raises:
+        ValueError, UserError: there is no such one.
+    """
+    if "descriptor" in arguments:
+        return SpecOptions.of(arguments).spec()
+    return presets.paper() if getattr(arguments, "signs", None) == "unsigned" else SPEC
 
 
 def _prior(file: str, spec: HOGSpec) -> LearnedPrior:
