@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from ..runtime.lazy import names_when_used
 
 if TYPE_CHECKING:
+    from .iterate import Iterate
     from .learned import LearnedPrior
     from .method import AsPublished
     from .multiscale import Level, reconstruct_multiscale, scale_descriptors
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AsPublished",
+    "Iterate",
     "LearnedPrior",
     "Level",
     "Objective",
@@ -36,6 +38,7 @@ __all__ = [
 
 names_when_used(
     __name__,
+    iterate=("Iterate",),
     learned=("LearnedPrior",),
     method=("AsPublished",),
     multiscale=("Level", "reconstruct_multiscale", "scale_descriptors"),

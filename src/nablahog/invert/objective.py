@@ -44,9 +44,11 @@ class PreimageObjective:
         priors: added to the distance, of the batch.
         expected: Ī, the expected image (B, 1, H, W); None where nothing is expected.
         closeness: λ.  Brightness does not count, and ‖Ī‖ is that of Ī without its mean.
+        keep_images: whether the images are kept.
 
     Attributes:
         distance: (B,), ‖φ(Î) - φ(I)‖ / ‖φ(I)‖ of the descriptors, whatever is compared, at the points evaluated last.
+        images: (B, 1, H, W), those evaluated last, if they are kept.
     """
 
     def __init__(
@@ -59,6 +61,7 @@ class PreimageObjective:
         priors: Sequence[Prior],
         expected: Tensor | None = None,
         closeness: float = 0.0,
+        keep_images: bool = False,
     ) -> None:
         self.descriptor = descriptor.permute(0, 3, 1, 2)
         self.votes = votes
@@ -67,6 +70,7 @@ class PreimageObjective:
         self.flat = flat
         self.priors = tuple(priors)
         self.distance = descriptor.new_zeros(len(descriptor))
+        self.images = descriptor.new_zeros(len(descriptor), 1, *flat.regions.shape[1:]) if keep_images else None
         self.descriptor_size = squared_norm(descriptor)
         self.compared_size = self.descriptor_size if votes is None else squared_norm(votes)
         self.histograms, self.normalize = steps(descriptor.device, spec)
@@ -119,6 +123,8 @@ class PreimageObjective:
     @torch.no_grad()
     def _evaluate(self, unknowns: Tensor, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         image = self.flat.level(self.parameterization.image(unknowns), index)
+        if self.images is not None:
+            self.images[index] = image
         values, gradient, distances = self._evaluate_image(image, index)
         # making regions constant is a projection, so its own adjoint
         return values, self.parameterization.adjoint(self.flat.level(gradient, index)), distances

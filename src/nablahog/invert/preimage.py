@@ -12,6 +12,7 @@ from ..hog.inputs import ArrayImage, Descriptors
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from .checks import check_descriptor, check_images, descriptors_as_tensor
+from .iterate import Watch
 from .method import AsPublished, InversionMethod, as_published, check_default_only
 from .options import Objective, Search
 from .prior_choice import PriorChoice, as_priors
@@ -35,6 +36,7 @@ def reconstruct(
     search: Search = Search(),
     objective: Objective = Objective(),
     progress: Callable[[int, int], None] | None = None,
+    watch: Watch | None = None,
 ) -> Reconstruction[Descriptors]:
     """Images whose HOG is the given descriptor, from the descriptor alone, for a whole batch at once.
 
@@ -67,6 +69,8 @@ def reconstruct(
         objective: smoothness ξ, closeness λ, and priors.
         progress: called with the evaluations done, by the paper's search the iterations, and the most there can be,
             over all parts of the batch.
+        watch: called after each round of evaluations, by the paper's search after each iteration, with the images so
+            far, an :class:`.iterate.Iterate`.  An exception that it raises ends the search.
 
     Raises:
         TypeError: the descriptor, ``start`` or ``expected`` is no floating-point tensor or array.
@@ -96,7 +100,7 @@ def reconstruct(
         )
         first = check_images("start", start, targets, size, spec.gamma == "sqrt")
         result = reconstruct_as_published(
-            targets.detach(), spec, size, published, seed=seed, start=first, progress=progress
+            targets.detach(), spec, size, published, seed=seed, start=first, progress=progress, watch=watch
         )
         return of_the_kind(result, descriptor)
     rooted = spec.gamma == "sqrt"
@@ -119,5 +123,6 @@ def reconstruct(
         search=search,
         objective=objective,
         progress=progress,
+        watch=watch,
     )
     return of_the_kind(replace(result, seconds=time.perf_counter() - began), descriptor)

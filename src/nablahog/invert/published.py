@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import TypeAlias
 
@@ -13,9 +13,10 @@ from torch import Tensor
 from ..hog.spec import HOGSpec
 from ..optimize import Accepted, History, StopReason, dogleg
 from .histograms import searchable
+from .iterate import Iterate, Watch
 from .method import AsPublished
 from .published_objective import PublishedObjective
-from .reconstruction import Reconstruction, relative_distance, to_unit_range
+from .reconstruction import Reconstruction, as_returned, relative_distance
 from .start import noise
 
 Progress: TypeAlias = Callable[[int, int], None]
@@ -33,6 +34,7 @@ def reconstruct_as_published(
     seed: int = 0,
     start: Tensor | None = None,
     progress: Progress | None = None,
+    watch: Watch | None = None,
 ) -> Reconstruction:
     """Images whose HOG is the given descriptor, by the paper's search.
 
@@ -45,6 +47,7 @@ def reconstruct_as_published(
         start: (B, 1, H, W) in 0…1, images to begin with; by default noise.  A descriptor that leaves the contrast open
             makes it that of the noise: against a strong contrast the smoothness would count for more.
         progress: called with the iterations done and the most there can be.
+        watch: called after each iteration.
 
     Raises:
         ValueError: as :func:`.histograms.searchable`.
@@ -57,11 +60,11 @@ def reconstruct_as_published(
     first = grain.expand(batch, -1, -1, -1) if start is None else _centred(start, grain, spec)
     at_once = max(1, AT_ONCE // (height * width))
     parts = [slice(begin, begin + at_once) for begin in range(0, batch, at_once)]
-    searches = [_Search(descriptor[part], searchable(spec), size, options) for part in parts]
+    searches = [_Search(descriptor[part], searchable(spec), size, options, watch, part) for part in parts]
     for number, (part, search) in enumerate(zip(parts, searches, strict=True)):
         search.run(first[part], _share(progress, number, len(parts)))
     length = max(int(search.evaluations.max()) for search in searches)
-    image = _finished([search.image for search in searches], spec)
+    image = as_returned(torch.cat([search.image for search in searches]), spec)
     iterates = [search.iterates.flatten(0, 1) for search in searches if search.iterates is not None]
     return Reconstruction(
         image,
@@ -70,7 +73,9 @@ def reconstruct_as_published(
         torch.cat([search.history.filled(length) for search in searches], dim=1),
         torch.cat([search.evaluations for search in searches]),
         time.perf_counter() - began,
-        _finished(iterates, spec).reshape(batch, -1, 1, height, width).transpose(0, 1) if iterates else None,
+        as_returned(torch.cat(iterates), spec).reshape(batch, -1, 1, height, width).transpose(0, 1)
+        if iterates
+        else None,
     )
 
 
@@ -84,12 +89,6 @@ def _centred(start: Tensor, grain: Tensor, spec: HOGSpec) -> Tensor:
     if not spec.normalizer.fixes_contrast:
         centred = centred * (grain.square().mean().sqrt() / torch.where(spread > 0, spread, 1))
     return torch.where((start == start[..., :1, :1]).flatten(1).all(dim=1).reshape(-1, 1, 1, 1), grain, centred)
-
-
-def _finished(images: Sequence[Tensor], spec: HOGSpec) -> Tensor:
-    """All of them (B, 1, H, W) as they are returned: in 0…1, or its square of a spec of roots."""
-    image = to_unit_range(torch.cat(list(images)), spec)
-    return image.square() if spec.gamma == "sqrt" else image
 
 
 def _share(progress: Progress | None, number: int, count: int) -> Progress | None:
@@ -109,8 +108,17 @@ class _Search:
         stop_reason: why each image's last minimisation ended.
     """
 
-    def __init__(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], options: AsPublished) -> None:
+    def __init__(
+        self,
+        descriptor: Tensor,
+        spec: HOGSpec,
+        size: tuple[int, int],
+        options: AsPublished,
+        watch: Watch | None,
+        part: slice,
+    ) -> None:
         self.descriptor, self.spec, self.size, self.options = descriptor, spec, size, options
+        self.watch, self.part = watch, part
         self.evaluations = torch.zeros(len(descriptor), dtype=torch.long, device=descriptor.device)
         self.history = History(descriptor, len(descriptor))
         self.stop_reason: list[StopReason] = []
@@ -125,13 +133,13 @@ class _Search:
             self.iterates = start.unsqueeze(1).repeat(1, most + 1, 1, 1, 1)
         for stage, smoothness in enumerate(options.course):
             self._before = self.evaluations
-            self._minimise(smoothness, partial(self._accepted, stage * options.iterations, most, progress))
+            objective = PublishedObjective(
+                self.descriptor, self.spec, self.size, smoothness, options.norms, options.neighbours
+            )
+            self._minimise(objective, partial(self._accepted, objective, stage * options.iterations, most, progress))
 
-    def _minimise(self, smoothness: float, accepted: Accepted) -> None:
+    def _minimise(self, objective: PublishedObjective, accepted: Accepted) -> None:
         options = self.options
-        objective = PublishedObjective(
-            self.descriptor, self.spec, self.size, smoothness, options.norms, options.neighbours
-        )
         all_iterations = options.iterations * (options.cg_iterations + TRIALS)
         share = all_iterations if options.max_evaluations is None else options.max_evaluations // len(options.course)
         minimum = dogleg(
@@ -153,7 +161,14 @@ class _Search:
         self.history.add(spent, index, objective.distance[index])
 
     def _accepted(
-        self, before: int, most: int, progress: Progress | None, index: Tensor, iterations: Tensor, points: Tensor
+        self,
+        objective: PublishedObjective,
+        before: int,
+        most: int,
+        progress: Progress | None,
+        index: Tensor,
+        iterations: Tensor,
+        points: Tensor,
     ) -> None:
         """Keeps the points (A, H·W) of the problems ``index`` after so many iterations, and ``before`` of other ξ."""
         if self.iterates is not None:
@@ -162,3 +177,6 @@ class _Search:
             self.iterates[index] = torch.where(later[..., None, None, None], images, self.iterates[index])
         if progress is not None:
             progress(before + int(iterations.max()), most)
+        if self.watch is not None:
+            self.image = self.image.index_copy(0, index, objective.images(points))
+            self.watch(Iterate(self.part, self.evaluations, objective.distance, self.image.unsqueeze(1), self.spec))

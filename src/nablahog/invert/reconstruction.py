@@ -105,6 +105,12 @@ def to_unit_range(image: Tensor, spec: HOGSpec) -> Tensor:
     return torch.where(spread > 0, (image - low) / torch.where(spread > 0, spread, 1), 0.5).clamp(0, 1)
 
 
+def as_returned(image: Tensor, spec: HOGSpec) -> Tensor:
+    """Images (B, 1, H, W) as searched, of arbitrary brightness and of roots where the dialect takes these, in 0…1."""
+    image = to_unit_range(image, spec)
+    return image.square() if spec.gamma == "sqrt" else image
+
+
 @torch.no_grad()
 def relative_distance(image: Tensor, descriptor: Tensor, spec: HOGSpec) -> Tensor:
     """‖φ(image) - descriptor‖ / ‖descriptor‖ of images (B, 1, H, W) and descriptors (B, rows, cols, channels): (B,)."""

@@ -10,6 +10,7 @@ from torch import Tensor
 from ..hog.spec import HOGSpec
 from ..optimize import History, StopReason, minimise
 from .flat import FlatRegions
+from .iterate import Iterate, Watch
 from .objective import PreimageObjective
 from .options import Search
 from .parameterize import CosineBasis, Parameterization, Pixels
@@ -29,6 +30,8 @@ class PreimageSearch:
         options: of these, the minimiser and the basis.
         max_evaluations: of each descriptor, over all its images.
         progress: called with the evaluations done and the most there can be.
+        watch: called after each round of evaluations.
+        part: which descriptors of the batch of :func:`.preimage.reconstruct` these are.
 
     Attributes:
         evaluations: (B,) int64, spent so far.
@@ -44,8 +47,11 @@ class PreimageSearch:
         options: Search,
         max_evaluations: int,
         progress: Callable[[int, int], None] | None = None,
+        watch: Watch | None = None,
+        part: slice = slice(None),
     ) -> None:
         self.descriptor, self.spec, self.size, self.priors = descriptor, spec, size, priors
+        self.watch, self.part = watch, part
         self.unknowns: Parameterization = (
             CosineBasis(*size, descriptor, EXPONENT) if options.basis == "cosine" else Pixels(*size)
         )
@@ -97,6 +103,7 @@ class PreimageSearch:
             [prior.of(each(torch.arange(batch, device=starts.device))) for prior in self.priors],
             None if expected is None else each(expected),
             closeness,
+            keep_images=self.watch is not None,
         )
         minimum = minimise(
             self.minimiser,
@@ -128,5 +135,10 @@ class PreimageSearch:
             if self.progress is not None and int(self.evaluations.max()) > self._reported:
                 self._reported = int(self.evaluations.max())
                 self.progress(self._reported, self.max_evaluations)
+            if self.watch is not None:
+                assert objective.images is not None
+                candidates = objective.images.view(-1, count, *objective.images.shape[1:])
+                distance = objective.distance.view(-1, count).mean(dim=1)
+                self.watch(Iterate(self.part, self.evaluations, distance, candidates, self.spec))
 
         return watch

@@ -15,6 +15,7 @@ from ..hog.descriptor import hog
 from ..hog.presets import uoctti
 from ..hog.spec import HOGSpec
 from .histograms import recover_histograms, searchable
+from .iterate import Watch
 from .learned import LearnedPrior
 from .options import Objective, Search
 from .parameterize import low_pass
@@ -51,6 +52,7 @@ def search_preimages(
     search: Search,
     objective: Objective,
     progress: Callable[[int, int], None] | None,
+    watch: Watch | None = None,
 ) -> Reconstruction:
     """As :func:`reconstruct`, once all is checked.
 
@@ -63,7 +65,9 @@ def search_preimages(
     searches, images = [], []
     for part, report in _parts(targets, size, plan, progress):
         own = [prior.of(part) for prior in plan.priors]
-        searches.append(PreimageSearch(targets[part], spec, size, own, search, plan.max_evaluations, report))
+        searches.append(
+            PreimageSearch(targets[part], spec, size, own, search, plan.max_evaluations, report, watch, part)
+        )
         own_start, own_expected = (None if batch is None else batch[part] for batch in (start, expected))
         images.append(_preimages(searches[-1], own_start, own_expected, details, plan))
     image = to_unit_range(torch.cat(images), spec)

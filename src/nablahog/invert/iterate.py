@@ -1,0 +1,41 @@
+"""Where a search is, for those who look on while it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from torch import Tensor
+
+from ..hog.spec import HOGSpec
+from .reconstruction import as_returned
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Iterate:
+    """The images that a search evaluated last, of some descriptors of a batch.
+
+    Attributes:
+        descriptors: which ones of the batch.
+        evaluations: (b,), operator evaluations spent on each so far.
+        distance: (b,), ‖φ(image) - descriptor‖ / ‖descriptor‖; of several samples for a descriptor, the mean of theirs.
+        candidates: (b, K, 1, H, W), the samples for each, or its one image; of any brightness and contrast.  They are
+            overwritten by the next evaluation.
+        spec: the dialect.
+    """
+
+    descriptors: slice
+    evaluations: Tensor
+    distance: Tensor
+    candidates: Tensor
+    spec: HOGSpec
+
+    @property
+    def image(self) -> Tensor:
+        """(b, 1, H, W) in 0…1, a copy; of several samples their mean, which is what they know of the image."""
+        return as_returned(self.candidates.mean(dim=1), self.spec)
+
+
+Watch: TypeAlias = Callable[[Iterate], None]
+"""Called after each round of evaluations; what it raises ends the search."""
