@@ -7,10 +7,13 @@ OUT ?= out/demo
 bin := $(VENV)/bin
 installed := $(VENV)/.installed
 
-.PHONY: demo test coverage fuzz bounds lint wheel clean
+.PHONY: demo app test coverage fuzz bounds lint wheel clean
 
 demo: $(installed)  ## invert a photograph, write pictures, figures and a page into out/demo
 	$(bin)/nablahog demo -o $(OUT)
+
+app: $(installed)  ## the page in the browser: see a HOG, invert it, fit a pose
+	$(bin)/nablahog app
 
 test: $(installed)  ## all tests but the slow ones
 	$(bin)/python -m pytest -n auto --dist worksteal

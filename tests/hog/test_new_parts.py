@@ -49,6 +49,9 @@ class Pairs(Normalizer):
     def mirrored_channels(self, bins: list[int], axes: list[int]) -> list[int]:
         return [len(bins) + k for k in bins] + bins
 
+    def channel_names(self, bins: list[str], axes: list[str]) -> list[str]:
+        return [f"{side}: {each}" for side in ("left", "right") for each in bins]
+
     def cell_entries(self, channels: Tensor, bins: int, signed: bool) -> Tensor:
         left, right = channels[:, :bins], channels[:, bins:]
         inner = (left[..., 1:] + right[..., :-1]) / 2
@@ -136,7 +139,16 @@ def test_reconstructed(new: HOGSpec) -> None:
 
 # --- what is left out ------------------------------------------------------------------------------------------------
 
-PIECES = ["channels", "footprint", "reach", "normalize", "mirrored_channels", "cell_entries", "fixes_contrast"]
+PIECES = [
+    "channels",
+    "footprint",
+    "reach",
+    "normalize",
+    "mirrored_channels",
+    "channel_names",
+    "cell_entries",
+    "fixes_contrast",
+]
 
 
 @pytest.mark.parametrize("piece", PIECES)

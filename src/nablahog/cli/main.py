@@ -30,6 +30,8 @@ _COMMANDS = {
     "warmup": "warmup.warmup",
 }
 """Module and function of each command; a module is imported when its command is run, as most import PyTorch."""
+_ABOVE = {"app": "..app.command"}
+"""Modules of commands that are built of this room, and so cannot be in it."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -55,11 +57,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     if sys.stderr.isatty() and not arguments.quiet:
         _show_log()
     try:
-        module, function = _COMMANDS[command].split(".")
+        module, function = _COMMANDS[command].split(".") if command in _COMMANDS else (command, command)
         from .terminal import be_quiet  # loads rich
 
         be_quiet(arguments.quiet)
-        status = getattr(import_module(f".commands.{module}", __package__), function)(arguments)
+        status = getattr(import_module(_ABOVE.get(command, f".commands.{module}"), __package__), function)(arguments)
         sys.stdout.flush()  # a closed pipe should fail here, not at exit
     except KeyboardInterrupt:
         return _failed(command, "interrupted", INTERRUPTED)

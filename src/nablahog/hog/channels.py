@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
 from .inputs import Descriptors, descriptor_tensor, to_array
 from .normalizers import PARTS, FourBlockNorm, Part
 from .normalizers.four_block import VLFEAT_TEXTURE, four_block
+from .orientation import bin_angles
 from .presets import as_spec
 from .spec import HOGSpec
 
@@ -45,6 +48,29 @@ def mirrored_channels(spec: HOGSpec) -> tuple[int, ...] | None:
 
 def _mirrored_bins(target: int, bins: int) -> list[int]:
     return [(target - k) % bins for k in range(bins)]
+
+
+def channel_names(spec: HOGSpec | str) -> tuple[str, ...]:
+    """What each channel of a descriptor is, for readers, in the order of channels.
+
+    Orientations are directions of gradients in degrees, from +x towards +y, down.
+
+    Args:
+        spec: the dialect, or the name of a preset with its defaults.
+
+    Raises:
+        ValueError: there is no such preset.
+
+    >>> from nablahog.hog.channels import channel_names
+    >>> names = channel_names("uoctti")
+    >>> names[0], names[18], names[27]
+    ('directed: 0°', 'undirected: 0°', 'texture: block up-left')
+    """
+    spec = as_spec(spec)
+    bins = [f"{round(math.degrees(angle) % (360 if spec.signed else 180), 1):g}°" for angle in bin_angles(spec)]
+    names = spec.normalizer.channel_names(bins, bins[: _axes(spec)])
+    colours = [""] if spec.colours == 1 else ["red, ", "green, ", "blue, "]
+    return tuple(f"{colour}{name}" for colour in colours for name in names)
 
 
 def reorder_texture(descriptor: Tensor, spec: HOGSpec) -> Tensor:

@@ -8,7 +8,7 @@ values and derivatives at once follows the smooth function under the jags.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -58,7 +58,11 @@ SCHEDULE = (
 
 
 def quadratic_ascent(
-    similarity: Similarity, pose: Tensor, rounds: Sequence[Round], generator: torch.Generator
+    similarity: Similarity,
+    pose: Tensor,
+    rounds: Sequence[Round],
+    generator: torch.Generator,
+    visit: Callable[[Tensor], None] = lambda pose: None,
 ) -> Tensor:
     """The maximum of a quadratic that is fitted again after each round of samples.
 
@@ -71,6 +75,7 @@ def quadratic_ascent(
         pose: (6,), float64, the start, angles in degrees.
         rounds: of samples.
         generator: of the directions.
+        visit: called with the pose (6,) after each round.
 
     Returns:
         (6,), float64.
@@ -86,6 +91,7 @@ def quadratic_ascent(
         beyond = (offsets.square().mean(1).sqrt() - 1).clamp(min=0)
         weights = torch.exp(-0.5 * beyond**2)
         pose = pose + unit * _maximum(offsets, samples[:, 0], samples[:, 1:] * unit, weights)
+        visit(pose)
     return pose
 
 
@@ -185,6 +191,7 @@ def momentum_ascent(
     learning_rate: float = 5.0,
     momentum: float = 0.9,
     distance_every: int = 4,
+    visit: Callable[[Tensor], None] = lambda pose: None,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """The paper's search: gradient ascent with momentum over azimuth, every few steps over the distance, too.
 
@@ -198,6 +205,7 @@ def momentum_ascent(
         learning_rate: of the steps.
         momentum: share of the velocity that remains after a step.
         distance_every: steps from one that moves the distance to the next.
+        visit: called with the most similar pose (6,) of each step.
 
     Returns:
         The best pose of each path (B, 6), its similarity (B,), and azimuths and similarities along the paths
@@ -215,6 +223,7 @@ def momentum_ascent(
         better = values > best_value
         best[better], best_value[better] = poses[better], values[better]
         path.append(torch.stack([poses[:, 0], values], dim=1))
+        visit(poses[values.argmax()])
         free = torch.zeros(len(PARAMETERS), dtype=poses.dtype)
         free[0] = 1
         if step % distance_every == distance_every - 1:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import torch
 from torch import Tensor
@@ -106,6 +106,7 @@ class _Search:
                 poses = self.problem.level_views(model, equidistant_azimuths(VIEW_COUNT)[best], elevation)
                 for pose, value in zip(poses, values[best].tolist(), strict=True):
                     views.append(_Hypothesis(value, name, pose, ((float(pose[0]), value),)))
+                    self.problem.watch(name, pose)
                 self.renderings += VIEW_COUNT
         return sorted(views, key=lambda view: -view.similarity)
 
@@ -129,22 +130,24 @@ class _Search:
         values = coarse.values(poses)
         self.renderings += len(poses)
         pose, value = poses[values.argmax()], float(values.max())
+        self.problem.watch(view.model, pose)
         return view.refined(pose, self._value(model, self.fine, pose) if self.voting else value, value)
 
     def ascend(self, start: _Hypothesis) -> _Hypothesis:
         """The highest similarity near a start."""
         model = self.problem.models[start.model]
         fine = self._similarity(model, self.fine)
-        pose = self._ascend(fine, start.pose)
+        pose = self._ascend(fine, start)
         value = float(fine.values(pose[None]))
         self.renderings += fine.renderings
         return start.refined(pose, value, self._value(model, self.coarse, pose))
 
-    def _ascend(self, similarity: Similarity, pose: Tensor) -> Tensor:
+    def _ascend(self, similarity: Similarity, start: _Hypothesis) -> Tensor:
+        pose, visit = start.pose, partial(self.problem.watch, start.model)
         if self.problem.ascent == "quadratic":
-            return quadratic_ascent(similarity, pose, SCHEDULE, self.problem.generator)
+            return quadratic_ascent(similarity, pose, SCHEDULE, self.problem.generator, visit)
         if self.problem.ascent == "momentum":
-            return momentum_ascent(similarity, pose[None], steps=_ASCENT_STEPS, distance_every=1)[0][0]
+            return momentum_ascent(similarity, pose[None], steps=_ASCENT_STEPS, distance_every=1, visit=visit)[0][0]
         return lbfgs_ascent(similarity, pose, _ASCENT_STEPS)
 
     def _value(self, model: PreparedModel, template: Template, pose: Tensor) -> float:

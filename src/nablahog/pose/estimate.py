@@ -105,6 +105,7 @@ def estimate_pose(
     background: Background | None = None,
     seed: int = 0,
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
+    watch: Callable[[str, Tensor], None] = lambda model, pose: None,
 ) -> PoseEstimate:
     """The pose at which a rendering of a model has the HOG most like the photograph's (Section 3.2).
 
@@ -130,6 +131,8 @@ def estimate_pose(
             :func:`.prepared.pose_spec`, learned from photographs that come with scikit-image.
         seed: of what is sampled.
         progress: called with the models done, their number and the name of the one at work.
+        watch: called with the name of a model and each pose (6,) that the search comes to, for the object's crop, see
+            :func:`.crop.crop_object`.  An exception that it raises ends the search.
 
     Returns:
         The pose for the photograph, with the camera it is meant for.  Its distance goes with that camera's lens: how
@@ -162,6 +165,7 @@ def estimate_pose(
         ascent,
         torch.Generator().manual_seed(seed),
         progress,
+        watch,
     )
     result = SEARCHES[method](problem)
     pose, camera = crop.in_photograph(result.pose, *image.shape[1:])
@@ -217,7 +221,9 @@ def _paper(problem: PoseProblem, *, method: SearchMethod) -> SearchResult:
     for name, model in problem.each_model():
         similarity = model.similarity(template, *PAPER_RENDERERS[method])
         starts = problem.level_views(model, azimuths, elevation)
-        poses, values, path = momentum_ascent(similarity, starts, learning_rate=LEARNING_RATE)
+        poses, values, path = momentum_ascent(
+            similarity, starts, learning_rate=LEARNING_RATE, visit=partial(problem.watch, name)
+        )
         top = int(values.argmax())
         best.append((float(values[top]), name, poses[top]))
         traces += [SearchTrace(name, tuple(one[:, 0].tolist()), tuple(one[:, 1].tolist())) for one in path.unbind(1)]

@@ -63,6 +63,7 @@ class PoseProblem:
         ascent: of the coarse-to-fine search.
         generator: of what is sampled.
         progress: called with the models done, their number and the name of the one at work.
+        watch: called with the name of a model and each pose (6,) of it for the crop that the search comes to.
     """
 
     photograph: PreparedPhotograph
@@ -72,6 +73,7 @@ class PoseProblem:
     ascent: Ascent
     generator: torch.Generator
     progress: Callable[[int, int, str], None]
+    watch: Callable[[str, Tensor], None] = lambda model, pose: None
 
     def each_model(self) -> Iterator[tuple[str, PreparedModel]]:
         """The models by name, one after the other, with progress."""

@@ -39,15 +39,28 @@ def edge_votes(descriptor: Picture, spec: HOGSpec) -> tuple[NDArray[np.float64],
     Raises:
         ValueError: the shape is none of the spec's.
     """
-    values = as_array(descriptor)
+    values = torch.as_tensor(descriptor).detach().cpu()
     if values.ndim != 3 or values.shape[2] != spec.channels:
-        raise ValueError(f"expected a descriptor of shape (rows, cols, {spec.channels}), got {values.shape}")
-    channels = mean_over_colours(torch.from_numpy(values).permute(2, 0, 1).unsqueeze(0), spec)
+        raise ValueError(f"expected a descriptor of shape (rows, cols, {spec.channels}), got {tuple(values.shape)}")
+    channels = mean_over_colours(values.permute(2, 0, 1).contiguous().unsqueeze(0), spec)
     votes = spec.normalizer.edge_strengths(channels, spec.bins, spec.signed)
     if spec.pooling.has_blocks:
         votes = CellAlignment(spec, spec.image_size(*values.shape[:2]), votes)(votes)
     votes = with_margin(votes, spec)
-    return votes[0].permute(1, 2, 0).numpy(), bin_angles(spec)[: votes.shape[1]]
+    return votes[0].permute(1, 2, 0).double().numpy(), bin_angles(spec)[: votes.shape[1]]
+
+
+def glyph_votes(descriptor: Picture, spec: HOGSpec) -> tuple[NDArray[np.float64], NDArray[np.floating]]:
+    """:func:`edge_votes`, in 0…1: how bright :func:`glyphs` draws the stroke of each cell and orientation.
+
+    Raises:
+        ValueError: the shape is none of the spec's.
+    """
+    votes, angles = edge_votes(descriptor, spec)
+    strongest = votes.max(axis=2, initial=0.0)
+    if strongest.any():
+        votes = votes / np.quantile(strongest[strongest > 0], 0.95)
+    return votes.clip(0, 1), angles
 
 
 def _strokes(angles: NDArray[np.floating], height: int, width: int) -> NDArray[np.float64]:
@@ -112,10 +125,7 @@ def _votes_and_strokes(
     """The votes (rows, cols, n) in 0…1 and the strokes (n, height, width) of a cell in the picture."""
     if cell_pixels < 1:
         raise ValueError(f"cell_pixels must be at least 1, got {cell_pixels}")
-    votes, angles = edge_votes(descriptor, spec)
-    strongest = votes.max(axis=2, initial=0.0)
-    if strongest.any():
-        votes = (votes / np.quantile(strongest[strongest > 0], 0.95)).clip(0, 1)
+    votes, angles = glyph_votes(descriptor, spec)
     return votes, _strokes(angles, cell_pixels, cell_width(spec, cell_pixels))
 
 

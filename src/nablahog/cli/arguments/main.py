@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import NoReturn
 
+from .app import app
 from .dialects import dialects
 from .invert import demo, glyph, hog, invert, invert_template
 from .learn import learn
@@ -37,6 +38,6 @@ def parser() -> argparse.ArgumentParser:
         "--version", action=_Version, nargs=0, default=argparse.SUPPRESS, help="show program's version number and exit"
     )
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=Parser)
-    for add in (hog, glyph, invert, invert_template, demo, table1, pose, table2, dialects, learn, warmup):
+    for add in (hog, glyph, invert, invert_template, demo, table1, pose, table2, dialects, learn, app, warmup):
         add(commands)
     return top

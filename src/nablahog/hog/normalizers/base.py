@@ -66,7 +66,7 @@ class Normalizer(ABC):
     * :meth:`channels`, :meth:`footprint` and :meth:`reach`: the shape of the descriptor, and which cells matter.
       Grids, sizes of images, coordinates and strips follow from them;
     * :meth:`normalize`, of which PyTorch finds all derivatives;
-    * :meth:`mirrored_channels`, for the descriptor of the mirrored image;
+    * :meth:`mirrored_channels`, for the descriptor of the mirrored image, and :meth:`channel_names`, for readers;
     * :meth:`cell_entries` and :attr:`fixes_contrast`, for inversion.
 
     Of one that makes a vector as long as its histogram of each cell, :class:`PerCell` has most of these.
@@ -117,6 +117,15 @@ class Normalizer(ABC):
         Args:
             bins: the same of the bins.
             axes: the same of the undirected orientations; bins that are not signed are these.
+        """
+
+    @abstractmethod
+    def channel_names(self, bins: list[str], axes: list[str]) -> list[str]:
+        """What each channel of one colour is, for readers.
+
+        Args:
+            bins: what each bin is.
+            axes: what each undirected orientation is; bins that are not signed are these.
         """
 
     @abstractmethod
@@ -196,6 +205,10 @@ class PerCell(Normalizer):
         return Footprint()
 
     def mirrored_channels(self, bins: list[int], axes: list[int]) -> list[int]:
+        """As bins are."""
+        return bins
+
+    def channel_names(self, bins: list[str], axes: list[str]) -> list[str]:
         """As bins are."""
         return bins
 

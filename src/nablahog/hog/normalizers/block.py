@@ -105,6 +105,11 @@ class BlockNorm(Normalizer):
         cells = [row * self.block[1] + col for row in range(self.block[0]) for col in reversed(range(self.block[1]))]
         return [cell * len(bins) + k for cell in cells for k in bins]
 
+    def channel_names(self, bins: list[str], axes: list[str]) -> list[str]:
+        """The bins of each cell of the block, row by row."""
+        cells = [(row, col) for row in range(self.block[0]) for col in range(self.block[1])]
+        return [f"cell {row}, {col} of the block: {each}" for row, col in cells for each in bins]
+
     def cell_entries(self, channels: Tensor, bins: int, signed: bool) -> Tensor:
         """The mean over all blocks that a cell is in; of cells between blocks 0."""
         import torch

@@ -21,7 +21,8 @@ PARTS: tuple[Part, ...] = get_args(Part)
 HISTOGRAMS: tuple[Part, ...] = ("directed", "undirected", "blocks")
 VLFEAT_TEXTURE = 1 / math.sqrt(18)  # made for 18 directions; VLFeat keeps it for any number
 DPM_TEXTURE = 0.2357  # the same, to four decimals
-DPM_ORDER = [3, 1, 2, 0]  # of the blocks up-left, up-right, down-left, down-right
+BLOCKS = ("up-left", "up-right", "down-left", "down-right")
+DPM_ORDER = [3, 1, 2, 0]  # of the blocks
 # the texture channel, in either order, of which left and right are exchanged
 _MIRRORED: dict[Texture, list[int]] = {"vlfeat": [1, 0, 3, 2], "dpm": [2, 3, 0, 1]}
 
@@ -202,6 +203,17 @@ class FourBlockNorm(Normalizer):
         for part in self.parts:
             order += [len(order) + k for k in of_parts[part]]
         return order
+
+    def channel_names(self, bins: list[str], axes: list[str]) -> list[str]:
+        """Part by part."""
+        of_parts: dict[Part, list[str]] = {
+            "directed": [f"directed: {each}" for each in bins],
+            "undirected": [f"undirected: {each}" for each in axes],
+            "texture": [f"texture: block {BLOCKS[k]}" for k in (range(4) if self.texture == "vlfeat" else DPM_ORDER)],
+            "blocks": [f"block {block}: {each}" for block in BLOCKS for each in axes],
+            "zero": ["always 0"],
+        }
+        return [name for part in self.parts for name in of_parts[part]]
 
     def split(self, channels: Tensor, bins: int, signed: bool, dim: int = 1) -> dict[Part, Tensor]:
         """Channels in a dimension by their parts."""

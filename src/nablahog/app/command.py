@@ -1,0 +1,54 @@
+"""``nablahog app``: starts the server, and says where its page is."""
+
+from __future__ import annotations
+
+import secrets
+import socket
+from argparse import Namespace
+from pathlib import Path
+
+from ..cli.errors import UserError, as_user_error
+from ..cli.terminal import say
+from ..io.images import read_image
+
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+PACKAGES = ("starlette", "uvicorn", "websockets", "msgspec")
+
+
+def app(arguments: Namespace) -> None:
+    """Serves the page until it is interrupted.
+
+    Raises:
+        UserError: the extra is not installed, a photograph cannot be read, or the port is taken.
+    """
+    try:
+        import uvicorn
+
+        from .guard import Doors
+        from .server import make_app
+        from .store import Photograph
+    except ModuleNotFoundError as error:
+        if error.name not in PACKAGES:
+            raise
+        raise UserError(f"the page needs {error.name}: pip install 'nablahog[app]'") from None
+    with as_user_error():
+        photographs = [Photograph(Path(path).name, read_image(path)) for path in arguments.photos]
+    listening = _listening(arguments.host, arguments.port)
+    port = listening.getsockname()[1]
+    token = None if arguments.host in LOOPBACK else secrets.token_urlsafe(24)
+    shown = f"[{arguments.host}]" if ":" in arguments.host else arguments.host
+    hosts = frozenset(f"{name}:{port}" for name in ("127.0.0.1", "localhost", "[::1]"))
+    made = make_app(Doors(hosts, token), photographs)
+    query = "" if token is None else f"?token={token}"
+    say(f"Look at http://{shown}:{port}/{query} until Ctrl-C")
+    config = uvicorn.Config(
+        made, log_level="error", ws="websockets-sansio", ws_max_size=2**16, timeout_graceful_shutdown=2
+    )
+    uvicorn.Server(config).run([listening])
+
+
+def _listening(host: str, port: int) -> socket.socket:
+    try:
+        return socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
+    except OSError as error:
+        raise UserError(f"cannot listen at {host}, port {port}: {error.strerror or error}") from None

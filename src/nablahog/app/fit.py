@@ -1,0 +1,211 @@
+"""Fit: a model that is turned over a photograph's object, with the similarity of their HOGs and its derivative."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..cli.results.pose_result import PoseResult
+from ..hog import HOGSpec, presets
+from ..hog.box import Box
+from ..hog.descriptor import describe
+from ..pose.crop import SIDE, ObjectCrop, checked_box, crop_object
+from ..pose.estimate import PoseEstimate, estimate_pose
+from ..pose.placement import azimuth_sweep, fit_to_box
+from ..pose.prepared import PreparedModel, PreparedPhotograph, prepared_model
+from ..pose.similarity import Similarity
+from ..render import silhouette
+from ..viz.pictures import outlined
+from . import lines
+from .lanes import Ticket
+from .pictures import encoded, glyphs, png, transparent
+from .refusals import refusing
+from .requests import Fit, Open, PoseRequest
+from .store import Model, Photograph, Store
+
+SPEC: HOGSpec = presets.uoctti(8)  # of the glyphs that are shown
+SUPERSAMPLING = 2  # of renderings and similarities that are shown
+AZIMUTHS = 180  # of the curve
+AT_ONCE = 36  # of these in a message
+LEAST_DISTANCE, MOST_DISTANCE = 1.0, 100.0  # diagonals of the model
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A photograph's object and a model.
+
+    Attributes:
+        photograph: the whole.
+        model: the mesh.
+        box: of the object, pixels of the photograph.
+        crop: of it.
+    """
+
+    photograph: Photograph
+    model: Model
+    box: Box
+    crop: ObjectCrop
+
+    @classmethod
+    def of(cls, request: Open | PoseRequest, store: Store) -> Scene:
+        """What a request names.
+
+        Raises:
+            Refusal: it is not there, or the box is none.
+        """
+        photograph, model = store.get(request.photo, Photograph), store.get(request.mesh, Model)
+        height, width = photograph.size
+        with refusing():
+            box = checked_box(request.box or (0, 0, width, height), height, width)
+            return cls(photograph, model, box, crop_object(photograph.image, box))
+
+    @cached_property
+    def prepared(self) -> PreparedModel:
+        """The model with its renderers."""
+        return prepared_model(self.model.mesh, self.crop.camera)
+
+    @cached_property
+    def similarity(self) -> Similarity:
+        """The calibrated similarity of a rendering to the object."""
+        template = PreparedPhotograph(self.crop).template("calibrated")
+        return self.prepared.similarity(template, supersampling=SUPERSAMPLING)
+
+    def ready(self) -> dict[str, Any]:
+        """What the page needs before a pose is shown."""
+        _ = self.similarity  # prepared here, where a moment's wait is expected
+        crop = self.crop
+        return {
+            "type": "ready",
+            "crop": {"side": SIDE, "zoom": crop.zoom, "middle": list(crop.middle)},
+            "photo_votes": glyphs(describe(crop.image, SPEC)[0], SPEC),
+            "image": encoded(png(crop.image[0])),
+        }
+
+    def view(self, n: int, pose: list[float], place: bool) -> dict[str, Any]:
+        """The rendering at a pose, its glyphs, its similarity and the derivative of that."""
+        began = time.perf_counter()
+        with refusing():
+            poses = self._poses(pose, place)
+            values, derivatives = self.similarity.derivatives(poses)
+            compiled = self.prepared.renderer(supersampling=SUPERSAMPLING).compiled
+            white, black = (
+                compiled.render(poses, torch.full((1, SIDE, SIDE), level), False).image[0] for level in (1.0, 0.0)
+            )
+        opacity = (1 - (white - black)).clamp(0, 1)
+        own = torch.where(opacity > 0, black / torch.where(opacity > 0, opacity, 1), 0)
+        return {
+            "type": "view",
+            "n": n,
+            "pose": _rounded(poses[0]),
+            "similarity": float(values[0]),
+            "derivative": _rounded(derivatives[0]),
+            "image": encoded(transparent(own, opacity)),
+            "votes": glyphs(describe(white[None, None], SPEC)[0], SPEC),
+            "milliseconds": round(1000 * (time.perf_counter() - began), 2),
+        }
+
+    def _poses(self, pose: list[float], place: bool) -> Tensor:
+        """(1, 6), within what can be rendered."""
+        azimuth, elevation, distance, theta, x, y = pose
+        made = torch.tensor([[azimuth % 360, min(max(elevation, -90), 90), distance, theta, x, y]], dtype=torch.float64)
+        made[:, 2] = made[:, 2].clamp(LEAST_DISTANCE, MOST_DISTANCE)
+        return fit_to_box(made, self.prepared.hull, self.crop.camera, self.crop.size) if place else made
+
+    def curve(self, pose: list[float], ticket: Ticket) -> Iterator[dict[str, Any]]:
+        """Similarities and derivatives by azimuth all around, some at a time."""
+        start = self._poses(pose, False)[0].clone()
+        start[0] = 0
+        parts = torch.split(azimuth_sweep(start, AZIMUTHS), AT_ONCE)
+        for number, poses in enumerate(parts):
+            ticket.check()
+            with refusing():
+                values, derivatives = self.similarity.derivatives(poses)
+            yield {
+                "type": "curve",
+                "azimuths": _rounded(poses[:, 0]),
+                "similarities": _rounded(values),
+                "derivatives": _rounded(derivatives[:, 0]),
+                "done": number == len(parts) - 1,
+            }
+
+    def fit(
+        self,
+        request: Fit | PoseRequest,
+        send: Callable[[dict[str, Any]], None],
+        ticket: Ticket,
+        initial: tuple[float, float] | None,
+    ) -> PoseResult:
+        """The pose that the search finds; poses on the way are sent as they come."""
+        began = time.perf_counter()
+
+        def watch(model: str, pose: Tensor) -> None:
+            ticket.check()
+            value = float(self.similarity.values(pose[None]))
+            send({"type": "step", "pose": _rounded(pose), "similarity": value})
+
+        def progress(done: int, total: int, what: str) -> None:
+            ticket.check()
+            send({"type": "progress", "done": done, "total": total, "what": what})
+
+        with refusing():
+            estimate = estimate_pose(
+                self.photograph.image,
+                {self.model.name: self.model.mesh},
+                box=self.box,
+                initial=initial,
+                method=request.method,
+                seed=request.seed,
+                progress=progress,
+                watch=watch,
+            )
+        return PoseResult(
+            photo=self.photograph.name,
+            photograph=self.photograph.image,
+            box=self.box,
+            matched=PreparedPhotograph(self.crop),
+            estimate=estimate,
+            mesh=self.model.mesh,
+            candidates=[self.model.name],
+            passed_over={},
+            seconds=time.perf_counter() - began,
+            method=request.method,
+            initial=initial,
+            seed=request.seed,
+            background=None,
+        )
+
+    def fitted(self, result: PoseResult, photo: str, mesh: str) -> dict[str, Any]:
+        """The message that ends a search."""
+        estimate = result.estimate
+        request = PoseRequest(
+            photo=photo,
+            mesh=mesh,
+            box=list(self.box),
+            method=result.method,
+            initial=None if result.initial is None else list(result.initial),
+            seed=result.seed,
+        )
+        return {
+            "type": "fitted",
+            "pose": _rounded(estimate.crop_pose),
+            "similarity": float(self.similarity.values(estimate.crop_pose[None])),
+            "result": result.figures(),
+            "overlay": encoded(png(self._overlay(estimate))),
+            "warning": result.warning,
+            "lines": lines.of_pose(request, self.model.name),
+        }
+
+    def _overlay(self, estimate: PoseEstimate) -> Any:
+        """The photograph with the model's outline."""
+        inside = silhouette(self.model.mesh, estimate.pose, estimate.camera)[0, 0] > 0.5
+        return outlined(self.photograph.image, inside.numpy())
+
+
+def _rounded(values: Tensor) -> list[float]:
+    return [round(value, 6) for value in values.tolist()]

@@ -1,0 +1,139 @@
+"""Who may ask, and how much: checked before anything of a request is read further than its head.
+
+A page of another site can make a browser send requests to this server, and, by a name that it resolves anew, even read
+the answers (DNS rebinding).  Both name themselves in the heads Host and Origin.
+"""
+
+from __future__ import annotations
+
+import hmac
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from urllib.parse import parse_qs
+
+from starlette.datastructures import Headers
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+MOST_BYTES = 64 * 2**20  # of an upload
+MOST_JSON = 2**16
+UPLOADS = ("/api/photos", "/api/descriptors", "/api/meshes")
+HEADERS: Mapping[str, str] = {
+    "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
+    "connect-src 'self'; form-action 'none'; base-uri 'none'; frame-ancestors 'none'",
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "cache-control": "no-store",
+}
+
+
+@dataclass(frozen=True)
+class Doors:
+    """Under which names the server answers, and to whom.
+
+    Attributes:
+        hosts: values of the head Host; all, if there is a token.
+        token: that all requests must know; None on the loopback.
+    """
+
+    hosts: frozenset[str]
+    token: str | None
+
+    def refusal(self, scope: Scope) -> tuple[int, str] | None:
+        """Status and sentence, if the request may not come in."""
+        headers = Headers(scope=scope)
+        host, origin = headers.get("host", ""), headers.get("origin")
+        if self.token is None and host not in self.hosts:
+            return 421, f"this server answers to {', '.join(sorted(self.hosts))}, not to {host[:80]!r}"
+        if origin is not None and origin not in (f"http://{host}", f"https://{host}"):
+            return 403, f"requests of other pages are refused, this one is of {origin[:80]!r}"
+        if headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
+            return 403, "requests of other pages are refused"
+        if self.token is not None and not scope["path"].startswith("/static/"):
+            query = parse_qs(scope["query_string"].decode("latin-1"))
+            given = headers.get("x-nablahog-token") or (query.get("token") or [""])[0]
+            if not hmac.compare_digest(given.encode(), self.token.encode()):
+                return 401, "expected the address with its token, as the server printed it"
+        return None
+
+
+class TooLarge(Exception):
+    """A body has more bytes than it may."""
+
+
+class Guard:
+    """Refuses requests by their heads, bodies by their size, and adds the heads that keep a page offline.
+
+    Args:
+        app: what is guarded.
+        doors: who may come in.
+    """
+
+    def __init__(self, app: ASGIApp, doors: Doors) -> None:
+        self.app, self.doors = app, doors
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self.app(scope, receive, send)
+            return
+        refused = self.doors.refusal(scope) or _too_large(scope)
+        if refused is not None:
+            await _refuse(scope, receive, send, *refused)
+            return
+        if scope["type"] == "websocket":
+            await self.app(scope, receive, send)
+            return
+        most, read, began = _most_bytes(scope), 0, False
+
+        async def bounded() -> Message:
+            nonlocal read
+            message = await receive()
+            read += len(message.get("body", b""))
+            if read > most:
+                raise TooLarge
+            return message
+
+        async def with_headers(message: Message) -> None:
+            nonlocal began
+            if message["type"] == "http.response.start":
+                began = True
+                heads = [(name.encode(), value.encode()) for name, value in HEADERS.items()]
+                message = {**message, "headers": [*message.get("headers", []), *heads]}
+            await send(message)
+
+        try:
+            await self.app(scope, bounded, with_headers)
+        except TooLarge:
+            if not began:
+                await _refuse(scope, receive, send, 413, _at_most(most))
+
+
+def _most_bytes(scope: Scope) -> int:
+    return MOST_BYTES if scope["path"] in UPLOADS else MOST_JSON
+
+
+def _too_large(scope: Scope) -> tuple[int, str] | None:
+    """If the request says itself that its body is too large."""
+    length, most = Headers(scope=scope).get("content-length", "0"), _most_bytes(scope)
+    if not length.isascii() or not length.isdigit() or int(length[:20]) > most:
+        return 413, _at_most(most)
+    return None
+
+
+def _at_most(most: int) -> str:
+    return f"expected at most {most:,} bytes"
+
+
+async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, sentence: str) -> None:
+    if scope["type"] == "websocket":
+        await receive()  # its connect
+        await send({"type": "websocket.close", "code": 1008, "reason": sentence[:100]})
+        return
+    body = json.dumps({"error": sentence}).encode()
+    heads = [(name.encode(), value.encode()) for name, value in HEADERS.items()]
+    heads += [(b"content-type", b"application/json"), (b"content-length", str(len(body)).encode())]
+    heads += [(b"connection", b"close")]  # what is left of the body is not read
+    await send({"type": "http.response.start", "status": status, "headers": heads})
+    await send({"type": "http.response.body", "body": body})

@@ -1,0 +1,171 @@
+"""Invert: a pre-image while it is searched, frame by frame, and its figures."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from .. import metrics
+from ..cli.inputs.prior import PriorOptions
+from ..cli.results.inversion import MEASURES, SURE
+from ..hog.gradient import gray
+from ..hog.spec import HOGSpec
+from ..invert import AsPublished, Iterate, Reconstruction, Search, reconstruct
+from ..invert.prior_choice import PriorChoice
+from ..invert.quality import quality_of
+from ..invert.template import reconstruct_template
+from . import lines
+from .lanes import Ticket
+from .pictures import encoded, png
+from .refusals import Refusal, refusing
+from .requests import INVERT_SIZE, InvertRequest
+from .see import described_by
+from .store import Photograph, Store
+
+PAUSE = 0.07  # seconds between frames, at least
+POINTS = 200  # of the curve of distances
+Send = Callable[[str, dict[str, Any]], None]
+
+
+def invert(request: InvertRequest, store: Store, send: Send, ticket: Ticket) -> None:
+    """Searches the image, and sends the events ``start``, ``frame`` and ``done``.
+
+    Args:
+        request: what to invert, and how.
+        store: has what the request names, and gets the result.
+        send: called with the name of an event and its data.
+        ticket: of whom waits.
+
+    Raises:
+        Refusal: the request cannot be done.
+        Cancelled: nobody waits.
+    """
+    of = described_by(request, store)
+    source = of.source
+    height, width = source.image_size
+    if max(height, width) > INVERT_SIZE:
+        raise Refusal(413, f"expected an image of at most {INVERT_SIZE} pixels a side, got {height}x{width}")
+    reference = None if source.photo is None else gray(source.photo[None])[0, 0]
+    watch = _Watch(request, source.spec, reference, send, ticket)
+    send(
+        "start",
+        {
+            "image_size": [height, width],
+            "most": watch.most,
+            "photograph": None if reference is None else encoded(png(reference)),
+        },
+    )
+    with refusing():
+        if of.template:
+            result = reconstruct_template(
+                source.descriptor[None], source.spec, source.image_size, seed=request.seed, progress=watch.progress
+            )
+        else:
+            result = _searched(request, store, source.descriptor[None], source.spec, source.image_size, watch)
+    image = result.image[0, 0]
+    polarity = None if result.polarity_confidence is None else round(float(result.polarity_confidence[0]), 4)
+    kept = Photograph(f"pre-image of {source.name}", image[None])
+    send(
+        "done",
+        {
+            "image": encoded(png(image)),
+            "id": store.add(kept, image.numpy().tobytes()),
+            **{name.lower(): value for name, value in _measures(image, reference).items()},
+            "distance": float(result.distance[0]),
+            "polarity": polarity,
+            "negative": encoded(png(1 - image)) if polarity is not None and polarity < SURE else None,
+            "evaluations": int(result.evaluations[0]),
+            "stop_reason": str(result.stop_reason[0]),
+            "seconds": round(result.seconds, 3),
+            "history": _thinned(result.history[:, 0]),
+            "lines": lines.of_inversion(request, source),
+            "definitions": {name.lower(): text for name, text in metrics.DEFINITIONS.items()},
+        },
+    )
+
+
+def _searched(
+    request: InvertRequest, store: Store, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], watch: _Watch
+) -> Reconstruction:
+    start = None if request.start is None else _start(store, request.start, size)
+    if request.method == "paper":
+        return reconstruct(descriptor, spec, size, method=AsPublished(), seed=request.seed, start=start, watch=watch)
+    prior: PriorChoice = PriorOptions(None, request.method == "prior").for_spec(spec)
+    return reconstruct(
+        descriptor,
+        spec,
+        size,
+        quality=request.quality,
+        seed=request.seed,
+        start=start,
+        prior=prior,
+        search=Search(),
+        watch=watch,
+    )
+
+
+def _start(store: Store, key: str, size: tuple[int, int]) -> Tensor:
+    image = gray(store.get(key, Photograph).image[None])
+    if tuple(image.shape[2:]) != size:
+        got = "x".join(map(str, image.shape[2:]))
+        raise Refusal(422, f"an image to go on from must have {size[0]}x{size[1]} pixels, got {got}")
+    return image
+
+
+class _Watch:
+    """Looks on, sends a frame now and then, and ends the search when nobody waits.
+
+    Attributes:
+        most: evaluations that the search may spend; None where iterations are counted.
+    """
+
+    def __init__(
+        self, request: InvertRequest, spec: HOGSpec, reference: Tensor | None, send: Send, ticket: Ticket
+    ) -> None:
+        self.reference, self.send, self.ticket = reference, send, ticket
+        effort, samples = quality_of(request.quality), spec.signed and request.method == "no-prior"
+        self.most = None if request.method == "paper" else effort.evaluations if samples else effort.without_samples
+        self._sent = -math.inf
+
+    def __call__(self, iterate: Iterate) -> None:
+        self.ticket.check()
+        if time.monotonic() - self._sent < PAUSE:
+            return
+        image = iterate.image[0, 0]
+        figures = _measures(image, self.reference, ("CC", "SSIM"))
+        self.send(
+            "frame",
+            {
+                "evaluations": int(iterate.evaluations[0]),
+                "most": self.most,
+                "distance": float(iterate.distance[0]),
+                "cc": figures["CC"],
+                "ssim": figures["SSIM"],
+                "image": encoded(png(image)),
+            },
+        )
+        self._sent = time.monotonic()
+
+    def progress(self, done: int, most: int) -> None:
+        """Of a template, which has no frames."""
+        self.ticket.check()
+
+
+def _measures(
+    image: Tensor, reference: Tensor | None, names: tuple[str, ...] = tuple(MEASURES)
+) -> dict[str, float | None]:
+    if reference is None:
+        return dict.fromkeys(names)
+    figures = {name: MEASURES[name](image, reference) for name in names}
+    return {name: round(value, 5) if math.isfinite(value) else None for name, value in figures.items()}
+
+
+def _thinned(distances: Tensor) -> list[float]:
+    """At most :data:`POINTS` of them, the last one included."""
+    steps = torch.linspace(0, len(distances) - 1, min(POINTS, len(distances))).round().long()
+    return [round(value, 5) for value in distances[steps].tolist()]

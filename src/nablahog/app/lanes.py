@@ -1,0 +1,79 @@
+"""Where the server computes: one thread for what is quick and one for what takes long, each with a short queue."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event
+from typing import TypeVar
+
+from .refusals import Refusal
+
+T = TypeVar("T")
+
+
+class Cancelled(Exception):
+    """Raised inside work whose page does not wait for it any more."""
+
+
+class Ticket:
+    """What work looks at, to end early when nobody waits for its result."""
+
+    def __init__(self) -> None:
+        self._cancelled = Event()
+
+    def cancel(self) -> None:
+        """Ends the work at its next :meth:`check`."""
+        self._cancelled.set()
+
+    def check(self) -> None:
+        """Raises Cancelled if nobody waits."""
+        if self._cancelled.is_set():
+            raise Cancelled
+
+
+class Lane:
+    """A thread that does one thing after the other.
+
+    Args:
+        name: of the thread.
+        most: things that may wait or run; more are refused.
+
+    Attributes:
+        count: things that wait or run.
+    """
+
+    def __init__(self, name: str, most: int) -> None:
+        self.most, self.count = most, 0
+        self._executor = ThreadPoolExecutor(1, thread_name_prefix=name)
+
+    async def run(self, work: Callable[[Ticket], T]) -> T:
+        """The result of ``work``; if this coroutine is cancelled, the work ends at its next check.
+
+        Raises:
+            Refusal: too much waits.
+        """
+        if self.count >= self.most:
+            raise Refusal(503, f"the server is busy: {self.count} computations wait already; try again")
+        ticket = Ticket()
+
+        def checked() -> T:
+            ticket.check()
+            return work(ticket)
+
+        future = self._executor.submit(checked)
+        self.count += 1
+        future.add_done_callback(lambda _: loop.call_soon_threadsafe(self._left))
+        loop = asyncio.get_running_loop()
+        try:
+            return await asyncio.wrap_future(future)
+        finally:
+            ticket.cancel()
+
+    def _left(self) -> None:
+        self.count -= 1
+
+    def close(self) -> None:
+        """Begins nothing new; what runs is to be cancelled by those who asked for it."""
+        self._executor.shutdown(wait=False, cancel_futures=True)

@@ -1,0 +1,62 @@
+"""What the page is told when something cannot be done: one sentence, with the status of HTTP."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from ..cli.errors import MOST_CHARACTERS, UserError
+from ..runtime.text import one_line
+
+GONE = "the server no longer has this upload: drop it again"
+
+
+logger = logging.getLogger(__name__)
+
+
+class Refusal(Exception):
+    """An error that the user of the page can correct.
+
+    Attributes:
+        status: of HTTP.
+        answer: the JSON, with the sentence as its ``error``.
+    """
+
+    def __init__(self, status: int, sentence: str, **more: Any) -> None:
+        super().__init__(sentence)
+        self.status = status
+        self.answer: dict[str, Any] = {"error": one_line(sentence, MOST_CHARACTERS), **more}
+
+
+@contextmanager
+def refusing() -> Iterator[None]:
+    """Turns what bad input raises in the block into a refusal."""
+    try:
+        yield
+    except Refusal:
+        raise
+    except (ValueError, TypeError, UserError, OSError) as error:
+        raise Refusal(422, str(error)) from None
+    except (MemoryError, RuntimeError) as error:
+        if not isinstance(error, MemoryError) and "memory" not in str(error):
+            raise
+        raise Refusal(503, "not enough memory: a smaller size needs less") from None
+
+
+@contextmanager
+def named(path: str, name: str) -> Iterator[None]:
+    """Refuses as :func:`refusing`; the sentence calls the file ``path`` by the user's own ``name``."""
+    try:
+        with refusing():
+            yield
+    except Refusal as refusal:
+        refusal.answer["error"] = refusal.answer["error"].replace(path, name)
+        raise
+
+
+def fault(error: Exception) -> Refusal:
+    """What the page is told of an error of the program's own, which is logged."""
+    logger.error("%s: %s", type(error).__name__, one_line(error), exc_info=logger.isEnabledFor(logging.DEBUG))
+    return Refusal(500, f"an error of the program, which is worth a report: {type(error).__name__}: {one_line(error)}")

@@ -1,0 +1,148 @@
+"""What the page asks for, as JSON: the fields, their types and ranges, checked when a request is decoded."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, TypeVar
+
+import msgspec
+from msgspec import Meta, Struct, field
+
+from ..cli.inputs.spec import SpecOptions
+from ..hog import HOGSpec
+from ..invert.quality import QualityName
+from ..pose.options import SearchMethod
+from .refusals import Refusal, refusing
+
+SEE_SIZE, INVERT_SIZE = 1024, 512  # pixels of the longer side of photographs that are described, and inverted
+Name = Annotated[str, Meta(max_length=64)]
+Text = Annotated[str, Meta(max_length=200)]
+Id = Annotated[str, Meta(min_length=1, max_length=64)]
+Seed = Annotated[int, Meta(ge=0, le=2**31 - 1)]
+Number = Annotated[float, Meta(ge=-1e6, le=1e6)]
+Pose = Annotated[list[Number], Meta(min_length=6, max_length=6)]
+Box = Annotated[list[Number], Meta(min_length=4, max_length=4)]
+Settings = Annotated[dict[Name, Text], Meta(max_length=32)]
+Method = Literal["prior", "no-prior", "paper"]
+
+
+class Dialect(Struct, forbid_unknown_fields=True):
+    """A preset with its parameters, as texts of the command line."""
+
+    preset: Name = "uoctti"
+    settings: Settings = field(default_factory=dict)
+
+    def spec(self) -> HOGSpec:
+        """The spec.
+
+        Raises:
+            Refusal: there is no such preset or parameter, or its value is out of range.
+        """
+        return spec_options(self.preset, self.settings).spec()
+
+
+def spec_options(preset: str | None, settings: dict[str, str]) -> SpecOptions:
+    """The options of the command line that mean the same; of no preset, none.
+
+    Raises:
+        Refusal: there is no such preset or parameter, or its value is out of range.
+    """
+    from ..cli.arguments.preset_parameters import PRESETS
+
+    if preset is not None and preset not in PRESETS:
+        raise Refusal(422, f"there is no preset {preset!r}, but {', '.join(PRESETS)}")
+    with refusing():
+        return SpecOptions(preset, settings=tuple(settings.items()))
+
+
+class HogRequest(Dialect):
+    """The descriptor of a photograph, or one that was uploaded."""
+
+    photo: Id | None = None
+    descriptor: Id | None = None
+    size: Annotated[int, Meta(ge=8, le=SEE_SIZE)] = 512
+
+
+class CompareRequest(Struct, forbid_unknown_fields=True):
+    """Two dialects of a photograph."""
+
+    photo: Id
+    a: Dialect
+    b: Dialect
+    size: Annotated[int, Meta(ge=8, le=SEE_SIZE)] = 256
+
+
+class InvertRequest(Dialect):
+    """An image with the descriptor of a photograph, or with one that was uploaded."""
+
+    photo: Id | None = None
+    descriptor: Id | None = None
+    size: Annotated[int, Meta(ge=8, le=INVERT_SIZE)] = 256
+    method: Method = "prior"
+    quality: QualityName = "best"
+    seed: Seed = 0
+    start: Id | None = None
+
+
+class PoseRequest(Struct, forbid_unknown_fields=True):
+    """The pose of the object in a box of a photograph."""
+
+    photo: Id
+    mesh: Id
+    box: Box | None = None
+    method: SearchMethod = "best"
+    initial: Annotated[list[Number], Meta(min_length=2, max_length=2)] | None = None
+    seed: Seed = 0
+
+
+class Open(Struct, forbid_unknown_fields=True, tag="open"):
+    """A photograph's object and a mesh, to be turned."""
+
+    photo: Id
+    mesh: Id
+    box: Box | None = None
+
+
+class Turn(Struct, forbid_unknown_fields=True, tag="pose"):
+    """A pose to render; with ``place`` the model is moved until it fills the box."""
+
+    n: Annotated[int, Meta(ge=0, le=2**53)]
+    pose: Pose
+    place: bool = False
+
+
+class Curve(Struct, forbid_unknown_fields=True, tag="curve"):
+    """The similarity over all azimuths, at the other parameters of a pose."""
+
+    pose: Pose
+
+
+class Fit(Struct, forbid_unknown_fields=True, tag="fit"):
+    """The search of a pose; ``pose`` is where it begins, unless that is unknown."""
+
+    method: SearchMethod = "best"
+    seed: Seed = 0
+    from_here: bool = False
+    pose: Pose | None = None
+
+
+class Stop(Struct, forbid_unknown_fields=True, tag="stop"):
+    """Ends a curve or a search."""
+
+
+FitMessage = Open | Turn | Curve | Fit | Stop
+Decoded = TypeVar("Decoded")
+
+
+def decoded(data: bytes | str, kind: type[Decoded] | Any) -> Decoded:
+    """JSON as a request.
+
+    Raises:
+        Refusal: it is none; the sentence says what was expected where.
+    """
+    try:
+        request: Decoded = msgspec.json.decode(data, type=kind)
+    except msgspec.ValidationError as error:
+        raise Refusal(422, f"the request does not fit: {error}") from None
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise Refusal(400, f"expected JSON: {error}") from None
+    return request

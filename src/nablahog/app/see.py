@@ -1,0 +1,133 @@
+"""See: descriptors and their glyphs, what a cell says, and how two dialects differ."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from ..dialects import tables
+from ..dialects.compare import compare
+from ..hog.channels import channel_names
+from ..hog.coordinates import cell_centres, pixel_box
+from ..io.descriptor_file import save_descriptor
+from ..viz.pictures import edge_votes
+from . import lines
+from .lanes import Ticket
+from .pictures import glyphs
+from .refusals import Refusal, refusing
+from .requests import CompareRequest, HogRequest, InvertRequest
+from .store import Described, Photograph, Store, described
+
+
+def described_by(request: HogRequest | InvertRequest, store: Store) -> Described:
+    """The descriptor that a request is about.
+
+    Raises:
+        Refusal: it names neither a photograph nor a descriptor, or both, or one that is not there, or the photograph is
+            too small for the dialect.
+    """
+    if (request.photo is None) == (request.descriptor is None):
+        raise Refusal(422, "expected a photo or a descriptor, one of them")
+    if request.descriptor is not None:
+        return store.get(request.descriptor, Described)
+    assert request.photo is not None
+    photograph, spec = store.get(request.photo, Photograph), request.spec()
+    with refusing():
+        return described(photograph, spec, request.size)
+
+
+def see(request: HogRequest, store: Store) -> dict[str, Any]:
+    """A descriptor's shape, its glyphs, and how to make it elsewhere."""
+    began = time.perf_counter()
+    of = described_by(request, store)
+    source, asked = of.source, (request.photo or request.descriptor or "", request.preset, str(request.settings))
+    with refusing():
+        drawn = glyphs(source.descriptor, source.spec)
+    shape = list(source.descriptor.shape)
+    return {
+        "key": store.add(of, *(each.encode() for each in (*asked, str(request.size)))),
+        "name": source.spec.name,
+        "shape": shape,
+        "numbers": source.descriptor.numel(),
+        "signed": source.spec.signed,
+        "image_size": list(source.image_size),
+        "rows": shape[0],
+        "cols": shape[1],
+        "glyph_rows": drawn["rows"],
+        "glyph_cols": drawn["cols"],
+        **{name: drawn[name] for name in ("cell", "angles", "votes")},
+        "lines": lines.of_hog(request, source),
+        "milliseconds": round(1000 * (time.perf_counter() - began), 2),
+    }
+
+
+def cell(of: Described, row: int, col: int) -> dict[str, Any]:
+    """What a descriptor says of a cell of the image: its histogram, its block, and their entries by name."""
+    descriptor, spec, size = of.source.descriptor, of.source.spec, of.source.image_size
+    votes, angles = edge_votes(descriptor, spec)
+    rows, cols, _ = votes.shape
+    if not (0 <= row < rows and 0 <= col < cols):
+        raise Refusal(422, f"there are {rows} rows and {cols} columns of cells, expected one of them, got {row}, {col}")
+    height, width = spec.cell_size
+    box = [col * width, row * height, min((col + 1) * width, size[1]), min((row + 1) * height, size[0])]
+    centre = [(box[1] + box[3] - 1) / 2, (box[0] + box[2] - 1) / 2]
+    at = [int(np.abs(along - middle).argmin()) for along, middle in zip(cell_centres(spec, size), centre, strict=True)]
+    block = pixel_box(spec, size, (at[1], at[0], at[1] + 1, at[0] + 1))
+    covered = block.x0 <= centre[1] <= block.x1 and block.y0 <= centre[0] <= block.y1
+    values = descriptor[at[0], at[1]].tolist()
+    entries = [
+        {"index": index, "name": name, "value": value}
+        for index, (name, value) in enumerate(zip(channel_names(spec), values, strict=True))
+    ]
+    return {
+        "row": row,
+        "col": col,
+        "box": box,
+        "angles": [round(float(np.degrees(angle)) % 360, 1) for angle in angles],
+        "histogram": votes[row, col].tolist() if covered else None,
+        "block": {"row": at[0], "col": at[1], "box": [int(side) for side in block]} if covered else None,
+        "entries": entries if covered else [],
+    }
+
+
+def as_file(of: Described) -> bytes:
+    """A descriptor as the file that `nablahog hog` writes."""
+    with tempfile.TemporaryDirectory(prefix="nablahog-") as folder:
+        path = Path(folder, "descriptor.npz")
+        with refusing():
+            save_descriptor(path, of.source.descriptor, of.source.spec, of.source.image_size)
+        return path.read_bytes()
+
+
+def compared(request: CompareRequest, store: Store, ticket: Ticket) -> dict[str, Any]:
+    """How far two dialects are apart on a photograph, and which of their conventions that is."""
+    image = store.get(request.photo, Photograph).shrunk(request.size)
+    levels = (image * 255).round().to(torch.uint8)
+    specs = {"a": request.a.spec(), "b": request.b.spec()}
+    with refusing():
+        comparison = compare(levels, specs, lambda done, total, what: ticket.check())
+    pair = comparison.pairs[0]
+    squared = pair.orientations.distance**2
+    return {
+        "distance": pair.orientations.distance,
+        "same": pair.orientations.same,
+        "conventions": [
+            {
+                "name": each.convention.name,
+                "a": each.convention.settings(specs["a"]),
+                "b": each.convention.settings(specs["b"]),
+                "share": each.value / squared if squared else 0.0,
+            }
+            for each in ([] if pair.orientations.same else pair.orientations.contributions)
+        ],
+        "channels": None
+        if pair.channels is None
+        else {"names": list(pair.parts), "distance": pair.channels.distance, "largest": pair.channels.largest},
+        "definition": tables.DEFINITIONS["distance"],
+        "shares": tables.DEFINITIONS["shares"],
+    }

@@ -1,0 +1,288 @@
+"""The server of the page: its files, and the JSON API that they use."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import secrets
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import JSONResponse, Response, StreamingResponse
+from starlette.routing import Route, WebSocketRoute
+
+from ..datasets.chairs import chair
+from ..datasets.scenes import scene
+from ..io.sample_photographs import SAMPLE_NAMES, sample_photograph
+from . import see, uploads
+from .about import about
+from .fit import Scene
+from .guard import Doors, Guard
+from .invert import invert
+from .lanes import Cancelled, Lane, Ticket
+from .openapi import document
+from .pictures import png
+from .refusals import Refusal, fault
+from .requests import CompareRequest, HogRequest, InvertRequest, PoseRequest, decoded
+from .socket import FitSocket
+from .store import Described, Model, Photograph, Store
+
+STATIC = Path(__file__).with_name("static")
+TYPES = {".html": "text/html; charset=utf-8", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+CHAIRS = (3, 0, 1, 2, 4, 5)  # seeds of the procedural chairs
+VIEWPOINT = (35.0, 20.0, 0.0)  # azimuth, elevation and theta of the chair that is shown, degrees
+QUICK, LONG = 64, 32  # computations that may wait in each lane
+FRAMES = 3  # of an inversion, that may wait for a slow page; further ones are left out
+Answer = TypeVar("Answer")
+
+
+class Server:
+    """What the routes share.
+
+    Args:
+        photographs: given on the command line, by name.
+
+    Attributes:
+        store: of uploads.
+        quick, long: where it computes.
+    """
+
+    def __init__(self, photographs: Sequence[Photograph] = ()) -> None:
+        self.store = Store(secrets.token_bytes(16))
+        self.quick, self.long = Lane("quick", QUICK), Lane("long", LONG)
+        for number, each in enumerate(photographs):
+            self.store.always(f"given-{number}", each)
+        for name in SAMPLE_NAMES:
+            self.store.always(f"sample-{name}", Photograph(name, sample_photograph(name)))
+        self.store.always("scene-chair", _chair_scene())
+        for seed in CHAIRS:
+            self.store.always(f"chair-{seed}", Model(f"chair {seed}", chair(seed)))
+        self.about = about(self.store)
+
+    @asynccontextmanager
+    async def lifespan(self, _: Starlette) -> AsyncIterator[None]:
+        """Closes the lanes at the end."""
+        yield
+        self.quick.close()
+        self.long.close()
+
+    def routes(self) -> list[Route | WebSocketRoute]:
+        """All of them."""
+        files = {path.name: (path.read_bytes(), TYPES[path.suffix]) for path in sorted(STATIC.iterdir())}
+
+        async def page(_: Request) -> Response:
+            return _file(files, "index.html")
+
+        async def static(request: Request) -> Response:
+            return _file(files, request.path_params["name"])
+
+        return [
+            Route("/", page),
+            Route("/static/{name}", static),
+            Route("/api/about", _answering(self._about)),
+            Route("/api/openapi.json", _answering(self._openapi)),
+            Route("/api/photos", _answering(self._upload_photograph), methods=["POST"]),
+            Route("/api/photos/{id}", _answering(self._photograph)),
+            Route("/api/descriptors", _answering(self._upload_descriptor), methods=["POST"]),
+            Route("/api/meshes", _answering(self._upload_mesh), methods=["POST"]),
+            Route("/api/hog", _answering(self._hog), methods=["POST"]),
+            Route("/api/hog/{id}/cell", _answering(self._cell)),
+            Route("/api/hog/{id}/file", _answering(self._descriptor_file)),
+            Route("/api/compare", _answering(self._compare), methods=["POST"]),
+            Route("/api/invert", _answering(self._invert), methods=["POST"]),
+            Route("/api/pose", _answering(self._pose), methods=["POST"]),
+            WebSocketRoute("/api/fit", self._fit),
+        ]
+
+    async def _about(self, _: Request) -> Response:
+        return JSONResponse(self.about)
+
+    async def _openapi(self, _: Request) -> Response:
+        return JSONResponse(document())
+
+    async def _upload_photograph(self, request: Request) -> Response:
+        data, name = await request.body(), _name(request, "photo")
+        return await self._json(request, self.quick, lambda _: uploads.photograph(data, name, self.store))
+
+    async def _upload_descriptor(self, request: Request) -> Response:
+        data, name, query = await request.body(), _name(request, "descriptor"), dict(request.query_params)
+        return await self._json(request, self.quick, lambda _: uploads.descriptor(data, name, query, self.store))
+
+    async def _upload_mesh(self, request: Request) -> Response:
+        data, name, query = await request.body(), _name(request, "model"), dict(request.query_params)
+        return await self._json(request, self.quick, lambda _: uploads.mesh(data, name, query, self.store))
+
+    async def _photograph(self, request: Request) -> Response:
+        kept, size = self.store.get(request.path_params["id"], Photograph), _integer(request, "size", 1024)
+        picture = await self.quick.run(lambda _: png(kept.shrunk(max(8, min(size, 2048)))))
+        return Response(picture, media_type="image/png")
+
+    async def _hog(self, request: Request) -> Response:
+        asked: HogRequest = decoded(await request.body(), HogRequest)
+        return await self._json(request, self.quick, lambda _: see.see(asked, self.store))
+
+    async def _cell(self, request: Request) -> Response:
+        kept = self.store.get(request.path_params["id"], Described)
+        row, col = _integer(request, "row"), _integer(request, "col")
+        return await self._json(request, self.quick, lambda _: see.cell(kept, row, col))
+
+    async def _descriptor_file(self, request: Request) -> Response:
+        kept = self.store.get(request.path_params["id"], Described)
+        data = await self.quick.run(lambda _: see.as_file(kept))
+        heads = {"content-disposition": 'attachment; filename="descriptor.npz"'}
+        return Response(data, media_type="application/octet-stream", headers=heads)
+
+    async def _compare(self, request: Request) -> Response:
+        asked: CompareRequest = decoded(await request.body(), CompareRequest)
+        return await self._json(request, self.long, lambda ticket: see.compared(asked, self.store, ticket))
+
+    async def _pose(self, request: Request) -> Response:
+        asked: PoseRequest = decoded(await request.body(), PoseRequest)
+
+        def fitted(ticket: Ticket) -> dict[str, Any]:
+            initial = None if asked.initial is None else (asked.initial[0], asked.initial[1])
+            return Scene.of(asked, self.store).fit(asked, lambda message: None, ticket, initial).figures()
+
+        return await self._json(request, self.long, fitted)
+
+    async def _invert(self, request: Request) -> Response:
+        asked: InvertRequest = decoded(await request.body(), InvertRequest)
+        see.described_by(asked, self.store)  # refused here, it has a status
+        return StreamingResponse(self._frames(asked), media_type="text/event-stream")
+
+    async def _frames(self, asked: InvertRequest) -> AsyncIterator[bytes]:
+        """The events of an inversion; when the page goes, this is closed, and the search ends."""
+        loop, events = asyncio.get_running_loop(), asyncio.Queue[tuple[str, dict[str, Any]] | None]()
+
+        def put(name: str, data: dict[str, Any]) -> None:
+            if name != "frame" or events.qsize() < FRAMES:
+                events.put_nowait((name, data))
+
+        def send(name: str, data: dict[str, Any]) -> None:
+            loop.call_soon_threadsafe(put, name, data)
+
+        async def searched() -> None:
+            try:
+                await self.long.run(lambda ticket: invert(asked, self.store, send, ticket))
+            except Refusal as refusal:
+                put("error", refusal.answer)
+            except Cancelled:
+                pass
+            except Exception as error:
+                put("error", fault(error).answer)
+            finally:
+                events.put_nowait(None)
+
+        yield _event("queued", {"waiting": self.long.count})
+        search = asyncio.create_task(searched())
+        try:
+            while (event := await events.get()) is not None:
+                yield _event(*event)
+            await search
+        finally:
+            search.cancel()
+
+    async def _fit(self, socket: Any) -> None:
+        await FitSocket(socket, self.store, self.quick, self.long).run()
+
+    async def _json(self, request: Request, lane: Lane, work: Callable[[Ticket], dict[str, Any]]) -> Response:
+        """The answer of work that ends when the page does not wait for it any more."""
+        return JSONResponse(await _while_connected(request, lane.run(work)))
+
+
+async def _while_connected(request: Request, work: Awaitable[Answer]) -> Answer:
+    """The result of ``work``, which is cancelled if the other side hangs up."""
+    task = asyncio.ensure_future(work)
+    gone = asyncio.ensure_future(_disconnected(request))
+    try:
+        await asyncio.wait((task, gone), return_when=asyncio.FIRST_COMPLETED)
+        if not task.done():
+            raise ClientDisconnect
+        return task.result()
+    finally:
+        task.cancel()
+        gone.cancel()
+        with suppress(asyncio.CancelledError, Cancelled, Refusal):
+            await task
+
+
+async def _disconnected(request: Request) -> None:
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
+
+
+def _chair_scene() -> Photograph:
+    """The first of the procedural chairs in front of sample photographs, as in ``nablahog table2``."""
+    clutter = [sample_photograph(name) for name in ("coffee", "rocket", "chelsea")]
+    made = scene(0, {"chair": chair(CHAIRS[0])}, np.array([VIEWPOINT]), clutter)
+    return Photograph("a chair, rendered", made.image, tuple(round(side, 1) for side in made.box))
+
+
+def _answering(handler: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
+    """A handler whose refusals are JSON."""
+
+    async def answered(request: Request) -> Response:
+        try:
+            return await handler(request)
+        except Refusal as refusal:
+            return JSONResponse(refusal.answer, refusal.status)
+        except (ClientDisconnect, Cancelled):
+            return Response(status_code=499)  # nobody reads it
+        except HTTPException:
+            raise
+        except Exception as error:
+            refusal = fault(error)
+            return JSONResponse(refusal.answer, refusal.status)
+
+    return answered
+
+
+async def _no_such_address(_: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    return JSONResponse({"error": f"{error.detail.lower()}: see /api/openapi.json"}, error.status_code)
+
+
+def _file(files: dict[str, tuple[bytes, str]], name: str) -> Response:
+    if name not in files:
+        return JSONResponse({"error": "there is no such file"}, 404)
+    data, kind = files[name]
+    return Response(data, media_type=kind)
+
+
+def _event(name: str, data: dict[str, Any]) -> bytes:
+    return f"event: {name}\ndata: {json.dumps(data, allow_nan=False)}\n\n".encode()
+
+
+def _name(request: Request, default: str) -> str:
+    """The user's name of an uploaded file: shown, and its ending read, nothing else."""
+    name = request.query_params.get("name", default)[-120:].replace("\\", "/").rpartition("/")[2]
+    return "".join(each if each.isprintable() else "�" for each in name) or default
+
+
+def _integer(request: Request, name: str, default: int | None = None) -> int:
+    text = request.query_params.get(name, "" if default is None else str(default))
+    if not (text.isascii() and text.isdigit() and len(text) < 7):
+        raise Refusal(422, f"expected {name} as an integer, got {text[:40]!r}")
+    return int(text)
+
+
+def make_app(doors: Doors, photographs: Sequence[Photograph] = ()) -> Starlette:
+    """The application.
+
+    Args:
+        doors: who may come in.
+        photographs: given on the command line.
+    """
+    server = Server(photographs)
+    app = Starlette(
+        routes=server.routes(), lifespan=server.lifespan, exception_handlers={HTTPException: _no_such_address}
+    )
+    app.add_middleware(Guard, doors=doors)
+    app.state.server = server
+    return app

@@ -1,0 +1,148 @@
+"""The conversation about a model that is dragged: the newest pose is answered, older ones that still wait are not."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Coroutine
+from typing import Any
+
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from .fit import Scene
+from .lanes import Cancelled, Lane, Ticket
+from .refusals import Refusal, fault
+from .requests import Curve, Fit, FitMessage, Open, Stop, Turn, decoded
+from .store import Store
+
+MOST_CHARACTERS = 2**14  # of a message
+
+
+class FitSocket:
+    """One page's scene.
+
+    Args:
+        socket: not yet accepted.
+        store: of uploads.
+        quick, long: where it computes.
+    """
+
+    def __init__(self, socket: WebSocket, store: Store, quick: Lane, long: Lane) -> None:
+        self.socket, self.store, self.quick, self.long = socket, store, quick, long
+        self.scene: Scene | None = None
+        self.names = "", ""
+        self._turn: Turn | None = None
+        self._turning: asyncio.Task[None] | None = None
+        self._work: asyncio.Task[None] | None = None
+
+    async def run(self) -> None:
+        """Answers until the page goes."""
+        await self.socket.accept()
+        try:
+            while True:
+                await self._answer(await self.socket.receive_text())
+        except (WebSocketDisconnect, KeyError):  # the latter: a message of bytes
+            pass
+        finally:
+            for task in (self._turning, self._work):
+                if task is not None:
+                    task.cancel()
+
+    async def _answer(self, text: str) -> None:
+        try:
+            if len(text) > MOST_CHARACTERS:
+                raise Refusal(413, f"expected a message of at most {MOST_CHARACTERS:,} characters")
+            await self._do(decoded(text, FitMessage))
+        except Refusal as refusal:
+            await self._send({"type": "error", **refusal.answer})
+        except (WebSocketDisconnect, asyncio.CancelledError):
+            raise
+        except Exception as error:
+            await self._send({"type": "error", **fault(error).answer})
+
+    async def _do(self, message: FitMessage) -> None:
+        if isinstance(message, Open):
+            await self._stop()
+            self.scene = await self.quick.run(lambda _: Scene.of(message, self.store))
+            self.names = message.photo, message.mesh
+            await self._send(await self.long.run(lambda _: self._opened().ready()))
+        elif isinstance(message, Turn):
+            self._opened()
+            self._turn = message
+            if self._turning is None or self._turning.done():
+                self._turning = asyncio.create_task(self._turned())
+        elif isinstance(message, Stop):
+            await self._stop()
+            await self._send({"type": "stopped"})
+        else:
+            self._opened()
+            await self._stop()
+            self._work = asyncio.create_task(self._refusing(self._worked(message)))
+
+    def _opened(self) -> Scene:
+        if self.scene is None:
+            raise Refusal(422, "expected a photograph and a model first")
+        return self.scene
+
+    async def _stop(self) -> None:
+        if self._work is not None and not self._work.done():
+            self._work.cancel()
+            await asyncio.wait([self._work])
+
+    async def _turned(self) -> None:
+        """Answers the newest pose until there is none."""
+        while self._turn is not None:
+            turn, self._turn, scene = self._turn, None, self._opened()
+
+            def view(_: Ticket, turn: Turn = turn, scene: Scene = scene) -> dict[str, Any]:
+                return scene.view(turn.n, turn.pose, turn.place)
+
+            async def answer(work: Any = view) -> None:
+                await self._send(await self.quick.run(work))
+
+            await self._refusing(answer())
+
+    async def _worked(self, message: Curve | Fit) -> None:
+        """The answers of a curve or a search, as they come."""
+        loop, answers, scene = asyncio.get_running_loop(), asyncio.Queue[dict[str, Any] | None](), self._opened()
+
+        def send(answer: dict[str, Any]) -> None:
+            loop.call_soon_threadsafe(answers.put_nowait, answer)
+
+        def work(ticket: Ticket) -> None:
+            if isinstance(message, Curve):
+                for part in scene.curve(message.pose, ticket):
+                    send(part)
+                return
+            here = message.pose if message.from_here else None
+            initial = None if here is None else (here[0], min(max(here[1], -90.0), 90.0))
+            send(scene.fitted(scene.fit(message, send, ticket, initial), *self.names))
+
+        async def worked() -> None:
+            try:
+                await (self.quick if isinstance(message, Curve) else self.long).run(work)
+            finally:
+                answers.put_nowait(None)
+
+        task = asyncio.create_task(worked())
+        try:
+            while (answer := await answers.get()) is not None:
+                await self._send(answer)
+            await task
+        finally:
+            task.cancel()
+
+    async def _refusing(self, work: Coroutine[Any, Any, None]) -> None:
+        try:
+            await work
+        except Refusal as refusal:
+            await self._send({"type": "error", **refusal.answer})
+        except Cancelled:
+            pass
+        except (WebSocketDisconnect, asyncio.CancelledError):
+            raise
+        except Exception as error:
+            await self._send({"type": "error", **fault(error).answer})
+
+    async def _send(self, message: dict[str, Any]) -> None:
+        await self.socket.send_text(json.dumps(message, allow_nan=False))

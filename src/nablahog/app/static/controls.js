@@ -1,0 +1,225 @@
+/** Forms: a preset with a control for each of its parameters. */
+
+import { element, fill, make, numberOf } from "./dom.js";
+
+/** @typedef {import("./types.js").Parameter} Parameter */
+
+/**
+ * A control of one parameter.
+ *
+ * @typedef {{nodes: HTMLElement, read: () => string | null, write: (text: string) => void}} Control
+ * read: null where what was entered is no value
+ */
+
+/** A preset and its parameters, kept in the address under `key` and, for parameters, `prefix` + name. */
+export class Dialects {
+  /** @type {Map<string, Control>} */
+  #controls = new Map();
+  #select;
+  #place;
+
+  /**
+   * @param {object} where
+   * @param {string} where.select id
+   * @param {string} where.place id, of the controls
+   * @param {string} where.title id, of the preset's title
+   * @param {string} where.key
+   * @param {string} where.prefix
+   * @param {string} where.first name of the preset to begin with
+   * @param {import("./types.js").About} about
+   * @param {import("./address.js").Address} address
+   * @param {() => void} changed
+   */
+  constructor(where, about, address, changed) {
+    this.where = where;
+    this.about = about;
+    this.address = address;
+    this.changed = changed;
+    this.#select = element(where.select, HTMLSelectElement);
+    this.#place = element(where.place, HTMLElement);
+    fill(this.#select, about.presets.map((preset) => preset.name));
+    this.#select.addEventListener("change", () => {
+      this.#forget();
+      this.#build();
+      this.#remember();
+      this.changed();
+    });
+    this.restore();
+  }
+
+  get preset() {
+    const found = this.about.presets.find((preset) => preset.name === this.#select.value) ?? this.about.presets[0];
+    if (!found) throw new Error("the server has no presets");
+    return found;
+  }
+
+  /** @returns {import("./types.js").Dialect} */
+  get value() {
+    /** @type {import("./types.js").Settings} */
+    const settings = {};
+    for (const parameter of this.preset.parameters) {
+      const text = this.#controls.get(parameter.name)?.read();
+      if (text !== undefined && text !== null && text !== parameter.default) settings[parameter.name] = text;
+    }
+    return { preset: this.preset.name, settings };
+  }
+
+  /** Takes preset and parameters from the address. */
+  restore() {
+    const name = this.address.get(this.where.key);
+    this.#select.value = this.about.presets.some((preset) => preset.name === name) ? name ?? "" : this.where.first;
+    this.#build();
+    for (const [parameter, control] of this.#controls) {
+      const text = this.address.get(this.where.prefix + parameter);
+      if (text !== null) control.write(text);
+    }
+  }
+
+  #build() {
+    element(this.where.title, HTMLElement).textContent = this.preset.title.replaceAll("``", "");
+    this.#controls = new Map(this.preset.parameters.map((parameter) =>
+      [parameter.name, controlOf(parameter, this.preset.name, `${this.where.place}-${parameter.name}`)]));
+    for (const control of this.#controls.values()) {
+      control.nodes.addEventListener("input", () => {
+        if (control.read() === null) return;
+        this.#remember();
+        this.changed();
+      });
+    }
+    this.#place.replaceChildren(...[...this.#controls.values()].map((control) => control.nodes));
+    if (!this.#controls.size) this.#place.append(make("p", { class: "note" }, "This preset has no parameters."));
+  }
+
+  /** Removes the parameters of all presets. */
+  #forget() {
+    const names = this.about.presets.flatMap((preset) => preset.parameters.map((each) => each.name));
+    this.address.set(Object.fromEntries(names.map((name) => [this.where.prefix + name, null])));
+  }
+
+  #remember() {
+    const { preset, settings } = this.value;
+    this.#forget();
+    this.address.set(Object.fromEntries([[this.where.key, preset],
+      ...Object.entries(settings).map(([name, text]) => [this.where.prefix + name, text])]));
+  }
+}
+
+/**
+ * @param {Parameter} parameter
+ * @param {string} preset
+ * @param {string} id
+ * @returns {Control}
+ */
+function controlOf(parameter, preset, id) {
+  const control = { integer: numeric, number: numeric, boolean: ticked, choice: chosen, pair: paired }[parameter.kind](
+    parameter, id, preset);
+  control.write(parameter.default);
+  return control;
+}
+
+/**
+ * @param {Parameter} parameter
+ * @param {string} id
+ */
+function labelled(parameter, id) {
+  return make("label", { for: id }, parameter.name);
+}
+
+/**
+ * @param {Parameter} parameter
+ * @param {string} id
+ * @returns {Control}
+ */
+function numeric(parameter, id) {
+  const { least, most, optional } = parameter;
+  const step = parameter.kind === "integer" ? 1 : "any";
+  const input = make("input", { type: "number", id, name: parameter.name, min: least, max: most, step,
+    required: !optional, placeholder: optional ? "none" : null });
+  const nodes = make("div", { class: "field" }, labelled(parameter, id), input);
+  /** @type {HTMLInputElement | null} */
+  let slider = null;
+  if (least !== null && most !== null && !optional) {
+    const fine = parameter.kind === "integer" ? 1 : (most - least) / 200;
+    slider = make("input", { type: "range", "aria-label": `${parameter.name}, slider`, min: least, max: most, step: fine });
+    slider.addEventListener("input", () => { input.value = slider?.value ?? ""; });
+    input.addEventListener("input", () => { if (slider) slider.value = input.value; });
+    nodes.append(slider);
+  }
+  return {
+    nodes,
+    read: () => optional && input.value === "" && !input.validity.badInput ? "none"
+      : numberOf(input) === null ? null : sameNumber(input.value, parameter.default),
+    write: (text) => {
+      input.value = text === "none" ? "" : text;
+      if (slider) slider.value = text;
+    },
+  };
+}
+
+/**
+ * "1" for a default of "1.0" is the default.
+ *
+ * @param {string} text
+ * @param {string} other
+ */
+const sameNumber = (text, other) => other !== "" && Number(text) === Number(other) ? other : text;
+
+/**
+ * @param {Parameter} parameter
+ * @param {string} id
+ * @returns {Control}
+ */
+function ticked(parameter, id) {
+  const input = make("input", { type: "checkbox", id, name: parameter.name });
+  return {
+    nodes: make("div", { class: "field" }, labelled(parameter, id), input),
+    read: () => String(input.checked),
+    write: (text) => { input.checked = text === "true"; },
+  };
+}
+
+/**
+ * @param {Parameter} parameter
+ * @param {string} id
+ * @returns {Control}
+ */
+function chosen(parameter, id) {
+  const select = make("select", { id, name: parameter.name });
+  fill(select, [...parameter.choices ?? [], ...parameter.optional && !parameter.choices?.includes("none") ? ["none"] : []]);
+  return {
+    nodes: make("div", { class: "field" }, labelled(parameter, id), select),
+    read: () => select.value || null,
+    write: (text) => { if ([...select.options].some((option) => option.value === text)) select.value = text; },
+  };
+}
+
+/**
+ * @param {Parameter} parameter
+ * @param {string} id
+ * @param {string} preset
+ * @returns {Control}
+ */
+function paired(parameter, id, preset) {
+  // OpenCV's own order
+  const sides = preset === "opencv" ? ["width", "height"] : ["height", "width"];
+  const inputs = sides.map((side, i) => make("input", { type: "number", id: i ? `${id}-2` : id, required: true, step: 1,
+    name: i ? `${parameter.name}-2` : parameter.name, min: parameter.least, max: parameter.most,
+    "aria-label": `${parameter.name}, ${side}` }));
+  const [first, second] = inputs;
+  return {
+    nodes: make("div", { class: "field", role: "group", "aria-label": parameter.name },
+      make("span", { class: "name" }, parameter.name, make("br"), make("small", { class: "note" }, sides.join(" × "))),
+      ...inputs),
+    read: () => {
+      const values = inputs.map(numberOf);
+      if (values.includes(null)) return null;
+      // a default may be one number for both sides
+      return values[0] === values[1] && parameter.default === String(values[0]) ? parameter.default : values.join("x");
+    },
+    write: (text) => {
+      const [a = "", b = a] = text.split(/[x,]/);
+      if (first) first.value = a;
+      if (second) second.value = b;
+    },
+  };
+}

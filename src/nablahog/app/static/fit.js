@@ -1,0 +1,328 @@
+/** The view “Fit”: a mesh over a photograph, and the search for its pose. */
+
+import { ServerError } from "./api.js";
+import { BoxPicker } from "./box.js";
+import { Curve } from "./curve.js";
+import { calmer, element, figure, fill, make, numberOf, settled, table } from "./dom.js";
+import { addressOf, pngOf, save, stem } from "./files.js";
+import { drawGlyphs } from "./glyphs.js";
+import { showLines } from "./lines.js";
+import { MeshChooser } from "./mesh.js";
+import { NAMES, PoseControls, proper } from "./pose.js";
+import { calm, complain, Newest, soon, Wait } from "./progress.js";
+import { Scene } from "./scene.js";
+import { Session } from "./session.js";
+
+/** @typedef {import("./types.js").Pose} Pose */
+
+const FIRST_POSE = [30, 15, 2.5, 0, 0, 0];
+
+export class Fit {
+  #session = new Session((message) => this.#received(message), () => this.#lost());
+  #box = new BoxPicker(() => this.#boxed());
+  #controls = new PoseControls((pose) => this.#turn(proper(pose)));
+  #scene = new Scene(() => this.#controls.value, (pose) => this.#turn(pose));
+  #curve;
+  #photo = new Newest("fit-progress");
+  #method = element("fit-method", HTMLSelectElement);
+  #seed = element("fit-seed", HTMLInputElement);
+  #start = element("fit-start", HTMLButtonElement);
+  #stop = element("fit-stop", HTMLButtonElement);
+  #shown = false;
+  #stale = true;
+  #ready = false;
+  #n = 0;
+  #drawn = 0;
+  #placing = 0;
+  #frame = 0;
+  #lastStep = 0;
+  /** Waits for an answer to each kind of message. @type {{[kind: string]: Wait | undefined}} */
+  #waits = {};
+  /** @type {any} */
+  #fitted = null;
+  #reopen = soon(() => { if (this.#ready) void this.#open(); }, 300);
+  #say = settled((/** @type {string} */ text) => { element("similarity-said", HTMLElement).textContent = text; }, 700);
+  #remember = settled(() => this.app.address.set({ pose: this.#controls.value.map((value) => Number(value.toFixed(3))).join(",") }), 100);
+
+  /** @param {import("./main.js").App} app */
+  constructor(app) {
+    this.app = app;
+    this.mesh = new MeshChooser(app.about, app.address, () => this.#reopen());
+    this.#curve = new Curve((azimuth) => this.#turn(this.#controls.value.map((old, i) => i ? old : azimuth)),
+      (pose) => this.#askCurve(pose));
+    fill(this.#method, app.about.pose_methods);
+    this.restore();
+    app.source.addEventListener("change", () => {
+      this.#leave();
+      this.#stale = true;
+      const photo = app.source.value;
+      this.#box.set(photo?.kind === "photo" ? photo.box ?? null : null);
+      this.show(this.#shown);
+    });
+    addEventListener("pagehide", () => this.#leave());
+    element("fit-open", HTMLButtonElement).addEventListener("click", () => void this.#open());
+    element("pose-place", HTMLButtonElement).addEventListener("click", () => this.#turn(this.#controls.value, true));
+    this.#start.addEventListener("click", () => this.#fit());
+    this.#stop.addEventListener("click", () => this.#session.send({ type: "stop" }));
+    for (const [key, input] of /** @type {[string, HTMLSelectElement | HTMLInputElement][]} */ ([["pose_method", this.#method], ["seed", this.#seed]])) {
+      input.addEventListener("input", () => app.address.set({ [key]: input.value }));
+    }
+    element("pose-download", HTMLButtonElement).addEventListener("click", () => {
+      if (this.#fitted) save(new Blob([JSON.stringify(this.#fitted.result, null, 2)], { type: "application/json" }), `${this.#stem}_pose.json`);
+    });
+    element("overlay-download", HTMLButtonElement).addEventListener("click", () => {
+      if (this.#fitted) save(pngOf(this.#fitted.overlay), `${this.#stem}_overlay.png`);
+    });
+  }
+
+  get #stem() {
+    return stem(this.app.source.value?.name ?? "");
+  }
+
+  restore() {
+    const { address, about } = this.app;
+    const [x0 = 0, y0 = 0, x1 = 0, y1 = 0] = address.numbers("box", 4) ?? [];
+    const source = this.app.source.value;
+    const own = source?.kind === "photo" && address.get("box") === null ? source.box ?? null : null;
+    this.#box.set(x1 > x0 ? [x0, y0, x1, y1] : own);
+    this.#controls.write(proper(address.numbers("pose", 6) ?? FIRST_POSE));
+    const method = address.get("pose_method") ?? "";
+    this.#method.value = about.pose_methods.includes(method) ? method : about.pose_methods[0] ?? "";
+    this.#seed.value = String(address.number("seed", 0));
+    this.mesh.restore();
+    if (this.#ready) this.#reopen();
+  }
+
+  /** @param {boolean} shown */
+  show(shown) {
+    this.#shown = shown;
+    const source = this.app.source.value;
+    element("fit-needs", HTMLElement).hidden = source?.kind === "photo";
+    element("fit-ask", HTMLElement).hidden = source?.kind !== "photo";
+    if (!shown || !this.#stale || source?.kind !== "photo") return;
+    this.#stale = false;
+    void this.#photo.run("Loads the photograph", (signal) => this.#box.show(source, this.app.source, signal));
+  }
+
+  /** @param {File} file of a mesh that was dropped */
+  openMesh(file) {
+    void this.mesh.open(file);
+  }
+
+  #boxed() {
+    this.app.address.set({ box: this.#box.value?.join(",") ?? "none" });
+    if (!this.#ready) return;
+    // the old place is that of another crop
+    this.app.address.set({ pose: null });
+    this.#reopen();
+  }
+
+  async #open() {
+    const source = this.app.source.value;
+    if (source?.kind !== "photo") return;
+    calm();
+    this.#begin("open", "fit-progress", "Opens the mesh", () => this.#leave());
+    try {
+      await this.#session.open();
+      this.#session.send({ type: "open", photo: source.id, mesh: this.mesh.value, box: this.#box.value });
+    } catch (error) {
+      this.#end("open");
+      complain(error);
+    }
+  }
+
+  /** Ends the session. */
+  #leave() {
+    this.#session.close();
+    this.#ready = false;
+    for (const kind of Object.keys(this.#waits)) this.#end(kind);
+    this.#searching(false);
+    this.#curve.clear();
+    element("fit-room", HTMLElement).hidden = true;
+    element("fit-result", HTMLElement).hidden = true;
+  }
+
+  #lost() {
+    this.#leave();
+    complain(new ServerError(0, "The connection to the server has ended. Press “Show the mesh” to open it again."));
+  }
+
+  /**
+   * @param {string} kind
+   * @param {string} place
+   * @param {string} text
+   * @param {() => void} cancel
+   */
+  #begin(kind, place, text, cancel) {
+    this.#end(kind);
+    this.#waits[kind] = new Wait(place, text, cancel);
+  }
+
+  /** @param {string} kind */
+  #end(kind) {
+    this.#waits[kind]?.close();
+    delete this.#waits[kind];
+  }
+
+  /** @param {any} message */
+  #received(message) {
+    switch (message.type) {
+      case "ready": return void this.#opened(message);
+      case "view": return void this.#view(message);
+      case "curve":
+        if (this.#curve.add(message)) this.#end("curve");
+        return;
+      case "progress": return this.#waits.fit?.say(message.what, message.done, message.total);
+      case "step": return this.#step(message);
+      case "fitted": return this.#finish(message);
+      case "stopped":
+        this.#end("curve");
+        if (this.#waits.fit) element("fit-said", HTMLElement).textContent = "Stopped.";
+        return this.#searching(false);
+      case "error":
+        complain(new ServerError(422, message.error));
+        for (const kind of Object.keys(this.#waits)) this.#end(kind);
+        return this.#searching(false);
+    }
+  }
+
+  /** @param {{crop: {side: number}, photo_votes: import("./types.js").SceneVotes, image: string}} message */
+  async #opened(message) {
+    this.#end("open");
+    this.#ready = true;
+    this.#curve.clear();
+    const room = element("fit-room", HTMLElement);
+    if (room.hidden) {
+      room.hidden = false;
+      room.scrollIntoView({ block: "nearest" });
+    }
+    element("fit-result", HTMLElement).hidden = true;
+    drawGlyphs(element("photo-glyphs", HTMLCanvasElement), scene(message.photo_votes), 400);
+    await this.#scene.setCrop(message.image, message.crop.side);
+    this.#turn(this.#controls.value, this.app.address.get("pose") === null);
+  }
+
+  /**
+   * @param {Pose} pose
+   * @param {boolean} [place]
+   */
+  #turn(pose, place = false) {
+    this.#controls.write(pose);
+    this.#remember();
+    if (!this.#ready) return;
+    this.#curve.here(pose, null);
+    if (this.#waits.curve && !this.#curve.fits(pose)) this.#session.send({ type: "stop" });
+    cancelAnimationFrame(this.#frame);
+    this.#frame = requestAnimationFrame(() => this.#send(pose, place || this.#placing > this.#drawn));
+  }
+
+  /**
+   * @param {Pose} pose
+   * @param {boolean} place
+   */
+  #send(pose, place) {
+    this.#n++;
+    if (place) this.#placing = this.#n;
+    if (!this.#waits.view) this.#begin("view", "curve-progress", "Renders", () => this.#end("view"));
+    this.#session.send({ type: "pose", n: this.#n, pose, place });
+  }
+
+  /**
+   * @param {{n: number, pose: Pose, similarity: number, derivative: number[], image: string,
+   *   votes: import("./types.js").SceneVotes, milliseconds: number}} message
+   */
+  async #view(message) {
+    if (message.n < this.#drawn) return;
+    this.#drawn = message.n;
+    if (message.n === this.#n) {
+      this.#end("view");
+      // the server has moved the mesh
+      if (message.n === this.#placing) {
+        this.#controls.write(proper(message.pose));
+        this.#remember();
+      }
+    }
+    const [azimuth = 0, elevation = 0] = message.pose;
+    const words = `azimuth ${figure(azimuth, 1)}, elevation ${figure(elevation, 1)}: similarity ${figure(message.similarity)}`;
+    element("similarity", HTMLElement).replaceChildren(make("strong", {}, `Similarity ${figure(message.similarity, 4)}`),
+      make("br"), `Derivative per degree: azimuth ${figure(message.derivative[0], 4)}, elevation ${figure(message.derivative[1], 4)}`,
+      make("br"), make("small", { class: "note" }, `${figure(message.milliseconds, 0)} ms`));
+    drawGlyphs(element("render-glyphs", HTMLCanvasElement), scene(message.votes), 400);
+    this.#curve.here(message.pose, { similarity: message.similarity, slope: message.derivative[0] ?? 0 });
+    if (!this.#waits.fit) {
+      this.#curve.want(message.pose);
+      this.#say(`At ${words}.`);
+    }
+    await this.#scene.setView(message.image, message.pose, message.derivative);
+    this.#scene.canvas.setAttribute("aria-label", `The mesh on the photograph, ${words}`);
+    this.#scene.canvas.dataset.n = String(message.n);
+  }
+
+  /** @param {Pose} pose */
+  #askCurve(pose) {
+    if (!this.#ready || this.#waits.fit) return;
+    this.#begin("curve", "curve-progress", "Computes the curve over 360°", () => this.#session.send({ type: "stop" }));
+    this.#session.send({ type: "curve", pose });
+  }
+
+  #fit() {
+    calm();
+    this.#fitted = null;
+    this.#end("curve");
+    this.#begin("fit", "search-progress", "Searches the pose", () => this.#session.send({ type: "stop" }));
+    this.#searching(true);
+    this.#curve.steps = [];
+    element("fit-result", HTMLElement).hidden = true;
+    element("fit-said", HTMLElement).textContent = "The search runs.";
+    this.#session.send({ type: "fit", method: this.#method.value, seed: numberOf(this.#seed) ?? 0, pose: this.#controls.value,
+      from_here: element("fit-from-here", HTMLInputElement).checked });
+  }
+
+  /** @param {boolean} now */
+  #searching(now) {
+    if (!now) this.#end("fit");
+    this.#start.disabled = now;
+    this.#stop.disabled = !now;
+  }
+
+  /** @param {{pose: Pose, similarity: number, stage?: string}} message */
+  #step(message) {
+    this.#curve.step(message.pose, message.similarity);
+    this.#waits.fit?.say(`${message.stage ?? "Climbs"}: similarity ${figure(message.similarity)}`);
+    const now = performance.now();
+    if (this.#waits.view || now - this.#lastStep < (calmer() ? 500 : 50)) return;
+    this.#lastStep = now;
+    this.#controls.write(proper(message.pose));
+    this.#send(message.pose, false);
+  }
+
+  /** @param {any} message */
+  #finish(message) {
+    this.#fitted = message;
+    this.#searching(false);
+    this.#turn(proper(message.pose));
+    /** @type {Pose} */
+    const pose = message.pose;
+    const source = this.app.source.value;
+    element("fit-said", HTMLElement).textContent = `Done: azimuth ${figure(pose[0], 1)}, elevation ${figure(pose[1], 1)}, ` +
+      `similarity ${figure(message.similarity)}.`;
+    const overlay = element("overlay", HTMLImageElement);
+    overlay.src = addressOf(message.overlay);
+    overlay.alt = `The outline of the mesh on ${source?.name ?? "the photograph"}, azimuth ${figure(pose[0], 1)}, elevation ${figure(pose[1], 1)}`;
+    const warning = element("fit-warning", HTMLElement);
+    warning.hidden = !message.warning;
+    warning.textContent = message.warning ?? "";
+    element("fit-figures", HTMLElement).replaceChildren(table("Pose", ["Figure", "Value"],
+      [...NAMES.map((name, i) => [name, figure(pose[i], i === 2 ? 3 : 1)]), ["similarity", figure(message.similarity, 4)]], [1]));
+    showLines(element("fit-lines", HTMLElement), message.lines);
+    element("fit-result", HTMLElement).hidden = false;
+  }
+}
+
+/**
+ * @param {import("./types.js").SceneVotes} votes
+ * @returns {import("./types.js").Votes}
+ */
+function scene(votes) {
+  return { ...votes, cell: typeof votes.cell === "number" ? [votes.cell, votes.cell] : votes.cell };
+}

@@ -1,0 +1,72 @@
+/** One inversion: the request and its events. */
+
+import { postEvents, ServerError } from "./api.js";
+import { calmer } from "./dom.js";
+import { paint, pictureOf, pngOf } from "./files.js";
+
+/** Milliseconds between frames for readers who want less motion. */
+const CALM = 500;
+
+/**
+ * @param {object} body of the request
+ * @param {AbortSignal} signal
+ * @param {object} on
+ * @param {(waiting: number) => void} [on.queued]
+ * @param {(start: import("./types.js").InvertStart) => void} [on.start]
+ * @param {(frame: import("./types.js").InvertFrame) => void} [on.frame]
+ * @returns {Promise<import("./types.js").InvertDone>}
+ */
+export async function invert(body, signal, on) {
+  for await (const { event, data } of postEvents("/api/invert", body, signal)) {
+    if (event === "queued") on.queued?.(data.waiting);
+    else if (event === "start") on.start?.(data);
+    else if (event === "frame") on.frame?.(data);
+    else if (event === "done") return data;
+    else if (event === "error") throw new ServerError(422, data.error);
+  }
+  throw new ServerError(0, "The server ended the inversion before it was done.");
+}
+
+/** Draws the newest of the pictures that it is given; those that come too fast are left out. */
+export class Painter {
+  /** @type {string | null} */
+  #next = null;
+  #busy = false;
+  #last = 0;
+  #generation = 0;
+
+  /** @param {HTMLCanvasElement} canvas */
+  constructor(canvas) {
+    this.canvas = canvas;
+  }
+
+  /**
+   * @param {string} base64
+   * @param {boolean} [now] the last picture is never left out
+   */
+  show(base64, now = false) {
+    if (!now && calmer() && performance.now() - this.#last < CALM) return;
+    this.#next = base64;
+    if (!this.#busy) void this.#paint();
+  }
+
+  /** Draws nothing of what came until now. */
+  forget() {
+    this.#next = null;
+    this.#generation++;
+  }
+
+  async #paint() {
+    this.#busy = true;
+    while (this.#next !== null) {
+      const base64 = this.#next;
+      this.#next = null;
+      const generation = this.#generation;
+      const picture = await pictureOf(pngOf(base64));
+      if (generation === this.#generation) paint(this.canvas, picture);
+      picture.close();
+      this.#last = performance.now();
+    }
+    this.#busy = false;
+  }
+}

@@ -1,0 +1,283 @@
+/** The view “Invert”: the pre-image while it is made. */
+
+import { getBlob, postFile, postJson } from "./api.js";
+import { Chart } from "./chart.js";
+import { element, figure, fill, make, numberOf, table } from "./dom.js";
+import { addressOf, pngOf, save, stem } from "./files.js";
+import { invert, Painter } from "./inversion.js";
+import { showLines } from "./lines.js";
+import { calm, Newest, waiting } from "./progress.js";
+import { Stage } from "./stage.js";
+import { Strip } from "./strip.js";
+import { showWipe } from "./wipe.js";
+
+const FIRST_SIZE = 256;
+const SURE = 0.8;
+const METHODS = { prior: "with the learned prior", "no-prior": "without prior", paper: "as in the paper" };
+
+/** @param {string} method */
+export const methodName = (method) => Object.entries(METHODS).find(([id]) => id === method)?.[1] ?? method;
+
+export class Invert {
+  #method = element("invert-method", HTMLSelectElement);
+  #quality = element("invert-quality", HTMLSelectElement);
+  #seed = element("invert-seed", HTMLInputElement);
+  #size = element("invert-size", HTMLInputElement);
+  #start = element("invert-start", HTMLButtonElement);
+  #stop = element("invert-stop", HTMLButtonElement);
+  #goOn = element("invert-go-on", HTMLButtonElement);
+  #canvas = element("preimage", HTMLCanvasElement);
+  #stage = new Stage("preimage");
+  #painter = new Painter(this.#canvas);
+  #chart = new Chart("distance-chart", { x: "evaluations", y: "distance" });
+  #newest = new Newest("invert-progress");
+  /** @type {import("./types.js").InvertDone | null} */
+  #done = null;
+  /** @type {string | null} base64 of the newest frame */
+  #frame = null;
+  #frames = 0;
+  /** @type {[number, number][]} */
+  #curve = [];
+  #drawing = 0;
+  #runs = 0;
+
+  /** @param {import("./main.js").App} app */
+  constructor(app) {
+    this.app = app;
+    this.strip = new Strip(app, () => numberOf(this.#seed) ?? 0);
+    fill(this.#method, app.about.methods.map((id) => ({ id, name: methodName(id) })));
+    fill(this.#quality, app.about.qualities);
+    this.#size.max = String(app.about.limits.invert_size);
+    this.restore();
+    for (const [key, input] of /** @type {[string, HTMLSelectElement | HTMLInputElement][]} */ ([["method", this.#method],
+      ["quality", this.#quality], ["seed", this.#seed], ["invert_size", this.#size]])) {
+      input.addEventListener("input", () => {
+        if (input instanceof HTMLSelectElement || numberOf(input) !== null) app.address.set({ [key]: input.value });
+        this.#explain();
+      });
+    }
+    this.#start.addEventListener("click", () => void this.#run(null));
+    this.#stop.addEventListener("click", () => this.#newest.abort());
+    this.#goOn.addEventListener("click", () => void this.#further());
+    element("invert-other-seed", HTMLButtonElement).addEventListener("click", () => {
+      this.#seed.value = String((numberOf(this.#seed) ?? 0) + 1);
+      app.address.set({ seed: this.#seed.value });
+      void this.#run(null);
+    });
+    element("preimage-download", HTMLButtonElement).addEventListener("click", () => {
+      if (this.#done) save(pngOf(this.#done.image), `${this.#stem}_preimage.png`);
+    });
+    element("invert-descriptor", HTMLButtonElement).addEventListener("click", () => void this.#descriptor());
+    app.source.addEventListener("change", () => this.#reset());
+  }
+
+  get #stem() {
+    return stem(this.app.source.value?.name ?? "");
+  }
+
+  restore() {
+    const { address, about } = this.app;
+    const choose = (/** @type {HTMLSelectElement} */ select, /** @type {string | null} */ value, /** @type {string[]} */ all) => {
+      select.value = all.includes(value ?? "") ? value ?? "" : all[0] ?? "";
+    };
+    choose(this.#method, address.get("method"), about.methods);
+    choose(this.#quality, address.get("quality"), about.qualities);
+    this.#seed.value = String(address.number("seed", 0));
+    this.#size.value = String(Math.min(about.limits.invert_size, address.number("invert_size", FIRST_SIZE)));
+    this.#explain();
+  }
+
+  show() {
+    this.#explain();
+    this.strip.show();
+  }
+
+  /** Called when preset or parameters change. */
+  refresh() {
+    this.#explain();
+  }
+
+  #explain() {
+    const kind = this.app.dialect.preset.signed ? "signed" : "unsigned";
+    const missing = this.#method.value === "prior" && !this.app.about.priors[kind];
+    element("method-about", HTMLElement).textContent = missing
+      ? `There is no learned prior for presets with ${kind} directions: the method works without.` : "";
+  }
+
+  /** What a request says of the source and the descriptor. */
+  get #asked() {
+    return { ...this.app.source.named, ...this.app.dialect.value,
+      size: numberOf(this.#size) ?? FIRST_SIZE };
+  }
+
+  #reset() {
+    this.#newest.abort();
+    this.#painter.forget();
+    this.#runs++;
+    this.#done = this.#frame = null;
+    this.#frames = 0;
+    this.#curve = [];
+    this.#canvas.width = this.#canvas.height = 2;
+    this.#canvas.dataset.frames = "0";
+    this.#state("", "The pre-image appears here: an image that has the same descriptor.");
+    this.#canvas.setAttribute("aria-label", "No pre-image yet");
+    this.#chart.show([], "No points yet");
+    element("figures", HTMLElement).replaceChildren();
+    element("invert-said", HTMLElement).textContent = "";
+    element("invert-result", HTMLElement).hidden = true;
+    this.#stage.fit(4, 3);
+  }
+
+  /**
+   * @param {"" | "running" | "done" | "stopped"} state
+   * @param {string} caption
+   */
+  #state(state, caption) {
+    this.#canvas.dataset.state = state;
+    element("preimage-caption", HTMLElement).textContent = caption;
+    this.#stop.disabled = state !== "running";
+    this.#start.disabled = state === "running";
+    this.#goOn.disabled = state === "running" || !(this.#done ?? this.#frame);
+  }
+
+  async #further() {
+    let start = this.#done?.id;
+    if (!start && this.#frame) {
+      const frame = pngOf(this.#frame);
+      start = (await this.#newest.run("Sends the last frame", (signal) =>
+        postFile("/api/photos", { name: "frame.png" }, frame, signal)))?.id;
+    }
+    if (start) await this.#run(start);
+  }
+
+  /** @param {string | null} start id of the picture to start from */
+  async #run(start) {
+    if (!this.app.source.value) return;
+    calm();
+    const run = ++this.#runs;
+    const before = start ? this.#curve.at(-1)?.[0] ?? 0 : 0;
+    if (!start) {
+      this.#curve = [];
+      this.#frame = null;
+      this.#painter.forget();
+    }
+    this.#done = null;
+    this.#frames = 0;
+    this.#canvas.dataset.frames = "0";
+    element("invert-result", HTMLElement).hidden = true;
+    element("invert-said", HTMLElement).textContent = "The inversion runs.";
+    this.#state("running", "The pre-image is being made.");
+    /** @type {string | null} */
+    let photograph = null;
+    const body = { ...this.#asked, method: this.#method.value, quality: this.#quality.value,
+      seed: numberOf(this.#seed) ?? 0, start };
+    const result = await this.#newest.run("Waits for the server", (signal, wait) => invert(body, signal, {
+      queued: (count) => wait.say(count ? `Waits: ${count} before this` : "Waits for the server"),
+      start: (data) => {
+        photograph = data.photograph;
+        this.#stage.fit(data.image_size[1], data.image_size[0]);
+        wait.say("Makes the pre-image", 0, data.most);
+      },
+      frame: (data) => {
+        if (signal.aborted) return;
+        this.#frames++;
+        this.#frame = data.image;
+        this.#canvas.dataset.frames = String(this.#frames);
+        this.#curve.push([before + data.evaluations, data.distance]);
+        this.#painter.show(data.image);
+        wait.say(`Makes the pre-image: ${data.evaluations} evaluations`, data.evaluations, data.most);
+        this.#later(data);
+      },
+    }));
+    // a newer run, or another photograph, has taken over
+    if (run !== this.#runs) return;
+    cancelAnimationFrame(this.#drawing);
+    if (result) this.#finish(result, photograph, before);
+    else if (this.#frame) this.#stopped();
+    else this.#reset();
+  }
+
+  /** @param {import("./types.js").InvertFrame} frame draws curve and figures with the next picture of the screen */
+  #later(frame) {
+    cancelAnimationFrame(this.#drawing);
+    this.#drawing = requestAnimationFrame(() => {
+      this.#drawCurve();
+      this.#figures([["Distance", figure(frame.distance)], ["CC", figure(frame.cc)], ["SSIM", figure(frame.ssim)],
+        ["Evaluations", frame.most ? `${frame.evaluations} of at most ${frame.most}` : String(frame.evaluations)]]);
+    });
+  }
+
+  #stopped() {
+    if (this.#frame) this.#painter.show(this.#frame, true);
+    this.#drawCurve();
+    this.#state("stopped", "Stopped. This is the last frame.");
+    this.#canvas.setAttribute("aria-label", "The last frame of the pre-image");
+    element("invert-said", HTMLElement).textContent = `Stopped after ${this.#frames} frames.`;
+  }
+
+  /**
+   * @param {import("./types.js").InvertDone} done
+   * @param {string | null} photograph
+   * @param {number} before evaluations of earlier runs that this one goes on from
+   */
+  #finish(done, photograph, before) {
+    this.#done = done;
+    this.#frame = done.image;
+    this.#painter.show(done.image, true);
+    if (this.#curve.length < 2 && done.history.length > 1) {
+      const step = done.evaluations / (done.history.length - 1);
+      this.#curve = done.history.map((distance, i) => [before + i * step, distance]);
+    }
+    this.#drawCurve();
+    this.#state("done", `Pre-image, distance ${figure(done.distance)}`);
+    this.#canvas.setAttribute("aria-label", `The pre-image of ${this.app.source.value?.name ?? "the descriptor"}`);
+    this.#figures([["Distance", figure(done.distance)], ["CC", figure(done.cc)], ["SSIM", figure(done.ssim)],
+      ["MI", figure(done.mi)], ["PSNR", done.psnr === null ? "–" : `${figure(done.psnr, 1)} dB`],
+      ["Evaluations", String(done.evaluations)], ["Seconds", figure(done.seconds, 1)], ["Stopped because", done.stop_reason]]);
+    const unsure = done.polarity !== null && done.polarity < SURE;
+    const known = done.cc === null ? "" : ` CC ${figure(done.cc)}, SSIM ${figure(done.ssim)}.`;
+    element("invert-said", HTMLElement).textContent = `Done: distance ${figure(done.distance)}.${known}` + (unsure
+      ? ` The descriptor hardly says what is dark and what is bright (sure to ${figure(done.polarity, 2)}): the negative fits almost as well.`
+      : "");
+    const negative = element("negative", HTMLElement);
+    negative.hidden = !unsure || !done.negative;
+    negative.replaceChildren();
+    if (unsure && done.negative) {
+      negative.append(make("img", { src: addressOf(done.negative), alt: "The negative of the pre-image" }),
+        make("figcaption", {}, "The negative"));
+    }
+    const wipe = element("wipe", HTMLElement);
+    wipe.hidden = !photograph;
+    if (photograph) {
+      showWipe("wipe", { source: addressOf(photograph), name: "Photograph" }, { source: addressOf(done.image), name: "Pre-image" });
+    }
+    const definitions = Object.entries(done.definitions);
+    element("definitions", HTMLElement).hidden = !definitions.length;
+    document.querySelector("#definitions dl")?.replaceChildren(
+      ...definitions.flatMap(([name, text]) => [make("dt", {}, name.toUpperCase()), make("dd", {}, text)]));
+    showLines(element("invert-lines", HTMLElement), done.lines);
+    element("invert-result", HTMLElement).hidden = false;
+  }
+
+  #drawCurve() {
+    const last = this.#curve.at(-1);
+    this.#chart.show([{ points: this.#curve, kind: "line" }], last
+      ? `The distance falls from ${figure(this.#curve[0]?.[1])} to ${figure(last[1])} in ${Math.round(last[0])} evaluations`
+      : "No points yet");
+  }
+
+  /** @param {[string, string][]} rows */
+  #figures(rows) {
+    element("figures", HTMLElement).replaceChildren(
+      table("Figures", ["Figure", "Value"], rows.filter(([, value]) => value !== "–"), [1]));
+  }
+
+  async #descriptor() {
+    const blob = await waiting("invert-progress", "Gets the descriptor", async (signal) => {
+      /** @type {import("./types.js").Hog} */
+      const hog = await postJson("/api/hog", this.#asked, signal);
+      return getBlob(`/api/hog/${encodeURIComponent(hog.key)}/file`, signal);
+    });
+    if (blob) save(blob, `${this.#stem}.npz`);
+  }
+}

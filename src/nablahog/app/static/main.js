@@ -1,0 +1,83 @@
+/** The start of the page, and its views. */
+
+import { getJson, withToken } from "./api.js";
+import { Address } from "./address.js";
+import { Dialects } from "./controls.js";
+import { element } from "./dom.js";
+import { Fit } from "./fit.js";
+import { Invert } from "./invert.js";
+import { complain, waiting } from "./progress.js";
+import { See } from "./see.js";
+import { SourceChooser } from "./source.js";
+
+/**
+ * What the views share.
+ *
+ * @typedef {{about: import("./types.js").About, address: Address, source: SourceChooser, dialect: Dialects}} App
+ */
+
+const TITLES = { see: "See", invert: "Invert", fit: "Fit" };
+
+/** @param {import("./types.js").About} about */
+function start(about) {
+  const address = new Address();
+  const names = about.presets.map((preset) => preset.name);
+  const dialect = new Dialects({ select: "preset", place: "controls", title: "preset-about", key: "preset", prefix: "",
+    first: names.includes(about.default_preset) ? about.default_preset : names[0] ?? "" }, about, address, () => {
+    see.refresh();
+    invert.refresh();
+  });
+  const source = new SourceChooser(about, address, (file) => {
+    address.go("fit");
+    fit.openMesh(file);
+  });
+  /** @type {App} */
+  const app = { about, address, source, dialect };
+  const see = new See(app), invert = new Invert(app), fit = new Fit(app);
+
+  const show = () => {
+    const described = source.value?.kind === "descriptor";
+    // a descriptor from a file knows how it was made
+    element("dialect", HTMLElement).hidden = address.view === "fit" || described;
+    for (const each of document.querySelectorAll("[data-photo-only]")) {
+      if (each instanceof HTMLElement) each.hidden = described;
+    }
+    for (const section of document.querySelectorAll("[data-view]")) {
+      if (section instanceof HTMLElement) section.hidden = section.dataset.view !== address.view;
+    }
+    for (const tab of document.querySelectorAll("[data-tab]")) {
+      if (!(tab instanceof HTMLElement)) continue;
+      if (tab.dataset.tab === address.view) tab.setAttribute("aria-current", "page");
+      else tab.removeAttribute("aria-current");
+    }
+    document.title = `${TITLES[address.view]} – ∇HOG`;
+    see.show(address.view === "see");
+    if (address.view === "invert") invert.show();
+    fit.show(address.view === "fit");
+  };
+  source.addEventListener("change", () => {
+    see.refresh();
+    show();
+  });
+  address.addEventListener("view", show);
+  address.addEventListener("restore", () => {
+    dialect.restore();
+    see.restore();
+    invert.restore();
+    source.restore();
+    fit.restore();
+    show();
+  });
+  // so that the links to the views have the state
+  address.set({ preset: dialect.value.preset, ...dialect.value.settings });
+  if (innerWidth < 640) element("parameters", HTMLDetailsElement).open = false;
+  element("version", HTMLElement).textContent = about.version;
+  element("openapi", HTMLAnchorElement).href = withToken("/api/openapi.json");
+  element("page", HTMLElement).hidden = false;
+  show();
+  document.body.dataset.ready = "true";
+}
+
+const about = await waiting("start-progress", "Starts", (signal) => getJson("/api/about", signal));
+if (about) start(about);
+else if (!element("alert", HTMLElement).textContent) complain("The start was cancelled: load the page again.");

@@ -1,0 +1,68 @@
+/** A pose: six numbers with sliders. */
+
+import { element, make, numberOf } from "./dom.js";
+
+/** @typedef {import("./types.js").Pose} Pose */
+
+export const NAMES = ["azimuth", "elevation", "distance", "theta", "x", "y"];
+
+const RANGES = [[0, 360, 0.5], [-90, 90, 0.5], [1, 10, 0.01], [-180, 180, 0.5], [-64, 64, 0.25], [-64, 64, 0.25]];
+const UNITS = ["degrees", "degrees", "diagonals", "degrees", "pixels to the right", "pixels down"];
+
+/** @param {number} angle */
+export const round360 = (angle) => ((angle % 360) + 360) % 360;
+
+/**
+ * Within the ranges, angles wrapped.
+ *
+ * @param {Pose} pose
+ * @returns {Pose}
+ */
+export function proper(pose) {
+  const [azimuth = 0, elevation = 0, distance = 1, theta = 0, x = 0, y = 0] = pose;
+  return [round360(azimuth), Math.min(90, Math.max(-90, elevation)), Math.min(100, Math.max(1, distance)),
+    round360(theta + 180) - 180, x, y];
+}
+
+export class PoseControls {
+  /** @type {{input: HTMLInputElement, slider: HTMLInputElement}[]} */
+  #fields = [];
+
+  /** @param {(pose: Pose, which: number) => void} changed */
+  constructor(changed) {
+    /** @type {Pose} */
+    this.value = [0, 0, 2, 0, 0, 0];
+    const nodes = NAMES.map((name, i) => {
+      const [least, most, step] = RANGES[i] ?? [];
+      const input = make("input", { type: "number", id: `pose-${name}`, name, step: "any", required: true });
+      const slider = make("input", { type: "range", id: `pose-${name}-slider`, min: least, max: most, step,
+        "aria-label": `${name}, slider` });
+      for (const each of [input, slider]) {
+        each.addEventListener("input", () => {
+          const value = numberOf(each);
+          if (value === null) return;
+          (each === input ? slider : input).value = String(value);
+          changed(this.value.map((old, j) => j === i ? value : old), i);
+        });
+      }
+      this.#fields.push({ input, slider });
+      return make("div", { class: "field" }, make("label", { for: input.id }, name, " ",
+        make("small", { class: "note" }, UNITS[i] ?? "")), input, slider);
+    });
+    element("pose", HTMLElement).append(...nodes);
+  }
+
+  /** @param {Pose} pose */
+  write(pose) {
+    this.value = pose;
+    pose.forEach((value, i) => {
+      const field = this.#fields[i];
+      if (!field) return;
+      // what is being typed stays as it is
+      if (document.activeElement !== field.input || Math.abs(field.input.valueAsNumber - value) > 1e-3) {
+        field.input.value = String(Math.round(value * 100) / 100);
+      }
+      field.slider.value = String(value);
+    });
+  }
+}

@@ -1,0 +1,143 @@
+/** Waits: a line with progress and a button to cancel for all that takes longer than a moment, and errors. */
+
+import { ServerError } from "./api.js";
+import { element, make } from "./dom.js";
+
+const MOMENT = 300;
+let running = 0;
+
+/** @param {1 | -1} change */
+function count(change) {
+  running += change;
+  document.body.dataset.busy = String(running > 0);
+}
+
+/** A line that appears in `place` after a moment, unless it is closed before. */
+export class Wait {
+  #line = make("div", { class: "progress", role: "status" });
+  #bar = make("progress", { "aria-label": "Progress" });
+  #text = make("span");
+  #timer;
+  #open = true;
+
+  /**
+   * @param {string} place id of the element
+   * @param {string} text
+   * @param {() => void} cancel
+   */
+  constructor(place, text, cancel) {
+    count(1);
+    const button = make("button", { type: "button" }, "Cancel");
+    button.addEventListener("click", cancel);
+    this.#text.append(text);
+    this.#line.append(this.#bar, this.#text, button);
+    this.#timer = setTimeout(() => element(place, HTMLElement).replaceChildren(this.#line), MOMENT);
+  }
+
+  /**
+   * @param {string} text
+   * @param {number | null} [done]
+   * @param {number | null} [total]
+   */
+  say(text, done, total) {
+    if (this.#text.textContent !== text) this.#text.textContent = text;
+    if (done === undefined || done === null || !total) return this.#bar.removeAttribute("value");
+    this.#bar.max = total;
+    this.#bar.value = done;
+  }
+
+  close() {
+    if (!this.#open) return;
+    this.#open = false;
+    clearTimeout(this.#timer);
+    this.#line.remove();
+    count(-1);
+  }
+}
+
+/**
+ * Does work that can be cancelled; errors are shown.
+ *
+ * @template T
+ * @param {string} place
+ * @param {string} text
+ * @param {(signal: AbortSignal, wait: Wait) => Promise<T>} work
+ * @param {AbortController} [controller]
+ * @returns {Promise<T | undefined>} undefined where it was cancelled or failed
+ */
+export async function waiting(place, text, work, controller = new AbortController()) {
+  const wait = new Wait(place, text, () => controller.abort());
+  try {
+    const result = await work(controller.signal, wait);
+    return controller.signal.aborted ? undefined : result;
+  } catch (error) {
+    if (!controller.signal.aborted) complain(error);
+    return undefined;
+  } finally {
+    wait.close();
+  }
+}
+
+/** Work of which only the newest counts: older work is aborted. */
+export class Newest {
+  /** @type {AbortController | null} */
+  #controller = null;
+
+  /** @param {string} place */
+  constructor(place) {
+    this.place = place;
+  }
+
+  abort() {
+    this.#controller?.abort();
+    this.#controller = null;
+  }
+
+  /**
+   * @template T
+   * @param {string} text
+   * @param {(signal: AbortSignal, wait: Wait) => Promise<T>} work
+   * @returns {Promise<T | undefined>}
+   */
+  run(text, work) {
+    this.abort();
+    this.#controller = new AbortController();
+    return waiting(this.place, text, work, this.#controller);
+  }
+}
+
+/**
+ * As `settled`; the page counts as busy until the work has begun.
+ *
+ * @param {(...values: any[]) => void} work
+ * @param {number} milliseconds
+ * @returns {(...values: any[]) => void}
+ */
+export function soon(work, milliseconds) {
+  let timer = 0;
+  return (...values) => {
+    if (timer) clearTimeout(timer);
+    else count(1);
+    timer = setTimeout(() => {
+      timer = 0;
+      work(...values);
+      count(-1);
+    }, milliseconds);
+  };
+}
+
+/** @param {unknown} error */
+export function complain(error) {
+  const sentence = error instanceof Error ? error.message : String(error);
+  const gone = error instanceof ServerError && error.status === 410;
+  if (!(error instanceof ServerError)) console.error(error);
+  const button = make("button", { type: "button" }, "Close");
+  button.addEventListener("click", calm);
+  element("alert", HTMLElement).replaceChildren(
+    make("span", {}, gone ? "The server no longer has this file: drop the photograph again." : sentence), button);
+}
+
+/** Takes the error away. */
+export function calm() {
+  element("alert", HTMLElement).replaceChildren();
+}

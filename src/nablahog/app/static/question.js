@@ -1,0 +1,95 @@
+/** What the command line would ask by flags about an array, as a form. */
+
+import { element, fill, make } from "./dom.js";
+
+/** @typedef {{as: string, preset: string, settings: string, image_size: string, key: string}} Answers */
+
+/**
+ * @param {string} sentence what the server said
+ * @param {import("./types.js").Question} question
+ * @param {Answers} before what was answered already
+ * @param {import("./types.js").About} about
+ * @param {(answers: Answers) => void} send
+ */
+export function ask(sentence, question, before, about, send) {
+  const form = element("question", HTMLFormElement);
+  const answers = { ...before };
+  const cancel = make("button", { type: "button" }, "Cancel");
+  form.replaceChildren(make("h3", { id: "question-title" }, "What is in this file?"), make("p", {}, sentence));
+
+  /** @type {(() => void)[]} */
+  const reads = [];
+  if (question.as) reads.push(choice(form, "as", "It is",
+    [{ id: "descriptor", name: "a descriptor" }, { id: "template", name: "the weights of a detector" }], answers));
+  if (question.key && question.keys?.length) reads.push(choice(form, "key", "Array", question.keys, answers));
+  if (question.suggestions?.length) {
+    const texts = question.suggestions.map((each, i) => ({ id: String(i), name: each.text }));
+    const select = make("select", { id: "question-suggestion", name: "suggestion" });
+    fill(select, [...texts, { id: "", name: "something else" }]);
+    form.append(field("question-suggestion", "Parameters that fit", select));
+    reads.push(() => {
+      const suggestion = question.suggestions?.[Number(select.value)];
+      if (select.value === "" || !suggestion) return;
+      answers.preset = suggestion.preset;
+      answers.settings = JSON.stringify(suggestion.settings);
+      if (suggestion.image_size) answers.image_size = suggestion.image_size;
+    });
+    // a suggestion also says the preset, which must then not be asked
+    if (question.preset) {
+      const read = choice(form, "preset", "Preset", about.presets.map((each) => each.name), answers, about.default_preset);
+      const row = form.lastElementChild;
+      const show = () => { if (row instanceof HTMLElement) row.hidden = select.value !== ""; };
+      select.addEventListener("change", show);
+      show();
+      reads.push(() => { if (select.value === "") read(); });
+    }
+  } else if (question.preset) {
+    reads.push(choice(form, "preset", "Preset", about.presets.map((each) => each.name), answers, about.default_preset));
+  }
+  if (question.image_size) {
+    const input = make("input", { type: "text", id: "question-image_size", name: "image_size",
+      pattern: "\\d+\\s*[x×,]\\s*\\d+", placeholder: "128x64", value: answers.image_size, autocomplete: "off" });
+    form.append(field("question-image_size", "Size of its image, height x width (if it is needed)", input));
+    reads.unshift(() => { answers.image_size = input.value.replaceAll(/\s/g, "").replace(/[×,]/, "x"); });
+  }
+  form.append(make("div", { class: "bar" }, make("button", { class: "main", type: "submit" }, "Send"), cancel));
+  form.onsubmit = (event) => {
+    event.preventDefault();
+    for (const read of reads) read();
+    close();
+    send(answers);
+  };
+  cancel.addEventListener("click", close);
+  form.hidden = false;
+  const first = form.querySelector("select, input");
+  if (first instanceof HTMLElement) first.focus();
+}
+
+/** Takes the form away. */
+export function close() {
+  const form = element("question", HTMLFormElement);
+  form.hidden = true;
+  form.replaceChildren();
+}
+
+/**
+ * @param {string} id
+ * @param {string} label
+ * @param {HTMLElement} control
+ */
+const field = (id, label, control) => make("div", { class: "field" }, make("label", { for: id }, label), control);
+
+/**
+ * @param {HTMLFormElement} form
+ * @param {keyof Answers} name
+ * @param {string} label
+ * @param {(string | {id: string, name: string})[]} choices
+ * @param {Answers} answers
+ * @param {string} [first]
+ */
+function choice(form, name, label, choices, answers, first) {
+  const select = make("select", { id: `question-${name}`, name });
+  fill(select, choices, answers[name] || first);
+  form.append(field(select.id, label, select));
+  return () => { answers[name] = select.value; };
+}

@@ -1,0 +1,203 @@
+/** The view “See”: the photograph, its glyphs, and each cell. */
+
+import { getBlob, getJson, postJson } from "./api.js";
+import { showCell } from "./cell.js";
+import { Comparer } from "./compare.js";
+import { element, numberOf } from "./dom.js";
+import { paint, save, stem } from "./files.js";
+import { drawGlyphs, votesOf } from "./glyphs.js";
+import { showLines } from "./lines.js";
+import { calm, Newest, soon, waiting } from "./progress.js";
+import { Stage } from "./stage.js";
+
+const FIRST_SIZE = 512;
+
+export class See {
+  #picture = new Stage("picture");
+  #glyphs = new Stage("glyphs");
+  #newest = new Newest("see-progress");
+  #newestCell = new Newest("see-progress");
+  #size = element("size", HTMLInputElement);
+  #shown = false;
+  #stale = true;
+  /** @type {import("./types.js").Hog | null} */
+  #hog = null;
+  /** Id of what is shown. */
+  #of = "";
+  /** @type {[number, number] | null} row, column */
+  #at = null;
+  /** @type {Map<string, import("./types.js").Cell>} */
+  #cells = new Map();
+  #askCell = soon(() => void this.#readCell(), 30);
+
+  /** @param {import("./main.js").App} app */
+  constructor(app) {
+    this.app = app;
+    this.comparer = new Comparer(app, () => this.size);
+    this.#size.max = String(app.about.limits.see_size);
+    this.restore();
+    this.#size.addEventListener("input", () => {
+      const size = numberOf(this.#size);
+      if (size === null) return;
+      app.address.set({ size });
+      this.refresh();
+    });
+    element("see-download", HTMLButtonElement).addEventListener("click", () => void this.#download());
+    for (const stage of [this.#picture, this.#glyphs]) {
+      const look = (/** @type {PointerEvent} */ event) => this.#lookAt(stage.at(event));
+      stage.canvas.addEventListener("pointermove", look);
+      stage.canvas.addEventListener("pointerdown", look);
+      stage.canvas.addEventListener("keydown", (event) => this.#key(event));
+    }
+  }
+
+  get size() {
+    return numberOf(this.#size) ?? FIRST_SIZE;
+  }
+
+  restore() {
+    this.#size.value = String(Math.min(this.app.about.limits.see_size, this.app.address.number("size", FIRST_SIZE)));
+    this.comparer.restore();
+  }
+
+  /** @param {boolean} shown */
+  show(shown) {
+    this.#shown = shown;
+    if (shown && this.#stale) this.refresh();
+  }
+
+  /** Describes the source again. */
+  refresh() {
+    this.#stale = true;
+    const source = this.app.source.value;
+    if (!this.#shown || !source) return;
+    this.#stale = false;
+    void this.#draw(source);
+    this.comparer.refresh();
+  }
+
+  /** @param {NonNullable<import("./main.js").App["source"]["value"]>} source */
+  async #draw(source) {
+    const size = this.size;
+    const result = await this.#newest.run("Computes the descriptor", async (signal) => {
+      /** @type {[Promise<import("./types.js").Hog>, Promise<ImageBitmap | null>]} */
+      const both = [
+        postJson("/api/hog", { ...this.app.source.named, ...this.app.dialect.value, size }, signal),
+        source.kind === "photo" ? this.app.source.picture(source.id, size, signal) : Promise.resolve(null),
+      ];
+      return Promise.all(both);
+    });
+    if (!result) return this.#blank(source.id);
+    calm();
+    this.#of = source.id;
+    const [hog, picture] = result;
+    this.#hog = hog;
+    this.#cells.clear();
+    const [height, width] = hog.image_size;
+    const [tall, wide] = [hog.glyph_rows * hog.cell[0], hog.glyph_cols * hog.cell[1]];
+    element("picture-figure", HTMLElement).hidden = !picture;
+    if (picture) {
+      paint(this.#picture.canvas, picture);
+      this.#picture.fit(width, height, Math.max(width, wide), Math.max(height, tall));
+      this.#picture.canvas.setAttribute("aria-label", `The photograph ${source.name}, ${width} by ${height} pixels`);
+    }
+    drawGlyphs(this.#glyphs.canvas, votesOf(hog));
+    this.#glyphs.fit(wide, tall, picture ? Math.max(width, wide) : wide, picture ? Math.max(height, tall) : tall);
+    this.#glyphs.canvas.setAttribute("aria-label",
+      `Glyphs of ${source.name}: ${hog.glyph_rows} rows and ${hog.glyph_cols} columns of cells`);
+    element("picture-caption", HTMLElement).textContent = `Photograph, ${width} × ${height} pixels`;
+    element("glyphs-caption", HTMLElement).textContent = `Glyphs, ${hog.glyph_rows} × ${hog.glyph_cols} cells`;
+    element("shape", HTMLElement).textContent = `Descriptor ${hog.name}: ${hog.shape.join(" × ")}, ` +
+      `${hog.numbers.toLocaleString("en")} numbers, ${hog.signed ? "signed" : "unsigned"} directions, ` +
+      `${hog.milliseconds.toFixed(hog.milliseconds < 10 ? 1 : 0)} ms`;
+    element("see-download", HTMLButtonElement).disabled = false;
+    showLines(element("see-lines", HTMLElement), hog.lines);
+    this.#glyphs.canvas.dataset.key = hog.key;
+    if (this.#at) this.#mark(Math.min(this.#at[0], hog.glyph_rows - 1), Math.min(this.#at[1], hog.glyph_cols - 1));
+  }
+
+  /**
+   * Takes away what is shown, unless it is of the same source.
+   *
+   * @param {string} id
+   */
+  #blank(id) {
+    if (this.#of === id || this.app.source.value?.id !== id) return;
+    this.#of = "";
+    this.#hog = null;
+    for (const stage of [this.#picture, this.#glyphs]) {
+      stage.canvas.width = stage.canvas.height = 2;
+      stage.canvas.setAttribute("aria-label", "Nothing is shown");
+      stage.mark([]);
+    }
+    delete this.#glyphs.canvas.dataset.key;
+    for (const place of ["shape", "cell", "see-lines"]) element(place, HTMLElement).replaceChildren();
+    element("see-download", HTMLButtonElement).disabled = true;
+  }
+
+  /** @param {[number, number]} point in pixels of the image */
+  #lookAt([x, y]) {
+    if (!this.#hog) return;
+    const row = Math.floor(y / this.#hog.cell[0]), col = Math.floor(x / this.#hog.cell[1]);
+    if (row < 0 || col < 0 || row >= this.#hog.glyph_rows || col >= this.#hog.glyph_cols) return;
+    if (row !== this.#at?.[0] || col !== this.#at?.[1]) this.#mark(row, col);
+  }
+
+  /** @param {KeyboardEvent} event */
+  #key(event) {
+    const hog = this.#hog;
+    const step = { ArrowLeft: [0, -1], ArrowRight: [0, 1], ArrowUp: [-1, 0], ArrowDown: [1, 0] }[event.key];
+    if (!hog || !step || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    const [row, col] = this.#at ?? [Math.floor(hog.glyph_rows / 2), Math.floor(hog.glyph_cols / 2)];
+    const [down = 0, right = 0] = this.#at ? step : [];
+    this.#mark(Math.min(hog.glyph_rows - 1, Math.max(0, row + down)), Math.min(hog.glyph_cols - 1, Math.max(0, col + right)));
+  }
+
+  /**
+   * @param {number} row
+   * @param {number} col
+   */
+  #mark(row, col) {
+    if (!this.#hog) return;
+    this.#at = [row, col];
+    const [height, width] = this.#hog.cell;
+    this.#marks([col * width, row * height, (col + 1) * width, (row + 1) * height]);
+    if (this.#cells.has(`${row},${col}`)) void this.#readCell();
+    else this.#askCell();
+  }
+
+  /**
+   * @param {import("./types.js").Box} cell
+   * @param {import("./types.js").Box} [block]
+   */
+  #marks(cell, block) {
+    const marks = [...block ? [{ box: block, strong: false }] : [], { box: cell, strong: true }];
+    this.#picture.mark(marks);
+    this.#glyphs.mark(marks);
+  }
+
+  async #readCell() {
+    if (!this.#at || !this.#hog) return;
+    const [row, col] = this.#at;
+    const { key, signed } = this.#hog;
+    let cell = this.#cells.get(`${row},${col}`);
+    if (!cell) {
+      cell = await this.#newestCell.run("Reads the cell", (signal) =>
+        getJson(`/api/hog/${encodeURIComponent(key)}/cell?row=${row}&col=${col}`, signal));
+      if (!cell || this.#hog?.key !== key) return;
+      this.#cells.set(`${row},${col}`, cell);
+    }
+    if (this.#at[0] !== row || this.#at[1] !== col) return;
+    showCell(cell, signed);
+    this.#marks(cell.box, cell.block?.box);
+  }
+
+  async #download() {
+    const hog = this.#hog;
+    if (!hog) return;
+    const blob = await waiting("see-progress", "Gets the descriptor", (signal) =>
+      getBlob(`/api/hog/${encodeURIComponent(hog.key)}/file`, signal));
+    if (blob) save(blob, `${stem(this.app.source.value?.name ?? "")}.npz`);
+  }
+}

@@ -1,0 +1,208 @@
+/** The photograph or descriptor that all views look at: dropped, pasted, picked, or a sample. */
+
+import { getBlob, postFile, ServerError } from "./api.js";
+import { element, fill, make } from "./dom.js";
+import { pictureOf } from "./files.js";
+import { calm, complain, Newest, waiting } from "./progress.js";
+import * as question from "./question.js";
+
+/**
+ * @typedef {{kind: "photo"} & import("./types.js").PhotoInfo} PhotoSource
+ * @typedef {{kind: "descriptor", id: string, whole: string, name: string, template: boolean,
+ *   parts: import("./types.js").Named[]}} DescriptorSource id: of the part that is looked at
+ */
+
+const ARRAYS = /\.(npy|npz|mat)$/i;
+const MESHES = /\.(off|obj|ply|stl|glb)$/i;
+
+export class SourceChooser extends EventTarget {
+  /** @type {PhotoSource | DescriptorSource | null} */
+  value = null;
+  #newest = new Newest("source-progress");
+  /** @type {{key: string, picture: ImageBitmap}[]} */
+  #pictures = [];
+
+  /**
+   * @param {import("./types.js").About} about
+   * @param {import("./address.js").Address} address
+   * @param {(file: File) => void} openMesh
+   */
+  constructor(about, address, openMesh) {
+    super();
+    this.about = about;
+    this.address = address;
+    this.openMesh = openMesh;
+    this.#thumbnails();
+    this.#listen();
+    this.restore();
+  }
+
+  /** @returns {{photo: string} | {descriptor: string}} as requests name it */
+  get named() {
+    if (!this.value) throw new Error("no source");
+    return this.value.kind === "photo" ? { photo: this.value.id } : { descriptor: this.value.id };
+  }
+
+  /** Takes the source from the address. */
+  restore() {
+    const [photo, descriptor] = [this.address.get("photo"), this.address.get("descriptor")];
+    const sample = this.about.samples.find((each) => each.id === photo) ?? (photo ? null : this.about.samples[0]);
+    const name = this.address.get("name") ?? "";
+    if (descriptor) {
+      const parts = (this.address.get("parts") ?? "").split(",").filter(Boolean).map((text, i) =>
+        ({ id: text, name: `part ${i + 1}` }));
+      this.#take({ kind: "descriptor", id: this.address.get("part") ?? descriptor, whole: descriptor, name, parts,
+        template: this.address.get("template") === "1" }, false);
+    } else if (sample) {
+      this.#take({ kind: "photo", ...sample }, false);
+    } else if (photo) {
+      const [width = 0, height = 0] = this.address.numbers("pixels", 2) ?? [];
+      this.#take({ kind: "photo", id: photo, name, width, height }, false);
+    }
+  }
+
+  /**
+   * The photograph, at most `size` pixels on its longer side.
+   *
+   * @param {string} id
+   * @param {number} size
+   * @param {AbortSignal} signal
+   */
+  async picture(id, size, signal) {
+    const key = `${id} ${size}`;
+    const known = this.#pictures.find((each) => each.key === key);
+    if (known) return known.picture;
+    const picture = await pictureOf(await getBlob(`/api/photos/${encodeURIComponent(id)}?size=${size}`, signal));
+    this.#pictures.push({ key, picture });
+    if (this.#pictures.length > 8) this.#pictures.shift();
+    return picture;
+  }
+
+  /**
+   * @param {PhotoSource | DescriptorSource} source
+   * @param {boolean} told whether the address is to follow
+   */
+  #take(source, told = true) {
+    this.value = source;
+    const photo = source.kind === "photo" ? source : null, array = source.kind === "descriptor" ? source : null;
+    if (told) {
+      calm();
+      const sample = this.about.samples.some((each) => each.id === photo?.id);
+      this.address.set({
+        photo: photo?.id ?? null, pixels: photo && !sample ? `${photo.width},${photo.height}` : null,
+        name: sample ? null : source.name,
+        descriptor: array?.whole ?? null, part: array && array.id !== array.whole ? array.id : null,
+        template: array?.template ? "1" : null, parts: array && array.parts.length > 1 ? array.parts.map((part) => part.id).join(",") : null, box: null, pose: null,
+      });
+    }
+    const size = photo?.width ? `, ${photo.width} × ${photo.height} pixels` : "";
+    const kind = photo ? "" : array?.template ? ", detector template" : ", descriptor";
+    element("source-name", HTMLElement).textContent = `${source.name || "Photograph"}${size}${kind}`;
+    for (const button of document.querySelectorAll("#samples button")) {
+      button.setAttribute("aria-pressed", String(button instanceof HTMLElement && button.dataset.id === photo?.id));
+    }
+    const part = element("part", HTMLSelectElement);
+    element("part-line", HTMLElement).hidden = !array || array.parts.length < 2;
+    if (array) fill(part, array.parts, array.id);
+    this.dispatchEvent(new Event("change"));
+  }
+
+  #thumbnails() {
+    const place = element("samples", HTMLElement);
+    for (const sample of this.about.samples) {
+      const image = make("img", { alt: sample.name, width: 70, height: 70 });
+      const button = make("button", { type: "button", "data-id": sample.id, title: sample.name, "aria-pressed": false }, image);
+      button.addEventListener("click", () => {
+        question.close();
+        this.#take({ kind: "photo", ...sample });
+      });
+      place.append(button);
+      void waiting("source-progress", "Loads the samples", (signal) =>
+        getBlob(`/api/photos/${encodeURIComponent(sample.id)}?size=160`, signal)).then((blob) => {
+        if (blob) image.src = URL.createObjectURL(blob);
+      });
+    }
+    place.hidden = !this.about.samples.length;
+  }
+
+  #listen() {
+    const input = element("file", HTMLInputElement);
+    input.addEventListener("change", () => {
+      const file = input.files?.[0];
+      if (file) this.open(file);
+      // so that the same file can be chosen again
+      input.value = "";
+    });
+    document.addEventListener("paste", (event) => {
+      const file = event.clipboardData?.files[0];
+      if (!file) return;
+      event.preventDefault();
+      this.open(file);
+    });
+    let depth = 0;
+    const over = (/** @type {number} */ now) => {
+      depth = Math.max(0, now);
+      document.body.classList.toggle("dropping", depth > 0);
+    };
+    document.addEventListener("dragenter", (event) => { event.preventDefault(); over(depth + 1); });
+    document.addEventListener("dragleave", () => over(depth - 1));
+    document.addEventListener("dragover", (event) => event.preventDefault());
+    document.addEventListener("drop", (event) => {
+      event.preventDefault();
+      over(0);
+      const file = event.dataTransfer?.files[0];
+      if (file) this.open(file);
+    });
+    element("part", HTMLSelectElement).addEventListener("change", (event) => {
+      if (this.value?.kind !== "descriptor" || !(event.target instanceof HTMLSelectElement)) return;
+      this.#take({ ...this.value, id: event.target.value });
+    });
+  }
+
+  /** @param {File} file a photograph, an array or a mesh */
+  open(file) {
+    question.close();
+    const most = this.about.limits.upload_bytes;
+    if (file.size > most) {
+      complain(new ServerError(413, `${file.name} has ${Math.ceil(file.size / 1e6)} MB; the most is ${Math.floor(most / 1e6)} MB.`));
+    } else if (MESHES.test(file.name)) {
+      this.openMesh(file);
+    } else if (ARRAYS.test(file.name)) {
+      void this.#describe(file, { as: "", preset: "", settings: "", image_size: "", key: "" });
+    } else {
+      void this.#upload(file);
+    }
+  }
+
+  /** @param {File} file */
+  async #upload(file) {
+    /** @type {import("./types.js").PhotoInfo | undefined} */
+    const photo = await this.#newest.run(`Sends ${file.name}`, (signal) =>
+      postFile("/api/photos", { name: file.name }, file, signal));
+    if (photo) this.#take({ kind: "photo", ...photo });
+  }
+
+  /**
+   * @param {File} file
+   * @param {question.Answers} answers
+   */
+  async #describe(file, answers) {
+    const result = await this.#newest.run(`Sends ${file.name}`, async (signal) => {
+      try {
+        return await postFile("/api/descriptors", { name: file.name, ...answers }, file, signal);
+      } catch (error) {
+        if (!(error instanceof ServerError) || !error.answer?.question) throw error;
+        return error;
+      }
+    });
+    if (result instanceof ServerError) {
+      calm();
+      question.ask(result.message, result.answer.question, answers, this.about, (next) => void this.#describe(file, next));
+    } else if (result) {
+      /** @type {import("./types.js").DescriptorInfo} */
+      const info = result;
+      this.#take({ kind: "descriptor", id: info.parts[0]?.id ?? info.id, whole: info.id, name: info.name,
+        template: info.template, parts: info.parts });
+    }
+  }
+}

@@ -1,0 +1,46 @@
+/**
+ * What the server sends and the page keeps, as types only.
+ *
+ * @typedef {"integer" | "number" | "boolean" | "choice" | "pair"} Kind
+ * @typedef {{name: string, kind: Kind, default: string, choices: string[] | null, optional: boolean,
+ *   least: number | null, most: number | null}} Parameter
+ * @typedef {{name: string, signed: boolean, title: string, parameters: Parameter[]}} Preset
+ * @typedef {{id: string, name: string, width: number, height: number, box?: Box | null}} PhotoInfo
+ * @typedef {{id: string, name: string}} Named
+ * @typedef {{version: string, default_preset: string, presets: Preset[], samples: PhotoInfo[], meshes: Named[],
+ *   priors: {signed: boolean, unsigned: boolean}, limits: {upload_bytes: number, see_size: number, invert_size: number},
+ *   methods: string[], qualities: string[], pose_methods: string[]}} About
+ *
+ * @typedef {{[name: string]: string}} Settings values of parameters that differ from their defaults
+ * @typedef {{preset: string, settings: Settings}} Dialect
+ * @typedef {{command: string, python: string}} Lines
+ * @typedef {[number, number, number, number]} Box x0, y0, x1, y1 in pixels
+ *
+ * @typedef {{id: string, name: string, template: boolean, parts: Named[], shape: number[], preset: string,
+ *   image_size: [number, number] | null}} DescriptorInfo
+ * @typedef {{preset: string, settings: Settings, image_size?: string, text: string}} Suggestion
+ * @typedef {{as: boolean, preset: boolean, image_size: boolean, key: boolean, keys: string[] | null,
+ *   suggestions: Suggestion[] | null}} Question
+ *
+ * @typedef {{rows: number, cols: number, cell: [number, number], votes: string, angles: number[]}} Votes
+ * @typedef {{key: string, name: string, shape: number[], numbers: number, signed: boolean, cell: [number, number],
+ *   image_size: [number, number], rows: number, cols: number, angles: number[], votes: string, glyph_rows: number,
+ *   glyph_cols: number, milliseconds: number, lines: Lines}} Hog
+ * @typedef {{row: number, col: number, box: Box, angles: number[], histogram: number[] | null,
+ *   block: {row: number, col: number, box: Box} | null, entries: {index: number, name: string, value: number}[]}} Cell
+ * @typedef {{distance: number, conventions: {name: string, a: string, b: string, share: number}[],
+ *   channels: {names: string[], distance: number} | null, same?: boolean, said?: string, definition: string,
+ *   shares?: string}} Comparison
+ *
+ * @typedef {{image_size: [number, number], most: number | null, photograph: string | null}} InvertStart
+ * @typedef {{evaluations: number, most: number | null, distance: number, cc: number | null, ssim: number | null,
+ *   image: string}} InvertFrame
+ * @typedef {{image: string, id: string, distance: number, cc: number | null, mi: number | null, ssim: number | null,
+ *   psnr: number | null, polarity: number | null, negative: string | null, evaluations: number, stop_reason: string,
+ *   seconds: number, history: number[], lines: Lines, definitions: {[name: string]: string}}} InvertDone
+ *
+ * @typedef {number[]} Pose azimuth, elevation, distance, theta, x, y
+ * @typedef {{rows: number, cols: number, n: number, cell: number | [number, number], votes: string,
+ *   angles: number[]}} SceneVotes
+ */
+export {};

@@ -1,0 +1,1 @@
+"""The page of `nablahog app` and its API."""

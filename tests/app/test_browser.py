@@ -1,0 +1,227 @@
+"""The page in a real browser, clicked through; skipped where there is no Chromium with its driver."""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nablahog import load_descriptor
+
+from .browser import CHROMIUM, DRIVER, WAIT, Page, browsing, serving
+
+JS = Path(__file__).with_name("js")
+AXE = JS / "node_modules" / "axe-core" / "axe.min.js"
+TSC = JS / "node_modules" / ".bin" / "tsc"
+in_a_browser = pytest.mark.skipif(
+    CHROMIUM is None or DRIVER is None, reason="no Chromium with its driver: the page is not tested in a browser"
+)
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),  # of the driver
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+    pytest.mark.xdist_group("browser"),  # one browser, one worker
+]
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    with serving() as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("browser")
+
+
+@pytest.fixture(scope="module")
+def browser(address: str, folder: Path) -> Iterator[Page]:
+    with browsing(folder) as driver:
+        yield Page(driver, address)
+
+
+@pytest.fixture
+def page(browser: Page) -> Iterator[Page]:
+    """The page; after each test, the console is free of errors, and nothing was asked of others."""
+    browser.requested()
+    browser.complaints()
+    yield browser
+    own = (browser.address, browser.address.replace("http", "ws"), "data:", "blob:", "about:", "chrome:")
+    assert [url for url in browser.requested() if not url.startswith(own)] == []
+    assert browser.complaints() == []
+
+
+@in_a_browser
+def test_see(page: Page, folder: Path) -> None:
+    page.open("#/see?photo=sample-camera&preset=uoctti&size=128")
+    page.until("document.querySelector('#glyphs').dataset.key")
+    first = page.read("document.querySelector('#glyphs').dataset.key")
+    page.enter("#controls [name=cell_size]", 16)
+    page.until(f"document.querySelector('#glyphs').dataset.key !== {json.dumps(first)}")
+    page.idle()
+    assert "8x8" in page.text("#shape").replace(" × ", "x").replace("×", "x")
+    page.press("#glyphs", "ArrowRight")
+    page.until("document.querySelector('#cell table')")
+    assert "directed: 0°" in page.text("#cell")
+    assert "nablahog hog" in page.text("#see-lines")
+    page.click("#see-download")
+    page.idle()
+    wait_for_file(folder / "downloads", ".npz")
+    assert load_descriptor(next((folder / "downloads").glob("*.npz"))).descriptor.shape == (8, 8, 31)
+
+
+def wait_for_file(folder: Path, ending: str) -> None:
+    end = time.monotonic() + WAIT
+    while not list(folder.glob(f"*{ending}")):
+        assert time.monotonic() < end, f"no {ending} was downloaded"
+        time.sleep(0.1)
+
+
+@in_a_browser
+def test_two_dialects(page: Page) -> None:
+    page.open("#/see?photo=sample-camera&preset=uoctti&size=64")
+    page.idle()
+    page.read("document.querySelector('#compare').open = true")
+    page.enter("#compare-preset", "vlfeat")
+    page.until("document.querySelector('#compare-result table')")
+    page.idle()
+    assert "votes" in page.text("#compare-result")
+
+
+@in_a_browser
+def test_a_dropped_array_is_asked_about(page: Page, tmp_path: Path) -> None:
+    file = io.BytesIO()
+    np.save(file, np.random.default_rng(0).random((8, 6, 31), dtype=np.float32))
+    (tmp_path / "mine.npy").write_bytes(file.getvalue())
+    page.open("#/see")
+    page.driver.find_element("id", "file").send_keys(str(tmp_path / "mine.npy"))
+    page.until("!document.querySelector('#question').hidden")
+    assert "which library" in page.text("#alert") + page.text("#question")
+    page.enter("#question select[name=preset]", "uoctti")
+    page.read("document.querySelector('#question').requestSubmit()")
+    page.until("document.querySelector('#question').hidden")
+    page.until("document.querySelector('#glyphs').dataset.key")
+    refused_and_expected(page)
+
+
+def refused_and_expected(page: Page) -> None:
+    """Answers that are no success are told by the console, too, as they should be here."""
+    assert all("422" in each for each in page.complaints())
+
+
+@in_a_browser
+def test_a_photograph_is_dropped(page: Page, tmp_path: Path, photo_file: bytes) -> None:
+    (tmp_path / "mine.png").write_bytes(photo_file)
+    page.open("#/see")
+    page.driver.find_element("id", "file").send_keys(str(tmp_path / "mine.png"))
+    page.until("document.querySelector('#source-name').textContent.includes('mine.png')")
+    page.until("document.querySelector('#glyphs').dataset.key")
+    page.idle()
+    address = page.driver.current_url
+    page.open(f"#{address.partition('#')[2]}")  # a reload returns to it
+    page.until("document.querySelector('#glyphs').dataset.key")
+    page.idle()
+    (tmp_path / "broken.png").write_bytes(b"no image")
+    page.driver.find_element("id", "file").send_keys(str(tmp_path / "broken.png"))
+    page.until("document.querySelector('#alert').textContent.includes('broken.png: expected an image')")
+    refused_and_expected(page)
+
+
+@in_a_browser
+def test_invert(page: Page) -> None:
+    page.open("#/invert?photo=sample-camera&preset=uoctti&size=96&quality=best&method=no-prior")
+    page.click("#invert-start")
+    page.until("document.querySelector('#preimage').dataset.state === 'done'")
+    page.idle()
+    assert int(page.read("document.querySelector('#preimage').dataset.frames")) > 2
+    assert "SSIM" in page.text("#figures")
+    assert page.read("document.querySelector('#wipe input') !== null")
+    assert "nablahog invert" in page.text("#invert-lines")
+    page.click("#invert-go-on")
+    page.until("document.querySelector('#preimage').dataset.state === 'running'")
+    page.click("#invert-stop")
+    page.until("document.querySelector('#preimage').dataset.state !== 'running'")
+    page.idle()
+
+
+@in_a_browser
+def test_the_strip(page: Page) -> None:
+    page.open("#/invert?photo=sample-camera&preset=uoctti")
+    page.read("document.querySelector('#strip-details').open = true")
+    page.driver.execute_script(
+        "for (const box of document.querySelectorAll('#strip-presets input')) box.checked = box.value === 'dpm';"
+        "for (const box of document.querySelectorAll('#strip-methods input')) box.checked = box.value === 'no-prior';"
+    )
+    page.enter("#strip-size", 64)
+    page.click("#strip-start")
+    page.until("document.querySelectorAll('#strip canvas, #strip img').length >= 1")
+    page.idle()
+    assert "dpm" in page.text("#strip")
+
+
+@in_a_browser
+def test_fit(page: Page, folder: Path) -> None:
+    page.open("#/fit?photo=scene-chair&mesh=chair-3")
+    page.click("#fit-open")
+    page.until("document.querySelector('#scene').dataset.n > 0")
+    page.idle()
+    before = int(page.read("document.querySelector('#scene').dataset.n"))
+    page.enter("#pose-azimuth", 60)
+    page.until(f"document.querySelector('#scene').dataset.n > {before}")
+    page.press("#scene", "ArrowLeft")
+    page.idle()
+    page.click("#fit-start")
+    page.until("!document.querySelector('#fit-result').hidden")
+    page.idle()
+    assert page.read("document.querySelector('#overlay').naturalWidth") == 224
+    assert 20 < float(page.read("document.querySelector('#pose-azimuth').value")) < 50
+    page.click("#pose-download")
+    wait_for_file(folder / "downloads", ".json")
+    assert "chairs.chair(3)" in page.text("#fit-lines")
+
+
+@in_a_browser
+@pytest.mark.skipif(not AXE.exists(), reason="axe-core is not installed: npm install in tests/app/js")
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+@pytest.mark.parametrize("width", [1280, 390])
+def test_accessible(address: str, tmp_path: Path, width: int, dark: bool) -> None:
+    """No violation of WCAG 2.1 A and AA that axe finds in a view, contrast included, and nothing is cut off."""
+    with browsing(tmp_path, width, 844, dark) as driver:
+        page = Page(driver, address)
+        for view in ("see", "invert", "fit"):
+            page.open(f"#/{view}?photo=scene-chair&preset=paper&mesh=chair-3&size=64")
+            page.idle()
+            driver.execute_script(AXE.read_text(encoding="utf-8"))
+            found = driver.execute_async_script(
+                "const done = arguments[arguments.length - 1];"
+                "axe.run({runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa']}).then(done);"
+            )
+            wrong = [(each["id"], [node["html"] for node in each["nodes"]]) for each in found["violations"]]
+            assert wrong == [], view
+            assert page.read("document.documentElement.scrollWidth") <= width, view
+
+
+@pytest.mark.skipif(not TSC.exists(), reason="TypeScript is not installed: npm install in tests/app/js")
+def test_types_of_the_scripts() -> None:
+    node = shutil.which("node")
+    assert node is not None
+    checked = subprocess.run(
+        [str(TSC), "--project", str(JS / "tsconfig.json")], capture_output=True, text=True, check=False
+    )
+    assert checked.returncode == 0, checked.stdout
+
+
+def test_the_page_is_small_and_names_no_other_host() -> None:
+    files = sorted((Path(__file__).parents[2] / "src/nablahog/app/static").iterdir())
+    assert sum(file.stat().st_size for file in files) <= 250_000
+    for file in files:
+        text = file.read_text(encoding="utf-8").replace("http://www.w3.org/", "")  # the names of SVG's elements
+        assert "http://" not in text, file.name
+        assert "https://" not in text, file.name

@@ -1,0 +1,109 @@
+"""A chair that is turned over a photograph of it."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+from typing import Any
+
+import pytest
+from PIL import Image
+from starlette.testclient import TestClient
+
+from .conftest import HOST
+
+FIT = f"ws://{HOST}/api/fit"
+SCENE = {"photo": "scene-chair", "mesh": "chair-3"}
+TRUE = 35.0  # azimuth
+
+
+def box(client: TestClient) -> list[float]:
+    samples = client.get("/api/about").json()["samples"]
+    sides: list[float] = next(each for each in samples if each["id"] == SCENE["photo"])["box"]
+    return sides
+
+
+def until(socket: Any, *kinds: str) -> list[dict[str, Any]]:
+    answers = [json.loads(socket.receive_text())]
+    while answers[-1]["type"] not in kinds:
+        answers.append(json.loads(socket.receive_text()))
+    return answers
+
+
+def test_it_is_turned_and_fitted(client: TestClient) -> None:
+    with client.websocket_connect(FIT) as socket:
+        socket.send_json({"type": "open", **SCENE, "box": box(client)})
+        (ready,) = until(socket, "ready")
+        assert ready["crop"]["side"] == 128
+        socket.send_json({"type": "pose", "n": 7, "pose": [30, 20, 3, 0, 0, 0], "place": True})
+        (view,) = until(socket, "view")
+        assert view["n"] == 7
+        image = Image.open(io.BytesIO(base64.b64decode(view["image"])))
+        assert (image.mode, image.size) == ("LA", (128, 128))
+        assert len(view["derivative"]) == 6
+        socket.send_json({"type": "curve", "pose": view["pose"]})
+        parts = [json.loads(socket.receive_text()) for _ in range(5)]
+        azimuths = [azimuth for part in parts for azimuth in part["azimuths"]]
+        similarities = [value for part in parts for value in part["similarities"]]
+        assert (len(azimuths), parts[-1]["done"]) == (180, True)
+        assert abs(azimuths[similarities.index(max(similarities))] - TRUE) < 15
+        socket.send_json({"type": "fit"})
+        answers = until(socket, "fitted", "error")
+        fitted = answers[-1]
+        assert {answer["type"] for answer in answers[:-1]} == {"progress", "step"}
+        assert abs(fitted["pose"][0] - TRUE) < 5
+        assert abs(fitted["result"]["azimuth"] - TRUE) < 10  # for the middle of the photograph
+        overlay = Image.open(io.BytesIO(base64.b64decode(fitted["overlay"])))
+        assert overlay.size == (224, 224)
+
+
+def test_only_the_newest_pose_is_answered(client: TestClient) -> None:
+    with client.websocket_connect(FIT) as socket:
+        socket.send_json({"type": "open", **SCENE})
+        until(socket, "ready")
+        for n in range(40):
+            socket.send_json({"type": "pose", "n": n, "pose": [n, 20, 3, 0, 0, 0]})
+        answered = [json.loads(socket.receive_text())]
+        while answered[-1]["n"] != 39:
+            answered.append(json.loads(socket.receive_text()))
+        numbers = [answer["n"] for answer in answered]
+        assert numbers == sorted(numbers)
+
+
+def test_it_is_stopped(client: TestClient) -> None:
+    with client.websocket_connect(FIT) as socket:
+        socket.send_json({"type": "open", **SCENE})
+        until(socket, "ready")
+        socket.send_json({"type": "fit", "method": "paper"})
+        socket.send_json({"type": "stop"})
+        assert until(socket, "stopped")[-1]["type"] == "stopped"
+
+
+@pytest.mark.parametrize(
+    ("message", "sentence"),
+    [
+        ("x", "expected JSON: "),
+        ('{"type": "turn"}', "the request does not fit: Invalid value 'turn'"),
+        ('{"type": "pose", "n": 1, "pose": [1]}', "the request does not fit: Expected `array` of length >= 6"),
+        ('{"type": "fit"}', "expected a photograph and a model first"),
+        ('{"type": "open", "photo": "a", "mesh": "b"}', "the server no longer has this upload"),
+        (
+            '{"type": "open", "photo": "sample-camera", "mesh": "chair-3", "box": [0, 0, 2, 2]}',
+            "the box must be x0, y0",
+        ),
+        ('{"type": "open", "photo": "' + "x" * 20000 + '"}', "expected a message of at most 16,384 characters"),
+    ],
+)
+def test_a_sentence_says_what_is_wrong(client: TestClient, message: str, sentence: str) -> None:
+    with client.websocket_connect(FIT) as socket:
+        socket.send_text(message)
+        answer = json.loads(socket.receive_text())
+        assert answer["type"] == "error"
+        assert answer["error"].startswith(sentence), answer
+
+
+def test_one_shot(client: TestClient) -> None:
+    figures = client.post("/api/pose", json={**SCENE, "box": box(client), "initial": [20, 20]}).json()
+    assert abs(figures["azimuth"] - TRUE) < 10
+    assert figures["settings"]["method"] == "best"

@@ -1,0 +1,103 @@
+"""Mutated requests to each address: one sentence each, no traceback, and the server goes on."""
+
+from __future__ import annotations
+
+import json
+import random
+from typing import Any
+from urllib.parse import quote
+
+import pytest
+from starlette.testclient import TestClient
+from starlette.websockets import WebSocketDisconnect
+
+from .conftest import HOST
+
+JSON: dict[str, dict[str, Any]] = {
+    "/api/hog": {"photo": "sample-camera", "preset": "uoctti", "settings": {"cell_size": "16"}, "size": 64},
+    "/api/compare": {"photo": "sample-camera", "a": {"preset": "dpm"}, "b": {"preset": "paper"}, "size": 64},
+    "/api/invert": {"photo": "sample-camera", "preset": "paper", "size": 32, "quality": "fast", "method": "no-prior"},
+    "/api/pose": {"photo": "scene-chair", "mesh": "chair-3", "box": [0, 0, 100, 100], "initial": [0, 20]},
+}
+UPLOADS = ["/api/photos?name=a.png", "/api/descriptors?name=a.npy&preset=uoctti", "/api/meshes?name=a.off"]
+GETS = [
+    "/api/photos/sample-camera?size=64",
+    "/api/hog/x/cell?row=1&col=1",
+    "/api/hog/x/file",
+    "/static/main.js",
+    "/api/about",
+]
+FIT = {"type": "pose", "n": 1, "pose": [0, 0, 3, 0, 0, 0], "place": True}
+ODD = [None, True, -1, 0, 1e308, 10**30, "", "x" * 300, "../../etc/passwd", "\0", [], [[]] * 50, {}, {"a": {"b": []}}]
+
+
+def mutated(value: Any, rng: random.Random) -> Any:
+    """A copy with one value replaced, removed or added."""
+    copy = json.loads(json.dumps(value))
+    key = rng.choice([*copy, "more"])
+    kind = rng.random()
+    if kind < 0.2:
+        copy.pop(key, None)
+    elif isinstance(copy.get(key), dict) and kind < 0.6:
+        copy[key] = mutated(copy[key], rng)
+    else:
+        copy[key] = rng.choice(ODD)
+    return copy
+
+
+def noise(text: bytes, rng: random.Random) -> bytes:
+    """Bytes with some of them replaced, or cut off."""
+    made = bytearray(text)
+    for _ in range(rng.randint(1, 4)):
+        made[rng.randrange(len(made))] = rng.randrange(256)
+    return bytes(made[: rng.randint(0, len(made))])
+
+
+def check(status: int, body: bytes) -> None:
+    assert status < 500 or status == 503, body
+    if status >= 400 and body:
+        assert {*json.loads(body)} <= {"error", "question"}, body
+        assert b"Traceback" not in body
+
+
+def requests(client: TestClient, photo_file: bytes, count: int) -> None:
+    rng = random.Random(0)
+    for _ in range(count):
+        kind = rng.random()
+        if kind < 0.4:
+            address, asked = rng.choice([*JSON.items()])
+            body = json.dumps(mutated(asked, rng)).encode()
+            body = noise(body, rng) if rng.random() < 0.4 else body
+            answer = client.post(address, content=body)
+        elif kind < 0.6:
+            answer = client.post(rng.choice(UPLOADS), content=noise(photo_file, rng))
+        elif kind < 0.85:
+            address = noise(rng.choice(GETS).encode(), rng).decode("latin-1")
+            answer = client.get("/" + quote(address.lstrip("/"), safe="/?=&%"))
+        else:
+            method = rng.choice(["PUT", "DELETE", "PATCH", "POST", "HEAD", "OPTIONS"])
+            answer = client.request(method, rng.choice(GETS))
+        if answer.headers.get("content-type", "").startswith("application/json"):
+            check(answer.status_code, answer.content)
+        assert answer.status_code < 500 or answer.status_code == 503
+    for number in range(count // 10):
+        with client.websocket_connect(f"ws://{HOST}/api/fit") as socket:
+            try:
+                socket.send_text(
+                    json.dumps(mutated(FIT, rng))
+                    if number % 2
+                    else noise(json.dumps(FIT).encode(), rng).decode("latin-1")
+                )
+                assert json.loads(socket.receive_text())["type"] in ("error", "stopped")
+            except WebSocketDisconnect:
+                pass
+    assert client.get("/api/about").status_code == 200
+
+
+def test_garbage(client: TestClient, photo_file: bytes) -> None:
+    requests(client, photo_file, 100)
+
+
+@pytest.mark.slow
+def test_much_garbage(client: TestClient, photo_file: bytes) -> None:
+    requests(client, photo_file, 2000)

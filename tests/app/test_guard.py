@@ -1,0 +1,81 @@
+"""Who may ask, and how much."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from starlette.testclient import TestClient
+from starlette.websockets import WebSocketDisconnect
+
+from nablahog.app.guard import HEADERS, Doors
+from nablahog.app.server import make_app
+
+from .conftest import HOST
+
+
+@pytest.mark.parametrize(
+    ("heads", "status"),
+    [
+        ({"host": "evil.example"}, 421),  # a name that now resolves to the loopback
+        ({"host": "127.0.0.1:1"}, 421),
+        ({"origin": "http://evil.example"}, 403),
+        ({"origin": "null"}, 403),
+        ({"origin": f"http://{HOST}"}, 200),
+        ({"sec-fetch-site": "cross-site"}, 403),
+        ({"sec-fetch-site": "same-site"}, 403),
+        ({"sec-fetch-site": "same-origin"}, 200),
+        ({"sec-fetch-site": "none"}, 200),
+    ],
+)
+def test_other_sites_are_refused(client: TestClient, heads: dict[str, str], status: int) -> None:
+    answer = client.get("/api/about", headers=heads)
+    assert answer.status_code == status
+    assert status == 200 or "error" in answer.json()
+
+
+def test_sockets_of_other_sites_are_refused(client: TestClient) -> None:
+    with (
+        pytest.raises(WebSocketDisconnect),
+        client.websocket_connect(f"ws://{HOST}/api/fit", headers={"origin": "http://evil"}),
+    ):
+        pass
+
+
+def test_the_page_is_offline_by_its_heads(client: TestClient) -> None:
+    for address in ("/", "/static/main.js", "/api/about", "/api/nothing"):
+        heads = client.get(address).headers
+        assert {name: heads.get(name) for name in HEADERS} == dict(HEADERS)
+    assert "http" not in HEADERS["content-security-policy"]
+
+
+@pytest.mark.parametrize(
+    "path", ["/static/..%2fserver.py", "/static/../server.py", "/static/", "/static/nothing.js", "/etc/passwd"]
+)
+def test_no_path_is_taken_from_a_request(client: TestClient, path: str) -> None:
+    assert client.get(path).status_code == 404
+
+
+def test_too_large(client: TestClient) -> None:
+    answer = client.post("/api/hog", content=b"x" * 70_000)
+    assert (answer.status_code, answer.json()) == (413, {"error": "expected at most 65,536 bytes"})
+
+    def pieces() -> Iterator[bytes]:
+        for _ in range(70):
+            yield b"x" * 1000
+
+    assert client.post("/api/hog", content=pieces()).status_code == 413  # that does not say how long it is
+
+
+def test_the_token() -> None:
+    doors = Doors(frozenset({HOST}), "secret")
+    with TestClient(make_app(doors), base_url="http://192.168.0.7:8765") as far:
+        assert far.get("/").status_code == 401
+        assert far.get("/?token=secret").status_code == 200
+        assert far.get("/api/about").status_code == 401
+        assert far.get("/api/about", headers={"x-nablahog-token": "guess"}).status_code == 401
+        assert far.get("/api/about", headers={"x-nablahog-token": "secret"}).status_code == 200
+        with far.websocket_connect("/api/fit?token=secret") as socket:
+            socket.send_text("x")
+        with pytest.raises(WebSocketDisconnect), far.websocket_connect("/api/fit"):
+            pass

@@ -1,0 +1,99 @@
+"""A pre-image that grows, and its end."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import threading
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+from starlette.testclient import TestClient
+
+from nablahog.app.invert import invert
+from nablahog.app.lanes import Cancelled, Ticket
+from nablahog.app.requests import InvertRequest
+from nablahog.app.store import Store
+
+Event = tuple[str, dict[str, Any]]
+
+
+def events(client: TestClient, **asked: object) -> list[Event]:
+    answer = client.post("/api/invert", json={"quality": "fast", **asked})
+    assert answer.status_code == 200, answer.text
+    return [read(block) for block in answer.text.strip().split("\n\n")]
+
+
+def read(block: str) -> Event:
+    name, data = block.split("\n")
+    return name.removeprefix("event: "), json.loads(data.removeprefix("data: "))
+
+
+def picture(text: str) -> Image.Image:
+    return Image.open(io.BytesIO(base64.b64decode(text)))
+
+
+@pytest.mark.parametrize("method", ["prior", "no-prior", "paper"])
+@pytest.mark.parametrize("preset", ["uoctti", "paper"])
+def test_it_grows(client: TestClient, photo: str, preset: str, method: str) -> None:
+    made = events(client, photo=photo, preset=preset, method=method)
+    names = [name for name, _ in made]
+    assert names[:2] == ["queued", "start"]
+    assert names[-1] == "done"
+    assert {*names[2:-1]} <= {"frame"}
+    start, done = made[1][1], made[-1][1]
+    assert (start["image_size"], picture(start["photograph"]).size) == ([64, 48], (48, 64))
+    assert all(picture(frame["image"]).size == (48, 64) for name, frame in made if name == "frame")
+    assert picture(done["image"]).size == (48, 64)
+    assert all(-1 <= done[name] <= 1 for name in ("cc", "ssim"))
+    assert (done["polarity"] is None) == (preset == "uoctti" or method != "prior")
+    assert 0 < len(done["history"]) <= 200
+    assert "distance" in done["definitions"]
+
+
+def test_going_on(client: TestClient, photo: str) -> None:
+    done = events(client, photo=photo, method="no-prior")[-1][1]
+    again = events(client, photo=photo, method="no-prior", start=done["id"], seed=1)[-1]
+    assert again[0] == "done"
+    name, refused = events(client, photo=photo, start="sample-camera")[-1]
+    assert (name, refused["error"]) == ("error", "an image to go on from must have 64x48 pixels, got 512x512")
+
+
+def test_a_descriptor_alone(client: TestClient) -> None:
+    file = io.BytesIO()
+    np.save(file, np.random.default_rng(0).random((4, 4, 31), dtype=np.float32))
+    of = client.post("/api/descriptors?name=d.npy&preset=uoctti", content=file.getvalue()).json()
+    done = events(client, descriptor=of["id"])[-1][1]
+    assert (done["cc"], done["ssim"]) == (None, None)
+    assert done["lines"]["command"] == "nablahog invert descriptor.npz -o out --quality fast"
+
+
+def test_a_template(client: TestClient) -> None:
+    file = io.BytesIO()
+    np.save(file, np.random.default_rng(0).standard_normal((4, 4, 31)).astype(np.float32))
+    of = client.post("/api/descriptors?name=w.npy&preset=uoctti&as=template", content=file.getvalue()).json()
+    assert events(client, descriptor=of["id"])[-1][0] == "done"
+
+
+def test_refused_before_it_begins(client: TestClient) -> None:
+    answer = client.post("/api/invert", json={"photo": "nothing"})
+    assert answer.status_code == 410
+
+
+def test_it_ends_when_nobody_waits(photo_file: bytes) -> None:
+    from nablahog.app.uploads import photograph
+
+    store, ticket, seen = Store(b""), Ticket(), threading.Event()
+    key = photograph(photo_file, "p.png", store)["id"]
+
+    def send(name: str, data: dict[str, Any]) -> None:
+        if name == "frame":
+            seen.set()
+            ticket.cancel()
+
+    with pytest.raises(Cancelled):
+        invert(InvertRequest(photo=key, method="no-prior"), store, send, ticket)
+    assert seen.is_set()

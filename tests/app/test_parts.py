@@ -1,0 +1,78 @@
+"""The store's bound, the lanes' queue, and the document of the API."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+
+import pytest
+import torch
+from starlette.testclient import TestClient
+
+from nablahog.app.lanes import Cancelled, Lane, Ticket
+from nablahog.app.refusals import Refusal
+from nablahog.app.store import Photograph, Store
+
+
+def photograph(side: int) -> Photograph:
+    return Photograph("p", torch.zeros(1, side, side))
+
+
+def test_the_oldest_that_nobody_asked_for_goes_first() -> None:
+    store = Store(b"", most=3 * photograph(10).weight)
+    first, second, third = (store.add(photograph(10), bytes([k])) for k in range(3))
+    store.get(first, Photograph)
+    store.add(photograph(10), b"new")
+    assert store.weight == 3 * photograph(10).weight
+    store.get(first, Photograph)
+    store.get(third, Photograph)
+    with pytest.raises(Refusal, match="drop it again"):
+        store.get(second, Photograph)
+
+
+def test_what_is_larger_than_all_is_refused() -> None:
+    with pytest.raises(Refusal) as refused:
+        Store(b"", most=100).add(photograph(10))
+    assert refused.value.status == 413
+
+
+def test_ids_of_one_server_say_nothing_of_another() -> None:
+    assert Store(b"a").add(photograph(2), b"x") != Store(b"b").add(photograph(2), b"x")
+
+
+def test_a_full_lane_refuses_and_a_cancelled_one_ends_its_work() -> None:
+    lane, began, ended = Lane("test", most=2), threading.Event(), threading.Event()
+
+    def work(ticket: Ticket) -> None:
+        began.set()
+        try:
+            while True:
+                ticket.check()
+        except Cancelled:
+            ended.set()
+            raise
+
+    async def crowded() -> None:
+        running, waiting = (asyncio.create_task(lane.run(work)) for _ in range(2))
+        await asyncio.to_thread(began.wait)
+        with pytest.raises(Refusal, match="busy: 2 computations wait already"):
+            await lane.run(work)
+        for task in (running, waiting):
+            task.cancel()
+        await asyncio.wait([running, waiting])
+        assert await asyncio.to_thread(ended.wait, 5)
+        assert await lane.run(lambda _: 3) == 3
+        await asyncio.sleep(0)
+        assert lane.count == 0
+
+    asyncio.run(crowded())
+
+
+def test_the_document_names_every_address(client: TestClient) -> None:
+    document = client.get("/api/openapi.json").json()
+    assert document["openapi"].startswith("3.")
+    routes = {getattr(route, "path", "") for route in client.app.routes}  # type: ignore[attr-defined]
+    documented = {*document["paths"], "/", "/static/{name}", "/api/openapi.json", "/api/fit"}
+    assert routes == documented
+    schema = document["components"]["schemas"]["InvertRequest"]
+    assert schema["properties"]["size"]["maximum"] == 512

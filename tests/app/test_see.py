@@ -1,0 +1,150 @@
+"""Descriptors, cells and dialects, as the page asks for them."""
+
+from __future__ import annotations
+
+import base64
+import shlex
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+from starlette.testclient import TestClient
+
+from nablahog import hog, load_descriptor, presets
+from nablahog.cli.arguments.main import parser
+from nablahog.io.images import read_image
+from nablahog.viz.pictures import glyph_votes
+
+
+def test_what_there_is(client: TestClient) -> None:
+    about = client.get("/api/about").json()
+    assert {each["name"] for each in about["presets"]} == {*presets.__all__}
+    uoctti = next(each for each in about["presets"] if each["name"] == "uoctti")
+    assert uoctti["signed"]
+    cell = next(each for each in uoctti["parameters"] if each["name"] == "cell_size")
+    assert (cell["kind"], cell["default"], cell["least"]) == ("integer", "8", 2)
+    assert not next(each for each in about["presets"] if each["name"] == "aubry")["signed"]
+    assert any(each["id"] == "sample-astronaut" for each in about["samples"])
+    assert about["meshes"]
+    assert about["priors"] == {"signed": True, "unsigned": True}
+
+
+@pytest.mark.parametrize("preset", presets.__all__)
+def test_a_descriptor(
+    client: TestClient, photo: str, photo_file: bytes, preset: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    path = tmp_path_factory.mktemp("photo") / "p.png"
+    path.write_bytes(photo_file)
+    asked = {
+        "photo": photo,
+        "preset": preset,
+        "settings": {"cell_size": "8"} if preset in ("aubry", "seeing3d") else {},
+    }
+    answer = client.post("/api/hog", json=asked)
+    assert answer.status_code == 200, answer.json()
+    said = answer.json()
+    spec = getattr(presets, preset)(**({"cell_size": 8} if asked["settings"] else {}))
+    with torch.no_grad():
+        expected = hog(read_image(path)[None], spec)[0]
+    votes, angles = glyph_votes(expected, spec)
+    assert said["shape"] == list(expected.shape)
+    assert (said["glyph_rows"], said["glyph_cols"], len(said["angles"])) == votes.shape
+    shown = np.frombuffer(base64.b64decode(said["votes"]), np.uint8).reshape(votes.shape)
+    assert np.abs(shown / 255 - votes).max() < 0.01
+    np.testing.assert_allclose(said["angles"], angles)
+    path.write_bytes(client.get(f"/api/hog/{said['key']}/file").content)
+    stored = load_descriptor(path)
+    assert stored.spec == spec
+    torch.testing.assert_close(stored.descriptor, expected)
+
+
+def test_a_cell_by_name(client: TestClient, photo: str) -> None:
+    said = client.post("/api/hog", json={"photo": photo, "preset": "opencv"}).json()
+    cell = client.get(f"/api/hog/{said['key']}/cell?row=3&col=2").json()
+    assert cell["box"] == [16, 24, 24, 32]
+    assert (cell["block"]["box"][2] - cell["block"]["box"][0], len(cell["entries"])) == (16, 36)
+    assert cell["entries"][0]["name"] == "cell 0, 0 of the block: 10°"
+    assert len(cell["histogram"]) == len(cell["angles"]) == 9
+
+
+def test_a_cell_that_is_left_out(client: TestClient, photo: str) -> None:
+    said = client.post("/api/hog", json={"photo": photo, "preset": "dpm"}).json()
+    cell = client.get(f"/api/hog/{said['key']}/cell?row=0&col=0").json()
+    assert (cell["histogram"], cell["block"], cell["entries"]) == (None, None, [])
+    assert client.get(f"/api/hog/{said['key']}/cell?row=99&col=0").json()["error"].startswith("there are 8 rows")
+    assert client.get(f"/api/hog/{said['key']}/cell?row=x").json()["error"] == "expected row as an integer, got 'x'"
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # the lines close no file
+def test_the_lines_make_the_same(
+    client: TestClient, photo: str, photo_file: bytes, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    asked = {"photo": photo, "preset": "skimage", "settings": {"orientations": "8", "cells_per_block": "2x2"}}
+    said = client.post("/api/hog", json=asked).json()
+    folder = tmp_path_factory.mktemp("lines")
+    (folder / "photo.png").write_bytes(photo_file)
+    words = shlex.split(said["lines"]["command"])
+    assert words[0] == "nablahog"
+    parser().parse_args(words[1:])
+    python = said["lines"]["python"].replace("'photo.png'", repr(str(folder / "photo.png")))
+    names: dict[str, object] = {"PIL": __import__("PIL.Image")}
+    exec(python, names)
+    assert isinstance(names["descriptor"], np.ndarray)
+    (folder / "d.npz").write_bytes(client.get(f"/api/hog/{said['key']}/file").content)
+    np.testing.assert_allclose(names["descriptor"], load_descriptor(folder / "d.npz").descriptor.numpy(), atol=1e-5)
+    assert Image.open(folder / "photo.png").size == (48, 64)
+
+
+def test_two_dialects(client: TestClient, photo: str) -> None:
+    def compared(a: str, b: str) -> dict[str, object]:
+        answer = client.post("/api/compare", json={"photo": photo, "a": {"preset": a}, "b": {"preset": b}})
+        said: dict[str, object] = answer.json()
+        return said
+
+    same = compared("uoctti", "uoctti")
+    assert (same["same"], same["conventions"]) == (True, [])
+    apart = compared("uoctti", "vlfeat")
+    conventions = apart["conventions"]
+    assert isinstance(conventions, list)
+    assert sum(each["share"] for each in conventions) == pytest.approx(1)
+    assert conventions[0]["name"] == "votes"
+    wrong = client.post(
+        "/api/compare", json={"photo": photo, "a": {}, "b": {"preset": "uoctti", "settings": {"cell_size": "4"}}}
+    )
+    assert (wrong.status_code, wrong.json()) == (
+        422,
+        {"error": "expected at least two dialects with cells of one size"},
+    )
+
+
+@pytest.mark.parametrize(
+    ("asked", "status", "sentence"),
+    [
+        ({}, 422, "expected a photo or a descriptor, one of them"),
+        ({"photo": "x", "descriptor": "y"}, 422, "expected a photo or a descriptor, one of them"),
+        ({"photo": "nothing"}, 410, "the server no longer has this upload: drop it again"),
+        ({"photo": "chair-3"}, 410, "the server no longer has this upload: drop it again"),
+        ({"photo": "sample-camera", "preset": "hog"}, 422, "there is no preset 'hog', but aubry"),
+        ({"photo": "sample-camera", "settings": {"cell": "4"}}, 422, "--set: uoctti has no parameter 'cell'"),
+        ({"photo": "sample-camera", "settings": {"cell_size": "x"}}, 422, "--set cell_size: expected an integer"),
+        (
+            {"photo": "sample-camera", "settings": {"cell_size": "90000"}},
+            422,
+            "camera: the image must hold at least one cell",
+        ),
+        ({"photo": "sample-camera", "size": 5}, 422, "the request does not fit: Expected `int` >= 8"),
+        ({"photo": "sample-camera", "sise": 5}, 422, "the request does not fit: Object contains unknown field `sise`"),
+    ],
+)
+def test_a_sentence_says_what_is_wrong(
+    client: TestClient, asked: dict[str, object], status: int, sentence: str
+) -> None:
+    answer = client.post("/api/hog", json=asked)
+    assert (answer.status_code, answer.json()["error"][: len(sentence)]) == (status, sentence)
+
+
+def test_no_json(client: TestClient) -> None:
+    answer = client.post("/api/hog", content=b"\xff{")
+    assert answer.status_code == 400
+    assert answer.json()["error"].startswith("expected JSON: ")

@@ -1,0 +1,150 @@
+"""What may be dropped on the page, and what is asked back."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from starlette.testclient import TestClient
+
+from nablahog import hog, presets, save_descriptor
+from nablahog.app import uploads
+
+CUBE = b"OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
+
+
+def test_a_photograph(client: TestClient, photo_file: bytes) -> None:
+    said = client.post("/api/photos?name=..%2Fa%5Cb.png", content=photo_file).json()
+    assert (said["name"], said["width"], said["height"]) == ("b.png", 48, 64)
+    answer = client.get(f"/api/photos/{said['id']}?size=32")
+    assert Image.open(io.BytesIO(answer.content)).size == (24, 32)
+    assert client.post("/api/photos", content=photo_file).json()["id"] == said["id"]  # by content
+
+
+def test_no_photograph(client: TestClient) -> None:
+    answer = client.post("/api/photos?name=x.png", content=b"hello")
+    assert (answer.status_code, answer.json()) == (
+        422,
+        {"error": "x.png: expected an image, got a file of no format that Pillow reads"},
+    )
+
+
+def test_too_many_pixels_are_refused_before_they_are_decoded(
+    client: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = io.BytesIO()
+    Image.new("1", (6000, 5000)).save(file, format="PNG")
+    monkeypatch.setattr(uploads, "read_image", None)
+    answer = client.post("/api/photos?name=large.png", content=file.getvalue())
+    assert (answer.status_code, answer.json()["error"]) == (
+        413,
+        "large.png: expected at most 24,000,000 pixels, got 30,000,000",
+    )
+
+
+def _descriptor_file(tmp_path: Path) -> bytes:
+    image = np.random.default_rng(0).random((64, 48), dtype=np.float32)
+    save_descriptor(tmp_path / "d.npz", hog(image, "uoctti"), "uoctti", (64, 48))
+    return (tmp_path / "d.npz").read_bytes()
+
+
+def test_a_descriptor_file(client: TestClient, tmp_path: Path) -> None:
+    said = client.post("/api/descriptors?name=d.npz", content=_descriptor_file(tmp_path)).json()
+    assert (said["preset"], said["shape"], said["image_size"], said["template"]) == (
+        "uoctti",
+        [8, 6, 31],
+        [64, 48],
+        False,
+    )
+    seen = client.post("/api/hog", json={"descriptor": said["id"]}).json()
+    assert (seen["glyph_rows"], seen["glyph_cols"]) == (8, 6)
+
+
+def _npy(array: np.ndarray) -> bytes:  # type: ignore[type-arg]
+    file = io.BytesIO()
+    np.save(file, array)
+    return file.getvalue()
+
+
+def test_an_array_is_asked_about(client: TestClient) -> None:
+    array = hog(
+        np.random.default_rng(0).random((128, 64), dtype=np.float32),
+        presets.opencv(win_size=(64, 128)),
+        layout="native",
+    )
+    data = _npy(array)
+    asked = client.post("/api/descriptors?name=h.npy", content=data)
+    assert asked.status_code == 422
+    assert asked.json()["error"].startswith("h.npy: an array does not say of which library it is")
+    question = asked.json()["question"]
+    assert question["preset"]
+    suggestion = next(each for each in question["suggestions"] if each["preset"] == "opencv")
+    query = {
+        "name": "h.npy",
+        "preset": "opencv",
+        "settings": json.dumps(suggestion["settings"]),
+        "image_size": suggestion["image_size"],
+    }
+    said = client.post("/api/descriptors", params=query, content=data).json()
+    assert (said["preset"], said["image_size"]) == ("opencv", [128, 64])
+
+
+def test_an_archive_of_several_arrays_is_asked_about(client: TestClient) -> None:
+    file = io.BytesIO()
+    np.savez(file, left=np.zeros((8, 6, 31), np.float32), right=np.ones((8, 6, 31), np.float32))
+    asked = client.post("/api/descriptors?name=two.npz&preset=uoctti", content=file.getvalue()).json()
+    assert asked["question"]["keys"] == ["left", "right"]
+    said = client.post("/api/descriptors?name=two.npz&preset=uoctti&key=right", content=file.getvalue()).json()
+    assert said["shape"] == [8, 6, 31]
+
+
+def test_a_template(client: TestClient) -> None:
+    weights = np.random.default_rng(0).standard_normal(3781).astype(np.float32)
+    said = client.post("/api/descriptors?name=svm.npy&as=template", content=_npy(weights)).json()
+    assert (said["template"], said["preset"], said["image_size"]) == (True, "opencv", [128, 64])
+
+
+def test_a_mesh(client: TestClient) -> None:
+    said = client.post("/api/meshes?name=m.off&up=y&front=-z", content=CUBE).json()
+    assert (said["name"], said["vertices"], said["faces"]) == ("m.off", 4, 4)
+
+
+@pytest.mark.parametrize(
+    ("address", "data", "sentence"),
+    [
+        ("/api/meshes?name=m.obj.exe", CUBE, "m.obj.exe: expected a model of .off, .obj, .ply, .stl, .glb"),
+        ("/api/meshes?name=m.off&up=q", CUBE, "up and front are axes such as z or -y, got 'q' and ''"),
+        ("/api/meshes?name=m.off&up=z&front=z", CUBE, "up and front must be two axes, got 'z' and 'z'"),
+        ("/api/meshes?name=m.off", b"OFF\n", "m.off: "),
+        ("/api/descriptors?name=d.pkl", b"x", "d.pkl: expected a descriptor of .npy, .npz, .mat"),
+        ("/api/descriptors?name=d.npy&preset=uoctti", b"x", "d.npy: expected an array (.npy), but it cannot be read"),
+        (
+            "/api/descriptors?name=d.npy&image_size=big",
+            b"x",
+            "expected an image size as 128x64, height first, got 'big'",
+        ),
+        ("/api/descriptors?name=d.npy&settings=%7B", b"x", "expected JSON: "),
+    ],
+)
+def test_a_sentence_says_what_is_wrong(client: TestClient, address: str, data: bytes, sentence: str) -> None:
+    answer = client.post(address, content=data)
+    assert answer.status_code in (400, 422)
+    assert answer.json()["error"].startswith(sentence), answer.json()
+    assert tempfile.gettempdir() not in answer.json()["error"]
+
+
+def test_nothing_is_left_behind(
+    client: TestClient, photo_file: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    client.post("/api/photos", content=photo_file)
+    client.post("/api/photos", content=b"x")
+    client.post("/api/meshes?name=m.off", content=CUBE)
+    client.post("/api/descriptors?name=d.npy", content=b"x")
+    assert os.listdir(tmp_path) == []
