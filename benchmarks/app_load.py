@@ -19,6 +19,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Awaitable, Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -111,12 +112,13 @@ async def a_page(server: Server, number: int) -> str:
     return "busy" if status == 503 else "done" if b"event: done" in answer else f"status {status}"
 
 
-async def leave_fit(server: Server, message: dict[str, Any]) -> None:
+async def leave_fit(server: Server, message: dict[str, Any]) -> str:
     async with websockets.connect(f"ws://127.0.0.1:{server.port}/api/fit", max_size=2**24) as connection:
         await connection.send(json.dumps({"type": "open", "photo": "scene-chair", "mesh": "chair-3"}))
         await connection.recv()
         await connection.send(json.dumps(message))
         await asyncio.sleep(0.05)
+    return ""
 
 
 async def run(options: argparse.Namespace) -> None:
@@ -164,15 +166,10 @@ async def run(options: argparse.Namespace) -> None:
         await trial(f"{options.pages} pages at once", pages)
         await trial(f"{options.uploads} aborted uploads", uploads)
         for name, (path, asked) in LONG.items():
-            await trial(f"closed in the middle: {name}", lambda path=path, asked=asked: left(path, asked))
-        for message in ({"type": "fit", "method": "paper"}, {"type": "curve", "pose": FIT["pose"]}):
-            name = message["type"]
-
-            async def one(message: dict[str, Any] = message) -> str:
-                await leave_fit(server, message)
-                return ""
-
-            await trial(f"closed in the middle: {name} of a socket", one)
+            await trial(f"closed in the middle: {name}", partial(left, path, asked))
+        messages: list[dict[str, Any]] = [{"type": "fit", "method": "paper"}, {"type": "curve", "pose": FIT["pose"]}]
+        for message in messages:
+            await trial(f"closed in the middle: {message['type']} of a socket", partial(leave_fit, server, message))
         await trial(f"{options.requests} mutated requests", garbage)
         await trial(f"{options.pages} pages at once, again", pages)
     finally:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from nablahog import hog, presets, reconstruct
 from nablahog.hog.spec import HOGSpec
-from nablahog.invert import AsPublished, Iterate
+from nablahog.invert import AsPublished, Iterate, default_prior
 from nablahog.invert.single_scale import MEMORY
 
 SPECS = [presets.uoctti(8), presets.paper(8), presets.opencv(win_size=(32, 32))]
@@ -72,3 +72,13 @@ def test_an_exception_ends_the_search(method: AsPublished) -> None:
     with pytest.raises(Enough):
         reconstruct(descriptors(SPECS[0]), SPECS[0], method=method, watch=watch)
     assert calls == 2
+
+
+def test_what_a_prior_expects_comes_first() -> None:
+    spec, seen = presets.uoctti(8), []
+    of = descriptors(spec)
+    reconstruct(of, spec, prior="default", watch=seen.append, quality="fast")
+    assert (seen[0].evaluations == 0).all()
+    expected = default_prior(spec).expected(of, spec, (32, 32))
+    torch.testing.assert_close(seen[0].candidates[:, 0], expected)
+    assert (seen[0].distance < 1).all()

@@ -58,19 +58,24 @@ class Server:
         self.quick, self.long = Lane("quick", QUICK), Lane("long", LONG)
         for number, each in enumerate(photographs):
             self.store.always(f"given-{number}", each)
+
+    @asynccontextmanager
+    async def lifespan(self, _: Starlette) -> AsyncIterator[None]:
+        """Reads the samples while the page is already there; closes the lanes at the end."""
+        self._about = asyncio.create_task(self.quick.run(lambda _: self._samples()))
+        yield
+        self._about.cancel()
+        self.quick.close()
+        self.long.close()
+
+    def _samples(self) -> dict[str, Any]:
+        """Puts the samples into the store; says what there is."""
         for name in SAMPLE_NAMES:
             self.store.always(f"sample-{name}", Photograph(name, sample_photograph(name)))
         self.store.always("scene-chair", _chair_scene())
         for seed in CHAIRS:
             self.store.always(f"chair-{seed}", Model(f"chair {seed}", chair(seed)))
-        self.about = about(self.store)
-
-    @asynccontextmanager
-    async def lifespan(self, _: Starlette) -> AsyncIterator[None]:
-        """Closes the lanes at the end."""
-        yield
-        self.quick.close()
-        self.long.close()
+        return about(self.store)
 
     def routes(self) -> list[Route | WebSocketRoute]:
         """All of them."""
@@ -85,7 +90,7 @@ class Server:
         return [
             Route("/", page),
             Route("/static/{name}", static),
-            Route("/api/about", _answering(self._about)),
+            Route("/api/about", _answering(self._what_there_is)),
             Route("/api/openapi.json", _answering(self._openapi)),
             Route("/api/photos", _answering(self._upload_photograph), methods=["POST"]),
             Route("/api/photos/{id}", _answering(self._photograph)),
@@ -100,8 +105,12 @@ class Server:
             WebSocketRoute("/api/fit", self._fit),
         ]
 
-    async def _about(self, _: Request) -> Response:
-        return JSONResponse(self.about)
+    async def _what_there_is(self, _: Request) -> Response:
+        return JSONResponse(await self.ready())
+
+    async def ready(self) -> dict[str, Any]:
+        """What there is, once the samples are read."""
+        return await asyncio.shield(self._about)
 
     async def _openapi(self, _: Request) -> Response:
         return JSONResponse(document())
@@ -189,6 +198,7 @@ class Server:
             search.cancel()
 
     async def _fit(self, socket: Any) -> None:
+        await self.ready()
         await FitSocket(socket, self.store, self.quick, self.long).run()
 
     async def _json(self, request: Request, lane: Lane, work: Callable[[Ticket], dict[str, Any]]) -> Response:
@@ -229,6 +239,7 @@ def _answering(handler: Callable[[Request], Awaitable[Response]]) -> Callable[[R
 
     async def answered(request: Request) -> Response:
         try:
+            await request.app.state.server.ready()
             return await handler(request)
         except Refusal as refusal:
             return JSONResponse(refusal.answer, refusal.status)
@@ -237,8 +248,8 @@ def _answering(handler: Callable[[Request], Awaitable[Response]]) -> Callable[[R
         except HTTPException:
             raise
         except Exception as error:
-            refusal = fault(error)
-            return JSONResponse(refusal.answer, refusal.status)
+            told = fault(error)
+            return JSONResponse(told.answer, told.status)
 
     return answered
 

@@ -12,7 +12,7 @@ from ..hog.inputs import ArrayImage, Descriptors
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from .checks import check_descriptor, check_images, descriptors_as_tensor
-from .iterate import Watch
+from .iterate import Watch, at_start
 from .method import AsPublished, InversionMethod, as_published, check_default_only
 from .options import Objective, Search
 from .prior_choice import PriorChoice, as_priors
@@ -70,7 +70,8 @@ def reconstruct(
         progress: called with the evaluations done, by the paper's search the iterations, and the most there can be,
             over all parts of the batch.
         watch: called after each round of evaluations, by the paper's search after each iteration, with the images so
-            far, an :class:`.iterate.Iterate`.  An exception that it raises ends the search.
+            far, an :class:`.iterate.Iterate`; first with what a prior expects.  An exception that it raises ends the
+            search.
 
     Raises:
         TypeError: the descriptor, ``start`` or ``expected`` is no floating-point tensor or array.
@@ -111,6 +112,8 @@ def reconstruct(
         if expected is not None:
             raise ValueError("expected images and a prior contradict each other: give one of them")
         expected = learned.own.expected(targets, spec, size)
+        if watch is not None:
+            watch(at_start(expected, targets, spec))
     result = search_preimages(
         targets,
         spec,

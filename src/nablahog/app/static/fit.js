@@ -172,7 +172,7 @@ export class Fit {
       case "curve":
         if (this.#curve.add(message)) this.#end("curve");
         return;
-      case "progress": return this.#waits.fit?.say(message.what, message.done, message.total);
+      case "progress": return this.#waits.fit?.say(`Searches the pose: ${message.what}`, message.done, message.total);
       case "step": return this.#step(message);
       case "fitted": return this.#finish(message);
       case "stopped":
@@ -288,7 +288,7 @@ export class Fit {
   /** @param {{pose: Pose, similarity: number, stage?: string}} message */
   #step(message) {
     this.#curve.step(message.pose, message.similarity);
-    this.#waits.fit?.say(`${message.stage ?? "Climbs"}: similarity ${figure(message.similarity)}`);
+    this.#waits.fit?.say(`${message.stage ?? "Searches the pose"}: similarity ${figure(message.similarity)}`);
     const now = performance.now();
     if (this.#waits.view || now - this.#lastStep < (calmer() ? 500 : 50)) return;
     this.#lastStep = now;

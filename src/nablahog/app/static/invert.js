@@ -251,7 +251,7 @@ export class Invert {
     if (photograph) {
       showWipe("wipe", { source: addressOf(photograph), name: "Photograph" }, { source: addressOf(done.image), name: "Pre-image" });
     }
-    const definitions = Object.entries(done.definitions);
+    const definitions = Object.entries(done.definitions).filter(([name]) => name in done);
     element("definitions", HTMLElement).hidden = !definitions.length;
     document.querySelector("#definitions dl")?.replaceChildren(
       ...definitions.flatMap(([name, text]) => [make("dt", {}, name.toUpperCase()), make("dd", {}, text)]));

@@ -36,12 +36,13 @@ export class Wait {
 
   /**
    * @param {string} text
-   * @param {number | null} [done]
+   * @param {number | null} [done] null: unknown; left out: as before
    * @param {number | null} [total]
    */
   say(text, done, total) {
     if (this.#text.textContent !== text) this.#text.textContent = text;
-    if (done === undefined || done === null || !total) return this.#bar.removeAttribute("value");
+    if (done === undefined) return;
+    if (done === null || !total) return this.#bar.removeAttribute("value");
     this.#bar.max = total;
     this.#bar.value = done;
   }
