@@ -30,7 +30,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 from tests.app.test_garbage import FIT, GETS, JSON, UPLOADS, mutated, noise
 
 PHOTO = b"\x89PNG\r\n\x1a\n" + bytes(400_000)
-LONG = {
+LONG: dict[str, tuple[str, dict[str, Any]]] = {
     "invert": ("/api/invert", {"photo": "sample-astronaut", "size": 512, "method": "no-prior"}),
     "invert as the paper": ("/api/invert", {"photo": "sample-astronaut", "size": 256, "method": "paper"}),
     "compare": (

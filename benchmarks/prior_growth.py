@@ -1,6 +1,6 @@
 """Are more photographs to learn from, or more weights, worth having for a prior of unsigned descriptors?
 
-    python benchmarks/prior_growth.py --images TRAIN --test DIR [--steps N] [--threads N]
+    python benchmarks/prior_growth.py --images TRAIN --test DIR [--steps N] [--counts N ...] [--weights NAME ...]
 
 Trains priors from 808, 2,000 and all photographs, and with about 1, 4 and 8 million weights, all for the same number of
 steps, and prints how like the photographs of another folder their own answers are, without any search: the mean
@@ -46,13 +46,18 @@ def main() -> None:
     parser.add_argument("--images", type=Path, required=True, help="folder to learn from, and folders below")
     parser.add_argument("--test", type=Path, required=True, help="folder of 128x128 images to judge by")
     parser.add_argument("--steps", type=int, default=1000, help=f"of {BATCH} windows each")
+    parser.add_argument("--counts", type=int, nargs="*", default=COUNTS, help="photographs, beside all of them")
+    parser.add_argument("--weights", choices=WIDTHS, nargs="*", default=[*WIDTHS], help="sizes, of all photographs")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--precision", choices=("float32", "bfloat16"), default="float32")
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
     every, test = read_folder(options.images, size=0, recursive=True).images, photographs(options.test)
     names = random.Random(0).sample(sorted(every), len(every))
-    runs = [*((count, DEFAULT) for count in (*COUNTS, len(names))), *((len(names), size) for size in WIDTHS)]
+    runs = [
+        *((count, DEFAULT) for count in (*options.counts, len(names))),
+        *((len(names), size) for size in options.weights),
+    ]
     print("| photographs | weights | epochs | CC | abs CC | no negatives | minutes |")
     print("|---:" * 7 + "|")
     for count, size in dict.fromkeys(runs):

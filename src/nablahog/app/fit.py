@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -117,22 +117,23 @@ class Scene:
         made[:, 2] = made[:, 2].clamp(LEAST_DISTANCE, MOST_DISTANCE)
         return fit_to_box(made, self.prepared.hull, self.crop.camera, self.crop.size) if place else made
 
-    def curve(self, pose: list[float], ticket: Ticket) -> Iterator[dict[str, Any]]:
-        """Similarities and derivatives by azimuth all around, some at a time."""
+    def around(self, pose: list[float]) -> tuple[Tensor, ...]:
+        """Poses (N, 6) at azimuths all around, some at a time."""
         start = self._poses(pose, False)[0].clone()
         start[0] = 0
-        parts = torch.split(azimuth_sweep(start, AZIMUTHS), AT_ONCE)
-        for number, poses in enumerate(parts):
-            ticket.check()
-            with refusing():
-                values, derivatives = self.similarity.derivatives(poses)
-            yield {
-                "type": "curve",
-                "azimuths": _rounded(poses[:, 0]),
-                "similarities": _rounded(values),
-                "derivatives": _rounded(derivatives[:, 0]),
-                "done": number == len(parts) - 1,
-            }
+        return torch.split(azimuth_sweep(start, AZIMUTHS), AT_ONCE)
+
+    def curve(self, poses: Tensor, done: bool) -> dict[str, Any]:
+        """Similarities and derivatives by azimuth at some of :meth:`around`; whether these are the last."""
+        with refusing():
+            values, derivatives = self.similarity.derivatives(poses)
+        return {
+            "type": "curve",
+            "azimuths": _rounded(poses[:, 0]),
+            "similarities": _rounded(values),
+            "derivatives": _rounded(derivatives[:, 0]),
+            "done": done,
+        }
 
     def fit(
         self,

@@ -12,6 +12,7 @@ import torch
 
 from ..dialects import tables
 from ..dialects.compare import compare
+from ..hog.box import Box
 from ..hog.channels import channel_names
 from ..hog.coordinates import cell_centres, pixel_box
 from ..io.descriptor_file import save_descriptor
@@ -90,9 +91,25 @@ def cell(of: Described, row: int, col: int) -> dict[str, Any]:
         "box": box,
         "angles": [round(float(np.degrees(angle)) % 360, 1) for angle in angles],
         "histogram": votes[row, col].tolist() if covered else None,
-        "block": {"row": at[0], "col": at[1], "box": [int(side) for side in block]} if covered else None,
+        "block": {"row": at[0], "col": at[1], "box": _normalised_by(block, of)} if covered else None,
         "entries": entries if covered else [],
     }
+
+
+def _normalised_by(block: Box, of: Described) -> list[int]:
+    """The pixels of a block, or of all cells that a cell is normalised by, x0, y0, x1, y1."""
+    spec, (height, width) = of.source.spec, of.source.image_size
+    reach = spec.normalizer.reach()
+    if reach is None:
+        return [0, 0, width, height]
+    down, across = (reach * side for side in spec.cell_size)
+    box = (
+        max(0, block.x0 - across),
+        max(0, block.y0 - down),
+        min(width, block.x1 + across),
+        min(height, block.y1 + down),
+    )
+    return [int(side) for side in box]
 
 
 def as_file(of: Described) -> bytes:

@@ -8,6 +8,7 @@ from collections.abc import Coroutine
 from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
+from torch import Tensor
 
 from .fit import Scene
 from .lanes import Cancelled, Lane, Ticket
@@ -77,7 +78,8 @@ class FitSocket:
         else:
             self._opened()
             await self._stop()
-            self._work = asyncio.create_task(self._refusing(self._worked(message)))
+            work = self._curve(message) if isinstance(message, Curve) else self._fit(message)
+            self._work = asyncio.create_task(self._refusing(work))
 
     def _opened(self) -> Scene:
         if self.scene is None:
@@ -102,25 +104,32 @@ class FitSocket:
 
             await self._refusing(answer())
 
-    async def _worked(self, message: Curve | Fit) -> None:
-        """The answers of a curve or a search, as they come."""
+    async def _curve(self, message: Curve) -> None:
+        """The curve, part by part, so that poses that are dragged meanwhile need not wait for all of it."""
+        scene = self._opened()
+        parts = await self.quick.run(lambda _: scene.around(message.pose))
+        for number, poses in enumerate(parts):
+
+            def part(_: Ticket, poses: Tensor = poses, done: bool = number == len(parts) - 1) -> dict[str, Any]:
+                return scene.curve(poses, done)
+
+            await self._send(await self.quick.run(part))
+
+    async def _fit(self, message: Fit) -> None:
+        """The poses that a search comes to, and its result."""
         loop, answers, scene = asyncio.get_running_loop(), asyncio.Queue[dict[str, Any] | None](), self._opened()
+        here = message.pose if message.from_here else None
+        initial = None if here is None else (here[0], min(max(here[1], -90.0), 90.0))
 
         def send(answer: dict[str, Any]) -> None:
             loop.call_soon_threadsafe(answers.put_nowait, answer)
 
         def work(ticket: Ticket) -> None:
-            if isinstance(message, Curve):
-                for part in scene.curve(message.pose, ticket):
-                    send(part)
-                return
-            here = message.pose if message.from_here else None
-            initial = None if here is None else (here[0], min(max(here[1], -90.0), 90.0))
             send(scene.fitted(scene.fit(message, send, ticket, initial), *self.names))
 
         async def worked() -> None:
             try:
-                await (self.quick if isinstance(message, Curve) else self.long).run(work)
+                await self.long.run(work)
             finally:
                 answers.put_nowait(None)
 

@@ -57,7 +57,8 @@ class Objective:
     Attributes:
         smoothness: ξ of Eq. 9, on the distance's own scale, see :func:`.priors.smoothness`.
         closeness: λ of :class:`.objective.PreimageObjective`, how strongly the image is kept at what is expected; None
-            for 1 of signed specs and of details, 0.1 of unsigned ones, whose region signs are uncertain.
+            for 1 of signed specs and of details, 3 of signed specs with a learned prior, 0.1 of unsigned ones, whose
+            region signs are uncertain.
         priors: added to the above; with ``smoothness=0``, instead of it.
 
     Raises:

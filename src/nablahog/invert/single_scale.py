@@ -34,6 +34,7 @@ SPREAD = 0.3  # standard deviation, in 0…1, of the noise the samples begin wit
 ENOUGH = 90  # evaluations of a sample, to explain so much away: with fewer it begins with less
 SMOOTHING = 0.9  # pixels: what the samples agree on is coarser
 CLOSENESS, UNCERTAIN = 1.0, 0.1  # λ by default; the latter of what is expected of unsigned descriptors, before details
+BY_PRIOR = 3.0  # λ of what a prior expects of signed descriptors: as far from these as a pre-image without one
 BEFORE_DETAILS = 0.3  # of the evaluations of an unsigned descriptor, where details are expected later
 MEMORY = 2**29  # bytes that the searches of a part of a batch take, about
 VECTORS = 32  # of unknowns that a search of one image holds at most: measured, memory and images and all copies
@@ -60,7 +61,7 @@ def search_preimages(
     the confidence in the polarity.
     """
     spec = searchable(dialect)
-    plan = _plan(spec, quality, seed, search, objective, start is not None, expected is not None)
+    plan = _plan(spec, quality, seed, search, objective, start is not None, expected is not None, learned is not None)
     details = None if learned is None else learned.details
     searches, images = [], []
     for part, report in _parts(targets, size, plan, progress):
@@ -111,6 +112,7 @@ def _plan(
     objective: Objective,
     has_start: bool,
     has_expected: bool,
+    has_prior: bool,
 ) -> _Plan:
     effort = quality_of(quality)
     samples = effort.samples if search.samples is None else search.samples
@@ -122,7 +124,8 @@ def _plan(
     if objective.closeness is not None:
         closeness = to_details = objective.closeness
     else:
-        closeness, to_details = CLOSENESS if spec.signed else UNCERTAIN, CLOSENESS
+        of_signed = BY_PRIOR if has_prior else CLOSENESS
+        closeness, to_details = of_signed if spec.signed else UNCERTAIN, CLOSENESS
     smoothness = (RelativeSmoothness(objective.smoothness),) if objective.smoothness else ()
     gray_values = (Range(RANGE_WEIGHT),) if spec.normalizer.fixes_contrast else ()
     priors = (*smoothness, *gray_values, *objective.priors)
