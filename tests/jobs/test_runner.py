@@ -65,7 +65,7 @@ def test_nothing_to_do() -> None:
 
 def test_the_parent_is_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
-    with runner._one_thread(), runner._no_interrupts():
+    with runner.one_thread(), runner._no_interrupts():
         assert os.environ["OMP_NUM_THREADS"] == "1"
         assert signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])
     assert "OMP_NUM_THREADS" not in os.environ

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import asdict, dataclass, fields
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -45,6 +46,10 @@ class PoseJob:
             "code": code_key(PoseJob, self.method.run, *filter(None, [self.method.prepare])),
         }
         return key_of(facts, self.image)
+
+    def files(self) -> list[Path]:
+        """Those of the models."""
+        return [model.source for model in self.models if isinstance(model.source, Path)]
 
     def run(self) -> JobResult:
         """Runs the method: the pose as figures, its silhouette as the picture; the time is without preparation.

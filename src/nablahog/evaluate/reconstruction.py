@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
@@ -36,17 +37,20 @@ class ReconstructionJob:
     def key(self) -> str:
         """A hash of image, method, settings, and the code that makes the result."""
         settings, method = self.settings, self.method
-        learned = [settings.learned[kind] for kind in method.needs if kind in settings.learned]
         facts = {
             "method": method.name,
             "rows": method.rows,
             "spec": None if method.spec is None else method.spec.to_json(),
             "seed": settings.seed,
             "max_evaluations": settings.max_evaluations,
-            "learned": [digest(path) for path in learned],
+            "learned": [digest(path) for path in self.files()],
             "code": code_key(ReconstructionJob, method.run),
         }
         return key_of(facts, self.image)
+
+    def files(self) -> list[Path]:
+        """The learned files that it reads."""
+        return [self.settings.learned[kind] for kind in self.method.needs if kind in self.settings.learned]
 
     def run(self) -> JobResult:
         """Runs the method and compares its outputs with the image: figures and a picture for each of its rows.

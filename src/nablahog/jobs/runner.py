@@ -36,7 +36,7 @@ class _Worker:
         self.process = context.Process(target=serve, args=(child_end,), daemon=True)
         self.ready = False
         self.job: int | None = None
-        with _one_thread(), _no_interrupts():
+        with one_thread(), _no_interrupts():
             self.process.start()
         child_end.close()  # so that the death of the process ends the pipe
 
@@ -56,7 +56,7 @@ class _Worker:
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
+def one_thread() -> Iterator[None]:
     """Child processes started in the block compute in one thread each: the libraries under PyTorch read this first."""
     before = os.environ.get("OMP_NUM_THREADS")
     os.environ["OMP_NUM_THREADS"] = "1"

@@ -33,7 +33,10 @@ class JobResult:
 
 
 class Work(Protocol):
-    """Work that can be sent to another process."""
+    """Work that can be sent to another process.
+
+    If it reads files, it has a method ``files`` that returns their paths, and reads them by :func:`.carried.found`.
+    """
 
     def run(self) -> JobResult:
         """Does the work; the same result every time.

@@ -151,6 +151,7 @@ def table(
         help="list the methods, and which of them run without being asked for, and exit",
     )
     workers(command)
+    cluster(command)
 
 
 def number(
@@ -176,6 +177,16 @@ def number(
 
 def workers(command: argparse.ArgumentParser) -> None:
     number(command, "--workers", "processes to work in (default: one for each core)")
+
+
+def cluster(command: argparse.ArgumentParser) -> None:
+    """Adds ``--cluster``."""
+    command.add_argument(
+        "--cluster",
+        metavar="CLUSTER",
+        help="work on a Dask cluster instead: local or local:N for processes of this machine, tcp://HOST:PORT, or the "
+        "JSON file of a scheduler; needs the extra nablahog[cluster]",
+    )
 
 
 def inputs(command: argparse.ArgumentParser) -> None:

@@ -35,9 +35,11 @@ def table1(arguments: Namespace) -> None:
     with output_folder(arguments.output) as folder:
         settings = Table1Settings(arguments.seed, arguments.max_evaluations, files | _learn_missing(files, methods))
         remarks = table1_page.remarks(left_out, settings.learned, photographs)
-        with counter("nablahog table1") as progress:
+        with counter("nablahog table1") as progress, as_user_error():
             workers = arguments.workers or cores()
-            table = run_table1(folder, photographs, methods, settings, workers=workers, progress=progress)
+            table = run_table1(
+                folder, photographs, methods, settings, workers=workers, cluster=arguments.cluster, progress=progress
+            )
         if not any(table.seconds.values()):
             first = table.failures[0]
             raise UserError(f"there is no result for any image; the first: {first.image}: {first.reason}")

@@ -39,9 +39,11 @@ def table2(arguments: Namespace) -> None:
         examples, passed_over = _examples(arguments)
     with output_folder(arguments.output) as folder:
         settings = Table2Settings(arguments.seed, folder / "exemplars")
-        with counter("nablahog table2") as progress:
+        with counter("nablahog table2") as progress, as_user_error():
             workers = arguments.workers or cores()
-            table = run_table2(folder, examples, methods, settings, workers=workers, progress=progress)
+            table = run_table2(
+                folder, examples, methods, settings, workers=workers, cluster=arguments.cluster, progress=progress
+            )
         if not any(table.seconds.values()):
             first = next(failure for failure in table.failures if failure.method is not None)
             raise UserError(f"there is no pose of any object; the first: {first.image}: {first.reason}")

@@ -1,0 +1,207 @@
+"""Many jobs on a Dask cluster: one that is there, or processes of this machine that Dask manages.
+
+Jobs go in chunks that take about :data:`CHUNK_SECONDS`, by the time that the first ones took: the scheduler's own work
+for a task is then below 5 % of it.  A worker that dies is Dask's matter, which gives its tasks to others; the jobs of a
+task that takes its workers with it are done again in the end, one by one, so that it is known which one is to blame.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import dask
+import torch
+from distributed import Client, LocalCluster, Worker, WorkerPlugin, as_completed
+from distributed.client import FutureCancelledError
+from distributed.comm.core import CommClosedError
+from distributed.scheduler import KilledWorker
+
+from .carried import put
+from .runner import cores, one_thread
+from .store import JobResult, Work
+from .worker import attempt
+
+CHUNK_SECONDS = 0.5
+MOST_IN_CHUNK = 1000
+AHEAD = 2  # chunks for each thread of the cluster, so that none waits for this process
+DEATHS = 2  # of workers, with the same task, until it fails: as of local processes
+PATIENCE = 60.0  # seconds to wait for a scheduler, and for its first worker
+PLUGIN = "nablahog-files"
+
+
+def run_on_cluster(
+    jobs: Sequence[Work],
+    *,
+    cluster: str,
+    started: Callable[[int], None] = lambda index: None,
+    say: Callable[[str], None] = lambda text: None,
+) -> Generator[tuple[int, JobResult | str], None, None]:
+    """Does all jobs on a cluster, each in one thread.
+
+    A result depends on nothing but its job.  Close the generator (``contextlib.closing``) to stop early.
+
+    Args:
+        jobs: sent in this order.
+        cluster: ``local`` or ``local:N``, N processes of this machine; the address of a scheduler, such as
+            ``tcp://HOST:PORT``; or the JSON file that it wrote.
+        started: called with the index of a job when it is sent.
+        say: called with the address of the dashboard.
+
+    Yields:
+        The index of each finished job, with its result or one sentence why it failed.
+
+    Raises:
+        ValueError: ``cluster`` is none of these.
+        ChildProcessError: there is no such cluster, it has no workers, or its scheduler is lost.
+    """
+    if not jobs:
+        return
+    with _connected(cluster) as client, _not_lost():
+        say(f"dashboard: {client.dashboard_link}")
+        _prepare(client, jobs)
+        waiting = _Waiting(len(jobs))
+        chunks: dict[Any, list[int]] = {}
+        pending = as_completed()
+
+        def send() -> None:
+            room = AHEAD * max(1, sum(client.nthreads().values())) - len(chunks)
+            while room > 0 and (chunk := waiting.next(alone=not chunks)):
+                for index in chunk:
+                    started(index)
+                future = client.submit(attempt_all, [jobs[index] for index in chunk], pure=False)
+                chunks[future.key] = chunk
+                pending.add(future)
+                room -= 1
+
+        send()
+        while chunks:
+            future = next(pending)
+            chunk = chunks.pop(future.key)
+            error = future.exception() if future.status == "error" else None
+            if future.status == "finished":
+                seconds, answers = future.result()
+                waiting.took(seconds, len(chunk))
+                yield from zip(chunk, answers, strict=True)
+            elif isinstance(error, KilledWorker) and waiting.suspect(chunk):
+                yield chunk[0], f"the process at work on it died, {DEATHS} times"
+            elif error is not None:
+                for index in chunk:
+                    yield index, f"{type(error).__name__}: {' '.join(str(error).split())}"
+            else:
+                raise ChildProcessError(f"the cluster {cluster} has dropped work: {future.status}")
+            send()
+
+
+def attempt_all(jobs: Sequence[Work]) -> tuple[float, list[JobResult | str]]:
+    """The seconds that jobs took on a worker, and their results, or why there are none."""
+    began = time.perf_counter()
+    answers = [attempt(job) for job in jobs]
+    return time.perf_counter() - began, answers
+
+
+class _Waiting:
+    """Jobs that were not sent yet, in chunks of about :data:`CHUNK_SECONDS`.
+
+    Dask blames all tasks that a dead worker had, those too that only waited for it.  So jobs of such tasks are sent
+    again in the end, one by one, with nothing else under way.
+
+    Args:
+        count: of the jobs.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._indices, self._suspects = deque(range(count)), deque[int]()
+        self._seconds = self._done = 0.0
+        self._tried: set[int] = set()
+
+    def next(self, alone: bool) -> list[int]:
+        """The next chunk; empty if there is none, or none unless ``alone``, when nothing is under way."""
+        each = self._seconds / self._done if self._done else CHUNK_SECONDS
+        size = max(1, min(MOST_IN_CHUNK, round(CHUNK_SECONDS / max(each, 1e-6))))
+        chunk = [self._indices.popleft() for _ in range(min(size, len(self._indices)))]
+        if not chunk and self._suspects and alone:
+            chunk = [self._suspects.popleft()]
+            self._tried.add(chunk[0])
+        return chunk
+
+    def took(self, seconds: float, count: int) -> None:
+        """Jobs are done."""
+        self._seconds, self._done = self._seconds + seconds, self._done + count
+
+    def suspect(self, chunk: Sequence[int]) -> bool:
+        """Whether a chunk that took its workers with it was a job alone; else its jobs are sent again in the end."""
+        if len(chunk) == 1 and chunk[0] in self._tried:
+            return True
+        self._suspects.extend(chunk)
+        return False
+
+
+@contextmanager
+def _connected(cluster: str) -> Iterator[Client]:
+    """A client of the cluster; one of this machine's own processes ends with the block."""
+    match = re.fullmatch(r"local(?::(\d{1,4}))?", cluster)
+    quiet = {"distributed.admin.log-format": "", "logging.distributed": "critical"}
+    with dask.config.set({"distributed.scheduler.allowed-failures": DEATHS - 1, **quiet}):
+        if match is None:
+            try:
+                client = _client(Client, cluster)
+            except (OSError, ValueError) as error:
+                raise ChildProcessError(f"there is no Dask scheduler at {cluster}: {error}") from None
+            with client:
+                try:
+                    client.wait_for_workers(1, timeout=PATIENCE)
+                except TimeoutError:
+                    raise ChildProcessError(f"the cluster {cluster} has no workers") from None
+                yield client
+            return
+        workers = int(match[1] or cores())
+        if workers < 1:
+            raise ValueError(f"expected local:N with at least one process, got {cluster!r}")
+        with (
+            one_thread(),
+            LocalCluster(workers, threads_per_worker=1, dashboard_address="127.0.0.1:0", silence_logs=50) as local,
+            Client(local, timeout=PATIENCE) as client,
+        ):
+            yield client
+
+
+def _client(kind: Callable[..., Client], cluster: str) -> Client:
+    if re.fullmatch(r"[a-z]+://\S+", cluster):
+        return kind(cluster, timeout=PATIENCE)
+    if not Path(cluster).is_file():
+        raise ValueError("expected local, local:N, an address such as tcp://HOST:8786, or a scheduler's file")
+    return kind(scheduler_file=cluster, timeout=PATIENCE)
+
+
+@contextmanager
+def _not_lost() -> Iterator[None]:
+    """Raises ChildProcessError where Dask says in one of many ways that its scheduler has gone."""
+    try:
+        yield
+    except (CommClosedError, FutureCancelledError, CancelledError, StopIteration) as error:
+        raise ChildProcessError(f"the scheduler is lost: {' '.join(str(error).split()) or 'it has closed'}") from None
+
+
+class _Files(WorkerPlugin):
+    """Puts the files that jobs read beside a worker when it starts, and makes it compute in one thread a job."""
+
+    def __init__(self, files: dict[str, bytes]) -> None:
+        self.files = files
+
+    def setup(self, worker: Worker) -> None:
+        torch.set_num_threads(1)
+        put(self.files, Path(worker.local_directory, PLUGIN))
+
+
+def _prepare(client: Client, jobs: Sequence[Work]) -> None:
+    """Sends the files that jobs read to each worker, once."""
+    paths = dict.fromkeys(path for job in jobs for path in getattr(job, "files", list)())
+    files = {str(path): path.read_bytes() for path in paths}
+    client.register_plugin(_Files(files), name=PLUGIN)

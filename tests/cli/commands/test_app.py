@@ -1,0 +1,51 @@
+"""The command `nablahog app`: its one line, its page, and what it says when it cannot."""
+
+from __future__ import annotations
+
+import re
+import signal
+import socket
+import subprocess
+import sys
+import urllib.request
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from nablahog.cli.main import main
+
+
+def test_it_serves_until_it_is_interrupted(photo: str) -> None:
+    command = [sys.executable, "-m", "nablahog", "app", "--port", "0", photo]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        address = re.fullmatch(r"Look at (http://127\.0\.0\.1:\d+/) until Ctrl-C\n", line)
+        assert address is not None, line
+        with urllib.request.urlopen(address[1]) as page:
+            assert "∇HOG" in page.read().decode()
+        with urllib.request.urlopen(f"{address[1]}api/about") as about:
+            assert b'"given-0","name":"cat.png","width":80' in about.read()
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=30)
+    assert (process.returncode, errors) in ((0, ""), (130, "nablahog app: error: interrupted\n"))
+
+
+def test_without_the_extra(refused: Callable[..., None], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
+    refused("app", message="the page needs uvicorn: pip install 'nablahog[app]'")
+
+
+def test_what_it_refuses(refused: Callable[..., None], tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        refused("app", "--port", port, message=f"cannot listen at 127.0.0.1, port {port}: Address already in use")
+    refused("app", "--port", "70000", message="expected an integer of at most 65535, got '70000'", status=2)
+    (tmp_path / "x.png").write_bytes(b"x")
+    refused("app", str(tmp_path / "x.png"), message="expected an image, got a file of no format that Pillow reads")
+
+
+def test_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["app", "--help"]) == 0
+    assert "Nothing leaves the machine" in " ".join(capsys.readouterr().out.split())

@@ -1,0 +1,157 @@
+"""Jobs on a Dask cluster: results whatever dies, and a sentence where there is no cluster."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nablahog.jobs.carried import found, put
+from nablahog.jobs.cluster import CHUNK_SECONDS, _Waiting, run_on_cluster
+from nablahog.jobs.store import JobResult
+from nablahog.jobs.worker import attempt
+
+from ..evaluate.common import job
+from ..evaluate.fakes import DARK, KILLED, MISTAKEN
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),  # of Dask's own sockets
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+    pytest.mark.filterwarnings("ignore::DeprecationWarning"),
+]
+
+
+@pytest.fixture(scope="module")
+def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The address of a cluster of one worker, in processes of its own."""
+    folder = tmp_path_factory.mktemp("dask")
+    with started(folder) as (address, _):
+        yield address
+
+
+@contextmanager
+def started(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """A scheduler and a worker; the address, and the scheduler's process."""
+    file = folder / "scheduler.json"
+    python = [sys.executable, "-m"]
+    path = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}  # workers import the fakes
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": path}
+    address = [
+        "--host",
+        "127.0.0.1",
+        "--port",
+        "0",
+        "--dashboard-address",
+        "127.0.0.1:0",
+        "--scheduler-file",
+        str(file),
+    ]
+    one = subprocess.Popen([*python, "distributed.cli.dask_scheduler", *address], cwd=folder, **quiet)  # type: ignore[call-overload]
+    other = subprocess.Popen(  # type: ignore[call-overload]
+        [*python, "distributed.cli.dask_worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-dashboard"],
+        cwd=folder,
+        **quiet,
+    )
+    try:
+        end = time.monotonic() + 60
+        while not file.exists():
+            assert time.monotonic() < end
+            time.sleep(0.1)
+        yield str(file), one
+    finally:
+        for process in (other, one):
+            process.send_signal(signal.SIGTERM)
+        for process in (other, one):
+            process.wait(30)
+
+
+def test_deaths_and_failures() -> None:
+    """A job that takes its worker with it is named; those that shared its chunk are done."""
+    jobs = [job(DARK), job(KILLED), job(MISTAKEN), job(DARK, seed=1)]
+    output = dict(run_on_cluster(jobs, cluster="local:1"))
+    assert sorted(output) == [0, 1, 2, 3]
+    for index in (0, 3):
+        alone, result = attempt(jobs[index]), output[index]
+        assert isinstance(result, JobResult)
+        assert isinstance(alone, JobResult)
+        assert result.figures == alone.figures
+        assert np.array_equal(result.pictures, alone.pictures)
+    assert output[1] == "the process at work on it died, 2 times"
+    assert str(output[2]).startswith("KeyError at fakes.py:")
+
+
+def test_an_existing_cluster(scheduler: str) -> None:
+    jobs = [job(DARK, seed=seed) for seed in range(6)]
+    begun: list[int] = []
+    output = dict(run_on_cluster(jobs, cluster=scheduler, started=begun.append))
+    assert sorted(output) == begun == [0, 1, 2, 3, 4, 5]
+    assert all(isinstance(each, JobResult) for each in output.values())
+
+
+def test_left_early(scheduler: str) -> None:
+    with closing(run_on_cluster([job(DARK, seed=seed) for seed in range(9)], cluster=scheduler)) as outcomes:
+        next(outcomes)
+    assert len(dict(run_on_cluster([job(DARK)], cluster=scheduler))) == 1  # it is still there
+
+
+@pytest.mark.slow  # Dask tries to connect again for half a minute
+def test_a_lost_scheduler(tmp_path: Path) -> None:
+    with started(tmp_path) as (address, process):
+        outcomes = run_on_cluster([job(DARK, seed=seed) for seed in range(2000)], cluster=address)
+        next(outcomes)
+        process.kill()
+        with pytest.raises(ChildProcessError, match="the scheduler is lost"):
+            list(outcomes)
+
+
+@pytest.mark.parametrize(
+    ("cluster", "error", "message"),
+    [
+        ("local:0", ValueError, "expected local:N with at least one process, got 'local:0'"),
+        ("nothing.json", ChildProcessError, "expected local, local:N, an address such as tcp://HOST:8786"),
+        ("tcp://127.0.0.1:1", ChildProcessError, "there is no Dask scheduler at tcp://127.0.0.1:1"),
+    ],
+)
+def test_no_cluster(cluster: str, error: type[Exception], message: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("nablahog.jobs.cluster.PATIENCE", 1.0)
+    with pytest.raises(error, match=message):
+        list(run_on_cluster([job(DARK)], cluster=cluster))
+
+
+def test_no_jobs() -> None:
+    assert list(run_on_cluster([], cluster="tcp://nowhere:1")) == []
+
+
+def test_chunks_take_about_as_long_as_they_should() -> None:
+    waiting = _Waiting(1000)
+    assert waiting.next(alone=True) == [0]  # nothing is known yet
+    waiting.took(0.01, 1)
+    assert len(waiting.next(alone=False)) == round(CHUNK_SECONDS / 0.01)
+    waiting.took(100.0, 1)
+    assert len(waiting.next(alone=False)) == 1
+
+
+def test_a_job_is_blamed_when_it_was_alone() -> None:
+    waiting = _Waiting(2)
+    assert (waiting.next(alone=True), waiting.next(alone=False)) == ([0], [1])
+    assert not waiting.suspect([0])
+    assert not waiting.suspect([1])
+    assert waiting.next(alone=False) == []
+    assert waiting.next(alone=True) == [0]
+    assert waiting.suspect([0])
+
+
+def test_carried_files(tmp_path: Path) -> None:
+    asked = tmp_path / "there" / "chair.off"
+    assert found(asked) == asked
+    put({str(asked): b"OFF"}, tmp_path / "here")
+    assert found(asked).read_bytes() == b"OFF"
+    assert found(asked).suffix == ".off"
