@@ -34,6 +34,10 @@ def test_other_sites_are_refused(client: TestClient, heads: dict[str, str], stat
     assert status == 200 or "error" in answer.json()
 
 
+def test_a_link_to_the_page_may_be_anywhere(client: TestClient) -> None:
+    assert client.get("/", headers={"sec-fetch-site": "cross-site"}).status_code == 200
+
+
 def test_sockets_of_other_sites_are_refused(client: TestClient) -> None:
     with (
         pytest.raises(WebSocketDisconnect),

@@ -14,7 +14,7 @@ from PIL import Image
 from starlette.testclient import TestClient
 
 from nablahog import hog, presets, save_descriptor
-from nablahog.app import uploads
+from nablahog.app import server, uploads
 
 CUBE = b"OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
 
@@ -25,6 +25,12 @@ def test_a_photograph(client: TestClient, photo_file: bytes) -> None:
     answer = client.get(f"/api/photos/{said['id']}?size=32")
     assert Image.open(io.BytesIO(answer.content)).size == (24, 32)
     assert client.post("/api/photos", content=photo_file).json()["id"] == said["id"]  # by content
+
+
+def test_a_slow_upload_is_refused(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "PATIENCE", 0.0)
+    answer = client.post("/api/photos", content=b"x")
+    assert (answer.status_code, answer.json()) == (408, {"error": "the upload took more than 0 seconds"})
 
 
 def test_no_photograph(client: TestClient) -> None:

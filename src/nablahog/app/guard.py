@@ -15,6 +15,8 @@ from urllib.parse import parse_qs
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from .refusals import Refusal
+
 MOST_BYTES = 64 * 2**20  # of an upload
 MOST_JSON = 2**16
 UPLOADS = ("/api/photos", "/api/descriptors", "/api/meshes")
@@ -49,7 +51,8 @@ class Doors:
             return 421, f"this server answers to {', '.join(sorted(self.hosts))}, not to {host[:80]!r}"
         if origin is not None and origin not in (f"http://{host}", f"https://{host}"):
             return 403, f"requests of other pages are refused, this one is of {origin[:80]!r}"
-        if headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
+        asked_by = headers.get("sec-fetch-site", "same-origin")
+        if asked_by not in ("same-origin", "none") and scope["path"] != "/":  # a link to the page may be anywhere
             return 403, "requests of other pages are refused"
         if self.token is not None and not scope["path"].startswith("/static/"):
             query = parse_qs(scope["query_string"].decode("latin-1"))
@@ -57,10 +60,6 @@ class Doors:
             if not hmac.compare_digest(given.encode(), self.token.encode()):
                 return 401, "expected the address with its token, as the server printed it"
         return None
-
-
-class TooLarge(Exception):
-    """A body has more bytes than it may."""
 
 
 class Guard:
@@ -85,29 +84,23 @@ class Guard:
         if scope["type"] == "websocket":
             await self.app(scope, receive, send)
             return
-        most, read, began = _most_bytes(scope), 0, False
+        most, read = _most_bytes(scope), 0
 
         async def bounded() -> Message:
             nonlocal read
             message = await receive()
             read += len(message.get("body", b""))
             if read > most:
-                raise TooLarge
+                raise Refusal(413, _at_most(most))
             return message
 
         async def with_headers(message: Message) -> None:
-            nonlocal began
             if message["type"] == "http.response.start":
-                began = True
                 heads = [(name.encode(), value.encode()) for name, value in HEADERS.items()]
                 message = {**message, "headers": [*message.get("headers", []), *heads]}
             await send(message)
 
-        try:
-            await self.app(scope, bounded, with_headers)
-        except TooLarge:
-            if not began:
-                await _refuse(scope, receive, send, 413, _at_most(most))
+        await self.app(scope, bounded, with_headers)
 
 
 def _most_bytes(scope: Scope) -> int:

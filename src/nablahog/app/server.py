@@ -38,6 +38,7 @@ TYPES = {".html": "text/html; charset=utf-8", ".css": "text/css", ".js": "text/j
 CHAIRS = (3, 0, 1, 2, 4, 5)  # seeds of the procedural chairs
 VIEWPOINT = (35.0, 20.0, 0.0)  # azimuth, elevation and theta of the chair that is shown, degrees
 QUICK, LONG = 64, 32  # computations that may wait in each lane
+UPLOADS_AT_ONCE, PATIENCE = 4, 60.0  # the latter: seconds
 FRAMES = 3  # of an inversion, that may wait for a slow page; further ones are left out
 Answer = TypeVar("Answer")
 
@@ -56,6 +57,7 @@ class Server:
     def __init__(self, photographs: Sequence[Photograph] = ()) -> None:
         self.store = Store(secrets.token_bytes(16))
         self.quick, self.long = Lane("quick", QUICK), Lane("long", LONG)
+        self._uploads = asyncio.Semaphore(UPLOADS_AT_ONCE)
         for number, each in enumerate(photographs):
             self.store.always(f"given-{number}", each)
 
@@ -116,16 +118,25 @@ class Server:
         return JSONResponse(document())
 
     async def _upload_photograph(self, request: Request) -> Response:
-        data, name = await request.body(), _name(request, "photo")
-        return await self._json(request, self.quick, lambda _: uploads.photograph(data, name, self.store))
+        name = _name(request, "photo")
+        return await self._uploaded(request, lambda data: uploads.photograph(data, name, self.store))
 
     async def _upload_descriptor(self, request: Request) -> Response:
-        data, name, query = await request.body(), _name(request, "descriptor"), dict(request.query_params)
-        return await self._json(request, self.quick, lambda _: uploads.descriptor(data, name, query, self.store))
+        name, query = _name(request, "descriptor"), dict(request.query_params)
+        return await self._uploaded(request, lambda data: uploads.descriptor(data, name, query, self.store))
 
     async def _upload_mesh(self, request: Request) -> Response:
-        data, name, query = await request.body(), _name(request, "model"), dict(request.query_params)
-        return await self._json(request, self.quick, lambda _: uploads.mesh(data, name, query, self.store))
+        name, query = _name(request, "model"), dict(request.query_params)
+        return await self._uploaded(request, lambda data: uploads.mesh(data, name, query, self.store))
+
+    async def _uploaded(self, request: Request, keep: Callable[[bytes], dict[str, Any]]) -> Response:
+        """The answer to an upload; few are in memory at once, whoever is slow is refused."""
+        async with self._uploads:
+            try:
+                data = await asyncio.wait_for(request.body(), PATIENCE)
+            except asyncio.TimeoutError:
+                raise Refusal(408, f"the upload took more than {PATIENCE:g} seconds") from None
+            return await self._json(request, self.quick, lambda _: keep(data))
 
     async def _photograph(self, request: Request) -> Response:
         kept, size = self.store.get(request.path_params["id"], Photograph), _integer(request, "size", 1024)
