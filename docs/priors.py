@@ -1,16 +1,18 @@
 """Makes docs/priors.png: photographs from unsigned descriptors, without the priors of the package and with them.
 
 `python docs/priors.py`; two minutes.  The photographs, of 128x128, come with scikit-image, and are in the public domain
-or under CC0.  Above each pre-image is its correlation with the photograph, and for those with the prior how sure that
-is of the polarity.
+or under CC0; the letters are drawn.  Above each pre-image is its correlation with the photograph, and for those with
+the prior how sure that is of the polarity.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import torch
 from pictures import NAMES, photograph
+from PIL import Image, ImageDraw, ImageFont
 from torch import Tensor
 
 from nablahog import Reconstruction, hog, metrics, presets, reconstruct, reconstruct_multiscale
@@ -35,14 +37,23 @@ def columns(images: Tensor) -> dict[str, Reconstruction]:
     return results
 
 
+def letters() -> Tensor:
+    """Two words, black on white, (1, 1, 128, 128)."""
+    page = Image.new("L", (128, 128), 255)
+    draw = ImageDraw.Draw(page)
+    for row, word in enumerate(("See the", "letters")):
+        draw.text((8, 20 + 46 * row), word, fill=0, font=ImageFont.load_default(32))
+    return torch.from_numpy(np.asarray(page, dtype=np.float32) / 255)[None, None]
+
+
 def main() -> None:
-    images = torch.cat([photograph(name, 128) for name in NAMES])
+    images = torch.cat([*(photograph(name, 128) for name in NAMES), letters()])
     results = columns(images)
     heads = sorted(
         results, key=lambda head: [*SPECS, "more"].index(head.split(" ")[0])
     )  # with the prior beside without
     rows = []
-    for index, name in enumerate(NAMES):
+    for index, name in enumerate((*NAMES, "letters")):
         row = [Panel(images[index, 0], name)]
         for head in heads:
             result = results[head]
