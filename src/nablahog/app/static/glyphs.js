@@ -31,7 +31,7 @@ function stroke(angle, height, width, stride) {
 /**
  * Draws glyphs, white on black, into a canvas whose cells have whole pixels; style sheets scale it.
  *
- * Pixels are set here and not by the canvas's own lines: these would take a second for a large grid.
+ * Pixels are set here and not by the lines of the canvas: a large grid has tens of thousands of strokes.
  *
  * @param {HTMLCanvasElement} canvas
  * @param {import("./types.js").Votes} glyphs
