@@ -5,8 +5,8 @@
 The first table has the efficiency of both runners: seconds of computing, over seconds of all workers from the first job
 to the last, start of the processes not counted.  Jobs compute for a given time, and do nothing else.
 
-The second table has tasks a second that do nothing, by the number of workers, which are threads of one process: an upper
-bound of what the scheduler takes, and from it the workers that it keeps busy with chunks of half a second.
+The second table has tasks a second that do nothing, by the number of workers, which are threads of one process: a
+bound on what the scheduler takes, and from it the workers that it keeps busy with chunks of half a second.
 """
 
 from __future__ import annotations
