@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,6 +16,7 @@ from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.support.ui import WebDriverWait
 
+from nablahog.app.command import listen
 from nablahog.app.guard import Doors
 from nablahog.app.server import make_app
 
@@ -33,7 +33,7 @@ WAIT = 60.0  # seconds, for whatever is waited for: a machine may be busy
 @contextmanager
 def serving() -> Iterator[str]:
     """The address of a server that runs meanwhile."""
-    listening = socket.create_server(("127.0.0.1", 0))
+    listening = listen("127.0.0.1", 0)
     host = f"127.0.0.1:{listening.getsockname()[1]}"
     app = make_app(Doors(frozenset({host}), None))
     server = uvicorn.Server(uvicorn.Config(app, log_level="error", ws="websockets-sansio", timeout_graceful_shutdown=1))

@@ -33,7 +33,7 @@ def app(arguments: Namespace) -> None:
         raise UserError(f"the page needs {error.name}: pip install 'nablahog[app]'") from None
     with as_user_error():
         photographs = [Photograph(Path(path).name, read_image(path)) for path in arguments.photos]
-    listening = _listening(arguments.host, arguments.port)
+    listening = listen(arguments.host, arguments.port)
     port = listening.getsockname()[1]
     token = None if arguments.host in LOOPBACK else secrets.token_urlsafe(24)
     shown = f"[{arguments.host}]" if ":" in arguments.host else arguments.host
@@ -47,8 +47,16 @@ def app(arguments: Namespace) -> None:
     uvicorn.Server(config).run([listening])
 
 
-def _listening(host: str, port: int) -> socket.socket:
+def listen(host: str, port: int) -> socket.socket:
+    """A socket that listens; the connections that it accepts send at once.
+
+    Raises:
+        UserError: the address or the port cannot be had.
+    """
     try:
-        return socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
+        made = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     except OSError as error:
         raise UserError(f"cannot listen at {host}, port {port}: {error.strerror or error}") from None
+    # asyncio does so only for sockets that name their protocol: the end of an answer would wait for 40 ms
+    made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return made

@@ -16,8 +16,11 @@ from ..cli.results.inversion import MEASURES, SURE
 from ..hog.gradient import gray
 from ..hog.spec import HOGSpec
 from ..invert import AsPublished, Iterate, Reconstruction, Search, reconstruct
+from ..invert.histograms import recover_histograms, searchable
+from ..invert.iterate import at_start
 from ..invert.prior_choice import PriorChoice
 from ..invert.quality import quality_of
+from ..invert.start import starting_images
 from ..invert.template import reconstruct_template
 from . import lines
 from .lanes import Ticket
@@ -28,6 +31,7 @@ from .see import described_by
 from .store import Photograph, Store
 
 PAUSE = 0.07  # seconds between frames, at least
+FIRST = 20  # evaluations for the first frame of a signed descriptor
 POINTS = 200  # of the curve of distances
 Send = Callable[[str, dict[str, Any]], None]
 
@@ -93,6 +97,8 @@ def _searched(
     request: InvertRequest, store: Store, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], watch: _Watch
 ) -> Reconstruction:
     start = None if request.start is None else _start(store, request.start, size)
+    if start is None and searchable(spec).signed:
+        watch(at_start(_integral(descriptor, spec, size), descriptor, spec))
     if request.method == "paper":
         return reconstruct(descriptor, spec, size, method=AsPublished(), seed=request.seed, start=start, watch=watch)
     prior: PriorChoice = PriorOptions(None, request.method == "prior").for_spec(spec)
@@ -107,6 +113,12 @@ def _searched(
         search=Search(),
         watch=watch,
     )
+
+
+def _integral(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
+    """What the votes integrate to, about: to be looked at while the search prepares."""
+    votes = recover_histograms(descriptor, searchable(spec), size, max_evaluations=FIRST)
+    return starting_images(votes, searchable(spec), *size, count=1, seed=0, spread=0.0)[:, 0]
 
 
 def _start(store: Store, key: str, size: tuple[int, int]) -> Tensor:
