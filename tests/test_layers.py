@@ -26,7 +26,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "viz": {"hog", "io", "runtime"},
     "compat": {"hog", "io", "runtime"},
     "datasets": {"hog", "io", "render", "runtime"},
-    "jobs": {"io", "runtime"},
+    "jobs": {"hog", "io", "runtime"},
     "invert": {"hog", "io", "metrics", "optimize", "runtime"},  # no pose
     "pose": {"hog", "io", "metrics", "optimize", "render", "runtime"},  # no inversion
     "dialects": {"compat", "hog", "io", "runtime", "viz"},

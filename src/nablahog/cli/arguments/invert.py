@@ -11,6 +11,7 @@ from . import options
 from .options import SEVERAL, Parser
 
 MOST_SAMPLES = 64
+SHARD = 1000  # images of a file of a data set
 
 
 def hog(commands: argparse._SubParsersAction[Parser]) -> None:
@@ -18,18 +19,24 @@ def hog(commands: argparse._SubParsersAction[Parser]) -> None:
     command = commands.add_parser(
         "hog",
         help="compute the descriptors of photographs",
-        description="Computes the HOG descriptor of each photograph and saves it with its spec.",
+        description="Computes the HOG descriptor of each photograph and saves it with its spec; with -o NAME.parquet, "
+        "those of any number of photographs as one data set, in all processes or on a cluster, resumed when repeated.",
     )
     command.add_argument(
         "inputs",
         nargs="+",
         type=options.path,
         metavar="PHOTO",
-        help=f"an image of any format that Pillow reads; {SEVERAL}",
+        help=f"an image of any format that Pillow reads; {SEVERAL}; for a data set also a URL or pattern of fsspec, "
+        "such as s3://bucket/*.jpg, and @FILE with one of these a line",
     )
     text = "descriptor file (.npz) of one photograph, - for stdout; of several, a folder for one file each"
-    options.output(command, "FILE", text, stdout=True)
+    data = "; or a data set, NAME.parquet, also a URL"
+    options.output(command, "FILE", text + data, stdout=True)
     options.common(command)
+    options.number(command, "--shard", "images of each file of a data set (default: 1000)", default=SHARD)
+    options.workers(command)
+    options.cluster(command)
 
 
 def glyph(commands: argparse._SubParsersAction[Parser]) -> None:

@@ -20,17 +20,21 @@ from ..errors import UserError, forbid_overwrite
 from ..inputs.memory import check_glyph_image
 from ..inputs.sources import Inputs, Source, read_inputs
 from ..terminal import print_table
+from .hog_dataset import ENDING, hog_dataset
 
 STDOUT = "-"
 
 
 def hog(arguments: Namespace) -> int:
-    """Saves the descriptor of each photograph with its spec; returns the exit status.
+    """Saves the descriptor of each photograph with its spec, or all as one data set; returns the exit status.
 
     Raises:
         UserError: no input can be used, or an option is wrong.
         OSError: a folder is missing or cannot be written.
     """
+
+    if arguments.output.rstrip("/").lower().endswith(ENDING):
+        return hog_dataset(arguments)
 
     def write(path: Path, source: Source) -> None:
         save_descriptor(path, source.descriptor, source.spec, source.image_size)

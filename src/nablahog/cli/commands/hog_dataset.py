@@ -1,0 +1,143 @@
+"""``nablahog hog … -o NAME.parquet``: the descriptors of many images as one data set."""
+
+from __future__ import annotations
+
+import json
+from argparse import Namespace
+from collections.abc import Generator, Sequence
+from contextlib import closing
+from pathlib import Path
+
+from ...hog import HOGSpec
+from ...io.images import image_endings
+from ...jobs.runner import cores, run_jobs
+from ...jobs.store import JobResult
+from ..arguments.options import SIZE
+from ..errors import SOME_SKIPPED, UserError, as_user_error
+from ..inputs.expand import expand
+from ..inputs.spec import SpecOptions
+from ..terminal import counter, inform, say
+
+ENDING = ".parquet"
+LIST = "@"
+SHOWN = 3  # images without a descriptor, on stderr; the data set has all
+EXTRA = "a data set of descriptors needs {}: pip install 'nablahog[dataset]'"
+
+
+def hog_dataset(arguments: Namespace) -> int:
+    """Describes all images, some thousand to a file; what an earlier run has done is kept.  Returns the exit status.
+
+    Raises:
+        UserError: no input can be used, an option is wrong, or the output holds something else.
+        OSError: it cannot be written.
+    """
+    try:
+        from ...io.descriptor_dataset import key_of_shard, shard_name
+        from ...jobs.describing import ShardJob
+    except ModuleNotFoundError as error:
+        raise UserError(EXTRA.format(error.name)) from None
+    with as_user_error():
+        spec = SpecOptions.of(arguments).spec()
+    paths, target = _paths(arguments), arguments.output.rstrip("/")
+    size = SIZE if arguments.size is None else arguments.size
+    parts = [tuple(paths[start : start + arguments.shard]) for start in range(0, len(paths), arguments.shard)]
+    jobs = [ShardJob(part, spec, size, f"{target}/{shard_name(number)}") for number, part in enumerate(parts)]
+    _check_empty(target, [job.target for job in jobs])
+    keys = [key_of_shard(job.target) for job in jobs]
+    for job, key in zip(jobs, keys, strict=True):
+        if key not in (None, job.key):
+            raise UserError(f"{job.target} is of other images, or of another descriptor: expected another -o")
+    missing = [job for job, key in zip(jobs, keys, strict=True) if key is None]
+    failed = _do(missing, len(paths) - sum(len(job.paths) for job in missing), len(paths), arguments)
+    return _said(arguments, spec, target, failed)
+
+
+def _do(jobs: Sequence[object], done: int, total: int, arguments: Namespace) -> list[str]:
+    """Why shards could not be written."""
+    reasons = []
+    with counter("nablahog hog") as progress, as_user_error():
+        progress(done, total, "")
+        with closing(_outcomes(jobs, arguments)) as outcomes:
+            for index, outcome in outcomes:
+                done += len(jobs[index].paths)  # type: ignore[attr-defined]
+                progress(done, total, "")
+                if not isinstance(outcome, JobResult):
+                    reasons.append(outcome)
+    return reasons
+
+
+def _outcomes(jobs: Sequence[object], arguments: Namespace) -> Generator[tuple[int, JobResult | str], None, None]:
+    if arguments.cluster is None:
+        return run_jobs(jobs, workers=arguments.workers or cores())  # type: ignore[arg-type]
+    from ...jobs.cluster import run_on_cluster
+
+    return run_on_cluster(jobs, cluster=arguments.cluster, say=inform)  # type: ignore[arg-type]
+
+
+def _paths(arguments: Namespace) -> list[str]:
+    """All images, in order: files, folders, patterns, URLs, and lists of these."""
+    listed = [name[1:] for name in arguments.inputs if name.startswith(LIST)]
+    plain = [name for name in arguments.inputs if not name.startswith(LIST) and "://" not in name]
+    paths = expand(Namespace(**{**vars(arguments), "inputs": plain}), image_endings()).paths if plain else []
+    for name in arguments.inputs:
+        if "://" in name:
+            paths += _urls(name)
+    for name in listed:
+        try:
+            lines = Path(name).read_text(encoding="utf-8").splitlines()
+        except (OSError, UnicodeDecodeError) as error:
+            raise UserError(f"{name}: expected a list of images, one a line: {error}") from None
+        paths += [line.strip() for line in lines if line.strip()]
+    if not paths:
+        raise UserError("there are no images among the inputs")
+    return paths
+
+
+def _urls(name: str) -> list[str]:
+    import fsspec
+
+    try:
+        system, path = fsspec.core.url_to_fs(name)
+        if any(letter in path for letter in "*?["):
+            found = sorted(map(str, system.glob(path)))
+        elif system.isdir(path):
+            found = sorted(str(each) for each in system.ls(path, detail=False))
+        else:
+            found = [str(path)]
+    except (ValueError, ImportError, OSError) as error:
+        raise UserError(f"{name}: {' '.join(str(error).split())}") from None
+    endings = image_endings()
+    return [system.unstrip_protocol(each) for each in found if Path(each).suffix.lower() in endings]
+
+
+def _check_empty(target: str, own: Sequence[str]) -> None:
+    """Refuses an output that holds shards beyond its own: they would become a part of the data set."""
+    import fsspec
+
+    system, path = fsspec.core.url_to_fs(target)
+    if system.exists(path) and not system.isdir(path):
+        raise UserError(f"{target} is a file: a data set is a folder of files")
+    there = {Path(str(each)).name for each in system.glob(f"{path}/part-*{ENDING}")}
+    others = there - {Path(each).name for each in own}
+    if others:
+        raise UserError(f"{target} holds {len(others)} more shards than these images make: expected another -o")
+
+
+def _said(arguments: Namespace, spec: HOGSpec, target: str, reasons: Sequence[str]) -> int:
+    from ...io.descriptor_dataset import DescriptorDataset
+
+    if reasons:
+        raise UserError(f"{len(reasons)} shards could not be written; the first: {reasons[0]}")
+    with as_user_error():
+        data = DescriptorDataset(target)
+    errors = list(data.errors())
+    if len(errors) == len(data):
+        data.remove()
+        raise UserError(f"none of the {len(data)} images has a descriptor; the first: {': '.join(errors[0])}")
+    if arguments.json:
+        about = {"output": target, "descriptor": spec.name, "images": len(data), "failed": len(errors)}
+        print(json.dumps(about, indent=2))
+    for path, reason in errors[:SHOWN]:
+        inform(f"nablahog hog: skipped: {path}: {reason}")
+    say(f"{len(data) - len(errors):,} of {len(data):,} images in {target}")
+    return SOME_SKIPPED if errors else 0

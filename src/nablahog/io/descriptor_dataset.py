@@ -1,0 +1,191 @@
+"""Descriptors of many images: a folder of Parquet files with a row for each image, as sets of features are shared.
+
+The folder may be a URL of any store that fsspec knows, such as ``s3://bucket/photos.parquet``.  Each file is a shard,
+written whole or not at all; its metadata has the spec, and a key that says which images it is of.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+import fsspec
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import torch
+from torch import Tensor
+
+from ..hog import HOGSpec
+from .descriptor_file import StoredDescriptor
+from .files import replacing
+
+FORMAT = 1
+SCHEMA = pa.schema(
+    [
+        ("path", pa.string()),
+        ("height", pa.int32()),
+        ("width", pa.int32()),
+        ("rows", pa.int32()),
+        ("cols", pa.int32()),
+        ("descriptor", pa.list_(pa.float32())),
+        ("error", pa.string()),
+    ]
+)
+"""``height`` and ``width`` are of the image that is described; the descriptor is row by row, cell by cell."""
+KEY = b"nablahog"
+CACHED = 4  # shards whose rows are kept
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """An image of a data set.
+
+    Attributes:
+        path: of the image, as it was named.
+        stored: its descriptor; None if it has none.
+        error: why not.
+    """
+
+    path: str
+    stored: StoredDescriptor | None
+    error: str | None = None
+
+
+def shard_key(paths: Sequence[str], spec: HOGSpec, size: int) -> str:
+    """A hash of what a shard is of: the names of its images, the dialect, and the size that they are shrunk to."""
+    facts = json.dumps([FORMAT, list(paths), spec.to_json(), size])
+    return hashlib.sha256(facts.encode()).hexdigest()
+
+
+def shard_name(number: int) -> str:
+    """The file of a shard."""
+    return f"part-{number:06d}.parquet"
+
+
+def write_shard(url: str, rows: Sequence[Row], spec: HOGSpec, key: str) -> None:
+    """Writes the file ``url`` whole or not at all.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    columns: dict[str, list[Any]] = {name: [] for name in SCHEMA.names}
+    for row in rows:
+        shape = (None,) * 4 if row.stored is None else (*row.stored.image_size, *row.stored.descriptor.shape[:2])
+        values = None if row.stored is None else row.stored.descriptor.float().reshape(-1).numpy()
+        for name, value in zip(SCHEMA.names, (row.path, *shape, values, row.error), strict=True):
+            columns[name].append(value)
+    about = {KEY: json.dumps({"format": FORMAT, "spec": spec.to_json(), "key": key}).encode()}
+    table = pa.table(columns, schema=SCHEMA.with_metadata(about))
+    file = io.BytesIO()
+    pq.write_table(table, file, compression="zstd")
+    system, path = fsspec.core.url_to_fs(url)
+    if isinstance(system, fsspec.implementations.local.LocalFileSystem):
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as local:
+            local.write(file.getbuffer())
+        return
+    with system.open(path, "wb") as remote:  # stores of objects show one when it is whole
+        remote.write(file.getbuffer())
+
+
+def key_of_shard(url: str) -> str | None:
+    """The key of a shard that is there and whole; else None."""
+    try:
+        with fsspec.open(url, "rb") as file:
+            return str(json.loads(pq.read_schema(file).metadata[KEY])["key"])
+    except Exception:  # missing, or damaged in any of many ways
+        return None
+
+
+class DescriptorDataset(Sequence[Row]):
+    """The rows of a data set, each read when it is asked for.
+
+    Args:
+        url: of its folder.
+
+    Raises:
+        FileNotFoundError: there is no such folder, or it holds no shard.
+        ValueError: a shard is none, or they are of different dialects.
+    """
+
+    def __init__(self, url: str) -> None:
+        self.url = url
+        system, path = fsspec.core.url_to_fs(url)
+        self._files = sorted(str(each) for each in system.glob(f"{path.rstrip('/')}/part-*.parquet"))
+        if not self._files:
+            raise FileNotFoundError(f"{url}: no such data set of descriptors (part-*.parquet)")
+        self._system = system
+        abouts = [self._about(file) for file in self._files]
+        self._ends = np.cumsum([count for count, _ in abouts])
+        specs = {text for _, text in abouts}
+        if len(specs) > 1:
+            raise ValueError(f"{url}: its shards are of {len(specs)} different specs")
+        self.spec = HOGSpec.from_json(specs.pop())
+
+    def _about(self, file: str) -> tuple[int, str]:
+        try:
+            with self._system.open(file, "rb") as opened:
+                footer = pq.read_metadata(opened)
+            return footer.num_rows, json.loads(footer.metadata[KEY])["spec"]
+        except Exception as error:
+            raise ValueError(f"{file}: expected a shard of descriptors: {' '.join(str(error).split())}") from None
+
+    def __len__(self) -> int:
+        return int(self._ends[-1])
+
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, slice):
+            return [self[k] for k in range(*index.indices(len(self)))]
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"row {index} of {len(self)}")
+        index %= len(self)
+        shard = int(np.searchsorted(self._ends, index, side="right"))
+        first = int(self._ends[shard - 1]) if shard else 0
+        return self._row(self._table(shard), index - first)
+
+    def __iter__(self) -> Iterator[Row]:
+        for shard in range(len(self._files)):
+            table = self._table(shard)
+            for number in range(table.num_rows):
+                yield self._row(table, number)
+
+    def remove(self) -> None:
+        """Removes its shards, and the folder if nothing else is in it."""
+        for file in self._files:
+            self._system.rm_file(file)
+        with suppress(OSError):
+            self._system.rmdir(str(Path(self._files[0]).parent))
+
+    def errors(self) -> Iterator[tuple[str, str]]:
+        """The images without a descriptor, and why; descriptors are not read."""
+        for file in self._files:
+            with self._system.open(file, "rb") as opened:
+                table = pq.read_table(opened, columns=["path", "error"])
+            bad = table.filter(table["error"].is_valid())
+            yield from zip(bad["path"].to_pylist(), bad["error"].to_pylist(), strict=True)
+
+    @cached_property
+    def _table(self) -> Any:
+        @lru_cache(CACHED)
+        def table(shard: int) -> pa.Table:
+            with self._system.open(self._files[shard], "rb") as opened:
+                return pq.read_table(opened)
+
+        return table
+
+    def _row(self, table: pa.Table, number: int) -> Row:
+        values = {name: table[name][number] for name in SCHEMA.names}
+        path, error = values["path"].as_py(), values["error"].as_py()
+        if error is not None:
+            return Row(path, None, error)
+        rows, cols, height, width = (values[name].as_py() for name in ("rows", "cols", "height", "width"))
+        numbers: Tensor = torch.from_numpy(values["descriptor"].values.to_numpy(zero_copy_only=False).copy())
+        return Row(path, StoredDescriptor(numbers.reshape(rows, cols, -1), self.spec, (height, width)))

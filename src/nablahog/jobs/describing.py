@@ -1,0 +1,78 @@
+"""A shard of a data set of descriptors, as a job: images are read and the shard is written where the work is done."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import fsspec
+import numpy as np
+from torch import Tensor
+
+from ..hog import HOGSpec
+from ..hog.descriptor import describe
+from ..io.descriptor_dataset import Row, shard_key, write_shard
+from ..io.descriptor_file import StoredDescriptor
+from ..io.images import limit_size, read_image
+from .store import JobResult
+
+
+@dataclass(frozen=True)
+class ShardJob:
+    """The descriptors of some images.
+
+    Attributes:
+        paths: files or URLs of images.
+        spec: the dialect.
+        size: pixels of the longer side that images are shrunk to; 0 for never.
+        target: the file or URL of the shard.
+    """
+
+    paths: tuple[str, ...]
+    spec: HOGSpec
+    size: int
+    target: str
+
+    @property
+    def key(self) -> str:
+        """What the shard is of."""
+        return shard_key(self.paths, self.spec, self.size)
+
+    def run(self) -> JobResult:
+        """Writes the shard.  An image without a descriptor has a row, too, that says why.
+
+        Returns:
+            The figures ``images`` and ``failed``, their numbers.
+
+        Raises:
+            OSError: the shard cannot be written.
+        """
+        began = time.perf_counter()
+        rows = [self._row(path) for path in self.paths]
+        write_shard(self.target, rows, self.spec, self.key)
+        failed = sum(row.stored is None for row in rows)
+        figures = {"images": len(rows), "failed": failed}
+        return JobResult([figures], np.zeros((1, 0), np.uint8), time.perf_counter() - began)
+
+    def _row(self, path: str) -> Row:
+        try:
+            image = _read(path)
+            small = limit_size(image, self.size) if self.size else image
+            descriptor = describe(small[None], self.spec)[0].float()
+            return Row(path, StoredDescriptor(descriptor, self.spec, (small.shape[1], small.shape[2])))
+        except (ValueError, OSError) as error:
+            return Row(path, None, " ".join(str(error).removeprefix(f"{path}: ").split()))
+
+
+def _read(path: str) -> Tensor:
+    if "://" not in path:
+        return read_image(path)
+    with fsspec.open(path, "rb") as remote, tempfile.TemporaryDirectory(prefix="nablahog-") as folder:
+        local = Path(folder, "image")
+        local.write_bytes(remote.read())
+        try:
+            return read_image(local)
+        except ValueError as error:
+            raise ValueError(str(error).removeprefix(f"{local}: ")) from None

@@ -1,0 +1,125 @@
+"""`nablahog hog … -o NAME.parquet`: all images, once each, whatever ends in between."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from nablahog import hog, presets
+from nablahog.cli.commands import hog_dataset
+from nablahog.cli.main import main
+from nablahog.io.descriptor_dataset import DescriptorDataset
+from nablahog.io.images import read_image
+from nablahog.jobs import describing
+
+from ...evaluate.common import here
+from ..common import names
+
+
+@pytest.fixture(autouse=True)
+def _in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hog_dataset, "run_jobs", here)
+
+
+@pytest.fixture
+def photos(tmp_path: Path) -> Path:
+    """Seven images of two sizes, and one that is none."""
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    for k in range(7):
+        levels = np.random.default_rng(k).integers(0, 256, (40 + 8 * (k % 2), 48), dtype=np.uint8)
+        Image.fromarray(levels).save(folder / f"{k}.png")
+    (folder / "x.png").write_bytes(b"no image")
+    return folder
+
+
+def test_all_images(photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out.parquet"
+    assert main(["hog", str(photos), "-o", str(out), "--shard", "3", "--preset", "dpm", "--json"]) == 3
+    printed = capsys.readouterr()
+    assert json.loads(printed.out.partition("}")[0] + "}") == {
+        "output": str(out),
+        "descriptor": "dpm",
+        "images": 8,
+        "failed": 1,
+    }
+    assert "x.png: expected an image" in printed.err
+    assert names(out) == [f"part-00000{k}.parquet" for k in range(3)]
+    data = DescriptorDataset(str(out))
+    assert [Path(row.path).name for row in data] == [*(f"{k}.png" for k in range(7)), "x.png"]
+    for row in data[:7]:
+        expected = hog(read_image(row.path)[None], presets.dpm())[0]
+        assert torch.equal(row.stored.descriptor, expected)
+
+
+def test_what_is_done_is_kept(photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = tmp_path / "out.parquet"
+    command = ["hog", str(photos), "-o", str(out), "--shard", "3", "--quiet"]
+    main(command)
+    whole = [(out / name).read_bytes() for name in names(out)]
+    (out / names(out)[1]).unlink()
+    (out / names(out)[-1]).write_bytes(b"cut off")
+    done: list[str] = []
+    write = describing.write_shard
+    monkeypatch.setattr(describing, "write_shard", lambda url, *rest: (done.append(Path(url).name), write(url, *rest)))
+    main(command)
+    assert sorted(done) == ["part-000001.parquet", "part-000002.parquet"]
+    assert [(out / name).read_bytes() for name in names(out)] == whole
+
+
+def test_lists_patterns_and_urls(photos: Path, tmp_path: Path) -> None:
+    (tmp_path / "list.txt").write_text(f"{photos / '2.png'}\n\n{photos / '5.png'}\n")
+    inputs = [str(photos / "[01].png"), (photos / "3.png").as_uri(), f"@{tmp_path / 'list.txt'}"]
+    assert main(["hog", *inputs, "-o", str(tmp_path / "o.parquet"), "--quiet"]) == 0
+    assert [Path(row.path).name for row in DescriptorDataset(str(tmp_path / "o.parquet"))] == [
+        f"{k}.png" for k in (0, 1, 3, 2, 5)
+    ]
+
+
+def test_what_it_refuses(photos: Path, tmp_path: Path, refused: Callable[..., None]) -> None:
+    out = str(tmp_path / "o.parquet")
+    assert main(["hog", str(photos / "0.png"), "-o", out, "--quiet"]) == 0
+    refused(
+        "hog",
+        str(photos / "1.png"),
+        "-o",
+        out,
+        message="is of other images, or of another descriptor: expected another -o",
+    )
+    refused("hog", str(photos / "0.png"), "-o", out, "--preset", "dpm", message="expected another -o")
+    assert (
+        main(
+            [
+                "hog",
+                str(photos / "0.png"),
+                str(photos / "1.png"),
+                "-o",
+                str(tmp_path / "p.parquet"),
+                "--shard",
+                "1",
+                "--quiet",
+            ]
+        )
+        == 0
+    )
+    refused(
+        "hog",
+        str(photos / "0.png"),
+        "-o",
+        str(tmp_path / "p.parquet"),
+        message="holds 1 more shards than these images make",
+    )
+    refused(
+        "hog", str(photos / "x.png"), "-o", str(tmp_path / "q.parquet"), message="none of the 1 images has a descriptor"
+    )
+    refused(
+        "hog", "@nothing", "-o", str(tmp_path / "r.parquet"), message="nothing: expected a list of images, one a line"
+    )
+    (tmp_path / "s.parquet").write_bytes(b"x")
+    refused("hog", str(photos), "-o", str(tmp_path / "s.parquet"), message="is a file: a data set is a folder of files")
