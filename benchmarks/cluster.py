@@ -2,8 +2,8 @@
 
     python benchmarks/cluster.py [--seconds N] [--workers 1 2] [--scheduler 1 4 16]
 
-The first table has the efficiency of both runners: seconds of computing, over seconds of all workers from the first job
-to the last, start of the processes not counted.  Jobs compute for a given time, and do nothing else.
+The first table has the efficiency of both runners: seconds of computing, over seconds of all workers from the first
+job's beginning to the last one's end.  Jobs compute for a given time, and do nothing else.
 
 The second table has tasks a second that do nothing, by the number of workers, which are threads of one process: a
 bound on what the scheduler takes, and from it the workers that it keeps busy with chunks of half a second.
@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from distributed import Client, LocalCluster, wait
@@ -37,30 +38,26 @@ class Busy:
     number: int
 
     def run(self) -> JobResult:
-        """As :class:`nablahog.jobs.store.Work`."""
-        end = time.process_time() + self.seconds
+        """As :class:`nablahog.jobs.store.Work`; the figures are when it began and ended."""
+        began, end = time.time(), time.process_time() + self.seconds
         while time.process_time() < end:
             pass
-        return JobResult([{"number": self.number}], np.zeros((1, 1), np.uint8), self.seconds)
+        return JobResult([{"began": began, "ended": time.time()}], np.zeros((1, 1), np.uint8), self.seconds)
 
 
-def efficiency(run: Callable[[Sequence[Work]], Iterator[object]], seconds: float, count: int, workers: int) -> float:
-    """Of jobs after those that the processes start with."""
+def efficiency(run: Callable[[Sequence[Work]], Iterator[Any]], seconds: float, count: int, workers: int) -> float:
+    """Seconds of computing, over those of all workers from the first job's beginning to the last one's end."""
     jobs: list[Work] = [Busy(seconds, number) for number in range(count)]
-    outcomes = run(jobs)
-    warm = max(4 * workers, count // 10)
-    for _ in itertools.islice(outcomes, warm):
-        pass
-    began = time.perf_counter()
-    rest = sum(1 for _ in outcomes)
-    return rest * seconds / (workers * (time.perf_counter() - began))
+    figures = [outcome.figures[0] for _, outcome in run(jobs)]
+    elapsed: float = max(each["ended"] for each in figures) - min(each["began"] for each in figures)
+    return count * seconds / (workers * elapsed)
 
 
 def tasks_a_second(workers: int, count: int) -> float:
     """Tasks that do nothing, submitted one by one."""
     with (
         LocalCluster(
-            workers, threads_per_worker=1, processes=False, dashboard_address=None, silence_logs=50
+            n_workers=workers, threads_per_worker=1, processes=False, dashboard_address=None, silence_logs=50
         ) as cluster,
         Client(cluster) as client,
     ):

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from nablahog.jobs.carried import found, put
-from nablahog.jobs.cluster import CHUNK_SECONDS, _Waiting, run_on_cluster
+from nablahog.jobs.cluster import CHUNK_SECONDS, _connected, _Waiting, run_on_cluster
 from nablahog.jobs.store import JobResult
 from nablahog.jobs.worker import attempt
 
@@ -124,6 +124,11 @@ def test_no_cluster(cluster: str, error: type[Exception], message: str, monkeypa
     monkeypatch.setattr("nablahog.jobs.cluster.PATIENCE", 1.0)
     with pytest.raises(error, match=message):
         list(run_on_cluster([job(DARK)], cluster=cluster))
+
+
+def test_as_many_processes_as_are_asked_for() -> None:
+    with _connected("local:1") as client:
+        assert list(client.nthreads().values()) == [1]
 
 
 def test_no_jobs() -> None:

@@ -166,7 +166,9 @@ def _connected(cluster: str) -> Iterator[Client]:
             raise ValueError(f"expected local:N with at least one process, got {cluster!r}")
         with (
             one_thread(),
-            LocalCluster(workers, threads_per_worker=1, dashboard_address="127.0.0.1:0", silence_logs=50) as local,
+            LocalCluster(
+                n_workers=workers, threads_per_worker=1, dashboard_address="127.0.0.1:0", silence_logs=50
+            ) as local,
             Client(local, timeout=PATIENCE) as client,
         ):
             yield client
