@@ -69,8 +69,8 @@ class Server:
     ) -> tuple[int, bytes]:
         """The answer to a request; with ``leave_after``, the connection is closed after so many bytes of an answer."""
         reader, writer = await asyncio.open_connection("127.0.0.1", self.port)
-        heads = f"host: 127.0.0.1:{self.port}", f"content-length: {len(body)}", "connection: close"
-        writer.write("\r\n".join([f"{method} {path} HTTP/1.1", *heads, "", ""]).encode() + body)
+        headers = f"host: 127.0.0.1:{self.port}", f"content-length: {len(body)}", "connection: close"
+        writer.write("\r\n".join([f"{method} {path} HTTP/1.1", *headers, "", ""]).encode() + body)
         try:
             answer = await (reader.read() if leave_after is None else reader.read(leave_after))
         finally:

@@ -16,8 +16,8 @@ from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.support.ui import WebDriverWait
 
+from nablahog.app.access import AccessRules
 from nablahog.app.command import listen
-from nablahog.app.guard import Doors
 from nablahog.app.server import make_app
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -35,7 +35,7 @@ def serving() -> Iterator[str]:
     """The address of a server that runs meanwhile."""
     listening = listen("127.0.0.1", 0)
     host = f"127.0.0.1:{listening.getsockname()[1]}"
-    app = make_app(Doors(frozenset({host}), None))
+    app = make_app(AccessRules(frozenset({host}), None))
     server = uvicorn.Server(uvicorn.Config(app, log_level="error", ws="websockets-sansio", timeout_graceful_shutdown=1))
     thread = threading.Thread(target=server.run, args=([listening],))
     thread.start()

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 from starlette.testclient import TestClient
 
-from nablahog.app.guard import Doors
+from nablahog.app.access import AccessRules
 from nablahog.app.server import make_app
 
 HOST = "127.0.0.1:8765"
@@ -17,7 +17,7 @@ HOST = "127.0.0.1:8765"
 @pytest.fixture(scope="module")
 def client() -> Iterator[TestClient]:
     """A page of a server on the loopback."""
-    with TestClient(make_app(Doors(frozenset({HOST}), None)), base_url=f"http://{HOST}") as made:
+    with TestClient(make_app(AccessRules(frozenset({HOST}), None)), base_url=f"http://{HOST}") as made:
         yield made
 
 

@@ -14,9 +14,9 @@ from PIL import Image
 from starlette.testclient import TestClient
 
 from nablahog.app.invert import invert
-from nablahog.app.lanes import Cancelled, Ticket
 from nablahog.app.requests import InvertRequest
 from nablahog.app.store import Store
+from nablahog.app.work_queue import Cancelled, CancelToken
 
 Event = tuple[str, dict[str, Any]]
 
@@ -86,14 +86,14 @@ def test_refused_before_it_begins(client: TestClient) -> None:
 def test_it_ends_when_nobody_waits(photo_file: bytes) -> None:
     from nablahog.app.uploads import photograph
 
-    store, ticket, seen = Store(b""), Ticket(), threading.Event()
+    store, cancel, seen = Store(b""), CancelToken(), threading.Event()
     key = photograph(photo_file, "p.png", store)["id"]
 
     def send(name: str, data: dict[str, Any]) -> None:
         if name == "frame":
             seen.set()
-            ticket.cancel()
+            cancel.cancel()
 
     with pytest.raises(Cancelled):
-        invert(InvertRequest(photo=key, method="no-prior"), store, send, ticket)
+        invert(InvertRequest(photo=key, method="no-prior"), store, send, cancel)
     assert seen.is_set()

@@ -1,4 +1,4 @@
-"""The store's bound, the lanes' queue, and the document of the API."""
+"""The store's bound, the work_queue' queue, and the document of the API."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import pytest
 import torch
 from starlette.testclient import TestClient
 
-from nablahog.app.lanes import Cancelled, Lane, Ticket
-from nablahog.app.refusals import Refusal
+from nablahog.app.errors import RequestError
 from nablahog.app.store import Photograph, Store
+from nablahog.app.work_queue import Cancelled, CancelToken, WorkQueue
 
 
 def photograph(side: int) -> Photograph:
@@ -19,19 +19,19 @@ def photograph(side: int) -> Photograph:
 
 
 def test_the_oldest_that_nobody_asked_for_goes_first() -> None:
-    store = Store(b"", most=3 * photograph(10).weight)
+    store = Store(b"", most=3 * photograph(10).nbytes)
     first, second, third = (store.add(photograph(10), bytes([k])) for k in range(3))
     store.get(first, Photograph)
     store.add(photograph(10), b"new")
-    assert store.weight == 3 * photograph(10).weight
+    assert store.nbytes == 3 * photograph(10).nbytes
     store.get(first, Photograph)
     store.get(third, Photograph)
-    with pytest.raises(Refusal, match="drop it again"):
+    with pytest.raises(RequestError, match="drop it again"):
         store.get(second, Photograph)
 
 
 def test_what_is_larger_than_all_is_refused() -> None:
-    with pytest.raises(Refusal) as refused:
+    with pytest.raises(RequestError) as refused:
         Store(b"", most=100).add(photograph(10))
     assert refused.value.status == 413
 
@@ -41,29 +41,29 @@ def test_ids_of_one_server_say_nothing_of_another() -> None:
 
 
 def test_a_full_lane_refuses_and_a_cancelled_one_ends_its_work() -> None:
-    lane, began, ended = Lane("test", most=2), threading.Event(), threading.Event()
+    queue, began, ended = WorkQueue("test", most=2), threading.Event(), threading.Event()
 
-    def work(ticket: Ticket) -> None:
+    def work(cancel: CancelToken) -> None:
         began.set()
         try:
             while True:
-                ticket.check()
+                cancel.check()
         except Cancelled:
             ended.set()
             raise
 
     async def crowded() -> None:
-        running, waiting = (asyncio.create_task(lane.run(work)) for _ in range(2))
+        running, waiting = (asyncio.create_task(queue.run(work)) for _ in range(2))
         await asyncio.to_thread(began.wait)
-        with pytest.raises(Refusal, match="busy: 2 computations wait already"):
-            await lane.run(work)
+        with pytest.raises(RequestError, match="busy: 2 computations wait already"):
+            await queue.run(work)
         for task in (running, waiting):
             task.cancel()
         await asyncio.wait([running, waiting])
         assert await asyncio.to_thread(ended.wait, 5)
-        assert await lane.run(lambda _: 3) == 3
+        assert await queue.run(lambda _: 3) == 3
         await asyncio.sleep(0)
-        assert lane.count == 0
+        assert queue.count == 0
 
     asyncio.run(crowded())
 

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nablahog.jobs.carried import found, put
 from nablahog.jobs.cluster import CHUNK_SECONDS, _connected, _Waiting, run_on_cluster
+from nablahog.jobs.job_files import local_path, store_files
 from nablahog.jobs.store import JobResult
 from nablahog.jobs.worker import attempt
 
@@ -156,7 +156,7 @@ def test_a_job_is_blamed_when_it_was_alone() -> None:
 
 def test_carried_files(tmp_path: Path) -> None:
     asked = tmp_path / "there" / "chair.off"
-    assert found(asked) == asked
-    put({str(asked): b"OFF"}, tmp_path / "here")
-    assert found(asked).read_bytes() == b"OFF"
-    assert found(asked).suffix == ".off"
+    assert local_path(asked) == asked
+    store_files({str(asked): b"OFF"}, tmp_path / "here")
+    assert local_path(asked).read_bytes() == b"OFF"
+    assert local_path(asked).suffix == ".off"

@@ -12,9 +12,9 @@ from ..hog import HOGSpec
 from ..hog.presets import BY_NAME
 from ..invert.histograms import searchable
 from ..pose.options import SearchMethod
-from .guard import MOST_BYTES
+from .access import MOST_BYTES
 from .requests import INVERT_SIZE, SEE_SIZE, Method
-from .store import Model, Photograph, Store
+from .store import MeshEntry, Photograph, Store
 
 KINDS = {int: "integer", float: "number", bool: "boolean", tuple: "pair"}
 RANGES = {
@@ -33,9 +33,9 @@ def about(store: Store) -> dict[str, Any]:
         "presets": [_preset(name, BY_NAME[name]) for name in PRESETS],
         "samples": [
             {"id": key, "name": each.name, "width": each.size[1], "height": each.size[0], "box": each.box}
-            for key, each in store.always_of(Photograph).items()
+            for key, each in store.pinned(Photograph).items()
         ],
-        "meshes": [{"id": key, "name": each.name} for key, each in store.always_of(Model).items()],
+        "meshes": [{"id": key, "name": each.name} for key, each in store.pinned(MeshEntry).items()],
         "priors": {"signed": "prior" in shipped, "unsigned": "unsigned-prior" in shipped},
         "limits": {"upload_bytes": MOST_BYTES, "see_size": SEE_SIZE, "invert_size": INVERT_SIZE},
         "methods": list(get_args(Method)),

@@ -24,7 +24,7 @@ def app(arguments: Namespace) -> None:
     try:
         import uvicorn
 
-        from .guard import Doors
+        from .access import AccessRules
         from .server import make_app
         from .store import Photograph
     except ModuleNotFoundError as error:
@@ -38,7 +38,7 @@ def app(arguments: Namespace) -> None:
     token = None if arguments.host in LOOPBACK else secrets.token_urlsafe(24)
     shown = f"[{arguments.host}]" if ":" in arguments.host else arguments.host
     hosts = frozenset(f"{name}:{port}" for name in ("127.0.0.1", "localhost", "[::1]"))
-    made = make_app(Doors(hosts, token), photographs)
+    made = make_app(AccessRules(hosts, token), photographs)
     query = "" if token is None else f"?token={token}"
     say(f"Look at http://{shown}:{port}/{query} until Ctrl-C")
     config = uvicorn.Config(

@@ -23,11 +23,11 @@ from ..pose.similarity import Similarity
 from ..render import silhouette
 from ..viz.pictures import outlined
 from . import lines
-from .lanes import Ticket
+from .errors import as_request_error
 from .pictures import encoded, glyphs, png, transparent
-from .refusals import refusing
 from .requests import Fit, Open, PoseRequest
-from .store import Model, Photograph, Store
+from .store import MeshEntry, Photograph, Store
+from .work_queue import CancelToken
 
 SPEC: HOGSpec = presets.uoctti(8)  # of the glyphs that are shown
 SUPERSAMPLING = 2  # of renderings and similarities that are shown
@@ -48,7 +48,7 @@ class Scene:
     """
 
     photograph: Photograph
-    model: Model
+    model: MeshEntry
     box: Box
     crop: ObjectCrop
 
@@ -57,11 +57,11 @@ class Scene:
         """What a request names.
 
         Raises:
-            Refusal: it is not there, or the box is none.
+            RequestError: it is not there, or the box is none.
         """
-        photograph, model = store.get(request.photo, Photograph), store.get(request.mesh, Model)
+        photograph, model = store.get(request.photo, Photograph), store.get(request.mesh, MeshEntry)
         height, width = photograph.size
-        with refusing():
+        with as_request_error():
             box = checked_box(request.box or (0, 0, width, height), height, width)
             return cls(photograph, model, box, crop_object(photograph.image, box))
 
@@ -90,7 +90,7 @@ class Scene:
     def view(self, n: int, pose: list[float], place: bool) -> dict[str, Any]:
         """The rendering at a pose, its glyphs, its similarity and the derivative of that."""
         began = time.perf_counter()
-        with refusing():
+        with as_request_error():
             poses = self._poses(pose, place)
             values, derivatives = self.similarity.derivatives(poses)
             compiled = self.prepared.renderer(supersampling=SUPERSAMPLING).compiled
@@ -125,7 +125,7 @@ class Scene:
 
     def curve(self, poses: Tensor, done: bool) -> dict[str, Any]:
         """Similarities and derivatives by azimuth at some of :meth:`around`; whether these are the last."""
-        with refusing():
+        with as_request_error():
             values, derivatives = self.similarity.derivatives(poses)
         return {
             "type": "curve",
@@ -139,22 +139,22 @@ class Scene:
         self,
         request: Fit | PoseRequest,
         send: Callable[[dict[str, Any]], None],
-        ticket: Ticket,
+        cancel: CancelToken,
         initial: tuple[float, float] | None,
     ) -> PoseResult:
         """The pose that the search finds; poses on the way are sent as they come."""
         began = time.perf_counter()
 
         def watch(model: str, pose: Tensor) -> None:
-            ticket.check()
+            cancel.check()
             value = float(self.similarity.values(pose[None]))
             send({"type": "step", "pose": _rounded(pose), "similarity": value})
 
         def progress(done: int, total: int, what: str) -> None:
-            ticket.check()
+            cancel.check()
             send({"type": "progress", "done": done, "total": total, "what": what})
 
-        with refusing():
+        with as_request_error():
             estimate = estimate_pose(
                 self.photograph.image,
                 {self.model.name: self.model.mesh},

@@ -23,12 +23,12 @@ from ..invert.quality import quality_of
 from ..invert.start import starting_images
 from ..invert.template import reconstruct_template
 from . import lines
-from .lanes import Ticket
+from .errors import RequestError, as_request_error
 from .pictures import encoded, png
-from .refusals import Refusal, refusing
 from .requests import INVERT_SIZE, InvertRequest
-from .see import described_by
+from .see import requested_descriptor
 from .store import Photograph, Store
+from .work_queue import CancelToken
 
 PAUSE = 0.07  # seconds between frames, at least
 FIRST = 20  # evaluations for the first frame of a signed descriptor
@@ -36,26 +36,26 @@ POINTS = 200  # of the curve of distances
 Send = Callable[[str, dict[str, Any]], None]
 
 
-def invert(request: InvertRequest, store: Store, send: Send, ticket: Ticket) -> None:
+def invert(request: InvertRequest, store: Store, send: Send, cancel: CancelToken) -> None:
     """Searches the image, and sends the events ``start``, ``frame`` and ``done``.
 
     Args:
         request: what to invert, and how.
         store: has what the request names, and gets the result.
         send: called with the name of an event and its data.
-        ticket: of whom waits.
+        cancel: of whom waits.
 
     Raises:
-        Refusal: the request cannot be done.
+        RequestError: the request cannot be done.
         Cancelled: nobody waits.
     """
-    of = described_by(request, store)
+    of = requested_descriptor(request, store)
     source = of.source
     height, width = source.image_size
     if max(height, width) > INVERT_SIZE:
-        raise Refusal(413, f"expected an image of at most {INVERT_SIZE} pixels a side, got {height}x{width}")
+        raise RequestError(413, f"expected an image of at most {INVERT_SIZE} pixels a side, got {height}x{width}")
     reference = None if source.photo is None else gray(source.photo[None])[0, 0]
-    watch = _Watch(request, source.spec, reference, send, ticket)
+    watch = _Watch(request, source.spec, reference, send, cancel)
     send(
         "start",
         {
@@ -64,7 +64,7 @@ def invert(request: InvertRequest, store: Store, send: Send, ticket: Ticket) -> 
             "photograph": None if reference is None else encoded(png(reference)),
         },
     )
-    with refusing():
+    with as_request_error():
         if of.template:
             result = reconstruct_template(
                 source.descriptor[None], source.spec, source.image_size, seed=request.seed, progress=watch.progress
@@ -125,7 +125,7 @@ def _start(store: Store, key: str, size: tuple[int, int]) -> Tensor:
     image = gray(store.get(key, Photograph).image[None])
     if tuple(image.shape[2:]) != size:
         got = "x".join(map(str, image.shape[2:]))
-        raise Refusal(422, f"an image to go on from must have {size[0]}x{size[1]} pixels, got {got}")
+        raise RequestError(422, f"an image to go on from must have {size[0]}x{size[1]} pixels, got {got}")
     return image
 
 
@@ -137,15 +137,15 @@ class _Watch:
     """
 
     def __init__(
-        self, request: InvertRequest, spec: HOGSpec, reference: Tensor | None, send: Send, ticket: Ticket
+        self, request: InvertRequest, spec: HOGSpec, reference: Tensor | None, send: Send, cancel: CancelToken
     ) -> None:
-        self.reference, self.send, self.ticket = reference, send, ticket
+        self.reference, self.send, self.cancel = reference, send, cancel
         effort, samples = quality_of(request.quality), spec.signed and request.method == "no-prior"
         self.most = None if request.method == "paper" else effort.evaluations if samples else effort.without_samples
         self._sent = -math.inf
 
     def __call__(self, iterate: Iterate) -> None:
-        self.ticket.check()
+        self.cancel.check()
         if time.monotonic() - self._sent < PAUSE:
             return
         image = iterate.image[0, 0]
@@ -165,7 +165,7 @@ class _Watch:
 
     def progress(self, done: int, most: int) -> None:
         """Of a template, which has no frames."""
-        self.ticket.check()
+        self.cancel.check()
 
 
 def _measures(

@@ -46,8 +46,8 @@ def of_pose(request: PoseRequest, mesh: str) -> dict[str, str]:
     initial = [] if request.initial is None else [f"--init={','.join(f'{angle:g}' for angle in request.initial)}"]
     method = [] if request.method == "best" else ["--method", request.method]
     seed = ["--seed", str(request.seed)] if request.seed else []
-    given = {"box": request.box, "initial": request.initial}
-    keywords = [f"{name}={tuple(value)}" for name, value in given.items() if value is not None]
+    parameters = {"box": request.box, "initial": request.initial}
+    keywords = [f"{name}={tuple(value)}" for name, value in parameters.items() if value is not None]
     python = [
         "import nablahog, PIL.Image",
         f"photo = PIL.Image.open({PHOTO!r}).convert('RGB')",

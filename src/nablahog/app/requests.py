@@ -11,7 +11,7 @@ from ..cli.inputs.spec import SpecOptions
 from ..hog import HOGSpec
 from ..invert.quality import QualityName
 from ..pose.options import SearchMethod
-from .refusals import Refusal, refusing
+from .errors import RequestError, as_request_error
 
 SEE_SIZE, INVERT_SIZE = 1024, 512  # pixels of the longer side of photographs that are described, and inverted
 Name = Annotated[str, Meta(max_length=64)]
@@ -35,7 +35,7 @@ class Dialect(Struct, forbid_unknown_fields=True):
         """The spec.
 
         Raises:
-            Refusal: there is no such preset or parameter, or its value is out of range.
+            RequestError: there is no such preset or parameter, or its value is out of range.
         """
         return spec_options(self.preset, self.settings).spec()
 
@@ -44,13 +44,13 @@ def spec_options(preset: str | None, settings: dict[str, str]) -> SpecOptions:
     """The options of the command line that mean the same; of no preset, none.
 
     Raises:
-        Refusal: there is no such preset or parameter, or its value is out of range.
+        RequestError: there is no such preset or parameter, or its value is out of range.
     """
     from ..cli.arguments.preset_parameters import PRESETS
 
     if preset is not None and preset not in PRESETS:
-        raise Refusal(422, f"there is no preset {preset!r}, but {', '.join(PRESETS)}")
-    with refusing():
+        raise RequestError(422, f"there is no preset {preset!r}, but {', '.join(PRESETS)}")
+    with as_request_error():
         return SpecOptions(preset, settings=tuple(settings.items()))
 
 
@@ -137,12 +137,12 @@ def decoded(data: bytes | str, kind: type[Decoded] | Any) -> Decoded:
     """JSON as a request.
 
     Raises:
-        Refusal: it is none; the sentence says what was expected where.
+        RequestError: it is none; the sentence says what was expected where.
     """
     try:
         request: Decoded = msgspec.json.decode(data, type=kind)
     except msgspec.ValidationError as error:
-        raise Refusal(422, f"the request does not fit: {error}") from None
+        raise RequestError(422, f"the request does not fit: {error}") from None
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise Refusal(400, f"expected JSON: {error}") from None
+        raise RequestError(400, f"expected JSON: {error}") from None
     return request

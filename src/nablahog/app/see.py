@@ -18,36 +18,36 @@ from ..hog.coordinates import cell_centres, pixel_box
 from ..io.descriptor_file import save_descriptor
 from ..viz.pictures import edge_votes
 from . import lines
-from .lanes import Ticket
+from .errors import RequestError, as_request_error
 from .pictures import glyphs
-from .refusals import Refusal, refusing
 from .requests import CompareRequest, HogRequest, InvertRequest
-from .store import Described, Photograph, Store, described
+from .store import DescriptorEntry, Photograph, Store, describe_photograph
+from .work_queue import CancelToken
 
 
-def described_by(request: HogRequest | InvertRequest, store: Store) -> Described:
+def requested_descriptor(request: HogRequest | InvertRequest, store: Store) -> DescriptorEntry:
     """The descriptor that a request is about.
 
     Raises:
-        Refusal: it names neither a photograph nor a descriptor, or both, or one that is not there, or the photograph is
-            too small for the dialect.
+        RequestError: it names neither a photograph nor a descriptor, or both, or one that is not there, or the
+            photograph is too small for the dialect.
     """
     if (request.photo is None) == (request.descriptor is None):
-        raise Refusal(422, "expected a photo or a descriptor, one of them")
+        raise RequestError(422, "expected a photo or a descriptor, one of them")
     if request.descriptor is not None:
-        return store.get(request.descriptor, Described)
+        return store.get(request.descriptor, DescriptorEntry)
     assert request.photo is not None
     photograph, spec = store.get(request.photo, Photograph), request.spec()
-    with refusing():
-        return described(photograph, spec, request.size)
+    with as_request_error():
+        return describe_photograph(photograph, spec, request.size)
 
 
 def see(request: HogRequest, store: Store) -> dict[str, Any]:
     """A descriptor's shape, its glyphs, and how to make it elsewhere."""
     began = time.perf_counter()
-    of = described_by(request, store)
+    of = requested_descriptor(request, store)
     source, asked = of.source, (request.photo or request.descriptor or "", request.preset, str(request.settings))
-    with refusing():
+    with as_request_error():
         drawn = glyphs(source.descriptor, source.spec)
     shape = list(source.descriptor.shape)
     return {
@@ -67,13 +67,15 @@ def see(request: HogRequest, store: Store) -> dict[str, Any]:
     }
 
 
-def cell(of: Described, row: int, col: int) -> dict[str, Any]:
+def cell(of: DescriptorEntry, row: int, col: int) -> dict[str, Any]:
     """What a descriptor says of a cell of the image: its histogram, its block, and their entries by name."""
     descriptor, spec, size = of.source.descriptor, of.source.spec, of.source.image_size
     votes, angles = edge_votes(descriptor, spec)
     rows, cols, _ = votes.shape
     if not (0 <= row < rows and 0 <= col < cols):
-        raise Refusal(422, f"there are {rows} rows and {cols} columns of cells, expected one of them, got {row}, {col}")
+        raise RequestError(
+            422, f"there are {rows} rows and {cols} columns of cells, expected one of them, got {row}, {col}"
+        )
     height, width = spec.cell_size
     box = [col * width, row * height, min((col + 1) * width, size[1]), min((row + 1) * height, size[0])]
     centre = [(box[1] + box[3] - 1) / 2, (box[0] + box[2] - 1) / 2]
@@ -96,7 +98,7 @@ def cell(of: Described, row: int, col: int) -> dict[str, Any]:
     }
 
 
-def _normalised_by(block: Box, of: Described) -> list[int]:
+def _normalised_by(block: Box, of: DescriptorEntry) -> list[int]:
     """The pixels of a block, or of all cells that a cell is normalised by, x0, y0, x1, y1."""
     spec, (height, width) = of.source.spec, of.source.image_size
     reach = spec.normalizer.reach()
@@ -112,22 +114,22 @@ def _normalised_by(block: Box, of: Described) -> list[int]:
     return [int(side) for side in box]
 
 
-def as_file(of: Described) -> bytes:
+def as_file(of: DescriptorEntry) -> bytes:
     """A descriptor as the file that `nablahog hog` writes."""
     with tempfile.TemporaryDirectory(prefix="nablahog-") as folder:
         path = Path(folder, "descriptor.npz")
-        with refusing():
+        with as_request_error():
             save_descriptor(path, of.source.descriptor, of.source.spec, of.source.image_size)
         return path.read_bytes()
 
 
-def compared(request: CompareRequest, store: Store, ticket: Ticket) -> dict[str, Any]:
+def compared(request: CompareRequest, store: Store, cancel: CancelToken) -> dict[str, Any]:
     """How far two dialects are apart on a photograph, and which of their conventions that is."""
     image = store.get(request.photo, Photograph).shrunk(request.size)
     levels = (image * 255).round().to(torch.uint8)
     specs = {"a": request.a.spec(), "b": request.b.spec()}
-    with refusing():
-        comparison = compare(levels, specs, lambda done, total, what: ticket.check())
+    with as_request_error():
+        comparison = compare(levels, specs, lambda done, total, what: cancel.check())
     pair = comparison.pairs[0]
     squared = pair.orientations.distance**2
     return {

@@ -22,22 +22,22 @@ from ..datasets.scenes import scene
 from ..io.sample_photographs import SAMPLE_NAMES, sample_photograph
 from . import see, uploads
 from .about import about
+from .access import AccessMiddleware, AccessRules
+from .errors import RequestError, internal_error
 from .fit import Scene
-from .guard import Doors, Guard
 from .invert import invert
-from .lanes import Cancelled, Lane, Ticket
 from .openapi import document
 from .pictures import png
-from .refusals import Refusal, fault
-from .requests import CompareRequest, HogRequest, InvertRequest, PoseRequest, decoded
+from .requests import SEE_SIZE, CompareRequest, HogRequest, InvertRequest, PoseRequest, decoded
 from .socket import FitSocket
-from .store import Described, Model, Photograph, Store
+from .store import DescriptorEntry, MeshEntry, Photograph, Store
+from .work_queue import Cancelled, CancelToken, WorkQueue
 
 STATIC = Path(__file__).with_name("static")
 TYPES = {".html": "text/html; charset=utf-8", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 CHAIRS = (3, 0, 1, 2, 4, 5)  # seeds of the procedural chairs
 VIEWPOINT = (35.0, 20.0, 0.0)  # azimuth, elevation and theta of the chair that is shown, degrees
-QUICK, LONG = 64, 32  # computations that may wait in each lane
+QUICK, LONG = 64, 32  # computations that may wait in each queue
 UPLOADS_AT_ONCE, PATIENCE = 4, 60.0  # the latter: seconds
 FRAMES = 3  # of an inversion, that may wait for a slow page; further ones are left out
 Answer = TypeVar("Answer")
@@ -56,14 +56,14 @@ class Server:
 
     def __init__(self, photographs: Sequence[Photograph] = ()) -> None:
         self.store = Store(secrets.token_bytes(16))
-        self.quick, self.long = Lane("quick", QUICK), Lane("long", LONG)
+        self.quick, self.long = WorkQueue("quick", QUICK), WorkQueue("long", LONG)
         self._uploads = asyncio.Semaphore(UPLOADS_AT_ONCE)
         for number, each in enumerate(photographs):
-            self.store.always(f"given-{number}", each)
+            self.store.pin(f"photo-{number}", each)
 
     @asynccontextmanager
     async def lifespan(self, _: Starlette) -> AsyncIterator[None]:
-        """Reads the samples while the page is already there; closes the lanes at the end."""
+        """Reads the samples while the page is already there; closes the queues at the end."""
         self._about = asyncio.create_task(self.quick.run(lambda _: self._samples()))
         yield
         self._about.cancel()
@@ -73,10 +73,10 @@ class Server:
     def _samples(self) -> dict[str, Any]:
         """Puts the samples into the store; says what there is."""
         for name in SAMPLE_NAMES:
-            self.store.always(f"sample-{name}", Photograph(name, sample_photograph(name)))
-        self.store.always("scene-chair", _chair_scene())
+            self.store.pin(f"sample-{name}", Photograph(name, sample_photograph(name)))
+        self.store.pin("scene-chair", _chair_scene())
         for seed in CHAIRS:
-            self.store.always(f"chair-{seed}", Model(f"chair {seed}", chair(seed)))
+            self.store.pin(f"chair-{seed}", MeshEntry(f"chair {seed}", chair(seed)))
         return about(self.store)
 
     def routes(self) -> list[Route | WebSocketRoute]:
@@ -135,12 +135,12 @@ class Server:
             try:
                 data = await asyncio.wait_for(request.body(), PATIENCE)
             except asyncio.TimeoutError:
-                raise Refusal(408, f"the upload took more than {PATIENCE:g} seconds") from None
+                raise RequestError(408, f"the upload took more than {PATIENCE:g} seconds") from None
             return await self._json(request, self.quick, lambda _: keep(data))
 
     async def _photograph(self, request: Request) -> Response:
         kept, size = self.store.get(request.path_params["id"], Photograph), _integer(request, "size", 1024)
-        picture = await self.quick.run(lambda _: png(kept.shrunk(max(8, min(size, 2048)))))
+        picture = await self.quick.run(lambda _: png(kept.shrunk(max(8, min(size, SEE_SIZE)))))
         return Response(picture, media_type="image/png")
 
     async def _hog(self, request: Request) -> Response:
@@ -148,32 +148,32 @@ class Server:
         return await self._json(request, self.quick, lambda _: see.see(asked, self.store))
 
     async def _cell(self, request: Request) -> Response:
-        kept = self.store.get(request.path_params["id"], Described)
+        kept = self.store.get(request.path_params["id"], DescriptorEntry)
         row, col = _integer(request, "row"), _integer(request, "col")
         return await self._json(request, self.quick, lambda _: see.cell(kept, row, col))
 
     async def _descriptor_file(self, request: Request) -> Response:
-        kept = self.store.get(request.path_params["id"], Described)
+        kept = self.store.get(request.path_params["id"], DescriptorEntry)
         data = await self.quick.run(lambda _: see.as_file(kept))
-        heads = {"content-disposition": 'attachment; filename="descriptor.npz"'}
-        return Response(data, media_type="application/octet-stream", headers=heads)
+        headers = {"content-disposition": 'attachment; filename="descriptor.npz"'}
+        return Response(data, media_type="application/octet-stream", headers=headers)
 
     async def _compare(self, request: Request) -> Response:
         asked: CompareRequest = decoded(await request.body(), CompareRequest)
-        return await self._json(request, self.long, lambda ticket: see.compared(asked, self.store, ticket))
+        return await self._json(request, self.long, lambda cancel: see.compared(asked, self.store, cancel))
 
     async def _pose(self, request: Request) -> Response:
         asked: PoseRequest = decoded(await request.body(), PoseRequest)
 
-        def fitted(ticket: Ticket) -> dict[str, Any]:
+        def fitted(cancel: CancelToken) -> dict[str, Any]:
             initial = None if asked.initial is None else (asked.initial[0], asked.initial[1])
-            return Scene.of(asked, self.store).fit(asked, lambda message: None, ticket, initial).figures()
+            return Scene.of(asked, self.store).fit(asked, lambda message: None, cancel, initial).figures()
 
         return await self._json(request, self.long, fitted)
 
     async def _invert(self, request: Request) -> Response:
         asked: InvertRequest = decoded(await request.body(), InvertRequest)
-        see.described_by(asked, self.store)  # refused here, it has a status
+        see.requested_descriptor(asked, self.store)  # refused here, it has a status
         return StreamingResponse(self._frames(asked), media_type="text/event-stream")
 
     async def _frames(self, asked: InvertRequest) -> AsyncIterator[bytes]:
@@ -189,13 +189,13 @@ class Server:
 
         async def searched() -> None:
             try:
-                await self.long.run(lambda ticket: invert(asked, self.store, send, ticket))
-            except Refusal as refusal:
-                put("error", refusal.answer)
+                await self.long.run(lambda cancel: invert(asked, self.store, send, cancel))
+            except RequestError as error:
+                put("error", error.answer)
             except Cancelled:
                 pass
             except Exception as error:
-                put("error", fault(error).answer)
+                put("error", internal_error(error).answer)
             finally:
                 events.put_nowait(None)
 
@@ -212,9 +212,11 @@ class Server:
         await self.ready()
         await FitSocket(socket, self.store, self.quick, self.long).run()
 
-    async def _json(self, request: Request, lane: Lane, work: Callable[[Ticket], dict[str, Any]]) -> Response:
+    async def _json(
+        self, request: Request, queue: WorkQueue, work: Callable[[CancelToken], dict[str, Any]]
+    ) -> Response:
         """The answer of work that ends when the page does not wait for it any more."""
-        return JSONResponse(await _while_connected(request, lane.run(work)))
+        return JSONResponse(await _while_connected(request, queue.run(work)))
 
 
 async def _while_connected(request: Request, work: Awaitable[Answer]) -> Answer:
@@ -229,7 +231,7 @@ async def _while_connected(request: Request, work: Awaitable[Answer]) -> Answer:
     finally:
         task.cancel()
         gone.cancel()
-        with suppress(asyncio.CancelledError, Cancelled, Refusal):
+        with suppress(asyncio.CancelledError, Cancelled, RequestError):
             await task
 
 
@@ -246,20 +248,20 @@ def _chair_scene() -> Photograph:
 
 
 def _answering(handler: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
-    """A handler whose refusals are JSON."""
+    """A handler whose errors are JSON."""
 
     async def answered(request: Request) -> Response:
         try:
             await request.app.state.server.ready()
             return await handler(request)
-        except Refusal as refusal:
-            return JSONResponse(refusal.answer, refusal.status)
+        except RequestError as error:
+            return JSONResponse(error.answer, error.status)
         except (ClientDisconnect, Cancelled):
             return Response(status_code=499)  # nobody reads it
         except HTTPException:
             raise
         except Exception as error:
-            told = fault(error)
+            told = internal_error(error)
             return JSONResponse(told.answer, told.status)
 
     return answered
@@ -290,21 +292,21 @@ def _name(request: Request, default: str) -> str:
 def _integer(request: Request, name: str, default: int | None = None) -> int:
     text = request.query_params.get(name, "" if default is None else str(default))
     if not (text.isascii() and text.isdigit() and len(text) < 7):
-        raise Refusal(422, f"expected {name} as an integer, got {text[:40]!r}")
+        raise RequestError(422, f"expected {name} as an integer, got {text[:40]!r}")
     return int(text)
 
 
-def make_app(doors: Doors, photographs: Sequence[Photograph] = ()) -> Starlette:
+def make_app(rules: AccessRules, photographs: Sequence[Photograph] = ()) -> Starlette:
     """The application.
 
     Args:
-        doors: who may come in.
+        rules: of access.
         photographs: given on the command line.
     """
     server = Server(photographs)
     app = Starlette(
         routes=server.routes(), lifespan=server.lifespan, exception_handlers={HTTPException: _no_such_address}
     )
-    app.add_middleware(Guard, doors=doors)
+    app.add_middleware(AccessMiddleware, rules=rules)
     app.state.server = server
     return app

@@ -10,11 +10,11 @@ from typing import Any
 from starlette.websockets import WebSocket, WebSocketDisconnect
 from torch import Tensor
 
+from .errors import RequestError, internal_error
 from .fit import Scene
-from .lanes import Cancelled, Lane, Ticket
-from .refusals import Refusal, fault
 from .requests import Curve, Fit, FitMessage, Open, Stop, Turn, decoded
 from .store import Store
+from .work_queue import Cancelled, CancelToken, WorkQueue
 
 MOST_CHARACTERS = 2**14  # of a message
 
@@ -28,7 +28,7 @@ class FitSocket:
         quick, long: where it computes.
     """
 
-    def __init__(self, socket: WebSocket, store: Store, quick: Lane, long: Lane) -> None:
+    def __init__(self, socket: WebSocket, store: Store, quick: WorkQueue, long: WorkQueue) -> None:
         self.socket, self.store, self.quick, self.long = socket, store, quick, long
         self.scene: Scene | None = None
         self.names = "", ""
@@ -52,14 +52,14 @@ class FitSocket:
     async def _answer(self, text: str) -> None:
         try:
             if len(text) > MOST_CHARACTERS:
-                raise Refusal(413, f"expected a message of at most {MOST_CHARACTERS:,} characters")
+                raise RequestError(413, f"expected a message of at most {MOST_CHARACTERS:,} characters")
             await self._do(decoded(text, FitMessage))
-        except Refusal as refusal:
-            await self._send({"type": "error", **refusal.answer})
+        except RequestError as error:
+            await self._send({"type": "error", **error.answer})
         except (WebSocketDisconnect, asyncio.CancelledError):
             raise
         except Exception as error:
-            await self._send({"type": "error", **fault(error).answer})
+            await self._send({"type": "error", **internal_error(error).answer})
 
     async def _do(self, message: FitMessage) -> None:
         if isinstance(message, Open):
@@ -79,11 +79,11 @@ class FitSocket:
             self._opened()
             await self._stop()
             work = self._curve(message) if isinstance(message, Curve) else self._fit(message)
-            self._work = asyncio.create_task(self._refusing(work))
+            self._work = asyncio.create_task(self._with_errors(work))
 
     def _opened(self) -> Scene:
         if self.scene is None:
-            raise Refusal(422, "expected a photograph and a model first")
+            raise RequestError(422, "expected a photograph and a model first")
         return self.scene
 
     async def _stop(self) -> None:
@@ -96,13 +96,13 @@ class FitSocket:
         while self._turn is not None:
             turn, self._turn, scene = self._turn, None, self._opened()
 
-            def view(_: Ticket, turn: Turn = turn, scene: Scene = scene) -> dict[str, Any]:
+            def view(_: CancelToken, turn: Turn = turn, scene: Scene = scene) -> dict[str, Any]:
                 return scene.view(turn.n, turn.pose, turn.place)
 
             async def answer(work: Any = view) -> None:
                 await self._send(await self.quick.run(work))
 
-            await self._refusing(answer())
+            await self._with_errors(answer())
 
     async def _curve(self, message: Curve) -> None:
         """The curve, part by part, so that poses that are dragged meanwhile need not wait for all of it."""
@@ -110,7 +110,7 @@ class FitSocket:
         parts = await self.quick.run(lambda _: scene.around(message.pose))
         for number, poses in enumerate(parts):
 
-            def part(_: Ticket, poses: Tensor = poses, done: bool = number == len(parts) - 1) -> dict[str, Any]:
+            def part(_: CancelToken, poses: Tensor = poses, done: bool = number == len(parts) - 1) -> dict[str, Any]:
                 return scene.curve(poses, done)
 
             await self._send(await self.quick.run(part))
@@ -124,8 +124,8 @@ class FitSocket:
         def send(answer: dict[str, Any]) -> None:
             loop.call_soon_threadsafe(answers.put_nowait, answer)
 
-        def work(ticket: Ticket) -> None:
-            send(scene.fitted(scene.fit(message, send, ticket, initial), *self.names))
+        def work(cancel: CancelToken) -> None:
+            send(scene.fitted(scene.fit(message, send, cancel, initial), *self.names))
 
         async def worked() -> None:
             try:
@@ -141,17 +141,17 @@ class FitSocket:
         finally:
             task.cancel()
 
-    async def _refusing(self, work: Coroutine[Any, Any, None]) -> None:
+    async def _with_errors(self, work: Coroutine[Any, Any, None]) -> None:
         try:
             await work
-        except Refusal as refusal:
-            await self._send({"type": "error", **refusal.answer})
+        except RequestError as error:
+            await self._send({"type": "error", **error.answer})
         except Cancelled:
             pass
         except (WebSocketDisconnect, asyncio.CancelledError):
             raise
         except Exception as error:
-            await self._send({"type": "error", **fault(error).answer})
+            await self._send({"type": "error", **internal_error(error).answer})
 
     async def _send(self, message: dict[str, Any]) -> None:
         await self.socket.send_text(json.dumps(message, allow_nan=False))

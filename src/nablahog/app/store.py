@@ -15,7 +15,8 @@ from ..cli.inputs.sources import Source, from_photo
 from ..hog import HOGSpec
 from ..io.images import limit_size
 from ..render import Mesh
-from .refusals import GONE, Refusal
+from .errors import GONE, RequestError
+from .requests import SEE_SIZE
 
 MOST_BYTES = 2**29
 SMALLER = 4  # sizes of a photograph that are kept beside it
@@ -42,9 +43,10 @@ class Photograph:
         return int(self.image.shape[1]), int(self.image.shape[2])
 
     @property
-    def weight(self) -> int:
+    def nbytes(self) -> int:
         """Bytes."""
-        return 2 * self.image.numel() * self.image.element_size()  # with the smaller ones
+        smaller = min(self.image.numel(), 3 * SEE_SIZE**2)
+        return 4 * (self.image.numel() + SMALLER * smaller)
 
     def shrunk(self, size: int) -> Tensor:
         """At most ``size`` pixels on the longer side."""
@@ -58,7 +60,7 @@ class Photograph:
 
 
 @dataclass(frozen=True, eq=False)
-class Described:
+class DescriptorEntry:
     """A descriptor: of a photograph, of a file, or a detector's template.
 
     Attributes:
@@ -70,14 +72,14 @@ class Described:
     template: bool = False
 
     @property
-    def weight(self) -> int:
+    def nbytes(self) -> int:
         """Bytes."""
         photo = 0 if self.source.photo is None else self.source.photo.numel()
         return 4 * (self.source.descriptor.numel() + photo)
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class MeshEntry:
     """A mesh, normalised.
 
     Attributes:
@@ -89,12 +91,12 @@ class Model:
     mesh: Mesh
 
     @property
-    def weight(self) -> int:
+    def nbytes(self) -> int:
         """Bytes, with the renderers that are prepared of it."""
         return 16 * sum(each.numel() * each.element_size() for each in (self.mesh.vertices, self.mesh.faces))
 
 
-Kept = TypeVar("Kept", Photograph, Described, Model)
+Kept = TypeVar("Kept", Photograph, DescriptorEntry, MeshEntry)
 
 
 class Store:
@@ -108,30 +110,32 @@ class Store:
     def __init__(self, secret: bytes, most: int = MOST_BYTES) -> None:
         self._secret, self._most = secret, most
         self._kept: OrderedDict[str, Any] = OrderedDict()
-        self._always: dict[str, Any] = {}
+        self._pinned: dict[str, Any] = {}
         self._lock = Lock()
 
     @property
-    def weight(self) -> int:
+    def nbytes(self) -> int:
         """Bytes, without what is always there."""
-        return sum(each.weight for each in self._kept.values())
+        return sum(each.nbytes for each in self._kept.values())
 
-    def always(self, key: str, kept: Photograph | Model) -> None:
+    def pin(self, key: str, kept: Photograph | MeshEntry) -> None:
         """Keeps something under an id of its own as long as the server runs."""
-        self._always[key] = kept
+        self._pinned[key] = kept
 
-    def always_of(self, kind: type[Kept]) -> dict[str, Kept]:
+    def pinned(self, kind: type[Kept]) -> dict[str, Kept]:
         """What is always there of a kind, by id."""
-        return {key: each for key, each in self._always.items() if isinstance(each, kind)}
+        return {key: each for key, each in self._pinned.items() if isinstance(each, kind)}
 
-    def add(self, kept: Photograph | Described | Model, *content: bytes) -> str:
+    def add(self, kept: Photograph | DescriptorEntry | MeshEntry, *content: bytes) -> str:
         """Keeps something; the same content has the same id.
 
         Raises:
-            Refusal: it is larger than all that may be kept.
+            RequestError: it is larger than all that may be kept.
         """
-        if kept.weight > self._most:
-            raise Refusal(413, f"this takes {kept.weight:,} bytes of memory, more than the {self._most:,} there are")
+        if kept.nbytes > self._most:
+            raise RequestError(
+                413, f"this takes {kept.nbytes:,} bytes of memory, more than the {self._most:,} there are"
+            )
         digest = hashlib.sha256(self._secret)
         for each in (type(kept).__name__.encode(), *content):
             digest.update(len(each).to_bytes(8, "big") + each)
@@ -139,7 +143,7 @@ class Store:
         with self._lock:
             self._kept[key] = kept
             self._kept.move_to_end(key)
-            while self.weight > self._most:
+            while self.nbytes > self._most:
                 self._kept.popitem(last=False)
         return key
 
@@ -147,18 +151,18 @@ class Store:
         """What has this id.
 
         Raises:
-            Refusal: there is nothing of this kind under it, or no longer.
+            RequestError: there is nothing of this kind under it, or no longer.
         """
         with self._lock:
             if key in self._kept:
                 self._kept.move_to_end(key)
-            found = self._always.get(key) or self._kept.get(key)
-        if not isinstance(found, kind):
-            raise Refusal(410, GONE)
-        return found
+            item = self._pinned.get(key) or self._kept.get(key)
+        if not isinstance(item, kind):
+            raise RequestError(410, GONE)
+        return item
 
 
-def described(photograph: Photograph, spec: HOGSpec, size: int) -> Described:
+def describe_photograph(photograph: Photograph, spec: HOGSpec, size: int) -> DescriptorEntry:
     """The descriptor of a photograph that is shrunk to at most ``size`` pixels, as the command line has it."""
     photo = photograph.shrunk(size)
-    return Described(from_photo(photograph.name, "photo", photo, spec, size=0, device=torch.device("cpu")))
+    return DescriptorEntry(from_photo(photograph.name, "photo", photo, spec, size=0, device=torch.device("cpu")))

@@ -27,9 +27,9 @@ from ..io.arrays import is_raw, read_array
 from ..io.descriptor_file import load_descriptor
 from ..io.images import read_image, register_heif
 from ..render import load_mesh
-from .refusals import Refusal, named
+from .errors import RequestError, named
 from .requests import Settings, decoded, spec_options
-from .store import Described, Model, Photograph, Store
+from .store import DescriptorEntry, MeshEntry, Photograph, Store
 
 MOST_PIXELS = 24_000_000  # of a photograph
 MOST_NUMBERS = 2**24  # of a descriptor
@@ -57,14 +57,14 @@ def _check_pixels(data: bytes, name: str) -> None:
     except Exception:  # whoever decodes it says what is wrong
         return
     if width * height > MOST_PIXELS:
-        raise Refusal(413, f"{name}: expected at most {MOST_PIXELS:,} pixels, got {width * height:,}")
+        raise RequestError(413, f"{name}: expected at most {MOST_PIXELS:,} pixels, got {width * height:,}")
 
 
 def descriptor(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict[str, Any]:
     """Keeps the descriptor, or the templates, in a file; asks back if the file does not say what it holds."""
     ending = Path(name).suffix.lower()
     if ending not in ARRAYS:
-        raise Refusal(422, f"{name}: expected a descriptor of {', '.join(ARRAYS)}")
+        raise RequestError(422, f"{name}: expected a descriptor of {', '.join(ARRAYS)}")
     template = query.get("as") == "template"
     settings: dict[str, str] = decoded(query.get("settings") or "{}", Settings)
     options, size = spec_options(query.get("preset") or None, settings), _image_size(query.get("image_size"))
@@ -75,22 +75,22 @@ def descriptor(data: bytes, name: str, query: Mapping[str, str], store: Store) -
                 sources = (
                     _templates(path, name, options, arrays) if template else [_source(path, name, options, arrays)]
                 )
-        except Refusal as refusal:
+        except RequestError as error:
             if is_raw(path):
-                refusal.answer["question"] = _question(path, arrays)
+                error.answer["question"] = _question(path, arrays)
             raise
     parts = []
     for source in sources:
         rows, cols, _ = source.descriptor.shape
         if source.descriptor.numel() > MOST_NUMBERS or rows * cols > MOST_CELLS:
-            raise Refusal(413, f"{name}: expected at most {MOST_CELLS:,} cells, got {rows}x{cols}")
+            raise RequestError(413, f"{name}: expected at most {MOST_CELLS:,} cells, got {rows}x{cols}")
         content = (
             data,
             source.name.encode(),
             source.spec.to_json().encode(),
             str((source.image_size, template)).encode(),
         )
-        parts.append({"id": store.add(Described(source, template), *content), "name": source.name})
+        parts.append({"id": store.add(DescriptorEntry(source, template), *content), "name": source.name})
     first = sources[0]
     return {
         "id": parts[0]["id"],
@@ -153,11 +153,11 @@ def mesh(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict
     """Keeps the mesh in a file."""
     ending, up, front = Path(name).suffix.lower(), query.get("up", ""), query.get("front", "")
     if ending not in MESHES:
-        raise Refusal(422, f"{name}: expected a model of {', '.join(MESHES)}")
+        raise RequestError(422, f"{name}: expected a model of {', '.join(MESHES)}")
     if up not in AXES or front not in AXES:
-        raise Refusal(422, f"up and front are axes such as z or -y, got {up!r} and {front!r}")
+        raise RequestError(422, f"up and front are axes such as z or -y, got {up!r} and {front!r}")
     with _as_file(data, name, f"model{ending}") as path:
-        kept = Model(name, load_mesh(path, up=up or None, front=front or None))
+        kept = MeshEntry(name, load_mesh(path, up=up or None, front=front or None))
     key = store.add(kept, data, ending.encode(), up.encode(), front.encode())
     return {"id": key, "name": name, "vertices": len(kept.mesh.vertices), "faces": len(kept.mesh.faces)}
 
@@ -167,13 +167,13 @@ def _image_size(text: str | None) -> tuple[int, int] | None:
         return None
     match = re.fullmatch(r"(\d{1,5})[x×](\d{1,5})", text)
     if match is None:
-        raise Refusal(422, f"expected an image size as 128x64, height first, got {text[:40]!r}")
+        raise RequestError(422, f"expected an image size as 128x64, height first, got {text[:40]!r}")
     return int(match[1]), int(match[2])
 
 
 @contextmanager
 def _as_file(data: bytes, name: str, own_name: str) -> Iterator[Path]:
-    """The bytes in a file of a temporary folder; refusals call it by the user's name."""
+    """The bytes in a file of a temporary folder; errors call it by the user's name."""
     with tempfile.TemporaryDirectory(prefix="nablahog-") as folder:
         path = Path(folder, own_name)
         path.write_bytes(data)

@@ -17,7 +17,7 @@ from ..invert.baselines.triangles import TRIANGLES, reconstruct_by_triangles
 from ..invert.histograms import searchable
 from ..invert.multiscale import SCALES, level_spec
 from ..invert.start import enlarge
-from ..jobs.carried import found
+from ..jobs.job_files import local_path
 from .learned import SPEC, load
 from .names import DALAL, DIALECTS, LEARNED_DIALECTS, LIBRARIES, NO_HOG, TAKES_HOURS, UOCTTI
 
@@ -155,7 +155,7 @@ def _bovw(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
 def _needed(kind: str, settings: Table1Settings) -> Any:
     if kind not in settings.learned:
         raise ValueError(f"this method needs what `nablahog learn {TAKES_HOURS.get(kind, kind)}` learns")
-    return load(kind, found(settings.learned[kind]))
+    return load(kind, local_path(settings.learned[kind]))
 
 
 def _cnn_hog(image: Tensor, settings: Table1Settings, *, bilinear: bool) -> list[MethodOutput]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..datasets.cad import read_models
 from ..datasets.chairs import chair
-from ..jobs.carried import found
+from ..jobs.job_files import local_path
 from ..jobs.store import digest
 from ..render import Mesh, load_mesh
 
@@ -42,12 +42,12 @@ class Model:
         Raises:
             OSError: the file cannot be read.
         """
-        return digest(found(self.source)) if isinstance(self.source, Path) else str(self.source)
+        return digest(local_path(self.source)) if isinstance(self.source, Path) else str(self.source)
 
 
 @lru_cache(CACHED)
 def _mesh(source: Path | int, digest: str) -> Mesh:
-    return load_mesh(found(source)) if isinstance(source, Path) else chair(source)
+    return load_mesh(local_path(source)) if isinstance(source, Path) else chair(source)
 
 
 class Meshes(Mapping[str, Mesh]):

@@ -7,6 +7,7 @@ task that takes its workers with it are done again in the end, one by one, so th
 
 from __future__ import annotations
 
+import logging
 import re
 import time
 from collections import deque
@@ -23,10 +24,12 @@ from distributed.client import FutureCancelledError
 from distributed.comm.core import CommClosedError
 from distributed.scheduler import KilledWorker
 
-from .carried import put
+from .job_files import store_files
 from .runner import cores, one_thread
 from .store import JobResult, Work
 from .worker import attempt
+
+logger = logging.getLogger(__name__)
 
 CHUNK_SECONDS = 0.5
 MOST_IN_CHUNK = 1000
@@ -41,7 +44,6 @@ def run_on_cluster(
     *,
     cluster: str,
     started: Callable[[int], None] = lambda index: None,
-    say: Callable[[str], None] = lambda text: None,
 ) -> Generator[tuple[int, JobResult | str], None, None]:
     """Does all jobs on a cluster, each in one thread.
 
@@ -52,7 +54,6 @@ def run_on_cluster(
         cluster: ``local`` or ``local:N``, N processes of this machine; the address of a scheduler, such as
             ``tcp://HOST:PORT``; or the JSON file that it wrote.
         started: called with the index of a job when it is sent.
-        say: called with the address of the dashboard.
 
     Yields:
         The index of each finished job, with its result or one sentence why it failed.
@@ -63,8 +64,8 @@ def run_on_cluster(
     """
     if not jobs:
         return
-    with _connected(cluster) as client, _not_lost():
-        say(f"dashboard: {client.dashboard_link}")
+    with _connected(cluster) as client, _scheduler_errors():
+        logger.info("the dashboard of the cluster: %s", client.dashboard_link)
         _prepare(client, jobs)
         waiting = _Waiting(len(jobs))
         chunks: dict[Any, list[int]] = {}
@@ -183,7 +184,7 @@ def _client(kind: Callable[..., Client], cluster: str) -> Client:
 
 
 @contextmanager
-def _not_lost() -> Iterator[None]:
+def _scheduler_errors() -> Iterator[None]:
     """Raises ChildProcessError where Dask says in one of many ways that its scheduler has gone."""
     try:
         yield
@@ -199,7 +200,7 @@ class _Files(WorkerPlugin):
 
     def setup(self, worker: Worker) -> None:
         torch.set_num_threads(1)
-        put(self.files, Path(worker.local_directory, PLUGIN))
+        store_files(self.files, Path(worker.local_directory, PLUGIN))
 
 
 def _prepare(client: Client, jobs: Sequence[Work]) -> None:

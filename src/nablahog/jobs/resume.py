@@ -10,7 +10,7 @@ from typing import TypeVar
 from ..io.files import remove_parts
 from . import store
 from .runner import run_jobs
-from .store import Job, JobResult
+from .store import Job, JobResult, Work
 
 Name = TypeVar("Name", bound=Hashable)
 
@@ -70,7 +70,7 @@ def _do(
 
     reasons = {}
     report()
-    with closing(_outcomes([jobs[path] for path in missing], workers, cluster, started)) as outcomes:
+    with closing(run_anywhere([jobs[path] for path in missing], workers, cluster, started)) as outcomes:
         for index, outcome in outcomes:
             if isinstance(outcome, JobResult):
                 store.save(missing[index], outcome)
@@ -82,10 +82,14 @@ def _do(
     return reasons
 
 
-def _outcomes(
-    jobs: Sequence[Job], workers: int, cluster: str | None, started: Callable[[int], None]
+def run_anywhere(
+    jobs: Sequence[Work], workers: int, cluster: str | None, started: Callable[[int], None] = lambda index: None
 ) -> Generator[tuple[int, JobResult | str], None, None]:
-    """Of jobs by their index, as they come, from processes of this machine or from a cluster."""
+    """As :func:`.runner.run_jobs`, or, if ``cluster`` names one, :func:`.cluster.run_on_cluster`.
+
+    Raises:
+        ValueError: Dask is not installed.
+    """
     if cluster is None:
         return run_jobs(jobs, workers=workers, started=started)
     try:

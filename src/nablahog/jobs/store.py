@@ -35,7 +35,8 @@ class JobResult:
 class Work(Protocol):
     """Work that can be sent to another process.
 
-    If it reads files, it has a method ``files`` that returns their paths, and reads them by :func:`.carried.found`.
+    If it reads files, it has a method ``files`` that returns their paths, and opens :func:`.job_files.local_path` of
+    them.
     """
 
     def run(self) -> JobResult:

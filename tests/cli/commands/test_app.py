@@ -26,7 +26,7 @@ def test_it_serves_until_it_is_interrupted(photo: str) -> None:
         with urllib.request.urlopen(address[1]) as page:
             assert "∇HOG" in page.read().decode()
         with urllib.request.urlopen(f"{address[1]}api/about") as about:
-            assert b'"given-0","name":"cat.png","width":80' in about.read()
+            assert b'"photo-0","name":"cat.png","width":80' in about.read()
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=30)
     assert (process.returncode, errors) in ((0, ""), (130, "nablahog app: error: interrupted\n"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,11 +13,10 @@ import torch
 from PIL import Image
 
 from nablahog import hog, presets
-from nablahog.cli.commands import hog_dataset
 from nablahog.cli.main import main
 from nablahog.io.descriptor_dataset import DescriptorDataset
 from nablahog.io.images import read_image
-from nablahog.jobs import describing
+from nablahog.jobs import describing, resume
 
 from ...evaluate.common import here
 from ..common import names
@@ -24,7 +24,7 @@ from ..common import names
 
 @pytest.fixture(autouse=True)
 def _in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hog_dataset, "run_jobs", here)
+    monkeypatch.setattr(resume, "run_jobs", here)
 
 
 @pytest.fixture
@@ -123,3 +123,21 @@ def test_what_it_refuses(photos: Path, tmp_path: Path, refused: Callable[..., No
     )
     (tmp_path / "s.parquet").write_bytes(b"x")
     refused("hog", str(photos), "-o", str(tmp_path / "s.parquet"), message="is a file: a data set is a folder of files")
+
+
+def test_options_of_data_sets_alone(photos: Path, tmp_path: Path, refused: Callable[..., None]) -> None:
+    for options in (["--shard", "3"], ["--workers", "2"], ["--cluster", "local"]):
+        message = f"{options[0]} goes with a data set: expected -o NAME.parquet"
+        refused("hog", str(photos / "0.png"), "-o", str(tmp_path / "a.npz"), *options, message=message)
+    no_store = "nostore://x.parquet"
+    refused("hog", str(photos / "0.png"), "-o", no_store, message=f"{no_store}: Protocol not known")
+
+
+def test_a_cluster_without_dask(
+    photos: Path, tmp_path: Path, refused: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delitem(sys.modules, "nablahog.jobs.cluster", raising=False)
+    monkeypatch.setitem(sys.modules, "dask", None)
+    out = str(tmp_path / "o.parquet")
+    message = "a cluster needs dask: pip install 'nablahog[cluster]'"
+    refused("hog", str(photos / "0.png"), "-o", out, "--cluster", "local:1", message=message)

@@ -1,10 +1,10 @@
 /** What a cell holds: its histogram as a rose, its block, and the entries of the descriptor. */
 
-import { draw, element, figure, make, scrolling, settled, table } from "./dom.js";
+import { draw, element, figure, make, scrolling, debounce, table } from "./dom.js";
 
 const SIDE = 240;
 
-const say = settled((/** @type {string} */ text) => { element("cell-said", HTMLElement).textContent = text; }, 500);
+const say = debounce((/** @type {string} */ text) => { element("cell-said", HTMLElement).textContent = text; }, 500);
 
 /**
  * @param {import("./types.js").Cell} cell

@@ -4,7 +4,7 @@ import { postJson, ServerError } from "./api.js";
 import { Dialects } from "./controls.js";
 import { element, figure, make, scrolling, table } from "./dom.js";
 import { drawGlyphs, votesOf } from "./glyphs.js";
-import { Newest, soon } from "./progress.js";
+import { LatestRequest, debounceBusy } from "./progress.js";
 import { Stage } from "./stage.js";
 
 const FIRST = ["skimage", "paper", "opencv"];
@@ -12,9 +12,9 @@ const FIRST = ["skimage", "paper", "opencv"];
 export class Comparer {
   #details = element("compare", HTMLDetailsElement);
   #stage = new Stage("compare-glyphs");
-  #newest = new Newest("compare-progress");
-  #difference = new Newest("compare-difference");
-  #later = soon(() => void this.#compare(), 400);
+  #newest = new LatestRequest("compare-progress");
+  #difference = new LatestRequest("compare-difference");
+  #later = debounceBusy(() => void this.#compare(), 400);
 
   /**
    * @param {import("./main.js").App} app

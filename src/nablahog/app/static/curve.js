@@ -3,7 +3,7 @@
 import { Chart } from "./chart.js";
 import { figure } from "./dom.js";
 import { round360 } from "./pose.js";
-import { soon } from "./progress.js";
+import { debounceBusy } from "./progress.js";
 
 /** @typedef {import("./types.js").Pose} Pose */
 
@@ -30,7 +30,7 @@ export class Curve {
    */
   constructor(picked, ask) {
     this.#chart.onPick(picked);
-    this.later = soon((/** @type {Pose} */ pose) => {
+    this.later = debounceBusy((/** @type {Pose} */ pose) => {
       const key = rest(pose);
       if (key === this.#asked) return;
       this.#asked = key;

@@ -102,14 +102,14 @@ export function figure(value, digits = 3) {
 const reduced = matchMedia("(prefers-reduced-motion: reduce)");
 
 /** Whether the reader asked for less motion. */
-export const calmer = () => reduced.matches;
+export const prefersReducedMotion = () => reduced.matches;
 
 /**
  * @param {(...values: any[]) => void} work
  * @param {number} milliseconds
  * @returns {(...values: any[]) => void} runs `work` once no call came for so long
  */
-export function settled(work, milliseconds) {
+export function debounce(work, milliseconds) {
   let timer = 0;
   return (...values) => {
     clearTimeout(timer);

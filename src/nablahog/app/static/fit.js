@@ -3,13 +3,13 @@
 import { ServerError } from "./api.js";
 import { BoxPicker } from "./box.js";
 import { Curve } from "./curve.js";
-import { calmer, element, figure, fill, make, numberOf, settled, table } from "./dom.js";
+import { prefersReducedMotion, element, figure, fill, make, numberOf, debounce, table } from "./dom.js";
 import { addressOf, pngOf, save, stem } from "./files.js";
 import { drawGlyphs } from "./glyphs.js";
 import { showLines } from "./lines.js";
 import { MeshChooser } from "./mesh.js";
 import { NAMES, PoseControls, proper } from "./pose.js";
-import { calm, complain, Newest, soon, Wait } from "./progress.js";
+import { clearError, showError, LatestRequest, debounceBusy, Wait } from "./progress.js";
 import { Scene } from "./scene.js";
 import { Session } from "./session.js";
 
@@ -23,7 +23,7 @@ export class Fit {
   #controls = new PoseControls((pose) => this.#turn(proper(pose)));
   #scene = new Scene(() => this.#controls.value, (pose) => this.#turn(pose));
   #curve;
-  #photo = new Newest("fit-progress");
+  #photo = new LatestRequest("fit-progress");
   #method = element("fit-method", HTMLSelectElement);
   #seed = element("fit-seed", HTMLInputElement);
   #start = element("fit-start", HTMLButtonElement);
@@ -40,9 +40,9 @@ export class Fit {
   #waits = {};
   /** @type {any} */
   #fitted = null;
-  #reopen = soon(() => { if (this.#ready) void this.#open(); }, 300);
-  #say = settled((/** @type {string} */ text) => { element("similarity-said", HTMLElement).textContent = text; }, 700);
-  #remember = settled(() => this.app.address.set({ pose: this.#controls.value.map((value) => Number(value.toFixed(3))).join(",") }), 100);
+  #reopen = debounceBusy(() => { if (this.#ready) void this.#open(); }, 300);
+  #say = debounce((/** @type {string} */ text) => { element("similarity-said", HTMLElement).textContent = text; }, 700);
+  #remember = debounce(() => this.app.address.set({ pose: this.#controls.value.map((value) => Number(value.toFixed(3))).join(",") }), 100);
 
   /** @param {import("./main.js").App} app */
   constructor(app) {
@@ -120,14 +120,14 @@ export class Fit {
   async #open() {
     const source = this.app.source.value;
     if (source?.kind !== "photo") return;
-    calm();
+    clearError();
     this.#begin("open", "fit-progress", "Opens the mesh", () => this.#leave());
     try {
       await this.#session.open();
       this.#session.send({ type: "open", photo: source.id, mesh: this.mesh.value, box: this.#box.value });
     } catch (error) {
       this.#end("open");
-      complain(error);
+      showError(error);
     }
   }
 
@@ -144,7 +144,7 @@ export class Fit {
 
   #lost() {
     this.#leave();
-    complain(new ServerError(0, "The connection to the server has ended. Press “Show the mesh” to open it again."));
+    showError(new ServerError(0, "The connection to the server has ended. Press “Show the mesh” to open it again."));
   }
 
   /**
@@ -180,7 +180,7 @@ export class Fit {
         if (this.#waits.fit) element("fit-said", HTMLElement).textContent = "Stopped.";
         return this.#searching(false);
       case "error":
-        complain(new ServerError(422, message.error));
+        showError(new ServerError(422, message.error));
         for (const kind of Object.keys(this.#waits)) this.#end(kind);
         return this.#searching(false);
     }
@@ -266,7 +266,7 @@ export class Fit {
   }
 
   #fit() {
-    calm();
+    clearError();
     this.#fitted = null;
     this.#end("curve");
     this.#begin("fit", "search-progress", "Searches the pose", () => this.#session.send({ type: "stop" }));
@@ -290,7 +290,7 @@ export class Fit {
     this.#curve.step(message.pose, message.similarity);
     this.#waits.fit?.say(`${message.stage ?? "Searches the pose"}: similarity ${figure(message.similarity)}`);
     const now = performance.now();
-    if (this.#waits.view || now - this.#lastStep < (calmer() ? 500 : 50)) return;
+    if (this.#waits.view || now - this.#lastStep < (prefersReducedMotion() ? 500 : 50)) return;
     this.#lastStep = now;
     this.#controls.write(proper(message.pose));
     this.#send(message.pose, false);

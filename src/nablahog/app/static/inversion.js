@@ -1,11 +1,11 @@
 /** One inversion: the request and its events. */
 
 import { postEvents, ServerError } from "./api.js";
-import { calmer } from "./dom.js";
+import { prefersReducedMotion } from "./dom.js";
 import { paint, pictureOf, pngOf } from "./files.js";
 
 /** Milliseconds between frames for readers who want less motion. */
-const CALM = 500;
+const REDUCED = 500;
 
 /**
  * @param {object} body of the request
@@ -45,7 +45,7 @@ export class Painter {
    * @param {boolean} [now] the last picture is never left out
    */
   show(base64, now = false) {
-    if (!now && calmer() && performance.now() - this.#last < CALM) return;
+    if (!now && prefersReducedMotion() && performance.now() - this.#last < REDUCED) return;
     this.#next = base64;
     if (!this.#busy) void this.#paint();
   }

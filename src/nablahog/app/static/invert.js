@@ -6,7 +6,7 @@ import { element, figure, fill, make, numberOf, table } from "./dom.js";
 import { addressOf, pngOf, save, stem } from "./files.js";
 import { invert, Painter } from "./inversion.js";
 import { showLines } from "./lines.js";
-import { calm, Newest, waiting } from "./progress.js";
+import { clearError, LatestRequest, waiting } from "./progress.js";
 import { Stage } from "./stage.js";
 import { Strip } from "./strip.js";
 import { showWipe } from "./wipe.js";
@@ -30,7 +30,7 @@ export class Invert {
   #stage = new Stage("preimage");
   #painter = new Painter(this.#canvas);
   #chart = new Chart("distance-chart", { x: "evaluations", y: "distance" });
-  #newest = new Newest("invert-progress");
+  #newest = new LatestRequest("invert-progress");
   /** @type {import("./types.js").InvertDone | null} */
   #done = null;
   /** @type {string | null} base64 of the newest frame */
@@ -153,7 +153,7 @@ export class Invert {
   /** @param {string | null} start id of the picture to start from */
   async #run(start) {
     if (!this.app.source.value) return;
-    calm();
+    clearError();
     const run = ++this.#runs;
     const before = start ? this.#curve.at(-1)?.[0] ?? 0 : 0;
     if (!start) {

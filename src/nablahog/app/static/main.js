@@ -6,7 +6,7 @@ import { Dialects } from "./controls.js";
 import { element } from "./dom.js";
 import { Fit } from "./fit.js";
 import { Invert } from "./invert.js";
-import { complain, waiting } from "./progress.js";
+import { showError, waiting } from "./progress.js";
 import { See } from "./see.js";
 import { SourceChooser } from "./source.js";
 
@@ -80,4 +80,4 @@ function start(about) {
 
 const about = await waiting("start-progress", "Starts", (signal) => getJson("/api/about", signal));
 if (about) start(about);
-else if (!element("alert", HTMLElement).textContent) complain("The start was cancelled: load the page again.");
+else if (!element("alert", HTMLElement).textContent) showError("The start was cancelled: load the page again.");

@@ -2,7 +2,7 @@
 
 import { postFile } from "./api.js";
 import { element, fill, make } from "./dom.js";
-import { Newest } from "./progress.js";
+import { LatestRequest } from "./progress.js";
 
 const AXES = [{ id: "", name: "as its format" }, ...["x", "y", "z", "-x", "-y", "-z"].map((id) => ({ id, name: id.replace("-", "−") }))];
 
@@ -10,7 +10,7 @@ export class MeshChooser {
   #select = element("mesh", HTMLSelectElement);
   #up = element("mesh-up", HTMLSelectElement);
   #front = element("mesh-front", HTMLSelectElement);
-  #newest = new Newest("fit-progress");
+  #newest = new LatestRequest("fit-progress");
   /** @type {File | null} the last one, to be sent again with other axes */
   #file = null;
 

@@ -72,7 +72,7 @@ export async function waiting(place, text, work, controller = new AbortControlle
     const result = await work(controller.signal, wait);
     return controller.signal.aborted ? undefined : result;
   } catch (error) {
-    if (!controller.signal.aborted) complain(error);
+    if (!controller.signal.aborted) showError(error);
     return undefined;
   } finally {
     wait.close();
@@ -80,7 +80,7 @@ export async function waiting(place, text, work, controller = new AbortControlle
 }
 
 /** Work of which only the newest counts: older work is aborted. */
-export class Newest {
+export class LatestRequest {
   /** @type {AbortController | null} */
   #controller = null;
 
@@ -108,13 +108,13 @@ export class Newest {
 }
 
 /**
- * As `settled`; the page counts as busy until the work has begun.
+ * As `debounce`; the page counts as busy until the work has begun.
  *
  * @param {(...values: any[]) => void} work
  * @param {number} milliseconds
  * @returns {(...values: any[]) => void}
  */
-export function soon(work, milliseconds) {
+export function debounceBusy(work, milliseconds) {
   let timer = 0;
   return (...values) => {
     if (timer) clearTimeout(timer);
@@ -128,17 +128,17 @@ export function soon(work, milliseconds) {
 }
 
 /** @param {unknown} error */
-export function complain(error) {
+export function showError(error) {
   const sentence = error instanceof Error ? error.message : String(error);
   const gone = error instanceof ServerError && error.status === 410;
   if (!(error instanceof ServerError)) console.error(error);
   const button = make("button", { type: "button" }, "Close");
-  button.addEventListener("click", calm);
+  button.addEventListener("click", clearError);
   element("alert", HTMLElement).replaceChildren(
     make("span", {}, gone ? "The server no longer has this file: drop the photograph again." : sentence), button);
 }
 
 /** Takes the error away. */
-export function calm() {
+export function clearError() {
   element("alert", HTMLElement).replaceChildren();
 }

@@ -7,7 +7,7 @@ import { element, numberOf } from "./dom.js";
 import { paint, save, stem } from "./files.js";
 import { drawGlyphs, votesOf } from "./glyphs.js";
 import { showLines } from "./lines.js";
-import { calm, Newest, soon, waiting } from "./progress.js";
+import { clearError, LatestRequest, debounceBusy, waiting } from "./progress.js";
 import { Stage } from "./stage.js";
 
 const FIRST_SIZE = 512;
@@ -15,8 +15,8 @@ const FIRST_SIZE = 512;
 export class See {
   #picture = new Stage("picture");
   #glyphs = new Stage("glyphs");
-  #newest = new Newest("see-progress");
-  #newestCell = new Newest("see-progress");
+  #newest = new LatestRequest("see-progress");
+  #newestCell = new LatestRequest("see-progress");
   #size = element("size", HTMLInputElement);
   #shown = false;
   #stale = true;
@@ -28,7 +28,7 @@ export class See {
   #at = null;
   /** @type {Map<string, import("./types.js").Cell>} */
   #cells = new Map();
-  #askCell = soon(() => void this.#readCell(), 30);
+  #askCell = debounceBusy(() => void this.#readCell(), 30);
 
   /** @param {import("./main.js").App} app */
   constructor(app) {
@@ -88,7 +88,7 @@ export class See {
       return Promise.all(both);
     });
     if (!result) return this.#blank(source.id);
-    calm();
+    clearError();
     this.#of = source.id;
     const [hog, picture] = result;
     this.#hog = hog;

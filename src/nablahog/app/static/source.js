@@ -3,7 +3,7 @@
 import { getBlob, postFile, ServerError } from "./api.js";
 import { element, fill, make } from "./dom.js";
 import { pictureOf } from "./files.js";
-import { calm, complain, Newest, waiting } from "./progress.js";
+import { clearError, showError, LatestRequest, waiting } from "./progress.js";
 import * as question from "./question.js";
 
 /**
@@ -18,7 +18,7 @@ const MESHES = /\.(off|obj|ply|stl|glb)$/i;
 export class SourceChooser extends EventTarget {
   /** @type {PhotoSource | DescriptorSource | null} */
   value = null;
-  #newest = new Newest("source-progress");
+  #newest = new LatestRequest("source-progress");
   /** @type {{key: string, picture: ImageBitmap}[]} */
   #pictures = [];
 
@@ -86,7 +86,7 @@ export class SourceChooser extends EventTarget {
     this.value = source;
     const photo = source.kind === "photo" ? source : null, array = source.kind === "descriptor" ? source : null;
     if (told) {
-      calm();
+      clearError();
       const sample = this.about.samples.some((each) => each.id === photo?.id);
       this.address.set({
         photo: photo?.id ?? null, pixels: photo && !sample ? `${photo.width},${photo.height}` : null,
@@ -164,7 +164,7 @@ export class SourceChooser extends EventTarget {
     question.close();
     const most = this.about.limits.upload_bytes;
     if (file.size > most) {
-      complain(new ServerError(413, `${file.name} has ${Math.ceil(file.size / 1e6)} MB; the most is ${Math.floor(most / 1e6)} MB.`));
+      showError(new ServerError(413, `${file.name} has ${Math.ceil(file.size / 1e6)} MB; the most is ${Math.floor(most / 1e6)} MB.`));
     } else if (MESHES.test(file.name)) {
       this.openMesh(file);
     } else if (ARRAYS.test(file.name)) {
@@ -196,7 +196,7 @@ export class SourceChooser extends EventTarget {
       }
     });
     if (result instanceof ServerError) {
-      calm();
+      clearError();
       question.ask(result.message, result.answer.question, answers, this.about, (next) => void this.#describe(file, next));
     } else if (result) {
       /** @type {import("./types.js").DescriptorInfo} */

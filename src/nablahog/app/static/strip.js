@@ -3,13 +3,13 @@
 import { element, figure, make, numberOf } from "./dom.js";
 import { invert, Painter } from "./inversion.js";
 import { methodName } from "./invert.js";
-import { calm, Newest } from "./progress.js";
+import { clearError, LatestRequest } from "./progress.js";
 
 const PRESETS = ["uoctti", "vlfeat", "dpm", "paper", "skimage", "opencv"];
 const METHODS = ["prior", "no-prior"];
 
 export class Strip {
-  #newest = new Newest("strip-progress");
+  #newest = new LatestRequest("strip-progress");
   #start = element("strip-start", HTMLButtonElement);
   #stop = element("strip-stop", HTMLButtonElement);
   #size = element("strip-size", HTMLInputElement);
@@ -51,7 +51,7 @@ export class Strip {
       strip.append(make("p", {}, "Choose a preset and a method."));
       return;
     }
-    calm();
+    clearError();
     this.#start.disabled = true;
     this.#stop.disabled = false;
     const size = numberOf(this.#size) ?? 128;

@@ -11,7 +11,6 @@ from . import options
 from .options import SEVERAL, Parser
 
 MOST_SAMPLES = 64
-SHARD = 1000  # images of a file of a data set
 
 
 def hog(commands: argparse._SubParsersAction[Parser]) -> None:
@@ -34,7 +33,7 @@ def hog(commands: argparse._SubParsersAction[Parser]) -> None:
     data = "; or a data set, NAME.parquet, also a URL"
     options.output(command, "FILE", text + data, stdout=True)
     options.common(command)
-    options.number(command, "--shard", "images of each file of a data set (default: 1000)", default=SHARD)
+    options.number(command, "--shard", "images of each file of a data set (default: 1000)")
     options.workers(command)
     options.cluster(command)
 

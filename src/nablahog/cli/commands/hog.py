@@ -35,6 +35,9 @@ def hog(arguments: Namespace) -> int:
 
     if arguments.output.rstrip("/").lower().endswith(ENDING):
         return hog_dataset(arguments)
+    for option in ("shard", "workers", "cluster"):
+        if getattr(arguments, option) is not None:
+            raise UserError(f"--{option} goes with a data set: expected -o NAME{ENDING}, got {arguments.output}")
 
     def write(path: Path, source: Source) -> None:
         save_descriptor(path, source.descriptor, source.spec, source.image_size)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 from argparse import Namespace
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ...hog import HOGSpec
 from ...io.images import image_endings
-from ...jobs.runner import cores, run_jobs
+from ...jobs.resume import run_anywhere
+from ...jobs.runner import cores
 from ...jobs.store import JobResult
 from ..arguments.options import SIZE
 from ..errors import SOME_SKIPPED, UserError, as_user_error
@@ -18,8 +20,12 @@ from ..inputs.expand import expand
 from ..inputs.spec import SpecOptions
 from ..terminal import counter, inform, say
 
+if TYPE_CHECKING:
+    from ...jobs.describing import ShardJob
+
 ENDING = ".parquet"
 LIST = "@"
+SHARD = 1000  # images of a file
 SHOWN = 3  # images without a descriptor, on stderr; the data set has all
 EXTRA = "a data set of descriptors needs {}: pip install 'nablahog[dataset]'"
 
@@ -36,11 +42,14 @@ def hog_dataset(arguments: Namespace) -> int:
         from ...jobs.describing import ShardJob
     except ModuleNotFoundError as error:
         raise UserError(EXTRA.format(error.name)) from None
+    if arguments.device != "cpu":
+        raise UserError(f"a data set is computed on processors: expected --device cpu, got {arguments.device}")
     with as_user_error():
         spec = SpecOptions.of(arguments).spec()
     paths, target = _paths(arguments), arguments.output.rstrip("/")
     size = SIZE if arguments.size is None else arguments.size
-    parts = [tuple(paths[start : start + arguments.shard]) for start in range(0, len(paths), arguments.shard)]
+    shard = arguments.shard or SHARD
+    parts = [tuple(paths[start : start + shard]) for start in range(0, len(paths), shard)]
     jobs = [ShardJob(part, spec, size, f"{target}/{shard_name(number)}") for number, part in enumerate(parts)]
     _check_empty(target, [job.target for job in jobs])
     keys = [key_of_shard(job.target) for job in jobs]
@@ -52,26 +61,18 @@ def hog_dataset(arguments: Namespace) -> int:
     return _said(arguments, spec, target, failed)
 
 
-def _do(jobs: Sequence[object], done: int, total: int, arguments: Namespace) -> list[str]:
+def _do(jobs: Sequence[ShardJob], done: int, total: int, arguments: Namespace) -> list[str]:
     """Why shards could not be written."""
     reasons = []
     with counter("nablahog hog") as progress, as_user_error():
         progress(done, total, "")
-        with closing(_outcomes(jobs, arguments)) as outcomes:
+        with closing(run_anywhere(jobs, arguments.workers or cores(), arguments.cluster)) as outcomes:
             for index, outcome in outcomes:
-                done += len(jobs[index].paths)  # type: ignore[attr-defined]
+                done += len(jobs[index].paths)
                 progress(done, total, "")
                 if not isinstance(outcome, JobResult):
                     reasons.append(outcome)
     return reasons
-
-
-def _outcomes(jobs: Sequence[object], arguments: Namespace) -> Generator[tuple[int, JobResult | str], None, None]:
-    if arguments.cluster is None:
-        return run_jobs(jobs, workers=arguments.workers or cores())  # type: ignore[arg-type]
-    from ...jobs.cluster import run_on_cluster
-
-    return run_on_cluster(jobs, cluster=arguments.cluster, say=inform)  # type: ignore[arg-type]
 
 
 def _paths(arguments: Namespace) -> list[str]:
@@ -99,22 +100,25 @@ def _urls(name: str) -> list[str]:
     try:
         system, path = fsspec.core.url_to_fs(name)
         if any(letter in path for letter in "*?["):
-            found = sorted(map(str, system.glob(path)))
+            urls = sorted(map(str, system.glob(path)))
         elif system.isdir(path):
-            found = sorted(str(each) for each in system.ls(path, detail=False))
+            urls = sorted(str(each) for each in system.ls(path, detail=False))
         else:
-            found = [str(path)]
+            urls = [str(path)]
     except (ValueError, ImportError, OSError) as error:
         raise UserError(f"{name}: {' '.join(str(error).split())}") from None
     endings = image_endings()
-    return [system.unstrip_protocol(each) for each in found if Path(each).suffix.lower() in endings]
+    return [system.unstrip_protocol(each) for each in urls if Path(each).suffix.lower() in endings]
 
 
 def _check_empty(target: str, own: Sequence[str]) -> None:
     """Refuses an output that holds shards beyond its own: they would become a part of the data set."""
     import fsspec
 
-    system, path = fsspec.core.url_to_fs(target)
+    try:
+        system, path = fsspec.core.url_to_fs(target)
+    except (ValueError, ImportError) as error:
+        raise UserError(f"{target}: {' '.join(str(error).split())}") from None
     if system.exists(path) and not system.isdir(path):
         raise UserError(f"{target} is a file: a data set is a folder of files")
     there = {Path(str(each)).name for each in system.glob(f"{path}/part-*{ENDING}")}

@@ -1,7 +1,7 @@
-"""Who may ask, and how much: checked before anything of a request is read further than its head.
+"""Access control: Host, Origin, token and size of a request are checked before its body is read.
 
 A page of another site can make a browser send requests to this server, and, by a name that it resolves anew, even read
-the answers (DNS rebinding).  Both name themselves in the heads Host and Origin.
+the answers (DNS rebinding).  The browser names both in the headers Host and Origin.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from urllib.parse import parse_qs
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from .refusals import Refusal
+from .errors import RequestError
 
 MOST_BYTES = 64 * 2**20  # of an upload
 MOST_JSON = 2**16
@@ -32,19 +32,19 @@ HEADERS: Mapping[str, str] = {
 
 
 @dataclass(frozen=True)
-class Doors:
-    """Under which names the server answers, and to whom.
+class AccessRules:
+    """Which requests are accepted.
 
     Attributes:
-        hosts: values of the head Host; all, if there is a token.
+        hosts: accepted values of the header Host; all, if there is a token.
         token: that all requests must know; None on the loopback.
     """
 
     hosts: frozenset[str]
     token: str | None
 
-    def refusal(self, scope: Scope) -> tuple[int, str] | None:
-        """Status and sentence, if the request may not come in."""
+    def rejection(self, scope: Scope) -> tuple[int, str] | None:
+        """Status and sentence for a request that is not accepted; else None."""
         headers = Headers(scope=scope)
         host, origin = headers.get("host", ""), headers.get("origin")
         if self.token is None and host not in self.hosts:
@@ -56,30 +56,30 @@ class Doors:
             return 403, "requests of other pages are refused"
         if self.token is not None and not scope["path"].startswith("/static/"):
             query = parse_qs(scope["query_string"].decode("latin-1"))
-            given = headers.get("x-nablahog-token") or (query.get("token") or [""])[0]
-            if not hmac.compare_digest(given.encode(), self.token.encode()):
+            token = headers.get("x-nablahog-token") or (query.get("token") or [""])[0]
+            if not hmac.compare_digest(token.encode(), self.token.encode()):
                 return 401, "expected the address with its token, as the server printed it"
         return None
 
 
-class Guard:
-    """Refuses requests by their heads, bodies by their size, and adds the heads that keep a page offline.
+class AccessMiddleware:
+    """Refuses requests by their headers, bodies by their size, and adds the headers that keep a page offline.
 
     Args:
-        app: what is guarded.
-        doors: who may come in.
+        app: the application.
+        rules: of access.
     """
 
-    def __init__(self, app: ASGIApp, doors: Doors) -> None:
-        self.app, self.doors = app, doors
+    def __init__(self, app: ASGIApp, rules: AccessRules) -> None:
+        self.app, self.rules = app, rules
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
-        refused = self.doors.refusal(scope) or _too_large(scope)
-        if refused is not None:
-            await _refuse(scope, receive, send, *refused)
+        rejected = self.rules.rejection(scope) or _too_large(scope)
+        if rejected is not None:
+            await _reject(scope, receive, send, *rejected)
             return
         if scope["type"] == "websocket":
             await self.app(scope, receive, send)
@@ -91,13 +91,13 @@ class Guard:
             message = await receive()
             read += len(message.get("body", b""))
             if read > most:
-                raise Refusal(413, _at_most(most))
+                raise RequestError(413, _at_most(most))
             return message
 
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
-                heads = [(name.encode(), value.encode()) for name, value in HEADERS.items()]
-                message = {**message, "headers": [*message.get("headers", []), *heads]}
+                headers = [(name.encode(), value.encode()) for name, value in HEADERS.items()]
+                message = {**message, "headers": [*message.get("headers", []), *headers]}
             await send(message)
 
         await self.app(scope, bounded, with_headers)
@@ -119,14 +119,14 @@ def _at_most(most: int) -> str:
     return f"expected at most {most:,} bytes"
 
 
-async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, sentence: str) -> None:
+async def _reject(scope: Scope, receive: Receive, send: Send, status: int, sentence: str) -> None:
     if scope["type"] == "websocket":
         await receive()  # its connect
         await send({"type": "websocket.close", "code": 1008, "reason": sentence[:100]})
         return
     body = json.dumps({"error": sentence}).encode()
-    heads = [(name.encode(), value.encode()) for name, value in HEADERS.items()]
-    heads += [(b"content-type", b"application/json"), (b"content-length", str(len(body)).encode())]
-    heads += [(b"connection", b"close")]  # what is left of the body is not read
-    await send({"type": "http.response.start", "status": status, "headers": heads})
+    headers = [(name.encode(), value.encode()) for name, value in HEADERS.items()]
+    headers += [(b"content-type", b"application/json"), (b"content-length", str(len(body)).encode())]
+    headers += [(b"connection", b"close")]  # what is left of the body is not read
+    await send({"type": "http.response.start", "status": status, "headers": headers})
     await send({"type": "http.response.body", "body": body})

@@ -1,4 +1,4 @@
-"""Where the server computes: one thread for what is quick and one for what takes long, each with a short queue."""
+"""Bounded queues of computations, each with a thread, and their cancellation."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from threading import Event
 from typing import TypeVar
 
-from .refusals import Refusal
+from .errors import RequestError
 
 T = TypeVar("T")
 
@@ -17,8 +17,8 @@ class Cancelled(Exception):
     """Raised inside work whose page does not wait for it any more."""
 
 
-class Ticket:
-    """What work looks at, to end early when nobody waits for its result."""
+class CancelToken:
+    """Tells running work that nobody waits for its result."""
 
     def __init__(self) -> None:
         self._cancelled = Event()
@@ -33,34 +33,34 @@ class Ticket:
             raise Cancelled
 
 
-class Lane:
-    """A thread that does one thing after the other.
+class WorkQueue:
+    """A thread that runs one computation after the other, and a bounded queue.
 
     Args:
         name: of the thread.
-        most: things that may wait or run; more are refused.
+        most: computations that may wait or run; more are refused.
 
     Attributes:
-        count: things that wait or run.
+        count: computations that wait or run.
     """
 
     def __init__(self, name: str, most: int) -> None:
         self.most, self.count = most, 0
         self._executor = ThreadPoolExecutor(1, thread_name_prefix=name)
 
-    async def run(self, work: Callable[[Ticket], T]) -> T:
+    async def run(self, work: Callable[[CancelToken], T]) -> T:
         """The result of ``work``; if this coroutine is cancelled, the work ends at its next check.
 
         Raises:
-            Refusal: too much waits.
+            RequestError: too much waits.
         """
         if self.count >= self.most:
-            raise Refusal(503, f"the server is busy: {self.count} computations wait already; try again")
-        ticket = Ticket()
+            raise RequestError(503, f"the server is busy: {self.count} computations wait already; try again")
+        cancel = CancelToken()
 
         def checked() -> T:
-            ticket.check()
-            return work(ticket)
+            cancel.check()
+            return work(cancel)
 
         future = self._executor.submit(checked)
         self.count += 1
@@ -69,7 +69,7 @@ class Lane:
         try:
             return await asyncio.wrap_future(future)
         finally:
-            ticket.cancel()
+            cancel.cancel()
 
     def _left(self) -> None:
         self.count -= 1

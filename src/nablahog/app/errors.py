@@ -16,7 +16,7 @@ GONE = "the server no longer has this upload: drop it again"
 logger = logging.getLogger(__name__)
 
 
-class Refusal(Exception):
+class RequestError(Exception):
     """An error that the user of the page can correct.
 
     Attributes:
@@ -31,32 +31,34 @@ class Refusal(Exception):
 
 
 @contextmanager
-def refusing() -> Iterator[None]:
-    """Turns what bad input raises in the block into a refusal."""
+def as_request_error() -> Iterator[None]:
+    """Turns what bad input raises in the block into a RequestError."""
     try:
         yield
-    except Refusal:
+    except RequestError:
         raise
     except (ValueError, TypeError, UserError, OSError) as error:
-        raise Refusal(422, str(error)) from None
+        raise RequestError(422, str(error)) from None
     except (MemoryError, RuntimeError) as error:
         if not isinstance(error, MemoryError) and "memory" not in str(error):
             raise
-        raise Refusal(503, "not enough memory: a smaller size needs less") from None
+        raise RequestError(503, "not enough memory: a smaller size needs less") from None
 
 
 @contextmanager
 def named(path: str, name: str) -> Iterator[None]:
-    """Refuses as :func:`refusing`; the sentence calls the file ``path`` by the user's own ``name``."""
+    """As :func:`as_request_error`; the sentence calls the file ``path`` by the user's own ``name``."""
     try:
-        with refusing():
+        with as_request_error():
             yield
-    except Refusal as refusal:
-        refusal.answer["error"] = refusal.answer["error"].replace(path, name)
+    except RequestError as error:
+        error.answer["error"] = error.answer["error"].replace(path, name)
         raise
 
 
-def fault(error: Exception) -> Refusal:
+def internal_error(error: Exception) -> RequestError:
     """What the page is told of an error of the program's own, which is logged."""
     logger.error("%s: %s", type(error).__name__, one_line(error), exc_info=logger.isEnabledFor(logging.DEBUG))
-    return Refusal(500, f"an error of the program, which is worth a report: {type(error).__name__}: {one_line(error)}")
+    return RequestError(
+        500, f"an error of the program, which is worth a report: {type(error).__name__}: {one_line(error)}"
+    )

@@ -8,14 +8,14 @@ import pytest
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
-from nablahog.app.guard import HEADERS, Doors
+from nablahog.app.access import HEADERS, AccessRules
 from nablahog.app.server import make_app
 
 from .conftest import HOST
 
 
 @pytest.mark.parametrize(
-    ("heads", "status"),
+    ("headers", "status"),
     [
         ({"host": "evil.example"}, 421),  # a name that now resolves to the loopback
         ({"host": "127.0.0.1:1"}, 421),
@@ -28,8 +28,8 @@ from .conftest import HOST
         ({"sec-fetch-site": "none"}, 200),
     ],
 )
-def test_other_sites_are_refused(client: TestClient, heads: dict[str, str], status: int) -> None:
-    answer = client.get("/api/about", headers=heads)
+def test_other_sites_are_refused(client: TestClient, headers: dict[str, str], status: int) -> None:
+    answer = client.get("/api/about", headers=headers)
     assert answer.status_code == status
     assert status == 200 or "error" in answer.json()
 
@@ -48,8 +48,8 @@ def test_sockets_of_other_sites_are_refused(client: TestClient) -> None:
 
 def test_the_page_is_offline_by_its_heads(client: TestClient) -> None:
     for address in ("/", "/static/main.js", "/api/about", "/api/nothing"):
-        heads = client.get(address).headers
-        assert {name: heads.get(name) for name in HEADERS} == dict(HEADERS)
+        headers = client.get(address).headers
+        assert {name: headers.get(name) for name in HEADERS} == dict(HEADERS)
     assert "http" not in HEADERS["content-security-policy"]
 
 
@@ -72,8 +72,8 @@ def test_too_large(client: TestClient) -> None:
 
 
 def test_the_token() -> None:
-    doors = Doors(frozenset({HOST}), "secret")
-    with TestClient(make_app(doors), base_url="http://192.168.0.7:8765") as far:
+    rules = AccessRules(frozenset({HOST}), "secret")
+    with TestClient(make_app(rules), base_url="http://192.168.0.7:8765") as far:
         assert far.get("/").status_code == 401
         assert far.get("/?token=secret").status_code == 200
         assert far.get("/api/about").status_code == 401
