@@ -137,20 +137,26 @@ def test_no_jobs() -> None:
 
 def test_chunks_take_about_as_long_as_they_should() -> None:
     waiting = _Waiting(1000)
-    assert waiting.next(alone=True) == [0]  # nothing is known yet
+    assert waiting.next(1, alone=True) == [0]  # nothing is known yet
     waiting.took(0.01, 1)
-    assert len(waiting.next(alone=False)) == round(CHUNK_SECONDS / 0.01)
+    assert len(waiting.next(1, alone=False)) == round(CHUNK_SECONDS / 0.01)
     waiting.took(100.0, 1)
-    assert len(waiting.next(alone=False)) == 1
+    assert len(waiting.next(1, alone=False)) == 1
+
+
+def test_the_last_chunks_are_smaller() -> None:
+    waiting = _Waiting(100)
+    waiting.took(0.001, 1)
+    assert [len(waiting.next(2, alone=False)) for _ in range(4)] == [25, 19, 14, 11]
 
 
 def test_a_job_is_blamed_when_it_was_alone() -> None:
     waiting = _Waiting(2)
-    assert (waiting.next(alone=True), waiting.next(alone=False)) == ([0], [1])
+    assert (waiting.next(1, alone=True), waiting.next(1, alone=False)) == ([0], [1])
     assert not waiting.suspect([0])
     assert not waiting.suspect([1])
-    assert waiting.next(alone=False) == []
-    assert waiting.next(alone=True) == [0]
+    assert waiting.next(1, alone=False) == []
+    assert waiting.next(1, alone=True) == [0]
     assert waiting.suspect([0])
 
 

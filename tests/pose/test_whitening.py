@@ -82,7 +82,7 @@ def test_it_knows_its_images(background: Background) -> None:
 def test_progress() -> None:
     calls = []
     learn_background(images(2), SPEC, order=1, progress=lambda *call: calls.append(call))
-    assert calls == [(0, 2, "0"), (1, 2, "1"), (2, 2, "")]
+    assert calls == [(0, 2, ""), (1, 2, "0"), (2, 2, "1")]
 
 
 def test_the_default_is_learned_once() -> None:

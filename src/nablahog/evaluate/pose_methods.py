@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from ..hog.box import Box
+from ..jobs.job_files import local_folder
 from ..pose import default_background, estimate_pose
 from ..pose.crop import crop_object
 from ..pose.exemplar import Detection, detect
@@ -124,7 +125,7 @@ def _library(folder: Path | None) -> ExemplarLibrary:
 
 
 def _views(problem: PoseInput, settings: Table2Settings) -> dict[str, ExemplarViews]:
-    library = _library(settings.exemplars)
+    library = _library(settings.exemplars and local_folder(settings.exemplars))
     return {name: library.views(mesh) for name, mesh in problem.models.items()}
 
 

@@ -8,6 +8,7 @@ task that takes its workers with it are done again in the end, one by one, so th
 from __future__ import annotations
 
 import logging
+import math
 import re
 import time
 from collections import deque
@@ -15,7 +16,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import dask
 import torch
@@ -26,8 +27,10 @@ from distributed.scheduler import KilledWorker
 
 from .job_files import store_files
 from .runner import cores, one_thread
-from .store import JobResult, Work
+from .store import Work
 from .worker import attempt
+
+R = TypeVar("R")
 
 logger = logging.getLogger(__name__)
 
@@ -40,11 +43,11 @@ PLUGIN = "nablahog-files"
 
 
 def run_on_cluster(
-    jobs: Sequence[Work],
+    jobs: Sequence[Work[R]],
     *,
     cluster: str,
     started: Callable[[int], None] = lambda index: None,
-) -> Generator[tuple[int, JobResult | str], None, None]:
+) -> Generator[tuple[int, R | str], None, None]:
     """Does all jobs on a cluster, each in one thread.
 
     A result depends on nothing but its job.  Close the generator (``contextlib.closing``) to stop early.
@@ -72,8 +75,9 @@ def run_on_cluster(
         pending = as_completed()
 
         def send() -> None:
-            room = AHEAD * max(1, sum(client.nthreads().values())) - len(chunks)
-            while room > 0 and (chunk := waiting.next(alone=not chunks)):
+            threads = max(1, sum(client.nthreads().values()))
+            room = AHEAD * threads - len(chunks)
+            while room > 0 and (chunk := waiting.next(threads, alone=not chunks)):
                 for index in chunk:
                     started(index)
                 future = client.submit(attempt_all, [jobs[index] for index in chunk], pure=False)
@@ -100,7 +104,7 @@ def run_on_cluster(
             send()
 
 
-def attempt_all(jobs: Sequence[Work]) -> tuple[float, list[JobResult | str]]:
+def attempt_all(jobs: Sequence[Work[R]]) -> tuple[float, list[R | str]]:
     """The seconds that jobs took on a worker, and their results, or why there are none."""
     began = time.perf_counter()
     answers = [attempt(job) for job in jobs]
@@ -122,10 +126,14 @@ class _Waiting:
         self._seconds = self._done = 0.0
         self._tried: set[int] = set()
 
-    def next(self, alone: bool) -> list[int]:
-        """The next chunk; empty if there is none, or none unless ``alone``, when nothing is under way."""
+    def next(self, threads: int, alone: bool) -> list[int]:
+        """The next chunk; empty if there is none, or none unless ``alone``, when nothing is under way.
+
+        The last chunks are smaller, so that all ``threads`` of the cluster end at nearly the same time.
+        """
         each = self._seconds / self._done if self._done else CHUNK_SECONDS
-        size = max(1, min(MOST_IN_CHUNK, round(CHUNK_SECONDS / max(each, 1e-6))))
+        share = math.ceil(len(self._indices) / (AHEAD * threads))
+        size = max(1, min(MOST_IN_CHUNK, round(CHUNK_SECONDS / max(each, 1e-6)), share))
         chunk = [self._indices.popleft() for _ in range(min(size, len(self._indices)))]
         if not chunk and self._suspects and alone:
             chunk = [self._suspects.popleft()]
@@ -203,7 +211,7 @@ class _Files(WorkerPlugin):
         store_files(self.files, Path(worker.local_directory, PLUGIN))
 
 
-def _prepare(client: Client, jobs: Sequence[Work]) -> None:
+def _prepare(client: Client, jobs: Sequence[Work[R]]) -> None:
     """Sends the files that jobs read to each worker, once."""
     paths = dict.fromkeys(path for job in jobs for path in getattr(job, "files", list)())
     files = {str(path): path.read_bytes() for path in paths}

@@ -1,10 +1,11 @@
-"""Files that jobs read: a copy for each worker of a cluster, which may have no folder in common with the client."""
+"""Files and folders of the client on the workers of a cluster, which may have no folder in common with it."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 _COPIES: dict[str, Path] = {}
+_FOLDERS: list[Path] = []  # of a worker of a cluster, at most one
 
 
 def local_path(path: Path) -> Path:
@@ -12,14 +13,20 @@ def local_path(path: Path) -> Path:
     return _COPIES.get(str(path), path)
 
 
+def local_folder(path: Path) -> Path:
+    """A folder where jobs keep what others need, too: the client's, where this machine has it, or one of the worker."""
+    return path if path.is_dir() or not _FOLDERS else _FOLDERS[0] / path.name
+
+
 def store_files(files: dict[str, bytes], folder: Path) -> None:
-    """Writes copies into a folder of this machine, for :func:`local_path`.
+    """Writes copies into a folder of this worker, for :func:`local_path`.
 
     Args:
         files: contents by their paths on the client.
         folder: made if missing.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    _FOLDERS[:] = [folder]
     for number, (path, data) in enumerate(files.items()):
         copy = folder / f"{number}{Path(path).suffix}"
         copy.write_bytes(data)

@@ -13,6 +13,7 @@ from .runner import run_jobs
 from .store import Job, JobResult, Work
 
 Name = TypeVar("Name", bound=Hashable)
+R = TypeVar("R")
 
 
 def do_all(
@@ -83,8 +84,8 @@ def _do(
 
 
 def run_anywhere(
-    jobs: Sequence[Work], workers: int, cluster: str | None, started: Callable[[int], None] = lambda index: None
-) -> Generator[tuple[int, JobResult | str], None, None]:
+    jobs: Sequence[Work[R]], workers: int, cluster: str | None, started: Callable[[int], None] = lambda index: None
+) -> Generator[tuple[int, R | str], None, None]:
     """As :func:`.runner.run_jobs`, or, if ``cluster`` names one, :func:`.cluster.run_on_cluster`.
 
     Raises:

@@ -9,9 +9,12 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection, wait
+from typing import TypeVar
 
-from .store import JobResult, Work
+from .store import Work
 from .worker import serve
+
+R = TypeVar("R")
 
 ATTEMPTS = 2  # at a job whose worker dies, perhaps for want of memory that is free later
 STARTS = 3  # workers that may die before they are ready, one after another
@@ -84,8 +87,8 @@ def _no_interrupts() -> Iterator[None]:
 
 
 def run_jobs(
-    jobs: Sequence[Work], *, workers: int, started: Callable[[int], None] = lambda index: None
-) -> Generator[tuple[int, JobResult | str], None, None]:
+    jobs: Sequence[Work[R]], *, workers: int, started: Callable[[int], None] = lambda index: None
+) -> Generator[tuple[int, R | str], None, None]:
     """Does all jobs, ``workers`` at a time, each in a process that computes in one thread.
 
     A result depends on nothing but its job.  The processes end with this generator; close it (``contextlib.closing``)
@@ -121,7 +124,7 @@ def run_jobs(
                 assert isinstance(connection, Connection)
                 worker = pool[connection]
                 try:
-                    answer: JobResult | str = connection.recv()
+                    answer: R | str = connection.recv()
                 except (EOFError, OSError):
                     del pool[connection]
                     how = worker.how_it_died()

@@ -8,13 +8,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from ..io.files import replacing
+
+R_co = TypeVar("R_co", covariant=True)
 
 
 @dataclass(frozen=True)
@@ -23,23 +25,23 @@ class JobResult:
 
     Attributes:
         figures: one mapping for each row of its method, ready for JSON: no NaN.
-        pictures: one for each row, uint8, (rows, ...).
+        pictures: one for each row, (rows, ...), uint8 in a table.
         seconds: wall time of the method.
     """
 
     figures: Sequence[Mapping[str, Any]]
-    pictures: NDArray[np.uint8]
+    pictures: NDArray[Any]
     seconds: float
 
 
-class Work(Protocol):
-    """Work that can be sent to another process.
+class Work(Protocol[R_co]):
+    """Work that can be sent to another process; its result is no text.
 
     If it reads files, it has a method ``files`` that returns their paths, and opens :func:`.job_files.local_path` of
     them.
     """
 
-    def run(self) -> JobResult:
+    def run(self) -> R_co:
         """Does the work; the same result every time.
 
         Raises:
@@ -47,7 +49,7 @@ class Work(Protocol):
         """
 
 
-class Job(Work, Protocol):
+class Job(Work[JobResult], Protocol):
     """Work of one method, whose result is stored."""
 
     @property

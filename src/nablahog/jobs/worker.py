@@ -12,14 +12,16 @@ from contextlib import suppress
 from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
-    from .store import JobResult, Work
+    from .store import Work
+
+R = TypeVar("R")
 
 
 def serve(connection: Connection) -> None:
-    """Sends None when ready; then answers each :class:`Work` with a :class:`JobResult` or the reason of its failure."""
+    """Sends None when ready; then answers each :class:`Work` with its result, or the reason why there is none."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     import torch
 
@@ -38,7 +40,7 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def attempt(job: Work) -> JobResult | str:
+def attempt(job: Work[R]) -> R | str:
     """Runs a job; returns its result, or one sentence why it failed."""
     try:
         return job.run()

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from functools import lru_cache
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import lru_cache, partial
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -34,6 +35,7 @@ def learn_background(
     order: int = ORDER,
     regularization: float = 0.01,
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
+    map_function: Callable[..., Iterable[Any]] = map,
 ) -> Background:
     """Mean and autocovariance of the descriptor over photographs and all their scales.
 
@@ -45,7 +47,8 @@ def learn_background(
         spec: the dialect, or the name of a preset with its defaults; not globally normalised.
         order: the largest offset between cells, at least 0; templates may have one row and column more.
         regularization: see :class:`.whitening.Background`.
-        progress: called with the images done, their number and the name of the one at work.
+        progress: called with the images done, their number and the name of the last one.
+        map_function: as ``map``, of one argument: perhaps in other processes.
 
     Raises:
         ValueError: there are no images, or one is too small or holds NaN or Inf; the spec is globally normalised;
@@ -57,14 +60,14 @@ def learn_background(
         raise ValueError(f"order must be at least 0, got {order}")
     if not images:
         raise ValueError("expected images to learn from, got none")
-    channels = spec.channels
-    sums = torch.zeros(2 * order + 1, 2 * order + 1, channels + 1, channels + 1, dtype=torch.float64)
-    for done, (name, image) in enumerate(images.items()):
-        progress(done, len(images), name)
+    for name, image in images.items():
         _check(name, image, least_size(spec, order))
-        for cells in _pyramid(image, spec, order):
-            _add_products(cells, sums)
-    progress(len(images), len(images), "")
+    progress(0, len(images), "")
+    sums = torch.zeros(())
+    of_images = map_function(partial(_sums, spec=spec, order=order), list(images.values()))
+    for done, (name, of_image) in enumerate(zip(images, of_images, strict=True), start=1):
+        sums = sums + of_image
+        progress(done, len(images), name)
     # of both cells of a pair: their products, the sums of either over all pairs, and the number of pairs
     products, first, second, pairs = sums[..., :-1, :-1], sums[..., :-1, -1:], sums[..., -1:, :-1], sums[..., -1:, -1:]
     mean = first[order, order, :, 0] / pairs[order, order, 0, 0]
@@ -107,6 +110,15 @@ def _pyramid(image: Tensor, spec: HOGSpec, order: int) -> Iterator[Tensor]:
         yield cells[:, RING:-RING, RING:-RING].double()
         scale *= STEP
         small = limit_size(image[None], max(1, round(scale * max(image.shape))))[0]
+
+
+def _sums(image: Tensor, *, spec: HOGSpec, order: int) -> Tensor:
+    """(2 · order + 1, 2 · order + 1, C + 1, C + 1), float64: those of :func:`_add_products` over all scales."""
+    channels = spec.channels + 1
+    sums = torch.zeros(2 * order + 1, 2 * order + 1, channels, channels, dtype=torch.float64)
+    for cells in _pyramid(image, spec, order):
+        _add_products(cells, sums)
+    return sums
 
 
 def _add_products(cells: Tensor, sums: Tensor) -> None:

@@ -234,13 +234,13 @@ class ExemplarLibrary:
             ValueError: as :func:`learn_views`.
             OSError: the folder cannot be written.
         """
-        key = self._key(mesh)
+        key = self.key(mesh)
         if key not in self._views:
             self._views[key] = self._read_or_learn(mesh, key)
         return self._views[key]
 
-    def _key(self, mesh: Mesh) -> str:
-        """A hash of all that the views depend on."""
+    def key(self, mesh: Mesh) -> str:
+        """A hash of all that the views of a mesh depend on: the name of their file, without its ending."""
         whole = self._common.copy()
         for array in (mesh.vertices, mesh.faces, mesh.brightness):
             whole.update(array.numpy().tobytes())

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import pytest
 import trimesh
 
@@ -14,7 +14,7 @@ from nablahog.cli.commands.learn_exemplars import ExemplarJob
 from nablahog.cli.main import main
 from nablahog.datasets.chairs import chair
 from nablahog.io.sample_photographs import sample_photograph
-from nablahog.jobs.store import JobResult, Work
+from nablahog.jobs.store import Work
 from nablahog.jobs.worker import attempt
 from nablahog.pose import exemplar_views as learning
 from nablahog.pose.background import default_background, learn_background
@@ -41,10 +41,10 @@ def models(tmp_path: Path) -> str:
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """In this process, two views of each model."""
 
-    def run(jobs: Sequence[Work], *, workers: int) -> Generator[tuple[int, JobResult | str], None, None]:
+    def run(jobs: Sequence[Work[Any]], workers: int, cluster: str | None) -> Generator[tuple[int, Any], None, None]:
         yield from ((index, attempt(job)) for index, job in enumerate(jobs))
 
-    monkeypatch.setattr(learn_exemplars, "run_jobs", run)
+    monkeypatch.setattr(learn_exemplars, "run_anywhere", run)
     monkeypatch.setattr(learning.ViewSampling, "poses", lambda self: POSES)
 
 
@@ -115,7 +115,10 @@ def test_bad_inputs(tmp_path: Path, models: str, refused: Callable[..., None]) -
 
 
 def test_the_result_of_a_job(tmp_path: Path, models: str) -> None:
-    result = ExemplarJob(Path(models, "1.off"), tmp_path, None).run()
-    views = ExemplarLibrary(tmp_path, default_background(SPEC)).views(load_mesh(Path(models, "1.off")))
-    assert result.figures == [{"views": 2, "elements": len(views.scale)}]
-    assert result.pictures.dtype == np.uint8
+    """The file of the views; nothing of those that are stored already."""
+    mesh = load_mesh(Path(models, "1.off"))
+    library = ExemplarLibrary(tmp_path, default_background(SPEC))
+    key, contents = ExemplarJob(Path(models, "1.off"), None, frozenset()).run()
+    library.views(mesh)
+    assert contents == (tmp_path / f"{key}.npz").read_bytes()
+    assert ExemplarJob(Path(models, "1.off"), None, frozenset([key])).run() == (library.key(mesh), b"")

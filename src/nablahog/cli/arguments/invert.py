@@ -61,11 +61,12 @@ def invert(commands: argparse._SubParsersAction[Parser]) -> None:
         "Writes <stem>_preimage.png, _glyphs.png, _thumbnails.png, the page index.html and results.json, which also "
         "says which inputs were skipped, and why.",
     )
-    options.inputs(command)
+    options.inputs(command, "; a data set of `nablahog hog -o NAME.parquet`, also a URL")
     options.output(command, "DIR", "folder for the results, made if missing")
     options.common(command)
     options.memory(command)
     options.minimiser(command)
+    options.cluster(command)
     command.add_argument(
         "--method",
         choices=get_args(InversionMethod),

@@ -76,6 +76,12 @@ def _prior(command: argparse.ArgumentParser) -> None:
 def _background(command: argparse.ArgumentParser) -> None:
     text = f"the largest offset in cells; elements may have a row and a column more (default: {ORDER})"
     options.number(command, "--order", text, least=0, most=MOST_ORDER, default=ORDER)
+    options.cluster(command)
+
+
+def _bovw(command: argparse.ArgumentParser) -> None:
+    options.seed(command)
+    options.cluster(command)
 
 
 def _hoggles(command: argparse.ArgumentParser) -> None:
@@ -116,6 +122,7 @@ KINDS = {
         "Learns visual words, their gray patches and their arrangements from images of one size, which is the size of "
         "the images that can be reconstructed.",
         "the words",
+        _bovw,
         descriptor=None,
         size=BOVW_SIZE,
     ),

@@ -189,14 +189,15 @@ def cluster(command: argparse.ArgumentParser) -> None:
     )
 
 
-def inputs(command: argparse.ArgumentParser) -> None:
+def inputs(command: argparse.ArgumentParser, more: str = "") -> None:
+    """Adds the inputs of a command; ``more`` says what else they may be."""
     command.add_argument(
         "inputs",
         nargs="+",
         type=path,
         metavar="PHOTO_or_DESCRIPTOR",
         help="an image of any format that Pillow reads, a file that `nablahog hog` wrote, or, with --preset, an array "
-        f"that another library computed: .npy, .npz, or .mat up to version 7; {SEVERAL}",
+        f"that another library computed: .npy, .npz, or .mat up to version 7; {SEVERAL}{more}",
     )
     of_arrays(command)
 

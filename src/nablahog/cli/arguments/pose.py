@@ -111,3 +111,4 @@ def exemplars(kinds: argparse._SubParsersAction[Parser]) -> None:
         "scikit-image)",
     )
     options.workers(command)
+    options.cluster(command)

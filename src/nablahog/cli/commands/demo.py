@@ -17,7 +17,7 @@ from ..arguments.preset_parameters import PRESETS
 from ..inputs.prior import PriorOptions
 from ..inputs.sources import from_photo
 from ..results import inversion_page
-from ..results.inversion import Inversion, invert_batch
+from ..results.inversion import Inversion, InversionOptions, invert_batch
 from ..terminal import print_table, progress_bars, say_page
 
 SIZE = 256
@@ -53,8 +53,7 @@ def demo(arguments: Namespace) -> None:
             inversions += invert_batch(
                 [source],
                 device=device,
-                seed=arguments.seed,
-                max_evaluations=limit,
+                options=InversionOptions(seed=arguments.seed, max_evaluations=limit),
                 prior=prior.for_spec(source.spec),
                 progress=bar,
             )

@@ -18,9 +18,9 @@ from ...io.images import write_image
 from ...viz.pictures import glyph_image
 from ..errors import UserError, forbid_overwrite
 from ..inputs.memory import check_glyph_image
-from ..inputs.sources import Inputs, Source, read_inputs
+from ..inputs.sources import DATASET, Inputs, Source, read_inputs
 from ..terminal import print_table
-from .hog_dataset import ENDING, hog_dataset
+from .hog_dataset import hog_dataset
 
 STDOUT = "-"
 
@@ -33,11 +33,11 @@ def hog(arguments: Namespace) -> int:
         OSError: a folder is missing or cannot be written.
     """
 
-    if arguments.output.rstrip("/").lower().endswith(ENDING):
+    if arguments.output.rstrip("/").lower().endswith(DATASET):
         return hog_dataset(arguments)
     for option in ("shard", "workers", "cluster"):
         if getattr(arguments, option) is not None:
-            raise UserError(f"--{option} goes with a data set: expected -o NAME{ENDING}, got {arguments.output}")
+            raise UserError(f"--{option} goes with a data set: expected -o NAME{DATASET}, got {arguments.output}")
 
     def write(path: Path, source: Source) -> None:
         save_descriptor(path, source.descriptor, source.spec, source.image_size)

@@ -17,17 +17,16 @@ from ...jobs.store import JobResult
 from ..arguments.options import SIZE
 from ..errors import SOME_SKIPPED, UserError, as_user_error
 from ..inputs.expand import expand
+from ..inputs.sources import DATASET, NEEDS
 from ..inputs.spec import SpecOptions
 from ..terminal import counter, inform, say
 
 if TYPE_CHECKING:
     from ...jobs.describing import ShardJob
 
-ENDING = ".parquet"
 LIST = "@"
 SHARD = 1000  # images of a file
 SHOWN = 3  # images without a descriptor, on stderr; the data set has all
-EXTRA = "a data set of descriptors needs {}: pip install 'nablahog[dataset]'"
 
 
 def hog_dataset(arguments: Namespace) -> int:
@@ -41,7 +40,7 @@ def hog_dataset(arguments: Namespace) -> int:
         from ...io.descriptor_dataset import key_of_shard, shard_name
         from ...jobs.describing import ShardJob
     except ModuleNotFoundError as error:
-        raise UserError(EXTRA.format(error.name)) from None
+        raise UserError(NEEDS.format(error.name)) from None
     if arguments.device != "cpu":
         raise UserError(f"a data set is computed on processors: expected --device cpu, got {arguments.device}")
     with as_user_error():
@@ -121,7 +120,7 @@ def _check_empty(target: str, own: Sequence[str]) -> None:
         raise UserError(f"{target}: {' '.join(str(error).split())}") from None
     if system.exists(path) and not system.isdir(path):
         raise UserError(f"{target} is a file: a data set is a folder of files")
-    there = {Path(str(each)).name for each in system.glob(f"{path}/part-*{ENDING}")}
+    there = {Path(str(each)).name for each in system.glob(f"{path}/part-*{DATASET}")}
     others = there - {Path(each).name for each in own}
     if others:
         raise UserError(f"{target} holds {len(others)} more shards than these images make: expected another -o")

@@ -13,6 +13,7 @@ from ...evaluate.photographs import Photographs, read_folder, sample_photographs
 from ...hog import HOGSpec, presets
 from ...invert import LearnedPrior, default_prior
 from ...io.files import output_folder
+from ...jobs.calls import map_on
 from ...pose.background import learn_background, least_size
 from ...pose.whitening import Background, check_spec
 from ..errors import UserError, as_user_error
@@ -43,6 +44,8 @@ def learn(arguments: Namespace) -> None:
         options = {name: getattr(arguments, name) for name in OPTIONS if name in arguments}
         if getattr(arguments, "start", None) is not None:
             options["start"] = _prior(arguments.start, spec)
+        if getattr(arguments, "cluster", None) is not None:
+            options["map_function"] = map_on(arguments.cluster)
     with output_folder(output.parent), as_user_error():
         for name, reason in photographs.failed.items():
             say(f"Passed over: {name}: {reason}")

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import time
+import tempfile
 from argparse import Namespace
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from ...datasets.cad import read_models
-from ...io.files import output_folder
+from ...io.files import output_folder, replacing
 from ...io.npz import naming
-from ...jobs.runner import cores, run_jobs
-from ...jobs.store import JobResult
+from ...jobs.job_files import local_path
+from ...jobs.resume import run_anywhere
+from ...jobs.runner import cores
 from ...pose import exemplar_views
 from ...pose.background import default_background
-from ...pose.exemplar_views import ExemplarLibrary
+from ...pose.exemplar_views import ExemplarLibrary, ExemplarViews
 from ...pose.whitening import Background
 from ...render import load_mesh
 from ..errors import UserError, as_user_error
@@ -26,28 +25,37 @@ from ..terminal import counter, say
 
 @dataclass(frozen=True)
 class ExemplarJob:
-    """Views of the model in a file, stored in a folder.
+    """Views of the model in a file.
 
     Attributes:
         model: the file of a mesh.
-        folder: of the :class:`~nablahog.pose.exemplar_views.ExemplarLibrary`.
         background: the file of a background; None for the default.
+        stored: keys of views that need not be learned.
     """
 
     model: Path
-    folder: Path
     background: Path | None
+    stored: frozenset[str]
 
-    def run(self) -> JobResult:
-        """Learns the views, or reads them if they are stored.
+    def files(self) -> list[Path]:
+        """The model and the background."""
+        return [path for path in (self.model, self.background) if path is not None]
+
+    def run(self) -> tuple[str, bytes]:
+        """The key of the views, and their file; nothing of those that are stored.
 
         Raises:
-            ValueError, OSError: the model or the background cannot be read, or the views not be written.
+            ValueError, OSError: the model or the background cannot be read.
         """
-        began = time.perf_counter()
-        views = ExemplarLibrary(self.folder, _background(self.background)).views(load_mesh(self.model))
-        figures = {"views": len(views.viewpoints), "elements": len(views.scale)}
-        return JobResult([figures], np.empty(0, np.uint8), time.perf_counter() - began)
+        mesh = load_mesh(local_path(self.model))
+        library = ExemplarLibrary(None, _background(self.background and local_path(self.background)))
+        key = library.key(mesh)
+        if key in self.stored:
+            return key, b""
+        with tempfile.TemporaryDirectory(prefix="nablahog-") as folder:
+            file = Path(folder, "views.npz")
+            library.views(mesh).save(file)
+            return key, file.read_bytes()
 
 
 def _background(path: Path | None) -> Background:
@@ -76,18 +84,24 @@ def learn_exemplars(arguments: Namespace) -> None:
         models = read_models(arguments.models)
         _background(background)
     with output_folder(arguments.output) as folder:
-        jobs = {name: ExemplarJob(path, folder, background) for name, path in models.paths.items()}
+        stored = {path.stem: path for path in folder.glob("*.npz") if _elements(path) is not None}
+        jobs = {name: ExemplarJob(path, background, frozenset(stored)) for name, path in models.paths.items()}
         names, failed, elements = list(jobs), {}, 0
-        workers = arguments.workers or cores()
-        with counter("nablahog learn exemplars") as progress:
+        with counter("nablahog learn exemplars") as progress, as_user_error():
             progress(0, len(jobs), "")
-            with closing(run_jobs(list(jobs.values()), workers=workers)) as outcomes:
+            workers = arguments.workers or cores()
+            with closing(run_anywhere(list(jobs.values()), workers, arguments.cluster)) as outcomes:
                 for done, (index, outcome) in enumerate(outcomes, start=1):
                     progress(done, len(jobs), names[index])
                     if isinstance(outcome, str):
                         failed[names[index]] = outcome
-                    else:
-                        elements += int(outcome.figures[0]["elements"])
+                        continue
+                    key, contents = outcome
+                    path = folder / f"{key}.npz"
+                    if contents:
+                        with replacing(path) as file:
+                            file.write(contents)
+                    elements += _elements(path) or 0
         if len(failed) == len(jobs):
             name, reason = next(iter(failed.items()))
             raise UserError(f"{arguments.models}: no model is usable; the first: {name}: {reason}")
@@ -96,3 +110,11 @@ def learn_exemplars(arguments: Namespace) -> None:
     if models.ignored:
         say(f"Passed over, as no models by their endings: {', '.join(models.ignored)}")
     say(f"Exemplars of {len(jobs) - len(failed)} models in {folder}: {elements:,} elements")
+
+
+def _elements(path: Path) -> int | None:
+    """How many elements the views in a file have; None if it is damaged."""
+    try:
+        return len(ExemplarViews.load(path).scale)
+    except (OSError, ValueError):
+        return None

@@ -39,6 +39,8 @@ def table2(arguments: Namespace) -> None:
         examples, passed_over = _examples(arguments)
     with output_folder(arguments.output) as folder:
         settings = Table2Settings(arguments.seed, folder / "exemplars")
+        if arguments.cluster is not None:
+            (folder / "exemplars").mkdir(exist_ok=True)  # by which workers know that they share the folder
         with counter("nablahog table2") as progress, as_user_error():
             workers = arguments.workers or cores()
             table = run_table2(

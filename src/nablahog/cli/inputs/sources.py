@@ -4,26 +4,35 @@ from __future__ import annotations
 
 import os
 from argparse import Namespace
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
 from ...hog import HOGSpec
 from ...hog.descriptor import describe
+from ...hog.gradient import gray
 from ...io.arrays import is_raw
 from ...io.descriptor_file import StoredDescriptor, is_descriptor_file, load_descriptor
 from ...io.files import distinct_stems
 from ...io.images import image_endings, limit_size, read_image
 from ...io.npz import naming
 from ..arguments.options import SIZE
-from ..errors import Skipping, as_user_error
+from ..errors import Skipping, UserError, as_user_error
 from ..terminal import inform
 from .arrays import ArrayOptions
 from .expand import STDIN, expand, stdin_as_file
 from .spec import SpecOptions
+
+if TYPE_CHECKING:
+    from ...io.descriptor_dataset import DescriptorDataset
+
+DATASET = ".parquet"
+NEEDS = "a data set of descriptors needs {}: pip install 'nablahog[dataset]'"
+ROWS = 1000  # of a data set, in memory at a time
 
 
 @dataclass(frozen=True)
@@ -51,22 +60,50 @@ class Source:
         """Of the file, without its folders, printable."""
         return os.fsencode(Path(self.path).name).decode(errors="backslashreplace") if self.path != STDIN else "stdin"
 
+    @property
+    def gray_photo(self) -> Tensor | None:
+        """The photograph in gray (Eq. 1), (H, W), if it is known."""
+        return None if self.photo is None else gray(self.photo[None])[0, 0]
+
 
 @dataclass(frozen=True)
 class Inputs:
     """The inputs of a command that can be used.
 
     Attributes:
-        sources: at least one.
-        skipping: has the others.
+        sources: of files.
+        skipping: has those that cannot be used.
         paths: of all files among the inputs.
         many: whether results go to a folder, see :class:`~.expand.Expanded`.
+        datasets: of descriptors, whose rows are read when they are needed.
     """
 
     sources: list[Source]
     skipping: Skipping
     paths: list[str]
     many: bool
+    datasets: list[DescriptorDataset] = field(default_factory=list)
+
+    def parts(self, check: Callable[[Source], None]) -> Iterator[list[Source]]:
+        """The sources of files, then those of data sets, :data:`ROWS` at a time.
+
+        Args:
+            check: of those of data sets, as of :func:`read_inputs`.
+        """
+        if self.sources:
+            yield self.sources
+        for data in self.datasets:
+            for first in range(0, len(data), ROWS):
+                sources = []
+                for number, row in enumerate(data[first : first + ROWS], start=first):
+                    with self.skipping.each(row.path):
+                        if row.stored is None:
+                            raise ValueError(f"{row.path}: {row.error}")
+                        source = _from_stored(row.path, f"{number:06d}_{Path(row.path).stem}", row.stored)
+                        check(source)
+                        sources.append(source)
+                if sources:
+                    yield sources
 
 
 def read_inputs(
@@ -75,6 +112,7 @@ def read_inputs(
     arrays: bool = True,
     keep_photos: bool = False,
     check: Callable[[Source], None] = lambda source: None,
+    datasets: bool = False,
 ) -> Inputs:
     """Reads and checks the ``inputs`` of a command; computes the descriptors of the photographs among them.
 
@@ -86,6 +124,7 @@ def read_inputs(
         arrays: whether inputs may be descriptors: files of this program, and arrays of other libraries.
         keep_photos: whether the photographs are needed afterwards.
         check: raises ValueError or UserError for sources that cannot be used.
+        datasets: whether inputs may be data sets of descriptors.
 
     Raises:
         UserError: an option is wrong, or no input can be used.
@@ -93,7 +132,11 @@ def read_inputs(
     with as_user_error():
         spec_options = SpecOptions.of(arguments)
     array_options = ArrayOptions.of(arguments) if arrays else None
-    expanded = expand(arguments, {*image_endings(), *([".npz"] if arrays else [])})
+    sets = [name for name in arguments.inputs if datasets and name.rstrip("/").endswith(DATASET)]
+    data = [_dataset(name, spec_options) for name in sets]
+    files = Namespace(**{**vars(arguments), "inputs": [name for name in arguments.inputs if name not in sets]})
+    expanded = expand(files, {*image_endings(), *([".npz"] if arrays else [])})
+    expanded.skipping.count += sum(map(len, data))
     stems = distinct_stems([Path("stdin" if path == STDIN else path) for path in expanded.paths])
     reader = _Reader(arguments, spec_options, array_options)
     sources = []
@@ -112,7 +155,26 @@ def read_inputs(
     if array_options is not None and not reader.arrays:
         with as_user_error():
             array_options.check_unused()
-    return Inputs(sources, expanded.skipping, expanded.paths, expanded.many)
+    return Inputs(sources, expanded.skipping, expanded.paths, expanded.many or bool(data), data)
+
+
+def _dataset(name: str, options: SpecOptions) -> DescriptorDataset:
+    """A data set of descriptors, whose spec agrees with the options.
+
+    Raises:
+        UserError: there is none, or its spec is another.
+    """
+    try:
+        from ...io.descriptor_dataset import DescriptorDataset
+    except ModuleNotFoundError as error:
+        raise UserError(NEEDS.format(error.name)) from None
+    try:
+        data = DescriptorDataset(name)
+        with naming(Path(name)):
+            options.check(data.spec)
+    except (ValueError, OSError) as error:
+        raise UserError(str(error)) from None
+    return data
 
 
 @dataclass

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,27 @@ MEASURES = {
 }
 SURE = 0.8  # confidence in the polarity, below which the negative is shown, too
 BATCH_PIXELS = 2**21  # 32 images of 256x256: results are written after each batch
+
+
+@dataclass(frozen=True, kw_only=True)
+class InversionOptions:
+    """How descriptors are inverted.
+
+    Attributes:
+        seed: of the starting images.
+        quality: as :func:`nablahog.reconstruct` has it.
+        max_evaluations: of the objective; None for those of the quality.
+        published: the paper's search, instead of the default one.
+        samples: further answers to unsigned descriptors, by their prior; None for none.
+        colour: whether to find images in colour, without a prior.
+    """
+
+    seed: int
+    quality: QualityName = "best"
+    max_evaluations: int | None = None
+    published: AsPublished | None = None
+    samples: int | None = None
+    colour: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +148,11 @@ class Inversion:
         drawn = [Panel(sample, f"sample {k}", about) for k, sample in enumerate(self.samples, start=1)]
         return [Panel(self.preimage, "pre-image", f"The image found from the HOG of {self.source.name} alone"), *drawn]
 
+    def without_pictures(self) -> Inversion:
+        """The same with its figures alone, which take little memory."""
+        source = replace(self.source, descriptor=self.source.descriptor[:0], photo=None)
+        return replace(self, source=source, preimage=self.preimage[:0], reference=None, iterates=None, samples=None)
+
     def pair(self) -> tuple[Panel, Panel] | None:
         """The gray photograph, where it is known, and the pre-image."""
         if self.reference is None:
@@ -188,13 +214,8 @@ def invert_batch(
     sources: Sequence[Source],
     *,
     device: torch.device,
-    seed: int,
-    quality: QualityName = "best",
-    max_evaluations: int | None = None,
-    published: AsPublished | None = None,
+    options: InversionOptions,
     prior: PriorChoice = None,
-    samples: int | None = None,
-    colour: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Inversion]:
     """Inverts sources of one spec and image size together.
@@ -202,44 +223,35 @@ def invert_batch(
     Args:
         sources: at least one.
         device: where to compute.
-        seed: of the starting images.
-        quality: as :func:`nablahog.reconstruct` has it.
-        max_evaluations: of the objective; None for those of the quality.
-        published: the paper's search, instead of the default one.
+        options: of the search.
         prior: as :func:`nablahog.reconstruct` has it.
-        samples: further answers to unsigned descriptors, by their prior; None for none.
-        colour: whether to find images in colour, without a prior.
         progress: called with the evaluations done and their largest number.
 
     Returns:
         One inversion for each source, in order.
 
     Raises:
-        ValueError: as :func:`nablahog.reconstruct`; the prior was learned for another spec; ``colour`` with a spec of
+        ValueError: as :func:`nablahog.reconstruct`; the prior was learned for another spec; colour with a spec of
             gray images.
     """
     descriptors = torch.stack([source.descriptor for source in sources]).to(device)
     spec, image_size = sources[0].spec, sources[0].image_size
-    options: dict[str, Any] = {
-        "quality": quality,
-        "seed": seed,
-        "search": Search(max_evaluations=max_evaluations),
-        "progress": progress,
-    }
-    if published is not None:
-        result = reconstruct(descriptors, spec, image_size, method=published, seed=seed, progress=progress)
-    elif colour:
-        result = reconstruct_colour(descriptors, spec, image_size, **options)
+    every: dict[str, Any] = {"seed": options.seed, "progress": progress}
+    ours = {**every, "quality": options.quality, "search": Search(max_evaluations=options.max_evaluations)}
+    if options.published is not None:
+        result = reconstruct(descriptors, spec, image_size, method=options.published, **every)
+    elif options.colour:
+        result = reconstruct_colour(descriptors, spec, image_size, **ours)
     else:
-        result = reconstruct(descriptors, spec, image_size, prior=prior, **options)
+        result = reconstruct(descriptors, spec, image_size, prior=prior, **ours)
     drawn = None
-    if samples is not None and prior is not None and result.polarity_confidence is not None:
-        drawn = reconstruct_samples(descriptors, spec, image_size, count=samples, prior=prior, **options)
+    if options.samples is not None and prior is not None and result.polarity_confidence is not None:
+        drawn = reconstruct_samples(descriptors, spec, image_size, count=options.samples, prior=prior, **ours)
     inversions = []
     for index, source in enumerate(sources):
         preimage = result.image[index].detach().float().cpu()
-        preimage = preimage if colour else preimage[0]
-        reference = None if source.photo is None else gray(source.photo[None])[0, 0]
+        preimage = preimage if options.colour else preimage[0]
+        reference = source.gray_photo
         measures = _measures(_gray(preimage), reference, float(result.distance[index]))
         seconds, stop_reason = result.seconds / len(sources), str(result.stop_reason[index])
         iterates = None if result.iterates is None else result.iterates[:, index, 0].detach().float().cpu()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 import torch
@@ -31,6 +33,7 @@ def learn_bovw(
     patch: int = PATCH,
     seed: int = 0,
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
+    map_function: Callable[..., Iterable[Any]] = map,
 ) -> BoVW:
     """Learns visual words from photographs.  These, and their mirror images, are also the database of arrangements.
 
@@ -47,6 +50,7 @@ def learn_bovw(
         patch: pixels of a patch's side: that of a window, or an even number more.
         seed: of everything random.
         progress: called with the steps done, their number and what is being done.
+        map_function: as ``map``, of one or two arguments: perhaps in other processes.
 
     Raises:
         ValueError: there are no images, they differ in size, or one is too small or holds other values; fewer windows
@@ -62,7 +66,7 @@ def learn_bovw(
     progress(0, steps, "describing the windows")
     photographs = torch.stack([images[name] for name in names]).unsqueeze(1)
     mirrored_too = torch.cat([photographs, photographs.flip(3)])
-    descriptors = torch.cat([dense_sift(batch, cell) for batch in batches(mirrored_too)])
+    descriptors = torch.cat(list(map_function(partial(dense_sift, cell=cell), batches(mirrored_too))))
     windows = descriptors.flatten(0, 2)
     windows = windows[windows.any(dim=1)]
     count = len(windows)
@@ -72,9 +76,15 @@ def learn_bovw(
     means = _kmeans(drawn, words - 1, lambda done: progress(1 + done, steps, "clustering the windows"))
     vocabulary = torch.cat([torch.zeros(1, LENGTH), torch.from_numpy(means)])
     progress(steps - 1, steps, "averaging the patches of the words")
-    database = torch.cat([nearest_words(batch, vocabulary) for batch in batches(descriptors)])
+    assign = partial(_words_and_patches, vocabulary=vocabulary, cell=cell, size=patch)
+    words_of_batches, total = [], torch.zeros(())
+    for words_of_batch, patches_of_batch in map_function(assign, batches(mirrored_too), batches(descriptors)):
+        words_of_batches.append(words_of_batch)
+        total = total + patches_of_batch
+    database = torch.cat(words_of_batches)
     used, database = torch.unique(database, return_inverse=True)
-    patches = _mean_patches(mirrored_too, database, len(used), cell, patch)
+    mean = total[used] / torch.bincount(database.flatten(), minlength=len(used)).unsqueeze(1)
+    patches = mean.float().clamp(0, 1).reshape(len(used), patch, patch)
     progress(steps, steps, f"{len(used)} words")
     learning = BoVWLearning(
         images=tuple(names),
@@ -110,17 +120,20 @@ def _kmeans(windows: NDArray[np.float32], words: int, progress: Callable[[int], 
     return means.astype(np.float32)
 
 
-def _mean_patches(images: Tensor, words: Tensor, count: int, cell: int, size: int) -> Tensor:
-    """The mean patch of each word, (count, size, size), in images (N, 1, H, W), whose outermost pixels are repeated."""
+def _words_and_patches(
+    images: Tensor, descriptors: Tensor, *, vocabulary: Tensor, cell: int, size: int
+) -> tuple[Tensor, Tensor]:
+    """The words (N, rows, cols) of images (N, 1, H, W), and the sum of the patches of each word, (K, size²), float64.
+
+    The outermost pixels of an image are repeated.
+    """
+    words = nearest_words(descriptors, vocabulary)
     margin = (size - CELLS * cell) // 2
     down, across = (
         (torch.arange((places - 1) * cell + size) - margin).clamp(0, side - 1)
         for places, side in zip(words.shape[1:], images.shape[2:], strict=True)
     )
-    total = torch.zeros(count, size * size, dtype=torch.float64)
-    for batch, words_of_batch in zip(batches(images), batches(words), strict=True):
-        padded = batch[:, 0, down[:, None], across]
-        patches = padded.unfold(1, size, cell).unfold(2, size, cell)
-        total.index_add_(0, words_of_batch.flatten(), patches.reshape(-1, size * size).double())
-    mean = total / torch.bincount(words.flatten(), minlength=count).unsqueeze(1)
-    return mean.float().clamp(0, 1).reshape(count, size, size)
+    padded = images[:, 0, down[:, None], across]
+    patches = padded.unfold(1, size, cell).unfold(2, size, cell)
+    total = torch.zeros(len(vocabulary), size * size, dtype=torch.float64)
+    return words, total.index_add_(0, words.flatten(), patches.reshape(-1, size * size).double())

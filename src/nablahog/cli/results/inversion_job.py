@@ -1,0 +1,107 @@
+"""Inversions on a cluster: a source each, as a job whose result is stored."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from ...evaluate.learned import load
+from ...invert import LearnedPrior
+from ...invert.prior_choice import PriorChoice
+from ...jobs.job_files import local_path
+from ...jobs.store import JobResult, digest, key_of
+from ...runtime.source import code_key
+from ..inputs.prior import PriorOptions
+from ..inputs.sources import Source
+from .inversion import Inversion, InversionOptions, invert_batch
+
+
+@dataclass(frozen=True, eq=False)
+class InversionJob:
+    """The inversion of a descriptor.
+
+    Attributes:
+        source: the descriptor, and the photograph if it is known.
+        options: of the search.
+        prior: the file of a learned prior; None for none.
+        default: whether the priors that come with the package are used.
+    """
+
+    source: Source
+    options: InversionOptions
+    prior: Path | None
+    default: bool
+
+    @property
+    def name(self) -> str:
+        """That of its folder of stored results."""
+        return "inversions"
+
+    def key(self) -> str:
+        """A hash of the descriptor, the photograph, the options, the prior, and the code that makes the result."""
+        source = self.source
+        photo = b"" if source.photo is None else source.photo.numpy().tobytes()
+        facts = {
+            "spec": source.spec.to_json(),
+            "image_size": source.image_size,
+            "photo": hashlib.sha256(photo).hexdigest(),
+            "options": asdict(self.options),
+            "prior": self.default if self.prior is None else digest(self.prior),
+            "code": code_key(InversionJob),
+        }
+        return key_of(facts, source.descriptor.numpy())
+
+    def files(self) -> list[Path]:
+        """That of the prior."""
+        return [] if self.prior is None else [self.prior]
+
+    def run(self) -> JobResult:
+        """Inverts it: pictures are the pre-image, the iterates and the samples, float32.
+
+        Raises:
+            ValueError: as :func:`.inversion.invert_batch`.
+        """
+        [found] = invert_batch([self.source], device=torch.device("cpu"), prior=self._prior(), options=self.options)
+        more = [each.numpy() for each in (found.iterates, found.samples) if each is not None]
+        figures = {
+            "measures": found.measures,
+            "stop_reason": found.stop_reason,
+            "polarity": found.polarity,
+            "agreement": found.agreement,
+            "iterates": 0 if found.iterates is None else len(found.iterates),
+            "samples": 0 if found.samples is None else len(found.samples),
+        }
+        return JobResult([figures], np.concatenate([found.preimage[None].numpy(), *more]), found.seconds)
+
+    def fits(self, result: JobResult) -> bool:
+        """Whether there are pictures of the image's size, as many as the figures say."""
+        figures, pictures = result.figures[0], result.pictures
+        count = 1 + figures["iterates"] + figures["samples"]
+        whole = len(pictures) == count and pictures.shape[-2:] == self.source.image_size
+        return bool(whole and pictures.dtype == np.float32)
+
+    def inversion(self, result: JobResult) -> Inversion:
+        """What :meth:`run` has computed."""
+        figures, pictures = result.figures[0], torch.from_numpy(result.pictures)
+        samples_from = 1 + figures["iterates"]
+        iterates, samples = pictures[1:samples_from], pictures[samples_from:]
+        return Inversion(
+            self.source,
+            pictures[0],
+            self.source.gray_photo,
+            figures["measures"],
+            result.seconds,
+            figures["stop_reason"],
+            iterates if len(iterates) else None,
+            figures["polarity"],
+            samples if len(samples) else None,
+            figures["agreement"],
+        )
+
+    def _prior(self) -> PriorChoice:
+        given: LearnedPrior | None = None if self.prior is None else load("prior", local_path(self.prior))
+        return PriorOptions(given, self.default).for_spec(self.source.spec)

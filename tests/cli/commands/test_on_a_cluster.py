@@ -1,0 +1,162 @@
+"""The option ``--cluster`` of all commands but those of tables; data sets as inputs."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from nablahog import presets
+from nablahog.cli.commands import learn_exemplars
+from nablahog.cli.main import main
+from nablahog.evaluate.learned import LEARNED
+from nablahog.invert.baselines.bovw import BoVW
+from nablahog.invert.baselines.bovw_learning import learn_bovw
+from nablahog.io.descriptor_dataset import DescriptorDataset
+from nablahog.io.images import read_image
+from nablahog.jobs import calls, resume
+from nablahog.jobs.store import Work
+from nablahog.jobs.worker import attempt
+from nablahog.pose.background import Background
+
+from ..common import FAST, SMALL, names
+
+OTHER = ["--cluster", "tcp://of-these-tests:1"]
+
+
+@pytest.fixture
+def sent(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """What goes to a cluster that is this process: jobs and results travel as bytes, and come in another order."""
+    jobs_sent: list[Any] = []
+
+    def run(
+        jobs: Sequence[Work[Any]],
+        workers: int,
+        cluster: str | None,
+        started: Callable[[int], None] | None = None,
+    ) -> Iterator[tuple[int, Any]]:
+        assert cluster == OTHER[1]
+        for index in reversed(range(len(jobs))):
+            if started is not None:
+                started(index)
+            jobs_sent.append(jobs[index])
+            yield index, pickle.loads(pickle.dumps(attempt(pickle.loads(pickle.dumps(jobs[index])))))
+
+    for module in (resume, calls, learn_exemplars):
+        monkeypatch.setattr(module, "run_anywhere", run)
+    return jobs_sent
+
+
+def _figures(folder: Path) -> list[dict[str, Any]]:
+    """Of ``results.json``, without times."""
+    figures = json.loads((folder / "results.json").read_text())
+    return [{name: value for name, value in each.items() if name != "seconds"} for each in figures]
+
+
+def test_invert(tmp_path: Path, photo: str, descriptor: str, sent: list[Any]) -> None:
+    """The same results as without; they are stored, and an inversion is repeated for nothing."""
+    bad = tmp_path / "bad.npz"
+    bad.write_bytes(b"no archive")
+    command = ["invert", photo, descriptor, str(bad), *SMALL]
+    one, other = tmp_path / "one", tmp_path / "other"
+    assert main([*command, "-o", str(one)]) == 3
+    assert main([*command, "-o", str(other), *OTHER]) == 3
+    assert len(sent) == 2
+    assert names(one) == [name for name in names(other) if name != "work"]
+    for a, b in zip(_figures(one), _figures(other), strict=True):
+        for name in a.keys() | b.keys():
+            close = isinstance(a[name], float) and a[name] == pytest.approx(b[name], rel=1e-3)
+            assert close or a[name] == b[name], name
+    before = (other / "cat_preimage.png").read_bytes()
+    assert main([*command, "-o", str(other), *OTHER]) == 3
+    assert len(sent) == 2
+    assert (other / "cat_preimage.png").read_bytes() == before
+    assert main([*command, "-o", str(other), "--seed", "1", *OTHER]) == 3
+    assert len(sent) == 4
+
+
+@pytest.mark.parametrize("more", [["--method", "paper", "--iterations"], ["--samples", "2"], ["--colour"]])
+def test_all_pictures_travel(tmp_path: Path, photo: str, sent: list[Any], more: list[str]) -> None:
+    kind = ["--preset", "dpm"] if more == ["--colour"] else ["--preset", "paper"]
+    assert main(["invert", photo, *more, *kind, "-o", str(tmp_path / "one"), *SMALL]) == 0
+    assert main(["invert", photo, *more, *kind, "-o", str(tmp_path / "other"), *SMALL, *OTHER]) == 0
+    assert names(tmp_path / "one") == [name for name in names(tmp_path / "other") if name != "work"]
+    a, b = (read_image(tmp_path / folder / "cat_preimage.png") for folder in ("one", "other"))
+    torch.testing.assert_close(a, b, rtol=0, atol=2 / 255)
+
+
+def test_a_real_one(tmp_path: Path, photo: str) -> None:
+    assert main(["invert", photo, "-o", str(tmp_path / "out"), *FAST, "--cluster", "local:1"]) == 0
+    assert len(names(tmp_path / "out" / "work" / "inversions")) == 1
+
+
+def test_what_does_not_go_together(photo: str, tmp_path: Path, refused: Callable[..., None]) -> None:
+    out = ["-o", str(tmp_path / "out")]
+    refused("invert", photo, *out, *FAST, "--cluster", "local:0", message="at least one process, got 'local:0'")
+    if not torch.cuda.is_available():
+        return
+    refused("invert", photo, *out, "--device", "cuda", *OTHER, message="expected --device cpu, got cuda")
+
+
+@pytest.fixture
+def dataset(tmp_path: Path) -> str:
+    """The descriptors of four images, and of one that is none."""
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    for k in range(4):
+        levels = np.random.default_rng(k).integers(0, 256, (32, 40), dtype=np.uint8)
+        Image.fromarray(levels).save(folder / f"{k}.png")
+    (folder / "x.png").write_bytes(b"no image")
+    out = tmp_path / "set.parquet"
+    assert main(["hog", str(folder), "-o", str(out), "--shard", "2", "--preset", "paper", "--workers", "1"]) == 3
+    return str(out)
+
+
+@pytest.mark.parametrize("cluster", [[], OTHER])
+def test_a_data_set_is_inverted(
+    tmp_path: Path, dataset: str, sent: list[Any], cluster: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Row by row, a few at a time."""
+    monkeypatch.setattr("nablahog.cli.inputs.sources.ROWS", 3)
+    out = tmp_path / "out"
+    assert main(["invert", dataset, "-o", str(out), *FAST, *cluster]) == 3
+    results = json.loads((out / "results.json").read_text())
+    assert [each["preimage"] for each in results[:-1]] == [f"00000{k}_{k}_preimage.png" for k in range(4)]
+    assert [each["input"] for each in results] == [row.path for row in DescriptorDataset(dataset)]
+    assert "expected an image" in results[-1]["error"]
+    assert read_image(out / results[0]["preimage"]).shape == (1, 32, 40)
+
+
+def test_data_sets_that_cannot_be_inverted(tmp_path: Path, dataset: str, refused: Callable[..., None]) -> None:
+    out = ["-o", str(tmp_path / "out")]
+    refused("invert", dataset, *out, "--preset", "uoctti", message="set.parquet: ")
+    refused("invert", str(tmp_path / "no.parquet"), *out, message="no.parquet: no such data set of descriptors")
+
+
+def test_learning(tmp_path: Path, sent: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A background and visual words, as without a cluster."""
+    few = replace(LEARNED["bovw"], learn=lambda images, spec, **options: learn_bovw(images, words=20, **options))
+    monkeypatch.setitem(LEARNED, "bovw", few)
+    folder = tmp_path / "images"
+    folder.mkdir()
+    for k in range(3):
+        levels = np.random.default_rng(k).integers(0, 256, (64, 64), dtype=np.uint8)
+        Image.fromarray(levels).save(folder / f"{k}.png")
+    for kind, options in (("background", ["--order", "3", "--cell", "4"]), ("bovw", ["--size", "64"])):
+        command = ["learn", kind, "--images", str(folder), *options, "-o"]
+        assert main([*command, str(tmp_path / f"one-{kind}.npz")]) == 0
+        assert main([*command, str(tmp_path / f"other-{kind}.npz"), *OTHER]) == 0
+    assert len(sent) == 3 + 2
+    one, other = (Background.load(tmp_path / f"{name}-background.npz") for name in ("one", "other"))
+    assert one.spec == presets.aubry(4)
+    torch.testing.assert_close(one.covariance, other.covariance, rtol=1e-12, atol=1e-12)
+    words, others = (BoVW.load(tmp_path / f"{name}-bovw.npz") for name in ("one", "other"))
+    torch.testing.assert_close(words.patches, others.patches)
