@@ -26,7 +26,8 @@ from pathlib import Path
 def descendants(pid: int) -> list[int]:
     """The processes that ``pid`` started."""
     try:
-        children = [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+        threads = list(Path(f"/proc/{pid}/task").glob("*/children"))
+        children = [int(child) for thread in threads for child in thread.read_text().split()]
     except OSError:
         return []
     return children + [below for child in children for below in descendants(child)]

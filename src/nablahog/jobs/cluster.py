@@ -16,14 +16,16 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
 import dask
 import torch
-from distributed import Client, LocalCluster, Worker, WorkerPlugin, as_completed
+from distributed import Client, LocalCluster, Worker, WorkerPlugin
 from distributed.client import FutureCancelledError
 from distributed.comm.core import CommClosedError
 from distributed.scheduler import KilledWorker
+from distributed.utils import silence_logging_cmgr
 
 from .job_files import store_files
 from .runner import cores, one_thread
@@ -37,9 +39,10 @@ logger = logging.getLogger(__name__)
 CHUNK_SECONDS = 0.5
 MOST_IN_CHUNK = 1000
 AHEAD = 2  # chunks for each thread of the cluster, so that none waits for this process
-DEATHS = 2  # of workers, with the same task, until it fails: as of local processes
-PATIENCE = 60.0  # seconds to wait for a scheduler, and for its first worker
+DEATHS = 2  # of processes of this machine, with the same task, until it fails: as without Dask
+PATIENCE = 60.0  # seconds to wait for a scheduler, and for a worker
 PLUGIN = "nablahog-files"
+LOST = (CommClosedError, FutureCancelledError, CancelledError)  # what Dask raises when its scheduler has gone
 
 
 def run_on_cluster(
@@ -63,7 +66,7 @@ def run_on_cluster(
 
     Raises:
         ValueError: ``cluster`` is none of these.
-        ChildProcessError: there is no such cluster, it has no workers, or its scheduler is lost.
+        ChildProcessError: there is no such cluster, it has no workers, at first or later, or its scheduler is lost.
     """
     if not jobs:
         return
@@ -72,7 +75,7 @@ def run_on_cluster(
         _prepare(client, jobs)
         waiting = _Waiting(len(jobs))
         chunks: dict[Any, list[int]] = {}
-        pending = as_completed()
+        ended = SimpleQueue[Any]()
 
         def send() -> None:
             threads = max(1, sum(client.nthreads().values()))
@@ -82,25 +85,34 @@ def run_on_cluster(
                     started(index)
                 future = client.submit(attempt_all, [jobs[index] for index in chunk], pure=False)
                 chunks[future.key] = chunk
-                pending.add(future)
+                future.add_done_callback(ended.put)
                 room -= 1
 
         send()
         while chunks:
-            future = next(pending)
+            try:
+                future = ended.get(timeout=PATIENCE)
+            except Empty:
+                if not client.nthreads():
+                    raise ChildProcessError(f"the cluster {cluster} has no workers any more") from None
+                continue
+            if future.status == "lost":  # with its worker, before it was read; Dask has it computed again
+                future.add_done_callback(ended.put)
+                continue
             chunk = chunks.pop(future.key)
-            error = future.exception() if future.status == "error" else None
-            if future.status == "finished":
+            try:
                 seconds, answers = future.result()
-                waiting.took(seconds, len(chunk))
-                yield from zip(chunk, answers, strict=True)
-            elif isinstance(error, KilledWorker) and waiting.suspect(chunk):
-                yield chunk[0], f"the process at work on it died, {DEATHS} times"
-            elif error is not None:
+            except KilledWorker as error:
+                if waiting.suspect(chunk):
+                    yield chunk[0], f"the process at work on it died, {error.allowed_failures + 1} times"
+            except LOST:
+                raise
+            except Exception as error:  # no job's: perhaps workers have another version, and cannot read it
                 for index in chunk:
                     yield index, f"{type(error).__name__}: {' '.join(str(error).split())}"
             else:
-                raise ChildProcessError(f"the cluster {cluster} has dropped work: {future.status}")
+                waiting.took(seconds, len(chunk))
+                yield from zip(chunk, answers, strict=True)
             send()
 
 
@@ -156,8 +168,8 @@ class _Waiting:
 def _connected(cluster: str) -> Iterator[Client]:
     """A client of the cluster; one of this machine's own processes ends with the block."""
     match = re.fullmatch(r"local(?::(\d{1,4}))?", cluster)
-    quiet = {"distributed.admin.log-format": "", "logging.distributed": "critical"}
-    with dask.config.set({"distributed.scheduler.allowed-failures": DEATHS - 1, **quiet}):
+    failures = {"distributed.scheduler.allowed-failures": DEATHS - 1}
+    with dask.config.set(failures), silence_logging_cmgr(logging.CRITICAL):
         if match is None:
             try:
                 client = _client(Client, cluster)
@@ -196,7 +208,7 @@ def _scheduler_errors() -> Iterator[None]:
     """Raises ChildProcessError where Dask says in one of many ways that its scheduler has gone."""
     try:
         yield
-    except (CommClosedError, FutureCancelledError, CancelledError, StopIteration) as error:
+    except LOST as error:
         raise ChildProcessError(f"the scheduler is lost: {' '.join(str(error).split()) or 'it has closed'}") from None
 
 
