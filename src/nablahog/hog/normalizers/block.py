@@ -10,6 +10,8 @@ from .base import Footprint, Normalizer, NormalizerLoops
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from ..triton.normalizers import NormalizerKernels
+
 BlockForm: TypeAlias = Literal["L1", "L1-sqrt", "L2", "L2-Hys"]
 
 
@@ -99,6 +101,26 @@ class BlockNorm(Normalizer):
             clip=real(self.clip),
         )
         return NormalizerLoops(block_norm, block_norm_vjp, constants)
+
+    def triton(self, bins: int, signed: bool) -> NormalizerKernels:
+        """Block after block; the vjp cell after cell."""
+        from ..triton.block_norms import Blocks
+        from ..triton.normalizers import BlockKernels
+
+        scheme = Blocks(
+            *self.block,
+            *self.step,
+            bins=bins,
+            size=self.channels(bins, signed),
+            L1=self.form.startswith("L1"),
+            sqrt=self.form == "L1-sqrt",
+            hys=self.form == "L2-Hys",
+            epsilon=float(self.epsilon),
+            epsilon_again=float(self.epsilon_again),
+            epsilon_outside_root=self.epsilon_outside_root,
+            clip=float(self.clip),
+        )
+        return BlockKernels(scheme)
 
     def mirrored_channels(self, bins: list[int], axes: list[int]) -> list[int]:
         """The cells of each row in reverse."""

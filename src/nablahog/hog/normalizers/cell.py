@@ -10,6 +10,8 @@ from .base import NormalizerLoops, PerCell
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from ..triton.normalizers import NormalizerKernels
+
 
 @dataclass(frozen=True)
 class CellNorm(PerCell):
@@ -42,6 +44,12 @@ class CellNorm(PerCell):
         from ..kernels.norms import cell_norm, cell_norm_vjp
 
         return NormalizerLoops(cell_norm, cell_norm_vjp, real(self.epsilon))
+
+    def triton(self, bins: int, signed: bool) -> NormalizerKernels:
+        """One pass over the cells."""
+        from ..triton.normalizers import CellKernels
+
+        return CellKernels(float(self.epsilon))
 
     def invert(self, channels: Tensor) -> Tensor | None:
         """The entries: nothing tells one cell's level from another's."""

@@ -12,6 +12,8 @@ from .base import Footprint, Normalizer, NormalizerLoops
 
 if TYPE_CHECKING:
     from torch import Tensor
+
+    from ..triton.normalizers import NormalizerKernels
     from typing_extensions import Self
 
 Part: TypeAlias = Literal["directed", "undirected", "texture", "blocks", "zero"]
@@ -189,6 +191,35 @@ class FourBlockNorm(Normalizer):
             order=np.argsort(DPM_ORDER) if dpm else np.arange(4),
         )
         return NormalizerLoops(four_block_norm, four_block_norm_vjp, constants)
+
+    def triton(self, bins: int, signed: bool) -> NormalizerKernels:
+        """Block after block, then cell after cell."""
+        from ..triton.four_blocks import FourBlocks
+        from ..triton.normalizers import FourBlockKernels
+
+        channels = [self.channels_of(part, bins, signed) for part in PARTS]
+        first = [sum(channels[:k]) if count else -1 for k, count in enumerate(channels)]
+        dpm = self.texture == "dpm"
+        scheme = FourBlocks(
+            epsilon=float(self.epsilon),
+            clip=float(self.clip),
+            floor=self.floor,
+            missing=self.outside == "missing",
+            dropped=int(self.outside == "drop"),
+            signed=signed,
+            bins=bins,
+            undirected=bins // 2 if signed else bins,
+            channels=sum(channels),
+            directed_at=first[0],
+            undirected_at=first[1],
+            texture_at=first[2],
+            blocks_at=first[3],
+            zero_at=first[4],
+            directed_texture=dpm,
+            texture=DPM_TEXTURE if dpm else VLFEAT_TEXTURE,
+            order=tuple(DPM_ORDER.index(block) if dpm else block for block in range(4)),
+        )
+        return FourBlockKernels(scheme)
 
     def mirrored_channels(self, bins: list[int], axes: list[int]) -> list[int]:
         """Left and right blocks exchange their texture, and their histograms."""

@@ -11,6 +11,8 @@ from .base import NormalizerLoops, PerCell
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from ..triton.normalizers import NormalizerKernels
+
 GlobalForm: TypeAlias = Literal["printed", "robust"]
 
 
@@ -47,6 +49,12 @@ class GlobalNorm(PerCell):
         from ..kernels.norms import global_norm, global_norm_vjp
 
         return NormalizerLoops(global_norm, global_norm_vjp, (float(self.epsilon), self.form == "robust"))
+
+    def triton(self, bins: int, signed: bool) -> NormalizerKernels:
+        """Sums in double precision."""
+        from ..triton.normalizers import GlobalKernels
+
+        return GlobalKernels(float(self.epsilon), self.form == "robust")
 
     def image_factor(self, energy: float) -> float:
         """1 / √(‖v‖ + ε) or 1 / √(‖v‖² + ε²), rounded as in the compiled loops."""
