@@ -35,6 +35,11 @@ def interpreted() -> bool:
 
 
 @cache
+def _any_gpu() -> bool:
+    return torch.cuda.is_available()
+
+
+@cache
 def _missing(device: torch.device) -> str:
     """Why there are no kernels for a device; nothing if there are."""
     if find_spec("triton") is None:
@@ -56,7 +61,7 @@ def _say_once(why: str) -> None:
 
 def chosen(device: torch.device, spec: HOGSpec) -> bool:
     """Whether ``backend="auto"`` takes the kernels; if they are missing it says so, once."""
-    if device.type != "cuda" or not supports(spec):
+    if device.type != "cuda" or not _any_gpu() or not supports(spec):
         return False
     if why := _missing(device):
         _say_once(why)

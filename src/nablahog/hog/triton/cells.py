@@ -32,7 +32,7 @@ def of_image(pixels, image, stride, strides, COLOURS: tl.constexpr):
 
 @triton.jit
 def _not_finite(pixels, size, strides, chunk, chunks, TILE_Y: tl.constexpr, TILE_X: tl.constexpr, channels):
-    """1 if there is NaN or infinity in this program's share of the image, which may be other pixels than those that vote."""
+    """1 if there is NaN or infinity in this program's share of the image: pixels that do not vote count, too."""
     first_y, last_y = chunk[0] * size[0] // chunks[0], (chunk[0] + 1) * size[0] // chunks[0]
     first_x, last_x = chunk[1] * size[1] // chunks[1], (chunk[1] + 1) * size[1] // chunks[1]
     spoilt = tl.zeros([TILE_Y, TILE_X], tl.int32)
@@ -40,9 +40,9 @@ def _not_finite(pixels, size, strides, chunk, chunks, TILE_Y: tl.constexpr, TILE
         y = top + tl.arange(0, TILE_Y)[:, None]
         for left in range(first_x, last_x, TILE_X):
             x = left + tl.arange(0, TILE_X)[None, :]
-            at = y.to(tl.int64) * strides[1] + x.to(tl.int64) * strides[2]
+            at = pixels + (y.to(tl.int64) * strides[1] + x.to(tl.int64) * strides[2])
             for channel in range(channels):
-                value = tl.load(pixels + channel * strides[0] + at, mask=(y < last_y) & (x < last_x), other=0)
+                value = tl.load(at + channel * strides[0], mask=(y < last_y) & (x < last_x), other=0)
                 spoilt |= (value - value != 0).to(tl.int32)
     return tl.max(tl.max(spoilt, 1), 0)
 

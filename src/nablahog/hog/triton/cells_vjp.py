@@ -94,8 +94,11 @@ def cells_vjp_kernel(
     rim = (y == row * (TILE_Y - 2) - 1) | (y >= (row + 1) * (TILE_Y - 2))
     rim = rim | (x == part * (TILE_X - 2) - 1) | (x >= (part + 1) * (TILE_X - 2))
     written = inside & (rim == 0)
-    at = y.to(tl.int64) * size[1] + x
-    area = size[0].to(tl.int64) * size[1]
+    area = size[0] * size[1]
+    if READING.wide:
+        at = y.to(tl.int64) * size[1] + x
+    else:
+        at = y * size[1] + x
     to = out + image * len(READING.weights) * area
     if READING.averaged:
         of_values = values_vjp(grad_x, grad_y, y, x, size, READING, REAL)

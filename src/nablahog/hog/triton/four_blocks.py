@@ -117,8 +117,8 @@ def _grad_entries(
     if SCHEME.undirected_at >= 0:
         of_both += 0.5 * tl.load(to + SCHEME.undirected_at + k, mask=some, other=0)
     if SCHEME.texture_at >= 0:
-        channel: tl.constexpr = SCHEME.texture_at + SCHEME.order[block]
-        texture = SCHEME.texture * tl.load(grad + at * SCHEME.channels + channel, mask=there, other=0)[:, None]
+        channel = grad + at * SCHEME.channels + SCHEME.texture_at + SCHEME.order[block]
+        texture = SCHEME.texture * tl.load(channel, mask=there, other=0)[:, None]
         if SCHEME.directed_texture:
             of_first, of_second = of_first + texture, of_second + texture
         else:
@@ -251,9 +251,8 @@ def four_block_norm_kernel(
             all_ = tl.where(all_ > SCHEME.clip, SCHEME.clip, all_)
         sum_first, sum_second, sum_both = sum_first + one, sum_second + two, sum_both + all_
         if SCHEME.texture_at >= 0:
-            channel: tl.constexpr = SCHEME.texture_at + SCHEME.order[block]
             texture = SCHEME.texture * tl.sum(one + two if SCHEME.directed_texture else all_, 1)
-            tl.store(of_cell + channel, texture + nan_or_zero, mask=there)
+            tl.store(of_cell + SCHEME.texture_at + SCHEME.order[block], texture + nan_or_zero, mask=there)
         if SCHEME.blocks_at >= 0:
             tl.store(to + SCHEME.blocks_at + block * SCHEME.undirected + k, all_ + spoil, mask=some)
     if SCHEME.directed_at >= 0:

@@ -35,10 +35,17 @@ def quotient(a, b):
 
 
 @triton.jit
+def _offset(y, x, strides, channel: tl.constexpr, READING: tl.constexpr):
+    """Of pixels from the first of their image, in elements."""
+    if READING.wide:
+        y, x = y.to(tl.int64), x.to(tl.int64)
+    return channel * strides[0] + (y * strides[1] + x * strides[2])
+
+
+@triton.jit
 def _channel(pixels, y, x, inside, strides, channel: tl.constexpr, READING: tl.constexpr, REAL: tl.constexpr):
     """Values of one channel in 0…``value_range``, or their roots."""
-    at = channel * strides[0] + y.to(tl.int64) * strides[1] + x.to(tl.int64) * strides[2]
-    value = tl.load(pixels + at, mask=inside, other=0).to(REAL)
+    value = tl.load(pixels + _offset(y, x, strides, channel, READING), mask=inside, other=0).to(REAL)
     if READING.scale != 1:
         value = value * READING.scale
     if READING.sqrt:
@@ -147,8 +154,7 @@ def _tangent_value(
     pixels, tangents, y, x, inside, strides, other, channel: tl.constexpr, READING: tl.constexpr, REAL: tl.constexpr
 ):
     """The tangent of :func:`_channel`; tangents have the strides ``other``."""
-    at = channel * other[0] + y.to(tl.int64) * other[1] + x.to(tl.int64) * other[2]
-    change = tl.load(tangents + at, mask=inside, other=0).to(REAL)
+    change = tl.load(tangents + _offset(y, x, other, channel, READING), mask=inside, other=0).to(REAL)
     if READING.scale != 1:
         change = change * READING.scale
     if READING.sqrt:

@@ -16,7 +16,7 @@ from ..spec import HOGSpec
 from . import votes
 from .cells import cells_kernel
 from .cells_vjp import cells_vjp_kernel
-from .parameters import Plan, plan, power_of_two
+from .parameters import Plan, Reading, plan, power_of_two
 
 RULES = {
     "linear": votes.linear_votes,
@@ -76,7 +76,16 @@ def _strides(images: Tensor, spec: HOGSpec) -> tuple[int, tuple[int, int, int]]:
 
 
 def _warps(pixels: int) -> int:
-    return max(1, min(8, pixels // 512))
+    """For a tile: with eight pixels a thread there are registers left for other programs."""
+    return max(1, min(8, pixels // 256))
+
+
+def _reading(known: Plan, *images: Tensor) -> Reading:
+    """That of images with these strides."""
+    span = max(
+        sum((n - 1) * abs(step) for n, step in zip(each.shape[1:], each.stride()[1:], strict=True)) for each in images
+    )
+    return known.reading._replace(wide=True) if span >= 2**31 else known.reading
 
 
 def cells_buffer(images: Tensor, spec: HOGSpec) -> Cells:
@@ -134,7 +143,7 @@ def _to_cells(images: Tensor, tangents: Tensor | None, spec: HOGSpec) -> Cells:
                 out.values.stride(0),
                 out.flags.stride(0),
                 VOTES=RULES[known.rule],
-                READING=known.reading,
+                READING=_reading(known, images, of_tangents),
                 VOTING=known.voting,
                 COLOURS=spec.colours,
                 TANGENTS=tangents is not None,
@@ -196,13 +205,13 @@ def cells_vjp(images: Tensor, flags: Tensor, grad_cells: Tensor, spec: HOGSpec) 
                 known.last_wins,
                 flags.stride(0),
                 VOTES=RULES[known.rule],
-                READING=known.reading,
+                READING=_reading(known, images, out),
                 VOTING=known.voting,
                 COLOURS=spec.colours,
                 REACH=(known.rows.reach, known.cols.reach),
                 TILE_Y=tile_y,
                 TILE_X=tile_x,
-                num_warps=4,
+                num_warps=8,
                 **EXACT,
             )
     if spec.colours == 1:

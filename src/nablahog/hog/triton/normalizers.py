@@ -22,7 +22,7 @@ from .four_blocks import (
     four_block_norm_kernel,
     four_block_norm_vjp_kernel,
 )
-from .launch import Cells, on
+from .launch import EXACT, Cells, on
 from .norms import cell_norm_kernel, global_norm_kernel, sums_kernel
 from .parameters import power_of_two
 from .window_norms import products_kernel, window_factors_kernel, window_norm_kernel
@@ -58,7 +58,7 @@ def _run(kernel: Any, count: int, tile: int, device: torch.device, *arguments: A
     """For so many cells, blocks or corners, ``tile`` a program."""
     if count:
         with on(device):
-            kernel[(-(-count // tile),)](*arguments, TILE=tile, **constants)
+            kernel[(-(-count // tile),)](*arguments, TILE=tile, **constants, **EXACT)
 
 
 def _new(cells: Cells, *shape: int) -> Tensor:
@@ -84,7 +84,7 @@ class GlobalKernels(NormalizerKernels):
         y, stride = (other, x.stride(0)) if other is not None else (cells.values[:, :numbers].contiguous(), x.stride(0))
         with on(out.device):
             grid = (len(out) * parts,)
-            sums_kernel[grid](x, y, sums, numbers, share, parts, stride, TILE=_NUMBERS)
+            sums_kernel[grid](x, y, sums, numbers, share, parts, stride, TILE=_NUMBERS, **EXACT)
             global_norm_kernel[grid](
                 x,
                 y,
@@ -101,6 +101,7 @@ class GlobalKernels(NormalizerKernels):
                 DERIVATIVE=derivative,
                 TILE=_NUMBERS,
                 PARTS=power_of_two(parts),
+                **EXACT,
             )
         return out
 

@@ -37,6 +37,7 @@ class Reading(NamedTuple):
     border_factor: float  # of the difference to a value beyond the image; 0 for a mirrored image
     border_is_own: bool  # whether that value is the outermost pixel's own
     border_value: float  # the value, if not
+    wide: bool  # whether places of an image's pixels in memory take more than 32 bits
 
 
 class Voting(NamedTuple):
@@ -57,7 +58,7 @@ class Voting(NamedTuple):
 
 
 def reading(spec: HOGSpec, channels: int, stored: torch.dtype) -> Reading:
-    """Of images of so many channels, stored as bytes or floats; one where colours are separate."""
+    """Of images of so many channels, stored as bytes or floats; one where colours are separate; not ``wide``."""
     averaged = spec.colour == "gray" and channels > 1
     channels = 1 if spec.colour == "separate" else channels
     weights = GRAY_WEIGHTS if channels == 3 else (1 / channels,) * channels
@@ -72,6 +73,7 @@ def reading(spec: HOGSpec, channels: int, stored: torch.dtype) -> Reading:
         border_factor=float(border.times),
         border_is_own=border.beyond is None,
         border_value=float((border.beyond or 0) * spec.value_range),
+        wide=False,
     )
 
 
