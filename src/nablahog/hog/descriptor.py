@@ -33,7 +33,9 @@ def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
             f"images must have shape (B, C, H, W) with at least one channel, got {tuple(images.shape)}{write}"
         )
     spec.check_channels(images.shape[1])
-    if images.dtype not in (torch.uint8, torch.float32, torch.float64) and not (images.is_cuda and images.dtype in HALVES):
+    if images.dtype not in (torch.uint8, torch.float32, torch.float64) and not (
+        images.is_cuda and images.dtype in HALVES
+    ):
         raise TypeError(f"images must be floats in 0…1, or uint8 in 0…255, got {images.dtype}")
     if backend != "auto":
         check_choice("backend", backend, Backend)
@@ -87,8 +89,8 @@ def hog(
             (H, W), (H, W, C) or (B, H, W, C), C 1 or 3, or a PIL image of mode L or RGB.
         spec: the dialect, from :mod:`nablahog.presets`, or the name of a preset with its defaults, ``"skimage"``.
         layout: ``"cells"``, or ``"native"``, the shape and order that the library itself returns.
-        backend: ``"auto"``, compiled loops on a CPU, kernels of Triton on a GPU; ``"torch"``, the steps as the paper has
-            them, a few operations of PyTorch each; ``"triton"``, these kernels or an error.  The results differ by
+        backend: ``"auto"``, compiled loops on a CPU, kernels of Triton on a GPU; ``"torch"``, the steps as the paper
+            has them, a few operations of PyTorch each; ``"triton"``, these kernels or an error.  The results differ by
             rounding.
 
     Returns:
@@ -104,8 +106,9 @@ def hog(
         ModuleNotFoundError: the backend is ``"triton"``, which is not installed.
 
     Warns:
-        UserWarning: Triton is not there for images on a GPU, so that PyTorch's steps compute (once); the floats reach far beyond 0…1 (above 2; looked up in some pixels, on the CPU); there are four
-            channels; or the spec is scikit-image's for gray images, and there are three.
+        UserWarning: the floats reach far beyond 0…1 (above 2; looked up in some pixels, on the CPU); there are four
+            channels; the spec is scikit-image's for gray images, and there are three; or, once, PyTorch's steps compute
+            on a GPU, for want of Triton.
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> nablahog.hog(torch.rand(2, 3, 64, 48), spec).shape

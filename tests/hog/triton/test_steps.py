@@ -17,14 +17,21 @@ from nablahog.hog.triton import steps, supports
 
 from ...golden import PEERS, Case, cases
 from ...golden.specs import dtype_of, spec_of, stored
-from ..zoo import SPECS, integers, noise, spec
+from ..zoo import PRESETS, SPECS, integers, noise, spec
 from .conftest import DEVICE
 
 DTYPES = [torch.float32, torch.float64]
-dtypes = pytest.mark.parametrize("dtype", DTYPES, ids=["float32", "float64"])
-specs = pytest.mark.parametrize("name", [*SPECS])
 # one of each rule that votes, borders and kinks are decided by
-KINKS = ["replicate", "zero-largest", "uoctti", "uoctti-hard", "skimage", "opencv-signed", "counterclockwise", "derivative"]
+KINKS = [
+    "replicate",
+    "zero-largest",
+    "uoctti",
+    "uoctti-hard",
+    "skimage",
+    "opencv-signed",
+    "counterclockwise",
+    "derivative",
+]
 
 
 def waves(like: Tensor, last: float) -> Tensor:
@@ -64,8 +71,11 @@ def channels(s: HOGSpec) -> int:
     return 1 if s.colour == "gray" and s != SPECS["paper"] else 3
 
 
-@dtypes
-@specs
+@pytest.mark.parametrize(
+    ("name", "dtype"),
+    [*((name, torch.float64) for name in SPECS), *((name, torch.float32) for name in PRESETS)],
+    ids=lambda x: str(x).removeprefix("torch."),
+)
 def test_descriptors_and_derivatives_are_those_of_the_reference(name: str, dtype: torch.dtype) -> None:
     assert supports(SPECS[name])
     assert SPECS[name].normalizer.has_triton
@@ -81,7 +91,9 @@ def test_on_kinks_too(name: str) -> None:
 @pytest.mark.parametrize("bins", [8, 16])
 def test_diagonals_that_are_bin_centres(bins: int) -> None:
     for dtype in DTYPES:
-        assert_same(steps.CELLS, integers(1, 1, 12, 12, levels=2, dtype=dtype), spec(signed=True, bins=bins, bin_offset=0.0))
+        assert_same(
+            steps.CELLS, integers(1, 1, 12, 12, levels=2, dtype=dtype), spec(signed=True, bins=bins, bin_offset=0.0)
+        )
 
 
 @pytest.mark.parametrize("name", ["paper", "uoctti", "skimage-root", "dpm", "blocks-Hys", "cells-separate", "window"])
@@ -93,7 +105,9 @@ def test_normalisers_by_themselves(name: str) -> None:
     assert_same(steps.NORM, x, s)
 
 
-@pytest.mark.parametrize("name", ["paper", "uoctti-hard", "dpm", "dlib", "skimage-colour", "opencv", "ties-opencv", "maskfeat"])
+@pytest.mark.parametrize(
+    "name", ["paper", "uoctti-hard", "dpm", "dlib", "skimage-colour", "opencv", "ties-opencv", "maskfeat"]
+)
 def test_of_bytes_every_vote_is_the_same(name: str) -> None:
     """Colour ties and bins of hard votes are decided alike."""
     s, generator = SPECS[name], torch.Generator().manual_seed(1)
@@ -236,5 +250,6 @@ def test_steps_of_inversions() -> None:
     assert_close(steps.norm(cells, s), normalize_reference(cells, s))
     changes = waves(x, 30)
     assert_close(
-        steps.histograms_jvp(x, changes, s).permute(0, 2, 3, 1), steps.CELLS.jvp(x, steps.CELLS.run(x, s)[1], changes, s)
+        steps.histograms_jvp(x, changes, s).permute(0, 2, 3, 1),
+        steps.CELLS.jvp(x, steps.CELLS.run(x, s)[1], changes, s),
     )

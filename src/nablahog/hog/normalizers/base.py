@@ -74,9 +74,10 @@ class Normalizer(ABC):
     Of one that makes a vector as long as its histogram of each cell, :class:`PerCell` has most of these.
 
     It may have: :meth:`check`, if it does not go with all bins; :meth:`loops`, without which the compiled cells are
-    followed by :meth:`normalize`; :meth:`triton`, the same on GPUs; :meth:`image_factor`, if one number normalises a whole image; :meth:`invert`, if
-    histograms can be computed back in closed form.  The rest has defaults that hold unless channels are left out, or
-    have a meaning beside the bins of cells.  Fields are checked by their types, see :func:`.checks.check_fields`.
+    followed by :meth:`normalize`; :meth:`triton`, the same on GPUs; :meth:`image_factor`, if one number normalises all
+    of an image; :meth:`invert`, if histograms can be computed back in closed form.  The rest has defaults that hold
+    unless channels are left out, or have a meaning beside the bins of cells.  Fields are checked by their types, see
+    :func:`.checks.check_fields`.
     """
 
     kind: ClassVar[str]

@@ -12,9 +12,9 @@ from .base import Footprint, Normalizer, NormalizerLoops
 
 if TYPE_CHECKING:
     from torch import Tensor
+    from typing_extensions import Self
 
     from ..triton.normalizers import NormalizerKernels
-    from typing_extensions import Self
 
 Part: TypeAlias = Literal["directed", "undirected", "texture", "blocks", "zero"]
 Texture: TypeAlias = Literal["vlfeat", "dpm"]

@@ -160,10 +160,7 @@ def block_numbers_kernel(
     if SCHEME.sqrt:
         of_output = of_output * _root_slope(u)
     product = tl.sum(own * of_output, 1)
-    if SCHEME.L1:
-        slope = factor * factor * product
-    else:
-        slope = _slope(total, factor, product, SCHEME.epsilon_outside_root)
+    slope = factor * factor * product if SCHEME.L1 else _slope(total, factor, product, SCHEME.epsilon_outside_root)
     tl.store(out + 4 * at, factor, mask=there)
     tl.store(out + 4 * at + 1, slope, mask=there)
     tl.store(out + 4 * at + 2, again, mask=there)

@@ -126,9 +126,7 @@ def cells_kernel(
             by_col = _column_weights(col_weights, col_first, j[:, None], x, grid[1], lengths[1])
             if TANGENTS:
                 changes = of_image(tangents, image, other_stride, other, COLOURS)
-                dx, dy = gradient_tangents(
-                    pixels, changes, y, x, inside, size, strides, other, winner, READING, REAL
-                )
+                dx, dy = gradient_tangents(pixels, changes, y, x, inside, size, strides, other, winner, READING, REAL)
                 some = m > 0
                 inverse = tl.where(some, quotient(tl.where(some, 1.0, 0.0).to(REAL), tl.where(some, m, 1.0)), 0.0)
                 along = (gx * dx + gy * dy) * inverse  # of the magnitude

@@ -14,9 +14,7 @@ from .votes import bin_after, bin_before, magnitude
 
 
 @triton.jit
-def _of_bins(
-    grad, bins, by_row, by_col, row, col, y, x, inside, grid, REACH: tl.constexpr, COUNT: tl.constexpr
-):
+def _of_bins(grad, bins, by_row, by_col, row, col, y, x, inside, grid, REACH: tl.constexpr, COUNT: tl.constexpr):
     """The vjp of the pooling: gradients of the votes of pixels for ``bins``."""
     total = tl.zeros_like(bins).to(grad.dtype.element_ty)
     for a in tl.static_range(REACH[0]):
@@ -95,10 +93,7 @@ def cells_vjp_kernel(
     rim = rim | (x == part * (TILE_X - 2) - 1) | (x >= (part + 1) * (TILE_X - 2))
     written = inside & (rim == 0)
     area = size[0] * size[1]
-    if READING.wide:
-        at = y.to(tl.int64) * size[1] + x
-    else:
-        at = y * size[1] + x
+    at = y.to(tl.int64) * size[1] + x if READING.wide else y * size[1] + x
     to = out + image * len(READING.weights) * area
     if READING.averaged:
         of_values = values_vjp(grad_x, grad_y, y, x, size, READING, REAL)

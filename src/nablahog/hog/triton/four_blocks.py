@@ -232,9 +232,7 @@ def four_block_norm_kernel(
     to = out + ((image * area + place) * SCHEME.channels)[:, None]
     of_cell = out + (image * area + place) * SCHEME.channels
     if TANGENTS:
-        moved, moved_too, moved_both = _cells(
-            tangents, image, row * cols + col, there, other_stride, SCHEME, BINS
-        )
+        moved, moved_too, moved_both = _cells(tangents, image, row * cols + col, there, other_stride, SCHEME, BINS)
     sum_first, sum_second, sum_both = tl.zeros_like(first), tl.zeros_like(first), tl.zeros_like(first)
     for block in tl.static_range(4):
         corner = (image * (rows + 1) + row + block // 2) * (cols + 1) + col + block % 2

@@ -17,20 +17,14 @@ _BLACK = tl.constexpr(BLACK)
 @triton.jit
 def root(x):
     """√, rounded to the nearest number, as in PyTorch: ties of hard votes depend on it."""
-    if x.dtype == tl.float64:
-        y = tl.sqrt(x)
-    else:
-        y = tl.sqrt_rn(x)
+    y = tl.sqrt(x) if x.dtype == tl.float64 else tl.sqrt_rn(x)
     return y
 
 
 @triton.jit
 def quotient(a, b):
     """a / b, rounded to the nearest number."""
-    if a.dtype == tl.float64:
-        q = a / b
-    else:
-        q = tl.div_rn(a, b)
+    q = a / b if a.dtype == tl.float64 else tl.div_rn(a, b)
     return q
 
 

@@ -29,7 +29,7 @@ RULES = {
 
 EXACT: dict[str, Any] = {"enable_fp_fusion": False}
 """a · b + c is rounded twice, as in PyTorch: which of two equal channels or bins counts must not depend on it."""
-_VJP_ROWS, _VJP_COLUMNS = 16, 64  # pixels of a tile, with its rim
+_VJP_ROWS, _VJP_COLUMNS = 16, 32  # pixels of a tile, with its rim
 _PADDING = 4  # numbers behind the cells of an image, of which the first is its flag
 
 
@@ -76,8 +76,8 @@ def _strides(images: Tensor, spec: HOGSpec) -> tuple[int, tuple[int, int, int]]:
 
 
 def _warps(pixels: int) -> int:
-    """For a tile: with eight pixels a thread there are registers left for other programs."""
-    return max(1, min(8, pixels // 256))
+    """For a tile: with four pixels a thread there are registers left for other programs."""
+    return max(1, min(8, pixels // 128))
 
 
 def _reading(known: Plan, *images: Tensor) -> Reading:
@@ -211,7 +211,7 @@ def cells_vjp(images: Tensor, flags: Tensor, grad_cells: Tensor, spec: HOGSpec) 
                 REACH=(known.rows.reach, known.cols.reach),
                 TILE_Y=tile_y,
                 TILE_X=tile_x,
-                num_warps=8,
+                num_warps=_warps(tile_y * tile_x),
                 **EXACT,
             )
     if spec.colours == 1:

@@ -1,7 +1,7 @@
 """The normalisers' kernels, on tensors.
 
-Each class has ``normalize``, from cells to descriptors (N, rows, cols, channels), ``vjp``, from the gradient of these to
-that of the cells, and ``jvp``, from tangents of the cells (N, rows, cols, bins) to those of the descriptors.
+Each class has ``normalize``, from cells to descriptors (N, rows, cols, channels); ``vjp``, from the gradient of these
+to that of the cells; and ``jvp``, from tangents of the cells (N, rows, cols, bins) to those of the descriptors.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .norms import cell_norm_kernel, global_norm_kernel, sums_kernel
 from .parameters import power_of_two
 from .window_norms import products_kernel, window_factors_kernel, window_norm_kernel
 
-_NUMBERS = 1024  # of a tile, or what is nearest
+_NUMBERS = 512  # of a tile, or what is nearest: four a thread
 _PARTS = 1024  # of an image whose sums are added by one program, at most
 _STEP = 4096  # numbers of a part, at least
 
@@ -355,7 +355,9 @@ class WindowKernels(NormalizerKernels):
         count, stride = len(out) * rows * cols, cells.values.stride(0)
         tile, wide = _tile(bins)
         of_cells: dict[str, Any] = {"COUNT": bins, "BINS": wide}
-        _run(products_kernel, count, tile, out.device, cells.values, y, products, count, rows * cols, stride, **of_cells)
+        _run(
+            products_kernel, count, tile, out.device, cells.values, y, products, count, rows * cols, stride, **of_cells
+        )
         _run(
             window_factors_kernel,
             count,

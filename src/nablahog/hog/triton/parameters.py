@@ -20,7 +20,7 @@ from ..orientation import beginnings, hard_directions, vote_rule
 from ..pooling import pooling_matrices
 from ..spec import HOGSpec
 
-_TILE = 2048  # pixels that a program reads at a time
+_TILE = 1024  # pixels that a program reads at a time
 _MOST_ROWS = 32  # of them
 _MOST_CELLS = 16  # that a program owns: their weights are in registers
 

@@ -73,7 +73,7 @@ def window_norm_kernel(
     TILE: tl.constexpr,
     BINS: tl.constexpr,
 ):
-    """f · x (``MODE`` 0); its vjp f · y + x · Σ w s, with s of all cells around (1); its jvp f · y - f³ x · Σ w ⟨x, y⟩ (2)."""
+    """By ``MODE``: 0, f · x; 1, the vjp f · y + Σ w s · x, s of the cells around; 2, the jvp f · y - f³ Σ w⟨x, y⟩ · x."""
     image, place, there = places(count, rows * cols, TILE)
     row, col = place // cols, place % cols
     k = tl.arange(0, BINS)[None, :]
