@@ -112,6 +112,7 @@ def cells_kernel(
     if not ONCE:
         for k in range(VOTING.bins):
             tl.store(to + k, tl.zeros([CELLS], REAL), mask=here)
+        tl.debug_barrier()  # each tile reads what was written before
     for tile_y in range(top, tl.maximum(bottom, top + 1), TILE_Y):
         y = tile_y + tl.arange(0, TILE_Y)[:, None]
         place = y - first_row
@@ -152,4 +153,4 @@ def cells_kernel(
                     pooled += tl.load(to + k, mask=here, other=0)
                 tl.store(to + k, pooled, mask=here)
             if not ONCE:
-                tl.debug_barrier()  # the next tile reads what this one wrote
+                tl.debug_barrier()

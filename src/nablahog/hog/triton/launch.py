@@ -92,6 +92,10 @@ def cells_buffer(images: Tensor, spec: HOGSpec) -> Cells:
     """Room for the cells of images, with flags of 0."""
     rows, cols = spec.cells(*images.shape[2:])
     numbers = rows * cols * spec.bins
+    if numbers >= 2**31:
+        raise ValueError(
+            f"the backend 'triton' counts an image's cells with 32 bits, got {rows}x{cols} of {spec.bins} bins"
+        )
     each = -(-(numbers + _PADDING) // 16) * 16  # aligned
     values = torch.empty(len(images) * spec.colours, each, dtype=real_dtype(images), device=images.device)
     values[:, numbers:] = 0

@@ -79,12 +79,11 @@ class GlobalKernels(NormalizerKernels):
         sums = torch.empty(len(out), parts, 2, dtype=torch.float64, device=out.device)
         if not len(out):
             return out
-        # without a second factor the first is multiplied with itself: ⟨x, x⟩ twice
-        x, flags, derivative = cells.values, cells.flags, other is not None
-        y, stride = (other, x.stride(0)) if other is not None else (cells.values[:, :numbers].contiguous(), x.stride(0))
+        x, flags, stride = cells.values, cells.flags, cells.values.stride(0)
+        y, other_stride = (x, stride) if other is None else (other, numbers)  # ⟨x, x⟩ twice if there is no other
         with on(out.device):
             grid = (len(out) * parts,)
-            sums_kernel[grid](x, y, sums, numbers, share, parts, stride, TILE=_NUMBERS, **EXACT)
+            sums_kernel[grid](x, y, sums, numbers, share, parts, stride, other_stride, TILE=_NUMBERS, **EXACT)
             global_norm_kernel[grid](
                 x,
                 y,
@@ -98,7 +97,7 @@ class GlobalKernels(NormalizerKernels):
                 flags.stride(0),
                 EPSILON=self.epsilon,
                 ROBUST=self.robust,
-                DERIVATIVE=derivative,
+                DERIVATIVE=other is not None,
                 TILE=_NUMBERS,
                 PARTS=power_of_two(parts),
                 **EXACT,
@@ -349,7 +348,7 @@ class WindowKernels(NormalizerKernels):
 
     def _apply(self, cells: Cells, other: Tensor | None, mode: int) -> Tensor:
         (rows, cols, bins), out = cells.shape, _new(cells, *cells.shape)
-        y = cells.values[:, : cells.numbers].contiguous() if other is None else other
+        y = cells.values if other is None else other
         weights = _weights(self.sigma, self.reach, out.dtype, out.device)
         products, factors = _new(cells, rows, cols, 2), _new(cells, rows, cols, 2)
         count, stride = len(out) * rows * cols, cells.values.stride(0)

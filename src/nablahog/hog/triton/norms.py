@@ -20,7 +20,7 @@ def places(count, area, TILE: tl.constexpr):
 
 
 @triton.jit
-def sums_kernel(x, y, out, numbers, share, parts, stride, TILE: tl.constexpr):
+def sums_kernel(x, y, out, numbers, share, parts, stride, other_stride, TILE: tl.constexpr):
     """⟨x, x⟩ and ⟨x, y⟩ of each part of each image, (images, parts, 2) float64: ``share`` numbers each."""
     REAL: tl.constexpr = x.dtype.element_ty
     program = tl.program_id(0)
@@ -29,7 +29,7 @@ def sums_kernel(x, y, out, numbers, share, parts, stride, TILE: tl.constexpr):
     for start in range(part * share, tl.minimum((part + 1) * share, numbers), TILE):
         k = start + tl.arange(0, TILE)
         own = tl.load(x + image * stride + k, mask=k < numbers, other=0)
-        other = tl.load(y + image * numbers + k, mask=k < numbers, other=0)
+        other = tl.load(y + image * other_stride + k, mask=k < numbers, other=0)
         energy += own * own
         product += own * other
     tl.store(out + 2 * program, tl.sum(energy.to(tl.float64), 0))

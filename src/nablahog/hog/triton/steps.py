@@ -22,10 +22,10 @@ def _norm_of(spec: HOGSpec) -> NormalizerKernels:
     return kernels
 
 
-def _saved(cells: Cells, images: Tensor) -> Tensor:
+def _saved(cells: Cells, spec: HOGSpec) -> Tensor:
     """All of it, one row an image."""
-    colours = len(cells.values) // max(len(images), 1)
-    return cells.values.reshape(len(images), colours * cells.values.shape[1])
+    colours, (each, numbers) = spec.colours, cells.values.shape
+    return cells.values.reshape(each // colours, colours * numbers)
 
 
 def _restored(saved: Tensor, images: Tensor, spec: HOGSpec) -> Cells:
@@ -43,7 +43,7 @@ def _plain(histograms: Tensor, spec: HOGSpec) -> Cells:
 
 def _cells(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     cells = launch.cells(images, spec)
-    return merge_colours(cells.histograms(), spec), _saved(cells, images)
+    return merge_colours(cells.histograms(), spec), _saved(cells, spec)
 
 
 def _cells_vjp(images: Tensor, saved: Tensor, grad_output: Tensor, spec: HOGSpec) -> Tensor:
@@ -72,7 +72,7 @@ def _norm_jvp(histograms: Tensor, _: Tensor, tangents: Tensor, spec: HOGSpec) ->
 
 def _describe(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     cells = launch.cells(images, spec)
-    return merge_colours(_norm_of(spec).normalize(cells), spec), _saved(cells, images)
+    return merge_colours(_norm_of(spec).normalize(cells), spec), _saved(cells, spec)
 
 
 def _describe_vjp(images: Tensor, saved: Tensor, grad_output: Tensor, spec: HOGSpec) -> Tensor:
@@ -152,7 +152,7 @@ def cells_operator(images: Tensor, spec: str) -> Tensor:
 def cells_vjp_operator(images: Tensor, grad_output: Tensor, spec: str) -> Tensor:
     """Gradients with respect to the images from those with respect to the cells."""
     dialect = operators.spec_of(spec)
-    return _cells_vjp(images, _saved(launch.cells(images, dialect), images), grad_output, dialect).contiguous()
+    return _cells_vjp(images, _saved(launch.cells(images, dialect), dialect), grad_output, dialect).contiguous()
 
 
 @torch.no_grad()
@@ -165,4 +165,4 @@ def describe_operator(images: Tensor, spec: str) -> Tensor:
 def describe_vjp_operator(images: Tensor, grad_output: Tensor, spec: str) -> Tensor:
     """Gradients with respect to the images from those with respect to the descriptors."""
     dialect = operators.spec_of(spec)
-    return _describe_vjp(images, _saved(launch.cells(images, dialect), images), grad_output, dialect).contiguous()
+    return _describe_vjp(images, _saved(launch.cells(images, dialect), dialect), grad_output, dialect).contiguous()

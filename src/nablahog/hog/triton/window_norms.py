@@ -13,14 +13,16 @@ from .norms import places
 
 
 @triton.jit
-def products_kernel(x, y, out, count, area, stride, COUNT: tl.constexpr, TILE: tl.constexpr, BINS: tl.constexpr):
+def products_kernel(
+    x, y, out, count, area, stride, other_stride, COUNT: tl.constexpr, TILE: tl.constexpr, BINS: tl.constexpr
+):
     """⟨x, x⟩ and ⟨x, y⟩ of each cell, (images, rows, cols, 2)."""
     image, place, there = places(count, area, TILE)
     k = tl.arange(0, BINS)[None, :]
     some = there[:, None] & (k < COUNT)
     own = tl.load(x + (image * stride + place * COUNT)[:, None] + k, mask=some, other=0)
     at = image * area + place
-    other = tl.load(y + at[:, None] * COUNT + k, mask=some, other=0)
+    other = tl.load(y + (image * other_stride + place * COUNT)[:, None] + k, mask=some, other=0)
     tl.store(out + 2 * at, tl.sum(own * own, 1), mask=there)
     tl.store(out + 2 * at + 1, tl.sum(own * other, 1), mask=there)
 
@@ -28,7 +30,7 @@ def products_kernel(x, y, out, count, area, stride, COUNT: tl.constexpr, TILE: t
 @triton.jit
 def _around(numbers, which: tl.constexpr, image, row, col, there, rows, cols, weights, REACH: tl.constexpr):
     """The weighted sum of a number of each cell around."""
-    total = tl.zeros_like(tl.load(numbers + (image * 0 + which), mask=there, other=0))
+    total = tl.zeros(image.shape, numbers.dtype.element_ty)
     for a in range(-REACH, REACH + 1):
         for b in range(-REACH, REACH + 1):
             y, z = row + a, col + b
@@ -73,7 +75,7 @@ def window_norm_kernel(
     TILE: tl.constexpr,
     BINS: tl.constexpr,
 ):
-    """By ``MODE``: 0, f · x; 1, the vjp f · y + Σ w s · x, s of the cells around; 2, the jvp f · y - f³ Σ w⟨x, y⟩ · x."""
+    """By ``MODE``: 0, f · x; 1, the vjp f · y + Σ w s · x, s of cells around; 2, the jvp f · y - f³ Σ w⟨x, y⟩ · x."""
     image, place, there = places(count, rows * cols, TILE)
     row, col = place // cols, place % cols
     k = tl.arange(0, BINS)[None, :]
