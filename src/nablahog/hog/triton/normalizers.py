@@ -354,9 +354,8 @@ class WindowKernels(NormalizerKernels):
         count, stride = len(out) * rows * cols, cells.values.stride(0)
         tile, wide = _tile(bins)
         of_cells: dict[str, Any] = {"COUNT": bins, "BINS": wide}
-        _run(
-            products_kernel, count, tile, out.device, cells.values, y, products, count, rows * cols, stride, **of_cells
-        )
+        sizes = count, rows * cols, stride, y.stride(0)
+        _run(products_kernel, count, tile, out.device, cells.values, y, products, *sizes, **of_cells)
         _run(
             window_factors_kernel,
             count,
