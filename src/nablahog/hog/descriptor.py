@@ -57,7 +57,9 @@ def histograms(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> T
     if backend == "auto" and images.is_cpu and kernels.supports(spec):
         return kernels.histograms(images, spec)
     if _on_gpu(images, spec, backend):
-        return gpu.load().histograms(images, spec)
+        from .triton import steps
+
+        return steps.histograms(images, spec)
     spec.grid(*images.shape[-2:])  # or it is too small; the loops check this with their cached parameters
     return histograms_reference(images, spec)
 
@@ -146,7 +148,9 @@ def describe(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> Ten
     if backend == "auto" and images.is_cpu and kernels.supports(spec):
         return kernels.describe(images, spec)
     if _on_gpu(images, spec, backend):
-        return gpu.load().describe(images, spec)
+        from .triton import steps
+
+        return steps.describe(images, spec)
     shape = len(images), *spec.grid(*images.shape[-2:]), spec.channels
     if images.is_meta:  # a graph, but no values
         dtype = images.dtype if images.is_floating_point() else torch.get_default_dtype()

@@ -65,7 +65,9 @@ def histograms_jvp(images: Tensor, tangents: Tensor, spec: HOGSpec) -> Tensor:
     PyTorch's forward mode, which serves other devices, takes twice the time for small images.
     """
     if gpu.chosen(images.device, spec):
-        return gpu.load().histograms_jvp(images, tangents, spec)
+        from ..triton import steps as on_gpu
+
+        return on_gpu.histograms_jvp(images, tangents, spec)
     if images.is_cpu and supports(spec):
         pixels, directions = (separate_colours(each.detach(), spec) for each in (images, tangents))
         return merge_colours(loops.cells_jvp(pixels, directions, _of_one_colour(spec)), spec).permute(0, 3, 1, 2)
@@ -88,6 +90,7 @@ def steps(device: torch.device, spec: HOGSpec) -> tuple[Step, Step]:
     if device.type == "cpu" and supports(spec):
         return histograms, _norm
     if gpu.chosen(device, spec):
-        kernels = gpu.load()
-        return kernels.histograms, kernels.norm
+        from ..triton import steps as on_gpu
+
+        return on_gpu.histograms, on_gpu.norm
     return histograms_reference, normalize_reference

@@ -13,7 +13,6 @@ from torch import Tensor
 
 from ..colours import merge_colours, separate_colours, separate_colours_vjp, split_colours
 from ..spec import HOGSpec
-from ..triton import load
 from . import loops
 
 
@@ -108,19 +107,27 @@ describe.register_autograd(_describe_backward, setup_context=_save)
 
 @cells.register_kernel("cuda")
 def _(images: Tensor, spec: str) -> Tensor:
-    return load().cells_operator(images, spec)
+    from ..triton import steps
+
+    return steps.cells_operator(images, spec)
 
 
 @cells_vjp.register_kernel("cuda")
 def _(images: Tensor, grad_output: Tensor, spec: str) -> Tensor:
-    return load().cells_vjp_operator(images, grad_output, spec)
+    from ..triton import steps
+
+    return steps.cells_vjp_operator(images, grad_output, spec)
 
 
 @describe.register_kernel("cuda")
 def _(images: Tensor, spec: str) -> Tensor:
-    return load().describe_operator(images, spec)
+    from ..triton import steps
+
+    return steps.describe_operator(images, spec)
 
 
 @describe_vjp.register_kernel("cuda")
 def _(images: Tensor, grad_output: Tensor, spec: str) -> Tensor:
-    return load().describe_vjp_operator(images, grad_output, spec)
+    from ..triton import steps
+
+    return steps.describe_vjp_operator(images, grad_output, spec)

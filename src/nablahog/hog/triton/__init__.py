@@ -10,15 +10,11 @@ import os
 import warnings
 from functools import cache
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
 
 import torch
 
 from ..orientation import vote_rule
 from ..spec import HOGSpec
-
-if TYPE_CHECKING:
-    from . import steps
 
 LEAST_CAPABILITY = 7, 0
 """The oldest GPUs that Triton compiles for."""
@@ -81,10 +77,3 @@ def check(device: torch.device, spec: HOGSpec) -> None:
         raise ValueError(f"the backend 'triton' has no votes as those of {spec.named} descriptor")
     if why := _missing(device):
         raise ModuleNotFoundError(f"the backend 'triton' cannot be used: {why}")
-
-
-def load() -> steps:  # type: ignore[valid-type]
-    """The module with the steps.  Loads Triton."""
-    from . import steps
-
-    return steps

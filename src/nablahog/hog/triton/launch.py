@@ -60,7 +60,7 @@ class Cells(NamedTuple):
 
 def on(device: torch.device) -> AbstractContextManager[Any]:
     """Launches go to this device."""
-    return torch.cuda.device(device) if device.type == "cuda" else nullcontext()  # type: ignore[no-untyped-call]
+    return torch.cuda.device(device) if device.type == "cuda" else nullcontext()
 
 
 def real_dtype(images: Tensor) -> torch.dtype:

@@ -104,7 +104,8 @@ def vote_table(spec: HOGSpec) -> npt.NDArray[np.float64]:
         return hard_directions(spec).astype(np.float64).reshape(-1)
     if rule == "vlfeat":
         return library_angles.vlfeat_directions(spec).astype(np.float64).reshape(-1)
-    return np.array(beginnings(spec)[0], np.float64).T.reshape(-1)
+    starts: npt.NDArray[np.float64] = np.array(beginnings(spec)[0], np.float64).T.reshape(-1)
+    return starts
 
 
 class Axis(NamedTuple):
