@@ -19,12 +19,11 @@ from typing import Any, NamedTuple
 import torch
 import triton
 from triton.backends.compiler import GPUTarget
+from triton.backends.nvidia.compiler import get_ptxas
 from triton.runtime.jit import JITFunction
 
 from nablahog.hog import presets
 from nablahog.hog.triton import steps
-
-PTXAS = Path(triton.__file__).parent / "backends" / "nvidia" / "bin" / "ptxas"
 
 
 class Multiprocessor(NamedTuple):
@@ -78,12 +77,24 @@ class NoDevice:
 
 def used(kernel: Any, capability: int) -> Compiled:
     """What the assembler says of a compiled kernel."""
+    code = kernel.asm["ptx"]
+    target = re.search(r"\.target (\w+)", code)
+    assert target is not None
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "kernel.ptx"
-        source.write_text(kernel.asm["ptx"])
-        arch = f"sm_{capability}{'a' if capability >= 90 else ''}"
-        command = [PTXAS, "-v", f"--gpu-name={arch}", source, "-o", Path(folder) / "kernel.cubin"]
-        said = subprocess.run(command, capture_output=True, text=True, check=True).stderr
+        source.write_text(code)
+        command = [
+            get_ptxas(capability).path,
+            "-v",
+            f"--gpu-name={target[1]}",
+            source,
+            "-o",
+            Path(folder) / "kernel.cubin",
+        ]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    said = done.stderr + done.stdout
+    if done.returncode:
+        raise RuntimeError(said)
 
     def number(pattern: str) -> int:
         return sum(int(n) for n in re.findall(pattern, said))
