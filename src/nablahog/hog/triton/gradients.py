@@ -51,9 +51,10 @@ def _channel(pixels, y, x, inside, strides, channel: tl.constexpr, READING: tl.c
 @triton.jit
 def _value(pixels, y, x, inside, strides, channel: tl.constexpr, READING: tl.constexpr, REAL: tl.constexpr):
     """Of one channel, or the average of all: added in the order of the reference, so that a flat area stays flat."""
+    stored: tl.constexpr = READING.stored
     if READING.averaged:
         value = READING.weights[0] * _channel(pixels, y, x, inside, strides, 0, READING, REAL)
-        for k in tl.static_range(1, len(READING.weights)):
+        for k in tl.static_range(1, stored):
             value = value + READING.weights[k] * _channel(pixels, y, x, inside, strides, k, READING, REAL)
     else:
         value = _channel(pixels, y, x, inside, strides, channel, READING, REAL)
@@ -129,12 +130,13 @@ def gradients(pixels, y, x, inside, size, strides, last_wins, READING: tl.conste
 
     Of channels of equal magnitude the first counts, but the last in columns ``last_wins`` (first, after the last).
     """
+    described: tl.constexpr = READING.channels
     gx, gy = _of_channel(pixels, y, x, inside, size, strides, 0, READING, REAL)
     winner = tl.zeros_like(gx).to(tl.int32)
     if READING.channels > 1:
         last = (x >= last_wins[0]) & (x < last_wins[1])
         largest = gx * gx + gy * gy
-        for k in tl.static_range(1, READING.channels):
+        for k in tl.static_range(1, described):
             u, v = _of_channel(pixels, y, x, inside, size, strides, k, READING, REAL)
             squared = u * u + v * v
             better = (squared > largest) | (last & (squared == largest))
@@ -174,10 +176,11 @@ def _tangent_along(
     REAL: tl.constexpr,
 ):
     """Tangents of the difference along an axis: linear, so that a value beyond the image has the tangent 0."""
+    stored: tl.constexpr = READING.stored
     count, place = (size[0], y) if AXIS == 0 else (size[1], x)
     before, after = tl.maximum(place - 1, 0), tl.minimum(place + 1, count - 1)
     change = tl.zeros_like((y + x).to(REAL))
-    for k in tl.static_range(len(READING.weights)):
+    for k in tl.static_range(stored):
         if READING.averaged or k == channel:
             if AXIS == 0:
                 low = _tangent_value(pixels, tangents, before, x, inside, strides, other, k, READING, REAL)
@@ -196,11 +199,12 @@ def gradient_tangents(
     pixels, tangents, y, x, inside, size, strides, other, winner, READING: tl.constexpr, REAL: tl.constexpr
 ):
     """Tangents of Gx and Gy, of the channel that wins."""
+    described: tl.constexpr = READING.channels
     above, below = _mirrored(y, size[0])
     left, right = _mirrored(x, size[1])
     dx = tl.zeros_like((y + x).to(REAL))
     dy = dx
-    for k in tl.static_range(READING.channels):
+    for k in tl.static_range(described):
         u = _tangent_along(pixels, tangents, y, x, inside, size, strides, other, k, 1, READING, REAL)
         v = _tangent_along(pixels, tangents, y, x, inside, size, strides, other, k, 0, READING, REAL)
         if READING.sobel:

@@ -31,6 +31,7 @@ class Reading(NamedTuple):
     scale: float  # factor of stored values
     weights: tuple[float, ...]  # of the average of channels that is described, or ones
     averaged: bool  # whether channels are averaged, not compared by magnitude
+    stored: int  # channels of an image
     channels: int  # that are described: 1 if they are averaged
     sqrt: bool
     sobel: bool
@@ -67,6 +68,7 @@ def reading(spec: HOGSpec, channels: int, stored: torch.dtype) -> Reading:
         scale=spec.value_range / 255 if stored == torch.uint8 else float(spec.value_range),
         weights=tuple(weights) if averaged else (1.0,) * channels,
         averaged=averaged,
+        stored=channels,
         channels=1 if averaged else channels,
         sqrt=spec.gamma == "sqrt",
         sobel=MASKS[spec.mask].smooths,
