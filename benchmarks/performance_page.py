@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from programs import LIBRARIES
 from timing import MOST_CALLS, TURN_MS
 
 Record = Mapping[str, Any]
+DOCS = Path(__file__).resolve().parent.parent / "docs"
 
 
 def page(record: Record) -> str:
@@ -125,14 +127,16 @@ def write_page(folder: Path) -> str:
     record = json.loads((folder / "performance.json").read_text())
     write_plots(record, folder)
     text = page(record)
+    up = os.path.relpath(DOCS, folder)  # links are written as of a page in docs/
+    if up != ".":
+        text = text.replace("](../", f"](../{up}/").replace("](poses.md", f"]({up}/poses.md")
     (folder / "performance.md").write_text(text)
     return text
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    docs = Path(__file__).parent.parent / "docs"
-    parser.add_argument("record", nargs="?", type=Path, default=docs / "performance.json")
+    parser.add_argument("record", nargs="?", type=Path, default=DOCS / "performance.json")
     write_page(parser.parse_args().record.parent)
 
 
