@@ -78,7 +78,6 @@ sphinx_gallery_conf: dict[str, Any] = {
     "only_warn_on_example_error": True,  # with -W it is an error all the same, but the others are built
     "matplotlib_animations": False,
     "remove_config_comments": True,
-    "min_reported_time": 1e9,
     "show_memory": False,
     "download_all_examples": False,
     "write_computation_times": False,  # that page loads scripts from elsewhere

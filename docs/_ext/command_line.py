@@ -15,7 +15,7 @@ from sphinx.util.nodes import nested_parse_with_titles
 
 from nablahog.cli.arguments.main import parser
 
-WIDTH = 88  # of the usage, in characters
+WIDTH = 72  # of the usage, in characters
 
 
 class CommandLine(SphinxDirective):
@@ -68,8 +68,9 @@ def signature(action: argparse.Action, formatter: argparse.HelpFormatter) -> str
 
 
 def markup(text: str) -> str:
-    """A help text, in which only what is between backticks is marked, as reStructuredText."""
-    parts = re.split(r"`([^`]*)`", text)
+    """A help text as reStructuredText: what is between backticks, and names of options, as code."""
+    parts = re.split(r"`([^`]*)`|(?<!\S)(--?[a-z][a-z0-9-]*)", text)
+    parts = [part for part in parts if part is not None]
     marked = (f"``{part}``" if number % 2 else escaped(part) for number, part in enumerate(parts))
     return " ".join("".join(marked).split())
 

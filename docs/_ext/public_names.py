@@ -1,8 +1,8 @@
 """References to a name where it is defined go to the page of its public name.
 
 A type in a signature is ``nablahog.hog.spec.HOGSpec``, its page that of ``nablahog.HOGSpec``. What exists but has no
-page, such as a module that a docstring points to, is shown as code without a link. A name that does not exist is left to
-Sphinx, which warns of it.
+page, such as a module that a docstring points to, is shown as code without a link. A name that does not exist is left
+to Sphinx, which warns of it.
 """
 
 from __future__ import annotations

@@ -82,6 +82,10 @@ def scale_descriptors(image: Tensor, spec: HOGSpec | str, scales: Sequence[int] 
 
     Raises:
         ValueError: a scale does not exist for this size; there is no such preset.
+
+    >>> descriptors = nablahog.invert.scale_descriptors(torch.rand(1, 1, 64, 64), "paper", (16, 4, 1))
+    >>> [tuple(each.shape) for each in descriptors]  # cells shrink with the image
+    [(1, 8, 8, 9), (1, 8, 8, 9), (1, 8, 8, 9)]
     """
     spec = as_spec(spec)
     levels = []

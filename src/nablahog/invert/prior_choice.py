@@ -36,6 +36,13 @@ def default_prior(spec: HOGSpec | str) -> LearnedPrior:
     Raises:
         ValueError: there is no such preset, or no prior for it.
         FileNotFoundError: the package was installed without its priors.
+
+    >>> prior = nablahog.invert.default_prior("uoctti")
+    >>> prior.signed
+    True
+    >>> descriptor = nablahog.hog(torch.rand(1, 1, 32, 32), "uoctti")
+    >>> prior.expected(descriptor, nablahog.presets.uoctti(), (32, 32)).shape
+    torch.Size([1, 1, 32, 32])
     """
     spec = as_spec(spec)
     file = default_prior_file(spec)

@@ -34,6 +34,11 @@ class StoredDescriptor:
     Raises:
         TypeError: the descriptor is no float32 or float64 tensor.
         ValueError: the three contradict each other, or the descriptor is not finite.
+
+    >>> from nablahog.io import StoredDescriptor
+    >>> spec = nablahog.presets.paper()
+    >>> StoredDescriptor(nablahog.hog(torch.rand(1, 1, 32, 32), spec)[0], spec, (32, 32)).descriptor.shape
+    torch.Size([4, 4, 9])
     """
 
     descriptor: Tensor
