@@ -40,6 +40,7 @@ templates_path = ["_templates"]
 GALLERIES = [name for name in ("gallery", "tutorials") if [*(HERE / name).glob("GALLERY_HEADER.*")]]
 exclude_patterns = ["_ext", "_templates", "gallery", "tutorials", "avx2/*.json", "**/README.*", "**/GALLERY_HEADER.*"]
 nitpicky = True
+smartquotes = False  # quotes of Python stay straight
 
 # ---- pages in Markdown
 myst_enable_extensions = ["colon_fence", "deflist", "attrs_block"]
