@@ -58,9 +58,9 @@ plt.show()
 #
 # Batches
 # -------
-# scikit-image takes one image. ``nablahog.hog`` takes a batch, and ``layout="native"`` gives scikit-image's vectors. Give
-# it the ``uint8`` image where every digit counts: in 0…1 rounding decides which bin a gradient between two bins votes
-# for.
+# scikit-image takes one image. ``nablahog.hog`` takes a batch, and ``layout="native"`` gives scikit-image's vectors.
+# Give it the ``uint8`` image where every digit counts: in 0…1 rounding decides which bin a gradient between two bins
+# votes for.
 
 spec = nablahog.presets.skimage(orientations=8, cells_per_block=(2, 2))
 batch = torch.from_numpy(np.stack([image, image[::-1], image[:, ::-1]]))[:, None]  # (B, C, H, W)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.patches import Rectangle
 from PIL import Image
 from skimage import data
 
@@ -61,8 +62,8 @@ print("equal, bit by bit:", np.array_equal(descriptor, nablahog.hog(np.asarray(i
 # %%
 # What was computed
 # -----------------
-# Left: the image, made 16 times smaller, with the limits of the strips. Middle: the share of a cell's votes that goes to
-# its strongest orientation, ⅑ where all orientations are equally strong. Right: glyphs of the cells in the box.
+# Left: the image, made 16 times smaller, with the limits of the strips. Middle: the share of a cell's votes that goes
+# to its strongest orientation, ⅑ where all orientations are equally strong. Right: glyphs of the cells in the box.
 
 undirected = descriptor[:, :, 18:27]
 total = undirected.sum(axis=2)
@@ -76,7 +77,7 @@ for limit in limits[:-1]:
     panels[0].axhline(limit - 0.5, color="cyan", linewidth=1)
 panels[0].set_title(f"{len(limits)} strips of {image.shape[0]} x {image.shape[1]} pixels", fontsize=10)
 shown = panels[1].imshow(share, cmap="magma", vmin=1 / 9, vmax=0.6)
-panels[1].add_patch(plt.Rectangle((left, top), cells, cells, fill=False, edgecolor="cyan", linewidth=1.5))
+panels[1].add_patch(Rectangle((left, top), cells, cells, fill=False, edgecolor="cyan", linewidth=1.5))
 panels[1].set_title(f"strongest orientation of {rows} x {cols} cells", fontsize=10)
 figure.colorbar(shown, ax=panels[1], shrink=0.7, label="share of the votes")
 panels[2].imshow(detail, cmap="gray")

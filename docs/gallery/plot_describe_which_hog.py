@@ -106,7 +106,7 @@ for axes in panels:
 plt.show()
 
 # %%
-# The distance is ‖φ(x) − d‖ / ‖d‖ of the pre-image x and the vector d. In OpenCV's order of numbers there is no picture:
-# it is not OpenCV's. Dalal and Triggs's order is that of scikit-image, so the picture is nearly the same and the distance,
-# too. A picture tells the order; between dialects of one order the values decide, as in checks 2 and 3. All conventions
-# of all libraries side by side: the page *Which HOG is that?*.
+# The distance is ‖φ(x) − d‖ / ‖d‖ of the pre-image x and the vector d. In OpenCV's order of numbers there is no
+# picture: it is not OpenCV's. Dalal and Triggs's order is that of scikit-image, so the picture is nearly the same and
+# the distance, too. A picture tells the order; between dialects of one order the values decide, as in checks 2 and 3.
+# All conventions of all libraries side by side: :doc:`/which_hog`.

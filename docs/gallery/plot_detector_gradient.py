@@ -9,6 +9,7 @@ differentiable function of the image, so the derivative says which pixels to mak
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
+from matplotlib.patches import Rectangle
 from PIL import Image
 from skimage import data
 
@@ -36,13 +37,15 @@ descriptor.setSVMDetector(np.append(weights, -weights @ (window + mean) / 2))
 
 rectangles, scores = descriptor.detectMultiScale(photograph, scale=1.05, groupThreshold=0)
 x, y, width, height = (int(value) for value in rectangles[np.argmax(scores)])
-print(f"{len(rectangles)} windows found, the best at {x}, {y}, {width}x{height} pixels, with a score of {max(scores):.2f}")
+print(
+    f"{len(rectangles)} windows found, the best at {x}, {y}, {width}x{height} pixels, with a score of {max(scores):.2f}"
+)
 
 # %%
 # The derivative of the score
 # ---------------------------
-# ``nablahog.compat.opencv.score`` takes windows as tensors (B, C, H, W) in 0…1. A few steps of gradient ascent show what
-# the derivative means: the window becomes what the detector looks for.
+# ``nablahog.compat.opencv.score`` takes windows as tensors (B, C, H, W) in 0…1. A few steps of gradient ascent show
+# what the derivative means: the window becomes what the detector looks for.
 
 crop = Image.fromarray(photograph).crop((x, y, x + width, y + height)).resize((64, 128))
 before = torch.from_numpy(np.array(crop)).permute(2, 0, 1)[None] / 255
@@ -61,8 +64,8 @@ print(f"score {values[0]:.2f}, after 30 steps along its derivative {values[-1]:.
 # Is it the derivative?
 # ---------------------
 # A photograph of 8 bits lies on many ties: two channels with the same gradient, of which one counts. There the score
-# jumps, and no difference quotient is the derivative. A little noise breaks the ties. OpenCV's arctangent is a polynomial
-# that errs by up to 3e-4 rad; with ``angle="exact"`` the derivative is exactly that of the score.
+# jumps, and no difference quotient is the derivative. A little noise breaks the ties. OpenCV's arctangent is a
+# polynomial that errs by up to 3e-4 rad; with ``angle="exact"`` the derivative is exactly that of the score.
 
 torch.manual_seed(0)
 noisy = (0.05 + 0.9 * before.double() + 1e-3 * torch.rand_like(before, dtype=torch.float64)).requires_grad_()
@@ -80,7 +83,7 @@ print(f"derivative along itself {float(exact.norm()):.6f}, central difference {f
 
 figure, panels = plt.subplots(1, 5, figsize=(11, 4), width_ratios=[2, 1, 1.25, 1, 1], layout="constrained")
 panels[0].imshow(photograph)
-panels[0].add_patch(plt.Rectangle((x, y), width, height, fill=False, edgecolor="cyan", linewidth=2))
+panels[0].add_patch(Rectangle((x, y), width, height, fill=False, edgecolor="cyan", linewidth=2))
 panels[0].set_title("photograph and best window")
 panels[1].imshow(before[0].permute(1, 2, 0))
 panels[1].set_title(f"window,\nscore {values[0]:.2f}")
@@ -102,5 +105,5 @@ plt.show()
 # %%
 # Left to right: where the detector sees the person; the window as it is given to the detector, 64x128 pixels; the
 # derivative, blue where brighter pixels raise the score, with the largest 1 % cut off; the window after the steps, in
-# which hardly anything is seen to have changed; the weights that speak for a person. The derivative is largest where the
-# window is black: OpenCV takes the root of all values first, and that is steepest near 0.
+# which hardly anything is seen to have changed; the weights that speak for a person. The derivative is largest where
+# the window is black: OpenCV takes the root of all values first, and that is steepest near 0.

@@ -2,8 +2,8 @@
 A HOG of one's own
 ==================
 
-A paper describes its own HOG: signed bins, larger in number, cells that overlap, a normaliser by the energy around. Such
-a dialect needs no code: a ``HOGSpec`` names its conventions, and everything works on it, derivatives and inversion
+A paper describes its own HOG: signed bins, larger in number, cells that overlap, a normaliser by the energy around.
+Such a dialect needs no code: a ``HOGSpec`` names its conventions, and everything works on it, derivatives and inversion
 included.
 """
 
@@ -62,7 +62,7 @@ print(spec.to_json()[:100], "…")
 torch.manual_seed(0)
 image = torch.rand(1, 3, 48, 48, dtype=torch.float64)
 direction, h = torch.randn_like(image), 1e-6
-_, along = torch.func.jvp(lambda x: nablahog.hog(x, spec).square().sum(), (image,), (direction,))
+along = torch.func.jvp(lambda x: nablahog.hog(x, spec).square().sum(), (image,), (direction,))[1]
 ahead, behind = (nablahog.hog(image + step * direction, spec).square().sum() for step in (h, -h))
 print(f"derivative {float(along):.6f}, central difference {float(ahead - behind) / (2 * h):.6f}")
 
@@ -96,7 +96,11 @@ plt.show()
 # orientation, each descriptor scaled to length 1: 0 if they are equal, √2 if they are orthogonal.
 
 pixels = torch.from_numpy(np.array(photograph)).permute(2, 0, 1)
-others = {"uoctti": nablahog.presets.uoctti(), "skimage": nablahog.presets.skimage(), "opencv": nablahog.presets.opencv()}
+others = {
+    "uoctti": nablahog.presets.uoctti(),
+    "skimage": nablahog.presets.skimage(),
+    "opencv": nablahog.presets.opencv(),
+}
 comparison = compare(pixels, {"mine": spec, **others})
 for pair in comparison.pairs:
     if "mine" in (pair.a, pair.b):

@@ -26,7 +26,12 @@ from nablahog.optimize.result import ObjectiveFunction
 
 
 def nesterov(
-    objective: ObjectiveFunction, start: Tensor, *, share: float = 0.9, first_step: float = 1.0, max_evaluations: int = 300
+    objective: ObjectiveFunction,
+    start: Tensor,
+    *,
+    share: float = 0.9,
+    first_step: float = 1.0,
+    max_evaluations: int = 300,
 ) -> Minimum:
     """Nesterov's accelerated gradient, (B, N) unknowns: the velocity v ← s·v − g, the displacement s·v − g."""
 
@@ -94,7 +99,10 @@ plt.show()
 # %%
 
 figure, panels = plt.subplots(3, 5, figsize=(9, 5.8), layout="constrained")
-columns = {"photograph": photographs[:, 0], **{name: m.x.sigmoid().reshape(-1, SIDE, SIDE) for name, m in minima.items()}}
+columns = {
+    "photograph": photographs[:, 0],
+    **{name: m.x.sigmoid().reshape(-1, SIDE, SIDE) for name, m in minima.items()},
+}
 for col, (name, images) in zip(panels.T, columns.items(), strict=True):
     for axes, picture in zip(col, images, strict=True):
         axes.imshow(picture, cmap="gray")
@@ -103,8 +111,8 @@ for col, (name, images) in zip(panels.T, columns.items(), strict=True):
 plt.show()
 
 # %%
-# All of them explain the descriptor, and all are grainy: from noise, over plain pixels, what the descriptor does not fix
-# stays noise. What ``reconstruct`` does about that: the page *How a pre-image is found*.
+# All of them explain the descriptor, and all are grainy: from noise, over plain pixels, what the descriptor does not
+# fix stays noise. What ``reconstruct`` does about that: :doc:`/reconstruction`.
 #
 # To use a rule in ``reconstruct``, by ``Search(minimiser="nesterov")``, put it into a file of
-# ``src/nablahog/optimize/`` and its name into ``minimisers.py``, as CONTRIBUTING.md says.
+# ``src/nablahog/optimize/`` and its name into ``minimisers.py``, as :doc:`/contributing` says.

@@ -66,5 +66,5 @@ plt.show()
 
 # %%
 # CC is the correlation of the pre-image with the gray photograph, and the distance is ‖φ(x) − d‖ / ‖d‖. dlib and DPM
-# leave out the outermost cells: what is within 8 pixels of the border is a guess. OpenCV's bins are unsigned: which side
-# of an edge is bright must be guessed, too.
+# leave out the outermost cells: what is within 8 pixels of the border is a guess. OpenCV's bins are unsigned: which
+# side of an edge is bright must be guessed, too.

@@ -2,11 +2,12 @@
 What is lost by unsigned orientation bins?
 ==========================================
 
-Unsigned bins put opposite gradients together: an edge from dark to bright and one from bright to dark are the same vote.
-Therefore a photograph and its negative have the same descriptor. How much harder is it to invert?
+Unsigned bins put opposite gradients together: an edge from dark to bright and one from bright to dark are the same
+vote. Therefore a photograph and its negative have the same descriptor. How much harder is it to invert?
 """
 
 from dataclasses import replace
+from typing import Literal
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -42,7 +43,7 @@ for name, spec in {"unsigned": unsigned, "signed": signed}.items():
 # -------------
 # With nothing learned, with the priors that come with the package, and with signed bins.
 
-settings = {
+settings: dict[str, tuple[nablahog.HOGSpec, Literal["default"] | None]] = {
     "unsigned": (unsigned, None),
     "unsigned, learned prior": (unsigned, "default"),
     "signed": (signed, None),
@@ -54,9 +55,7 @@ for row, image, name in zip(panels, images, PLACES, strict=True):
     row[0].set_title(name, fontsize=10)
 correlations, confidence = {}, None
 for col, (name, (spec, prior)) in enumerate(settings.items(), start=1):
-    result = nablahog.reconstruct(
-        nablahog.hog(images, spec), spec, (128, 128), prior=prior, quality="fast", seed=0
-    )
+    result = nablahog.reconstruct(nablahog.hog(images, spec), spec, (128, 128), prior=prior, quality="fast", seed=0)
     correlations[name] = [
         nablahog.metrics.cross_correlation(image[0], found[0])
         for image, found in zip(images, result.image, strict=True)

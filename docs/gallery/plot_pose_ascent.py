@@ -73,4 +73,5 @@ plt.show()
 
 # %%
 # Cyan where only the rendering is dark, red where only the goal is, gray where both agree. From an azimuth on the other
-# side the ascent would end at another maximum: see *Similarity and its gradient over 360° of azimuth*.
+# side the ascent would end at another maximum: see
+# :ref:`sphx_glr_auto_gallery_plot_pose_similarity.py`.

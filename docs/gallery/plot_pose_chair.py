@@ -3,12 +3,13 @@ The pose of a chair in a photograph
 ===================================
 
 Given: a photograph, a box around the object, and a CAD model of it. Wanted: from where the camera sees it.
-``estimate_pose`` searches the azimuth, elevation, in-plane rotation, distance and place at which a rendering of the model
-has the HOG most like the photograph's.
+``estimate_pose`` searches the azimuth, elevation, in-plane rotation, distance and place at which a rendering of the
+model has the HOG most like the photograph's.
 """
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.patches import Rectangle
 
 import nablahog
 from nablahog.datasets.scenes import scene
@@ -18,8 +19,8 @@ from nablahog.render import silhouette
 # %%
 # A scene whose pose is known
 # ---------------------------
-# A chair that a program makes is put before a photograph, with random light, colour, blur and noise. ``scene`` also gives
-# a box with the error of an annotation. Your own photograph is an array (H, W, 3) or a PIL image, the model is
+# A chair that a program makes is put before a photograph, with random light, colour, blur and noise. ``scene`` also
+# gives a box with the error of an annotation. Your own photograph is an array (H, W, 3) or a PIL image, the model is
 # ``nablahog.load_mesh("chair.obj")``.
 
 chairs = {f"chair {seed}": nablahog.datasets.chairs.chair(seed) for seed in range(6)}
@@ -51,7 +52,7 @@ figure, panels = plt.subplots(2, 3, figsize=(9, 6.3), layout="constrained")
 for (above, below), each, estimate in zip(panels.T, scenes, estimates, strict=True):
     above.imshow(each.image.permute(1, 2, 0))
     x0, y0, x1, y1 = each.box
-    above.add_patch(plt.Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, edgecolor="cyan", linewidth=1))
+    above.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, edgecolor="cyan", linewidth=1))
     inside = silhouette(chairs[each.model], estimate.pose, estimate.camera)
     above.contour(np.asarray(inside).reshape(inside.shape[-2:]), levels=[0.5], colors="red", linewidths=1.2)
     above.set_title(f"{each.model}, true azimuth {float(each.pose[0]):.0f}°", fontsize=10)

@@ -104,7 +104,10 @@ for _ in range(360):
     uphill = torch.stack([smooth[(ends + step) % 360] for step in (-1, 0, 1)]).argmax(0) - 1
     ends = (ends + uphill) % 360
 for end in sorted(set(ends.tolist())):
-    print(f"from {int((ends == end).sum()):3} of 360 azimuths the way uphill ends at {end}°, similarity {smooth[end]:.3f}")
+    print(
+        f"from {int((ends == end).sum()):3} of 360 azimuths the way uphill ends at {end}°, similarity {smooth[end]:.3f}"
+    )
 
 # %%
-# Several maxima: so a search begins at many azimuths. ``nablahog.estimate_pose`` does, see *The pose of a chair*.
+# Several maxima: so a search begins at many azimuths. ``nablahog.estimate_pose`` does, see
+# :ref:`sphx_glr_auto_gallery_plot_pose_chair.py`.

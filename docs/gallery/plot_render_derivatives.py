@@ -2,8 +2,8 @@
 Renderings with derivatives
 ===========================
 
-``nablahog.render`` draws a mesh at a pose. Its derivative by each of the six parameters of the pose is an image, too. Is
-it right? Central differences of a rendering with many samples a pixel tell.
+``nablahog.render`` draws a mesh at a pose. Its derivative by each of the six parameters of the pose is an image, too.
+Is it right? Central differences of a rendering with many samples a pixel tell.
 """
 
 import matplotlib.pyplot as plt
@@ -31,8 +31,8 @@ print(f"{len(mesh.vertices)} vertices, {len(mesh.faces)} faces; image {tuple(ren
 # Six derivatives
 # ---------------
 # Forward mode gives the derivative along one direction of the pose: here along each parameter. The reference is the
-# difference quotient of renderings with 16 · 16 samples a pixel, half a degree, 0.01 units or a quarter of a pixel ahead
-# and behind.
+# difference quotient of renderings with 16 · 16 samples a pixel, half a degree, 0.01 units or a quarter of a pixel
+# ahead and behind.
 
 steps = torch.tensor([0.5, 0.5, 0.01, 0.5, 0.25, 0.25], dtype=torch.float64)
 fine = nablahog.Renderer(mesh, camera, supersampling=16)
@@ -76,15 +76,16 @@ plt.show()
 #
 # Two ways to differentiate edges
 # -------------------------------
-# ``"edges"``, the default, differentiates the area that an edge covers in a pixel. ``"opendr"`` is the paper's renderer:
-# minus the image's own difference times the motion of what is seen. More samples a pixel make both better and slower.
+# ``"edges"``, the default, differentiates the area that an edge covers in a pixel. ``"opendr"`` is the paper's
+# renderer: minus the image's own difference times the motion of what is seen. More samples a pixel make both better and
+# slower.
 
 methods: tuple[Method, ...] = ("edges", "opendr")
 for method in methods:
     for samples in (1, 2, 4):
         other = nablahog.Renderer(mesh, camera, method=method, supersampling=samples)
-        cosine = cosine_similarity(along(other, 0).flatten(), difference(0).flatten(), dim=0)
-        print(f"{method:6} {samples} x {samples} samples a pixel: cosine {float(cosine):.3f} by azimuth")
+        of_both = cosine_similarity(along(other, 0).flatten(), difference(0).flatten(), dim=0)
+        print(f"{method:6} {samples} x {samples} samples a pixel: cosine {float(of_both):.3f} by azimuth")
 
 # %%
 # Reverse mode: a pose that fits

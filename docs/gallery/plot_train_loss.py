@@ -72,5 +72,5 @@ panels[3].legend(fontsize=8)
 plt.show()
 
 # %%
-# Each curve is a mean of squares: of the differences of thumbnails, of descriptor entries, and of pixels in 0…1. The last
-# one is not minimised; it falls because an image with these colours and these edges is much like the photograph.
+# Each curve is a mean of squares: of the differences of thumbnails, of descriptor entries, and of pixels in 0…1. The
+# last one is not minimised; it falls because an image with these colours and these edges is much like the photograph.

@@ -2,14 +2,15 @@
 MaskFeat: targets and predictions as pictures
 =============================================
 
-MaskFeat trains a network to predict the HOG of what it cannot see. Its targets are tokens: 196 rows of 108 numbers of an
-image of 224x224 pixels, 2x2 cells of 9 bins of 3 colours each. How do they become a picture, and what does a prediction
-look like?
+MaskFeat trains a network to predict the HOG of what it cannot see. Its targets are tokens: 196 rows of 108 numbers of
+an image of 224x224 pixels, 2x2 cells of 9 bins of 3 colours each. How do they become a picture, and what does a
+prediction look like?
 """
 
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
+from matplotlib.patches import Rectangle
 from PIL import Image
 from skimage import data
 from torch import Tensor, nn
@@ -41,7 +42,8 @@ print("the order of SlowFast's labels:", torch.equal(labels, tokens))
 # %%
 # Tokens as pictures
 # ------------------
-# ``from_layout`` folds tokens, of a network, too, into (rows, cols, channels), which ``glyphs`` and ``reconstruct`` take.
+# ``from_layout`` folds tokens, of a network, too, into (rows, cols, channels), which ``glyphs`` and ``reconstruct``
+# take.
 
 folded = nablahog.from_layout(tokens, spec, (224, 224))
 result = nablahog.reconstruct(folded, spec, (224, 224), prior="default", quality="fast", seed=0)
@@ -122,7 +124,9 @@ for _ in range(120):
     loss.backward()
     optimizer.step()
     losses.append(float(loss.detach()))
-print(f"mean squared error, means of 20 steps: {np.mean(losses[:20]):.4f} at first, {np.mean(losses[-20:]):.4f} at last")
+print(
+    f"mean squared error, means of 20 steps: {np.mean(losses[:20]):.4f} at first, {np.mean(losses[-20:]):.4f} at last"
+)
 print(f"of the mean token, for comparison: {float((labels - labels.mean((0, 1))).square().mean()):.4f}")
 
 # %%
@@ -136,7 +140,9 @@ mask = random_mask(1)
 with torch.no_grad():
     predicted = network(test / 255 - 0.5, mask).clamp(min=0)  # a HOG has no negative votes
 mixed = torch.where(mask[:, :, None], predicted, target)
-print(f"mean squared error of the masked tokens of this photograph: {float(mse_loss(predicted[mask], target[mask])):.4f}")
+print(
+    f"mean squared error of the masked tokens of this photograph: {float(mse_loss(predicted[mask], target[mask])):.4f}"
+)
 
 large = mask.reshape(GRID, GRID).repeat_interleave(16, 0).repeat_interleave(16, 1)
 seen = np.where(large[:, :, None], 128, test[0].permute(1, 2, 0).numpy())
@@ -151,7 +157,7 @@ for k, (part, title) in enumerate(((target, "targets"), (mixed, "predicted where
     panels[3 + k].imshow(result.image[0, 0], cmap="gray", vmin=0, vmax=1)
     panels[3 + k].set_title(f"pre-image, {'targets' if k == 0 else 'with predictions'}", fontsize=10)
 for y, x in (large.reshape(GRID, 16, GRID, 16)[:, 0, :, 0]).nonzero().tolist():
-    box = plt.Rectangle((32 * x, 32 * y), 32, 32, fill=False, edgecolor="orange", linewidth=1)
+    box = Rectangle((32 * x, 32 * y), 32, 32, fill=False, edgecolor="orange", linewidth=1)
     panels[2].add_patch(box)
 for axes in panels:
     axes.set_axis_off()
