@@ -7,7 +7,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault("PYDATA_SPHINX_THEME_NO_VERSION", "1")
+# scripts run beside each other, one for each core; threads that wait for each other would take the cores away
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "_ext"))
 
@@ -72,6 +74,7 @@ sphinx_gallery_conf: dict[str, Any] = {
     "examples_dirs": GALLERIES,
     "gallery_dirs": [f"auto_{name}" for name in GALLERIES],
     "filename_pattern": r"plot_",
+    "parallel": min(os.cpu_count() or 1, 4),
     "within_subsection_order": "FileNameSortKey",
     "doc_module": ("nablahog",),
     "backreferences_dir": "api/generated/backreferences",

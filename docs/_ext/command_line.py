@@ -69,7 +69,7 @@ def signature(action: argparse.Action, formatter: argparse.HelpFormatter) -> str
 
 def markup(text: str) -> str:
     """A help text as reStructuredText: what is between backticks, and names of options, as code."""
-    parts = re.split(r"`([^`]*)`|(?<!\S)(--?[a-z][a-z0-9-]*)", text)
+    parts = re.split(r"`([^`]*)`|(?<!\S)(--?[a-z][a-z0-9-]*(?:=[^\s,;]+)?)", text)
     parts = [part for part in parts if part is not None]
     marked = (f"``{part}``" if number % 2 else escaped(part) for number, part in enumerate(parts))
     return " ".join("".join(marked).split())

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
-from sphinx.addnodes import pending_xref
+from sphinx.addnodes import download_reference, pending_xref
 from sphinx.application import Sphinx
 from sphinx.transforms.post_transforms import SphinxPostTransform
 
@@ -20,11 +21,18 @@ PAGES = {
 
 
 class ToPages(SphinxPostTransform):
-    """Gives such a link the page as its target."""
+    """Gives such a link, or one to a script of the gallery, the page as its target."""
 
     default_priority = 8  # myst resolves links at 9
 
     def run(self, **kwargs: Any) -> None:
+        for node in list(self.document.findall(download_reference)):
+            script = re.fullmatch(r"(?:.*/)?(gallery|tutorials)/(plot_\w+)\.py", str(node.get("reftarget")))
+            if script and node.get("reftype") == "myst":
+                target = f"auto_{script[1]}/{script[2]}"
+                link = pending_xref("", *node.children, refdoc=node["refdoc"], reftype="myst", refexplicit=True)
+                link["refdomain"], link["reftarget"], link["reftargetid"] = "doc", target, None
+                node.replace_self(link)
         for node in self.document.findall(pending_xref):
             if node.get("reftype") == "myst":
                 target, _, anchor = str(node["reftarget"]).removesuffix(".md").partition(".md#")
