@@ -44,6 +44,9 @@ exclude_patterns = ["_ext", "_templates", "gallery", "tutorials", "avx2/*.json",
 nitpicky = True
 smartquotes = False  # quotes of Python stay straight
 
+# what the tables call the magnitude of a correlation; bars mean something else in reStructuredText
+rst_prolog = r".. |CC| replace:: \|CC\|"
+
 # ---- pages in Markdown
 myst_enable_extensions = ["colon_fence", "deflist", "attrs_block"]
 myst_heading_anchors = 4  # links such as kernels.md#the-first-call

@@ -6,6 +6,7 @@ import argparse
 import os
 import re
 from collections.abc import Iterator
+from pathlib import Path
 
 from docutils import nodes
 from docutils.statemachine import StringList
@@ -13,6 +14,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 from sphinx.util.nodes import nested_parse_with_titles
 
+from nablahog.cli.arguments import options
 from nablahog.cli.arguments.main import parser
 
 WIDTH = 72  # of the usage, in characters
@@ -22,6 +24,8 @@ class CommandLine(SphinxDirective):
     """A section for each command, with its usage, its arguments and its options."""
 
     def run(self) -> list[nodes.Node]:
+        for source in (*Path(options.__file__).parent.glob("*.py"), Path(__file__)):
+            self.env.note_dependency(str(source))
         os.environ["COLUMNS"] = str(WIDTH)  # where argparse looks for it
         section = nodes.section()
         section.document = self.state.document
