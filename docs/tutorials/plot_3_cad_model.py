@@ -128,7 +128,7 @@ def outline(axes: Axes, mesh: Mesh, estimate: nablahog.PoseEstimate, photograph:
 
 x0, y0, x1, y1 = (round(side) for side in one.box)
 spec = nablahog.presets.uoctti(cell_size=8)
-in_photograph = nablahog.Renderer(mesh, estimate.camera, supersampling=2)
+in_photograph = nablahog.Renderer(mesh, estimate.camera)
 
 
 def descriptors(images: Tensor) -> Tensor:
@@ -146,7 +146,7 @@ grid = figure.add_gridspec(2, 2, width_ratios=[1, 1.9], height_ratios=[3, 2])
 left, top, low = (figure.add_subplot(place) for place in (grid[:, 0], grid[0, 1], grid[1, 1]))
 outline(left, mesh, estimate, one.image)
 left.set_title(f"estimated azimuth {estimate.azimuth:.1f}°, true {truth[0, 0]:.0f}°", fontsize=10)
-for axes, values, label in ((top, similarities, "similarity, a cosine"), (low, derivatives, "derivative, per degree")):
+for axes, values, label in ((top, similarities, "similarity, a cosine"), (low, derivatives, "derivative, 1/°")):
     axes.plot(around.detach(), values.detach())
     axes.axvline(truth[0, 0], color="tab:red", label="true azimuth")
     axes.set(ylabel=label, xlim=(0, 360), xticks=range(0, 361, 45))
