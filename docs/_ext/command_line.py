@@ -51,7 +51,7 @@ def described(command: argparse.ArgumentParser, about: str, depth: int) -> Itera
     yield from (command.prog, "-~"[depth] * len(command.prog), "")
     yield from (f"*{escaped(about[:1].upper() + about[1:])}.*", "") if about else ()
     yield from (markup(command.description or ""), "", ".. code-block:: text", "")
-    yield from (f"   {line}" for line in command.format_usage().removeprefix("usage: ").splitlines())
+    yield from (f"   {line[len('usage: ') :]}" for line in command.format_usage().splitlines())
     yield from ("", f".. program:: {command.prog}", "")
     for action in command._actions:
         if isinstance(action, argparse._HelpAction) or action.help == argparse.SUPPRESS:

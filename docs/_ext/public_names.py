@@ -85,6 +85,7 @@ def resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, shown: nodes
     return None
 
 
+PAGE = re.compile(r"``docs/(\w+)\.md``")
 SEVERAL = re.compile(r"^( +)(\w+(?:, \w+)+): ")
 
 
@@ -92,9 +93,9 @@ def for_napoleon(app: Sphinx, what: str, name: str, of: Any, options: Options, l
     """Makes of a docstring what napoleon reads as it is meant.
 
     In "x, y: pixels" it would take x for a type, and in a property's "(H, W): of the image" what is before the colon.
-    Bars are those of mathematics.
+    Bars are those of mathematics, and pages of the documentation are linked.
     """
-    lines[:] = [line if line.lstrip()[:3] in (">>>", "...") else _bars(line) for line in lines]
+    lines[:] = [line if line.lstrip()[:3] in (">>>", "...") else _bars(PAGE.sub(r":doc:`/\1`", line)) for line in lines]
     if what in ("attribute", "data", "property") and lines:
         lines.insert(0, "\\ ")
     for number in reversed(range(len(lines))):
