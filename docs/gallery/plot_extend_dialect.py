@@ -7,6 +7,8 @@ Such a dialect needs no code: a ``HOGSpec`` names its conventions, and everythin
 included.
 """
 
+from dataclasses import replace
+
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
@@ -44,7 +46,7 @@ print(f"an image of 128x96 pixels has {spec.grid(128, 96)} cells of {spec.channe
 # Fields that contradict each other are an error in one sentence:
 
 try:
-    nablahog.HOGSpec.from_json(spec.to_json().replace('"largest"', '"separate"').replace('"cells"', '"blocks"'))
+    replace(spec, layout="blocks")
 except ValueError as error:
     print(error)
 
