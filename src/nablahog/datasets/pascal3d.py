@@ -110,6 +110,9 @@ def read_record(path: Path) -> list[Record]:
 
     If the distance is 0 or missing, the coarse viewpoint is used, as in the published code.
 
+    Args:
+        path: of the MATLAB file.
+
     Raises:
         FileNotFoundError: there is no such file.
         ValueError: it is no such record or is damaged.

@@ -40,7 +40,13 @@ class VOCObject:
 
 
 def check_voc(voc: Path) -> None:
-    """Raises FileNotFoundError unless ``voc`` has the three folders of VOC.
+    """Checks that ``voc`` has the three folders of VOC.
+
+    Args:
+        voc: the folder ``VOC2012``.
+
+    Raises:
+        FileNotFoundError: one of the three is missing.
 
     >>> from pathlib import Path
     >>> for name in ("Annotations", "ImageSets/Main", "JPEGImages"):
@@ -54,6 +60,11 @@ def check_voc(voc: Path) -> None:
 
 def read_image_ids(voc: Path, category: str, split: str) -> list[str]:
     """Reads the images of a split with a category: ``CATEGORY_SPLIT.txt``, or all of ``SPLIT.txt`` if it is missing.
+
+    Args:
+        voc: the folder ``VOC2012``.
+        category: as "chair".
+        split: as "val".
 
     Raises:
         FileNotFoundError: both are missing.
@@ -92,6 +103,9 @@ class _NoDocumentType(ElementTree.TreeBuilder):
 def read_annotation(path: Path) -> list[VOCObject]:
     """Reads the objects of an annotation file, in its order; their parts are ignored.
 
+    Args:
+        path: of the XML file.
+
     Raises:
         FileNotFoundError: there is no such file.
         ValueError: it is no such annotation, is damaged, has a document type, or is larger than :data:`MAX_BYTES`.
@@ -120,6 +134,12 @@ def read_annotation(path: Path) -> list[VOCObject]:
 
 def half_open(xmin: float, ymin: float, xmax: float, ymax: float) -> Box:
     """The box of PASCAL's numbers, which count pixels from 1 and include both ends.
+
+    Args:
+        xmin, ymin, xmax, ymax: as in an annotation, pixels from 1.
+
+    Returns:
+        x0, y0, x1, y1 from 0, without the pixels at x1 and y1.
 
     >>> nablahog.datasets.voc.half_open(1, 1, 500, 375)  # all of an image of 500x375 pixels
     Box(x0=0, y0=0, x1=500, y1=375)

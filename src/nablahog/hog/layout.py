@@ -43,6 +43,14 @@ def to_layout(descriptor: Descriptors, spec: HOGSpec | str) -> Descriptors:
     the same in one row; ``"opencv-vector"``, in one row, too, but column by column of blocks, and in a block column by
     column of cells.  The spec may be the name of a preset with its defaults.
 
+    Args:
+        descriptor: (B, rows, cols, channels), a tensor, or an array, which may lack B.
+        spec: the dialect, or the name of a preset with its defaults.
+
+    Returns:
+        Of the kind and dtype of ``descriptor``, in the shape above; entries are moved, not changed, so that it is
+        differentiable.
+
     Raises:
         ValueError: in the layout of patches, rows or columns are odd; there is no such preset.
 
@@ -79,6 +87,9 @@ def from_layout(native: Descriptors, spec: HOGSpec | str, image_size: tuple[int,
         native: B in front of the library's own shape, or of its entries in one row; an array also without B.
         spec: the dialect, or the name of a preset with its defaults.
         image_size: (height, width) of the images.
+
+    Returns:
+        (B, rows, cols, channels), of the kind and dtype of ``native``; differentiable.
 
     Raises:
         ValueError: the shape is none of the spec's for images of that size; there is no such preset.

@@ -80,6 +80,9 @@ def scale_descriptors(image: Tensor, spec: HOGSpec | str, scales: Sequence[int] 
         spec: the dialect, or the name of a preset with its defaults.
         scales: as of :func:`reconstruct_multiscale`.
 
+    Returns:
+        One descriptor for each scale, in the order of ``scales``; differentiable by ``image``.
+
     Raises:
         ValueError: a scale does not exist for this size; there is no such preset.
 

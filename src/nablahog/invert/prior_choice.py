@@ -33,6 +33,9 @@ def default_prior_file(spec: HOGSpec | str) -> Path | None:
 def default_prior(spec: HOGSpec | str) -> LearnedPrior:
     """The prior that comes with the package for descriptors of ``spec``.
 
+    Args:
+        spec: the dialect, or the name of a preset with its defaults.
+
     Raises:
         ValueError: there is no such preset, or no prior for it.
         FileNotFoundError: the package was installed without its priors.

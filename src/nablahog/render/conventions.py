@@ -62,6 +62,10 @@ def from_pascal3d(view: Pascal3D, height: int, width: int) -> tuple[Tensor, Came
     distance by the diagonal of the model's bounding box.  For a part of a photograph, subtract its left and upper edge
     from px and py.
 
+    Args:
+        view: the annotation; angles in degrees, px and py in pixels from 1.
+        height, width: of the image, pixels.
+
     Raises:
         ValueError: a number is not finite, or the distance or the focal length is not above 0: coarse viewpoints have
             none.
@@ -80,6 +84,10 @@ def from_pascal3d(view: Pascal3D, height: int, width: int) -> tuple[Tensor, Came
 
 def to_pascal3d(pose: Tensor, camera: Camera) -> Pascal3D:
     """The annotation from which :func:`from_pascal3d` makes ``pose`` (1, 6) and ``camera``.
+
+    Args:
+        pose: (1, 6), degrees.
+        camera: of the image.
 
     Raises:
         ValueError: ``pose`` is no finite (1, 6) tensor with a distance above 0.
@@ -145,6 +153,10 @@ def from_pytorch3d(
 def to_pytorch3d(poses: Tensor, camera: Camera) -> tuple[Tensor, Tensor, float]:
     """R (B, 3, 3), T (B, 3), both float64, and fov in degrees: what :func:`from_pytorch3d` takes.
 
+    Args:
+        poses: (B, 6), degrees.
+        camera: of the images.
+
     Raises:
         ValueError: ``poses`` is no finite (B, 6) tensor with distances above 0, or its x and y are not 0, which this
             camera cannot express.
@@ -193,6 +205,9 @@ def from_seeing3d(
 
 def to_seeing3d(poses: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """θ and φ in degrees, and ρ, all (B,) and float64.
+
+    Args:
+        poses: (B, 6), degrees.
 
     Raises:
         ValueError: ``poses`` is no finite (B, 6) tensor with distances above 0, or its theta, x or y is not 0.
