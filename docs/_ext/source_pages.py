@@ -11,7 +11,6 @@ from typing import Any
 
 from docutils import nodes
 from sphinx.application import Sphinx
-from sphinx.environment import BuildEnvironment
 
 BACK = re.compile(r'api/generated/(?P<page>[\w.]+)\.html#(?P<place>[\w.]+)"')
 
@@ -27,15 +26,16 @@ def _back(link: re.Match[str]) -> str:
     return f'api/generated/{page}.html#{place if place.startswith(page) else page}"'
 
 
-def without_missing(app: Sphinx, env: BuildEnvironment) -> None:
-    """Forgets modules without a source file, which the index would list all the same."""
-    found = getattr(env, "_viewcode_modules", {})
-    for name in [name for name, entry in found.items() if not entry]:
-        del found[name]
+def without_missing(app: Sphinx) -> list[tuple[str, dict[str, Any], str]]:
+    """Forgets modules without a source file, which the index would list all the same; no pages of its own."""
+    modules = getattr(app.env, "_viewcode_modules", {})
+    for name in [name for name, entry in modules.items() if not entry]:
+        del modules[name]
+    return []
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Called by Sphinx."""
     app.connect("html-page-context", whole_names)
-    app.connect("env-check-consistency", without_missing)
+    app.connect("html-collect-pages", without_missing, priority=400)  # viewcode has 500
     return {"parallel_read_safe": True, "parallel_write_safe": True}
