@@ -24,11 +24,11 @@ from pathlib import Path
 import numpy as np
 import torch
 from PIL import Image
-from resume import descendants
 
 import nablahog
 from nablahog.io.descriptor_dataset import DescriptorDataset
 from nablahog.io.images import read_image
+from resume import descendants
 
 SIDE = 128
 A_FOLDER = 10_000

@@ -45,9 +45,9 @@ class Busy:
         return JobResult([{"began": began, "ended": time.time()}], np.zeros((1, 1), np.uint8), self.seconds)
 
 
-def efficiency(run: Callable[[Sequence[Work]], Iterator[Any]], seconds: float, count: int, workers: int) -> float:
+def efficiency(run: Callable[[Sequence[Work[JobResult]]], Iterator[Any]], seconds: float, count: int, workers: int) -> float:
     """Seconds of computing, over those of all workers from the first job's beginning to the last one's end."""
-    jobs: list[Work] = [Busy(seconds, number) for number in range(count)]
+    jobs: list[Work[JobResult]] = [Busy(seconds, number) for number in range(count)]
     figures = [outcome.figures[0] for _, outcome in run(jobs)]
     elapsed: float = max(each["ended"] for each in figures) - min(each["began"] for each in figures)
     return count * seconds / (workers * elapsed)
@@ -73,12 +73,12 @@ def main() -> None:
     parser.add_argument("--workers", type=int, nargs="*", default=[1, 2])
     parser.add_argument("--scheduler", type=int, nargs="*", default=[1, 8, 64, 256])
     options = parser.parse_args()
-    print("| seconds of a job | workers | processes | Dask |\n|---:|---:|---:|---:|")
+    print("| seconds of a job | workers | processes | Dask | ratio |\n|---:|---:|---:|---:|---:|")
     for workers, seconds in itertools.product(options.workers, SECONDS):
         count = max(20, round(options.seconds * workers / seconds))
         ours = efficiency(partial(run_jobs, workers=workers), seconds, count, workers)
         dask = efficiency(partial(run_on_cluster, cluster=f"local:{workers}"), seconds, count, workers)
-        print(f"| {seconds:g} | {workers} | {ours:.3f} | {dask:.3f} |", flush=True)
+        print(f"| {seconds:g} | {workers} | {ours:.3f} | {dask:.3f} | {dask / ours:.3f} |", flush=True)
     print("\n| workers | tasks a second | workers kept busy by chunks |\n|---:|---:|---:|")
     for workers in options.scheduler:
         rate = tasks_a_second(workers, 2000)

@@ -3,10 +3,10 @@
     python benchmarks/cluster_scale.py [--workers 10 100 300 1000] [--seconds 0.5 2 5] [--time 30]
 
 Workers are Dask's own, many to a process, and a job sleeps, so that it takes a thread and no processor: what is
-measured is what the scheduler, the client and the network between them take.  Efficiency: seconds of sleeping, over those
-of all workers from the first job's beginning to the last one's end.  The processor seconds of the scheduler and of the
-client are those of their processes, for a chunk; neither uses more than one core, so their inverse bounds the chunks a
-second.
+measured is what the scheduler, the client and the network between them take.  Efficiency: seconds of sleeping, over
+those of all workers from the first job's beginning to the last one's end.  The processor seconds of the scheduler and
+of the client are those of their processes, for a chunk; neither uses more than one core, so their inverse bounds the
+chunks a second.
 """
 
 from __future__ import annotations

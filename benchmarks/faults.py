@@ -33,7 +33,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -161,9 +161,8 @@ class Cluster:
         while True:
             time.sleep(0.5)
             with self.lock:
-                scheduler, *workers = self.processes or [None]
-                if scheduler and scheduler.poll() is None and workers and workers[0].poll() is not None:
-                    self.processes.remove(workers[0])
+                if [process.poll() is None for process in self.processes] == [True, False]:
+                    self.processes.pop()
                     self._start_workers()
 
     def end(self) -> None:
@@ -351,7 +350,7 @@ def _disk(command: Command, cluster: Cluster, out: Path, tally: Tally) -> None:
 
 
 @contextmanager
-def mounted(folder: Path, size: str) -> Iterator[object]:
+def mounted(folder: Path, size: str) -> Iterator[Callable[[], object]]:
     """A small file system, and a function that makes it large."""
     options = f"size={size}"
     subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)], check=True)
