@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from distributed import Client, LocalCluster, wait
@@ -25,6 +25,8 @@ from distributed import Client, LocalCluster, wait
 from nablahog.jobs.cluster import CHUNK_SECONDS, run_on_cluster
 from nablahog.jobs.runner import run_jobs
 from nablahog.jobs.store import JobResult, Work
+
+Runner: TypeAlias = Callable[[Sequence[Work[JobResult]]], Iterator[Any]]
 
 SECONDS = (0.001, 0.01, 0.1, 0.5)  # of a job
 SHARE = 0.9  # efficiency that is wanted
@@ -45,7 +47,7 @@ class Busy:
         return JobResult([{"began": began, "ended": time.time()}], np.zeros((1, 1), np.uint8), self.seconds)
 
 
-def efficiency(run: Callable[[Sequence[Work[JobResult]]], Iterator[Any]], seconds: float, count: int, workers: int) -> float:
+def efficiency(run: Runner, seconds: float, count: int, workers: int) -> float:
     """Seconds of computing, over those of all workers from the first job's beginning to the last one's end."""
     jobs: list[Work[JobResult]] = [Busy(seconds, number) for number in range(count)]
     figures = [outcome.figures[0] for _, outcome in run(jobs)]
