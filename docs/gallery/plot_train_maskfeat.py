@@ -21,9 +21,9 @@ import nablahog
 # %%
 # Targets
 # -------
-# ``patches=True`` makes the layout that of MaskFeat's targets.
+# ``layout="tokens"`` is the layout of MaskFeat's targets.
 
-spec = nablahog.presets.maskfeat(patches=True)
+spec = nablahog.presets.maskfeat(layout="tokens")
 photograph = np.array(Image.fromarray(data.chelsea()).crop((60, 10, 340, 290)).resize((224, 224)))
 image = torch.from_numpy(photograph).permute(2, 0, 1)[None]  # (1, 3, 224, 224)
 tokens = nablahog.hog(image, spec, layout="native")
