@@ -43,7 +43,8 @@ RECOUNT = 5.0  # seconds
 MOST_IN_CHUNK = 1000
 AHEAD = 2  # chunks for each thread of the cluster, so that none waits for this process
 DEATHS = 2  # of processes of this machine, with the same task, until it fails: as without Dask
-PATIENCE = 60.0  # seconds to wait for a scheduler, and for a worker
+CONNECT = 20.0  # seconds to wait for a scheduler, at first and when it is lost
+PATIENCE = 60.0  # seconds to wait for a worker
 PLUGIN = "nablahog-files"
 LOST = (CommClosedError, FutureCancelledError, CancelledError)  # what Dask raises when its scheduler has gone
 
@@ -209,17 +210,17 @@ def _connected(cluster: str) -> Iterator[Client]:
             LocalCluster(
                 n_workers=workers, threads_per_worker=1, dashboard_address="127.0.0.1:0", silence_logs=50
             ) as local,
-            Client(local, timeout=PATIENCE) as client,
+            Client(local, timeout=CONNECT) as client,
         ):
             yield client
 
 
 def _client(kind: Callable[..., Client], cluster: str) -> Client:
     if re.fullmatch(r"[a-z]+://\S+", cluster):
-        return kind(cluster, timeout=PATIENCE)
+        return kind(cluster, timeout=CONNECT)
     if not Path(cluster).is_file():
         raise ValueError("expected local, local:N, an address such as tcp://HOST:8786, or a scheduler's file")
-    return kind(scheduler_file=cluster, timeout=PATIENCE)
+    return kind(scheduler_file=cluster, timeout=CONNECT)
 
 
 @contextmanager
