@@ -30,6 +30,12 @@ class BlockNorm(Normalizer):
         epsilon_again: ε₂ of L2-Hys, without unit.
         epsilon_outside_root: whether ε and ε₂ are added to the root of L2 and L2-Hys, √Σv² + ε, as in OpenCV.
         clip: of L2-Hys.
+
+    >>> from dataclasses import replace
+    >>> from nablahog.hog import BlockNorm
+    >>> spec = replace(nablahog.presets.paper(), normalizer=BlockNorm(block=(2, 2)))
+    >>> nablahog.hog(torch.rand(1, 1, 32, 32), spec).shape  # 3x3 blocks of 2x2 cells of 9 bins
+    torch.Size([1, 3, 3, 36])
     """
 
     block: tuple[int, int]

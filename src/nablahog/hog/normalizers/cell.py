@@ -19,6 +19,12 @@ class CellNorm(PerCell):
 
     Attributes:
         epsilon: ε, in votes at the spec's ``value_range``.
+
+    >>> from dataclasses import replace
+    >>> from nablahog.hog import CellNorm
+    >>> spec = replace(nablahog.presets.paper(), normalizer=CellNorm())
+    >>> nablahog.hog(torch.rand(1, 1, 32, 32), spec).norm(dim=3).min().round(decimals=3)  # each cell has length 1
+    tensor(1.)
     """
 
     epsilon: float = 1e-12

@@ -49,6 +49,12 @@ class FourBlockNorm(Normalizer):
         outside: blocks that reach beyond the grid.  ``"repeat"``: cells there repeat the edge; ``"drop"``: the
             outermost cells, which lie in them, are not part of the descriptor; ``"missing"``: they add nothing.
         floor: a block divides by √(energy + ε); if true, by √energy, but at least by ε.
+
+    >>> from dataclasses import replace
+    >>> from nablahog.hog import FourBlockNorm
+    >>> spec = replace(nablahog.presets.uoctti(), normalizer=FourBlockNorm(parts=("directed",)))
+    >>> nablahog.hog(torch.rand(1, 1, 32, 32), spec).shape
+    torch.Size([1, 4, 4, 18])
     """
 
     epsilon: float = 1e-4

@@ -24,6 +24,12 @@ class GlobalNorm(PerCell):
         epsilon: the small positive constant ε, in units of votes on images of the spec's ``value_range``.
         form: ``"printed"`` is v / √(‖v‖ + ε), letter by letter what Eq. 7 says; ``"robust"`` is v / √(‖v‖² + ε²),
             Dalal and Triggs's L2-norm, which the paper's prose names.
+
+    >>> from dataclasses import replace
+    >>> from nablahog.hog import GlobalNorm
+    >>> spec = replace(nablahog.presets.paper(), normalizer=GlobalNorm(form="robust"))
+    >>> round(float(nablahog.hog(torch.rand(1, 1, 32, 32), spec).norm()), 3)  # the whole descriptor has length 1
+    1.0
     """
 
     epsilon: float = 1e-5

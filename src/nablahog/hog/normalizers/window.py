@@ -24,6 +24,12 @@ class WindowNorm(PerCell):
     Attributes:
         sigma: σ, in cells.
         epsilon: ε, in votes at the spec's ``value_range``.
+
+    >>> from dataclasses import replace
+    >>> from nablahog.hog import WindowNorm
+    >>> spec = replace(nablahog.presets.paper(), normalizer=WindowNorm(sigma=1.0))
+    >>> nablahog.hog(torch.rand(1, 1, 32, 32), spec).shape
+    torch.Size([1, 4, 4, 9])
     """
 
     sigma: float = 1.0
