@@ -17,6 +17,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -124,7 +125,7 @@ def measure_hog(report: dict[str, Any]) -> None:
                 calls: dict[str, Callable[[], Any]] = {}
                 for program, describe in programs(spec).items():
                     whole = with_backward(describe) if backward else describe
-                    calls[program] = lambda whole=whole, images=images: whole(images)
+                    calls[program] = partial(whole, images)
                 if not backward:
                     calls["Triton, CUDA graph"] = captured(programs(spec)["Triton"], images)
                 try:
@@ -159,10 +160,10 @@ def measure_opencv() -> None:
         print("\nOpenCV here has no HOG for CUDA: not measured")
         return
     for side in (128, 512, 4096):
-        image = cv2.cuda_GpuMat()
+        image = getattr(cv2, "cuda_GpuMat")()  # noqa: B009  (a build without CUDA has neither)
         image.upload((torch.rand(side, side) * 255).byte().numpy())
-        window = cv2.cuda.HOG_create((side, side), (16, 16), (8, 8), (8, 8), 9)
-        times = milliseconds({"OpenCV": lambda window=window, image=image: window.compute(image)})["OpenCV"]
+        window = getattr(cv2.cuda, "HOG_create")((side, side), (16, 16), (8, 8), (8, 8), 9)  # noqa: B009
+        times = milliseconds({"OpenCV": partial(window.compute, image)})["OpenCV"]
         print(f"\nOpenCV's cv2.cuda.HOG, one image of {side}², uint8: {cell(summary(times))} ms")
 
 

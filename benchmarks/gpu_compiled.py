@@ -69,7 +69,7 @@ class NoDevice:
         return self.target
 
     def get_current_device(self) -> int:
-        return self.target.arch  # caches of compiled kernels are by device
+        return int(self.target.arch)  # caches of compiled kernels are by device
 
     def get_current_stream(self, device: int) -> int:
         return 0
