@@ -26,6 +26,7 @@ from pathlib import Path
 from nablahog.jobs import cluster
 
 HOSTED = 125  # workers of a process
+UNWATCHED = {"distributed.worker.profile.enabled": False, "distributed.admin.system-monitor.interval": "1 day"}
 TICKS = os.sysconf("SC_CLK_TCK")
 
 
@@ -45,8 +46,11 @@ class Sleep:
 
 async def host(file: str, count: int) -> None:
     """Runs workers in this process until it is killed."""
+    import dask
     from distributed import Worker
 
+    # what each of them does beside its jobs, on a core of its own elsewhere, would take all of this machine
+    dask.config.set(UNWATCHED)
     workers = [Worker(scheduler_file=file, nthreads=1, memory_limit=0, dashboard=False) for _ in range(count)]
     await asyncio.gather(*workers)
     await asyncio.gather(*(worker.finished() for worker in workers))
@@ -92,7 +96,7 @@ def scheduler(workers: int) -> Iterator[tuple[str, int]]:
             from distributed import Client
 
             with Client(scheduler_file=str(file), timeout=60) as client:
-                client.wait_for_workers(workers, timeout=300)
+                client.wait_for_workers(workers, timeout=1200)
             yield str(file), processes[0].pid
         finally:
             for process in processes:

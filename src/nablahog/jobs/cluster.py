@@ -38,7 +38,7 @@ R = TypeVar("R")
 logger = logging.getLogger(__name__)
 
 CHUNK_SECONDS = 0.5  # or more, on so many threads that the scheduler would have more than
-CHUNKS_A_SECOND = 200.0
+CHUNKS_A_SECOND = 100.0
 RECOUNT = 5.0  # seconds
 MOST_IN_CHUNK = 1000
 AHEAD = 2  # chunks for each thread of the cluster, so that none waits for this process
