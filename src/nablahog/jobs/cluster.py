@@ -8,6 +8,7 @@ is known which one is to blame.
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import math
 import re
@@ -16,6 +17,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
@@ -192,8 +194,8 @@ def _connected(cluster: str) -> Iterator[Client]:
     with dask.config.set(failures), silence_logging_cmgr(logging.CRITICAL):
         if match is None:
             try:
-                client = _client(Client, cluster)
-            except (OSError, ValueError) as error:
+                client = _client(cluster)
+            except (OSError, TimeoutError, asyncio.TimeoutError, ValueError) as error:
                 raise ChildProcessError(f"there is no Dask scheduler at {cluster}: {error}") from None
             with client:
                 try:
@@ -215,12 +217,24 @@ def _connected(cluster: str) -> Iterator[Client]:
             yield client
 
 
-def _client(kind: Callable[..., Client], cluster: str) -> Client:
+class _Client(Client):
+    """A client that does not wait for ever for a scheduler that dies while they connect."""
+
+    def start(self, **options: Any) -> None:
+        """As of Dask, which limits the time of each step, but not that of all of them."""
+        self._loop_runner.start()
+        self.sync(self._start, callback_timeout=2 * CONNECT, **options)  # type: ignore[no-untyped-call]
+
+
+_new_client: Callable[..., Client] = partial(_Client, timeout=CONNECT, set_as_default=False)
+
+
+def _client(cluster: str) -> Client:
     if re.fullmatch(r"[a-z]+://\S+", cluster):
-        return kind(cluster, timeout=CONNECT)
+        return _new_client(cluster)
     if not Path(cluster).is_file():
         raise ValueError("expected local, local:N, an address such as tcp://HOST:8786, or a scheduler's file")
-    return kind(scheduler_file=cluster, timeout=CONNECT)
+    return _new_client(scheduler_file=cluster)
 
 
 @contextmanager
