@@ -49,7 +49,7 @@ IMAGES = {"table1": 20, "hog": 300}
 MEMORY = 1300  # megabytes of a worker
 FULL, ENOUGH = {"table1": "150k", "table2": "60k", "hog": "1500k"}, "200m"
 LONGEST = 1800.0  # seconds of a run; more is an error
-POISONED = 15  # one in so many jobs
+POISONED = 10  # one in so many jobs
 PRELOAD = """
 import hashlib, os, pickle, signal, sys, threading, time
 from pathlib import Path
