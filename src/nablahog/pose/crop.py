@@ -53,6 +53,25 @@ class ObjectCrop:
             Box(*(side / factor for side in self.valid)),
         )
 
+    def converted(self, pose: Tensor, other: ObjectCrop) -> Tensor:
+        """A pose (6,) for this crop as one for another of the same photograph, whose lens has the same focal length."""
+        moved = pose.clone()
+        for axis in (0, 1):
+            place = pose[4 + axis] / self.zoom + self.middle[axis]
+            moved[4 + axis] = (place - other.middle[axis]) * other.zoom
+        return moved
+
+    @property
+    def centred_box(self) -> Box:
+        """The object's, from the middle of the crop, pixels."""
+        width, height = self.size
+        return Box(-width / 2, -height / 2, width / 2, height / 2)
+
+    @property
+    def focal(self) -> float:
+        """Focal length of the photograph's camera, pixels of the photograph."""
+        return self.camera.focal / self.zoom
+
     def in_photograph(self, pose: Tensor, height: int, width: int) -> tuple[Tensor, Camera]:
         """A pose (6,) for this crop as one for the whole photograph of ``height`` x ``width``, with its camera."""
         moved = pose.clone()
@@ -60,6 +79,11 @@ class ObjectCrop:
         moved[4] = pose[4] / self.zoom + x - width / 2
         moved[5] = pose[5] / self.zoom + y - height / 2
         return moved, Camera(self.camera.focal / self.zoom, height, width)
+
+
+def typical_camera(side: int = SIDE, fill: float = FILL) -> Camera:
+    """The camera that sees an object at :data:`DISTANCE` fill ``fill`` of ``side`` pixels."""
+    return Camera(DISTANCE * fill / _TYPICAL_EXTENT, side, side)
 
 
 def downsampled(camera: Camera, factor: int) -> Camera:
@@ -82,7 +106,11 @@ def checked_box(sides: Sequence[float], height: int, width: int) -> Box:
 
 
 def crop_object(
-    photograph: Tensor, box: Sequence[float] | None = None, side: int = SIDE, fill: float = FILL
+    photograph: Tensor,
+    box: Sequence[float] | None = None,
+    side: int = SIDE,
+    fill: float = FILL,
+    focal: float | None = None,
 ) -> ObjectCrop:
     """The square of ``side`` pixels around a box, shrunk or enlarged so that the box's longer side has ``fill``.
 
@@ -91,11 +119,13 @@ def crop_object(
         box: x0, y0, x1, y1 of the object, pixels; by default the whole photograph.
         side: of the crop, pixels.
         fill: of the box's longer side, pixels.
+        focal: focal length of the photograph's camera, pixels; by default such that an object that fills the box is
+            seen from :data:`DISTANCE`.
 
     Raises:
         ValueError: the photograph is of another shape, holds NaN, or the box is empty or beside it.
     """
-    _check_photograph(photograph)
+    check_photograph(photograph)
     height, width = photograph.shape[1:]
     object_box = checked_box((0, 0, width, height) if box is None else box, height, width)
     zoom = fill / max(object_box.width, object_box.height)
@@ -105,11 +135,12 @@ def crop_object(
         (zoom * (0 - at) + side / 2, zoom * (length - at) + side / 2)
         for at, length in zip(middle, (width, height), strict=True)
     )
-    camera = Camera(DISTANCE * fill / _TYPICAL_EXTENT, side, side)
-    return ObjectCrop(_resampled(photograph, middle, zoom, side), size, zoom, middle, camera, Box(x0, y0, x1, y1))
+    camera = typical_camera(side, fill) if focal is None else Camera(focal * zoom, side, side)
+    return ObjectCrop(resampled(photograph, middle, zoom, side), size, zoom, middle, camera, Box(x0, y0, x1, y1))
 
 
-def _check_photograph(photograph: Tensor) -> None:
+def check_photograph(photograph: Tensor) -> None:
+    """Raises ValueError unless it is a finite floating point tensor (1 or 3, H, W)."""
     if photograph.dim() != 3 or photograph.shape[0] not in (1, 3) or not photograph.is_floating_point():
         raise ValueError(
             f"the photograph must be a floating point tensor (1 or 3, H, W), "
@@ -120,7 +151,7 @@ def _check_photograph(photograph: Tensor) -> None:
         raise ValueError("the photograph must be finite, got NaN or Inf")
 
 
-def _resampled(photograph: Tensor, middle: tuple[float, float], zoom: float, side: int) -> Tensor:
+def resampled(photograph: Tensor, middle: tuple[float, float], zoom: float, side: int) -> Tensor:
     """The square (1, 1, side, side) around ``middle``, gray, without aliasing; the photograph's border repeats."""
     height, width = photograph.shape[1:]
     sigma = 0.5 * math.sqrt(max(0.0, 1 / zoom**2 - 1))
@@ -130,7 +161,7 @@ def _resampled(photograph: Tensor, middle: tuple[float, float], zoom: float, sid
     cols = torch.arange(left, left + 2 * reach + 1).clamp(0, width - 1)
     part = gray(photograph[:, rows][:, :, cols][None].float())
     if sigma > 0:
-        part = _blurred(part, sigma)
+        part = blurred(part, sigma)
     at = (torch.arange(side) + 0.5 - side / 2) / zoom
     x, y = ((at + m - start) / (2 * reach + 1) * 2 - 1 for m, start in zip(middle, (left, top), strict=True))
     grid = torch.stack(torch.meshgrid(y, x, indexing="ij")[::-1], dim=-1)[None].float()
@@ -138,7 +169,8 @@ def _resampled(photograph: Tensor, middle: tuple[float, float], zoom: float, sid
     return image.clamp(0, 1)
 
 
-def _blurred(image: Tensor, sigma: float) -> Tensor:
+def blurred(image: Tensor, sigma: float) -> Tensor:
+    """An image (1, 1, H, W) blurred by a Gaussian of ``sigma`` > 0 pixels; its border repeats."""
     reach = max(1, math.ceil(3 * sigma))
     taps = torch.exp(-0.5 * (torch.arange(-reach, reach + 1) / sigma) ** 2)
     taps = taps / taps.sum()

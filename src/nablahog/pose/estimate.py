@@ -14,19 +14,28 @@ from typing import get_args
 import torch
 from torch import Tensor
 
+from ..hog.box import Box
 from ..hog.inputs import ArrayImage, image_batch
 from ..render import Camera, Mesh
 from ..render.renderer import Method
 from .ascent import momentum_ascent
 from .coarse_to_fine import coarse_to_fine
-from .crop import crop_object
+from .confidence import confidence
+from .crop import check_photograph, crop_object, typical_camera
+from .detection import find_places
 from .options import Ascent, SearchMethod, SimilarityKind
 from .placement import equidistant_azimuths
-from .prepared import DETAIL, PreparedPhotograph, prepared_model
-from .problem import ELEVATIONS, PoseProblem, SearchResult, SearchTrace
+from .prepared import DETAIL, PreparedModel, PreparedPhotograph, coarse_background, prepared_model
+from .problem import ELEVATIONS, PoseProblem, RunnerUp, SearchResult, SearchTrace
+from .views import VIEW_COUNT
 from .whitening import Background
 
 EVERY_DEGREE = 360
+_NEIGHBOURS = 8  # views next to one of 48 that may look otherwise, and yet all do
+PLACES = 6  # of an object without a box, that are looked at closely
+DETECTED_FROM = (0.0, 20.0, 40.0, 65.0)  # degrees of elevation, where nothing is known of it
+DETECTED_TILTS = (-30.0, 0.0, 30.0)  # degrees, likewise
+UPRIGHT = (0.0,)
 PAPER_STARTS = 8  # azimuths all around, beside the initial one
 LEARNING_RATE = 2.0  # of the paper's methods
 PAPER_RENDERERS: dict[SearchMethod, tuple[Method, int]] = {"paper": ("opendr", 1), "paper-edges": ("edges", 2)}
@@ -51,6 +60,11 @@ class PoseEstimate:
         similarity_kind: ``"patches"``, ``"whitened"`` or ``"calibrated"``, see :mod:`.similarity`; a calibrated one is
             in standard deviations over photographs of anything, the others have no unit.
         crop_pose: (6,), float64: the same pose for the object's crop, see :func:`.crop.crop_object`.
+        box: of the object, pixels: the one given, or the one where it was found.
+        confidence: probability that the azimuth is within 15°, in 0…1, see :mod:`.confidence`; None for similarities
+            other than ``"calibrated"`` and methods other than ``"best"``.
+        equivalent_azimuths: others from which the model looks the same, degrees; see :attr:`any_azimuth`.
+        runners_up: the best poses from other sides, as those of ``camera``, the best first.
         renderings: compared with the photograph, cached views included.
         traces: of the searches from all starts; empty for ``"exhaustive"``.
 
@@ -75,16 +89,27 @@ class PoseEstimate:
     similarity_kind: SimilarityKind
     crop_pose: Tensor
     renderings: int
+    box: Box
     traces: tuple[SearchTrace, ...] = ()
+    confidence: float | None = None
+    equivalent_azimuths: tuple[float, ...] = ()
+    runners_up: tuple[RunnerUp, ...] = ()
 
     def __repr__(self) -> str:
         """Pose and figures, not the camera or the search."""
         model = f", model {self.model}" if self.model else ""
+        sure = "" if self.confidence is None else f", confidence {self.confidence:.2f}"
+        azimuth = "any" if self.any_azimuth else f"{self.azimuth:.1f}°"
         return (
-            f"<PoseEstimate azimuth {self.azimuth:.1f}°, elevation {self.elevation:.1f}°, theta {self.theta:.1f}°, "
+            f"<PoseEstimate azimuth {azimuth}, elevation {self.elevation:.1f}°, theta {self.theta:.1f}°, "
             f"distance {self.distance:.2f}, x {self.x:.1f}, y {self.y:.1f}{model}, "
-            f"{self.similarity_kind} similarity {self.similarity:.3g}, {self.renderings} renderings>"
+            f"{self.similarity_kind} similarity {self.similarity:.3g}{sure}, {self.renderings} renderings>"
         )
+
+    @property
+    def any_azimuth(self) -> bool:
+        """Whether the model looks the same from all around, as a bottle does: no photograph tells its azimuth."""
+        return len(self.equivalent_azimuths) >= VIEW_COUNT - _NEIGHBOURS
 
     @property
     def pose(self) -> Tensor:
@@ -116,8 +141,10 @@ def estimate_pose(
         photograph: (C, H, W), float32 or float64 in 0…1, one channel or R, G, B; or an array (H, W) or (H, W, C), or
             a PIL image.
         models: normalised meshes by name, or one mesh; all are tried, the best is returned.
-        box: x0, y0, x1, y1 of the object, pixels; by default the whole photograph.
-        initial: azimuth and elevation to begin at, degrees; by default unknown.
+        box: x0, y0, x1, y1 of the object, pixels.  It may be rough, or cut off, for ``"best"`` with the calibrated
+            similarity, which searches around it, and by default anywhere in the photograph; all others take it as it
+            is, by default as the whole photograph.
+        initial: azimuth and elevation to begin at, degrees; by default unknown.  The object is upright then, or nearly.
         method: ``"best"``: views all around at about the initial elevation (or at several, if unknown), then an ascent
             over all six parameters from the best of them, at last with smaller cells.  ``"paper"``: patches of the
             photograph's visual elements, OpenDR's derivatives, momentum over azimuth and every few steps over distance,
@@ -156,11 +183,23 @@ def estimate_pose(
     if similarity is not None:
         _check_options(similarity=(similarity, SimilarityKind))
     image = _one_image(photograph)
+    view = _checked_view(initial)
+    prepared = {name: prepared_model(mesh, typical_camera()) for name, mesh in meshes.items()}
+    others: tuple[Box, ...] | None = None
+    if box is None and method == "best" and similarity in (None, "calibrated"):
+        check_photograph(image)
+        box, *rest = _boxes(image, prepared, view, background)
+        others = tuple(rest)
+    elif box is None:
+        check_photograph(image)
+        box = (0.0, 0.0, float(image.shape[2]), float(image.shape[1]))
     crop = crop_object(image, box)
     problem = PoseProblem(
+        image,
         PreparedPhotograph(crop, background),
-        {name: prepared_model(mesh, crop.camera) for name, mesh in meshes.items()},
-        _checked_view(initial),
+        prepared,
+        others,
+        view,
         similarity,
         ascent,
         torch.Generator().manual_seed(seed),
@@ -168,6 +207,7 @@ def estimate_pose(
         watch,
     )
     result = SEARCHES[method](problem)
+    evidence = result.evidence
     pose, camera = crop.in_photograph(result.pose, *image.shape[1:])
     azimuth, elevation, distance, theta, x, y = pose.tolist()
     return PoseEstimate(
@@ -183,8 +223,27 @@ def estimate_pose(
         similarity_kind=result.kind,
         crop_pose=result.pose,
         renderings=result.renderings,
+        box=Box.of(map(float, box)),
+        confidence=None if evidence is None else confidence(evidence, known_model=len(meshes) == 1),
+        equivalent_azimuths=result.same_view,
+        runners_up=tuple(
+            RunnerUp(name, crop.in_photograph(other, *image.shape[1:])[0], share)
+            for name, other, share in result.runners_up
+        ),
         traces=result.traces,
     )
+
+
+def _boxes(
+    image: Tensor,
+    models: Mapping[str, PreparedModel],
+    initial: tuple[float, float] | None,
+    background: Background | None,
+) -> list[Box]:
+    """Where the object may be, the likeliest first."""
+    elevations, tilts = (DETECTED_FROM, DETECTED_TILTS) if initial is None else ((initial[1],), UPRIGHT)
+    found = find_places(image, models.items(), elevations, tilts, *coarse_background(background), PLACES)
+    return [Box.of(sides) for sides in found.boxes.tolist()]
 
 
 def _one_image(photograph: Tensor | ArrayImage) -> Tensor:

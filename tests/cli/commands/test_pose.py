@@ -248,3 +248,33 @@ def test_what_fails_leaves_nothing(
     monkeypatch.setattr("nablahog.cli.results.pose_page.silhouette", fail)
     options = ["--method", "exhaustive", "--init", "0,10", "-o", str(tmp_path / "out")]
     refused("pose", scene[0], "--mesh", wedge, *options, message="not enough memory")
+
+
+def test_without_a_box_the_object_is_looked_for(scene: list[str], tmp_path: Path) -> None:
+    photo, _, folder, *_, box = scene
+    assert main(["pose", photo, "--mesh", f"{folder}/wooden.off", "-o", str(tmp_path / "out"), "--init", "0,12"]) == 0
+    figures = json.loads((tmp_path / "out" / "chair_pose.json").read_text())
+    assert degrees_between(figures["azimuth"], AZIMUTH) < 3
+    assert max(abs(a - float(b)) for a, b in zip(figures["box"], box.split(","), strict=True)) < 15
+    assert 0.5 < figures["confidence"] <= 1
+    assert not figures["refused"]
+    assert not figures["any_azimuth"]
+
+
+def test_a_pose_that_is_not_sure_is_refused(
+    scene: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """There is no chair in the photograph."""
+    empty, out = tmp_path / "empty.png", tmp_path / "out"
+    Image.fromarray(np.full((120, 120), 128, np.uint8)).save(empty)
+    assert main(["pose", str(empty), *scene[1:3], "--box", "10,10,110,110", "-o", str(out)]) == 4
+    assert "nablahog pose: refused: the azimuth is within 15 degrees" in capsys.readouterr().err
+    assert json.loads((out / "empty_pose.json").read_text())["refused"]
+    arguments = [str(empty), *scene[1:3], "--box", "10,10,110,110", "-o", str(out), "--least-confidence", "0"]
+    assert main(["pose", *arguments]) == 0
+
+
+@pytest.mark.parametrize("text", ["1.5", "-0.1", "much"])
+def test_a_confidence_is_a_probability(text: str, wedge: str, tmp_path: Path) -> None:
+    arguments = ["x.png", "--mesh", wedge, "-o", str(tmp_path / "out"), f"--least-confidence={text}"]
+    assert main(["pose", *arguments]) == 2

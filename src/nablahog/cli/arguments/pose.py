@@ -10,6 +10,8 @@ from ...pose.options import SearchMethod, SimilarityKind
 from . import options
 from .options import Parser, numbers
 
+LEAST_CONFIDENCE = 0.3
+
 
 def _view(text: str) -> tuple[float, ...]:
     azimuth, elevation = numbers("az,el")(text)
@@ -22,6 +24,13 @@ def _axis(text: str) -> str:
     if not re.fullmatch("[+-]?[xyz]", text):
         raise argparse.ArgumentTypeError(f"expected x, y or z, with a sign or without, got {text!r}")
     return text
+
+
+def _probability(text: str) -> float:
+    (probability,) = numbers("P")(text)
+    if not 0 <= probability <= 1:
+        raise argparse.ArgumentTypeError(f"expected a probability in 0…1, got {text!r}")
+    return probability
 
 
 def pose(commands: argparse._SubParsersAction[Parser]) -> None:
@@ -59,7 +68,8 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         "--box",
         type=numbers("x0,y0,x1,y1"),
         metavar="x0,y0,x1,y1",
-        help="around the object, in pixels from the upper left corner (default: the whole photograph)",
+        help="around the object, in pixels from the upper left corner, roughly (default: anywhere in the photograph; "
+        "the whole photograph for methods other than best)",
     )
     command.add_argument(
         "--init",
@@ -81,6 +91,14 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         metavar="FILE",
         help="a file that `nablahog learn background` wrote; it also says which descriptor to use "
         "(default: aubry, gray, cells of 8, learned from the photographs in scikit-image)",
+    )
+    command.add_argument(
+        "--least-confidence",
+        type=_probability,
+        default=LEAST_CONFIDENCE,
+        metavar="P",
+        help="refuse a pose whose azimuth is within 15 degrees with a lower probability: exit status 4, after the "
+        f"results have been written (default: {LEAST_CONFIDENCE:g})",
     )
     options.seed(command)
     command.add_argument("--json", action="store_true", help="print the results as JSON instead of a table")

@@ -18,7 +18,7 @@ from ...pose.prepared import ELEMENT, PreparedPhotograph
 from ...pose.whitening import Background
 from ...render import Mesh
 from ...render.axes import axes
-from ..errors import as_user_error, forbid_overwrite
+from ..errors import REFUSED, as_user_error, forbid_overwrite
 from ..results.pose_page import result_names, write
 from ..results.pose_result import PoseResult
 from ..terminal import counter, inform, print_table, say_page
@@ -26,8 +26,11 @@ from ..terminal import counter, inform, print_table, say_page
 Progress = Callable[[int, int, str], None]
 
 
-def pose(arguments: Namespace) -> None:
+def pose(arguments: Namespace) -> int:
     """Finds the pose; writes its figures, pictures and page.
+
+    Returns:
+        The exit status: 0, or :data:`~nablahog.cli.errors.REFUSED` if the confidence is below what was asked for.
 
     Raises:
         UserError: an input is unusable.
@@ -36,7 +39,7 @@ def pose(arguments: Namespace) -> None:
     with as_user_error():
         photograph = read_image(arguments.photo)
         height, width = photograph.shape[1:]
-        box = checked_box(arguments.box or (0.0, 0.0, float(width), float(height)), height, width)
+        box = None if arguments.box is None else checked_box(arguments.box, height, width)
         background = None if arguments.background is None else _background(Path(arguments.background))
         models = _models(Path(arguments.mesh))
         if arguments.up is not None:
@@ -65,8 +68,8 @@ def pose(arguments: Namespace) -> None:
         result = PoseResult(
             photo=arguments.photo,
             photograph=photograph,
-            box=box,
-            matched=PreparedPhotograph(crop_object(photograph, box), background),
+            box=estimate.box,
+            matched=PreparedPhotograph(crop_object(photograph, estimate.box), background),
             estimate=estimate,
             mesh=meshes[estimate.model],
             candidates=list(meshes),
@@ -76,15 +79,19 @@ def pose(arguments: Namespace) -> None:
             initial=arguments.init,
             seed=arguments.seed,
             background=arguments.background,
+            least_confidence=arguments.least_confidence,
         )
         write(folder, result)
     if result.warning is not None:
         inform(f"nablahog pose: warning: {result.warning}")
     if arguments.json:
         print(json.dumps(result.figures(), indent=2, allow_nan=False))
-        return
-    print_table([result.row()])
-    say_page(folder / "index.html")
+    else:
+        print_table([result.row()])
+        say_page(folder / "index.html")
+    if result.refusal is not None:
+        inform(f"nablahog pose: refused: {result.refusal}")
+    return 0 if result.refusal is None else REFUSED
 
 
 def _background(path: Path) -> Background:

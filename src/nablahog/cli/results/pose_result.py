@@ -24,7 +24,7 @@ from ...pose.placement import azimuth_sweep
 from ...pose.prepared import ELEMENT, PreparedPhotograph, prepared_model
 from ...pose.problem import SearchTrace
 from ...pose.similarity import Similarity
-from ...render import Mesh
+from ...render import PARAMETERS, Mesh
 from ...render.renderer import Method
 
 AZIMUTHS = 180  # at which similarity is computed
@@ -41,6 +41,8 @@ DEFINITIONS = {
     "depends on the focal length: one photograph hardly determines both.",
     "x, y": "Pixels to the right and down from the middle of the photograph to the middle of the object.",
     "focal_length": "Of the camera of the pose, in pixels of the photograph.",
+    "confidence": "The probability that the azimuth is within 15° of the true one, or of one from which the model "
+    "looks the same, as measured on rendered scenes and photographs.",
     "renderings": "How many the search has made, of all candidates.",
     "seconds": "Wall time of the search; the first in a process takes longer, while code is compiled or loaded.",
 }
@@ -72,6 +74,8 @@ _UNITS = {
     "around, traces": "azimuths in degrees; derivatives of the similarity per degree",
     "cosine, opendr_cosine": f"of central differences over ±{STEP:g}° with the derivatives, and with those of OpenDR's "
     "renderer at one sample a pixel",
+    "equivalent_azimuths": "degrees; from these the model looks the same",
+    "runners_up": "the best poses from other sides; share: of the best pose's similarity",
     "elements": "rows, columns of cells of the crop",
 }
 
@@ -122,6 +126,7 @@ class PoseResult:
         seconds: of the search.
         method, initial, seed: of the search, as :func:`nablahog.estimate_pose` has them.
         background: its file; None for the default one.
+        least_confidence: of a pose that is not refused.
     """
 
     photo: str
@@ -137,14 +142,27 @@ class PoseResult:
     initial: tuple[float, float] | None
     seed: int
     background: str | None
+    least_confidence: float = 0.0
 
     def row(self) -> dict[str, object]:
         """The most important figures, for a table."""
         return {
             "photograph": os.fsencode(Path(self.photo).name).decode(errors="backslashreplace"),
-            **{name: getattr(self.estimate, name) for name in (*_POSE, "similarity", "renderings")},
+            **{name: getattr(self.estimate, name) for name in (*_POSE, "similarity", "confidence", "renderings")},
+            **({"azimuth": "any"} if self.estimate.any_azimuth else {}),
             "seconds": self.seconds,
         }
+
+    @property
+    def refusal(self) -> str | None:
+        """A sentence if the pose is less sure than was asked for."""
+        sure = self.estimate.confidence
+        if sure is None or sure >= self.least_confidence:
+            return None
+        return (
+            f"the azimuth is within 15 degrees of the true one with a probability of {sure:.2f} only, which is below "
+            f"{self.least_confidence:g}: the object may not be there, or be unlike the model"
+        )
 
     @property
     def warning(self) -> str | None:
@@ -175,7 +193,15 @@ class PoseResult:
             "box": list(self.box),
             **{name: getattr(estimate, name) for name in (*_POSE, "x", "y")},
             "focal_length": estimate.camera.focal,
+            "any_azimuth": estimate.any_azimuth,
+            "equivalent_azimuths": list(estimate.equivalent_azimuths),
             "similarity": estimate.similarity,
+            "confidence": estimate.confidence,
+            "refused": self.refusal is not None,
+            "runners_up": [
+                {"model": one.model, **dict(zip(PARAMETERS, one.pose.tolist(), strict=True)), "share": one.share}
+                for one in estimate.runners_up
+            ],
             "warning": self.warning,
             "renderings": estimate.renderings,
             "seconds": round(self.seconds, 4),
