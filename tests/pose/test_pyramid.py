@@ -10,6 +10,7 @@ from nablahog.pose.crop import FILL, crop_object
 from nablahog.pose.placement import bounding_boxes
 from nablahog.pose.prepared import PreparedPhotograph, prepared_model
 from nablahog.pose.pyramid import FOUND, ROUGH, places, pyramid, turned
+from nablahog.pose.views import VIEW_COUNT
 from nablahog.render import Camera, pose, render
 
 from .common import degrees_between, model, photographed
@@ -49,7 +50,8 @@ def test_the_best_view_is_where_the_object_is() -> None:
     photograph = PreparedPhotograph(crop_object(image, rough))
     crop = photograph.crop
     one = prepared_model(model(), crop.camera)
-    found = candidates(one, photograph, pyramid(photograph, image, [-15, 0, 15], ROUGH), [0, 15, 30], 4)
+    everywhere = torch.ones(VIEW_COUNT, dtype=torch.bool)
+    found = candidates(one, photograph, pyramid(photograph, image, [-15, 0, 15], ROUGH), [0, 15, 30], everywhere, 4)
     assert degrees_between(float(found.poses[0, 0]), 40) <= 7.5
     assert found.poses[0, 3] == 0
     assert list(found.similarities) == sorted(found.similarities, reverse=True)

@@ -36,6 +36,7 @@ def candidates(
     photograph: PreparedPhotograph,
     pyramid: Pyramid,
     elevations: Sequence[float],
+    allowed: Tensor,
     count: int,
 ) -> Candidates:
     """The views that are more similar than those at neighbouring azimuths, elevations and tilts.
@@ -45,6 +46,7 @@ def candidates(
         photograph: the object's crop.
         pyramid: around it.
         elevations: of the views, degrees.
+        allowed: (VIEW_COUNT,), bool: which azimuths.
         count: the most to return.
     """
     template = photograph.calibrated
@@ -61,10 +63,11 @@ def candidates(
         places = (which == k).nonzero()[:, 0]
         values, index = similarities[:, :, places].max(2)
         best[:, :, k], at[:, :, k] = values, places[index]
+    best[:, ~allowed] = -torch.inf
     around = functional.pad(best.permute(1, 0, 2)[None, None], (1, 1, 1, 1, 0, 0), value=-torch.inf)
     around = torch.cat([around[:, :, -1:], around, around[:, :, :1]], 2)
     highest = best >= functional.max_pool3d(around, 3, stride=1)[0, 0].permute(1, 0, 2)
-    chosen = highest.flatten().nonzero()[:, 0]
+    chosen = (highest & best.isfinite()).flatten().nonzero()[:, 0]
     values, order = best.flatten()[chosen].sort(descending=True)
     chosen = chosen[order[:count]]
     elevation, azimuth = chosen // (VIEW_COUNT * len(tilts)), chosen // len(tilts) % VIEW_COUNT

@@ -156,12 +156,19 @@ class _Search:
         for name, model in self.problem.each_model():
             for elevation in self.problem.elevations:
                 values = self._view_similarities(model, elevation)
+                values[~self._allowed] = -torch.inf
                 best = local_maxima(values, _STARTS)
+                best = best[values[best].isfinite()]
                 poses = self.problem.level_views(model, equidistant_azimuths(VIEW_COUNT)[best], elevation)
                 for pose, value in zip(poses, values[best].tolist(), strict=True):
                     views.append(self._hypothesis(value, name, pose, self.problem.photograph))
                 self.renderings += VIEW_COUNT
         return sorted(views, key=lambda view: -view.similarity)
+
+    @cached_property
+    def _allowed(self) -> Tensor:
+        """Which of the views around a model are searched, (VIEW_COUNT,)."""
+        return self.problem.allowed(equidistant_azimuths(VIEW_COUNT))
 
     @property
     def searches_boxes(self) -> bool:
@@ -181,7 +188,7 @@ class _Search:
     ) -> list[_Hypothesis]:
         """The best views of a model around a crop that are turned in the image plane, or fill another box."""
         crop = photograph.crop
-        found = candidates(model, photograph, around, self.problem.elevations, _STARTS)
+        found = candidates(model, photograph, around, self.problem.elevations, self._allowed, _STARTS)
         boxes = bounding_boxes(found.poses, model.hull, crop.camera)
         views = []
         for pose, box, value in zip(found.poses, boxes, found.similarities.tolist(), strict=True):

@@ -74,6 +74,7 @@ def find_places(
     tilts: Sequence[float],
     background: Background,
     shrink: int,
+    allowed: Tensor,
     count: int,
 ) -> Places:
     """The places where views of models are most similar to the photograph, without those that overlap a better one.
@@ -84,6 +85,7 @@ def find_places(
         elevations, tilts: of the views, degrees.
         background: of the coarse descriptor.
         shrink: factor by which a crop is made smaller before it is described.
+        allowed: (VIEW_COUNT / EVERY,), bool: which azimuths.
         count: the most to return.
     """
     models = list(models)
@@ -93,10 +95,12 @@ def find_places(
         torch.cat([view_descriptors(model, background.spec, whitener, shrink, each)[::EVERY] for each in elevations])
         for _, model in models
     ]
-    views = torch.cat(of_models).T.contiguous()
+    searched = allowed.repeat(len(models) * len(elevations)).nonzero()[:, 0]
+    views = torch.cat(of_models)[searched].T.contiguous()
     peaks: list[Tensor] = []  # similarity, view, x, y, zoom, tilt of each
     for level in _levels(image, background, (rows, cols), shrink, tilts):
         values, view = (level.windows @ views).max(1)
+        view = searched[view]
         whole = values.new_full((math.prod(level.shape),), -torch.inf)
         whole[level.inside] = values
         around = functional.max_pool2d(whole.reshape(1, 1, *level.shape), 3, stride=1, padding=1).flatten()

@@ -22,11 +22,11 @@ from .ascent import momentum_ascent
 from .coarse_to_fine import coarse_to_fine
 from .confidence import confidence
 from .crop import check_photograph, crop_object, typical_camera
-from .detection import find_places
+from .detection import EVERY, find_places
 from .options import Ascent, SearchMethod, SimilarityKind
 from .placement import equidistant_azimuths
 from .prepared import DETAIL, PreparedModel, PreparedPhotograph, coarse_background, prepared_model
-from .problem import ELEVATIONS, PoseProblem, RunnerUp, SearchResult, SearchTrace
+from .problem import ELEVATIONS, PoseProblem, RunnerUp, SearchResult, SearchTrace, allowed_azimuths
 from .views import VIEW_COUNT
 from .whitening import Background
 
@@ -124,6 +124,8 @@ def estimate_pose(
     *,
     box: Sequence[float] | None = None,
     initial: Sequence[float] | None = None,
+    within: float = 180.0,
+    focal: float | None = None,
     method: SearchMethod = "best",
     similarity: SimilarityKind | None = None,
     ascent: Ascent = "quadratic",
@@ -145,6 +147,10 @@ def estimate_pose(
             similarity, which searches around it, and by default anywhere in the photograph; all others take it as it
             is, by default as the whole photograph.
         initial: azimuth and elevation to begin at, degrees; by default unknown.  The object is upright then, or nearly.
+        within: degrees of azimuth on both sides of the initial one that ``"best"`` searches; by default all, so that
+            the initial azimuth says nothing.
+        focal: focal length of the photograph's camera, pixels, so that the distance is the true one; by default such
+            that an object that fills its box is seen from three of its diagonals.
         method: ``"best"``: views all around at about the initial elevation (or at several, if unknown), then an ascent
             over all six parameters from the best of them, at last with smaller cells.  ``"paper"``: patches of the
             photograph's visual elements, OpenDR's derivatives, momentum over azimuth and every few steps over distance,
@@ -184,22 +190,27 @@ def estimate_pose(
         _check_options(similarity=(similarity, SimilarityKind))
     image = _one_image(photograph)
     view = _checked_view(initial)
+    if not 0 < within <= 180:
+        raise ValueError(f"within must be above 0 and at most 180 degrees, got {within!r}")
+    if focal is not None and not 0 < focal < math.inf:
+        raise ValueError(f"focal must be a finite number of pixels above 0, got {focal!r}")
     prepared = {name: prepared_model(mesh, typical_camera()) for name, mesh in meshes.items()}
     others: tuple[Box, ...] | None = None
     if box is None and method == "best" and similarity in (None, "calibrated"):
         check_photograph(image)
-        box, *rest = _boxes(image, prepared, view, background)
+        box, *rest = _boxes(image, prepared, view, within, background)
         others = tuple(rest)
     elif box is None:
         check_photograph(image)
         box = (0.0, 0.0, float(image.shape[2]), float(image.shape[1]))
-    crop = crop_object(image, box)
+    crop = crop_object(image, box, focal=focal)
     problem = PoseProblem(
         image,
         PreparedPhotograph(crop, background),
         prepared,
         others,
         view,
+        within,
         similarity,
         ascent,
         torch.Generator().manual_seed(seed),
@@ -238,11 +249,13 @@ def _boxes(
     image: Tensor,
     models: Mapping[str, PreparedModel],
     initial: tuple[float, float] | None,
+    within: float,
     background: Background | None,
 ) -> list[Box]:
     """Where the object may be, the likeliest first."""
     elevations, tilts = (DETECTED_FROM, DETECTED_TILTS) if initial is None else ((initial[1],), UPRIGHT)
-    found = find_places(image, models.items(), elevations, tilts, *coarse_background(background), PLACES)
+    allowed = allowed_azimuths(equidistant_azimuths(VIEW_COUNT // EVERY), initial, within)
+    found = find_places(image, models.items(), elevations, tilts, *coarse_background(background), allowed, PLACES)
     return [Box.of(sides) for sides in found.boxes.tolist()]
 
 
@@ -278,7 +291,7 @@ def _paper(problem: PoseProblem, *, method: SearchMethod) -> SearchResult:
     azimuths = torch.cat([equidistant_azimuths(1, azimuth), equidistant_azimuths(PAPER_STARTS)])
     best, traces, renderings = [], [], 0
     for name, model in problem.each_model():
-        similarity = model.similarity(template, *PAPER_RENDERERS[method])
+        similarity = model.similarity(template, *PAPER_RENDERERS[method], camera=problem.photograph.crop.camera)
         starts = problem.level_views(model, azimuths, elevation)
         poses, values, path = momentum_ascent(
             similarity, starts, learning_rate=LEARNING_RATE, visit=partial(problem.watch, name)
@@ -296,7 +309,7 @@ def _exhaustive(problem: PoseProblem) -> SearchResult:
     template = problem.photograph.template(kind)
     best, renderings = [], 0
     for name, model in problem.each_model():
-        similarity = model.similarity(template, detail=DETAIL)
+        similarity = model.similarity(template, detail=DETAIL, camera=problem.photograph.crop.camera)
         for elevation in problem.elevations:
             poses = problem.level_views(model, equidistant_azimuths(EVERY_DEGREE), elevation)
             values = similarity.values(poses)

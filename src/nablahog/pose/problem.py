@@ -86,6 +86,7 @@ class PoseProblem:
         models: the candidates by name.
         boxes: x0, y0, x1, y1 of others that the object may be in, pixels of the photograph; None if one was given.
         initial: azimuth and elevation to begin at, degrees; None if unknown.
+        within: degrees of azimuth on both sides of the initial one that are searched.
         similarity: its kind; None for that of the search.
         ascent: of the coarse-to-fine search.
         generator: of what is sampled.
@@ -98,6 +99,7 @@ class PoseProblem:
     models: Mapping[str, PreparedModel]
     boxes: tuple[Box, ...] | None
     initial: tuple[float, float] | None
+    within: float
     similarity: SimilarityKind | None
     ascent: Ascent
     generator: torch.Generator
@@ -109,6 +111,10 @@ class PoseProblem:
         for done, (name, model) in enumerate(self.models.items()):
             self.progress(done, len(self.models), name)
             yield name, model
+
+    def allowed(self, azimuths: Tensor) -> Tensor:
+        """Which azimuths (N,) are searched, (N,), bool."""
+        return allowed_azimuths(azimuths, self.initial, self.within)
 
     @property
     def tilts(self) -> tuple[float, ...]:
@@ -132,3 +138,11 @@ class PoseProblem:
     def cropped(self, box: Sequence[float]) -> PreparedPhotograph:
         """The crop of the photograph around another box, seen through the same lens."""
         return self.photograph.around(self.image, box)
+
+
+def allowed_azimuths(azimuths: Tensor, initial: tuple[float, float] | None, within: float) -> Tensor:
+    """Which azimuths (N,) are within degrees of the initial one, (N,), bool; the nearest always is."""
+    if initial is None:
+        return torch.ones(len(azimuths), dtype=torch.bool)
+    distances = ((azimuths - initial[0] + 180) % 360 - 180).abs()
+    return distances <= max(within, float(distances.min()))

@@ -278,3 +278,23 @@ def test_a_pose_that_is_not_sure_is_refused(
 def test_a_confidence_is_a_probability(text: str, wedge: str, tmp_path: Path) -> None:
     arguments = ["x.png", "--mesh", wedge, "-o", str(tmp_path / "out"), f"--least-confidence={text}"]
     assert main(["pose", *arguments]) == 2
+
+
+def test_the_lens_and_the_initial_azimuth_are_taken(scene: list[str], tmp_path: Path) -> None:
+    """The photograph is made with a focal length of 300 pixels, 2.8 away."""
+    photo, _, folder, _, box = scene
+    common = ["pose", photo, "--mesh", f"{folder}/wooden.off", "--box", box, f"--init={AZIMUTH + 20},{ELEVATION}"]
+    assert main([*common, "--within", "40", "--focal", "300", "-o", str(tmp_path / "focal")]) == 0
+    figures = json.loads((tmp_path / "focal" / "chair_pose.json").read_text())
+    assert degrees_between(figures["azimuth"], AZIMUTH) < 3
+    assert figures["focal_length"] == pytest.approx(300)
+    assert figures["distance"] == pytest.approx(2.8, abs=0.15)
+    assert main([*common, "--field-of-view", "28.07", "-o", str(tmp_path / "view")]) == 0
+    assert json.loads((tmp_path / "view" / "chair_pose.json").read_text())["focal_length"] == pytest.approx(
+        300, abs=0.1
+    )
+
+
+@pytest.mark.parametrize("option", ["--within=0", "--within=200", "--focal=-3", "--field-of-view=180", "--focal=far"])
+def test_a_lens_is_a_number(option: str, wedge: str, tmp_path: Path) -> None:
+    assert main(["pose", "x.png", "--mesh", wedge, "-o", str(tmp_path / "out"), option]) == 2

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import math
 import re
+from collections.abc import Callable
 from typing import get_args
 
 from ...pose.options import SearchMethod, SimilarityKind
@@ -11,6 +13,19 @@ from . import options
 from .options import Parser, numbers
 
 LEAST_CONFIDENCE = 0.3
+
+
+def _positive(most: float) -> Callable[[str], float]:
+    """Parses one number above 0, and at most ``most``."""
+
+    def parse(text: str) -> float:
+        (number,) = numbers("NUMBER")(text)
+        if not 0 < number <= most:
+            limit = f" and at most {most:g}" if most < math.inf else ""
+            raise argparse.ArgumentTypeError(f"expected a number above 0{limit}, got {text!r}")
+        return number
+
+    return parse
 
 
 def _view(text: str) -> tuple[float, ...]:
@@ -75,7 +90,29 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         "--init",
         type=_view,
         metavar="az,el",
-        help="initial azimuth and elevation in degrees; write --init=-30,10 if negative (default: unknown)",
+        help="initial azimuth and elevation in degrees; write --init=-30,10 if negative (default: unknown). The method "
+        "best searches all azimuths all the same, unless there is --within",
+    )
+    command.add_argument(
+        "--within",
+        type=_positive(180),
+        default=180.0,
+        metavar="DEGREES",
+        help="of azimuth on both sides of the initial one that the method best searches (default: 180, which is all)",
+    )
+    lens = command.add_mutually_exclusive_group()
+    lens.add_argument(
+        "--focal",
+        type=_positive(math.inf),
+        metavar="PIXELS",
+        help="focal length of the camera, in pixels of the photograph (default: such that an object that fills its box "
+        "is 3 of its diagonals away)",
+    )
+    lens.add_argument(
+        "--field-of-view",
+        type=_positive(179),
+        metavar="DEGREES",
+        help="of the camera from the upper to the lower border of the photograph, instead of --focal",
     )
     command.add_argument(
         "--method", choices=get_args(SearchMethod), default="best", help="how to search (default: best)"

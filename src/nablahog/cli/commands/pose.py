@@ -16,7 +16,7 @@ from ...pose.crop import SIDE, checked_box, crop_object
 from ...pose.estimate import estimate_pose
 from ...pose.prepared import ELEMENT, PreparedPhotograph
 from ...pose.whitening import Background
-from ...render import Mesh
+from ...render import Camera, Mesh
 from ...render.axes import axes
 from ..errors import REFUSED, as_user_error, forbid_overwrite
 from ..results.pose_page import result_names, write
@@ -59,6 +59,8 @@ def pose(arguments: Namespace) -> int:
                 meshes,
                 box=box,
                 initial=arguments.init,
+                within=arguments.within,
+                focal=_focal(arguments, height, width),
                 method=arguments.method,
                 similarity=arguments.similarity,
                 background=background,
@@ -69,7 +71,7 @@ def pose(arguments: Namespace) -> int:
             photo=arguments.photo,
             photograph=photograph,
             box=estimate.box,
-            matched=PreparedPhotograph(crop_object(photograph, estimate.box), background),
+            matched=PreparedPhotograph(crop_object(photograph, estimate.box, focal=estimate.camera.focal), background),
             estimate=estimate,
             mesh=meshes[estimate.model],
             candidates=list(meshes),
@@ -92,6 +94,14 @@ def pose(arguments: Namespace) -> int:
     if result.refusal is not None:
         inform(f"nablahog pose: refused: {result.refusal}")
     return 0 if result.refusal is None else REFUSED
+
+
+def _focal(arguments: Namespace, height: int, width: int) -> float | None:
+    """Pixels, if one of the two options says it."""
+    if arguments.field_of_view is not None:
+        return Camera.from_field_of_view(arguments.field_of_view, height, width).focal
+    focal: float | None = arguments.focal
+    return focal
 
 
 def _background(path: Path) -> Background:

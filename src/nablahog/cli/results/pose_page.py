@@ -68,7 +68,7 @@ def _overlay(result: PoseResult) -> list[Panel]:
     whole = interpolate(result.photograph[None], size, mode="bilinear", antialias=True)[0]
     whole_camera = Camera(estimate.camera.focal * zoom, *size)
     whole_outlined = _outlined(whole, mesh, _scaled(estimate.pose[0], zoom), whole_camera)
-    close = crop_object(result.photograph, result.box, HEIGHT, fill := _CLOSE * HEIGHT)
+    close = crop_object(result.photograph, result.box, HEIGHT, fill := _CLOSE * HEIGHT, estimate.camera.focal)
     pose = _scaled(estimate.crop_pose, fill / FILL)
     pasted = render(mesh, pose, close.camera, background=close.image)
     return [
