@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -176,32 +176,35 @@ class _Search:
         return self.kind == "calibrated"
 
     def look_elsewhere(self) -> list[_Hypothesis]:
-        """The best views of each model that fill another box, or are tilted, the best of all first."""
-        views: list[_Hypothesis] = []
-        for name, model in self.problem.models.items():
-            for photograph, around in self._pyramids:
-                views += self._elsewhere(name, model, photograph, around)
-        return sorted(views, key=lambda view: -view.similarity)
+        """The best views that fill another box, or are tilted, the best of all first."""
+        seen = [
+            (value, name, photograph, pose)
+            for name, model in self.problem.models.items()
+            for photograph, around in self._pyramids
+            for value, pose in self._around(model, photograph, around)
+        ]
+        best = sorted(seen, key=lambda one: -one[0])[: _VOTERS if self.voting else _STARTS]
+        views = (self._reframed(*one) for one in best)
+        return [view for view in views if view is not None]
 
-    def _elsewhere(
-        self, name: str, model: PreparedModel, photograph: PreparedPhotograph, around: Pyramid
-    ) -> list[_Hypothesis]:
-        """The best views of a model around a crop that are turned in the image plane, or fill another box."""
-        crop = photograph.crop
+    def _around(
+        self, model: PreparedModel, photograph: PreparedPhotograph, around: Pyramid
+    ) -> Iterator[tuple[float, Tensor]]:
+        """Similarities of the best views of a model around a crop, and their poses for that."""
         found = candidates(model, photograph, around, self.problem.elevations, self._allowed, _STARTS)
-        boxes = bounding_boxes(found.poses, model.hull, crop.camera)
-        views = []
-        for pose, box, value in zip(found.poses, boxes, found.similarities.tolist(), strict=True):
-            if Box.of(box.tolist()).iou(crop.centred_box) >= _SAME_BOX:
-                if pose[3] == 0 and photograph is self.problem.photograph:
-                    continue  # that view is there
-                (pose,) = self.problem.fit(model, pose[None], photograph)
-                views.append(self._hypothesis(value, name, pose, photograph))
-            else:
-                middle = torch.tensor(crop.middle).repeat(2)
-                other = self.problem.cropped((box / crop.zoom + middle).tolist())
-                views.append(self._hypothesis(value, name, crop.converted(pose, other.crop), other))
-        return views
+        yield from zip(found.similarities.tolist(), found.poses, strict=True)
+
+    def _reframed(self, value: float, name: str, photograph: PreparedPhotograph, pose: Tensor) -> _Hypothesis | None:
+        """A view with the crop around it, unless it is there; None for views that fill the given box."""
+        model, crop = self.problem.models[name], photograph.crop
+        (box,) = bounding_boxes(pose[None], model.hull, crop.camera)
+        if Box.of(box.tolist()).iou(crop.centred_box) >= _SAME_BOX:
+            if pose[3] == 0 and photograph is self.problem.photograph:
+                return None  # that view is there
+            (pose,) = self.problem.fit(model, pose[None], photograph)
+            return self._hypothesis(value, name, pose, photograph)
+        other = self.problem.cropped((box / crop.zoom + torch.tensor(crop.middle).repeat(2)).tolist())
+        return self._hypothesis(value, name, crop.converted(pose, other.crop), other)
 
     @cached_property
     def _pyramids(self) -> list[tuple[PreparedPhotograph, Pyramid]]:

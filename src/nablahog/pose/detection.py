@@ -49,19 +49,18 @@ class Places:
 
 @dataclass(frozen=True, eq=False)
 class _Level:
-    """Whitened descriptors of the photograph at one scale and tilt.
+    """The photograph at one scale and tilt.
 
     Attributes:
-        windows: (P, N), those whose middle is in the photograph.
-        middles: (P, 2), x, y in the photograph, pixels.
-        neighbours: (P, 8), indices of the windows around, or P.
+        weights: (C, rows, cols), its whitened descriptor.
+        middles: (down, across, 2), x, y in the photograph of the middles of windows, pixels.
+        inside: (down, across), whether they are in the photograph.
         zoom: pixels of the level for one of the photograph.
         tilt: degrees.
     """
 
-    windows: Tensor
+    weights: Tensor
     middles: Tensor
-    shape: tuple[int, int]
     inside: Tensor
     zoom: float
     tilt: float
@@ -96,17 +95,17 @@ def find_places(
         for _, model in models
     ]
     searched = allowed.repeat(len(models) * len(elevations)).nonzero()[:, 0]
-    views = torch.cat(of_models)[searched].T.contiguous()
+    views = torch.cat(of_models)[searched]
+    views = views.reshape(len(views), -1, rows, cols)
     peaks: list[Tensor] = []  # similarity, view, x, y, zoom, tilt of each
     for level in _levels(image, background, (rows, cols), shrink, tilts):
-        values, view = (level.windows @ views).max(1)
-        view = searched[view]
-        whole = values.new_full((math.prod(level.shape),), -torch.inf)
-        whole[level.inside] = values
-        around = functional.max_pool2d(whole.reshape(1, 1, *level.shape), 3, stride=1, padding=1).flatten()
-        peak = (values >= around[level.inside]).nonzero()[:, 0]
-        zoom, tilt = (values.new_full((len(peak), 1), part) for part in (level.zoom, level.tilt))
-        peaks.append(torch.cat([values[peak, None], view[peak, None], level.middles[peak], zoom, tilt], 1).double())
+        values, view = _correlations(level.weights, views).max(2)
+        values = torch.where(level.inside, values, -torch.inf)
+        around = functional.max_pool2d(values[None, None], 3, stride=1, padding=1)[0, 0]
+        peak = (values >= around) & level.inside
+        found = torch.stack([values[peak], searched[view[peak]].float()], 1).double()
+        where = found.new_tensor([level.zoom, level.tilt]).expand(len(found), 2)
+        peaks.append(torch.cat([found, level.middles[peak], where], 1))
     best = torch.cat(peaks)
     best = best[best[:, 0].argsort(descending=True)[:_PEAKS]]
     view, zoom = best[:, 1].long(), best[:, 4]
@@ -135,7 +134,7 @@ def _levels(
     image: Tensor, background: Background, size: tuple[int, int], shrink: int, tilts: Sequence[float]
 ) -> Iterator[_Level]:
     """The photograph at all scales and tilts, from the finest on."""
-    spec, (rows, cols) = background.spec, size
+    spec = background.spec
     height, width = image.shape[1:]
     fill = FILL / shrink
     largest = float(max(height, width))
@@ -160,12 +159,24 @@ def _levels(
             x, y = places(at, one, turn)
             valid = (x.abs() <= shape[1] / 2) & (y.abs() <= shape[0] / 2)
             weights = whitener(whitener.centred(descriptor) * valid[:, None])[0]
-            windows = weights.unfold(1, rows, 1).unfold(2, cols, 1)
-            down, across = windows.shape[1:3]
+            down, across = (n - least + 1 for n, least in zip(weights.shape[1:], size, strict=True))
             at = [(torch.arange(n, dtype=torch.float64) - (n - 1) / 2) * cell for n in (down, across)]
-            x, y = places(at, one, turn)
-            inside = ((x.abs() <= shape[1] / 2) & (y.abs() <= shape[0] / 2)).flatten().nonzero()[:, 0]
-            row, col = inside // across, inside % across
-            some = windows.permute(1, 2, 0, 3, 4)[row, col].flatten(1)
-            middles = torch.stack([x.flatten()[inside] / zoom + width / 2, y.flatten()[inside] / zoom + height / 2], 1)
-            yield _Level(some, middles, (down, across), inside, zoom, tilt)
+            x, y = (part[0] for part in places(at, one, turn))
+            inside = (x.abs() <= shape[1] / 2) & (y.abs() <= shape[0] / 2)
+            middles = torch.stack([x / zoom + width / 2, y / zoom + height / 2], 2)
+            yield _Level(weights, middles, inside, zoom, tilt)
+
+
+def _correlations(weights: Tensor, views: Tensor) -> Tensor:
+    """Products (down, across, V) of all windows of a descriptor (C, rows, cols) with views (V, C, r, c).
+
+    A matrix product for each row of a view, so that no window is copied whole.
+    """
+    _, _, rows, cols = views.shape
+    down, across = weights.shape[1] - rows + 1, weights.shape[2] - cols + 1
+    strips = weights.unfold(2, cols, 1).permute(1, 2, 0, 3).reshape(weights.shape[1] * across, -1)
+    of_rows = views.permute(2, 1, 3, 0).reshape(rows, -1, len(views))
+    products = strips[: down * across] @ of_rows[0]
+    for row in range(1, rows):
+        products.addmm_(strips[row * across : (row + down) * across], of_rows[row])
+    return products.reshape(down, across, -1)

@@ -134,7 +134,7 @@ def _calibrated(crop: ObjectCrop, background: Background, shrink: int = 1) -> El
     return calibrated_template(small, spec, whitener_of(background, rows, cols), shrink)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def whitener_of(background: Background, rows: int, cols: int) -> Whitener:
     """The whitener of descriptors of a size, made once."""
     return Whitener(background, rows, cols, _REGULARIZATION.get(background.spec.cell_size[0]))
