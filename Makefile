@@ -7,7 +7,7 @@ OUT ?= out/demo
 bin := $(VENV)/bin
 installed := $(VENV)/.installed
 
-.PHONY: demo app test coverage fuzz bounds lint wheel clean
+.PHONY: demo app test docs coverage fuzz bounds lint wheel clean
 
 demo: $(installed)  ## invert a photograph, write pictures, figures and a page into out/demo
 	$(bin)/nablahog demo -o $(OUT)
@@ -17,6 +17,11 @@ app: $(installed)  ## the page in the browser: see a HOG, invert it, fit a pose
 
 test: $(installed)  ## all tests but the slow ones
 	$(bin)/python -m pytest -n auto --dist worksteal
+
+docs: $(installed)  ## the site, build/docs/html/index.html, without a network
+	$(bin)/python -m sphinx --builder html --nitpicky --fail-on-warning --keep-going --quiet \
+	    --doctree-dir build/docs/doctrees docs build/docs/html
+	$(bin)/python -m docs.check_links build/docs/html
 
 coverage: $(installed)  ## the same, with the lines that no test runs
 	$(bin)/python -m pytest --cov=nablahog --cov-report=term-missing:skip-covered
@@ -44,5 +49,5 @@ $(installed): pyproject.toml constraints.txt
 	touch $@
 
 clean:  ## what the other targets made, except the virtual environment
-	rm -rf out build dist .coverage .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf out build dist docs/api/generated docs/auto_gallery docs/auto_tutorials .coverage .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find src tests -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from programs import LIBRARIES
 from timing import MOST_CALLS, TURN_MS
 
 Record = Mapping[str, Any]
+DOCS = Path(__file__).resolve().parent.parent / "docs"
 
 
 def page(record: Record) -> str:
@@ -70,20 +72,25 @@ def _how(record: Record) -> str:
     return f"""*Made by `python benchmarks/performance.py{options}` in {record["seconds"] / 60:.1f} minutes; all
 numbers are in [performance.json](performance.json). {machine}.*
 
-Every ratio is of two programs of the same run; above 1 this package is the faster one, and **bold** is a loss. The
-programs of a shape take turns; in its turn each makes one call that is not counted, since it finds the caches full of
-what another program left, and then as many as take {TURN_MS:g} ms, at most {MOST_CALLS}. A
-time is the median over the turns, a ratio the median of the peer's time divided by ours in the same turn; in brackets
-are the quartiles. Times are those of the processor, on **one thread** unless another number is given; of more threads
-the shortest wall time counts, since what waits for a busy core says nothing. The **warm-up**, not counted, is two
-calls of each program, or one where that takes long and all has been compiled for smaller images: what is compiled on
-first use has been.
+Every ratio is of two programs of the same run. Above 1 this package is the faster one; **bold** is a loss.
 
-The photograph is scikit-image's cameraman, gray, shrunk, or beyond its 512 pixels tiled; cells have 8 pixels.
-Libraries are given bytes, one image after the other, PyTorch's programs float32 in 0…1 and the whole batch. *Ours,
-X's* computes what X computes; *the paper's* is its Dalal-type descriptor, *naive torch* the same as one would write it
-(`benchmarks/peers.py`), *compiled torch* `torch.compile` of that. *With backward* is the descriptor and
-the derivative by the image; no library has one, so that it stands beside their descriptors alone.{missing}"""
+* Programs of a shape take turns. In its turn each makes one call that is not counted, since the caches are full of what
+  another program left. Then it makes as many as take {TURN_MS:g} ms, at most {MOST_CALLS}.
+* A time is the median over the turns. A ratio is the median of the peer's time divided by ours in the same turn. The
+  quartiles are in brackets.
+* Times are those of the processor, on **one thread** unless another number is given. Of more threads the shortest wall
+  time counts, since time spent waiting for a busy core says nothing.
+* The **warm-up** is not counted: two calls of each program, or one where that takes long and all has been compiled for
+  smaller images. So nothing is compiled while times are taken.
+
+The photograph is scikit-image's cameraman, gray, shrunk, or beyond its 512 pixels tiled. Cells have 8 pixels. Libraries
+are given bytes, one image after the other; PyTorch's programs are given float32 in 0…1, the whole batch.
+
+* *Ours, X's* computes what X computes; *the paper's* is its Dalal-type descriptor.
+* *Naive torch* is the paper's as one would write it (`benchmarks/peers.py`); *compiled torch* is that with
+  `torch.compile`.
+* *With backward* is the descriptor and the derivative by the image. No library has one, so it stands beside their
+  descriptors alone.{missing}"""
 
 
 def _goals(record: Record) -> str:
@@ -125,14 +132,16 @@ def write_page(folder: Path) -> str:
     record = json.loads((folder / "performance.json").read_text())
     write_plots(record, folder)
     text = page(record)
+    up = os.path.relpath(DOCS, folder)  # links are written as of a page in docs/
+    if up != ".":
+        text = text.replace("](../", f"](../{up}/").replace("](poses.md", f"]({up}/poses.md")
     (folder / "performance.md").write_text(text)
     return text
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    docs = Path(__file__).parent.parent / "docs"
-    parser.add_argument("record", nargs="?", type=Path, default=docs / "performance.json")
+    parser.add_argument("record", nargs="?", type=Path, default=DOCS / "performance.json")
     write_page(parser.parse_args().record.parent)
 
 

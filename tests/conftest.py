@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 
 import pytest
@@ -21,6 +22,10 @@ settings.load_profile("nablahog")
 
 # On a machine that is busy with something else, threads that wait for each other make minutes of seconds.
 torch.set_num_threads(1)
+
+# Where there is no GPU, Triton's interpreter runs its kernels on the CPU.  Triton asks when it is loaded.
+if not torch.cuda.is_available():
+    os.environ.setdefault("TRITON_INTERPRET", "1")
 
 load_forward_mode()  # tests use it themselves, and turn warnings into errors
 

@@ -302,6 +302,13 @@ def view(azimuth: ArrayLike, views: int) -> NDArray[np.int64]:
 def same_view(estimate: ArrayLike, truth: ArrayLike, views: int) -> NDArray[np.bool_]:
     """The interval criterion: whether two azimuths, in degrees, are in the same :func:`view`.
 
+    Args:
+        estimate, truth: degrees, of shapes that broadcast.
+        views: number of views around the object; view 0 has 0° in its middle.
+
+    Returns:
+        One truth value for each pair.
+
     >>> nablahog.metrics.same_view([10, 350], 20, views=8).tolist()  # view 0 is -22.5…22.5
     [True, True]
     """
@@ -312,6 +319,13 @@ def near_view(estimate: ArrayLike, truth: ArrayLike, views: int) -> NDArray[np.b
     """The threshold criterion: whether two azimuths, in degrees, are less than 360°/views apart.
 
     For 4, 8, 16 and 24 views, that is 90°, 45°, 22.5° and 15°.
+
+    Args:
+        estimate, truth: degrees, of shapes that broadcast.
+        views: number of views around the object.
+
+    Returns:
+        One truth value for each pair.
 
     >>> nablahog.metrics.near_view([10, 350], 40, views=8).tolist()  # less than 45° apart
     [True, False]

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+import skimage.io  # noqa: F401  (here: its first import changes the filters of warnings, of all threads, for a moment)
 from PIL import Image
 from starlette.testclient import TestClient
 

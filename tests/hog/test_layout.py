@@ -103,7 +103,7 @@ def test_vectors_of_opencv() -> None:
 
 def test_patches_of_maskfeat() -> None:
     """The k-th entry of a patch: its channel first, then its row, then its column of cells."""
-    s = presets.maskfeat(nbins=4, patches=True)
+    s = presets.maskfeat(nbins=4, layout="tokens")
     descriptor = numbered(s, (32, 48))  # 4 x 6 cells of 12 channels
     native = to_layout(descriptor, s)
     assert native.shape == (2, 6, 48)
@@ -112,7 +112,7 @@ def test_patches_of_maskfeat() -> None:
         assert native[1, patch, 4 * channel + 2 * y + x] == descriptor[1, row, col, channel]
     torch.testing.assert_close(from_layout(native, s, (32, 48)), descriptor)
     for refused in (lambda: native_shape(s, (40, 48)), lambda: to_layout(numbered(s, (32, 40)), s)):
-        with pytest.raises(ValueError, match="'patches' needs even numbers of rows and columns of cells, got"):
+        with pytest.raises(ValueError, match="'tokens' needs even numbers of rows and columns of cells, got"):
             refused()
 
 
@@ -124,7 +124,7 @@ def test_the_window_of_dalal_and_triggs() -> None:
     assert native_shape(presets.vlfeat(), (128, 64)) == (31, 16, 8)
     assert native_shape(presets.vlfeat("dalaltriggs"), (128, 64)) == (36, 16, 8)
     assert native_shape(presets.maskfeat(), (224, 224)) == (3, 9, 28, 28)
-    assert native_shape(presets.maskfeat(patches=True), (224, 224)) == (196, 108)
+    assert native_shape(presets.maskfeat(layout="tokens"), (224, 224)) == (196, 108)
 
 
 @pytest.mark.parametrize("name", PRESETS)

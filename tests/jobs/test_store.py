@@ -57,7 +57,7 @@ def test_keys_tell_work_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     base = job(DARK)
     learned = METHODS["uoctti-learned"]
     brighter = base.image.copy()
-    brighter[0, 0] = np.nextafter(brighter[0, 0], 2)
+    brighter[0, 0] = np.nextafter(brighter[0, 0], np.float32(2))
     jobs = [
         base,
         job(DARK, seed=1),

@@ -91,7 +91,9 @@ def state(x: Tensor, gradient: Tensor, direction: Tensor, memory: int, compiled:
 
 def advance(vectors: LbfgsVectors, numbers: _Scalars, gradient: Tensor, values: Tensor) -> None:
     """To trial points of these gradients (B, N) and values (B,)."""
-    vectors.take_step(*numbers.decide(values, vectors.dots(gradient)), gradient, numbers.slopes, numbers.peaks)
+    vectors.take_step(
+        *numbers.decide(*vectors.values_and_dots(values, gradient)), gradient, numbers.slopes, numbers.peaks
+    )
 
 
 @pytest.mark.parametrize("compiled", [False, True])

@@ -52,6 +52,13 @@ def read_models(folder: str | os.PathLike[str]) -> Models:
     Raises:
         FileNotFoundError, NotADirectoryError: there is no such folder.
         ValueError: it holds no model.
+
+    >>> from pathlib import Path
+    >>> Path("chairs").mkdir()
+    >>> _ = Path("chairs/stool.off").write_text("OFF\\n3 1 0\\n0 0 0\\n1 0 0\\n0 0 1\\n3 0 1 2\\n")
+    >>> models = nablahog.datasets.cad.read_models("chairs")
+    >>> [(name, len(mesh.faces)) for name, mesh in models.meshes()]
+    [('stool', 1)]
     """
     folder = Path(folder)
     check_folder(folder, "CAD models")

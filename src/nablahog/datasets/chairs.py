@@ -33,6 +33,13 @@ def chair(seed: int) -> Mesh:
 
     Raises:
         ValueError: ``seed`` is below 0.
+
+    >>> mesh = nablahog.datasets.chairs.chair(3)
+    >>> mesh.vertices.shape[1], mesh.faces.shape[1]
+    (3, 3)
+    >>> size = mesh.vertices.amax(0) - mesh.vertices.amin(0)
+    >>> round(float(size.norm()), 5)  # the diagonal of its bounding box
+    1.0
     """
     if seed < 0:
         raise ValueError(f"a seed must be at least 0, got {seed}")

@@ -110,9 +110,21 @@ def read_record(path: Path) -> list[Record]:
 
     If the distance is 0 or missing, the coarse viewpoint is used, as in the published code.
 
+    Args:
+        path: of the MATLAB file.
+
     Raises:
         FileNotFoundError: there is no such file.
         ValueError: it is no such record or is damaged.
+
+    >>> from pathlib import Path
+    >>> from scipy.io import savemat
+    >>> viewpoint = {"azimuth": 317.5, "elevation": 20.0, "distance": 7.5, "theta": -3.5}
+    >>> chair = {"class": "chair", "bbox": [1, 1, 50, 40], "viewpoint": viewpoint, "cad_index": 3}
+    >>> savemat("a.mat", {"record": {"objects": chair}})
+    >>> (one,) = nablahog.datasets.pascal3d.read_record(Path("a.mat"))
+    >>> one.category, tuple(one.box), one.viewpoint.azimuth, one.cad
+    ('chair', (0.0, 0.0, 50.0, 40.0), 317.5, 3)
     """
     variables = read_mat(path)
     try:
@@ -176,6 +188,25 @@ def read_pascal3d(voc: Path, pascal3d: Path, category: str = "chair", split: str
     Raises:
         FileNotFoundError: a folder or the list of the split is missing.
         ValueError: the list of the split is damaged, or no object is selected.
+
+    >>> from pathlib import Path
+    >>> from PIL import Image
+    >>> from scipy.io import savemat
+    >>> voc, pascal3d = Path("VOC2012"), Path("PASCAL3D+_release1.1")
+    >>> records = pascal3d / "Annotations" / "chair_pascal"
+    >>> for folder in (voc / "Annotations", voc / "ImageSets" / "Main", voc / "JPEGImages", records):
+    ...     folder.mkdir(parents=True)
+    >>> _ = (voc / "ImageSets" / "Main" / "chair_val.txt").write_text("a 1\\n")  # one photograph, with one chair
+    >>> Image.new("L", (160, 120)).save(voc / "JPEGImages" / "a.jpg")
+    >>> box = "<xmin>11</xmin><ymin>1</ymin><xmax>120</xmax><ymax>110</ymax>"
+    >>> text = f"<annotation><object><name>chair</name><bndbox>{box}</bndbox></object></annotation>"
+    >>> _ = (voc / "Annotations" / "a.xml").write_text(text)
+    >>> viewpoint = {"azimuth": 317.5, "elevation": 20.0, "distance": 7.5, "theta": -3.5}
+    >>> chair = {"class": "chair", "bbox": [11, 1, 120, 110], "viewpoint": viewpoint, "cad_index": 3}
+    >>> savemat(records / "a.mat", {"record": {"objects": chair}})
+    >>> selection = nablahog.datasets.pascal3d.read_pascal3d(voc, pascal3d)
+    >>> [(each.name, each.image.shape, each.viewpoint.azimuth, each.cad) for each in selection.objects]
+    [('a#1', torch.Size([1, 110, 110]), 317.5, '03')]
     """
     check_voc(voc)
     records = pascal3d / "Annotations" / f"{category}_pascal"
@@ -235,6 +266,10 @@ def cut_out(image: Tensor, box: Sequence[float], shortest: int = SHORTEST) -> Te
 
     Raises:
         ValueError: the box and the image have no pixel in common.
+
+    >>> image = torch.rand(3, 120, 160)
+    >>> nablahog.datasets.pascal3d.cut_out(image, (10, 20, 60, 60)).shape  # 40 pixels high, enlarged to 100
+    torch.Size([3, 100, 125])
     """
     height, width = image.shape[1:]
     inside = Box(*map(round, Box.of(box))).intersect(Box(0, 0, width, height))

@@ -141,6 +141,13 @@ def scene(
 
     Raises:
         ValueError: there are no models, viewpoints or photographs, or they have other shapes.
+
+    >>> from nablahog.datasets import chairs, scenes
+    >>> models = {"a": chairs.chair(1), "b": chairs.chair(2)}
+    >>> viewpoints = np.array([[30.0, 15.0, 0.0], [200.0, 10.0, 2.0]])  # azimuth, elevation, theta
+    >>> one = scenes.scene(0, models, viewpoints, [torch.rand(200, 200)])
+    >>> one.image.shape, one.model in models, float(one.pose[0]) in (30.0, 200.0)
+    (torch.Size([3, 224, 224]), True, True)
     """
     if not models or not photographs:
         raise ValueError(f"expected models and photographs, got {len(models)} and {len(photographs)}")
@@ -231,6 +238,14 @@ def compose(
 
     Returns:
         (3, H, W), float64 in 0…1.
+
+    >>> from nablahog.datasets import scenes
+    >>> picture, coverage = np.full((3, 64, 64), 0.5), np.zeros((64, 64))
+    >>> coverage[16:48, 16:48] = 1.0  # the object is a gray square
+    >>> clutter = [np.random.default_rng(0).random((1, 80, 80))]
+    >>> generator = np.random.default_rng(0)
+    >>> scenes.compose(picture * coverage, coverage, (16, 16, 48, 48), clutter, scenes.SceneSettings(), generator).shape
+    (3, 64, 64)
     """
     image = picture + (1 - coverage) * _clutter(photographs, coverage.shape, settings, generator)
     if generator.random() < settings.occlusion:

@@ -35,6 +35,12 @@ def read_viewpoints(path: str | os.PathLike[str]) -> Floats:
         FileNotFoundError: there is no such file.
         ValueError: it is no such file, has no viewpoints, or a value is no finite number or out of its range; the
             message names the line.
+
+    >>> from pathlib import Path
+    >>> _ = Path("viewpoints.csv").write_text("azimuth,elevation\\n30,10\\n350,15.5\\n")
+    >>> nablahog.datasets.viewpoints.read_viewpoints("viewpoints.csv")
+    array([[ 30. ,  10. ,   0. ],
+           [350. ,  15.5,   0. ]])
     """
     path = Path(path)
     check_file(path, "a CSV file")
@@ -86,6 +92,9 @@ def sample_viewpoints(count: int, generator: np.random.Generator) -> Floats:
 
     Returns:
         (``count``, 3), float64, as :func:`read_viewpoints`.
+
+    >>> nablahog.datasets.viewpoints.sample_viewpoints(5, np.random.default_rng(0)).shape
+    (5, 3)
     """
     frontal = generator.random(count) < 0.5
     azimuth = np.where(frontal, generator.normal(0, 45, count), generator.uniform(0, 360, count)) % 360

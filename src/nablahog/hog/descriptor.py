@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from . import kernels
+from . import triton as gpu
 from .advice import advise
 from .checks import check_choice
 from .inputs import ArrayImage, image_batch, to_array
@@ -17,7 +18,7 @@ from .presets import as_spec
 from .spec import HOGSpec
 from .steps import histograms_reference, normalize_reference, spread_nan
 
-Backend: TypeAlias = Literal["auto", "torch"]
+Backend: TypeAlias = Literal["auto", "torch", "triton"]
 ResultLayout: TypeAlias = Literal["cells", "native"]
 HALVES = (torch.float16, torch.bfloat16)
 
@@ -32,10 +33,19 @@ def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
             f"images must have shape (B, C, H, W) with at least one channel, got {tuple(images.shape)}{write}"
         )
     spec.check_channels(images.shape[1])
-    if images.dtype not in (torch.uint8, torch.float32, torch.float64):
+    if images.dtype not in (torch.uint8, torch.float32, torch.float64) and not (
+        images.is_cuda and images.dtype in HALVES
+    ):
         raise TypeError(f"images must be floats in 0…1, or uint8 in 0…255, got {images.dtype}")
     if backend != "auto":
         check_choice("backend", backend, Backend)
+
+
+def _on_gpu(images: Tensor, spec: HOGSpec, backend: Backend) -> bool:
+    """Whether the kernels of a GPU are to compute it.  Raises if they were asked for and cannot."""
+    if backend == "triton":
+        gpu.check(images.device, spec)
+    return backend == "triton" or (backend == "auto" and gpu.chosen(images.device, spec))
 
 
 def histograms(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> Tensor:
@@ -46,6 +56,10 @@ def histograms(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> T
     _check(images, spec, backend)
     if backend == "auto" and images.is_cpu and kernels.supports(spec):
         return kernels.histograms(images, spec)
+    if _on_gpu(images, spec, backend):
+        from .triton import steps
+
+        return steps.histograms(images, spec)
     spec.grid(*images.shape[-2:])  # or it is too small; the loops check this with their cached parameters
     return histograms_reference(images, spec)
 
@@ -77,8 +91,9 @@ def hog(
             (H, W), (H, W, C) or (B, H, W, C), C 1 or 3, or a PIL image of mode L or RGB.
         spec: the dialect, from :mod:`nablahog.presets`, or the name of a preset with its defaults, ``"skimage"``.
         layout: ``"cells"``, or ``"native"``, the shape and order that the library itself returns.
-        backend: ``"auto"``, compiled loops on a CPU; ``"torch"``, the steps as the paper has them, a few operations of
-            PyTorch each.  The results differ by rounding.
+        backend: ``"auto"``, compiled loops on a CPU, kernels of Triton on a GPU; ``"torch"``, the steps as the paper
+            has them, a few operations of PyTorch each; ``"triton"``, these kernels or an error.  The results differ by
+            rounding.
 
     Returns:
         (B, rows, cols, channels), or B in front of the library's own shape; the dtype of the images (the default dtype
@@ -88,11 +103,14 @@ def hog(
 
     Raises:
         TypeError: ``images`` is no tensor, array or PIL image, or of another dtype.
-        ValueError: ``images`` has other axes, or is smaller than one cell; there is no such preset.
+        ValueError: ``images`` has other axes, or is smaller than one cell; there is no such preset; the backend is
+            ``"triton"``, and ``images`` are on no GPU.
+        ModuleNotFoundError: the backend is ``"triton"``, which is not installed.
 
     Warns:
         UserWarning: the floats reach far beyond 0…1 (above 2; looked up in some pixels, on the CPU); there are four
-            channels; or the spec is scikit-image's for gray images, and there are three.
+            channels; the spec is scikit-image's for gray images, and there are three; or, once, PyTorch's steps compute
+            on a GPU, for want of Triton.
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> nablahog.hog(torch.rand(2, 3, 64, 48), spec).shape
@@ -112,14 +130,15 @@ def hog(
 
 
 def _described(images: Tensor, spec: HOGSpec, layout: ResultLayout, backend: Backend) -> Tensor:
-    values = images.float() if isinstance(images, Tensor) and images.dtype in HALVES else images
+    halves = isinstance(images, Tensor) and images.dtype in HALVES
+    values = images.float() if halves and not (images.is_cuda and _on_gpu(images, spec, backend)) else images
     _check(values, spec, backend)
     advise(values, spec)
     descriptor = describe(values, spec, backend=backend)
     if layout != "cells":
         check_choice("layout", layout, ResultLayout)
         descriptor = to_layout(descriptor, spec)
-    if values is not images and not torch.is_autocast_enabled(images.device.type):
+    if halves and not torch.is_autocast_enabled(images.device.type):
         return descriptor.to(images.dtype)
     return descriptor
 
@@ -128,6 +147,10 @@ def describe(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> Ten
     """:func:`hog` of images as it takes them, float32, float64 or uint8, without its checks and warnings."""
     if backend == "auto" and images.is_cpu and kernels.supports(spec):
         return kernels.describe(images, spec)
+    if _on_gpu(images, spec, backend):
+        from .triton import steps
+
+        return steps.describe(images, spec)
     shape = len(images), *spec.grid(*images.shape[-2:]), spec.channels
     if images.is_meta:  # a graph, but no values
         dtype = images.dtype if images.is_floating_point() else torch.get_default_dtype()

@@ -17,7 +17,7 @@ def native_shape(spec: HOGSpec, image_size: tuple[int, int]) -> tuple[int, ...]:
     """The library's own shape of the descriptor of an image of (height, width) pixels.
 
     Raises:
-        ValueError: the image is smaller than a cell, or in the layout of patches has no whole number of these.
+        ValueError: the image is smaller than a cell, or in the layout of tokens has no whole number of these.
     """
     rows, cols = spec.grid(*image_size)
     if spec.layout == "cells":
@@ -26,8 +26,8 @@ def native_shape(spec: HOGSpec, image_size: tuple[int, int]) -> tuple[int, ...]:
         return spec.channels, rows, cols
     if spec.layout == "colour-planes":
         return COLOURS, spec.channels // COLOURS, rows, cols
-    if spec.layout == "patches":
-        _check_patches(rows, cols)
+    if spec.layout == "tokens":
+        _check_tokens(rows, cols)
         return rows * cols // PATCH**2, spec.channels * PATCH**2
     if spec.layout == "blocks":
         return rows, cols, *_block(spec)
@@ -38,13 +38,21 @@ def to_layout(descriptor: Descriptors, spec: HOGSpec | str) -> Descriptors:
     """Converts descriptors (B, rows, cols, channels) to the spec's layout; arrays also (rows, cols, channels).
 
     By ``spec.layout`` this is ``"cells"``, the same; ``"planes"``, (B, channels, rows, cols); ``"colour-planes"``,
-    (B, 3, bins, rows, cols); ``"patches"``, (B, patches of 2x2 cells, channels · 4), as a transformer's tokens, and in
+    (B, 3, bins, rows, cols); ``"tokens"``, (B, patches of 2x2 cells, channels · 4), those of a transformer, and in
     each channel by channel; ``"blocks"``, (B, rows, cols, rows of cells, columns of cells, bins); ``"block-vector"``,
     the same in one row; ``"opencv-vector"``, in one row, too, but column by column of blocks, and in a block column by
     column of cells.  The spec may be the name of a preset with its defaults.
 
+    Args:
+        descriptor: (B, rows, cols, channels), a tensor, or an array, which may lack B.
+        spec: the dialect, or the name of a preset with its defaults.
+
+    Returns:
+        Of the kind and dtype of ``descriptor``, in the shape above; entries are moved, not changed, so that it is
+        differentiable.
+
     Raises:
-        ValueError: in the layout of patches, rows or columns are odd; there is no such preset.
+        ValueError: in the layout of tokens, rows or columns are odd; there is no such preset.
 
     >>> spec = nablahog.presets.opencv(win_size=(64, 128))
     >>> descriptor = nablahog.hog(torch.rand(1, 1, 128, 64), spec)
@@ -62,8 +70,8 @@ def to_layout(descriptor: Descriptors, spec: HOGSpec | str) -> Descriptors:
     if spec.layout in ("planes", "colour-planes"):
         planes = descriptor.permute(0, 3, 1, 2)
         return planes if spec.layout == "planes" else planes.reshape(batch, COLOURS, channels // COLOURS, rows, cols)
-    if spec.layout == "patches":
-        _check_patches(rows, cols)
+    if spec.layout == "tokens":
+        _check_tokens(rows, cols)
         cells = descriptor.reshape(batch, rows // PATCH, PATCH, cols // PATCH, PATCH, channels)
         return cells.permute(0, 1, 3, 5, 2, 4).flatten(3).flatten(1, 2)
     blocks = descriptor.reshape(batch, rows, cols, *_block(spec))
@@ -79,6 +87,9 @@ def from_layout(native: Descriptors, spec: HOGSpec | str, image_size: tuple[int,
         native: B in front of the library's own shape, or of its entries in one row; an array also without B.
         spec: the dialect, or the name of a preset with its defaults.
         image_size: (height, width) of the images.
+
+    Returns:
+        (B, rows, cols, channels), of the kind and dtype of ``native``; differentiable.
 
     Raises:
         ValueError: the shape is none of the spec's for images of that size; there is no such preset.
@@ -103,7 +114,7 @@ def from_layout(native: Descriptors, spec: HOGSpec | str, image_size: tuple[int,
     batch = len(native)
     if spec.layout in ("planes", "colour-planes"):
         return native.reshape(batch, spec.channels, rows, cols).permute(0, 2, 3, 1)
-    if spec.layout == "patches":
+    if spec.layout == "tokens":
         patches = native.reshape(batch, rows // PATCH, cols // PATCH, spec.channels, PATCH, PATCH)
         native = patches.permute(0, 1, 4, 2, 5, 3)
     if spec.layout == "opencv-vector":
@@ -112,9 +123,9 @@ def from_layout(native: Descriptors, spec: HOGSpec | str, image_size: tuple[int,
     return native.reshape(batch, rows, cols, spec.channels)
 
 
-def _check_patches(rows: int, cols: int) -> None:
+def _check_tokens(rows: int, cols: int) -> None:
     if rows % PATCH or cols % PATCH:
-        raise ValueError(f"the layout 'patches' needs even numbers of rows and columns of cells, got {rows}x{cols}")
+        raise ValueError(f"the layout 'tokens' needs even numbers of rows and columns of cells, got {rows}x{cols}")
 
 
 def _block(spec: HOGSpec) -> tuple[int, int, int]:

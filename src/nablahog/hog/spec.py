@@ -29,7 +29,7 @@ Angle: TypeAlias = Literal["exact", "opencv", "vlfeat"]
 Directions: TypeAlias = Literal["float32", "four-decimals"]
 Derivative: TypeAlias = Literal["own", "linear"]
 Boundary: TypeAlias = Literal["first", "upper"]
-Layout: TypeAlias = Literal["cells", "planes", "colour-planes", "patches", "blocks", "block-vector", "opencv-vector"]
+Layout: TypeAlias = Literal["cells", "planes", "colour-planes", "tokens", "blocks", "block-vector", "opencv-vector"]
 COLOURS = 3  # that a spec with separate colours has
 MOST_BINS = 1000
 

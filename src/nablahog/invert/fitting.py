@@ -184,7 +184,7 @@ def fit(
     largest = training.learning_rate * (1.0 if start is None else AGAIN)
     losses = _restore(saved, network, optimizer, epochs, steps)
     for epoch in range(len(losses), epochs):
-        total = 0.0
+        of_steps: list[Tensor] = []
         with torch.random.fork_rng():  # of what is left out in training
             torch.manual_seed(seed + epoch)
             for step, batch in enumerate(training.batches(epoch)):
@@ -198,7 +198,8 @@ def fit(
                 loss.backward()  # type: ignore[no-untyped-call]
                 clip_grad_norm_(network.parameters(), LARGEST_GRADIENT)
                 optimizer.step()
-                total += loss.item()
+                of_steps.append(loss.detach())  # no number yet: a GPU goes on with the next step
+        total = sum(torch.stack(of_steps).tolist())
         if not math.isfinite(total):
             raise ValueError(f"the training has diverged in epoch {epoch + 1}: the loss is {total}")
         losses.append(total / steps)

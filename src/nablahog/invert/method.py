@@ -41,6 +41,11 @@ class AsPublished:
 
     Raises:
         ValueError: one is out of range.
+
+    >>> from nablahog.invert import AsPublished
+    >>> descriptor = nablahog.hog(torch.rand(1, 1, 16, 16), "uoctti")
+    >>> nablahog.reconstruct(descriptor, "uoctti", method=AsPublished(iterations=2)).image.shape
+    torch.Size([1, 1, 16, 16])
     """
 
     smoothness: float | Sequence[float] | None = None

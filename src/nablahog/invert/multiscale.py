@@ -80,8 +80,15 @@ def scale_descriptors(image: Tensor, spec: HOGSpec | str, scales: Sequence[int] 
         spec: the dialect, or the name of a preset with its defaults.
         scales: as of :func:`reconstruct_multiscale`.
 
+    Returns:
+        One descriptor for each scale, in the order of ``scales``; differentiable by ``image``.
+
     Raises:
         ValueError: a scale does not exist for this size; there is no such preset.
+
+    >>> descriptors = nablahog.invert.scale_descriptors(torch.rand(1, 1, 64, 64), "paper", (16, 4, 1))
+    >>> [tuple(each.shape) for each in descriptors]  # cells shrink with the image
+    [(1, 8, 8, 9), (1, 8, 8, 9), (1, 8, 8, 9)]
     """
     spec = as_spec(spec)
     levels = []

@@ -32,6 +32,11 @@ class Search:
 
     Raises:
         ValueError: one is out of range.
+
+    >>> from nablahog.invert import Search
+    >>> descriptor = nablahog.hog(torch.rand(1, 1, 32, 32), "uoctti")
+    >>> nablahog.reconstruct(descriptor, "uoctti", search=Search(max_evaluations=30, samples=1)).image.shape
+    torch.Size([1, 1, 32, 32])
     """
 
     minimiser: Minimiser = "lbfgs"
@@ -64,6 +69,13 @@ class Objective:
     Raises:
         ValueError: a number is negative or not finite.
         TypeError: ``priors`` are no priors.
+
+    >>> from nablahog.invert import Objective
+    >>> from nablahog.invert.priors import TotalVariation
+    >>> descriptor = nablahog.hog(torch.rand(1, 1, 32, 32), "uoctti")
+    >>> objective = Objective(smoothness=0.1, priors=[TotalVariation(1e-3)])
+    >>> nablahog.reconstruct(descriptor, "uoctti", objective=objective, quality="fast").image.shape
+    torch.Size([1, 1, 32, 32])
     """
 
     smoothness: float = 0.02

@@ -73,6 +73,10 @@ def reconstruct(
             far, an :class:`.iterate.Iterate`; first with what a prior expects.  An exception that it raises ends the
             search.
 
+    Returns:
+        Images (B, 1, H, W) in 0…1, their distances and how the search ended, see :class:`nablahog.Reconstruction`;
+        arrays if ``descriptor`` is an array.  They have no derivative by ``descriptor``.
+
     Raises:
         TypeError: the descriptor, ``start`` or ``expected`` is no floating-point tensor or array.
         ValueError: their shape contradicts spec and image size, they hold NaN or Inf, the spec keeps DPM's texture

@@ -33,9 +33,19 @@ def default_prior_file(spec: HOGSpec | str) -> Path | None:
 def default_prior(spec: HOGSpec | str) -> LearnedPrior:
     """The prior that comes with the package for descriptors of ``spec``.
 
+    Args:
+        spec: the dialect, or the name of a preset with its defaults.
+
     Raises:
         ValueError: there is no such preset, or no prior for it.
         FileNotFoundError: the package was installed without its priors.
+
+    >>> prior = nablahog.invert.default_prior("uoctti")
+    >>> prior.signed
+    True
+    >>> descriptor = nablahog.hog(torch.rand(1, 1, 32, 32), "uoctti")
+    >>> prior.expected(descriptor, nablahog.presets.uoctti(), (32, 32)).shape
+    torch.Size([1, 1, 32, 32])
     """
     spec = as_spec(spec)
     file = default_prior_file(spec)

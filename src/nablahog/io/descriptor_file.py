@@ -34,6 +34,11 @@ class StoredDescriptor:
     Raises:
         TypeError: the descriptor is no float32 or float64 tensor.
         ValueError: the three contradict each other, or the descriptor is not finite.
+
+    >>> from nablahog.io import StoredDescriptor
+    >>> spec = nablahog.presets.paper()
+    >>> StoredDescriptor(nablahog.hog(torch.rand(1, 1, 32, 32), spec)[0], spec, (32, 32)).descriptor.shape
+    torch.Size([4, 4, 9])
     """
 
     descriptor: Tensor
@@ -77,6 +82,12 @@ def save_descriptor(
     is a compressed .npz archive of the arrays ``descriptor``, ``spec`` (its JSON), ``image_size`` and ``format`` (1),
     for any ending of its name.  It is replaced whole or not at all.
 
+    Args:
+        path: of the file, with any ending.
+        descriptor: (rows, cols, channels), float32 or float64, finite; of a tensor its values.
+        spec: the dialect, or the name of a preset with its defaults.
+        image_size: (height, width) in pixels.
+
     Raises:
         TypeError, ValueError: as :class:`StoredDescriptor`, or there is no such preset; nothing is written.
         OSError: the file cannot be written.
@@ -95,6 +106,12 @@ def save_descriptor(
 
 def load_descriptor(path: str | os.PathLike[str]) -> StoredDescriptor:
     """The descriptor that :func:`save_descriptor` wrote.  Never unpickles, so nothing in the file is ever run.
+
+    Args:
+        path: of the file.
+
+    Returns:
+        The descriptor (rows, cols, channels) on the CPU, with its spec and the size of its image.
 
     Raises:
         FileNotFoundError: there is no such file.

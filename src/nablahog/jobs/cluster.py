@@ -1,8 +1,9 @@
 """Many jobs on a Dask cluster: one that is there, or processes of this machine that Dask manages.
 
-Jobs go in chunks that take about :data:`CHUNK_SECONDS`, by the time that the first ones took: the scheduler's own work
-for a task is then below 5 % of it.  A worker that dies is Dask's matter, which gives its tasks to others; the jobs of a
-task that takes its workers with it are done again in the end, one by one, so that it is known which one is to blame.
+Jobs go in chunks that take about :data:`CHUNK_SECONDS`, by the time that the first ones took, or longer on many
+workers: the scheduler's own work for a chunk is then below 5 % of it.  A worker that dies is Dask's matter, which gives
+its tasks to others; the jobs of a task that takes its workers with it are done again in the end, one by one, so that it
+is known which one is to blame.
 """
 
 from __future__ import annotations
@@ -36,11 +37,14 @@ R = TypeVar("R")
 
 logger = logging.getLogger(__name__)
 
-CHUNK_SECONDS = 0.5
+CHUNK_SECONDS = 0.5  # or more, on so many threads that the scheduler would have more than
+CHUNKS_A_SECOND = 200.0
+RECOUNT = 5.0  # seconds
 MOST_IN_CHUNK = 1000
 AHEAD = 2  # chunks for each thread of the cluster, so that none waits for this process
 DEATHS = 2  # of processes of this machine, with the same task, until it fails: as without Dask
-PATIENCE = 60.0  # seconds to wait for a scheduler, and for a worker
+CONNECT = 20.0  # seconds to wait for a scheduler, at first and when it is lost
+PATIENCE = 60.0  # seconds to wait for a worker
 PLUGIN = "nablahog-files"
 LOST = (CommClosedError, FutureCancelledError, CancelledError)  # what Dask raises when its scheduler has gone
 
@@ -76,11 +80,12 @@ def run_on_cluster(
         waiting = _Waiting(len(jobs))
         chunks: dict[Any, list[int]] = {}
         ended = SimpleQueue[Any]()
+        threads = _Threads(client)
 
         def send() -> None:
-            threads = max(1, sum(client.nthreads().values()))
-            room = AHEAD * threads - len(chunks)
-            while room > 0 and (chunk := waiting.next(threads, alone=not chunks)):
+            count = threads.count()
+            room = AHEAD * count - len(chunks)
+            while room > 0 and (chunk := waiting.next(count, alone=not chunks)):
                 for index in chunk:
                     started(index)
                 future = client.submit(attempt_all, [jobs[index] for index in chunk], pure=False)
@@ -123,6 +128,20 @@ def attempt_all(jobs: Sequence[Work[R]]) -> tuple[float, list[R | str]]:
     return time.perf_counter() - began, answers
 
 
+class _Threads:
+    """Those of all workers, which come and go; asked for every :data:`RECOUNT` seconds."""
+
+    def __init__(self, client: Client) -> None:
+        self._client, self._count, self._asked = client, 1, -math.inf
+
+    def count(self) -> int:
+        """At least 1."""
+        if time.monotonic() - self._asked > RECOUNT:
+            self._count = max(1, sum(self._client.nthreads().values()))
+            self._asked = time.monotonic()
+        return self._count
+
+
 class _Waiting:
     """Jobs that were not sent yet, in chunks of about :data:`CHUNK_SECONDS`.
 
@@ -144,8 +163,9 @@ class _Waiting:
         The last chunks are smaller, so that all ``threads`` of the cluster end at nearly the same time.
         """
         each = self._seconds / self._done if self._done else CHUNK_SECONDS
+        wanted = max(CHUNK_SECONDS, threads / CHUNKS_A_SECOND)
         share = math.ceil(len(self._indices) / (AHEAD * threads))
-        size = max(1, min(MOST_IN_CHUNK, round(CHUNK_SECONDS / max(each, 1e-6)), share))
+        size = max(1, min(MOST_IN_CHUNK, round(wanted / max(each, 1e-6)), share))
         chunk = [self._indices.popleft() for _ in range(min(size, len(self._indices)))]
         if not chunk and self._suspects and alone:
             chunk = [self._suspects.popleft()]
@@ -190,17 +210,17 @@ def _connected(cluster: str) -> Iterator[Client]:
             LocalCluster(
                 n_workers=workers, threads_per_worker=1, dashboard_address="127.0.0.1:0", silence_logs=50
             ) as local,
-            Client(local, timeout=PATIENCE) as client,
+            Client(local, timeout=CONNECT) as client,
         ):
             yield client
 
 
 def _client(kind: Callable[..., Client], cluster: str) -> Client:
     if re.fullmatch(r"[a-z]+://\S+", cluster):
-        return kind(cluster, timeout=PATIENCE)
+        return kind(cluster, timeout=CONNECT)
     if not Path(cluster).is_file():
         raise ValueError("expected local, local:N, an address such as tcp://HOST:8786, or a scheduler's file")
-    return kind(scheduler_file=cluster, timeout=PATIENCE)
+    return kind(scheduler_file=cluster, timeout=CONNECT)
 
 
 @contextmanager

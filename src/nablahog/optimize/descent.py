@@ -76,15 +76,16 @@ class _Descent:
         self.bad = ~self.current.finite()
         self.small = torch.zeros_like(self.bad)
         self.reasons = [StopReason.BUDGET] * len(start)
-        self.evaluations = torch.zeros_like(self.index)
+        self.evaluations, self.rounds = torch.zeros_like(self.index), 0
         self.history, self.lowest_values = (History(self.value, len(start)) for _ in range(2))
         self._count()
 
     def _count(self) -> None:
-        self.evaluations[self.index] += 1
-        evaluations = self.evaluations[self.index]
-        self.history.add(evaluations, self.index, self.current.value)
-        self.lowest_values.add(evaluations, self.index, self.lowest.value)
+        self.rounds += 1  # each evaluates all that are running
+        evaluations = torch.full_like(self.index, self.rounds)
+        self.evaluations[self.index] = evaluations
+        self.history.add(evaluations, self.index, self.current.value, self.rounds)
+        self.lowest_values.add(evaluations, self.index, self.lowest.value, self.rounds)
         if self.watch is not None:
             self.watch(self.index, evaluations)
 

@@ -35,8 +35,15 @@ class LbfgsVectors:
         self.stored = x.new_zeros(len(x), 2 * memory, x.shape[1])
         self.compiled = x.device.type == "cpu"
 
-    def dots(self, trial_gradient: Tensor) -> Tensor:
-        """(B, 2m + 4), as :func:`.lbfgs_decisions.decide` takes them, on the CPU."""
+    def values_and_dots(self, values: Tensor, trial_gradient: Tensor) -> tuple[Tensor, Tensor]:
+        """(B,) and (B, 2m + 4), as :func:`.lbfgs_decisions.decide` takes them, on the CPU."""
+        dots = self._dots(trial_gradient)
+        if self.compiled:
+            return values, dots
+        both = torch.cat([values.unsqueeze(1), dots], dim=1).cpu()  # one wait for the device
+        return both[:, 0].contiguous(), both[:, 1:].contiguous()
+
+    def _dots(self, trial_gradient: Tensor) -> Tensor:
         if self.compiled:
             out = trial_gradient.new_empty(len(self.stored), self.stored.shape[1] + BESIDE)
             vectors = (trial_gradient, self.gradient, self.direction, self.stored)
@@ -53,7 +60,7 @@ class LbfgsVectors:
         ):
             beside[which] = torch.linalg.vecdot(left, right)
         with_stored = torch.bmm(trial_gradient.unsqueeze(1), self.stored.mT).squeeze(1)
-        return torch.cat([with_stored, torch.stack(beside, dim=1)], dim=1).cpu()
+        return torch.cat([with_stored, torch.stack(beside, dim=1)], dim=1)
 
     def take_step(
         self, taken: Tensor, places: Tensor, coefficients: Tensor, trial_gradient: Tensor, slopes: Tensor, peaks: Tensor
@@ -74,19 +81,21 @@ class LbfgsVectors:
             arrays = *numbers, *(each.view(-1).numpy() for each in vectors), slopes.numpy(), peaks.numpy()
             share_out(lambda start, stop: lbfgs_kernels.take_step(start, stop, *arrays), len(taken))
             return
-        moved = taken > 0
-        taken, places, coefficients, on_device = (t.to(self.x.device) for t in (taken, places, coefficients, moved))
-        new = (places >= 0).nonzero().squeeze(1)
+        moved, new = taken > 0, (places >= 0).nonzero().squeeze(1)
+        some = taken, places[new], coefficients, moved, new
+        taken, places, coefficients, on_device, new = (t.to(self.x.device) for t in some)
         step = taken.unsqueeze(1) * self.direction
-        self.stored[new, places[new]] = step[new]
-        self.stored[new, places[new] + self.stored.shape[1] // 2] = (trial_gradient - self.gradient)[new]
+        self.stored[new, places] = step[new]
+        self.stored[new, places + self.stored.shape[1] // 2] = (trial_gradient - self.gradient)[new]
         self.x += step
         torch.where(on_device.unsqueeze(1), trial_gradient, self.gradient, out=self.gradient)
         direction = torch.bmm(coefficients[:, None, :-1], self.stored).squeeze(1)
         direction.addcmul_(coefficients[:, -1:], self.gradient)
         torch.where(on_device.unsqueeze(1), direction, self.direction, out=self.direction)
-        slopes[moved] = torch.linalg.vecdot(self.gradient, self.direction).cpu()[moved]
-        peaks[moved] = torch.linalg.vector_norm(self.gradient, torch.inf, dim=1).cpu()[moved]
+        along = torch.linalg.vecdot(self.gradient, self.direction)
+        largest = torch.linalg.vector_norm(self.gradient, torch.inf, dim=1)
+        both = torch.stack([along, largest]).cpu()  # one wait for the device
+        slopes[moved], peaks[moved] = both[0, moved], both[1, moved]
 
 
 def _remaining(done: Tensor, *state: Tensor) -> list[Tensor]:
@@ -144,7 +153,7 @@ class _Search:
     """The running problems of a batch, and the results of those that have stopped.
 
     Attributes:
-        index: (A,), the running problems.
+        index, running: (A,), the running problems; the same on the CPU.
         x, value: (B, N), (B,), the points and values of the others.
         stays: (A,), whether the last trial was not accepted; on the CPU.
     """
@@ -157,7 +166,8 @@ class _Search:
         self.reasons = [StopReason.BUDGET] * len(start)
         self.evaluations = torch.zeros(len(start), dtype=torch.long, device=start.device)
         self.history = History(start.new_empty(0, device="cpu"), len(start))
-        self.index = torch.arange(len(start), device=start.device)
+        self.index, self.running = (torch.arange(len(start), device=d) for d in (start.device, "cpu"))
+        self.rounds = 0
         values, gradient = (tensor.clone() for tensor in objective(start, self.index))
         direction = _steepest(gradient, first_step)
         self.vectors = LbfgsVectors(start.clone(), gradient, direction, memory)
@@ -166,9 +176,10 @@ class _Search:
         self._count()
 
     def _count(self) -> None:
-        self.evaluations[self.index] += 1
-        evaluations = self.evaluations[self.index]
-        self.history.add(evaluations.cpu(), self.index.cpu(), self.scalars.values)
+        self.rounds += 1  # each evaluates all that are running
+        evaluations = torch.full_like(self.index, self.rounds)
+        self.evaluations[self.index] = evaluations
+        self.history.add(torch.full_like(self.running, self.rounds), self.running, self.scalars.values)
         if self.watch is not None:
             self.watch(self.index, evaluations)
 
@@ -178,7 +189,7 @@ class _Search:
         steps = scalars.steps.to(self.index.device).unsqueeze(1)
         values, gradient = self.objective(torch.addcmul(vectors.x, steps, vectors.direction), self.index)
         gradient = gradient.contiguous()
-        taken, places, coefficients = scalars.decide(values.cpu(), vectors.dots(gradient))
+        taken, places, coefficients = scalars.decide(*vectors.values_and_dots(values, gradient))
         self.stays = taken == 0
         vectors.take_step(taken, places, coefficients, gradient, scalars.slopes, scalars.peaks)
         uphill = (scalars.slopes >= 0) | scalars.slopes.isnan()
@@ -197,10 +208,10 @@ class _Search:
         slow, stuck, rows = torch.zeros_like(flat), torch.zeros_like(flat), self.stays.nonzero().squeeze(1)
         if len(rows):
             on_device = rows.to(self.index.device)
-            length, size = (each[on_device].abs().amax(1).cpu() for each in (vectors.direction, vectors.x))
+            length, size = torch.stack([v[on_device].abs().amax(1) for v in (vectors.direction, vectors.x)]).cpu()
             stuck[rows] = self.scalars.steps[rows] * length <= torch.finfo(size.dtype).eps * size
         if evaluation > WINDOW:
-            before = self.history.table[evaluation - 1 - WINDOW, self.index.cpu()]
+            before = self.history.table[evaluation - 1 - WINDOW, self.running]
             slow = before - values < progress_tolerance * values
         return {StopReason.GRADIENT: flat, StopReason.PROGRESS: slow, StopReason.LINE_SEARCH: stuck}
 
@@ -212,7 +223,8 @@ class _Search:
         self.index, vectors.x, vectors.gradient, vectors.direction, vectors.stored = _remaining(
             on_device, self.index, vectors.x, vectors.gradient, vectors.direction, vectors.stored
         )
-        self.scalars = _Scalars(*_remaining(done, *self.scalars))
+        self.running, *scalars = _remaining(done, self.running, *self.scalars)
+        self.scalars = _Scalars(*scalars)
 
     def minimum(self) -> Minimum:
         self.stop(torch.ones_like(self.scalars.values, dtype=torch.bool))
@@ -250,7 +262,7 @@ def lbfgs(
     for evaluation in range(2, max_evaluations + 1):
         search.advance()
         ended = search.ended(evaluation, gradient_tolerance, progress_tolerance)
-        done = enter_reasons(search.reasons, search.index, ended)
+        done = enter_reasons(search.reasons, search.running, ended)
         if done.any():
             search.stop(done)
         if not len(search.index):

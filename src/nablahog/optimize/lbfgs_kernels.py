@@ -163,7 +163,7 @@ def _dot(left: Floats, at: int, right: Floats, begin: int, count: int) -> Real:
 def dots(
     start: int, stop: int, n: int, new: Floats, old: Floats, directions: Floats, stored: Floats, out: Floats
 ) -> None:
-    """Rows start … stop - 1 of :meth:`.LbfgsVectors.dots`, to ``out``.  Vectors of length n lie one after the other."""
+    """Dot products of rows start … stop - 1, to ``out``.  Vectors of length n lie one after the other."""
     both = out.shape[1] - BESIDE
     whole = n // FOURS * FOURS
     flat = out.reshape(-1)

@@ -136,9 +136,12 @@ class History:
         self.table = like.new_zeros(0, batch)
         self.filled_in = torch.zeros(0, batch, dtype=torch.bool, device=like.device)
 
-    def add(self, evaluations: Tensor, index: Tensor, numbers: Tensor) -> None:
-        """The problems ``index`` (A,) have ``numbers`` (A,) after ``evaluations`` (A,), counted from 1."""
-        grow = int(evaluations.max()) - len(self.table)
+    def add(self, evaluations: Tensor, index: Tensor, numbers: Tensor, most: int | None = None) -> None:
+        """The problems ``index`` (A,) have ``numbers`` (A,) after ``evaluations`` (A,), counted from 1.
+
+        ``most`` is the largest of these, if it is known: to ask for it is to wait for the device.
+        """
+        grow = (int(evaluations.max()) if most is None else most) - len(self.table)
         if grow > 0:
             grow = max(grow, len(self.table))  # doubled, so that the copies cost no more than the entries
             self.table, self.filled_in = (

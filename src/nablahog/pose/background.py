@@ -53,6 +53,11 @@ def learn_background(
     Raises:
         ValueError: there are no images, or one is too small or holds NaN or Inf; the spec is globally normalised;
             ``order`` is below 0.
+
+    >>> photographs = {"a": torch.rand(96, 128), "b": torch.rand(128, 96)}
+    >>> background = nablahog.pose.learn_background(photographs, "aubry", order=2)
+    >>> background.mean.shape, background.order
+    (torch.Size([9]), 2)
     """
     spec = as_spec(spec)
     check_spec(spec)
@@ -86,6 +91,10 @@ def default_background(spec: HOGSpec | str, order: int = ORDER) -> Background:
 
     Raises:
         ValueError: as :func:`learn_background`.
+
+    >>> background = nablahog.pose.default_background(nablahog.presets.aubry(cell_size=8), 2)
+    >>> background.mean.shape, background.order
+    (torch.Size([9]), 2)
     """
     return learn_background(
         {name: gray(sample_photograph(name)[None])[0, 0] for name in SAMPLE_NAMES}, spec, order=order

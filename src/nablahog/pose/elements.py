@@ -105,6 +105,14 @@ def elements(
     Raises:
         ValueError: the descriptor is of another shape or type, an option is out of range, or the background knows no
             templates of this size.
+
+    >>> spec = nablahog.presets.aubry(cell_size=8)
+    >>> background = nablahog.pose.learn_background({"a": torch.rand(128, 128)}, spec, order=4)
+    >>> image = torch.zeros(1, 1, 96, 96)
+    >>> image[..., 30:70, 40:60] = 1.0  # a white box
+    >>> result = nablahog.pose.elements(nablahog.hog(image, spec)[0], background, (5, 5), count=3)
+    >>> len(result) <= 3
+    True
     """
     channels = background.spec.channels
     if descriptor.dim() != 3 or descriptor.shape[2] != channels or not descriptor.is_floating_point():

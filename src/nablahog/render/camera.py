@@ -27,6 +27,11 @@ def pose(
 ) -> Tensor:
     """One pose as a tensor (1, 6), float64; the columns are :data:`PARAMETERS`.
 
+    Args:
+        azimuth, elevation, theta: degrees.
+        distance: from the camera to the object's origin, units of the mesh.
+        x, y: pixels, to the right and down.
+
     >>> from nablahog.render import pose
     >>> pose(azimuth=30, elevation=15, distance=2.5)
     tensor([[30.0000, 15.0000,  2.5000,  0.0000,  0.0000,  0.0000]],

@@ -62,9 +62,19 @@ def from_pascal3d(view: Pascal3D, height: int, width: int) -> tuple[Tensor, Came
     distance by the diagonal of the model's bounding box.  For a part of a photograph, subtract its left and upper edge
     from px and py.
 
+    Args:
+        view: the annotation; angles in degrees, px and py in pixels from 1.
+        height, width: of the image, pixels.
+
     Raises:
         ValueError: a number is not finite, or the distance or the focal length is not above 0: coarse viewpoints have
             none.
+
+    >>> from nablahog.render import Pascal3D, from_pascal3d
+    >>> view = Pascal3D(azimuth=30.0, elevation=10.0, distance=5.0, theta=0.0, px=250.5, py=188.0, focal=1.0)
+    >>> pose, camera = from_pascal3d(view, height=375, width=500)
+    >>> pose.tolist(), camera.focal
+    ([[30.0, 10.0, 5.0, 0.0, 0.0, 0.0]], 3000.0)
     """
     x, y = view.px - 0.5 - width / 2, view.py - 0.5 - height / 2
     poses = one_pose(view.azimuth, view.elevation, view.distance, view.theta, x, y)
@@ -75,8 +85,17 @@ def from_pascal3d(view: Pascal3D, height: int, width: int) -> tuple[Tensor, Came
 def to_pascal3d(pose: Tensor, camera: Camera) -> Pascal3D:
     """The annotation from which :func:`from_pascal3d` makes ``pose`` (1, 6) and ``camera``.
 
+    Args:
+        pose: (1, 6), degrees.
+        camera: of the image.
+
     Raises:
         ValueError: ``pose`` is no finite (1, 6) tensor with a distance above 0.
+
+    >>> from nablahog.render import pose, to_pascal3d
+    >>> view = to_pascal3d(pose(azimuth=30, distance=5), nablahog.Camera(focal=3000, height=375, width=500))
+    >>> view.azimuth, view.px, view.py, view.focal  # PASCAL counts pixels from 1
+    (30.0, 250.5, 188.0, 1.0)
     """
     check_poses(pose)
     if len(pose) != 1:
@@ -103,6 +122,12 @@ def from_pytorch3d(
 
     Raises:
         ValueError: R is no rotation, T is not (0, 0, distance) with a distance above 0, or not 0 < field_of_view < 180.
+
+    >>> from nablahog.render import from_pytorch3d, pose, to_pytorch3d
+    >>> rotation, translation, fov = to_pytorch3d(pose(azimuth=30, distance=3), nablahog.Camera(100, 64, 64))
+    >>> poses, camera = from_pytorch3d(rotation, translation, fov, 64, 64)
+    >>> bool((poses - pose(azimuth=30, distance=3)).abs().max() < 1e-6)
+    True
     """
     if rotation.shape != (len(rotation), 3, 3) or translation.shape != (len(rotation), 3):
         raise ValueError(
@@ -128,9 +153,18 @@ def from_pytorch3d(
 def to_pytorch3d(poses: Tensor, camera: Camera) -> tuple[Tensor, Tensor, float]:
     """R (B, 3, 3), T (B, 3), both float64, and fov in degrees: what :func:`from_pytorch3d` takes.
 
+    Args:
+        poses: (B, 6), degrees.
+        camera: of the images.
+
     Raises:
         ValueError: ``poses`` is no finite (B, 6) tensor with distances above 0, or its x and y are not 0, which this
             camera cannot express.
+
+    >>> from nablahog.render import pose, to_pytorch3d
+    >>> rotation, translation, fov = to_pytorch3d(pose(azimuth=0, distance=3), nablahog.Camera(32, 64, 64))
+    >>> translation.tolist(), round(fov, 6)
+    ([[0.0, 0.0, 3.0]], 90.0)
     """
     poses = _centred(poses)
     turned = rotations(poses).transpose(1, 2) * poses.new_tensor(_LEFT_UP)
@@ -153,6 +187,12 @@ def from_seeing3d(
 
     Raises:
         ValueError: the angles are not two finite (B,), or the distance is not above 0.
+
+    >>> from nablahog.render import from_seeing3d
+    >>> azimuth, elevation = torch.tensor([0.0, 90.0]), torch.tensor([20.0, 20.0])
+    >>> poses, camera = from_seeing3d(azimuth, elevation)
+    >>> poses.shape, camera.height, camera.width
+    (torch.Size([2, 6]), 600, 600)
     """
     if azimuth.dim() != 1 or elevation.shape != azimuth.shape:
         raise ValueError(f"expected angles (B,) and (B,), got {tuple(azimuth.shape)} and {tuple(elevation.shape)}")
@@ -166,8 +206,16 @@ def from_seeing3d(
 def to_seeing3d(poses: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """θ and φ in degrees, and ρ, all (B,) and float64.
 
+    Args:
+        poses: (B, 6), degrees.
+
     Raises:
         ValueError: ``poses`` is no finite (B, 6) tensor with distances above 0, or its theta, x or y is not 0.
+
+    >>> from nablahog.render import from_seeing3d, to_seeing3d
+    >>> poses, camera = from_seeing3d(torch.tensor([40.0]), torch.tensor([20.0]), distance=1.5)
+    >>> [round(float(number), 6) for number in to_seeing3d(poses)]
+    [40.0, 20.0, 1.5]
     """
     poses = _centred(poses)
     if bool((poses[:, 3] != 0).any()):

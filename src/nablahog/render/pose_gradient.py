@@ -26,6 +26,13 @@ def pose_jacobian(screen_gradient: Tensor, poses: Tensor, camera: Camera) -> Ten
     Args:
         screen_gradient: (B, 4, H, W), of :class:`.kernels.compiled.Rendering`.
         poses, camera: those of the images.
+
+    >>> from nablahog.render import Renderer, pose, pose_jacobian
+    >>> mesh, camera = nablahog.datasets.chairs.chair(3), nablahog.Camera.from_field_of_view(30, 32, 32)
+    >>> poses = pose(azimuth=30, distance=3)
+    >>> drawn = Renderer(mesh, camera).compiled.render(poses, torch.ones(1, 32, 32), derivative=True)
+    >>> pose_jacobian(drawn.screen_gradient, poses, camera).shape
+    torch.Size([1, 6, 32, 32])
     """
     angular, linear, shift = (part.to(screen_gradient)[..., None, None] for part in pose_velocities(poses))
     x, y = (part[:, None] for part in _rays(poses, camera, screen_gradient))
@@ -47,6 +54,13 @@ def pose_vjp(grad_image: Tensor, screen_gradient: Tensor, poses: Tensor, camera:
     Args:
         grad_image: gradient with respect to the images.
         screen_gradient, poses, camera: as for :func:`pose_jacobian`.
+
+    >>> from nablahog.render import Renderer, pose, pose_vjp
+    >>> mesh, camera = nablahog.datasets.chairs.chair(3), nablahog.Camera.from_field_of_view(30, 32, 32)
+    >>> poses = pose(azimuth=30, distance=3)
+    >>> drawn = Renderer(mesh, camera).compiled.render(poses, torch.ones(1, 32, 32), derivative=True)
+    >>> pose_vjp(torch.ones(1, 32, 32), drawn.screen_gradient, poses, camera).shape
+    torch.Size([1, 6])
     """
     sums = moments(grad_image, screen_gradient, *_rays(poses, camera, screen_gradient))
     try:

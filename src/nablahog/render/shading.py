@@ -27,6 +27,12 @@ class Light:
 
     Raises:
         ValueError: one of these is otherwise.
+
+    >>> from nablahog.render import Light, pose
+    >>> mesh, camera = nablahog.datasets.chairs.chair(3), nablahog.Camera.from_field_of_view(30, 32, 32)
+    >>> light = Light((0, -1, 1), ambient=0.3, diffuse=0.7)  # from the front and above
+    >>> nablahog.render(mesh, pose(azimuth=30, distance=3), camera, light=light).shape
+    torch.Size([1, 1, 32, 32])
     """
 
     direction: tuple[float, float, float] = (1.0, -2.0, 3.0)

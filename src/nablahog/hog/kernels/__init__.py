@@ -12,9 +12,9 @@ from typing import TypeAlias
 import torch
 from torch import Tensor
 from torch.autograd import forward_ad
-from torch.nn import Parameter
 
 from ...runtime.forward_mode import load_forward_mode
+from .. import triton as gpu
 from ..colours import merge_colours, separate_colours, split_colours
 from ..gradient import MASKS
 from ..orientation import vote_rule
@@ -35,17 +35,12 @@ def _of_one_colour(spec: HOGSpec) -> HOGSpec:
     return spec.of_one_colour()
 
 
-def _in_graph(images: Tensor) -> bool:
-    """True for traced or fake tensors."""
-    return torch.compiler.is_compiling() or type(images) not in (Tensor, Parameter)
-
-
 def describe(images: Tensor, spec: HOGSpec) -> Tensor:
     """Descriptors (B, rows, cols, channels) of images (B, C, H, W) on a CPU, in a dialect that these loops support."""
     if not spec.normalizer.has_loops:
         descriptor = spread_nan(normalize_reference(histograms(images, spec), spec), images)
         return descriptor.permute(0, 2, 3, 1).contiguous()
-    if _in_graph(images):
+    if autograd.in_graph(images):
         spec.grid(*images.shape[2:])
         descriptors: Tensor = operators.describe(images, spec.to_json())
         return descriptors
@@ -55,7 +50,7 @@ def describe(images: Tensor, spec: HOGSpec) -> Tensor:
 
 def histograms(images: Tensor, spec: HOGSpec) -> Tensor:
     """Cell histograms (B, colours · bins, rows, cols) of images (B, C, H, W)."""
-    if _in_graph(images):
+    if autograd.in_graph(images):
         spec.grid(*images.shape[2:])
         cells: Tensor = operators.cells(images, spec.to_json())
     else:
@@ -69,6 +64,10 @@ def histograms_jvp(images: Tensor, tangents: Tensor, spec: HOGSpec) -> Tensor:
 
     PyTorch's forward mode, which serves other devices, takes twice the time for small images.
     """
+    if gpu.chosen(images.device, spec):
+        from ..triton import steps as on_gpu
+
+        return on_gpu.histograms_jvp(images, tangents, spec)
     if images.is_cpu and supports(spec):
         pixels, directions = (separate_colours(each.detach(), spec) for each in (images, tangents))
         return merge_colours(loops.cells_jvp(pixels, directions, _of_one_colour(spec)), spec).permute(0, 3, 1, 2)
@@ -80,7 +79,7 @@ def histograms_jvp(images: Tensor, tangents: Tensor, spec: HOGSpec) -> Tensor:
 
 def _norm(of_cells: Tensor, spec: HOGSpec) -> Tensor:
     """The normaliser: cell histograms (B, colours · bins, rows, cols) to (B, channels, rows, cols)."""
-    if _in_graph(of_cells) or not spec.normalizer.has_loops:
+    if autograd.in_graph(of_cells) or not spec.normalizer.has_loops:
         return normalize_reference(of_cells, spec)
     each = split_colours(of_cells.permute(0, 2, 3, 1), spec)
     return merge_colours(autograd.apply(autograd.NORM, each, _of_one_colour(spec)), spec).permute(0, 3, 1, 2)
@@ -88,6 +87,10 @@ def _norm(of_cells: Tensor, spec: HOGSpec) -> Tensor:
 
 def steps(device: torch.device, spec: HOGSpec) -> tuple[Step, Step]:
     """The fastest ``histograms`` of images on the device, and ``normalize``, of the dialect."""
-    return (
-        (histograms, _norm) if device.type == "cpu" and supports(spec) else (histograms_reference, normalize_reference)
-    )
+    if device.type == "cpu" and supports(spec):
+        return histograms, _norm
+    if gpu.chosen(device, spec):
+        from ..triton import steps as on_gpu
+
+        return on_gpu.histograms, on_gpu.norm
+    return histograms_reference, normalize_reference

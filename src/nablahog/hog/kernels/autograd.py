@@ -9,12 +9,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-import numpy as np
 import torch
 from torch import Tensor
 from torch.autograd import Function, forward_ad
+from torch.nn import Parameter
 
-from ...runtime.arrays import Floats
 from ..spec import HOGSpec
 from ..steps import histograms_reference, normalize_reference, spread_nan
 from . import loops
@@ -29,15 +28,15 @@ class Step:
     """A compiled step, its derivatives, and its reference.
 
     Attributes:
-        run: maps the input and the dialect to the output, and an array that the derivatives need.
-        vjp: maps the input, that array and the gradient of the output to the gradient of the input.
-        jvp: maps the input, that array and the tangent of the input to the tangent of the output.
+        run: maps the input and the dialect to the output, and what the derivatives need, (B, numbers).
+        vjp: maps the input, that tensor and the gradient of the output to the gradient of the input.
+        jvp: maps the input, that tensor and the tangent of the input to the tangent of the output.
         reference: the same step in operations of PyTorch.
     """
 
-    run: Callable[[Tensor, HOGSpec], tuple[Tensor, Floats]]
-    vjp: Callable[[Tensor, Floats, Tensor, HOGSpec], Tensor]
-    jvp: Callable[[Tensor, Floats, Tensor, HOGSpec], Tensor]
+    run: Callable[[Tensor, HOGSpec], tuple[Tensor, Tensor]]
+    vjp: Callable[[Tensor, Tensor, Tensor, HOGSpec], Tensor]
+    jvp: Callable[[Tensor, Tensor, Tensor, HOGSpec], Tensor]
     reference: Callable[[Tensor, HOGSpec], Tensor]
 
 
@@ -91,7 +90,7 @@ class _Simple(Function):
         if _batched(grad_output):
             return _vjp_of_reference(x, grad_output, ctx.step, ctx.spec), None, None
         if torch.is_grad_enabled() or not _no_transforms():
-            return _applied(_Vjp, x, torch.from_numpy(saved), grad_output, ctx.step, ctx.spec), None, None
+            return _applied(_Vjp, x, saved, grad_output, ctx.step, ctx.spec), None, None
         return ctx.step.vjp(x.detach(), saved, grad_output, ctx.spec), None, None
 
 
@@ -102,8 +101,7 @@ _simple: Callable[[Tensor, Step, HOGSpec], Tensor] = super(Function, _Simple).ap
 class _Run(Function):
     @staticmethod
     def forward(x: Tensor, step: Step, spec: HOGSpec) -> Both:
-        output, saved = step.run(x.detach(), spec)
-        return output, torch.from_numpy(saved)
+        return step.run(x.detach(), spec)
 
     @staticmethod
     def setup_context(ctx: Any, inputs: tuple[Tensor, Step, HOGSpec], output: Both) -> None:
@@ -171,7 +169,7 @@ class _Derivative(Function):
 class _Vjp(_Derivative):
     @staticmethod
     def forward(x: Tensor, saved: Tensor, grad_output: Tensor, step: Step, spec: HOGSpec) -> Tensor:
-        return step.vjp(x.detach(), loops.array(saved.detach()), grad_output.detach(), spec)
+        return step.vjp(x.detach(), saved.detach(), grad_output.detach(), spec)
 
     @staticmethod
     def reference(step: Step, spec: HOGSpec) -> Callable[[Tensor, Tensor], Tensor]:
@@ -193,7 +191,7 @@ class _Vjp(_Derivative):
 class _Jvp(_Derivative):
     @staticmethod
     def forward(x: Tensor, saved: Tensor, tangent: Tensor, step: Step, spec: HOGSpec) -> Tensor:
-        return step.jvp(x.detach(), loops.array(saved.detach()), tangent.detach(), spec)
+        return step.jvp(x.detach(), saved.detach(), tangent.detach(), spec)
 
     @staticmethod
     def reference(step: Step, spec: HOGSpec) -> Callable[[Tensor, Tensor], Tensor]:
@@ -212,8 +210,18 @@ class _Jvp(_Derivative):
         return _Jvp.mapped(info, in_dims, *inputs)
 
 
-def _no_array(images: Tensor) -> Floats:
-    return np.empty((len(images), 0), np.float32)
+def in_graph(x: Tensor) -> bool:
+    """True for traced or fake tensors."""
+    return torch.compiler.is_compiling() or type(x) not in (Tensor, Parameter)
+
+
+def _nothing(x: Tensor) -> Tensor:
+    return torch.empty(len(x), 0)
+
+
+def _describe(images: Tensor, spec: HOGSpec) -> Both:
+    descriptors, cells = loops.describe(images, spec)
+    return descriptors, torch.from_numpy(cells)
 
 
 def _norm_reference(histograms: Tensor, spec: HOGSpec) -> Tensor:
@@ -229,25 +237,25 @@ def _norm_jvp(histograms: Tensor, _: object, tangent: Tensor, spec: HOGSpec) -> 
     return _jvp(lambda x: _norm_reference(x, spec), (histograms,), (tangent,))
 
 
-def _describe_jvp(images: Tensor, cells: Floats, tangent: Tensor, spec: HOGSpec) -> Tensor:
-    return spread_nan(_norm_jvp(torch.from_numpy(cells), None, loops.cells_jvp(images, tangent, spec), spec), images)
+def _describe_jvp(images: Tensor, cells: Tensor, tangent: Tensor, spec: HOGSpec) -> Tensor:
+    return spread_nan(_norm_jvp(cells, None, loops.cells_jvp(images, tangent, spec), spec), images)
 
 
 CELLS = Step(
-    lambda images, spec: (loops.cells(images, spec), _no_array(images)),
+    lambda images, spec: (loops.cells(images, spec), _nothing(images)),
     lambda images, _, grad_output, spec: loops.cells_vjp(images, grad_output, spec),
     lambda images, _, tangent, spec: loops.cells_jvp(images, tangent, spec),
     _cells_reference,
 )
 NORM = Step(
-    lambda histograms, spec: (loops.norm(histograms, spec), _no_array(histograms)),
+    lambda histograms, spec: (loops.norm(histograms, spec), _nothing(histograms)),
     lambda histograms, _, grad_output, spec: loops.norm_vjp(histograms, grad_output, spec),
     _norm_jvp,
     _norm_reference,
 )
 DESCRIBE = Step(
-    loops.describe,
-    loops.describe_vjp,
+    _describe,
+    lambda images, cells, grad_output, spec: loops.describe_vjp(images, loops.array(cells), grad_output, spec),
     _describe_jvp,
     lambda images, spec: _norm_reference(_cells_reference(images, spec), spec),
 )

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from torch import Tensor
     from typing_extensions import Self
 
+    from ..triton.normalizers import NormalizerKernels
+
 
 class Footprint(NamedTuple):
     """The cells of a descriptor along one axis: entry k has cells margin + k·step … margin + k·step + extent - 1.
@@ -72,14 +74,17 @@ class Normalizer(ABC):
     Of one that makes a vector as long as its histogram of each cell, :class:`PerCell` has most of these.
 
     It may have: :meth:`check`, if it does not go with all bins; :meth:`loops`, without which the compiled cells are
-    followed by :meth:`normalize`; :meth:`image_factor`, if one number normalises a whole image; :meth:`invert`, if
-    histograms can be computed back in closed form.  The rest has defaults that hold unless channels are left out, or
-    have a meaning beside the bins of cells.  Fields are checked by their types, see :func:`.checks.check_fields`.
+    followed by :meth:`normalize`; :meth:`triton`, the same on GPUs; :meth:`image_factor`, if one number normalises all
+    of an image; :meth:`invert`, if histograms can be computed back in closed form.  The rest has defaults that hold
+    unless channels are left out, or have a meaning beside the bins of cells.  Fields are checked by their types, see
+    :func:`.checks.check_fields`.
     """
 
     kind: ClassVar[str]
     has_loops: ClassVar[bool] = False
     """Whether there are compiled loops: set where :meth:`loops` is written."""
+    has_triton: ClassVar[bool] = False
+    """Whether there are kernels for GPUs: set where :meth:`triton` is written."""
     bounded: ClassVar[bool] = False
     """Whether entries are of one size in all images, because they are clipped."""
     conventions: ClassVar[tuple[dict[str, str], ...]] = ()
@@ -87,6 +92,7 @@ class Normalizer(ABC):
 
     def __init_subclass__(cls) -> None:
         cls.has_loops = cls.loops is not Normalizer.loops
+        cls.has_triton = cls.triton is not Normalizer.triton
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -143,6 +149,10 @@ class Normalizer(ABC):
     def loops(self, bins: int, signed: bool, real: Any) -> NormalizerLoops:
         """The compiled loops, in float32 or float64, ``real``; see :attr:`has_loops`."""
         raise NotImplementedError(f"{type(self).__name__} has no compiled loops")
+
+    def triton(self, bins: int, signed: bool) -> NormalizerKernels:
+        """The kernels for GPUs; see :attr:`has_triton`.  Loads Triton."""
+        raise NotImplementedError(f"{type(self).__name__} has no kernels for GPUs")
 
     def image_factor(self, energy: float) -> float:
         """What all histograms of an image are multiplied with whose squares sum to ``energy``, if that is all it does.

@@ -10,6 +10,8 @@ from .base import Footprint, Normalizer, NormalizerLoops
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from ..triton.normalizers import NormalizerKernels
+
 BlockForm: TypeAlias = Literal["L1", "L1-sqrt", "L2", "L2-Hys"]
 
 
@@ -28,6 +30,12 @@ class BlockNorm(Normalizer):
         epsilon_again: ε₂ of L2-Hys, without unit.
         epsilon_outside_root: whether ε and ε₂ are added to the root of L2 and L2-Hys, √Σv² + ε, as in OpenCV.
         clip: of L2-Hys.
+
+    >>> from dataclasses import replace
+    >>> from nablahog.hog import BlockNorm
+    >>> spec = replace(nablahog.presets.paper(), normalizer=BlockNorm(block=(2, 2)))
+    >>> nablahog.hog(torch.rand(1, 1, 32, 32), spec).shape  # 3x3 blocks of 2x2 cells of 9 bins
+    torch.Size([1, 3, 3, 36])
     """
 
     block: tuple[int, int]
@@ -99,6 +107,26 @@ class BlockNorm(Normalizer):
             clip=real(self.clip),
         )
         return NormalizerLoops(block_norm, block_norm_vjp, constants)
+
+    def triton(self, bins: int, signed: bool) -> NormalizerKernels:
+        """Block after block; the vjp cell after cell."""
+        from ..triton.block_norms import Blocks
+        from ..triton.normalizers import BlockKernels
+
+        scheme = Blocks(
+            *self.block,
+            *self.step,
+            bins=bins,
+            size=self.channels(bins, signed),
+            L1=self.form.startswith("L1"),
+            sqrt=self.form == "L1-sqrt",
+            hys=self.form == "L2-Hys",
+            epsilon=float(self.epsilon),
+            epsilon_again=float(self.epsilon_again),
+            epsilon_outside_root=self.epsilon_outside_root,
+            clip=float(self.clip),
+        )
+        return BlockKernels(scheme)
 
     def mirrored_channels(self, bins: list[int], axes: list[int]) -> list[int]:
         """The cells of each row in reverse."""

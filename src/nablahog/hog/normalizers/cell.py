@@ -10,6 +10,8 @@ from .base import NormalizerLoops, PerCell
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from ..triton.normalizers import NormalizerKernels
+
 
 @dataclass(frozen=True)
 class CellNorm(PerCell):
@@ -17,6 +19,12 @@ class CellNorm(PerCell):
 
     Attributes:
         epsilon: ε, in votes at the spec's ``value_range``.
+
+    >>> from dataclasses import replace
+    >>> from nablahog.hog import CellNorm
+    >>> spec = replace(nablahog.presets.paper(), normalizer=CellNorm())
+    >>> nablahog.hog(torch.rand(1, 1, 32, 32), spec).norm(dim=3).min().round(decimals=3)  # each cell has length 1
+    tensor(1.)
     """
 
     epsilon: float = 1e-12
@@ -42,6 +50,12 @@ class CellNorm(PerCell):
         from ..kernels.norms import cell_norm, cell_norm_vjp
 
         return NormalizerLoops(cell_norm, cell_norm_vjp, real(self.epsilon))
+
+    def triton(self, bins: int, signed: bool) -> NormalizerKernels:
+        """One pass over the cells."""
+        from ..triton.normalizers import CellKernels
+
+        return CellKernels(float(self.epsilon))
 
     def invert(self, channels: Tensor) -> Tensor | None:
         """The entries: nothing tells one cell's level from another's."""

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from torch import Tensor
     from typing_extensions import Self
 
+    from ..triton.normalizers import NormalizerKernels
+
 Part: TypeAlias = Literal["directed", "undirected", "texture", "blocks", "zero"]
 Texture: TypeAlias = Literal["vlfeat", "dpm"]
 Outside: TypeAlias = Literal["repeat", "drop", "missing"]
@@ -47,6 +49,12 @@ class FourBlockNorm(Normalizer):
         outside: blocks that reach beyond the grid.  ``"repeat"``: cells there repeat the edge; ``"drop"``: the
             outermost cells, which lie in them, are not part of the descriptor; ``"missing"``: they add nothing.
         floor: a block divides by √(energy + ε); if true, by √energy, but at least by ε.
+
+    >>> from dataclasses import replace
+    >>> from nablahog.hog import FourBlockNorm
+    >>> spec = replace(nablahog.presets.uoctti(), normalizer=FourBlockNorm(parts=("directed",)))
+    >>> nablahog.hog(torch.rand(1, 1, 32, 32), spec).shape
+    torch.Size([1, 4, 4, 18])
     """
 
     epsilon: float = 1e-4
@@ -189,6 +197,35 @@ class FourBlockNorm(Normalizer):
             order=np.argsort(DPM_ORDER) if dpm else np.arange(4),
         )
         return NormalizerLoops(four_block_norm, four_block_norm_vjp, constants)
+
+    def triton(self, bins: int, signed: bool) -> NormalizerKernels:
+        """Block after block, then cell after cell."""
+        from ..triton.four_blocks import FourBlocks
+        from ..triton.normalizers import FourBlockKernels
+
+        channels = [self.channels_of(part, bins, signed) for part in PARTS]
+        first = [sum(channels[:k]) if count else -1 for k, count in enumerate(channels)]
+        dpm = self.texture == "dpm"
+        scheme = FourBlocks(
+            epsilon=float(self.epsilon),
+            clip=float(self.clip),
+            floor=self.floor,
+            missing=self.outside == "missing",
+            dropped=int(self.outside == "drop"),
+            signed=signed,
+            bins=bins,
+            undirected=bins // 2 if signed else bins,
+            channels=sum(channels),
+            directed_at=first[0],
+            undirected_at=first[1],
+            texture_at=first[2],
+            blocks_at=first[3],
+            zero_at=first[4],
+            directed_texture=dpm,
+            texture=DPM_TEXTURE if dpm else VLFEAT_TEXTURE,
+            order=tuple(DPM_ORDER.index(block) if dpm else block for block in range(4)),
+        )
+        return FourBlockKernels(scheme)
 
     def mirrored_channels(self, bins: list[int], axes: list[int]) -> list[int]:
         """Left and right blocks exchange their texture, and their histograms."""

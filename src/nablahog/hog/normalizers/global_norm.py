@@ -11,6 +11,8 @@ from .base import NormalizerLoops, PerCell
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from ..triton.normalizers import NormalizerKernels
+
 GlobalForm: TypeAlias = Literal["printed", "robust"]
 
 
@@ -22,6 +24,12 @@ class GlobalNorm(PerCell):
         epsilon: the small positive constant ε, in units of votes on images of the spec's ``value_range``.
         form: ``"printed"`` is v / √(‖v‖ + ε), letter by letter what Eq. 7 says; ``"robust"`` is v / √(‖v‖² + ε²),
             Dalal and Triggs's L2-norm, which the paper's prose names.
+
+    >>> from dataclasses import replace
+    >>> from nablahog.hog import GlobalNorm
+    >>> spec = replace(nablahog.presets.paper(), normalizer=GlobalNorm(form="robust"))
+    >>> round(float(nablahog.hog(torch.rand(1, 1, 32, 32), spec).norm()), 3)  # the whole descriptor has length 1
+    1.0
     """
 
     epsilon: float = 1e-5
@@ -47,6 +55,12 @@ class GlobalNorm(PerCell):
         from ..kernels.norms import global_norm, global_norm_vjp
 
         return NormalizerLoops(global_norm, global_norm_vjp, (float(self.epsilon), self.form == "robust"))
+
+    def triton(self, bins: int, signed: bool) -> NormalizerKernels:
+        """Sums in double precision."""
+        from ..triton.normalizers import GlobalKernels
+
+        return GlobalKernels(float(self.epsilon), self.form == "robust")
 
     def image_factor(self, energy: float) -> float:
         """1 / √(‖v‖ + ε) or 1 / √(‖v‖² + ε²), rounded as in the compiled loops."""

@@ -11,6 +11,8 @@ from .base import PerCell
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from ..triton.normalizers import NormalizerKernels
+
 
 @dataclass(frozen=True)
 class WindowNorm(PerCell):
@@ -22,6 +24,12 @@ class WindowNorm(PerCell):
     Attributes:
         sigma: σ, in cells.
         epsilon: ε, in votes at the spec's ``value_range``.
+
+    >>> from dataclasses import replace
+    >>> from nablahog.hog import WindowNorm
+    >>> spec = replace(nablahog.presets.paper(), normalizer=WindowNorm(sigma=1.0))
+    >>> nablahog.hog(torch.rand(1, 1, 32, 32), spec).shape
+    torch.Size([1, 4, 4, 9])
     """
 
     sigma: float = 1.0
@@ -40,6 +48,12 @@ class WindowNorm(PerCell):
         for axis in (-2, -1):
             energy = self._weighted_sum(energy, axis)
         return histograms * (energy + self.epsilon**2).rsqrt()
+
+    def triton(self, bins: int, signed: bool) -> NormalizerKernels:
+        """From the energies of cells."""
+        from ..triton.normalizers import WindowKernels
+
+        return WindowKernels(float(self.sigma), float(self.epsilon))
 
     def _weighted_sum(self, energy: Tensor, axis: int) -> Tensor:
         """Sums along an axis, always in the same order: a strip has the bits of the whole image."""

@@ -44,6 +44,9 @@ def dalal_triggs(
             each cell once, by the energy around it with a Gaussian of σ = 1 cell.
         epsilon: ε, in votes of images in 0…255.  The paper's is "small", with the same results over a large range.
 
+    Raises:
+        ValueError: a parameter is out of its range, as :class:`nablahog.HOGSpec` says.
+
     >>> spec = nablahog.presets.dalal_triggs()
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((8, 8), (15, 7), 36)
@@ -86,6 +89,9 @@ def skimage(
             does not count here, the channel of largest gradient.
         value_range: 255 for what scikit-image finds for images of 8 bits, 1 for images in 0…1: its ε is absolute.  Of
             the latter, rounding decides ties of colours and bins; :func:`nablahog.compat.skimage.hog` rounds alike.
+
+    Raises:
+        ValueError: a parameter is out of its range, as :class:`nablahog.HOGSpec` says.
 
     >>> spec = nablahog.presets.skimage()
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
@@ -174,19 +180,33 @@ def opencv(
     )
 
 
-def maskfeat(cell_size: int = 8, *, nbins: int = 9, gaussian_window: int = 16, patches: bool = False) -> HOGSpec:
+def maskfeat(
+    cell_size: int = 8,
+    *,
+    nbins: int = 9,
+    gaussian_window: int = 16,
+    layout: Literal["colour-planes", "tokens"] = "colour-planes",
+) -> HOGSpec:
     """What MaskFeat's ``HOGLayerC`` returns (SlowFast ``models/operators.py``), in (3, bins, rows, cols).
 
     Args:
         cell_size: ``pool``, pixels of a cell.
         nbins: bins over 180°.
         gaussian_window: pixels of the side of a Gaussian that is tiled over the image and weighs its votes, 0 for none.
-        patches: whether its own layout is that of the network's targets, a row for each patch of 2x2 cells: (196, 108)
-            of an image of 224x224 (``_get_hog_label_2d``, and mmpretrain's ``HOGGenerator``).
+        layout: ``"colour-planes"``, or ``"tokens"``, that of the network's targets and predictions, a row for each
+            patch of 2x2 cells: (196, 108) of an image of 224x224 (``_get_hog_label_2d``, and mmpretrain's
+            ``HOGGenerator``).  :func:`nablahog.from_layout` folds predicted tokens into a descriptor.
+
+    Raises:
+        ValueError: a parameter is out of its range, as :class:`nablahog.HOGSpec` says.
 
     >>> spec = nablahog.presets.maskfeat()
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((8, 8), (16, 8), 27)
+    >>> tokens = nablahog.presets.maskfeat(layout="tokens")
+    >>> predicted = torch.rand(1, 196, 108)
+    >>> nablahog.from_layout(predicted, tokens, (224, 224)).shape
+    torch.Size([1, 28, 28, 27])
     """
     return replace(
         _BASE,
@@ -201,5 +221,5 @@ def maskfeat(cell_size: int = 8, *, nbins: int = 9, gaussian_window: int = 16, p
         mask="sobel",
         counterclockwise=True,
         boundary="upper",
-        layout="patches" if patches else "colour-planes",
+        layout=layout,
     )

@@ -37,6 +37,9 @@ def paper(
             zero padding would draw a false frame around the image.
         partial_cells: ``"floor"``: only whole cells count, as in Dalal's; the paper's images hold whole cells only.
 
+    Raises:
+        ValueError: a parameter is out of its range, as :class:`nablahog.HOGSpec` says.
+
     >>> spec = nablahog.presets.paper()
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((8, 8), (16, 8), 9)

@@ -45,6 +45,9 @@ def uoctti(
         orientations: undirected orientations n over 180°; 3n + 4 channels.
         colour: ``"largest"``, as in VLFeat and DPM; ``"gray"`` converts first, as Eq. 1 of the paper.
 
+    Raises:
+        ValueError: a parameter is out of its range, as :class:`nablahog.HOGSpec` says.
+
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((8, 8), (16, 8), 31)
@@ -81,6 +84,9 @@ def aubry(
         orientations: undirected orientations n over 180°, one channel each.
         colour: ``"largest"``, theirs; ``"gray"`` converts first, as Eq. 1 of the paper.
 
+    Raises:
+        ValueError: a parameter is out of its range, as :class:`nablahog.HOGSpec` says.
+
     >>> spec = nablahog.presets.aubry()
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((5, 5), (26, 13), 9)
@@ -110,6 +116,9 @@ def vlfeat(
         cell_size: pixels of a cell.
         orientations: n, over 180°.
         bilinear_orientations: whether votes are shared by the two nearest bins, by an arccosine in float32.
+
+    Raises:
+        ValueError: a parameter is out of its range, as :class:`nablahog.HOGSpec` says.
 
     >>> spec = nablahog.presets.vlfeat()
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
@@ -141,6 +150,9 @@ def dpm(cell_size: int = 8) -> HOGSpec:
     Args:
         cell_size: ``sbin``, pixels of a cell.
 
+    Raises:
+        ValueError: a parameter is out of its range, as :class:`nablahog.HOGSpec` says.
+
     >>> spec = nablahog.presets.dpm()
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((8, 8), (14, 6), 32)
@@ -163,6 +175,9 @@ def dlib(cell_size: int = 8) -> HOGSpec:
 
     Args:
         cell_size: pixels of a cell, at least 2: cells of one pixel are another descriptor in dlib.
+
+    Raises:
+        ValueError: a parameter is out of its range, as :class:`nablahog.HOGSpec` says.
 
     >>> spec = nablahog.presets.dlib()
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
@@ -195,6 +210,9 @@ def piotr(cell_size: int = 8, *, orientations: int = 9, clip: float = 0.2) -> HO
         orientations: n, over 180°.
         clip: upper bound of a normalised entry.
 
+    Raises:
+        ValueError: a parameter is out of its range, as :class:`nablahog.HOGSpec` says.
+
     >>> spec = nablahog.presets.piotr()
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((8, 8), (16, 8), 32)
@@ -225,6 +243,9 @@ def cnn_hog(cell_size: int = 8, *, orientations: int = 9, bilinear: bool = False
         orientations: n, over 180°.
         bilinear: whether votes are shared by the two nearest bins (their HOGb).
 
+    Raises:
+        ValueError: a parameter is out of its range, as :class:`nablahog.HOGSpec` says.
+
     >>> spec = nablahog.presets.cnn_hog()
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((8, 8), (16, 8), 27)
@@ -254,6 +275,9 @@ def seeing3d(cell_size: int = 5) -> HOGSpec:
 
     Args:
         cell_size: ``sbin``, pixels of a cell.
+
+    Raises:
+        ValueError: a parameter is out of its range, as :class:`nablahog.HOGSpec` says.
 
     >>> spec = nablahog.presets.seeing3d()
     >>> spec.cell_size, spec.grid(128, 64), spec.channels

@@ -1,0 +1,118 @@
+"""
+A minimiser of one's own
+========================
+
+Four minimisers come with the package. A fifth is a rule of a few lines: where to go from the gradients so far. Here it
+is Nesterov's accelerated gradient; it is compared with the others on the same problem, the pre-image of a HOG.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import torch
+from PIL import Image
+from skimage import data
+from torch import Tensor
+
+import nablahog
+from nablahog.optimize import Minimum, minimise
+from nablahog.optimize.descent import descend
+from nablahog.optimize.result import ObjectiveFunction
+
+# %%
+# The rule
+# --------
+# ``descend`` does the rest: it keeps the lowest point, adapts the step size, restarts where there is no progress, and
+# stops. Rows of ``start`` are independent problems, each with its own steps.
+
+
+def nesterov(
+    objective: ObjectiveFunction,
+    start: Tensor,
+    *,
+    share: float = 0.9,
+    first_step: float = 1.0,
+    max_evaluations: int = 300,
+) -> Minimum:
+    """Nesterov's accelerated gradient, (B, N) unknowns: the velocity v ← s·v − g, the displacement s·v − g."""
+
+    def rule(gradient: Tensor, velocity: Tensor) -> tuple[Tensor, tuple[Tensor, ...]]:
+        velocity = share * velocity - gradient
+        return share * velocity - gradient, (velocity,)
+
+    def step_size(gradient: Tensor) -> Tensor:
+        norm = gradient.norm(dim=1)
+        return torch.where(norm > 0, first_step / norm, 0)
+
+    return descend(objective, start, rule, [torch.zeros_like(start)], step_size, max_evaluations=max_evaluations)
+
+
+# %%
+# The problem
+# -----------
+# The squared relative distance of descriptors, from gray with a little noise. The unknowns are logits of the pixels, so
+# that an image stays in 0…1. An objective takes the points of the problems that still run, and their numbers in the
+# batch.
+
+SIDE = 64
+names = {"astronaut": (90, 0, 346, 256), "coffee": (150, 20, 500, 370), "chelsea": (60, 10, 340, 290)}
+pictures = [Image.fromarray(getattr(data, name)()).convert("L").crop(box) for name, box in names.items()]
+photographs = torch.from_numpy(np.stack([np.array(picture.resize((SIDE, SIDE))) for picture in pictures]))[:, None]
+spec = nablahog.presets.uoctti(cell_size=8)
+descriptors = nablahog.hog(photographs, spec)
+
+
+def objective(points: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
+    """(A, N) logits of the problems ``index`` (A,) to values (A,) and gradients (A, N)."""
+    target = descriptors[index]
+    with torch.enable_grad():
+        points = points.detach().requires_grad_()
+        difference = nablahog.hog(points.sigmoid().reshape(-1, 1, SIDE, SIDE), spec) - target
+        values = difference.square().sum((1, 2, 3)) / target.square().sum((1, 2, 3))
+        (gradients,) = torch.autograd.grad(values.sum(), points)
+    return values.detach(), gradients
+
+
+# %%
+# Compared
+# --------
+
+torch.manual_seed(0)
+start = 0.2 * torch.randn(len(photographs), SIDE**2)
+BUDGET = 300
+minima = {"nesterov": nesterov(objective, start, max_evaluations=BUDGET)}
+minima["momentum"] = minimise("momentum", objective, start, max_evaluations=BUDGET)
+minima["adam"] = minimise("adam", objective, start, max_evaluations=BUDGET)
+minima["lbfgs"] = minimise("lbfgs", objective, start, max_evaluations=BUDGET)
+
+figure, axes = plt.subplots(figsize=(8, 3.6), layout="constrained")
+for name, minimum in minima.items():
+    lowest = minimum.history.cummin(dim=0).values.sqrt().mean(dim=1)
+    axes.plot(range(1, len(lowest) + 1), lowest, label=f"{name}: {lowest[-1]:.3f} at last")
+axes.set(
+    yscale="log",
+    xlabel="evaluations of the objective, one value with its gradient each",
+    ylabel="lowest relative distance so far,\nmean of three photographs",
+)
+axes.legend()
+plt.show()
+
+# %%
+
+figure, panels = plt.subplots(3, 5, figsize=(9, 5.8), layout="constrained")
+columns = {
+    "photograph": photographs[:, 0],
+    **{name: m.x.sigmoid().reshape(-1, SIDE, SIDE) for name, m in minima.items()},
+}
+for col, (name, images) in zip(panels.T, columns.items(), strict=True):
+    for axes, picture in zip(col, images, strict=True):
+        axes.imshow(picture, cmap="gray")
+        axes.set_axis_off()
+    col[0].set_title(name, fontsize=10)
+plt.show()
+
+# %%
+# All of them explain the descriptor, and all are grainy: from noise, over plain pixels, what the descriptor does not
+# fix stays noise. What ``reconstruct`` does about that: :doc:`/reconstruction`.
+#
+# To use a rule in ``reconstruct``, by ``Search(minimiser="nesterov")``, put it into a file of
+# ``src/nablahog/optimize/`` and its name into ``minimisers.py``, as :doc:`/contributing` says.

@@ -1,0 +1,79 @@
+"""The operator's steps in Triton, for GPUs: the same results up to rounding, and the same derivatives.
+
+``docs/gpu.md`` explains them; ``tests/hog/triton`` compares them with the reference steps.  Triton is loaded when
+images on a GPU come, not before.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from functools import cache
+from importlib.util import find_spec
+
+import torch
+
+from ..orientation import vote_rule
+from ..spec import HOGSpec
+
+LEAST_CAPABILITY = 7, 0
+"""The oldest GPUs that Triton compiles for."""
+
+
+def supports(spec: HOGSpec) -> bool:
+    """Whether the kernels have all that the dialect needs; of a normaliser without kernels the reference follows."""
+    return vote_rule(spec).loop is not None
+
+
+def interpreted() -> bool:
+    """Whether kernels are run by Triton's interpreter, on a CPU, for tests."""
+    return os.environ.get("TRITON_INTERPRET") == "1"
+
+
+@cache
+def _any_gpu() -> bool:
+    return torch.cuda.is_available()
+
+
+@cache
+def _missing(device: torch.device) -> str:
+    """Why there are no kernels for a device; nothing if there are."""
+    if find_spec("triton") is None:
+        return "Triton is not installed: pip install 'nablahog[gpu]'"
+    if device.type == "cuda" and torch.version.hip is None:
+        capability = torch.cuda.get_device_capability(device)
+        if capability < LEAST_CAPABILITY:
+            return f"Triton has no code for GPUs of compute capability {capability[0]}.{capability[1]}"
+    return ""
+
+
+@cache
+def _say_once(why: str) -> None:
+    warnings.warn(
+        f"hog computes by plain steps of PyTorch on this GPU, which take some forty times the image's memory. {why}",
+        stacklevel=2,
+    )
+
+
+def chosen(device: torch.device, spec: HOGSpec) -> bool:
+    """Whether ``backend="auto"`` takes the kernels; if they are missing it says so, once."""
+    if device.type != "cuda" or not _any_gpu() or not supports(spec):
+        return False
+    if why := _missing(device):
+        _say_once(why)
+    return not why
+
+
+def check(device: torch.device, spec: HOGSpec) -> None:
+    """Raises if ``backend="triton"`` cannot be taken.
+
+    Raises:
+        ValueError: the images are not on a GPU, or the kernels lack a part of the dialect.
+        ModuleNotFoundError: Triton is not installed, or has no code for the GPU.
+    """
+    if device.type != "cuda" and not (interpreted() and device.type == "cpu"):
+        raise ValueError(f"the backend 'triton' computes on a GPU, got images on the device {device.type!r}")
+    if not supports(spec):
+        raise ValueError(f"the backend 'triton' has no votes as those of {spec.named} descriptor")
+    if why := _missing(device):
+        raise ModuleNotFoundError(f"the backend 'triton' cannot be used: {why}")

@@ -1,0 +1,225 @@
+"""The kernels over pixels, on tensors: images to cells, and their derivatives.
+
+Nothing here waits for the device, or asks it for a number: all of it can be captured in a CUDA graph, once the tables
+of a dialect and an image size are on the device, that is after a first call.
+"""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from ..spec import HOGSpec
+from . import votes
+from .cells import cells_kernel
+from .cells_vjp import cells_vjp_kernel
+from .parameters import Plan, Reading, plan, power_of_two
+
+RULES = {
+    "linear": votes.linear_votes,
+    "opencv": votes.opencv_votes,
+    "vlfeat": votes.vlfeat_votes,
+    "nearest": votes.nearest_votes,
+    "begun": votes.begun_votes,
+}
+"""Vote rules by the names that :class:`..orientation.VoteRule` has for their loops."""
+
+EXACT: dict[str, Any] = {"enable_fp_fusion": False}
+"""a · b + c is rounded twice, as in PyTorch: which of two equal channels or bins counts must not depend on it."""
+_VJP_ROWS, _VJP_COLUMNS = 16, 32  # pixels of a tile, with its rim
+_PADDING = 4  # numbers behind the cells of an image, of which the first is its flag
+
+
+class Cells(NamedTuple):
+    """Histograms of N images, or colours of images.
+
+    Attributes:
+        values: (N, stride), the first rows · cols · bins of each.
+        flags: (N,), any stride: not 0 for images with a pixel that is not finite, of which all results are NaN.
+        shape: rows, cols, bins.
+    """
+
+    values: Tensor
+    flags: Tensor
+    shape: tuple[int, int, int]
+
+    @property
+    def numbers(self) -> int:
+        """Of an image."""
+        rows, cols, bins = self.shape
+        return rows * cols * bins
+
+    def histograms(self) -> Tensor:
+        """(N, rows, cols, bins), NaN where flagged."""
+        each = self.values[:, : self.numbers].reshape(-1, *self.shape)
+        return torch.where(self.flags.reshape(-1, 1, 1, 1) != 0, torch.nan, each)
+
+
+def on(device: torch.device) -> AbstractContextManager[Any]:
+    """Launches go to this device."""
+    return torch.cuda.device(device) if device.type == "cuda" else nullcontext()
+
+
+def real_dtype(images: Tensor) -> torch.dtype:
+    """That images are computed in."""
+    stored = torch.get_default_dtype() if images.dtype == torch.uint8 else images.dtype
+    return torch.float64 if stored == torch.float64 else torch.float32
+
+
+def _strides(images: Tensor, spec: HOGSpec) -> tuple[int, tuple[int, int, int]]:
+    """From image to image, and of channel, row, column; a gray image has the same colour three times."""
+    batch, channel, row, col = images.stride()
+    return batch, (0 if spec.colours > images.shape[1] else channel, row, col)
+
+
+def _warps(pixels: int) -> int:
+    """For a tile: with four pixels a thread there are registers left for other programs."""
+    return max(1, min(8, pixels // 128))
+
+
+def _reading(known: Plan, *images: Tensor) -> Reading:
+    """That of images with these strides."""
+    span = max(
+        sum((n - 1) * abs(step) for n, step in zip(each.shape[1:], each.stride()[1:], strict=True)) for each in images
+    )
+    return known.reading._replace(wide=True) if span >= 2**31 else known.reading
+
+
+def cells_buffer(images: Tensor, spec: HOGSpec) -> Cells:
+    """Room for the cells of images, with flags of 0."""
+    rows, cols = spec.cells(*images.shape[2:])
+    numbers = rows * cols * spec.bins
+    if numbers >= 2**31:
+        raise ValueError(
+            f"the backend 'triton' counts an image's cells with 32 bits, got {rows}x{cols} of {spec.bins} bins"
+        )
+    each = -(-(numbers + _PADDING) // 16) * 16  # aligned
+    values = torch.empty(len(images) * spec.colours, each, dtype=real_dtype(images), device=images.device)
+    values[:, numbers:] = 0
+    return cells_of(values, (rows, cols, spec.bins))
+
+
+def cells_of(values: Tensor, shape: tuple[int, int, int]) -> Cells:
+    """Those in a buffer of :func:`cells_buffer`."""
+    rows, cols, bins = shape
+    return Cells(values, values[:, rows * cols * bins], shape)
+
+
+def _plan(images: Tensor, spec: HOGSpec) -> Plan:
+    return plan(spec, images.shape, images.dtype, real_dtype(images), images.device)
+
+
+def _to_cells(images: Tensor, tangents: Tensor | None, spec: HOGSpec) -> Cells:
+    known, out = _plan(images, spec), cells_buffer(images, spec)
+    rows, cols = known.rows, known.cols
+    stride, strides = _strides(images, spec)
+    of_tangents = images if tangents is None else tangents
+    other_stride, other = _strides(of_tangents, spec)
+    programs = len(out.values) * rows.chunks * cols.chunks
+    if programs:
+        with on(images.device):
+            cells_kernel[(programs,)](
+                images,
+                of_tangents,
+                out.values,
+                out.flags,
+                known.table,
+                rows.spans,
+                rows.first,
+                rows.weights,
+                cols.spans,
+                cols.first,
+                cols.weights,
+                tuple(images.shape[2:]),
+                stride,
+                strides,
+                other_stride,
+                other,
+                (rows.cells, cols.cells),
+                (rows.chunks, cols.chunks),
+                (rows.length, cols.length),
+                cols.of_chunk,
+                known.last_wins,
+                images.shape[1],
+                out.values.stride(0),
+                out.flags.stride(0),
+                VOTES=RULES[known.rule],
+                READING=_reading(known, images, of_tangents),
+                VOTING=known.voting,
+                COLOURS=spec.colours,
+                TANGENTS=tangents is not None,
+                CHECKED=images.is_floating_point(),
+                ONCE=rows.steps * cols.steps == 1,
+                TILE_Y=rows.tile,
+                TILE_X=cols.tile,
+                CELLS=power_of_two(cols.of_chunk),
+                num_warps=_warps(rows.tile * cols.tile),
+                **EXACT,
+            )
+    return out
+
+
+def cells(images: Tensor, spec: HOGSpec) -> Cells:
+    """Eq. 1-6: of images (B, C, H, W), as stored, any strides; N is B · colours."""
+    return _to_cells(images, None, spec)
+
+
+def _with_derivative(spec: HOGSpec) -> HOGSpec:
+    """The dialect whose derivative is meant."""
+    return spec.with_linear_votes() if spec.vote == "hard" and spec.derivative == "linear" else spec
+
+
+def cells_jvp(images: Tensor, tangents: Tensor, spec: HOGSpec) -> Cells:
+    """Tangents of the cells from those of the images."""
+    return _to_cells(images, tangents, _with_derivative(spec))
+
+
+def cells_vjp(images: Tensor, flags: Tensor, grad_cells: Tensor, spec: HOGSpec) -> Tensor:
+    """Gradients (B, C, H, W) of the images from those of their cells (N, rows, cols, bins), both without gaps."""
+    spec = _with_derivative(spec)
+    known = _plan(images, spec)
+    batch, channels, height, width = images.shape
+    stride, strides = _strides(images, spec)
+    described = 1 if spec.colours > 1 else channels
+    dtype = images.dtype if images.is_floating_point() else real_dtype(images)
+    out = torch.empty(batch * spec.colours, described, height, width, dtype=dtype, device=images.device)
+    tile_y, tile_x = _VJP_ROWS, _VJP_COLUMNS
+    chunks = -(-height // (tile_y - 2)), -(-width // (tile_x - 2))
+    programs = len(out) * chunks[0] * chunks[1]
+    if programs:
+        with on(images.device):
+            cells_vjp_kernel[(programs,)](
+                images,
+                grad_cells,
+                flags,
+                out,
+                known.table,
+                known.rows.first_cell,
+                known.rows.cell_weights,
+                known.cols.first_cell,
+                known.cols.cell_weights,
+                (height, width),
+                stride,
+                strides,
+                (known.rows.cells, known.cols.cells),
+                chunks,
+                known.last_wins,
+                flags.stride(0),
+                VOTES=RULES[known.rule],
+                READING=_reading(known, images, out),
+                VOTING=known.voting,
+                COLOURS=spec.colours,
+                HIGH=known.rows.reach,
+                WIDE=known.cols.reach,
+                TILE_Y=tile_y,
+                TILE_X=tile_x,
+                num_warps=_warps(tile_y * tile_x),
+                **EXACT,
+            )
+    if spec.colours == 1:
+        return out
+    each = out.reshape(batch, spec.colours, height, width)
+    return each if channels > 1 else each.sum(1, keepdim=True)

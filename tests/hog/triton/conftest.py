@@ -1,0 +1,41 @@
+"""Triton's interpreter runs the kernels on a CPU, see ``tests/conftest.py``; where there is a GPU, it does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+if find_spec("triton") is None:
+    collect_ignore_glob = ["test_*.py"]
+
+elif not torch.cuda.is_available():
+    from triton.runtime import interpreter
+
+    # It prepares Triton's language for itself at every call of one function by another, and checks all sums of
+    # integers for overflow: together most of the time of these tests.  Once for each of Triton's modules is enough.
+    _prepared: set[str] = set()
+    _prepare_and_call = interpreter.InterpretedFunction.__call__
+
+    def _call(self: Any, *args: Any, **kwargs: Any) -> Any:
+        module = self.fn.__module__
+        if module.startswith("triton.") and module not in _prepared:
+            _prepared.add(module)
+            return _prepare_and_call(self, *args, **kwargs)
+        return self.rewrite()(*args, **kwargs)
+
+    interpreter.InterpretedFunction.__call__ = _call
+    interpreter.interpreter_builder.options = interpreter.InterpreterOptions(sanitize_overflow=False)
+
+DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+
+
+@pytest.fixture(autouse=True)
+def _no_warnings_of_numpy() -> Iterator[None]:
+    """The interpreter computes with NumPy, which warns of infinity and of lanes that are masked later."""
+    with np.errstate(all="ignore"):
+        yield

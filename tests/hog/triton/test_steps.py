@@ -1,0 +1,260 @@
+"""The kernels in Triton: the same values and derivatives as the reference steps, in all dialects."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+from torch.testing import assert_close
+
+from nablahog.hog import HOGSpec, hog, presets
+from nablahog.hog.kernels import autograd
+from nablahog.hog.steps import histograms_reference, normalize_reference
+from nablahog.hog.triton import steps, supports
+
+from ...golden import PEERS, Case, cases
+from ...golden.specs import dtype_of, spec_of, stored
+from ..zoo import PRESETS, SPECS, integers, noise, spec
+from .conftest import DEVICE
+
+DTYPES = [torch.float32, torch.float64]
+# one of each rule that votes, borders and kinks are decided by
+KINKS = [
+    "replicate",
+    "zero-largest",
+    "uoctti",
+    "uoctti-hard",
+    "skimage",
+    "opencv-signed",
+    "counterclockwise",
+    "derivative",
+]
+
+
+def waves(like: Tensor, last: float) -> Tensor:
+    """A fixed cotangent or tangent."""
+    return torch.linspace(0, last, like.numel(), dtype=torch.float64).cos().view(like.shape).to(like)
+
+
+def computed(step: autograd.Step, x: Tensor, s: HOGSpec) -> tuple[Tensor, Tensor, Tensor]:
+    """A step's result, its vjp and its jvp."""
+    x = x.to(DEVICE)
+    result, saved = step.run(x, s)
+    vjp = step.vjp(x, saved, waves(result, 40), s)
+    return result.cpu(), vjp.cpu(), step.jvp(x, saved, waves(x, 30), s).cpu()
+
+
+def expected(step: autograd.Step, x: Tensor, s: HOGSpec) -> tuple[Tensor, Tensor, Tensor]:
+    """The same by the reference steps; their forward mode is the vjp of the vjp."""
+    result, vjp = torch.func.vjp(lambda of: step.reference(of, s), x)
+    grad, again = torch.func.vjp(lambda y: vjp(y)[0], torch.zeros_like(result))
+    assert grad.shape == x.shape
+    return result, vjp(waves(result, 40))[0], again(waves(x, 30))[0]
+
+
+def assert_same(step: autograd.Step, x: Tensor, s: HOGSpec, exact_input: Tensor | None = None) -> None:
+    """Up to rounding, relative to the largest entry; to the reference of another precision if that is given."""
+    exact = 1e-6 if x.dtype == torch.float32 else 1e-11
+    tolerance = exact if s.angle != "vlfeat" else 1e-6  # an arccosine of a float32 whatever the image
+    by_reference = expected(step, x if exact_input is None else exact_input, s)
+    for got, of_reference in zip(computed(step, x, s), by_reference, strict=True):
+        assert got.shape == of_reference.shape
+        assert got.dtype == x.dtype
+        of_reference = of_reference.to(x.dtype)
+        size = float(of_reference.abs().max()) or 1.0
+        assert_close(got / size, of_reference / size, rtol=0, atol=tolerance)
+
+
+def channels(s: HOGSpec) -> int:
+    """Of images that show what is special about the dialect."""
+    return 1 if s.colour == "gray" and s != SPECS["paper"] else 3
+
+
+@pytest.mark.parametrize(
+    ("name", "dtype"),
+    [*((name, torch.float64) for name in SPECS), *((name, torch.float32) for name in PRESETS)],
+    ids=lambda x: str(x).removeprefix("torch."),
+)
+def test_descriptors_and_derivatives_are_those_of_the_reference(name: str, dtype: torch.dtype) -> None:
+    assert supports(SPECS[name])
+    assert SPECS[name].normalizer.has_triton
+    assert_same(steps.DESCRIBE, noise(1, channels(SPECS[name]), 15, 13, dtype=dtype), SPECS[name])
+
+
+@pytest.mark.parametrize("name", KINKS)
+def test_on_kinks_too(name: str) -> None:
+    """Few gray levels: gradients of zero, on bin centres, and on the diagonals, with the derivatives agreed upon."""
+    assert_same(steps.CELLS, integers(1, channels(SPECS[name]), 15, 13, levels=3), SPECS[name])
+
+
+@pytest.mark.parametrize("bins", [8, 16])
+def test_diagonals_that_are_bin_centres(bins: int) -> None:
+    """The reference finds them in float64 only."""
+    s = spec(signed=True, bins=bins, bin_offset=0.0)
+    for dtype in DTYPES:
+        x = integers(1, 1, 12, 12, levels=2, dtype=dtype)
+        assert_same(steps.CELLS, x, s, x.double())
+
+
+@pytest.mark.parametrize("name", ["paper", "uoctti", "skimage-root", "dpm", "blocks-Hys", "cells-separate", "window"])
+def test_normalisers_by_themselves(name: str) -> None:
+    s = SPECS[name]
+    x = noise(2, 4, 5, s.colours * s.bins)
+    x[0, 0] = 0  # empty cells
+    x[1, :, 2] *= 1e-3
+    assert_same(steps.NORM, x, s)
+
+
+@pytest.mark.parametrize(
+    "name", ["paper", "uoctti-hard", "dpm", "dlib", "skimage-colour", "opencv", "ties-opencv", "maskfeat"]
+)
+def test_of_bytes_every_vote_is_the_same(name: str) -> None:
+    """Colour ties and bins of hard votes are decided alike."""
+    s, generator = SPECS[name], torch.Generator().manual_seed(1)
+    x = torch.randint(256, (2, 3, 20, 19), dtype=torch.uint8, generator=generator)
+    x[1] //= 32
+    plain = histograms_reference(x, s).permute(0, 2, 3, 1)
+    assert_close(steps.CELLS.run(x.to(DEVICE), s)[0].cpu(), plain, rtol=0, atol=1e-6 * float(plain.max()))
+
+
+def _golden() -> list[Case]:
+    """Of each program, one case of each set of parameters."""
+    first: dict[str, Case] = {}
+    for peer in PEERS:
+        for case in cases(peer):
+            first.setdefault(f"{peer} {case.parameters}", case)
+    return [*first.values()]
+
+
+@pytest.mark.parametrize("case", _golden(), ids=str)
+def test_stored_outputs_of_other_programs(case: Case) -> None:
+    """As near as the reference is, whose distance from them ``tests/hog/test_golden.py`` tests."""
+    s, dtype = spec_of(case), dtype_of(case)
+    image = case.image.to(dtype) / 255
+    plain = hog(image, s, layout="native", backend="torch")[0]
+    got = hog(image.to(DEVICE), s, layout="native", backend="triton")[0].cpu()
+    assert got.shape == stored(case).shape
+    assert_close(got, plain, rtol=0, atol=1e-6 * max(float(plain.abs().max()), 1.0))
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
+def test_halves_are_read_as_they_are(dtype: torch.dtype) -> None:
+    x = noise(1, 3, 15, 13).to(dtype)
+    for name in ("paper", "uoctti"):
+        s = SPECS[name]
+        descriptor, saved = steps.DESCRIBE.run(x.to(DEVICE), s)
+        wide, saved_wide = steps.DESCRIBE.run(x.float().to(DEVICE), s)
+        assert torch.equal(descriptor, wide)
+        grad = steps.DESCRIBE.vjp(x.to(DEVICE), saved, wide, s)
+        assert grad.dtype == dtype
+        assert_close(grad, steps.DESCRIBE.vjp(x.float().to(DEVICE), saved_wide, wide, s).to(dtype))
+
+
+@pytest.mark.parametrize("name", ["uoctti", "cells-separate"])
+def test_any_strides(name: str) -> None:
+    """Channels last, a window of a larger image, one turned, and one expanded: without a copy."""
+    s, x = SPECS[name], noise(2, 3, 14, 15).to(DEVICE)
+    turned = x.transpose(2, 3).contiguous().transpose(2, 3)
+    window = torch.nn.functional.pad(x, (2, 3, 1, 4))[:, :, 1:15, 2:17]
+    plain = hog(x, s, backend="triton")
+    for same in (x.contiguous(memory_format=torch.channels_last), turned, window):
+        assert not same.is_contiguous()
+        assert torch.equal(hog(same, s, backend="triton"), plain)
+    gray = noise(1, 1, 14, 15).to(DEVICE).expand(2, 3, 14, 15)
+    assert torch.equal(hog(gray, s, backend="triton"), hog(gray.contiguous(), s, backend="triton"))
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 4, 4), (1, 1, 5, 70), (1, 2, 37, 4), (1, 5, 9, 8)])
+def test_odd_sizes(shape: tuple[int, ...]) -> None:
+    """One cell, several programs a row, and numbers of channels that are no colours."""
+    for name in ("replicate", "zero-largest"):
+        assert_same(steps.DESCRIBE, noise(*shape), SPECS[name])
+
+
+@pytest.mark.parametrize("size", [(48, 40), (40, 1), (1, 80)])
+def test_cells_larger_than_a_tile(size: tuple[int, int]) -> None:
+    s = spec(cell_size=size, vote="hard", partial_cells="ceil")
+    x = noise(1, 1, 97, 83)
+    result, plain = steps.CELLS.run(x.to(DEVICE), s)[0].cpu(), histograms_reference(x, s).permute(0, 2, 3, 1)
+    assert_close(result, plain, rtol=0, atol=1e-12 * float(plain.max()))
+
+
+def test_an_empty_batch() -> None:
+    for name in ("uoctti", "paper", "opencv", "cells-separate", "window"):
+        x = torch.zeros(0, 3, 16, 16, requires_grad=True, device=DEVICE)
+        descriptors = hog(x, SPECS[name], backend="triton")
+        assert descriptors.shape == hog(torch.zeros(0, 3, 16, 16), SPECS[name]).shape
+        assert torch.autograd.grad(descriptors.sum(), x)[0].shape == x.shape
+
+
+def test_a_batch_is_its_images_and_every_run_is_the_same() -> None:
+    s, x = SPECS["uoctti"], noise(3, 3, 17, 21, dtype=torch.float32).to(DEVICE)
+    together = hog(x, s, backend="triton")
+    assert torch.equal(hog(x, s, backend="triton"), together)
+    for image, descriptor in zip(x, together, strict=True):
+        assert torch.equal(hog(image[None], s, backend="triton")[0], descriptor)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("paper", math.inf), *((name, math.nan) for name in ("uoctti", "skimage", "cells-separate", "window"))],
+)
+def test_a_pixel_that_is_not_finite_makes_its_image_nan(name: str, value: float) -> None:
+    """In a part of the image that no cell sees, too; and no other image."""
+    s, x = SPECS[name], noise(2, 3, 15, 15)
+    x[1, 2, 14, 14] = value
+    for got, plain in zip(computed(steps.DESCRIBE, x, s), expected(steps.DESCRIBE, x, s), strict=True):
+        assert torch.equal(got[1].isnan(), plain[1].isnan()) or got[1].isnan().all()
+        assert torch.isfinite(got[0]).all()
+    result, grad, change = computed(steps.CELLS, x, s)
+    assert result[1].isnan().all()
+    assert grad[1].isnan().all()
+    assert change[1].isnan().all()
+
+
+def test_transforms_and_second_derivatives() -> None:
+    s, x = SPECS["uoctti"], noise(2, 1, 8, 8).to(DEVICE)
+
+    def describe(images: Tensor, backend: Any = "triton") -> Tensor:
+        return hog(images, s, backend=backend)
+
+    mapped = torch.func.vmap(lambda image: describe(image[None])[0])(x)
+    assert_close(mapped, describe(x))
+    grads = [torch.func.grad(lambda z, by=by: describe(z, by).square().sum())(x) for by in ("triton", "torch")]
+    assert_close(*grads, rtol=0, atol=1e-12)
+
+    def product(by: Any) -> Tensor:  # of the Hessian and a vector
+        z = x.clone().requires_grad_()
+        (grad,) = torch.autograd.grad(describe(z, by).square().sum(), z, create_graph=True)
+        return torch.autograd.grad((grad * waves(x, 30)).sum(), z)[0]
+
+    assert_close(product("triton"), product("torch"), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["uoctti", "cells-separate"])
+def test_operators_are_the_steps(name: str) -> None:
+    s, x = SPECS[name], noise(2, 3, 12, 13).to(DEVICE)
+    text = s.to_json()
+    for step, run, vjp in (
+        (steps.CELLS, steps.cells_operator, steps.cells_vjp_operator),
+        (steps.DESCRIBE, steps.describe_operator, steps.describe_vjp_operator),
+    ):
+        result, saved = step.run(x, s)
+        assert torch.equal(run(x, text), result)
+        weights = waves(result, 40)
+        assert torch.equal(vjp(x, weights, text), step.vjp(x, saved, weights, s))
+
+
+def test_steps_of_inversions() -> None:
+    s, x = presets.paper(4), noise(1, 1, 12, 12).to(DEVICE)
+    cells = steps.histograms(x, s)
+    assert_close(cells, histograms_reference(x, s))
+    assert_close(steps.norm(cells, s), normalize_reference(cells, s))
+    changes = waves(x, 30)
+    assert_close(
+        steps.histograms_jvp(x, changes, s).permute(0, 2, 3, 1),
+        steps.CELLS.jvp(x, steps.CELLS.run(x, s)[1], changes, s),
+    )
