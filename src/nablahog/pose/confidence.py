@@ -17,8 +17,8 @@ class Evidence(NamedTuple):
 
     Attributes:
         similarity: calibrated, of the best pose.
-        rival: similarity of the best pose from another side, as part of it; in 0…1, 0 if there is none.
-        agreement: share of the best views of several models that are from the same side; 1 for a single model.
+        rival: similarity of the best pose from another side, or the votes for it, as part of that; 0 if there is none.
+        agreement: share of the votes of several models' poses that are for the same side; 1 for a single model.
     """
 
     similarity: float

@@ -14,8 +14,6 @@ from ..render.kernels.pose import rotations
 from ..runtime.compile import compiled
 from .crop import DISTANCE
 
-_AGREED = 0.8  # of calibrated similarity: a view that has so much less counts a factor e less
-_BLUR = 8.0  # degrees
 _ROUNDS = 3  # perspective makes the size no exact inverse of the distance; twice is within a tenth of a pixel
 
 
@@ -42,21 +40,6 @@ def local_maxima(values: Tensor, count: int) -> Tensor:
     indices = highest.nonzero().squeeze(1)
     order: Tensor = indices[values[indices].argsort(descending=True)]
     return order[:count]
-
-
-def consensus(azimuths: Tensor, similarities: Tensor) -> Tensor:
-    """Votes of views of several models for each whole degree of azimuth, (360,).
-
-    A view has the weight exp(similarity / 0.8), blurred by 8°.
-
-    Args:
-        azimuths: (N,), degrees.
-        similarities: (N,), calibrated.
-    """
-    weights = torch.exp((similarities - similarities.max()) / _AGREED).to(azimuths)
-    degrees = torch.arange(360, dtype=azimuths.dtype)
-    apart = (degrees[:, None] - azimuths + 180) % 360 - 180
-    return torch.exp(-0.5 * (apart / _BLUR) ** 2) @ weights
 
 
 def hull(mesh: Mesh) -> Tensor:

@@ -41,7 +41,8 @@ class RunnerUp(NamedTuple):
     Attributes:
         model: the model's name.
         pose: (6,), angles in degrees.
-        share: of the best pose's similarity that it has; of the coarse one, if the search has not come closer.
+        share: of the best pose's similarity that it has; of the coarse one, if the search has not come closer.  Among
+            several models, of the votes for the best one's side.
     """
 
     model: str
