@@ -54,12 +54,8 @@ def _of_several(search: Search, tilted: Sequence[Hypothesis]) -> SearchResult:
     ascended = [search.ascend(start) for start in starts[:VOTERS]]
     elected, *others = sides(ascended, 1 + _RUNNERS_UP)
     best = search.seen_from(elected.viewpoint, elected.poses[0])
-    same_view, crop = search.same_view(best), search.problem.photograph.crop
-    runners_up = tuple(
-        RunnerUp(one.model, one.photograph.crop.converted(one.pose, crop), min(side.share / elected.share, 1.0))
-        for side, one in ((side, side.poses[0]) for side in others)
-        if min((azimuth_distance(one.azimuth, each) for each in same_view), default=180.0) > SAME_SIDE
-    )
+    shares = [(side.share / elected.share, side.poses[0]) for side in others]
+    runners_up = _from_other_sides(shares, best, search.same_view(best), search.problem.photograph.crop)
     evidence = Evidence(best.similarity, runners_up[0].share if runners_up else 0.0, elected.share)
     return search.result(best, ascended, runners_up, evidence)
 
@@ -83,13 +79,20 @@ def _runners_up(
         for one in tilted
         if min(azimuth_distance(one.azimuth, azimuth) for azimuth in started) > 0
     ]
-    sides = [best.azimuth, *same_view]
+    return _from_other_sides(shares, best, same_view, crop)
+
+
+def _from_other_sides(
+    shares: Sequence[tuple[float, Hypothesis]], best: Hypothesis, same_view: Sequence[float], crop: ObjectCrop
+) -> tuple[RunnerUp, ...]:
+    """Those with the highest shares that are on other sides than the best pose and than each other, for the crop."""
+    azimuths = [best.azimuth, *same_view]
     found: list[RunnerUp] = []
     for share, one in sorted(shares, key=lambda each: -each[0]):
-        if min(azimuth_distance(one.azimuth, side) for side in sides) > SAME_SIDE:
+        if min(azimuth_distance(one.azimuth, azimuth) for azimuth in azimuths) > SAME_SIDE:
             pose = one.photograph.crop.converted(one.pose, crop)
             found.append(RunnerUp(one.model, pose, min(max(share, 0.0), 1.0)))
-            sides.append(one.azimuth)
+            azimuths.append(one.azimuth)
     return tuple(found[:_RUNNERS_UP])
 
 
