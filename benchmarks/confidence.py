@@ -1,9 +1,10 @@
 """Is the confidence of a pose the share of poses that are right?  And which weights does it have?
 
     python benchmarks/confidence.py [--models DIR] [--viewpoints CSV] [--objects 60] [--seed 0] [--unknown-model]
-        [--rows 'NAME;…'] [--unrelated 60] [--fit]
+        [--rows NAME,…] [--unrelated 60] [--fit]
 
-Objects are those of the rows of rough_boxes.py, and boxes of photographs without any object, whose poses are all wrong.
+Rows are conditions of `nablahog table2 --conditions all`.  Beside their objects there are boxes of photographs without
+any object, whose poses are all wrong.
 The table has the share of right poses by confidence; below are the Brier scores of the confidence and of a logistic
 regression on the similarity alone, which is fitted to these objects.  With --fit the weights of
 `nablahog.pose.confidence` are fitted to these objects, too, and printed.
@@ -19,6 +20,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from nablahog.datasets.conditions import CONDITIONS
 from nablahog.datasets.viewpoints import read_viewpoints, sample_viewpoints
 from nablahog.evaluate.models import Meshes, models_in, procedural_chairs
 from nablahog.io.sample_photographs import SAMPLE_NAMES, sample_photograph
@@ -26,12 +28,11 @@ from nablahog.metrics import azimuth_error
 from nablahog.pose import PoseEstimate, confidence, estimate_pose
 from nablahog.pose import estimate as estimate_module
 from nablahog.pose.confidence import RIGHT, Evidence
-from rough_boxes import ROWS, case_of
 
 SIDE = 100  # pixels of the shortest side of a box without the object
 RIDGE = 0.01  # of the weights' squares
 BINS = 5
-ALL_KINDS = "as table2;sides 10 % off;photograph cut by 30 %;no box, nothing given;tilted 12-45"
+ALL_KINDS = "as-table2,sides-10,photograph-cut-30,no-box-no-pose,tilted"
 Floats = NDArray[np.float64]
 
 
@@ -61,9 +62,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--unknown-model", action="store_true", help="leave an object's own model out")
-    parser.add_argument(
-        "--rows", default="as table2;sides 10 % off;photograph cut by 30 %;no box, nothing given;tilted 12-45"
-    )
+    parser.add_argument("--rows", default=ALL_KINDS, help="conditions, separated by commas")
     parser.add_argument("--fit", action="store_true", help="print weights fitted to these objects")
     parser.add_argument("--save", type=Path, help="write similarity, rival, agreement, right to this file, CSV")
     options = parser.parse_args()
@@ -90,9 +89,9 @@ def main() -> None:
         assert result.confidence is not None
         seen.append((evidence[-1], result.confidence, right))
 
-    for name in options.rows.split(";"):
+    for name in options.rows.split(","):
         for index in range(options.objects):
-            case, made = case_of(ROWS[name], index, meshes, views, clutter, options.seed)
+            case, made = CONDITIONS[name].scene(index, meshes, views, clutter, seed=options.seed)
             some = {each: meshes[each] for each in meshes if (each == made.model) != options.unknown_model}
             add(float(made.pose[0]), case.image, some, box=case.box, initial=case.initial)
         print(f"{name}: {np.mean([one[2] for one in seen[-options.objects :]]):.1%} right", flush=True)

@@ -172,6 +172,7 @@ class Scene:
             matched=PreparedPhotograph(self.crop),
             estimate=estimate,
             mesh=self.model.mesh,
+            models=self.model.name,
             candidates=[self.model.name],
             passed_over={},
             seconds=time.perf_counter() - began,

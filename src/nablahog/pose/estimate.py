@@ -142,7 +142,8 @@ def estimate_pose(
     Args:
         photograph: (C, H, W), float32 or float64 in 0…1, one channel or R, G, B; or an array (H, W) or (H, W, C), or
             a PIL image.
-        models: normalised meshes by name, or one mesh; all are tried, the best is returned.
+        models: normalised meshes by name, or one mesh; all are tried, the best is returned.  Without models of your
+            own, ``nablahog.datasets.chairs.library()`` has chairs of all common kinds.
         box: x0, y0, x1, y1 of the object, pixels.  It may be rough, or cut off, for ``"best"`` with the calibrated
             similarity, which searches around it, and by default anywhere in the photograph; all others take it as it
             is, by default as the whole photograph.

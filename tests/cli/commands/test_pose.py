@@ -16,6 +16,7 @@ from PIL import Image
 from nablahog import presets
 from nablahog.cli.main import main
 from nablahog.cli.results.pose_result import AZIMUTHS
+from nablahog.datasets import chairs
 from nablahog.io.images import write_image
 from nablahog.pose.background import default_background
 from nablahog.render import Mesh
@@ -85,6 +86,7 @@ def test_the_best_of_several_models(tmp_path: Path, scene: list[str], capsys: py
     assert list(result["passed_over"]) == ["bad"]
     assert result["image_size"] == [150, 180]
     assert result["settings"]["initial"] == [-20, ELEVATION]
+    assert result["settings"]["mesh"] == scene[2]
     assert result["settings"]["descriptor"]["name"] == "aubry"
     assert {"azimuth", "distance", "focal_length", "x, y", "similarity"} <= set(result["definitions"])
     around = result["around"]
@@ -115,6 +117,24 @@ def test_the_best_of_several_models(tmp_path: Path, scene: list[str], capsys: py
         "azimuth -20°",
     ):
         assert text in page
+
+
+def test_chairs_that_come_with_the_package(
+    tmp_path: Path, scene: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    some = {name: mesh for name, mesh in chairs.library().items() if name in ("wooden-0", "swivel-1", "stool-0")}
+    monkeypatch.setattr("nablahog.cli.commands.pose.library", lambda: some)
+    image, box = photographed(some["swivel-1"], AZIMUTH, ELEVATION, behind="coffee")
+    write_image(tmp_path / "chair.png", image)
+    sides = ",".join(f"{side:g}" for side in box)
+    to = ["--box", sides, f"--init=-20,{ELEVATION}", "-o", str(tmp_path / "out")]
+    assert main(["pose", str(tmp_path / "chair.png"), *to]) == 0
+    assert "swivel-1" in capsys.readouterr().out
+    result = json.loads((tmp_path / "out" / "chair_pose.json").read_text())
+    assert (result["model"], result["settings"]["mesh"]) == ("swivel-1", None)
+    assert result["candidates"] == list(some)
+    assert degrees_between(result["azimuth"], AZIMUTH) < 5
+    assert "chairs that come with nablahog" in (tmp_path / "out" / "index.html").read_text()
 
 
 def test_the_papers_method_as_json(
@@ -230,7 +250,8 @@ def test_bad_inputs(tmp_path: Path, scene: list[str], refused: Callable[..., Non
     refused("pose", folder, "--mesh", folder, *to, message="expected an image file, got a folder")
     refused("pose", str(tmp_path / "no.png"), "--mesh", folder, *to, message="no.png: no such file")
     refused("pose", photograph, "--mesh", folder, "-o", photograph, message="is not a folder")
-    refused("pose", photograph, *to, message="the following arguments are required: --mesh", status=2)
+    for axis in (["--up", "y"], ["--front=-x"]):
+        refused("pose", photograph, *axis, *to, message="--up and --front say how the files of --mesh lie")
 
 
 def test_it_never_overwrites_an_input(tmp_path: Path, scene: list[str], refused: Callable[..., None]) -> None:

@@ -54,16 +54,17 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         "pose",
         help="find the pose of an object from CAD models",
         description="Finds the viewpoint of an object in a photograph: the pose at which the HOG of a rendering of a "
-        "CAD model is most similar to the photograph's. Of several models it takes the one that fits best. Writes "
+        "CAD model is most similar to the photograph's. Of several models it takes the one that fits best. Without "
+        "--mesh these are chairs that come with nablahog, of all common kinds. Writes "
         "<stem>_overlay.png, _elements.png, _similarity.svg, _pose.json and the page index.html.",
     )
     command.add_argument("photo", type=options.path, metavar="PHOTO", help="an image of any format that Pillow reads")
     command.add_argument(
         "--mesh",
-        required=True,
         type=options.path,
         metavar="FILE_or_DIR",
-        help="a CAD model (OFF, PLY or STL: z up, front at -y; OBJ or GLB: y up, front at +z), or a folder of them",
+        help="a CAD model (OFF, PLY or STL: z up, front at -y; OBJ or GLB: y up, front at +z), or a folder of them "
+        "(default: the chairs of nablahog.datasets.chairs.library)",
     )
     command.add_argument(
         "--up",

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ...datasets.cad import Models, read_models
+from ...datasets.chairs import library
 from ...io.files import output_folder
 from ...io.images import read_image
 from ...pose.crop import SIDE, checked_box, crop_object
@@ -41,7 +42,9 @@ def pose(arguments: Namespace) -> int:
         height, width = photograph.shape[1:]
         box = None if arguments.box is None else checked_box(arguments.box, height, width)
         background = None if arguments.background is None else _background(Path(arguments.background))
-        models = _models(Path(arguments.mesh))
+        models = Models({}, []) if arguments.mesh is None else _models(Path(arguments.mesh))
+        if arguments.mesh is None and (arguments.up or arguments.front):
+            raise ValueError("--up and --front say how the files of --mesh lie; the chairs of nablahog need neither")
         if arguments.up is not None:
             axes(arguments.up, arguments.front)
     folder = Path(arguments.output)
@@ -49,7 +52,7 @@ def pose(arguments: Namespace) -> int:
     forbid_overwrite(inputs, [folder / name for name in result_names(arguments.photo)])
     with output_folder(folder), as_user_error():
         with counter("nablahog pose") as progress:
-            meshes = _meshes(models, arguments, progress)
+            meshes = library() if arguments.mesh is None else _meshes(models, arguments, progress)
         for name, reason in (*models.failed.items(), *((name, "no model by its ending") for name in models.ignored)):
             inform(f"nablahog pose: skipped: {name}: {reason}")
         with counter("nablahog pose") as progress:
@@ -74,6 +77,7 @@ def pose(arguments: Namespace) -> int:
             matched=PreparedPhotograph(crop_object(photograph, estimate.box, focal=estimate.camera.focal), background),
             estimate=estimate,
             mesh=meshes[estimate.model],
+            models=arguments.mesh,
             candidates=list(meshes),
             passed_over=models.failed,
             seconds=time.perf_counter() - began,

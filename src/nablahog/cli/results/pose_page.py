@@ -151,6 +151,7 @@ def _page(result: PoseResult, overlay: list[Panel], turned: Drawing, drawn: list
         "box": ", ".join(f"{side:g}" for side in result.box),
         "descriptor": _named(phi),
         "visual elements by": _named(spec),
+        "models": result.models or "chairs that come with nablahog",
         "candidates": ", ".join(result.candidates),
         **{f"passed over: {name}": reason for name, reason in result.passed_over.items()},
     }

@@ -32,7 +32,8 @@ SAMPLES = 4  # of a pixel along a side there: with fewer, even the derivative of
 STEP = 0.1  # degrees to either side, of central differences: similarity is jagged below a degree
 
 DEFINITIONS = {
-    "model": "The model that fits best, of all candidates.",
+    "model": "The model that fits best, of all candidates. Without --mesh they are the chairs of "
+    "nablahog.datasets.chairs.library(), of which swivel-2 is chair(2, 'swivel').",
     "azimuth": "Degrees that the camera is turned about the object's vertical axis: 0 sees the front, 90 the side that "
     "is on the object's left, which is the viewer's right.",
     "elevation": "Degrees that the camera is above the object.",
@@ -121,6 +122,7 @@ class PoseResult:
         matched: its crop and background.
         estimate: the pose.
         mesh: of the best model.
+        models: the file or folder of all models; None for those of :func:`nablahog.datasets.chairs.library`.
         candidates: the names of all models.
         passed_over: why models could not be read, by their names.
         seconds: of the search.
@@ -135,6 +137,7 @@ class PoseResult:
     matched: PreparedPhotograph
     estimate: PoseEstimate
     mesh: Mesh
+    models: str | None
     candidates: Sequence[str]
     passed_over: dict[str, str]
     seconds: float
@@ -208,6 +211,7 @@ class PoseResult:
             "candidates": list(self.candidates),
             "passed_over": self.passed_over,
             "settings": {
+                "mesh": self.models,
                 "method": self.method,
                 "similarity": estimate.similarity_kind,
                 "initial": self.initial,
