@@ -32,7 +32,8 @@ from .whitening import Background
 
 EVERY_DEGREE = 360
 _NEIGHBOURS = 8  # views next to one of 48 that may look otherwise, and yet all do
-PLACES = 6  # of an object without a box, that are looked at closely
+PLACES, PLACES_OF_SEVERAL = 6, 2  # of an object without a box, that are looked at closely: of one model, of several
+DETECTORS = 8  # models that such places are found with: an object of their kind is like some of them anywhere
 DETECTED_FROM = (0.0, 20.0, 40.0, 65.0)  # degrees of elevation, where nothing is known of it
 DETECTED_TILTS = (-30.0, 0.0, 30.0)  # degrees, likewise
 UPRIGHT = (0.0,)
@@ -256,7 +257,9 @@ def _boxes(
     """Where the object may be, the likeliest first."""
     elevations, tilts = (DETECTED_FROM, DETECTED_TILTS) if initial is None else ((initial[1],), UPRIGHT)
     allowed = allowed_azimuths(equidistant_azimuths(VIEW_COUNT // EVERY), initial, within)
-    found = find_places(image, models.items(), elevations, tilts, *coarse_background(background), allowed, PLACES)
+    some = list(models.items())[:: math.ceil(len(models) / DETECTORS)]
+    places = PLACES if len(models) == 1 else PLACES_OF_SEVERAL
+    found = find_places(image, some, elevations, tilts, *coarse_background(background), allowed, places)
     return [Box.of(sides) for sides in found.boxes.tolist()]
 
 
