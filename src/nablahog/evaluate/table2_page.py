@@ -153,7 +153,7 @@ def _conditions(table: Table2) -> list[html.Section]:
             rows.append({**row, "median error": _cell(line.error, median=True), "seconds": line.seconds})
     text = (
         "Fewer objects of the same kind, each time with something that makes them harder; what it is, is said at the "
-        "end. All have exact boxes but for what a condition changes. Figures are those of the first table."
+        "end. Scenes have exact boxes but for what a condition changes. Figures are those of the first table."
     )
     panels = []
     for name, examples in table.conditions.items():
