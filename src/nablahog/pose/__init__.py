@@ -9,12 +9,14 @@ if TYPE_CHECKING:
     from .elements import Elements, elements
     from .estimate import estimate_pose
     from .pose_estimate import PoseEstimate
+    from .tracker import Tracker
     from .whitening import Background
 
 __all__ = [
     "Background",
     "Elements",
     "PoseEstimate",
+    "Tracker",
     "default_background",
     "elements",
     "estimate_pose",
@@ -27,5 +29,6 @@ names_when_used(
     elements=("Elements", "elements"),
     estimate=("estimate_pose",),
     pose_estimate=("PoseEstimate",),
+    tracker=("Tracker",),
     whitening=("Background",),
 )
