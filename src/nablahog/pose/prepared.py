@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import math
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
@@ -67,8 +68,9 @@ class PreparedPhotograph:
         self.background = background or default_background(pose_spec())
 
     def around(self, image: Tensor, box: Sequence[float]) -> PreparedPhotograph:
-        """The crop of the same photograph (C, H, W) around another box, seen through the same lens."""
-        return PreparedPhotograph(crop_object(image, box, focal=self.crop.focal), self.own_background)
+        """The crop of the same photograph (C, H, W) around another box, by the same camera."""
+        crop = crop_object(image, box, focal=self.crop.focal, axis=self.crop.axis)
+        return PreparedPhotograph(crop, self.own_background)
 
     def template(self, kind: SimilarityKind) -> Template:
         """The template for one of the similarities of :mod:`.similarity`."""
@@ -151,6 +153,15 @@ class PreparedModel:
     def __init__(self, mesh: Mesh, camera: Camera) -> None:
         self.mesh, self.camera, self.hull = mesh, camera, hull(mesh)
         self._renderers: dict[tuple[Method, int, float, int], Renderer] = {}
+
+    @cached_property
+    def digest(self) -> str:
+        """A hash of what renderings depend on: the mesh and the camera."""
+        parts = (self.mesh.vertices, self.mesh.faces, self.mesh.brightness)
+        hashed = hashlib.sha256(repr((self.camera, [part.shape for part in parts])).encode())
+        for part in parts:
+            hashed.update(part.detach().numpy().tobytes())
+        return hashed.hexdigest()
 
     def renderer(
         self,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -78,11 +78,11 @@ def pyramid(photograph: PreparedPhotograph, image: Tensor, tilts: Sequence[float
     side = spec.image_size(rows + 2 * reach.cells, cols + 2 * reach.cells)[0]
     scales = reach.scales
     # a base with the finest level's pixels, of which each level takes every so many
-    zoom = crop.zoom / shrink / scales.min()
+    zoom = crop.zoom / shrink / float(scales.min())
     steps = scales / scales.min()
     widened = TURNED if any(tilts) else 1.0
     base_side = 2 * math.ceil(side * widened * steps.max() / 2) + 4
-    base = resampled(image, crop.middle, zoom, base_side)
+    base = resampled(image, replace(crop.view, zoom=zoom), base_side)
     levels = []
     for step in steps.tolist():
         smooth = blurred(base, 0.5 * math.sqrt(step**2 - 1)) if step > 1 else base

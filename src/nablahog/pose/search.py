@@ -91,7 +91,7 @@ class Search:
                 return None  # that view is there
             (pose,) = self.problem.fit(model, pose[None], photograph)
             return self._hypothesis(value, name, pose, photograph)
-        other = self.problem.cropped((box / crop.zoom + torch.tensor(crop.middle).repeat(2)).tolist())
+        other = self.problem.cropped(crop.box_in_photograph(box))
         return self._hypothesis(value, name, crop.converted(pose, other.crop), other)
 
     @cached_property

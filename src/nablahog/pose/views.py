@@ -1,13 +1,19 @@
-"""Views all around a model at one elevation: the templates of the coarse search, made once for all photographs."""
+"""Views all around a model at one elevation: the templates of the coarse search, made once for all photographs.
+
+They are kept on disk, too (:mod:`nablahog.io.array_cache`): a later process reads what an earlier one has rendered.
+"""
 
 from __future__ import annotations
 
-from functools import lru_cache
+import hashlib
+from functools import cache, lru_cache
 
 import torch
 from torch import Tensor
 
 from ..hog import HOGSpec
+from ..io.array_cache import cached_array
+from ..runtime.source import code_key
 from .crop import FILL
 from .placement import equidistant_azimuths, fit_to_box, level_poses
 from .prepared import DETAIL, PreparedModel
@@ -16,7 +22,7 @@ from .whitening import Whitener
 
 VIEW_COUNT = 48  # azimuths around an object
 ELEVATION_STEP = 5.0  # degrees between the elevations that there are views of
-_CACHED = 512  # sets of views, of half a megabyte
+_CACHED = 2048  # sets of views, of half a megabyte: those of 256 models
 
 
 def view_similarities(model: PreparedModel, template: ElementTemplate, elevation: float) -> Tensor:
@@ -44,6 +50,22 @@ def view_descriptors(model: PreparedModel, spec: HOGSpec, whitener: Whitener, sh
 
 @lru_cache(maxsize=_CACHED)
 def _view_descriptors(model: PreparedModel, spec: HOGSpec, whitener: Whitener, shrink: int, elevation: float) -> Tensor:
+    numbers = spec.channels * whitener.rows * whitener.cols
+    facts = (model.digest, spec.to_json(), whitener.digest, shrink, elevation, _code(), torch.__version__)
+    key = hashlib.sha256(repr(facts).encode()).hexdigest()
+    made = cached_array(
+        "views", key, (VIEW_COUNT, numbers), lambda: _described(model, spec, whitener, shrink, elevation).numpy()
+    )
+    return torch.from_numpy(made)
+
+
+@cache
+def _code() -> str:
+    return code_key(_described)
+
+
+def _described(model: PreparedModel, spec: HOGSpec, whitener: Whitener, shrink: int, elevation: float) -> Tensor:
+    """What :func:`view_descriptors` returns, rendered."""
     poses = fit_to_box(level_poses(equidistant_azimuths(VIEW_COUNT), elevation), model.hull, model.camera, FILL)
     renderer = model.renderer(detail=DETAIL, shrink=shrink)
     compiled, background = renderer.compiled, white_background(renderer.camera)

@@ -7,9 +7,10 @@ and the covariance Σ of templates of any size, Σ as a block-Toeplitz matrix.
 
 from __future__ import annotations
 
+import hashlib
 import math
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -206,6 +207,11 @@ class Whitener:
         across = np.arange(self.inverse.shape[2] // self.size[0])
         shares = np.where(2 * across % self.size[1] == 0, 1, 2) / math.prod(self.size)
         self._shares = np.tile(shares.astype(np.float32), self.size[0])
+
+    @cached_property
+    def digest(self) -> str:
+        """A hash of Σ⁻¹."""
+        return hashlib.sha256(repr(self.size).encode() + self.inverse.tobytes()).hexdigest()
 
     def __call__(self, descriptors: Tensor) -> Tensor:
         """Σ⁻¹ q: (B, C, rows, cols) to the same, float32; zeros are assumed beyond the border."""

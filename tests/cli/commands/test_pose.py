@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import ExifTags, Image
 
 from nablahog import presets
 from nablahog.cli.main import main
@@ -314,6 +314,44 @@ def test_the_lens_and_the_initial_azimuth_are_taken(scene: list[str], tmp_path: 
     assert json.loads((tmp_path / "view" / "chair_pose.json").read_text())["focal_length"] == pytest.approx(
         300, abs=0.1
     )
+
+
+def test_the_camera_of_the_file_is_taken(scene: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    photo, _, folder, _, box = scene
+    exif = Image.Exif()
+    exif[ExifTags.Base.Orientation] = 1  # without any tag of its own, Pillow writes none to a PNG
+    exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.FocalLengthIn35mmFilm] = 50
+    Image.open(photo).save(photo, exif=exif)
+    common = ["pose", photo, "--mesh", f"{folder}/wooden.off", "--box", box, "--init", "0,10", "--json"]
+    common += ["--method", "exhaustive", "-o", str(tmp_path / "out")]
+    figures = []
+    for more in ([], ["--focal", "exif", "--principal-point", "80,70"], ["--focal", "unknown"], ["--focal", "300"]):
+        assert main([*common, *more]) == 0
+        figures.append(json.loads(capsys.readouterr().out))
+    assert [each["focal_length_from"] for each in figures] == ["exif", "exif", "assumed", "given"]
+    assert figures[0]["focal_length"] == pytest.approx(50 / np.hypot(36, 24) * np.hypot(150, 180))
+    assert [each["principal_point"] for each in figures] == [[90, 75], [80, 70], None, [90, 75]]
+    assert figures[3]["intrinsics"] == [[300, 0, 90], [0, 300, 75], [0, 0, 1]]
+    assert np.shape(figures[0]["matrix"]) == (4, 4)
+    extent = np.ptp(model().vertices.numpy(), axis=0)  # the file has them as they are
+    assert figures[3]["distance_in_file_units"] == pytest.approx(figures[3]["distance"] * np.linalg.norm(extent))
+
+
+def test_a_camera_that_the_file_does_not_know(scene: list[str], refused: Callable[..., None], tmp_path: Path) -> None:
+    to = ["-o", str(tmp_path / "out")]
+    refused("pose", *scene, *to, "--focal", "exif", message="its EXIF data has no focal length")
+    refused("pose", *scene, *to, "--principal-point", "80,70", message="--principal-point needs a known focal length")
+    refused("pose", *scene, *to, "--mask", scene[2], message="expected an image file, got a folder")
+
+
+def test_a_mask_takes_the_place_of_the_box(scene: list[str], tmp_path: Path) -> None:
+    clean, box = photographed(model(), AZIMUTH, ELEVATION)
+    write_image(tmp_path / "mask.png", (clean < 0.999).float())
+    command = ["pose", scene[0], "--mesh", f"{scene[2]}/wooden.off", "--mask", str(tmp_path / "mask.png")]
+    assert main([*command, "-o", str(tmp_path / "out")]) == 0
+    figures = json.loads((tmp_path / "out" / "chair_pose.json").read_text())
+    assert max(abs(one - other) for one, other in zip(figures["box"], box, strict=True)) <= 1
+    assert degrees_between(figures["azimuth"], AZIMUTH) < 2
 
 
 @pytest.mark.parametrize("option", ["--within=0", "--within=200", "--focal=-3", "--field-of-view=180", "--focal=far"])

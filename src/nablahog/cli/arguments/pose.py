@@ -48,23 +48,43 @@ def _probability(text: str) -> float:
     return probability
 
 
-def pose(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Adds ``nablahog pose``."""
-    command = commands.add_parser(
-        "pose",
-        help="find the pose of an object from CAD models",
-        description="Finds the viewpoint of an object in a photograph: the pose at which the HOG of a rendering of a "
-        "CAD model is most similar to the photograph's. Of several models it takes the one that fits best. Without "
-        "--mesh these are chairs that come with nablahog, of all common kinds. Writes "
-        "<stem>_overlay.png, _elements.png, _similarity.svg, _pose.json and the page index.html.",
+def _focal(text: str) -> float | str:
+    return text if text in ("exif", "unknown") else _positive(math.inf)(text)
+
+
+def camera(command: argparse.ArgumentParser) -> None:
+    """Adds the options that say what is known of the camera."""
+    lens = command.add_mutually_exclusive_group()
+    lens.add_argument(
+        "--focal",
+        type=_focal,
+        metavar="PIXELS|exif|unknown",
+        help="focal length of the camera, in pixels of the photograph; exif: as the file says, an error if it does "
+        "not; unknown: such that an object that fills its box is 3 of its diagonals away (default: as the file says, "
+        "if it does, else unknown)",
     )
-    command.add_argument("photo", type=options.path, metavar="PHOTO", help="an image of any format that Pillow reads")
+    lens.add_argument(
+        "--field-of-view",
+        type=_positive(179),
+        metavar="DEGREES",
+        help="of the camera from the upper to the lower border of the photograph, instead of --focal",
+    )
+    command.add_argument(
+        "--principal-point",
+        type=numbers("x,y"),
+        metavar="x,y",
+        help="where the optical axis meets the photograph, in pixels from the upper left corner, if the focal length "
+        "is known (default: the middle)",
+    )
+
+
+def models(command: argparse.ArgumentParser, several: str) -> None:
+    """Adds the options for CAD models; ``several`` says what a folder means."""
     command.add_argument(
         "--mesh",
         type=options.path,
         metavar="FILE_or_DIR",
-        help="a CAD model (OFF, PLY or STL: z up, front at -y; OBJ or GLB: y up, front at +z), or a folder of them "
-        "(default: the chairs of nablahog.datasets.chairs.library)",
+        help=f"a CAD model (OFF, PLY or STL: z up, front at -y; OBJ or GLB: y up, front at +z){several}",
     )
     command.add_argument(
         "--up",
@@ -79,14 +99,54 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         metavar="AXIS",
         help="which axis the front of the models looks along, likewise (default: -y with z up, +z with y up)",
     )
+
+
+def pose(commands: argparse._SubParsersAction[Parser]) -> None:
+    """Adds ``nablahog pose``."""
+    command = commands.add_parser(
+        "pose",
+        help="find the pose of an object from CAD models",
+        description="Finds the viewpoint of an object in a photograph: the pose at which the HOG of a rendering of a "
+        "CAD model is most similar to the photograph's. Of several models it takes the one that fits best. Without "
+        "--mesh these are chairs that come with nablahog, of all common kinds. Writes "
+        "<stem>_overlay.png, _elements.png, _similarity.svg, _pose.json and the page index.html; of several objects "
+        "poses.csv and poses.json.",
+    )
+    command.add_argument(
+        "photo",
+        nargs="?",
+        type=options.path,
+        metavar="PHOTO",
+        help="an image of any format that Pillow reads; with --annotations there is none",
+    )
+    models(command, ", or a folder of them (default: the chairs of nablahog.datasets.chairs.library)")
     options.output(command, "DIR", "folder for the results, made if missing")
     command.add_argument(
         "--box",
+        action="append",
         type=numbers("x0,y0,x1,y1"),
         metavar="x0,y0,x1,y1",
         help="around the object, in pixels from the upper left corner, roughly (default: anywhere in the photograph; "
-        "the whole photograph for methods other than best)",
+        "the whole photograph for methods other than best); may be repeated, for several objects",
     )
+    command.add_argument(
+        "--mask",
+        type=options.path,
+        metavar="FILE",
+        help="an image of the photograph's size, white where the object is, black elsewhere: what is elsewhere does "
+        "not count, and the box is that of the white part",
+    )
+    command.add_argument(
+        "--annotations",
+        type=options.path,
+        metavar="FILE",
+        help="a list of objects instead of PHOTO: .csv with the column image and perhaps x0, y0, x1, y1, azimuth and "
+        "elevation, or .json like COCO's; writes poses.csv and poses.json, and resumes an interrupted run",
+    )
+    command.add_argument(
+        "--photos", type=options.path, metavar="DIR", help="folder of the photographs that --annotations names"
+    )
+    options.workers(command)
     command.add_argument(
         "--init",
         type=_view,
@@ -101,20 +161,7 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         metavar="DEGREES",
         help="of azimuth on both sides of the initial one that the method best searches (default: 180, which is all)",
     )
-    lens = command.add_mutually_exclusive_group()
-    lens.add_argument(
-        "--focal",
-        type=_positive(math.inf),
-        metavar="PIXELS",
-        help="focal length of the camera, in pixels of the photograph (default: such that an object that fills its box "
-        "is 3 of its diagonals away)",
-    )
-    lens.add_argument(
-        "--field-of-view",
-        type=_positive(179),
-        metavar="DEGREES",
-        help="of the camera from the upper to the lower border of the photograph, instead of --focal",
-    )
+    camera(command)
     command.add_argument(
         "--method", choices=get_args(SearchMethod), default="best", help="how to search (default: best)"
     )

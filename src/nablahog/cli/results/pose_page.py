@@ -66,9 +66,10 @@ def _overlay(result: PoseResult) -> list[Panel]:
     zoom = min(HEIGHT / height, WIDEST / width)
     size = max(1, round(height * zoom)), max(1, round(width * zoom))
     whole = interpolate(result.photograph[None], size, mode="bilinear", antialias=True)[0]
-    whole_camera = Camera(estimate.camera.focal * zoom, *size)
-    whole_outlined = _outlined(whole, mesh, _scaled(estimate.pose[0], zoom), whole_camera)
-    close = crop_object(result.photograph, result.box, HEIGHT, fill := _CLOSE * HEIGHT, estimate.camera.focal)
+    drawn, pose, camera = estimate.render_arguments(mesh)
+    whole_outlined = _outlined(whole, drawn, _scaled(pose[0], zoom), Camera(camera.focal * zoom, *size))
+    known = estimate.camera.focal, estimate.principal_point
+    close = crop_object(result.photograph, result.box, HEIGHT, fill := _CLOSE * HEIGHT, *known)
     pose = _scaled(estimate.crop_pose, fill / FILL)
     pasted = render(mesh, pose, close.camera, background=close.image)
     return [

@@ -17,8 +17,8 @@ from torch import Tensor
 
 from ...hog.box import Box
 from ...io.images import as_array
+from ...pose import PoseEstimate
 from ...pose.crop import SIDE
-from ...pose.estimate import PoseEstimate
 from ...pose.options import SearchMethod
 from ...pose.placement import azimuth_sweep
 from ...pose.prepared import ELEMENT, PreparedPhotograph, prepared_model
@@ -40,8 +40,14 @@ DEFINITIONS = {
     "theta": "Degrees that the picture is turned counter-clockwise.",
     "distance": "From the camera to the middle of the object, in diagonals of its bounding box. It "
     "depends on the focal length: one photograph hardly determines both.",
+    "distance_in_file_units": "The same in the units of the model's file.",
     "x, y": "Pixels to the right and down from the middle of the photograph to the middle of the object.",
     "focal_length": "Of the camera of the pose, in pixels of the photograph.",
+    "focal_length_from": "given: by an option; exif: by the photograph's file; assumed: such that an object that fills "
+    "its box is 3 of its diagonals away, so that distances are no true ones.",
+    "matrix, intrinsics": "A point X of the model's file, (x, y, z, 1), is seen at intrinsics (3x3) times the upper "
+    "three rows of matrix (4x4) times X, divided by the last coordinate: OpenCV's convention. Where the focal length "
+    "is assumed, the principal point is that of a camera that looks straight at the object.",
     "confidence": "The probability that the azimuth is within 15° of the true one, or of one from which the model "
     "looks the same, as measured on rendered scenes and photographs.",
     "renderings": "How many the search has made, of all candidates.",
@@ -68,6 +74,9 @@ _POSE = ("model", "azimuth", "elevation", "theta", "distance")  # of an estimate
 _UNITS = {
     "azimuth, elevation, theta": "degrees",
     "distance": "diagonals of the model's bounding box",
+    "distance_in_file_units": "those of the model's file",
+    "matrix": "of its last column those of the model's file",
+    "intrinsics, principal_point": "pixels of the photograph",
     "image_size": "height, width in pixels",
     "box": "x0, y0, x1, y1 in pixels from the upper left corner of the photograph",
     "x, y, focal_length": "pixels of the photograph",
@@ -105,6 +114,18 @@ class Around(NamedTuple):
     def opendr_cosine(self) -> float:
         """Between OpenDR's derivatives and the central differences."""
         return _cosine(self.opendr, self.differences)
+
+
+def camera_figures(estimate: PoseEstimate) -> dict[str, Any]:
+    """What is known of the camera, and the pose as a matrix for it, ready for JSON."""
+    return {
+        "distance_in_file_units": estimate.distance_in_file_units,
+        "focal_length": estimate.camera.focal,
+        "focal_length_from": estimate.focal_from,
+        "principal_point": estimate.principal_point,
+        "intrinsics": estimate.intrinsics.tolist(),
+        "matrix": estimate.matrix().tolist(),
+    }
 
 
 def _cosine(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
@@ -195,7 +216,7 @@ class PoseResult:
             "image_size": list(self.photograph.shape[1:]),
             "box": list(self.box),
             **{name: getattr(estimate, name) for name in (*_POSE, "x", "y")},
-            "focal_length": estimate.camera.focal,
+            **camera_figures(estimate),
             "any_azimuth": estimate.any_azimuth,
             "equivalent_azimuths": list(estimate.equivalent_azimuths),
             "similarity": estimate.similarity,
