@@ -123,7 +123,7 @@ def test_chairs_that_come_with_the_package(
     tmp_path: Path, scene: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     some = {name: mesh for name, mesh in chairs.library().items() if name in ("wooden-0", "swivel-1", "stool-0")}
-    monkeypatch.setattr("nablahog.cli.commands.pose.library", lambda: some)
+    monkeypatch.setattr("nablahog.cli.inputs.models.library", lambda: some)
     image, box = photographed(some["swivel-1"], AZIMUTH, ELEVATION, behind="coffee")
     write_image(tmp_path / "chair.png", image)
     sides = ",".join(f"{side:g}" for side in box)
