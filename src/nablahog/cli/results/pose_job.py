@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from ...datasets.object_lists import ListedObject
 from ...io.images import as_array, read_image
 from ...jobs.job_files import local_path
 from ...jobs.store import JobResult, digest, key_of
-from ...pose import Background, estimate_pose
+from ...pose import Background, PoseEstimate, estimate_pose
 from ...pose.crop import FILL, crop_object
 from ...pose.options import SearchMethod, SimilarityKind
 from ...render import PARAMETERS, Mesh, load_mesh, silhouette
@@ -123,22 +124,26 @@ class PoseJob:
         pose[4:] *= _FILL * SIDE / FILL
         inside = as_array(silhouette(meshes[estimate.model], pose[None], close.camera)[0, 0]) >= 0.5
         picture = np.rint(255 * outlined(close.image[0], inside)).astype(np.uint8)
-        figures = {
-            "image_size": list(photograph.shape[1:]),
-            "box": list(estimate.box),
-            "model": estimate.model,
-            **dict(zip(PARAMETERS, estimate.pose[0].tolist(), strict=True)),
-            **camera_figures(estimate),
-            "any_azimuth": estimate.any_azimuth,
-            "equivalent_azimuths": list(estimate.equivalent_azimuths),
-            "similarity": estimate.similarity,
-            "confidence": estimate.confidence,
-            "runners_up": [
-                {"model": one.model, **dict(zip(PARAMETERS, one.pose.tolist(), strict=True)), "share": one.share}
-                for one in estimate.runners_up
-            ],
-        }
-        return JobResult([figures], picture[None], seconds)
+        return JobResult([pose_figures(estimate)], picture[None], seconds)
+
+
+def pose_figures(estimate: PoseEstimate) -> dict[str, Any]:
+    """The figures of an object of :mod:`.pose_list`, ready for JSON."""
+    return {
+        "image_size": [estimate.camera.height, estimate.camera.width],
+        "box": list(estimate.box),
+        "model": estimate.model,
+        **dict(zip(PARAMETERS, estimate.pose[0].tolist(), strict=True)),
+        **camera_figures(estimate),
+        "any_azimuth": estimate.any_azimuth,
+        "equivalent_azimuths": list(estimate.equivalent_azimuths),
+        "similarity": estimate.similarity,
+        "confidence": estimate.confidence,
+        "runners_up": [
+            {"model": one.model, **dict(zip(PARAMETERS, one.pose.tolist(), strict=True)), "share": one.share}
+            for one in estimate.runners_up
+        ],
+    }
 
 
 def _meshes(options: PoseOptions) -> Mapping[str, Mesh]:
