@@ -78,10 +78,11 @@ def camera(command: argparse.ArgumentParser) -> None:
     )
 
 
-def models(command: argparse.ArgumentParser, several: str) -> None:
+def models(command: argparse.ArgumentParser, several: str, *, required: bool = False) -> None:
     """Adds the options for CAD models; ``several`` says what a folder means."""
     command.add_argument(
         "--mesh",
+        required=required,
         type=options.path,
         metavar="FILE_or_DIR",
         help=f"a CAD model (OFF, PLY or STL: z up, front at -y; OBJ or GLB: y up, front at +z){several}",
@@ -206,7 +207,7 @@ def track(commands: argparse._SubParsersAction[Parser]) -> None:
         help="images of any format that Pillow reads, all of one size, in order; a folder or a quoted pattern for all "
         "of them, by name (ffmpeg -i video.mp4 frames/%%05d.png makes them of a video)",
     )
-    models(command, "")
+    models(command, "", required=True)
     options.output(command, "DIR", "folder for the results, made if missing")
     command.add_argument(
         "--box",

@@ -7,7 +7,7 @@ from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
 
-from ...datasets.annotations import Annotation
+from ...datasets.object_lists import ListedObject
 from ...io.files import output_folder
 from ...io.images import image_endings, read_image
 from ...pose import Tracker
@@ -60,7 +60,7 @@ def track(arguments: Namespace) -> None:
                     expected, got = ("x".join(map(str, each.shape[1:])) for each in (first, frame))
                     raise ValueError(f"{path}: expected a frame of {expected} pixels, as the first one, got {got}")
                 estimate = tracker(frame)
-                annotation = Annotation(k + 1, Path(path).name)
+                annotation = ListedObject(k + 1, Path(path).name)
                 if estimate is None:
                     objects.append(ObjectPose(annotation, None, failure=NOT_SEEN))
                 else:
