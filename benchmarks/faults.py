@@ -229,7 +229,7 @@ class Command:
         self.arguments = {
             "table1": ["--images", str(images), "--methods", "triangles,dalal-single,uoctti-single,skimage",
                        "--max-evaluations", "3"],
-            "table2": ["--objects", "24", "--methods", "exhaustive,best"],
+            "table2": ["--objects", "24", "--methods", "exhaustive,best", "--conditions", "none"],
             "hog": [str(images), "--shard", "10", "--preset", "dpm"],
         }[name]  # fmt: skip
         self.run(folder / "undisturbed", "--workers", "2").wait()

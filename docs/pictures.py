@@ -79,10 +79,11 @@ def pose() -> None:
     result = PoseResult(
         photo=one.name,
         photograph=one.image,
-        box=one.box,
+        box=estimate.box,
         matched=PreparedPhotograph(crop_object(one.image, one.box)),
         estimate=estimate,
         mesh=meshes[estimate.model],
+        models="procedural chairs",
         candidates=list(meshes),
         passed_over={},
         seconds=0,

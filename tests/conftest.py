@@ -27,6 +27,8 @@ torch.set_num_threads(1)
 if not torch.cuda.is_available():
     os.environ.setdefault("TRITON_INTERPRET", "1")
 
+os.environ["NABLAHOG_CACHE_SIZE"] = "0"  # what an earlier run has stored must not hide a mistake
+
 load_forward_mode()  # tests use it themselves, and turn warnings into errors
 
 

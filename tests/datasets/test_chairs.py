@@ -118,6 +118,8 @@ def test_four_legs_reach_from_floor_to_seat(kind: str) -> None:
         assert np.linalg.norm(vertices - (x, y, 44), axis=1).min() < 5
 
 
-def test_negative_seed_is_refused() -> None:
+def test_what_is_no_chair_is_refused() -> None:
     with pytest.raises(ValueError, match="at least 0, got -1"):
         chair(-1)
+    with pytest.raises(ValueError, match=r"kind must be one of wooden, .*, bench, got 'sofa'"):
+        chair(0, "sofa")

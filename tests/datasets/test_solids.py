@@ -7,13 +7,25 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from nablahog.datasets.solids import Solid, bar, joined, lathe, loft, outline, rounded, section, sheet, slab, tube
+from nablahog.datasets import solids
+from nablahog.datasets.solids import (
+    Solid,
+    bar,
+    joined,
+    lathe,
+    loft,
+    outline,
+    outward,
+    rounded,
+    section,
+    sheet,
+    slab,
+    tube,
+)
 
 
 def volume(solid: Solid) -> float:
-    """By the divergence theorem; only right for closed surfaces whose triangles all turn the same way."""
-    a, b, c = (solid.vertices[solid.faces[:, corner]] for corner in range(3))
-    return abs(float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6))
+    return abs(solids.volume(solid))
 
 
 def assert_closed(solid: Solid) -> None:
@@ -101,3 +113,15 @@ def test_loft_of_sections() -> None:
     solid = loft(np.array([ring, ring + np.array([0, 0, 2])]))
     assert (len(solid.vertices), len(solid.faces)) == (8, 12)
     assert volume(solid) == pytest.approx(2)
+
+
+def test_outward_turns_all_faces() -> None:
+    for solid in (bar((0, 0, 0), (0, 0, 2), 1), lathe((0, 0, 0), (1, 2, 0), [(0, 1), (1, 2)])):
+        inside_out = Solid(solid.vertices, solid.faces[:, ::-1])
+        turned = [outward(each) for each in (solid, inside_out)]
+        for each in turned:
+            assert_closed(each)
+            assert solids.volume(each) > 0
+            a, b, c = (each.vertices[each.faces[:, corner]] for corner in range(3))
+            away = np.einsum("ij,ij->i", np.cross(b - a, c - a), (a + b + c) / 3 - each.vertices.mean(0))
+            assert (away > 0).all()  # both are convex

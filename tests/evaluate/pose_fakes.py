@@ -14,18 +14,22 @@ from nablahog.evaluate.pose_methods import PoseInput, PoseMethod, PoseOutcome, T
 MODELS = (Model("one", 1), Model("two", 2))
 
 
-def examples(azimuths: Sequence[float], *, size: int = 16) -> Examples:
+def examples(azimuths: Sequence[float], *, size: int = 16, prefix: str = "") -> Examples:
     objects = []
     for number, azimuth in enumerate(azimuths):
         image = torch.linspace(0.2, 0.8, size * size).reshape(1, size, size)
         image[0, 0, 0] = azimuth / 360
+        image[0, 0, 1] = len(prefix) / 100
         box = (0.0, 0.0, float(size), float(size))
-        objects.append(Example(f"{number}", image, box, azimuth, 20.0, 1.0, "one", MODELS, (90.0 * number, 15.0)))
+        objects.append(
+            Example(f"{prefix}{number}", image, box, azimuth, 20.0, 1.0, "one", MODELS, (90.0 * number, 15.0))
+        )
     return Examples(objects, "Made up.")
 
 
 def _off(problem: PoseInput, settings: Table2Settings, *, by: float) -> PoseOutcome:
     azimuth = float(problem.image[0, 0, 0]) * 360
+    assert problem.initial is not None
     elevation = problem.initial[1] + settings.seed
     return PoseOutcome((azimuth + by) % 360, elevation, 3.0, 0.0, 0.0, 0.0, 40.0, list(problem.models)[-1], 0.5)
 

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 import torch
 
+from nablahog.datasets.annotations import AnnotatedPhotograph
 from nablahog.datasets.pascal3d import AnnotatedObject, Selection, Viewpoint
-from nablahog.evaluate.examples import PHOTOGRAPHED_FROM, Examples, photographed, rendered
+from nablahog.evaluate.examples import PHOTOGRAPHED_FROM, Examples, annotated, photographed, rendered
 from nablahog.evaluate.models import Model, procedural_chairs
+from nablahog.hog.box import Box
 
 CADS = [Model(name, Path(f"{name}.off")) for name in ("01", "02", "03")]
 
@@ -82,3 +84,54 @@ def test_the_same_scenes_by_other_models() -> None:
         assert other.model == one.model not in names
     with pytest.raises(ValueError, match="needs at least 2 models to leave one out, got 1"):
         _rendered(models=1, unknown_model=True)
+
+
+def test_scenes_by_candidates_of_their_own() -> None:
+    candidates = [Model("x", 7), Model("y", 8)]
+    viewpoints, clutter = np.array([[10.0, 20.0, 4.0]]), [torch.full((1, 40, 40), 0.5)]
+    given = {"origin": "chairs", "unknown_model": False, "seed": 0}
+    result = rendered(2, procedural_chairs(2), viewpoints, clutter, candidates=candidates, **given)
+    assert [each.models for each in result.objects] == [tuple(candidates)] * 2
+    assert "looked for by 2 other models" in result.origin
+
+
+def test_scenes_under_a_condition() -> None:
+    viewpoints, clutter = np.array([[10.0, 20.0, 4.0], [200.0, 5.0, -3.0]]), [torch.full((1, 40, 40), 0.5)]
+    given = {"origin": "chairs", "unknown_model": False, "seed": 0}
+    plain, harder = (
+        rendered(3, procedural_chairs(3), viewpoints, clutter, condition=condition, **given)
+        for condition in ("", "no-box-no-pose")
+    )
+    assert [each.name for each in harder.objects] == [f"no-box-no-pose/000{index}" for index in range(3)]
+    for one, other in zip(plain.objects, harder.objects, strict=True):
+        assert torch.equal(one.image, other.image)
+        assert (one.azimuth, one.model) == (other.azimuth, other.model)
+        assert (other.box, other.initial) == (None, None)
+
+
+def _annotated(*models: str | None) -> list[AnnotatedPhotograph]:
+    box, image = Box(10.0, 20.0, 60.0, 80.0), torch.full((3, 100, 120), 0.5)
+    return [AnnotatedPhotograph(f"a.jpg#{k}", image, box, 10.0 * k, 5.0, 2.0, of) for k, of in enumerate(models)]
+
+
+def test_annotated_photographs() -> None:
+    photographs = _annotated("02", None)
+    result = annotated(photographs, CADS, origin="mine", unknown_model=True, seed=0)
+    first, second = result.objects
+    assert (first.name, first.box, first.model, first.azimuth, first.theta) == (
+        "a.jpg#0",
+        photographs[0].box,
+        "02",
+        0,
+        2,
+    )
+    assert [[model.name for model in each.models] for each in (first, second)] == [["01", "03"], ["01", "02", "03"]]
+    assert first.initial is not None
+    assert first.initial[1] == PHOTOGRAPHED_FROM
+    assert result.origin.startswith("2 objects of mine. Each is looked for by all of 3 models but its own, from")
+    rough = annotated(photographs, CADS, origin="mine", unknown_model=True, seed=0, condition="sides-10").objects
+    assert [each.name for each in rough] == ["sides-10/a.jpg#0", "sides-10/a.jpg#1"]
+    assert [each.initial for each in rough] == [first.initial, second.initial]
+    assert len({each.box for each in (first, *rough)}) == 3
+    with pytest.raises(ValueError, match=r"a\.jpg#0: there is no candidate model"):
+        annotated(_annotated("01"), CADS[:1], origin="mine", unknown_model=True, seed=0)

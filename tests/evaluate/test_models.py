@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from nablahog.evaluate.models import Meshes, Model, models_in, procedural_chairs
+from nablahog.datasets.chairs import library
+from nablahog.evaluate.models import Meshes, Model, chair_library, models_in, procedural_chairs
 
 TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 {height}\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
 
@@ -34,6 +35,14 @@ def test_chairs() -> None:
     assert [(model.name, model.digest()) for model in models] == [("chair-00", "0"), ("chair-01", "1")]
     assert models[0].mesh() is models[0].mesh()
     assert models[0].mesh().vertices.shape != models[1].mesh().vertices.shape
+
+
+def test_library() -> None:
+    models, meshes = chair_library(), library()
+    assert [model.name for model in models] == list(meshes)
+    for model in models[::9]:
+        assert model.mesh().vertices.equal(meshes[model.name].vertices)
+    assert len({model.digest() for model in models}) == len(models)
 
 
 def test_failures(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import os
 from pathlib import Path
 
@@ -11,13 +12,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from nablahog.evaluate.pose_methods import PoseMethod, Table2Settings
-from nablahog.evaluate.table2 import Table2, run_table2, write_table2
+from nablahog.evaluate.table2 import Table2, run_table2
+from nablahog.evaluate.table2_files import write_table2
 from nablahog.evaluate.tables import Failure
 
 from .pose_fakes import FAR, NEAR, OTHER, examples
 
 AZIMUTHS = [0, 90, 40, 350]
-FILES = ["failures.csv", "median_error.csv", "per_object.csv", "rotation.csv", "summary.csv"]
+FILES = ["failures.csv", "median_error.csv", "per_object.csv", "results.json", "rotation.csv", "summary.csv"]
 
 
 def _made(folder: Path, *methods: PoseMethod, seed: int = 0) -> Table2:
@@ -70,7 +72,7 @@ def test_a_method_that_finds_nothing(tmp_path: Path, calls: list[str]) -> None:
 
 def test_files(tmp_path: Path, calls: list[str]) -> None:
     table = _made(tmp_path, FAR, NEAR)
-    write_table2(tmp_path, table)
+    write_table2(tmp_path, table, Table2Settings())
     assert sorted(os.listdir(tmp_path)) == [*FILES, "work"]
 
     rows = _rows(tmp_path / "per_object.csv")
@@ -126,7 +128,7 @@ def test_files(tmp_path: Path, calls: list[str]) -> None:
 
 def test_a_method_that_is_not_published(tmp_path: Path, calls: list[str]) -> None:
     table = _made(tmp_path, OTHER)
-    write_table2(tmp_path, table)
+    write_table2(tmp_path, table, Table2Settings())
     assert [line.method for line in table.lines()] == ["exemplar", "paper", "other"]
     summary = _rows(tmp_path / "summary.csv")
     assert (summary[0]["accuracy"], summary[0]["paper"], summary[-1]["paper"]) == ("", "47.33", "")
@@ -167,3 +169,57 @@ def test_images_that_cannot_be_read(tmp_path: Path, calls: list[str]) -> None:
     table = run_table2(tmp_path, of, [NEAR], Table2Settings(), workers=1)
     assert table.failures == [Failure("bad", None, "no image")]
     assert table.lines()[1].accuracy["interval", 4].n == 1
+
+
+def _harder(folder: Path, *methods: PoseMethod) -> Table2:
+    conditions = {"sides-5": examples([40, 350], prefix="sides-5/"), "no-box": examples([90], prefix="no-box/")}
+    return run_table2(folder, examples(AZIMUTHS), methods, Table2Settings(), conditions, workers=1)
+
+
+def test_conditions_have_tables_of_their_own(tmp_path: Path, calls: list[str]) -> None:
+    """8° more: 40° leaves the first of 4 views, 350° does not."""
+    table, plain = _harder(tmp_path, NEAR), _made(tmp_path / "plain", NEAR)
+    assert [line.accuracy for line in table.lines()] == [line.accuracy for line in plain.lines()]
+    (line,) = table.under("sides-5").ran()
+    assert (line.accuracy["interval", 4].mean, line.accuracy["interval", 8].mean, line.error.n) == (50, 100, 2)
+    assert table.under("no-box").ran()[0].error.median == pytest.approx(8, abs=1e-4)
+    assert table.under("no-box").ran()[0].seconds == table.seconds["paper"]["no-box/0"]
+    assert set(table.pictures["paper"]) == set("0123")  # the page shows those of the table
+
+
+def test_files_of_conditions(tmp_path: Path, calls: list[str]) -> None:
+    table = _harder(tmp_path, FAR, NEAR)
+    write_table2(tmp_path, table, Table2Settings(7))
+    assert sorted(os.listdir(tmp_path)) == ["conditions.csv", *FILES, "work"]
+    rows = _rows(tmp_path / "conditions.csv")
+    assert list(rows[0]) == ["condition", "method", "objects", "figure", "value", "low", "high"]
+    of = {(row["condition"], row["method"], row["figure"]): row["value"] for row in rows}
+    assert len(of) == len(rows) == 2 * 2 * 12
+    assert of["sides-5", "paper", "interval_4"] == "50.0"
+    assert of["no-box", "paper", "threshold_24"] == "100.0"
+    assert float(of["no-box", "exemplar", "azimuth_median_error"]) == pytest.approx(100, abs=1e-4)
+    assert of["no-box", "paper", "rotation_within_30_degrees"] == "100.0"
+    objects = [row["object"] for row in _rows(tmp_path / "per_object.csv") if row["method"] == "paper"]
+    assert objects == ["0", "1", "2", "3", "sides-5/0", "sides-5/1", "no-box/0"]
+
+    results = json.loads((tmp_path / "results.json").read_text())
+    assert (results["seed"], results["origin"], list(results["conditions"])) == (7, "Made up.", ["sides-5", "no-box"])
+    assert [line["method"] for line in results["table"]] == ["exemplar", "paper"]
+    assert results["table"][1]["interval"]["4"]["value"] == 75
+    assert results["table"][1]["paper"]["4"] == 58.85
+    exemplar, paper = results["conditions"]["sides-5"]["table"]
+    assert (exemplar["interval"]["4"]["value"], paper["interval"]["4"]["value"], paper["objects"]) == (0, 50, 2)
+    assert results["conditions"]["no-box"]["about"].startswith("There is no box")
+    assert results["failures"] == [{"image": "0", "method": "exemplar", "reason": "no element"}]
+
+    write_table2(tmp_path, _made(tmp_path, NEAR), Table2Settings())  # now without conditions
+    assert sorted(os.listdir(tmp_path)) == [*FILES, "work"]
+
+
+def test_conditions_are_resumed(tmp_path: Path, calls: list[str]) -> None:
+    first = _harder(tmp_path, NEAR)
+    assert calls == ["paper"] * 7
+    calls.clear()
+    again = _harder(tmp_path, NEAR)
+    assert calls == []
+    assert again.figures == first.figures

@@ -103,6 +103,32 @@ def test_terminal(table: Table2) -> None:
     assert 8 < float(str(rotations["paper"]["rotation error"])) < 10
 
 
+def test_conditions(tmp_path: Path, calls: list[str]) -> None:
+    harder = {"sides-5": examples([40, 350], prefix="sides-5/"), "tilted": examples([90], prefix="tilted/")}
+    table = run_table2(tmp_path, examples([0, 90]), [NEAR, OTHER], Table2Settings(), harder, workers=1)
+    html = _html(table)
+    section = html[html.index("<h2>Harder conditions") : html.index("<h2>How far off")]
+    text = re.sub(r"\s+", " ", _text(section))
+    assert "condition method objects 4 views 8 views 16 views 24 views &lt; 15°" in text
+    assert "sides-5 paper 2 50.0" in text
+    assert section.count("data:image/png;base64,") == 2  # an object of each
+    assert "<dt>tilted</dt>" in html
+    assert "In-plane rotations of 12 to 45°" in html
+    rows = table2_page.terminal_conditions(table)
+    assert [(row["condition"], row["method"], row["objects"]) for row in rows] == [
+        ("sides-5", "paper", 2),
+        ("sides-5", "other", 2),
+        ("tilted", "paper", 1),
+        ("tilted", "other", 1),
+    ]
+    assert [figure(rows[0][name]) for name in ("4 views", "< 15°")] == ["50.0", "100.0"]
+    assert "Harder conditions" not in _html(_table_of(tmp_path))
+
+
+def _table_of(folder: Path) -> Table2:
+    return run_table2(folder, examples([0, 90]), [NEAR], Table2Settings(), workers=1)
+
+
 def test_without_failures_and_methods(tmp_path: Path, calls: list[str]) -> None:
     html = _html(run_table2(tmp_path, examples([10.0]), [OTHER], Table2Settings(), workers=1))
     assert "Failed" not in html

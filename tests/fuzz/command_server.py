@@ -39,7 +39,7 @@ def _here(
 
 
 def _guess(problem: PoseInput, settings: Table2Settings) -> PoseOutcome:
-    return PoseOutcome(*problem.initial, 3.0, 0.0, 0.0, 0.0, 100.0, ",".join(problem.models), 0.5)
+    return PoseOutcome(*(problem.initial or (0.0, 0.0)), 3.0, 0.0, 0.0, 0.0, 100.0, ",".join(problem.models), 0.5)
 
 
 def _covered(problem: PoseInput, outcome: PoseOutcome) -> Tensor:

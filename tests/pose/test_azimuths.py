@@ -8,7 +8,6 @@ import torch
 from nablahog.pose.placement import (
     azimuth_distance,
     azimuth_sweep,
-    consensus,
     equidistant_azimuths,
     local_maxima,
 )
@@ -50,13 +49,3 @@ def test_every_circle_has_a_local_maximum() -> None:
     assert len(local_maxima(torch.zeros(8), 3)) == 3
     for values in torch.rand(20, 48):
         assert local_maxima(values, 1).item() == values.argmax()
-
-
-def test_consensus_is_where_many_views_are_good() -> None:
-    azimuths = torch.tensor([200.0, 355, 1, 3, 90, 95, 180], dtype=torch.float64)
-    values = torch.tensor([9.0, 8.7, 8.6, 8.7, 5.0, 5.0, 1.0], dtype=torch.float64)
-    # three that are almost as good as the best one alone
-    assert azimuth_distance(int(consensus(azimuths, values).argmax()), 0) <= 3
-    assert azimuth_distance(int(consensus(azimuths, values - 100).argmax()), 0) <= 3
-    values[0] = 14
-    assert azimuth_distance(int(consensus(azimuths, values).argmax()), 200) == 0

@@ -1,30 +1,22 @@
-"""Which views are refined: votes of several models, and rivals from another side."""
+"""Which views are refined: rivals from another side."""
 
 from __future__ import annotations
 
 import torch
 
-from nablahog.pose.coarse_to_fine import _elected, _Hypothesis, _with_rival
+from nablahog.pose.coarse_to_fine import _others, _runners_up, _with_rival
+from nablahog.pose.crop import crop_object
+from nablahog.pose.hypothesis import Hypothesis
+from nablahog.pose.prepared import PreparedPhotograph
 
 
-def tilted(*views: tuple[str, float, float]) -> list[_Hypothesis]:
+def tilted(*views: tuple[str, float, float]) -> list[Hypothesis]:
     poses = torch.tensor([[azimuth, 0, 5, 0, 0, 0] for _, azimuth, _ in views]).double()
-    return [_Hypothesis(value, model, pose) for (model, _, value), pose in zip(views, poses, strict=True)]
-
-
-def test_models_that_agree_beat_one_that_fits_alone() -> None:
-    views = tilted(("alone", 200, 5.2), ("one", 356, 5.0), ("two", 2, 4.9), ("three", 3, 4.8), ("four", 90, 3.0))
-    assert [one.model for one in _elected(views)] == ["one", "two"]
-
-
-def test_one_that_fits_far_better_needs_no_others() -> None:
-    views = tilted(("alone", 200, 9.0), ("one", 356, 5.0), ("two", 2, 4.9), ("three", 3, 4.8))
-    assert [one.model for one in _elected(views)] == ["alone"]
-
-
-def test_the_model_that_fits_best_where_they_agree_is_asked_about_elsewhere() -> None:
-    views = tilted(("one", 0, 5.0), ("two", 2, 4.9), ("one", 180, 4.4), ("three", 185, 4.6))
-    assert [(one.model, float(one.pose[0])) for one in _elected(views)] == [("one", 0), ("two", 2), ("one", 180)]
+    crop = PreparedPhotograph(crop_object(torch.zeros(1, 64, 64)))
+    return [
+        Hypothesis(value, model, pose, crop, ((float(pose[0]), value),))
+        for (model, _, value), pose in zip(views, poses, strict=True)
+    ]
 
 
 def test_the_rival_looks_from_elsewhere_and_is_nearly_as_good() -> None:
@@ -32,3 +24,15 @@ def test_the_rival_looks_from_elsewhere_and_is_nearly_as_good() -> None:
     assert [float(one.pose[0]) for one in _with_rival(views)] == [0, 180]
     views = tilted(("front", 0, 5.0), ("front", 350, 4.9), ("back", 180, 3.9))
     assert [float(one.pose[0]) for one in _with_rival(views)] == [0]
+
+
+def test_others_to_ascend_from_look_from_elsewhere() -> None:
+    views = tilted(("one", 0, 3.0), ("one", 100, 2.0), ("one", 110, 1.9), ("one", 5, 2.5), ("one", 200, 1.0))
+    assert [float(one.pose[0]) for one in _others(views, views[:1])] == [100, 200]
+
+
+def test_runners_up_are_no_symmetric_views() -> None:
+    views = tilted(("one", 0, 4.0), ("one", 90, 3.0), ("one", 180, 3.5), ("one", 270, 2.0))
+    started = [one.refined(one.pose, 6.0, 5.0) for one in views[:1]]
+    runners_up = _runners_up(started[0], started, views, (180.0,), views[0].photograph.crop)
+    assert [(float(one.pose[0]), one.share) for one in runners_up] == [(90, 0.75), (270, 0.5)]

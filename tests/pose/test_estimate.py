@@ -19,6 +19,7 @@ from nablahog.render import Camera, silhouette
 from .common import SWIVEL, WOODEN, degrees_between, model, overlap, photographed
 
 Scene = tuple[Tensor, Box]
+BOX = Box(0.0, 0.0, 80.0, 60.0)
 
 
 @pytest.fixture(scope="module")
@@ -125,12 +126,13 @@ def test_exhaustive_search_is_of_whole_degrees(clean: Scene) -> None:
 
 def test_an_estimate_shows_its_pose_and_figures() -> None:
     camera = Camera.from_field_of_view(30, 60, 80)
-    one = PoseEstimate(130.04, 12, 2.5, -1.25, 3, -4, camera, "wooden", 14.72, "calibrated", torch.zeros(6), 360)
+    one = PoseEstimate(130.04, 12, 2.5, -1.25, 3, -4, camera, "wooden", 14.72, "calibrated", torch.zeros(6), 360, BOX)
     assert repr(one) == (
         "<PoseEstimate azimuth 130.0°, elevation 12.0°, theta -1.2°, distance 2.50, x 3.0, y -4.0, model wooden, "
         "calibrated similarity 14.7, 360 renderings>"
     )
     assert "model" not in repr(replace(one, model=""))
+    assert "similarity 14.7, confidence 0.87, 360" in repr(replace(one, confidence=0.873))
 
 
 @pytest.mark.parametrize("ascent", ["momentum", "lbfgs"])

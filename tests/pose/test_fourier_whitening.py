@@ -8,6 +8,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.hog import presets
+from nablahog.pose import whitening
 from nablahog.pose.whitening import Background, Whitener
 
 SPEC = presets.aubry(8, orientations=2)  # two channels
@@ -108,3 +109,14 @@ def test_energies_are_products_with_the_whitened(rows: int, cols: int) -> None:
     whitener = Whitener(background(0.5), rows, cols)
     q = torch.rand(3, CHANNELS, rows, cols)
     assert_close(whitener.energies(q), (q * whitener(q)).sum((1, 2, 3)), rtol=1e-4, atol=1e-5)
+
+
+def test_on_large_windows_it_is_that_of_smaller_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The inverse decays over cells, so that frequencies of a large window need not be inverted one by one."""
+    of, rows, cols = background(0.6), 60, 70
+    quick = Whitener(of, rows, cols)
+    monkeypatch.setattr(whitening, "_REACH", 1000)
+    exact = Whitener(of, rows, cols)
+    descriptors = torch.rand(2, CHANNELS, rows, cols, generator=torch.Generator().manual_seed(0))
+    assert_close(quick(descriptors), exact(descriptors), atol=0.01, rtol=0)
+    assert_close(quick.energies(descriptors), exact.energies(descriptors), atol=0, rtol=1e-3)

@@ -6,10 +6,10 @@ import pytest
 import torch
 from torch.testing import assert_close
 
-from nablahog.pose.coarse_to_fine import ELEVATION_STEP, VIEW_COUNT, _view_descriptors, view_similarities
 from nablahog.pose.crop import FILL, crop_object
 from nablahog.pose.placement import equidistant_azimuths, fit_to_box, level_poses
 from nablahog.pose.prepared import DETAIL, PreparedModel, PreparedPhotograph, prepared_model
+from nablahog.pose.views import ELEVATION_STEP, VIEW_COUNT, _view_descriptors, view_similarities
 
 from .common import degrees_between, model, photographed
 

@@ -15,8 +15,8 @@ from ..cli.results.pose_result import PoseResult
 from ..hog import HOGSpec, presets
 from ..hog.box import Box
 from ..hog.descriptor import describe
+from ..pose import PoseEstimate, estimate_pose
 from ..pose.crop import SIDE, ObjectCrop, checked_box, crop_object
-from ..pose.estimate import PoseEstimate, estimate_pose
 from ..pose.placement import azimuth_sweep, fit_to_box
 from ..pose.prepared import PreparedModel, PreparedPhotograph, prepared_model
 from ..pose.similarity import Similarity
@@ -172,6 +172,7 @@ class Scene:
             matched=PreparedPhotograph(self.crop),
             estimate=estimate,
             mesh=self.model.mesh,
+            models=self.model.name,
             candidates=[self.model.name],
             passed_over={},
             seconds=time.perf_counter() - began,

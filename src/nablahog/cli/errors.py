@@ -13,6 +13,7 @@ from ..runtime.text import one_line
 
 MOST_CHARACTERS = 900  # of an error: with the name of the command, a line has at most 1000
 SOME_SKIPPED = 3  # exit status: some inputs were skipped, the others done
+REFUSED = 4  # exit status: there is a result, but it is less sure than was asked for
 
 
 class UserError(Exception):

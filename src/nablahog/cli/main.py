@@ -24,6 +24,7 @@ _COMMANDS = {
     "table1": "table1.table1",
     "table2": "table2.table2",
     "pose": "pose.pose",
+    "track": "track.track",
     "dialects": "dialects.dialects",
     **{f"learn {kind}": "learn.learn" for kind in KINDS},
     "learn exemplars": "learn_exemplars.learn_exemplars",
@@ -39,7 +40,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     Returns:
         The exit status: 0; 1 after an error, which one line on stderr has told; 2 for wrong arguments; 3 when some
-        inputs were skipped, each with a line on stderr, and the others done; 130 when interrupted.
+        inputs were skipped, each with a line on stderr, and the others done; 4 when a pose is less sure than was asked
+        for; 130 when interrupted.
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

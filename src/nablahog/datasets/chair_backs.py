@@ -16,6 +16,13 @@ def across(columns: int) -> Floats:
     return positions
 
 
+def padding(rows: int, columns: int) -> Floats:
+    """(rows, columns): thickness of a pad by its greatest, less towards its edges; columns as :func:`across`."""
+    s, t = np.abs(across(columns)), np.abs(across(rows))[:, None]
+    share: Floats = 1 - 0.75 * np.maximum(s, t) ** 6
+    return share
+
+
 @dataclass(frozen=True)
 class Back:
     """The surface of a back: u from left to right, v from the seat upwards.
@@ -61,6 +68,10 @@ class Back:
         left, right = (np.reshape(np.broadcast_to(edge, rows), (rows, 1)) for edge in u)
         low, high = (np.broadcast_to(edge, columns) for edge in v)
         return sheet(self.at(left + s * (right - left), low + t * (high - low)), thickness)
+
+    def padded(self, u: tuple[ArrayLike, ArrayLike], v: tuple[ArrayLike, ArrayLike], thickness: float) -> Solid:
+        """A pad between two u and two v, as :meth:`board`; v may be (15,)."""
+        return self.board(u, v, thickness * padding(9, 15), rows=9, columns=15)
 
     def rail(self, low: float, high: float, thickness: float, crown: float = 0.0, edge: float = 1.0) -> Solid:
         """A board from edge to edge, whose upper side is higher in the middle by ``crown``."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TypeAlias
 
 import numpy as np
 import torch
@@ -11,28 +10,31 @@ import torch
 from ..render.mesh import Mesh
 from . import chair_backs, chair_bodies, chair_legs
 from .chair_backs import Back
-from .solids import Generator, Solid, joined, outline, slab
+from .folding_chairs import folding
+from .padded_chairs import armchair, lounge
+from .solids import Generator, Parts, Solid, joined, outline, outward, slab
+from .stools import bench, stool
+from .swivel_chairs import swivel
 
-Parts: TypeAlias = tuple[list[Solid], list[Solid]]
-"""The solids of a chair by their tone: frame and cover."""
 
+def chair(seed: int, kind: str | None = None) -> Mesh:
+    """A random chair; the same seed and kind give the same chair.
 
-def chair(seed: int) -> Mesh:
-    """A random chair, one of nine kinds; the same seed gives the same chair.
-
-    Wooden and Windsor chairs (straight, tapered, splayed, turned, curved and hairpin legs), tubular steel (runners or
-    cantilevered), swivel chairs, pedestals, shells, tubs, upholstered and panelled armchairs.  Seats are about 45 cm
-    high and 50 cm wide; every chair has a back, so that its front is defined; some have arms.
+    Of no kind, it is one of nine: wooden and Windsor chairs (straight, tapered, splayed, turned, curved and hairpin
+    legs), tubular steel (runners or cantilevered), office chairs, pedestals, shells, tubs, upholstered and panelled
+    armchairs.  Seats are about 45 cm high and 50 cm wide; each of these has a back, so that its front is defined; some
+    have arms.  Others of :data:`KINDS` are made only when asked for.
 
     Args:
         seed: at least 0.
+        kind: one of :data:`KINDS`; by default random.  A stool has no back, and looks the same from several sides.
 
     Returns:
-        A normalised mesh of a hundred to ten thousand faces, in the object's frame (z up, front to -y).  Parts overlap
-        where they meet.
+        A normalised mesh of about a hundred to ten thousand faces, in the object's frame (z up, front to -y).  It is
+        made of closed solids, which overlap where they meet; with a kind, their faces turn outwards.
 
     Raises:
-        ValueError: ``seed`` is below 0.
+        ValueError: ``seed`` is below 0, or there is no such kind.
 
     >>> mesh = nablahog.datasets.chairs.chair(3)
     >>> mesh.vertices.shape[1], mesh.faces.shape[1]
@@ -40,20 +42,42 @@ def chair(seed: int) -> Mesh:
     >>> size = mesh.vertices.amax(0) - mesh.vertices.amin(0)
     >>> round(float(size.norm()), 5)  # the diagonal of its bounding box
     1.0
+    >>> bench = nablahog.datasets.chairs.chair(3, kind="bench")
+    >>> width, depth, height = bench.vertices.amax(0) - bench.vertices.amin(0)
+    >>> bool(width > height)
+    True
     """
     if seed < 0:
         raise ValueError(f"a seed must be at least 0, got {seed}")
     generator = np.random.default_rng(seed)
-    kinds = list(_KINDS)
-    weights = np.array([_KINDS[kind][0] for kind in kinds])
-    kind = kinds[int(generator.choice(len(kinds), p=weights / weights.sum()))]
-    frame, cover = _KINDS[kind][1](generator)
+    if kind is None:
+        kinds = list(_KINDS)
+        weights = np.array([_KINDS[each][0] for each in kinds])
+        frame, cover = _KINDS[kinds[int(generator.choice(len(kinds), p=weights / weights.sum()))]][1](generator)
+    elif kind in KINDS:
+        make = _KINDS[kind][1] if kind in _KINDS else _ASKED[kind]
+        frame, cover = ([outward(part) for part in parts] for parts in make(generator))
+    else:
+        raise ValueError(f"kind must be one of {', '.join(KINDS)}, got {kind!r}")
     light, dark = generator.uniform(0.1, 0.95, 2)
     tones = (light, dark if generator.random() < 0.6 else light)
     whole = joined([*frame, *cover])
     edge = sum(len(solid.vertices) for solid in frame)
     brightness = np.where(np.arange(len(whole.vertices)) < edge, *tones)
     return Mesh(*map(torch.from_numpy, (whole.vertices, whole.faces, brightness))).normalized()
+
+
+def library() -> dict[str, Mesh]:
+    """Chairs of all kinds by name, the same each time: models to search among where none is given.
+
+    Returns:
+        40 meshes as of :func:`chair`, of which ``"swivel-2"`` is ``chair(2, "swivel")``.
+
+    >>> models = nablahog.datasets.chairs.library()
+    >>> len(models), list(models)[:2]
+    (40, ['wooden-0', 'wooden-1'])
+    """
+    return {f"{kind}-{seed}": chair(seed, kind) for kind, seed in LIBRARY}
 
 
 def _pick(generator: Generator, weights: Mapping[str, float]) -> str:
@@ -201,4 +225,24 @@ _KINDS: dict[str, tuple[float, Callable[[Generator], Parts]]] = {
     "panelled": (1, _panelled),
     "tub": (1, _tub),
 }
-"""Relative frequency of each kind, and the function that makes it."""
+"""Relative frequency of each kind where none is asked for, and the function that makes it."""
+
+_ASKED: dict[str, Callable[[Generator], Parts]] = {
+    "swivel": swivel,
+    "lounge": lounge,
+    "armchair": armchair,
+    "folding": folding,
+    "stool": stool,
+    "bench": bench,
+}
+"""Kinds that are only made when asked for, so that chairs of no kind stay what they are."""
+
+KINDS = (*_KINDS, *_ASKED)
+"""All kinds of chairs."""
+
+_COUNTS = {
+    **{"wooden": 6, "windsor": 2, "tubular": 3, "office": 2, "pedestal": 2, "shell": 3, "club": 2, "panelled": 1},
+    **{"tub": 2, "swivel": 4, "lounge": 3, "armchair": 3, "folding": 3, "stool": 2, "bench": 2},
+}
+LIBRARY = tuple((kind, seed) for kind, count in _COUNTS.items() for seed in range(count))
+"""Kind and seed of each model of :func:`library`."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -12,13 +13,13 @@ import torch
 from numpy.typing import NDArray
 from scipy import ndimage
 from torch import Tensor
-from torch.nn import functional
 
 from ..hog.box import Box
-from ..hog.gradient import GRAY_WEIGHTS
-from ..io.images import Picture, as_array
+from ..io.images import Picture
 from ..render import Camera, Light, Mesh, render
 from ..render.camera import to_camera, to_screen
+from .clutter import clutter, colours
+from .looks import compressed, relit
 
 Floats: TypeAlias = NDArray[np.float64]
 Range: TypeAlias = tuple[float, float]
@@ -46,6 +47,9 @@ class SceneSettings:
         gamma: exponent of the image's brightness.
         exposure: factor of the image's brightness.
         noise: σ of normal noise, the same for the three colours, of an image in 0…1.
+        shadow: share of the direct light that is missing in shadows that the object casts; the light is above it then.
+        gloss: brightness of highlights on the object.
+        jpeg: quality of the image's compression, at most 95; 0 and 0 for none.
         box_jitter: σ of the error of each side of the box, relative to its width or height.
         elevation_error: of the initial pose, at most, in degrees.
 
@@ -67,6 +71,9 @@ class SceneSettings:
     gamma: Range = (0.75, 1.33)
     exposure: Range = (0.8, 1.2)
     noise: Range = (0.0, 0.03)
+    shadow: float = 0.0
+    gloss: float = 0.0
+    jpeg: Range = (0.0, 0.0)
     box_jitter: float = 0.02
     elevation_error: float = 5.0
 
@@ -79,11 +86,13 @@ class SceneSettings:
             low, high = value if isinstance(value, tuple) else (value, value)
             if not 0 <= low <= high < math.inf:
                 raise ValueError(f"{field.name} must be at least 0, finite and a range from low to high, got {value}")
-        for name in ("occlusion", "tint"):
+        for name in ("occlusion", "tint", "shadow", "gloss"):
             if getattr(self, name) > 1:
                 raise ValueError(f"{name} must lie in 0…1, got {getattr(self, name)}")
         if self.ambient[1] > 1 or self.occluded[1] > 1:
             raise ValueError(f"ambient and occluded must lie in 0…1, got {self.ambient} and {self.occluded}")
+        if self.jpeg[1] > 95 or 0 < self.jpeg[0] < 1:
+            raise ValueError(f"jpeg must be 0 or lie in 1…95, got {self.jpeg}")
         if self.distance[0] <= 1 or not 1 <= self.height[0] <= self.height[1] <= self.size - 2 * _MARGIN:
             raise ValueError(
                 f"distance must be above 1 and height between 1 and size - {2 * _MARGIN}, "
@@ -161,7 +170,9 @@ def scene(
     initial = (start[0], min(max(start[1], -90), 90), sum(settings.distance) / 2, 0, 0, 0)
     pose, camera, box = _place(models[name], (azimuth, elevation, distance, theta, 0, 0), settings, generator)
     picture, coverage = _render(models[name], pose, camera, settings, generator)
-    image = compose(picture, coverage, box, [_photograph(photo) for photo in photographs], settings, generator)
+    image = compose(picture, coverage, box, photographs, settings, generator)
+    if settings.jpeg[1]:
+        image = compressed(image, round(generator.uniform(*settings.jpeg)))
     return Scene(
         model=name,
         image=torch.from_numpy(image.astype(np.float32)),
@@ -196,33 +207,28 @@ def _place(
 def _render(
     mesh: Mesh, pose: Tensor, camera: Camera, settings: SceneSettings, generator: np.random.Generator
 ) -> tuple[Floats, Floats]:
-    """The object on black, in colour (3, H, W), and its coverage of each pixel (H, W)."""
+    """The object on black, in colour (3, H, W), and its coverage of each pixel (H, W), shadows included."""
     brightness = (mesh.brightness * generator.uniform(*settings.albedo)).clamp(max=1)
     ambient = generator.uniform(*settings.ambient)
     x, y, z = generator.normal(size=3)
+    if settings.shadow:  # lamps of scenes with a floor are above it
+        z = abs(z) + 0.5 * math.hypot(x, y)
     light = Light((x, y, z), ambient, 1 - ambient)
     behind = torch.tensor([0.0, 1.0]).reshape(2, 1, 1, 1).expand(2, 1, camera.height, camera.width)
-    twice = pose.expand(2, 6)
-    black, white = (
-        render(Mesh(mesh.vertices, mesh.faces, brightness), twice, camera, background=behind, light=light)[:, 0]
-        .double()
-        .numpy()
-    )
-    return _colours(settings, generator) * black, (1 - (white - black)).clip(0, 1)
-
-
-def _colours(settings: SceneSettings, generator: np.random.Generator) -> Floats:
-    """(3, 1, 1): random factors of R, G and B that do not change the gray of Eq. 1."""
-    factors = 1 + settings.tint * generator.uniform(-1, 1, 3)
-    colours: Floats = (factors / np.dot(GRAY_WEIGHTS, factors))[:, None, None]
-    return colours
+    seen, twice = Mesh(mesh.vertices, mesh.faces, brightness), pose.expand(2, 6)
+    black, white = render(seen, twice, camera, background=behind, light=light)[:, 0].double().numpy()
+    coverage = (1 - (white - black)).clip(0, 1)
+    if settings.shadow or settings.gloss:
+        strength = {"shadow": settings.shadow, "gloss": settings.gloss}
+        black, coverage = relit(black, coverage, seen, pose, camera, light, **strength)
+    return colours(settings.tint, generator) * black, coverage
 
 
 def compose(
     picture: Floats,
     coverage: Floats,
     box: Sequence[float],
-    photographs: Sequence[Floats],
+    photographs: Sequence[Picture],
     settings: SceneSettings,
     generator: np.random.Generator,
 ) -> Floats:
@@ -230,9 +236,9 @@ def compose(
 
     Args:
         picture: (3, H, W), the object on black.
-        coverage: (H, W) in 0…1, of each pixel by the object.
+        coverage: (H, W) in 0…1, of each pixel by the object and its shadow.
         box: x0, y0, x1, y1 of the object, pixels.
-        photographs: clutter, (1 or 3, h, w) in 0…1.
+        photographs: clutter, as :func:`scene` takes it.
         settings: its difficulty.
         generator: of random numbers.
 
@@ -247,10 +253,12 @@ def compose(
     >>> scenes.compose(picture * coverage, coverage, (16, 16, 48, 48), clutter, scenes.SceneSettings(), generator).shape
     (3, 64, 64)
     """
-    image = picture + (1 - coverage) * _clutter(photographs, coverage.shape, settings, generator)
+    ranges = {"zoom": settings.zoom, "contrast": settings.contrast}
+    part = partial(clutter, photographs, coverage.shape, generator, **ranges, tint=settings.tint)
+    image = picture + (1 - coverage) * part()
     if generator.random() < settings.occlusion:
         hidden = _occluder(Box.of(box), generator.uniform(*settings.occluded), generator)
-        front = _clutter(photographs, coverage.shape, settings, generator)
+        front = part()
         image[:, hidden.rows, hidden.cols] = front[:, hidden.rows, hidden.cols]
     blur = generator.uniform(*settings.blur)
     image = ndimage.gaussian_filter(image, (0, blur, blur), mode="nearest").clip(0, 1)
@@ -258,27 +266,6 @@ def compose(
     noise = generator.normal(0, generator.uniform(*settings.noise), coverage.shape)
     result: Floats = (image + noise).clip(0, 1)
     return result
-
-
-def _clutter(
-    photographs: Sequence[Floats], shape: tuple[int, ...], settings: SceneSettings, generator: np.random.Generator
-) -> Floats:
-    """(3, H, W): a random crop of a photograph, rescaled, with another contrast, possibly mirrored."""
-    photo = photographs[int(generator.integers(len(photographs)))]
-    room = np.array(photo.shape[1:])
-    sides = (
-        np.minimum(np.array(shape) * min(generator.uniform(*settings.zoom), *(room / shape)), room)
-        .astype(int)
-        .clip(min=1)
-    )
-    top, left = generator.integers(0, room - sides + 1)
-    part = photo[:, top : top + sides[0], left : left + sides[1]]
-    if generator.random() < 0.5:
-        part = part[:, :, ::-1]
-    tensor = torch.from_numpy(part.copy())[None]
-    scaled: Floats = functional.interpolate(tensor, shape, mode="bicubic", antialias=True)[0].numpy()
-    scaled = scaled.mean() + generator.uniform(*settings.contrast) * (scaled - scaled.mean())
-    return np.asarray(scaled if len(photo) == 3 else scaled * _colours(settings, generator)).clip(0, 1)
 
 
 def _occluder(box: Box, share: float, generator: np.random.Generator) -> Box:
@@ -292,14 +279,3 @@ def _occluder(box: Box, share: float, generator: np.random.Generator) -> Box:
 def _jitter(box: Box, settings: SceneSettings, generator: np.random.Generator) -> Box:
     sides = np.array(box) + settings.box_jitter * generator.normal(size=4) * np.tile([box.width, box.height], 2)
     return Box.of(sides.clip(0, settings.size).tolist())
-
-
-def _photograph(picture: Picture) -> Floats:
-    values = as_array(picture)
-    if values.ndim == 2:
-        values = values[None]
-    if values.ndim != 3 or len(values) not in (1, 3) or 0 in values.shape:
-        raise ValueError(f"expected a photograph of shape (H, W), (1, H, W) or (3, H, W), got {values.shape}")
-    if not (values.min() >= 0 and values.max() <= 1):  # NaN fails too
-        raise ValueError(f"expected a photograph in 0…1, got {values.min():g} … {values.max():g}")
-    return values

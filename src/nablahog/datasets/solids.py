@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,12 +19,32 @@ class Solid(NamedTuple):
     faces: NDArray[np.int64]
 
 
+Parts: TypeAlias = tuple[list[Solid], list[Solid]]
+"""The solids of an object by their tone: frame and cover."""
+
+
 def joined(solids: Iterable[Solid]) -> Solid:
     """All triangles of several solids, which may overlap."""
     parts = list(solids)
     starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
     faces = [part.faces + start for part, start in zip(parts, starts, strict=False)]
     return Solid(np.concatenate([part.vertices for part in parts]), np.concatenate(faces))
+
+
+def volume(solid: Solid) -> float:
+    """By the divergence theorem, of a closed solid; below 0 where its faces turn inwards."""
+    a, b, c = (solid.vertices[solid.faces[:, corner]] for corner in range(3))
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6)
+
+
+def outward(solid: Solid) -> Solid:
+    """The closed solid with the corners of its faces counter-clockwise as seen from outside."""
+    return solid if volume(solid) >= 0 else Solid(solid.vertices, solid.faces[:, ::-1])
+
+
+def moved(solid: Solid, by: ArrayLike) -> Solid:
+    """The solid somewhere else."""
+    return Solid(solid.vertices + np.asarray(by, dtype=np.float64), solid.faces)
 
 
 def loft(rings: Floats, *, closed: bool = False) -> Solid:

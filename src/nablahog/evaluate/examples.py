@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from ..datasets.annotations import AnnotatedPhotograph
+from ..datasets.conditions import CONDITIONS, Case
 from ..datasets.pascal3d import Selection
-from ..datasets.scenes import scene
 from ..hog.box import Box
+from ..io.images import Picture
 from .models import Meshes, Model
 
 PHOTOGRAPHED_FROM = 15.0  # degrees of elevation: about the median of the chairs that PASCAL3D+ is trained on, 16°
@@ -25,22 +27,22 @@ class Example:
     Attributes:
         name: unique.
         image: (C, H, W), C 1 or 3, float32 in 0…1.
-        box: of the object in the image.
+        box: of the object in the image; None if methods are not given any.
         azimuth, elevation, theta: the true ones, degrees.
         model: the name of its own model, or of the one most like it; None if there is none.
         models: the candidates, at least one.
-        initial: azimuth and elevation that methods may begin at, degrees.
+        initial: azimuth and elevation that methods may begin at, degrees; None if they are not given any.
     """
 
     name: str
     image: Tensor
-    box: Box
+    box: Box | None
     azimuth: float
     elevation: float
     theta: float
     model: str | None
     models: tuple[Model, ...]
-    initial: tuple[float, float]
+    initial: tuple[float, float] | None
 
 
 @dataclass
@@ -91,15 +93,57 @@ def photographed(selection: Selection, models: Sequence[Model], *, unknown_model
     return Examples(objects, origin, selection.failed)
 
 
-def rendered(
-    count: int,
+def annotated(
+    photographs: Sequence[AnnotatedPhotograph],
     models: Sequence[Model],
-    viewpoints: NDArray[np.float64],
-    photographs: Sequence[Tensor],
     *,
     origin: str,
     unknown_model: bool,
     seed: int,
+    condition: str = "",
+) -> Examples:
+    """Objects in annotated photographs, whose candidates are all ``models``, or all but their own.
+
+    Initial poses are those of :func:`photographed`.
+
+    Args:
+        photographs: the objects.
+        models: the candidates.
+        origin: of the photographs and models: the middle of a sentence.
+        unknown_model: whether to leave an object's own model out.
+        seed: of the initial azimuths, and of the condition.
+        condition: one of :data:`~nablahog.datasets.conditions.CONDITIONS` that photographs can have; none if empty.
+
+    Raises:
+        ValueError: an object has no candidate.
+    """
+    objects = []
+    for index, each in enumerate(photographs):
+        candidates = tuple(model for model in models if not (unknown_model and model.name == each.model))
+        if not candidates:
+            raise ValueError(f"{each.name}: there is no candidate model")
+        case = Case(each.image, each.box, (random_azimuth(seed, each.name), PHOTOGRAPHED_FROM))
+        if condition:
+            case = CONDITIONS[condition].case(case, seed, index)
+        truth = each.azimuth, each.elevation, each.theta
+        name = _named(each.name, condition)
+        objects.append(Example(name, case.image, case.box, *truth, each.model, candidates, case.initial))
+    among = f"{len(models)} models{' but its own' if unknown_model else ''}"
+    given = f"from a random azimuth and {PHOTOGRAPHED_FROM:g}° of elevation"
+    return Examples(objects, f"{len(objects)} objects of {origin}. Each is looked for by all of {among}, {given}.")
+
+
+def rendered(
+    count: int,
+    models: Sequence[Model],
+    viewpoints: NDArray[np.float64],
+    photographs: Sequence[Picture],
+    *,
+    origin: str,
+    unknown_model: bool,
+    seed: int,
+    candidates: Sequence[Model] | None = None,
+    condition: str = "",
 ) -> Examples:
     """Scenes of models in front of photographs, whose candidate is their own model, or all others.
 
@@ -109,10 +153,12 @@ def rendered(
         count: scenes, at least 1.
         models: of which each scene shows one.
         viewpoints: (N, 3), as :func:`~nablahog.datasets.viewpoints.read_viewpoints`, of which each scene has one.
-        photographs: the clutter, (C, H, W) in 0…1.
+        photographs: the clutter, as :func:`~nablahog.datasets.scenes.scene` takes it.
         origin: of the models, viewpoints and photographs: the middle of a sentence.
         unknown_model: whether to leave the scene's own model out, and search with all others.
         seed: of the scenes.
+        candidates: to search among instead, for all scenes.
+        condition: one of :data:`~nablahog.datasets.conditions.CONDITIONS`; none if empty.
 
     Raises:
         ValueError: there is no candidate.
@@ -120,16 +166,25 @@ def rendered(
     if unknown_model and len(models) < 2:
         raise ValueError(f"an unknown model needs at least 2 models to leave one out, got {len(models)}")
     meshes = Meshes(models)
+    scenes = CONDITIONS[condition or "as-table2"]
     objects = []
     for index in range(count):
-        made = scene(index, meshes, viewpoints, photographs, seed=seed)
-        candidates = tuple(model for model in models if (model.name == made.model) != unknown_model)
+        case, made = scenes.scene(index, meshes, viewpoints, photographs, seed=seed)
+        own = [model for model in models if (model.name == made.model) != unknown_model]
         truth = float(made.pose[0]), float(made.pose[1]), float(made.pose[3])
-        initial = (float(made.initial[0]), float(made.initial[1]))
-        objects.append(Example(f"{index:04d}", made.image, made.box, *truth, made.model, candidates, initial))
+        among = tuple(own if candidates is None else candidates)
+        name = _named(f"{index:04d}", condition)
+        objects.append(Example(name, case.image, case.box, *truth, made.model, among, case.initial))
     by = "all models but its own" if unknown_model else "its own model"
+    if candidates is not None:
+        by = f"{len(candidates)} other models"
     given = "from a random azimuth and an elevation near the true one"
     return Examples(objects, f"{count} scenes of {origin}. Each object is looked for by {by}, {given}.")
+
+
+def _named(name: str, condition: str) -> str:
+    """Names of objects are unique in all conditions."""
+    return f"{condition}/{name}" if condition else name
 
 
 def random_azimuth(seed: int, name: str) -> float:

@@ -8,7 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from ..datasets.cad import read_models
-from ..datasets.chairs import chair
+from ..datasets.chairs import LIBRARY, chair
 from ..jobs.job_files import local_path
 from ..jobs.store import digest
 from ..render import Mesh, load_mesh
@@ -22,11 +22,11 @@ class Model:
 
     Attributes:
         name: unique among the models of a run.
-        source: its file, or the seed of a procedural chair.
+        source: its file, or the seed of a procedural chair, perhaps with its kind.
     """
 
     name: str
-    source: Path | int
+    source: Path | int | tuple[int, str]
 
     def mesh(self) -> Mesh:
         """The mesh, cached by the process while the file does not change.
@@ -46,8 +46,10 @@ class Model:
 
 
 @lru_cache(CACHED)
-def _mesh(source: Path | int, digest: str) -> Mesh:
-    return load_mesh(local_path(source)) if isinstance(source, Path) else chair(source)
+def _mesh(source: Path | int | tuple[int, str], digest: str) -> Mesh:
+    if isinstance(source, Path):
+        return load_mesh(local_path(source))
+    return chair(*source) if isinstance(source, tuple) else chair(source)
 
 
 class Meshes(Mapping[str, Mesh]):
@@ -89,3 +91,8 @@ def models_in(folder: Path) -> tuple[list[Model], dict[str, str]]:
 def procedural_chairs(count: int) -> list[Model]:
     """The chairs of the first ``count`` seeds."""
     return [Model(f"chair-{seed:02d}", seed) for seed in range(count)]
+
+
+def chair_library() -> list[Model]:
+    """The chairs of :func:`nablahog.datasets.chairs.library`, by the same names."""
+    return [Model(f"{kind}-{seed}", (seed, kind)) for kind, seed in LIBRARY]

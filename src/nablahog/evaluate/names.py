@@ -80,6 +80,17 @@ SHIPPED = ("prior", "unsigned-prior")
 
 TABLE2 = ("exemplar", "exhaustive", "paper", "paper-edges", "best")
 
+DEFAULT_CONDITIONS = (
+    *("exact", "sides-5", "sides-10", "larger-20", "cut-15", "cut-30", "no-box", "tilted", "steep", "renderer"),
+)
+"""Conditions that Table 2 is also computed under without being asked."""
+CONDITIONS = (
+    *("as-table2", "exact", "exact-no-pose", "sides-5", "sides-10", "larger-20", "larger-40", "cut-15", "cut-30"),
+    *("photograph-cut-15", "photograph-cut-30", "no-box", "no-box-no-pose", "landscape", "landscape-no-pose"),
+    *("tilted", "steep", "sides-10-tilted", "shadows", "highlights", "jpeg", "renderer"),
+)
+"""The names of :data:`nablahog.datasets.conditions.CONDITIONS`, in its order."""
+
 
 @dataclass(frozen=True)
 class Published:

@@ -25,9 +25,9 @@ class PoseJob:
 
     method: PoseMethod
     image: NDArray[np.float32]
-    box: Box
+    box: Box | None
     models: tuple[Model, ...]
-    initial: tuple[float, float]
+    initial: tuple[float, float] | None
     settings: Table2Settings
 
     @property

@@ -28,15 +28,15 @@ class PoseInput:
 
     Attributes:
         image: (C, H, W), C 1 or 3, float32 in 0…1.
-        box: of the object in the image.
+        box: of the object in the image; None if it is not known.
         models: the candidates by name, at least one; the same mesh objects at each call in a process.
-        initial: azimuth and elevation to begin at, degrees.
+        initial: azimuth and elevation to begin at, degrees; None if nothing is known.
     """
 
     image: Tensor
-    box: Box
+    box: Box | None
     models: Mapping[str, Mesh]
-    initial: tuple[float, float]
+    initial: tuple[float, float] | None
 
 
 @dataclass(frozen=True)
@@ -130,8 +130,9 @@ def _views(problem: PoseInput, settings: Table2Settings) -> dict[str, ExemplarVi
 
 
 def detection(problem: PoseInput, settings: Table2Settings) -> Detection:
-    """The baseline's: Aubry et al.'s most confident one, with its model."""
-    return detect(problem.image, problem.box, _views(problem, settings))
+    """The baseline's: Aubry et al.'s most confident one, with its model; in the whole image where no box is known."""
+    height, width = problem.image.shape[1:]
+    return detect(problem.image, problem.box or Box(0.0, 0.0, width, height), _views(problem, settings))
 
 
 def _exemplar(problem: PoseInput, settings: Table2Settings) -> PoseOutcome:

@@ -12,7 +12,7 @@ from .methods import Method, Table1Settings
 from .names import BASELINES, GROUPS, PUBLISHED
 from .photographs import Photographs
 from .reconstruction import ReconstructionJob
-from .tables import Results, Statistics, run, statistics, write_csv
+from .tables import Results, Statistics, evenly_spread, run, statistics, write_csv
 
 METRICS = ("cc", "abs_cc", "mi", "ssim", "psnr", "normalised_error", "distance")
 SHOWN = 6  # images on the page
@@ -96,7 +96,8 @@ def run_table1(
         for method in methods
     }
     rows = {method.name: method.rows for method in methods}
-    results = run(folder, jobs, rows, photographs.failed, SHOWN, **options)
+    shown = evenly_spread(list(photographs.images), SHOWN)
+    results = run(folder, jobs, rows, photographs.failed, shown, **options)
     mean_distance = metrics.mean_distance(photographs.images.values())
     results = _with_normalised_errors(results, mean_distance)
     return Table1(**vars(results), methods=methods, photographs=photographs, mean_distance=mean_distance)

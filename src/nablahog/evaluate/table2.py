@@ -1,9 +1,9 @@
-"""Table 2: every method on every object, and how often the viewpoint is right."""
+"""Table 2: every method on every object, and how often the viewpoint is right; the same under harder conditions."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from .examples import Example, Examples
 from .names import POSE_PUBLISHED
 from .pose_job import PoseJob
 from .pose_methods import PoseMethod, Table2Settings
-from .tables import Results, Statistics, run, statistics, write_csv
+from .tables import Results, Statistics, evenly_spread, run, statistics
 
 CRITERIA = {"interval": same_view, "threshold": near_view}
 WITHIN = (30.0, 10.0)  # degrees of the rotation's error: π/6 and π/18, by which the field reports poses
@@ -53,28 +53,43 @@ class Table2(Results):
     Attributes:
         methods: that ran, each with the row of its name.
         examples: that they ran on.
+        conditions: the same or other objects under harder conditions, by the condition's name.
     """
 
     methods: Sequence[PoseMethod]
     examples: Examples
+    conditions: Mapping[str, Examples] = field(default_factory=dict)
+
+    def under(self, condition: str) -> Table2:
+        """The table of one of the conditions."""
+        return replace(self, examples=self.conditions[condition], conditions={})
+
+    def all_objects(self) -> Iterator[Example]:
+        """Those of the table, and those of all conditions."""
+        for examples in (self.examples, *self.conditions.values()):
+            yield from examples.objects
 
     def lines(self) -> list[Line]:
         """The table: what is published of methods that did not run, then the methods that ran."""
         ran = [method.name for method in self.methods]
         return [self._line(name) for name in [*(name for name in POSE_PUBLISHED if name not in ran), *ran]]
 
+    def ran(self) -> list[Line]:
+        """The rows of the methods that ran."""
+        return [self._line(method.name) for method in self.methods]
+
     def errors(self, method: str) -> NDArray[np.float64]:
         """The errors of a method's azimuths in degrees, :data:`NO_POSE` where it has none, in the order of objects."""
         figures = self.figures[method]
-        return np.array([_error(figures.get(each.name), each) for each in self.examples.objects])
+        return np.array([error_of_azimuth(figures.get(each.name), each) for each in self.examples.objects])
 
     def rotation_errors(self, method: str) -> NDArray[np.float64]:
         """The errors of a method's rotations, as :meth:`errors`."""
         figures = self.figures[method]
-        return np.array([_rotation_error(figures.get(each.name), each) for each in self.examples.objects])
+        return np.array([error_of_rotation(figures.get(each.name), each) for each in self.examples.objects])
 
     def _line(self, name: str) -> Line:
-        figures, seconds = self.figures.get(name, {}), self.seconds.get(name, {})
+        figures, clocks = self.figures.get(name, {}), self.seconds.get(name, {})
         objects = self.examples.objects if name in self.figures else []
         accuracy = {
             (criterion, views): statistics(
@@ -86,7 +101,7 @@ class Table2(Results):
         none: NDArray[np.float64] = np.empty(0)
         errors, rotations = (self.errors(name), self.rotation_errors(name)) if objects else (none, none)
         within = {angle: statistics([100.0 * float(error <= angle) for error in rotations]) for angle in WITHIN}
-        typical = float(np.median(list(seconds.values()))) if seconds else None
+        seconds = [clocks[each.name] for each in objects if each.name in clocks]
         return Line(
             method=name,
             accuracy=accuracy,
@@ -94,15 +109,17 @@ class Table2(Results):
             rotation=statistics(rotations, np.median),
             within=within,
             paper=POSE_PUBLISHED.get(name, {}),
-            seconds=typical,
+            seconds=float(np.median(seconds)) if seconds else None,
         )
 
 
-def _error(pose: Mapping[str, Any] | None, example: Example) -> float:
+def error_of_azimuth(pose: Mapping[str, Any] | None, example: Example) -> float:
+    """Degrees by which the azimuth of a method's figures is off; :data:`NO_POSE` without figures."""
     return NO_POSE if pose is None else float(azimuth_error(pose["azimuth"], example.azimuth))
 
 
-def _rotation_error(pose: Mapping[str, Any] | None, example: Example) -> float:
+def error_of_rotation(pose: Mapping[str, Any] | None, example: Example) -> float:
+    """Likewise, of the whole rotation."""
     if pose is None:
         return NO_POSE
     truth = example.azimuth, example.elevation, example.theta
@@ -114,7 +131,12 @@ def _right(criterion: str, views: int, pose: Mapping[str, Any] | None, example: 
 
 
 def run_table2(
-    folder: Path, examples: Examples, methods: Sequence[PoseMethod], settings: Table2Settings, **options: Any
+    folder: Path,
+    examples: Examples,
+    methods: Sequence[PoseMethod],
+    settings: Table2Settings,
+    conditions: Mapping[str, Examples] | None = None,
+    **options: Any,
 ) -> Table2:
     """Runs what has no stored result yet, see :func:`nablahog.jobs.resume.do_all`, and collects all results.
 
@@ -123,62 +145,21 @@ def run_table2(
         examples: the objects.
         methods: the methods, of different names.
         settings: for all of them.
+        conditions: objects under harder conditions, by name; all objects have different names.
         options: ``workers`` and ``progress``, as there.
 
     Raises:
         ChildProcessError: worker processes do not start.
         OSError: a result cannot be stored, or a model cannot be read.
     """
+    harder = conditions or {}
+    everything = [each for of in (examples, *harder.values()) for each in of.objects]
     jobs = {
         (each.name, method.name): PoseJob(method, each.image.numpy(), each.box, each.models, each.initial, settings)
-        for each in examples.objects
+        for each in everything
         for method in methods
     }
     rows = {method.name: (method.name,) for method in methods}
-    results = run(folder, jobs, rows, examples.failed, SHOWN, **options)
-    return Table2(**vars(results), methods=methods, examples=examples)
-
-
-def write_table2(folder: Path, table: Table2) -> None:
-    """Writes ``per_object.csv``, ``summary.csv``, ``rotation.csv``, ``median_error.csv`` and ``failures.csv``.
-
-    Accuracies are in percent, errors in degrees.
-    Only the seconds in the first differ between runs of the same settings, however often they were interrupted.
-    """
-    write_csv(folder / "per_object.csv", _per_object(table))
-    summary: list[Sequence[object]] = [("method", "criterion", "views", "accuracy", "low", "high", "paper")]
-    median: list[Sequence[object]] = [("method", "objects", "median_error", "low", "high")]
-    rotation: list[Sequence[object]] = [("method", "figure", "value", "low", "high")]
-    for line in table.lines():
-        for (criterion, views), of in line.accuracy.items():
-            paper = line.paper.get(views) if criterion == "interval" else None
-            summary.append((line.method, criterion, views, of.mean, of.low, of.high, paper))
-        if line.error.n:
-            median.append((line.method, line.error.n, line.error.median, line.error.low, line.error.high))
-            rotation.append((line.method, "median_error", line.rotation.median, line.rotation.low, line.rotation.high))
-            rotation += [
-                (line.method, f"within_{angle:g}_degrees", of.mean, of.low, of.high)
-                for angle, of in line.within.items()
-            ]
-    write_csv(folder / "summary.csv", summary)
-    write_csv(folder / "median_error.csv", median)
-    write_csv(folder / "rotation.csv", rotation)
-    failures = [(failure.image, failure.method, failure.reason) for failure in table.failures]
-    write_csv(folder / "failures.csv", [("object", "method", "reason"), *failures])
-
-
-def _per_object(table: Table2) -> list[Sequence[object]]:
-    pose = ("azimuth", "elevation", "distance", "theta")
-    truth = ("true_azimuth", "true_elevation", "true_theta")
-    heads = ("object", "model", "method", *truth, *pose, "found_model", "error", "rotation_error", "seconds")
-    rows: list[Sequence[object]] = [heads]
-    for method, of in table.figures.items():
-        for each in table.examples.objects:
-            if each.name in of:
-                outcome = of[each.name]
-                true = (each.name, each.model, method, each.azimuth, each.elevation, each.theta)
-                values = (outcome[name] for name in pose)
-                errors = _error(outcome, each), _rotation_error(outcome, each)
-                seconds = round(table.seconds[method][each.name], 4)
-                rows.append((*true, *values, outcome["model"], *errors, seconds))
-    return rows
+    shown = evenly_spread([each.name for each in examples.objects], SHOWN)
+    results = run(folder, jobs, rows, examples.failed, shown, **options)
+    return Table2(**vars(results), methods=methods, examples=examples, conditions=harder)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -86,7 +86,7 @@ def run(
     jobs: Mapping[tuple[str, str], Job],
     rows: Mapping[str, Sequence[str]],
     failed: Mapping[str, str],
-    shown: int,
+    shown: Collection[str],
     **options: Any,
 ) -> Results:
     """Runs the jobs without a stored result, as :func:`nablahog.jobs.resume.do_all`, and collects all results.
@@ -96,10 +96,9 @@ def run(
         jobs: by image and method.
         rows: the rows of each method.
         failed: why images could not be read, by name.
-        shown: how many images to keep the pictures of, evenly spread over all.
+        shown: the images to keep the pictures of.
     """
     failures = [Failure(image, None, reason) for image, reason in failed.items()]
-    with_pictures = evenly_spread(list(dict.fromkeys(image for image, _ in jobs)), shown)
     figures: dict[str, dict[str, Mapping[str, Any]]] = {row: {} for of_method in rows.values() for row in of_method}
     pictures: dict[str, dict[str, NDArray[np.uint8]]] = {row: {} for row in figures}
     seconds: dict[str, dict[str, float]] = {method: {} for method in rows}
@@ -110,7 +109,7 @@ def run(
         seconds[method][image] = result.seconds
         for row, row_figures, picture in zip(rows[method], result.figures, result.pictures, strict=True):
             figures[row][image] = row_figures
-            if image in with_pictures:
+            if image in shown:
                 pictures[row][image] = picture
     return Results(figures, seconds, failures, pictures)
 

@@ -7,13 +7,16 @@ from ..runtime.lazy import names_when_used
 if TYPE_CHECKING:
     from .background import default_background, learn_background
     from .elements import Elements, elements
-    from .estimate import PoseEstimate, estimate_pose
+    from .estimate import estimate_pose
+    from .pose_estimate import PoseEstimate
+    from .tracker import Tracker
     from .whitening import Background
 
 __all__ = [
     "Background",
     "Elements",
     "PoseEstimate",
+    "Tracker",
     "default_background",
     "elements",
     "estimate_pose",
@@ -24,6 +27,8 @@ names_when_used(
     __name__,
     background=("default_background", "learn_background"),
     elements=("Elements", "elements"),
-    estimate=("PoseEstimate", "estimate_pose"),
+    estimate=("estimate_pose",),
+    pose_estimate=("PoseEstimate",),
+    tracker=("Tracker",),
     whitening=("Background",),
 )

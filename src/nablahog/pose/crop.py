@@ -13,6 +13,7 @@ from torch.nn import functional
 from ..hog.box import Box
 from ..hog.gradient import gray
 from ..render import Camera
+from .crop_view import CropView
 
 SIDE = 128  # pixels of the square
 FILL = 112.0  # pixels of the box's longer side in it
@@ -32,6 +33,7 @@ class ObjectCrop:
         middle: x, y of its middle in the photograph, pixels.
         camera: sees an object at :data:`DISTANCE` about as large as the box.
         valid: where the crop shows the photograph, in pixels of the crop; it may reach beyond the border.
+        axis: x, y where the optical axis of the photograph's camera meets it, pixels, if the camera is known.
     """
 
     image: Tensor
@@ -40,6 +42,12 @@ class ObjectCrop:
     middle: tuple[float, float]
     camera: Camera
     valid: Box
+    axis: tuple[float, float] | None = None
+
+    @property
+    def view(self) -> CropView:
+        """Where its pixels are in the photograph."""
+        return CropView(self.middle, self.zoom, self.focal, self.axis)
 
     def downsampled(self, factor: int) -> ObjectCrop:
         """The same with pixels that are means of ``factor`` x ``factor``."""
@@ -51,15 +59,62 @@ class ObjectCrop:
             self.middle,
             downsampled(self.camera, factor),
             Box(*(side / factor for side in self.valid)),
+            self.axis,
         )
+
+    def converted(self, pose: Tensor, other: ObjectCrop) -> Tensor:
+        """A pose (6,) for this crop as one for another of the same photograph, by the same camera."""
+        place = self._place(pose)
+        moved = pose.clone()
+        moved[4], moved[5] = other.view.from_photograph(*place)
+        if self.axis is not None:
+            moved[3] += self.view.twist(float(pose[4]), float(pose[5])) - other.view.twist(*moved[4:].tolist())
+        return moved
+
+    def of_photograph(self, pose: Tensor, height: int, width: int) -> Tensor:
+        """A pose (6,) for the whole photograph of ``height`` x ``width`` as one for this crop."""
+        moved = pose.clone()
+        moved[4], moved[5] = self.view.from_photograph(float(pose[4]) + width / 2, float(pose[5]) + height / 2)
+        moved[3] -= self.view.twist(*moved[4:].tolist())
+        return moved
+
+    def _place(self, pose: Tensor) -> tuple[float, float]:
+        """x, y in the photograph of the object's origin at a pose (6,) for the crop, pixels."""
+        x, y = self.view.to_photograph(pose[4], pose[5])
+        return float(x), float(y)
+
+    def box_in_photograph(self, box: Tensor) -> Box:
+        """A box (4,) around the crop's middle as one of the photograph: around the middles of its sides."""
+        x0, y0, x1, y1 = box
+        middle = (x0 + x1) / 2, (y0 + y1) / 2
+        across, down = self.view.to_photograph(
+            torch.stack([x0, middle[0], x1, middle[0]]), torch.stack([middle[1], y0, middle[1], y1])
+        )
+        return Box(float(across[0]), float(down[1]), float(across[2]), float(down[3]))
+
+    @property
+    def centred_box(self) -> Box:
+        """The object's, from the middle of the crop, pixels."""
+        width, height = self.size
+        return Box(-width / 2, -height / 2, width / 2, height / 2)
+
+    @property
+    def focal(self) -> float:
+        """Focal length of the photograph's camera, pixels of the photograph."""
+        return self.camera.focal / self.zoom
 
     def in_photograph(self, pose: Tensor, height: int, width: int) -> tuple[Tensor, Camera]:
         """A pose (6,) for this crop as one for the whole photograph of ``height`` x ``width``, with its camera."""
         moved = pose.clone()
-        x, y = self.middle
-        moved[4] = pose[4] / self.zoom + x - width / 2
-        moved[5] = pose[5] / self.zoom + y - height / 2
-        return moved, Camera(self.camera.focal / self.zoom, height, width)
+        x, y = self._place(pose)
+        moved[3] += self.view.twist(float(pose[4]), float(pose[5]))
+        moved[4], moved[5] = x - width / 2, y - height / 2
+        return moved, Camera(self.focal, height, width)
+
+
+def typical_camera(side: int = SIDE, fill: float = FILL) -> Camera:
+    """The camera that sees an object at :data:`DISTANCE` fill ``fill`` of ``side`` pixels."""
+    return Camera(DISTANCE * fill / _TYPICAL_EXTENT, side, side)
 
 
 def downsampled(camera: Camera, factor: int) -> Camera:
@@ -82,7 +137,12 @@ def checked_box(sides: Sequence[float], height: int, width: int) -> Box:
 
 
 def crop_object(
-    photograph: Tensor, box: Sequence[float] | None = None, side: int = SIDE, fill: float = FILL
+    photograph: Tensor,
+    box: Sequence[float] | None = None,
+    side: int = SIDE,
+    fill: float = FILL,
+    focal: float | None = None,
+    axis: tuple[float, float] | None = None,
 ) -> ObjectCrop:
     """The square of ``side`` pixels around a box, shrunk or enlarged so that the box's longer side has ``fill``.
 
@@ -91,25 +151,45 @@ def crop_object(
         box: x0, y0, x1, y1 of the object, pixels; by default the whole photograph.
         side: of the crop, pixels.
         fill: of the box's longer side, pixels.
+        focal: focal length of the photograph's camera, pixels; by default such that an object that fills the box is
+            seen from :data:`DISTANCE`.
+        axis: where the optical axis meets the photograph, x, y, pixels, if that and the focal length are known, so that
+            the crop is what the camera would see if it looked at the box; by default it is cut out as it is.
 
     Raises:
         ValueError: the photograph is of another shape, holds NaN, or the box is empty or beside it.
     """
-    _check_photograph(photograph)
+    check_photograph(photograph)
     height, width = photograph.shape[1:]
     object_box = checked_box((0, 0, width, height) if box is None else box, height, width)
     zoom = fill / max(object_box.width, object_box.height)
     middle = (object_box.x0 + object_box.x1) / 2, (object_box.y0 + object_box.y1) / 2
+    camera = typical_camera(side, fill) if focal is None else Camera(focal * zoom, side, side)
+    view = CropView(middle, zoom, camera.focal / zoom, axis)
+    if axis is not None:  # what is turned to the front is a little smaller
+        (x0, x1), (y0, y1) = _across(view, object_box)
+        zoom *= fill / max(x1 - x0, y1 - y0)
+        camera = Camera(view.focal * zoom, side, side)
+        view = CropView(middle, zoom, view.focal, axis)
     size = object_box.width * zoom, object_box.height * zoom
-    (x0, x1), (y0, y1) = (
-        (zoom * (0 - at) + side / 2, zoom * (length - at) + side / 2)
-        for at, length in zip(middle, (width, height), strict=True)
-    )
-    camera = Camera(DISTANCE * fill / _TYPICAL_EXTENT, side, side)
-    return ObjectCrop(_resampled(photograph, middle, zoom, side), size, zoom, middle, camera, Box(x0, y0, x1, y1))
+    if axis is not None:
+        (x0, x1), (y0, y1) = _across(view, object_box)
+        size = x1 - x0, y1 - y0
+    (x0, x1), (y0, y1) = _across(view, Box(0, 0, width, height))
+    valid = Box(x0 + side / 2, y0 + side / 2, x1 + side / 2, y1 + side / 2)
+    return ObjectCrop(resampled(photograph, view, side), size, zoom, middle, camera, valid, axis)
 
 
-def _check_photograph(photograph: Tensor) -> None:
+def _across(view: CropView, box: Box) -> tuple[tuple[float, float], tuple[float, float]]:
+    """x0, x1 and y0, y1 of a box of the photograph, from the crop's middle on straight to the sides."""
+    x, y = view.middle
+    left, right = (view.from_photograph(side, y)[0] for side in (box.x0, box.x1))
+    upper, lower = (view.from_photograph(x, side)[1] for side in (box.y0, box.y1))
+    return (left, right), (upper, lower)
+
+
+def check_photograph(photograph: Tensor) -> None:
+    """Raises ValueError unless it is a finite floating point tensor (1 or 3, H, W)."""
     if photograph.dim() != 3 or photograph.shape[0] not in (1, 3) or not photograph.is_floating_point():
         raise ValueError(
             f"the photograph must be a floating point tensor (1 or 3, H, W), "
@@ -120,25 +200,32 @@ def _check_photograph(photograph: Tensor) -> None:
         raise ValueError("the photograph must be finite, got NaN or Inf")
 
 
-def _resampled(photograph: Tensor, middle: tuple[float, float], zoom: float, side: int) -> Tensor:
-    """The square (1, 1, side, side) around ``middle``, gray, without aliasing; the photograph's border repeats."""
+def resampled(photograph: Tensor, view: CropView, side: int) -> Tensor:
+    """The square (1, 1, side, side) that a view shows, gray, without aliasing; the photograph's border repeats."""
     height, width = photograph.shape[1:]
-    sigma = 0.5 * math.sqrt(max(0.0, 1 / zoom**2 - 1))
-    reach = math.ceil(side / zoom / 2 + 3 * sigma) + 2
-    left, top = math.floor(middle[0]) - reach, math.floor(middle[1]) - reach
-    rows = torch.arange(top, top + 2 * reach + 1).clamp(0, height - 1)
-    cols = torch.arange(left, left + 2 * reach + 1).clamp(0, width - 1)
+    sigma = 0.5 * math.sqrt(max(0.0, 1 / view.zoom**2 - 1))
+    at = torch.arange(side) + 0.5 - side / 2
+    x, y = view.to_photograph(at[None, :], at[:, None])
+    if view.axis is None:
+        reach = side / view.zoom / 2
+    else:  # beyond the border, all is alike
+        x, y = x.clamp(-3 * sigma, width + 3 * sigma), y.clamp(-3 * sigma, height + 3 * sigma)
+        reach = max(float((each - m).abs().max()) for each, m in zip((x, y), view.middle, strict=True))
+    around = math.ceil(reach + 3 * sigma) + 2
+    left, top = (math.floor(m) - around for m in view.middle)
+    rows = torch.arange(top, top + 2 * around + 1).clamp(0, height - 1)
+    cols = torch.arange(left, left + 2 * around + 1).clamp(0, width - 1)
     part = gray(photograph[:, rows][:, :, cols][None].float())
     if sigma > 0:
-        part = _blurred(part, sigma)
-    at = (torch.arange(side) + 0.5 - side / 2) / zoom
-    x, y = ((at + m - start) / (2 * reach + 1) * 2 - 1 for m, start in zip(middle, (left, top), strict=True))
-    grid = torch.stack(torch.meshgrid(y, x, indexing="ij")[::-1], dim=-1)[None].float()
+        part = blurred(part, sigma)
+    across, down = ((each - start) / (2 * around + 1) * 2 - 1 for each, start in ((x, left), (y, top)))
+    grid = torch.stack([across.expand(side, side), down.expand(side, side)], dim=-1)[None].float()
     image = functional.grid_sample(part, grid, mode="bilinear", padding_mode="border", align_corners=False)
     return image.clamp(0, 1)
 
 
-def _blurred(image: Tensor, sigma: float) -> Tensor:
+def blurred(image: Tensor, sigma: float) -> Tensor:
+    """An image (1, 1, H, W) blurred by a Gaussian of ``sigma`` > 0 pixels; its border repeats."""
     reach = max(1, math.ceil(3 * sigma))
     taps = torch.exp(-0.5 * (torch.arange(-reach, reach + 1) / sigma) ** 2)
     taps = taps / taps.sum()

@@ -7,90 +7,43 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
-from typing import get_args
+from typing import Literal, NamedTuple, get_args
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
-from ..hog.inputs import ArrayImage, image_batch
-from ..render import Camera, Mesh
+from ..hog.box import Box
+from ..hog.inputs import ArrayImage, image_batch, is_pil
+from ..io.exif import exif_focal
+from ..render import Mesh
 from ..render.renderer import Method
 from .ascent import momentum_ascent
 from .coarse_to_fine import coarse_to_fine
-from .crop import crop_object
-from .options import Ascent, SearchMethod, SimilarityKind
+from .confidence import confidence
+from .crop import check_photograph, crop_object, typical_camera
+from .detection import EVERY, find_places
+from .mask import masked
+from .options import Ascent, FocalSource, SearchMethod, SimilarityKind
 from .placement import equidistant_azimuths
-from .prepared import DETAIL, PreparedPhotograph, prepared_model
-from .problem import ELEVATIONS, PoseProblem, SearchResult, SearchTrace
+from .pose_estimate import PoseEstimate
+from .prepared import DETAIL, PreparedModel, PreparedPhotograph, coarse_background, prepared_model
+from .problem import ELEVATIONS, PoseProblem, RunnerUp, SearchResult, SearchTrace, allowed_azimuths
+from .views import VIEW_COUNT
 from .whitening import Background
 
 EVERY_DEGREE = 360
+PLACES, PLACES_OF_SEVERAL = 6, 2  # of an object without a box, that are looked at closely: of one model, of several
+DETECTORS = 8  # models that such places are found with: an object of their kind is like some of them anywhere
+DETECTED_FROM = (0.0, 20.0, 40.0, 65.0)  # degrees of elevation, where nothing is known of it
+DETECTED_TILTS = (-30.0, 0.0, 30.0)  # degrees, likewise
+UPRIGHT = (0.0,)
 PAPER_STARTS = 8  # azimuths all around, beside the initial one
 LEARNING_RATE = 2.0  # of the paper's methods
 PAPER_RENDERERS: dict[SearchMethod, tuple[Method, int]] = {"paper": ("opendr", 1), "paper-edges": ("edges", 2)}
 """How the paper's methods differentiate renderings, and with how many samples along the side of a pixel."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class PoseEstimate:
-    """A pose of an object in a photograph, and the model that it is for.
-
-    Attributes:
-        azimuth: degrees in 0…360 that the camera is turned about the object's vertical axis: 0 sees the front, 90 the
-            object's left.
-        elevation: degrees that the camera is above the object.
-        distance: from the camera to the object's origin, units of the mesh: of a normalised one, diagonals of its
-            bounding box.
-        theta: degrees that the picture is turned counter-clockwise.
-        x, y: pixels of the photograph, to the right and down from its middle to the image of the object's origin.
-        camera: that these are meant for; it sees the whole photograph.
-        model: the name of the best model; "" for a single mesh.
-        similarity: of its rendering to the photograph.
-        similarity_kind: ``"patches"``, ``"whitened"`` or ``"calibrated"``, see :mod:`.similarity`; a calibrated one is
-            in standard deviations over photographs of anything, the others have no unit.
-        crop_pose: (6,), float64: the same pose for the object's crop, see :func:`.crop.crop_object`.
-        renderings: compared with the photograph, cached views included.
-        traces: of the searches from all starts; empty for ``"exhaustive"``.
-
-    >>> mesh, camera = nablahog.datasets.chairs.chair(3), nablahog.Camera.from_field_of_view(30, 128, 128)
-    >>> photograph = nablahog.render(mesh, torch.tensor([[30.0, 20, 2, 0, 0, 0]]), camera)[0]
-    >>> box = (28, 12, 95, 125)  # x0, y0, x1, y1
-
-    >>> estimate = nablahog.estimate_pose(photograph, mesh, box=box, initial=(0, 20), method="exhaustive")
-    >>> nablahog.render(mesh, estimate.pose, estimate.camera).shape
-    torch.Size([1, 1, 128, 128])
-    """
-
-    azimuth: float
-    elevation: float
-    distance: float
-    theta: float
-    x: float
-    y: float
-    camera: Camera
-    model: str
-    similarity: float
-    similarity_kind: SimilarityKind
-    crop_pose: Tensor
-    renderings: int
-    traces: tuple[SearchTrace, ...] = ()
-
-    def __repr__(self) -> str:
-        """Pose and figures, not the camera or the search."""
-        model = f", model {self.model}" if self.model else ""
-        return (
-            f"<PoseEstimate azimuth {self.azimuth:.1f}°, elevation {self.elevation:.1f}°, theta {self.theta:.1f}°, "
-            f"distance {self.distance:.2f}, x {self.x:.1f}, y {self.y:.1f}{model}, "
-            f"{self.similarity_kind} similarity {self.similarity:.3g}, {self.renderings} renderings>"
-        )
-
-    @property
-    def pose(self) -> Tensor:
-        """(1, 6), float64, angles in degrees: what :func:`nablahog.render.render` takes together with ``camera``."""
-        values = (self.azimuth, self.elevation, self.distance, self.theta, self.x, self.y)
-        return torch.tensor([values], dtype=torch.float64)
 
 
 def estimate_pose(
@@ -98,7 +51,11 @@ def estimate_pose(
     models: Mesh | Mapping[str, Mesh],
     *,
     box: Sequence[float] | None = None,
+    mask: Tensor | NDArray[np.bool_] | None = None,
     initial: Sequence[float] | None = None,
+    within: float = 180.0,
+    focal: float | Literal["exif"] | None = None,
+    principal_point: Sequence[float] | None = None,
     method: SearchMethod = "best",
     similarity: SimilarityKind | None = None,
     ascent: Ascent = "quadratic",
@@ -115,9 +72,20 @@ def estimate_pose(
     Args:
         photograph: (C, H, W), float32 or float64 in 0…1, one channel or R, G, B; or an array (H, W) or (H, W, C), or
             a PIL image.
-        models: normalised meshes by name, or one mesh; all are tried, the best is returned.
-        box: x0, y0, x1, y1 of the object, pixels; by default the whole photograph.
-        initial: azimuth and elevation to begin at, degrees; by default unknown.
+        models: normalised meshes by name, or one mesh; all are tried, the best is returned.  Without models of your
+            own, ``nablahog.datasets.chairs.library()`` has chairs of all common kinds.
+        box: x0, y0, x1, y1 of the object, pixels.  It may be rough, or cut off, for ``"best"`` with the calibrated
+            similarity, which searches around it, and by default anywhere in the photograph; all others take it as it
+            is, by default as the whole photograph.
+        mask: (H, W), bool, true where the object is: what is elsewhere does not count.  The box may be left out.
+        initial: azimuth and elevation to begin at, degrees; by default unknown.  The object is upright then, or nearly.
+        within: degrees of azimuth on both sides of the initial one that ``"best"`` searches; by default all, so that
+            the initial azimuth says nothing.
+        focal: focal length of the photograph's camera, pixels, so that the distance is the true one; ``"exif"``: what
+            the EXIF data of a PIL image says, as :func:`nablahog.io.exif.read_exif_focal`; by default such that an
+            object that fills its box is seen from three of its diagonals.
+        principal_point: x, y where the optical axis of a camera of known focal length meets the photograph, pixels; by
+            default its middle.  Beside it objects look stretched, which the search takes into account.
         method: ``"best"``: views all around at about the initial elevation (or at several, if unknown), then an ascent
             over all six parameters from the best of them, at last with smaller cells.  ``"paper"``: patches of the
             photograph's visual elements, OpenDR's derivatives, momentum over azimuth and every few steps over distance,
@@ -155,12 +123,31 @@ def estimate_pose(
     _check_options(method=(method, SearchMethod), ascent=(ascent, Ascent))
     if similarity is not None:
         _check_options(similarity=(similarity, SimilarityKind))
-    image = _one_image(photograph)
-    crop = crop_object(image, box)
+    image = one_image(photograph)
+    view = _checked_view(initial)
+    if not 0 < within <= 180:
+        raise ValueError(f"within must be above 0 and at most 180 degrees, got {within!r}")
+    lens = known_lens(photograph, focal, principal_point, image)
+    if mask is not None:
+        check_photograph(image)
+        image, box = masked(image, torch.as_tensor(mask), box)
+    prepared = {name: prepared_model(mesh, typical_camera()) for name, mesh in meshes.items()}
+    others: tuple[Box, ...] | None = None
+    if box is None and method == "best" and similarity in (None, "calibrated"):
+        check_photograph(image)
+        box, *rest = _boxes(image, prepared, view, within, background)
+        others = tuple(rest)
+    elif box is None:
+        check_photograph(image)
+        box = (0.0, 0.0, float(image.shape[2]), float(image.shape[1]))
+    crop = crop_object(image, box, focal=lens.focal, axis=lens.axis)
     problem = PoseProblem(
+        image,
         PreparedPhotograph(crop, background),
-        {name: prepared_model(mesh, crop.camera) for name, mesh in meshes.items()},
-        _checked_view(initial),
+        prepared,
+        others,
+        view,
+        within,
         similarity,
         ascent,
         torch.Generator().manual_seed(seed),
@@ -168,6 +155,7 @@ def estimate_pose(
         watch,
     )
     result = SEARCHES[method](problem)
+    evidence = result.evidence
     pose, camera = crop.in_photograph(result.pose, *image.shape[1:])
     azimuth, elevation, distance, theta, x, y = pose.tolist()
     return PoseEstimate(
@@ -183,11 +171,69 @@ def estimate_pose(
         similarity_kind=result.kind,
         crop_pose=result.pose,
         renderings=result.renderings,
+        box=Box.of(map(float, box)),
+        confidence=None if evidence is None else confidence(evidence, known_model=len(meshes) == 1),
+        equivalent_azimuths=result.same_view,
+        runners_up=tuple(
+            RunnerUp(name, crop.in_photograph(other, *image.shape[1:])[0], share)
+            for name, other, share in result.runners_up
+        ),
         traces=result.traces,
+        focal_from=lens.source,
+        principal_point=lens.axis,
+        from_original=meshes[result.model].from_original,
     )
 
 
-def _one_image(photograph: Tensor | ArrayImage) -> Tensor:
+class Lens(NamedTuple):
+    """What is known of the photograph's camera: focal length and x, y of the optical axis, pixels, or neither."""
+
+    focal: float | None
+    axis: tuple[float, float] | None
+    source: FocalSource
+
+
+def known_lens(photograph: object, focal: object, principal_point: Sequence[float] | None, image: Tensor) -> Lens:
+    """What is known of the camera of a photograph, as it was given and as ``image`` (C, H, W).
+
+    Raises:
+        ValueError: the focal length or the principal point is no such thing.
+    """
+    if focal is None:
+        if principal_point is not None:
+            raise ValueError("principal_point says something only of a camera of known focal length: expected focal")
+        return Lens(None, None, "assumed")
+    source: FocalSource = "exif" if focal == "exif" else "given"
+    if source == "exif":
+        focal = exif_focal(photograph) if is_pil(photograph) else None  # type: ignore[arg-type]
+        if focal is None:
+            raise ValueError("focal='exif' needs a PIL image whose EXIF data has a focal length, and that was not cut")
+    if isinstance(focal, bool) or not isinstance(focal, int | float) or not 0 < focal < math.inf:
+        raise ValueError(f"focal must be a finite number of pixels above 0, or 'exif', got {focal!r}")
+    if principal_point is None:
+        return Lens(float(focal), (image.shape[2] / 2, image.shape[1] / 2), source)
+    if len(principal_point) != 2 or not all(map(math.isfinite, principal_point)):
+        raise ValueError(f"principal_point must be two finite numbers of pixels x, y, got {principal_point!r}")
+    return Lens(float(focal), (float(principal_point[0]), float(principal_point[1])), source)
+
+
+def _boxes(
+    image: Tensor,
+    models: Mapping[str, PreparedModel],
+    initial: tuple[float, float] | None,
+    within: float,
+    background: Background | None,
+) -> list[Box]:
+    """Where the object may be, the likeliest first."""
+    elevations, tilts = (DETECTED_FROM, DETECTED_TILTS) if initial is None else ((initial[1],), UPRIGHT)
+    allowed = allowed_azimuths(equidistant_azimuths(VIEW_COUNT // EVERY), initial, within)
+    some = list(models.items())[:: math.ceil(len(models) / DETECTORS)]
+    places = PLACES if len(models) == 1 else PLACES_OF_SEVERAL
+    found = find_places(image, some, elevations, tilts, *coarse_background(background), allowed, places)
+    return [Box.of(sides) for sides in found.boxes.tolist()]
+
+
+def one_image(photograph: Tensor | ArrayImage) -> Tensor:
     """(C, H, W) of a photograph, in 0…1 unless it is a tensor, which stays as it is."""
     if isinstance(photograph, Tensor):
         return photograph
@@ -219,7 +265,7 @@ def _paper(problem: PoseProblem, *, method: SearchMethod) -> SearchResult:
     azimuths = torch.cat([equidistant_azimuths(1, azimuth), equidistant_azimuths(PAPER_STARTS)])
     best, traces, renderings = [], [], 0
     for name, model in problem.each_model():
-        similarity = model.similarity(template, *PAPER_RENDERERS[method])
+        similarity = model.similarity(template, *PAPER_RENDERERS[method], camera=problem.photograph.crop.camera)
         starts = problem.level_views(model, azimuths, elevation)
         poses, values, path = momentum_ascent(
             similarity, starts, learning_rate=LEARNING_RATE, visit=partial(problem.watch, name)
@@ -237,7 +283,7 @@ def _exhaustive(problem: PoseProblem) -> SearchResult:
     template = problem.photograph.template(kind)
     best, renderings = [], 0
     for name, model in problem.each_model():
-        similarity = model.similarity(template, detail=DETAIL)
+        similarity = model.similarity(template, detail=DETAIL, camera=problem.photograph.crop.camera)
         for elevation in problem.elevations:
             poses = problem.level_views(model, equidistant_azimuths(EVERY_DEGREE), elevation)
             values = similarity.values(poses)

@@ -14,8 +14,6 @@ from ..render.kernels.pose import rotations
 from ..runtime.compile import compiled
 from .crop import DISTANCE
 
-_AGREED = 0.8  # of calibrated similarity: a view that has so much less counts a factor e less
-_BLUR = 8.0  # degrees
 _ROUNDS = 3  # perspective makes the size no exact inverse of the distance; twice is within a tenth of a pixel
 
 
@@ -44,21 +42,6 @@ def local_maxima(values: Tensor, count: int) -> Tensor:
     return order[:count]
 
 
-def consensus(azimuths: Tensor, similarities: Tensor) -> Tensor:
-    """Votes of views of several models for each whole degree of azimuth, (360,).
-
-    A view has the weight exp(similarity / 0.8), blurred by 8°.
-
-    Args:
-        azimuths: (N,), degrees.
-        similarities: (N,), calibrated.
-    """
-    weights = torch.exp((similarities - similarities.max()) / _AGREED).to(azimuths)
-    degrees = torch.arange(360, dtype=azimuths.dtype)
-    apart = (degrees[:, None] - azimuths + 180) % 360 - 180
-    return torch.exp(-0.5 * (apart / _BLUR) ** 2) @ weights
-
-
 def hull(mesh: Mesh) -> Tensor:
     """The vertices (N, 3) of the convex hull, which alone decide the box around any view of a mesh."""
     points = mesh.vertices.detach().cpu().numpy()
@@ -75,14 +58,14 @@ def level_poses(azimuths: Tensor, elevation: float) -> Tensor:
     return poses
 
 
-def fit_to_box(poses: Tensor, points: Tensor, camera: Camera, size: tuple[float, float] | float) -> Tensor:
+def fit_to_box(poses: Tensor, points: Tensor, camera: Camera, size: tuple[float, float] | float | Tensor) -> Tensor:
     """Poses with the distance and shift at which the points' box lies in the middle of the image and has a given size.
 
     Args:
         poses: (B, 6), angles in degrees, see :data:`nablahog.render.PARAMETERS`.
         points: (N, 3), of the model, as of :func:`hull`.
         camera: of the image.
-        size: width and height of a box of the same area, or the length of the longer side, pixels.
+        size: width and height of a box of the same area, or the length of the longer side, perhaps (B,), pixels.
     """
     placed = poses.clone()
     turned = rotations(poses.detach().double().numpy())
@@ -97,6 +80,14 @@ def fit_to_box(poses: Tensor, points: Tensor, camera: Camera, size: tuple[float,
             placed[:, 2] = (placed[:, 2] / zoom).clamp(min=1.0)
         placed[:, 4:] = placed[:, 4:] - (low + high) / 2
     return placed
+
+
+def bounding_boxes(poses: Tensor, points: Tensor, camera: Camera) -> Tensor:
+    """The boxes x0, y0, x1, y1 around points (N, 3) at poses (B, 6), (B, 4), pixels from the middle of the image."""
+    boxes = np.empty((len(poses), 4))
+    turned, distances = rotations(poses.double().numpy()), poses[:, 2].double().numpy()
+    _bounds(points.double().numpy(), turned, distances, camera.focal, boxes)
+    return torch.from_numpy(boxes) + poses[:, [4, 5, 4, 5]]
 
 
 @compiled

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import math
+from collections.abc import Sequence
 from functools import cached_property, lru_cache
 
 import torch
@@ -15,7 +17,7 @@ from ..render import Camera, Mesh, Renderer
 from ..render.renderer import Method
 from ..render.simplify import simplify
 from .background import default_background
-from .crop import DISTANCE, ObjectCrop, downsampled
+from .crop import DISTANCE, ObjectCrop, crop_object, downsampled
 from .elements import Elements, elements
 from .options import SimilarityKind
 from .patches import PatchTemplate, patch_template
@@ -44,6 +46,15 @@ def patch_spec(cell_size: tuple[int, int]) -> HOGSpec:
     return presets.paper(cell_size, global_form="robust", epsilon=PATCH_EPSILON)
 
 
+def coarse_background(own: Background | None) -> tuple[Background, int]:
+    """The background of the coarse search, and the factor by which the crop is made smaller there.
+
+    Args:
+        own: the one that was asked for; None for the default one.
+    """
+    return (own, 1) if own is not None else (default_background(pose_spec(_COARSE // _SHRINK)), _SHRINK)
+
+
 class PreparedPhotograph:
     """An object's crop with its templates.
 
@@ -53,8 +64,13 @@ class PreparedPhotograph:
     """
 
     def __init__(self, crop: ObjectCrop, background: Background | None = None) -> None:
-        self.crop, self._own_background = crop, background
+        self.crop, self.own_background = crop, background
         self.background = background or default_background(pose_spec())
+
+    def around(self, image: Tensor, box: Sequence[float]) -> PreparedPhotograph:
+        """The crop of the same photograph (C, H, W) around another box, by the same camera."""
+        crop = crop_object(image, box, focal=self.crop.focal, axis=self.crop.axis)
+        return PreparedPhotograph(crop, self.own_background)
 
     def template(self, kind: SimilarityKind) -> Template:
         """The template for one of the similarities of :mod:`.similarity`."""
@@ -96,9 +112,7 @@ class PreparedPhotograph:
     @cached_property
     def calibrated(self) -> ElementTemplate:
         """The template of the whole crop; for the default descriptor the crop is shrunk before."""
-        if self._own_background is not None:
-            return _calibrated(self.crop, self._own_background)
-        return _calibrated(self.crop, default_background(pose_spec(_COARSE // _SHRINK)), _SHRINK)
+        return _calibrated(self.crop, *coarse_background(self.own_background))
 
     @cached_property
     def fine(self) -> ElementTemplate:
@@ -119,11 +133,12 @@ def _box_cells(pixels: float, cells: int, cell: int) -> tuple[int, int]:
 def _calibrated(crop: ObjectCrop, background: Background, shrink: int = 1) -> ElementTemplate:
     spec, small = background.spec, crop.downsampled(shrink) if shrink > 1 else crop
     rows, cols = spec.grid(*small.image.shape[2:])
-    return calibrated_template(small, spec, _whitener(background, rows, cols), shrink)
+    return calibrated_template(small, spec, whitener_of(background, rows, cols), shrink)
 
 
-@lru_cache(maxsize=16)
-def _whitener(background: Background, rows: int, cols: int) -> Whitener:
+@lru_cache(maxsize=64)
+def whitener_of(background: Background, rows: int, cols: int) -> Whitener:
+    """The whitener of descriptors of a size, made once."""
     return Whitener(background, rows, cols, _REGULARIZATION.get(background.spec.cell_size[0]))
 
 
@@ -139,8 +154,23 @@ class PreparedModel:
         self.mesh, self.camera, self.hull = mesh, camera, hull(mesh)
         self._renderers: dict[tuple[Method, int, float, int], Renderer] = {}
 
+    @cached_property
+    def digest(self) -> str:
+        """A hash of what renderings depend on: the mesh and the camera."""
+        parts = (self.mesh.vertices, self.mesh.faces, self.mesh.brightness)
+        hashed = hashlib.sha256(repr((self.camera, [part.shape for part in parts])).encode())
+        for part in parts:
+            hashed.update(part.detach().numpy().tobytes())
+        return hashed.hexdigest()
+
     def renderer(
-        self, method: Method = "edges", supersampling: int = 1, *, detail: float = 0.0, shrink: int = 1
+        self,
+        method: Method = "edges",
+        supersampling: int = 1,
+        *,
+        detail: float = 0.0,
+        shrink: int = 1,
+        camera: Camera | None = None,
     ) -> Renderer:
         """The renderer of images ``shrink`` times smaller than the crop.
 
@@ -150,19 +180,28 @@ class PreparedModel:
             detail: pixels that the vertices of the mesh may be off, seen from :data:`.crop.DISTANCE`, so that there
                 are fewer faces to draw.
             shrink: factor.
+            camera: of the crop, if it has another focal length than :attr:`camera`.
         """
         key = method, supersampling, detail, shrink
         if key not in self._renderers:
-            camera = downsampled(self.camera, shrink)
-            mesh = simplify(self.mesh, detail * DISTANCE / camera.focal) if detail > 0 else self.mesh
-            self._renderers[key] = Renderer(mesh, camera, method=method, supersampling=supersampling)
-        return self._renderers[key]
+            own = downsampled(self.camera, shrink)
+            mesh = simplify(self.mesh, detail * DISTANCE / own.focal) if detail > 0 else self.mesh
+            self._renderers[key] = Renderer(mesh, own, method=method, supersampling=supersampling)
+        renderer = self._renderers[key]
+        return renderer if camera is None else renderer.with_camera(downsampled(camera, shrink))
 
     def similarity(
-        self, template: Template, method: Method = "edges", supersampling: int = 1, *, detail: float = 0.0
+        self,
+        template: Template,
+        method: Method = "edges",
+        supersampling: int = 1,
+        *,
+        detail: float = 0.0,
+        camera: Camera | None = None,
     ) -> Similarity:
         """The similarity of renderings to a template; see :meth:`renderer`."""
-        return Similarity(self.renderer(method, supersampling, detail=detail, shrink=template.shrink), template)
+        renderer = self.renderer(method, supersampling, detail=detail, shrink=template.shrink, camera=camera)
+        return Similarity(renderer, template)
 
 
 @lru_cache(maxsize=256)

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
+from ..hog.box import Box
+from .confidence import Evidence
 from .options import Ascent, SimilarityKind
 from .placement import fit_to_box, level_poses
 from .prepared import PreparedModel, PreparedPhotograph
 
-ELEVATIONS = (0.0, 15.0, 30.0, 45.0)  # tried where nothing is known of it, degrees
+ELEVATIONS = (-15.0, 0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
+LEVEL = (-15.0, 0.0, 15.0)  # tilts, where a pose is given
+TILTS = (-45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0)  # tried where nothing is known of it, degrees
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +35,21 @@ class SearchTrace:
     similarities: tuple[float, ...]
 
 
+class RunnerUp(NamedTuple):
+    """The best pose from another side than the best one.
+
+    Attributes:
+        model: the model's name.
+        pose: (6,), angles in degrees.
+        share: of the best pose's similarity that it has; of the coarse one, if the search has not come closer.  Among
+            several models, of the votes for the best one's side.
+    """
+
+    model: str
+    pose: Tensor
+    share: float
+
+
 @dataclass(frozen=True, eq=False)
 class SearchResult:
     """The best pose and model of a search.
@@ -41,6 +61,9 @@ class SearchResult:
         kind: of the similarity.
         renderings: compared with the photograph.
         traces: of all starts, if the search keeps them.
+        runners_up: the best poses from other sides, for the crop, the best first, if the search keeps them.
+        same_view: other azimuths from which the model looks the same, degrees.
+        evidence: of how sure the pose is; None for similarities that cannot be compared between photographs.
     """
 
     model: str
@@ -49,6 +72,9 @@ class SearchResult:
     kind: SimilarityKind
     renderings: int
     traces: tuple[SearchTrace, ...] = ()
+    runners_up: tuple[RunnerUp, ...] = ()
+    same_view: tuple[float, ...] = ()
+    evidence: Evidence | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +82,12 @@ class PoseProblem:
     """A photograph, candidate models, and how to search.
 
     Attributes:
+        image: (C, H, W), the whole photograph.
         photograph: the object's crop with its templates.
         models: the candidates by name.
+        boxes: x0, y0, x1, y1 of others that the object may be in, pixels of the photograph; None if one was given.
         initial: azimuth and elevation to begin at, degrees; None if unknown.
+        within: degrees of azimuth on both sides of the initial one that are searched.
         similarity: its kind; None for that of the search.
         ascent: of the coarse-to-fine search.
         generator: of what is sampled.
@@ -66,9 +95,12 @@ class PoseProblem:
         watch: called with the name of a model and each pose (6,) of it for the crop that the search comes to.
     """
 
+    image: Tensor
     photograph: PreparedPhotograph
     models: Mapping[str, PreparedModel]
+    boxes: tuple[Box, ...] | None
     initial: tuple[float, float] | None
+    within: float
     similarity: SimilarityKind | None
     ascent: Ascent
     generator: torch.Generator
@@ -81,6 +113,15 @@ class PoseProblem:
             self.progress(done, len(self.models), name)
             yield name, model
 
+    def allowed(self, azimuths: Tensor) -> Tensor:
+        """Which azimuths (N,) are searched, (N,), bool."""
+        return allowed_azimuths(azimuths, self.initial, self.within)
+
+    @property
+    def tilts(self) -> tuple[float, ...]:
+        """In-plane rotations to search at, degrees."""
+        return TILTS if self.initial is None else LEVEL
+
     @property
     def elevations(self) -> tuple[float, ...]:
         """Elevations to search at, degrees."""
@@ -90,7 +131,19 @@ class PoseProblem:
         """Poses (N, 6) at azimuths (N,) and an elevation, degrees, each placed so that it fills the box."""
         return self.fit(model, level_poses(azimuths, elevation))
 
-    def fit(self, model: PreparedModel, poses: Tensor) -> Tensor:
-        """Poses (N, 6) moved so that the model fills the object's box."""
-        crop = self.photograph.crop
+    def fit(self, model: PreparedModel, poses: Tensor, photograph: PreparedPhotograph | None = None) -> Tensor:
+        """Poses (N, 6) moved so that the model fills the object's box, or that of another crop."""
+        crop = (photograph or self.photograph).crop
         return fit_to_box(poses, model.hull, crop.camera, crop.size)
+
+    def cropped(self, box: Sequence[float]) -> PreparedPhotograph:
+        """The crop of the photograph around another box, seen through the same lens."""
+        return self.photograph.around(self.image, box)
+
+
+def allowed_azimuths(azimuths: Tensor, initial: tuple[float, float] | None, within: float) -> Tensor:
+    """Which azimuths (N,) are within degrees of the initial one, (N,), bool; the nearest always is."""
+    if initial is None:
+        return torch.ones(len(azimuths), dtype=torch.bool)
+    distances = ((azimuths - initial[0] + 180) % 360 - 180).abs()
+    return distances <= max(within, float(distances.min()))

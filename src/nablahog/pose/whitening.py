@@ -7,8 +7,10 @@ and the covariance Σ of templates of any size, Σ as a block-Toeplitz matrix.
 
 from __future__ import annotations
 
+import hashlib
 import math
 from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -20,6 +22,7 @@ from ..hog.spec import HOGSpec
 from ..io.learned_model import NUMBER, SPEC, TEXTS, LearnedModel, check_tensor, tensor
 from ..runtime.compile import compiled
 
+_REACH = 48  # cells, a torus on which the inverse of Σ decays; windows of objects have fewer
 _MARGIN = 4  # cells, between a descriptor and itself around the torus
 LARGEST = 1e6  # entry of a mean or covariance: those of descriptors are far below 1
 
@@ -197,17 +200,18 @@ class Whitener:
         least = background.regularization if regularization is None else regularization
         self.rows, self.cols, self.mean = rows, cols, background.mean.to(torch.float32)
         self.size = next_fast_len(rows + _MARGIN, real=True), next_fast_len(cols + _MARGIN, real=True)
-        # entry [dy, dx, a, b] is E a(y) b(y + d): Σ maps b to a by correlation, the conjugate of convolution
-        spectrum = torch.fft.rfft2(_on_torus(background, self.size), dim=(0, 1)).conj()
-        spectrum = (spectrum + spectrum.mH) / 2
-        values, vectors = torch.linalg.eigh(spectrum)
-        inverse = (vectors / (values.clamp(min=0) + least)[..., None, :]) @ vectors.mH
+        inverse = _inverse_spectrum(background, self.size, least)
         # (C, C, frequencies), which come last so that a loop over them is a fast one
         self.inverse = inverse.to(torch.complex64).flatten(0, 1).permute(1, 2, 0).contiguous().numpy()
         # of a real signal's spectrum a half is stored: all but its first and its middle column count twice
-        across = np.arange(spectrum.shape[1])
+        across = np.arange(self.inverse.shape[2] // self.size[0])
         shares = np.where(2 * across % self.size[1] == 0, 1, 2) / math.prod(self.size)
         self._shares = np.tile(shares.astype(np.float32), self.size[0])
+
+    @cached_property
+    def digest(self) -> str:
+        """A hash of Σ⁻¹."""
+        return hashlib.sha256(repr(self.size).encode() + self.inverse.tobytes()).hexdigest()
 
     def __call__(self, descriptors: Tensor) -> Tensor:
         """Σ⁻¹ q: (B, C, rows, cols) to the same, float32; zeros are assumed beyond the border."""
@@ -228,6 +232,41 @@ class Whitener:
     def centred(self, descriptors: Tensor) -> Tensor:
         """q − μ of descriptors (B, C, rows, cols)."""
         return descriptors - self.mean[:, None, None]
+
+
+def _inverse_spectrum(background: Background, size: tuple[int, int], least: float) -> Tensor:
+    """(Σ + λ)⁻¹ at the frequencies of a torus, (rows, cols / 2 + 1, C, C), complex.
+
+    It decays over cells, so that on a large torus it is that of a smaller one, continued by zeros.
+    """
+    if min(size) <= _REACH:
+        return _inverted(background, size, least)
+    cells = _inverse_cells(background, least)
+    torus = cells.new_zeros(*size, *cells.shape[2:])
+    half = _REACH // 2
+    for rows in (slice(None, half), slice(-half, None)):
+        for cols in (slice(None, half), slice(-half, None)):
+            torus[rows, cols] = cells[rows, cols]
+    spectrum: Tensor = torch.fft.rfft2(torus, dim=(0, 1))
+    return spectrum
+
+
+@lru_cache(maxsize=8)
+def _inverse_cells(background: Background, least: float) -> Tensor:
+    """(Σ + λ)⁻¹ by the offset between two cells, (_REACH, _REACH, C, C)."""
+    size = _REACH, _REACH
+    cells: Tensor = torch.fft.irfft2(_inverted(background, size, least), s=size, dim=(0, 1))
+    return cells
+
+
+def _inverted(background: Background, size: tuple[int, int], least: float) -> Tensor:
+    """(Σ + λ)⁻¹ at the frequencies of a torus, one by one."""
+    # entry [dy, dx, a, b] is E a(y) b(y + d): Σ maps b to a by correlation, the conjugate of convolution
+    spectrum = torch.fft.rfft2(_on_torus(background, size), dim=(0, 1)).conj()
+    spectrum = (spectrum + spectrum.mH) / 2
+    values, vectors = torch.linalg.eigh(spectrum)
+    inverse: Tensor = (vectors / (values.clamp(min=0) + least)[..., None, :]) @ vectors.mH
+    return inverse
 
 
 def _on_torus(background: Background, size: tuple[int, int]) -> Tensor:

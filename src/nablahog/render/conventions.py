@@ -143,7 +143,7 @@ def from_pytorch3d(
         raise ValueError("the cameras must look at the origin from a distance above 0: T = (0, 0, distance)")
     ours = rotation.new_tensor(_LEFT_UP)[:, None] * rotation.transpose(1, 2) @ rotation.new_tensor(_Y_UP)
     zero = torch.zeros_like(distance)
-    azimuth, elevation, theta = _angles(ours)
+    azimuth, elevation, theta = angles(ours)
     poses = torch.stack([azimuth, elevation, distance, theta, zero, zero], dim=1)
     check_poses(poses)
     focal = Camera.from_field_of_view(field_of_view, min(height, width), min(height, width)).focal
@@ -234,7 +234,7 @@ def _degrees(pixels: int, focal: float) -> float:
     return math.degrees(2 * math.atan(pixels / 2 / focal))
 
 
-def _angles(rotation: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def angles(rotation: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Azimuth, elevation and theta of :func:`.camera.rotations` (B, 3, 3), in degrees.
 
     Seen from straight above or below, azimuth and theta are not unique; this is one pair of many.

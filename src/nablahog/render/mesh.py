@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +36,8 @@ class Mesh:
         vertices: (V, 3), float64, finite; any unit.
         faces: (F, 3), int64 in 0…V-1, at least one.
         brightness: (V,), float64 in 0…1: the gray albedo, which light multiplies.
+        from_original: (4, 4), float64: maps points of the original, as they are in the file, to those of the vertices;
+            by default nothing was changed.  It is kept through :meth:`normalized` and :func:`load_mesh`.
 
     Raises:
         ValueError: an array is none of the above.
@@ -52,6 +54,7 @@ class Mesh:
     vertices: Tensor
     faces: Tensor
     brightness: Tensor
+    from_original: Tensor = field(default_factory=lambda: torch.eye(4, dtype=torch.float64))
 
     def __post_init__(self) -> None:
         for name, dtype in (("vertices", torch.float64), ("faces", torch.int64), ("brightness", torch.float64)):
@@ -61,6 +64,7 @@ class Mesh:
         _check("vertices", self.vertices, (count, 3), torch.float64)
         _check("faces", self.faces, (len(self.faces), 3), torch.int64)
         _check("brightness", self.brightness, (count,), torch.float64)
+        _check("from_original", self.from_original, (4, 4), torch.float64)
         if not len(self.faces):
             raise ValueError("a mesh must have at least one face, got none")
         if not bool(torch.isfinite(self.vertices).all()):
@@ -75,6 +79,11 @@ class Mesh:
         """Sizes, not the corners."""
         return f"<Mesh {len(self.vertices)} vertices, {len(self.faces)} faces>"
 
+    @property
+    def unit(self) -> float:
+        """Length of a unit of the vertices in those of the original: the diagonal of a normalised mesh's box."""
+        return 1 / float(self.from_original[:3, 0].norm())
+
     def normalized(self) -> Mesh:
         """The mesh with its bounding box centred at 0 and of diagonal 1; differentiable in the vertices.
 
@@ -87,7 +96,11 @@ class Mesh:
         if not 0 < extent < float("inf"):
             raise ValueError(f"a mesh must have an extent above 0 and below infinity, got {extent:g}")
         diagonal = longest * ((high - low) / longest).norm()  # squares of the extents themselves may not fit float64
-        return Mesh((self.vertices - (low + (high - low) / 2)) / diagonal, self.faces, self.brightness)
+        middle = low + (high - low) / 2
+        moved = self.from_original.clone()
+        moved[:3, 3] -= middle.detach().to(moved)
+        moved[:3] /= diagonal.detach().to(moved)
+        return Mesh((self.vertices - middle) / diagonal, self.faces, self.brightness, moved)
 
 
 def _check(name: str, array: Tensor, shape: tuple[int, ...], dtype: torch.dtype) -> None:
@@ -148,7 +161,10 @@ def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, front: str
     soup = read_soup(path)
     soup = Soup(soup.vertices @ turned.T, soup.faces, soup.brightness)
     try:
-        whole = Mesh(*map(torch.from_numpy, (soup.vertices, soup.faces, soup.brightness))).normalized()
+        turn = torch.eye(4, dtype=torch.float64)
+        turn[:3, :3] = torch.from_numpy(turned)
+        vertices, faces, brightness = map(torch.from_numpy, (soup.vertices, soup.faces, soup.brightness))
+        whole = Mesh(vertices, faces, brightness, turn).normalized()
         return _tidied(whole).normalized()  # without flat or unused parts, the box may be smaller
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
@@ -164,7 +180,8 @@ def _tidied(mesh: Mesh) -> Mesh:
     faces = vertex[faces]
     faces = faces[np.sort(distinct(np.sort(faces, axis=1))[0])]
     used, flat = np.unique(faces, return_inverse=True)
-    return Mesh(*map(torch.from_numpy, (vertices[first[used]], flat.reshape(-1, 3), brightness[first[used]])))
+    corners, faces = torch.from_numpy(vertices[first[used]]), flat.reshape(-1, 3)
+    return Mesh(corners, torch.from_numpy(faces), torch.from_numpy(brightness[first[used]]), mesh.from_original)
 
 
 def distinct(rows: Floats | Integers) -> tuple[Integers, Integers]:

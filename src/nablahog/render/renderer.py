@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property
 from typing import Any, Literal, TypeAlias
 
@@ -82,6 +83,15 @@ class Renderer:
         """The compiled renderings of the mesh, on a CPU, which differentiate by poses only."""
         mesh, brightness, step = self.mesh, self._brightness, self.supersampling
         return CompiledRenderer(mesh, brightness, self.edges, self.camera, step, self.method)
+
+    def with_camera(self, camera: Camera) -> Renderer:
+        """The same before another camera; what is prepared of the mesh is shared."""
+        if camera == self.camera:
+            return self
+        other = copy(self)
+        other.camera = camera
+        other.__dict__["compiled"] = self.compiled.with_camera(camera)
+        return other
 
     def __call__(self, poses: Tensor, background: float | Tensor = 1.0) -> Tensor:
         """Images of the mesh.

@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import ExifTags, Image
 
 from nablahog import presets
 from nablahog.cli.main import main
 from nablahog.cli.results.pose_result import AZIMUTHS
+from nablahog.datasets import chairs
 from nablahog.io.images import write_image
 from nablahog.pose.background import default_background
 from nablahog.render import Mesh
@@ -85,6 +86,7 @@ def test_the_best_of_several_models(tmp_path: Path, scene: list[str], capsys: py
     assert list(result["passed_over"]) == ["bad"]
     assert result["image_size"] == [150, 180]
     assert result["settings"]["initial"] == [-20, ELEVATION]
+    assert result["settings"]["mesh"] == scene[2]
     assert result["settings"]["descriptor"]["name"] == "aubry"
     assert {"azimuth", "distance", "focal_length", "x, y", "similarity"} <= set(result["definitions"])
     around = result["around"]
@@ -115,6 +117,24 @@ def test_the_best_of_several_models(tmp_path: Path, scene: list[str], capsys: py
         "azimuth -20°",
     ):
         assert text in page
+
+
+def test_chairs_that_come_with_the_package(
+    tmp_path: Path, scene: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    some = {name: mesh for name, mesh in chairs.library().items() if name in ("wooden-0", "swivel-1", "stool-0")}
+    monkeypatch.setattr("nablahog.cli.inputs.models.library", lambda: some)
+    image, box = photographed(some["swivel-1"], AZIMUTH, ELEVATION, behind="coffee")
+    write_image(tmp_path / "chair.png", image)
+    sides = ",".join(f"{side:g}" for side in box)
+    to = ["--box", sides, f"--init=-20,{ELEVATION}", "-o", str(tmp_path / "out")]
+    assert main(["pose", str(tmp_path / "chair.png"), *to]) == 0
+    assert "swivel-1" in capsys.readouterr().out
+    result = json.loads((tmp_path / "out" / "chair_pose.json").read_text())
+    assert (result["model"], result["settings"]["mesh"]) == ("swivel-1", None)
+    assert result["candidates"] == list(some)
+    assert degrees_between(result["azimuth"], AZIMUTH) < 5
+    assert "chairs that come with nablahog" in (tmp_path / "out" / "index.html").read_text()
 
 
 def test_the_papers_method_as_json(
@@ -230,7 +250,8 @@ def test_bad_inputs(tmp_path: Path, scene: list[str], refused: Callable[..., Non
     refused("pose", folder, "--mesh", folder, *to, message="expected an image file, got a folder")
     refused("pose", str(tmp_path / "no.png"), "--mesh", folder, *to, message="no.png: no such file")
     refused("pose", photograph, "--mesh", folder, "-o", photograph, message="is not a folder")
-    refused("pose", photograph, *to, message="the following arguments are required: --mesh", status=2)
+    for axis in (["--up", "y"], ["--front=-x"]):
+        refused("pose", photograph, *axis, *to, message="--up and --front say how the files of --mesh lie")
 
 
 def test_it_never_overwrites_an_input(tmp_path: Path, scene: list[str], refused: Callable[..., None]) -> None:
@@ -248,3 +269,91 @@ def test_what_fails_leaves_nothing(
     monkeypatch.setattr("nablahog.cli.results.pose_page.silhouette", fail)
     options = ["--method", "exhaustive", "--init", "0,10", "-o", str(tmp_path / "out")]
     refused("pose", scene[0], "--mesh", wedge, *options, message="not enough memory")
+
+
+def test_without_a_box_the_object_is_looked_for(scene: list[str], tmp_path: Path) -> None:
+    photo, _, folder, *_, box = scene
+    assert main(["pose", photo, "--mesh", f"{folder}/wooden.off", "-o", str(tmp_path / "out"), "--init", "0,12"]) == 0
+    figures = json.loads((tmp_path / "out" / "chair_pose.json").read_text())
+    assert degrees_between(figures["azimuth"], AZIMUTH) < 3
+    assert max(abs(a - float(b)) for a, b in zip(figures["box"], box.split(","), strict=True)) < 15
+    assert 0.5 < figures["confidence"] <= 1
+    assert not figures["refused"]
+    assert not figures["any_azimuth"]
+
+
+def test_a_pose_that_is_not_sure_is_refused(
+    scene: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """There is no chair in the photograph."""
+    empty, out = tmp_path / "empty.png", tmp_path / "out"
+    Image.fromarray(np.full((120, 120), 128, np.uint8)).save(empty)
+    assert main(["pose", str(empty), *scene[1:3], "--box", "10,10,110,110", "-o", str(out)]) == 4
+    assert "nablahog pose: refused: the azimuth is within 15 degrees" in capsys.readouterr().err
+    assert json.loads((out / "empty_pose.json").read_text())["refused"]
+    arguments = [str(empty), *scene[1:3], "--box", "10,10,110,110", "-o", str(out), "--least-confidence", "0"]
+    assert main(["pose", *arguments]) == 0
+
+
+@pytest.mark.parametrize("text", ["1.5", "-0.1", "much"])
+def test_a_confidence_is_a_probability(text: str, wedge: str, tmp_path: Path) -> None:
+    arguments = ["x.png", "--mesh", wedge, "-o", str(tmp_path / "out"), f"--least-confidence={text}"]
+    assert main(["pose", *arguments]) == 2
+
+
+def test_the_lens_and_the_initial_azimuth_are_taken(scene: list[str], tmp_path: Path) -> None:
+    """The photograph is made with a focal length of 300 pixels, 2.8 away."""
+    photo, _, folder, _, box = scene
+    common = ["pose", photo, "--mesh", f"{folder}/wooden.off", "--box", box, f"--init={AZIMUTH + 20},{ELEVATION}"]
+    assert main([*common, "--within", "40", "--focal", "300", "-o", str(tmp_path / "focal")]) == 0
+    figures = json.loads((tmp_path / "focal" / "chair_pose.json").read_text())
+    assert degrees_between(figures["azimuth"], AZIMUTH) < 3
+    assert figures["focal_length"] == pytest.approx(300)
+    assert figures["distance"] == pytest.approx(2.8, abs=0.15)
+    assert main([*common, "--field-of-view", "28.07", "-o", str(tmp_path / "view")]) == 0
+    assert json.loads((tmp_path / "view" / "chair_pose.json").read_text())["focal_length"] == pytest.approx(
+        300, abs=0.1
+    )
+
+
+def test_the_camera_of_the_file_is_taken(scene: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    photo, _, folder, _, box = scene
+    exif = Image.Exif()
+    exif[ExifTags.Base.Orientation] = 1  # without any tag of its own, Pillow writes none to a PNG
+    exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.FocalLengthIn35mmFilm] = 50
+    Image.open(photo).save(photo, exif=exif)
+    common = ["pose", photo, "--mesh", f"{folder}/wooden.off", "--box", box, "--init", "0,10", "--json"]
+    common += ["--method", "exhaustive", "-o", str(tmp_path / "out")]
+    figures = []
+    for more in ([], ["--focal", "exif", "--principal-point", "80,70"], ["--focal", "unknown"], ["--focal", "300"]):
+        assert main([*common, *more]) == 0
+        figures.append(json.loads(capsys.readouterr().out))
+    assert [each["focal_length_from"] for each in figures] == ["exif", "exif", "assumed", "given"]
+    assert figures[0]["focal_length"] == pytest.approx(50 / np.hypot(36, 24) * np.hypot(150, 180))
+    assert [each["principal_point"] for each in figures] == [[90, 75], [80, 70], None, [90, 75]]
+    assert figures[3]["intrinsics"] == [[300, 0, 90], [0, 300, 75], [0, 0, 1]]
+    assert np.shape(figures[0]["matrix"]) == (4, 4)
+    extent = np.ptp(model().vertices.numpy(), axis=0)  # the file has them as they are
+    assert figures[3]["distance_in_file_units"] == pytest.approx(figures[3]["distance"] * np.linalg.norm(extent))
+
+
+def test_a_camera_that_the_file_does_not_know(scene: list[str], refused: Callable[..., None], tmp_path: Path) -> None:
+    to = ["-o", str(tmp_path / "out")]
+    refused("pose", *scene, *to, "--focal", "exif", message="its EXIF data has no focal length")
+    refused("pose", *scene, *to, "--principal-point", "80,70", message="--principal-point needs a known focal length")
+    refused("pose", *scene, *to, "--mask", scene[2], message="expected an image file, got a folder")
+
+
+def test_a_mask_takes_the_place_of_the_box(scene: list[str], tmp_path: Path) -> None:
+    clean, box = photographed(model(), AZIMUTH, ELEVATION)
+    write_image(tmp_path / "mask.png", (clean < 0.999).float())
+    command = ["pose", scene[0], "--mesh", f"{scene[2]}/wooden.off", "--mask", str(tmp_path / "mask.png")]
+    assert main([*command, "-o", str(tmp_path / "out")]) == 0
+    figures = json.loads((tmp_path / "out" / "chair_pose.json").read_text())
+    assert max(abs(one - other) for one, other in zip(figures["box"], box, strict=True)) <= 1
+    assert degrees_between(figures["azimuth"], AZIMUTH) < 2
+
+
+@pytest.mark.parametrize("option", ["--within=0", "--within=200", "--focal=-3", "--field-of-view=180", "--focal=far"])
+def test_a_lens_is_a_number(option: str, wedge: str, tmp_path: Path) -> None:
+    assert main(["pose", "x.png", "--mesh", wedge, "-o", str(tmp_path / "out"), option]) == 2

@@ -14,17 +14,25 @@ from scipy import io
 from torch import Tensor
 
 from nablahog.cli.main import main
+from nablahog.datasets import chairs
 from nablahog.evaluate import pose_job
+from nablahog.evaluate.names import DEFAULT_CONDITIONS
 from nablahog.evaluate.pose_methods import POSE_METHODS, PoseInput, PoseMethod, PoseOutcome, Table2Settings
 
 from ..common import names
 
-TABLES = ["failures.csv", "index.html", "median_error.csv", "per_object.csv", "rotation.csv", "summary.csv"]
+PLAIN = ["failures.csv", "index.html", "median_error.csv", "per_object.csv", "results.json", "rotation.csv"]
+PLAIN += ["summary.csv", "work"]
+TABLES = ["conditions.csv", *PLAIN]
 TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
 
 
+NONE = ["--conditions", "none"]
+HEADS = "image,x0,y0,x1,y1,azimuth,elevation,theta,model"
+
+
 def _guess(problem: PoseInput, settings: Table2Settings) -> PoseOutcome:
-    azimuth, elevation = problem.initial
+    azimuth, elevation = problem.initial or (0.0, 0.0)
     return PoseOutcome(azimuth, elevation, 3.0, 0.0, 0.0, 0.0, 100.0, ",".join(problem.models), 0.5)
 
 
@@ -33,9 +41,10 @@ def _none(problem: PoseInput, settings: Table2Settings) -> PoseOutcome:
 
 
 def _box(problem: PoseInput, result: PoseOutcome) -> Tensor:
-    x0, y0, x1, y1 = (round(side) for side in problem.box)
     covered = torch.zeros(problem.image.shape[1:])
-    covered[y0:y1, x0:x1] = 1
+    if problem.box is not None:
+        x0, y0, x1, y1 = (max(0, round(side)) for side in problem.box)
+        covered[y0:y1, x0:x1] = 1
     return covered
 
 
@@ -78,12 +87,13 @@ def test_scenes_of_procedural_chairs(tmp_path: Path, capsys: pytest.CaptureFixtu
         assert text in printed.out
     assert "Failed: 0000, exemplar: no detection" in printed.out
     assert f"Look at {out / 'index.html'}" in printed.out
-    assert names(out) == [*TABLES, "work"]
-    rows = _rows(out / "per_object.csv")
+    assert names(out) == TABLES
+    rows = [row for row in _rows(out / "per_object.csv") if "/" not in row["object"]]
     assert [row["object"] for row in rows] == ["0000", "0001", "0002"]
     assert all(row["model"] == row["found_model"] for row in rows)
     assert all(abs(float(row["true_elevation"]) - float(row["elevation"])) <= 5 for row in rows)
-    assert [row["reason"] for row in _rows(out / "failures.csv")] == ["no detection"] * 3
+    assert {row["reason"] for row in _rows(out / "failures.csv")} == {"no detection"}
+    assert len(_rows(out / "failures.csv")) == 3 + 3 * len(DEFAULT_CONDITIONS)
     assert "base64" in (out / "index.html").read_text()
 
 
@@ -91,7 +101,7 @@ def test_models_and_viewpoints_of_mine(tmp_path: Path, models: str, capsys: pyte
     viewpoints = tmp_path / "mine.csv"
     viewpoints.write_text("azimuth,elevation\n10,5\n200,6\n")
     options = ["--models", models, "--viewpoints", str(viewpoints), "--objects", "4", "--methods", "best"]
-    assert main(["table2", "-o", str(tmp_path / "out"), *options, "--unknown-model"]) == 0
+    assert main(["table2", "-o", str(tmp_path / "out"), *options, "--unknown-model", *NONE]) == 0
     printed = capsys.readouterr().out
     assert "4 scenes of 3 models of the folder my models, seen from the 2 viewpoints of mine.csv" in printed
     assert "looked for by all models but its own" in printed
@@ -142,6 +152,62 @@ def test_photographs(tmp_path: Path, published: list[str], capsys: pytest.Captur
     assert row["found_model"] == "01"
 
 
+@pytest.fixture
+def own(tmp_path: Path) -> list[str]:
+    """Three objects in two photographs."""
+    folder = tmp_path / "my photos"
+    folder.mkdir()
+    for name in ("one.png", "two.jpg"):
+        Image.fromarray(np.full((60, 80, 3), 99, np.uint8)).save(folder / name)
+    lines = ["one.png,0,0,40,60,30,10,0,a", "one.png,40,5,80,60,200,20,-3,", "two.jpg,10,10,70,50,-10,5,1,b"]
+    (tmp_path / "objects.csv").write_text("\n".join([HEADS, *lines]))
+    return ["--photos", str(folder), "--annotations", str(tmp_path / "objects.csv")]
+
+
+def test_photographs_of_mine(tmp_path: Path, own: list[str], models: str, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    assert main(["table2", "-o", str(out), *own, "--models", models, "--unknown-model", "--methods", "paper"]) == 0
+    printed = capsys.readouterr().out
+    assert "3 objects of the photographs of the folder my photos" in printed
+    assert "by all of 3 models but its own" in printed
+    rows = {row["object"]: row for row in _rows(out / "per_object.csv")}
+    assert [rows[name]["found_model"] for name in ("one.png#1", "one.png#2", "two.jpg#3")] == ["b,c", "a,b,c", "a,c"]
+    assert [rows[name]["true_azimuth"] for name in ("one.png#1", "two.jpg#3")] == ["30.0", "350.0"]
+    conditions = {row["condition"] for row in _rows(out / "conditions.csv")}
+    assert conditions == {"sides-5", "sides-10", "larger-20", "cut-15", "cut-30", "no-box"}
+    assert "cut-30/two.jpg#3" in rows
+
+    options = ["--candidates", models, "--conditions", "larger-40", "--condition-objects", "2", "--objects", "2"]
+    assert main(["table2", "-o", str(out), *own, *options, "--methods", "paper"]) == 0
+    assert [row["object"] for row in _rows(out / "per_object.csv")] == [
+        *("one.png#1", "one.png#2", "larger-40/one.png#1", "larger-40/one.png#2")
+    ]
+    (tmp_path / "objects.csv").write_text(f"{HEADS}\none.png,0,0,40,60,30,10,0,\n")
+    assert main(["table2", "-o", str(out), *own, *NONE, "--methods", "paper"]) == 0
+    assert len(_rows(out / "per_object.csv")[0]["found_model"].split(",")) == len(chairs.LIBRARY)
+    assert names(out) == PLAIN
+
+
+def test_candidates_backgrounds_and_conditions(
+    tmp_path: Path, own: list[str], models: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    options = ["--candidates", models, "--background", own[1], "--conditions", "tilted,exact", "--objects", "2"]
+    to = ["table2", "-o", str(out), *options, "--methods", "best", "--condition-objects", "1"]
+    assert main(to) == 0
+    printed = capsys.readouterr().out
+    assert "in front of the 2 photographs of the folder my photos" in printed
+    assert "looked for by 3 other models" in printed
+    assert "tilted" in printed
+    rows = _rows(out / "per_object.csv")
+    assert [row["object"] for row in rows] == ["0000", "0001", "tilted/0000", "exact/0000"]
+    assert {row["found_model"] for row in rows} == {"a,b,c"}
+    assert 12 <= abs(float(rows[2]["true_theta"])) <= 45
+    before = {path.name: path.stat().st_mtime_ns for path in (out / "work" / "best").iterdir()}
+    assert main(to) == 0  # resumed: nothing is done again
+    assert {path.name: path.stat().st_mtime_ns for path in (out / "work" / "best").iterdir()} == before
+
+
 def test_refusals(tmp_path: Path, models: str, published: list[str], refused: Callable[..., None]) -> None:
     to = ["table2", "-o", str(tmp_path / "out")]
     refused(*to, *published[:2], message="--voc and --pascal3d need each other")
@@ -164,6 +230,32 @@ def test_refusals(tmp_path: Path, models: str, published: list[str], refused: Ca
         status=2,
     )
     refused(*to, "--objects", "0", message="at least 1, got '0'", status=2)
+    refused(*to, "--conditions", "fog", message="expected conditions of as-table2, exact, ", status=2)
+    refused(*to, "--conditions", "tiltd", message="did you mean 'tilted'?", status=2)
+    refused(*to, "--candidates", models, "--unknown-model", message="leave --unknown-model out")
+    refused(*to, "--candidates", f"{models}x", message="no such folder")
+    refused(*to, "--background", models, message="expected a folder of images, but it holds none that can be read")
+    refused(*to, *published, "--conditions", "exact", message="objects of --pascal3d are cut out along their boxes")
+    refused(*to, *published, "--background", models, message="--background is for scenes that are rendered")
+
+
+def test_refusals_of_photographs(tmp_path: Path, models: str, own: list[str], refused: Callable[..., None]) -> None:
+    to = ["table2", "-o", str(tmp_path / "out")]
+    refused(*to, *own[:2], message="--photos and --annotations need each other")
+    refused(*to, *own[2:], message="--photos and --annotations need each other")
+    refused(*to, *own, "--voc", "a", "--pascal3d", "b", message="two sets of objects; one at a time")
+    refused(*to, *own, "--viewpoints", "v.csv", message="--viewpoints is for scenes that are rendered")
+    refused(*to, *own, "--models", models, "--conditions", "steep", message="steep is of scenes that are rendered")
+    refused(*to, *own, message="objects.csv, line 2, column model: expected one of armchair-0, ")
+    refused(*to, "--photos", f"{own[1]}x", *own[2:], message="no such folder")
+    refused(*to, *own[:2], "--annotations", "no.csv", message="no.csv: no such file")
+    for line, message in (
+        ("one.png,0,0,400,60,30,10,0,", "line 2, column x1: the box must lie in the image one.png of 60x80 pixels"),
+        ("one.png,0,0,40,60,left,10,0,", "line 2, column azimuth: expected a finite number of degrees, got 'left'"),
+        ("three.png,0,0,40,60,30,10,0,", "three.png: no such file"),
+    ):
+        (tmp_path / "objects.csv").write_text(f"{HEADS}\n{line}\n")
+        refused(*to, *own, message=message)
 
 
 def test_no_pose_at_all(tmp_path: Path, models: str, refused: Callable[..., None]) -> None:

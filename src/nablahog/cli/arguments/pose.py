@@ -3,12 +3,29 @@
 from __future__ import annotations
 
 import argparse
+import math
 import re
+from collections.abc import Callable
 from typing import get_args
 
 from ...pose.options import SearchMethod, SimilarityKind
 from . import options
 from .options import Parser, numbers
+
+LEAST_CONFIDENCE = 0.3
+
+
+def _positive(most: float) -> Callable[[str], float]:
+    """Parses one number above 0, and at most ``most``."""
+
+    def parse(text: str) -> float:
+        (number,) = numbers("NUMBER")(text)
+        if not 0 < number <= most:
+            limit = f" and at most {most:g}" if most < math.inf else ""
+            raise argparse.ArgumentTypeError(f"expected a number above 0{limit}, got {text!r}")
+        return number
+
+    return parse
 
 
 def _view(text: str) -> tuple[float, ...]:
@@ -24,22 +41,51 @@ def _axis(text: str) -> str:
     return text
 
 
-def pose(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Adds ``nablahog pose``."""
-    command = commands.add_parser(
-        "pose",
-        help="find the pose of an object from CAD models",
-        description="Finds the viewpoint of an object in a photograph: the pose at which the HOG of a rendering of a "
-        "CAD model is most similar to the photograph's. Of several models it takes the one that fits best. Writes "
-        "<stem>_overlay.png, _elements.png, _similarity.svg, _pose.json and the page index.html.",
+def _probability(text: str) -> float:
+    (probability,) = numbers("P")(text)
+    if not 0 <= probability <= 1:
+        raise argparse.ArgumentTypeError(f"expected a probability in 0…1, got {text!r}")
+    return probability
+
+
+def _focal(text: str) -> float | str:
+    return text if text in ("exif", "unknown") else _positive(math.inf)(text)
+
+
+def camera(command: argparse.ArgumentParser) -> None:
+    """Adds the options that say what is known of the camera."""
+    lens = command.add_mutually_exclusive_group()
+    lens.add_argument(
+        "--focal",
+        type=_focal,
+        metavar="PIXELS|exif|unknown",
+        help="focal length of the camera, in pixels of the photograph; exif: as the file says, an error if it does "
+        "not; unknown: such that an object that fills its box is 3 of its diagonals away (default: as the file says, "
+        "if it does, else unknown)",
     )
-    command.add_argument("photo", type=options.path, metavar="PHOTO", help="an image of any format that Pillow reads")
+    lens.add_argument(
+        "--field-of-view",
+        type=_positive(179),
+        metavar="DEGREES",
+        help="of the camera from the upper to the lower border of the photograph, instead of --focal",
+    )
+    command.add_argument(
+        "--principal-point",
+        type=numbers("x,y"),
+        metavar="x,y",
+        help="where the optical axis meets the photograph, in pixels from the upper left corner, if the focal length "
+        "is known (default: the middle)",
+    )
+
+
+def models(command: argparse.ArgumentParser, several: str, *, required: bool = False) -> None:
+    """Adds the options for CAD models; ``several`` says what a folder means."""
     command.add_argument(
         "--mesh",
-        required=True,
+        required=required,
         type=options.path,
         metavar="FILE_or_DIR",
-        help="a CAD model (OFF, PLY or STL: z up, front at -y; OBJ or GLB: y up, front at +z), or a folder of them",
+        help=f"a CAD model (OFF, PLY or STL: z up, front at -y; OBJ or GLB: y up, front at +z){several}",
     )
     command.add_argument(
         "--up",
@@ -54,19 +100,69 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         metavar="AXIS",
         help="which axis the front of the models looks along, likewise (default: -y with z up, +z with y up)",
     )
+
+
+def pose(commands: argparse._SubParsersAction[Parser]) -> None:
+    """Adds ``nablahog pose``."""
+    command = commands.add_parser(
+        "pose",
+        help="find the pose of an object from CAD models",
+        description="Finds the viewpoint of an object in a photograph: the pose at which the HOG of a rendering of a "
+        "CAD model is most similar to the photograph's. Of several models it takes the one that fits best. Without "
+        "--mesh these are chairs that come with nablahog, of all common kinds. Writes "
+        "<stem>_overlay.png, _elements.png, _similarity.svg, _pose.json and the page index.html; of several objects "
+        "poses.csv and poses.json.",
+    )
+    command.add_argument(
+        "photo",
+        nargs="?",
+        type=options.path,
+        metavar="PHOTO",
+        help="an image of any format that Pillow reads; with --annotations there is none",
+    )
+    models(command, ", or a folder of them (default: the chairs of nablahog.datasets.chairs.library)")
     options.output(command, "DIR", "folder for the results, made if missing")
     command.add_argument(
         "--box",
+        action="append",
         type=numbers("x0,y0,x1,y1"),
         metavar="x0,y0,x1,y1",
-        help="around the object, in pixels from the upper left corner (default: the whole photograph)",
+        help="around the object, in pixels from the upper left corner, roughly (default: anywhere in the photograph; "
+        "the whole photograph for methods other than best); may be repeated, for several objects",
     )
+    command.add_argument(
+        "--mask",
+        type=options.path,
+        metavar="FILE",
+        help="an image of the photograph's size, white where the object is, black elsewhere: what is elsewhere does "
+        "not count, and the box is that of the white part",
+    )
+    command.add_argument(
+        "--annotations",
+        type=options.path,
+        metavar="FILE",
+        help="a list of objects instead of PHOTO: .csv with the column image and perhaps x0, y0, x1, y1, azimuth and "
+        "elevation, or .json like COCO's; writes poses.csv and poses.json, and resumes an interrupted run",
+    )
+    command.add_argument(
+        "--photos", type=options.path, metavar="DIR", help="folder of the photographs that --annotations names"
+    )
+    options.workers(command)
     command.add_argument(
         "--init",
         type=_view,
         metavar="az,el",
-        help="initial azimuth and elevation in degrees; write --init=-30,10 if negative (default: unknown)",
+        help="initial azimuth and elevation in degrees; write --init=-30,10 if negative (default: unknown). The method "
+        "best searches all azimuths all the same, unless there is --within",
     )
+    command.add_argument(
+        "--within",
+        type=_positive(180),
+        default=180.0,
+        metavar="DEGREES",
+        help="of azimuth on both sides of the initial one that the method best searches (default: 180, which is all)",
+    )
+    camera(command)
     command.add_argument(
         "--method", choices=get_args(SearchMethod), default="best", help="how to search (default: best)"
     )
@@ -82,6 +178,50 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         help="a file that `nablahog learn background` wrote; it also says which descriptor to use "
         "(default: aubry, gray, cells of 8, learned from the photographs in scikit-image)",
     )
+    command.add_argument(
+        "--least-confidence",
+        type=_probability,
+        default=LEAST_CONFIDENCE,
+        metavar="P",
+        help="refuse a pose whose azimuth is within 15 degrees with a lower probability: exit status 4, after the "
+        f"results have been written (default: {LEAST_CONFIDENCE:g})",
+    )
+    options.seed(command)
+    command.add_argument("--json", action="store_true", help="print the results as JSON instead of a table")
+
+
+def track(commands: argparse._SubParsersAction[Parser]) -> None:
+    """Adds ``nablahog track``."""
+    command = commands.add_parser(
+        "track",
+        help="follow an object through the frames of a video",
+        description="Follows an object of a known CAD model through the frames of a video: each pose is searched near "
+        "that of the frame before, and anywhere where the object was lost. Writes poses.csv, poses.json and the page "
+        "index.html, with the frames where it is not seen.",
+    )
+    command.add_argument(
+        "inputs",
+        nargs="+",
+        type=options.path,
+        metavar="FRAME",
+        help="images of any format that Pillow reads, all of one size, in order; a folder or a quoted pattern for all "
+        "of them, by name (ffmpeg -i video.mp4 frames/%%05d.png makes them of a video)",
+    )
+    models(command, "", required=True)
+    options.output(command, "DIR", "folder for the results, made if missing")
+    command.add_argument(
+        "--box",
+        type=numbers("x0,y0,x1,y1"),
+        metavar="x0,y0,x1,y1",
+        help="around the object in the first frame, in pixels (default: anywhere)",
+    )
+    command.add_argument(
+        "--init",
+        type=_view,
+        metavar="az,el",
+        help="azimuth and elevation in the first frame in degrees; write --init=-30,10 if negative (default: unknown)",
+    )
+    camera(command)
     options.seed(command)
     command.add_argument("--json", action="store_true", help="print the results as JSON instead of a table")
 

@@ -5,13 +5,25 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 
-from ...evaluate.names import AS_PUBLISHED, DIALECTS, LEARNED_DIALECTS, SHIPPED, TABLE1, TABLE2, TAKES_HOURS
+from ...evaluate.names import (
+    AS_PUBLISHED,
+    CONDITIONS,
+    DEFAULT_CONDITIONS,
+    DIALECTS,
+    LEARNED_DIALECTS,
+    SHIPPED,
+    TABLE1,
+    TABLE2,
+    TAKES_HOURS,
+)
 from . import options
+from .did_you_mean import did_you_mean
 from .learn import KINDS
 from .options import Parser
 
 TABLE1_SIZE = 128  # that of the paper's images
 SCENES = 200  # of Table 2
+HARDER = 20  # objects in each of its conditions
 
 
 def _table1_methods() -> Iterator[str]:
@@ -70,33 +82,68 @@ def _model_file(command: argparse.ArgumentParser, method: str) -> None:
     command.add_argument(f"--{method}", dest=method, type=options.path, metavar="FILE", help=text)
 
 
+def _conditions(text: str) -> list[str]:
+    """Parses names of conditions."""
+    sets = {"none": (), "all": CONDITIONS, "default": DEFAULT_CONDITIONS}
+    names = [name for part in text.split(",") for name in sets.get(part, (part,))]
+    for name in names:
+        if name not in CONDITIONS:
+            meant = did_you_mean(name, [*CONDITIONS, *sets])
+            raise argparse.ArgumentTypeError(f"expected conditions of {', '.join(CONDITIONS)}, got {name!r}{meant}")
+    return list(dict.fromkeys(names))
+
+
 def table2(commands: argparse._SubParsersAction[Parser]) -> None:
     """Adds ``nablahog table2``."""
     command = commands.add_parser(
         "table2",
         help="compare all methods on objects of known pose",
         description="Finds the poses of many objects by all methods of the paper's Table 2 and writes the table: "
-        "index.html to look at, summary.csv, median_error.csv, per_object.csv and failures.csv. The objects are "
-        "procedural chairs in scenes that are rendered, or those of PASCAL VOC and PASCAL3D+. A run that was "
-        "interrupted goes on when it is repeated.",
+        "index.html to look at, summary.csv, median_error.csv, rotation.csv, conditions.csv, per_object.csv, "
+        "failures.csv and results.json. The objects are procedural chairs in scenes that are rendered, those of PASCAL "
+        "VOC and PASCAL3D+, or photographs of your own. A second table has fewer of them under harder conditions. A "
+        "run that was interrupted goes on when it is repeated.",
     )
     options.table(command, TABLE2, _table2_methods)
-    options.number(command, "--objects", f"how many (default: {SCENES} scenes, or all of --pascal3d)")
-    command.add_argument(
+    options.number(command, "--objects", f"how many (default: {SCENES} scenes, or all photographs)")
+    _folder(
+        command,
         "--models",
-        type=options.path,
-        metavar="DIR",
-        help="folder of CAD models (default: procedural chairs, or those of --pascal3d)",
+        "folder of CAD models (default: procedural chairs; those of --pascal3d; with --photos, the chairs of "
+        "nablahog.datasets.chairs.library)",
     )
+    _folder(command, "--candidates", "folder of CAD models to search among, other than those of the objects")
+    command.add_argument("--unknown-model", action="store_true", help="search among all models except the object's own")
+    command.add_argument(
+        "--conditions",
+        type=_conditions,
+        metavar="NAME,…",
+        help="of the second table: none, all, or some of "
+        f"{', '.join(CONDITIONS)} (default: {', '.join(DEFAULT_CONDITIONS)}; of photographs, those of the box; of "
+        "--pascal3d, none)",
+    )
+    options.number(
+        command, "--condition-objects", f"how many in each condition (default: {HARDER}, at most as many as --objects)"
+    )
+    _folder(command, "--background", "photographs to render scenes before (default: eight that come with scikit-image)")
     command.add_argument(
         "--viewpoints",
         type=options.path,
         metavar="CSV",
         help="viewpoints of the scenes: columns azimuth, elevation, and theta if known",
     )
-    command.add_argument("--unknown-model", action="store_true", help="search among all models except the object's own")
-    command.add_argument("--voc", type=options.path, metavar="DIR", help="the folder VOC2012 of PASCAL VOC")
+    _folder(command, "--voc", "the folder VOC2012 of PASCAL VOC")
+    _folder(command, "--pascal3d", "the folder PASCAL3D+_release1.1; needs --voc")
+    _folder(command, "--photos", "photographs of your own, instead of scenes; needs --annotations")
     command.add_argument(
-        "--pascal3d", type=options.path, metavar="DIR", help="the folder PASCAL3D+_release1.1; needs --voc"
+        "--annotations",
+        type=options.path,
+        metavar="CSV",
+        help="the objects of --photos, one a line: columns image, x0, y0, x1, y1 in pixels, azimuth, elevation, theta "
+        "in degrees, and model if known",
     )
     options.seed(command)
+
+
+def _folder(command: argparse.ArgumentParser, name: str, text: str) -> None:
+    command.add_argument(name, type=options.path, metavar="DIR", help=text)

@@ -3,52 +3,57 @@
 from __future__ import annotations
 
 import json
-import os
 import time
 from argparse import Namespace
-from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
-from ...datasets.cad import Models, read_models
 from ...io.files import output_folder
 from ...io.images import read_image
-from ...pose.crop import SIDE, checked_box, crop_object
+from ...pose.crop import FILL, SIDE, checked_box, crop_object
 from ...pose.estimate import estimate_pose
+from ...pose.mask import masked
 from ...pose.prepared import ELEMENT, PreparedPhotograph
 from ...pose.whitening import Background
-from ...render import Mesh
-from ...render.axes import axes
-from ..errors import as_user_error, forbid_overwrite
+from ..errors import REFUSED, UserError, as_user_error, forbid_overwrite
+from ..inputs.lens import LensOptions
+from ..inputs.models import find_models, read_meshes
 from ..results.pose_page import result_names, write
 from ..results.pose_result import PoseResult
 from ..terminal import counter, inform, print_table, say_page
+from .pose_list import pose_list
 
-Progress = Callable[[int, int, str], None]
 
+def pose(arguments: Namespace) -> int:
+    """Finds the pose of an object; writes its figures, pictures and page.
 
-def pose(arguments: Namespace) -> None:
-    """Finds the pose; writes its figures, pictures and page.
+    Several objects, of ``arguments.box`` or ``annotations``, are those of :func:`.pose_list.pose_list`.
+
+    Returns:
+        The exit status: 0, or :data:`~nablahog.cli.errors.REFUSED` if the confidence is below what was asked for.
 
     Raises:
         UserError: an input is unusable.
         OSError: a file or folder is missing or cannot be written.
     """
+    if arguments.photo is None and arguments.annotations is None:
+        raise UserError("expected a photograph, or a list of objects: --annotations")
+    if arguments.annotations is not None or len(arguments.box or ()) > 1:
+        return pose_list(arguments)
     with as_user_error():
         photograph = read_image(arguments.photo)
         height, width = photograph.shape[1:]
-        box = checked_box(arguments.box or (0.0, 0.0, float(width), float(height)), height, width)
+        box = None if arguments.box is None else checked_box(arguments.box[0], height, width)
+        if arguments.mask is not None:
+            photograph, box = masked(photograph, read_image(arguments.mask).mean(0) > 0.5, box)
+        lens = LensOptions.of(arguments).lens(arguments.photo, height, width)
         background = None if arguments.background is None else _background(Path(arguments.background))
-        models = _models(Path(arguments.mesh))
-        if arguments.up is not None:
-            axes(arguments.up, arguments.front)
+        models = find_models(arguments)
     folder = Path(arguments.output)
-    inputs = [arguments.photo, arguments.background or arguments.photo, *models.paths.values()]
+    inputs = [arguments.photo, *filter(None, (arguments.background, arguments.mask)), *models.paths.values()]
     forbid_overwrite(inputs, [folder / name for name in result_names(arguments.photo)])
     with output_folder(folder), as_user_error():
-        with counter("nablahog pose") as progress:
-            meshes = _meshes(models, arguments, progress)
-        for name, reason in (*models.failed.items(), *((name, "no model by its ending") for name in models.ignored)):
-            inform(f"nablahog pose: skipped: {name}: {reason}")
+        meshes = read_meshes(models, arguments)
         with counter("nablahog pose") as progress:
             began = time.perf_counter()
             estimate = estimate_pose(
@@ -56,19 +61,25 @@ def pose(arguments: Namespace) -> None:
                 meshes,
                 box=box,
                 initial=arguments.init,
+                within=arguments.within,
+                focal=lens.focal,
+                principal_point=lens.principal_point,
                 method=arguments.method,
                 similarity=arguments.similarity,
                 background=background,
                 seed=arguments.seed,
                 progress=progress,
             )
+        estimate = replace(estimate, focal_from=lens.source)
+        known = estimate.camera.focal, estimate.principal_point
         result = PoseResult(
             photo=arguments.photo,
             photograph=photograph,
-            box=box,
-            matched=PreparedPhotograph(crop_object(photograph, box), background),
+            box=estimate.box,
+            matched=PreparedPhotograph(crop_object(photograph, estimate.box, SIDE, FILL, *known), background),
             estimate=estimate,
             mesh=meshes[estimate.model],
+            models=arguments.mesh,
             candidates=list(meshes),
             passed_over=models.failed,
             seconds=time.perf_counter() - began,
@@ -76,15 +87,19 @@ def pose(arguments: Namespace) -> None:
             initial=arguments.init,
             seed=arguments.seed,
             background=arguments.background,
+            least_confidence=arguments.least_confidence,
         )
         write(folder, result)
     if result.warning is not None:
         inform(f"nablahog pose: warning: {result.warning}")
     if arguments.json:
         print(json.dumps(result.figures(), indent=2, allow_nan=False))
-        return
-    print_table([result.row()])
-    say_page(folder / "index.html")
+    else:
+        print_table([result.row()])
+        say_page(folder / "index.html")
+    if result.refusal is not None:
+        inform(f"nablahog pose: refused: {result.refusal}")
+    return 0 if result.refusal is None else REFUSED
 
 
 def _background(path: Path) -> Background:
@@ -97,22 +112,3 @@ def _background(path: Path) -> Background:
             f"{background.spec.cell_size[0]}x{background.spec.cell_size[1]}"
         )
     return background
-
-
-def _models(path: Path) -> Models:
-    """The models of a folder, or the one of a file."""
-    if path.is_dir():
-        return read_models(path)
-    return Models({os.fsencode(path.stem).decode(errors="backslashreplace"): path}, [])
-
-
-def _meshes(models: Models, arguments: Namespace, progress: Progress) -> dict[str, Mesh]:
-    meshes = {}
-    for name, mesh in models.meshes(arguments.up, arguments.front):
-        meshes[name] = mesh
-        progress(len(meshes) + len(models.failed), len(models.paths), f"reading {name}")
-    if not meshes:
-        name, reason = next(iter(models.failed.items()))
-        first = "no model can be read; the first: " if len(models.paths) > 1 else ""
-        raise ValueError(f"{first}{models.paths[name]}: {reason}")
-    return meshes

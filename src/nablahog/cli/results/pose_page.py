@@ -66,9 +66,10 @@ def _overlay(result: PoseResult) -> list[Panel]:
     zoom = min(HEIGHT / height, WIDEST / width)
     size = max(1, round(height * zoom)), max(1, round(width * zoom))
     whole = interpolate(result.photograph[None], size, mode="bilinear", antialias=True)[0]
-    whole_camera = Camera(estimate.camera.focal * zoom, *size)
-    whole_outlined = _outlined(whole, mesh, _scaled(estimate.pose[0], zoom), whole_camera)
-    close = crop_object(result.photograph, result.box, HEIGHT, fill := _CLOSE * HEIGHT)
+    drawn, pose, camera = estimate.render_arguments(mesh)
+    whole_outlined = _outlined(whole, drawn, _scaled(pose[0], zoom), Camera(camera.focal * zoom, *size))
+    known = estimate.camera.focal, estimate.principal_point
+    close = crop_object(result.photograph, result.box, HEIGHT, fill := _CLOSE * HEIGHT, *known)
     pose = _scaled(estimate.crop_pose, fill / FILL)
     pasted = render(mesh, pose, close.camera, background=close.image)
     return [
@@ -151,6 +152,7 @@ def _page(result: PoseResult, overlay: list[Panel], turned: Drawing, drawn: list
         "box": ", ".join(f"{side:g}" for side in result.box),
         "descriptor": _named(phi),
         "visual elements by": _named(spec),
+        "models": result.models or "chairs that come with nablahog",
         "candidates": ", ".join(result.candidates),
         **{f"passed over: {name}": reason for name, reason in result.passed_over.items()},
     }

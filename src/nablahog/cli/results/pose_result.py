@@ -17,14 +17,14 @@ from torch import Tensor
 
 from ...hog.box import Box
 from ...io.images import as_array
+from ...pose import PoseEstimate
 from ...pose.crop import SIDE
-from ...pose.estimate import PoseEstimate
 from ...pose.options import SearchMethod
 from ...pose.placement import azimuth_sweep
 from ...pose.prepared import ELEMENT, PreparedPhotograph, prepared_model
 from ...pose.problem import SearchTrace
 from ...pose.similarity import Similarity
-from ...render import Mesh
+from ...render import PARAMETERS, Mesh
 from ...render.renderer import Method
 
 AZIMUTHS = 180  # at which similarity is computed
@@ -32,15 +32,24 @@ SAMPLES = 4  # of a pixel along a side there: with fewer, even the derivative of
 STEP = 0.1  # degrees to either side, of central differences: similarity is jagged below a degree
 
 DEFINITIONS = {
-    "model": "The model that fits best, of all candidates.",
+    "model": "The model that fits best, of all candidates. Without --mesh they are the chairs of "
+    "nablahog.datasets.chairs.library(), of which swivel-2 is chair(2, 'swivel').",
     "azimuth": "Degrees that the camera is turned about the object's vertical axis: 0 sees the front, 90 the side that "
     "is on the object's left, which is the viewer's right.",
     "elevation": "Degrees that the camera is above the object.",
     "theta": "Degrees that the picture is turned counter-clockwise.",
     "distance": "From the camera to the middle of the object, in diagonals of its bounding box. It "
     "depends on the focal length: one photograph hardly determines both.",
+    "distance_in_file_units": "The same in the units of the model's file.",
     "x, y": "Pixels to the right and down from the middle of the photograph to the middle of the object.",
     "focal_length": "Of the camera of the pose, in pixels of the photograph.",
+    "focal_length_from": "given: by an option; exif: by the photograph's file; assumed: such that an object that fills "
+    "its box is 3 of its diagonals away, so that distances are no true ones.",
+    "matrix, intrinsics": "A point X of the model's file, (x, y, z, 1), is seen at intrinsics (3x3) times the upper "
+    "three rows of matrix (4x4) times X, divided by the last coordinate: OpenCV's convention. Where the focal length "
+    "is assumed, the principal point is that of a camera that looks straight at the object.",
+    "confidence": "The probability that the azimuth is within 15° of the true one, or of one from which the model "
+    "looks the same, as measured on rendered scenes and photographs.",
     "renderings": "How many the search has made, of all candidates.",
     "seconds": "Wall time of the search; the first in a process takes longer, while code is compiled or loaded.",
 }
@@ -65,6 +74,9 @@ _POSE = ("model", "azimuth", "elevation", "theta", "distance")  # of an estimate
 _UNITS = {
     "azimuth, elevation, theta": "degrees",
     "distance": "diagonals of the model's bounding box",
+    "distance_in_file_units": "those of the model's file",
+    "matrix": "of its last column those of the model's file",
+    "intrinsics, principal_point": "pixels of the photograph",
     "image_size": "height, width in pixels",
     "box": "x0, y0, x1, y1 in pixels from the upper left corner of the photograph",
     "x, y, focal_length": "pixels of the photograph",
@@ -72,6 +84,8 @@ _UNITS = {
     "around, traces": "azimuths in degrees; derivatives of the similarity per degree",
     "cosine, opendr_cosine": f"of central differences over ±{STEP:g}° with the derivatives, and with those of OpenDR's "
     "renderer at one sample a pixel",
+    "equivalent_azimuths": "degrees; from these the model looks the same",
+    "runners_up": "the best poses from other sides; share: of the best pose's similarity",
     "elements": "rows, columns of cells of the crop",
 }
 
@@ -102,6 +116,18 @@ class Around(NamedTuple):
         return _cosine(self.opendr, self.differences)
 
 
+def camera_figures(estimate: PoseEstimate) -> dict[str, Any]:
+    """What is known of the camera, and the pose as a matrix for it, ready for JSON."""
+    return {
+        "distance_in_file_units": estimate.distance_in_file_units,
+        "focal_length": estimate.camera.focal,
+        "focal_length_from": estimate.focal_from,
+        "principal_point": estimate.principal_point,
+        "intrinsics": estimate.intrinsics.tolist(),
+        "matrix": estimate.matrix().tolist(),
+    }
+
+
 def _cosine(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
     return float(one @ other) / max(float(np.linalg.norm(one) * np.linalg.norm(other)), 1e-30)
 
@@ -117,11 +143,13 @@ class PoseResult:
         matched: its crop and background.
         estimate: the pose.
         mesh: of the best model.
+        models: the file or folder of all models; None for those of :func:`nablahog.datasets.chairs.library`.
         candidates: the names of all models.
         passed_over: why models could not be read, by their names.
         seconds: of the search.
         method, initial, seed: of the search, as :func:`nablahog.estimate_pose` has them.
         background: its file; None for the default one.
+        least_confidence: of a pose that is not refused.
     """
 
     photo: str
@@ -130,6 +158,7 @@ class PoseResult:
     matched: PreparedPhotograph
     estimate: PoseEstimate
     mesh: Mesh
+    models: str | None
     candidates: Sequence[str]
     passed_over: dict[str, str]
     seconds: float
@@ -137,14 +166,27 @@ class PoseResult:
     initial: tuple[float, float] | None
     seed: int
     background: str | None
+    least_confidence: float = 0.0
 
     def row(self) -> dict[str, object]:
         """The most important figures, for a table."""
         return {
             "photograph": os.fsencode(Path(self.photo).name).decode(errors="backslashreplace"),
-            **{name: getattr(self.estimate, name) for name in (*_POSE, "similarity", "renderings")},
+            **{name: getattr(self.estimate, name) for name in (*_POSE, "similarity", "confidence", "renderings")},
+            **({"azimuth": "any"} if self.estimate.any_azimuth else {}),
             "seconds": self.seconds,
         }
+
+    @property
+    def refusal(self) -> str | None:
+        """A sentence if the pose is less sure than was asked for."""
+        sure = self.estimate.confidence
+        if sure is None or sure >= self.least_confidence:
+            return None
+        return (
+            f"the azimuth is within 15 degrees of the true one with a probability of {sure:.2f} only, which is below "
+            f"{self.least_confidence:g}: the object may not be there, or be unlike the model"
+        )
 
     @property
     def warning(self) -> str | None:
@@ -174,14 +216,23 @@ class PoseResult:
             "image_size": list(self.photograph.shape[1:]),
             "box": list(self.box),
             **{name: getattr(estimate, name) for name in (*_POSE, "x", "y")},
-            "focal_length": estimate.camera.focal,
+            **camera_figures(estimate),
+            "any_azimuth": estimate.any_azimuth,
+            "equivalent_azimuths": list(estimate.equivalent_azimuths),
             "similarity": estimate.similarity,
+            "confidence": estimate.confidence,
+            "refused": self.refusal is not None,
+            "runners_up": [
+                {"model": one.model, **dict(zip(PARAMETERS, one.pose.tolist(), strict=True)), "share": one.share}
+                for one in estimate.runners_up
+            ],
             "warning": self.warning,
             "renderings": estimate.renderings,
             "seconds": round(self.seconds, 4),
             "candidates": list(self.candidates),
             "passed_over": self.passed_over,
             "settings": {
+                "mesh": self.models,
                 "method": self.method,
                 "similarity": estimate.similarity_kind,
                 "initial": self.initial,

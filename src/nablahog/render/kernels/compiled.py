@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -84,6 +85,12 @@ class CompiledRenderer:
         ends, _, kind = (part.to(torch.int32).contiguous().numpy() for part in edges)
         self.edges = EdgeArrays(ends, kind, _face_planes(mesh.vertices.detach().numpy(), edges))
         self.camera, self.step, self.method = camera, step, method
+
+    def with_camera(self, camera: Camera) -> CompiledRenderer:
+        """The same before another camera; the arrays are shared."""
+        other = copy(self)
+        other.camera = camera
+        return other
 
     def render(self, poses: Tensor, background: Tensor, derivative: bool) -> Rendering:
         """Images at poses (B, 6), float64, over backgrounds (1 or B, H, W).

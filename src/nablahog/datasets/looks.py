@@ -1,0 +1,123 @@
+"""The look of other renderers: cast shadows, highlights, and compression as JPEG."""
+
+from __future__ import annotations
+
+import io
+import math
+from typing import TypeAlias
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from PIL import Image
+from scipy import ndimage
+from torch import Tensor
+
+from ..render import Camera, Light, Mesh, depth_and_normals, render
+from ..render.camera import pose as make_pose
+from ..render.camera import rotations, to_camera, to_screen
+
+Floats: TypeAlias = NDArray[np.float64]
+
+_FAR = 50.0  # units of the mesh from the lamp, whose rays are nearly parallel then
+_MAP = 384  # pixels along a side of the depths that the lamp sees
+_BIAS = 0.008  # units of the mesh that a surface is behind itself, for want of pixels
+_SOFT = 0.7  # pixels, σ of the edges of shadows
+_SHARPNESS = 25.0  # exponent of highlights
+
+
+def relit(
+    picture: Floats,
+    opacity: Floats,
+    mesh: Mesh,
+    pose: Tensor,
+    camera: Camera,
+    light: Light,
+    *,
+    shadow: float,
+    gloss: float,
+) -> tuple[Floats, Floats]:
+    """Adds cast shadows and highlights to a rendering.
+
+    Shadows fall on the object itself and on the floor below it, by depths seen from the light.  Highlights are those
+    of Blinn and Phong.
+
+    Args:
+        picture: (H, W), the rendering on black.
+        opacity: (H, W) in 0…1, the share of each pixel that it covers.
+        mesh: rendered.
+        pose: (6,).
+        camera: of the rendering.
+        light: of the rendering; shadows need it to come from above.
+        shadow: share of the direct light that is missing in a shadow, in 0…1.
+        gloss: brightness of a highlight, in 0…1.
+
+    Returns:
+        The picture and its opacity, of which the shadow on the floor is a part.
+    """
+    toward = torch.nn.functional.normalize(torch.tensor(light.direction, dtype=torch.float64), dim=0)
+    depth, facing = depth_and_normals(mesh, pose[None], camera)
+    covered = depth[0].isfinite()
+    rotation = rotations(pose[None])[0]
+    normals = (rotation.T @ facing[0].reshape(3, -1)).T  # in the object's frame
+    points, rays, floor = _seen(mesh, pose, camera, rotation, depth[0])
+    dark = _occluded(mesh, toward, points).reshape(depth[0].shape)
+    away = (normals @ toward <= 0).reshape(dark.shape)
+    on_object = _soft(torch.where(covered, dark | away, False))
+    on_floor = _soft(torch.where(~covered & floor, dark, False))
+    ambient = render(mesh, pose[None], camera, background=0.0, light=Light(light.direction, light.ambient, 0.0))
+    shaded = picture + shadow * on_object * (ambient[0, 0].double().numpy() - picture)
+    half = torch.nn.functional.normalize(toward - rays, dim=1)
+    mirrored = (normals * half).sum(1).clamp(min=0).reshape(dark.shape) ** _SHARPNESS
+    shine = gloss * np.where(covered.numpy(), mirrored.numpy(), 0) * (1 - on_object)
+    glossy: Floats = np.minimum(shaded + shine * opacity, opacity)
+    return glossy, 1 - (1 - opacity) * (1 - shadow * (1 - light.ambient) * on_floor)
+
+
+def _seen(mesh: Mesh, pose: Tensor, camera: Camera, rotation: Tensor, depth: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """What each pixel shows, in the object's frame: points on the object or on the floor, (H·W, 3).
+
+    Also the unit vectors (H·W, 3) of the rays, and whether the floor is seen, (H, W).
+    """
+    rows, cols = torch.meshgrid(
+        torch.arange(camera.height, dtype=torch.float64), torch.arange(camera.width, dtype=torch.float64), indexing="ij"
+    )
+    x = (cols + 0.5 - camera.width / 2 - pose[4]) / camera.focal
+    y = (rows + 0.5 - camera.height / 2 - pose[5]) / camera.focal
+    rays = torch.stack([x, y, torch.ones_like(x)], dim=-1).reshape(-1, 3) @ rotation
+    origin = -pose[2] * rotation[2]  # of the camera
+    to_floor = (mesh.vertices[:, 2].amin() - origin[2]) / rays[:, 2]
+    floor = (to_floor > 0) & (rays[:, 2] < 0)  # from below it would be seen through the ground
+    far = torch.where(depth.reshape(-1).isfinite(), depth.reshape(-1), torch.where(floor, to_floor, 0.0))
+    unit = torch.nn.functional.normalize(rays, dim=1)
+    return origin + far[:, None] * rays, unit, floor.reshape(depth.shape)
+
+
+def _occluded(mesh: Mesh, toward: Tensor, points: Tensor) -> Tensor:
+    """Whether the mesh is between points (N, 3) and a far lamp in the direction ``toward`` (3,)."""
+    x, y, z = toward.tolist()
+    lamp = make_pose(math.degrees(math.atan2(x, -y)), math.degrees(math.asin(z)), _FAR)
+    camera = Camera(0.95 * _FAR * _MAP, _MAP, _MAP)
+    nearest = depth_and_normals(mesh, lamp, camera)[0][0]
+    screen = to_screen(to_camera(points, lamp), lamp, camera)[0]
+    col, row = screen[:, 0].floor().long(), screen[:, 1].floor().long()
+    inside = (col >= 0) & (col < _MAP) & (row >= 0) & (row < _MAP)
+    first = torch.full_like(screen[:, 0], math.inf)
+    first[inside] = nearest[row[inside], col[inside]]
+    behind: Tensor = 1 / screen[:, 2] > first + _BIAS
+    return behind
+
+
+def _soft(mask: Tensor) -> Floats:
+    blurred: Floats = ndimage.gaussian_filter(mask.double().numpy(), _SOFT, mode="nearest")
+    return blurred
+
+
+def compressed(image: Floats, quality: int) -> Floats:
+    """An image (3, H, W) in 0…1, (3, H, W), after compression as a JPEG file of ``quality`` 1…95."""
+    levels = np.rint(image * 255).astype(np.uint8).transpose(1, 2, 0)
+    file = io.BytesIO()
+    Image.fromarray(levels).save(file, "JPEG", quality=quality)
+    with Image.open(file) as decoded:
+        back: Floats = np.asarray(decoded.convert("RGB"), dtype=np.float64).transpose(2, 0, 1) / 255
+    return back

@@ -1,0 +1,110 @@
+"""Arrays that take long to compute and are needed again, in the user's folder for caches.
+
+Files hold numbers and a digest, and nothing that is run when it is read.  A damaged file counts as none.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..runtime.cache_folder import cache_folder
+from .files import remove_parts, replacing
+
+VARIABLE = "NABLAHOG_CACHE_SIZE"
+LARGEST = 2000  # megabytes
+_ROOM = 0.8  # of the largest size: what is left when the arrays that were not used for longest have been removed
+_DIGEST = 32  # bytes before the numbers
+_EVERY = 64  # arrays written from one look at the size of a folder to the next
+ENDING = ".array"
+
+_written: dict[Path, int] = {}
+
+
+def cached_array(
+    kind: str, key: str, shape: tuple[int, ...], make: Callable[[], NDArray[np.float32]]
+) -> NDArray[np.float32]:
+    """An array (float32) of a shape: the one that an earlier process has stored, or else made and stored.
+
+    The environment variable :data:`VARIABLE` says how many megabytes the arrays of a kind may have, by default
+    :data:`LARGEST`; with 0 there is no cache.  Where the folder cannot be written, arrays are made each time.
+
+    Args:
+        kind: name of the folder in the user's caches.
+        key: a hash of everything that the array depends on, including the code.
+        shape: of the array.
+        make: makes it.
+
+    Returns:
+        The array, which can be written to; stored ones are mapped to memory, of which the system frees what it needs.
+    """
+    largest = _largest()
+    if largest <= 0:
+        return make()
+    try:
+        path = cache_folder() / kind / f"{key}{ENDING}"
+    except FileNotFoundError:  # no home
+        return make()
+    stored = _stored(path, shape)
+    if stored is not None:
+        return stored
+    array = np.ascontiguousarray(make(), np.float32)
+    assert array.shape == shape
+    with suppress(OSError):  # a full disk, say
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as file:
+            file.write(_digest(array, key))
+            file.write(array.data)
+        _written[path.parent] = _written.get(path.parent, -1) + 1
+        if _written[path.parent] % _EVERY == 0:
+            _tidy(path.parent, largest)
+    return array
+
+
+def _largest() -> float:
+    """Bytes."""
+    try:
+        return 1e6 * float(os.environ.get(VARIABLE) or LARGEST)
+    except ValueError:
+        return 1e6 * LARGEST
+
+
+def _stored(path: Path, shape: tuple[int, ...]) -> NDArray[np.float32] | None:
+    """The array in a file; None if there is none, or it is damaged."""
+    with suppress(OSError, ValueError):
+        if path.stat().st_size != _DIGEST + 4 * int(np.prod(shape)):
+            return None
+        # a private copy of what is written to, as PyTorch takes no memory that is read only
+        array = np.memmap(path, np.float32, "c", _DIGEST, shape)
+        with open(path, "rb") as file:
+            digest = file.read(_DIGEST)
+        if digest == _digest(array, path.name.removesuffix(ENDING)):
+            os.utime(path)  # it was used
+            return array
+    return None
+
+
+def _digest(array: NDArray[np.float32], key: str) -> bytes:
+    hashed = hashlib.sha256(key.encode())
+    hashed.update(array.data)
+    return hashed.digest()
+
+
+def _tidy(folder: Path, largest: float) -> None:
+    """Removes the arrays that were not used for longest, if all of them have more bytes than ``largest``."""
+    remove_parts(folder)
+    states = sorted((path.stat().st_mtime, path.stat().st_size, path) for path in folder.glob(f"*{ENDING}"))
+    size = sum(size for _, size, _ in states)
+    if size <= largest:
+        return
+    for _, each, path in states:
+        path.unlink(missing_ok=True)
+        size -= each
+        if size <= _ROOM * largest:
+            return

@@ -1,0 +1,48 @@
+"""A pose that a search has come to, with its similarity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from torch import Tensor
+
+from .prepared import PreparedPhotograph
+from .problem import SearchTrace
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """A pose of a model with its similarity.
+
+    Attributes:
+        similarity: what hypotheses are ranked by.
+        model: its name.
+        pose: (6,) for the crop.
+        photograph: the crop around the object's box, or around a better one.
+        trace: azimuth and coarse similarity of the poses so far.
+    """
+
+    similarity: float
+    model: str
+    pose: Tensor
+    photograph: PreparedPhotograph
+    trace: tuple[tuple[float, float], ...] = ()
+
+    def refined(self, pose: Tensor, similarity: float, coarse: float) -> Hypothesis:
+        """A better pose, with its similarity and that of the coarse template."""
+        return replace(self, pose=pose, similarity=similarity, trace=(*self.trace, (float(pose[0]), coarse)))
+
+    @property
+    def azimuth(self) -> float:
+        """Degrees, of any turn."""
+        return float(self.pose[0])
+
+    @property
+    def coarse(self) -> float:
+        """Similarity of the coarse template."""
+        return self.trace[-1][1]
+
+    def search_trace(self) -> SearchTrace:
+        """Of the poses so far."""
+        azimuths, similarities = zip(*self.trace, strict=True)
+        return SearchTrace(self.model, azimuths, similarities)

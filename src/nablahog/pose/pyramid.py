@@ -1,0 +1,161 @@
+"""The surroundings of an object's box at several scales and in-plane rotations, described and whitened.
+
+Views of a model that fill a crop are compared with it at every scale, tilt and place by one product of matrices. It is
+the photograph that is turned, not the model: that serves all models and views at once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ..runtime.compile import compiled
+from .crop import blurred, resampled
+from .prepared import PreparedPhotograph, coarse_background, whitener_of
+from .similarity import describe
+
+
+class Range(NamedTuple):
+    """How far the object may be from its box.
+
+    Attributes:
+        octaves: quarters of an octave that it may be larger or smaller; between two is a cell's motion of its border.
+        cells: of the coarse descriptor that it may be off, to each side.
+    """
+
+    octaves: int
+    cells: int
+
+    @property
+    def scales(self) -> NDArray[np.float64]:
+        """Sizes of the object, as parts of the longer side of its box."""
+        return 2.0 ** (np.arange(-self.octaves, self.octaves + 1) / 4)
+
+
+ROUGH = Range(2, 3)  # of a box that someone gave
+FOUND = Range(1, 2)  # of one that :mod:`.detection` found
+TURNED = math.sqrt(2)  # side of the square that holds a turned square of side 1
+
+
+@dataclass(frozen=True, eq=False)
+class Pyramid:
+    """Windows of the photograph's whitened descriptor, each as large as that of a view.
+
+    Attributes:
+        windows: (P, N), of all levels and places.
+        scales: (P,), float64: size of an object that fills the window, as part of the box's longer side.
+        tilts: (P,), float64: degrees that the photograph was turned clockwise, so that an object that is turned by as
+            much counter-clockwise is upright.
+        centres: (P, 2), float64: x, y of the window's middle in the crop, from the middle of that, pixels.
+    """
+
+    windows: Tensor
+    scales: Tensor
+    tilts: Tensor
+    centres: Tensor
+
+
+def pyramid(photograph: PreparedPhotograph, image: Tensor, tilts: Sequence[float], reach: Range) -> Pyramid:
+    """The windows around an object's box.
+
+    Args:
+        photograph: the object's crop.
+        image: (C, H, W), the whole photograph.
+        tilts: degrees.
+        reach: how far around the box.
+    """
+    crop = photograph.crop
+    background, shrink = coarse_background(photograph.own_background)
+    spec = background.spec
+    rows, cols = spec.grid(*(side // shrink for side in crop.image.shape[2:]))
+    side = spec.image_size(rows + 2 * reach.cells, cols + 2 * reach.cells)[0]
+    scales = reach.scales
+    # a base with the finest level's pixels, of which each level takes every so many
+    zoom = crop.zoom / shrink / float(scales.min())
+    steps = scales / scales.min()
+    widened = TURNED if any(tilts) else 1.0
+    base_side = 2 * math.ceil(side * widened * steps.max() / 2) + 4
+    base = resampled(image, replace(crop.view, zoom=zoom), base_side)
+    levels = []
+    for step in steps.tolist():
+        smooth = blurred(base, 0.5 * math.sqrt(step**2 - 1)) if step > 1 else base
+        levels.append(turned(smooth[0, 0], tilts, step, (side, side)))
+    descriptors = describe(torch.cat(levels)[:, None], spec)
+    grid = descriptors.shape[2:]
+    whitener = whitener_of(background, *grid)
+    cells = spec.cell_size[0]
+    # the middles of cells, on the turned photograph
+    at = [(torch.arange(count, dtype=torch.float64) - (count - 1) / 2) * cells for count in grid]
+    level_scales, level_tilts = (
+        part.flatten()
+        for part in torch.meshgrid(torch.from_numpy(scales), torch.tensor(tilts, dtype=torch.float64), indexing="ij")
+    )
+    x, y = places(at, level_scales * shrink, level_tilts)
+    low, high = crop.valid[:2], crop.valid[2:]
+    half = crop.image.shape[-1] / 2
+    valid = (x + half >= low[0]) & (x + half <= high[0]) & (y + half >= low[1]) & (y + half <= high[1])
+    weights = whitener(whitener.centred(descriptors) * valid[:, None])
+    windows = weights.unfold(2, rows, 1).unfold(3, cols, 1)  # (levels, C, down, across, rows, cols)
+    down, across = windows.shape[2:4]
+    shift = [(torch.arange(count, dtype=torch.float64) - (count - 1) / 2) * cells for count in (down, across)]
+    x, y = places(shift, level_scales * shrink, level_tilts)
+    each = down * across
+    return Pyramid(
+        windows.permute(0, 2, 3, 1, 4, 5).reshape(len(weights) * each, -1),
+        level_scales.repeat_interleave(each),
+        level_tilts.repeat_interleave(each),
+        torch.stack([x, y], dim=-1).flatten(0, 2),
+    )
+
+
+def places(grid: Sequence[Tensor], scales: Tensor, tilts: Tensor) -> tuple[Tensor, Tensor]:
+    """Where the points of a grid on L scaled and tilted copies of a photograph are in that, each (L, rows, cols).
+
+    Args:
+        grid: y (rows,) and x (cols,) on the copies, from the middle.
+        scales: (L,), pixels of the photograph for one of the copy.
+        tilts: (L,), degrees that the copies are turned clockwise.
+
+    Returns:
+        x and y from the middle.
+    """
+    angle = torch.deg2rad(tilts)
+    cosine, sine = ((scales * part)[:, None, None] for part in (angle.cos(), angle.sin()))
+    y, x = grid[0][:, None], grid[1]
+    return cosine * x + sine * y, cosine * y - sine * x
+
+
+def turned(image: Tensor, tilts: Sequence[float], step: float, size: tuple[int, int]) -> Tensor:
+    """Samples (T, *size) of an image (H, W), float32, around its middle, ``step`` pixels apart.
+
+    The image is turned clockwise by each of T tilts, degrees; its border repeats.
+    """
+    samples = np.empty((len(tilts), *size), np.float32)
+    _turned(image.numpy(), np.radians(np.array(tilts, np.float64)), step, samples)
+    return torch.from_numpy(samples)
+
+
+@compiled
+def _turned(image: Any, turns: Any, step: float, out: Any) -> None:
+    """Samples of an image (H, W) around its middle, turned clockwise, ``step`` pixels apart, to ``out`` (T, S, S)."""
+    height, width = image.shape
+    for t in range(out.shape[0]):
+        cosine, sine = step * math.cos(turns[t]), step * math.sin(turns[t])
+        for i in range(out.shape[1]):
+            down = i + 0.5 - out.shape[1] / 2
+            for j in range(out.shape[2]):
+                across = j + 0.5 - out.shape[2] / 2
+                x = min(max(cosine * across + sine * down + width / 2 - 0.5, 0.0), width - 1.001)
+                y = min(max(cosine * down - sine * across + height / 2 - 0.5, 0.0), height - 1.001)
+                col, row = int(x), int(y)
+                right, below = np.float32(x - col), np.float32(y - row)
+                upper = image[row, col] + right * (image[row, col + 1] - image[row, col])
+                lower = image[row + 1, col] + right * (image[row + 1, col + 1] - image[row + 1, col])
+                out[t, i, j] = upper + below * (lower - upper)

@@ -1,0 +1,195 @@
+"""The steps of the search for a pose: views all around, views elsewhere, small turns, ascents."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property, partial
+
+import torch
+from torch import Tensor
+
+from ..hog.box import Box
+from .ascent import SCHEDULE, lbfgs_ascent, momentum_ascent, quadratic_ascent
+from .candidates import candidates
+from .confidence import Evidence
+from .hypothesis import Hypothesis
+from .placement import bounding_boxes, equidistant_azimuths, local_maxima
+from .prepared import DETAIL, PreparedModel, PreparedPhotograph
+from .problem import PoseProblem, RunnerUp, SearchResult
+from .pyramid import FOUND, ROUGH, Pyramid, pyramid
+from .similarity import Similarity
+from .symmetry import equivalent_azimuths
+from .views import VIEW_COUNT, view_similarities
+
+VOTERS = 36  # poses of several models that are ascended from
+_SAME_BOX = 0.85  # intersection over union: a view whose box is as near fills the one given
+_STARTS = 4  # local maxima of a model's views, at most, that are tilted
+_NEARLY = 0.75  # of the best view's similarity: others that have as much may still turn out to be the best
+_TURNS, _TILTS = (-5.0, 0.0, 5.0), (-10.0, -5.0, 0.0, 5.0, 10.0)  # degrees of azimuth and in the image plane
+_ASCENT_STEPS = 30
+
+
+class Search:
+    """The steps of the search, their templates, and the number of renderings."""
+
+    def __init__(self, problem: PoseProblem) -> None:
+        self.problem = problem
+        self.kind = problem.similarity or "calibrated"
+        self.voting = len(problem.models) > 1 and self.kind == "calibrated"
+        self.renderings = 0
+
+    def look_around(self) -> list[Hypothesis]:
+        """The best views of each model at each elevation, the best of all first."""
+        views: list[Hypothesis] = []
+        for name, model in self.problem.each_model():
+            for elevation in self.problem.elevations:
+                values = self._view_similarities(model, elevation)
+                values[~self._allowed] = -torch.inf
+                best = local_maxima(values, _STARTS)
+                best = best[values[best].isfinite()]
+                poses = self.problem.level_views(model, equidistant_azimuths(VIEW_COUNT)[best], elevation)
+                for pose, value in zip(poses, values[best].tolist(), strict=True):
+                    views.append(self._hypothesis(value, name, pose, self.problem.photograph))
+                self.renderings += VIEW_COUNT
+        return sorted(views, key=lambda view: -view.similarity)
+
+    @cached_property
+    def _allowed(self) -> Tensor:
+        """Which of the views around a model are searched, (VIEW_COUNT,)."""
+        return self.problem.allowed(equidistant_azimuths(VIEW_COUNT))
+
+    @property
+    def searches_boxes(self) -> bool:
+        """Whether poses are compared whatever box they fill, which only the calibrated similarity allows."""
+        return self.kind == "calibrated"
+
+    def look_elsewhere(self) -> list[Hypothesis]:
+        """The best views that fill another box, or are tilted, the best of all first."""
+        seen = [
+            (value, name, photograph, pose)
+            for name, model in self.problem.models.items()
+            for photograph, around in self._pyramids
+            for value, pose in self._around(model, photograph, around)
+        ]
+        best = sorted(seen, key=lambda one: -one[0])[: VOTERS if self.voting else _STARTS]
+        views = (self._reframed(*one) for one in best)
+        return [view for view in views if view is not None]
+
+    def _around(
+        self, model: PreparedModel, photograph: PreparedPhotograph, around: Pyramid
+    ) -> Iterator[tuple[float, Tensor]]:
+        """Similarities of the best views of a model around a crop, and their poses for that."""
+        found = candidates(model, photograph, around, self.problem.elevations, self._allowed, _STARTS)
+        yield from zip(found.similarities.tolist(), found.poses, strict=True)
+
+    def _reframed(self, value: float, name: str, photograph: PreparedPhotograph, pose: Tensor) -> Hypothesis | None:
+        """A view with the crop around it, unless it is there; None for views that fill the given box."""
+        model, crop = self.problem.models[name], photograph.crop
+        (box,) = bounding_boxes(pose[None], model.hull, crop.camera)
+        if Box.of(box.tolist()).iou(crop.centred_box) >= _SAME_BOX:
+            if pose[3] == 0 and photograph is self.problem.photograph:
+                return None  # that view is there
+            (pose,) = self.problem.fit(model, pose[None], photograph)
+            return self._hypothesis(value, name, pose, photograph)
+        other = self.problem.cropped(crop.box_in_photograph(box))
+        return self._hypothesis(value, name, crop.converted(pose, other.crop), other)
+
+    @cached_property
+    def _pyramids(self) -> list[tuple[PreparedPhotograph, Pyramid]]:
+        """Crops with what is around them."""
+        problem = self.problem
+        photographs = [problem.photograph, *map(problem.cropped, problem.boxes or ())]
+        reach = ROUGH if problem.boxes is None else FOUND
+        return [(one, pyramid(one, problem.image, problem.tilts, reach)) for one in photographs]
+
+    def _hypothesis(self, value: float, name: str, pose: Tensor, photograph: PreparedPhotograph) -> Hypothesis:
+        hypothesis = Hypothesis(value, name, pose, photograph, ((float(pose[0]), value),))
+        self._watch(hypothesis, pose)
+        return hypothesis
+
+    def _watch(self, hypothesis: Hypothesis, pose: Tensor) -> None:
+        given = self.problem.photograph.crop
+        self.problem.watch(hypothesis.model, hypothesis.photograph.crop.converted(pose, given))
+
+    def _view_similarities(self, model: PreparedModel, elevation: float) -> Tensor:
+        if self.kind == "calibrated":
+            return view_similarities(model, self.problem.photograph.calibrated, elevation)
+        # without calibration an object of another size has another similarity
+        poses = self.problem.level_views(model, equidistant_azimuths(VIEW_COUNT), elevation)
+        return self._similarity(model, self.problem.photograph, fine=False).values(poses)
+
+    def tilt(self, view: Hypothesis) -> Hypothesis:
+        """The best of small turns of azimuth and in the image plane.
+
+        The two are hard to tell apart: seen from above, either moves the top of an object across its foot.
+        """
+        model = self.problem.models[view.model]
+        coarse = self._similarity(model, view.photograph, fine=False)
+        poses = view.pose.repeat(len(_TILTS) * len(_TURNS), 1)
+        poses[:, [0, 3]] += torch.cartesian_prod(torch.tensor(_TURNS), torch.tensor(_TILTS))
+        poses = self.problem.fit(model, poses, view.photograph)
+        values = coarse.values(poses)
+        self.renderings += len(poses)
+        pose, value = poses[values.argmax()], float(values.max())
+        self._watch(view, pose)
+        return view.refined(pose, value, value)
+
+    def promising(self, views: Sequence[Hypothesis]) -> Sequence[Hypothesis]:
+        """The first of ``views``, which are the best first: for a vote all, else those that are nearly as good."""
+        if self.voting:
+            return views[:VOTERS]
+        return [view for view in views[:_STARTS] if view.similarity >= _NEARLY * views[0].similarity]
+
+    def ascend(self, start: Hypothesis) -> Hypothesis:
+        """The highest similarity near a start."""
+        fine = self._similarity(self.problem.models[start.model], start.photograph, fine=True)
+        pose = self._ascend(fine, start)
+        value = float(fine.values(pose[None]))
+        self.renderings += fine.renderings
+        return start.refined(pose, value, self._value(start, pose, fine=False))
+
+    def seen_from(self, viewpoint: Tensor, of: Hypothesis) -> Hypothesis:
+        """A pose at another azimuth, elevation and in-plane rotation, (3,), degrees."""
+        pose = of.pose.clone()
+        pose[[0, 1, 3]] = viewpoint
+        return of.refined(pose, self._value(of, pose, fine=True), self._value(of, pose, fine=False))
+
+    def same_view(self, of: Hypothesis) -> tuple[float, ...]:
+        """Other azimuths from which the model looks the same, degrees."""
+        elevation = min(self.problem.elevations, key=lambda each: abs(each - float(of.pose[1])))  # one with views
+        return equivalent_azimuths(self.problem.models[of.model], of.azimuth, elevation)
+
+    def result(
+        self, best: Hypothesis, traced: Sequence[Hypothesis], runners_up: tuple[RunnerUp, ...], evidence: Evidence
+    ) -> SearchResult:
+        """The best pose, for the crop of the problem."""
+        return SearchResult(
+            best.model,
+            best.photograph.crop.converted(best.pose, self.problem.photograph.crop),
+            best.similarity,
+            self.kind,
+            self.renderings,
+            tuple(one.search_trace() for one in traced),
+            runners_up,
+            self.same_view(best),
+            evidence if self.kind == "calibrated" else None,
+        )
+
+    def _ascend(self, similarity: Similarity, start: Hypothesis) -> Tensor:
+        pose, visit = start.pose, partial(self._watch, start)
+        if self.problem.ascent == "quadratic":
+            return quadratic_ascent(similarity, pose, SCHEDULE, self.problem.generator, visit)
+        if self.problem.ascent == "momentum":
+            return momentum_ascent(similarity, pose[None], steps=_ASCENT_STEPS, distance_every=1, visit=visit)[0][0]
+        return lbfgs_ascent(similarity, pose, _ASCENT_STEPS)
+
+    def _value(self, of: Hypothesis, pose: Tensor, *, fine: bool) -> float:
+        self.renderings += 1
+        model = self.problem.models[of.model]
+        return float(self._similarity(model, of.photograph, fine=fine).values(pose[None]))
+
+    def _similarity(self, model: PreparedModel, photograph: PreparedPhotograph, *, fine: bool) -> Similarity:
+        """To a crop; of the kinds only the calibrated one has smaller cells in the last steps."""
+        calibrated = self.kind == "calibrated"
+        template = photograph.fine if fine and calibrated else photograph.template(self.kind)
+        return model.similarity(template, detail=DETAIL, camera=photograph.crop.camera)

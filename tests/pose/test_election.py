@@ -1,0 +1,72 @@
+"""The side on which poses of several models agree."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import pytest
+import torch
+
+from nablahog.pose.election import consensus, sides
+from nablahog.pose.hypothesis import Hypothesis
+from nablahog.pose.prepared import PreparedPhotograph
+
+from .common import degrees_between
+
+
+def poses(azimuths: list[float], coarse: list[float], fine: list[float] | None = None) -> list[Hypothesis]:
+    """Hypotheses with these similarities, of models a, b, c, …; their elevation is a tenth of the azimuth."""
+    photograph = cast(PreparedPhotograph, None)
+    return [
+        Hypothesis(
+            (fine or coarse)[k],
+            chr(97 + k),
+            torch.tensor([at, at / 10, 3.0, 0, 0, 0], dtype=torch.float64),
+            photograph,
+            ((at, coarse[k]),),
+        )
+        for k, at in enumerate(azimuths)
+    ]
+
+
+def test_many_good_poses_outvote_the_best_one() -> None:
+    azimuths, similarities = [200.0, 355, 361, 3, 90, 95, 180], [9.0, 8.7, 8.6, 8.7, 5.0, 5.0, 1.0]
+    first, second, *_ = sides(poses(azimuths, similarities), 4)
+    assert sorted(one.model for one in first.poses) == ["b", "c", "d"]
+    assert [one.model for one in second.poses] == ["a"]
+    first, *_ = sides(poses(azimuths, [14.0, *similarities[1:]]), 4)
+    assert [one.model for one in first.poses] == ["a"]
+
+
+def test_only_differences_of_similarities_count() -> None:
+    azimuths, similarities = [0.0, 10, 200], [5.0, 5.2, 5.5]
+    one, other = (sides(poses(azimuths, [each + more for each in similarities]), 3) for more in (0, 100))
+    assert [side.share for side in one] == pytest.approx([side.share for side in other], rel=1e-5)
+
+
+def test_shares_add_up_and_every_pose_is_on_one_side() -> None:
+    generator = torch.Generator().manual_seed(1)
+    azimuths = (torch.rand(36, generator=generator) * 720).tolist()
+    found = sides(poses(azimuths, torch.rand(36, generator=generator).tolist()), 36)
+    assert sum(side.share for side in found) == pytest.approx(1)
+    assert sorted(one.azimuth for side in found for one in side.poses) == sorted(one for one in azimuths)
+
+
+def test_the_viewpoint_is_the_mean_of_the_side_across_0() -> None:
+    (side,) = sides(poses([358.0, 4.0], [5.0, 5.0]), 1)
+    azimuth, elevation, theta = side.viewpoint.tolist()
+    assert degrees_between(azimuth, 1.0) < 1e-3
+    assert elevation == pytest.approx(18.1, abs=1e-3)
+    assert theta == 0
+
+
+def test_a_pose_that_fits_better_counts_more() -> None:
+    (side,) = sides(poses([0.0, 10.0], [5.0, 5.0], [8.0, 5.0]), 1)
+    assert side.poses[0].model == "a"
+    assert degrees_between(float(side.viewpoint[0]), 0) < 0.5
+
+
+def test_votes_of_a_pose_alone_are_its_weight() -> None:
+    azimuths = torch.tensor([0.0, 100, 200], dtype=torch.float64)
+    weights = torch.tensor([1.0, 0.5, 0.25], dtype=torch.float64)
+    assert torch.allclose(consensus(azimuths, weights), weights)

@@ -1,0 +1,127 @@
+"""An estimate as a matrix, in the units of the model's file, for a camera that is known or not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+from torch.testing import assert_close
+
+from nablahog.hog.box import Box
+from nablahog.pose import PoseEstimate
+from nablahog.pose.crop import crop_object
+from nablahog.render import Camera, Mesh, load_mesh, pose, render
+from nablahog.render.camera import to_camera, to_screen
+from nablahog.render.rigid import moved_before, pose_matrix
+
+from .common import model
+
+CAMERA = Camera(250.0, 120, 160)
+TETRAHEDRON = np.array([[10.0, 20, 30], [310, 20, 30], [10, 420, 30], [10, 20, 1230]])  # millimetres
+
+
+@pytest.fixture
+def mesh(tmp_path: Path) -> Mesh:
+    """Of a file with y up, so that it is turned, moved and scaled when it is read."""
+    lines = ["v " + " ".join(map(str, corner)) for corner in TETRAHEDRON]
+    path = tmp_path / "mesh.obj"
+    path.write_text("\n".join([*lines, "f 1 2 3", "f 1 3 4", "f 1 2 4", "f 2 3 4", ""]))
+    return load_mesh(path)
+
+
+def estimate(mesh: Mesh, axis: tuple[float, float] | None = None) -> PoseEstimate:
+    return PoseEstimate(
+        30,
+        10,
+        2.5,
+        4,
+        31,
+        -22.5,
+        CAMERA,
+        "",
+        9.0,
+        "calibrated",
+        torch.zeros(6),
+        100,
+        Box(0, 0, 9, 9),
+        principal_point=axis,
+        from_original=mesh.from_original,
+    )
+
+
+def projected(matrix: Tensor, intrinsics: Tensor, points: Tensor) -> Tensor:
+    seen = (points @ matrix[:3, :3].T + matrix[:3, 3]) @ intrinsics.T
+    return seen[:, :2] / seen[:, 2:]
+
+
+def by_opencv(matrix: Tensor, intrinsics: Tensor, points: Tensor) -> Tensor:
+    turn, _ = cv2.Rodrigues(matrix[:3, :3].numpy())
+    seen, _ = cv2.projectPoints(points.numpy(), turn, matrix[:3, 3].numpy(), intrinsics.numpy(), np.zeros(4))
+    return torch.from_numpy(seen[:, 0])
+
+
+@pytest.mark.parametrize("axis", [None, (75.0, 61.0)])
+def test_the_matrix_maps_points_of_the_file_to_where_they_are_drawn(
+    mesh: Mesh, axis: tuple[float, float] | None
+) -> None:
+    one = estimate(mesh, axis)
+    turned = torch.from_numpy(TETRAHEDRON[:, [0, 2, 1]] * [1, -1, 1])  # y up, front to +z
+    normalised = (turned - (turned.amax(0) + turned.amin(0)) / 2) / 1300
+    points = torch.from_numpy(TETRAHEDRON)[torch.cdist(mesh.vertices, normalised).argmin(1)]  # in the mesh's order
+    assert_close(points @ mesh.from_original[:3, :3].T + mesh.from_original[:3, 3], mesh.vertices)
+    moved, poses, camera = one.render_arguments(mesh)
+    drawn = to_screen(to_camera(moved.vertices, poses), poses, camera)[0, :, :2]
+    assert_close(projected(one.matrix(), one.intrinsics, points), drawn, rtol=0, atol=1e-9)
+    assert_close(by_opencv(one.matrix(), one.intrinsics, points), drawn, rtol=0, atol=1e-9)
+    assert (moved is mesh) == (axis is None)
+
+
+@pytest.mark.parametrize("axis", [None, (75.0, 61.0)])
+def test_it_is_rigid_and_in_the_files_units(mesh: Mesh, axis: tuple[float, float] | None) -> None:
+    matrix = estimate(mesh, axis).matrix()
+    assert_close(matrix[:3, :3] @ matrix[:3, :3].T, torch.eye(3, dtype=torch.float64))
+    assert_close(matrix[3], matrix.new_tensor([0, 0, 0, 1]))
+    middle = torch.tensor([160.0, 220, 630], dtype=torch.float64)  # of its bounding box, of diagonal 1300
+    assert float((matrix[:3, :3] @ middle + matrix[:3, 3]).norm()) == pytest.approx(2.5 * 1300)
+    assert estimate(mesh).distance_in_file_units == pytest.approx(2.5 * 1300)
+    assert mesh.unit == pytest.approx(1300)
+
+
+def test_opengls_frame_is_opencvs_turned_about_x(mesh: Mesh) -> None:
+    one = estimate(mesh, (75, 61))
+    half_a_turn = torch.diag(torch.tensor([1.0, -1, -1, 1], dtype=torch.float64))
+    assert_close(one.matrix("opengl"), half_a_turn @ one.matrix("opencv"))
+    with pytest.raises(ValueError, match="convention must be 'opencv' or 'opengl'"):
+        one.matrix("directx")  # type: ignore[arg-type]
+
+
+def test_the_intrinsics_are_those_of_the_camera(mesh: Mesh) -> None:
+    assert estimate(mesh, (75, 61)).intrinsics.tolist() == [[250, 0, 75], [0, 250, 61], [0, 0, 1]]
+    assert estimate(mesh).intrinsics.tolist() == [[250, 0, 80 + 31], [0, 250, 60 - 22.5], [0, 0, 1]]
+
+
+def test_the_crop_of_a_known_camera_shows_the_object_as_it_is_rendered() -> None:
+    """An object 23° beside the optical axis of a wide lens, by a rigid motion; its crop's pose is drawn straight."""
+    matrix = pose_matrix(pose(35, 18, 2.6, 3)[0])
+    matrix[:3, 3] += matrix.new_tensor([1.1, -0.35, 0])
+    axis, focal = (325.0, 236.0), 420.0
+    intrinsics = torch.tensor([[focal, 0, axis[0]], [0, focal, axis[1]], [0, 0, 1]], dtype=torch.float64)
+    photograph = render(*moved_before(model(), matrix, intrinsics, 480, 640))[0]
+    rows, cols = (photograph[0] < 1).nonzero().unbind(1)
+    box = Box(float(cols.min()), float(rows.min()), float(cols.max() + 1), float(rows.max() + 1))
+    crop = crop_object(photograph, box, focal=focal, axis=axis)
+    # what the camera sees that is turned to the object's origin
+    turned = crop.view.turn @ matrix[:3, :3]
+    place = crop.view.turn @ matrix[:3, 3]
+    seen = torch.eye(4, dtype=torch.float64)
+    seen[:3, :3], seen[:3, 3] = turned, place
+    of_crop = torch.tensor([[crop.camera.focal, 0, 64], [0, crop.camera.focal, 64], [0, 0, 1]], dtype=torch.float64)
+    expected = render(*moved_before(model(), seen, of_crop, 128, 128))[0]
+    assert float((crop.image[0] - expected).abs().mean()) < 0.012
+    assert max(crop.size) == pytest.approx(112)
+    plain = crop_object(photograph, box, focal=focal)
+    assert float((plain.image[0] - expected).abs().mean()) > 0.03
