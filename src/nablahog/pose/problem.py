@@ -21,7 +21,7 @@ ELEVATIONS = (-15.0, 0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
 LEVEL = (-15.0, 0.0, 15.0)  # tilts, where a pose is given
 TILTS = (-45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0)  # tried where nothing is known of it, degrees
 USUAL = (-10.0, 40.0)  # degrees of elevation that most photographs are taken from
-STEEP, TURNED = 0.03, 0.02  # of calibrated similarity, that a pose loses for a degree beyond, and of in-plane rotation
+STEEP, TURNED = 0.03, 0.01  # of calibrated similarity, that a pose loses for a degree beyond, and of in-plane rotation
 SMALL = 0.5  # likewise, for each halving of an object's size in a photograph where it may be anywhere
 
 
