@@ -42,7 +42,7 @@ def _of_one(search: Search, tilted: Sequence[Hypothesis]) -> SearchResult:
                 break
             chosen.append(hypothesis)
             refined.append(search.ascend(hypothesis))
-    best = max(refined, key=lambda one: one.similarity)
+    best = max(refined, key=lambda one: one.score)
     runners_up = _runners_up(best, refined, tilted, search.same_view(best), search.problem.photograph.crop)
     evidence = Evidence(best.similarity, runners_up[0].share if runners_up else 0.0, 1.0)
     return search.result(best, [*refined, *(one for one in tilted if one not in chosen)], runners_up, evidence)
@@ -50,7 +50,7 @@ def _of_one(search: Search, tilted: Sequence[Hypothesis]) -> SearchResult:
 
 def _of_several(search: Search, tilted: Sequence[Hypothesis]) -> SearchResult:
     """The side on which poses of several models agree, and the best of these."""
-    starts = sorted(tilted, key=lambda one: -one.similarity)
+    starts = sorted(tilted, key=lambda one: -one.score)
     ascended = [search.ascend(start) for start in starts[:VOTERS]]
     elected, *others = sides(ascended, 1 + _RUNNERS_UP)
     best = search.seen_from(elected.viewpoint, elected.poses[0])
@@ -99,7 +99,7 @@ def _from_other_sides(
 def _others(tilted: Sequence[Hypothesis], chosen: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Further ones to ascend from where the chosen ones come to little: from other sides, the best first."""
     others: list[Hypothesis] = []
-    for one in sorted(tilted, key=lambda one: -one.similarity):
+    for one in sorted(tilted, key=lambda one: -one.score):
         sides = (azimuth_distance(one.azimuth, each.azimuth) for each in (*chosen, *others))
         if min(sides) > SAME_SIDE and len(others) < _MORE_ASCENTS:
             others.append(one)
@@ -108,12 +108,12 @@ def _others(tilted: Sequence[Hypothesis], chosen: Sequence[Hypothesis]) -> list[
 
 def _with_rival(tilted: Sequence[Hypothesis]) -> list[Hypothesis]:
     """The best, with a rival."""
-    best = max(tilted, key=lambda one: one.similarity)
+    best = max(tilted, key=lambda one: one.score)
     return [best, *_rival(best, tilted)]
 
 
 def _rival(best: Hypothesis, others: Sequence[Hypothesis]) -> list[Hypothesis]:
     """The best from another side, if it is nearly as good: front and back look much alike."""
     elsewhere = [one for one in others if azimuth_distance(one.azimuth, best.azimuth) > SAME_SIDE]
-    rival = max(elsewhere, key=lambda one: one.similarity, default=best)
+    rival = max(elsewhere, key=lambda one: one.score, default=best)
     return [rival] if rival is not best and rival.similarity >= _RIVAL * best.similarity else []

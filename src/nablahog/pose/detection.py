@@ -15,6 +15,7 @@ from .crop import FILL, SIDE
 from .elements import suppress_overlaps
 from .placement import bounding_boxes, equidistant_azimuths, fit_to_box, level_poses
 from .prepared import PreparedModel, whitener_of
+from .problem import SMALL, unlikely_view
 from .pyramid import places, turned
 from .similarity import describe
 from .views import VIEW_COUNT, view_descriptors
@@ -33,7 +34,7 @@ class Places:
     """Where views fit best.
 
     Attributes:
-        similarities: (K,), of the best view there, the highest first.
+        similarities: (K,), of the best view there, less what is unlikely of it, the highest first.
         models: the models' names.
         poses: (K, 6) for a crop whose middle is the photograph's, and of which the longer side of an upright view fills
             :data:`.crop.FILL` of :data:`.crop.SIDE` pixels, still to be placed: azimuth, elevation and tilt are those
@@ -96,10 +97,14 @@ def find_places(
     ]
     searched = allowed.repeat(len(models) * len(elevations)).nonzero()[:, 0]
     views = torch.cat(of_models)[searched]
+    of_views = torch.tensor(elevations).repeat_interleave(VIEW_COUNT // EVERY).repeat(len(models))[searched]
     views = views.reshape(len(views), -1, rows, cols)
     peaks: list[Tensor] = []  # similarity, view, x, y, zoom, tilt of each
     for level in _levels(image, background, (rows, cols), shrink, tilts):
-        values, view = _correlations(level.weights, views).max(2)
+        lost = torch.tensor(SMALL * math.log2(max(image.shape[1:]) * shrink * level.zoom / FILL))
+        if len(elevations) > 1:  # nothing is known of the pose
+            lost = lost + unlikely_view(of_views, torch.tensor([level.tilt]))
+        values, view = (_correlations(level.weights, views) - lost).max(2)
         values = torch.where(level.inside, values, -torch.inf)
         around = functional.max_pool2d(values[None, None], 3, stride=1, padding=1)[0, 0]
         peak = (values >= around) & level.inside

@@ -37,7 +37,7 @@ class Side:
 
         Models that are not the object's own are each off by some degrees, in all directions.
         """
-        weights = _weights(torch.tensor([one.similarity for one in self.poses]))
+        weights = _weights(torch.tensor([one.score for one in self.poses]))
         angles = torch.stack([one.pose[[0, 1, 3]] for one in self.poses])
         first = angles[0]
         return first + weights @ _turn(angles - first) / weights.sum()
@@ -51,7 +51,7 @@ def sides(poses: Sequence[Hypothesis], count: int) -> list[Side]:
         count: the most to return.
     """
     azimuths = torch.tensor([one.azimuth for one in poses], dtype=torch.float64)
-    similarities = [_COARSE * one.coarse + (1 - _COARSE) * one.similarity for one in poses]
+    similarities = [_COARSE * one.coarse + (1 - _COARSE) * one.similarity - one.unlikely for one in poses]
     weights = _weights(torch.tensor(similarities))
     votes, total = consensus(azimuths, weights), float(weights.sum())
     found: list[Side] = []
@@ -59,7 +59,7 @@ def sides(poses: Sequence[Hypothesis], count: int) -> list[Side]:
         near = _turn(azimuths - azimuths[votes.argmax()]).abs() <= SAME_SIDE
         here = [poses[k] for k in (near & votes.isfinite()).nonzero()[:, 0].tolist()]
         share = float(weights[near & votes.isfinite()].sum()) / total
-        found.append(Side(tuple(sorted(here, key=lambda one: -one.similarity)), share))
+        found.append(Side(tuple(sorted(here, key=lambda one: -one.score)), share))
         votes[near] = -torch.inf
     return found
 

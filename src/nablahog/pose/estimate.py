@@ -230,7 +230,8 @@ def _boxes(
     some = list(models.items())[:: math.ceil(len(models) / DETECTORS)]
     places = PLACES if len(models) == 1 else PLACES_OF_SEVERAL
     found = find_places(image, some, elevations, tilts, *coarse_background(background), allowed, places)
-    return [Box.of(sides) for sides in found.boxes.tolist()]
+    whole = Box(0.0, 0.0, float(image.shape[2]), float(image.shape[1]))
+    return [*(Box.of(sides) for sides in found.boxes.tolist()), whole]
 
 
 def one_image(photograph: Tensor | ArrayImage) -> Tensor:

@@ -15,11 +15,12 @@ class Hypothesis:
     """A pose of a model with its similarity.
 
     Attributes:
-        similarity: what hypotheses are ranked by.
+        similarity: the last one that was computed: with large cells until the ascent, with small ones after it.
         model: its name.
         pose: (6,) for the crop.
         photograph: the crop around the object's box, or around a better one.
         trace: azimuth and coarse similarity of the poses so far.
+        unlikely: what it loses of its similarity in comparisons, see :meth:`.problem.PoseProblem.unlikely`.
     """
 
     similarity: float
@@ -27,10 +28,17 @@ class Hypothesis:
     pose: Tensor
     photograph: PreparedPhotograph
     trace: tuple[tuple[float, float], ...] = ()
+    unlikely: float = 0.0
 
-    def refined(self, pose: Tensor, similarity: float, coarse: float) -> Hypothesis:
+    def refined(self, pose: Tensor, similarity: float, coarse: float, unlikely: float = 0.0) -> Hypothesis:
         """A better pose, with its similarity and that of the coarse template."""
-        return replace(self, pose=pose, similarity=similarity, trace=(*self.trace, (float(pose[0]), coarse)))
+        trace = (*self.trace, (float(pose[0]), coarse))
+        return replace(self, pose=pose, similarity=similarity, trace=trace, unlikely=unlikely)
+
+    @property
+    def score(self) -> float:
+        """What hypotheses are ranked by."""
+        return self.similarity - self.unlikely
 
     @property
     def azimuth(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -11,6 +12,7 @@ from torch import Tensor
 
 from ..hog.box import Box
 from .confidence import Evidence
+from .crop import FILL
 from .options import Ascent, SimilarityKind
 from .placement import fit_to_box, level_poses
 from .prepared import PreparedModel, PreparedPhotograph
@@ -18,6 +20,9 @@ from .prepared import PreparedModel, PreparedPhotograph
 ELEVATIONS = (-15.0, 0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
 LEVEL = (-15.0, 0.0, 15.0)  # tilts, where a pose is given
 TILTS = (-45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0)  # tried where nothing is known of it, degrees
+USUAL = (-10.0, 40.0)  # degrees of elevation that most photographs are taken from
+STEEP, TURNED = 0.03, 0.01  # of calibrated similarity, that a pose loses for a degree beyond, and of in-plane rotation
+SMALL = 0.5  # likewise, for each halving of an object's size in a photograph where it may be anywhere
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +122,20 @@ class PoseProblem:
         """Which azimuths (N,) are searched, (N,), bool."""
         return allowed_azimuths(azimuths, self.initial, self.within)
 
+    def unlikely(self, poses: Tensor, photograph: PreparedPhotograph) -> Tensor:
+        """What poses (N, 6) for a crop lose of their similarity in comparisons, (N,), where no pose or box is given.
+
+        Few photographs are taken from high above, or with a tilted camera, or of something small.
+        """
+        lost = torch.zeros(len(poses), dtype=poses.dtype)
+        if self.similarity not in (None, "calibrated"):
+            return lost
+        if self.initial is None:
+            lost += unlikely_view(poses[:, 1], poses[:, 3])
+        if self.boxes is not None:
+            lost += SMALL * max(0.0, math.log2(max(self.image.shape[1:]) * photograph.crop.zoom / FILL))
+        return lost
+
     @property
     def tilts(self) -> tuple[float, ...]:
         """In-plane rotations to search at, degrees."""
@@ -139,6 +158,12 @@ class PoseProblem:
     def cropped(self, box: Sequence[float]) -> PreparedPhotograph:
         """The crop of the photograph around another box, seen through the same lens."""
         return self.photograph.around(self.image, box)
+
+
+def unlikely_view(elevations: Tensor, tilts: Tensor) -> Tensor:
+    """What views of elevations (N,) and in-plane rotations (N,), degrees, lose of their similarity, (N,)."""
+    low, high = USUAL
+    return STEEP * ((elevations - high).clamp(min=0) + (low - elevations).clamp(min=0)) + TURNED * tilts.abs()
 
 
 def allowed_azimuths(azimuths: Tensor, initial: tuple[float, float] | None, within: float) -> Tensor:

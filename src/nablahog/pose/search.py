@@ -51,7 +51,7 @@ class Search:
                 for pose, value in zip(poses, values[best].tolist(), strict=True):
                     views.append(self._hypothesis(value, name, pose, self.problem.photograph))
                 self.renderings += VIEW_COUNT
-        return sorted(views, key=lambda view: -view.similarity)
+        return sorted(views, key=lambda view: -view.score)
 
     @cached_property
     def _allowed(self) -> Tensor:
@@ -66,13 +66,13 @@ class Search:
     def look_elsewhere(self) -> list[Hypothesis]:
         """The best views that fill another box, or are tilted, the best of all first."""
         seen = [
-            (value, name, photograph, pose)
+            (value - float(self.problem.unlikely(pose[None], photograph)), value, name, photograph, pose)
             for name, model in self.problem.models.items()
             for photograph, around in self._pyramids
             for value, pose in self._around(model, photograph, around)
         ]
         best = sorted(seen, key=lambda one: -one[0])[: VOTERS if self.voting else _STARTS]
-        views = (self._reframed(*one) for one in best)
+        views = (self._reframed(*one[1:]) for one in best)
         return [view for view in views if view is not None]
 
     def _around(
@@ -103,7 +103,8 @@ class Search:
         return [(one, pyramid(one, problem.image, problem.tilts, reach)) for one in photographs]
 
     def _hypothesis(self, value: float, name: str, pose: Tensor, photograph: PreparedPhotograph) -> Hypothesis:
-        hypothesis = Hypothesis(value, name, pose, photograph, ((float(pose[0]), value),))
+        unlikely = float(self.problem.unlikely(pose[None], photograph))
+        hypothesis = Hypothesis(value, name, pose, photograph, ((float(pose[0]), value),), unlikely)
         self._watch(hypothesis, pose)
         return hypothesis
 
@@ -130,15 +131,18 @@ class Search:
         poses = self.problem.fit(model, poses, view.photograph)
         values = coarse.values(poses)
         self.renderings += len(poses)
-        pose, value = poses[values.argmax()], float(values.max())
+        unlikely = self.problem.unlikely(poses, view.photograph)
+        best = int((values - unlikely).argmax())
+        pose, value = poses[best], float(values[best])
         self._watch(view, pose)
-        return view.refined(pose, value, value)
+        return view.refined(pose, value, value, float(unlikely[best]))
 
     def promising(self, views: Sequence[Hypothesis]) -> Sequence[Hypothesis]:
         """The first of ``views``, which are the best first: for a vote all, else those that are nearly as good."""
         if self.voting:
             return views[:VOTERS]
-        return [view for view in views[:_STARTS] if view.similarity >= _NEARLY * views[0].similarity]
+        least = views[0].score - (1 - _NEARLY) * abs(views[0].score)
+        return [view for view in views[:_STARTS] if view.score >= least]
 
     def ascend(self, start: Hypothesis) -> Hypothesis:
         """The highest similarity near a start."""
@@ -146,7 +150,8 @@ class Search:
         pose = self._ascend(fine, start)
         value = float(fine.values(pose[None]))
         self.renderings += fine.renderings
-        return start.refined(pose, value, self._value(start, pose, fine=False))
+        unlikely = float(self.problem.unlikely(pose[None], start.photograph))
+        return start.refined(pose, value, self._value(start, pose, fine=False), unlikely)
 
     def seen_from(self, viewpoint: Tensor, of: Hypothesis) -> Hypothesis:
         """A pose at another azimuth, elevation and in-plane rotation, (3,), degrees."""
