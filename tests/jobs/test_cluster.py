@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import signal
 import subprocess
@@ -110,6 +111,16 @@ def test_a_lost_scheduler(tmp_path: Path) -> None:
         process.kill()
         with pytest.raises(ChildProcessError, match="the scheduler is lost"):
             list(outcomes)
+
+
+def test_a_scheduler_that_dies_while_it_is_connected_to(scheduler: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def never_connects(self: object, **options: object) -> None:
+        await asyncio.sleep(60)
+
+    monkeypatch.setattr("nablahog.jobs.cluster._Client._start", never_connects)
+    monkeypatch.setattr("nablahog.jobs.cluster.CONNECT", 0.2)
+    with pytest.raises(ChildProcessError, match="there is no Dask scheduler at"):
+        list(run_on_cluster([job(DARK)], cluster=scheduler))
 
 
 @pytest.mark.parametrize(

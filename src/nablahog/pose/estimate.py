@@ -36,7 +36,7 @@ from .whitening import Background
 
 EVERY_DEGREE = 360
 PLACES, PLACES_OF_SEVERAL = 6, 2  # of an object without a box, that are looked at closely: of one model, of several
-DETECTORS = 8  # models that such places are found with: an object of their kind is like some of them anywhere
+DETECTORS = 8  # models, at most, whose views are compared with the whole photograph; more add time, hardly places
 DETECTED_FROM = (0.0, 20.0, 40.0, 65.0)  # degrees of elevation, where nothing is known of it
 DETECTED_TILTS = (-30.0, 0.0, 30.0)  # degrees, likewise
 UPRIGHT = (0.0,)
