@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -50,6 +52,23 @@ def test_what_is_written_is_read(tmp_path: Path, store: str, each: int) -> None:
     with pytest.raises(IndexError, match="row 6 of 6"):
         data[6]
     assert list(data.errors()) == [("bad.png", "expected an image")]
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="counts threads in /proc")
+def test_reading_leaves_no_threads(tmp_path: Path) -> None:
+    """Threads of Arrow that hold buffers of Python's when the interpreter ends would abort the process."""
+    write(str(tmp_path), rows(4), 2)
+    script = (
+        "import os, sys\n"
+        "from nablahog.io.descriptor_dataset import DescriptorDataset\n"
+        "before = set(os.listdir('/proc/self/task'))\n"
+        "data = DescriptorDataset(sys.argv[1])\n"
+        "print(len(list(data)), len(list(data.errors())), len(set(os.listdir('/proc/self/task')) - before))\n"
+    )
+    ran = subprocess.run([sys.executable, "-c", script, str(tmp_path)], capture_output=True, text=True, check=True)
+    rows_read, errors, threads = map(int, ran.stdout.split())
+    assert (rows_read, errors) == (4, 1)
+    assert threads <= 1  # that of Arrow's allocator, which has nothing of Python's
 
 
 def test_others_read_it(tmp_path: Path) -> None:

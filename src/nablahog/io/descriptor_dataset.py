@@ -169,8 +169,7 @@ class DescriptorDataset(Sequence[Row]):
     def errors(self) -> Iterator[tuple[str, str]]:
         """The images without a descriptor, and why; descriptors are not read."""
         for file in self._files:
-            with self._system.open(file, "rb") as opened:
-                table = pq.read_table(opened, columns=["path", "error"])
+            table = self._read(file, ["path", "error"])
             bad = table.filter(table["error"].is_valid())
             yield from zip(bad["path"].to_pylist(), bad["error"].to_pylist(), strict=True)
 
@@ -178,10 +177,15 @@ class DescriptorDataset(Sequence[Row]):
     def _table(self) -> Any:
         @lru_cache(CACHED)
         def table(shard: int) -> pa.Table:
-            with self._system.open(self._files[shard], "rb") as opened:
-                return pq.read_table(opened)
+            return self._read(self._files[shard])
 
         return table
+
+    def _read(self, file: str, columns: list[str] | None = None) -> pa.Table:
+        # in this thread: pq.read_table leaves Python's buffers to threads of Arrow, one of which may return the last of
+        # them while the interpreter ends, and then the process aborts
+        with self._system.open(file, "rb") as opened, pq.ParquetFile(opened) as shard:
+            return shard.read(columns, use_threads=False)
 
     def _row(self, table: pa.Table, number: int) -> Row:
         values = {name: table[name][number] for name in SCHEMA.names}
