@@ -26,22 +26,22 @@ def coarse_to_fine(problem: PoseProblem) -> SearchResult:
     may fit anywhere, so that poses of all models vote for a side of the object.
     """
     search = Search(problem)
-    tilted = [search.tilt(view) for view in search.promising(search.look_around())]
+    tilted = search.tilt_each(search.promising(search.look_around()))
     if search.searches_boxes and max(one.similarity for one in tilted) < _SURE:
-        tilted += [search.tilt(view) for view in search.promising(search.look_elsewhere())]
+        tilted += search.tilt_each(search.promising(search.look_elsewhere()))
     return _of_several(search, tilted) if search.voting else _of_one(search, tilted)
 
 
 def _of_one(search: Search, tilted: Sequence[Hypothesis]) -> SearchResult:
     """The best pose of a single model, or of a similarity for which there is no vote."""
     chosen = _with_rival(tilted)
-    refined = [search.ascend(hypothesis) for hypothesis in chosen]
+    refined = search.ascend_each(chosen)
     if search.kind == "calibrated":
         for hypothesis in _others(tilted, chosen):
             if max(one.similarity for one in refined) >= _SURE_AT_LAST:
                 break
             chosen.append(hypothesis)
-            refined.append(search.ascend(hypothesis))
+            refined += search.ascend_each([hypothesis])
     best = max(refined, key=lambda one: one.score)
     runners_up = _runners_up(best, refined, tilted, search.same_view(best), search.problem.photograph.crop)
     evidence = Evidence(best.similarity, runners_up[0].share if runners_up else 0.0, 1.0)
@@ -51,7 +51,7 @@ def _of_one(search: Search, tilted: Sequence[Hypothesis]) -> SearchResult:
 def _of_several(search: Search, tilted: Sequence[Hypothesis]) -> SearchResult:
     """The side on which poses of several models agree, and the best of these."""
     starts = sorted(tilted, key=lambda one: -one.score)
-    ascended = [search.ascend(start) for start in starts[:VOTERS]]
+    ascended = search.ascend_each(starts[:VOTERS])
     elected, *others = sides(ascended, 1 + _RUNNERS_UP)
     best = search.seen_from(elected.viewpoint, elected.poses[0])
     shares = [(side.share / elected.share, side.poses[0]) for side in others]

@@ -157,15 +157,9 @@ def estimate_pose(
     result = SEARCHES[method](problem)
     evidence = result.evidence
     pose, camera = crop.in_photograph(result.pose, *image.shape[1:])
-    azimuth, elevation, distance, theta, x, y = pose.tolist()
-    return PoseEstimate(
-        azimuth=azimuth % 360,
-        elevation=elevation,
-        distance=distance,
-        theta=theta,
-        x=x,
-        y=y,
-        camera=camera,
+    return PoseEstimate.at(
+        pose,
+        camera,
         model=result.model,
         similarity=result.similarity,
         similarity_kind=result.kind,

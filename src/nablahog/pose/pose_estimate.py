@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -79,6 +80,12 @@ class PoseEstimate:
     focal_from: FocalSource = "assumed"
     principal_point: tuple[float, float] | None = None
     from_original: Tensor = field(default_factory=lambda: torch.eye(4, dtype=torch.float64))
+
+    @classmethod
+    def at(cls, pose: Tensor, camera: Camera, **others: Any) -> PoseEstimate:
+        """Of a pose (6,) for a camera that sees the whole photograph, and all other attributes."""
+        azimuth, elevation, distance, theta, x, y = pose.tolist()
+        return cls(azimuth % 360, elevation, distance, theta, x, y, camera, **others)
 
     def __repr__(self) -> str:
         """Pose and figures, not the camera or the search."""

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import cached_property, partial
+from threading import Lock
 
 import torch
 from torch import Tensor
 
 from ..hog.box import Box
+from ..runtime.threads import in_threads
 from .ascent import SCHEDULE, lbfgs_ascent, momentum_ascent, quadratic_ascent
 from .candidates import candidates
 from .confidence import Evidence
@@ -37,6 +39,7 @@ class Search:
         self.kind = problem.similarity or "calibrated"
         self.voting = len(problem.models) > 1 and self.kind == "calibrated"
         self.renderings = 0
+        self._lock = Lock()
 
     def look_around(self) -> list[Hypothesis]:
         """The best views of each model at each elevation, the best of all first."""
@@ -110,27 +113,31 @@ class Search:
 
     def _watch(self, hypothesis: Hypothesis, pose: Tensor) -> None:
         given = self.problem.photograph.crop
-        self.problem.watch(hypothesis.model, hypothesis.photograph.crop.converted(pose, given))
+        with self._lock:
+            self.problem.watch(hypothesis.model, hypothesis.photograph.crop.converted(pose, given))
 
     def _view_similarities(self, model: PreparedModel, elevation: float) -> Tensor:
         if self.kind == "calibrated":
             return view_similarities(model, self.problem.photograph.calibrated, elevation)
         # without calibration an object of another size has another similarity
         poses = self.problem.level_views(model, equidistant_azimuths(VIEW_COUNT), elevation)
-        return self._similarity(model, self.problem.photograph, fine=False).values(poses)
+        return self._similarity_of(model, self.problem.photograph, fine=False).values(poses)
 
-    def tilt(self, view: Hypothesis) -> Hypothesis:
-        """The best of small turns of azimuth and in the image plane.
+    def tilt_each(self, views: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """The best of small turns of azimuth and in the image plane, of each view.
 
         The two are hard to tell apart: seen from above, either moves the top of an object across its foot.
         """
+        similarities = [self._similarity(view, fine=False) for view in views]  # made before threads ask for them
+        return in_threads(lambda k: self._tilt(views[k], similarities[k]), len(views))
+
+    def _tilt(self, view: Hypothesis, coarse: Similarity) -> Hypothesis:
         model = self.problem.models[view.model]
-        coarse = self._similarity(model, view.photograph, fine=False)
         poses = view.pose.repeat(len(_TILTS) * len(_TURNS), 1)
         poses[:, [0, 3]] += torch.cartesian_prod(torch.tensor(_TURNS), torch.tensor(_TILTS))
         poses = self.problem.fit(model, poses, view.photograph)
         values = coarse.values(poses)
-        self.renderings += len(poses)
+        self._count(len(poses))
         unlikely = self.problem.unlikely(poses, view.photograph)
         best = int((values - unlikely).argmax())
         pose, value = poses[best], float(values[best])
@@ -144,14 +151,26 @@ class Search:
         least = views[0].score - (1 - _NEARLY) * abs(views[0].score)
         return [view for view in views[:_STARTS] if view.score >= least]
 
-    def ascend(self, start: Hypothesis) -> Hypothesis:
-        """The highest similarity near a start."""
-        fine = self._similarity(self.problem.models[start.model], start.photograph, fine=True)
-        pose = self._ascend(fine, start)
+    def ascend_each(self, starts: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """The highest similarity near each start."""
+        similarities = [self._similarity(start, fine=True) for start in starts]
+        seeds = torch.randint(2**62, (len(starts),), generator=self.problem.generator).tolist()
+        return in_threads(lambda k: self._ascend(starts[k], similarities[k], seeds[k]), len(starts))
+
+    def _ascend(self, start: Hypothesis, fine: Similarity, seed: int) -> Hypothesis:
+        pose = self._maximum(start, fine, torch.Generator().manual_seed(seed))
         value = float(fine.values(pose[None]))
-        self.renderings += fine.renderings
+        self._count(fine.renderings)
         unlikely = float(self.problem.unlikely(pose[None], start.photograph))
         return start.refined(pose, value, self._value(start, pose, fine=False), unlikely)
+
+    def _maximum(self, start: Hypothesis, similarity: Similarity, generator: torch.Generator) -> Tensor:
+        pose, visit = start.pose, partial(self._watch, start)
+        if self.problem.ascent == "quadratic":
+            return quadratic_ascent(similarity, pose, SCHEDULE, generator, visit)
+        if self.problem.ascent == "momentum":
+            return momentum_ascent(similarity, pose[None], steps=_ASCENT_STEPS, distance_every=1, visit=visit)[0][0]
+        return lbfgs_ascent(similarity, pose, _ASCENT_STEPS)
 
     def seen_from(self, viewpoint: Tensor, of: Hypothesis) -> Hypothesis:
         """A pose at another azimuth, elevation and in-plane rotation, (3,), degrees."""
@@ -180,21 +199,19 @@ class Search:
             evidence if self.kind == "calibrated" else None,
         )
 
-    def _ascend(self, similarity: Similarity, start: Hypothesis) -> Tensor:
-        pose, visit = start.pose, partial(self._watch, start)
-        if self.problem.ascent == "quadratic":
-            return quadratic_ascent(similarity, pose, SCHEDULE, self.problem.generator, visit)
-        if self.problem.ascent == "momentum":
-            return momentum_ascent(similarity, pose[None], steps=_ASCENT_STEPS, distance_every=1, visit=visit)[0][0]
-        return lbfgs_ascent(similarity, pose, _ASCENT_STEPS)
-
     def _value(self, of: Hypothesis, pose: Tensor, *, fine: bool) -> float:
-        self.renderings += 1
-        model = self.problem.models[of.model]
-        return float(self._similarity(model, of.photograph, fine=fine).values(pose[None]))
+        self._count(1)
+        return float(self._similarity(of, fine=fine).values(pose[None]))
 
-    def _similarity(self, model: PreparedModel, photograph: PreparedPhotograph, *, fine: bool) -> Similarity:
-        """To a crop; of the kinds only the calibrated one has smaller cells in the last steps."""
+    def _count(self, renderings: int) -> None:
+        with self._lock:
+            self.renderings += renderings
+
+    def _similarity(self, of: Hypothesis, *, fine: bool) -> Similarity:
+        """To a hypothesis' crop; of the kinds only the calibrated one has smaller cells in the last steps."""
+        return self._similarity_of(self.problem.models[of.model], of.photograph, fine=fine)
+
+    def _similarity_of(self, model: PreparedModel, photograph: PreparedPhotograph, *, fine: bool) -> Similarity:
         calibrated = self.kind == "calibrated"
         template = photograph.fine if fine and calibrated else photograph.template(self.kind)
         return model.similarity(template, detail=DETAIL, camera=photograph.crop.camera)

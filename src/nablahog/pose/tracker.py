@@ -142,15 +142,9 @@ class Tracker:
         self, crop: ObjectCrop, pose: Tensor, value: float, last: PoseEstimate, renderings: int, size: torch.Size
     ) -> PoseEstimate:
         moved, camera = crop.in_photograph(pose, *size)
-        azimuth, elevation, distance, theta, x, y = moved.tolist()
-        return PoseEstimate(
-            azimuth=azimuth % 360,
-            elevation=elevation,
-            distance=distance,
-            theta=theta,
-            x=x,
-            y=y,
-            camera=camera,
+        return PoseEstimate.at(
+            moved,
+            camera,
             model="",
             similarity=value,
             similarity_kind="calibrated",
