@@ -24,6 +24,7 @@ from .symmetry import equivalent_azimuths
 from .views import VIEW_COUNT, view_similarities
 
 VOTERS = 36  # poses of several models that are ascended from
+VOTERS_SCHEDULE = SCHEDULE[:3]  # of these: what they are off in the end is less than what models differ by
 _SAME_BOX = 0.85  # intersection over union: a view whose box is as near fills the one given
 _STARTS = 4  # local maxima of a model's views, at most, that are tilted
 _NEARLY = 0.75  # of the best view's similarity: others that have as much may still turn out to be the best
@@ -146,7 +147,7 @@ class Search:
 
     def promising(self, views: Sequence[Hypothesis]) -> Sequence[Hypothesis]:
         """The first of ``views``, which are the best first: for a vote all, else those that are nearly as good."""
-        if self.voting:
+        if self.voting or not views:
             return views[:VOTERS]
         least = views[0].score - (1 - _NEARLY) * abs(views[0].score)
         return [view for view in views[:_STARTS] if view.score >= least]
@@ -167,7 +168,8 @@ class Search:
     def _maximum(self, start: Hypothesis, similarity: Similarity, generator: torch.Generator) -> Tensor:
         pose, visit = start.pose, partial(self._watch, start)
         if self.problem.ascent == "quadratic":
-            return quadratic_ascent(similarity, pose, SCHEDULE, generator, visit)
+            rounds = VOTERS_SCHEDULE if self.voting else SCHEDULE
+            return quadratic_ascent(similarity, pose, rounds, generator, visit)
         if self.problem.ascent == "momentum":
             return momentum_ascent(similarity, pose[None], steps=_ASCENT_STEPS, distance_every=1, visit=visit)[0][0]
         return lbfgs_ascent(similarity, pose, _ASCENT_STEPS)
