@@ -6,16 +6,17 @@ from collections.abc import Sequence
 
 from .confidence import Evidence
 from .crop import ObjectCrop
-from .election import SAME_SIDE, sides
+from .election import SAME_SIDE, Side, sides
 from .hypothesis import Hypothesis
 from .placement import azimuth_distance
 from .problem import PoseProblem, RunnerUp, SearchResult
-from .search import VOTERS, Search
+from .search import VOTE, Search
 
 _RIVAL = 0.8  # of the best view's similarity, after tilting
 _MORE_ASCENTS = 2  # where the best and its rival come to little
 _SURE = 6.5  # coarse similarity of views that fill the given box, from which on others are not searched
 _SURE_AT_LAST = 8.0  # fine similarity, from which on no other ascents are tried
+_MOST_OF_A_SIDE = 8  # poses, on the elected side, whose mean viewpoint is taken
 _RUNNERS_UP = 3  # poses from other sides that are kept
 
 
@@ -50,14 +51,15 @@ def _of_one(search: Search, tilted: Sequence[Hypothesis]) -> SearchResult:
 
 def _of_several(search: Search, tilted: Sequence[Hypothesis]) -> SearchResult:
     """The side on which poses of several models agree, and the best of these."""
-    starts = sorted(tilted, key=lambda one: -one.score)
-    ascended = search.ascend_each(starts[:VOTERS])
-    elected, *others = sides(ascended, 1 + _RUNNERS_UP)
+    voters = search.ascend_each(tilted, VOTE)
+    elected, *others = sides(voters, 1 + _RUNNERS_UP)
+    ascended = search.ascend_each(elected.poses[:_MOST_OF_A_SIDE])
+    elected = Side(tuple(sorted(ascended, key=lambda one: -one.score)), elected.share)
     best = search.seen_from(elected.viewpoint, elected.poses[0])
     shares = [(side.share / elected.share, side.poses[0]) for side in others]
     runners_up = _from_other_sides(shares, best, search.same_view(best), search.problem.photograph.crop)
     evidence = Evidence(best.similarity, runners_up[0].share if runners_up else 0.0, elected.share)
-    return search.result(best, ascended, runners_up, evidence)
+    return search.result(best, [*ascended, *voters], runners_up, evidence)
 
 
 def _runners_up(

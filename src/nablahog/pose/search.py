@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..hog.box import Box
 from ..runtime.threads import in_threads
-from .ascent import SCHEDULE, lbfgs_ascent, momentum_ascent, quadratic_ascent
+from .ascent import SCHEDULE, Round, lbfgs_ascent, momentum_ascent, quadratic_ascent
 from .candidates import candidates
 from .confidence import Evidence
 from .hypothesis import Hypothesis
@@ -23,8 +23,8 @@ from .similarity import Similarity
 from .symmetry import equivalent_azimuths
 from .views import VIEW_COUNT, view_similarities
 
-VOTERS = 36  # poses of several models that are ascended from
-VOTERS_SCHEDULE = SCHEDULE[:3]  # of these: what they are off in the end is less than what models differ by
+VOTERS = 36  # views of several models that are tilted and ascended from, of those that fill the box and of others
+VOTE = SCHEDULE[:2]  # of their ascents: which side of the object they see does not take more
 _SAME_BOX = 0.85  # intersection over union: a view whose box is as near fills the one given
 _STARTS = 4  # local maxima of a model's views, at most, that are tilted
 _NEARLY = 0.75  # of the best view's similarity: others that have as much may still turn out to be the best
@@ -152,23 +152,29 @@ class Search:
         least = views[0].score - (1 - _NEARLY) * abs(views[0].score)
         return [view for view in views[:_STARTS] if view.score >= least]
 
-    def ascend_each(self, starts: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """The highest similarity near each start."""
+    def ascend_each(self, starts: Sequence[Hypothesis], rounds: Sequence[Round] = SCHEDULE) -> list[Hypothesis]:
+        """The highest similarity near each start.
+
+        Args:
+            starts: of any models.
+            rounds: of quadratic ascents.
+        """
         similarities = [self._similarity(start, fine=True) for start in starts]
         seeds = torch.randint(2**62, (len(starts),), generator=self.problem.generator).tolist()
-        return in_threads(lambda k: self._ascend(starts[k], similarities[k], seeds[k]), len(starts))
+        return in_threads(lambda k: self._ascend(starts[k], similarities[k], rounds, seeds[k]), len(starts))
 
-    def _ascend(self, start: Hypothesis, fine: Similarity, seed: int) -> Hypothesis:
-        pose = self._maximum(start, fine, torch.Generator().manual_seed(seed))
+    def _ascend(self, start: Hypothesis, fine: Similarity, rounds: Sequence[Round], seed: int) -> Hypothesis:
+        pose = self._maximum(start, fine, rounds, torch.Generator().manual_seed(seed))
         value = float(fine.values(pose[None]))
         self._count(fine.renderings)
         unlikely = float(self.problem.unlikely(pose[None], start.photograph))
         return start.refined(pose, value, self._value(start, pose, fine=False), unlikely)
 
-    def _maximum(self, start: Hypothesis, similarity: Similarity, generator: torch.Generator) -> Tensor:
+    def _maximum(
+        self, start: Hypothesis, similarity: Similarity, rounds: Sequence[Round], generator: torch.Generator
+    ) -> Tensor:
         pose, visit = start.pose, partial(self._watch, start)
         if self.problem.ascent == "quadratic":
-            rounds = VOTERS_SCHEDULE if self.voting else SCHEDULE
             return quadratic_ascent(similarity, pose, rounds, generator, visit)
         if self.problem.ascent == "momentum":
             return momentum_ascent(similarity, pose[None], steps=_ASCENT_STEPS, distance_every=1, visit=visit)[0][0]
