@@ -53,13 +53,14 @@ def _of_several(search: Search, tilted: Sequence[Hypothesis]) -> SearchResult:
     """The side on which poses of several models agree, and the best of these."""
     voters = search.ascend_each(tilted, VOTE)
     elected, *others = sides(voters, 1 + _RUNNERS_UP)
-    ascended = search.ascend_each(elected.poses[:_MOST_OF_A_SIDE])
+    chosen = elected.poses[:_MOST_OF_A_SIDE]
+    ascended = search.ascend_each(chosen)
     elected = Side(tuple(sorted(ascended, key=lambda one: -one.score)), elected.share)
     best = search.seen_from(elected.viewpoint, elected.poses[0])
     shares = [(side.share / elected.share, side.poses[0]) for side in others]
     runners_up = _from_other_sides(shares, best, search.same_view(best), search.problem.photograph.crop)
     evidence = Evidence(best.similarity, runners_up[0].share if runners_up else 0.0, elected.share)
-    return search.result(best, [*ascended, *voters], runners_up, evidence)
+    return search.result(best, [*ascended, *(one for one in voters if one not in chosen)], runners_up, evidence)
 
 
 def _runners_up(

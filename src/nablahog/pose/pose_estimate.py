@@ -81,12 +81,6 @@ class PoseEstimate:
     principal_point: tuple[float, float] | None = None
     from_original: Tensor = field(default_factory=lambda: torch.eye(4, dtype=torch.float64))
 
-    @classmethod
-    def at(cls, pose: Tensor, camera: Camera, **others: Any) -> PoseEstimate:
-        """Of a pose (6,) for a camera that sees the whole photograph, and all other attributes."""
-        azimuth, elevation, distance, theta, x, y = pose.tolist()
-        return cls(azimuth % 360, elevation, distance, theta, x, y, camera, **others)
-
     def __repr__(self) -> str:
         """Pose and figures, not the camera or the search."""
         model = f", model {self.model}" if self.model else ""
@@ -174,3 +168,9 @@ class PoseEstimate:
             ]
             motion[:3] = turn_to(torch.tensor([*aside, 1.0], dtype=torch.float64)).T @ motion[:3]
         return motion
+
+
+def estimate_at(pose: Tensor, camera: Camera, **others: Any) -> PoseEstimate:
+    """The estimate of a pose (6,) for a camera that sees the whole photograph, and all other attributes."""
+    azimuth, elevation, distance, theta, x, y = pose.tolist()
+    return PoseEstimate(azimuth % 360, elevation, distance, theta, x, y, camera, **others)
