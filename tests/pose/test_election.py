@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import cast
 
 import pytest
 import torch
 
+from nablahog.pose import estimate_pose
 from nablahog.pose.election import consensus, sides
 from nablahog.pose.hypothesis import Hypothesis
 from nablahog.pose.prepared import PreparedPhotograph
 
-from .common import degrees_between
+from .common import SWIVEL, degrees_between, model, photographed
 
 
 def poses(azimuths: list[float], coarse: list[float], fine: list[float] | None = None) -> list[Hypothesis]:
@@ -70,3 +72,22 @@ def test_votes_of_a_pose_alone_are_its_weight() -> None:
     azimuths = torch.tensor([0.0, 100, 200], dtype=torch.float64)
     weights = torch.tensor([1.0, 0.5, 0.25], dtype=torch.float64)
     assert torch.allclose(consensus(azimuths, weights), weights)
+
+
+@pytest.fixture
+def own_threads() -> Iterator[None]:
+    before = torch.get_num_threads()
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.mark.usefixtures("own_threads")
+def test_threads_do_not_change_the_pose_and_count_all_renderings() -> None:
+    image, box = photographed(model(), 30, 15)
+    others = {"swivel": model(SWIVEL), "wooden": model(6)}
+    found = []
+    for threads in (1, 2):
+        torch.set_num_threads(threads)
+        found.append(estimate_pose(image, others, box=box, initial=(0, 15)))
+    assert torch.equal(found[0].pose, found[1].pose)
+    assert (found[0].model, found[0].renderings) == (found[1].model, found[1].renderings)

@@ -55,3 +55,8 @@ def test_the_best_view_is_searched_however_bad_it_is() -> None:
     (view,) = search.look_around()[:1]
     bad = view.refined(view.pose, -1.0, -1.0)
     assert search.promising([bad, view.refined(view.pose, -5.0, -5.0)]) == [bad]
+
+
+def test_there_may_be_no_views_elsewhere() -> None:
+    search = Search(problem(initial=(0.0, 10.0)))
+    assert search.tilt_each(search.promising([])) == []

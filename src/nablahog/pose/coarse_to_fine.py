@@ -6,16 +6,17 @@ from collections.abc import Sequence
 
 from .confidence import Evidence
 from .crop import ObjectCrop
-from .election import SAME_SIDE, sides
+from .election import SAME_SIDE, Side, sides
 from .hypothesis import Hypothesis
 from .placement import azimuth_distance
 from .problem import PoseProblem, RunnerUp, SearchResult
-from .search import VOTERS, Search
+from .search import VOTE, Search
 
 _RIVAL = 0.8  # of the best view's similarity, after tilting
 _MORE_ASCENTS = 2  # where the best and its rival come to little
 _SURE = 6.5  # coarse similarity of views that fill the given box, from which on others are not searched
 _SURE_AT_LAST = 8.0  # fine similarity, from which on no other ascents are tried
+_MOST_OF_A_SIDE = 8  # poses, on the elected side, whose mean viewpoint is taken
 _RUNNERS_UP = 3  # poses from other sides that are kept
 
 
@@ -26,22 +27,22 @@ def coarse_to_fine(problem: PoseProblem) -> SearchResult:
     may fit anywhere, so that poses of all models vote for a side of the object.
     """
     search = Search(problem)
-    tilted = [search.tilt(view) for view in search.promising(search.look_around())]
+    tilted = search.tilt_each(search.promising(search.look_around()))
     if search.searches_boxes and max(one.similarity for one in tilted) < _SURE:
-        tilted += [search.tilt(view) for view in search.promising(search.look_elsewhere())]
+        tilted += search.tilt_each(search.promising(search.look_elsewhere()))
     return _of_several(search, tilted) if search.voting else _of_one(search, tilted)
 
 
 def _of_one(search: Search, tilted: Sequence[Hypothesis]) -> SearchResult:
     """The best pose of a single model, or of a similarity for which there is no vote."""
     chosen = _with_rival(tilted)
-    refined = [search.ascend(hypothesis) for hypothesis in chosen]
+    refined = search.ascend_each(chosen)
     if search.kind == "calibrated":
         for hypothesis in _others(tilted, chosen):
             if max(one.similarity for one in refined) >= _SURE_AT_LAST:
                 break
             chosen.append(hypothesis)
-            refined.append(search.ascend(hypothesis))
+            refined += search.ascend_each([hypothesis])
     best = max(refined, key=lambda one: one.score)
     runners_up = _runners_up(best, refined, tilted, search.same_view(best), search.problem.photograph.crop)
     evidence = Evidence(best.similarity, runners_up[0].share if runners_up else 0.0, 1.0)
@@ -50,14 +51,16 @@ def _of_one(search: Search, tilted: Sequence[Hypothesis]) -> SearchResult:
 
 def _of_several(search: Search, tilted: Sequence[Hypothesis]) -> SearchResult:
     """The side on which poses of several models agree, and the best of these."""
-    starts = sorted(tilted, key=lambda one: -one.score)
-    ascended = [search.ascend(start) for start in starts[:VOTERS]]
-    elected, *others = sides(ascended, 1 + _RUNNERS_UP)
+    voters = search.ascend_each(tilted, VOTE)
+    elected, *others = sides(voters, 1 + _RUNNERS_UP)
+    chosen = elected.poses[:_MOST_OF_A_SIDE]
+    ascended = search.ascend_each(chosen)
+    elected = Side(tuple(sorted(ascended, key=lambda one: -one.score)), elected.share)
     best = search.seen_from(elected.viewpoint, elected.poses[0])
     shares = [(side.share / elected.share, side.poses[0]) for side in others]
     runners_up = _from_other_sides(shares, best, search.same_view(best), search.problem.photograph.crop)
     evidence = Evidence(best.similarity, runners_up[0].share if runners_up else 0.0, elected.share)
-    return search.result(best, ascended, runners_up, evidence)
+    return search.result(best, [*ascended, *(one for one in voters if one not in chosen)], runners_up, evidence)
 
 
 def _runners_up(

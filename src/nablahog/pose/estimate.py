@@ -28,7 +28,7 @@ from .detection import EVERY, find_places
 from .mask import masked
 from .options import Ascent, FocalSource, SearchMethod, SimilarityKind
 from .placement import equidistant_azimuths
-from .pose_estimate import PoseEstimate
+from .pose_estimate import PoseEstimate, estimate_at
 from .prepared import DETAIL, PreparedModel, PreparedPhotograph, coarse_background, prepared_model
 from .problem import ELEVATIONS, PoseProblem, RunnerUp, SearchResult, SearchTrace, allowed_azimuths
 from .views import VIEW_COUNT
@@ -157,15 +157,9 @@ def estimate_pose(
     result = SEARCHES[method](problem)
     evidence = result.evidence
     pose, camera = crop.in_photograph(result.pose, *image.shape[1:])
-    azimuth, elevation, distance, theta, x, y = pose.tolist()
-    return PoseEstimate(
-        azimuth=azimuth % 360,
-        elevation=elevation,
-        distance=distance,
-        theta=theta,
-        x=x,
-        y=y,
-        camera=camera,
+    return estimate_at(
+        pose,
+        camera,
         model=result.model,
         similarity=result.similarity,
         similarity_kind=result.kind,

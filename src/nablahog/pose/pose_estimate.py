@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -167,3 +168,9 @@ class PoseEstimate:
             ]
             motion[:3] = turn_to(torch.tensor([*aside, 1.0], dtype=torch.float64)).T @ motion[:3]
         return motion
+
+
+def estimate_at(pose: Tensor, camera: Camera, **others: Any) -> PoseEstimate:
+    """The estimate of a pose (6,) for a camera that sees the whole photograph, and all other attributes."""
+    azimuth, elevation, distance, theta, x, y = pose.tolist()
+    return PoseEstimate(azimuth % 360, elevation, distance, theta, x, y, camera, **others)

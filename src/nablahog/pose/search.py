@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import cached_property, partial
+from threading import Lock
 
 import torch
 from torch import Tensor
 
 from ..hog.box import Box
-from .ascent import SCHEDULE, lbfgs_ascent, momentum_ascent, quadratic_ascent
+from ..runtime.threads import in_threads
+from .ascent import SCHEDULE, Round, lbfgs_ascent, momentum_ascent, quadratic_ascent
 from .candidates import candidates
 from .confidence import Evidence
 from .hypothesis import Hypothesis
@@ -21,7 +23,8 @@ from .similarity import Similarity
 from .symmetry import equivalent_azimuths
 from .views import VIEW_COUNT, view_similarities
 
-VOTERS = 36  # poses of several models that are ascended from
+VOTERS = 36  # views of several models that are tilted and ascended from, of those that fill the box and of others
+VOTE = SCHEDULE[:2]  # of their ascents: which side of the object they see does not take more
 _SAME_BOX = 0.85  # intersection over union: a view whose box is as near fills the one given
 _STARTS = 4  # local maxima of a model's views, at most, that are tilted
 _NEARLY = 0.75  # of the best view's similarity: others that have as much may still turn out to be the best
@@ -37,6 +40,7 @@ class Search:
         self.kind = problem.similarity or "calibrated"
         self.voting = len(problem.models) > 1 and self.kind == "calibrated"
         self.renderings = 0
+        self._lock = Lock()
 
     def look_around(self) -> list[Hypothesis]:
         """The best views of each model at each elevation, the best of all first."""
@@ -110,27 +114,31 @@ class Search:
 
     def _watch(self, hypothesis: Hypothesis, pose: Tensor) -> None:
         given = self.problem.photograph.crop
-        self.problem.watch(hypothesis.model, hypothesis.photograph.crop.converted(pose, given))
+        with self._lock:
+            self.problem.watch(hypothesis.model, hypothesis.photograph.crop.converted(pose, given))
 
     def _view_similarities(self, model: PreparedModel, elevation: float) -> Tensor:
         if self.kind == "calibrated":
             return view_similarities(model, self.problem.photograph.calibrated, elevation)
         # without calibration an object of another size has another similarity
         poses = self.problem.level_views(model, equidistant_azimuths(VIEW_COUNT), elevation)
-        return self._similarity(model, self.problem.photograph, fine=False).values(poses)
+        return self._similarity_of(model, self.problem.photograph, fine=False).values(poses)
 
-    def tilt(self, view: Hypothesis) -> Hypothesis:
-        """The best of small turns of azimuth and in the image plane.
+    def tilt_each(self, views: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """The best of small turns of azimuth and in the image plane, of each view.
 
         The two are hard to tell apart: seen from above, either moves the top of an object across its foot.
         """
+        similarities = [self._similarity(view, fine=False) for view in views]  # made before threads ask for them
+        return in_threads(lambda k: self._tilt(views[k], similarities[k]), len(views))
+
+    def _tilt(self, view: Hypothesis, coarse: Similarity) -> Hypothesis:
         model = self.problem.models[view.model]
-        coarse = self._similarity(model, view.photograph, fine=False)
         poses = view.pose.repeat(len(_TILTS) * len(_TURNS), 1)
         poses[:, [0, 3]] += torch.cartesian_prod(torch.tensor(_TURNS), torch.tensor(_TILTS))
         poses = self.problem.fit(model, poses, view.photograph)
         values = coarse.values(poses)
-        self.renderings += len(poses)
+        self._count(len(poses))
         unlikely = self.problem.unlikely(poses, view.photograph)
         best = int((values - unlikely).argmax())
         pose, value = poses[best], float(values[best])
@@ -139,19 +147,38 @@ class Search:
 
     def promising(self, views: Sequence[Hypothesis]) -> Sequence[Hypothesis]:
         """The first of ``views``, which are the best first: for a vote all, else those that are nearly as good."""
-        if self.voting:
+        if self.voting or not views:
             return views[:VOTERS]
         least = views[0].score - (1 - _NEARLY) * abs(views[0].score)
         return [view for view in views[:_STARTS] if view.score >= least]
 
-    def ascend(self, start: Hypothesis) -> Hypothesis:
-        """The highest similarity near a start."""
-        fine = self._similarity(self.problem.models[start.model], start.photograph, fine=True)
-        pose = self._ascend(fine, start)
+    def ascend_each(self, starts: Sequence[Hypothesis], rounds: Sequence[Round] = SCHEDULE) -> list[Hypothesis]:
+        """The highest similarity near each start.
+
+        Args:
+            starts: of any models.
+            rounds: of quadratic ascents.
+        """
+        similarities = [self._similarity(start, fine=True) for start in starts]
+        seeds = torch.randint(2**62, (len(starts),), generator=self.problem.generator).tolist()
+        return in_threads(lambda k: self._ascend(starts[k], similarities[k], rounds, seeds[k]), len(starts))
+
+    def _ascend(self, start: Hypothesis, fine: Similarity, rounds: Sequence[Round], seed: int) -> Hypothesis:
+        pose = self._maximum(start, fine, rounds, torch.Generator().manual_seed(seed))
         value = float(fine.values(pose[None]))
-        self.renderings += fine.renderings
+        self._count(fine.renderings)
         unlikely = float(self.problem.unlikely(pose[None], start.photograph))
         return start.refined(pose, value, self._value(start, pose, fine=False), unlikely)
+
+    def _maximum(
+        self, start: Hypothesis, similarity: Similarity, rounds: Sequence[Round], generator: torch.Generator
+    ) -> Tensor:
+        pose, visit = start.pose, partial(self._watch, start)
+        if self.problem.ascent == "quadratic":
+            return quadratic_ascent(similarity, pose, rounds, generator, visit)
+        if self.problem.ascent == "momentum":
+            return momentum_ascent(similarity, pose[None], steps=_ASCENT_STEPS, distance_every=1, visit=visit)[0][0]
+        return lbfgs_ascent(similarity, pose, _ASCENT_STEPS)
 
     def seen_from(self, viewpoint: Tensor, of: Hypothesis) -> Hypothesis:
         """A pose at another azimuth, elevation and in-plane rotation, (3,), degrees."""
@@ -180,21 +207,19 @@ class Search:
             evidence if self.kind == "calibrated" else None,
         )
 
-    def _ascend(self, similarity: Similarity, start: Hypothesis) -> Tensor:
-        pose, visit = start.pose, partial(self._watch, start)
-        if self.problem.ascent == "quadratic":
-            return quadratic_ascent(similarity, pose, SCHEDULE, self.problem.generator, visit)
-        if self.problem.ascent == "momentum":
-            return momentum_ascent(similarity, pose[None], steps=_ASCENT_STEPS, distance_every=1, visit=visit)[0][0]
-        return lbfgs_ascent(similarity, pose, _ASCENT_STEPS)
-
     def _value(self, of: Hypothesis, pose: Tensor, *, fine: bool) -> float:
-        self.renderings += 1
-        model = self.problem.models[of.model]
-        return float(self._similarity(model, of.photograph, fine=fine).values(pose[None]))
+        self._count(1)
+        return float(self._similarity(of, fine=fine).values(pose[None]))
 
-    def _similarity(self, model: PreparedModel, photograph: PreparedPhotograph, *, fine: bool) -> Similarity:
-        """To a crop; of the kinds only the calibrated one has smaller cells in the last steps."""
+    def _count(self, renderings: int) -> None:
+        with self._lock:
+            self.renderings += renderings
+
+    def _similarity(self, of: Hypothesis, *, fine: bool) -> Similarity:
+        """To a hypothesis' crop; of the kinds only the calibrated one has smaller cells in the last steps."""
+        return self._similarity_of(self.problem.models[of.model], of.photograph, fine=fine)
+
+    def _similarity_of(self, model: PreparedModel, photograph: PreparedPhotograph, *, fine: bool) -> Similarity:
         calibrated = self.kind == "calibrated"
         template = photograph.fine if fine and calibrated else photograph.template(self.kind)
         return model.similarity(template, detail=DETAIL, camera=photograph.crop.camera)

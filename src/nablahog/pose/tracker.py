@@ -16,7 +16,7 @@ from .confidence import Evidence, confidence
 from .crop import ObjectCrop, crop_object, typical_camera
 from .estimate import estimate_pose, one_image
 from .placement import bounding_boxes
-from .pose_estimate import PoseEstimate
+from .pose_estimate import PoseEstimate, estimate_at
 from .prepared import DETAIL, PreparedPhotograph, prepared_model
 
 COARSE = (Round(12, 1.0, slopes=False),)
@@ -142,15 +142,9 @@ class Tracker:
         self, crop: ObjectCrop, pose: Tensor, value: float, last: PoseEstimate, renderings: int, size: torch.Size
     ) -> PoseEstimate:
         moved, camera = crop.in_photograph(pose, *size)
-        azimuth, elevation, distance, theta, x, y = moved.tolist()
-        return PoseEstimate(
-            azimuth=azimuth % 360,
-            elevation=elevation,
-            distance=distance,
-            theta=theta,
-            x=x,
-            y=y,
-            camera=camera,
+        return estimate_at(
+            moved,
+            camera,
             model="",
             similarity=value,
             similarity_kind="calibrated",

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 import torch
 
+from nablahog.cli.inputs import models
 from nablahog.cli.main import main
+from nablahog.cli.results import pose_job
 from nablahog.datasets.object_lists import read_objects
 from nablahog.io.images import write_image
 from nablahog.jobs import resume
@@ -45,6 +47,18 @@ def photos(tmp_path: Path, here: None) -> Path:
 def arguments(tmp_path: Path, *more: str, mesh: str = "models") -> list[str]:
     listed = ["--annotations", str(tmp_path / "objects.csv"), "--photos", str(tmp_path / "photos")]
     return ["pose", *listed, "--mesh", str(tmp_path / mesh), "-o", str(tmp_path / "out"), "--workers", "1", *more]
+
+
+def test_without_a_mesh_the_chairs_of_the_package(
+    tmp_path: Path, photos: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in (models, pose_job):
+        monkeypatch.setattr(module, "library", lambda: {"wooden-0": model()})
+    listed = ["--annotations", str(tmp_path / "objects.csv"), "--photos", str(photos)]
+    assert main(["pose", *listed, "-o", str(tmp_path / "out"), "--workers", "1"]) == 0
+    rows = list(csv.DictReader((tmp_path / "out" / "poses.csv").read_text().splitlines()))
+    assert [row["model"] for row in rows] == ["wooden-0", "wooden-0"]
+    assert all(degrees_between(float(row["azimuth"]), TRUE[row["image"]]) < 3 for row in rows)
 
 
 def test_a_list_of_objects(tmp_path: Path, photos: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -39,7 +39,7 @@ def pose_list(arguments: Namespace) -> int:
     with output_folder(folder), as_user_error():
         meshes = read_meshes(models, arguments)
         options = PoseOptions(
-            tuple((name, models.paths[name].absolute()) for name in meshes),
+            tuple((name, models.paths[name].absolute()) for name in meshes if models.paths),
             arguments.up,
             arguments.front,
             LensOptions.of(arguments),

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ...datasets.chairs import library
 from ...datasets.object_lists import ListedObject
 from ...io.images import as_array, read_image
 from ...jobs.job_files import local_path
@@ -33,7 +34,7 @@ class PoseOptions:
     """What the searches for all objects have in common, see :func:`nablahog.estimate_pose`.
 
     Attributes:
-        models: names and files of the models.
+        models: names and files of the models; none for :func:`nablahog.datasets.chairs.library`.
         up, front: axes of these files.
         lens: of the cameras.
         background: a file.
@@ -153,4 +154,6 @@ def _meshes(options: PoseOptions) -> Mapping[str, Mesh]:
 @lru_cache(maxsize=2)
 def _read(models: tuple[tuple[str, Path], ...], up: str | None, front: str | None) -> dict[str, Mesh]:
     """Read once by a process for all of its objects."""
+    if not models:
+        return library()
     return {name: load_mesh(local_path(path), up=up, front=front) for name, path in models}
