@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from functools import cached_property, partial
 from threading import Lock
@@ -15,7 +16,7 @@ from .ascent import SCHEDULE, Round, lbfgs_ascent, momentum_ascent, quadratic_as
 from .candidates import candidates
 from .confidence import Evidence
 from .hypothesis import Hypothesis
-from .placement import bounding_boxes, equidistant_azimuths, local_maxima
+from .placement import bounding_boxes, equidistant_azimuths, level_poses, local_maxima
 from .prepared import DETAIL, PreparedModel, PreparedPhotograph
 from .problem import PoseProblem, RunnerUp, SearchResult
 from .pyramid import FOUND, ROUGH, Pyramid, pyramid
@@ -43,19 +44,30 @@ class Search:
         self._lock = Lock()
 
     def look_around(self) -> list[Hypothesis]:
-        """The best views of each model at each elevation, the best of all first."""
-        views: list[Hypothesis] = []
+        """The best views of all models at all elevations, the best of all first, as many as are looked at closer."""
+        azimuths = equidistant_azimuths(VIEW_COUNT)
+        level = {elevation: level_poses(azimuths[:1], elevation) for elevation in self.problem.elevations}
+        unlikely = {at: float(self.problem.unlikely(pose, self.problem.photograph)) for at, pose in level.items()}
+        seen: list[tuple[float, float, str, float, Tensor]] = []
         for name, model in self.problem.each_model():
             for elevation in self.problem.elevations:
                 values = self._view_similarities(model, elevation)
                 values[~self._allowed] = -torch.inf
                 best = local_maxima(values, _STARTS)
-                best = best[values[best].isfinite()]
-                poses = self.problem.level_views(model, equidistant_azimuths(VIEW_COUNT)[best], elevation)
-                for pose, value in zip(poses, values[best].tolist(), strict=True):
-                    views.append(self._hypothesis(value, name, pose, self.problem.photograph))
+                for value, azimuth in zip(values[best].tolist(), azimuths[best], strict=True):
+                    seen.append((value - unlikely[elevation], value, name, elevation, azimuth))
                 self.renderings += VIEW_COUNT
-        return sorted(views, key=lambda view: -view.score)
+        seen = sorted((one for one in seen if math.isfinite(one[0])), key=lambda one: -one[0])
+        return [self._level_view(*one[1:]) for one in seen[: self._closer]]
+
+    def _level_view(self, value: float, name: str, elevation: float, azimuth: Tensor) -> Hypothesis:
+        (pose,) = self.problem.level_views(self.problem.models[name], azimuth[None], elevation)
+        return self._hypothesis(value, name, pose, self.problem.photograph)
+
+    @property
+    def _closer(self) -> int:
+        """How many views are looked at closer, at most."""
+        return VOTERS if self.voting else _STARTS
 
     @cached_property
     def _allowed(self) -> Tensor:
@@ -75,7 +87,7 @@ class Search:
             for photograph, around in self._pyramids
             for value, pose in self._around(model, photograph, around)
         ]
-        best = sorted(seen, key=lambda one: -one[0])[: VOTERS if self.voting else _STARTS]
+        best = sorted(seen, key=lambda one: -one[0])[: self._closer]
         views = (self._reframed(*one[1:]) for one in best)
         return [view for view in views if view is not None]
 
@@ -146,11 +158,11 @@ class Search:
         return view.refined(pose, value, value, float(unlikely[best]))
 
     def promising(self, views: Sequence[Hypothesis]) -> Sequence[Hypothesis]:
-        """The first of ``views``, which are the best first: for a vote all, else those that are nearly as good."""
+        """Of ``views``, which are the best first, those that are nearly as good as the best; for a vote all."""
         if self.voting or not views:
-            return views[:VOTERS]
+            return views
         least = views[0].score - (1 - _NEARLY) * abs(views[0].score)
-        return [view for view in views[:_STARTS] if view.score >= least]
+        return [view for view in views if view.score >= least]
 
     def ascend_each(self, starts: Sequence[Hypothesis], rounds: Sequence[Round] = SCHEDULE) -> list[Hypothesis]:
         """The highest similarity near each start.
