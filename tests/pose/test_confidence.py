@@ -15,10 +15,9 @@ def test_similarity_and_agreement_speak_for_a_pose_and_a_rival_against_it() -> N
         base = confidence(Evidence(6.0, 0.5, 0.5), known_model=known_model)
         assert 0 < base < 1
         assert confidence(Evidence(9.0, 0.5, 0.5), known_model=known_model) > base
-        assert confidence(Evidence(6.0, 0.9, 0.5), known_model=known_model) < base
-    assert confidence(Evidence(6.0, 0.5, 0.9), known_model=False) > confidence(
-        Evidence(6.0, 0.5, 0.5), known_model=False
-    )
+    of_one, of_several = (confidence(Evidence(6.0, 0.5, 0.5), known_model=known) for known in (True, False))
+    assert confidence(Evidence(6.0, 0.9, 1.0), known_model=True) < of_one
+    assert confidence(Evidence(6.0, 0.5, 0.9), known_model=False) > of_several
     assert confidence(Evidence(-3.0, 0.0, 1.0), known_model=True) < 0.5
 
 
