@@ -29,8 +29,8 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d, unfold
 
 from nablahog import HOGSpec, hog, presets, reconstruct
-from nablahog.invert.multiscale import SCALES, level_spec, reconstruct_multiscale, scale_descriptors
 from nablahog.invert.cosine_transform import cosines
+from nablahog.invert.multiscale import SCALES, level_spec, reconstruct_multiscale, scale_descriptors
 from photographs import photographs
 
 WINDOWS = (64, 32, 16)

@@ -24,7 +24,9 @@ def random_planes(size: tuple[int, int]) -> Tensor:
 @pytest.mark.parametrize("n", [1, 2, 7, 12])
 def test_the_matrix_is_that_of_the_orthonormal_dct(n: int) -> None:
     matrix = cosines(n, torch.float64, torch.device("cpu"))
-    torch.testing.assert_close(matrix, torch.from_numpy(scipy.fft.dct(torch.eye(n).double().numpy(), axis=0, norm="ortho")))
+    torch.testing.assert_close(
+        matrix, torch.from_numpy(scipy.fft.dct(torch.eye(n).double().numpy(), axis=0, norm="ortho"))
+    )
 
 
 @sizes

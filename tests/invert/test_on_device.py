@@ -1,4 +1,4 @@
-"""The search for pre-images as it runs on a device: rounds that wait for nothing, and results that are those of a CPU."""
+"""The search for pre-images as it runs on a device: rounds that wait for nothing, results that are those of a CPU."""
 
 from __future__ import annotations
 

@@ -12,9 +12,9 @@ from nablahog.hog import HOGSpec, hog, presets
 from nablahog.hog.descriptor import histograms
 from nablahog.hog.gradient import gradient
 from nablahog.hog.steps import normalize_reference
+from nablahog.invert.cosine_transform import cosines
 from nablahog.invert.flat import FlatRegions
 from nablahog.invert.histograms import recover_histograms
-from nablahog.invert.cosine_transform import cosines
 from nablahog.invert.parameterize import CosineBasis, Pixels, low_pass
 from nablahog.invert.priors import smoothness
 from nablahog.invert.reconstruction import to_unit_range

@@ -100,7 +100,8 @@ def on_device(vectors: DeviceVectors, state: SearchState, gradient: Tensor, valu
     vectors.take_step(state.steps, decisions, gradient)
     slopes, peaks = torch.linalg.vecdot(vectors.gradient, vectors.direction), vectors.gradient.abs().amax(1)
     return after._replace(
-        slopes=torch.where(decisions.moves, slopes, state.slopes), peaks=torch.where(decisions.moves, peaks, state.peaks)
+        slopes=torch.where(decisions.moves, slopes, state.slopes),
+        peaks=torch.where(decisions.moves, peaks, state.peaks),
     )
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import torch
 from torch import Tensor
 
 from .result import StopReason
@@ -19,7 +18,7 @@ _REASONS = tuple(StopReason)
 
 
 def dropped_at_once(like: Tensor) -> bool:
-    """Whether problems with such unknowns are dropped in the round in which they end: where nothing is to be waited for."""
+    """Whether problems with such unknowns are dropped in the round in which they end: nothing is waited for."""
     return like.device.type == "cpu"
 
 

@@ -35,9 +35,7 @@ class Decisions(NamedTuple):
     coefficients: Tensor
 
 
-def decide(
-    state: SearchState, running: Tensor, trial_values: Tensor, dots: Tensor
-) -> tuple[SearchState, Decisions]:
+def decide(state: SearchState, running: Tensor, trial_values: Tensor, dots: Tensor) -> tuple[SearchState, Decisions]:
     """As :func:`.lbfgs_decisions.decide`; ``running`` (A,) are the problems that have not ended.
 
     Returns:
