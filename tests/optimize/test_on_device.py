@@ -9,15 +9,18 @@ from typing import Any
 import pytest
 import torch
 from torch import Tensor
+from torch.utils._python_dispatch import _disable_current_modes
 
 from nablahog.optimize import Minimiser, Minimum, StopReason, Watch, endings, minimise
 from nablahog.optimize.descent import _Descent
+from nablahog.optimize.dogleg_device import DeviceDogleg
 from nablahog.optimize.lbfgs_device import DeviceSearch
+from nablahog.optimize.trust_region import shrunk_below
 
 from ..waiting import WithoutWaiting
-from .problems import mixed
+from .problems import SumOfSquares, beale, exponentials, mixed, rosenbrock
 
-DEVICE: tuple[Minimiser, ...] = ("lbfgs", "momentum", "adam")
+DEVICE: tuple[Minimiser, ...] = ("lbfgs", "momentum", "adam")  # whose rounds wait for nothing
 
 
 @pytest.fixture
@@ -174,6 +177,76 @@ def no_synchronisation(device: str) -> Iterator[None]:
         yield
     finally:
         torch.cuda.set_sync_debug_mode("default")
+
+
+@pytest.mark.parametrize("function", [rosenbrock, beale, exponentials, None])
+@pytest.mark.parametrize("options", [{}, {"cg_iterations": 1}, {"radius": 0.3, "progress_tolerance": 1e-3}])
+@pytest.mark.parametrize("budget", [1, 2, 3, 4, 6, 15, 60])
+def test_the_dogleg_does_what_it_does_on_a_cpu(
+    function: Callable[[Tensor], Tensor] | None, options: dict[str, Any], budget: int, on_device: Callable[..., Minimum]
+) -> None:
+    if function is None:
+        (problem, start), more = mixed(), {"cg_tolerance": 1e-6}
+    else:
+        problem, more = SumOfSquares(lambda x, index: function(x)), {"gradient_tolerance": 1e-6}
+        start = starts(6, 3 if function is exponentials else 2)
+    told: list[dict[int, list[Any]]] = []
+
+    def run(minimiser: Callable[..., Minimum]) -> Minimum:
+        seen: dict[int, list[Any]] = {}
+        told.append(seen)
+
+        def watch(index: Tensor, evaluations: Tensor) -> None:
+            for one, spent in zip(index.tolist(), evaluations.tolist(), strict=True):
+                if spent not in seen.setdefault(one, []):
+                    seen[one].append(spent)
+
+        def accepted(index: Tensor, iterations: Tensor, points: Tensor) -> None:
+            for one, iteration in zip(index.tolist(), iterations.tolist(), strict=True):
+                seen.setdefault(-1 - one, []).append(iteration)
+
+        return minimiser(
+            "dogleg", problem, start, max_evaluations=budget, watch=watch, accepted=accepted, **more, **options
+        )
+
+    same(run(minimise), run(on_device), rounding=1e-7)
+    assert told[0] == told[1]
+
+
+def test_the_dogleg_waits_once_a_trial(on_device: Callable[..., Minimum], monkeypatch: pytest.MonkeyPatch) -> None:
+    """But for reading what has become of a trial, steps and trials ask for no number."""
+    trials, look = 0, DeviceDogleg._look
+
+    def counted(self: DeviceDogleg, *arguments: Tensor) -> Tensor:
+        nonlocal trials
+        trials += 1
+        with _disable_current_modes():
+            return look(self, *arguments)
+
+    def checked(own: Callable[[DeviceDogleg], None]) -> Callable[[DeviceDogleg], None]:
+        def run(self: DeviceDogleg) -> None:
+            with WithoutWaiting():
+                own(self)
+
+        return run
+
+    monkeypatch.setattr(DeviceDogleg, "_look", counted)
+    for name in ("_linearize", "_try"):
+        monkeypatch.setattr(DeviceDogleg, name, checked(getattr(DeviceDogleg, name)))
+    result = on_device("dogleg", SumOfSquares(lambda x, index: rosenbrock(x)), starts(6, 2), max_evaluations=40)
+    assert trials > 5
+    assert result.value.max() < 1
+
+
+def test_radii_shrink_below_lengths() -> None:
+    generator = torch.Generator().manual_seed(0)
+    lengths = torch.rand(2000, generator=generator).double() + 1e-3
+    radii = lengths * 4 ** torch.randint(-3, 20, (2000,), generator=generator)  # also at exact powers
+    radii[::2] *= torch.rand(1000, generator=generator).double() + 0.5
+    expected = radii.clone()
+    while (large := expected >= lengths).any():
+        expected[large] *= 0.25
+    assert torch.equal(shrunk_below(radii, lengths), expected)
 
 
 class Rounds:
