@@ -29,8 +29,8 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d, unfold
 
 from nablahog import HOGSpec, hog, presets, reconstruct
+from nablahog.invert.cosine_transform import cosines
 from nablahog.invert.multiscale import SCALES, level_spec, reconstruct_multiscale, scale_descriptors
-from nablahog.invert.parameterize import cosines
 from photographs import photographs
 
 WINDOWS = (64, 32, 16)
@@ -56,7 +56,8 @@ def windowed(a: Tensor, b: Tensor, side: int) -> tuple[float, float]:
 def octaves(image: Tensor) -> list[Tensor]:
     """The cosine coefficients (B, n) of each octave, the mean in none."""
     height, width = image.shape[-2:]
-    coefficients = cosines(height, image) @ image @ cosines(width, image).T
+    rows, cols = (cosines(n, image.dtype, image.device) for n in (height, width))
+    coefficients = rows @ image @ cols.T
     y, x = (torch.arange(n, device=image.device) / (2 * n) for n in (height, width))  # cycles a pixel
     frequency = torch.hypot(y.unsqueeze(1), x)
     frequency[0, 0] = math.nan

@@ -1,11 +1,12 @@
-"""The operator on a GPU: tests, times, bandwidth and memory beside its peers, pre-images, an epoch of the prior.
+"""The operator on a GPU: tests, times, bandwidth and memory beside its peers; pre-images, priors, and poses.
 
-    python benchmarks/gpu.py [--images DIR] [--only tests hog preimages prior] [--json FILE]
+    python benchmarks/gpu.py [--images DIR] [--only tests hog cosines preimages prior poses] [--json FILE]
 
 Without a GPU it says so and measures nothing.  Images are float32 in 0…1, on the device already.  Times are of CUDA
 events: the median of repeated calls and the quartiles, after calls that are not counted, programs by turns.  Bandwidth
 counts each byte of the image and of the descriptor once, as a share of what a copy of 1 GiB reaches on the same device.
 Memory is the most that is allocated during a call beyond the images, in images; the result is part of it.
+Waits are those that PyTorch itself warns of in the synchronisation debug mode.
 """
 
 from __future__ import annotations
@@ -19,21 +20,28 @@ import warnings
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import torch
 from torch import Tensor
 
-from nablahog import hog, presets, reconstruct, train_prior
+from nablahog import datasets, hog, presets, reconstruct, train_prior
 from nablahog.hog import HOGSpec
 from nablahog.invert import Search
+from nablahog.invert.cosine_transform import by_fourier, by_products
+from nablahog.optimize import Minimiser
+from nablahog.render import Camera, Mesh, Renderer, depth_and_normals, pose
 from photographs import photographs
 from timing import cell, digits, summary
 
 SIZES = ((64, 128), (1, 512), (1, 4096))
-PARTS = ("tests", "hog", "preimages", "prior")
-TESTS = [f"tests/{name}" for name in ("hog", "optimize", "invert/test_preimage.py", "render/test_robustness.py")]
+PARTS = ("tests", "hog", "cosines", "preimages", "prior", "poses")
+TESTS = [
+    f"tests/{name}"
+    for name in ("hog", "optimize", "invert/test_preimage.py", "invert/test_on_device.py", "render/test_robustness.py")
+]
 PREIMAGES = 101
+VIEWS, VIEW = 64, 128  # of a chair, and their side in pixels
 SECONDS = 2.0  # of each program and size
 ROOT = Path(__file__).parent.parent
 
@@ -167,8 +175,35 @@ def measure_opencv() -> None:
         print(f"\nOpenCV's cv2.cuda.HOG, one image of {side}², uint8: {cell(summary(times))} ms")
 
 
+def measure_cosines(report: dict[str, Any]) -> None:
+    """From which size on Fourier transforms take less time than products with matrices."""
+    print("\n| cosine transform | dtype | products, ms | Fourier, ms |\n|---|---|---:|---:|")
+    for dtype in (torch.float32, torch.float64):
+        for batch, side in ((64, 64), (64, 128), (64, 256), (16, 512), (4, 1024), (1, 2048), (1, 4096)):
+            planes = torch.rand(batch, 1, side, side, device="cuda", dtype=dtype)
+            ways: dict[str, Callable[[], Any]] = {
+                "products": partial(by_products, planes, False),
+                "Fourier": partial(by_fourier, planes, False),
+            }
+            stats = {name: summary(each) for name, each in milliseconds(ways).items()}
+            print(f"| {batch} × {side}² | {dtype} | {cell(stats['products'])} | {cell(stats['Fourier'])} |")
+            report.setdefault("cosines", []).append([batch, side, str(dtype), stats])
+
+
+def waits(call: Callable[[], Any]) -> int:
+    """How often a call waits for the device."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        torch.cuda.set_sync_debug_mode("warn")
+        try:
+            call()
+        finally:
+            torch.cuda.set_sync_debug_mode("default")
+    return sum("synchroniz" in str(warning.message) for warning in caught)
+
+
 def measure_preimages(folder: Path | None, report: dict[str, Any]) -> None:
-    """101 pre-images of 128 x 128 at once."""
+    """101 pre-images of 128 x 128 at once, and how often each minimiser waits for the device."""
     images = photographs(folder)
     images = images.repeat(-(-PREIMAGES // len(images)), 1, 1, 1)[:PREIMAGES].cuda()
     spec = presets.uoctti()
@@ -182,6 +217,12 @@ def measure_preimages(folder: Path | None, report: dict[str, Any]) -> None:
     distance = float(result.distance.mean())
     print(f"\n{PREIMAGES} pre-images of {images.shape[2]} × {images.shape[3]}: {spent:.2f} s, distance {distance:.3g}")
     report["preimages"] = {"seconds": spent, "distance": distance}
+    for minimiser in get_args(Minimiser):
+        for evaluations in (30, 60):
+            few = Search(max_evaluations=evaluations, samples=1, minimiser=minimiser)
+            count = waits(partial(reconstruct, descriptors[:8], spec, tuple(images.shape[2:]), search=few))
+            print(f"{minimiser}, {evaluations} evaluations: waits {count} times")
+            report["preimages"][f"waits {minimiser} {evaluations}"] = count
 
 
 def measure_prior(folder: Path | None, report: dict[str, Any]) -> None:
@@ -196,6 +237,31 @@ def measure_prior(folder: Path | None, report: dict[str, Any]) -> None:
         spent = time.perf_counter() - began
         print(f"\nan epoch of the prior, {len(images)} windows, {precision}: {spent:.2f} s")
         report[f"prior {precision}"] = {"windows": len(images), "seconds": spent}
+
+
+def measure_poses(report: dict[str, Any]) -> None:
+    """Views of a chair at once and one by one: images with derivatives by poses, depths and normals."""
+    mesh = datasets.chairs.chair(3)
+    mesh = Mesh(*(part.cuda() for part in (mesh.vertices, mesh.faces, mesh.brightness)))
+    camera = Camera.from_field_of_view(30, VIEW, VIEW)
+    where = torch.cat([pose(azimuth=360 * k / VIEWS, elevation=20, distance=3) for k in range(VIEWS)]).cuda()
+    renderer = Renderer(mesh, camera)
+
+    def images(views: Tensor) -> Tensor:
+        views = views.clone().requires_grad_()
+        return torch.autograd.grad(renderer(views).sum(), views)[0]
+
+    def depths(views: Tensor) -> Tensor:
+        return depth_and_normals(mesh, views, camera)[0]
+
+    def one_by_one(draw: Callable[[Tensor], Tensor]) -> Tensor:
+        return torch.cat([draw(view) for view in torch.split(where, 1)])
+
+    for name, draw in (("images and derivatives", images), ("depths and normals", depths)):
+        times = milliseconds({"at once": partial(draw, where), "one by one": partial(one_by_one, draw)})
+        stats = {how: summary(each) for how, each in times.items()}
+        print(f"\n{VIEWS} views of {VIEW}², {name}: " + ", ".join(f"{how} {cell(s)} ms" for how, s in stats.items()))
+        report[f"poses {name}"] = stats
 
 
 def main() -> None:
@@ -221,10 +287,14 @@ def main() -> None:
         report["tests"] = done.returncode
     if "hog" in args.only:
         measure_hog(report)
+    if "cosines" in args.only:
+        measure_cosines(report)
     if "preimages" in args.only:
         measure_preimages(args.images, report)
     if "prior" in args.only:
         measure_prior(args.images, report)
+    if "poses" in args.only:
+        measure_poses(report)
     if args.json:
         args.json.write_text(json.dumps(report))
 

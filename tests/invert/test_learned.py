@@ -20,11 +20,14 @@ from nablahog import LearnedPrior, hog, presets, train_prior
 from nablahog.hog.descriptor import histograms
 from nablahog.invert import Search, signed_training, training_windows
 from nablahog.invert.crops import draw_crops
+from nablahog.invert.fitting import default_precision
 from nablahog.invert.histograms import recover_histograms
 from nablahog.invert.network import weight_count
 from nablahog.invert.prior_network import Architecture
 from nablahog.invert.provenance import digest_of_weights
 from nablahog.invert.signed_network import HISTOGRAM_EVALUATIONS
+from nablahog.invert.signed_training import SignedTraining
+from nablahog.invert.unsigned_training import UnsignedTraining
 
 from ..io import tiny_models
 from ..io.archives import check_refused
@@ -195,6 +198,38 @@ def test_half_precision(images: dict[str, Tensor], kind: str) -> None:
     assert half.learning.precision == "bfloat16"
     assert not torch.equal(single.weights, half.weights)
     assert half.learning.losses == pytest.approx(single.learning.losses, rel=0.02)
+
+
+@every_kind
+def test_weights_and_losses_are_not_halved(
+    images: dict[str, Tensor], kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    training = SignedTraining if kind == "signed" else UnsignedTraining
+    own_loss, own_step = training.loss, torch.optim.AdamW.step
+    dtypes: set[torch.dtype] = set()
+
+    def loss(self: Any, network: Any, batch: Any) -> Tensor:
+        assert torch.is_autocast_enabled("cpu")
+        out = own_loss(self, network, batch)
+        dtypes.add(out.dtype)
+        return out
+
+    def step(optimizer: torch.optim.AdamW, *_: Any) -> None:
+        for weight in optimizer.param_groups[0]["params"]:
+            dtypes.update((weight.dtype, weight.grad.dtype))
+        own_step(optimizer)
+
+    monkeypatch.setattr(training, "loss", loss)
+    monkeypatch.setattr(torch.optim.AdamW, "step", step)
+    _trained(images, kind, epochs=1, precision="bfloat16")
+    assert dtypes == {torch.float32}
+
+
+def test_half_precision_is_the_default_where_a_gpu_has_instructions_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    for supported, expected in ((True, "bfloat16"), (False, "float32")):
+        monkeypatch.setattr(torch.cuda, "is_bf16_supported", lambda including_emulation, it=supported: it)
+        assert default_precision(torch.device("cuda")) == expected
+        assert default_precision(torch.device("cpu")) == "float32"
 
 
 @every_kind

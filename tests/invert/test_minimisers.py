@@ -169,10 +169,10 @@ def test_linearisation_is_the_jacobian_at_kinks_too(name: str) -> None:
 
 
 @both_specs
-def test_residuals_are_evaluated_in_pieces(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_residuals_are_evaluated_in_pieces(name: str) -> None:
     problem, index = objective(name, False, 0.7), torch.tensor([1, 0])
     whole, together = problem.residuals(points(2), index), problem(points(2), index)
-    monkeypatch.setattr("nablahog.invert.objective.VOTES_AT_ONCE", 1)
+    problem.votes_at_once = 1
     torch.testing.assert_close(problem.residuals(points(2), index), whole)
     torch.testing.assert_close(problem(points(2), index), together)
 

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 import torch
 from torch import Tensor
 
 from nablahog.optimize import Minimum, ObjectiveFunction, StopReason, lbfgs
-from nablahog.optimize.lbfgs import LbfgsVectors, _Scalars
+from nablahog.optimize.lbfgs import LbfgsVectors, decided
+from nablahog.optimize.lbfgs_device import DeviceVectors
+from nablahog.optimize.lbfgs_masks import decide
+from nablahog.optimize.lbfgs_state import SearchState
 
 
 def problem(function: Callable[[Tensor], Tensor]) -> ObjectiveFunction:
@@ -83,33 +87,43 @@ def test_each_problem_ends_where_it_would_alone(n: int) -> None:
         assert (together.history[len(alone.history) :, i] == together.history[-1, i]).all()
 
 
-def state(x: Tensor, gradient: Tensor, direction: Tensor, memory: int, compiled: bool) -> LbfgsVectors:
-    vectors = LbfgsVectors(x, gradient, direction, memory)
-    vectors.compiled = compiled
-    return vectors
+def on_cpu(vectors: LbfgsVectors, state: SearchState, gradient: Tensor, values: Tensor) -> SearchState:
+    """To trial points of these gradients (B, N) and values (B,), by the compiled loops."""
+    vectors.take_step(*decided(state, values, vectors.dots(gradient)), gradient, state.slopes, state.peaks)
+    return state
 
 
-def advance(vectors: LbfgsVectors, numbers: _Scalars, gradient: Tensor, values: Tensor) -> None:
-    """To trial points of these gradients (B, N) and values (B,)."""
-    vectors.take_step(
-        *numbers.decide(*vectors.values_and_dots(values, gradient)), gradient, numbers.slopes, numbers.peaks
+def on_device(vectors: DeviceVectors, state: SearchState, gradient: Tensor, values: Tensor) -> SearchState:
+    """The same by operations of PyTorch."""
+    running = torch.ones(len(values), dtype=torch.bool)
+    after, decisions = decide(state, running, values, vectors.dots(gradient))
+    vectors.take_step(state.steps, decisions, gradient)
+    slopes, peaks = torch.linalg.vecdot(vectors.gradient, vectors.direction), vectors.gradient.abs().amax(1)
+    return after._replace(
+        slopes=torch.where(decisions.moves, slopes, state.slopes),
+        peaks=torch.where(decisions.moves, peaks, state.peaks),
     )
 
 
-@pytest.mark.parametrize("compiled", [False, True])
+BOTH: dict[str, Any] = {"loops": (LbfgsVectors, on_cpu), "masks": (DeviceVectors, on_device)}
+both = pytest.mark.parametrize("kind", BOTH)
+
+
+@both
 @pytest.mark.parametrize("n", [9, 64, 1100])
-def test_the_direction_is_that_of_the_two_loops(compiled: bool, n: int) -> None:
+def test_the_direction_is_that_of_the_two_loops(kind: str, n: int) -> None:
     # the recursion on the vectors themselves, Nocedal & Wright, algorithm 7.4
+    make, advance = BOTH[kind]
     gradient, x, pairs = starts(1, n), starts(1, n), []
-    vectors = state(x.clone(), gradient.clone(), torch.zeros(1, n).double(), 3, compiled)
+    vectors = make(x.clone(), gradient.clone(), torch.zeros(1, n).double(), 3)
     zeros = torch.zeros(1).double()
-    numbers = _Scalars.at_start(zeros.clone(), zeros.clone(), zeros.clone(), 3)
+    state = SearchState.at_start(zeros.clone(), zeros.clone(), zeros.clone(), 3)
     for seed in range(1, 7):
         s = starts(1, n, seed)
         y = s * torch.linspace(0.5, 3, n) + 0.1 * starts(1, n, seed + 100)
         gradient, x, pairs = gradient + y, x + s, [*pairs, (s[0], y[0])][-3:]
-        vectors.direction[:], numbers.slopes[:] = s, -1e9  # so steep that any trial is far down and flat enough
-        advance(vectors, numbers, gradient, torch.tensor([-1e15 * seed], dtype=torch.float64))
+        vectors.direction[:], state.slopes[:] = s, -1e9  # so steep that any trial is far down and flat enough
+        state = advance(vectors, state, gradient, torch.tensor([-1e15 * seed], dtype=torch.float64))
         q, alphas = gradient[0].clone(), []
         for s_i, y_i in reversed(pairs):
             alphas.append(s_i @ q / (s_i @ y_i))
@@ -120,31 +134,77 @@ def test_the_direction_is_that_of_the_two_loops(compiled: bool, n: int) -> None:
         torch.testing.assert_close(vectors.direction[0], -q)
         torch.testing.assert_close(vectors.x, x)
         torch.testing.assert_close(vectors.gradient, gradient)
-        torch.testing.assert_close(numbers.slopes[0], -q @ gradient[0])
-        torch.testing.assert_close(numbers.peaks[0], gradient.abs().max())
+        torch.testing.assert_close(state.slopes[0], -q @ gradient[0])
+        torch.testing.assert_close(state.peaks[0], gradient.abs().max())
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("n", [1, 63, 64, 1025, 2500])
-def test_loops_do_what_the_plain_steps_do(n: int, dtype: torch.dtype) -> None:
-    def searched(compiled: bool) -> LbfgsVectors:
+def test_loops_do_what_masks_do(n: int, dtype: torch.dtype) -> None:
+    def searched(kind: str) -> Any:
+        make, advance = BOTH[kind]
         gradient, zeros = starts(4, n, 1, dtype), torch.zeros(4, dtype=dtype)
-        vectors = state(starts(4, n, 2, dtype), gradient.clone(), -gradient, 2, compiled)
-        numbers = _Scalars.at_start(zeros.clone(), gradient.abs().amax(1), -gradient.square().sum(1), 2)
+        vectors = make(starts(4, n, 2, dtype), gradient.clone(), -gradient, 2)
+        state = SearchState.at_start(zeros.clone(), gradient.abs().amax(1), -gradient.square().sum(1), 2)
         for turn in range(4):
             # one that rises and stays, one without curvature that goes on but is not remembered, and two ordinary ones
             values = torch.tensor([1.0, -1e9, -1e9, -1e9], dtype=dtype) * (turn + 1)
             change = vectors.direction * torch.tensor([[1.0], [-0.1], [0.5], [0.7]], dtype=dtype)
-            advance(vectors, numbers, vectors.gradient + change, values)
+            state = advance(vectors, state, vectors.gradient + change, values)
         return vectors
 
-    plain, loops = (searched(compiled) for compiled in (False, True))
+    masked, loops = searched("masks"), searched("loops")
     rounding = 2e-5 if dtype == torch.float32 else 1e-12
+    masked.stored = masked.stored[:, :-1]  # without what was not to be stored
     for name in ("x", "gradient", "direction", "stored"):
-        one, other = getattr(plain, name), getattr(loops, name)
-        torch.testing.assert_close(other, one, rtol=rounding, atol=rounding * float(one.abs().max()))
-    assert torch.equal(plain.x[0], starts(4, n, 2, dtype)[0])
-    assert not plain.stored[1].any()
+        mine, theirs = getattr(masked, name), getattr(loops, name)
+        torch.testing.assert_close(theirs, mine, rtol=rounding, atol=rounding * float(mine.abs().max()))
+    assert torch.equal(masked.x[0], starts(4, n, 2, dtype)[0])
+    assert not masked.stored[1].any()
+
+
+@pytest.mark.parametrize("memory", [1, 4])
+def test_masks_decide_as_loops_do(memory: int) -> None:
+    """Random states of line searches: bracketed or not, without pairs, with some, with more than are kept; NaN."""
+    batch, generator = 400, torch.Generator().manual_seed(memory)
+
+    def normal(*shape: int) -> Tensor:
+        return torch.randn(batch, *shape, generator=generator, dtype=torch.float64)
+
+    s, y = normal(memory, 3 * memory + 2), normal(memory, 3 * memory + 2)
+    y = s + 0.3 * y  # of positive curvature
+    vectors = torch.cat([s, y], dim=1)
+    lows = normal().abs() * (normal() > 0)
+    state = SearchState(
+        values=normal(),
+        slopes=-normal().abs(),
+        steps=lows + normal().abs(),
+        lows=lows,
+        highs=torch.where(normal() > 0, torch.inf, lows + 9),
+        pairs=torch.randint(0, 3 * memory, (batch,), generator=generator),
+        products=y @ vectors.mT,
+        with_gradient=(vectors @ normal(3 * memory + 2, 1)).squeeze(2),
+        peaks=normal().abs(),
+    )
+    values, dots = state.values + 0.5 * normal(), normal(2 * memory + 4)
+    values[::17] = torch.nan
+    running = torch.ones(batch, dtype=torch.bool)
+    masked, decisions = decide(state, running, values, dots)
+    loops = SearchState(*(tensor.clone() for tensor in state))
+    taken, places, coefficients = decided(loops, values, dots)
+    assert torch.equal(decisions.moves, taken > 0)
+    assert torch.equal(decisions.stays, taken == 0)
+    assert 50 < int(decisions.moves.sum()) < batch - 50
+    assert torch.equal(decisions.stores, places >= 0)
+    assert 20 < int(decisions.stores.sum()) < int(decisions.moves.sum())
+    assert torch.equal(decisions.places[decisions.stores], places[decisions.stores])
+    torch.testing.assert_close(decisions.coefficients[decisions.moves], coefficients[decisions.moves])
+    for name in SearchState._fields:
+        torch.testing.assert_close(getattr(masked, name), getattr(loops, name), msg=name)
+    ended, nothing = decide(state, ~running, values, dots)
+    assert not (nothing.moves | nothing.stays | nothing.stores).any()
+    for name in SearchState._fields:
+        assert torch.equal(getattr(ended, name), getattr(state, name)), name
 
 
 def test_budget_is_kept_and_the_result_never_worse_than_the_start() -> None:

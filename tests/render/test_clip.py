@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from typing import Any
 
 import pytest
 import torch
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.render import Camera, Mesh, Renderer, depth_and_normals, pose, render
+from nablahog.render import Camera, Mesh, Renderer, depth_and_normals, gbuffer, pipeline, pose, render
 from nablahog.render.pipeline import clip
 from nablahog.render.renderer import Method
 
@@ -153,3 +154,52 @@ def test_poses_of_a_batch_are_cut_each_in_its_own_way() -> None:
         for k in range(4):
             one = background[k : k + 1] if isinstance(background, Tensor) else background
             assert torch.equal(images[k : k + 1], renderer(where[k : k + 1], one))
+
+
+@pytest.mark.parametrize("method", ["edges", "opendr"])
+def test_views_that_are_not_cut_are_drawn_together(method: Method, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a device, where PyTorch draws: what is visible is found once for these, and once for each that is cut."""
+    where = torch.cat([pose(20, 10, 3), pose(20, 10, 0.6), pose(70, 20, 4), pose(0, 0, 0.5), pose(200, -30, 5, 20)])
+    background = torch.rand(5, 1, 30, 40, dtype=torch.float64)
+    weights = torch.rand(5, 1, 30, 40, dtype=torch.float64)
+    renderer = Renderer(box(), WIDE, method=method)
+    alone = [render_with_gradient(renderer, where[k : k + 1], background[k : k + 1], weights[k]) for k in range(5)]
+    drawn: list[int] = []
+    own = pipeline.rasterize
+
+    def counted(screen: Tensor, *rest: Any) -> tuple[Tensor, Tensor]:
+        drawn.append(len(screen))
+        return own(screen, *rest)
+
+    monkeypatch.setattr(pipeline, "rasterize", counted)
+    images, grad_poses = render_with_gradient(renderer, where, background, weights)
+    assert drawn == [3, 1, 1]
+    assert_close(images, torch.cat([each[0] for each in alone]), atol=1e-12, rtol=0)
+    assert_close(grad_poses, torch.cat([each[1] for each in alone]), atol=1e-9, rtol=1e-9)
+
+
+def render_with_gradient(
+    renderer: Renderer, where: Tensor, background: Tensor, weights: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Images, and the gradient with respect to the poses from one of the images."""
+    where = where.clone().requires_grad_()
+    images = renderer(where, background)
+    (grad_poses,) = torch.autograd.grad(images, where, weights.expand_as(images))
+    return images.detach(), grad_poses
+
+
+def test_depths_and_normals_of_a_batch_are_those_of_each_view(monkeypatch: pytest.MonkeyPatch) -> None:
+    where = torch.cat([pose(20, 10, 3), pose(20, 10, 0.6), pose(70, 20, 4), pose(0, 0, 0.5), pose(200, -30, 5, 20)])
+    alone = [depth_and_normals(box(), one, WIDE) for one in torch.split(where, 1)]
+    drawn: list[int] = []
+    own = gbuffer.rasterize
+
+    def counted(screen: Tensor, *rest: Any) -> tuple[Tensor, Tensor]:
+        drawn.append(len(screen))
+        return own(screen, *rest)
+
+    monkeypatch.setattr(gbuffer, "rasterize", counted)
+    together = depth_and_normals(box(), where, WIDE)
+    assert drawn == [3, 1, 1]
+    for part, parts in zip(together, zip(*alone, strict=True), strict=True):
+        assert_close(part, torch.cat(parts), atol=1e-12, rtol=1e-12)

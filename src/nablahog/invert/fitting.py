@@ -57,6 +57,13 @@ class Training(Protocol):
         """Makes what the trained network says of its own confidence true of images that it was not trained with."""
 
 
+def default_precision(device: torch.device) -> Precision:
+    """``"bfloat16"`` on a GPU that has instructions for it, else ``"float32"``."""
+    if device.type == "cuda" and torch.cuda.is_bf16_supported(including_emulation=False):
+        return "bfloat16"
+    return "float32"
+
+
 def learn_network(
     images: Mapping[str, Tensor],
     spec: HOGSpec,
@@ -69,7 +76,7 @@ def learn_network(
     seed: int,
     checkpoint: str | os.PathLike[str] | None,
     device: torch.device | str,
-    precision: Precision,
+    precision: Precision | None,
     progress: Callable[[int, int, str], None],
 ) -> tuple[Tensor, NetworkLearning]:
     """Fits a network to photographs.
@@ -82,7 +89,8 @@ def learn_network(
         architecture: of the network, values that are equal after a round trip through JSON.
         start: weights (n,), float16, to go on from; None for random ones.
         epochs: passes over the images; None for as many as have about the training's default number of crops.
-        seed, checkpoint, device, precision, progress: as of :func:`fit`.
+        seed, checkpoint, device, progress: as of :func:`fit`.
+        precision: as of :func:`fit`; None for :func:`default_precision`.
 
     Returns:
         The weights, (n,), float16, on the CPU, and how they were learned.
@@ -91,6 +99,7 @@ def learn_network(
         ValueError: there are no images, or one is too small or holds other values; ``epochs`` is below 1; there is no
             such precision; else, and OSError, as :func:`fit`.
     """
+    precision = precision or default_precision(torch.device(device))
     check_choice("precision", precision, Precision)
     names = check_images(images, (least_side(spec.cell_size[0]),) * 2)
     data = training([images[name] for name in names], spec, seed)
@@ -160,7 +169,7 @@ def fit(
         checkpoint: a file that is written after each epoch, and that a training is resumed from; None for no file.
         device: where to compute.
         precision: of convolutions and matrix products; ``"bfloat16"`` takes half the time where there are instructions
-            for it.
+            for it.  Weights, their moments, and the loss stay float32.
         progress: called with the steps done, their number, and epoch and loss.
 
     Returns:

@@ -11,11 +11,20 @@ from ..hog.descriptor import histograms
 from ..hog.kernels import steps
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
+from ..runtime.memory import memory_for
 from .flat import FlatRegions
 from .parameterize import Parameterization
 from .priors import Prior
 
-VOTES_AT_ONCE = 8_000_000  # of the images evaluated together: more need more memory, fewer spend more on calls
+VOTES = 8_000_000  # of the images evaluated together on a CPU: more need more memory, fewer spend more on calls
+COPIES = 8  # of all votes that the plain steps and their derivative hold at once, about
+SHARE = 0.25  # of a GPU's free memory that votes may take: the minimiser's vectors need the most of it
+
+
+def votes_at_once(like: Tensor) -> int:
+    """How many votes of images may be held together, by dtype and device of ``like``."""
+    each = COPIES * like.element_size()
+    return max(1, memory_for(like.device, VOTES * each, SHARE) // each)
 
 
 def _share(residual: Tensor, size: Tensor) -> Tensor:
@@ -49,6 +58,7 @@ class PreimageObjective:
     Attributes:
         distance: (B,), ‖φ(Î) - φ(I)‖ / ‖φ(I)‖ of the descriptors, whatever is compared, at the points evaluated last.
         images: (B, 1, H, W), those evaluated last, if they are kept.
+        votes_at_once: of the images that are evaluated together.
     """
 
     def __init__(
@@ -73,6 +83,7 @@ class PreimageObjective:
         self.images = descriptor.new_zeros(len(descriptor), 1, *flat.regions.shape[1:]) if keep_images else None
         self.descriptor_size = squared_norm(descriptor)
         self.compared_size = self.descriptor_size if votes is None else squared_norm(votes)
+        self.votes_at_once = votes_at_once(descriptor)
         self.histograms, self.normalize = steps(descriptor.device, spec)
         self.expected = expected
         if expected is not None:
@@ -99,7 +110,7 @@ class PreimageObjective:
         return torch.cat([self._residuals(*piece) for piece in self._pieces(unknowns, index)])
 
     def _pieces(self, unknowns: Tensor, index: Tensor) -> list[tuple[Tensor, Tensor]]:
-        at_once = max(1, VOTES_AT_ONCE // (unknowns.shape[1] * self.spec.bins))
+        at_once = max(1, self.votes_at_once // (unknowns.shape[1] * self.spec.bins))
         return [(unknowns[i : i + at_once], index[i : i + at_once]) for i in range(0, len(unknowns), at_once)]
 
     def _residuals(self, unknowns: Tensor, index: Tensor) -> Tensor:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Protocol
+from typing import Protocol
 
 import torch
-from scipy import fft
 from torch import Tensor
+
+from .cosine_transform import from_cosines, to_cosines
 
 
 class Parameterization(Protocol):
@@ -38,59 +39,6 @@ class Pixels:
 
     def adjoint(self, grad_image: Tensor) -> Tensor:
         return grad_image.flatten(1)
-
-
-def cosines(n: int, like: Tensor) -> Tensor:
-    """The orthonormal DCT-II matrix (n, n), dtype and device of ``like``."""
-    k, x = torch.meshgrid(*(torch.arange(n, dtype=torch.float64),) * 2, indexing="ij")
-    matrix = torch.cos(math.pi * k * (x + 0.5) / n) * math.sqrt(2 / n)
-    matrix[0] /= math.sqrt(2)
-    return matrix.to(like)
-
-
-def _fast_cosines(planes: Tensor, inverse: bool) -> Tensor:
-    transform = fft.idctn if inverse else fft.dctn
-    return torch.from_numpy(transform(planes.numpy(), axes=(-2, -1), norm="ortho", workers=torch.get_num_threads()))
-
-
-class _FastCosines(torch.autograd.Function):
-    """The transform on a CPU, or its inverse: orthonormal, so each is the other's adjoint."""
-
-    @staticmethod
-    def forward(planes: Tensor, inverse: bool) -> Tensor:
-        return _fast_cosines(planes.detach(), inverse)
-
-    @staticmethod
-    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
-        ctx.inverse = inputs[1]
-
-    @staticmethod
-    def backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor, None]:
-        return _transformed(grad_output, not ctx.inverse), None
-
-    @staticmethod
-    def jvp(ctx: Any, tangent: Tensor, _: None) -> Tensor:
-        return _transformed(tangent, ctx.inverse)
-
-
-def _transformed(planes: Tensor, inverse: bool) -> Tensor:
-    if planes.device.type == "cpu":
-        if not torch.is_grad_enabled():  # saves the overhead of autograd
-            return _fast_cosines(planes, inverse)
-        out: Tensor = _FastCosines.apply(planes, inverse)  # type: ignore[no-untyped-call]
-        return out
-    rows, cols = (cosines(n, planes) for n in planes.shape[-2:])
-    return rows.T @ planes @ cols if inverse else rows @ planes @ cols.T
-
-
-def to_cosines(images: Tensor) -> Tensor:
-    """The orthonormal DCT-II of images (..., H, W), differentiable in either mode."""
-    return _transformed(images, inverse=False)
-
-
-def from_cosines(coefficients: Tensor) -> Tensor:
-    """Images (..., H, W) from their :func:`to_cosines`."""
-    return _transformed(coefficients, inverse=True)
 
 
 class CosineBasis:

@@ -49,8 +49,8 @@ def reconstruct(
     (:mod:`.polarity`).  A learned prior knows both better.
 
     Each image has its own steps and its own stop.  A batch therefore gives what its images alone would give, up to
-    rounding, which a long search may amplify.  A batch that needs more than half a GiB is searched in parts, one after
-    the other.
+    rounding, which a long search may amplify.  A batch that needs more than half a GiB, or than two fifths of what is
+    free on a GPU, is searched in parts, one after the other.
 
     Args:
         descriptor: (B, rows, cols, channels), float32 or float64, a tensor on any device or a NumPy array; an array

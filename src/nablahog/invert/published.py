@@ -12,6 +12,7 @@ from torch import Tensor
 
 from ..hog.spec import HOGSpec
 from ..optimize import Accepted, History, StopReason, dogleg
+from ..runtime.memory import memory_for
 from .histograms import searchable
 from .iterate import Iterate, Watch
 from .method import AsPublished
@@ -22,7 +23,9 @@ from .start import noise
 Progress: TypeAlias = Callable[[int, int], None]
 
 TRIALS = 50  # evaluations of an iteration beside the products of its step: far more than it takes
-AT_ONCE = 2**20  # pixels of the images that are searched together
+AT_ONCE = 2**20  # pixels of the images that are searched together on a CPU
+NUMBERS = 128  # that a search holds for each pixel: vectors, images of them, and the graph; an estimate
+SHARE = 0.5  # of a GPU's free memory that searches may take
 
 
 def reconstruct_as_published(
@@ -58,7 +61,8 @@ def reconstruct_as_published(
     batch, height, width = len(descriptor), *size
     grain = noise(descriptor, height, width, 1, seed, options.noise)[0]
     first = grain.expand(batch, -1, -1, -1) if start is None else _centred(start, grain, spec)
-    at_once = max(1, AT_ONCE // (height * width))
+    pixel = NUMBERS * descriptor.element_size()
+    at_once = max(1, memory_for(descriptor.device, AT_ONCE * pixel, SHARE) // (pixel * height * width))
     parts = [slice(begin, begin + at_once) for begin in range(0, batch, at_once)]
     searches = [_Search(descriptor[part], searchable(spec), size, options, watch, part) for part in parts]
     for number, (part, search) in enumerate(zip(parts, searches, strict=True)):

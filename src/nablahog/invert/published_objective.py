@@ -16,8 +16,8 @@ from torch import Tensor
 from ..hog.kernels import histograms_jvp, steps
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
+from .cosine_transform import from_cosines, to_cosines
 from .method import Neighbours, Norms
-from .parameterize import from_cosines, to_cosines
 from .priors import EPSILON, differences
 
 DIAGONAL = 1e-5  # of the mean diagonal of JᵀJ, which stands for HOG in the preconditioner

@@ -16,6 +16,7 @@ from .options import Search
 from .parameterize import CosineBasis, Parameterization, Pixels
 from .priors import Prior
 
+CALLS_BETWEEN_REPORTS = 10  # of progress on a GPU, which each waits for it
 EXPONENT = 0.75  # of the cosine basis: 1 converges first in the large, 0.5 in the small
 
 
@@ -61,7 +62,7 @@ class PreimageSearch:
         self.evaluations = torch.zeros(batch, dtype=torch.long, device=descriptor.device)
         self.stop_reason: list[StopReason] = []
         self._history = History(descriptor, batch)
-        self._reported = self._assigned = 0
+        self._reported = self._assigned = self._calls = self._most = 0
 
     def left(self) -> int:
         """Evaluations that no :meth:`match` has been assigned, for each descriptor; at least 1.
@@ -118,6 +119,18 @@ class PreimageSearch:
         index = torch.arange(batch * count, device=starts.device)
         return objective.image(minimum.x, index).view(starts.shape)
 
+    def _report(self) -> None:
+        """Progress, if there is any; on a GPU now and then."""
+        if self.progress is None:
+            return
+        self._calls += 1
+        if self.evaluations.device.type != "cpu" and self._calls % CALLS_BETWEEN_REPORTS:
+            return
+        done = int(self.evaluations.max())
+        if done > self._reported:
+            self._reported = done
+            self.progress(done, self.max_evaluations)
+
     def _account(self, objective: PreimageObjective, count: int) -> Callable[[Tensor, Tensor], None]:
         """What a minimiser calls after each evaluation: enters evaluations and distances, and reports progress.
 
@@ -128,13 +141,13 @@ class PreimageSearch:
         def watch(index: Tensor, evaluations: Tensor) -> None:
             new = torch.zeros_like(spent).index_copy(0, index, evaluations - spent[index]).view(-1, count)
             spent[index] = evaluations
-            counted = (self.evaluations.unsqueeze(1) + new.cumsum(dim=1)).flatten()[index]
+            counted = (self.evaluations.unsqueeze(1) + new.cumsum(dim=1)) * (new > 0)  # 0: it had ended before
             descriptors = torch.div(index, count, rounding_mode="floor")
-            self._history.add(counted.clamp(min=1), descriptors, objective.distance[index])
+            self._most += count
+            most = None if self.minimiser == "dogleg" else self._most  # the others spend one at a time: nobody asks
+            self._history.add(counted.flatten()[index], descriptors, objective.distance[index], most)
             self.evaluations = self.evaluations + new.sum(dim=1)
-            if self.progress is not None and int(self.evaluations.max()) > self._reported:
-                self._reported = int(self.evaluations.max())
-                self.progress(self._reported, self.max_evaluations)
+            self._report()
             if self.watch is not None:
                 assert objective.images is not None
                 candidates = objective.images.view(-1, count, *objective.images.shape[1:])

@@ -14,6 +14,7 @@ from torch import Tensor
 from ..hog.descriptor import hog
 from ..hog.presets import uoctti
 from ..hog.spec import HOGSpec
+from ..runtime.memory import memory_for
 from .histograms import recover_histograms, searchable
 from .iterate import Watch
 from .learned import LearnedPrior
@@ -36,8 +37,10 @@ SMOOTHING = 0.9  # pixels: what the samples agree on is coarser
 CLOSENESS, UNCERTAIN = 1.0, 0.1  # λ by default; the latter of what is expected of unsigned descriptors, before details
 BY_PRIOR = 3.0  # λ of what a prior expects of signed descriptors, chosen on photographs held out of its training
 BEFORE_DETAILS = 0.3  # of the evaluations of an unsigned descriptor, where details are expected later
-MEMORY = 2**29  # bytes that the searches of a part of a batch take, about
+MEMORY = 2**29  # bytes that the searches of a part of a batch take on a CPU, about
+SHARE = 0.4  # of a GPU's free memory, in place of that
 VECTORS = 32  # of unknowns that a search of one image holds at most: measured, memory and images and all copies
+GRAPH = 256  # the same for the graph that a dogleg keeps on a GPU, where more is searched at once; an estimate
 
 
 def search_preimages(
@@ -64,7 +67,7 @@ def search_preimages(
     plan = _plan(spec, quality, seed, search, objective, start is not None, expected is not None, learned is not None)
     details = None if learned is None else learned.details
     searches, images = [], []
-    for part, report in _parts(targets, size, plan, progress):
+    for part, report in _parts(targets, size, plan, search, progress):
         own = [prior.of(part) for prior in plan.priors]
         searches.append(
             PreimageSearch(targets[part], spec, size, own, search, plan.max_evaluations, report, watch, part)
@@ -135,11 +138,17 @@ def _plan(
 
 
 def _parts(
-    descriptor: Tensor, size: tuple[int, int], plan: _Plan, progress: Callable[[int, int], None] | None
+    descriptor: Tensor,
+    size: tuple[int, int],
+    plan: _Plan,
+    search: Search,
+    progress: Callable[[int, int], None] | None,
 ) -> Iterator[tuple[slice, Callable[[int, int], None] | None]]:
-    """Parts of a batch that fit into :data:`MEMORY`, each with its share of ``progress``."""
+    """Parts of a batch that fit into memory, each with its share of ``progress``."""
     height, width = size
-    at_once = max(1, MEMORY // (plan.samples * VECTORS * height * width * descriptor.element_size()))
+    vectors = VECTORS + GRAPH * (search.minimiser == "dogleg" and descriptor.device.type != "cpu")
+    of_one = plan.samples * vectors * height * width * descriptor.element_size()
+    at_once = max(1, memory_for(descriptor.device, MEMORY, SHARE) // of_one)
     count = -(-len(descriptor) // at_once)
 
     def share(number: int) -> Callable[[int, int], None] | None:

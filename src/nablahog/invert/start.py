@@ -21,7 +21,7 @@ from ..hog.entries import CellAlignment, mean_over_colours
 from ..hog.orientation import bin_angles
 from ..hog.pooling import pooling_matrices
 from ..hog.spec import HOGSpec
-from .parameterize import from_cosines, to_cosines
+from .cosine_transform import from_cosines, to_cosines
 from .signs import expected_cells
 
 NOISE = 0.01  # standard deviation, in 0…1; without any, nothing tells a thin line's two sides apart

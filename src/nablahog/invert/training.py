@@ -30,7 +30,7 @@ def train_prior(
     start: LearnedPrior | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     device: torch.device | str = "cpu",
-    precision: Precision = "float32",
+    precision: Precision | None = None,
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
 ) -> LearnedPrior:
     """Learns, from photographs, which image to expect for a descriptor.
@@ -56,8 +56,9 @@ def train_prior(
             resumed, with the same result.  The file is not removed.  A damaged one is renamed, and the training starts
             afresh.
         device: where to compute.
-        precision: of convolutions and matrix products in training; ``"bfloat16"`` takes half the time where the
-            processor has instructions for it.
+        precision: of convolutions and matrix products in training; weights and losses are float32 in any case.
+            ``"bfloat16"`` takes half the time where the processor has instructions for it.  By default float32 on a
+            CPU, bfloat16 on a GPU with such instructions.
         progress: called with the steps done, their number, and epoch and loss.
 
     Raises:

@@ -6,48 +6,24 @@ as exactly as ``cg_tolerance`` says.
 The steps along the path and the radius are in :mod:`.trust_region`.
 
 In each round every running problem does what is next for it: one iteration of conjugate gradients, the trial of a step,
-or both.  No problem waits for another.
+or both.  No problem waits for another.  On a GPU, where the device would be waited for, rounds are whole steps:
+:mod:`.dogleg_device`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from . import endings
+from .dogleg_device import DeviceDogleg
+from .dogleg_rules import MODEL, PRODUCT, TRIAL, DoglegRules
 from .gauss_newton import GaussNewtonSteps
 from .result import Accepted, History, LeastSquares, Minimum, ObjectiveFunction, StopReason, Watch
 from .trust_region import Step, TrustRegion
-
-TRIAL, MODEL, PRODUCT = 2, 1, 1  # half evaluations: value and gradient; residuals with their graph; J or Jᵀ times v
-
-
-@dataclass(frozen=True, kw_only=True)
-class DoglegRules:
-    """When the dogleg stops, and how exact its Gauss-Newton steps are.
-
-    Attributes:
-        max_evaluations: budget of each problem.  A trial, value and gradient, is one; the residuals to linearise, and J
-            or Jᵀ times a vector, are half of one each.  Conjugate gradients end while enough is left to try their step.
-        max_iterations: accepted steps of each problem (Chumpy's ``maxiter``).
-        gradient_tolerance: stop a problem when the largest absolute entry of Jᵀr, half the gradient, is at most this
-            (``e_1``).
-        step_tolerance: stop a problem when its step or its radius is at most this share of ‖x‖ (``e_2``).
-        progress_tolerance: stop a problem when a step lowers the value by less than this share of it (``e_3``).
-        cg_iterations: the most for one Gauss-Newton step; 1 makes it the Cauchy step.
-        cg_tolerance: a Gauss-Newton step will do when ‖JᵀJ d + Jᵀr‖ is at most this share of ‖Jᵀr‖.
-    """
-
-    max_evaluations: int = 300
-    max_iterations: int = 200
-    gradient_tolerance: float = 1e-15
-    step_tolerance: float = 1e-15
-    progress_tolerance: float = 0.0
-    cg_iterations: int = 10
-    cg_tolerance: float = 0.1
 
 
 class _Phases:
@@ -239,7 +215,10 @@ def dogleg(
     """
     if not isinstance(problem, LeastSquares):
         raise TypeError(f"dogleg needs a problem with residuals (LeastSquares), got {type(problem).__name__}")
-    search = _Search(problem, start, radius, DoglegRules(**rules), watch, accepted)
+    options = problem, start, radius, DoglegRules(**rules), watch, accepted
+    if not endings.dropped_at_once(start):
+        return DeviceDogleg(*options).run()
+    search = _Search(*options)
     while search.phases.running():
         search.solve()
         search.try_steps()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol, TypeAlias, TypedDict, runtime_checkable
@@ -14,7 +14,10 @@ ObjectiveFunction: TypeAlias = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
 """(points (A, N), indices (A,) of their problems in the batch, all different) to (values (A,), gradients (A, N))."""
 
 Watch: TypeAlias = Callable[[Tensor, Tensor], None]
-"""Called after each call of the objective: the indices (A,) of its problems, and their evaluations (A,) so far."""
+"""Called after each call of the objective: the indices (A,) of its problems, and their evaluations (A,) so far.
+
+On a GPU problems that have ended may be among them for some rounds, with the evaluations that they ended with.
+"""
 
 Accepted: TypeAlias = Callable[[Tensor, Tensor, Tensor], None]
 """Called after accepted steps: the indices (A,) of the problems, their iterations (A,) so far, their points (A, N)."""
@@ -130,42 +133,31 @@ class History:
     Args:
         like: tensor whose dtype and device the numbers have.
         batch: number of problems.
+
+    Attributes:
+        table: (evaluations + 1, B), row k after k evaluations; row 0 takes what is not to be kept.
     """
 
     def __init__(self, like: Tensor, batch: int) -> None:
-        self.table = like.new_zeros(0, batch)
-        self.filled_in = torch.zeros(0, batch, dtype=torch.bool, device=like.device)
+        self.table = like.new_zeros(1, batch)
+        self.filled_in = torch.zeros(1, batch, dtype=torch.bool, device=like.device)
 
     def add(self, evaluations: Tensor, index: Tensor, numbers: Tensor, most: int | None = None) -> None:
-        """The problems ``index`` (A,) have ``numbers`` (A,) after ``evaluations`` (A,), counted from 1.
+        """The problems ``index`` (A,) have ``numbers`` (A,) after ``evaluations`` (A,), counted from 1; 0 adds none.
 
-        ``most`` is the largest of these, if it is known: to ask for it is to wait for the device.
+        ``most`` is the largest that these can be, if it is known: to ask for it is to wait for the device.
         """
-        grow = (int(evaluations.max()) if most is None else most) - len(self.table)
+        grow = (int(evaluations.max()) if most is None else most) + 1 - len(self.table)
         if grow > 0:
             grow = max(grow, len(self.table))  # doubled, so that the copies cost no more than the entries
             self.table, self.filled_in = (
                 torch.cat([t, t.new_zeros(grow, t.shape[1])]) for t in (self.table, self.filled_in)
             )
-        self.table[evaluations - 1, index], self.filled_in[evaluations - 1, index] = numbers, True
+        self.table[evaluations, index], self.filled_in[evaluations, index] = numbers, True
 
     def filled(self, length: int) -> Tensor:
         """(length, B): where a problem has no number it repeats its last.  Each has one after its first evaluation."""
         rows = torch.arange(len(self.filled_in), device=self.filled_in.device).unsqueeze(1)
-        last = torch.where(self.filled_in, rows, 0).cummax(dim=0).values
+        last = torch.where(self.filled_in, rows, 0)[1:].cummax(dim=0).values
         last = last[torch.arange(length, device=last.device).clamp(max=len(last) - 1)]
         return self.table.gather(0, last)
-
-
-def enter_reasons(reasons: list[StopReason], problems: Tensor, holds: Mapping[StopReason, Tensor]) -> Tensor:
-    """Sets the reasons of those ``problems`` (A,) for which one holds, (A,) each; of several the first counts.
-
-    Returns:
-        (A,): whether one holds.
-    """
-    ended = torch.stack([*holds.values()]).any(dim=0)
-    if ended.any():
-        for reason, mask in reversed(list(holds.items())):
-            for problem in problems[mask.to(problems.device)].tolist():
-                reasons[problem] = reason
-    return ended

@@ -5,15 +5,22 @@ The constants are those of Chumpy's ``minimize_dogleg``; the path is that of Noc
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import torch
 from torch import Tensor
 
-from .gauss_newton import GaussNewtonSteps
-
 GOOD, GROWN = 0.9, 2.5  # a gain above GOOD makes the radius at least GROWN steps long
 BAD, SHRUNK = 0.05, 0.25  # a gain below BAD shrinks the radius
+
+
+class NewtonSteps(Protocol):
+    """Gauss-Newton steps and Cauchy steps (B, N), and J times each (B, M)."""
+
+    step: Tensor
+    image: Tensor
+    cauchy: Tensor
+    cauchy_image: Tensor
 
 
 class Step(NamedTuple):
@@ -52,7 +59,7 @@ class TrustRegion:
     def __init__(self, like: Tensor, radius: float | None) -> None:
         self.radius = torch.full_like(like, torch.inf if radius is None else radius)
 
-    def step(self, newton: GaussNewtonSteps, rows: Tensor) -> Step:
+    def step(self, newton: NewtonSteps, rows: Tensor) -> Step:
         """The dogleg steps of the problems ``rows`` (A,)."""
         weights = path_weights(newton.cauchy[rows], newton.step[rows], self.radius[rows])
         step = weights[0] * newton.cauchy[rows] + weights[1] * newton.step[rows]
@@ -74,5 +81,12 @@ class TrustRegion:
         grown = torch.where(gain > GOOD, torch.maximum(radius, GROWN * length), radius)
         self.radius[rows] = torch.where(accepted & (gain >= BAD), grown, SHRUNK * radius)
         # Chumpy tries a rejected Gauss-Newton step again until the radius cuts it; each trial would fail like the first
-        while len(same := rows[~accepted & (self.radius[rows] >= length)]):
-            self.radius[same] *= SHRUNK
+        self.radius[rows] = torch.where(accepted, self.radius[rows], shrunk_below(self.radius[rows], length))
+
+
+def shrunk_below(radius: Tensor, length: Tensor) -> Tensor:
+    """Radii (A,), as often a quarter of them as it takes to be less than lengths (A,) above 0."""
+    times = (torch.log2(radius / length) / 2).floor().clamp(min=-1) + 1
+    times = torch.where((times > 0) & (torch.ldexp(radius, 2 - 2 * times) < length), times - 1, times)  # rounding
+    shrunk = torch.ldexp(radius, -2 * times)
+    return torch.where(shrunk >= length, SHRUNK * shrunk, shrunk)

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from .camera import Camera, check_poses, to_camera, to_screen
 from .mesh import Mesh
-from .pipeline import clip_to_view
+from .pipeline import NEAR, clip_to_view, together
 from .rasterize import rasterize
 from .renderer import SUPERSAMPLING, render
 from .shading import Light
@@ -59,20 +59,25 @@ def depth_and_normals(mesh: Mesh, poses: Tensor, camera: Camera) -> tuple[Tensor
     (torch.Size([1, 64, 64]), torch.Size([1, 3, 64, 64]), True)
     """
     check_poses(poses)
-    depths, directions = [], []
+    poses = poses.double()
     with torch.no_grad():
-        for pose in torch.split(poses.double(), 1):
-            points, faces, _ = clip_to_view(
-                to_camera(mesh.vertices, pose), mesh.faces, mesh.brightness[mesh.faces], pose[:, 2]
-            )
-            ids, inverse = rasterize(to_screen(points, pose, camera), faces, camera.height, camera.width)
-            a, b, c = points[0][faces].unbind(1)
-            normals = torch.nn.functional.normalize(torch.linalg.cross(b - a, c - a), dim=1, eps=1e-300)
-            away = (normals * a).sum(1, keepdim=True) > 0
-            normals = torch.where(away, -normals, normals)
-            covered = ids >= 0
-            image = normals.new_zeros((*ids.shape, 3))
-            image[covered] = normals[ids[covered]]
-            depths.append(torch.where(covered, 1 / inverse, math.inf))
-            directions.append(image.permute(0, 3, 1, 2))
-    return torch.cat(depths), torch.cat(directions)
+        points = to_camera(mesh.vertices, poses)
+        cut = (points[..., 2] <= NEAR * poses[:, 2:3]).any(1)
+        groups, order = together(cut)
+        parts = [_depth_and_normals(mesh, points[group], poses[group], camera) for group in groups]
+        depths, normals = (torch.cat(part)[order] for part in zip(*parts, strict=True))
+    return depths, normals
+
+
+def _depth_and_normals(mesh: Mesh, points: Tensor, poses: Tensor, camera: Camera) -> tuple[Tensor, Tensor]:
+    """As :func:`depth_and_normals`, of points (B, V, 3) in the camera frame; of more than one view none is clipped."""
+    faces = mesh.faces
+    if len(poses) == 1:
+        points, faces, _ = clip_to_view(points, faces, mesh.brightness[faces], poses[:, 2])
+    ids, inverse = rasterize(to_screen(points, poses, camera), faces, camera.height, camera.width)
+    place = (ids >= 0).nonzero(as_tuple=True)
+    a, b, c = points[place[0][:, None], faces[ids[place]]].unbind(1)
+    normals = torch.nn.functional.normalize(torch.linalg.cross(b - a, c - a), dim=1, eps=1e-300)
+    away = (normals * a).sum(1, keepdim=True) > 0
+    image = normals.new_zeros((*ids.shape, 3)).index_put(place, torch.where(away, -normals, normals))
+    return torch.where(ids >= 0, 1 / inverse, math.inf), image.permute(0, 3, 1, 2)

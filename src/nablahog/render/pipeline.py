@@ -90,6 +90,20 @@ def clip_to_view(points: Tensor, faces: Tensor, brightness: Tensor, distance: Te
     return part.points[None], part.faces, part.brightness
 
 
+def together(cut: Tensor) -> tuple[list[Tensor], Tensor]:
+    """Views to draw together: all that are not cut by the near plane, and each of those that are, to other faces.
+
+    Args:
+        cut: (B,), whether a view is.
+
+    Returns:
+        The views of each group, and where to find each view in the groups one after the other, (B,).
+    """
+    whole, alone = (~cut).nonzero().squeeze(1), cut.nonzero().squeeze(1)
+    groups = [group for group in (whole, *torch.split(alone, 1)) if len(group)]
+    return groups, torch.cat(groups).argsort()
+
+
 def render_torch(
     mesh: Mesh,
     brightness: Tensor,
@@ -114,10 +128,11 @@ def render_torch(
     near = (1 - 1e-6) * NEAR * poses.detach()[:, None, 2:3]
     if len(poses) == 1:
         points, faces, brightness = clip_to_view(points, faces, brightness, poses[:, 2])
-    elif bool((points[..., 2:] <= near).any()):  # each view is clipped to other faces
-        views = zip(torch.split(poses, 1), torch.split(background.expand(len(poses), -1, -1), 1), strict=True)
-        images = [render_torch(mesh, brightness, edges, pose, camera, behind, step, method) for pose, behind in views]
-        return torch.cat(images)
+    elif bool((cut := (points[..., 2:] <= near).flatten(1).any(1)).any()):
+        groups, order = together(cut)
+        behind = background.expand(len(poses), -1, -1)
+        images = [render_torch(mesh, brightness, edges, poses[g], camera, behind[g], step, method) for g in groups]
+        return torch.cat(images)[order]
     beside = points[..., 2:].abs() < 1e-3 * near  # not drawn, but 1 / depth could be infinite and have no derivative
     screen = to_screen(torch.where(beside, -1.0, points), poses, camera)
     screen = torch.cat([screen[..., :2] * step, screen[..., 2:]], dim=-1).to(background.dtype)

@@ -65,7 +65,7 @@ def learn_upconv(
     widths: tuple[int, ...] | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     device: torch.device | str = "cpu",
-    precision: Precision = "float32",
+    precision: Precision | None = None,
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
 ) -> Upconv:
     """Learns, from photographs, the image of a descriptor.
@@ -84,8 +84,7 @@ def learn_upconv(
             resumed, with the same result.  The file is not removed.  A damaged one is renamed, and the training starts
             afresh.
         device: where to compute.
-        precision: of convolutions and matrix products in training; ``"bfloat16"`` takes half the time where the
-            processor has instructions for it.
+        precision: as of :func:`~nablahog.train_prior`.
         progress: called with the steps done, their number, and epoch and loss.
 
     Raises:

@@ -1,0 +1,307 @@
+"""Minimisers as they run on a device, on a CPU: nothing waits between two looks, and results are those of a CPU."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+from torch.utils._python_dispatch import _disable_current_modes
+
+from nablahog.optimize import Minimiser, Minimum, StopReason, Watch, endings, minimise
+from nablahog.optimize.descent import _Descent
+from nablahog.optimize.dogleg_device import DeviceDogleg
+from nablahog.optimize.lbfgs_device import DeviceSearch
+from nablahog.optimize.trust_region import shrunk_below
+
+from ..waiting import WithoutWaiting
+from .problems import SumOfSquares, beale, exponentials, mixed, rosenbrock
+
+DEVICE: tuple[Minimiser, ...] = ("lbfgs", "momentum", "adam")  # whose rounds wait for nothing
+
+
+@pytest.fixture
+def on_device(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Minimum]:
+    """:func:`.minimise` as it runs on a device."""
+
+    def run(*args: Any, **options: Any) -> Minimum:
+        with monkeypatch.context() as patch:
+            patch.setattr(endings, "dropped_at_once", lambda like: False)
+            return minimise(*args, **options)
+
+    return run
+
+
+def many_rosenbrocks(x: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
+    """Each of its own steepness, with its gradient."""
+    steep = 10.0 ** (index.to(x) % 4 - 1)
+    a, b = x[:, 1] - x[:, 0].square(), 1 - x[:, 0]
+    value = steep * a.square() + b.square()
+    return value, torch.stack([-4 * steep * a * x[:, 0] - 2 * b, 2 * steep * a], dim=1)
+
+
+def walls(x: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
+    """√(x - 1) + 1/(x - 1), undefined for x <= 1; the third is constant, the gradient of the fourth lies."""
+    value = ((x - 1).sqrt() + 1 / (x - 1)).sum(1)
+    gradient = 0.5 * (x - 1).rsqrt() - 1 / (x - 1).square()
+    constant, lies = (index == 2).unsqueeze(1), (index == 3).unsqueeze(1)
+    value = torch.where(index == 2, 1.0, torch.where(index == 3, x.square().sum(1), value))
+    return value, torch.where(constant, 0.0, torch.where(lies, -2 * x, gradient))
+
+
+def starts(batch: int, n: int) -> Tensor:
+    return torch.randn(batch, n, generator=torch.Generator().manual_seed(batch), dtype=torch.float64)
+
+
+def problems() -> dict[str, tuple[Any, Tensor]]:
+    not_finite = 1.3 + starts(5, 3).abs()
+    not_finite[4] = 0.5
+    return {
+        "mixed": mixed(),
+        "rosenbrocks": (many_rosenbrocks, starts(12, 2)),
+        "walls": (walls, not_finite),
+    }
+
+
+PROBLEMS = tuple(problems())
+
+
+def same(one: Minimum, other: Minimum, rounding: float) -> None:
+    assert one.stop_reason == other.stop_reason
+    assert torch.equal(one.evaluations, other.evaluations)
+    assert one.history.shape == other.history.shape
+    for name in ("x", "value", "history"):
+        torch.testing.assert_close(
+            getattr(one, name), getattr(other, name), rtol=rounding, atol=rounding, equal_nan=True, msg=name
+        )
+
+
+@pytest.mark.parametrize("name", DEVICE)
+@pytest.mark.parametrize("problem", PROBLEMS)
+@pytest.mark.parametrize("budget", [1, 2, 9, 10, 11, 45])
+def test_results_are_those_on_a_cpu(
+    name: Minimiser, problem: str, budget: int, on_device: Callable[..., Minimum]
+) -> None:
+    options: dict[str, Any] = {"max_evaluations": budget, "gradient_tolerance": 1e-4, "progress_tolerance": 1e-2}
+    results = []
+    for run in (minimise, on_device):
+        objective, start = problems()[problem]
+        results.append(run(name, objective, start, **options))
+    # what L-BFGS rounds otherwise grows from step to step; the others do the same operations
+    same(*results, rounding=1e-5 if name == "lbfgs" else 0.0)
+    if budget == 45 and problem == "rosenbrocks" and name == "lbfgs":
+        assert len(set(results[1].evaluations.tolist())) > 4  # so that many end between two looks
+
+
+@pytest.mark.parametrize("name", DEVICE)
+def test_problems_that_end_between_two_looks_report_their_end(
+    name: Minimiser, on_device: Callable[..., Minimum]
+) -> None:
+    told: dict[int, list[int]] = {}
+
+    def watch(index: Tensor, evaluations: Tensor) -> None:
+        for problem, spent in zip(index.tolist(), evaluations.tolist(), strict=True):
+            told.setdefault(problem, []).append(spent)
+
+    result = on_device(name, many_rosenbrocks, starts(12, 2), gradient_tolerance=0.2, watch=watch)
+    ended = torch.tensor([reason == StopReason.GRADIENT for reason in result.stop_reason])
+    assert ended.sum() > 8
+    value, gradient = many_rosenbrocks(result.x, torch.arange(12))
+    assert gradient[ended].abs().max() <= 0.2
+    torch.testing.assert_close(value, result.value)
+    for problem, spent in told.items():
+        end = int(result.evaluations[problem])
+        assert spent[:end] == list(range(1, end + 1))
+        assert set(spent[end:]) <= {end}  # told again as it was
+        assert len(spent) < end + endings.ROUNDS_BETWEEN_LOOKS
+    assert max(len(spent) - spent[-1] for spent in told.values()) > 0
+
+
+@pytest.mark.parametrize("name", DEVICE)
+def test_what_has_ended_is_evaluated_where_it_was(name: Minimiser, on_device: Callable[..., Minimum]) -> None:
+    last: dict[int, Tensor] = {}
+    ended: dict[int, int] = {}
+    spent = torch.zeros(12, dtype=torch.long)
+    again = 0
+
+    def objective(x: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
+        nonlocal again
+        for problem, point in zip(index.tolist(), x, strict=True):
+            if problem in ended:
+                again += 1
+                torch.testing.assert_close(point, last[problem])
+            last[problem] = point.clone()
+        return many_rosenbrocks(x, index)
+
+    def watch(index: Tensor, evaluations: Tensor) -> None:
+        for problem, count in zip(index.tolist(), evaluations.tolist(), strict=True):
+            if count == spent[problem]:
+                ended[problem] = count
+            spent[problem] = count
+
+    on_device(name, objective, starts(12, 2), gradient_tolerance=0.2, watch=watch)
+    assert again > 5
+
+
+@pytest.mark.parametrize("name", DEVICE)
+def test_a_device_is_asked_once_in_ten_rounds(
+    name: Minimiser, on_device: Callable[..., Minimum], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looks, read = 0, endings.read
+
+    def counted(*args: Any) -> Tensor:
+        nonlocal looks
+        looks += 1
+        return read(*args)
+
+    monkeypatch.setattr(endings, "read", counted)
+    result = on_device(name, many_rosenbrocks, starts(4, 2), max_evaluations=58)
+    assert result.evaluations.max() == 58
+    assert looks == 58 // endings.ROUNDS_BETWEEN_LOOKS + 1
+
+
+needs_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+
+
+@contextmanager
+def no_synchronisation(device: str) -> Iterator[None]:
+    """On a GPU, fails where PyTorch itself says that it waits."""
+    if device != "cuda":
+        yield
+        return
+    torch.cuda.set_sync_debug_mode("error")
+    try:
+        yield
+    finally:
+        torch.cuda.set_sync_debug_mode("default")
+
+
+@pytest.mark.parametrize("function", [rosenbrock, beale, exponentials, None])
+@pytest.mark.parametrize("options", [{}, {"cg_iterations": 1}, {"radius": 0.3, "progress_tolerance": 1e-3}])
+@pytest.mark.parametrize("budget", [1, 2, 3, 4, 6, 15, 60])
+def test_the_dogleg_does_what_it_does_on_a_cpu(
+    function: Callable[[Tensor], Tensor] | None, options: dict[str, Any], budget: int, on_device: Callable[..., Minimum]
+) -> None:
+    if function is None:
+        (problem, start), more = mixed(), {"cg_tolerance": 1e-6}
+    else:
+        problem, more = SumOfSquares(lambda x, index: function(x)), {"gradient_tolerance": 1e-6}
+        start = starts(6, 3 if function is exponentials else 2)
+    told: list[dict[int, list[Any]]] = []
+
+    def run(minimiser: Callable[..., Minimum]) -> Minimum:
+        seen: dict[int, list[Any]] = {}
+        told.append(seen)
+
+        def watch(index: Tensor, evaluations: Tensor) -> None:
+            for one, spent in zip(index.tolist(), evaluations.tolist(), strict=True):
+                if spent not in seen.setdefault(one, []):
+                    seen[one].append(spent)
+
+        def accepted(index: Tensor, iterations: Tensor, points: Tensor) -> None:
+            for one, iteration in zip(index.tolist(), iterations.tolist(), strict=True):
+                seen.setdefault(-1 - one, []).append(iteration)
+
+        return minimiser(
+            "dogleg", problem, start, max_evaluations=budget, watch=watch, accepted=accepted, **more, **options
+        )
+
+    same(run(minimise), run(on_device), rounding=1e-7)
+    assert told[0] == told[1]
+
+
+def test_the_dogleg_waits_once_a_trial(on_device: Callable[..., Minimum], monkeypatch: pytest.MonkeyPatch) -> None:
+    """But for reading what has become of a trial, steps and trials ask for no number."""
+    trials, look = 0, DeviceDogleg._look
+
+    def counted(self: DeviceDogleg, *arguments: Tensor) -> Tensor:
+        nonlocal trials
+        trials += 1
+        with _disable_current_modes():
+            return look(self, *arguments)
+
+    def checked(own: Callable[[DeviceDogleg], None]) -> Callable[[DeviceDogleg], None]:
+        def run(self: DeviceDogleg) -> None:
+            with WithoutWaiting():
+                own(self)
+
+        return run
+
+    monkeypatch.setattr(DeviceDogleg, "_look", counted)
+    for name in ("_linearize", "_try"):
+        monkeypatch.setattr(DeviceDogleg, name, checked(getattr(DeviceDogleg, name)))
+    result = on_device("dogleg", SumOfSquares(lambda x, index: rosenbrock(x)), starts(6, 2), max_evaluations=40)
+    assert trials > 5
+    assert result.value.max() < 1
+
+
+def test_radii_shrink_below_lengths() -> None:
+    generator = torch.Generator().manual_seed(0)
+    lengths = torch.rand(2000, generator=generator).double() + 1e-3
+    radii = lengths * 4 ** torch.randint(-3, 20, (2000,), generator=generator)  # also at exact powers
+    radii[::2] *= torch.rand(1000, generator=generator).double() + 0.5
+    expected = radii.clone()
+    while (large := expected >= lengths).any():
+        expected[large] *= 0.25
+    assert torch.equal(shrunk_below(radii, lengths), expected)
+
+
+class Rounds:
+    """A search whose rounds are run one by one."""
+
+    def __init__(self, name: Minimiser, objective: Any, start: Tensor, watch: Watch | None = None) -> None:
+        self.search: DeviceSearch | _Descent
+        if name == "lbfgs":
+            self.search = DeviceSearch(objective, start, 6, 1.0, watch)
+            return
+
+        def rule(gradient: Tensor, velocity: Tensor) -> tuple[Tensor, tuple[Tensor, ...]]:
+            velocity = 0.9 * velocity - gradient
+            return velocity, (velocity,)
+
+        memory = [torch.zeros_like(start)]
+        self.search = _Descent(objective, start, rule, memory, lambda g: torch.full_like(g[:, 0], 0.01), watch)
+
+    def run(self, first: int, count: int) -> None:
+        """Rounds none of which looks, after so many evaluations."""
+        for evaluation in range(first, first + count):
+            assert evaluation % endings.ROUNDS_BETWEEN_LOOKS
+            self.search.advance()
+            self.search.end(evaluation, 1e-3, 1e-3)
+
+
+@pytest.mark.parametrize("name", ["lbfgs", "momentum"])
+@pytest.mark.parametrize("device", ["cpu", "meta", pytest.param("cuda", marks=needs_gpu)])
+def test_rounds_ask_for_no_number(name: Minimiser, device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(endings, "dropped_at_once", lambda like: False)
+    told: list[tuple[Tensor, Tensor]] = []
+    rounds = Rounds(name, many_rosenbrocks, starts(12, 2).to(device), lambda *told_now: told.append(told_now))
+    with WithoutWaiting(), no_synchronisation(device):
+        rounds.run(2, 8)
+        rounds.run(21, 9)  # from where on progress is judged
+    assert len(told) == 18
+
+
+def test_it_is_seen_where_a_device_is_waited_for() -> None:
+    numbers = torch.rand(3, device="meta")
+    mask = torch.zeros(3, dtype=torch.bool, device="meta")
+    for waits in (
+        lambda: numbers.sum().item(),
+        lambda: bool(mask.any()),
+        lambda: mask.nonzero(),
+        lambda: numbers[mask],
+        lambda: numbers.masked_select(mask),
+        lambda: numbers.cpu(),
+        lambda: torch.rand(3).to(numbers.device),
+        lambda: numbers[torch.tensor([0, 1])],
+        lambda: numbers.copy_(torch.rand(3)),
+        lambda: numbers.index_put_((mask,), numbers),
+    ):
+        with WithoutWaiting(), pytest.raises(AssertionError, match=r"waits for its device|copies between devices"):
+            waits()
+    with WithoutWaiting():
+        numbers[torch.arange(2, device="meta")] = 1.0
+        torch.where(mask, 0, numbers)
