@@ -53,7 +53,7 @@ def page(browser: Page) -> Iterator[Page]:
     browser.requested()
     browser.complaints()
     yield browser
-    own = (browser.address, browser.address.replace("http", "ws"), "data:", "blob:", "about:", "chrome:")
+    own = (browser.address, browser.address.replace("http", "ws"), "data:", "blob:", "about:", "chrome:", "chrome-untrusted:")
     assert [url for url in browser.requested() if not url.startswith(own)] == []
     assert browser.complaints() == []
 

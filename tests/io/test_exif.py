@@ -21,7 +21,7 @@ def written(tmp_path: Path) -> Any:
     def write(size: tuple[int, int] = (400, 300), orientation: int = 1, **tags: Any) -> Path:
         exif = Image.Exif()
         exif[TAGS.Orientation] = orientation
-        exif.get_ifd(ExifTags.IFD.Exif).update({getattr(TAGS, name): value for name, value in tags.items()})
+        exif[ExifTags.IFD.Exif] = {getattr(TAGS, name): value for name, value in tags.items()}
         path = tmp_path / "photo.jpg"
         Image.new("RGB", size).save(path, exif=exif)
         return path

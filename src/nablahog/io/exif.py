@@ -52,7 +52,7 @@ def read_exif_focal(path: str | os.PathLike[str]) -> float | None:
     >>> from PIL import ExifTags, Image
     >>> from nablahog.io.exif import read_exif_focal
     >>> exif = Image.Exif()
-    >>> exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.FocalLengthIn35mmFilm] = 26
+    >>> exif[ExifTags.IFD.Exif] = {ExifTags.Base.FocalLengthIn35mmFilm: 26}
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     Image.new("RGB", (400, 300)).save(Path(folder, "phone.jpg"), exif=exif)
     ...     round(read_exif_focal(Path(folder, "phone.jpg")), 1)  # 26 / 43.27 of the diagonal, 500 pixels

@@ -320,7 +320,7 @@ def test_the_camera_of_the_file_is_taken(scene: list[str], tmp_path: Path, capsy
     photo, _, folder, _, box = scene
     exif = Image.Exif()
     exif[ExifTags.Base.Orientation] = 1  # without any tag of its own, Pillow writes none to a PNG
-    exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.FocalLengthIn35mmFilm] = 50
+    exif[ExifTags.IFD.Exif] = {ExifTags.Base.FocalLengthIn35mmFilm: 50}
     Image.open(photo).save(photo, exif=exif)
     common = ["pose", photo, "--mesh", f"{folder}/wooden.off", "--box", box, "--init", "0,10", "--json"]
     common += ["--method", "exhaustive", "-o", str(tmp_path / "out")]
