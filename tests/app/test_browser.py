@@ -53,7 +53,15 @@ def page(browser: Page) -> Iterator[Page]:
     browser.requested()
     browser.complaints()
     yield browser
-    own = (browser.address, browser.address.replace("http", "ws"), "data:", "blob:", "about:", "chrome:", "chrome-untrusted:")
+    own = (
+        browser.address,
+        browser.address.replace("http", "ws"),
+        "data:",
+        "blob:",
+        "about:",
+        "chrome:",
+        "chrome-untrusted:",
+    )
     assert [url for url in browser.requested() if not url.startswith(own)] == []
     assert browser.complaints() == []
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 from typing import Any
 
@@ -76,8 +77,10 @@ def test_refuses(scene: tuple[Tensor, Box], changes: dict[str, Any], message: st
 
 def test_the_lens_of_a_photograph_s_file(scene: tuple[Tensor, Box]) -> None:
     image, box = scene
-    photo = Image.fromarray((image[0] * 255).round().byte().numpy())
-    photo.getexif().get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.FocalLengthIn35mmFilm] = 50
+    exif, file = Image.Exif(), io.BytesIO()
+    exif[ExifTags.IFD.Exif] = {ExifTags.Base.FocalLengthIn35mmFilm: 50}
+    Image.fromarray((image[0] * 255).round().byte().numpy()).save(file, "png", exif=exif)
+    photo = Image.open(file)
     estimate = estimate_pose(photo, model(), box=box, initial=(0, 15), focal="exif", method="exhaustive")
     assert estimate.camera.focal == pytest.approx(50 / math.hypot(36, 24) * math.hypot(150, 180))
     assert (estimate.focal_from, estimate.principal_point) == ("exif", (90, 75))

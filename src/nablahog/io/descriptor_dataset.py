@@ -182,9 +182,9 @@ class DescriptorDataset(Sequence[Row]):
         return table
 
     def _read(self, file: str, columns: list[str] | None = None) -> pa.Table:
-        # in this thread: pq.read_table leaves Python's buffers to threads of Arrow, one of which may return the last of
-        # them while the interpreter ends, and then the process aborts
-        with self._system.open(file, "rb") as opened, pq.ParquetFile(opened) as shard:
+        # in this thread alone: what threads of Arrow read ahead are Python's buffers, and where one is returned while
+        # the interpreter ends, the process aborts
+        with self._system.open(file, "rb") as opened, pq.ParquetFile(opened, pre_buffer=False) as shard:
             return shard.read(columns, use_threads=False)
 
     def _row(self, table: pa.Table, number: int) -> Row:
