@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import torch
 from torch import Tensor
 
 from .result import StopReason
 
 ROUNDS_BETWEEN_LOOKS = 10  # on a device: more waste evaluations of problems that have ended, fewer wait more often
 _REASONS = tuple(StopReason)
+_CODES = {reason: k + 1 for k, reason in enumerate(_REASONS)}
 
 
 def dropped_at_once(like: Tensor) -> bool:
@@ -29,9 +31,10 @@ def enter(codes: Tensor, holds: Mapping[StopReason, Tensor]) -> Tensor:
         codes: (A,), before.  A problem that has ended keeps its reason.
         holds: for each reason, whether it holds, (A,); of several the first counts.
     """
-    for reason, mask in holds.items():
-        codes = codes.masked_fill((codes == 0) & mask, _REASONS.index(reason) + 1)
-    return codes
+    new = torch.zeros_like(codes)
+    for reason, mask in reversed(list(holds.items())):
+        new.masked_fill_(mask, _CODES[reason])
+    return torch.where(codes == 0, new, codes)
 
 
 def read(codes: Tensor, problems: Tensor, reasons: list[StopReason]) -> Tensor:
@@ -44,6 +47,11 @@ def read(codes: Tensor, problems: Tensor, reasons: list[StopReason]) -> Tensor:
     """
     codes = codes.cpu()
     done = codes != 0
-    for problem, code in zip(problems[done].tolist(), codes[done].tolist(), strict=True):
-        reasons[problem] = _REASONS[code - 1]
+    if done.any():
+        _set_reasons(codes[done], problems[done], reasons)
     return done
+
+
+def _set_reasons(codes: Tensor, problems: Tensor, reasons: list[StopReason]) -> None:
+    for problem, code in zip(problems.tolist(), codes.tolist(), strict=True):
+        reasons[problem] = _REASONS[code - 1]

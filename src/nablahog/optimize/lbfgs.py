@@ -138,7 +138,7 @@ class _Search:
             before = self.history.table[evaluation - WINDOW, self.index]
             slow = before - state.values < progress_tolerance * state.values
         holds = {StopReason.GRADIENT: flat, StopReason.PROGRESS: slow, StopReason.LINE_SEARCH: stuck}
-        codes = endings.enter(torch.zeros_like(self.index, dtype=torch.int8), holds)
+        codes = endings.enter(torch.zeros(len(flat), dtype=torch.int8), holds)
         self._drop(endings.read(codes, self.index, self.reasons))
 
     def _drop(self, done: Tensor) -> None:
