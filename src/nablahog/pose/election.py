@@ -47,7 +47,7 @@ def sides(poses: Sequence[Hypothesis], count: int) -> list[Side]:
     """The sides with most votes, these first.
 
     Args:
-        poses: of several models, at maxima of the fine similarity, which is theirs.
+        poses: of several models, near maxima of the fine similarity, which is theirs.
         count: the most to return.
     """
     azimuths = torch.tensor([one.azimuth for one in poses], dtype=torch.float64)
