@@ -93,8 +93,8 @@ class _Search:
             rows,
             {
                 StopReason.NOT_FINITE: not_finite,
-                StopReason.GRADIENT: self._flat(rows),
-                StopReason.BUDGET: self._too_dear(rows, MODEL + PRODUCT + TRIAL),
+                StopReason.GRADIENT: self.rules.flat(self.descent[rows]),
+                StopReason.BUDGET: self.rules.too_dear(self.spent[rows], MODEL + PRODUCT + TRIAL),
             },
         )
         self.moved = rows[self.phases.solving]
@@ -104,16 +104,6 @@ class _Search:
         self.history.add(evaluations, rows, self.value[rows])
         if self.watch is not None:
             self.watch(rows, evaluations)
-
-    def _flat(self, rows: Tensor) -> Tensor:
-        return self.descent[rows].abs().amax(1) <= self.rules.gradient_tolerance
-
-    def _too_dear(self, rows: Tensor, halves: int | Tensor) -> Tensor:
-        return self.spent[rows] + halves > 2 * self.rules.max_evaluations
-
-    def _short(self, rows: Tensor, length: Tensor) -> Tensor:
-        short: Tensor = length <= self.rules.step_tolerance * self.x[rows].norm(dim=1)
-        return short
 
     def solve(self) -> None:
         """One iteration of conjugate gradients of each problem that looks for a Gauss-Newton step."""
@@ -128,7 +118,7 @@ class _Search:
             phases.stop(rows, {StopReason.NOT_FINITE: newton.iterations[rows] == 0})
             cut = (newton.iterations[rows] == 1) & (newton.cauchy[rows].norm(dim=1) >= self.region.radius[rows])
             last = newton.iterations[rows] >= rules.cg_iterations
-            phases.try_step(rows, cut | ~stepped | last | self._too_dear(rows, 2 * PRODUCT + TRIAL))
+            phases.try_step(rows, cut | ~stepped | last | self.rules.too_dear(self.spent[rows], 2 * PRODUCT + TRIAL))
         rows = phases.solving.nonzero().squeeze(1)
         if len(rows):
             error = newton.update_direction(rows)
@@ -143,7 +133,7 @@ class _Search:
         if not len(rows):
             return
         step = self.region.step(self.newton, rows)
-        self.phases.stop(rows, {StopReason.STEP: self._short(rows, step.length)})
+        self.phases.stop(rows, {StopReason.STEP: self.rules.short(step.length, self.x[rows])})
         trying = self.phases.trying[rows]
         rows, step = rows[trying], step.of(trying)
         if len(rows):
@@ -151,11 +141,13 @@ class _Search:
             self.phases.stop(
                 rows,
                 {
-                    StopReason.GRADIENT: self._flat(rows),
+                    StopReason.GRADIENT: self.rules.flat(self.descent[rows]),
                     StopReason.PROGRESS: progress < self.rules.progress_tolerance,
-                    StopReason.RADIUS: self._short(rows, self.region.radius[rows]),
+                    StopReason.RADIUS: self.rules.short(self.region.radius[rows], self.x[rows]),
                     StopReason.ITERATIONS: self.iterations[rows] >= self.rules.max_iterations,
-                    StopReason.BUDGET: self._too_dear(rows, torch.where(accepted, MODEL + PRODUCT + TRIAL, TRIAL)),
+                    StopReason.BUDGET: self.rules.too_dear(
+                        self.spent[rows], torch.where(accepted, MODEL + PRODUCT + TRIAL, TRIAL)
+                    ),
                 },
             )
             moved = rows[accepted]

@@ -69,8 +69,8 @@ class DeviceDogleg:
             self.codes,
             {
                 StopReason.NOT_FINITE: ~(self.value.isfinite() & self.descent.isfinite().all(1)),
-                StopReason.GRADIENT: self._flat(self.rows),
-                StopReason.BUDGET: self._too_dear(self.rows, MODEL + PRODUCT + TRIAL),
+                StopReason.GRADIENT: self.rules.flat(self.descent[self.rows]),
+                StopReason.BUDGET: self.rules.too_dear(self.spent[self.rows], MODEL + PRODUCT + TRIAL),
             },
         )
         everywhere = torch.ones_like(self.codes, dtype=torch.bool)
@@ -83,16 +83,6 @@ class DeviceDogleg:
             self._try()
         evaluations = (self.spent + 1) // 2
         return Minimum(self.x, self.value, evaluations, self.reasons, self.history.filled(int(evaluations.max())))
-
-    def _flat(self, rows: Tensor) -> Tensor:
-        return self.descent[rows].abs().amax(1) <= self.rules.gradient_tolerance
-
-    def _too_dear(self, rows: Tensor, halves: int | Tensor) -> Tensor:
-        return self.spent[rows] + halves > 2 * self.rules.max_evaluations
-
-    def _short(self, rows: Tensor, length: Tensor) -> Tensor:
-        short: Tensor = length <= self.rules.step_tolerance * self.x[rows].norm(dim=1)
-        return short
 
     def _end(self, rows: Tensor, holds: dict[StopReason, Tensor]) -> None:
         self.codes[rows] = endings.enter(self.codes[rows], holds)
@@ -147,7 +137,7 @@ class DeviceDogleg:
             cauchy, cauchy_image = torch.where(first, step, cauchy), torch.where(first, image, cauchy_image)
             self._end(rows, {StopReason.NOT_FINITE: solving & (iterations == 0)})
             cut = (iterations == 1) & (cauchy.norm(dim=1) >= self.region.radius[rows])
-            solving = taken & ~cut & ~self._too_dear(rows, 2 * PRODUCT + TRIAL)
+            solving = taken & ~cut & ~self.rules.too_dear(self.spent[rows], 2 * PRODUCT + TRIAL)
             if iteration == rules.cg_iterations:
                 break
             # from the step itself, not from the last error: so rounding does not add up
@@ -168,17 +158,19 @@ class DeviceDogleg:
         """The trial of each problem; those that it lowers move."""
         rows = self.rows
         step = self.region.step(self.newton, rows)
-        self._end(rows, {StopReason.STEP: self._short(rows, step.length)})
+        self._end(rows, {StopReason.STEP: self.rules.short(step.length, self.x[rows])})
         running = self.codes[rows] == 0
         accepted, progress = self._take(rows, step, running)
         self._end(
             rows,
             {
-                StopReason.GRADIENT: self._flat(rows),
+                StopReason.GRADIENT: self.rules.flat(self.descent[rows]),
                 StopReason.PROGRESS: progress < self.rules.progress_tolerance,
-                StopReason.RADIUS: self._short(rows, self.region.radius[rows]),
+                StopReason.RADIUS: self.rules.short(self.region.radius[rows], self.x[rows]),
                 StopReason.ITERATIONS: self.iterations[rows] >= self.rules.max_iterations,
-                StopReason.BUDGET: self._too_dear(rows, torch.where(accepted, MODEL + PRODUCT + TRIAL, TRIAL)),
+                StopReason.BUDGET: self.rules.too_dear(
+                    self.spent[rows], torch.where(accepted, MODEL + PRODUCT + TRIAL, TRIAL)
+                ),
             },
         )
         lower = self._look(rows, running, accepted)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from torch import Tensor
+
 TRIAL, MODEL, PRODUCT = 2, 1, 1  # half evaluations: value and gradient; residuals with their graph; J or Jᵀ times v
 
 
@@ -30,3 +32,16 @@ class DoglegRules:
     progress_tolerance: float = 0.0
     cg_iterations: int = 10
     cg_tolerance: float = 0.1
+
+    def flat(self, descent: Tensor) -> Tensor:
+        """Whether the gradient is small enough, (A,); ``descent`` (A, N) is -Jᵀr."""
+        return descent.abs().amax(1) <= self.gradient_tolerance
+
+    def too_dear(self, spent: Tensor, halves: int | Tensor) -> Tensor:
+        """Whether so many more half evaluations than were ``spent`` (A,) are beyond the budget, (A,)."""
+        return spent + halves > 2 * self.max_evaluations
+
+    def short(self, length: Tensor, x: Tensor) -> Tensor:
+        """Whether a step's length or the radius (A,) is too small at the points (A, N), (A,)."""
+        short: Tensor = length <= self.step_tolerance * x.norm(dim=1)
+        return short
