@@ -7,7 +7,7 @@ from torch import nn
 from torch.testing import assert_close
 
 from nablahog.invert.prior_network import ResidualBlock
-from nablahog.invert.weights import fold_statistics, unfold_statistics
+from nablahog.io.network_weights import fold_statistics, unfold_statistics
 
 INPUT = 3 * torch.randn(4, 6, 8, 8, generator=torch.Generator().manual_seed(0)) + 1
 

@@ -17,8 +17,8 @@ from nablahog.invert.baselines.upconv_network import UpconvNetwork
 from nablahog.invert.network import weight_count
 from nablahog.invert.prior_network import Architecture
 from nablahog.invert.provenance import NetworkLearning
-from nablahog.invert.weights import count
 from nablahog.io.learned_model import LearnedModel
+from nablahog.io.network_weights import count
 from nablahog.pose.whitening import Background
 
 SOURCE: dict[str, Any] = {"images": ("a", "b"), "sha256": "00", "seed": 3}

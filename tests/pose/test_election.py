@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from nablahog.pose import estimate_pose
-from nablahog.pose.election import consensus, sides
+from nablahog.pose.election import Side, consensus, sides
 from nablahog.pose.hypothesis import Hypothesis
 from nablahog.pose.prepared import PreparedPhotograph
 
@@ -31,31 +31,44 @@ def poses(azimuths: list[float], coarse: list[float], fine: list[float] | None =
     ]
 
 
+def elected(votes: list[Hypothesis], count: int) -> list[Side]:
+    """The sides where nothing else says which azimuths are likely."""
+    return sides(votes, count, torch.zeros(len(votes), dtype=torch.float64))
+
+
+def test_a_side_that_is_likely_in_itself_needs_fewer_votes() -> None:
+    votes = poses([0.0, 5.0, 180.0], [5.0, 5.0, 5.0])
+    assert elected(votes, 1)[0].poses[0].model in "ab"
+    likely = torch.tensor([0.0, 0.0, 3.0], dtype=torch.float64)
+    assert sides(votes, 1, likely)[0].poses[0].model == "c"
+    assert sides(votes, 1, likely + 100)[0].share == pytest.approx(sides(votes, 1, likely)[0].share)
+
+
 def test_many_good_poses_outvote_the_best_one() -> None:
     azimuths, similarities = [200.0, 355, 361, 3, 90, 95, 180], [9.0, 8.7, 8.6, 8.7, 5.0, 5.0, 1.0]
-    first, second, *_ = sides(poses(azimuths, similarities), 4)
+    first, second, *_ = elected(poses(azimuths, similarities), 4)
     assert sorted(one.model for one in first.poses) == ["b", "c", "d"]
     assert [one.model for one in second.poses] == ["a"]
-    first, *_ = sides(poses(azimuths, [14.0, *similarities[1:]]), 4)
+    first, *_ = elected(poses(azimuths, [14.0, *similarities[1:]]), 4)
     assert [one.model for one in first.poses] == ["a"]
 
 
 def test_only_differences_of_similarities_count() -> None:
     azimuths, similarities = [0.0, 10, 200], [5.0, 5.2, 5.5]
-    one, other = (sides(poses(azimuths, [each + more for each in similarities]), 3) for more in (0, 100))
+    one, other = (elected(poses(azimuths, [each + more for each in similarities]), 3) for more in (0, 100))
     assert [side.share for side in one] == pytest.approx([side.share for side in other], rel=1e-5)
 
 
 def test_shares_add_up_and_every_pose_is_on_one_side() -> None:
     generator = torch.Generator().manual_seed(1)
     azimuths = (torch.rand(36, generator=generator) * 720).tolist()
-    found = sides(poses(azimuths, torch.rand(36, generator=generator).tolist()), 36)
+    found = elected(poses(azimuths, torch.rand(36, generator=generator).tolist()), 36)
     assert sum(side.share for side in found) == pytest.approx(1)
     assert sorted(one.azimuth for side in found for one in side.poses) == sorted(one for one in azimuths)
 
 
 def test_the_viewpoint_is_the_mean_of_the_side_across_0() -> None:
-    (side,) = sides(poses([358.0, 4.0], [5.0, 5.0]), 1)
+    (side,) = elected(poses([358.0, 4.0], [5.0, 5.0]), 1)
     azimuth, elevation, theta = side.viewpoint.tolist()
     assert degrees_between(azimuth, 1.0) < 1e-3
     assert elevation == pytest.approx(18.1, abs=1e-3)
@@ -63,7 +76,7 @@ def test_the_viewpoint_is_the_mean_of_the_side_across_0() -> None:
 
 
 def test_a_pose_that_fits_better_counts_more() -> None:
-    (side,) = sides(poses([0.0, 10.0], [5.0, 5.0], [8.0, 5.0]), 1)
+    (side,) = elected(poses([0.0, 10.0], [5.0, 5.0], [8.0, 5.0]), 1)
     assert side.poses[0].model == "a"
     assert degrees_between(float(side.viewpoint[0]), 0) < 0.5
 

@@ -26,6 +26,7 @@ def problem(*, boxes: bool = False, initial: tuple[float, float] | None = None) 
         180.0,
         None,
         "quadratic",
+        None,
         torch.Generator(),
         lambda done, total, what: None,
     )

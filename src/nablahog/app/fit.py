@@ -180,6 +180,7 @@ class Scene:
             initial=initial,
             seed=request.seed,
             background=None,
+            viewpoint_prior=None,
         )
 
     def fitted(self, result: PoseResult, photo: str, mesh: str) -> dict[str, Any]:

@@ -16,10 +16,10 @@ from torch.nn.utils import clip_grad_norm_
 
 from ..hog.checks import check_choice
 from ..hog.spec import HOGSpec
+from ..io.network_weights import flat, fold_statistics, unfold_statistics, with_weights
 from .checkpoint import Checkpoint
 from .crops import least_side
 from .provenance import NetworkLearning, check_images, digest_of_images, digest_of_weights
-from .weights import flat, fold_statistics, unfold_statistics, with_weights
 
 Precision: TypeAlias = Literal["float32", "bfloat16"]
 LARGEST_GRADIENT = 1.0

@@ -13,6 +13,7 @@ from torch import Tensor
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from ..io.learned_model import SPEC, LearnedModel, account, integers, tensor
+from ..io.network_weights import check_weights, with_weights
 from .checks import check_descriptor
 from .histograms import searchable
 from .network import make_network, network_class
@@ -20,7 +21,6 @@ from .prior_network import Architecture, PriorNetwork
 from .provenance import NetworkLearning
 from .start import at_contrast
 from .unsigned_network import UnsignedNetwork
-from .weights import check_weights, with_weights
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from functools import partial
 
 from ..hog.spec import HOGSpec
+from ..io.network_weights import count
 from .histograms import searchable
 from .prior_network import Architecture, PriorNetwork
 from .signed_network import SignedNetwork
 from .unsigned_network import UnsignedNetwork
-from .weights import count
 
 
 def network_class(spec: HOGSpec) -> type[PriorNetwork]:

@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from .estimate import estimate_pose
     from .pose_estimate import PoseEstimate
     from .tracker import Tracker
+    from .viewpoint_evidence import default_viewpoints
+    from .viewpoint_network import ViewpointPrior
     from .whitening import Background
 
 __all__ = [
@@ -17,7 +19,9 @@ __all__ = [
     "Elements",
     "PoseEstimate",
     "Tracker",
+    "ViewpointPrior",
     "default_background",
+    "default_viewpoints",
     "elements",
     "estimate_pose",
     "learn_background",
@@ -30,5 +34,7 @@ names_when_used(
     estimate=("estimate_pose",),
     pose_estimate=("PoseEstimate",),
     tracker=("Tracker",),
+    viewpoint_evidence=("default_viewpoints",),
+    viewpoint_network=("ViewpointPrior",),
     whitening=("Background",),
 )

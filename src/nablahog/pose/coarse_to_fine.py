@@ -52,7 +52,7 @@ def _of_one(search: Search, tilted: Sequence[Hypothesis]) -> SearchResult:
 def _of_several(search: Search, tilted: Sequence[Hypothesis]) -> SearchResult:
     """The side on which poses of several models agree, and the best of these."""
     voters = search.ascend_each(tilted, VOTE)
-    elected, *others = sides(voters, 1 + _RUNNERS_UP)
+    elected, *others = sides(voters, 1 + _RUNNERS_UP, search.azimuth_evidence(voters))
     chosen = elected.poses[:_MOST_OF_A_SIDE]
     ascended = search.ascend_each(chosen)
     elected = Side(tuple(sorted(ascended, key=lambda one: -one.score)), elected.share)

@@ -43,16 +43,17 @@ class Side:
         return first + weights @ _turn(angles - first) / weights.sum()
 
 
-def sides(poses: Sequence[Hypothesis], count: int) -> list[Side]:
+def sides(poses: Sequence[Hypothesis], count: int, evidence: Tensor) -> list[Side]:
     """The sides with most votes, these first.
 
     Args:
         poses: of several models, near maxima of the fine similarity, which is theirs.
         count: the most to return.
+        evidence: how likely their azimuths are whatever the model, logarithms, (N,).
     """
     azimuths = torch.tensor([one.azimuth for one in poses], dtype=torch.float64)
     similarities = [_COARSE * one.coarse + (1 - _COARSE) * one.similarity - one.unlikely for one in poses]
-    weights = _weights(torch.tensor(similarities))
+    weights = _weights(torch.tensor(similarities).double() + _AGREED * evidence)
     votes, total = consensus(azimuths, weights), float(weights.sum())
     found: list[Side] = []
     while len(found) < count and votes.isfinite().any():

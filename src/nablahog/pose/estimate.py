@@ -31,6 +31,7 @@ from .placement import equidistant_azimuths
 from .pose_estimate import PoseEstimate, estimate_at
 from .prepared import DETAIL, PreparedModel, PreparedPhotograph, coarse_background, prepared_model
 from .problem import ELEVATIONS, PoseProblem, RunnerUp, SearchResult, SearchTrace, allowed_azimuths
+from .viewpoint_evidence import ViewpointChoice, chosen_viewpoints
 from .views import VIEW_COUNT
 from .whitening import Background
 
@@ -60,6 +61,7 @@ def estimate_pose(
     similarity: SimilarityKind | None = None,
     ascent: Ascent = "quadratic",
     background: Background | None = None,
+    viewpoints: ViewpointChoice = "default",
     seed: int = 0,
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
     watch: Callable[[str, Tensor], None] = lambda model, pose: None,
@@ -97,6 +99,9 @@ def estimate_pose(
             ``"momentum"`` and ``"lbfgs"`` follow single derivatives.
         background: of the coarse descriptor, which also says which descriptor that is; by default that of
             :func:`.prepared.pose_spec`, learned from photographs that come with scikit-image.
+        viewpoints: a prior that says from which side an object is seen, for ``"best"`` among several models, see
+            :mod:`.viewpoint_evidence`; it counts only where it knows the class that the models are of.  By default
+            that of chairs that comes with the package; None for none.
         seed: of what is sampled.
         progress: called with the models done, their number and the name of the one at work.
         watch: called with the name of a model and each pose (6,) that the search comes to, for the object's crop, see
@@ -150,6 +155,7 @@ def estimate_pose(
         within,
         similarity,
         ascent,
+        chosen_viewpoints(viewpoints),
         torch.Generator().manual_seed(seed),
         progress,
         watch,

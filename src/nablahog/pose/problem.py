@@ -16,6 +16,7 @@ from .crop import FILL
 from .options import Ascent, SimilarityKind
 from .placement import fit_to_box, level_poses
 from .prepared import PreparedModel, PreparedPhotograph
+from .viewpoint_network import ViewpointPrior
 
 ELEVATIONS = (-15.0, 0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
 LEVEL = (-15.0, 0.0, 15.0)  # tilts, where a pose is given
@@ -95,6 +96,7 @@ class PoseProblem:
         within: degrees of azimuth on both sides of the initial one that are searched.
         similarity: its kind; None for that of the search.
         ascent: of the coarse-to-fine search.
+        viewpoints: what says from which side an object is seen, among several models; None for views alone.
         generator: of what is sampled.
         progress: called with the models done, their number and the name of the one at work.
         watch: called with the name of a model and each pose (6,) of it for the crop that the search comes to.
@@ -108,6 +110,7 @@ class PoseProblem:
     within: float
     similarity: SimilarityKind | None
     ascent: Ascent
+    viewpoints: ViewpointPrior | None
     generator: torch.Generator
     progress: Callable[[int, int, str], None]
     watch: Callable[[str, Tensor], None] = lambda model, pose: None

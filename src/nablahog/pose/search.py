@@ -22,6 +22,7 @@ from .problem import PoseProblem, RunnerUp, SearchResult
 from .pyramid import FOUND, ROUGH, Pyramid, pyramid
 from .similarity import Similarity
 from .symmetry import equivalent_azimuths
+from .viewpoint_evidence import at_azimuths, azimuth_evidence
 from .views import VIEW_COUNT, view_similarities
 
 VOTERS = 36  # views of several models that are tilted and ascended from, of those that fill the box and of others
@@ -191,6 +192,13 @@ class Search:
         if self.problem.ascent == "momentum":
             return momentum_ascent(similarity, pose[None], steps=_ASCENT_STEPS, distance_every=1, visit=visit)[0][0]
         return lbfgs_ascent(similarity, pose, _ASCENT_STEPS)
+
+    def azimuth_evidence(self, poses: Sequence[Hypothesis]) -> Tensor:
+        """How likely their azimuths are whatever the model, logarithms, (N,)."""
+        photographs = list(dict.fromkeys(one.photograph for one in poses))
+        evidence = azimuth_evidence(self.problem, self.problem.viewpoints, photographs)
+        rows = torch.tensor([photographs.index(one.photograph) for one in poses])
+        return at_azimuths(evidence[rows], torch.tensor([one.azimuth for one in poses], dtype=torch.float64))
 
     def seen_from(self, viewpoint: Tensor, of: Hypothesis) -> Hypothesis:
         """A pose at another azimuth, elevation and in-plane rotation, (3,), degrees."""

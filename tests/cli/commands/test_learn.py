@@ -44,6 +44,7 @@ OPTIONS = {
     "bovw": ["--seed", "3"],
     "ridge": [*CELL, "--seed", "3"],
     "nearest": [*CELL, "--seed", "3"],
+    "viewpoints": ["--seed", "3", "--scenes", "1", "--epochs", "2"],
     "upconv": [*CELL, "--seed", "3", "--epochs", "2", "--threads", "1"],
 }
 SUMMARIES = {
@@ -54,6 +55,7 @@ SUMMARIES = {
     "ridge": r"Regression in OUT: [\d,]+ weights, 3 images",
     "nearest": "Database in OUT: 3 images",
     "upconv": r"Network in OUT: 3 images, 2 epochs, last loss \d\.\d{4}, [\d,]+ weights",
+    "viewpoints": r"Viewpoint prior in OUT: 250 scenes, 2 epochs, last loss \d\.\d{4}",
 }
 LEAST = {
     "prior": "32x32",
@@ -81,7 +83,8 @@ def _small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_every_kind_has_arguments_and_a_learner() -> None:
-    assert set(KINDS) == {*LEARNED, "background"} - {"dalal-upconv", "unsigned-prior"}  # as others, of another preset
+    others = {"dalal-upconv", "unsigned-prior"}  # are learned as others are, of another preset
+    assert set(KINDS) == {*LEARNED, "background", "viewpoints"} - others
 
 
 @every_kind
@@ -101,7 +104,7 @@ def test_learning(tmp_path: Path, images: str, kind: str, capsys: pytest.Capture
     ]
     assert re.fullmatch(SUMMARIES[kind].replace("OUT", re.escape(str(out))), summary)
     assert names(out.parent) == [out.name]
-    if kind == "background":
+    if kind in ("background", "viewpoints"):
         return
     model: Any = LEARNED[kind].model.load(out)
     assert (model.learning.images, model.learning.seed) == (("0.png", "1.png", "2.png"), 3)
@@ -199,7 +202,8 @@ def test_bad_inputs(tmp_path: Path, images: str, kind: str, refused: Callable[..
     refused(*command, str(empty), *to, message="expected a folder of images, but it holds none")
     (empty / "x.npz").mkdir()
     for output in ("x", "x.png", "empty", "empty/x.npz"):
-        message = f"a {SUMMARIES[kind].split()[0].lower()} is one file: expected -o FILE.npz, got {tmp_path / output}"
+        noun = SUMMARIES[kind].split(" in OUT")[0].lower()
+        message = f"a {noun} is one file: expected -o FILE.npz, got {tmp_path / output}"
         refused(*command, images, "-o", str(tmp_path / output), message=message)
     refused(*command, images, "-o", f"{images}/0.png/x.npz", *OPTIONS[kind], message="is not a folder")
     refused(*command, images, *to, *OPTIONS[kind], "--size", "x", message="got 'x'", status=2)

@@ -23,7 +23,7 @@ from nablahog.invert.baselines.upconv_network import (
     input_channels,
     network_input,
 )
-from nablahog.invert.weights import count
+from nablahog.io.network_weights import count
 
 from ...io import tiny_models
 from ...io.archives import check_refused

@@ -83,6 +83,12 @@ def _bovw(command: argparse.ArgumentParser) -> None:
     options.cluster(command)
 
 
+def _viewpoints(command: argparse.ArgumentParser) -> None:
+    options.number(command, "--scenes", "of chairs, to learn from (default: 30,000)")
+    options.number(command, "--epochs", "passes over the scenes (default: 16)")
+    options.seed(command)
+
+
 def _hoggles(command: argparse.ArgumentParser) -> None:
     command.add_argument("--fast", action="store_true", help="random windows as atoms, instead of learning any")
     options.seed(command)
@@ -108,6 +114,14 @@ KINDS = {
         _background,
         "aubry",
         "; not paper, which is normalised globally",
+    ),
+    "viewpoints": Kind(
+        "from which side a chair is seen, for `nablahog pose --viewpoint-prior`",
+        "Renders procedural chairs before the photographs, and trains a network to tell azimuths from descriptors. "
+        "Descriptors are stored in the user's folder for caches, so that an interrupted run goes on from there.",
+        "the viewpoint prior",
+        _viewpoints,
+        descriptor=None,
     ),
     "hoggles": Kind(
         "the paired dictionaries of HOGgles, for `nablahog table1 --hoggles`",

@@ -179,6 +179,13 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         "(default: aubry, gray, cells of 8, learned from the photographs in scikit-image)",
     )
     command.add_argument(
+        "--viewpoint-prior",
+        type=options.path,
+        metavar="FILE",
+        help="a file that `nablahog learn viewpoints` wrote: from which side an object is seen, which counts among "
+        "several models of a class that it knows; 'none' for none (default: that of chairs that comes with nablahog)",
+    )
+    command.add_argument(
         "--least-confidence",
         type=_probability,
         default=LEAST_CONFIDENCE,

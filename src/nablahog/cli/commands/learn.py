@@ -10,18 +10,21 @@ import torch
 
 from ...evaluate.learned import LEARNED, SPEC, Learner, sample_training_photographs
 from ...evaluate.photographs import Photographs, read_folder, sample_photographs
+from ...evaluate.viewpoint_learning import learn_viewpoints
 from ...hog import HOGSpec, presets
 from ...invert import LearnedPrior, default_prior
 from ...io.files import output_folder
 from ...jobs.calls import map_on
 from ...pose.background import learn_background, least_size
+from ...pose.viewpoint_network import ViewpointPrior
 from ...pose.whitening import Background, check_spec
 from ..errors import UserError, as_user_error
 from ..inputs.spec import SpecOptions
 from ..results.failures import say_ignored
 from ..terminal import counter, say
 
-OPTIONS = ("seed", "epochs", "device", "precision", "fast", "order")  # of the command that are arguments of a learner
+# of the command that are arguments of a learner
+OPTIONS = ("seed", "scenes", "epochs", "device", "precision", "fast", "order")
 
 
 def learn(arguments: Namespace) -> None:
@@ -58,6 +61,8 @@ def learn(arguments: Namespace) -> None:
 def _learner(arguments: Namespace) -> Learner:
     if arguments.kind == "background":
         return Learner(Background, learn_background, check_spec, lambda spec: least_size(spec, arguments.order))
+    if arguments.kind == "viewpoints":
+        return Learner(ViewpointPrior, learn_viewpoints)
     learner = LEARNED[arguments.kind]
     return replace(learner, resumes=False) if getattr(arguments, "fast", False) else learner
 

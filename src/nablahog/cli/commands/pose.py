@@ -18,6 +18,7 @@ from ...pose.whitening import Background
 from ..errors import REFUSED, UserError, as_user_error, forbid_overwrite
 from ..inputs.lens import LensOptions
 from ..inputs.models import find_models, read_meshes
+from ..inputs.viewpoint_prior import viewpoint_choice
 from ..results.pose_page import result_names, write
 from ..results.pose_result import PoseResult
 from ..terminal import counter, inform, print_table, say_page
@@ -48,9 +49,11 @@ def pose(arguments: Namespace) -> int:
             photograph, box = masked(photograph, read_image(arguments.mask).mean(0) > 0.5, box)
         lens = LensOptions.of(arguments).lens(arguments.photo, height, width)
         background = None if arguments.background is None else _background(Path(arguments.background))
+        viewpoints = viewpoint_choice(arguments.viewpoint_prior and Path(arguments.viewpoint_prior))
         models = find_models(arguments)
     folder = Path(arguments.output)
-    inputs = [arguments.photo, *filter(None, (arguments.background, arguments.mask)), *models.paths.values()]
+    files = arguments.background, arguments.viewpoint_prior, arguments.mask
+    inputs = [arguments.photo, *filter(None, files), *models.paths.values()]
     forbid_overwrite(inputs, [folder / name for name in result_names(arguments.photo)])
     with output_folder(folder), as_user_error():
         meshes = read_meshes(models, arguments)
@@ -67,6 +70,7 @@ def pose(arguments: Namespace) -> int:
                 method=arguments.method,
                 similarity=arguments.similarity,
                 background=background,
+                viewpoints=viewpoints,
                 seed=arguments.seed,
                 progress=progress,
             )
@@ -87,6 +91,7 @@ def pose(arguments: Namespace) -> int:
             initial=arguments.init,
             seed=arguments.seed,
             background=arguments.background,
+            viewpoint_prior=arguments.viewpoint_prior,
             least_confidence=arguments.least_confidence,
         )
         write(folder, result)

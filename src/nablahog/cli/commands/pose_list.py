@@ -34,7 +34,8 @@ def pose_list(arguments: Namespace) -> int:
         annotations, photos = _objects(arguments)
         models = find_models(arguments)
     folder = Path(arguments.output)
-    inputs = [*photos, *filter(None, (arguments.annotations, arguments.background)), *models.paths.values()]
+    files = arguments.annotations, arguments.background, arguments.viewpoint_prior
+    inputs = [*photos, *filter(None, files), *models.paths.values()]
     forbid_overwrite(inputs, [folder / name for name in NAMES])
     with output_folder(folder), as_user_error():
         meshes = read_meshes(models, arguments)
@@ -47,6 +48,7 @@ def pose_list(arguments: Namespace) -> int:
             arguments.method,
             arguments.similarity,
             None if arguments.background is None else Path(arguments.background),
+            None if arguments.viewpoint_prior is None else Path(arguments.viewpoint_prior),
             arguments.seed,
         )
         missing = {k: f"{photo}: no such file" for k, photo in enumerate(photos) if not photo.is_file()}

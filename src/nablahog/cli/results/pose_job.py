@@ -23,6 +23,7 @@ from ...render import PARAMETERS, Mesh, load_mesh, silhouette
 from ...runtime.source import code_key
 from ...viz.pictures import outlined
 from ..inputs.lens import LensOptions
+from ..inputs.viewpoint_prior import NO_PRIOR, viewpoint_choice
 from .pose_result import camera_figures
 
 SIDE = 160  # pixels of the picture of an object
@@ -38,6 +39,7 @@ class PoseOptions:
         up, front: axes of these files.
         lens: of the cameras.
         background: a file.
+        viewpoint_prior: a file, or "none".
     """
 
     models: tuple[tuple[str, Path], ...]
@@ -48,11 +50,13 @@ class PoseOptions:
     method: SearchMethod
     similarity: SimilarityKind | None
     background: Path | None
+    viewpoint_prior: Path | None
     seed: int
 
     @property
     def files(self) -> list[Path]:
-        return [path for _, path in self.models] + ([] if self.background is None else [self.background])
+        prior = None if self.viewpoint_prior == NO_PRIOR else self.viewpoint_prior
+        return [path for _, path in self.models] + [path for path in (self.background, prior) if path is not None]
 
 
 @dataclass(frozen=True)
@@ -83,8 +87,9 @@ class PoseJob:
             "box": self.annotation.box,
             "initial": self.annotation.initial,
             "files": [digest(path) for path in self.files()],
-            "options": asdict(replace(self.options, models=(), background=None)),
+            "options": asdict(replace(self.options, models=(), background=None, viewpoint_prior=None)),
             "models": [name for name, _ in self.options.models],
+            "without_prior": self.options.viewpoint_prior == NO_PRIOR,
             "code": code_key(PoseJob),
         }
         return key_of(facts, np.empty(0, np.float32))
@@ -101,6 +106,7 @@ class PoseJob:
         """
         options, annotation = self.options, self.annotation
         photograph = read_image(local_path(self.photo))
+        prior = options.viewpoint_prior
         lens = options.lens.lens(str(local_path(self.photo)), *photograph.shape[1:])
         meshes = _meshes(options)
         began = perf_counter()
@@ -115,6 +121,7 @@ class PoseJob:
             method=options.method,
             similarity=options.similarity,
             background=None if options.background is None else Background.load(local_path(options.background)),
+            viewpoints=viewpoint_choice(prior if prior is None or prior == NO_PRIOR else local_path(prior)),
             seed=options.seed,
         )
         seconds = perf_counter() - began

@@ -148,7 +148,7 @@ class PoseResult:
         passed_over: why models could not be read, by their names.
         seconds: of the search.
         method, initial, seed: of the search, as :func:`nablahog.estimate_pose` has them.
-        background: its file; None for the default one.
+        background, viewpoint_prior: their files; None for the default ones.
         least_confidence: of a pose that is not refused.
     """
 
@@ -166,6 +166,7 @@ class PoseResult:
     initial: tuple[float, float] | None
     seed: int
     background: str | None
+    viewpoint_prior: str | None
     least_confidence: float = 0.0
 
     def row(self) -> dict[str, object]:
@@ -237,6 +238,7 @@ class PoseResult:
                 "similarity": estimate.similarity_kind,
                 "initial": self.initial,
                 "background": self.background,
+                "viewpoint_prior": self.viewpoint_prior,
                 "descriptor": json.loads(spec.to_json()),
                 "seed": self.seed,
             },

@@ -11,8 +11,8 @@ from torch import Tensor
 
 from ...hog.spec import HOGSpec
 from ...io.learned_model import SPEC, account, integers, tensor
+from ...io.network_weights import check_weights, with_weights
 from ..provenance import NetworkLearning
-from ..weights import check_weights, with_weights
 from .upconv_network import UpconvNetwork, check_widths, network_input
 from .window_model import WindowModel
 

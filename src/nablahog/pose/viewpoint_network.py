@@ -1,0 +1,152 @@
+"""A network from an object's descriptor to the probability of each azimuth, for objects of one class."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, partial
+from itertools import pairwise
+from typing import ClassVar
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from ..hog.spec import HOGSpec
+from ..io.learned_model import INTEGER, SPEC, LearnedModel, account, tensor
+from ..io.network_weights import check_weights, with_weights
+from .prepared import coarse_background
+from .views import VIEW_COUNT
+
+CELLS = 16  # of the descriptor, along each side
+WIDTH = 48  # channels of the first layers; the later ones have twice as many
+_HIDDEN = 128
+_DROPPED = (0.4, 0.3)  # shares, in training, before the last two layers
+_WIDEST = 1024
+
+
+class ViewpointNetwork(nn.Module):
+    """From descriptors (B, C, 16, 16) to logits (B, 48) of azimuths 0°, 7.5°, ….
+
+    Four 3x3 convolutions, two of which halve the resolution, and two linear layers.  Descriptors are divided by their
+    root mean square first, so that contrast does not count.
+    """
+
+    def __init__(self, channels: int, width: int = WIDTH) -> None:
+        super().__init__()
+        widths = [channels, width, width, 2 * width, 2 * width]
+        layers: list[nn.Module] = []
+        for k, (before, after) in enumerate(pairwise(widths)):
+            layers += [nn.Conv2d(before, after, 3, 1 + k % 2, padding=1), nn.BatchNorm2d(after), nn.ReLU()]
+        self.features = nn.Sequential(*layers, nn.Flatten())
+        self.azimuths = nn.Sequential(
+            nn.Dropout(_DROPPED[0]),
+            nn.Linear(widths[-1] * (CELLS // 4) ** 2, _HIDDEN),
+            nn.ReLU(),
+            nn.Dropout(_DROPPED[1]),
+            nn.Linear(_HIDDEN, VIEW_COUNT),
+        )
+
+    def forward(self, descriptors: Tensor) -> Tensor:
+        power = descriptors.square().mean(dim=(1, 2, 3), keepdim=True)
+        logits: Tensor = self.azimuths(self.features(descriptors / torch.where(power > 0, power, 1).sqrt()))
+        return logits
+
+
+def mirrored(descriptors: Tensor) -> Tensor:
+    """Those (B, C, rows, cols) of the images flipped from left to right, of unsigned bins: θ becomes π − θ."""
+    bins = descriptors.shape[1]
+    return descriptors[:, [-k % bins for k in range(bins)]].flip(3)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewpointLearning:
+    """How a viewpoint prior was learned.
+
+    Attributes:
+        scenes: number of them.
+        photographs: behind the objects.
+        sha256: of the photographs.
+        seed: of everything random.
+        epochs: passes over the scenes.
+        losses: the mean loss of each epoch.
+    """
+
+    scenes: int
+    photographs: int
+    sha256: str
+    seed: int
+    epochs: int
+    losses: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ViewpointPrior(LearnedModel):
+    """Which azimuths are likely for a descriptor, learned from scenes of objects of one class.
+
+    Attributes:
+        spec: of the descriptors: that of the coarse search.
+        width: of the network.
+        weights: all of them, (n,), float16, finite.
+        learning: how it was learned.
+
+    Raises:
+        ValueError: these contradict each other.
+
+    >>> prior = nablahog.pose.default_viewpoints()
+    >>> descriptors = torch.rand(2, 9, 16, 16)  # as `nablahog.hog(crops, prior.spec)` has them, channels first
+    >>> prior.log_probabilities(descriptors).shape
+    torch.Size([2, 48])
+    """
+
+    KIND = "viewpoint prior"
+    NOUN = "viewpoint prior"
+    COMPRESSED = True
+    ARRAYS: ClassVar = {
+        "spec": SPEC,
+        "width": INTEGER,
+        "weights": tensor(np.float16),
+        "learning": account(ViewpointLearning),
+    }
+
+    spec: HOGSpec
+    width: int
+    weights: Tensor
+    learning: ViewpointLearning
+
+    def __post_init__(self) -> None:
+        coarse_background(None)[0].spec.check_same(self.spec, f"the {self.NOUN}")
+        if not 1 <= self.width <= _WIDEST:
+            raise ValueError(f"the width must lie in 1…{_WIDEST}, got {self.width}")
+        check_weights(self.weights, self._make)
+
+    @property
+    def summary(self) -> str:
+        learned = self.learning
+        return f"{learned.scenes} scenes, {learned.epochs} epochs, last loss {learned.losses[-1]:.4f}"
+
+    @property
+    def _make(self) -> partial[ViewpointNetwork]:
+        return partial(ViewpointNetwork, self.spec.channels, self.width)
+
+    @cached_property
+    def _network(self) -> ViewpointNetwork:
+        return with_weights(self._make, self.weights)
+
+    @torch.no_grad()
+    def log_probabilities(self, descriptors: Tensor) -> Tensor:
+        """Logarithms of the probabilities (B, 48) of the azimuths 0°, 7.5°, …, float32.
+
+        The geometric mean of those for the image and for the mirrored one.
+
+        Args:
+            descriptors: (B, C, 16, 16) of objects that fill their crops, of :attr:`spec`, float32.
+
+        Raises:
+            ValueError: they have another shape.
+        """
+        if descriptors.dim() != 4 or descriptors.shape[1:] != (self.spec.channels, CELLS, CELLS):
+            expected = f"(B, {self.spec.channels}, {CELLS}, {CELLS})"
+            raise ValueError(f"expected descriptors of shape {expected}, got {tuple(descriptors.shape)}")
+        own, other = (self._network(each).log_softmax(1) for each in (descriptors, mirrored(descriptors)))
+        both: Tensor = (own + other.flip(1).roll(1, 1)).div(2).log_softmax(1)
+        return both

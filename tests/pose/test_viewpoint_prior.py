@@ -1,0 +1,153 @@
+"""From which side an object is seen: the network, its file, its training, and what views of all models say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from torch import Tensor
+
+from nablahog import HOGSpec, presets
+from nablahog.datasets.chairs import chair
+from nablahog.datasets.viewpoint_scenes import viewpoint_scene
+from nablahog.pose import estimate_pose
+from nablahog.pose.crop import crop_object, typical_camera
+from nablahog.pose.prepared import coarse_background, prepared_model
+from nablahog.pose.similarity import describe
+from nablahog.pose.viewpoint_evidence import FILE, at_azimuths, default_viewpoints, knows
+from nablahog.pose.viewpoint_network import ViewpointLearning, ViewpointNetwork, ViewpointPrior, mirrored
+from nablahog.pose.viewpoint_training import likely_azimuths, train_viewpoints
+from nablahog.render import Mesh
+
+SPEC = coarse_background(None)[0].spec
+LEARNING = ViewpointLearning(scenes=64, photographs=1, sha256="", seed=0, epochs=1, losses=(1.0,))
+
+
+def _noise(count: int, seed: int = 0) -> Tensor:
+    return torch.rand(count, SPEC.channels, 16, 16, generator=torch.Generator().manual_seed(seed))
+
+
+def _prior(spec: HOGSpec = SPEC, width: int = 2, seed: int = 0) -> ViewpointPrior:
+    torch.manual_seed(seed)
+    weights = torch.nn.utils.parameters_to_vector(ViewpointNetwork(SPEC.channels, 2).parameters())
+    return ViewpointPrior(spec, width, weights.detach().half(), LEARNING)
+
+
+def test_a_mirrored_image_has_the_mirrored_descriptor() -> None:
+    images = torch.rand(2, 1, 64, 64, generator=torch.Generator().manual_seed(1))
+    torch.testing.assert_close(mirrored(describe(images, SPEC)), describe(images.flip(3), SPEC))
+
+
+def test_probabilities_add_up_and_are_mirrored_with_the_image() -> None:
+    prior, descriptors = _prior(), _noise(5)
+    likely = prior.log_probabilities(descriptors)
+    torch.testing.assert_close(likely.exp().sum(1), torch.ones(5))
+    torch.testing.assert_close(prior.log_probabilities(mirrored(descriptors))[:, [-k % 48 for k in range(48)]], likely)
+
+
+@given(st.floats(0.01, 100))
+def test_contrast_does_not_count(factor: float) -> None:
+    prior, descriptors = _prior(), _noise(2)
+    torch.testing.assert_close(prior.log_probabilities(factor * descriptors), prior.log_probabilities(descriptors))
+
+
+def test_an_empty_descriptor_has_finite_probabilities() -> None:
+    assert _prior().log_probabilities(torch.zeros(1, SPEC.channels, 16, 16)).isfinite().all()
+
+
+def test_a_batch_is_its_descriptors_one_by_one() -> None:
+    prior, descriptors = _prior(), _noise(4)
+    one_by_one = torch.cat([prior.log_probabilities(one[None]) for one in descriptors])
+    torch.testing.assert_close(prior.log_probabilities(descriptors), one_by_one)
+
+
+def test_a_file_holds_the_same_prior(tmp_path: Path) -> None:
+    prior = _prior()
+    prior.save(tmp_path / "prior.npz")
+    again = ViewpointPrior.load(tmp_path / "prior.npz")
+    assert again.learning == LEARNING
+    assert torch.equal(again.log_probabilities(_noise(2)), prior.log_probabilities(_noise(2)))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: _prior(presets.uoctti()), "viewpoint prior"),
+        (lambda: _prior(width=0), "the width must lie in 1…1024, got 0"),
+        (lambda: _prior(width=3), "weights"),
+        (lambda: _prior().log_probabilities(torch.zeros(1, 31, 16, 16)), r"got \(1, 31, 16, 16\)"),
+        (lambda: train_viewpoints(_noise(10), torch.zeros(10)), "at least 64 descriptors"),
+        (lambda: train_viewpoints(_noise(64), torch.zeros(63)), r"as many azimuths and 1 epoch, got 64, \(63,\)"),
+        (lambda: train_viewpoints(_noise(64), torch.zeros(64), epochs=0), "and 0"),
+    ],
+)
+def test_what_contradicts_itself_is_refused(make: object, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        make()  # type: ignore[operator]
+
+
+def test_training_learns_and_is_reproducible() -> None:
+    sides = torch.arange(128) % 2
+    descriptors = _noise(2)[sides] + 0.1 * _noise(128, seed=1)
+    azimuths = torch.tensor([30.0, 200.0])[sides]
+    weights, losses = train_viewpoints(descriptors, azimuths, epochs=12, width=4)
+    assert losses[-1] < losses[0] - 1
+    again, _ = train_viewpoints(descriptors, azimuths, epochs=12, width=4)
+    assert torch.equal(weights, again)
+    likely = ViewpointPrior(SPEC, 4, weights, LEARNING).log_probabilities(descriptors[:2]).argmax(1)
+    assert ((likely * 7.5 - azimuths[:2]).abs() <= 7.5).all()
+
+
+def test_likely_azimuths_are_around_the_true_one() -> None:
+    likely = likely_azimuths(torch.tensor([0.0, 353.0]))
+    torch.testing.assert_close(likely.sum(1), torch.ones(2))
+    assert likely.argmax(1).tolist() == [0, 47]
+    torch.testing.assert_close(likely[0, 1:], likely[0, 1:].flip(0))
+
+
+@given(st.floats(-1000, 1000))
+def test_evidence_between_azimuths_is_interpolated_around_the_circle(azimuth: float) -> None:
+    evidence = torch.rand(1, 48, dtype=torch.float64, generator=torch.Generator().manual_seed(2))
+    circle = torch.cat([evidence[0], evidence[0, :1]]).numpy()
+    expected = np.interp(azimuth % 360, 7.5 * np.arange(49), circle)
+    value = float(at_azimuths(evidence, torch.tensor([azimuth], dtype=torch.float64)))
+    assert value == pytest.approx(expected, abs=1e-9)
+
+
+def _turned(mesh: Mesh) -> Mesh:
+    x, y, z = mesh.vertices.unbind(1)
+    return Mesh(torch.stack([-y, x, z], 1), mesh.faces, mesh.brightness)
+
+
+def test_the_default_prior_knows_chairs_whose_front_is_where_it_expects_it() -> None:
+    prior = default_viewpoints()
+    chairs = [chair(seed) for seed in range(3)]
+    assert knows(prior, [prepared_model(mesh, typical_camera()) for mesh in chairs])
+    assert not knows(prior, [prepared_model(_turned(mesh), typical_camera()) for mesh in chairs])
+
+
+def test_the_default_prior_sees_from_which_side_unseen_chairs_are_seen() -> None:
+    models = {str(seed): chair(seed) for seed in range(10)}
+    photographs = [torch.rand(200, 200, generator=torch.Generator().manual_seed(3))]
+    scenes = [viewpoint_scene(index, models, photographs, seed=5) for index in range(40)]
+    _, shrink = coarse_background(None)
+    crops = torch.cat([crop_object(one.image, one.box).downsampled(shrink).image for one in scenes])
+    azimuths = torch.tensor([float(one.pose[0]) for one in scenes])
+    likely = default_viewpoints().log_probabilities(describe(crops, SPEC)).argmax(1)
+    apart = ((likely * 7.5 - azimuths + 180) % 360 - 180).abs()
+    assert float((apart <= 15).double().mean()) >= 0.6
+
+
+def test_another_choice_is_refused() -> None:
+    with pytest.raises(ValueError, match="viewpoints must be a ViewpointPrior, 'default' or None, got 3"):
+        estimate_pose(torch.rand(1, 64, 64), {"a": chair(1)}, viewpoints=3)  # type: ignore[arg-type]
+
+
+def test_the_file_says_how_it_was_learned() -> None:
+    learning = ViewpointPrior.load(FILE).learning
+    assert learning.scenes == 30_000
+    assert len(learning.losses) == learning.epochs
