@@ -2,11 +2,15 @@
 
     python benchmarks/gpu.py [--images DIR] [--only tests hog cosines preimages prior poses] [--json FILE]
 
-Without a GPU it says so and measures nothing.  Images are float32 in 0…1, on the device already.  Times are of CUDA
-events: the median of repeated calls and the quartiles, after calls that are not counted, programs by turns.  Bandwidth
-counts each byte of the image and of the descriptor once, as a share of what a copy of 1 GiB reaches on the same device.
-Memory is the most that is allocated during a call beyond the images, in images; the result is part of it.
-Waits are those that PyTorch itself warns of in the synchronisation debug mode.
+Without a GPU it says so and measures nothing.  Where a part fails, its error is printed and the other parts go on.  At
+the end stand the goals and what was reached; the exit status is 1 if anything failed or a goal is missed.
+
+Images are float32 in 0…1, on the device already.  Times are of CUDA events: the median of repeated calls and the
+quartiles, after calls that are not counted, programs by turns.  Bandwidth counts each byte of the image and of the
+descriptor once, as a share of what a copy of 1 GiB reaches on the same device.  Memory is the most that is allocated
+during a call beyond the images, in images; the result is part of it.  For the goal the descriptor and its gradient do
+not count in a backward pass: the caller holds them.  Waits are those that PyTorch itself warns of in the debug mode
+for synchronisation.  All numbers are also written as JSON, to build/gpu.json if no file is named.
 """
 
 from __future__ import annotations
@@ -25,16 +29,15 @@ from typing import Any, get_args
 import torch
 from torch import Tensor
 
+from gpu_operator import measure_cosines, measure_hog
+from gpu_timing import attempt, judge, milliseconds
 from nablahog import datasets, hog, presets, reconstruct, train_prior
-from nablahog.hog import HOGSpec
 from nablahog.invert import Search
-from nablahog.invert.cosine_transform import by_fourier, by_products
 from nablahog.optimize import Minimiser
 from nablahog.render import Camera, Mesh, Renderer, depth_and_normals, pose
 from photographs import photographs
 from timing import cell, digits, summary
 
-SIZES = ((64, 128), (1, 512), (1, 4096))
 PARTS = ("tests", "hog", "cosines", "preimages", "prior", "poses")
 TESTS = [
     f"tests/{name}"
@@ -42,152 +45,8 @@ TESTS = [
 ]
 PREIMAGES = 101
 VIEWS, VIEW = 64, 128  # of a chair, and their side in pixels
-SECONDS = 2.0  # of each program and size
+PREIMAGE_SECONDS = 3.0  # the goal
 ROOT = Path(__file__).parent.parent
-
-
-def milliseconds(calls: dict[str, Callable[[], Any]]) -> dict[str, list[float]]:
-    """Times of programs that take turns."""
-    times: dict[str, list[float]] = {name: [] for name in calls}
-    for call in calls.values():
-        for _ in range(3):
-            call()
-    torch.cuda.synchronize()
-    end = time.perf_counter() + SECONDS * len(calls)
-    while time.perf_counter() < end or min(map(len, times.values())) < 5:
-        for name, call in calls.items():
-            began, ended = (torch.cuda.Event(enable_timing=True) for _ in range(2))
-            began.record()
-            call()
-            ended.record()
-            ended.synchronize()
-            times[name].append(began.elapsed_time(ended))
-    return times
-
-
-def copy_bandwidth() -> float:
-    """Bytes a second that a copy reads and writes."""
-    source = torch.empty(2**30, dtype=torch.uint8, device="cuda")
-    target = torch.empty_like(source)
-    times = milliseconds({"copy": lambda: target.copy_(source)})["copy"]
-    return 2 * source.numel() / (1e-3 * summary(times)["median"])
-
-
-def peak(call: Callable[[], Any], images: Tensor) -> float:
-    """The most memory during a call beyond what there was before, in images."""
-    call()
-    torch.cuda.synchronize()
-    torch.cuda.reset_peak_memory_stats()
-    before = torch.cuda.memory_allocated()
-    result = call()
-    torch.cuda.synchronize()
-    del result
-    return (torch.cuda.max_memory_allocated() - before) / images.nbytes
-
-
-def with_backward(describe: Callable[[Tensor], Tensor]) -> Callable[[Tensor], Tensor]:
-    """Its result and the gradient of the images from a gradient of ones."""
-
-    def both(images: Tensor) -> Tensor:
-        descriptor = describe(images)
-        return torch.autograd.grad(descriptor, images, torch.ones_like(descriptor))[0]
-
-    return both
-
-
-def programs(spec: HOGSpec) -> dict[str, Callable[[Tensor], Tensor]]:
-    """The operator and its peers."""
-
-    def plain(images: Tensor) -> Tensor:
-        return hog(images, spec, backend="torch")
-
-    return {
-        "Triton": lambda images: hog(images, spec, backend="triton"),
-        "plain steps": plain,
-        "plain steps, torch.compile": torch.compile(plain, dynamic=False),
-    }
-
-
-def captured(describe: Callable[[Tensor], Tensor], images: Tensor) -> Callable[[], None]:
-    """The forward pass as a CUDA graph."""
-    describe(images)
-    graph = torch.cuda.CUDAGraph()
-    with torch.cuda.graph(graph):
-        describe(images)
-    return graph.replay
-
-
-def measure_hog(report: dict[str, Any]) -> None:
-    """Forward, and forward with backward."""
-    bandwidth = copy_bandwidth()
-    report["copy_bytes_per_second"] = bandwidth
-    print(f"\na copy reaches {bandwidth / 1e9:.0f} GB/s\n")
-    print("| preset | images | pass | program | ms | times Triton | bandwidth | memory, images |")
-    print("|---|---|---|---|---:|---:|---:|---:|")
-    for name, spec in (("paper", presets.paper()), ("uoctti", presets.uoctti()), ("skimage", presets.skimage())):
-        for batch, side in SIZES:
-            images = torch.rand(batch, 1, side, side, device="cuda")
-            numbers = hog(images, spec).numel()
-            for backward in (False, True):
-                images.requires_grad_(backward)
-                calls: dict[str, Callable[[], Any]] = {}
-                for program, describe in programs(spec).items():
-                    whole = with_backward(describe) if backward else describe
-                    calls[program] = partial(whole, images)
-                if not backward:
-                    calls["Triton, CUDA graph"] = captured(programs(spec)["Triton"], images)
-                try:
-                    times = milliseconds(calls)
-                except torch.OutOfMemoryError:
-                    calls = {"Triton": calls["Triton"]}
-                    times = milliseconds(calls)
-                ours = summary(times["Triton"])["median"]
-                moved = (images.numel() * (2 if backward else 1) + numbers) * 4
-                for program, each in times.items():
-                    stats, memory = summary(each), peak(calls[program], images)
-                    share = moved / (1e-3 * stats["median"]) / bandwidth
-                    passes = "with backward" if backward else "forward"
-                    print(
-                        f"| {name} | {batch} × {side}² | {passes} | {program} | {cell(stats)} | "
-                        f"{stats['median'] / ours:.2f} | {share:.0%} | {digits(memory)} |"
-                    )
-                    row = [name, batch, side, passes, program, stats, share, memory]
-                    report.setdefault("hog", []).append(row)
-    measure_opencv()
-
-
-def measure_opencv() -> None:
-    """OpenCV's class for CUDA, of its one dialect, where there is a build with it."""
-    try:
-        import cv2
-
-        there = cv2.cuda.getCudaEnabledDeviceCount() > 0 and hasattr(cv2.cuda, "HOG")
-    except (ImportError, AttributeError):
-        there = False
-    if not there:
-        print("\nOpenCV here has no HOG for CUDA: not measured")
-        return
-    for side in (128, 512, 4096):
-        image = getattr(cv2, "cuda_GpuMat")()  # noqa: B009  (a build without CUDA has neither)
-        image.upload((torch.rand(side, side) * 255).byte().numpy())
-        window = getattr(cv2.cuda, "HOG_create")((side, side), (16, 16), (8, 8), (8, 8), 9)  # noqa: B009
-        times = milliseconds({"OpenCV": partial(window.compute, image)})["OpenCV"]
-        print(f"\nOpenCV's cv2.cuda.HOG, one image of {side}², uint8: {cell(summary(times))} ms")
-
-
-def measure_cosines(report: dict[str, Any]) -> None:
-    """From which size on Fourier transforms take less time than products with matrices."""
-    print("\n| cosine transform | dtype | products, ms | Fourier, ms |\n|---|---|---:|---:|")
-    for dtype in (torch.float32, torch.float64):
-        for batch, side in ((64, 64), (64, 128), (64, 256), (16, 512), (4, 1024), (1, 2048), (1, 4096)):
-            planes = torch.rand(batch, 1, side, side, device="cuda", dtype=dtype)
-            ways: dict[str, Callable[[], Any]] = {
-                "products": partial(by_products, planes, False),
-                "Fourier": partial(by_fourier, planes, False),
-            }
-            stats = {name: summary(each) for name, each in milliseconds(ways).items()}
-            print(f"| {batch} × {side}² | {dtype} | {cell(stats['products'])} | {cell(stats['Fourier'])} |")
-            report.setdefault("cosines", []).append([batch, side, str(dtype), stats])
 
 
 def waits(call: Callable[[], Any]) -> int:
@@ -199,7 +58,7 @@ def waits(call: Callable[[], Any]) -> int:
             call()
         finally:
             torch.cuda.set_sync_debug_mode("default")
-    return sum("synchroniz" in str(warning.message) for warning in caught)
+    return sum("called a synchronizing" in str(warning.message) for warning in caught)
 
 
 def measure_preimages(folder: Path | None, report: dict[str, Any]) -> None:
@@ -215,7 +74,9 @@ def measure_preimages(folder: Path | None, report: dict[str, Any]) -> None:
     torch.cuda.synchronize()
     spent = time.perf_counter() - began
     distance = float(result.distance.mean())
-    print(f"\n{PREIMAGES} pre-images of {images.shape[2]} × {images.shape[3]}: {spent:.2f} s, distance {distance:.3g}")
+    size = f"{images.shape[2]} × {images.shape[3]}"
+    reached = judge(f"{PREIMAGES} pre-images of {size}, s", spent, PREIMAGE_SECONDS, False, report)
+    print(f"\n{PREIMAGES} pre-images of {size}: {spent:.2f} s ({reached}), distance {distance:.3g}")
     report["preimages"] = {"seconds": spent, "distance": distance}
     for minimiser in get_args(Minimiser):
         for evaluations in (30, 60):
@@ -264,39 +125,57 @@ def measure_poses(report: dict[str, Any]) -> None:
         report[f"poses {name}"] = stats
 
 
+def run_tests(report: dict[str, Any]) -> None:
+    """All that need a GPU, and those of the kernels."""
+    print(flush=True)
+    done = subprocess.run([sys.executable, "-m", "pytest", "-q", *TESTS], cwd=ROOT, check=False)
+    report["tests"] = done.returncode
+    if done.returncode:
+        report["failed"].append(f"tests: pytest's exit status is {done.returncode}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--images", type=Path, help="photographs of one size, for pre-images and the prior")
     parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS)
-    parser.add_argument("--json", type=Path)
+    parser.add_argument("--json", type=Path, default=ROOT / "build" / "gpu.json")
     args = parser.parse_args()
     if not torch.cuda.is_available():
         print(f"No GPU here: PyTorch {torch.__version__} finds no CUDA device, and nothing was measured.")
         print("Where there is one, with triton and the development tools: python benchmarks/gpu.py")
         sys.exit(1)
-    import triton
+    try:
+        import triton
+    except ModuleNotFoundError:
+        print("Triton is not installed, and nothing was measured: pip install 'nablahog[gpu]'")
+        sys.exit(1)
 
     device = torch.cuda.get_device_properties(0)
     versions = f"PyTorch {torch.__version__}, Triton {triton.__version__}"
     print(f"{device.name}, {device.total_memory / 2**30:.0f} GiB, {versions}")
     report: dict[str, Any] = {"device": device.name, "torch": torch.__version__, "triton": triton.__version__}
+    report |= {"failed": [], "goals": []}
     warnings.simplefilter("ignore")  # of torch.compile
-    if "tests" in args.only:
-        print(flush=True)
-        done = subprocess.run([sys.executable, "-m", "pytest", "-q", *TESTS], cwd=ROOT, check=False)
-        report["tests"] = done.returncode
-    if "hog" in args.only:
-        measure_hog(report)
-    if "cosines" in args.only:
-        measure_cosines(report)
-    if "preimages" in args.only:
-        measure_preimages(args.images, report)
-    if "prior" in args.only:
-        measure_prior(args.images, report)
-    if "poses" in args.only:
-        measure_poses(report)
-    if args.json:
-        args.json.write_text(json.dumps(report))
+    parts: dict[str, Callable[[], None]] = {
+        "tests": partial(run_tests, report),
+        "hog": partial(measure_hog, report),
+        "cosines": partial(measure_cosines, report),
+        "preimages": partial(measure_preimages, args.images, report),
+        "prior": partial(measure_prior, args.images, report),
+        "poses": partial(measure_poses, report),
+    }
+    args.json.parent.mkdir(parents=True, exist_ok=True)
+    for name in PARTS:
+        if name in args.only:
+            attempt(name, parts[name], report)
+            args.json.write_text(json.dumps(report))
+    print(f"\nall numbers: {args.json}\n\n| goal | | reached | |\n|---|---|---:|---|")
+    for goal in report["goals"]:
+        limit = f"{'≥' if goal['least'] else '≤'} {goal['goal']:g}"
+        print(f"| {goal['what']} | {limit} | {digits(goal['value'])} | {'yes' if goal['reached'] else 'NO'} |")
+    for failure in report["failed"]:
+        print(f"FAILED: {failure}")
+    sys.exit(1 if report["failed"] or not all(goal["reached"] for goal in report["goals"]) else 0)
 
 
 if __name__ == "__main__":

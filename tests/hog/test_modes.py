@@ -131,18 +131,20 @@ def test_meta_tensors_have_the_shape(name: str, layout: Any) -> None:
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device here")
 @pytest.mark.parametrize("name", SPECS)
 def test_cuda_equals_cpu(name: str) -> None:
-    for image in (noise(2, 3, 12, 9), integers(2, 3, 12, 9, levels=4)):
-        for dtype, tolerance in ((torch.float64, 1e-12), (torch.float32, 1e-5)):
+    """Gradients where there are no kinks: of few gray levels it is rounding on which side of a clip an entry is."""
+    exact = 1e-12 if SPECS[name].angle == "exact" else 1e-6  # the other angles are of float32 in any case
+    for kinks, image in ((False, noise(2, 3, 12, 9)), (True, integers(2, 3, 12, 9, levels=4))):
+        for dtype, tolerance in ((torch.float64, exact), (torch.float32, 1e-5)):
             cpu = image.to(dtype).requires_grad_()
             gpu = image.to("cuda", dtype).requires_grad_()
             on_cpu, on_gpu = hog(cpu, SPECS[name]), hog(gpu, SPECS[name])
             assert_close(on_gpu.cpu(), on_cpu, rtol=0, atol=tolerance)
-            on_cpu.square().sum().backward()
-            on_gpu.square().sum().backward()
-            assert cpu.grad is not None
-            assert gpu.grad is not None
-            size = cpu.grad.abs().max().item()
-            assert_close(gpu.grad.cpu(), cpu.grad, rtol=0, atol=10 * tolerance * size)
+            # the length of what is normalised hardly changes: its gradient would be rounding
+            weights = torch.linspace(0, 40, on_cpu.numel(), dtype=dtype).cos().view(on_cpu.shape)
+            (of_cpu,) = torch.autograd.grad(on_cpu, cpu, weights)
+            (of_gpu,) = torch.autograd.grad(on_gpu, gpu, weights.cuda())
+            if not kinks:
+                assert_close(of_gpu.cpu(), of_cpu, rtol=0, atol=10 * tolerance * of_cpu.abs().max().item())
 
 
 # --- function transforms ---------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -172,7 +173,9 @@ def no_synchronisation(device: str) -> Iterator[None]:
     if device != "cuda":
         yield
         return
-    torch.cuda.set_sync_debug_mode("error")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # PyTorch says that it does not see all of it
+        torch.cuda.set_sync_debug_mode("error")
     try:
         yield
     finally:

@@ -17,6 +17,7 @@ from torch.nn.utils import clip_grad_norm_
 from ..hog.checks import check_choice
 from ..hog.spec import HOGSpec
 from ..io.network_weights import flat, fold_statistics, unfold_statistics, with_weights
+from ..runtime.seeds import seeded
 from .checkpoint import Checkpoint
 from .crops import least_side
 from .provenance import NetworkLearning, check_images, digest_of_images, digest_of_weights
@@ -180,22 +181,19 @@ def fit(
         OSError: the checkpoint cannot be read or written.
     """
     steps = training.steps
-    with torch.random.fork_rng(devices=[]):  # layers draw from the global generator, which must not change
-        torch.manual_seed(seed)
+    with seeded(seed):  # layers draw from the global generator, which must not change
         network = (make() if start is None else with_weights(make, start)).to(device)
     network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # convolutions take a fifth less time
     optimizer = torch.optim.AdamW(network.parameters(), weight_decay=training.weight_decay)
     saved = Checkpoint(checkpoint, "training", identity, ("losses", "state"))
     if start is not None:
-        with torch.random.fork_rng():
-            torch.manual_seed(seed)
+        with seeded(seed):
             unfold_statistics(network, lambda: _losses(training, network, device))
     largest = training.learning_rate * (1.0 if start is None else AGAIN)
     losses = _restore(saved, network, optimizer, epochs, steps)
     for epoch in range(len(losses), epochs):
         of_steps: list[Tensor] = []
-        with torch.random.fork_rng():  # of what is left out in training
-            torch.manual_seed(seed + epoch)
+        with seeded(seed + epoch):  # what is left out in training
             for step, batch in enumerate(training.batches(epoch)):
                 done = epoch * steps + step
                 progress(done, epochs * steps, _report(epoch, epochs, losses))

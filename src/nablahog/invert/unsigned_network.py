@@ -21,6 +21,7 @@ from torch import Tensor, nn
 from torch.nn.functional import adaptive_avg_pool2d, gelu, interpolate, pixel_shuffle, pixel_unshuffle
 
 from ..hog.spec import HOGSpec
+from ..runtime.seeds import seeded
 from .cell_votes import UNSIGNED_BINS, unsigned_cells
 from .histograms import recover_histograms, searchable
 from .prior_network import Architecture, Prediction, PriorNetwork, ResidualBlock, set_to_zero
@@ -212,8 +213,7 @@ class UnsignedNetwork(PriorNetwork):
     def _drawn(self, inputs: Tensor, count: int, seed: int) -> Tensor:
         """Images (count, 1, 2R, 2C) of the votes (1, 9, R, C) of one descriptor, by other channels left out in each."""
         inputs = inputs.expand(count, -1, -1, -1)
-        with torch.random.fork_rng():
-            torch.manual_seed(seed)
+        with seeded(seed):
             with _left_out(self.regions):
                 regions = self.regions(inputs)
             likely = torch.sigmoid(self.log_odds(inputs, regions, regions))

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ..io.network_weights import flat, fold_statistics
+from ..runtime.seeds import seeded
 from .placement import equidistant_azimuths
 from .viewpoint_network import WIDTH, ViewpointNetwork, mirrored
 from .views import VIEW_COUNT
@@ -50,8 +51,7 @@ def train_viewpoints(
             f"expected at least {_BATCH} descriptors, as many azimuths and 1 epoch, "
             f"got {count}, {tuple(azimuths.shape)} and {epochs}"
         )
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
+    with seeded(seed):
         network = ViewpointNetwork(descriptors.shape[1], width).train()
         optimizer = torch.optim.AdamW(network.parameters(), weight_decay=_DECAY)
         batches = count // _BATCH

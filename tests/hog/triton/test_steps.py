@@ -182,6 +182,17 @@ def test_cells_larger_than_a_tile(size: tuple[int, int]) -> None:
     assert_close(result, plain, rtol=0, atol=1e-12 * float(plain.max()))
 
 
+def test_planes_that_are_far_apart() -> None:
+    """More than 2³¹ numbers from the first channel to the last: places take 64 bits.  Most of it is never touched."""
+    apart, s = 1_100_000_000, SPECS["uoctti"]
+    memory = torch.empty(2 * apart + 64, dtype=torch.uint8, device=DEVICE)
+    near = torch.randint(256, (1, 3, 8, 8), dtype=torch.uint8).to(DEVICE)
+    far = memory.as_strided((1, 3, 8, 8), (64, apart, 8, 1)).copy_(near)
+    results, saved = zip(*(steps.DESCRIBE.run(x, s) for x in (near, far)), strict=True)
+    assert torch.equal(*results)
+    assert torch.equal(*(steps.DESCRIBE.vjp(x, saved[0], results[0], s) for x in (near, far)))
+
+
 def test_an_empty_batch() -> None:
     for name in ("uoctti", "paper", "opencv", "cells-separate", "window"):
         x = torch.zeros(0, 3, 16, 16, requires_grad=True, device=DEVICE)

@@ -10,6 +10,7 @@ import os
 import warnings
 from functools import cache
 from importlib.util import find_spec
+from typing import Any
 
 import torch
 
@@ -55,11 +56,16 @@ def _say_once(why: str) -> None:
     )
 
 
+def _traceable(cached: Any) -> Any:
+    """What is behind a cache where ``torch.compile`` traces, for it warns of caches."""
+    return cached.__wrapped__ if torch.compiler.is_compiling() else cached
+
+
 def chosen(device: torch.device, spec: HOGSpec) -> bool:
     """Whether ``backend="auto"`` takes the kernels; if they are missing it says so, once."""
-    if device.type != "cuda" or not _any_gpu() or not supports(spec):
+    if device.type != "cuda" or not _traceable(_any_gpu)() or not supports(spec):
         return False
-    if why := _missing(device):
+    if why := _traceable(_missing)(device):
         _say_once(why)
     return not why
 
@@ -75,5 +81,5 @@ def check(device: torch.device, spec: HOGSpec) -> None:
         raise ValueError(f"the backend 'triton' computes on a GPU, got images on the device {device.type!r}")
     if not supports(spec):
         raise ValueError(f"the backend 'triton' has no votes as those of {spec.named} descriptor")
-    if why := _missing(device):
+    if why := _traceable(_missing)(device):
         raise ModuleNotFoundError(f"the backend 'triton' cannot be used: {why}")

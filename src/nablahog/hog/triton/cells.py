@@ -33,17 +33,19 @@ def of_image(pixels, image, stride, strides, COLOURS: tl.constexpr):
 @triton.jit
 def _not_finite(pixels, size, strides, chunk, chunks, TILE_Y: tl.constexpr, TILE_X: tl.constexpr, channels):
     """1 if there is NaN or infinity in this program's share of the image: pixels that do not vote count, too."""
-    first_y, last_y = chunk[0] * size[0] // chunks[0], (chunk[0] + 1) * size[0] // chunks[0]
-    first_x, last_x = chunk[1] * size[1] // chunks[1], (chunk[1] + 1) * size[1] // chunks[1]
+    high, wide = (size[0] + chunks[0] - 1) // chunks[0], (size[1] + chunks[1] - 1) // chunks[1]
+    first_y, first_x = chunk[0] * high, chunk[1] * wide
+    last_y, last_x = tl.minimum(first_y + high, size[0]), tl.minimum(first_x + wide, size[1])
     spoilt = tl.zeros([TILE_Y, TILE_X], tl.int32)
     for top in range(first_y, last_y, TILE_Y):
         y = top + tl.arange(0, TILE_Y)[:, None]
         for left in range(first_x, last_x, TILE_X):
             x = left + tl.arange(0, TILE_X)[None, :]
             at = pixels + (y.to(tl.int64) * strides[1] + x.to(tl.int64) * strides[2])
-            for channel in range(channels):
-                value = tl.load(at + channel * strides[0], mask=(y < last_y) & (x < last_x), other=0)
+            for _ in range(channels):
+                value = tl.load(at, mask=(y < last_y) & (x < last_x), other=0)
                 spoilt |= (value - value != 0).to(tl.int32)
+                at += strides[0]
     return tl.max(tl.max(spoilt, 1), 0)
 
 

@@ -113,8 +113,8 @@ def cells_vjp_kernel(
     rim = (y == row * (TILE_Y - 2) - 1) | (y >= (row + 1) * (TILE_Y - 2))
     rim = rim | (x == part * (TILE_X - 2) - 1) | (x >= (part + 1) * (TILE_X - 2))
     written = inside & (rim == 0)
-    area = size[0] * size[1]
     at = y.to(tl.int64) * size[1] + x if READING.wide else y * size[1] + x
+    area = (image * 0 + size[0]) * size[1]  # 64 bits
     to = out + image * READING.stored * area
     if READING.averaged:
         of_values = values_vjp(grad_x, grad_y, y, x, size, READING, REAL)

@@ -33,7 +33,10 @@ def _offset(y, x, strides, channel: tl.constexpr, READING: tl.constexpr):
     """Of pixels from the first of their image, in elements."""
     if READING.wide:
         y, x = y.to(tl.int64), x.to(tl.int64)
-    return channel * strides[0] + (y * strides[1] + x * strides[2])
+    offset = y * strides[1] + x * strides[2]
+    for _ in tl.static_range(channel):  # not a product: it is made of 32 bits
+        offset += strides[0]
+    return offset
 
 
 @triton.jit
