@@ -64,7 +64,8 @@ def _operator(points: Sequence[Mapping[str, Any]], rates: Rates) -> str:
         peers = dict.fromkeys(peer for one in own if one for peer in one["ratios"] if not peer.startswith(COMPILED))
         for peer in peers:
             ratios = (one and one["ratios"].get(peer) for one in own)
-            rows.append([f"… times as fast as {peer}", *(where_there(r, lambda stats: times(stats, False)) for r in ratios)])
+            shown = (where_there(r, lambda stats: times(stats, False)) for r in ratios)
+            rows.append([f"… times as fast as {peer}", *shown])
         rows.append(["… times its limit"])
         for point, one in zip(points, own, strict=True):
             limit = max(limits_ms(work(spec, backward), point["batch"] * point["side"] ** 2, rates))
@@ -80,9 +81,9 @@ def _threads(record: Record) -> str:
             least = [by_count[count]["min"] for count in counts]
             rows.append([f"{name}, {shape(point)}", *(f"{digits(ms)} ({least[0] / ms:.2f}×)" for ms in least)])
     head = ["program", *("1 thread" if count == "1" else f"{count} threads" for count in counts)]
-    return f"""Shortest wall ms, and in brackets the speed-up over one thread. The numbers of threads take turns; programs
-are measured one after the other. The libraries have one thread. The limit is the number of threads; the call and the work
-that one thread prepares are not shared.
+    return f"""Shortest wall ms, and in brackets the speed-up over one thread. The numbers of threads take turns;
+programs are measured one after the other. The libraries have one thread. The limit is the number of threads; the call
+and the work that one thread prepares are not shared.
 
 {table(head, rows)}"""
 
@@ -98,8 +99,8 @@ def _faces(record: Record, rates: Rates) -> str:
             of_limit = f"{row['cpu_ms']['median'] / limit:.1f}×"
             rows.append([str(point["faces"]), name, cell(row["cpu_ms"]), ratios, of_limit])
     head = ["faces", "renderer", "CPU ms", "times as fast as opendr", "times the limit"]
-    return f"""Renderings of {record["faces"][0]["side"]}², one sample a pixel, eight in a batch: `edges` is our renderer,
-`opendr` the paper's; both are compiled. The limit is the time to read the mesh, to transform its vertices and to write
+    return f"""Renderings of {record["faces"][0]["side"]}², one sample a pixel, eight in a batch: `edges` is our
+renderer, `opendr` the paper's; both are compiled. The limit is the time to read the mesh, to transform its vertices and to write
 the image, and with derivative also its motion. The rest of the time is spent on finding visible surfaces and edges.
 
 {table(head, rows)}"""

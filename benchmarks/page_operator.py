@@ -39,8 +39,8 @@ def memory(record: Record) -> str:
     if not measured:
         return "Not measured: this system does not report it."
     rows = [[name, f"{mib:.1f}", f"{mib / result['image_mib']:.2f}"] for name, mib in measured.items()]
-    return f"""How much one call raises the peak of the resident set (VmHWM) of a fresh process, which holds one image of
-{result["side"]}² and has described a small one. The descriptor is included. The last column counts images of
+    return f"""How much one call raises the peak of the resident set (VmHWM) of a fresh process, which holds one image
+of {result["side"]}² and has described a small one. The descriptor is included. The last column counts images of
 {result["image_mib"]:g} MiB, float32:
 
 {table(["program", "MiB", "images"], rows)}"""
@@ -71,9 +71,9 @@ of two times:
 * Bytes: each byte of the image is read once, and each byte of the descriptor is written once. Backward reads the image
   again, reads the gradient with respect to the descriptor, and writes the gradient with respect to the image.
 * Operations: for a pixel {GRADIENT} for the gradient, {ANGLE} for the angle, a division and a square root, {LINEAR} for
-  two linear votes ({HARD} for a hard vote, without angle and division), one for each vote and row of cells, one for each
-  bin and column of a row of cells, and {ENTRY} for each entry of the descriptor. Backward does all of this again, because
-  nothing is stored, and {CHAIN + SCATTER} more. Additions, comparisons and selections count as multiply-adds. Divisions
+  two linear votes ({HARD} for a hard vote, without angle and division), one for each vote and row of cells, one for
+  each bin and column of a row of cells, and {ENTRY} for each entry of the descriptor. Backward does all of this again,
+  because nothing is stored, and {CHAIN + SCATTER} more. Additions, comparisons and selections count as multiply-adds. Divisions
   and roots are counted as simultaneous with these.
 
 This is an estimate: a processor may also do additions and multiply-adds at the same time, and every program does more

@@ -32,9 +32,9 @@ search, `method="paper"`. CC is the mean correlation with the photographs.""",
         table(["method", "CPU s an image", "CC", "times as fast as"], rows),
         f"""All {result["images"]} photographs in one batch, as one would invert them:""",
         table(head, whole),
-        f"""The limit is that of the operator with its derivative, times the number of evaluations. Parts of the time by a
-profiler, which slows Python down, for {result["few"]} photographs in one batch: {shares(result["shares"])}. Only `hog` is
-the operator. The rest is the search: the minimiser's vectors, the basis of the unknowns, the objective with its priors,
+        f"""The limit is that of the operator with its derivative, times the number of evaluations. Parts of the time by
+a profiler, which slows Python down, for {result["few"]} photographs in one batch: {shares(result["shares"])}. Only `hog`
+is the operator. The rest is the search: the minimiser's vectors, the basis of the unknowns, the objective with its priors,
 and undoing the normaliser.""",
     ]
 
@@ -52,9 +52,9 @@ def poses(record: Record) -> list[str]:
         rows.append([SEARCHES[name], *figures, times_each(row["ratios"]), of_limit])
     head = ["search", "CPU s", "renderings", "median error", "within 15°", "times as fast as", "times the limit"]
     return [
-        f"""{result["scenes"]} scenes of known models. The models were prepared before, and have {result["faces"]} faces in the
-median. More measurements are in [poses.md](poses.md).""",
+        f"""{result["scenes"]} scenes of known models. The models were prepared before, and have {result["faces"]} faces
+in the median. More measurements are in [poses.md](poses.md).""",
         table(head, rows),
-        f"""The limit is that of as many renderings with their descriptors. Parts of the time by a profiler, for one scene:
-{shares(result["shares"])}.""",
+        f"""The limit is that of as many renderings with their descriptors. Parts of the time by a profiler, for one
+scene: {shares(result["shares"])}.""",
     ]

@@ -74,17 +74,18 @@ numbers are in [performance.json](performance.json). {machine}.*
 
 Every ratio compares two programs of the same run. Above 1 this package is faster; **bold** is a loss.
 
-* Programs take turns on images of the same shape. In its turn a program first makes one call that is not counted, because
-  the caches hold the data of another program. Then it makes as many calls as fit into {TURN_MS:g} ms, at most {MOST_CALLS}.
+* Programs take turns on images of the same shape. In its turn a program first makes one call that is not counted,
+  because the caches hold the data of another program. Then it makes as many calls as fit into {TURN_MS:g} ms, at most
+  {MOST_CALLS}.
 * A time is the median over the turns. A ratio is the median of the peer's time divided by ours in the same turn. The
   quartiles are in brackets.
-* Times are CPU times on **one thread**, unless another number is given. For several threads the shortest wall time counts,
-  because the others include waiting for a busy core.
+* Times are CPU times on **one thread**, unless another number is given. For several threads the shortest wall time
+  counts, because the others include waiting for a busy core.
 * The **warm-up** is not counted: two calls of each program, or one if a call takes long and everything was compiled for
   smaller images. So nothing is compiled while times are measured.
 
-The photograph is scikit-image's cameraman, gray, shrunk, or tiled for more than 512 pixels. Cells have 8 pixels. Libraries
-get bytes, one image after the other; PyTorch's programs get float32 in 0…1, the whole batch.
+The photograph is scikit-image's cameraman, gray, shrunk, or tiled for more than 512 pixels. Cells have 8 pixels.
+Libraries get bytes, one image after the other; PyTorch's programs get float32 in 0…1, the whole batch.
 
 * *Ours, X's* computes what X computes; *the paper's* is the paper's Dalal-type descriptor.
 * *Naive torch* is the paper's descriptor in simple PyTorch (`benchmarks/peers.py`); *compiled torch* is the same with
@@ -103,7 +104,8 @@ def _goals(record: Record) -> str:
     return f"""{text}
 
 Goals in seconds are for a machine on which OpenCV takes {THEIR_OPENCV_MS:g} ms for 512²; here it takes
-{THEIR_OPENCV_MS / factor:.2f} ms. *There* is the time here, scaled by the ratio of the two; the goals are compared with it."""
+{THEIR_OPENCV_MS / factor:.2f} ms. *There* is the time here, scaled by the ratio of the two; the goals are compared
+with it."""
 
 
 def _losses(record: Record) -> str:
