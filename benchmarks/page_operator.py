@@ -73,8 +73,8 @@ of two times:
 * Operations: for a pixel {GRADIENT} for the gradient, {ANGLE} for the angle, a division and a square root, {LINEAR} for
   two linear votes ({HARD} for a hard vote, without angle and division), one for each vote and row of cells, one for
   each bin and column of a row of cells, and {ENTRY} for each entry of the descriptor. Backward does all of this again,
-  because nothing is stored, and {CHAIN + SCATTER} more. Additions, comparisons and selections count as multiply-adds. Divisions
-  and roots are counted as simultaneous with these.
+  because nothing is stored, and {CHAIN + SCATTER} more. Additions, comparisons and selections count as multiply-adds.
+  Divisions and roots are counted as simultaneous with these.
 
 This is an estimate: a processor may also do additions and multiply-adds at the same time, and every program does more
 than these operations."""

@@ -33,9 +33,9 @@ search, `method="paper"`. CC is the mean correlation with the photographs.""",
         f"""All {result["images"]} photographs in one batch, as one would invert them:""",
         table(head, whole),
         f"""The limit is that of the operator with its derivative, times the number of evaluations. Parts of the time by
-a profiler, which slows Python down, for {result["few"]} photographs in one batch: {shares(result["shares"])}. Only `hog`
-is the operator. The rest is the search: the minimiser's vectors, the basis of the unknowns, the objective with its priors,
-and undoing the normaliser.""",
+a profiler, which slows Python down, for {result["few"]} photographs in one batch:
+{shares(result["shares"])}. Only `hog` is the operator. The rest is the search: the minimiser's vectors, the basis of
+the unknowns, the objective with its priors, and undoing the normaliser.""",
     ]
 
 
