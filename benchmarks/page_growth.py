@@ -101,7 +101,8 @@ def _faces(record: Record, rates: Rates) -> str:
     head = ["faces", "renderer", "CPU ms", "times as fast as opendr", "times the limit"]
     return f"""Renderings of {record["faces"][0]["side"]}², one sample a pixel, eight in a batch: `edges` is our
 renderer, `opendr` the paper's; both are compiled. The limit is the time to read the mesh, to transform its
-vertices and to write the image, and with derivative also its motion. The rest of the time is spent on finding visible surfaces and edges.
+vertices and to write the image, and with derivative also its motion. The rest of the time is spent on finding visible
+surfaces and edges.
 
 {table(head, rows)}"""
 
