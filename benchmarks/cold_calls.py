@@ -56,9 +56,9 @@ def page(record: dict[str, Any]) -> str:
         for name, row in record["calls"].items()
     ]
     side, mb = record["side"], 4 * record["work"] / 1e6
-    return f"""Wall time of a call right after another, and of one after other work that has read and written {mb:.0f}
-MB: scikit-image's descriptor of one image of {side}², by how it is stored; and the least that PyTorch can do
-({record["machine"]}).
+    return f"""Wall time of a call directly after another one (warm), and of a call after other work that has read and
+written {mb:.0f} MB (cold): scikit-image's descriptor of one image of {side}², by its dtype. The first row is PyTorch's
+smallest operation, for comparison ({record["machine"]}).
 
 {table(["call", "ms, warm", "ms, cold", "cold / warm"], rows)}"""
 

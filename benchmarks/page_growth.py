@@ -51,8 +51,8 @@ def _a_pixel(points: Sequence[Mapping[str, Any]]) -> str:
         there = [p for p in points if name in p["programs"]]
         ns = (1e6 * p["programs"][name]["cpu_ms"]["median"] / (p["batch"] * p["side"] ** 2) for p in there)
         each = ", ".join(f"{digits(one)} ns at {shape(p)}" for one, p in zip(ns, there, strict=True))
-        said.append(f"{name.removeprefix('ours, ')} {each}")
-    return f"A pixel takes, of {'; of '.join(said)}. What is more for small images is the call."
+        said.append(f"{name.removeprefix('ours, ')}, {each}")
+    return f"Time for a pixel: {'; '.join(said)}. Small images take more because of the call."
 
 
 def _operator(points: Sequence[Mapping[str, Any]], rates: Rates) -> str:
@@ -64,8 +64,9 @@ def _operator(points: Sequence[Mapping[str, Any]], rates: Rates) -> str:
         peers = dict.fromkeys(peer for one in own if one for peer in one["ratios"] if not peer.startswith(COMPILED))
         for peer in peers:
             ratios = (one and one["ratios"].get(peer) for one in own)
-            rows.append([f"… as fast as {peer}", *(where_there(r, lambda stats: times(stats, False)) for r in ratios)])
-        rows.append(["… of its limit"])
+            shown = (where_there(r, lambda stats: times(stats, False)) for r in ratios)
+            rows.append([f"… times as fast as {peer}", *shown])
+        rows.append(["… times its limit"])
         for point, one in zip(points, own, strict=True):
             limit = max(limits_ms(work(spec, backward), point["batch"] * point["side"] ** 2, rates))
             rows[-1].append("–" if one is None else f"{one['cpu_ms']['median'] / limit:.1f}×")
@@ -80,9 +81,9 @@ def _threads(record: Record) -> str:
             least = [by_count[count]["min"] for count in counts]
             rows.append([f"{name}, {shape(point)}", *(f"{digits(ms)} ({least[0] / ms:.2f}×)" for ms in least)])
     head = ["program", *("1 thread" if count == "1" else f"{count} threads" for count in counts)]
-    return f"""Shortest wall ms, and in brackets how many times as fast as on one thread; numbers of threads take
-turns, and programs come one after the other. The libraries have one thread. The limit is as many times as there are
-threads; the call and what one thread has to prepare are not shared.
+    return f"""Shortest wall ms, and in brackets the speed-up over one thread. The numbers of threads take turns;
+programs are measured one after the other. The libraries have one thread. The limit is the number of threads; the call
+and the work that one thread prepares are not shared.
 
 {table(head, rows)}"""
 
@@ -97,10 +98,11 @@ def _faces(record: Record, rates: Rates) -> str:
             ratios = ", ".join(times(stats) for stats in row["ratios"].values()) or "–"
             of_limit = f"{row['cpu_ms']['median'] / limit:.1f}×"
             rows.append([str(point["faces"]), name, cell(row["cpu_ms"]), ratios, of_limit])
-    head = ["faces", "renderer", "CPU ms", "times as fast as opendr", "of the limit"]
-    return f"""Renderings of {record["faces"][0]["side"]}², one sample a pixel, eight in a batch: `edges`, our
-renderer, beside `opendr`, the paper's, both compiled. The limit is to read the mesh, move its vertices and write the
-image, with derivative its motion, too; the rest is finding what hides what, and where the edges are that can be seen.
+    head = ["faces", "renderer", "CPU ms", "times as fast as opendr", "times the limit"]
+    return f"""Renderings of {record["faces"][0]["side"]}², one sample a pixel, eight in a batch: `edges` is our
+renderer, `opendr` the paper's; both are compiled. The limit is the time to read the mesh, to transform its
+vertices and to write the image, and with derivative also its motion. The rest of the time is spent on finding visible
+surfaces and edges.
 
 {table(head, rows)}"""
 
@@ -113,6 +115,6 @@ def _models(record: Record) -> str:
         beside = [cell(peer), times(point["ratio"])] if peer else ["–", "–"]
         rows.append([str(point["models"]), *figures, *beside])
     head = ["models", "renderings", "CPU s", "ms a model", "360 renderings of each, CPU s", "times as fast"]
-    return f"""The object's own model is not among them. 360 renderings are left out where they take too long.
+    return f"""The object's own model is not among the models. 360 renderings are left out if they take too long.
 
 {table(head, rows)}"""

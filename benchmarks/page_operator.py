@@ -37,10 +37,10 @@ def memory(record: Record) -> str:
     result = record["memory"]
     measured = {name: mib for name, mib in result["programs"].items() if mib is not None}
     if not measured:
-        return "Not measured: this system does not tell."
+        return "Not measured: this system does not report it."
     rows = [[name, f"{mib:.1f}", f"{mib / result['image_mib']:.2f}"] for name, mib in measured.items()]
-    return f"""By how much one call raises the peak of the resident set (VmHWM) of a fresh process, which holds one
-image of {result["side"]}² and has described a small one; the descriptor is a part of it. In images of
+    return f"""How much one call raises the peak of the resident set (VmHWM) of a fresh process, which holds one image
+of {result["side"]}² and has described a small one. The descriptor is included. The last column counts images of
 {result["image_mib"]:g} MiB, float32:
 
 {table(["program", "MiB", "images"], rows)}"""
@@ -57,22 +57,27 @@ def limits(record: Record, rates: Rates) -> list[str]:
     }
     counted = table(["float32, in vectors", "10⁹ a second"], [[k, f"{v / 1e9:.1f}"] for k, v in done.items()])
     return [
-        f"Measured on one thread, the best of several repeats; bytes by copying.\n\n{copied}\n\n{counted}",
+        f"Rates of the machine, on one thread, the best of several repeats; bytes by copying.\n\n{copied}\n\n{counted}",
         _COUNTED,
         table(_HEAD, [row for p in record["operator"] if p["main"] for row in _of_limits(p, rates)]),
         _spent(record),
     ]
 
 
-_HEAD = ["images", "program", "ms for its bytes", "ms for its operations", "measured", "of the limit"]
-_COUNTED = f"""The least a descriptor needs ([`limits.py`](../benchmarks/limits.py)): each byte of the image read once
-and of the descriptor written once; backward the image read again, the given derivative read and the image's written.
-And for a pixel {GRADIENT} operations for the gradient, {ANGLE} for the angle, a division and a square root, {LINEAR}
-for two linear votes ({HARD} for a hard one, without angle and division), one for each vote and row of cells, one for
-each bin and column of a row of cells, {ENTRY} for each entry of the descriptor; backward all of it again, as nothing
-is kept, and {CHAIN + SCATTER} more. Additions, comparisons and selections count as multiply-adds, divisions and roots
-as done beside these. The larger of the two times is the limit. It is an estimate: a processor may do additions beside
-multiply-adds, too, and no program does nothing but these."""
+_HEAD = ["images", "program", "ms for its bytes", "ms for its operations", "measured", "times the limit"]
+_COUNTED = f"""The limit is the least time that a descriptor needs ([`limits.py`](../benchmarks/limits.py)), the larger
+of two times:
+
+* Bytes: each byte of the image is read once, and each byte of the descriptor is written once. Backward reads the image
+  again, reads the gradient with respect to the descriptor, and writes the gradient with respect to the image.
+* Operations: for a pixel {GRADIENT} for the gradient, {ANGLE} for the angle, a division and a square root, {LINEAR} for
+  two linear votes ({HARD} for a hard vote, without angle and division), one for each vote and row of cells, one for
+  each bin and column of a row of cells, and {ENTRY} for each entry of the descriptor. Backward does all of this again,
+  because nothing is stored, and {CHAIN + SCATTER} more. Additions, comparisons and selections count as multiply-adds.
+  Divisions and roots are counted as simultaneous with these.
+
+This is an estimate: a processor may also do additions and multiply-adds at the same time, and every program does more
+than these operations."""
 
 
 def _of_limits(point: Mapping[str, Any], rates: Rates) -> list[list[str]]:
@@ -97,10 +102,13 @@ def _spent(record: Record) -> str:
         rows.append([name, digits(parts["both"]), *(f"{digits(ms)} ({100 * ms / parts['both']:.0f} %)" for ms in each)])
     parted = ["the call", "angles", "votes and pooling", "normaliser", "the call backward", "backward"]
     head = ["program", "with backward", *parted]
-    return f"""What the time is spent on, CPU ms at {record["parts"]["side"]}². *The call* is the time of an image of
-{SMALL}², the same for any size: Python, and PyTorch's way to the compiled loops. *Angles* is what the loop above takes
-for so many pixels, where votes are linear; *votes and pooling* what else the histograms take; *normaliser*, with the
-layout, what the descriptor takes beyond these; *backward* what it takes with its derivative, less without; *the call
-backward* the same of the small image, which the last column leaves out.
+    return f"""The parts of the time, CPU ms at {record["parts"]["side"]}²:
+
+* *the call*: the time for an image of {SMALL}², which is the same for any size: Python, and PyTorch's way to the loops;
+* *angles*: the time of the loop of the table above for so many pixels, if votes are linear;
+* *votes and pooling*: the rest of the time of the histograms;
+* *normaliser*: the rest of the time of the descriptor, its layout included;
+* *the call backward*: the time with backward less that without, for the small image;
+* *backward*: the same for the large image, less *the call backward*.
 
 {table(head, rows)}"""

@@ -24,18 +24,18 @@ def preimages(record: Record) -> list[str]:
     for name, row in result["whole"].items():
         figures = [f"{row['cpu_s']:.3f}", f"{row['wall_s']:.3f}", f"{row['cc']:.3f}", f"{row['evaluations']:.0f}"]
         whole.append([f"ours, {name}", *figures, f"{row['cpu_s'] / row['limit_s']:.0f}×"])
-    head = ["all in one batch", "CPU s an image", "wall s", "CC", "evaluations", "of the limit"]
+    head = ["all in one batch", "CPU s an image", "wall s", "CC", "evaluations", "times the limit"]
     return [
         f"""Photographs of {size}, {result["few"]} of them, one by one and in turns. *CNN-HOG* and *CNN-HOGb* have the
-published schedule of 800 steps and their own network's descriptor, the others UoCTTI; *paper* is the paper's own
+published schedule of 800 steps and their own network's descriptor; the others use UoCTTI. *paper* is the paper's own
 search, `method="paper"`. CC is the mean correlation with the photographs.""",
         table(["method", "CPU s an image", "CC", "times as fast as"], rows),
-        f"""All {result["images"]} at once, as they would be inverted:""",
+        f"""All {result["images"]} photographs in one batch, as one would invert them:""",
         table(head, whole),
-        f"""The limit is that of the operator with its derivative, as often as it is evaluated. A profiler, which slows
-Python down, says of {result["few"]} in one batch: {shares(result["shares"])}. Only `hog` is the operator; the rest is
-what it takes to search by it: the minimiser's vectors, the basis of the unknowns, the objective with its priors, and
-undoing the normaliser.""",
+        f"""The limit is that of the operator with its derivative, times the number of evaluations. Parts of the time by
+a profiler, which slows Python down, for {result["few"]} photographs in one batch:
+{shares(result["shares"])}. Only `hog` is the operator. The rest is the search: the minimiser's vectors, the basis of
+the unknowns, the objective with its priors, and undoing the normaliser.""",
     ]
 
 
@@ -50,11 +50,11 @@ def poses(record: Record) -> list[str]:
         ]
         of_limit = f"{row['cpu_s']['median'] / row['limit_s']:.0f}×"
         rows.append([SEARCHES[name], *figures, times_each(row["ratios"]), of_limit])
-    head = ["search", "CPU s", "renderings", "median error", "within 15°", "times as fast as", "of the limit"]
+    head = ["search", "CPU s", "renderings", "median error", "within 15°", "times as fast as", "times the limit"]
     return [
-        f"""Scenes of known models, {result["scenes"]} of them, the models prepared before and of {result["faces"]}
-faces (the median); more of them in [poses.md](poses.md).""",
+        f"""{result["scenes"]} scenes of known models. The models were prepared before, and have {result["faces"]} faces
+in the median. More measurements are in [poses.md](poses.md).""",
         table(head, rows),
-        f"""The limit is that of so many renderings with their descriptors. A profiler says of one scene:
-{shares(result["shares"])}.""",
+        f"""The limit is that of as many renderings with their descriptors. Parts of the time by a profiler, for one
+scene: {shares(result["shares"])}.""",
     ]

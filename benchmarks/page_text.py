@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
@@ -9,8 +10,10 @@ from timing import Summary, digits
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """With names in the first column and figures in the others."""
-    lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
+    """Columns of figures are aligned to the right, all others to the left."""
+    body = [list(row) for row in rows]
+    figures = ([all(re.match(r"[\d≥≤–*-]", cell) for cell in column) for column in zip(*body, strict=True)] or [])[1:]
+    lines = [head, ["---", *("---:" if each else "---" for each in figures)], *body]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 

@@ -31,7 +31,7 @@ DOCS = Path(__file__).resolve().parent.parent / "docs"
 def page(record: Record) -> str:
     rates = rates_of(record)
     sections = [
-        "# How fast, beside others",
+        "# Performance",
         *([_SMOKE] if record["quick"] else []),
         _how(record),
         "## Goals",
@@ -72,38 +72,40 @@ def _how(record: Record) -> str:
     return f"""*Made by `python benchmarks/performance.py{options}` in {record["seconds"] / 60:.1f} minutes; all
 numbers are in [performance.json](performance.json). {machine}.*
 
-Every ratio is of two programs of the same run. Above 1 this package is the faster one; **bold** is a loss.
+Every ratio compares two programs of the same run. Above 1 this package is faster; **bold** is a loss.
 
-* Programs of a shape take turns. In its turn each makes one call that is not counted, since the caches are full of what
-  another program left. Then it makes as many as take {TURN_MS:g} ms, at most {MOST_CALLS}.
+* Programs take turns on images of the same shape. In its turn a program first makes one call that is not counted,
+  because the caches hold the data of another program. Then it makes as many calls as fit into {TURN_MS:g} ms, at most
+  {MOST_CALLS}.
 * A time is the median over the turns. A ratio is the median of the peer's time divided by ours in the same turn. The
   quartiles are in brackets.
-* Times are those of the processor, on **one thread** unless another number is given. Of more threads the shortest wall
-  time counts, since time spent waiting for a busy core says nothing.
-* The **warm-up** is not counted: two calls of each program, or one where that takes long and all has been compiled for
-  smaller images. So nothing is compiled while times are taken.
+* Times are CPU times on **one thread**, unless another number is given. For several threads the shortest wall time
+  counts, because the others include waiting for a busy core.
+* The **warm-up** is not counted: two calls of each program, or one if a call takes long and everything was compiled for
+  smaller images. So nothing is compiled while times are measured.
 
-The photograph is scikit-image's cameraman, gray, shrunk, or beyond its 512 pixels tiled. Cells have 8 pixels. Libraries
-are given bytes, one image after the other; PyTorch's programs are given float32 in 0…1, the whole batch.
+The photograph is scikit-image's cameraman, gray, shrunk, or tiled for more than 512 pixels. Cells have 8 pixels.
+Libraries get bytes, one image after the other; PyTorch's programs get float32 in 0…1, the whole batch.
 
-* *Ours, X's* computes what X computes; *the paper's* is its Dalal-type descriptor.
-* *Naive torch* is the paper's as one would write it (`benchmarks/peers.py`); *compiled torch* is that with
+* *Ours, X's* computes what X computes; *the paper's* is the paper's Dalal-type descriptor.
+* *Naive torch* is the paper's descriptor in simple PyTorch (`benchmarks/peers.py`); *compiled torch* is the same with
   `torch.compile`.
-* *With backward* is the descriptor and the derivative by the image. No library has one, so it stands beside their
-  descriptors alone.{missing}"""
+* *With backward* is the descriptor and its derivative with respect to the image. No library has a derivative, so it is
+  compared with their descriptors without one.{missing}"""
 
 
 def _goals(record: Record) -> str:
     reached = {True: "yes", False: "**no**", None: "–"}
     rows = [[v.what, v.peer, v.goal, v.result, reached[v.met]] for v in verdicts(record)]
-    text = table(["what", "beside", "goal", "measured", "reached"], rows)
+    text = table(["what", "compared with", "goal", "measured", "reached"], rows)
     factor = their_machine(record)
     if factor is None:
         return text
     return f"""{text}
 
 Goals in seconds are for a machine on which OpenCV takes {THEIR_OPENCV_MS:g} ms for 512²; here it takes
-{THEIR_OPENCV_MS / factor:.2f} ms. *There* is the time here times the ratio of the two, and is what is judged."""
+{THEIR_OPENCV_MS / factor:.2f} ms. *There* is the time here, scaled by the ratio of the two; the goals are compared
+with it."""
 
 
 def _losses(record: Record) -> str:
@@ -114,7 +116,7 @@ def _losses(record: Record) -> str:
         for peer, stats in row["ratios"].items()
         if stats["median"] < 1
     ]
-    return table(["program", "slower than", "at", "times as fast"], rows) if rows else "Nowhere in this run."
+    return table(["program", "slower than", "images", "times as fast"], rows) if rows else "Nowhere in this run."
 
 
 def _measured(record: Record) -> Iterator[tuple[str, Mapping[str, Any]]]:

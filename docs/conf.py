@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from pathlib import Path
 from typing import Any
 
 # scripts run beside each other, one for each core; threads that wait for each other would take the cores away
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+# joblib replaces a process that has become large, as compiled loops and PyTorch make it, and says so
+warnings.filterwarnings("ignore", "A worker stopped while some jobs were given", UserWarning)
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "_ext"))
 

@@ -2,8 +2,8 @@
 From scikit-image to PyTorch by one import
 ==========================================
 
-A program calls ``skimage.feature.hog``. The same descriptor is now needed for tensors, with a derivative. Change the
-import; the arguments and the numbers stay.
+A program calls ``skimage.feature.hog``, and now needs the same descriptor for tensors, with a derivative. Change the
+import; the arguments and the numbers stay the same.
 """
 
 import matplotlib.pyplot as plt
@@ -53,14 +53,14 @@ for axes in panels:
 plt.show()
 
 # %%
-# All 16x16 pixels of the block, and one more around them, have a derivative: those of the cell vote, and the others
-# change the length by which the votes are divided.
+# All 16x16 pixels of the block, and one more pixel around them, have a derivative. The pixels of the cell vote; the
+# others change the length by which the votes are divided.
 #
 # Batches
 # -------
 # scikit-image takes one image. ``nablahog.hog`` takes a batch, and ``layout="native"`` gives scikit-image's vectors.
-# Give it the ``uint8`` image where every digit counts: in 0…1 rounding decides which bin a gradient between two bins
-# votes for.
+# Pass the ``uint8`` image if every digit counts: in 0…1, rounding decides the bin of a gradient that lies between two
+# bins.
 
 spec = nablahog.presets.skimage(orientations=8, cells_per_block=(2, 2))
 batch = torch.from_numpy(np.stack([image, image[::-1], image[:, ::-1]]))[:, None]  # (B, C, H, W)

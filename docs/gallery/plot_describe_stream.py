@@ -3,8 +3,8 @@ The descriptor of an image larger than memory
 =============================================
 
 A scan of a map or a slide may have more pixels than fit into memory. ``nablahog.stream`` reads it in strips and yields
-the rows of the descriptor of the whole image, bit by bit. The image is anything with ``shape``, ``dtype`` and rows
-``[start:stop]``: a ``numpy.memmap`` as here, a data set of HDF5 or Zarr.
+the rows of the descriptor of the whole image, with the same bits. The image is anything with ``shape``, ``dtype`` and
+rows ``[start:stop]``: a ``numpy.memmap`` as here, a data set of HDF5 or Zarr.
 """
 
 import tempfile
@@ -39,7 +39,7 @@ del mosaic
 # %%
 # Strip by strip
 # --------------
-# ``memory`` is what one strip may take with all that it is computed from. The descriptor is a mapped file, too.
+# ``memory`` is the number of bytes that a strip may take, work space included. The descriptor is a mapped file, too.
 
 image = np.load(path, mmap_mode="r")
 spec = nablahog.presets.uoctti(cell_size=16)

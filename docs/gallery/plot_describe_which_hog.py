@@ -107,6 +107,6 @@ plt.show()
 
 # %%
 # The distance is ‖φ(x) − d‖ / ‖d‖ of the pre-image x and the vector d. In OpenCV's order of numbers there is no
-# picture: it is not OpenCV's. Dalal and Triggs's order is that of scikit-image, so the picture is nearly the same and
-# the distance, too. A picture tells the order; between dialects of one order the values decide, as in checks 2 and 3.
-# All conventions of all libraries side by side: :doc:`/which_hog`.
+# picture: the vector is not OpenCV's. Dalal and Triggs's order is that of scikit-image, so picture and distance are
+# nearly the same. The picture shows the order; for dialects with the same order the values decide, as in checks 2 and
+# 3. All conventions of all libraries side by side: :doc:`/which_hog`.

@@ -104,6 +104,6 @@ plt.show()
 
 # %%
 # Left to right: where the detector sees the person; the window as it is given to the detector, 64x128 pixels; the
-# derivative, blue where brighter pixels raise the score, with the largest 1 % cut off; the window after the steps, in
-# which hardly anything is seen to have changed; the weights that speak for a person. The derivative is largest where
-# the window is black: OpenCV takes the root of all values first, and that is steepest near 0.
+# derivative, blue where brighter pixels raise the score, with the largest 1 % cut off; the window after the steps,
+# which looks nearly the same; the weights that speak for a person. The derivative is largest where the window is black:
+# OpenCV takes the root of all values first, and that is steepest near 0.

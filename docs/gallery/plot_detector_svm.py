@@ -22,8 +22,8 @@ generator = np.random.default_rng(0)
 # %%
 # Data: chairs and no chairs
 # --------------------------
-# Crops of photographs are negative examples. In front of other crops, chairs that a program makes are rendered from the
-# left: positive examples. Chairs 0 … 59 are for training, 60 … 89 for the test.
+# Negative examples are crops of photographs. Positive examples are procedural chairs, rendered from the left in front
+# of other crops. Chairs 0 … 59 are for training, 60 … 89 for the test.
 
 photographs = [Image.fromarray(p).convert("L") for p in (data.astronaut(), data.coffee(), data.rocket(), data.camera())]
 
@@ -95,6 +95,6 @@ for axes in panels.flat:
 plt.show()
 
 # %%
-# Left: the test images with the highest scores of either kind; a score above 0 is taken for a chair. Right: what speaks
-# for a chair is a back at the right, a seat at its left and legs below; what speaks against it has edges where these
-# chairs have none.
+# Left: the test images with the highest scores, with and without a chair; a score above 0 means a chair. Right: a back
+# at the right, a seat at its left and legs below speak for a chair; edges where these chairs have none speak against
+# it.

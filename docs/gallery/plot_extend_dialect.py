@@ -2,9 +2,9 @@
 A HOG of one's own
 ==================
 
-A paper describes its own HOG: signed bins, larger in number, cells that overlap, a normaliser by the energy around.
-Such a dialect needs no code: a ``HOGSpec`` names its conventions, and everything works on it, derivatives and inversion
-included.
+A paper describes its own HOG: more bins, with signs; cells that overlap; a normaliser that divides by the energy of the
+neighbourhood. Such a dialect needs no code: a ``HOGSpec`` names its conventions, and everything works with it, also
+derivatives and inversion.
 """
 
 from dataclasses import replace

@@ -2,8 +2,9 @@
 A minimiser of one's own
 ========================
 
-Four minimisers come with the package. A fifth is a rule of a few lines: where to go from the gradients so far. Here it
-is Nesterov's accelerated gradient; it is compared with the others on the same problem, the pre-image of a HOG.
+Four minimisers come with the package. A fifth one is a rule of a few lines, which computes the next step from the
+gradients so far. Here it is Nesterov's accelerated gradient, compared with the others on the same problem: the
+pre-image of a HOG.
 """
 
 import matplotlib.pyplot as plt
@@ -21,7 +22,7 @@ from nablahog.optimize.result import ObjectiveFunction
 # %%
 # The rule
 # --------
-# ``descend`` does the rest: it keeps the lowest point, adapts the step size, restarts where there is no progress, and
+# ``descend`` does the rest: it stores the lowest point, adapts the step size, restarts if there is no progress, and
 # stops. Rows of ``start`` are independent problems, each with its own steps.
 
 
@@ -49,9 +50,9 @@ def nesterov(
 # %%
 # The problem
 # -----------
-# The squared relative distance of descriptors, from gray with a little noise. The unknowns are logits of the pixels, so
-# that an image stays in 0…1. An objective takes the points of the problems that still run, and their numbers in the
-# batch.
+# The objective is the squared relative distance of descriptors; the search begins at gray with a little noise. The
+# unknowns are logits of the pixels, so that an image stays in 0…1. The arguments of an objective are the points of the
+# problems that are still running, and the indices of these problems in the batch.
 
 SIDE = 64
 names = {"astronaut": (90, 0, 346, 256), "coffee": (150, 20, 500, 370), "chelsea": (60, 10, 340, 290)}
@@ -111,8 +112,8 @@ for col, (name, images) in zip(panels.T, columns.items(), strict=True):
 plt.show()
 
 # %%
-# All of them explain the descriptor, and all are grainy: from noise, over plain pixels, what the descriptor does not
-# fix stays noise. What ``reconstruct`` does about that: :doc:`/reconstruction`.
+# All of them explain the descriptor, and all are grainy: what the descriptor does not determine remains noise. How
+# ``reconstruct`` avoids this: :doc:`/reconstruction`.
 #
 # To use a rule in ``reconstruct``, by ``Search(minimiser="nesterov")``, put it into a file of
 # ``src/nablahog/optimize/`` and its name into ``minimisers.py``, as :doc:`/contributing` says.

@@ -22,8 +22,8 @@ photographs = {
 # %%
 # Arrays as the libraries return them
 # -----------------------------------
-# To need none of the libraries, the example computes the arrays itself, in each library's own layout. The tests compare
-# these with stored outputs of the libraries.
+# The example does not need the libraries: it computes the arrays itself, in the layout of each library. The tests
+# compare these arrays with stored outputs of the libraries.
 
 dialects = {
     "OpenCV": nablahog.presets.opencv(win_size=(128, 128)),  # cv2.HOGDescriptor(…).compute(image)
@@ -42,8 +42,8 @@ for library, spec in dialects.items():
 # %%
 # Inverted
 # --------
-# The descriptors of one library are one batch. With ``prior="default"`` the networks that come with the package say
-# what photographs look like; without it nothing is learned.
+# The descriptors of one library are one batch. ``prior="default"`` uses the networks that come with the package, which
+# know what photographs look like; without it nothing is learned.
 
 figure, panels = plt.subplots(3, 4, figsize=(10, 8.2), layout="constrained")
 for row, (name, photograph) in zip(panels, photographs.items(), strict=True):
@@ -66,5 +66,5 @@ plt.show()
 
 # %%
 # CC is the correlation of the pre-image with the gray photograph, and the distance is ‖φ(x) − d‖ / ‖d‖. dlib and DPM
-# leave out the outermost cells: what is within 8 pixels of the border is a guess. OpenCV's bins are unsigned: which
+# leave out the outermost cells, so the 8 pixels at the border are a guess. OpenCV's bins are unsigned: which
 # side of an edge is bright must be guessed, too.

@@ -2,8 +2,8 @@
 What does a HOG keep of a photograph?
 =====================================
 
-A descriptor, and nothing else, goes into ``nablahog.reconstruct``; an image with that descriptor comes out: a
-pre-image. What it shares with the photograph, the descriptor has kept.
+``nablahog.reconstruct`` takes a descriptor, and nothing else, and returns an image with this descriptor: a pre-image.
+What it shares with the photograph is what the descriptor has kept.
 """
 
 import matplotlib.pyplot as plt
@@ -43,8 +43,8 @@ plt.show()
 # %%
 # How good is it?
 # ---------------
-# ``distance`` compares descriptors: how well the image explains what was given. It can always be computed. The others
-# compare images, and need the photograph.
+# ``distance`` compares descriptors: how well the image explains the given one. It can always be computed. The other
+# measures compare images, and need the photograph.
 
 for name, value in {
     "distance": result.distance.item(),

@@ -2,8 +2,8 @@
 Table 1 on your own photographs
 ===============================
 
-The paper's Table 1 measures how like the photographs the pre-images of several methods are. The command ``nablahog
-table1`` makes that table of any folder of images.
+The paper's Table 1 measures how similar the pre-images of several methods are to the photographs. The command
+``nablahog table1`` makes this table for any folder of images.
 """
 
 import csv
@@ -22,7 +22,7 @@ import nablahog
 # %%
 # A folder of photographs
 # -----------------------
-# Here it is filled with five photographs that scikit-image installs; yours may have any names and sizes.
+# Here it contains five photographs that scikit-image installs. Yours may have any names and sizes.
 
 folder = tempfile.TemporaryDirectory()
 images, output = Path(folder.name) / "images", Path(folder.name) / "out"
@@ -37,9 +37,9 @@ for name in names:
 # %%
 # The table
 # ---------
-# The command is run as in a shell; it works in processes of its own, as many as there are cores without ``--workers``.
-# Without ``--methods`` there are more, and baselines are learned first, which takes about a quarter of an hour, once.
-# ``--size`` and ``--max-evaluations`` make it fast here; pre-images are better without them.
+# The command runs as in a shell. Without ``--workers`` it uses a process for each core. Without ``--methods`` there are
+# more methods, and the baselines are learned first, which takes about a quarter of an hour, once. ``--size`` and
+# ``--max-evaluations`` make it fast here; pre-images are better without them.
 
 METHODS = "uoctti-single,uoctti-learned,dalal-single,dalal-learned"
 options = ["--methods", METHODS, "--size", "80", "--max-evaluations", "120", "--workers", "1", "--quiet"]
@@ -78,6 +78,6 @@ for name in ("CC", "MI", "SSIM", "distance"):
 folder.cleanup()
 
 # %%
-# |CC| is the magnitude of CC: descriptors of unsigned gradients, ``dalal``, are those of the negative, too. Their
-# pre-images have the smallest distances here, and are the least like the photographs: which regions are bright is not
-# in the descriptor.
+# |CC| is the magnitude of CC. It is used because ``dalal`` has unsigned gradients: a photograph and its negative have
+# the same descriptor. These pre-images have the smallest distances here, but are the least similar to the photographs:
+# the descriptor does not contain which regions are bright.

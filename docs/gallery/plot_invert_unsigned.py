@@ -2,7 +2,7 @@
 What is lost by unsigned orientation bins?
 ==========================================
 
-Unsigned bins put opposite gradients together: an edge from dark to bright and one from bright to dark are the same
+Unsigned bins put opposite gradients together: an edge from dark to bright and an edge from bright to dark are the same
 vote. Therefore a photograph and its negative have the same descriptor. How much harder is it to invert?
 """
 
@@ -28,7 +28,7 @@ images = torch.stack(
 # %%
 # Two specs that differ in one convention
 # ---------------------------------------
-# 9 bins over 180° and 18 bins over 360°: the same width of a bin, and the signed histogram folded is the unsigned one.
+# 9 bins over 180° and 18 bins over 360° have the same width. The sum of opposite signed bins is the unsigned bin.
 
 unsigned = nablahog.presets.opencv(gamma=False, win_size=(128, 128))
 signed = nablahog.presets.opencv(gamma=False, win_size=(128, 128), nbins=18, signed=True)
@@ -41,7 +41,7 @@ for name, spec in {"unsigned": unsigned, "signed": signed}.items():
 # %%
 # Both inverted
 # -------------
-# With nothing learned, with the priors that come with the package, and with signed bins.
+# Unsigned and signed bins, each without and with the priors that come with the package.
 
 settings: dict[str, tuple[nablahog.HOGSpec, Literal["default"] | None]] = {
     "unsigned": (unsigned, None),
@@ -57,30 +57,30 @@ correlations, confidence = {}, None
 for col, (name, (spec, prior)) in enumerate(settings.items(), start=1):
     result = nablahog.reconstruct(nablahog.hog(images, spec), spec, (128, 128), prior=prior, quality="fast", seed=0)
     correlations[name] = [
-        nablahog.metrics.cross_correlation(image[0], found[0])
-        for image, found in zip(images, result.image, strict=True)
+        nablahog.metrics.cross_correlation(image[0], preimage[0])
+        for image, preimage in zip(images, result.image, strict=True)
     ]
     confidence = result.polarity_confidence if name == "unsigned, learned prior" else confidence
-    for row, found, correlation in zip(panels, result.image, correlations[name], strict=True):
-        row[col].imshow(found[0], cmap="gray", vmin=0, vmax=1)
+    for row, preimage, correlation in zip(panels, result.image, correlations[name], strict=True):
+        row[col].imshow(preimage[0], cmap="gray", vmin=0, vmax=1)
         row[col].set_title(f"{name}\nCC {correlation:.2f}", fontsize=10)
 for axes in panels.flat:
     axes.set_axis_off()
 plt.show()
 
 # %%
-# CC is the correlation with the photograph; below 0 the pre-image is a negative. The learned prior says how sure it is
-# of the bright side:
+# CC is the correlation with the photograph; below 0 the pre-image is a negative. With the learned prior the result has
+# a confidence in the bright side:
 
 assert confidence is not None
 for name, each in zip(PLACES, confidence.tolist(), strict=True):
-    print(f"{name:10} probability that the pre-image is no negative: {each:.2f}")
+    print(f"{name:10} probability that the pre-image is not a negative: {each:.2f}")
 
 # %%
 # Is it the number of bins?
 # -------------------------
-# Both descriptors above have bins 20° wide, so the signed one has twice as many numbers. With as many bins over 360° as
-# the unsigned one has over 180°, the numbers are equally many and each bin is twice as wide.
+# Both descriptors above have bins 20° wide, so the signed one has twice as many numbers. Here both have about the same
+# number of bins, so a signed bin is twice as wide.
 
 for bins in (5, 9, 18):
     for name, spec in {"unsigned": unsigned, "signed": signed}.items():
@@ -88,12 +88,12 @@ for bins in (5, 9, 18):
         result = nablahog.reconstruct(nablahog.hog(images, spec), spec, (128, 128), quality="fast", seed=0)
         mean = np.mean(
             [
-                abs(nablahog.metrics.cross_correlation(image[0], found[0]))
-                for image, found in zip(images, result.image, strict=True)
+                abs(nablahog.metrics.cross_correlation(image[0], preimage[0]))
+                for image, preimage in zip(images, result.image, strict=True)
             ]
         )
         print(f"{spec.bins:2} {name:8} bins: mean |CC| of the three {mean:.2f}")
 
 # %%
-# The magnitude |CC| does not count which side is bright. Signed bins still keep more, with the same number of numbers:
-# the signs of regions beside each other are in the descriptor.
+# The magnitude |CC| does not depend on which side of the whole image is bright. With equally many numbers signed bins
+# still keep more: they contain the signs of neighbouring regions.

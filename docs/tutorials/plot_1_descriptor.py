@@ -21,7 +21,7 @@ import nablahog
 # %%
 # The file
 # --------
-# An array and nothing else. (This cell makes the file, so that there is one. Look away.)
+# It contains an array and nothing else. (This cell makes the file for the tutorial.)
 
 folder = tempfile.TemporaryDirectory()
 path = Path(folder.name) / "features.npy"
@@ -34,8 +34,8 @@ print(f"{array.dtype}, shape {array.shape}, values {array.min():.4f} … {array.
 # %%
 # Which HOG is it?
 # ----------------
-# **Count.** 32 channels are DPM's or Piotr Dollár's; 14x14 of them are 16x16 cells less the outermost, so DPM's, of an
-# image of 128x128 pixels in cells of 8. The grids of all presets:
+# **Count.** 32 channels are DPM's or Piotr Dollár's. 14x14 places are 16x16 cells without the outermost ones. So this
+# may be DPM's, of an image of 128x128 pixels with cells of 8. The grids of all presets:
 
 image_size = 128, 128
 for name in nablahog.presets.__all__:
@@ -56,8 +56,8 @@ print(f"Σ texture − 0.2357 · 2 Σ directed, at most {abs(texture.sum(2) - 0.
 print(f"Σ texture − 0.4714 · Σ undirected, at most {abs(texture.sum(2) - 0.4714 * undirected.sum(2)).max():.1e}")
 
 # %%
-# The first identity holds to rounding and the second, VLFeat's, does not: the file is DPM's. From here on the spec and
-# the size of the image belong to the array; a file can hold all three.
+# The first identity holds to rounding; the second one, VLFeat's, does not. So the file is DPM's. From here on we know
+# the spec and the size of the image, and store them in a file together with the array.
 
 spec = nablahog.presets.dpm(cell_size=8)
 descriptor = nablahog.from_layout(array, spec, image_size)
@@ -68,8 +68,9 @@ print(stored.spec, stored.image_size)
 # %%
 # Which image had it?
 # -------------------
-# ``reconstruct`` searches an image with this descriptor. ``prior="default"`` takes the network that comes with the
-# package for signed descriptors; it says what photographs look like, and the search still ends at the descriptor.
+# ``reconstruct`` searches for an image with this descriptor. ``prior="default"`` adds the network for signed
+# descriptors that comes with the package. It knows what photographs look like; the result still has to match the
+# descriptor.
 
 plain = nablahog.reconstruct(descriptor, spec, image_size, seed=0)
 learned = nablahog.reconstruct(descriptor, spec, image_size, prior="default", seed=0)
@@ -89,13 +90,14 @@ for axes in panels[:3]:
 plt.show()
 
 # %%
-# The outermost ring of cells is dark in the glyphs: DPM leaves these cells out. With nothing learned, the search first
-# draws four samples of images with the recovered histograms; then the curve begins anew, with the descriptor itself.
+# The outermost ring of cells is dark in the glyphs: DPM leaves these cells out. Without the prior, the search first
+# draws four samples of images with the recovered histograms. Then a second part of the curve begins, with the
+# descriptor itself.
 #
 # How far can it be trusted?
 # --------------------------
-# The distance tells whether the descriptor is explained. It does not tell whether the image is right, for many images
-# have nearly that descriptor. Searches from different noise differ in what the descriptor leaves open:
+# The distance says how well the image explains the descriptor. It does not say whether the image is right, because many
+# images have nearly this descriptor. Searches from different noise differ in what the descriptor does not determine:
 
 images = torch.stack(
     [
@@ -119,11 +121,11 @@ for axes in panels:
 plt.show()
 
 # %%
-# They differ most along strong edges, whose place within a cell is not in the descriptor. Where they agree, the picture
-# need not be right: what all searches take for granted may be wrong, too.
+# They differ most along strong edges, because the descriptor does not contain the position of an edge within its cell.
+# Where they agree, the picture can still be wrong: all searches make the same assumptions.
 #
-# A wrong order of the axes shows, too: the search cannot explain the array. A wrong dialect of the same order need not
-# show. The array taken for Piotr Dollár's, of an image of 112x112 pixels, is explained as well:
+# With a wrong order of the axes the search cannot explain the array, and the distance is large. With a wrong dialect of
+# the same order it may be small. Here the array is also explained as Piotr Dollár's, of an image of 112x112 pixels:
 
 transposed = np.ascontiguousarray(np.swapaxes(array, 0, 1))  # as MATLAB would store it
 wrong = nablahog.presets.piotr(cell_size=8)
@@ -138,9 +140,9 @@ for name, (each, of, size) in hypotheses.items():
 # %%
 # What is lost?
 # -------------
-# For this file the photograph exists after all. In how far the pre-image has it, frequency by frequency: the
-# correlation of the Fourier coefficients in rings of one more cycle per image. A cell of 8 pixels is half a wave at 8
-# cycles per 128 pixels.
+# For this file we do have the photograph, so we can measure which frequencies the pre-image contains: the correlation
+# of the Fourier coefficients, in rings of one cycle per image each. At 8 cycles per 128 pixels, half a wave is as long
+# as a cell of 8 pixels.
 
 gray = np.asarray(Image.fromarray(photograph).convert("L")) / 255
 
@@ -178,8 +180,8 @@ plt.show()
 folder.cleanup()
 
 # %%
-# Shapes as large as a few cells are kept. What is finer is mostly lost: the texture of the pre-image explains the
-# votes, and is one of many that do. Brightness and contrast were never there: no HOG but Eq. 7 as printed knows them.
+# Shapes as large as a few cells are kept. Finer details are mostly lost: the texture of the pre-image explains the
+# votes, but so do many other textures. No HOG contains the brightness, and only Eq. 7 as printed contains the contrast.
 #
 # Where to go from here: :doc:`/which_hog` for all conventions, :doc:`/reconstruction` for how a pre-image is found, and
 # :doc:`/templates` if the array is a detector's.

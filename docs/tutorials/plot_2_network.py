@@ -31,7 +31,7 @@ images = torch.rand(4, 3, 64, 64, generator=torch.Generator().manual_seed(0))
 print(layer(images).shape, "and in the library's own order:", nablahog.HOG("vlfeat", layout="native")(images).shape)
 
 # %%
-# Images of a batch do not influence each other. There are no statistics of the batch and no state:
+# The images of a batch do not influence each other. The layer has no batch statistics and no state:
 
 print("one image alone is the same:", torch.equal(layer(images)[2:3], layer(images[2:3])))
 
@@ -59,8 +59,8 @@ print("gradient of a flat image, finite:", bool(gradient.isfinite().all()))
 # %%
 # Train through it
 # ----------------
-# Chairs that a program makes, seen from four sides, with strong noise. A linear classifier takes the HOG; before the
-# HOG is one filter of 7x7 pixels, the same for all. Its gradient goes through the HOG, so it can be learned, too.
+# The images are procedural chairs from four sides, with strong noise. The network is one filter of 7x7 pixels, the HOG,
+# and a linear classifier. The gradient of the filter goes through the HOG, so the filter can be learned, too.
 
 SIDE, VIEWS = 48, ("front", "left", "back", "right")
 generator = np.random.default_rng(0)

@@ -24,8 +24,8 @@ from nablahog.render import PARAMETERS, Mesh, depth_and_normals, pose, silhouett
 # %%
 # Load a mesh
 # -----------
-# OFF, OBJ, PLY, STL and GLB are read. To have a file, a chair that a program makes is written as OBJ, with y up, as
-# most OBJ files are.
+# OFF, OBJ, PLY, STL and GLB files can be loaded. For this tutorial, a procedural chair is written as an OBJ file, with
+# y up, as in most OBJ files.
 
 folder = tempfile.TemporaryDirectory()
 path = Path(folder.name) / "chair.obj"
@@ -44,8 +44,8 @@ print(f"bounding box {extent.numpy().round(2)}, its diagonal is {float(extent.no
 #
 # Look before you search
 # ----------------------
-# Nothing goes wrong more often than the axes. Azimuth 0 must show the front, 90 the object's left side. If not, say
-# where the file has them: ``load_mesh(path, up="z", front="-y")``.
+# Wrong axes are the most frequent mistake. Azimuth 0 must show the front, 90 the object's left side. If not, pass the
+# axes of the file: ``load_mesh(path, up="z", front="-y")``.
 
 camera = nablahog.Camera.from_field_of_view(30, height=96, width=96)
 renderer = nablahog.Renderer(mesh, camera)
@@ -95,8 +95,9 @@ plt.show()
 # %%
 # Estimate a pose
 # ---------------
-# The "photograph": the chair before a photograph, with random light, colour, blur and noise, at a known pose. Then what
-# matters: the photograph, the mesh, the box around the object, and roughly the elevation, if it is known.
+# The "photograph" is a rendering of the chair at a known pose in front of a photograph, with random light, colour, blur
+# and noise. ``estimate_pose`` takes the photograph, the mesh, the box around the object, and the rough elevation, if it
+# is known.
 
 settings = SceneSettings(occlusion=0)
 truth = np.array([[35.0, 15.0, 0.0]])
@@ -107,8 +108,9 @@ for name, value in zip(PARAMETERS, one.pose.tolist(), strict=True):
     print(f"{name:9} true {value:7.2f}, estimated {getattr(estimate, name):7.2f}")
 
 # %%
-# The distance goes with the camera's lens, which one photograph of an object hardly tells. The estimate assumes a lens,
-# that of ``estimate.camera``, so the two distances cannot be compared. The outline can: does it fit the object?
+# The distance depends on the camera's lens, and one photograph of an object says little about the lens. The estimate
+# assumes a lens, that of ``estimate.camera``, so the two distances cannot be compared. Look at the outline instead:
+# does it fit the object?
 
 
 def outline(axes: Axes, mesh: Mesh, estimate: nablahog.PoseEstimate, photograph: Tensor) -> None:
@@ -122,9 +124,9 @@ def outline(axes: Axes, mesh: Mesh, estimate: nablahog.PoseEstimate, photograph:
 # %%
 # The similarity over all azimuths
 # --------------------------------
-# ``estimate_pose`` compares with what it calls the calibrated similarity. Here the same question with parts of the
-# public face: the cosine of the HOG of the photograph's box and that of renderings at the estimated pose, turned all
-# around. One backward pass gives its derivative by each azimuth.
+# ``estimate_pose`` uses a calibrated similarity. A simpler one needs only a few public functions: the cosine between
+# the HOG of the photograph's box and the HOG of renderings. The renderings have the estimated pose, except for the
+# azimuth. One backward pass gives the derivatives with respect to all azimuths.
 
 x0, y0, x1, y1 = (round(side) for side in one.box)
 spec = nablahog.presets.uoctti(cell_size=8)
@@ -156,15 +158,15 @@ top.legend(fontsize=9)
 plt.show()
 
 # %%
-# The similarity has a maximum on each side of the object, and only one is right. The derivative is jagged, because each
-# sample of a pixel that an edge passes moves the descriptor: a search that follows it needs many starts, or means over
-# some degrees. :ref:`sphx_glr_auto_gallery_plot_pose_similarity.py` has more of this.
+# The similarity has a maximum on each side of the object, and only one is right. The derivative is jagged, because the
+# descriptor changes whenever an edge passes a sample of a pixel. A search that follows it needs many starts, or means
+# over some degrees. More on this: :ref:`sphx_glr_auto_gallery_plot_pose_similarity.py`.
 #
 # What can go wrong
 # -----------------
-# The same photograph, with one thing wrong at a time. The similarity is in standard deviations over photographs of
-# anything; ``nablahog pose`` warns if it is no larger than in photographs of something else. Look at the outline all
-# the same.
+# The same photograph, with one mistake at a time. The unit of the similarity is its standard deviation over photographs
+# of anything. ``nablahog pose`` warns if it is no larger than in photographs of something else. Look at the outline in
+# any case.
 
 wide, high = one.box.width, one.box.height
 other = nablahog.datasets.chairs.chair(5)
@@ -192,5 +194,5 @@ plt.show()
 folder.cleanup()
 
 # %%
-# How often estimates are right, for which kinds of search, and what the paper leaves open: :doc:`/poses`. With several
-# models, pass them all, by name: the best one is returned.
+# How often estimates are right, for each kind of search, and what the paper leaves open: :doc:`/poses`. If you have
+# several models, pass all of them in a dictionary: the estimate names the best one.

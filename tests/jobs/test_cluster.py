@@ -11,10 +11,12 @@ import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from nablahog.jobs import cluster
 from nablahog.jobs.cluster import CHUNK_SECONDS, _connected, _Waiting, run_on_cluster
 from nablahog.jobs.job_files import local_path, store_files
 from nablahog.jobs.store import JobResult
@@ -87,6 +89,28 @@ def test_deaths_and_failures() -> None:
         assert np.array_equal(result.pictures, alone.pictures)
     assert output[1] == "the process at work on it died, 2 times"
     assert str(output[2]).startswith("KeyError at fakes.py:")
+
+
+@pytest.mark.parametrize("workers", [{}, {"tcp://127.0.0.1:1": 1}])
+def test_a_result_that_is_lost_before_it_is_read(workers: dict[str, int], monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is waited for as long as there are workers that can compute it again."""
+    monkeypatch.setattr(cluster, "PATIENCE", 0.01)
+    asked = []
+
+    class Future:
+        def result(self, timeout: float) -> str:
+            asked.append(timeout)
+            if len(asked) == 1:
+                raise asyncio.TimeoutError
+            return "computed again"
+
+    client = SimpleNamespace(nthreads=lambda: workers)
+    if workers:
+        assert cluster._result(Future(), client, "local:1") == "computed again"  # type: ignore[arg-type]
+    else:
+        with pytest.raises(ChildProcessError, match="the cluster local:1 has no workers any more"):
+            cluster._result(Future(), client, "local:1")  # type: ignore[arg-type]
+    assert asked == [0.01] * (2 if workers else 1)
 
 
 def test_an_existing_cluster(scheduler: str) -> None:

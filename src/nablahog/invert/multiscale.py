@@ -113,9 +113,9 @@ def reconstruct_multiscale(
 ) -> list[Level[Descriptors]]:
     """Pre-images at every scale, the smallest first; the last is the answer.
 
-    Of a signed spec, each level starts from the enlarged image of the one before, and draws samples of its own.  Of an
-    unsigned one, samples that differ in the signs of regions would have no meaningful mean: the first level is a single
-    image, and each later one expects the image of the one before, keeps close to it, and adds what its pixels can say.
+    For a signed spec, each level begins with the enlarged image of the previous level, and draws its own samples.  For
+    an unsigned one, the mean of samples that differ in the signs of regions has no meaning: the first level is a single
+    image, and each later level has the image of the previous one as its expected image, and adds finer details.
 
     Args:
         descriptors: (B, rows, cols, channels), matched at every level (multi-scale), or one for each scale
@@ -124,15 +124,19 @@ def reconstruct_multiscale(
         image_size: (height, width); by default whole cells.
         scales: falling square numbers.
         method: as :func:`.preimage.reconstruct`.  The paper's search begins with noise at the first level, and with the
-            enlarged image of the one before at each other, whether signed or not.
+            enlarged image of the previous level at each other one, whether signed or not.
         seed: of the noise.
-        prior: as :func:`.preimage.reconstruct`: of a signed descriptor what the last level expects; of an unsigned one
-            what the first does, if all match one descriptor, and details and polarity of the last.
-        search: as :func:`.preimage.reconstruct`.  Its evaluations are those of the last level; each level before may
-            spend a quarter of them and at most 120, "few iterations".  Its samples are those of a signed descriptor.
-            With its polarity the last level decides, for all levels, between the image and its negative.
-        objective: as :func:`.preimage.reconstruct`; closeness is to what a level expects.
-        progress: called with the evaluations done and the most there can be, over all levels.
+        prior: as :func:`.preimage.reconstruct`.  For a signed descriptor it predicts the expected image of the last
+            level.  For an unsigned one it predicts that of the first level, if all levels match one descriptor, and
+            the details and the polarity of the last level.
+        search: as :func:`.preimage.reconstruct`.  Its evaluations are those of the last level; each other level has a
+            quarter of them and at most 120, "few iterations".  Its samples are used for signed descriptors only.  Its
+            polarity is decided at the last level, for all levels.
+        objective: as :func:`.preimage.reconstruct`; closeness is that to the expected image of a level.
+        progress: called with the number of evaluations so far and the largest possible number, over all levels.
+
+    Returns:
+        A level for each scale: its scale, and its :class:`nablahog.Reconstruction` with images (B, 1, H, W) in 0…1.
 
     Raises:
         TypeError, ValueError: as :func:`.preimage.reconstruct`; the scales do not fall, or one does not exist for this

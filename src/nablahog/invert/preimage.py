@@ -40,49 +40,50 @@ def reconstruct(
 ) -> Reconstruction[Descriptors]:
     """Images whose HOG is the given descriptor, from the descriptor alone, for a whole batch at once.
 
-    The histograms before normalisation are recovered (:mod:`.histograms`).  Several images with these histograms, the
-    samples, are searched from different starts.  Their mean, smoothed, is what the image is expected to be: it leaves
-    out what they disagree on.  The answer is an image with this descriptor, close to what is expected.
+    First the histograms before normalisation are recovered (:mod:`.histograms`).  Then several images with these
+    histograms, the samples, are found from different starts.  Their smoothed mean is the *expected* image: it does not
+    contain what the samples disagree on.  The result is an image with the given descriptor, close to the expected one.
 
-    An unsigned descriptor has no such samples: they would differ in the signs of whole regions.  What is expected then
-    comes from :mod:`.signs`, and of the image and its negative the one that looks more like a photograph is returned
-    (:mod:`.polarity`).  A learned prior knows both better.
+    Samples for an unsigned descriptor would differ in the signs of whole regions.  So the expected image comes from
+    :mod:`.signs`, and of the image and its negative the one that looks more like a photograph is returned
+    (:mod:`.polarity`).  A learned prior is better at both.
 
-    Each image has its own steps and its own stop.  A batch therefore gives what its images alone would give, up to
-    rounding, which a long search may amplify.  A batch that needs more than half a GiB, or than two fifths of what is
-    free on a GPU, is searched in parts, one after the other.
+    Each image has its own steps and its own stop.  So an image has the same result in a batch as alone, up to rounding,
+    which a long search may amplify.  A batch that needs more than half a GiB, or more than two fifths of the free
+    memory of a GPU, is searched in parts, one after the other.
 
     Args:
         descriptor: (B, rows, cols, channels), float32 or float64, a tensor on any device or a NumPy array; an array
             also (rows, cols, channels).
         spec: the dialect that made it, or the name of a preset with its defaults.
-        image_size: (height, width); by default whole cells, rows · cell height and cols · cell width.
-        quality: ``"best"``, or ``"fast"``: an eighth of the evaluations, for a coarser image.
-        seed: of the noise that the search starts from.  The same for every image of the batch.
-        start: (B, 1, H, W) in 0…1, images to begin with, of any contrast; by default what the votes integrate to.
-        expected: (B, 1, H, W) in 0…1, of any contrast, instead of the samples' mean; no samples are drawn.
-        prior: a network that was learned for such descriptors, and says what is expected; of unsigned ones also which
-            side is bright.  For unsigned ones there may be two, ``[unsigned, signed]``: once an image is found, the
-            second says which details to expect of it, and the search goes on near these.  ``"default"`` is what comes
-            with the package.
+        image_size: (height, width) in pixels; by default whole cells, rows · cell height and cols · cell width.
+        quality: ``"best"``; or ``"fast"``, with an eighth of the evaluations and a coarser image.
+        method: ``"default"``; or ``"paper"``, the paper's own search, for which an ``invert.AsPublished`` may set what
+            the paper leaves open.
+        seed: of the initial noise, which is the same for every image of the batch.
+        start: (B, 1, H, W) in 0…1, initial images, of any contrast; by default the integral of the mean gradients.
+        expected: (B, 1, H, W) in 0…1, of any contrast: the expected images; then no samples are drawn.
+        prior: a network trained for such descriptors, which predicts the expected image, and for unsigned ones also
+            which side is bright.  For unsigned descriptors there may be two, ``[unsigned, signed]``: the second adds
+            details when an image is found.  ``"default"``: the priors that come with the package.
         search: the minimiser, its unknowns and budget, samples, signs and polarity.
         objective: smoothness ξ, closeness λ, and priors.
-        progress: called with the evaluations done, by the paper's search the iterations, and the most there can be,
-            over all parts of the batch.
-        watch: called after each round of evaluations, by the paper's search after each iteration, with the images so
-            far, an :class:`.iterate.Iterate`; first with what a prior expects.  An exception that it raises ends the
-            search.
+        progress: called with the number of evaluations so far and the largest possible number, over all parts of the
+            batch; iterations for the paper's search.
+        watch: called with the images so far, an :class:`.iterate.Iterate`: after each round of evaluations, for the
+            paper's search after each iteration, and first with the expected image of a prior.  An exception that it
+            raises ends the search.
 
     Returns:
         Images (B, 1, H, W) in 0…1, their distances and how the search ended, see :class:`nablahog.Reconstruction`;
-        arrays if ``descriptor`` is an array.  They have no derivative by ``descriptor``.
+        arrays if ``descriptor`` is an array.  They have no derivative with respect to ``descriptor``.
 
     Raises:
-        TypeError: the descriptor, ``start`` or ``expected`` is no floating-point tensor or array.
-        ValueError: their shape contradicts spec and image size, they hold NaN or Inf, the spec keeps DPM's texture
-            without directed channels, there is no such quality or method, the method does not take an option, or the
-            prior is for others.
-        FileNotFoundError: the default prior was not installed.
+        TypeError: the descriptor, ``start`` or ``expected`` is not a floating-point tensor or array.
+        ValueError: their shape contradicts spec and image size; they contain NaN or Inf; the spec has DPM's texture
+            without directed channels; there is no such quality or method; the method does not have an option; or the
+            prior is for other descriptors.
+        FileNotFoundError: the default prior is not installed.
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> descriptor = nablahog.hog(torch.rand(1, 1, 32, 32), spec)

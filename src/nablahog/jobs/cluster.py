@@ -108,11 +108,11 @@ def run_on_cluster(
                 continue
             chunk = chunks.pop(future.key)
             try:
-                seconds, answers = future.result()
+                seconds, answers = _result(future, client, cluster)
             except KilledWorker as error:
                 if waiting.suspect(chunk):
                     yield chunk[0], f"the process at work on it died, {error.allowed_failures + 1} times"
-            except LOST:
+            except (*LOST, ChildProcessError):
                 raise
             except Exception as error:  # no job's: perhaps workers have another version, and cannot read it
                 for index in chunk:
@@ -121,6 +121,16 @@ def run_on_cluster(
                 waiting.took(seconds, len(chunk))
                 yield from zip(chunk, answers, strict=True)
             send()
+
+
+def _result(future: Any, client: Client, cluster: str) -> Any:
+    """The result of a future that has ended; waits for it again if it was lost with its worker since."""
+    while True:
+        try:
+            return future.result(timeout=PATIENCE)
+        except asyncio.TimeoutError:  # noqa: PERF203
+            if not client.nthreads():
+                raise ChildProcessError(f"the cluster {cluster} has no workers any more") from None
 
 
 def attempt_all(jobs: Sequence[Work[R]]) -> tuple[float, list[R | str]]:
