@@ -91,6 +91,7 @@ def pose() -> None:
         initial=one.initial,
         seed=0,
         background=None,
+        viewpoint_prior=None,
     )
     print(f"pose.png: azimuth {estimate.azimuth:.1f} for {one.azimuth:.1f}")
     with TemporaryDirectory() as folder:

@@ -14,7 +14,7 @@ def tilted(*views: tuple[str, float, float]) -> list[Hypothesis]:
     poses = torch.tensor([[azimuth, 0, 5, 0, 0, 0] for _, azimuth, _ in views]).double()
     crop = PreparedPhotograph(crop_object(torch.zeros(1, 64, 64)))
     return [
-        Hypothesis(value, model, pose, crop, ((float(pose[0]), value),))
+        Hypothesis(value, model, pose, crop, crop, ((float(pose[0]), value),))
         for (model, _, value), pose in zip(views, poses, strict=True)
     ]
 

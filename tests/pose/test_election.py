@@ -25,6 +25,7 @@ def poses(azimuths: list[float], coarse: list[float], fine: list[float] | None =
             chr(97 + k),
             torch.tensor([at, at / 10, 3.0, 0, 0, 0], dtype=torch.float64),
             photograph,
+            photograph,
             ((at, coarse[k]),),
         )
         for k, at in enumerate(azimuths)

@@ -19,6 +19,7 @@ class Hypothesis:
         model: its name.
         pose: (6,) for the crop.
         photograph: the crop around the object's box, or around a better one.
+        place: the crop around the box that was given, or that the object may be in.
         trace: azimuth and coarse similarity of the poses so far.
         unlikely: what it loses of its similarity in comparisons, see :meth:`.problem.PoseProblem.unlikely`.
     """
@@ -27,6 +28,7 @@ class Hypothesis:
     model: str
     pose: Tensor
     photograph: PreparedPhotograph
+    place: PreparedPhotograph
     trace: tuple[tuple[float, float], ...] = ()
     unlikely: float = 0.0
 

@@ -63,7 +63,7 @@ class Search:
 
     def _level_view(self, value: float, name: str, elevation: float, azimuth: Tensor) -> Hypothesis:
         (pose,) = self.problem.level_views(self.problem.models[name], azimuth[None], elevation)
-        return self._hypothesis(value, name, pose, self.problem.photograph)
+        return self._hypothesis(value, name, pose, self.problem.photograph, self.problem.photograph)
 
     @property
     def _closer(self) -> int:
@@ -107,9 +107,9 @@ class Search:
             if pose[3] == 0 and photograph is self.problem.photograph:
                 return None  # that view is there
             (pose,) = self.problem.fit(model, pose[None], photograph)
-            return self._hypothesis(value, name, pose, photograph)
+            return self._hypothesis(value, name, pose, photograph, photograph)
         other = self.problem.cropped(crop.box_in_photograph(box))
-        return self._hypothesis(value, name, crop.converted(pose, other.crop), other)
+        return self._hypothesis(value, name, crop.converted(pose, other.crop), other, photograph)
 
     @cached_property
     def _pyramids(self) -> list[tuple[PreparedPhotograph, Pyramid]]:
@@ -119,9 +119,11 @@ class Search:
         reach = ROUGH if problem.boxes is None else FOUND
         return [(one, pyramid(one, problem.image, problem.tilts, reach)) for one in photographs]
 
-    def _hypothesis(self, value: float, name: str, pose: Tensor, photograph: PreparedPhotograph) -> Hypothesis:
+    def _hypothesis(
+        self, value: float, name: str, pose: Tensor, photograph: PreparedPhotograph, place: PreparedPhotograph
+    ) -> Hypothesis:
         unlikely = float(self.problem.unlikely(pose[None], photograph))
-        hypothesis = Hypothesis(value, name, pose, photograph, ((float(pose[0]), value),), unlikely)
+        hypothesis = Hypothesis(value, name, pose, photograph, place, ((float(pose[0]), value),), unlikely)
         self._watch(hypothesis, pose)
         return hypothesis
 
@@ -195,9 +197,9 @@ class Search:
 
     def azimuth_evidence(self, poses: Sequence[Hypothesis]) -> Tensor:
         """How likely their azimuths are whatever the model, logarithms, (N,)."""
-        photographs = list(dict.fromkeys(one.photograph for one in poses))
-        evidence = azimuth_evidence(self.problem, self.problem.viewpoints, photographs)
-        rows = torch.tensor([photographs.index(one.photograph) for one in poses])
+        places = list(dict.fromkeys(one.place for one in poses))  # in a crop of its own a pose would confirm itself
+        evidence = azimuth_evidence(self.problem, self.problem.viewpoints, places)
+        rows = torch.tensor([places.index(one.place) for one in poses])
         return at_azimuths(evidence[rows], torch.tensor([one.azimuth for one in poses], dtype=torch.float64))
 
     def seen_from(self, viewpoint: Tensor, of: Hypothesis) -> Hypothesis:

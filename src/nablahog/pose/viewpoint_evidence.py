@@ -23,7 +23,7 @@ from .views import VIEW_COUNT, view_descriptors
 
 ViewpointChoice: TypeAlias = ViewpointPrior | Literal["default"] | None
 FILE = Path(__file__).with_name("default_viewpoints") / "chairs.npz"
-_SHARPNESS = 0.5  # of similarity: a view that has so much less counts a factor e less
+_SHARPNESS = 0.5  # of similarity: by how much views differ of which the best alone counts
 _NETWORK = 0.3  # exponent of the network's probabilities, which are too sure of themselves
 _ASKED = 4  # every such view of a model is shown to the network, to see whether it knows the class
 _ELEVATION = 15.0  # degrees, of these views
@@ -94,7 +94,7 @@ def _right_share(prior: ViewpointPrior, model: PreparedModel) -> float:
 
 
 def _of_views(problem: PoseProblem, photographs: Sequence[PreparedPhotograph]) -> Tensor:
-    """Of all views of all models: the logarithm of their mean exponential similarity at each azimuth, (P, 48)."""
+    """A soft maximum of the similarities of all models' views at each azimuth, up to a constant, (P, 48)."""
     templates = [photograph.calibrated for photograph in photographs]
     first = templates[0]
     assert first.whitener is not None
@@ -107,4 +107,4 @@ def _of_views(problem: PoseProblem, photographs: Sequence[PreparedPhotograph]) -
         for model in problem.models.values():
             views = view_descriptors(model, first.spec, first.whitener, first.shrink, elevation)
             sums += (((views @ weights).double().T - unlikely) / _SHARPNESS).exp()
-    return sums.log()
+    return _SHARPNESS * sums.log()
