@@ -16,12 +16,15 @@ from nablahog.datasets.chairs import chair
 from nablahog.datasets.viewpoint_scenes import viewpoint_scene
 from nablahog.pose import estimate_pose
 from nablahog.pose.crop import crop_object, typical_camera
-from nablahog.pose.prepared import coarse_background, prepared_model
+from nablahog.pose.hypothesis import Hypothesis
+from nablahog.pose.prepared import PreparedModel, PreparedPhotograph, coarse_background, prepared_model
+from nablahog.pose.problem import PoseProblem
+from nablahog.pose.search import Search
 from nablahog.pose.similarity import describe
-from nablahog.pose.viewpoint_evidence import FILE, at_azimuths, default_viewpoints, knows
+from nablahog.pose.viewpoint_evidence import FILE, at_azimuths, azimuth_evidence, default_viewpoints, knows
 from nablahog.pose.viewpoint_network import ViewpointLearning, ViewpointNetwork, ViewpointPrior, mirrored
 from nablahog.pose.viewpoint_training import likely_azimuths, train_viewpoints
-from nablahog.render import Mesh
+from nablahog.render import Mesh, render
 
 SPEC = coarse_background(None)[0].spec
 LEARNING = ViewpointLearning(scenes=64, photographs=1, sha256="", seed=0, epochs=1, losses=(1.0,))
@@ -151,3 +154,32 @@ def test_the_file_says_how_it_was_learned() -> None:
     learning = ViewpointPrior.load(FILE).learning
     assert learning.scenes == 30_000
     assert len(learning.losses) == learning.epochs
+
+
+def _problem(
+    image: Tensor, photograph: PreparedPhotograph, models: dict[str, PreparedModel], prior: ViewpointPrior | None
+) -> PoseProblem:
+    view, generator = (0.0, 15.0), torch.Generator()
+    return PoseProblem(image, photograph, models, None, view, 180.0, None, "quadratic", prior, generator, print)
+
+
+def test_a_pose_with_a_crop_of_its_own_is_judged_in_the_box_that_was_given() -> None:
+    made = viewpoint_scene(0, {"a": chair(1)}, [torch.rand(200, 200, generator=torch.Generator().manual_seed(3))])
+    given, other = (PreparedPhotograph(crop_object(made.image, box)) for box in (made.box, (20, 20, 90, 110)))
+    models = {"a": prepared_model(chair(1), typical_camera()), "b": prepared_model(chair(2), typical_camera())}
+    problem = _problem(made.image, given, models, default_viewpoints())
+    pose = torch.tensor([200.0, 15, 3, 0, 0, 0], dtype=torch.float64)
+    own, elsewhere = (Hypothesis(5.0, "a", pose, crop, given) for crop in (given, other))
+    evidence = Search(problem).azimuth_evidence([own, elsewhere])
+    assert evidence[0] == evidence[1] < 0
+
+
+def test_views_alone_say_from_which_side_an_object_is_seen() -> None:
+    models = {str(seed): prepared_model(chair(seed), typical_camera()) for seed in range(4)}
+    pose = torch.tensor([[140.0, 15, 3, 0, 0, 0]])
+    image = render(chair(0), pose, typical_camera())[0]
+    photograph = PreparedPhotograph(crop_object(image, (8, 8, 120, 120)))
+    problem = _problem(image, photograph, models, None)
+    evidence = azimuth_evidence(problem, None, [photograph])
+    torch.testing.assert_close(evidence.exp().sum(1), torch.ones(1, dtype=torch.float64))
+    assert abs(7.5 * int(evidence[0].argmax()) - 140) <= 15
