@@ -74,7 +74,7 @@ LENGTHS: list[tuple[int, tuple[int, int], HOGSpec]] = [
 def test_lengths() -> None:
     for length, size, spec in LENGTHS:
         assert math.prod(native_shape(spec, size)) == length, spec.name
-    said = {int(number) for row in table("Frequent lengths") for number in row[0].split(", ")}
+    said = {int(number) for row in table("Common lengths") for number in row[0].split(", ")}
     assert said == {length for length, _, _ in LENGTHS}
 
 
