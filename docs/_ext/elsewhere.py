@@ -14,6 +14,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = {
     "benchmarks/README": "benchmarks",
     "src/nablahog/invert/default_priors/README": "default_priors",
+    "src/nablahog/pose/default_viewpoints/README": "default_viewpoints",
     "CHANGELOG": "changelog",
     "CONTRIBUTING": "contributing",
     "README": "index",
