@@ -16,6 +16,9 @@ if find_spec("triton") is None:
 elif not torch.cuda.is_available():
     from triton.runtime import interpreter
 
+    from nablahog.hog.triton import launch
+
+    launch.ENOUGH = 1  # few long strips: fewer rows are read twice
     # It prepares Triton's language for itself at every call of one function by another, and checks all sums of
     # integers for overflow: together most of the time of these tests.  Once for each of Triton's modules is enough.
     _prepared: set[str] = set()

@@ -1,7 +1,9 @@
 """Eq. 1-6 in Triton: images to cells, and the tangents of cells.
 
-Each program owns a row of cells, or a part of it, and gathers the votes of the pixels around: no other program writes
-there, and sums are always in the same order.
+Along either axis pixels lie in bands: runs that vote into the same cells (:class:`.parameters.Bands`).  A lane, one
+thread of a warp, owns one band of columns and goes down some rows of cells.  It adds the votes of its pixels to
+histograms in its registers, one for each cell that the band votes into; at the end of a band of rows, neighbouring lanes
+are summed.  No other program writes the same cells, and sums are always in the same order.
 """
 
 from __future__ import annotations
@@ -9,16 +11,12 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-from .gradients import gradient_tangents, gradients, quotient
-from .votes import bin_after, bin_before, magnitude
+from .gradients import gradient_tangents, gradients, places, value, value_tangent
+from .votes import bin_before, magnitude
 
-
-@triton.jit
-def program_place(chunks_y, chunks_x):
-    """The image of this program, and its place in it."""
-    program = tl.program_id(0)
-    chunk = program // chunks_x
-    return (chunk // chunks_y).to(tl.int64), chunk % chunks_y, program % chunks_x
+LANES = 32
+"""Of a program: a warp, so that lanes exchange sums without waiting for other warps."""
+_LANES = tl.constexpr(LANES)
 
 
 @triton.jit
@@ -31,30 +29,154 @@ def of_image(pixels, image, stride, strides, COLOURS: tl.constexpr):
 
 
 @triton.jit
-def _not_finite(pixels, size, strides, chunk, chunks, TILE_Y: tl.constexpr, TILE_X: tl.constexpr, channels):
-    """1 if there is NaN or infinity in this program's share of the image: pixels that do not vote count, too."""
-    high, wide = (size[0] + chunks[0] - 1) // chunks[0], (size[1] + chunks[1] - 1) // chunks[1]
-    first_y, first_x = chunk[0] * high, chunk[1] * wide
-    last_y, last_x = tl.minimum(first_y + high, size[0]), tl.minimum(first_x + wide, size[1])
-    spoilt = tl.zeros([TILE_Y, TILE_X], tl.int32)
-    for top in range(first_y, last_y, TILE_Y):
-        y = top + tl.arange(0, TILE_Y)[:, None]
-        for left in range(first_x, last_x, TILE_X):
-            x = left + tl.arange(0, TILE_X)[None, :]
-            at = pixels + (y.to(tl.int64) * strides[1] + x.to(tl.int64) * strides[2])
-            for _ in range(channels):
-                value = tl.load(at, mask=(y < last_y) & (x < last_x), other=0)
-                spoilt |= (value - value != 0).to(tl.int32)
-                at += strides[0]
-    return tl.max(tl.max(spoilt, 1), 0)
+def _together(values):
+    """(n, lanes) from a tuple of n, a power of two: a lane has its own n in registers."""
+    count: tl.constexpr = len(values)
+    if count == 1:
+        tile = tl.expand_dims(values[0], 0)
+    else:
+        halves = tl.join(_together(values[: count // 2]), _together(values[count // 2 :]))
+        tile = tl.reshape(tl.permute(halves, [2, 0, 1]), [count, _LANES])
+    return tile
 
 
 @triton.jit
-def _column_weights(weights, first, j, x, cells, length):
-    """(cells, pixels): the weights of columns of pixels in columns of cells."""
-    inside = j < cells
-    place = x - tl.load(first + j, mask=inside, other=0)
-    return tl.load(weights + j * length + place, mask=inside & (place >= 0) & (place < length), other=0)
+def _pairs(tile):
+    """A tuple of pixels two by two: (2, lanes) each."""
+    count: tl.constexpr = tile.shape[0]
+    if count == 2:
+        pairs = (tile,)
+    else:
+        first, second = tl.split(tl.permute(tl.reshape(tile, [2, count // 2, _LANES]), [1, 2, 0]))
+        pairs = _pairs(first) + _pairs(second)
+    return pairs
+
+
+@triton.jit
+def _weighted_sum(votes, weights):
+    """Over the pixels of each lane; both come as pairs."""
+    total = votes[0] * weights[0]
+    pairs: tl.constexpr = len(votes)
+    for pair in tl.static_range(1, pairs):
+        total = tl.fma(votes[pair], weights[pair], total)
+    return tl.sum(total, 0)
+
+
+@triton.jit
+def _row(
+    pixels,
+    tangents,
+    y,
+    columns,
+    size,
+    strides,
+    other,
+    READING: tl.constexpr,
+    REAL: tl.constexpr,
+    TANGENT: tl.constexpr,
+):
+    """Values, or their tangents, of one row of each lane in its columns, by channel."""
+    described: tl.constexpr = READING.channels
+    count: tl.constexpr = len(columns)
+    y = tl.minimum(tl.maximum(y, 0), size[0] - 1).to(tl.int64)
+    row = ()
+    for k in tl.static_range(described):
+        values = ()
+        for d in tl.static_range(count):
+            at = places(pixels, y, columns[d], strides, READING)
+            if TANGENT:
+                at_tangent = places(tangents, y, columns[d], other, READING)
+                values = values + (value_tangent(at, at_tangent, strides, other, k, READING, REAL),)
+            else:
+                values = values + (value(at, strides, k, READING, REAL),)
+        row = row + (values,)
+    return row
+
+
+@triton.jit
+def _around(above, row, below, READING: tl.constexpr):
+    """What gradients are made of, from three rows."""
+    count: tl.constexpr = len(row[0])
+    described: tl.constexpr = READING.channels
+    arounds = ()
+    for k in tl.static_range(described):
+        before, after = _together(row[k][: count - 2]), _together(row[k][2:])
+        up, down = _together(above[k][1 : count - 1]), _together(below[k][1 : count - 1])
+        if READING.sobel:
+            up_before, up_after = _together(above[k][: count - 2]), _together(above[k][2:])
+            down_before, down_after = _together(below[k][: count - 2]), _together(below[k][2:])
+            arounds = arounds + ((up_before, up, up_after, before, up, after, down_before, down, down_after),)
+        else:
+            arounds = arounds + ((up, up, up, before, up, after, down, down, down),)  # corners do not count
+    return arounds
+
+
+@triton.jit
+def _spoilt(row, so_far, READING: tl.constexpr):
+    """NaN where a value is not finite."""
+    count: tl.constexpr = len(row[0])
+    described: tl.constexpr = READING.channels
+    for k in tl.static_range(described):
+        for d in tl.static_range(count):
+            so_far = tl.fma(row[k][d], 0.0, so_far)
+    return so_far
+
+
+@triton.jit
+def _spoilt_outside(pixels, size, strides, seen, program, programs, so_far, channels):
+    """NaN if a pixel in the program's share of what is outside of the rectangle ``seen`` is not finite."""
+    tops, bottoms = (0, seen[1], seen[0], seen[0]), (seen[0], size[0], seen[1], seen[1])
+    lefts, rights = (0, 0, 0, seen[3]), (size[1], size[1], seen[2], size[1])
+    for side in tl.static_range(4):
+        wide = rights[side] - lefts[side]
+        count = (bottoms[side] - tops[side]).to(tl.int64) * wide
+        for first in range(program.to(tl.int64) * _LANES, count, programs * _LANES):
+            place = first + tl.arange(0, _LANES)
+            y, x = tops[side] + place // tl.maximum(wide, 1), lefts[side] + place % tl.maximum(wide, 1)
+            at = pixels + (y * strides[1] + x * strides[2])
+            for _ in range(channels):
+                so_far = tl.fma(tl.load(at, mask=place < count, other=0).to(so_far.dtype), 0.0, so_far)
+                at += strides[0]
+    return so_far
+
+
+@triton.jit
+def _votes(gx, gy, VOTES: tl.constexpr, VOTING: tl.constexpr):
+    """Of pixels: (bins, votes for them, votes for the bins after them)."""
+    m, inverse = magnitude(gx, gy)
+    low, f, _, _ = VOTES(gx, gy, inverse, VOTING)
+    of_after = f * m
+    return ((low, m - of_after, of_after),)
+
+
+@triton.jit
+def _vote_tangents(gx, gy, dx, dy, VOTES: tl.constexpr, VOTING: tl.constexpr):
+    """Their tangents, which add up."""
+    _, inverse = magnitude(gx, gy)
+    low, f, from_bin, part = VOTES(gx, gy, inverse, VOTING)
+    along = (gx * dx + gy * dy) * inverse  # of the magnitude
+    votes = ((low, (1 - f) * along, f * along),)
+    if not VOTING.hard:
+        across = VOTING.slope * (gx * dy - gy * dx) * inverse  # of the position in bins, times the magnitude
+        centre = part == 0  # of a bin: the mean of both sides
+        onward = tl.where(centre, across * 0.5, across)
+        votes = votes + ((from_bin, tl.where(centre, 0.0, -across), onward),)
+        votes = votes + ((bin_before(from_bin, VOTING), tl.where(centre, -onward, 0.0), tl.zeros_like(f)),)
+    return votes
+
+
+@triton.jit
+def _of_bin(votes, k: tl.constexpr, VOTING: tl.constexpr):
+    """The votes of each pixel for bin k."""
+    kinds: tl.constexpr = len(votes)
+    before: tl.constexpr = (k + VOTING.bins - 1) % VOTING.bins
+    of_bin = 0.0
+    for kind in tl.static_range(kinds):
+        of_low = tl.where(votes[kind][0] == k, votes[kind][1], 0.0)
+        if not VOTING.hard:
+            of_low = tl.where(votes[kind][0] == before, votes[kind][2], of_low)
+        of_bin = of_low if kind == 0 else of_bin + of_low
+    return of_bin
 
 
 @triton.jit
@@ -63,11 +185,8 @@ def cells_kernel(
     tangents,
     out,
     flags,
-    table,
-    row_spans,
     row_first,
     row_weights,
-    col_spans,
     col_first,
     col_weights,
     size,
@@ -76,9 +195,12 @@ def cells_kernel(
     other_stride,
     other,
     grid,
+    longest,
     chunks,
-    lengths,
     of_chunk,
+    strips,
+    of_strip,
+    seen,
     last_wins,
     channels,
     out_stride,
@@ -87,72 +209,111 @@ def cells_kernel(
     READING: tl.constexpr,
     VOTING: tl.constexpr,
     COLOURS: tl.constexpr,
+    HIGH: tl.constexpr,
+    WIDE: tl.constexpr,
+    AT_ONCE: tl.constexpr,
     TANGENTS: tl.constexpr,
     CHECKED: tl.constexpr,
-    ONCE: tl.constexpr,
-    TILE_Y: tl.constexpr,
-    TILE_X: tl.constexpr,
-    CELLS: tl.constexpr,
 ):
     """Cells (images, rows, cols, bins), ``out_stride`` from image to image, of images, or their tangents.
 
-    Sets ``flags`` of images with a pixel that is not finite.
+    A program has ``strips[1]`` strips of ``of_strip`` rows of cells, each of ``of_chunk`` columns of cells.  Bands vote
+    into HIGH x WIDE cells; a lane reads AT_ONCE of its columns, a power of two
+    above 1, at a time.  Sets ``flags`` of images with a pixel that is
+    not finite.
     """
     REAL: tl.constexpr = out.dtype.element_ty
-    image, row, part = program_place(chunks[0], chunks[1])
+    bins: tl.constexpr = VOTING.bins
+    chunk, group = tl.program_id(0) % chunks, tl.program_id(0) // chunks
+    groups = (strips[0] + strips[1] - 1) // strips[1]
+    image, group = (group // groups).to(tl.int64), group % groups
     pixels = of_image(images, image, stride, strides, COLOURS)
-    if CHECKED:
-        all_channels = of_image(images, image, stride, (strides[0] * 0, strides[1], strides[2]), COLOURS)
-        spoilt = _not_finite(all_channels, size, strides, (row, part), chunks, TILE_Y, TILE_X, channels)
-        tl.store(flags + image * flag_stride, tl.full([], 1, flags.dtype.element_ty), mask=spoilt > 0)
-    j = part * of_chunk + tl.arange(0, CELLS)
-    here = (j < grid[1]) & (j < (part + 1) * of_chunk)
-    to = out + image * out_stride + (row * grid[1] + j) * VOTING.bins
-    top, bottom = tl.load(row_spans + 2 * row), tl.load(row_spans + 2 * row + 1)
-    start, stop = tl.load(col_spans + 2 * part), tl.load(col_spans + 2 * part + 1)
-    first_row = tl.load(row_first + row)
-    if not ONCE:
-        for k in range(VOTING.bins):
-            tl.store(to + k, tl.zeros([CELLS], REAL), mask=here)
-        tl.debug_barrier()  # each tile reads what was written before
-    for tile_y in range(top, tl.maximum(bottom, top + 1), TILE_Y):
-        y = tile_y + tl.arange(0, TILE_Y)[:, None]
-        place = y - first_row
-        voting_row = (place >= 0) & (place < lengths[0]) & (y < size[0])
-        by_row = tl.load(row_weights + row * lengths[0] + place, mask=voting_row, other=0)
-        for tile_x in range(start, tl.maximum(stop, start + 1), TILE_X):
-            x = tile_x + tl.arange(0, TILE_X)[None, :]
-            inside = voting_row & (x < stop)
-            gx, gy, winner = gradients(pixels, y, x, inside, size, strides, last_wins, READING, REAL)
-            m = tl.where(inside, magnitude(gx, gy), 0.0)
-            own, next_, f, near, r = VOTES(gx, gy, table, VOTING)
-            by_col = _column_weights(col_weights, col_first, j[:, None], x, grid[1], lengths[1])
+    changes = of_image(tangents, image, other_stride, other, COLOURS)
+    lane = tl.arange(0, _LANES)
+    lanes = of_chunk + WIDE - 1  # of a strip
+    strip = group * strips[1] + lane // lanes
+    j = chunk * of_chunk + lane % lanes
+    owned = (lane % lanes < of_chunk) & (j < grid[1]) & (lane // lanes < strips[1])
+    row_bands, col_bands = grid[0] + HIGH - 1, grid[1] + WIDE - 1
+    col_band = tl.minimum(j, col_bands - 1)
+    first_column = tl.load(col_first + col_band)
+
+    zero = tl.zeros([_LANES], REAL)
+    spoilt = zero
+    sums = ()
+    for _ in tl.static_range(bins * WIDE * HIGH):
+        sums = sums + (zero,)
+    for step in range(of_strip + HIGH - 1):
+        row_band = tl.minimum(strip * of_strip + step, row_bands - 1)
+        first_row = tl.load(row_first + row_band)
+        for start in range(0, longest[1], AT_ONCE):
+            columns = ()
+            for d in tl.static_range(AT_ONCE + 2):
+                column = tl.minimum(tl.maximum(first_column + start + (d - 1), 0), size[1] - 1)
+                columns = columns + (column,)
+            by_col = ()
+            for e in tl.static_range(WIDE):
+                weights = ()
+                for d in tl.static_range(AT_ONCE):
+                    weights = weights + (tl.load(col_weights + ((start + d) * WIDE + e) * col_bands + col_band),)
+                by_col = by_col + (_pairs(_together(weights)),)
+            x = (first_column + start)[None, :] + tl.arange(0, AT_ONCE)[:, None]
+            above = _row(pixels, pixels, first_row - 1, columns, size, strides, strides, READING, REAL, False)
+            row = _row(pixels, pixels, first_row, columns, size, strides, strides, READING, REAL, False)
+            if CHECKED:
+                spoilt = _spoilt(row, _spoilt(above, spoilt, READING), READING)
             if TANGENTS:
-                changes = of_image(tangents, image, other_stride, other, COLOURS)
-                dx, dy = gradient_tangents(pixels, changes, y, x, inside, size, strides, other, winner, READING, REAL)
-                some = m > 0
-                inverse = tl.where(some, quotient(tl.where(some, 1.0, 0.0).to(REAL), tl.where(some, m, 1.0)), 0.0)
-                along = (gx * dx + gy * dy) * inverse  # of the magnitude
-                across = VOTING.slope * (gx * dy - gy * dx) * inverse  # of the position in bins, times the magnitude
-                to_near = tl.where(r > 0, -across, tl.where(r < 0, across, 0.0))
-                to_after = tl.where(r > 0, across, tl.where(r < 0, 0.0, across * 0.5))
-                to_before = -to_near - to_after
-                after, before = bin_after(near, VOTING), bin_before(near, VOTING)
-                m = along
-            to_next = f * m * by_row
-            to_own = (1 - f) * m * by_row
-            for k in range(VOTING.bins):
-                vote = tl.where(own == k, to_own, 0.0)
-                if not VOTING.hard:
-                    vote = tl.where(next_ == k, to_next, vote)
-                    if TANGENTS:
-                        vote += tl.where(near == k, to_near * by_row, 0.0)
-                        vote += tl.where(after == k, to_after * by_row, 0.0)
-                        vote += tl.where(before == k, to_before * by_row, 0.0)
-                votes = tl.sum(vote, 0)
-                pooled = tl.sum(by_col * votes[None, :], 1)
-                if not ONCE:
-                    pooled += tl.load(to + k, mask=here, other=0)
-                tl.store(to + k, pooled, mask=here)
-            if not ONCE:
-                tl.debug_barrier()
+                above_change = _row(pixels, changes, first_row - 1, columns, size, strides, other, READING, REAL, True)
+                row_change = _row(pixels, changes, first_row, columns, size, strides, other, READING, REAL, True)
+            for i in range(longest[0]):
+                y = (first_row + i)[None, :]
+                below = _row(pixels, pixels, first_row + i + 1, columns, size, strides, strides, READING, REAL, False)
+                if CHECKED:
+                    spoilt = _spoilt(below, spoilt, READING)
+                arounds = _around(above, row, below, READING)
+                gx, gy, winner = gradients(arounds, y, x, size, last_wins, READING, REAL)
+                if TANGENTS:
+                    below_change = _row(
+                        pixels, changes, first_row + i + 1, columns, size, strides, other, READING, REAL, True
+                    )
+                    arounds = _around(above_change, row_change, below_change, READING)
+                    dx, dy = gradient_tangents(arounds, y, x, size, winner, READING, REAL)
+                    votes = _vote_tangents(gx, gy, dx, dy, VOTES, VOTING)
+                    above_change, row_change = row_change, below_change
+                else:
+                    votes = _votes(gx, gy, VOTES, VOTING)
+                above, row = row, below
+                by_row = ()
+                for h in tl.static_range(HIGH):
+                    by_row = by_row + (tl.load(row_weights + (i * HIGH + h) * row_bands + row_band),)
+                added = ()
+                for k in tl.static_range(bins):
+                    of_bin = _pairs(_of_bin(votes, k, VOTING))
+                    for e in tl.static_range(WIDE):
+                        of_row = _weighted_sum(of_bin, by_col[e])
+                        for h in tl.static_range(HIGH):
+                            added = added + (tl.fma(of_row, by_row[h], sums[(k * WIDE + e) * HIGH + h]),)
+                sums = added
+        # the upmost row of cells that this band voted into is complete
+        i = strip * of_strip + step - (HIGH - 1)
+        complete = owned & (step >= HIGH - 1) & (i < grid[0])
+        to = out + image * out_stride + (i * grid[1] + j) * bins
+        moved = ()
+        for k in tl.static_range(bins):
+            of_cell = sums[(k * WIDE + WIDE - 1) * HIGH]
+            for e in tl.static_range(1, WIDE):  # of the bands to the right
+                of_cell += tl.gather(sums[(k * WIDE + WIDE - 1 - e) * HIGH], tl.minimum(lane + e, _LANES - 1), 0)
+            tl.store(to + k, of_cell, mask=complete)
+            for e in tl.static_range(WIDE):
+                for h in tl.static_range(1, HIGH):
+                    moved = moved + (sums[(k * WIDE + e) * HIGH + h],)
+                moved = moved + (zero,)
+        sums = moved
+    if CHECKED:
+        whole = of_image(images, image, stride, (strides[0] * 0, strides[1], strides[2]), COLOURS)
+        spoilt = _spoilt_outside(whole, size, strides, seen, group * chunks + chunk, groups * chunks, spoilt, channels)
+        any_spoilt = tl.max((spoilt != spoilt).to(tl.int32), 0) > 0
+        first_colour = image // COLOURS * COLOURS
+        for colour in tl.static_range(COLOURS):  # all of an image
+            to_flag = flags + (first_colour + colour) * flag_stride
+            tl.store(to_flag, tl.full([], 1, flags.dtype.element_ty), mask=any_spoilt)

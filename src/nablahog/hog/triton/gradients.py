@@ -1,7 +1,7 @@
 """Eq. 1-2 in Triton: stored pixels to gradients of a tile, and the vjp from gradients back to pixels.
 
-A tile is rows ``y`` (n, 1) and columns ``x`` (1, m) of one image.  The image is where its first pixel is, ``pixels``;
-``size`` is (height, width), ``strides`` (channel, row, column), in elements.
+A tile is of one image: rows ``y`` and columns ``x`` that broadcast.  ``size`` is (height, width), ``strides`` (channel,
+row, column), in elements.
 """
 
 from __future__ import annotations
@@ -29,39 +29,69 @@ def quotient(a, b):
 
 
 @triton.jit
-def _offset(y, x, strides, channel: tl.constexpr, READING: tl.constexpr):
-    """Of pixels from the first of their image, in elements."""
+def places(pixels, y, x, strides, READING: tl.constexpr):
+    """Where pixels of the first channel are in memory."""
     if READING.wide:
         y, x = y.to(tl.int64), x.to(tl.int64)
-    offset = y * strides[1] + x * strides[2]
-    for _ in tl.static_range(channel):  # not a product: it is made of 32 bits
-        offset += strides[0]
-    return offset
+    return pixels + y * strides[1] + x * strides[2]
 
 
 @triton.jit
-def _channel(pixels, y, x, inside, strides, channel: tl.constexpr, READING: tl.constexpr, REAL: tl.constexpr):
+def _of_channel(at, strides, channel: tl.constexpr):
+    for _ in tl.static_range(channel):  # not a product: it is made of 32 bits
+        at += strides[0]
+    return at
+
+
+@triton.jit
+def _channel(at, strides, channel: tl.constexpr, READING: tl.constexpr, REAL: tl.constexpr):
     """Values of one channel in 0…``value_range``, or their roots."""
-    value = tl.load(pixels + _offset(y, x, strides, channel, READING), mask=inside, other=0).to(REAL)
+    value = tl.load(_of_channel(at, strides, channel)).to(REAL)
     if READING.scale != 1:
         value = value * READING.scale
     if READING.sqrt:
         dark = value <= _BLACK
-        value = tl.where(dark, 0.0, root(tl.where(dark, 1.0, value)))
+        value = tl.where(dark, 0.0 * value, root(tl.where(dark, 1.0, value)))  # NaN of -∞
     return value
 
 
 @triton.jit
-def _value(pixels, y, x, inside, strides, channel: tl.constexpr, READING: tl.constexpr, REAL: tl.constexpr):
+def value(at, strides, channel: tl.constexpr, READING: tl.constexpr, REAL: tl.constexpr):
     """Of one channel, or the average of all: added in the order of the reference, so that a flat area stays flat."""
     stored: tl.constexpr = READING.stored
     if READING.averaged:
-        value = READING.weights[0] * _channel(pixels, y, x, inside, strides, 0, READING, REAL)
+        total = READING.weights[0] * _channel(at, strides, 0, READING, REAL)
         for k in tl.static_range(1, stored):
-            value = value + READING.weights[k] * _channel(pixels, y, x, inside, strides, k, READING, REAL)
+            total = total + READING.weights[k] * _channel(at, strides, k, READING, REAL)
     else:
-        value = _channel(pixels, y, x, inside, strides, channel, READING, REAL)
-    return value
+        total = _channel(at, strides, channel, READING, REAL)
+    return total
+
+
+@triton.jit
+def _channel_tangent(at, at_tangents, strides, other, channel: tl.constexpr, READING: tl.constexpr, REAL: tl.constexpr):
+    """The tangent of :func:`_channel`; tangents have the strides ``other``."""
+    change = tl.load(_of_channel(at_tangents, other, channel)).to(REAL)
+    if READING.scale != 1:
+        change = change * READING.scale
+    if READING.sqrt:
+        of_root = _channel(at, strides, channel, READING, REAL)
+        dark = of_root == 0
+        change = tl.where(dark, 0.0, quotient(change, 2 * tl.where(dark, 1.0, of_root)))
+    return change
+
+
+@triton.jit
+def value_tangent(at, at_tangents, strides, other, channel: tl.constexpr, READING: tl.constexpr, REAL: tl.constexpr):
+    """The tangent of :func:`value`."""
+    stored: tl.constexpr = READING.stored
+    if READING.averaged:
+        total = READING.weights[0] * _channel_tangent(at, at_tangents, strides, other, 0, READING, REAL)
+        for k in tl.static_range(1, stored):
+            total += READING.weights[k] * _channel_tangent(at, at_tangents, strides, other, k, READING, REAL)
+    else:
+        total = _channel_tangent(at, at_tangents, strides, other, channel, READING, REAL)
+    return total
 
 
 @triton.jit
@@ -72,75 +102,51 @@ def _edge_factor(place, count, READING: tl.constexpr, REAL: tl.constexpr):
 
 
 @triton.jit
-def _difference(before, after, place, count, READING: tl.constexpr, REAL: tl.constexpr):
-    """The mask [-1, 0, 1] along one axis, of neighbours that are clamped to the image."""
+def _difference(before, after, place, count, READING: tl.constexpr, REAL: tl.constexpr, BEYOND: tl.constexpr):
+    """The mask [-1, 0, 1] along one axis, of neighbours clamped to the image, beyond which values are ``BEYOND``."""
     if READING.border_factor != 0 and not READING.border_is_own:
-        before = tl.where(place == 0, READING.border_value, before)
-        after = tl.where(place == count - 1, READING.border_value, after)
+        before = tl.where(place == 0, BEYOND, before)
+        after = tl.where(place == count - 1, BEYOND, after)
     change = after - before
-    edge = (place == 0) | (place == count - 1)
     if READING.border_factor == 0:
-        change = tl.where(edge, 0.0, change)
-    else:
-        change = tl.where(edge, _edge_factor(place, count, READING, REAL) * change, change)
+        change = tl.where((place == 0) | (place == count - 1), 0.0, change)
+    elif READING.border_factor != 1:
+        change = _edge_factor(place, count, READING, REAL) * change
     return change
 
 
 @triton.jit
-def _along_x(pixels, y, x, inside, size, strides, channel: tl.constexpr, READING: tl.constexpr, REAL: tl.constexpr):
-    width = size[1]
-    before, after = tl.maximum(x - 1, 0), tl.minimum(x + 1, width - 1)
-    left = _value(pixels, y, before, inside, strides, channel, READING, REAL)
-    right = _value(pixels, y, after, inside, strides, channel, READING, REAL)
-    return _difference(left, right, x, width, READING, REAL)
-
-
-@triton.jit
-def _along_y(pixels, y, x, inside, size, strides, channel: tl.constexpr, READING: tl.constexpr, REAL: tl.constexpr):
-    height = size[0]
-    before, after = tl.maximum(y - 1, 0), tl.minimum(y + 1, height - 1)
-    up = _value(pixels, before, x, inside, strides, channel, READING, REAL)
-    down = _value(pixels, after, x, inside, strides, channel, READING, REAL)
-    return _difference(up, down, y, height, READING, REAL)
-
-
-@triton.jit
-def _mirrored(place, count):
-    """The neighbours of a place, mirrored at the outermost pixels."""
-    before = tl.where(place == 0, tl.minimum(1, count - 1), place - 1)
-    after = tl.where(place == count - 1, tl.maximum(count - 2, 0), place + 1)
-    return before, after
-
-
-@triton.jit
-def _of_channel(pixels, y, x, inside, size, strides, channel: tl.constexpr, READING: tl.constexpr, REAL: tl.constexpr):
-    """Gx and Gy of one channel."""
-    gx = _along_x(pixels, y, x, inside, size, strides, channel, READING, REAL)
-    gy = _along_y(pixels, y, x, inside, size, strides, channel, READING, REAL)
-    if READING.sobel:  # [1, 2, 1] along the other axis
-        above, below = _mirrored(y, size[0])
-        left, right = _mirrored(x, size[1])
-        gx = _along_x(pixels, above, x, inside, size, strides, channel, READING, REAL) + 2 * gx
-        gx = gx + _along_x(pixels, below, x, inside, size, strides, channel, READING, REAL)
-        gy = _along_y(pixels, y, left, inside, size, strides, channel, READING, REAL) + 2 * gy
-        gy = gy + _along_y(pixels, y, right, inside, size, strides, channel, READING, REAL)
+def _gradient(around, y, x, size, READING: tl.constexpr, REAL: tl.constexpr, BEYOND: tl.constexpr):
+    """Gx and Gy of values (3 x 3 tiles, rows from above: of the neighbours, clamped to the image)."""
+    height, width = size[0], size[1]
+    gx = _difference(around[3], around[5], x, width, READING, REAL, BEYOND)
+    gy = _difference(around[1], around[7], y, height, READING, REAL, BEYOND)
+    if READING.sobel:  # [1, 2, 1] along the other axis, mirrored at the outermost pixels
+        above = _difference(around[0], around[2], x, width, READING, REAL, BEYOND)
+        below = _difference(around[6], around[8], x, width, READING, REAL, BEYOND)
+        gx = tl.where(y == 0, below, above) + 2 * gx + tl.where(y == height - 1, above, below)
+        left = _difference(around[0], around[6], y, height, READING, REAL, BEYOND)
+        right = _difference(around[2], around[8], y, height, READING, REAL, BEYOND)
+        gy = tl.where(x == 0, right, left) + 2 * gy + tl.where(x == width - 1, left, right)
     return gx, gy
 
 
 @triton.jit
-def gradients(pixels, y, x, inside, size, strides, last_wins, READING: tl.constexpr, REAL: tl.constexpr):
-    """Gx, Gy of Eq. 2, of the channel of largest magnitude, and which it is; of pixels not ``inside`` anything.
+def gradients(arounds, y, x, size, last_wins, READING: tl.constexpr, REAL: tl.constexpr):
+    """Gx, Gy of Eq. 2, of the channel of largest magnitude, and which it is.
 
-    Of channels of equal magnitude the first counts, but the last in columns ``last_wins`` (first, after the last).
+    ``arounds`` has 3 x 3 tiles of values of each channel, of the pixels' neighbours, clamped to the image, rows from
+    above; the corners count with Sobel's mask only.  Of channels of equal magnitude the first counts, but the last in
+    columns ``last_wins`` (first, after the last).
     """
-    described: tl.constexpr = READING.channels
-    gx, gy = _of_channel(pixels, y, x, inside, size, strides, 0, READING, REAL)
+    gx, gy = _gradient(arounds[0], y, x, size, READING, REAL, READING.border_value)
     winner = tl.zeros_like(gx).to(tl.int32)
     if READING.channels > 1:
+        described: tl.constexpr = READING.channels
         last = (x >= last_wins[0]) & (x < last_wins[1])
         largest = gx * gx + gy * gy
         for k in tl.static_range(1, described):
-            u, v = _of_channel(pixels, y, x, inside, size, strides, k, READING, REAL)
+            u, v = _gradient(arounds[k], y, x, size, READING, REAL, READING.border_value)
             squared = u * u + v * v
             better = (squared > largest) | (last & (squared == largest))
             gx, gy = tl.where(better, u, gx), tl.where(better, v, gy)
@@ -149,74 +155,54 @@ def gradients(pixels, y, x, inside, size, strides, last_wins, READING: tl.conste
 
 
 @triton.jit
-def _tangent_value(
-    pixels, tangents, y, x, inside, strides, other, channel: tl.constexpr, READING: tl.constexpr, REAL: tl.constexpr
-):
-    """The tangent of :func:`_channel`; tangents have the strides ``other``."""
-    change = tl.load(tangents + _offset(y, x, other, channel, READING), mask=inside, other=0).to(REAL)
-    if READING.scale != 1:
-        change = change * READING.scale
-    if READING.sqrt:
-        value = _channel(pixels, y, x, inside, strides, channel, READING, REAL)
-        dark = value == 0
-        change = tl.where(dark, 0.0, quotient(change, 2 * tl.where(dark, 1.0, value)))
-    return change
+def gradient_tangents(arounds, y, x, size, winner, READING: tl.constexpr, REAL: tl.constexpr):
+    """Tangents of Gx and Gy, of the channel that wins, from those of values."""
+    dx, dy = _gradient(arounds[0], y, x, size, READING, REAL, 0.0)
+    described: tl.constexpr = READING.channels
+    for k in tl.static_range(1, described):
+        u, v = _gradient(arounds[k], y, x, size, READING, REAL, 0.0)
+        dx, dy = tl.where(winner == k, u, dx), tl.where(winner == k, v, dy)
+    return dx, dy
 
 
 @triton.jit
-def _tangent_along(
+def _neighbour(
     pixels,
-    tangents,
     y,
     x,
-    inside,
     size,
     strides,
-    other,
+    down: tl.constexpr,
+    right: tl.constexpr,
     channel: tl.constexpr,
-    AXIS: tl.constexpr,
     READING: tl.constexpr,
     REAL: tl.constexpr,
 ):
-    """Tangents of the difference along an axis: linear, so that a value beyond the image has the tangent 0."""
-    stored: tl.constexpr = READING.stored
-    count, place = (size[0], y) if AXIS == 0 else (size[1], x)
-    before, after = tl.maximum(place - 1, 0), tl.minimum(place + 1, count - 1)
-    change = tl.zeros_like((y + x).to(REAL))
-    for k in tl.static_range(stored):
-        if READING.averaged or k == channel:
-            if AXIS == 0:
-                low = _tangent_value(pixels, tangents, before, x, inside, strides, other, k, READING, REAL)
-                high = _tangent_value(pixels, tangents, after, x, inside, strides, other, k, READING, REAL)
-            else:
-                low = _tangent_value(pixels, tangents, y, before, inside, strides, other, k, READING, REAL)
-                high = _tangent_value(pixels, tangents, y, after, inside, strides, other, k, READING, REAL)
-            if not READING.border_is_own:
-                low, high = tl.where(place == 0, 0.0, low), tl.where(place == count - 1, 0.0, high)
-            change = change + READING.weights[k] * (high - low)
-    return _edge_factor(place, count, READING, REAL) * change
+    """Values of the pixels so much further, clamped to the image."""
+    y, x = tl.minimum(tl.maximum(y + down, 0), size[0] - 1), tl.minimum(tl.maximum(x + right, 0), size[1] - 1)
+    return value(places(pixels, y, x, strides, READING), strides, channel, READING, REAL)
 
 
 @triton.jit
-def gradient_tangents(
-    pixels, tangents, y, x, inside, size, strides, other, winner, READING: tl.constexpr, REAL: tl.constexpr
-):
-    """Tangents of Gx and Gy, of the channel that wins."""
+def around(pixels, y, x, size, strides, READING: tl.constexpr, REAL: tl.constexpr):
+    """What :func:`gradients` takes of a tile of pixels; of those beyond the image it is that of the nearest inside."""
     described: tl.constexpr = READING.channels
-    above, below = _mirrored(y, size[0])
-    left, right = _mirrored(x, size[1])
-    dx = tl.zeros_like((y + x).to(REAL))
-    dy = dx
+    y, x = tl.minimum(tl.maximum(y, 0), size[0] - 1), tl.minimum(tl.maximum(x, 0), size[1] - 1)
+    arounds = ()
     for k in tl.static_range(described):
-        u = _tangent_along(pixels, tangents, y, x, inside, size, strides, other, k, 1, READING, REAL)
-        v = _tangent_along(pixels, tangents, y, x, inside, size, strides, other, k, 0, READING, REAL)
+        up = _neighbour(pixels, y, x, size, strides, -1, 0, k, READING, REAL)
+        before = _neighbour(pixels, y, x, size, strides, 0, -1, k, READING, REAL)
+        after = _neighbour(pixels, y, x, size, strides, 0, 1, k, READING, REAL)
+        down = _neighbour(pixels, y, x, size, strides, 1, 0, k, READING, REAL)
         if READING.sobel:
-            u = 2 * u + _tangent_along(pixels, tangents, above, x, inside, size, strides, other, k, 1, READING, REAL)
-            u = u + _tangent_along(pixels, tangents, below, x, inside, size, strides, other, k, 1, READING, REAL)
-            v = 2 * v + _tangent_along(pixels, tangents, y, left, inside, size, strides, other, k, 0, READING, REAL)
-            v = v + _tangent_along(pixels, tangents, y, right, inside, size, strides, other, k, 0, READING, REAL)
-        dx, dy = tl.where(winner == k, u, dx), tl.where(winner == k, v, dy)
-    return dx, dy
+            up_before = _neighbour(pixels, y, x, size, strides, -1, -1, k, READING, REAL)
+            up_after = _neighbour(pixels, y, x, size, strides, -1, 1, k, READING, REAL)
+            down_before = _neighbour(pixels, y, x, size, strides, 1, -1, k, READING, REAL)
+            down_after = _neighbour(pixels, y, x, size, strides, 1, 1, k, READING, REAL)
+            arounds = arounds + ((up_before, up, up_after, before, up, after, down_before, down, down_after),)
+        else:
+            arounds = arounds + ((up, up, up, before, up, after, down, down, down),)  # corners do not count
+    return arounds
 
 
 @triton.jit
@@ -258,11 +244,11 @@ def values_vjp(grad_x, grad_y, y, x, size, READING: tl.constexpr, REAL: tl.const
 
 
 @triton.jit
-def pixels_vjp(grad, pixels, y, x, inside, strides, channel: tl.constexpr, READING: tl.constexpr, REAL: tl.constexpr):
+def pixels_vjp(grad, at, strides, channel: tl.constexpr, READING: tl.constexpr, REAL: tl.constexpr):
     """Gradients of stored pixels of a channel from those of the values that were made from them."""
     slope: tl.constexpr = READING.weights[channel] * READING.scale
     if READING.sqrt:
-        value = _channel(pixels, y, x, inside, strides, channel, READING, REAL)  # the root
-        dark = value == 0
-        grad = tl.where(dark, 0.0, quotient(grad, 2 * tl.where(dark, 1.0, value)))
+        of_root = _channel(at, strides, channel, READING, REAL)
+        dark = of_root == 0
+        grad = tl.where(dark, 0.0, quotient(grad, 2 * tl.where(dark, 1.0, of_root)))
     return grad * slope

@@ -7,6 +7,7 @@ of a dialect and an image size are on the device, that is after a first call.
 from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import torch
@@ -14,9 +15,9 @@ from torch import Tensor
 
 from ..spec import HOGSpec
 from . import votes
-from .cells import cells_kernel
+from .cells import LANES, cells_kernel
 from .cells_vjp import cells_vjp_kernel
-from .parameters import Plan, Reading, plan, power_of_two
+from .parameters import Plan, Reading, columns_at_once, plan
 
 RULES = {
     "linear": votes.linear_votes,
@@ -29,7 +30,10 @@ RULES = {
 
 EXACT: dict[str, Any] = {"enable_fp_fusion": False}
 """a · b + c is rounded twice, as in PyTorch: which of two equal channels or bins counts must not depend on it."""
-_VJP_ROWS, _VJP_COLUMNS = 16, 32  # pixels of a tile, with its rim
+_VJP_ROWS, _VJP_COLUMNS, _VJP_WARPS = 16, 32, 4  # pixels of a tile, with its rim: four a thread
+ENOUGH = 2048
+"""Programs that occupy the largest devices."""
+_MOST_ROWS = 16  # of cells in a strip
 _PADDING = 4  # numbers behind the cells of an image, of which the first is its flag
 
 
@@ -75,11 +79,6 @@ def _strides(images: Tensor, spec: HOGSpec) -> tuple[int, tuple[int, int, int]]:
     return batch, (0 if spec.colours > images.shape[1] else channel, row, col)
 
 
-def _warps(pixels: int) -> int:
-    """For a tile: with four pixels a thread there are registers left for other programs."""
-    return max(1, min(8, pixels // 128))
-
-
 def _reading(known: Plan, *images: Tensor) -> Reading:
     """That of images with these strides."""
     span = max(
@@ -112,53 +111,87 @@ def _plan(images: Tensor, spec: HOGSpec) -> Plan:
     return plan(spec, images.shape, images.dtype, real_dtype(images), images.device)
 
 
+class Work(NamedTuple):
+    """How cells are shared out: a program has some strips, each of so many rows and columns of cells."""
+
+    chunks: int  # of columns of cells
+    of_chunk: int  # columns of cells
+    strips: tuple[int, int]  # of an image; of a program
+    of_strip: int  # rows of cells
+
+    @property
+    def groups(self) -> int:
+        """Of strips, in a program each."""
+        return -(-self.strips[0] // self.strips[1])
+
+
+@lru_cache(maxsize=256)
+def work(images: int, rows: int, cols: int, wide: int) -> Work:
+    """Of so many images with so many cells, of which a band of columns votes into ``wide``."""
+    narrow = -(-cols // (LANES - wide + 1))
+
+    def used(chunks: int) -> float:  # share of the lanes that own cells
+        of_chunk = -(-cols // chunks)
+        return cols * (LANES // (of_chunk + wide - 1)) / (chunks * LANES)
+
+    chunks = max(range(narrow, min(cols, narrow + LANES) + 1), key=used)
+    of_chunk = -(-cols // chunks)
+    side_by_side = LANES // (of_chunk + wide - 1)
+    # long strips share their ends with few others; short ones occupy the whole device
+    of_strip, longest = 1, min(-(-rows // side_by_side), _MOST_ROWS)
+    while of_strip < longest and images * chunks * -(-rows // (of_strip * side_by_side)) > ENOUGH:
+        of_strip = min(2 * of_strip, longest)
+    return Work(chunks, of_chunk, (-(-rows // of_strip), side_by_side), of_strip)
+
+
 def _to_cells(images: Tensor, tangents: Tensor | None, spec: HOGSpec) -> Cells:
     known, out = _plan(images, spec), cells_buffer(images, spec)
     rows, cols = known.rows, known.cols
     stride, strides = _strides(images, spec)
     of_tangents = images if tangents is None else tangents
     other_stride, other = _strides(of_tangents, spec)
-    programs = len(out.values) * rows.chunks * cols.chunks
-    if programs:
-        with on(images.device):
-            cells_kernel[(programs,)](
-                images,
-                of_tangents,
-                out.values,
-                out.flags,
-                known.table,
-                rows.spans,
-                rows.first,
-                rows.weights,
-                cols.spans,
-                cols.first,
-                cols.weights,
-                tuple(images.shape[2:]),
-                stride,
-                strides,
-                other_stride,
-                other,
-                (rows.cells, cols.cells),
-                (rows.chunks, cols.chunks),
-                (rows.length, cols.length),
-                cols.of_chunk,
-                known.last_wins,
-                images.shape[1],
-                out.values.stride(0),
-                out.flags.stride(0),
-                VOTES=RULES[known.rule],
-                READING=_reading(known, images, of_tangents),
-                VOTING=known.voting,
-                COLOURS=spec.colours,
-                TANGENTS=tangents is not None,
-                CHECKED=images.is_floating_point(),
-                ONCE=rows.steps * cols.steps == 1,
-                TILE_Y=rows.tile,
-                TILE_X=cols.tile,
-                CELLS=power_of_two(cols.of_chunk),
-                num_warps=_warps(rows.tile * cols.tile),
-                **EXACT,
-            )
+    if not len(out.values):
+        return out
+    share = work(len(out.values), rows.cells, cols.cells, cols.bands.reach)
+    values = known.reading.channels * (1 if tangents is None else 2) * (out.values.itemsize // 4)
+    with on(images.device):
+        cells_kernel[(len(out.values) * share.groups * share.chunks,)](
+            images,
+            of_tangents,
+            out.values,
+            out.flags,
+            rows.bands.first,
+            rows.bands.weights,
+            cols.bands.first,
+            cols.bands.weights,
+            tuple(images.shape[2:]),
+            stride,
+            strides,
+            other_stride,
+            other,
+            (rows.cells, cols.cells),
+            (rows.bands.longest, cols.bands.longest),
+            share.chunks,
+            share.of_chunk,
+            share.strips,
+            share.of_strip,
+            (*rows.voting, *cols.voting),
+            known.last_wins,
+            images.shape[1],
+            out.values.stride(0),
+            out.flags.stride(0),
+            VOTES=RULES[known.rule],
+            READING=_reading(known, images, of_tangents),
+            VOTING=known.voting,
+            COLOURS=spec.colours,
+            HIGH=rows.bands.reach,
+            WIDE=cols.bands.reach,
+            AT_ONCE=columns_at_once(cols.bands.longest, 8 if values == 1 else 4),
+            TANGENTS=tangents is not None,
+            CHECKED=images.is_floating_point(),
+            num_warps=1,
+            **EXACT,
+        )
     return out
 
 
@@ -196,11 +229,10 @@ def cells_vjp(images: Tensor, flags: Tensor, grad_cells: Tensor, spec: HOGSpec) 
                 grad_cells,
                 flags,
                 out,
-                known.table,
-                known.rows.first_cell,
-                known.rows.cell_weights,
-                known.cols.first_cell,
-                known.cols.cell_weights,
+                known.rows.gather.first,
+                known.rows.gather.weights,
+                known.cols.gather.first,
+                known.cols.gather.weights,
                 (height, width),
                 stride,
                 strides,
@@ -212,11 +244,11 @@ def cells_vjp(images: Tensor, flags: Tensor, grad_cells: Tensor, spec: HOGSpec) 
                 READING=_reading(known, images, out),
                 VOTING=known.voting,
                 COLOURS=spec.colours,
-                HIGH=known.rows.reach,
-                WIDE=known.cols.reach,
+                HIGH=known.rows.gather.reach,
+                WIDE=known.cols.gather.reach,
                 TILE_Y=tile_y,
                 TILE_X=tile_x,
-                num_warps=_warps(tile_y * tile_x),
+                num_warps=_VJP_WARPS,
                 **EXACT,
             )
     if spec.colours == 1:

@@ -6,6 +6,7 @@ Kernels are compiled once for a dialect, number of channels and dtype; image siz
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -20,9 +21,8 @@ from ..orientation import beginnings, hard_directions, vote_rule
 from ..pooling import pooling_matrices
 from ..spec import HOGSpec
 
-_TILE = 1024  # pixels that a program reads at a time
-_MOST_ROWS = 32  # of them
-_MOST_CELLS = 16  # that a program owns: their weights are in registers
+_MOST_REGISTERS = 160  # of a thread, for sums
+_MOST_COLUMNS = 8  # that a lane reads at a time
 
 
 class Reading(NamedTuple):
@@ -51,11 +51,12 @@ class Voting(NamedTuple):
     bins: int
     axes: int  # bin directions that are compared, if opposite ones are one
     bins_per_half_turn: float
-    offset: float  # in bins
+    offset: float  # in bins, at most half a turn
     slope: float  # bins per radian
     before: int  # the bin before the first beginning
     opencv: tuple[float, ...]
     between_axes: float  # radians
+    table: tuple[float, ...]  # directions of bins, or where bins begin, for the rules that search among them
 
 
 def reading(spec: HOGSpec, channels: int, stored: torch.dtype) -> Reading:
@@ -91,40 +92,48 @@ def voting(spec: HOGSpec) -> Voting:
         bins=spec.bins,
         axes=axes,
         bins_per_half_turn=spec.bins / 2 if spec.signed else float(spec.bins),
-        offset=float(spec.bin_offset),
+        offset=float(spec.bin_offset if 2 * spec.bin_offset <= spec.bins else spec.bin_offset - spec.bins),
         slope=(-1 if spec.counterclockwise else 1) * spec.bins / spec.period,
         before=spec.bins - 1 + beginnings(spec)[1],
         opencv=library_angles.opencv_table(spec),
         between_axes=math.pi / axes,
+        table=tuple(map(float, np.reshape(_vote_table(spec), -1))),
     )
 
 
-def vote_table(spec: HOGSpec) -> npt.NDArray[np.float64]:
-    """Directions of bins, or where bins begin, for the rules that search among them."""
+def _vote_table(spec: HOGSpec) -> npt.ArrayLike:
     rule = vote_rule(spec).loop
     if rule == "nearest":
-        return hard_directions(spec).astype(np.float64).reshape(-1)
+        return hard_directions(spec)
     if rule == "vlfeat":
-        return library_angles.vlfeat_directions(spec).astype(np.float64).reshape(-1)
-    starts: npt.NDArray[np.float64] = np.array(beginnings(spec)[0], np.float64).T.reshape(-1)
-    return starts
+        return library_angles.vlfeat_directions(spec)
+    return np.transpose(beginnings(spec)[0]) if rule == "begun" else ()
+
+
+class Bands(NamedTuple):
+    """Eq. 5-6 along one axis: runs of pixels; a band votes into the cells from ``band - reach + 1`` to ``band``."""
+
+    reach: int
+    longest: int  # pixels of a band
+    first: Tensor  # (bands,) int32: the first pixel
+    weights: Tensor  # (longest, reach, bands): of the pixels from there on in these cells; 0 beyond the band
+
+
+class Gather(NamedTuple):
+    """Eq. 5-6 along one axis: the cells that each pixel votes into."""
+
+    first: Tensor  # (pixels,) int32
+    reach: int
+    weights: Tensor  # (pixels, reach): in the cells from the first on
 
 
 class Axis(NamedTuple):
-    """Eq. 5-6 along one axis: the weights of pixels in cells, from either side."""
+    """Eq. 5-6 along one axis."""
 
     cells: int
-    chunks: int  # of neighbouring cells, each the work of one program
-    of_chunk: int  # cells in it
-    tile: int  # pixels that a program reads at a time, a power of two
-    steps: int  # how many times
-    spans: Tensor  # (chunks, 2) int32: the first pixel that votes into a chunk, and the one after the last
-    first: Tensor  # (cells,) int32: the first pixel that votes into a cell
-    length: int
-    weights: Tensor  # (cells, length): of the pixels from there on
-    first_cell: Tensor  # (pixels,) int32: that a pixel votes into
-    reach: int
-    cell_weights: Tensor  # (pixels, reach): in the cells from there on
+    bands: Bands
+    gather: Gather
+    voting: tuple[int, int]  # the first pixel of all bands, and the one after the last
 
 
 def _extents(matrix: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
@@ -134,11 +143,10 @@ def _extents(matrix: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int64], npt.NDArr
     return np.where(some.any(axis=1), first, 0), np.where(some.any(axis=1), last, 0)
 
 
-def _windows(matrix: npt.NDArray[Any], first: npt.NDArray[np.int64], length: int) -> npt.NDArray[Any]:
-    """Of each row, ``length`` entries from the first on; 0 beyond the end."""
-    places = first[:, None] + np.arange(length)
-    entries: npt.NDArray[Any] = np.take_along_axis(matrix, np.minimum(places, matrix.shape[1] - 1), axis=1)
-    return np.where(places < matrix.shape[1], entries, 0)
+def _reach(matrix: npt.NDArray[Any]) -> int:
+    """The most neighbouring cells that a pixel votes into."""
+    first, last = _extents(matrix.T)
+    return max(int((last - first).max()), 1)
 
 
 def power_of_two(count: int) -> int:
@@ -146,55 +154,65 @@ def power_of_two(count: int) -> int:
     return 1 << max(count - 1, 0).bit_length()
 
 
-def _spans(first: npt.NDArray[np.int64], last: npt.NDArray[np.int64], of_chunk: int) -> npt.NDArray[np.int32]:
-    """Of each chunk of so many cells, the first pixel that votes into it and the one after the last."""
-    spans = np.zeros((-(-len(first) // of_chunk), 2), np.int32)
-    for k in range(len(spans)):
-        own = slice(k * of_chunk, (k + 1) * of_chunk)
-        used = last[own] > first[own]
-        if used.any():
-            spans[k] = first[own][used].min(), last[own].max()
-    return spans
+def _limits(matrix: npt.NDArray[Any], reach: int, longest: int) -> list[list[int]] | None:
+    """Of bands of at most so many pixels, the first pixel and the one after the last; None if they would be longer."""
+    first, last = _extents(matrix.T)
+    bands = [[0, 0] for _ in range(len(matrix) + reach - 1)]
+    band = 0
+    for pixel in np.flatnonzero(last):
+        band = max(band, int(last[pixel]) - 1)
+        if bands[band][1] and pixel - bands[band][0] >= longest:
+            band += 1
+        if band > first[pixel] + reach - 1:
+            return None
+        if not bands[band][1]:
+            bands[band][0] = int(pixel)
+        bands[band][1] = int(pixel) + 1
+    return bands
 
 
-def _axis(matrix: npt.NDArray[Any], most_pixels: int, most_cells: int, device: torch.device) -> Axis:
-    """Of a matrix (cells, pixels): chunks of at most so many cells, tiles of at most so many pixels, a power of two."""
-    first, last = _extents(matrix)
-    length = max(int((last - first).max()), 1)
+def _bands(matrix: npt.NDArray[Any], reach: int, device: torch.device) -> Bands:
+    """The shortest, of a matrix (cells, pixels); with a reach of 1 they may overlap, each all pixels of a cell."""
+    cells, pixels = matrix.shape
+    if reach < _reach(matrix):
+        limits = np.stack(_extents(matrix), axis=1)
+    else:
+        least = bisect_left(range(1, pixels + 1), True, key=lambda n: _limits(matrix, reach, n) is not None) + 1
+        limits = np.array(_limits(matrix, reach, least))
+    first, last = limits.T
+    longest = max(int((last - first).max()), 1)
+    longest = -(-longest // columns_at_once(longest)) * columns_at_once(longest)
+    weights = np.zeros((longest, reach, len(first)), matrix.dtype)
+    for band, (start, stop) in enumerate(limits):
+        own = np.arange(band - reach + 1, band + 1)
+        there = (own >= 0) & (own < cells)
+        weights[: stop - start, there, band] = matrix[own[there], start:stop].T
+    return Bands(reach, longest, _tensor(first.astype(np.int32), device), _tensor(weights, device))
 
-    def read(of_chunk: int) -> tuple[int, int]:  # pixels a chunk, and those of whole tiles
-        spans = _spans(first, last, of_chunk)
-        most = max(int((spans[:, 1] - spans[:, 0]).max()), 1)
-        return most, power_of_two(most)
 
-    # a tile is a power of two: the most cells for its pixels, of chunks that fit
-    choices = range(1, min(most_cells, len(matrix)) + 1)
-    of_chunk = max(choices, key=lambda n: (read(n)[1] <= most_pixels, n / read(n)[1], n))
-    most, whole = read(of_chunk)
-    if whole > most_pixels:  # not even one cell fits
-        of_chunk = 1
-        most, whole = read(1)
-    spans, tile = _spans(first, last, of_chunk), min(whole, most_pixels)
-    first_cell, last_cell = _extents(matrix.T)
-    reach = max(int((last_cell - first_cell).max()), 1)
+def columns_at_once(longest: int, most: int = _MOST_COLUMNS) -> int:
+    """That a lane reads of its band: a power of two from 2 on, one column more is read on either side."""
+    choices = [n for n in (8, 4, 2) if n <= most]
+    return min(choices, key=lambda n: -(-longest // n) * (n + 1))
 
-    def table(array: npt.NDArray[Any]) -> Tensor:
-        return torch.from_numpy(np.ascontiguousarray(array)).to(device)
 
-    return Axis(
-        cells=len(matrix),
-        chunks=len(spans),
-        of_chunk=of_chunk,
-        tile=tile,
-        steps=-(-most // tile),
-        spans=table(spans),
-        first=table(first.astype(np.int32)),
-        length=length,
-        weights=table(_windows(matrix, first, length)),
-        first_cell=table(first_cell.astype(np.int32)),
-        reach=reach,
-        cell_weights=table(_windows(matrix.T, first_cell, reach)),
-    )
+def _gather(matrix: npt.NDArray[Any], device: torch.device) -> Gather:
+    """Of a matrix (cells, pixels)."""
+    reach = _reach(matrix)
+    first = np.minimum(_extents(matrix.T)[0], len(matrix) - reach)  # all of them are cells
+    weights = np.take_along_axis(matrix.T, first[:, None] + np.arange(reach), axis=1)
+    return Gather(_tensor(first.astype(np.int32), device), reach, _tensor(weights, device))
+
+
+def _tensor(array: npt.NDArray[Any], device: torch.device) -> Tensor:
+    return torch.from_numpy(np.ascontiguousarray(array)).to(device)
+
+
+def _axis(matrix: npt.NDArray[Any], reach: int, device: torch.device) -> Axis:
+    """Of a matrix (cells, pixels)."""
+    voting = np.flatnonzero(matrix.any(axis=0))
+    span = (int(voting[0]), int(voting[-1]) + 1) if len(voting) else (0, 0)
+    return Axis(len(matrix), _bands(matrix, reach, device), _gather(matrix, device), span)
 
 
 class Plan(NamedTuple):
@@ -203,7 +221,6 @@ class Plan(NamedTuple):
     reading: Reading
     voting: Voting
     rule: str  # the vote rule's name
-    table: Tensor  # of it
     rows: Axis
     cols: Axis
     last_wins: tuple[int, int]  # columns, first and after the last, where of equal channels the last counts
@@ -215,7 +232,11 @@ def plan(spec: HOGSpec, shape: torch.Size, stored: torch.dtype, real: torch.dtyp
     channels, height, width = shape[-3:]
     spec.grid(height, width)  # raises if it is too small
     of_rows, of_cols = (m.numpy() for m in pooling_matrices(spec, height, width, torch.empty(0, dtype=real)))
-    rows = _axis(of_rows, _MOST_ROWS, 1, device)
+    high, wide = _reach(of_rows), _reach(of_cols)
+    # all cells that a pixel votes into at once if their sums fit into registers; or some, and pixels are read again
+    numbers = _MOST_REGISTERS // (real.itemsize // 4) // spec.bins
+    high = high if high * wide <= numbers else 1
+    wide = wide if high * wide <= numbers else 1
     last = np.flatnonzero(last_of_equals(spec, height, width))
     rule = vote_rule(spec).loop
     assert rule is not None  # see :func:`.supports`
@@ -223,8 +244,7 @@ def plan(spec: HOGSpec, shape: torch.Size, stored: torch.dtype, real: torch.dtyp
         reading=reading(spec, channels, stored),
         voting=voting(spec),
         rule=rule,
-        table=torch.from_numpy(vote_table(spec)).to(device, real),
-        rows=rows,
-        cols=_axis(of_cols, _TILE // rows.tile, _MOST_CELLS, device),
+        rows=_axis(of_rows, high, device),
+        cols=_axis(of_cols, wide, device),
         last_wins=(int(last[0]), int(last[-1]) + 1) if len(last) else (0, 0),
     )

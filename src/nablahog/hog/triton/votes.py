@@ -1,8 +1,8 @@
 """Eq. 2-4 in Triton: gradients to votes.
 
-Each rule returns, of a tile of gradients, five tensors: a pixel of magnitude m gives (1 - f) · m to the bin ``own`` and
-f · m to the bin ``other``; it is ``r`` bins, of either sign, from the centre of the bin ``near`` by the angle that
-derivatives are taken of.  ``table`` holds what :func:`.parameters.voting` wrote for the rule.
+Each rule returns, of a tile of gradients, four tensors: a pixel of magnitude m gives (1 - f) · m to the bin ``low`` and
+f · m to the bin after it; the angle that derivatives are taken of lies between the bin ``from_bin`` and the bin after
+it, ``part`` of the way, 0 where it is a bin's centre.  Of hard votes f is 0.
 """
 
 from __future__ import annotations
@@ -10,20 +10,21 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-from .gradients import quotient, root
+from .gradients import root
 
 
 @triton.jit
 def magnitude(gx, gy):
-    """‖∇‖ of Eq. 2; 0 where its reciprocal's square would overflow."""
+    """‖∇‖ of Eq. 2 and its reciprocal, or 0 and 0 where the square of that would overflow."""
     least: tl.constexpr = 1.4916681462400413e-154 if gx.dtype == tl.float64 else 1.0842021724855044e-19
-    squared = gx * gx + gy * gy
-    zero = squared < least
-    return tl.where(zero, 0.0, root(tl.where(zero, 1.0, squared)))
+    squared = tl.fma(gx, gx, gy * gy)
+    inverse = 1 / tl.sqrt(squared) if gx.dtype == tl.float64 else tl.rsqrt(squared)
+    inverse = tl.where(squared < least, 0.0, inverse)
+    return squared * inverse, inverse
 
 
 @triton.jit
-def _arctangent_double(t):
+def _arctangent(t):
     """atan(t) / π of t in 0…1, in float64: a rational function of Cephes (Moshier), after a reduction above 0.66."""
     far = t > 0.66
     u = tl.where(far, (t - 1) / (t + 1), t)
@@ -35,39 +36,38 @@ def _arctangent_double(t):
 
 
 @triton.jit
-def _arctangent_single(t):
-    """The same in float32: an odd polynomial within 4e-9."""
+def _arcsine(t):
+    """asin(t) / π of t in 0…√½, in float32: an odd polynomial within 7e-9."""
     s = t * t
-    p = tl.fma(s, 0.0009021106843, -0.005094559438)
-    p = tl.fma(p, s, 0.01355605648)
-    p = tl.fma(p, s, -0.02385874386)
-    p = tl.fma(p, s, 0.03385783986)
-    p = tl.fma(p, s, -0.04520818603)
-    p = tl.fma(p, s, 0.06363805172)
-    p = tl.fma(p, s, -0.1061024469)
-    return t * tl.fma(p, s, 0.3183098812)
+    p = tl.fma(s, 0.034910313122062574, -0.02867533338793479)
+    p = tl.fma(p, s, 0.024045050441502305)
+    p = tl.fma(p, s, 0.0053257665125200065)
+    p = tl.fma(p, s, 0.014795313902273344)
+    p = tl.fma(p, s, 0.02383540855707664)
+    p = tl.fma(p, s, 0.053052564545503686)
+    return t * tl.fma(p, s, 0.31830988259045284)
 
 
 @triton.jit
-def _half_turns(u, v):
-    """The angle of (u, v) in -1…1; right angles and their halves are exact, for they may be bin centres."""
+def _half_turns(u, v, inverse, SIGNED: tl.constexpr):
+    """The angle of (u, v) in -1…1, or that of the line in -½…½; ``inverse`` is 1 / ‖(u, v)‖.
+
+    Right angles and their halves are exact, for they may be bin centres.
+    """
     au, av = tl.abs(u), tl.abs(v)
-    steep = av > au
     small, large = tl.minimum(au, av), tl.maximum(au, av)
-    t = quotient(small, tl.where(large > 0, large, 1.0))
-    arc = _arctangent_double(t) if t.dtype == tl.float64 else _arctangent_single(t)
-    arc = tl.where(small == large, 0.25, arc)
-    arc = tl.where(steep, 0.5 - arc, arc)
-    arc = tl.where(u < 0, 1 - arc, arc)
-    return tl.where(v < 0, -arc, arc)
-
-
-@triton.jit
-def _near(position, VOTING: tl.constexpr):
-    """The nearest bin of a position of less than two turns, and the distance from its centre."""
-    nearest = tl.floor(position + 0.5)
-    bins = (nearest.to(tl.int32) + 2 * VOTING.bins) % VOTING.bins
-    return tl.minimum(tl.maximum(bins, 0), VOTING.bins - 1), position - nearest  # clamped for NaN
+    if u.dtype == tl.float64:
+        arc = _arctangent(small / tl.where(large > 0, large, 1.0))
+    else:
+        arc = _arcsine(small * inverse)
+    arc = tl.where(au == av, 0.25, arc)
+    arc = tl.where(av > au, 0.5 - arc, arc)
+    if SIGNED:
+        arc = tl.where(u < 0, 1 - arc, arc)
+        arc = tl.where(v < 0, -arc, arc)
+    else:
+        arc = tl.where(u * v < 0, -arc, arc)
+    return arc
 
 
 @triton.jit
@@ -81,21 +81,25 @@ def bin_before(bins, VOTING: tl.constexpr):
 
 
 @triton.jit
-def _beside(near, r, VOTING: tl.constexpr):
-    """The bin at the other side of the position."""
-    return tl.where(r < 0, bin_before(near, VOTING), bin_after(near, VOTING))
+def _between(position, VOTING: tl.constexpr):
+    """The bin at or before a position in -bins…bins, and how far behind its centre the position is."""
+    before = tl.floor(position)
+    low = before.to(tl.int32)
+    return tl.where(low < 0, low + VOTING.bins, low), position - before
 
 
 @triton.jit
-def linear_votes(gx, gy, table, VOTING: tl.constexpr):
+def linear_votes(gx, gy, inverse, VOTING: tl.constexpr):
     """By the angle of Eq. 2."""
     v = -gy if VOTING.counterclockwise else gy
-    near, r = _near(_half_turns(gx, v) * VOTING.bins_per_half_turn - VOTING.offset, VOTING)
-    return near, _beside(near, r, VOTING), tl.abs(r), near, r
+    half_turns = _half_turns(gx, v, inverse, VOTING.signed)
+    per_half_turn = tl.full([], VOTING.bins_per_half_turn, gx.dtype)
+    low, f = _between(tl.fma(half_turns, per_half_turn, tl.full([], -VOTING.offset, gx.dtype)), VOTING)
+    return low, f, low, f
 
 
 @triton.jit
-def opencv_votes(gx, gy, table, VOTING: tl.constexpr):
+def opencv_votes(gx, gy, inverse, VOTING: tl.constexpr):
     """By OpenCV's arctangent, in float32: :func:`nablahog.hog.library_angles.opencv`."""
     p1, p3, p5, p7 = VOTING.opencv[0], VOTING.opencv[1], VOTING.opencv[2], VOTING.opencv[3]
     u, v = gx.to(tl.float32), gy.to(tl.float32)
@@ -106,9 +110,10 @@ def opencv_votes(gx, gy, table, VOTING: tl.constexpr):
     angle = tl.where(av > au, 90 - angle, angle)
     angle = tl.where(u < 0, 180 - angle, angle)
     angle = tl.where(v < 0, 360 - angle, angle)
-    position = angle * VOTING.opencv[5] * VOTING.opencv[6] - VOTING.offset
-    near, r = _near(position.to(gx.dtype), VOTING)
-    return near, _beside(near, r, VOTING), tl.abs(r), near, r
+    position = (angle * VOTING.opencv[5] * VOTING.opencv[6] - VOTING.offset).to(gx.dtype)
+    before = tl.floor(position)
+    low = (before.to(tl.int32) + 3 * VOTING.bins) % VOTING.bins  # from half a turn below 0 to two above
+    return low, position - before, low, position - before
 
 
 @triton.jit
@@ -124,7 +129,7 @@ def _arccosine(c):
 
 
 @triton.jit
-def vlfeat_votes(gx, gy, table, VOTING: tl.constexpr):
+def vlfeat_votes(gx, gy, inverse, VOTING: tl.constexpr):
     """By VLFeat's arccosine, in float32: :func:`nablahog.hog.library_angles.vlfeat`."""
     axes: tl.constexpr = VOTING.axes
     u, v = gx.to(tl.float32), gy.to(tl.float32)
@@ -132,8 +137,8 @@ def vlfeat_votes(gx, gy, table, VOTING: tl.constexpr):
     zero = tl.zeros_like(u)
     largest, second = zero - 1, zero - 1
     own, other = zero.to(tl.int32), zero.to(tl.int32)
-    for k in range(axes):  # the first of equals
-        dot = u * tl.load(table + k).to(tl.float32) + v * tl.load(table + axes + k).to(tl.float32)
+    for k in tl.static_range(axes):  # the first of equals
+        dot = u * VOTING.table[k] + v * VOTING.table[axes + k]
         size = tl.abs(dot)
         bins = tl.where((dot < 0) & VOTING.signed, k + axes, k)
         better, next_ = size > largest, size > second
@@ -142,27 +147,28 @@ def vlfeat_votes(gx, gy, table, VOTING: tl.constexpr):
         own, largest = tl.where(better, bins, own), tl.where(better, size, largest)
     some = length > 0
     cosine = tl.where(some, tl.div_rn(largest, tl.where(some, length, 1.0)), 1.0)
-    f = tl.div_rn(_arccosine(tl.minimum(cosine, 1.0)), zero + VOTING.between_axes)
-    _, _, _, near, r = linear_votes(gx, gy, table, VOTING)
-    return own, other, f.to(gx.dtype), near, r
+    to_other = tl.div_rn(_arccosine(tl.minimum(cosine, 1.0)), zero + VOTING.between_axes).to(gx.dtype)
+    ahead = other == bin_after(own, VOTING)
+    _, _, from_bin, part = linear_votes(gx, gy, inverse, VOTING)
+    return tl.where(ahead, own, other), tl.where(ahead, to_other, 1 - to_other), from_bin, part
 
 
 @triton.jit
-def nearest_votes(gx, gy, table, VOTING: tl.constexpr):
+def nearest_votes(gx, gy, inverse, VOTING: tl.constexpr):
     """Hard votes for the largest |dot product| with the bin directions, the first on ties."""
     axes: tl.constexpr = VOTING.axes
     zero = tl.zeros_like(gx)
     largest, own = zero - 1, zero.to(tl.int32)
-    for k in range(axes):
-        dot = gx * tl.load(table + k) + gy * tl.load(table + axes + k)
+    for k in tl.static_range(axes):
+        dot = gx * VOTING.table[k] + gy * VOTING.table[axes + k]
         better = tl.abs(dot) > largest
         bins = tl.where((dot < 0) & VOTING.signed, k + axes, k)
         own, largest = tl.where(better, bins, own), tl.where(better, tl.abs(dot), largest)
-    return own, own, zero, own, zero
+    return own, zero, own, zero
 
 
 @triton.jit
-def begun_votes(gx, gy, table, VOTING: tl.constexpr):
+def begun_votes(gx, gy, inverse, VOTING: tl.constexpr):
     """Hard votes for the bin in whose interval [begin, end) the angle is, by cross products."""
     bins: tl.constexpr = VOTING.bins
     u, v = gx, -gy if VOTING.counterclockwise else gy
@@ -171,10 +177,12 @@ def begun_votes(gx, gy, table, VOTING: tl.constexpr):
         u, v = tl.where(lower, -u, u), tl.where(lower, -v, v)
         lower = lower & (v != v)
     begun = tl.zeros_like(gx).to(tl.int32)
-    for k in range(bins):
-        ahead = v * tl.load(table + k) - u * tl.load(table + bins + k) >= 0
-        early = tl.load(table + 2 * bins + k) > 0
-        begun += tl.where(early, ahead | lower, ahead & lower).to(tl.int32)
+    for k in tl.static_range(bins):
+        ahead = v * VOTING.table[k] - u * VOTING.table[bins + k] >= 0
+        if VOTING.table[2 * bins + k] > 0:  # a beginning in [0, π)
+            begun += (ahead | lower).to(tl.int32)
+        else:
+            begun += (ahead & lower).to(tl.int32)
     own = (begun + VOTING.before) % bins
     zero = tl.zeros_like(gx)
-    return own, own, zero, own, zero
+    return own, zero, own, zero
