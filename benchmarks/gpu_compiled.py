@@ -105,8 +105,8 @@ def used(kernel: Any, capability: int) -> Compiled:
     )
 
 
-def compiled(preset: str, shape: tuple[int, ...], dtype: torch.dtype, capability: int) -> list[Compiled]:
-    """All kernels of a descriptor and its derivatives."""
+def compiled(preset: str, shape: tuple[int, ...], dtype: torch.dtype, capability: int) -> list[Any]:
+    """All kernels of a descriptor and its derivatives, as Triton compiles them."""
     kernels: list[Any] = []
     run = JITFunction.run
 
@@ -124,7 +124,7 @@ def compiled(preset: str, shape: tuple[int, ...], dtype: torch.dtype, capability
             steps.DESCRIBE.jvp(images, saved, images, spec)
     finally:
         JITFunction.run = run
-    return [used(kernel, capability) for kernel in kernels]
+    return kernels
 
 
 def main() -> None:
@@ -141,7 +141,8 @@ def main() -> None:
     for capability in args.sm:
         for preset in args.preset:
             shape = 1, args.channels, args.size, args.size
-            for each in compiled(preset, shape, getattr(torch, args.dtype), capability):
+            for kernel in compiled(preset, shape, getattr(torch, args.dtype), capability):
+                each = used(kernel, capability)
                 share, limit = each.occupancy(SMS[capability])
                 print(
                     f"| {capability} | {preset} | `{each.name}` | {each.warps} | {each.registers} | {each.spills} | "

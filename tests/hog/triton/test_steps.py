@@ -175,10 +175,10 @@ def test_odd_sizes(shape: tuple[int, ...]) -> None:
         assert_same(steps.DESCRIBE, noise(*shape), SPECS[name])
 
 
-@pytest.mark.parametrize("size", [(20, 18), (33, 1), (1, 33)])
+@pytest.mark.parametrize("size", [(20, 18), (19, 1), (1, 19)])
 def test_cells_wider_than_what_a_lane_reads_at_once(size: tuple[int, int]) -> None:
     s = spec(cell_size=size, vote="hard", partial_cells="ceil")
-    x = noise(1, 1, 41, 37)
+    x = noise(1, 1, 25, 23)
     result, plain = steps.CELLS.run(x.to(DEVICE), s)[0].cpu(), histograms_reference(x, s).permute(0, 2, 3, 1)
     assert_close(result, plain, rtol=0, atol=1e-12 * float(plain.max()))
 

@@ -2,8 +2,8 @@
 
 Along either axis pixels lie in bands: runs that vote into the same cells (:class:`.parameters.Bands`).  A lane, one
 thread of a warp, owns one band of columns and goes down some rows of cells.  It adds the votes of its pixels to
-histograms in its registers, one for each cell that the band votes into; at the end of a band of rows, neighbouring lanes
-are summed.  No other program writes the same cells, and sums are always in the same order.
+histograms in its registers, one for each cell that the band votes into; at the end of a band of rows, those of
+neighbouring lanes are summed.  No other program writes the same cells, and sums are always in the same order.
 """
 
 from __future__ import annotations

@@ -30,7 +30,9 @@ RULES = {
 
 EXACT: dict[str, Any] = {"enable_fp_fusion": False}
 """a · b + c is rounded twice, as in PyTorch: which of two equal channels or bins counts must not depend on it."""
-_VJP_ROWS, _VJP_COLUMNS, _VJP_WARPS = 16, 32, 4  # pixels of a tile, with its rim: four a thread
+VJP_ROWS, VJP_COLUMNS = 16, 32
+"""Pixels of a tile of the vjp, with its rim."""
+_VJP_WARPS = 4  # four pixels a thread
 ENOUGH = 2048
 """Programs that occupy the largest devices."""
 _MOST_ROWS = 16  # of cells in a strip
@@ -219,7 +221,7 @@ def cells_vjp(images: Tensor, flags: Tensor, grad_cells: Tensor, spec: HOGSpec) 
     described = 1 if spec.colours > 1 else channels
     dtype = images.dtype if images.is_floating_point() else real_dtype(images)
     out = torch.empty(batch * spec.colours, described, height, width, dtype=dtype, device=images.device)
-    tile_y, tile_x = _VJP_ROWS, _VJP_COLUMNS
+    tile_y, tile_x = VJP_ROWS, VJP_COLUMNS
     chunks = -(-height // (tile_y - 2)), -(-width // (tile_x - 2))
     programs = len(out) * chunks[0] * chunks[1]
     if programs:

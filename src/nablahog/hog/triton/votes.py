@@ -56,10 +56,8 @@ def _half_turns(u, v, inverse, SIGNED: tl.constexpr):
     """
     au, av = tl.abs(u), tl.abs(v)
     small, large = tl.minimum(au, av), tl.maximum(au, av)
-    if u.dtype == tl.float64:
-        arc = _arctangent(small / tl.where(large > 0, large, 1.0))
-    else:
-        arc = _arcsine(small * inverse)
+    double: tl.constexpr = u.dtype == tl.float64
+    arc = _arctangent(small / tl.where(large > 0, large, 1.0)) if double else _arcsine(small * inverse)
     arc = tl.where(au == av, 0.25, arc)
     arc = tl.where(av > au, 0.5 - arc, arc)
     if SIGNED:
