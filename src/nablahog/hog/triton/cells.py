@@ -11,7 +11,7 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-from .gradients import gradient_tangents, gradients, places, value, value_tangent
+from .gradients import gradient_tangents, gradients, neighbour, places, value, value_tangent
 from .votes import bin_before, magnitude
 
 LANES = 32
@@ -53,13 +53,14 @@ def _pairs(tile):
 
 
 @triton.jit
-def _weighted_sum(votes, weights):
-    """Over the pixels of each lane; both come as pairs."""
-    total = votes[0] * weights[0]
-    pairs: tl.constexpr = len(votes)
-    for pair in tl.static_range(1, pairs):
-        total = tl.fma(votes[pair], weights[pair], total)
-    return tl.sum(total, 0)
+def _place(pixels, y, columns, d: tl.constexpr, strides, READING: tl.constexpr, CLAMPED: tl.constexpr):
+    """Where the pixels of one of the columns are in memory."""
+    last: tl.constexpr = len(columns) - 1
+    if d == 0 or d == last or CLAMPED or READING.wide:
+        at = places(pixels, y, columns[d], strides, READING)
+    else:  # at a fixed distance from the first of the lane's own, which takes no arithmetic
+        at = places(pixels, y, columns[1], strides, READING) + (d - 1) * strides[2]
+    return at
 
 
 @triton.jit
@@ -73,19 +74,20 @@ def _row(
     other,
     READING: tl.constexpr,
     REAL: tl.constexpr,
+    CLAMPED: tl.constexpr,
     TANGENT: tl.constexpr,
 ):
-    """Values, or their tangents, of one row of each lane in its columns, by channel."""
+    """Values, or their tangents, of one row of each lane, by channel: from the column before to the one behind."""
     described: tl.constexpr = READING.channels
     count: tl.constexpr = len(columns)
-    y = tl.minimum(tl.maximum(y, 0), size[0] - 1).to(tl.int64)
+    y = neighbour(y, size[0], READING).to(tl.int64)
     row = ()
     for k in tl.static_range(described):
         values = ()
         for d in tl.static_range(count):
-            at = places(pixels, y, columns[d], strides, READING)
+            at = _place(pixels, y, columns, d, strides, READING, CLAMPED)
             if TANGENT:
-                at_tangent = places(tangents, y, columns[d], other, READING)
+                at_tangent = _place(tangents, y, columns, d, other, READING, CLAMPED)
                 values = values + (value_tangent(at, at_tangent, strides, other, k, READING, REAL),)
             else:
                 values = values + (value(at, strides, k, READING, REAL),)
@@ -113,11 +115,11 @@ def _around(above, row, below, READING: tl.constexpr):
 
 @triton.jit
 def _spoilt(row, so_far, READING: tl.constexpr):
-    """NaN where a value is not finite."""
+    """NaN where a value is not finite, but for the outermost two."""
     count: tl.constexpr = len(row[0])
     described: tl.constexpr = READING.channels
     for k in tl.static_range(described):
-        for d in tl.static_range(count):
+        for d in tl.static_range(1, count - 1):
             so_far = tl.fma(row[k][d], 0.0, so_far)
     return so_far
 
@@ -141,12 +143,26 @@ def _spoilt_outside(pixels, size, strides, seen, program, programs, so_far, chan
 
 
 @triton.jit
+def _for_both(low, of_low, of_after):
+    """Votes for a bin and for the bin after it, as those for the even and for the odd one of the two.
+
+    So each bin asks for one vote only.  The bin after the last is the number of bins.
+    """
+    odd = (low & 1) == 1
+    return (low + 1) & -2, tl.where(odd, of_after, of_low), low | 1, tl.where(odd, of_low, of_after)
+
+
+@triton.jit
 def _votes(gx, gy, VOTES: tl.constexpr, VOTING: tl.constexpr):
-    """Of pixels: (bins, votes for them, votes for the bins after them)."""
+    """Of pixels: their even bins, the votes for these, their odd bins, the votes for these; of hard votes one of both."""
     m, inverse = magnitude(gx, gy)
     low, f, _, _ = VOTES(gx, gy, inverse, VOTING)
-    of_after = f * m
-    return ((low, m - of_after, of_after),)
+    if VOTING.hard:
+        votes = (low, m)
+    else:
+        of_after = f * m
+        votes = _for_both(low, m - of_after, of_after)
+    return votes
 
 
 @triton.jit
@@ -155,28 +171,41 @@ def _vote_tangents(gx, gy, dx, dy, VOTES: tl.constexpr, VOTING: tl.constexpr):
     _, inverse = magnitude(gx, gy)
     low, f, from_bin, part = VOTES(gx, gy, inverse, VOTING)
     along = (gx * dx + gy * dy) * inverse  # of the magnitude
-    votes = ((low, (1 - f) * along, f * along),)
-    if not VOTING.hard:
+    if VOTING.hard:
+        votes = (low, along)
+    else:
         across = VOTING.slope * (gx * dy - gy * dx) * inverse  # of the position in bins, times the magnitude
         centre = part == 0  # of a bin: the mean of both sides
         onward = tl.where(centre, across * 0.5, across)
-        votes = votes + ((from_bin, tl.where(centre, 0.0, -across), onward),)
-        votes = votes + ((bin_before(from_bin, VOTING), tl.where(centre, -onward, 0.0), tl.zeros_like(f)),)
+        of_before = tl.where(centre, -onward, 0.0)
+        votes = _for_both(low, (1 - f) * along, f * along)
+        votes = votes + _for_both(from_bin, tl.where(centre, 0.0, -across), onward)
+        votes = votes + _for_both(bin_before(from_bin, VOTING), of_before, tl.zeros_like(f))
     return votes
 
 
 @triton.jit
-def _of_bin(votes, k: tl.constexpr, VOTING: tl.constexpr):
-    """The votes of each pixel for bin k."""
+def _all_pairs(tiles):
+    """The :func:`_pairs` of each tile."""
+    count: tl.constexpr = len(tiles)
+    pairs = ()
+    for k in tl.static_range(count):
+        pairs = pairs + (_pairs(tiles[k]),)
+    return pairs
+
+
+@triton.jit
+def _of_bin(votes, k: tl.constexpr, weights, HARD: tl.constexpr):
+    """The votes of each lane's pixels for a bin, weighted and summed; all come as pairs."""
+    first: tl.constexpr = 0 if HARD else 2 * (k % 2)
     kinds: tl.constexpr = len(votes)
-    before: tl.constexpr = (k + VOTING.bins - 1) % VOTING.bins
-    of_bin = 0.0
-    for kind in tl.static_range(kinds):
-        of_low = tl.where(votes[kind][0] == k, votes[kind][1], 0.0)
-        if not VOTING.hard:
-            of_low = tl.where(votes[kind][0] == before, votes[kind][2], of_low)
-        of_bin = of_low if kind == 0 else of_bin + of_low
-    return of_bin
+    pairs: tl.constexpr = len(weights)
+    total = tl.zeros_like(weights[0])
+    for kind in tl.static_range(first, kinds, 2 if HARD else 4):
+        for pair in tl.static_range(pairs):
+            added = tl.fma(votes[kind + 1][pair], weights[pair], total)
+            total = tl.where(votes[kind][pair] == k, added, total)
+    return tl.sum(total, 0)
 
 
 @triton.jit
@@ -212,6 +241,7 @@ def cells_kernel(
     HIGH: tl.constexpr,
     WIDE: tl.constexpr,
     AT_ONCE: tl.constexpr,
+    CLAMPED: tl.constexpr,
     TANGENTS: tl.constexpr,
     CHECKED: tl.constexpr,
 ):
@@ -219,7 +249,7 @@ def cells_kernel(
 
     A program has ``strips[1]`` strips of ``of_strip`` rows of cells, each of ``of_chunk`` columns of cells.  Bands vote
     into HIGH x WIDE cells; a lane reads AT_ONCE of its columns, a power of two
-    above 1, at a time.  Sets ``flags`` of images with a pixel that is
+    above 1, at a time; CLAMPED if some are beyond the image.  Sets ``flags`` of images with a pixel that is
     not finite.
     """
     REAL: tl.constexpr = out.dtype.element_ty
@@ -249,8 +279,7 @@ def cells_kernel(
         for start in range(0, longest[1], AT_ONCE):
             columns = ()
             for d in tl.static_range(AT_ONCE + 2):
-                column = tl.minimum(tl.maximum(first_column + start + (d - 1), 0), size[1] - 1)
-                columns = columns + (column,)
+                columns = columns + (neighbour(first_column + start + (d - 1), size[1], READING),)
             by_col = ()
             for e in tl.static_range(WIDE):
                 weights = ()
@@ -258,41 +287,50 @@ def cells_kernel(
                     weights = weights + (tl.load(col_weights + ((start + d) * WIDE + e) * col_bands + col_band),)
                 by_col = by_col + (_pairs(_together(weights)),)
             x = (first_column + start)[None, :] + tl.arange(0, AT_ONCE)[:, None]
-            above = _row(pixels, pixels, first_row - 1, columns, size, strides, strides, READING, REAL, False)
-            row = _row(pixels, pixels, first_row, columns, size, strides, strides, READING, REAL, False)
-            if CHECKED:
-                spoilt = _spoilt(row, _spoilt(above, spoilt, READING), READING)
+            above = _row(
+                pixels, pixels, first_row - 1, columns, size, strides, strides, READING, REAL, CLAMPED, False
+            )
+            row = _row(
+                pixels, pixels, first_row, columns, size, strides, strides, READING, REAL, CLAMPED, False
+            )
             if TANGENTS:
-                above_change = _row(pixels, changes, first_row - 1, columns, size, strides, other, READING, REAL, True)
-                row_change = _row(pixels, changes, first_row, columns, size, strides, other, READING, REAL, True)
+                above_change = _row(
+                    pixels, changes, first_row - 1, columns, size, strides, other, READING, REAL, CLAMPED, True
+                )
+                row_change = _row(
+                    pixels, changes, first_row, columns, size, strides, other, READING, REAL, CLAMPED, True
+                )
             for i in range(longest[0]):
-                y = (first_row + i)[None, :]
-                below = _row(pixels, pixels, first_row + i + 1, columns, size, strides, strides, READING, REAL, False)
+                y = first_row + i
+                below = _row(
+                    pixels, pixels, y + 1, columns, size, strides, strides, READING, REAL, CLAMPED, False
+                )
                 if CHECKED:
-                    spoilt = _spoilt(below, spoilt, READING)
+                    spoilt = _spoilt(row, spoilt, READING)
                 arounds = _around(above, row, below, READING)
-                gx, gy, winner = gradients(arounds, y, x, size, last_wins, READING, REAL)
+                gx, gy, winner = gradients(arounds, y[None, :], x, size, last_wins, READING, REAL)
                 if TANGENTS:
                     below_change = _row(
-                        pixels, changes, first_row + i + 1, columns, size, strides, other, READING, REAL, True
+                        pixels, changes, y + 1, columns, size, strides, other, READING, REAL, CLAMPED, True
                     )
                     arounds = _around(above_change, row_change, below_change, READING)
-                    dx, dy = gradient_tangents(arounds, y, x, size, winner, READING, REAL)
-                    votes = _vote_tangents(gx, gy, dx, dy, VOTES, VOTING)
+                    dx, dy = gradient_tangents(arounds, y[None, :], x, size, winner, READING, REAL)
+                    votes = _all_pairs(_vote_tangents(gx, gy, dx, dy, VOTES, VOTING))
                     above_change, row_change = row_change, below_change
                 else:
-                    votes = _votes(gx, gy, VOTES, VOTING)
+                    votes = _all_pairs(_votes(gx, gy, VOTES, VOTING))
                 above, row = row, below
                 by_row = ()
                 for h in tl.static_range(HIGH):
                     by_row = by_row + (tl.load(row_weights + (i * HIGH + h) * row_bands + row_band),)
                 added = ()
                 for k in tl.static_range(bins):
-                    of_bin = _pairs(_of_bin(votes, k, VOTING))
                     for e in tl.static_range(WIDE):
-                        of_row = _weighted_sum(of_bin, by_col[e])
+                        of_bin = _of_bin(votes, k, by_col[e], VOTING.hard)
+                        if k == 0 and not VOTING.hard:
+                            of_bin += _of_bin(votes, bins, by_col[e], VOTING.hard)
                         for h in tl.static_range(HIGH):
-                            added = added + (tl.fma(of_row, by_row[h], sums[(k * WIDE + e) * HIGH + h]),)
+                            added = added + (tl.fma(of_bin, by_row[h], sums[(k * WIDE + e) * HIGH + h]),)
                 sums = added
         # the upmost row of cells that this band voted into is complete
         i = strip * of_strip + step - (HIGH - 1)

@@ -102,32 +102,40 @@ def _edge_factor(place, count, READING: tl.constexpr, REAL: tl.constexpr):
 
 
 @triton.jit
+def neighbour(place, count, READING: tl.constexpr):
+    """Where a neighbour of a pixel is read: beyond the border at the nearest pixel, or as in a mirrored image."""
+    if READING.border_factor == 0:
+        place = tl.where(place < 0, -place, tl.where(place >= count, 2 * count - 2 - place, place))
+    return tl.minimum(tl.maximum(place, 0), count - 1)
+
+
+@triton.jit
 def _difference(before, after, place, count, READING: tl.constexpr, REAL: tl.constexpr, BEYOND: tl.constexpr):
-    """The mask [-1, 0, 1] along one axis, of neighbours clamped to the image, beyond which values are ``BEYOND``."""
+    """The mask [-1, 0, 1] along one axis, of values at each :func:`neighbour`; beyond the border they are ``BEYOND``."""
     if READING.border_factor != 0 and not READING.border_is_own:
         before = tl.where(place == 0, BEYOND, before)
         after = tl.where(place == count - 1, BEYOND, after)
-    change = after - before
-    if READING.border_factor == 0:
-        change = tl.where((place == 0) | (place == count - 1), 0.0, change)
-    elif READING.border_factor != 1:
+    change = after - before  # 0 at the border of a mirrored image
+    if READING.border_factor > 1:
         change = _edge_factor(place, count, READING, REAL) * change
     return change
 
 
 @triton.jit
 def _gradient(around, y, x, size, READING: tl.constexpr, REAL: tl.constexpr, BEYOND: tl.constexpr):
-    """Gx and Gy of values (3 x 3 tiles, rows from above: of the neighbours, clamped to the image)."""
+    """Gx and Gy of values (3 x 3 tiles, rows from above: of the neighbours)."""
     height, width = size[0], size[1]
     gx = _difference(around[3], around[5], x, width, READING, REAL, BEYOND)
     gy = _difference(around[1], around[7], y, height, READING, REAL, BEYOND)
     if READING.sobel:  # [1, 2, 1] along the other axis, mirrored at the outermost pixels
         above = _difference(around[0], around[2], x, width, READING, REAL, BEYOND)
         below = _difference(around[6], around[8], x, width, READING, REAL, BEYOND)
-        gx = tl.where(y == 0, below, above) + 2 * gx + tl.where(y == height - 1, above, below)
         left = _difference(around[0], around[6], y, height, READING, REAL, BEYOND)
         right = _difference(around[2], around[8], y, height, READING, REAL, BEYOND)
-        gy = tl.where(x == 0, right, left) + 2 * gy + tl.where(x == width - 1, left, right)
+        if READING.border_factor != 0:  # or neighbours are mirrored already
+            above, below = tl.where(y == 0, below, above), tl.where(y == height - 1, above, below)
+            left, right = tl.where(x == 0, right, left), tl.where(x == width - 1, left, right)
+        gx, gy = above + 2 * gx + below, left + 2 * gy + right
     return gx, gy
 
 
@@ -135,8 +143,8 @@ def _gradient(around, y, x, size, READING: tl.constexpr, REAL: tl.constexpr, BEY
 def gradients(arounds, y, x, size, last_wins, READING: tl.constexpr, REAL: tl.constexpr):
     """Gx, Gy of Eq. 2, of the channel of largest magnitude, and which it is.
 
-    ``arounds`` has 3 x 3 tiles of values of each channel, of the pixels' neighbours, clamped to the image, rows from
-    above; the corners count with Sobel's mask only.  Of channels of equal magnitude the first counts, but the last in
+    ``arounds`` has 3 x 3 tiles of values of each channel, of each :func:`neighbour` of the pixels, rows from above; the
+    corners count with Sobel's mask only.  Of channels of equal magnitude the first counts, but the last in
     columns ``last_wins`` (first, after the last).
     """
     gx, gy = _gradient(arounds[0], y, x, size, READING, REAL, READING.border_value)
@@ -166,7 +174,7 @@ def gradient_tangents(arounds, y, x, size, winner, READING: tl.constexpr, REAL: 
 
 
 @triton.jit
-def _neighbour(
+def _value_beside(
     pixels,
     y,
     x,
@@ -178,8 +186,8 @@ def _neighbour(
     READING: tl.constexpr,
     REAL: tl.constexpr,
 ):
-    """Values of the pixels so much further, clamped to the image."""
-    y, x = tl.minimum(tl.maximum(y + down, 0), size[0] - 1), tl.minimum(tl.maximum(x + right, 0), size[1] - 1)
+    """Values of neighbours of the pixels."""
+    y, x = neighbour(y + down, size[0], READING), neighbour(x + right, size[1], READING)
     return value(places(pixels, y, x, strides, READING), strides, channel, READING, REAL)
 
 
@@ -190,15 +198,15 @@ def around(pixels, y, x, size, strides, READING: tl.constexpr, REAL: tl.constexp
     y, x = tl.minimum(tl.maximum(y, 0), size[0] - 1), tl.minimum(tl.maximum(x, 0), size[1] - 1)
     arounds = ()
     for k in tl.static_range(described):
-        up = _neighbour(pixels, y, x, size, strides, -1, 0, k, READING, REAL)
-        before = _neighbour(pixels, y, x, size, strides, 0, -1, k, READING, REAL)
-        after = _neighbour(pixels, y, x, size, strides, 0, 1, k, READING, REAL)
-        down = _neighbour(pixels, y, x, size, strides, 1, 0, k, READING, REAL)
+        up = _value_beside(pixels, y, x, size, strides, -1, 0, k, READING, REAL)
+        before = _value_beside(pixels, y, x, size, strides, 0, -1, k, READING, REAL)
+        after = _value_beside(pixels, y, x, size, strides, 0, 1, k, READING, REAL)
+        down = _value_beside(pixels, y, x, size, strides, 1, 0, k, READING, REAL)
         if READING.sobel:
-            up_before = _neighbour(pixels, y, x, size, strides, -1, -1, k, READING, REAL)
-            up_after = _neighbour(pixels, y, x, size, strides, -1, 1, k, READING, REAL)
-            down_before = _neighbour(pixels, y, x, size, strides, 1, -1, k, READING, REAL)
-            down_after = _neighbour(pixels, y, x, size, strides, 1, 1, k, READING, REAL)
+            up_before = _value_beside(pixels, y, x, size, strides, -1, -1, k, READING, REAL)
+            up_after = _value_beside(pixels, y, x, size, strides, -1, 1, k, READING, REAL)
+            down_before = _value_beside(pixels, y, x, size, strides, 1, -1, k, READING, REAL)
+            down_after = _value_beside(pixels, y, x, size, strides, 1, 1, k, READING, REAL)
             arounds = arounds + ((up_before, up, up_after, before, up, after, down_before, down, down_after),)
         else:
             arounds = arounds + ((up, up, up, before, up, after, down, down, down),)  # corners do not count

@@ -52,6 +52,7 @@ class Voting(NamedTuple):
     axes: int  # bin directions that are compared, if opposite ones are one
     bins_per_half_turn: float
     offset: float  # in bins, at most half a turn
+    diagonals: bool  # whether one of them may be the centre of a bin
     slope: float  # bins per radian
     before: int  # the bin before the first beginning
     opencv: tuple[float, ...]
@@ -84,6 +85,7 @@ def voting(spec: HOGSpec) -> Voting:
     """The dialect's."""
     rule = vote_rule(spec)
     axes = spec.bins // 2 if spec.signed else spec.bins
+    bins_per_half_turn = spec.bins / 2 if spec.signed else float(spec.bins)
     return Voting(
         hard=rule.hard,
         inexact=rule.inexact,
@@ -91,8 +93,9 @@ def voting(spec: HOGSpec) -> Voting:
         signed=spec.signed,
         bins=spec.bins,
         axes=axes,
-        bins_per_half_turn=spec.bins / 2 if spec.signed else float(spec.bins),
+        bins_per_half_turn=bins_per_half_turn,
         offset=float(spec.bin_offset if 2 * spec.bin_offset <= spec.bins else spec.bin_offset - spec.bins),
+        diagonals=any((k / 4 * bins_per_half_turn - spec.bin_offset) % 1 == 0 for k in (-3, -1, 1, 3)),
         slope=(-1 if spec.counterclockwise else 1) * spec.bins / spec.period,
         before=spec.bins - 1 + beginnings(spec)[1],
         opencv=library_angles.opencv_table(spec),
@@ -115,8 +118,8 @@ class Bands(NamedTuple):
 
     reach: int
     longest: int  # pixels of a band
-    first: Tensor  # (bands,) int32: the first pixel
-    weights: Tensor  # (longest, reach, bands): of the pixels from there on in these cells; 0 beyond the band
+    first: Tensor  # (bands,) int32: the first pixel, or one before it
+    weights: Tensor  # (longest, reach, bands): of the pixels from there on in these cells; 0 outside of the band
 
 
 class Gather(NamedTuple):
@@ -182,11 +185,12 @@ def _bands(matrix: npt.NDArray[Any], reach: int, device: torch.device) -> Bands:
     first, last = limits.T
     longest = max(int((last - first).max()), 1)
     longest = -(-longest // columns_at_once(longest)) * columns_at_once(longest)
+    first = np.maximum(np.minimum(first, pixels - longest), 0)  # so that all of them are in the image, if there is room
     weights = np.zeros((longest, reach, len(first)), matrix.dtype)
     for band, (start, stop) in enumerate(limits):
         own = np.arange(band - reach + 1, band + 1)
         there = (own >= 0) & (own < cells)
-        weights[: stop - start, there, band] = matrix[own[there], start:stop].T
+        weights[start - first[band] : stop - first[band], there, band] = matrix[own[there], start:stop].T
     return Bands(reach, longest, _tensor(first.astype(np.int32), device), _tensor(weights, device))
 
 

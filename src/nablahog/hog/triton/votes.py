@@ -15,11 +15,11 @@ from .gradients import root
 
 @triton.jit
 def magnitude(gx, gy):
-    """‖∇‖ of Eq. 2 and its reciprocal, or 0 and 0 where the square of that would overflow."""
+    """‖∇‖ of Eq. 2 and its reciprocal, or the largest whose square does not overflow; then ‖∇‖ is almost 0."""
     least: tl.constexpr = 1.4916681462400413e-154 if gx.dtype == tl.float64 else 1.0842021724855044e-19
     squared = tl.fma(gx, gx, gy * gy)
-    inverse = 1 / tl.sqrt(squared) if gx.dtype == tl.float64 else tl.rsqrt(squared)
-    inverse = tl.where(squared < least, 0.0, inverse)
+    safe = tl.maximum(squared, least)
+    inverse = 1 / tl.sqrt(safe) if gx.dtype == tl.float64 else tl.rsqrt(safe)
     return squared * inverse, inverse
 
 
@@ -49,16 +49,17 @@ def _arcsine(t):
 
 
 @triton.jit
-def _half_turns(u, v, inverse, SIGNED: tl.constexpr):
+def _half_turns(u, v, inverse, SIGNED: tl.constexpr, DIAGONALS: tl.constexpr):
     """The angle of (u, v) in -1…1, or that of the line in -½…½; ``inverse`` is 1 / ‖(u, v)‖.
 
-    Right angles and their halves are exact, for they may be bin centres.
+    Right angles are exact, for they may be bin centres; so are ``DIAGONALS``, their halves.
     """
     au, av = tl.abs(u), tl.abs(v)
     small, large = tl.minimum(au, av), tl.maximum(au, av)
     double: tl.constexpr = u.dtype == tl.float64
     arc = _arctangent(small / tl.where(large > 0, large, 1.0)) if double else _arcsine(small * inverse)
-    arc = tl.where(au == av, 0.25, arc)
+    if DIAGONALS:
+        arc = tl.where(au == av, 0.25, arc)
     arc = tl.where(av > au, 0.5 - arc, arc)
     if SIGNED:
         arc = tl.where(u < 0, 1 - arc, arc)
@@ -90,7 +91,7 @@ def _between(position, VOTING: tl.constexpr):
 def linear_votes(gx, gy, inverse, VOTING: tl.constexpr):
     """By the angle of Eq. 2."""
     v = -gy if VOTING.counterclockwise else gy
-    half_turns = _half_turns(gx, v, inverse, VOTING.signed)
+    half_turns = _half_turns(gx, v, inverse, VOTING.signed, VOTING.diagonals)
     per_half_turn = tl.full([], VOTING.bins_per_half_turn, gx.dtype)
     low, f = _between(tl.fma(half_turns, per_half_turn, tl.full([], -VOTING.offset, gx.dtype)), VOTING)
     return low, f, low, f
