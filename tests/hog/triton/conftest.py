@@ -14,6 +14,7 @@ if find_spec("triton") is None:
     collect_ignore_glob = ["test_*.py"]
 
 elif not torch.cuda.is_available():
+    from triton.language.semantic import TritonSemantic
     from triton.runtime import interpreter
 
     from nablahog.hog.triton import launch
@@ -31,7 +32,14 @@ elif not torch.cuda.is_available():
             return _prepare_and_call(self, *args, **kwargs)
         return self.rewrite()(*args, **kwargs)
 
+    _broadcast = TritonSemantic.broadcast_impl_value
+
+    def _broadcast_if_needed(self: Any, lhs: Any, rhs: Any) -> Any:
+        same = lhs.type.is_block() and rhs.type.is_block() and lhs.handle.data.shape == rhs.handle.data.shape
+        return (lhs, rhs) if same else _broadcast(self, lhs, rhs)
+
     interpreter.InterpretedFunction.__call__ = _call
+    TritonSemantic.broadcast_impl_value = _broadcast_if_needed
     interpreter.interpreter_builder.options = interpreter.InterpreterOptions(sanitize_overflow=False)
 
 DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")

@@ -270,9 +270,12 @@ def cells_kernel(
 
     zero = tl.zeros([_LANES], REAL)
     spoilt = zero
+    none = ()
+    for _ in tl.static_range(WIDE * HIGH):
+        none = none + (zero,)
     sums = ()
-    for _ in tl.static_range(bins * WIDE * HIGH):
-        sums = sums + (zero,)
+    for _ in tl.static_range(bins):
+        sums = sums + (none,)
     for step in range(of_strip + HIGH - 1):
         row_band = tl.minimum(strip * of_strip + step, row_bands - 1)
         first_row = tl.load(row_first + row_band)
@@ -325,12 +328,14 @@ def cells_kernel(
                     by_row = by_row + (tl.load(row_weights + (i * HIGH + h) * row_bands + row_band),)
                 added = ()
                 for k in tl.static_range(bins):
+                    of_cells = ()
                     for e in tl.static_range(WIDE):
-                        of_bin = _of_bin(votes, k, by_col[e], VOTING.hard)
+                        of_row = _of_bin(votes, k, by_col[e], VOTING.hard)
                         if k == 0 and not VOTING.hard:
-                            of_bin += _of_bin(votes, bins, by_col[e], VOTING.hard)
+                            of_row += _of_bin(votes, bins, by_col[e], VOTING.hard)
                         for h in tl.static_range(HIGH):
-                            added = added + (tl.fma(of_bin, by_row[h], sums[(k * WIDE + e) * HIGH + h]),)
+                            of_cells = of_cells + (tl.fma(of_row, by_row[h], sums[k][e * HIGH + h]),)
+                    added = added + (of_cells,)
                 sums = added
         # the upmost row of cells that this band voted into is complete
         i = strip * of_strip + step - (HIGH - 1)
@@ -338,14 +343,14 @@ def cells_kernel(
         to = out + image * out_stride + (i * grid[1] + j) * bins
         moved = ()
         for k in tl.static_range(bins):
-            of_cell = sums[(k * WIDE + WIDE - 1) * HIGH]
+            of_cell = sums[k][(WIDE - 1) * HIGH]
             for e in tl.static_range(1, WIDE):  # of the bands to the right
-                of_cell += tl.gather(sums[(k * WIDE + WIDE - 1 - e) * HIGH], tl.minimum(lane + e, _LANES - 1), 0)
+                of_cell += tl.gather(sums[k][(WIDE - 1 - e) * HIGH], tl.minimum(lane + e, _LANES - 1), 0)
             tl.store(to + k, of_cell, mask=complete)
+            of_cells = ()
             for e in tl.static_range(WIDE):
-                for h in tl.static_range(1, HIGH):
-                    moved = moved + (sums[(k * WIDE + e) * HIGH + h],)
-                moved = moved + (zero,)
+                of_cells = of_cells + sums[k][e * HIGH + 1 : e * HIGH + HIGH] + (zero,)
+            moved = moved + (of_cells,)
         sums = moved
     if CHECKED:
         whole = of_image(images, image, stride, (strides[0] * 0, strides[1], strides[2]), COLOURS)
