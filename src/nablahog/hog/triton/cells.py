@@ -12,7 +12,7 @@ import triton
 import triton.language as tl
 
 from .gradients import gradient_tangents, gradients, neighbour, places, value, value_tangent
-from .votes import bin_before, magnitude
+from .votes import EVEN_32, EVEN_64, bin_before, magnitude, votes_of_even_and_odd
 
 LANES = 32
 """Of a program: a warp, so that lanes exchange sums without waiting for other warps."""
@@ -41,15 +41,15 @@ def _together(values):
 
 
 @triton.jit
-def _pairs(tile):
-    """A tuple of pixels two by two: (2, lanes) each."""
+def _apart(tile):
+    """The inverse of :func:`_together`."""
     count: tl.constexpr = tile.shape[0]
-    if count == 2:
-        pairs = (tile,)
+    if count == 1:
+        values = (tl.reshape(tile, [_LANES]),)
     else:
         first, second = tl.split(tl.permute(tl.reshape(tile, [2, count // 2, _LANES]), [1, 2, 0]))
-        pairs = _pairs(first) + _pairs(second)
-    return pairs
+        values = _apart(first) + _apart(second)
+    return values
 
 
 @triton.jit
@@ -144,24 +144,23 @@ def _spoilt_outside(pixels, size, strides, seen, program, programs, so_far, chan
 
 @triton.jit
 def _for_both(low, of_low, of_after):
-    """Votes for a bin and for the bin after it, as those for the even and for the odd one of the two.
+    """Votes for a bin and the bin after it, as those for the even and for the odd one of the two.
 
-    So each bin asks for one vote only.  The bin after the last is the number of bins.
+    So each bin asks for one vote only.  Returns the even bin, its vote, the bin before the odd one, the odd one's vote.
     """
     odd = (low & 1) == 1
-    return (low + 1) & -2, tl.where(odd, of_after, of_low), low | 1, tl.where(odd, of_low, of_after)
+    return (low + 1) & -2, tl.where(odd, of_after, of_low), low & -2, tl.where(odd, of_low, of_after)
 
 
 @triton.jit
 def _votes(gx, gy, VOTES: tl.constexpr, VOTING: tl.constexpr):
-    """Of pixels: their even bins, the votes for these, their odd bins, the votes for these; of hard votes one of both."""
-    m, inverse = magnitude(gx, gy)
-    low, f, _, _ = VOTES(gx, gy, inverse, VOTING)
-    if VOTING.hard:
-        votes = (low, m)
+    """Of pixels: bins and the votes for them, of linear votes as :func:`_for_both` returns them."""
+    if VOTING.exact:
+        votes = votes_of_even_and_odd(gx, gy, VOTING)
     else:
-        of_after = f * m
-        votes = _for_both(low, m - of_after, of_after)
+        m, inverse = magnitude(gx, gy)
+        low, f, _, _ = VOTES(gx, gy, inverse, VOTING)
+        votes = (low, m) if VOTING.hard else _for_both(low, m - f * m, f * m)
     return votes
 
 
@@ -185,27 +184,44 @@ def _vote_tangents(gx, gy, dx, dy, VOTES: tl.constexpr, VOTING: tl.constexpr):
 
 
 @triton.jit
-def _all_pairs(tiles):
-    """The :func:`_pairs` of each tile."""
+def _all_apart(tiles):
+    """Each tile :func:`_apart`."""
     count: tl.constexpr = len(tiles)
-    pairs = ()
+    pixels = ()
     for k in tl.static_range(count):
-        pairs = pairs + (_pairs(tiles[k]),)
-    return pairs
+        pixels = pixels + (_apart(tiles[k]),)
+    return pixels
 
 
 @triton.jit
-def _of_bin(votes, k: tl.constexpr, weights, HARD: tl.constexpr):
-    """The votes of each lane's pixels for a bin, weighted and summed; all come as pairs."""
-    first: tl.constexpr = 0 if HARD else 2 * (k % 2)
+def _add_votes(total, votes, number, first: tl.constexpr, step: tl.constexpr, weights):
+    """Adds the votes of each lane's pixels for the bin of this number, weighted."""
     kinds: tl.constexpr = len(votes)
-    pairs: tl.constexpr = len(weights)
-    total = tl.zeros_like(weights[0])
-    for kind in tl.static_range(first, kinds, 2 if HARD else 4):
-        for pair in tl.static_range(pairs):
-            added = tl.fma(votes[kind + 1][pair], weights[pair], total)
-            total = tl.where(votes[kind][pair] == k, added, total)
-    return tl.sum(total, 0)
+    pixels: tl.constexpr = len(weights)
+    for kind in tl.static_range(first, kinds, step):
+        for pixel in tl.static_range(pixels):
+            added = tl.fma(votes[kind + 1][pixel], weights[pixel], total)
+            total = tl.where(votes[kind][pixel] == number, added, total)
+    return total
+
+
+@triton.jit
+def _of_bin(votes, k: tl.constexpr, weights, zero, VOTING: tl.constexpr, TANGENTS: tl.constexpr):
+    """The votes of each lane's pixels for bin k, weighted and summed."""
+    total = zero
+    bins: tl.constexpr = VOTING.bins
+    if VOTING.hard:
+        total = _add_votes(total, votes, k, 0, 2, weights)
+    elif VOTING.exact and not TANGENTS:
+        shift: tl.constexpr = EVEN_64 if zero.dtype == tl.float64 else EVEN_32
+        lowest: tl.constexpr = VOTING.lowest
+        highest: tl.constexpr = VOTING.highest
+        for number in tl.static_range(lowest + (k - lowest) % bins, highest + 1, bins):
+            total = _add_votes(total, votes, shift + (number - number % 2), number % 2 * 2, 4, weights)
+    else:
+        for number in tl.static_range(k, bins + 1, bins):  # bin 0 is the one after the last, too
+            total = _add_votes(total, votes, number - number % 2, number % 2 * 2, 4, weights)
+    return total
 
 
 @triton.jit
@@ -288,7 +304,7 @@ def cells_kernel(
                 weights = ()
                 for d in tl.static_range(AT_ONCE):
                     weights = weights + (tl.load(col_weights + ((start + d) * WIDE + e) * col_bands + col_band),)
-                by_col = by_col + (_pairs(_together(weights)),)
+                by_col = by_col + (weights,)
             x = (first_column + start)[None, :] + tl.arange(0, AT_ONCE)[:, None]
             above = _row(
                 pixels, pixels, first_row - 1, columns, size, strides, strides, READING, REAL, CLAMPED, False
@@ -318,10 +334,10 @@ def cells_kernel(
                     )
                     arounds = _around(above_change, row_change, below_change, READING)
                     dx, dy = gradient_tangents(arounds, y[None, :], x, size, winner, READING, REAL)
-                    votes = _all_pairs(_vote_tangents(gx, gy, dx, dy, VOTES, VOTING))
+                    votes = _all_apart(_vote_tangents(gx, gy, dx, dy, VOTES, VOTING))
                     above_change, row_change = row_change, below_change
                 else:
-                    votes = _all_pairs(_votes(gx, gy, VOTES, VOTING))
+                    votes = _all_apart(_votes(gx, gy, VOTES, VOTING))
                 above, row = row, below
                 by_row = ()
                 for h in tl.static_range(HIGH):
@@ -330,9 +346,7 @@ def cells_kernel(
                 for k in tl.static_range(bins):
                     of_cells = ()
                     for e in tl.static_range(WIDE):
-                        of_row = _of_bin(votes, k, by_col[e], VOTING.hard)
-                        if k == 0 and not VOTING.hard:
-                            of_row += _of_bin(votes, bins, by_col[e], VOTING.hard)
+                        of_row = _of_bin(votes, k, by_col[e], zero, VOTING, TANGENTS)
                         for h in tl.static_range(HIGH):
                             of_cells = of_cells + (tl.fma(of_row, by_row[h], sums[k][e * HIGH + h]),)
                     added = added + (of_cells,)

@@ -45,6 +45,7 @@ class Voting(NamedTuple):
     """Eq. 2-4: gradients to votes."""
 
     hard: bool
+    exact: bool  # whether votes are linear, by the angle of Eq. 2
     inexact: bool  # whether votes are by an approximate angle; derivatives are by the exact one
     counterclockwise: bool
     signed: bool
@@ -53,6 +54,8 @@ class Voting(NamedTuple):
     bins_per_half_turn: float
     offset: float  # in bins, at most half a turn
     diagonals: bool  # whether one of them may be the centre of a bin
+    lowest: int  # bin of a linear vote, before it is taken modulo the number of bins
+    highest: int
     slope: float  # bins per radian
     before: int  # the bin before the first beginning
     opencv: tuple[float, ...]
@@ -86,16 +89,20 @@ def voting(spec: HOGSpec) -> Voting:
     rule = vote_rule(spec)
     axes = spec.bins // 2 if spec.signed else spec.bins
     bins_per_half_turn = spec.bins / 2 if spec.signed else float(spec.bins)
+    offset = float(spec.bin_offset if 2 * spec.bin_offset <= spec.bins else spec.bin_offset - spec.bins)
     return Voting(
         hard=rule.hard,
+        exact=rule.loop == "linear",
         inexact=rule.inexact,
         counterclockwise=spec.counterclockwise,
         signed=spec.signed,
         bins=spec.bins,
         axes=axes,
         bins_per_half_turn=bins_per_half_turn,
-        offset=float(spec.bin_offset if 2 * spec.bin_offset <= spec.bins else spec.bin_offset - spec.bins),
-        diagonals=any((k / 4 * bins_per_half_turn - spec.bin_offset) % 1 == 0 for k in (-3, -1, 1, 3)),
+        offset=offset,
+        diagonals=any((k / 4 * bins_per_half_turn - offset) % 1 == 0 for k in (-3, -1, 1, 3)),
+        lowest=math.floor(-spec.bins / 2 - offset),
+        highest=math.ceil(spec.bins / 2 - offset),
         slope=(-1 if spec.counterclockwise else 1) * spec.bins / spec.period,
         before=spec.bins - 1 + beginnings(spec)[1],
         opencv=library_angles.opencv_table(spec),

@@ -15,11 +15,11 @@ from .gradients import root
 
 @triton.jit
 def magnitude(gx, gy):
-    """‖∇‖ of Eq. 2 and its reciprocal, or the largest whose square does not overflow; then ‖∇‖ is almost 0."""
+    """‖∇‖ of Eq. 2 and its reciprocal, or 0 and 0 where the square of that would overflow."""
     least: tl.constexpr = 1.4916681462400413e-154 if gx.dtype == tl.float64 else 1.0842021724855044e-19
     squared = tl.fma(gx, gx, gy * gy)
-    safe = tl.maximum(squared, least)
-    inverse = 1 / tl.sqrt(safe) if gx.dtype == tl.float64 else tl.rsqrt(safe)
+    inverse = 1 / tl.sqrt(squared) if gx.dtype == tl.float64 else tl.rsqrt(squared)
+    inverse = tl.where(squared < least, 0.0, inverse)
     return squared * inverse, inverse
 
 
@@ -46,6 +46,15 @@ def _arcsine(t):
     p = tl.fma(p, s, 0.02383540855707664)
     p = tl.fma(p, s, 0.053052564545503686)
     return t * tl.fma(p, s, 0.31830988259045284)
+
+
+@triton.jit
+def _turned(x, sign):
+    """-x where the sign bit of ``sign`` is set."""
+    bits: tl.constexpr = tl.int64 if x.dtype == tl.float64 else tl.int32
+    least: tl.constexpr = -(2**63) if x.dtype == tl.float64 else -(2**31)
+    turned = x.to(bits, bitcast=True) ^ (sign.to(bits, bitcast=True) & least)
+    return turned.to(x.dtype, bitcast=True)
 
 
 @triton.jit
@@ -88,13 +97,39 @@ def _between(position, VOTING: tl.constexpr):
 
 
 @triton.jit
-def linear_votes(gx, gy, inverse, VOTING: tl.constexpr):
-    """By the angle of Eq. 2."""
+def _position(gx, gy, inverse, VOTING: tl.constexpr):
+    """By the angle of Eq. 2, in bins: at most half of them, less the offset, from 0."""
     v = -gy if VOTING.counterclockwise else gy
     half_turns = _half_turns(gx, v, inverse, VOTING.signed, VOTING.diagonals)
     per_half_turn = tl.full([], VOTING.bins_per_half_turn, gx.dtype)
-    low, f = _between(tl.fma(half_turns, per_half_turn, tl.full([], -VOTING.offset, gx.dtype)), VOTING)
+    return tl.fma(half_turns, per_half_turn, tl.full([], -VOTING.offset, gx.dtype))
+
+
+@triton.jit
+def linear_votes(gx, gy, inverse, VOTING: tl.constexpr):
+    """By the angle of Eq. 2."""
+    low, f = _between(_position(gx, gy, inverse, VOTING), VOTING)
     return low, f, low, f
+
+
+EVEN_64 = tl.constexpr(1.5 * 2.0**53)
+EVEN_32 = tl.constexpr(1.5 * 2.0**24)
+"""Numbers of about this size are even: what is added to them is rounded to an even number."""
+
+
+@triton.jit
+def votes_of_even_and_odd(gx, gy, VOTING: tl.constexpr):
+    """Those of :func:`linear_votes`, for the nearest even bin and for the nearest odd one, less arithmetic.
+
+    Returns the even bin, its vote, the bin before the odd one, the odd one's vote.  Bins, EVEN_32 or EVEN_64 more than
+    they are, go from ``VOTING.lowest`` to ``VOTING.highest``.
+    """
+    zero: tl.constexpr = EVEN_64 if gx.dtype == tl.float64 else EVEN_32
+    m, inverse = magnitude(gx, gy)
+    position = _position(gx, gy, inverse, VOTING)
+    even = position + zero
+    of_odd = tl.abs(position - (even - zero)) * m
+    return even, m - of_odd, (position - 1) + zero, of_odd
 
 
 @triton.jit
