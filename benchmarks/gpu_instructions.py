@@ -4,9 +4,14 @@
 
 The kernels are compiled as by gpu_compiled.py, and NVIDIA's disassembler says what is in them.  Of the pass to cells,
 three nested loops are counted as often as they are run: bands of rows, columns that a lane reads at a time, rows.  The
-pass back has no loop.  A device starts at most one instruction of a warp a cycle in each of the four parts of a
-multiprocessor.  The least time by instructions stands beside that by bandwidth: the image read once and the cells
-written, or the image read and its gradient written.  Waits, caches and normalisers are left out.
+pass back has no loop.
+
+A multiprocessor has four schedulers, each of which starts at most one instruction of a warp a cycle, and has units of
+its own for arithmetic, comparisons and integers, functions, and memory; these take several cycles for a warp (CUDA
+Programming Guide, "Throughput of Native Arithmetic Instructions").  The slowest of them, or the scheduler, is the
+limit; the one with most warps is the last to end.  The least time by instructions stands beside that by bandwidth: the
+image read once and the cells written, or the image read and its gradient written.  Waits for memory, caches and
+normalisers are left out.
 """
 
 from __future__ import annotations
@@ -15,6 +20,7 @@ import argparse
 import re
 import subprocess
 import tempfile
+from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,6 +30,8 @@ import triton
 from gpu_compiled import compiled
 from nablahog.hog import presets
 from nablahog.hog.triton import launch
+
+SCHEDULERS = 4  # of a multiprocessor
 
 
 class Device(NamedTuple):
@@ -41,7 +49,38 @@ DEVICES = {
     89: [Device("L4", 58, 2.04e9, 0.3e12), Device("RTX 4090", 128, 2.52e9, 1.008e12)],
     90: [Device("H100 SXM", 132, 1.98e9, 3.35e12), Device("H200 SXM", 132, 1.98e9, 4.8e12)],
 }
-PARTS = 4  # of a multiprocessor
+UNITS = {  # names of instructions begin so; all others are comparisons, choices and integers
+    "arithmetic": ("FFMA", "FADD", "FMUL", "IMAD", "HFMA2"),
+    "functions": ("MUFU", "F2I", "I2F", "FRND", "F2F", "POPC"),
+    "memory": ("LD", "ST", "SHFL", "ATOM"),
+}
+CYCLES = {"integers": 2, "functions": 8, "memory": 4}  # of a unit, for an instruction of a warp
+
+
+class Count(NamedTuple):
+    """Of a program: instructions of warps by unit; how many programs there are."""
+
+    instructions: Counter[str]
+    programs: int
+
+    def of_all(self) -> int:
+        """Instructions of warps of all programs."""
+        return self.programs * self.instructions.total()
+
+    def seconds(self, device: Device, capability: int) -> tuple[float, str]:
+        """The least time, and what limits it."""
+        cycles = {unit: cost * self.instructions[unit] for unit, cost in CYCLES.items()}
+        cycles["arithmetic"] = (2 if capability == 80 else 1) * self.instructions["arithmetic"]
+        cycles["instructions"] = self.instructions.total()
+        limit = max(cycles, key=lambda what: cycles[what])
+        rounds = -(-self.programs // (SCHEDULERS * device.multiprocessors))
+        return rounds * cycles[limit] / device.clock, limit
+
+
+def unit(instruction: str) -> str:
+    """That computes it."""
+    name = re.sub(r"^@!?U?P\w+ ", "", instruction)
+    return next((unit for unit, names in UNITS.items() if name.startswith(names)), "integers")
 
 
 def listing(kernel: Any) -> list[tuple[int, str]]:
@@ -54,8 +93,8 @@ def listing(kernel: Any) -> list[tuple[int, str]]:
     return [(int(at, 16), what) for at, what in re.findall(r"/\*([0-9a-f]{4,5})\*/\s+(.*?);", done.stdout)]
 
 
-def nest(instructions: list[tuple[int, str]]) -> list[int]:
-    """How many instructions the loops of the first nest of three have, from the outermost."""
+def nest(instructions: list[tuple[int, str]]) -> list[tuple[int, int]]:
+    """The loops of the first nest of three, from the outermost: the first instruction and the one after the last."""
     number = {at: k for k, (at, _) in enumerate(instructions)}
     loops = []
     for k, (at, what) in enumerate(instructions):
@@ -65,23 +104,34 @@ def nest(instructions: list[tuple[int, str]]) -> list[int]:
     inner = next(loop for loop in loops if any(a < loop[0] and loop[1] <= b for a, b in loops))
     around = sorted(loop for loop in loops if loop[0] <= inner[0] and inner[1] <= loop[1])
     assert len(around) == 3, around
-    return [end - start for start, end in around]
+    return around
 
 
-def of_cells(kernel: Any, preset: str, images: torch.Tensor) -> int:
-    """Instructions of warps of the pass to cells."""
+def of_cells(kernel: Any, preset: str, images: torch.Tensor, device: Device) -> Count:
+    """The pass to cells."""
     spec = presets.BY_NAME[preset]
     known = launch.plan(spec, images.shape, images.dtype, launch.real_dtype(images), images.device)
     rows, cols = known.rows, known.cols
-    share = launch.work(len(images), rows.cells, cols.cells, cols.bands.reach)
-    bands = share.of_strip + rows.bands.reach - 1
+    reach = rows.bands.reach, cols.bands.reach
+    share = launch.work(len(images), (rows.cells, cols.cells), reach, SCHEDULERS * device.multiprocessors)
     at_once = launch.columns_at_once(cols.bands.longest, 8 if known.reading.channels == 1 else 4)
-    starts = cols.bands.longest // at_once
+    often = (share.of_strip + rows.bands.reach - 1, cols.bands.longest // at_once, rows.bands.longest)
     instructions = listing(kernel)
-    band, start, row = nest(instructions)
-    once = len(instructions) - band
-    of_band = band - start + starts * (start - row + rows.bands.longest * row)
-    return (once + bands * of_band) * len(images) * share.groups * share.chunks
+    loops = nest(instructions)
+    count: Counter[str] = Counter()
+    for k, (_, what) in enumerate(instructions):
+        times = 1
+        for (first, end), of_loop in zip(loops, often, strict=True):
+            times *= of_loop if first <= k < end else 1
+        count[unit(what)] += times
+    return Count(count, len(images) * share.groups * share.chunks)
+
+
+def of_vjp(kernel: Any, images: torch.Tensor) -> Count:
+    """The pass back."""
+    tiles = [-(-images.shape[2] // (launch.VJP_ROWS - 2)), -(-images.shape[3] // (launch.VJP_COLUMNS - 2))]
+    warps = len(images) * tiles[0] * tiles[1] * kernel.metadata.num_warps
+    return Count(Counter(unit(what) for _, what in listing(kernel)), warps)
 
 
 def main() -> None:
@@ -94,26 +144,26 @@ def main() -> None:
     images = torch.empty((1, args.channels, args.size, args.size), dtype=getattr(torch, args.dtype))
     pixels = args.size * args.size
     print(f"Triton {triton.__version__}, images of {args.size} x {args.size}, {args.channels} channels, {args.dtype}\n")
-    print("| device | preset | pass | instructions of a warp for a pixel | ms by instructions | by bandwidth | share |")
-    print("|---|---|---|---:|---:|---:|---:|")
+    print("| device | preset | pass | instructions of a warp for a pixel | ms | limit | by bandwidth, ms | share |")
+    print("|---|---|---|---:|---:|---|---:|---:|")
     for capability, devices in DEVICES.items():
         for preset in args.preset:
             kernels = compiled(preset, tuple(images.shape), images.dtype, capability)
             forward = next(kernel for kernel in kernels if kernel.metadata.name == "cells_kernel")
             back = next(kernel for kernel in kernels if kernel.metadata.name == "cells_vjp_kernel")
-            tiles = -(-args.size // (launch.VJP_ROWS - 2)) * -(-args.size // (launch.VJP_COLUMNS - 2))
             rows, cols = presets.BY_NAME[preset].cells(args.size, args.size)
             cells = rows * cols * presets.BY_NAME[preset].bins * 4
-            for name, count, moved in (
-                ("to cells", of_cells(forward, preset, images), images.nbytes + cells),
-                ("back", len(listing(back)) * back.metadata.num_warps * tiles, 2 * images.nbytes + cells),
-            ):
-                for device in devices:
-                    by_count = count / (device.multiprocessors * PARTS * device.clock)
+            for device in devices:
+                for name, count, moved in (
+                    ("to cells", of_cells(forward, preset, images, device), images.nbytes + cells),
+                    ("back", of_vjp(back, images), 2 * images.nbytes + cells),
+                ):
+                    seconds, limit = count.seconds(device, capability)
                     by_bandwidth = moved / device.bandwidth
+                    share = by_bandwidth / max(seconds, by_bandwidth)
                     print(
-                        f"| {device.name} | `{preset}` | {name} | {count / pixels:.1f} | {1e3 * by_count:.3f} | "
-                        f"{1e3 * by_bandwidth:.3f} | {by_bandwidth / max(by_count, by_bandwidth):.0%} |"
+                        f"| {device.name} | `{preset}` | {name} | {count.of_all() / pixels:.1f} | {1e3 * seconds:.3f} "
+                        f"| {limit} | {1e3 * by_bandwidth:.3f} | {share:.0%} |"
                     )
 
 

@@ -17,9 +17,6 @@ elif not torch.cuda.is_available():
     from triton.language.semantic import TritonSemantic
     from triton.runtime import interpreter
 
-    from nablahog.hog.triton import launch
-
-    launch.ENOUGH = 1  # few long strips: fewer rows are read twice
     # It prepares Triton's language for itself at every call of one function by another, and checks all sums of
     # integers for overflow: together most of the time of these tests.  Once for each of Triton's modules is enough.
     _prepared: set[str] = set()

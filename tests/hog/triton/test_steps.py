@@ -188,11 +188,9 @@ def test_how_cells_are_shared_out_does_not_matter(name: str, monkeypatch: pytest
     """Strips of one row of cells, and long ones."""
     s, x = SPECS[name], noise(2, 1, 19, 21, dtype=torch.float32).to(DEVICE)
     results = []
-    for enough in (1, 10**6):
-        monkeypatch.setattr(launch, "ENOUGH", enough)
-        launch.work.cache_clear()
+    for schedulers in (1, 10**6):
+        monkeypatch.setattr(launch, "schedulers", lambda _, schedulers=schedulers: schedulers)
         results.append(steps.CELLS.run(x, s)[0])
-    launch.work.cache_clear()
     assert torch.equal(*results)
 
 

@@ -80,7 +80,7 @@ def _row(
     """Values, or their tangents, of one row of each lane, by channel: from the column before to the one behind."""
     described: tl.constexpr = READING.channels
     count: tl.constexpr = len(columns)
-    y = neighbour(y, size[0], READING).to(tl.int64)
+    y = neighbour(y, size[0], READING)
     row = ()
     for k in tl.static_range(described):
         values = ()

@@ -33,9 +33,10 @@ EXACT: dict[str, Any] = {"enable_fp_fusion": False}
 VJP_ROWS, VJP_COLUMNS = 16, 32
 """Pixels of a tile of the vjp, with its rim."""
 _VJP_WARPS = 4  # four pixels a thread
-ENOUGH = 2048
-"""Programs that occupy the largest devices."""
 _MOST_ROWS = 16  # of cells in a strip
+_SCHEDULERS = 4  # of a multiprocessor
+_ALONE = 1.5  # how much longer a warp takes, in a guess, that waits for memory without another one beside it
+_START = 0.1  # of a program, in bands of rows of a strip
 _PADDING = 4  # numbers behind the cells of an image, of which the first is its flag
 
 
@@ -73,6 +74,14 @@ def real_dtype(images: Tensor) -> torch.dtype:
     """That images are computed in."""
     stored = torch.get_default_dtype() if images.dtype == torch.uint8 else images.dtype
     return torch.float64 if stored == torch.float64 else torch.float32
+
+
+@lru_cache
+def schedulers(device: torch.device) -> int:
+    """Of a GPU, each of which starts an instruction of a warp a cycle; 1 of a processor."""
+    if device.type != "cuda":
+        return 1
+    return _SCHEDULERS * torch.cuda.get_device_properties(device).multi_processor_count
 
 
 def _strides(images: Tensor, spec: HOGSpec) -> tuple[int, tuple[int, int, int]]:
@@ -128,8 +137,9 @@ class Work(NamedTuple):
 
 
 @lru_cache(maxsize=256)
-def work(images: int, rows: int, cols: int, wide: int) -> Work:
-    """Of so many images with so many cells, of which a band of columns votes into ``wide``."""
+def work(images: int, cells: tuple[int, int], reach: tuple[int, int], schedulers: int) -> Work:
+    """Of so many images with so many rows and columns of cells, into how many of which a band of either votes."""
+    (rows, cols), (high, wide) = cells, reach
     narrow = -(-cols // (LANES - wide + 1))
 
     def used(chunks: int) -> float:  # share of the lanes that own cells
@@ -139,10 +149,12 @@ def work(images: int, rows: int, cols: int, wide: int) -> Work:
     chunks = max(range(narrow, min(cols, narrow + LANES) + 1), key=used)
     of_chunk = -(-cols // chunks)
     side_by_side = LANES // (of_chunk + wide - 1)
-    # long strips share their ends with few others; short ones occupy the whole device
-    of_strip, longest = 1, min(-(-rows // side_by_side), _MOST_ROWS)
-    while of_strip < longest and images * chunks * -(-rows // (of_strip * side_by_side)) > ENOUGH:
-        of_strip = min(2 * of_strip, longest)
+
+    def time(of_strip: int) -> float:  # of the scheduler with most programs, in bands of rows
+        programs = images * chunks * -(-rows // (of_strip * side_by_side))
+        return max(-(-programs // schedulers), _ALONE) * (of_strip + high - 1 + _START)
+
+    of_strip = min(range(1, min(-(-rows // side_by_side), _MOST_ROWS) + 1), key=time)
     return Work(chunks, of_chunk, (-(-rows // of_strip), side_by_side), of_strip)
 
 
@@ -154,7 +166,8 @@ def _to_cells(images: Tensor, tangents: Tensor | None, spec: HOGSpec) -> Cells:
     other_stride, other = _strides(of_tangents, spec)
     if not len(out.values):
         return out
-    share = work(len(out.values), rows.cells, cols.cells, cols.bands.reach)
+    reach = rows.bands.reach, cols.bands.reach
+    share = work(len(out.values), (rows.cells, cols.cells), reach, schedulers(images.device))
     values = known.reading.channels * (1 if tangents is None else 2) * (out.values.itemsize // 4)
     with on(images.device):
         cells_kernel[(len(out.values) * share.groups * share.chunks,)](
