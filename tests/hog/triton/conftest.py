@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from importlib.util import find_spec
 from typing import Any
@@ -13,7 +14,7 @@ import torch
 if find_spec("triton") is None:
     collect_ignore_glob = ["test_*.py"]
 
-elif not torch.cuda.is_available():
+elif os.environ.get("TRITON_INTERPRET") == "1":
     from triton.language.semantic import TritonSemantic
     from triton.runtime import interpreter
 

@@ -176,9 +176,13 @@ def _vote_tangents(gx, gy, dx, dy, VOTES: tl.constexpr, VOTING: tl.constexpr):
         across = VOTING.slope * (gx * dy - gy * dx) * inverse  # of the position in bins, times the magnitude
         centre = part == 0  # of a bin: the mean of both sides
         onward = tl.where(centre, across * 0.5, across)
+        backward = tl.where(centre, 0.0, -across)
+        of_low, of_after = (1 - f) * along, f * along
+        if VOTING.inexact:
+            votes = _for_both(low, of_low, of_after) + _for_both(from_bin, backward, onward)
+        else:
+            votes = _for_both(low, of_low + backward, of_after + onward)
         of_before = tl.where(centre, -onward, 0.0)
-        votes = _for_both(low, (1 - f) * along, f * along)
-        votes = votes + _for_both(from_bin, tl.where(centre, 0.0, -across), onward)
         votes = votes + _for_both(bin_before(from_bin, VOTING), of_before, tl.zeros_like(f))
     return votes
 
