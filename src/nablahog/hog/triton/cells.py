@@ -310,12 +310,8 @@ def cells_kernel(
                     weights = weights + (tl.load(col_weights + ((start + d) * WIDE + e) * col_bands + col_band),)
                 by_col = by_col + (weights,)
             x = (first_column + start)[None, :] + tl.arange(0, AT_ONCE)[:, None]
-            above = _row(
-                pixels, pixels, first_row - 1, columns, size, strides, strides, READING, REAL, CLAMPED, False
-            )
-            row = _row(
-                pixels, pixels, first_row, columns, size, strides, strides, READING, REAL, CLAMPED, False
-            )
+            above = _row(pixels, pixels, first_row - 1, columns, size, strides, strides, READING, REAL, CLAMPED, False)
+            row = _row(pixels, pixels, first_row, columns, size, strides, strides, READING, REAL, CLAMPED, False)
             if TANGENTS:
                 above_change = _row(
                     pixels, changes, first_row - 1, columns, size, strides, other, READING, REAL, CLAMPED, True
@@ -325,9 +321,7 @@ def cells_kernel(
                 )
             for i in range(longest[0]):
                 y = first_row + i
-                below = _row(
-                    pixels, pixels, y + 1, columns, size, strides, strides, READING, REAL, CLAMPED, False
-                )
+                below = _row(pixels, pixels, y + 1, columns, size, strides, strides, READING, REAL, CLAMPED, False)
                 if CHECKED:
                     spoilt = _spoilt(row, spoilt, READING)
                 arounds = _around(above, row, below, READING)

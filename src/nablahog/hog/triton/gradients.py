@@ -111,7 +111,7 @@ def neighbour(place, count, READING: tl.constexpr):
 
 @triton.jit
 def _difference(before, after, place, count, READING: tl.constexpr, REAL: tl.constexpr, BEYOND: tl.constexpr):
-    """The mask [-1, 0, 1] along one axis, of values at each :func:`neighbour`; beyond the border they are ``BEYOND``."""
+    """The mask [-1, 0, 1] along one axis, of values at each :func:`neighbour`, or ``BEYOND`` beyond the border."""
     if READING.border_factor != 0 and not READING.border_is_own:
         before = tl.where(place == 0, BEYOND, before)
         after = tl.where(place == count - 1, BEYOND, after)
