@@ -30,6 +30,13 @@ elif os.environ.get("TRITON_INTERPRET") == "1":
             return _prepare_and_call(self, *args, **kwargs)
         return self.rewrite()(*args, **kwargs)
 
+    # Triton 3.6 to 3.8 take the bounds of loops from arrays of one number in a way that NumPy warns of, or refuses.
+    _prepare_tensor = interpreter._patch_lang_tensor
+
+    def _prepare_tensor_and_index(tensor: Any, scope: Any) -> None:
+        _prepare_tensor(tensor, scope)
+        scope.set_attr(tensor, "__index__", lambda self: self.handle.data.item())
+
     _broadcast = TritonSemantic.broadcast_impl_value
 
     def _broadcast_if_needed(self: Any, lhs: Any, rhs: Any) -> Any:
@@ -37,6 +44,7 @@ elif os.environ.get("TRITON_INTERPRET") == "1":
         return (lhs, rhs) if same else _broadcast(self, lhs, rhs)
 
     interpreter.InterpretedFunction.__call__ = _call
+    interpreter._patch_lang_tensor = _prepare_tensor_and_index
     TritonSemantic.broadcast_impl_value = _broadcast_if_needed
     interpreter.interpreter_builder.options = interpreter.InterpreterOptions(sanitize_overflow=False)
 

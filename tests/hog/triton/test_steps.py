@@ -7,6 +7,8 @@ from typing import Any
 
 import pytest
 import torch
+import triton
+from packaging.version import Version
 from torch import Tensor
 from torch.testing import assert_close
 
@@ -21,6 +23,8 @@ from ..zoo import PRESETS, SPECS, integers, noise, spec
 from .conftest import DEVICE
 
 DTYPES = [torch.float32, torch.float64]
+# reciprocal roots of a GPU are not the nearest numbers; the interpreter of Triton 3.8 rounds a · b in a · b + c
+SINGLE = 1e-6 if DEVICE.type == "cpu" and Version(triton.__version__) >= Version("3.9") else 2e-6
 # one of each rule that votes, borders and kinks are decided by
 KINKS = [
     "replicate",
@@ -58,8 +62,7 @@ def expected(step: autograd.Step, x: Tensor, s: HOGSpec) -> tuple[Tensor, Tensor
 def assert_same(step: autograd.Step, x: Tensor, s: HOGSpec) -> None:
     """As the reference in float64, or in float32 if the angle is VLFeat's, relative to the largest entry."""
     of_float = s.angle == "vlfeat"  # an arccosine of a float32 whatever the image
-    single = 1e-6 if DEVICE.type == "cpu" else 2e-6  # reciprocal roots of a GPU are not the nearest numbers
-    tolerance = single if x.dtype == torch.float32 or of_float else 1e-11
+    tolerance = SINGLE if x.dtype == torch.float32 or of_float else 1e-11
     for got, of_reference in zip(computed(step, x, s), expected(step, x if of_float else x.double(), s), strict=True):
         assert got.shape == of_reference.shape
         assert got.dtype == x.dtype

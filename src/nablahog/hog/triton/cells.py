@@ -198,14 +198,15 @@ def _all_apart(tiles):
 
 
 @triton.jit
-def _add_votes(total, votes, number, first: tl.constexpr, step: tl.constexpr, weights):
+def _add_votes(total, votes, number: tl.constexpr, first: tl.constexpr, step: tl.constexpr, weights):
     """Adds the votes of each lane's pixels for the bin of this number, weighted."""
+    own = tl.full([], number, votes[0][0].dtype)  # comparisons of Triton 3.8 take numbers for float32
     kinds: tl.constexpr = len(votes)
     pixels: tl.constexpr = len(weights)
     for kind in tl.static_range(first, kinds, step):
         for pixel in tl.static_range(pixels):
             added = tl.fma(votes[kind + 1][pixel], weights[pixel], total)
-            total = tl.where(votes[kind][pixel] == number, added, total)
+            total = tl.where(votes[kind][pixel] == own, added, total)
     return total
 
 
