@@ -72,10 +72,9 @@ def _half_turns(u, v, inverse, SIGNED: tl.constexpr, DIAGONALS: tl.constexpr):
     arc = tl.where(av > au, 0.5 - arc, arc)
     if SIGNED:
         arc = tl.where(u < 0, 1 - arc, arc)
-        arc = tl.where(v < 0, -arc, arc)
     else:
-        arc = tl.where(u * v < 0, -arc, arc)
-    return arc
+        v = _turned(v, u)
+    return _turned(arc, v)
 
 
 @triton.jit
