@@ -313,6 +313,7 @@ def cells_kernel(
             x = (first_column + start)[None, :] + tl.arange(0, AT_ONCE)[:, None]
             above = _row(pixels, pixels, first_row - 1, columns, size, strides, strides, READING, REAL, CLAMPED, False)
             row = _row(pixels, pixels, first_row, columns, size, strides, strides, READING, REAL, CLAMPED, False)
+            below = _row(pixels, pixels, first_row + 1, columns, size, strides, strides, READING, REAL, CLAMPED, False)
             if TANGENTS:
                 above_change = _row(
                     pixels, changes, first_row - 1, columns, size, strides, other, READING, REAL, CLAMPED, True
@@ -322,7 +323,8 @@ def cells_kernel(
                 )
             for i in range(longest[0]):
                 y = first_row + i
-                below = _row(pixels, pixels, y + 1, columns, size, strides, strides, READING, REAL, CLAMPED, False)
+                # needed in the next round only: nothing waits for memory meanwhile
+                ahead = _row(pixels, pixels, y + 2, columns, size, strides, strides, READING, REAL, CLAMPED, False)
                 if CHECKED:
                     spoilt = _spoilt(row, spoilt, READING)
                 arounds = _around(above, row, below, READING)
@@ -337,7 +339,7 @@ def cells_kernel(
                     above_change, row_change = row_change, below_change
                 else:
                     votes = _all_apart(_votes(gx, gy, VOTES, VOTING))
-                above, row = row, below
+                above, row, below = row, below, ahead
                 by_row = ()
                 for h in tl.static_range(HIGH):
                     by_row = by_row + (tl.load(row_weights + (i * HIGH + h) * row_bands + row_band),)
