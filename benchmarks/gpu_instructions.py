@@ -29,7 +29,7 @@ import triton
 
 from gpu_compiled import compiled
 from nablahog.hog import presets
-from nablahog.hog.triton import launch
+from nablahog.hog.triton import launch, parameters
 
 SCHEDULERS = 4  # of a multiprocessor
 
@@ -110,11 +110,11 @@ def nest(instructions: list[tuple[int, str]]) -> list[tuple[int, int]]:
 def of_cells(kernel: Any, preset: str, images: torch.Tensor, device: Device) -> Count:
     """The pass to cells."""
     spec = presets.BY_NAME[preset]
-    known = launch.plan(spec, images.shape, images.dtype, launch.real_dtype(images), images.device)
+    known = parameters.plan(spec, images.shape, images.dtype, launch.real_dtype(images), images.device)
     rows, cols = known.rows, known.cols
     reach = rows.bands.reach, cols.bands.reach
     share = launch.work(len(images), (rows.cells, cols.cells), reach, SCHEDULERS * device.multiprocessors)
-    at_once = launch.columns_at_once(cols.bands.longest, 8 if known.reading.channels == 1 else 4)
+    at_once = parameters.columns_at_once(cols.bands.longest, 8 if known.reading.channels == 1 else 4)
     often = (share.of_strip + rows.bands.reach - 1, cols.bands.longest // at_once, rows.bands.longest)
     instructions = listing(kernel)
     loops = nest(instructions)

@@ -64,7 +64,8 @@ class Traffic(TorchDispatchMode):
 
 def counted(call: Callable[[], object]) -> Traffic:
     """What a call takes."""
-    with Traffic() as traffic:
+    traffic = Traffic()
+    with traffic:
         call()
     return traffic
 
@@ -132,7 +133,8 @@ def search_for_preimages(folder: Path | None) -> None:
     setattr(single_scale, "MEMORY", 2**34)  # noqa: B010  (one part, as on a GPU)
     setattr(preimage_objective, "VOTES", 2**31)  # noqa: B010
     of_steps = Steps(spec)
-    with Traffic() as traffic:
+    traffic = Traffic()
+    with traffic:
         result = reconstruct(descriptors, spec, size)
     total = traffic.operations + of_steps.operations
     print(f"\n{PREIMAGES} pre-images of {size[0]} × {size[1]}, distance {float(result.distance.mean()):.3g}:")
