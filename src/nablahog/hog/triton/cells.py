@@ -29,30 +29,6 @@ def of_image(pixels, image, stride, strides, COLOURS: tl.constexpr):
 
 
 @triton.jit
-def _together(values):
-    """(n, lanes) from a tuple of n, a power of two: a lane has its own n in registers."""
-    count: tl.constexpr = len(values)
-    if count == 1:
-        tile = tl.expand_dims(values[0], 0)
-    else:
-        halves = tl.join(_together(values[: count // 2]), _together(values[count // 2 :]))
-        tile = tl.reshape(tl.permute(halves, [2, 0, 1]), [count, _LANES])
-    return tile
-
-
-@triton.jit
-def _apart(tile):
-    """The inverse of :func:`_together`."""
-    count: tl.constexpr = tile.shape[0]
-    if count == 1:
-        values = (tl.reshape(tile, [_LANES]),)
-    else:
-        first, second = tl.split(tl.permute(tl.reshape(tile, [2, count // 2, _LANES]), [1, 2, 0]))
-        values = _apart(first) + _apart(second)
-    return values
-
-
-@triton.jit
 def _place(pixels, y, columns, d: tl.constexpr, strides, READING: tl.constexpr, CLAMPED: tl.constexpr):
     """Where the pixels of one of the columns are in memory."""
     last: tl.constexpr = len(columns) - 1
@@ -96,20 +72,12 @@ def _row(
 
 
 @triton.jit
-def _around(above, row, below, READING: tl.constexpr):
-    """What gradients are made of, from three rows."""
-    count: tl.constexpr = len(row[0])
+def _around(above, row, below, d: tl.constexpr, READING: tl.constexpr):
+    """What the gradients of the lanes' pixels of one column are made of, from three rows."""
     described: tl.constexpr = READING.channels
     arounds = ()
     for k in tl.static_range(described):
-        before, after = _together(row[k][: count - 2]), _together(row[k][2:])
-        up, down = _together(above[k][1 : count - 1]), _together(below[k][1 : count - 1])
-        if READING.sobel:
-            up_before, up_after = _together(above[k][: count - 2]), _together(above[k][2:])
-            down_before, down_after = _together(below[k][: count - 2]), _together(below[k][2:])
-            arounds = arounds + ((up_before, up, up_after, before, up, after, down_before, down, down_after),)
-        else:
-            arounds = arounds + ((up, up, up, before, up, after, down, down, down),)  # corners do not count
+        arounds = arounds + (above[k][d : d + 3] + row[k][d : d + 3] + below[k][d : d + 3],)
     return arounds
 
 
@@ -188,25 +156,15 @@ def _vote_tangents(gx, gy, dx, dy, VOTES: tl.constexpr, VOTING: tl.constexpr):
 
 
 @triton.jit
-def _all_apart(tiles):
-    """Each tile :func:`_apart`."""
-    count: tl.constexpr = len(tiles)
-    pixels = ()
-    for k in tl.static_range(count):
-        pixels = pixels + (_apart(tiles[k]),)
-    return pixels
-
-
-@triton.jit
 def _add_votes(total, votes, number: tl.constexpr, first: tl.constexpr, step: tl.constexpr, weights):
     """Adds the votes of each lane's pixels for the bin of this number, weighted."""
     own = tl.full([], number, votes[0][0].dtype)  # comparisons of Triton 3.8 take numbers for float32
-    kinds: tl.constexpr = len(votes)
-    pixels: tl.constexpr = len(weights)
+    pixels: tl.constexpr = len(votes)
+    kinds: tl.constexpr = len(votes[0])
     for kind in tl.static_range(first, kinds, step):
         for pixel in tl.static_range(pixels):
-            added = tl.fma(votes[kind + 1][pixel], weights[pixel], total)
-            total = tl.where(votes[kind][pixel] == own, added, total)
+            added = tl.fma(votes[pixel][kind + 1], weights[pixel], total)
+            total = tl.where(votes[pixel][kind] == own, added, total)
     return total
 
 
@@ -310,7 +268,6 @@ def cells_kernel(
                 for d in tl.static_range(AT_ONCE):
                     weights = weights + (tl.load(col_weights + ((start + d) * WIDE + e) * col_bands + col_band),)
                 by_col = by_col + (weights,)
-            x = (first_column + start)[None, :] + tl.arange(0, AT_ONCE)[:, None]
             above = _row(pixels, pixels, first_row - 1, columns, size, strides, strides, READING, REAL, CLAMPED, False)
             row = _row(pixels, pixels, first_row, columns, size, strides, strides, READING, REAL, CLAMPED, False)
             below = _row(pixels, pixels, first_row + 1, columns, size, strides, strides, READING, REAL, CLAMPED, False)
@@ -327,18 +284,23 @@ def cells_kernel(
                 ahead = _row(pixels, pixels, y + 2, columns, size, strides, strides, READING, REAL, CLAMPED, False)
                 if CHECKED:
                     spoilt = _spoilt(row, spoilt, READING)
-                arounds = _around(above, row, below, READING)
-                gx, gy, winner = gradients(arounds, y[None, :], x, size, last_wins, READING, REAL)
                 if TANGENTS:
                     below_change = _row(
                         pixels, changes, y + 1, columns, size, strides, other, READING, REAL, CLAMPED, True
                     )
-                    arounds = _around(above_change, row_change, below_change, READING)
-                    dx, dy = gradient_tangents(arounds, y[None, :], x, size, winner, READING, REAL)
-                    votes = _all_apart(_vote_tangents(gx, gy, dx, dy, VOTES, VOTING))
+                votes = ()
+                for d in tl.static_range(AT_ONCE):
+                    x = first_column + start + d
+                    arounds = _around(above, row, below, d, READING)
+                    gx, gy, winner = gradients(arounds, y, x, size, last_wins, READING, REAL)
+                    if TANGENTS:
+                        arounds = _around(above_change, row_change, below_change, d, READING)
+                        dx, dy = gradient_tangents(arounds, y, x, size, winner, READING, REAL)
+                        votes = votes + (_vote_tangents(gx, gy, dx, dy, VOTES, VOTING),)
+                    else:
+                        votes = votes + (_votes(gx, gy, VOTES, VOTING),)
+                if TANGENTS:
                     above_change, row_change = row_change, below_change
-                else:
-                    votes = _all_apart(_votes(gx, gy, VOTES, VOTING))
                 above, row, below = row, below, ahead
                 by_row = ()
                 for h in tl.static_range(HIGH):
