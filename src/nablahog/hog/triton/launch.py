@@ -201,7 +201,7 @@ def _to_cells(images: Tensor, tangents: Tensor | None, spec: HOGSpec) -> Cells:
             COLOURS=spec.colours,
             HIGH=rows.bands.reach,
             WIDE=cols.bands.reach,
-            AT_ONCE=columns_at_once(cols.bands.longest, 8 if values == 1 else 4),
+            AT_ONCE=columns_at_once(cols.bands, 8 if values == 1 else 4),
             CLAMPED=cols.bands.longest > images.shape[3],
             TANGENTS=tangents is not None,
             CHECKED=images.is_floating_point(),

@@ -22,7 +22,7 @@ from ..pooling import pooling_matrices
 from ..spec import HOGSpec
 
 _MOST_REGISTERS = 160  # of a thread, for sums
-_MOST_COLUMNS = 8  # that a lane reads at a time
+_COLUMNS = (8, 6, 4, 3, 2, 1)  # that a lane may read at a time
 
 
 class Reading(NamedTuple):
@@ -181,8 +181,11 @@ def _limits(matrix: npt.NDArray[Any], reach: int, longest: int) -> list[list[int
     return bands
 
 
-def _bands(matrix: npt.NDArray[Any], reach: int, device: torch.device) -> Bands:
-    """The shortest, of a matrix (cells, pixels); with a reach of 1 they may overlap, each all pixels of a cell."""
+def _bands(matrix: npt.NDArray[Any], reach: int, at_once: tuple[int, ...], device: torch.device) -> Bands:
+    """The shortest, of a matrix (cells, pixels); with a reach of 1 they may overlap, each all pixels of a cell.
+
+    They are as long as a multiple of one of the numbers ``at_once``.
+    """
     cells, pixels = matrix.shape
     if reach < _reach(matrix):
         limits = np.stack(_extents(matrix), axis=1)
@@ -191,7 +194,9 @@ def _bands(matrix: npt.NDArray[Any], reach: int, device: torch.device) -> Bands:
         limits = np.array(_limits(matrix, reach, least))
     first, last = limits.T
     longest = max(int((last - first).max()), 1)
-    longest = -(-longest // columns_at_once(longest)) * columns_at_once(longest)
+    # one column more is read on either side
+    count = min(at_once, key=lambda n: -(-longest // n) * (n + 1))
+    longest = -(-longest // count) * count
     first = np.maximum(np.minimum(first, pixels - longest), 0)  # so that all of them are in the image, if there is room
     weights = np.zeros((longest, reach, len(first)), matrix.dtype)
     for band, (start, stop) in enumerate(limits):
@@ -201,10 +206,9 @@ def _bands(matrix: npt.NDArray[Any], reach: int, device: torch.device) -> Bands:
     return Bands(reach, longest, _tensor(first.astype(np.int32), device), _tensor(weights, device))
 
 
-def columns_at_once(longest: int, most: int = _MOST_COLUMNS) -> int:
-    """That a lane reads of its band: a power of two from 2 on, one column more is read on either side."""
-    choices = [n for n in (8, 4, 2) if n <= most]
-    return min(choices, key=lambda n: -(-longest // n) * (n + 1))
+def columns_at_once(bands: Bands, most: int) -> int:
+    """That a lane reads of its band."""
+    return next(n for n in _COLUMNS if n <= most and bands.longest % n == 0)
 
 
 def _gather(matrix: npt.NDArray[Any], device: torch.device) -> Gather:
@@ -219,11 +223,11 @@ def _tensor(array: npt.NDArray[Any], device: torch.device) -> Tensor:
     return torch.from_numpy(np.ascontiguousarray(array)).to(device)
 
 
-def _axis(matrix: npt.NDArray[Any], reach: int, device: torch.device) -> Axis:
+def _axis(matrix: npt.NDArray[Any], reach: int, at_once: tuple[int, ...], device: torch.device) -> Axis:
     """Of a matrix (cells, pixels)."""
     voting = np.flatnonzero(matrix.any(axis=0))
     span = (int(voting[0]), int(voting[-1]) + 1) if len(voting) else (0, 0)
-    return Axis(len(matrix), _bands(matrix, reach, device), _gather(matrix, device), span)
+    return Axis(len(matrix), _bands(matrix, reach, at_once, device), _gather(matrix, device), span)
 
 
 class Plan(NamedTuple):
@@ -255,7 +259,7 @@ def plan(spec: HOGSpec, shape: torch.Size, stored: torch.dtype, real: torch.dtyp
         reading=reading(spec, channels, stored),
         voting=voting(spec),
         rule=rule,
-        rows=_axis(of_rows, high, device),
-        cols=_axis(of_cols, wide, device),
+        rows=_axis(of_rows, high, (1,), device),
+        cols=_axis(of_cols, wide, _COLUMNS, device),
         last_wins=(int(last[0]), int(last[-1]) + 1) if len(last) else (0, 0),
     )
