@@ -157,6 +157,7 @@ def test_a_scheduler_that_dies_while_it_is_connected_to(scheduler: str, monkeypa
 )
 def test_no_cluster(cluster: str, error: type[Exception], message: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("nablahog.jobs.cluster.PATIENCE", 1.0)
+    monkeypatch.setattr("nablahog.jobs.cluster.CONNECT", 1.0)
     with pytest.raises(error, match=message):
         list(run_on_cluster([job(DARK)], cluster=cluster))
 
