@@ -6,7 +6,6 @@ Building the pages runs all of them, too; `pytest -m slow` runs the longest.
 from __future__ import annotations
 
 import ast
-import gc
 import runpy
 from collections.abc import Iterator
 from pathlib import Path
@@ -34,7 +33,6 @@ def pyplot(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
         yield pyplot
     torch.set_num_threads(threads)
     pyplot.close("all")
-    gc.collect()
 
 
 @pytest.mark.parametrize(

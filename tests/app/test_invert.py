@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import itertools
 import json
 import threading
 from typing import Any
@@ -36,8 +37,10 @@ def picture(text: str) -> Image.Image:
     return Image.open(io.BytesIO(base64.b64decode(text)))
 
 
-@pytest.mark.parametrize("method", ["prior", "no-prior", "paper"])
-@pytest.mark.parametrize("preset", ["uoctti", "paper"])
+@pytest.mark.parametrize(
+    ("preset", "method"),
+    [("paper", "paper"), *itertools.product(["uoctti", "paper"], ["prior", "no-prior"])],
+)
 def test_it_grows(client: TestClient, photo: str, preset: str, method: str) -> None:
     made = events(client, photo=photo, preset=preset, method=method)
     names = [name for name, _ in made]
