@@ -114,7 +114,7 @@ def of_cells(kernel: Any, preset: str, images: torch.Tensor, device: Device) -> 
     rows, cols = known.rows, known.cols
     reach = rows.bands.reach, cols.bands.reach
     share = launch.work(len(images), (rows.cells, cols.cells), reach, SCHEDULERS * device.multiprocessors)
-    at_once = parameters.columns_at_once(cols.bands, 8 if known.reading.channels == 1 else 4)
+    at_once = parameters.columns_at_once(cols.bands, known.reading.channels)
     often = (share.of_strip + rows.bands.reach - 1, cols.bands.longest // at_once, rows.bands.longest)
     instructions = listing(kernel)
     loops = nest(instructions)

@@ -17,7 +17,6 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
@@ -236,15 +235,13 @@ class _Client(Client):
         self.sync(self._start, callback_timeout=2 * CONNECT, **options)  # type: ignore[no-untyped-call]
 
 
-_new_client: Callable[..., Client] = partial(_Client, timeout=CONNECT, set_as_default=False)
-
-
 def _client(cluster: str) -> Client:
-    if re.fullmatch(r"[a-z]+://\S+", cluster):
-        return _new_client(cluster)
-    if not Path(cluster).is_file():
-        raise ValueError("expected local, local:N, an address such as tcp://HOST:8786, or a scheduler's file")
-    return _new_client(scheduler_file=cluster)
+    where = {"address": cluster}
+    if not re.fullmatch(r"[a-z]+://\S+", cluster):
+        if not Path(cluster).is_file():
+            raise ValueError("expected local, local:N, an address such as tcp://HOST:8786, or a scheduler's file")
+        where = {"scheduler_file": cluster}
+    return _Client(**where, timeout=CONNECT, set_as_default=False)  # type: ignore[no-untyped-call]
 
 
 @contextmanager

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 import torch
 import triton
+from _pytest.mark import ParameterSet
 from packaging.version import Version
 from torch import Tensor
 from torch.testing import assert_close
@@ -123,17 +125,18 @@ def test_of_bytes_every_vote_is_the_same(name: str) -> None:
     assert_close(steps.CELLS.run(x.to(DEVICE), s)[0].cpu(), plain, rtol=0, atol=1e-6 * float(plain.max()))
 
 
-def _golden() -> list[Case]:
-    """Of each program, the smallest image of each set of parameters."""
-    smallest: dict[str, Case] = {}
+def _golden() -> Iterator[ParameterSet]:
+    """All; of each program and set of parameters, all but the smallest image are slow."""
+    seen: set[str] = set()
     for peer in PEERS:
         for case in sorted(cases(peer), key=lambda case: case.image.numel()):
             parameters = {name: value for name, value in case.parameters.items() if name != "winSize_wh"}
-            smallest.setdefault(f"{peer} {parameters}", case)
-    return [*smallest.values()]
+            of = f"{peer} {parameters}"
+            yield pytest.param(case, id=str(case), marks=[pytest.mark.slow] if of in seen else [])
+            seen.add(of)
 
 
-@pytest.mark.parametrize("case", _golden(), ids=str)
+@pytest.mark.parametrize("case", list(_golden()))
 def test_stored_outputs_of_other_programs(case: Case) -> None:
     """As near as the reference is, whose distance from them ``tests/hog/test_golden.py`` tests."""
     s, dtype = spec_of(case), dtype_of(case)

@@ -227,8 +227,8 @@ def cells_kernel(
     """Cells (images, rows, cols, bins), ``out_stride`` from image to image, of images, or their tangents.
 
     A program has ``strips[1]`` strips of ``of_strip`` rows of cells, each of ``of_chunk`` columns of cells.  Bands vote
-    into HIGH x WIDE cells; a lane reads AT_ONCE of its columns at a
-    time; CLAMPED if some are beyond the image.  Sets ``flags`` of images with a pixel that is not finite.
+    into HIGH x WIDE cells; a lane reads AT_ONCE of its columns at a time; CLAMPED if some are beyond the image.  Sets
+    ``flags`` of images with a pixel that is not finite.
     """
     REAL: tl.constexpr = out.dtype.element_ty
     bins: tl.constexpr = VOTING.bins

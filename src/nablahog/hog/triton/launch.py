@@ -168,7 +168,7 @@ def _to_cells(images: Tensor, tangents: Tensor | None, spec: HOGSpec) -> Cells:
         return out
     reach = rows.bands.reach, cols.bands.reach
     share = work(len(out.values), (rows.cells, cols.cells), reach, schedulers(images.device))
-    values = known.reading.channels * (1 if tangents is None else 2) * (out.values.itemsize // 4)
+    registers = known.reading.channels * (1 if tangents is None else 2) * (out.values.itemsize // 4)
     with on(images.device):
         cells_kernel[(len(out.values) * share.groups * share.chunks,)](
             images,
@@ -201,7 +201,7 @@ def _to_cells(images: Tensor, tangents: Tensor | None, spec: HOGSpec) -> Cells:
             COLOURS=spec.colours,
             HIGH=rows.bands.reach,
             WIDE=cols.bands.reach,
-            AT_ONCE=columns_at_once(cols.bands, 8 if values == 1 else 4),
+            AT_ONCE=columns_at_once(cols.bands, registers),
             CLAMPED=cols.bands.longest > images.shape[3],
             TANGENTS=tangents is not None,
             CHECKED=images.is_floating_point(),

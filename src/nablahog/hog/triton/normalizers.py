@@ -36,16 +36,20 @@ class NormalizerKernels(ABC):
     """The interface."""
 
     @abstractmethod
+    def _apply(self, cells: Cells, tangents: Tensor | None) -> Tensor:
+        """Descriptors, or their tangents."""
+
     def normalize(self, cells: Cells) -> Tensor:
         """Descriptors (N, rows, cols, channels)."""
+        return self._apply(cells, None)
 
     @abstractmethod
     def vjp(self, cells: Cells, grad_output: Tensor) -> Tensor:
         """Gradients (N, rows, cols, bins) of the cells."""
 
-    @abstractmethod
     def jvp(self, cells: Cells, tangents: Tensor) -> Tensor:
         """Tangents of the descriptors."""
+        return self._apply(cells, tangents)
 
 
 def _tile(numbers: int) -> tuple[int, int]:
@@ -104,14 +108,8 @@ class GlobalKernels(NormalizerKernels):
             )
         return out
 
-    def normalize(self, cells: Cells) -> Tensor:
-        return self._apply(cells, None)
-
     def vjp(self, cells: Cells, grad_output: Tensor) -> Tensor:
-        return self._apply(cells, grad_output)
-
-    def jvp(self, cells: Cells, tangents: Tensor) -> Tensor:
-        return self._apply(cells, tangents)
+        return self._apply(cells, grad_output)  # the Jacobian is symmetric
 
 
 class CellKernels(NormalizerKernels):
@@ -143,14 +141,8 @@ class CellKernels(NormalizerKernels):
         )
         return out
 
-    def normalize(self, cells: Cells) -> Tensor:
-        return self._apply(cells, None)
-
     def vjp(self, cells: Cells, grad_output: Tensor) -> Tensor:
-        return self._apply(cells, grad_output)
-
-    def jvp(self, cells: Cells, tangents: Tensor) -> Tensor:
-        return self._apply(cells, tangents)
+        return self._apply(cells, grad_output)  # the Jacobian is symmetric
 
 
 class BlockKernels(NormalizerKernels):
@@ -189,12 +181,6 @@ class BlockKernels(NormalizerKernels):
             SIZE=wide,
         )
         return out
-
-    def normalize(self, cells: Cells) -> Tensor:
-        return self._apply(cells, None)
-
-    def jvp(self, cells: Cells, tangents: Tensor) -> Tensor:
-        return self._apply(cells, tangents)
 
     def vjp(self, cells: Cells, grad_output: Tensor) -> Tensor:
         grid, s, (rows, cols, bins) = self._grid(cells), self.scheme, cells.shape
@@ -300,12 +286,6 @@ class FourBlockKernels(NormalizerKernels):
         )
         return out
 
-    def normalize(self, cells: Cells) -> Tensor:
-        return self._apply(cells, None)
-
-    def jvp(self, cells: Cells, tangents: Tensor) -> Tensor:
-        return self._apply(cells, tangents)
-
     def vjp(self, cells: Cells, grad_output: Tensor) -> Tensor:
         factors, _ = self._corners(cells, None)
         slopes, out = torch.empty_like(factors), _new(cells, *cells.shape)
@@ -346,7 +326,7 @@ class WindowKernels(NormalizerKernels):
     def __init__(self, sigma: float, epsilon: float) -> None:
         self.sigma, self.epsilon, self.reach = sigma, epsilon, math.floor(3 * sigma)
 
-    def _apply(self, cells: Cells, other: Tensor | None, mode: int) -> Tensor:
+    def _apply(self, cells: Cells, other: Tensor | None, transposed: bool = False) -> Tensor:
         (rows, cols, bins), out = cells.shape, _new(cells, *cells.shape)
         y = cells.values if other is None else other
         weights = _weights(self.sigma, self.reach, out.dtype, out.device)
@@ -387,17 +367,12 @@ class WindowKernels(NormalizerKernels):
             cols,
             stride,
             cells.flags.stride(0),
-            MODE=mode,
+            DERIVATIVE=other is not None,
+            TRANSPOSED=transposed,
             REACH=self.reach,
             **of_cells,
         )
         return out
 
-    def normalize(self, cells: Cells) -> Tensor:
-        return self._apply(cells, None, 0)
-
     def vjp(self, cells: Cells, grad_output: Tensor) -> Tensor:
-        return self._apply(cells, grad_output, 1)
-
-    def jvp(self, cells: Cells, tangents: Tensor) -> Tensor:
-        return self._apply(cells, tangents, 2)
+        return self._apply(cells, grad_output, transposed=True)

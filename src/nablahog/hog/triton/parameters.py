@@ -206,8 +206,9 @@ def _bands(matrix: npt.NDArray[Any], reach: int, at_once: tuple[int, ...], devic
     return Bands(reach, longest, _tensor(first.astype(np.int32), device), _tensor(weights, device))
 
 
-def columns_at_once(bands: Bands, most: int) -> int:
-    """That a lane reads of its band."""
+def columns_at_once(bands: Bands, registers: int) -> int:
+    """That a lane reads of its band, if the values of a pixel take so many registers."""
+    most = 8 if registers == 1 else 4
     return next(n for n in _COLUMNS if n <= most and bands.longest % n == 0)
 
 

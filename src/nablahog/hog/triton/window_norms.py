@@ -70,12 +70,13 @@ def window_norm_kernel(
     stride,
     flag_stride,
     COUNT: tl.constexpr,
-    MODE: tl.constexpr,
+    DERIVATIVE: tl.constexpr,
+    TRANSPOSED: tl.constexpr,
     REACH: tl.constexpr,
     TILE: tl.constexpr,
     BINS: tl.constexpr,
 ):
-    """By ``MODE``: 0, f · x; 1, the vjp f · y + Σ w s · x, s of cells around; 2, the jvp f · y - f³ Σ w⟨x, y⟩ · x."""
+    """f · x; or its jvp f · y - f³ Σ w⟨x, y⟩ · x; or, TRANSPOSED, its vjp f · y + Σ w s · x, with s of cells around."""
     image, place, there = places(count, rows * cols, TILE)
     row, col = place // cols, place % cols
     k = tl.arange(0, BINS)[None, :]
@@ -84,9 +85,9 @@ def window_norm_kernel(
     cell = image * (rows * cols) + place
     factor = tl.load(factors + 2 * cell, mask=there, other=0)
     value = own * factor[:, None]
-    if MODE > 0:
+    if DERIVATIVE:
         other = tl.load(y + cell[:, None] * COUNT + k, mask=some, other=0)
-        if MODE == 1:
+        if TRANSPOSED:
             slope = _around(factors, 1, image, row, col, there, rows, cols, weights, REACH)
         else:
             around = _around(products, 1, image, row, col, there, rows, cols, weights, REACH)
