@@ -35,11 +35,9 @@ class MaskRule:
 
     Attributes:
         smooths: whether [-1, 0, 1] is averaged over three lines with 1, 2, 1.
-        loops: the borders with which there are compiled loops.
     """
 
     smooths: bool
-    loops: frozenset[Border]
 
 
 # "ignore": the ring is left out when votes are pooled
@@ -52,8 +50,8 @@ BORDERS: dict[Border, BorderRule] = {
     "gray": BorderRule(1, 128 / 255),
 }
 MASKS: dict[Mask, MaskRule] = {
-    "central": MaskRule(smooths=False, loops=frozenset(BORDERS)),
-    "sobel": MaskRule(smooths=True, loops=frozenset({"reflect", "ignore"})),
+    "central": MaskRule(smooths=False),
+    "sobel": MaskRule(smooths=True),
 }
 
 

@@ -162,13 +162,13 @@ class VoteRule:
 
     Attributes:
         shares: from gradients (B, H, W) to candidate bins (B, n, H, W) and the weights of the vote in these.
-        loop: its compiled loop, a key of ``kernels.parameters``; None if there is none.
+        name: by which engines know it; those that don't leave it to ``shares``.
         hard: whether all of it goes to one bin, and the derivative is that of the magnitude.
         inexact: whether the derivative is by another angle than the votes.
     """
 
     shares: Callable[[Tensor, Tensor, HOGSpec], Shares]
-    loop: str | None
+    name: str
     hard: bool = False
     inexact: bool = False
 

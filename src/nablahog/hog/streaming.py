@@ -13,8 +13,7 @@ import torch
 from torch import Tensor
 
 from .inputs import is_pil, pil_pixels
-from .kernels import steps
-from .kernels.norms import long_dot
+from .kernels import energy, steps
 from .presets import as_spec
 from .spec import HOGSpec
 from .steps import spread_nan
@@ -62,9 +61,8 @@ def stream(image: Rows | Image, spec: HOGSpec | str, *, memory: int = MEMORY) ->
     """Computes the HOG descriptor of an image that is larger than memory, in strips of rows from the top.
 
     The rows equal those of ``hog`` of the whole image bit by bit: ``np.concatenate([strip.descriptor for strip
-    in stream(image, spec)])`` is ``hog(whole, spec)``.  Without compiled loops (see :func:`.kernels.supports` and
-    ``normalizer.has_loops``) they are equal up to rounding.  A pixel that is not finite
-    makes the strips NaN that it is read for; ``hog`` makes all rows NaN.
+    in stream(image, spec)])`` is ``hog(whole, spec)``.  Without native loops for the dialect they are equal up to
+    rounding.  A pixel that is not finite makes the strips NaN that it is read for; ``hog`` makes all rows NaN.
 
     Neighbouring strips share some rows of the image, as cells share pixels and blocks cells; these are read for both.
     Where one number normalises a whole descriptor, as in Eq. 7, the image is read twice.
@@ -185,7 +183,7 @@ def _strips(reader: _Reader, spec: HOGSpec, strips: list[Strip]) -> Iterator[Des
 def _scale(strips: Iterator[Tensor], spec: HOGSpec) -> Tensor:
     """What the normaliser multiplies the histograms of an image with, (colours · bins, 1, 1) in float64.
 
-    Energies are rounded as in the compiled loops: :func:`.kernels.norms.global_norm`.
+    Energies are rounded as in the native loops: ``native/global_norm.h``.
     """
     energies = [_Energy() for _ in range(spec.colours)]
     for strip in strips:
@@ -211,9 +209,9 @@ class _Energy:
         whole = len(values) // _SUMMED * _SUMMED
         for first in range(0, whole, _SUMMED):
             part = values[first : first + _SUMMED]
-            self._total += long_dot(part, part)
+            self._total += energy(part)
         self._rest = values[whole:].copy()
 
     def total(self) -> float:
         """Of all that came."""
-        return self._total if self._rest is None else self._total + long_dot(self._rest, self._rest)
+        return self._total if self._rest is None else self._total + energy(self._rest)

@@ -4,7 +4,7 @@ The histograms of a crop differ from those of the image for three reasons:
 
 * Votes of pixels outside the crop are missing, and gradients at its border differ.  So a crop has rows to spare.
 * A Gaussian window that is tiled over the image starts again.  So a crop starts where a tile does.
-* The compiled loops round differently where one band of rows ends and the next begins.  Bands are counted from the top
+* The native loops round differently where one band of rows ends and the next begins.  Bands are counted from the top
   and repeat after a few of them.  So a crop starts at a whole period, and its first bands are to spare, too.
 """
 
@@ -18,9 +18,10 @@ from typing import NamedTuple
 
 import torch
 
-from .kernels import parameters, supports
+from .kernels import supports
 from .poolings import Spacing
 from .spec import HOGSpec
+from .tables import pooling_axes
 
 _STEPS = 96  # of an image that is tall enough to see how its bands repeat
 
@@ -140,7 +141,8 @@ def _bands(spec: HOGSpec, width: int, dtype: torch.dtype) -> _Bands:
     if not supports(spec):
         return _Bands(step, 1, 1)  # plain steps have no bands
     height = _STEPS * step + 16 * reach
-    bands = [(int(start), int(stop)) for start, stop, _ in parameters.pooling(spec, height, width, dtype).bands]
+    rows = pooling_axes(spec, height, width, dtype)[0]
+    bands = [(int(start), int(stop)) for start, stop, _ in rows.stretches]
     longest = max(stop - start for start, stop in bands)
     inner = {band for band in bands if band[1] <= height - reach}  # not those at the bottom, whose cells are missing
     end = max(stop for _, stop in inner)

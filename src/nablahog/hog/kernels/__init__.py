@@ -1,4 +1,4 @@
-"""The operator's steps fused into compiled loops for CPUs: the same results up to rounding, and the same derivatives.
+"""The operator's steps fused into native loops for CPUs: the same results up to rounding, and the same derivatives.
 
 ``docs/kernels.md`` explains them; ``tests/hog/kernels`` compares them with the reference steps.
 """
@@ -7,27 +7,31 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 from torch.autograd import forward_ad
 
+from ... import native
 from ...runtime.forward_mode import load_forward_mode
 from .. import triton as gpu
 from ..colours import merge_colours, separate_colours, split_colours
-from ..gradient import MASKS
 from ..orientation import vote_rule
 from ..spec import HOGSpec
 from ..steps import histograms_reference, normalize_reference, spread_nan
 from . import autograd, loops, operators
+from .plan import VOTES, has_norm
 
 Step: TypeAlias = Callable[[Tensor, HOGSpec], Tensor]
 
 
 def supports(spec: HOGSpec) -> bool:
-    """Whether these loops have all that the dialect needs."""
-    return spec.border in MASKS[spec.mask].loops and vote_rule(spec).loop is not None
+    """Whether these loops have all that the dialect needs but, perhaps, its normaliser."""
+    smoothed_border = spec.mask == "sobel" and spec.border not in ("reflect", "ignore")
+    return not smoothed_border and vote_rule(spec).name in VOTES and native.available()
 
 
 @lru_cache(maxsize=64)
@@ -37,7 +41,7 @@ def _of_one_colour(spec: HOGSpec) -> HOGSpec:
 
 def describe(images: Tensor, spec: HOGSpec) -> Tensor:
     """Descriptors (B, rows, cols, channels) of images (B, C, H, W) on a CPU, in a dialect that these loops support."""
-    if not spec.normalizer.has_loops:
+    if not has_norm(spec):
         descriptor = spread_nan(normalize_reference(histograms(images, spec), spec), images)
         return descriptor.permute(0, 2, 3, 1).contiguous()
     if autograd.in_graph(images):
@@ -79,10 +83,15 @@ def histograms_jvp(images: Tensor, tangents: Tensor, spec: HOGSpec) -> Tensor:
 
 def _norm(of_cells: Tensor, spec: HOGSpec) -> Tensor:
     """The normaliser: cell histograms (B, colours · bins, rows, cols) to (B, channels, rows, cols)."""
-    if autograd.in_graph(of_cells) or not spec.normalizer.has_loops:
+    if autograd.in_graph(of_cells) or not has_norm(spec):
         return normalize_reference(of_cells, spec)
     each = split_colours(of_cells.permute(0, 2, 3, 1), spec)
     return merge_colours(autograd.apply(autograd.NORM, each, _of_one_colour(spec)), spec).permute(0, 3, 1, 2)
+
+
+def energy(values: NDArray[Any]) -> float:
+    """The sum of squares of numbers (n,), float32 or float64, rounded as in the native global normaliser."""
+    return loops.energy(values) if native.available() else float(np.square(values, dtype=np.float64).sum())
 
 
 def steps(device: torch.device, spec: HOGSpec) -> tuple[Step, Step]:

@@ -1,4 +1,4 @@
-"""The compiled steps as functions of PyTorch: differentiable in reverse and forward mode, and under ``vmap``.
+"""The native loops as functions of PyTorch: differentiable in reverse and forward mode, and under ``vmap``.
 
 Second derivatives are those of the reference steps; loops for them would only be faster.
 """
@@ -15,7 +15,7 @@ from torch.autograd import Function, forward_ad
 from torch.nn import Parameter
 
 from ..spec import HOGSpec
-from ..steps import histograms_reference, normalize_reference, spread_nan
+from ..steps import histograms_reference, normalize_reference
 from . import loops
 
 Both: TypeAlias = tuple[Tensor, Tensor]
@@ -25,7 +25,7 @@ Both: TypeAlias = tuple[Tensor, Tensor]
 
 @dataclass(frozen=True)
 class Step:
-    """A compiled step, its derivatives, and its reference.
+    """A native step, its derivatives, and its reference.
 
     Attributes:
         run: maps the input and the dialect to the output, and what the derivatives need, (B, numbers).
@@ -219,46 +219,34 @@ def _nothing(x: Tensor) -> Tensor:
     return torch.empty(len(x), 0)
 
 
-def _describe(images: Tensor, spec: HOGSpec) -> Both:
-    descriptors, cells = loops.describe(images, spec)
-    return descriptors, torch.from_numpy(cells)
-
-
-def _norm_reference(histograms: Tensor, spec: HOGSpec) -> Tensor:
+def norm_reference(histograms: Tensor, spec: HOGSpec) -> Tensor:
+    """The normaliser: cells (B, rows, cols, bins) to descriptors (B, rows, cols, channels)."""
     return normalize_reference(histograms.permute(0, 3, 1, 2), spec).permute(0, 2, 3, 1)
 
 
-def _cells_reference(images: Tensor, spec: HOGSpec) -> Tensor:
+def cells_reference(images: Tensor, spec: HOGSpec) -> Tensor:
+    """Eq. 1-6: images (B, C, H, W) to cells (B, rows, cols, bins)."""
     return histograms_reference(images, spec).permute(0, 2, 3, 1)
 
 
-def _norm_jvp(histograms: Tensor, _: object, tangent: Tensor, spec: HOGSpec) -> Tensor:
-    # cells are few: the reference is fast enough
-    return _jvp(lambda x: _norm_reference(x, spec), (histograms,), (tangent,))
-
-
-def _describe_jvp(images: Tensor, cells: Tensor, tangent: Tensor, spec: HOGSpec) -> Tensor:
-    return spread_nan(_norm_jvp(cells, None, loops.cells_jvp(images, tangent, spec), spec), images)
+def describe_reference(images: Tensor, spec: HOGSpec) -> Tensor:
+    """Eq. 1-7."""
+    return norm_reference(cells_reference(images, spec), spec)
 
 
 CELLS = Step(
     lambda images, spec: (loops.cells(images, spec), _nothing(images)),
     lambda images, _, grad_output, spec: loops.cells_vjp(images, grad_output, spec),
     lambda images, _, tangent, spec: loops.cells_jvp(images, tangent, spec),
-    _cells_reference,
+    cells_reference,
 )
 NORM = Step(
-    lambda histograms, spec: (loops.norm(histograms, spec), _nothing(histograms)),
-    lambda histograms, _, grad_output, spec: loops.norm_vjp(histograms, grad_output, spec),
-    _norm_jvp,
-    _norm_reference,
+    lambda cells, spec: (loops.norm(cells, spec), _nothing(cells)),
+    lambda cells, _, grad_output, spec: loops.norm_vjp(cells, grad_output, spec),
+    lambda cells, _, tangent, spec: loops.norm_jvp(cells, tangent, spec),
+    norm_reference,
 )
-DESCRIBE = Step(
-    _describe,
-    lambda images, cells, grad_output, spec: loops.describe_vjp(images, loops.array(cells), grad_output, spec),
-    _describe_jvp,
-    lambda images, spec: _norm_reference(_cells_reference(images, spec), spec),
-)
+DESCRIBE = Step(loops.describe, loops.describe_vjp, loops.describe_jvp, describe_reference)
 
 
 def apply(step: Step, x: Tensor, spec: HOGSpec) -> Tensor:

@@ -1,4 +1,4 @@
-"""The compiled steps as operators of ``torch.library``, for graphs of ``torch.compile`` and ``torch.export``.
+"""The native loops as operators of ``torch.library``, for graphs of ``torch.compile`` and ``torch.export``.
 
 Their dialect is a string, its JSON.  They are differentiable once, in reverse mode.
 """
@@ -60,7 +60,7 @@ def describe(images: Tensor, spec: str) -> Tensor:
 def describe_vjp(images: Tensor, grad_output: Tensor, spec: str) -> Tensor:
     """Gradients with respect to the images from those with respect to the descriptors."""
     dialect, one, each = spec_of(spec), _of_one_colour(spec), separate_colours(images.detach(), spec_of(spec))
-    cells = loops.array(loops.cells(each, one))
+    cells = loops.cells(each, one)
     grad_images = loops.describe_vjp(each, cells, split_colours(grad_output.detach(), dialect), one)
     return separate_colours_vjp(grad_images, images.shape[1], dialect).contiguous()
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .base import Footprint, Normalizer, NormalizerLoops, PerCell
+from .base import Footprint, Normalizer, PerCell
 from .block import BlockForm, BlockNorm
 from .cell import CellNorm
 from .four_block import HISTOGRAMS, PARTS, FourBlockNorm, Outside, Part, Texture
@@ -25,7 +25,6 @@ __all__ = [
     "GlobalForm",
     "GlobalNorm",
     "Normalizer",
-    "NormalizerLoops",
     "Outside",
     "Part",
     "PerCell",

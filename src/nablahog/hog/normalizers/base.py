@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from ..checks import check_fields
 
 if TYPE_CHECKING:
     from torch import Tensor
     from typing_extensions import Self
-
-    from ..triton.normalizers import NormalizerKernels
 
 
 class Footprint(NamedTuple):
@@ -42,21 +40,6 @@ class Footprint(NamedTuple):
         return [self.margin <= cell < end and (cell - self.margin) % self.step < self.extent for cell in range(cells)]
 
 
-class NormalizerLoops(NamedTuple):
-    """A normaliser compiled: functions of :mod:`..kernels` for images ``start`` to ``stop``, on NumPy arrays.
-
-    Attributes:
-        normalize: of (histograms, constants, start, stop, out), (images, rows, cols, bins) to (images, rows, cols,
-            channels).
-        vjp: of (histograms, constants, grad_output, start, stop, grad_input).
-        constants: numbers, arrays or named tuples of these.
-    """
-
-    normalize: Any
-    vjp: Any
-    constants: Any
-
-
 @dataclass(frozen=True)
 class Normalizer(ABC):
     """From cell histograms to the descriptor: the last of the four steps.
@@ -73,26 +56,18 @@ class Normalizer(ABC):
 
     Of one that makes a vector as long as its histogram of each cell, :class:`PerCell` has most of these.
 
-    It may have: :meth:`check`, if it does not go with all bins; :meth:`loops`, without which the compiled cells are
-    followed by :meth:`normalize`; :meth:`triton`, the same on GPUs; :meth:`image_factor`, if one number normalises all
-    of an image; :meth:`invert`, if histograms can be computed back in closed form.  The rest has defaults that hold
-    unless channels are left out, or have a meaning beside the bins of cells.  Fields are checked by their types, see
+    It may have: :meth:`check`, if it does not go with all bins; :meth:`image_factor`, if one number normalises all of
+    an image; :meth:`invert`, if histograms can be computed back in closed form; native loops, which know it
+    (:mod:`..kernels.plan`), and without which native cells are followed by :meth:`normalize`.  The rest has defaults
+    that hold unless channels are left out, or have a meaning beside the bins of cells.  Fields are checked by their types, see
     :func:`.checks.check_fields`.
     """
 
     kind: ClassVar[str]
-    has_loops: ClassVar[bool] = False
-    """Whether there are compiled loops: set where :meth:`loops` is written."""
-    has_triton: ClassVar[bool] = False
-    """Whether there are kernels for GPUs: set where :meth:`triton` is written."""
     bounded: ClassVar[bool] = False
     """Whether entries are of one size in all images, because they are clipped."""
     conventions: ClassVar[tuple[dict[str, str], ...]] = ()
     """Groups of its fields, each with what a reader calls it, if they can be exchanged one after the other."""
-
-    def __init_subclass__(cls) -> None:
-        cls.has_loops = cls.loops is not Normalizer.loops
-        cls.has_triton = cls.triton is not Normalizer.triton
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -145,14 +120,6 @@ class Normalizer(ABC):
     @abstractmethod
     def fixes_contrast(self) -> bool:
         """Whether the descriptor determines the contrast of the image."""
-
-    def loops(self, bins: int, signed: bool, real: Any) -> NormalizerLoops:
-        """The compiled loops, in float32 or float64, ``real``; see :attr:`has_loops`."""
-        raise NotImplementedError(f"{type(self).__name__} has no compiled loops")
-
-    def triton(self, bins: int, signed: bool) -> NormalizerKernels:
-        """The kernels for GPUs; see :attr:`has_triton`.  Loads Triton."""
-        raise NotImplementedError(f"{type(self).__name__} has no kernels for GPUs")
 
     def image_factor(self, energy: float) -> float:
         """What all histograms of an image are multiplied with whose squares sum to ``energy``, if that is all it does.

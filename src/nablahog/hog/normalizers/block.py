@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
+from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias
 
-from .base import Footprint, Normalizer, NormalizerLoops
+from .base import Footprint, Normalizer
 
 if TYPE_CHECKING:
     from torch import Tensor
-
-    from ..triton.normalizers import NormalizerKernels
 
 BlockForm: TypeAlias = Literal["L1", "L1-sqrt", "L2", "L2-Hys"]
 
@@ -92,41 +90,6 @@ class BlockNorm(Normalizer):
         if self.epsilon_outside_root:
             return blocks / (root(energy) + epsilon)
         return blocks * (energy + epsilon**2).rsqrt()
-
-    def loops(self, bins: int, signed: bool, real: Any) -> NormalizerLoops:
-        """Block after block."""
-        from ..kernels.block_norms import FORMS, Blocks, block_norm, block_norm_vjp
-
-        constants = Blocks(
-            *self.block,
-            *self.step,
-            form=FORMS[self.form],
-            epsilon=real(self.epsilon),
-            epsilon_again=real(self.epsilon_again),
-            epsilon_outside_root=self.epsilon_outside_root,
-            clip=real(self.clip),
-        )
-        return NormalizerLoops(block_norm, block_norm_vjp, constants)
-
-    def triton(self, bins: int, signed: bool) -> NormalizerKernels:
-        """Block after block; the vjp cell after cell."""
-        from ..triton.block_norms import Blocks
-        from ..triton.normalizers import BlockKernels
-
-        scheme = Blocks(
-            *self.block,
-            *self.step,
-            bins=bins,
-            size=self.channels(bins, signed),
-            L1=self.form.startswith("L1"),
-            sqrt=self.form == "L1-sqrt",
-            hys=self.form == "L2-Hys",
-            epsilon=float(self.epsilon),
-            epsilon_again=float(self.epsilon_again),
-            epsilon_outside_root=self.epsilon_outside_root,
-            clip=float(self.clip),
-        )
-        return BlockKernels(scheme)
 
     def mirrored_channels(self, bins: list[int], axes: list[int]) -> list[int]:
         """The cells of each row in reverse."""

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-from .base import NormalizerLoops, PerCell
+from .base import PerCell
 
 if TYPE_CHECKING:
     from torch import Tensor
-
-    from ..triton.normalizers import NormalizerKernels
 
 
 @dataclass(frozen=True)
@@ -44,18 +42,6 @@ class CellNorm(PerCell):
 
         length = root(histograms.square().sum(dim=1, keepdim=True))
         return histograms / torch.maximum(length, length.new_tensor(self.epsilon))
-
-    def loops(self, bins: int, signed: bool, real: Any) -> NormalizerLoops:
-        """One pass over the cells."""
-        from ..kernels.norms import cell_norm, cell_norm_vjp
-
-        return NormalizerLoops(cell_norm, cell_norm_vjp, real(self.epsilon))
-
-    def triton(self, bins: int, signed: bool) -> NormalizerKernels:
-        """One pass over the cells."""
-        from ..triton.normalizers import CellKernels
-
-        return CellKernels(float(self.epsilon))
 
     def invert(self, channels: Tensor) -> Tensor | None:
         """The entries: nothing tells one cell's level from another's."""

@@ -6,15 +6,13 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias, get_args
 
-from .base import Footprint, Normalizer, NormalizerLoops
+from .base import Footprint, Normalizer
 
 if TYPE_CHECKING:
     from torch import Tensor
     from typing_extensions import Self
-
-    from ..triton.normalizers import NormalizerKernels
 
 Part: TypeAlias = Literal["directed", "undirected", "texture", "blocks", "zero"]
 Texture: TypeAlias = Literal["vlfeat", "dpm"]
@@ -172,60 +170,6 @@ class FourBlockNorm(Normalizer):
             factor = factor * inner
         top, bottom = factor[..., :-1, :], factor[..., 1:, :]
         return torch.stack([top[..., :-1], top[..., 1:], bottom[..., :-1], bottom[..., 1:]], dim=1)
-
-    def loops(self, bins: int, signed: bool, real: Any) -> NormalizerLoops:
-        """Cell after cell."""
-        import numpy as np
-
-        from ..kernels.four_blocks import FourBlocks, four_block_norm
-        from ..kernels.four_blocks_vjp import four_block_norm_vjp
-
-        channels = [self.channels_of(part, bins, signed) for part in PARTS]
-        dpm = self.texture == "dpm"
-        constants = FourBlocks(
-            epsilon=real(self.epsilon),
-            clip=real(self.clip),
-            floor=self.floor,
-            missing=self.outside == "missing",
-            dropped=int(self.outside == "drop"),
-            signed=signed,
-            bins=bins,
-            undirected=bins // 2 if signed else bins,
-            first=np.where(np.array(channels) > 0, np.cumsum([0, *channels[:-1]]), -1),
-            directed_texture=dpm,
-            texture=real(DPM_TEXTURE if dpm else VLFEAT_TEXTURE),
-            order=np.argsort(DPM_ORDER) if dpm else np.arange(4),
-        )
-        return NormalizerLoops(four_block_norm, four_block_norm_vjp, constants)
-
-    def triton(self, bins: int, signed: bool) -> NormalizerKernels:
-        """Block after block, then cell after cell."""
-        from ..triton.four_blocks import FourBlocks
-        from ..triton.normalizers import FourBlockKernels
-
-        channels = [self.channels_of(part, bins, signed) for part in PARTS]
-        first = [sum(channels[:k]) if count else -1 for k, count in enumerate(channels)]
-        dpm = self.texture == "dpm"
-        scheme = FourBlocks(
-            epsilon=float(self.epsilon),
-            clip=float(self.clip),
-            floor=self.floor,
-            missing=self.outside == "missing",
-            dropped=int(self.outside == "drop"),
-            signed=signed,
-            bins=bins,
-            undirected=bins // 2 if signed else bins,
-            channels=sum(channels),
-            directed_at=first[0],
-            undirected_at=first[1],
-            texture_at=first[2],
-            blocks_at=first[3],
-            zero_at=first[4],
-            directed_texture=dpm,
-            texture=DPM_TEXTURE if dpm else VLFEAT_TEXTURE,
-            order=tuple(DPM_ORDER.index(block) if dpm else block for block in range(4)),
-        )
-        return FourBlockKernels(scheme)
 
     def mirrored_channels(self, bins: list[int], axes: list[int]) -> list[int]:
         """Left and right blocks exchange their texture, and their histograms."""

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
+from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias
 
-from .base import NormalizerLoops, PerCell
+from .base import PerCell
 
 if TYPE_CHECKING:
     from torch import Tensor
-
-    from ..triton.normalizers import NormalizerKernels
 
 GlobalForm: TypeAlias = Literal["printed", "robust"]
 
@@ -49,18 +47,6 @@ class GlobalNorm(PerCell):
             return histograms * (energy + self.epsilon**2).rsqrt()
         # the derivative of v·‖v‖ vanishes where v does, so ‖v‖ may be taken as constant there
         return histograms * (root(energy) + self.epsilon).rsqrt()
-
-    def loops(self, bins: int, signed: bool, real: Any) -> NormalizerLoops:
-        """In double precision."""
-        from ..kernels.norms import global_norm, global_norm_vjp
-
-        return NormalizerLoops(global_norm, global_norm_vjp, (float(self.epsilon), self.form == "robust"))
-
-    def triton(self, bins: int, signed: bool) -> NormalizerKernels:
-        """Sums in double precision."""
-        from ..triton.normalizers import GlobalKernels
-
-        return GlobalKernels(float(self.epsilon), self.form == "robust")
 
     def image_factor(self, energy: float) -> float:
         """1 / √(‖v‖ + ε) or 1 / √(‖v‖² + ε²), rounded as in the compiled loops."""

@@ -11,8 +11,6 @@ from .base import PerCell
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from ..triton.normalizers import NormalizerKernels
-
 
 @dataclass(frozen=True)
 class WindowNorm(PerCell):
@@ -48,12 +46,6 @@ class WindowNorm(PerCell):
         for axis in (-2, -1):
             energy = self._weighted_sum(energy, axis)
         return histograms * (energy + self.epsilon**2).rsqrt()
-
-    def triton(self, bins: int, signed: bool) -> NormalizerKernels:
-        """From the energies of cells."""
-        from ..triton.normalizers import WindowKernels
-
-        return WindowKernels(float(self.sigma), float(self.epsilon))
 
     def _weighted_sum(self, energy: Tensor, axis: int) -> Tensor:
         """Sums along an axis, always in the same order: a strip has the bits of the whole image."""

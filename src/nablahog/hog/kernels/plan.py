@@ -1,0 +1,290 @@
+"""``native/plan.h`` filled in: what the native loops know of a dialect, an image size and a dtype."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from functools import singledispatch
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from .. import library_angles, tables
+from ..gradient import BLACK, BORDERS, MASKS, last_of_equals
+from ..normalizers import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm, Normalizer
+from ..normalizers.four_block import DPM_ORDER, DPM_TEXTURE, PARTS, VLFEAT_TEXTURE
+from ..orientation import beginnings, vanishing, vote_rule
+from ..spec import HOGSpec
+
+PIXELS = {torch.uint8: 0, torch.float32: 1, torch.float64: 2}
+MIRROR, REPEAT, CONSTANT = range(3)
+VOTES = {"linear": 0, "opencv": 1, "vlfeat": 2, "nearest": 3, "begun": 4}
+NO_NORM, GLOBAL, CELL, BLOCK, FOUR_BLOCK = range(5)
+BLOCK_FORMS = {"L1": 0, "L1-sqrt": 1, "L2": 2, "L2-Hys": 3}
+PADDING = 16  # numbers of the widest vector: tables of columns are rounded up to these, and have as many more
+
+_int32, _int64, _double, _pointer = ctypes.c_int32, ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
+
+
+def _fields(kind: Any, names: str) -> list[tuple[str, Any]]:
+    return [(name, kind) for name in names.split()]
+
+
+class AxisStruct(ctypes.Structure):
+    """``nablahog_axis``."""
+
+    _fields_ = [
+        *_fields(_int64, "pixels cells extent stretches longest run"),
+        *_fields(_pointer, "stretch weights run_weights cell_weights"),
+    ]
+
+
+class PlanStruct(ctypes.Structure):
+    """``nablahog_plan``."""
+
+    _fields_ = [
+        *_fields(_int64, "channels height width"),
+        *_fields(_int32, "pixels averaged square_root sobel border border_doubled"),
+        *_fields(_double, "scale black border_value"),
+        *_fields(_pointer, "channel_weights last_wins"),
+        *_fields(_int32, "votes bins is_signed bin_before"),
+        *_fields(_double, "tiny up bins_per_half_turn bin_offset slope"),
+        *_fields(_int64, "directions_count"),
+        *_fields(_pointer, "directions arctangent"),
+        *_fields(_double, "arccosine_least arccosine_unit"),
+        *_fields(AxisStruct, "rows cols"),
+        *_fields(_int32, "normalizer"),
+        *_fields(_int64, "out_rows out_cols out_channels"),
+        *_fields(_pointer, "constants"),
+    ]
+
+
+class GlobalNormStruct(ctypes.Structure):
+    """``nablahog_global_norm``."""
+
+    _fields_ = [*_fields(_double, "epsilon"), *_fields(_int32, "robust")]
+
+
+class CellNormStruct(ctypes.Structure):
+    """``nablahog_cell_norm``."""
+
+    _fields_ = _fields(_double, "epsilon")
+
+
+class BlockNormStruct(ctypes.Structure):
+    """``nablahog_block_norm``."""
+
+    _fields_ = [
+        *_fields(_int64 * 2, "block step"),
+        *_fields(_double, "epsilon epsilon_again clip"),
+        *_fields(_int32, "form epsilon_outside_root"),
+    ]
+
+
+class FourBlockNormStruct(ctypes.Structure):
+    """``nablahog_four_block_norm``."""
+
+    _fields_ = [
+        *_fields(_double, "epsilon clip texture"),
+        *_fields(_int64 * 4, "texture_order"),
+        *_fields(_int64, "directed_at undirected_at texture_at blocks_at zero_at"),
+        *_fields(_int32, "floor missing dropped is_signed directed_texture"),
+    ]
+
+
+@singledispatch
+def normalizer_constants(normalizer: Normalizer, spec: HOGSpec) -> tuple[int, ctypes.Structure | None]:
+    """The kind of a normaliser and its constants; of one without native loops :data:`NO_NORM`."""
+    return NO_NORM, None
+
+
+@normalizer_constants.register
+def _(norm: GlobalNorm, spec: HOGSpec) -> tuple[int, ctypes.Structure]:
+    return GLOBAL, GlobalNormStruct(norm.epsilon, norm.form == "robust")
+
+
+@normalizer_constants.register
+def _(norm: CellNorm, spec: HOGSpec) -> tuple[int, ctypes.Structure]:
+    return CELL, CellNormStruct(norm.epsilon)
+
+
+@normalizer_constants.register
+def _(norm: BlockNorm, spec: HOGSpec) -> tuple[int, ctypes.Structure]:
+    return BLOCK, BlockNormStruct(
+        block=norm.block,
+        step=norm.step,
+        epsilon=norm.epsilon,
+        epsilon_again=norm.epsilon_again,
+        clip=norm.clip,
+        form=BLOCK_FORMS[norm.form],
+        epsilon_outside_root=norm.epsilon_outside_root,
+    )
+
+
+@normalizer_constants.register
+def _(norm: FourBlockNorm, spec: HOGSpec) -> tuple[int, ctypes.Structure]:
+    counts = [norm.channels_of(part, spec.bins, spec.signed) for part in PARTS]
+    dpm = norm.texture == "dpm"
+    return FOUR_BLOCK, FourBlockNormStruct(
+        epsilon=norm.epsilon,
+        clip=norm.clip,
+        texture=DPM_TEXTURE if dpm else VLFEAT_TEXTURE,
+        texture_order=(_int64 * 4)(*(np.argsort(DPM_ORDER) if dpm else range(4))),
+        **{f"{part}_at": sum(counts[:k]) if count else -1 for k, (part, count) in enumerate(zip(PARTS, counts, strict=True))},
+        floor=norm.floor,
+        missing=norm.outside == "missing",
+        dropped=norm.outside == "drop",
+        is_signed=spec.signed,
+        directed_texture=dpm and "texture" in norm.parts,
+    )
+
+
+def has_norm(spec: HOGSpec) -> bool:
+    """Whether there are native loops of the dialect's normaliser."""
+    return normalizer_constants(spec.normalizer, spec)[0] != NO_NORM
+
+
+class NormPlan:
+    """The part of ``nablahog_plan`` that is about the normaliser, with the arrays that it points to.
+
+    Args:
+        spec: a dialect of one colour.
+        rows, cols: of the cells.
+        dtype: of cells and descriptors, float32 or float64.
+
+    Attributes:
+        struct: the plan itself.
+        cells: (rows, cols, bins) of histograms.
+        grid: (rows, cols, channels) of descriptors.
+        dtype: of both.
+    """
+
+    def __init__(self, spec: HOGSpec, rows: int, cols: int, dtype: torch.dtype) -> None:
+        norm = spec.normalizer
+        self.dtype, self.cells = dtype, (rows, cols, spec.bins)
+        self.grid = norm.footprint(0).count(rows), norm.footprint(1).count(cols), spec.channels
+        kind, constants = normalizer_constants(norm, spec)
+        self._alive: list[Any] = [constants]
+        self.struct = PlanStruct(
+            pixels=PIXELS[dtype],
+            bins=spec.bins,
+            rows=AxisStruct(cells=rows),
+            cols=AxisStruct(cells=cols),
+            normalizer=kind,
+            out_rows=self.grid[0],
+            out_cols=self.grid[1],
+            out_channels=self.grid[2],
+            constants=ctypes.addressof(constants) if constants else None,
+        )
+        self.address = ctypes.addressof(self.struct)
+
+    def empty(self, batch: int, *shape: int) -> torch.Tensor:
+        """Memory for a result of the loops."""
+        return torch.empty((batch, *shape), dtype=self.dtype)
+
+
+class Plan(NormPlan):
+    """``nablahog_plan`` of a dialect, an image size and a dtype.
+
+    Args:
+        spec: a dialect of one colour.
+        shape: (channels, height, width) of the images.
+        stored: dtype of the images.
+
+    Raises:
+        ValueError: the images are too small for a descriptor.
+    """
+
+    def __init__(self, spec: HOGSpec, shape: tuple[int, int, int], stored: torch.dtype) -> None:
+        channels, height, width = shape
+        spec.grid(height, width)
+        super().__init__(
+            spec, *spec.cells(height, width), torch.float64 if stored == torch.float64 else torch.float32
+        )
+        self._real, self._integer = (
+            (np.float64, np.int64) if self.dtype == torch.float64 else (np.float32, np.int32)
+        )
+        rows, cols = tables.pooling_axes(spec, height, width, self.dtype)
+        self._set(
+            channels=channels,
+            height=height,
+            width=width,
+            pixels=PIXELS[stored],
+            rows=self._axis(rows),
+            cols=self._columns(cols),
+        )
+        self._set_gradients(spec, channels, height, width, stored)
+        self._set_votes(spec)
+
+    def _set(self, **fields: Any) -> None:
+        for name, value in fields.items():
+            setattr(self.struct, name, value)
+
+    def _address(self, values: npt.ArrayLike, dtype: Any) -> int:
+        """Of an array that lives as long as the plan."""
+        array = np.ascontiguousarray(values, dtype)
+        self._alive.append(array)
+        return int(array.ctypes.data)
+
+    def _set_gradients(self, spec: HOGSpec, channels: int, height: int, width: int, stored: torch.dtype) -> None:
+        averaged, weights = tables.channel_weights(spec, channels)
+        border = BORDERS[spec.border]
+        last_wins = np.zeros(_padded(width), self._integer)
+        last_wins[:width] = -last_of_equals(spec, height, width).astype(self._integer)
+        self._set(
+            averaged=averaged,
+            square_root=spec.gamma == "sqrt",
+            sobel=MASKS[spec.mask].smooths,
+            border=MIRROR if border.times == 0 else REPEAT if border.beyond is None else CONSTANT,
+            border_doubled=border.times == 2,
+            scale=spec.value_range / 255 if stored == torch.uint8 else spec.value_range,
+            black=BLACK,
+            border_value=(border.beyond or 0) * spec.value_range,
+            channel_weights=self._address(weights, np.float64),
+            last_wins=self._address(last_wins, self._integer),
+        )
+
+    def _set_votes(self, spec: HOGSpec) -> None:
+        directions = tables.vote_directions(spec)
+        up = -1.0 if spec.counterclockwise else 1.0
+        self._set(
+            votes=VOTES[vote_rule(spec).name],
+            is_signed=spec.signed,
+            bin_before=spec.bins - 1 + beginnings(spec)[1],
+            tiny=vanishing(self.dtype),
+            up=up,
+            bins_per_half_turn=spec.bins / 2 if spec.signed else spec.bins,  # exact: right angles are kinks
+            bin_offset=spec.bin_offset,
+            slope=up * spec.bins / spec.period,
+            directions_count=directions.shape[1],
+            directions=self._address(directions, np.float64),
+            arctangent=self._address(library_angles.opencv_table(spec), np.float32),
+            arccosine_least=library_angles.VLFEAT_LEAST,
+            arccosine_unit=math.pi / (spec.bins // 2 if spec.signed else spec.bins),
+        )
+
+    def _axis(self, axis: tables.Axis) -> AxisStruct:
+        return AxisStruct(
+            pixels=len(axis.weights),
+            cells=axis.cells,
+            extent=axis.extent,
+            stretches=len(axis.stretches),
+            longest=axis.longest,
+            run=-(-axis.longest // 8) * 8,
+            stretch=self._address(axis.stretches, np.int64),
+            weights=self._address(axis.weights, self._real),
+        )
+
+    def _columns(self, axis: tables.Axis) -> AxisStruct:
+        struct = self._axis(axis)
+        cell_weights = np.zeros((axis.extent, _padded(len(axis.weights))), self._real)
+        cell_weights[:, : len(axis.weights)] = axis.weights.T
+        struct.run_weights = self._address(axis.by_stretch(struct.run), self._real)
+        struct.cell_weights = self._address(cell_weights, self._real)
+        return struct
+
+
+def _padded(width: int) -> int:
+    return -(-width // PADDING) * PADDING + PADDING

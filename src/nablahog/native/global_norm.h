@@ -1,0 +1,49 @@
+// Eq. 7 as printed, v / √(‖v‖ + ε), or robust, v / √(‖v‖² + ε²), with v all cells of an image.
+#pragma once
+
+#include "normalizer.h"
+
+namespace nablahog {
+
+template <class T>
+class GlobalNorm final : public Normalizer<T> {
+ public:
+  GlobalNorm(const nablahog_plan& plan, Workspace&)
+      : constants_(*static_cast<const nablahog_global_norm*>(plan.constants)),
+        size_(plan.rows.cells * plan.cols.cells * plan.bins) {}
+
+  void forward(const T* cells, T* out) override { normalize(cells, out); }
+  void jvp(DualPointer<const T> cells, DualPointer<T> out) override { normalize(cells, out); }
+
+  // x̄ = f · ȳ + f' · ⟨x, ȳ⟩ · x, with f the factor
+  void vjp(const T* __restrict cells, const T* __restrict grad_out, T* __restrict grad_cells) override {
+    const double energy = long_energy(cells, size_), product = long_dot(cells, grad_out, size_);
+    const double length = std::sqrt(energy), f = factor(energy), cubed = f * f * f * product;
+    const double slope = constants_.robust ? -cubed : length > 0 ? -0.5 * cubed / length : 0.0;
+    const T by_grad = T(f), by_cells = T(slope);
+    for (int64_t k = 0; k < size_; ++k) grad_cells[k] = grad_out[k] * by_grad + cells[k] * by_cells;
+  }
+
+ private:
+  template <class N>
+  N factor(N energy) const {
+    const double epsilon = constants_.epsilon;
+    return reciprocal(
+        root(constants_.robust ? energy + constant<N>(epsilon * epsilon) : root(energy) + constant<N>(epsilon)));
+  }
+
+  template <class P, class Q>
+  void normalize(P cells, Q out) const {
+    const auto f = factor(long_energy(cells, size_));
+    if constexpr (is_dual<std::remove_cv_t<decltype(f)>>) {
+      scale(cells, size_, Dual<T>{T(f.value), T(f.tangent)}, out);
+    } else {
+      scale(cells, size_, T(f), out);
+    }
+  }
+
+  const nablahog_global_norm& constants_;
+  const int64_t size_;
+};
+
+}  // namespace nablahog

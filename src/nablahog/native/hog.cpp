@@ -1,0 +1,141 @@
+// The interface of the operator's loops.  Pointers to T are double* for double pixels, else float*.
+#include "interface.h"
+#include "operator.h"
+
+namespace {
+
+using nablahog::Images;
+using nablahog::Range;
+
+bool is_double(const nablahog_plan& plan) { return plan.pixels == NABLAHOG_FLOAT64; }
+
+Images images_at(const void* pixels, const int64_t* strides) {
+  return {pixels, {strides[0], strides[1], strides[2], strides[3]}};
+}
+
+// Calls body.template operator()<T, Rule>() with the plan's number type and rule of votes.
+template <class Body>
+void with_types(const nablahog_plan& plan, Body body) {
+  nablahog::with_real(is_double(plan), [&]<class T>() {
+    switch (plan.votes) {
+      case NABLAHOG_LINEAR:
+        return body.template operator()<T, nablahog::Linear<T>>();
+      case NABLAHOG_OPENCV:
+        return body.template operator()<T, nablahog::OpenCV<T>>();
+      case NABLAHOG_VLFEAT:
+        return body.template operator()<T, nablahog::VLFeat<T>>();
+      case NABLAHOG_NEAREST:
+        return body.template operator()<T, nablahog::Nearest<T>>();
+      default:
+        return body.template operator()<T, nablahog::Begun<T>>();
+    }
+  });
+}
+
+}  // namespace
+
+// Cells (images, rows, cols, bins) and descriptors of images first … last - 1; `out` may be null.
+NABLAHOG_API int nablahog_hog(const nablahog_plan* plan, const void* pixels, const int64_t* strides, int64_t first,
+                              int64_t last, void* cells, void* out) {
+  return nablahog::guarded([&] {
+    with_types(*plan, [&]<class T, class Rule>() {
+      nablahog::forward<T, Rule>(*plan, images_at(pixels, strides), Range{first, last}, static_cast<T*>(cells),
+                                 static_cast<T*>(out));
+    });
+  });
+}
+
+// Bands of one image.  Sets `broken` to 1 where a pixel is not finite.
+NABLAHOG_API int nablahog_hog_bands(const nablahog_plan* plan, const void* pixels, const int64_t* strides,
+                                    int64_t first, int64_t last, void* band_cells, uint8_t* broken) {
+  return nablahog::guarded([&] {
+    with_types(*plan, [&]<class T, class Rule>() {
+      *broken = nablahog::forward_bands<T, Rule>(*plan, images_at(pixels, strides), Range{first, last},
+                                                 static_cast<T*>(band_cells));
+    });
+  });
+}
+
+// Numbers of the cells of a band
+NABLAHOG_API int nablahog_band_size(const nablahog_plan* plan, int64_t* size) {
+  nablahog::with_real(is_double(*plan), [&]<class T>() { *size = nablahog::Pooling<T>::band_size(*plan); });
+  return 0;
+}
+
+NABLAHOG_API int nablahog_join_bands(const nablahog_plan* plan, const void* band_cells, void* cells) {
+  return nablahog::guarded([&] {
+    nablahog::with_real(is_double(*plan), [&]<class T>() {
+      nablahog::join_bands(*plan, static_cast<const T*>(band_cells), static_cast<T*>(cells));
+    });
+  });
+}
+
+// Gradients of images from those of descriptors or, if `cells` is null, of cells
+NABLAHOG_API int nablahog_hog_vjp(const nablahog_plan* plan, const void* pixels, const int64_t* strides, int64_t first,
+                                  int64_t last, const void* cells, const void* grad, void* grad_images) {
+  return nablahog::guarded([&] {
+    with_types(*plan, [&]<class T, class Rule>() {
+      nablahog::vjp<T, Rule>(*plan, images_at(pixels, strides), Range{first, last}, static_cast<const T*>(cells),
+                             static_cast<const T*>(grad), static_cast<T*>(grad_images));
+    });
+  });
+}
+
+// Rows of the gradient of one image from that of its cells.  Sets `broken` to 1 where a pixel is not finite.
+NABLAHOG_API int nablahog_hog_vjp_rows(const nablahog_plan* plan, const void* pixels, const int64_t* strides,
+                                       int64_t first, int64_t last, const void* grad_cells, void* grad_image,
+                                       uint8_t* broken) {
+  return nablahog::guarded([&] {
+    with_types(*plan, [&]<class T, class Rule>() {
+      *broken = nablahog::vjp_rows<T, Rule>(*plan, images_at(pixels, strides), Range{first, last},
+                                            static_cast<const T*>(grad_cells), static_cast<T*>(grad_image));
+    });
+  });
+}
+
+// Tangents of descriptors or, if `cells` is null, of cells, from those of images
+NABLAHOG_API int nablahog_hog_jvp(const nablahog_plan* plan, const void* pixels, const int64_t* strides, int64_t first,
+                                  int64_t last, const void* tangents, const void* cells, void* out) {
+  return nablahog::guarded([&] {
+    with_types(*plan, [&]<class T, class Rule>() {
+      nablahog::jvp<T, Rule>(*plan, images_at(pixels, strides), Range{first, last}, static_cast<const T*>(tangents),
+                             static_cast<const T*>(cells), static_cast<T*>(out));
+    });
+  });
+}
+
+// The normaliser: cells (images, rows, cols, bins) to descriptors, its vjp and its jvp
+NABLAHOG_API int nablahog_normalize(const nablahog_plan* plan, int64_t first, int64_t last, const void* cells,
+                                    void* out) {
+  return nablahog::guarded([&] {
+    nablahog::with_real(is_double(*plan), [&]<class T>() {
+      nablahog::normalize(*plan, Range{first, last}, static_cast<const T*>(cells), static_cast<T*>(out));
+    });
+  });
+}
+
+NABLAHOG_API int nablahog_normalize_vjp(const nablahog_plan* plan, int64_t first, int64_t last, const void* cells,
+                                        const void* grad_out, void* grad_cells) {
+  return nablahog::guarded([&] {
+    nablahog::with_real(is_double(*plan), [&]<class T>() {
+      nablahog::normalize_vjp(*plan, Range{first, last}, static_cast<const T*>(cells), static_cast<const T*>(grad_out),
+                              static_cast<T*>(grad_cells));
+    });
+  });
+}
+
+NABLAHOG_API int nablahog_normalize_jvp(const nablahog_plan* plan, int64_t first, int64_t last, const void* cells,
+                                        const void* tangents, void* out) {
+  return nablahog::guarded([&] {
+    nablahog::with_real(is_double(*plan), [&]<class T>() {
+      nablahog::normalize_jvp(*plan, Range{first, last}, static_cast<const T*>(cells), static_cast<const T*>(tangents),
+                              static_cast<T*>(out));
+    });
+  });
+}
+
+// The sum of squares as the global normaliser has it, for images that are read in strips
+NABLAHOG_API int nablahog_long_energy(int32_t double_precision, const void* x, int64_t count, double* out) {
+  nablahog::with_real(double_precision, [&]<class T>() { *out = nablahog::long_energy(static_cast<const T*>(x), count); });
+  return 0;
+}

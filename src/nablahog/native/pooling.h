@@ -1,0 +1,338 @@
+// Eq. 5-6: votes of pixels to histograms of cells, and the vjp.
+//
+// A *band* is rows of pixels that vote into the same rows of cells, a *run* columns that vote into the same columns of
+// cells: with bilinear votes into two, with boxes into one.  The votes of a band are summed over its rows, bin by bin,
+// then over the columns of each run.  Each bin masks the votes of a vector of pixels: lanes never write to the same
+// sum, and sums stay in registers until the band ends.
+#pragma once
+
+#include "plan.h"
+#include "vec.h"
+#include "workspace.h"
+
+namespace nablahog {
+
+constexpr int bins_at_once = 9;           // whose sums are in registers
+constexpr int64_t columns_at_once = 128;  // of pixels: their sums stay in the first-level cache
+
+struct Stretch {
+  int64_t begin, end, cell;  // pixels begin … end - 1 vote into cells from this one on
+};
+inline Stretch stretch(const nablahog_axis& axis, int64_t k) {
+  return {axis.stretch[3 * k], axis.stretch[3 * k + 1], axis.stretch[3 * k + 2]};
+}
+
+// Votes of the rows of a band, `stride` apart: for a pixel's own bin, the next, and (tangents) the one before
+template <class T>
+struct Planes {
+  T *here, *after, *before;
+  Int<T>* bin;
+  int64_t stride;
+};
+
+template <class T>
+class Pooling {
+ public:
+  using V = Vec<T>;
+
+  Pooling(const nablahog_plan& plan, Workspace& work)
+      : bins_(plan.bins),
+        rows_(plan.rows),
+        cols_(plan.cols),
+        high_(rows_.extent),
+        wide_(cols_.extent),
+        line_(line_size(plan)),
+        sums_size_(round_up(columns_at_once < cols_.longest ? cols_.longest : columns_at_once, lanes<T>) + lanes<T>),
+        sums_(work.zeros<T>(line_ * sums_size_)),
+        band_(work.zeros<T>(band_size(plan))) {}
+
+  // Numbers of the cells of a band: columns, each a line of the bins of its rows of cells
+  static int64_t band_size(const nablahog_plan& plan) { return (plan.cols.cells + plan.cols.extent) * line_size(plan); }
+
+  // Forgets sums of an image with NaN, which a weight of zero would not remove
+  void clear() { std::memset(sums_, 0, line_ * sums_size_ * sizeof(T)); }
+
+  // Eq. 5-6: the cells of a band from its votes, planes 1 … PLANES of them
+  template <int PLANES>
+  const T* pool(int64_t band, const Planes<T>& votes) {
+    return pool<PLANES>(band, votes, band_);
+  }
+  template <int PLANES>
+  T* pool(int64_t band, const Planes<T>& votes, T* band_cells) {
+    std::memset(band_cells, 0, (cols_.cells + wide_) * line_ * sizeof(T));
+    const Stretch of_band = stretch(rows_, band);
+    for (int64_t run = 0, next = 0; run < cols_.stretches; run = next) {
+      const int64_t left = stretch(cols_, run).begin;
+      for (next = run + 1; next < cols_.stretches && stretch(cols_, next).end - left <= columns_at_once;) ++next;
+      const int64_t right = stretch(cols_, next - 1).end;
+      for (int64_t k = 0; k < high_; k += 2) {
+        if (high_ == 1) {
+          sum_rows<PLANES, 1>(votes, of_band, k, left, right);
+        } else {
+          sum_rows<PLANES, 2>(votes, of_band, k, left, right);
+        }
+      }
+      for (int64_t k = run; k < next; ++k) {
+        if (wide_ == 1) {
+          pool_run<1>(k, 0, left, band_cells);
+        } else {
+          for (int64_t pair = 0; pair < wide_; pair += 2) pool_run<2>(k, pair, left, band_cells);
+        }
+      }
+    }
+    return band_cells;
+  }
+
+  // Adds the cells of a band to those of the image, (rows, cols, bins)
+  void add_band(int64_t band, const T* band_cells, T* cells) const {
+    const int64_t first = stretch(rows_, band).cell;
+    for (int64_t k = 0; k < high_ && first + k < rows_.cells; ++k) {
+      T* __restrict to = cells + (first + k) * cols_.cells * bins_;
+      const T* __restrict from = band_cells + k * bins_;
+      for (int64_t col = 0; col < cols_.cells; ++col, to += bins_, from += line_) {
+        for (int64_t bin = 0; bin < bins_; ++bin) to[bin] += from[bin];
+      }
+    }
+  }
+
+ private:
+  static constexpr int square = lanes<T> > 8 ? 8 : lanes<T>;  // lines and columns that are transposed at a time
+  using Square = Vec<T, square>;
+
+  static int64_t line_size(const nablahog_plan& plan) { return round_up(plan.rows.extent * plan.bins, 8); }
+
+  // Sums columns of votes over the rows of a band, weighted for HIGH rows of cells from the k-th on
+  template <int PLANES, int HIGH>
+  void sum_rows(const Planes<T>& votes, Stretch band, int64_t k, int64_t left, int64_t right) {
+    using I = Vec<Int<T>>;
+    const T* row_weights = static_cast<const T*>(rows_.weights) + band.begin * high_ + k;
+    for (int64_t group = 0; group < bins_; group += bins_at_once) {
+      for (int64_t x = left; x < right; x += lanes<T>) {
+        V totals[bins_at_once][HIGH] = {};
+        for (int64_t row = 0; row < band.end - band.begin; ++row) {
+          const int64_t at = row * votes.stride + x;
+          const T* weights = row_weights + row * high_;
+          const I bin = load<I>(votes.bin + at) - Int<T>(group);
+          const V here = load<V>(votes.here + at);
+          V after{}, before{};
+          if constexpr (PLANES > 1) after = load<V>(votes.after + at);
+          if constexpr (PLANES > 2) before = load<V>(votes.before + at);
+          const I last = splat<I>(Int<T>(bins_ - 1 - group)), first = splat<I>(Int<T>(-group));
+          const I bin_before = bin == first ? last : bin - Int<T>(1);
+          auto previous = group ? bin == Int<T>(-1) : bin == last;
+          NABLAHOG_UNROLL
+          for (int j = 0; j < bins_at_once; ++j) {
+            const auto own = bin == Int<T>(j);
+            V vote = own ? here : V{};
+            if constexpr (PLANES > 1) vote = previous ? after : vote;
+            if constexpr (PLANES > 2) vote += bin_before == Int<T>(j) ? before : V{};
+            NABLAHOG_UNROLL
+            for (int of = 0; of < HIGH; ++of) {
+              totals[j][of] = multiply_add(vote, splat<V>(weights[of]), totals[j][of]);
+            }
+            previous = own;
+          }
+        }
+        for (int j = 0; j < bins_at_once && group + j < bins_; ++j) {
+          for (int of = 0; of < HIGH; ++of) {
+            store(sums_ + ((k + of) * bins_ + group + j) * sums_size_ + x - left, totals[j][of]);
+          }
+        }
+      }
+    }
+  }
+
+  // Adds the columns of a run to WIDE columns of cells from the pair-th on
+  template <int WIDE>
+  void pool_run(int64_t run, int64_t pair, int64_t left, T* band_cells) const {
+    const Stretch of_run = stretch(cols_, run);
+    const T* weights = static_cast<const T*>(cols_.run_weights) + (run * wide_ + pair) * cols_.run;
+    T* to = band_cells + (of_run.cell + pair) * line_;
+    for (int64_t x = of_run.begin; x < of_run.end; x += square, weights += square) {
+      for (int64_t k = 0; k < line_; k += square) {
+        Square columns[square];
+        NABLAHOG_UNROLL
+        for (int j = 0; j < square; ++j) columns[j] = load<Square>(sums_ + (k + j) * sums_size_ + x - left);
+        transpose(columns);
+        NABLAHOG_UNROLL
+        for (int cell = 0; cell < WIDE; ++cell) {
+          Square total = load<Square>(to + cell * line_ + k);
+          NABLAHOG_UNROLL
+          for (int j = 0; j < square; ++j) {
+            total = multiply_add(columns[j], splat<Square>(weights[cell * cols_.run + j]), total);
+          }
+          store(to + cell * line_ + k, total);
+        }
+      }
+    }
+  }
+
+  const int64_t bins_;
+  const nablahog_axis &rows_, &cols_;
+  const int64_t high_, wide_, line_, sums_size_;
+  T *sums_, *band_;
+};
+
+// The vjp: gradients with respect to cells, to those with respect to a pixel's votes for the bin before its own, its
+// own and the next.
+//
+// A line is the bins of a cell, the last one in front of them and the first one behind.  For each row of pixels, the
+// lines of its rows of cells are summed up with the row's weights; then each pixel reads three neighbouring numbers in
+// the lines of its columns of cells.
+template <class T>
+class PoolingVjp {
+ public:
+  using V = Vec<T>;
+  using I = Vec<Int<T>>;
+
+  PoolingVjp(const nablahog_plan& plan, Workspace& work)
+      : bins_(plan.bins),
+        rows_(plan.rows),
+        cols_(plan.cols),
+        high_(rows_.extent),
+        wide_(cols_.extent),
+        line_(round_up(bins_ + 3, lanes<T>)),
+        lines_size_((cols_.cells + wide_) * line_),
+        weights_size_(round_up(plan.width, 16) + 16),
+        band_lines_(work.zeros<T>(high_ * lines_size_)),
+        row_lines_(work.zeros<T>(lines_size_)) {
+    before = work.zeros<T>(weights_size_);
+    here = work.zeros<T>(weights_size_);
+    after = work.zeros<T>(weights_size_);
+  }
+
+  // Copies the gradients of the cells of a band, of (rows, cols, bins)
+  void begin_band(int64_t band, const T* grad_cells) {
+    const int64_t first = stretch(rows_, band).cell;
+    for (int64_t k = 0; k < high_; ++k) {
+      T* __restrict to = band_lines_ + k * lines_size_;
+      if (first + k >= rows_.cells) {
+        std::memset(to, 0, lines_size_ * sizeof(T));
+        continue;
+      }
+      const T* __restrict from = grad_cells + (first + k) * cols_.cells * bins_;
+      for (int64_t col = 0; col < cols_.cells; ++col, to += line_, from += bins_) {
+        for (int64_t bin = 0; bin < bins_; ++bin) to[bin + 1] = from[bin];
+        to[0] = from[bins_ - 1];
+        to[bins_ + 1] = from[0];
+      }
+    }
+  }
+
+  // Fills `before`, `here` and `after` for row y of pixels, whose bins are given; of hard votes, `here` alone
+  template <bool HARD>
+  void read_row(int64_t y, const Int<T>* bin) {
+    const T* row_weights = static_cast<const T*>(rows_.weights) + y * high_;
+    for (int64_t k = 0; k < lines_size_; k += lanes<T>) {
+      V total = load<V>(band_lines_ + k) * row_weights[0];
+      for (int64_t of = 1; of < high_; ++of) {
+        total = multiply_add(load<V>(band_lines_ + of * lines_size_ + k), splat<V>(row_weights[of]), total);
+      }
+      store(row_lines_ + k, total);
+    }
+    for (int64_t run = 0; run < cols_.stretches; ++run) {
+      const Stretch of_run = stretch(cols_, run);
+      const T* lines = row_lines_ + of_run.cell * line_;
+#if defined(__AVX512F__)
+      if (bins_ + 2 <= lanes<T>) {
+        look_up<HARD, 1>(lines, of_run, bin);
+        continue;
+      }
+      if (bins_ + 2 <= 2 * lanes<T>) {
+        look_up<HARD, 2>(lines, of_run, bin);
+        continue;
+      }
+#endif
+      if constexpr (HARD || lanes<T> < 4) {
+        read<HARD>(lines, of_run, bin);
+      } else {
+        read_fours(lines, of_run, bin);
+      }
+    }
+  }
+
+  T *before, *here, *after;  // (width rounded up,)
+
+ private:
+  T weight(int64_t k, int64_t x) const { return static_cast<const T*>(cols_.cell_weights)[k * weights_size_ + x]; }
+
+  template <bool HARD>
+  void read(const T* lines, Stretch run, const Int<T>* bin) {
+    for (int64_t x = run.begin; x < run.end; ++x) {
+      T numbers[3] = {};
+      for (int64_t k = 0; k < wide_; ++k) {
+        const T* from = lines + k * line_ + bin[x];
+        for (int j = HARD ? 1 : 0; j < (HARD ? 2 : 3); ++j) numbers[j] += from[j] * weight(k, x);
+      }
+      here[x] = numbers[1];
+      if constexpr (!HARD) {
+        before[x] = numbers[0];
+        after[x] = numbers[2];
+      }
+    }
+  }
+
+  // Four numbers from each column of cells, of which three count, for four pixels at a time.  What is written behind
+  // the run belongs to the next one.
+  void read_fours(const T* lines, Stretch run, const Int<T>* bin) {
+    using Four = Vec<T, 4>;
+    for (int64_t x = run.begin; x < run.end; x += 4) {
+      Four pixels[4];
+      NABLAHOG_UNROLL
+      for (int j = 0; j < 4; ++j) {
+        const T* from = lines + bin[x + j];
+        pixels[j] = load<Four>(from) * weight(0, x + j);
+        for (int64_t k = 1; k < wide_; ++k) {
+          pixels[j] = multiply_add(load<Four>(from + k * line_), splat<Four>(weight(k, x + j)), pixels[j]);
+        }
+      }
+      transpose(pixels);
+      store(before + x, pixels[0]);
+      store(here + x, pixels[1]);
+      store(after + x, pixels[2]);
+    }
+  }
+
+#if defined(__AVX512F__)
+  // The bins of a column of cells are a table in registers, in which lanes look up their own.  What is written behind
+  // the run belongs to the next one.
+  template <bool HARD, int VECTORS>
+  void look_up(const T* lines, Stretch run, const Int<T>* bin) {
+    for (int64_t k = 0; k < wide_; ++k) {
+      V table[VECTORS];
+      for (int j = 0; j < VECTORS; ++j) table[j] = load<V>(lines + k * line_ + j * lanes<T>);
+      const T* weights = static_cast<const T*>(cols_.cell_weights) + k * weights_size_;
+      for (int64_t x = run.begin; x < run.end; x += lanes<T>) {
+        const I own = load<I>(bin + x);
+        const V by = load<V>(weights + x);
+        const auto add = [&](T* to, Int<T> shift) {
+          const V entry = permute(table, own + shift);
+          store(to + x, k ? multiply_add(entry, by, load<V>(to + x)) : entry * by);
+        };
+        if constexpr (!HARD) add(before, 0);
+        add(here, 1);
+        if constexpr (!HARD) add(after, 2);
+      }
+    }
+  }
+  template <int VECTORS>
+  [[gnu::always_inline]] static V permute(const V (&table)[VECTORS], I index) {
+    if constexpr (sizeof(T) == 4 && VECTORS == 1) {
+      return (V)_mm512_permutexvar_ps((__m512i)index, (__m512)table[0]);
+    } else if constexpr (sizeof(T) == 4) {
+      return (V)_mm512_permutex2var_ps((__m512)table[0], (__m512i)index, (__m512)table[1]);
+    } else if constexpr (VECTORS == 1) {
+      return (V)_mm512_permutexvar_pd((__m512i)index, (__m512d)table[0]);
+    } else {
+      return (V)_mm512_permutex2var_pd((__m512d)table[0], (__m512i)index, (__m512d)table[1]);
+    }
+  }
+#endif
+
+  const int64_t bins_;
+  const nablahog_axis &rows_, &cols_;
+  const int64_t high_, wide_, line_, lines_size_, weights_size_;
+  T *band_lines_, *row_lines_;
+};
+
+}  // namespace nablahog
