@@ -6,9 +6,9 @@ import pytest
 import torch
 
 from nablahog.hog import BilinearCells, BlockCells, BlockNorm, BoxCells, HOGSpec
-from nablahog.hog.kernels import parameters
 from nablahog.hog.poolings import Pooling
 from nablahog.hog.strips import Strips
+from nablahog.hog.tables import pooling_axes
 
 from .zoo import SPECS, spec
 
@@ -17,7 +17,7 @@ WIDTH = 6
 
 def bands(s: HOGSpec, height: int, at: int = 0) -> list[tuple[int, int]]:
     """Of an image, or of a crop that begins ``at``."""
-    return [(int(a) + at, int(b) + at) for a, b, _ in parameters.pooling(s, height, WIDTH, torch.float32).bands]
+    return [(int(a) + at, int(b) + at) for a, b, _ in pooling_axes(s, height, WIDTH, torch.float32)[0].stretches]
 
 
 def assert_alike(s: HOGSpec, height: int) -> None:

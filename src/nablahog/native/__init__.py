@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from torch import Tensor
+from torch.compiler import assume_constant_result
 
 VARIABLE = "NABLAHOG_INSTRUCTIONS"
 """Environment variable with the best instructions to use: ``none`` (plain PyTorch), ``v2``, ``v3`` or ``v4``."""
@@ -45,6 +46,7 @@ def library() -> ctypes.CDLL | None:
     return ctypes.CDLL(str(best))
 
 
+@assume_constant_result  # so that torch.compile does not trace how a library is found
 def available() -> bool:
     """Whether there are compiled loops."""
     return library() is not None

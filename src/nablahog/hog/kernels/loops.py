@@ -132,7 +132,7 @@ def cells_vjp(images: Tensor, grad_cells: Tensor, spec: HOGSpec) -> Tensor:
 
 def describe_vjp(images: Tensor, cells: Tensor, grad_output: Tensor, spec: HOGSpec) -> Tensor:
     """Gradients of the images from those of the descriptors."""
-    return _vjp(images, cells, grad_output, spec)
+    return _vjp(images, cells.contiguous(), grad_output, spec)
 
 
 def _vjp(images: Tensor, cells: Tensor | None, grad_output: Tensor, spec: HOGSpec) -> Tensor:
@@ -157,7 +157,7 @@ def cells_jvp(images: Tensor, tangents: Tensor, spec: HOGSpec) -> Tensor:
 
 def describe_jvp(images: Tensor, cells: Tensor, tangents: Tensor, spec: HOGSpec) -> Tensor:
     """Tangents of the descriptors (B, rows, cols, channels) from those of the images."""
-    return _jvp(images, tangents, cells, spec)
+    return _jvp(images, tangents, cells.contiguous(), spec)
 
 
 def _jvp(images: Tensor, tangents: Tensor, cells: Tensor | None, spec: HOGSpec) -> Tensor:

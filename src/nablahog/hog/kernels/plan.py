@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from functools import singledispatch
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -94,24 +94,15 @@ class FourBlockNormStruct(ctypes.Structure):
     ]
 
 
-@singledispatch
-def normalizer_constants(normalizer: Normalizer, spec: HOGSpec) -> tuple[int, ctypes.Structure | None]:
-    """The kind of a normaliser and its constants; of one without native loops :data:`NO_NORM`."""
-    return NO_NORM, None
-
-
-@normalizer_constants.register
-def _(norm: GlobalNorm, spec: HOGSpec) -> tuple[int, ctypes.Structure]:
+def _global(norm: GlobalNorm, spec: HOGSpec) -> tuple[int, ctypes.Structure]:
     return GLOBAL, GlobalNormStruct(norm.epsilon, norm.form == "robust")
 
 
-@normalizer_constants.register
-def _(norm: CellNorm, spec: HOGSpec) -> tuple[int, ctypes.Structure]:
+def _cell(norm: CellNorm, spec: HOGSpec) -> tuple[int, ctypes.Structure]:
     return CELL, CellNormStruct(norm.epsilon)
 
 
-@normalizer_constants.register
-def _(norm: BlockNorm, spec: HOGSpec) -> tuple[int, ctypes.Structure]:
+def _block(norm: BlockNorm, spec: HOGSpec) -> tuple[int, ctypes.Structure]:
     return BLOCK, BlockNormStruct(
         block=norm.block,
         step=norm.step,
@@ -123,27 +114,36 @@ def _(norm: BlockNorm, spec: HOGSpec) -> tuple[int, ctypes.Structure]:
     )
 
 
-@normalizer_constants.register
-def _(norm: FourBlockNorm, spec: HOGSpec) -> tuple[int, ctypes.Structure]:
+def _four_block(norm: FourBlockNorm, spec: HOGSpec) -> tuple[int, ctypes.Structure]:
     counts = [norm.channels_of(part, spec.bins, spec.signed) for part in PARTS]
+    first = {f"{part}_at": sum(counts[:k]) if counts[k] else -1 for k, part in enumerate(PARTS)}
     dpm = norm.texture == "dpm"
     return FOUR_BLOCK, FourBlockNormStruct(
         epsilon=norm.epsilon,
         clip=norm.clip,
         texture=DPM_TEXTURE if dpm else VLFEAT_TEXTURE,
         texture_order=(_int64 * 4)(*(np.argsort(DPM_ORDER) if dpm else range(4))),
-        **{f"{part}_at": sum(counts[:k]) if count else -1 for k, (part, count) in enumerate(zip(PARTS, counts, strict=True))},
         floor=norm.floor,
         missing=norm.outside == "missing",
         dropped=norm.outside == "drop",
         is_signed=spec.signed,
         directed_texture=dpm and "texture" in norm.parts,
+        **first,
     )
+
+
+_CONSTANTS: dict[type[Normalizer], Callable[[Any, HOGSpec], tuple[int, ctypes.Structure]]] = {
+    GlobalNorm: _global,
+    CellNorm: _cell,
+    BlockNorm: _block,
+    FourBlockNorm: _four_block,
+}
+"""The normalisers that have native loops: what each one's kind and constants are."""
 
 
 def has_norm(spec: HOGSpec) -> bool:
     """Whether there are native loops of the dialect's normaliser."""
-    return normalizer_constants(spec.normalizer, spec)[0] != NO_NORM
+    return type(spec.normalizer) in _CONSTANTS
 
 
 class NormPlan:
@@ -165,7 +165,7 @@ class NormPlan:
         norm = spec.normalizer
         self.dtype, self.cells = dtype, (rows, cols, spec.bins)
         self.grid = norm.footprint(0).count(rows), norm.footprint(1).count(cols), spec.channels
-        kind, constants = normalizer_constants(norm, spec)
+        kind, constants = _CONSTANTS[type(norm)](norm, spec) if has_norm(spec) else (NO_NORM, None)
         self._alive: list[Any] = [constants]
         self.struct = PlanStruct(
             pixels=PIXELS[dtype],
