@@ -164,20 +164,18 @@ class Vjp {
 
   Vjp(const nablahog_plan& plan, const Images& images, Workspace& work)
       : plan_(plan),
-        stride_(round_up(plan.width, lanes<T>) + lanes<T>),
         reader_(plan, images, nullptr, work),
         rule_(plan, work),
         exact_(plan, work),
         pooling_(plan, work),
         writer_(plan, images, work),
-        gx_(work.zeros<T>(stride_)),
-        gy_(work.zeros<T>(stride_)),
-        m_(work.zeros<T>(stride_)),
-        f_(work.zeros<T>(stride_)),
-        along_(work.zeros<T>(Rule::inexact ? stride_ : 0)),
-        winner_(work.zeros<Int<T>>(stride_)),
-        bin_(work.zeros<Int<T>>(stride_)),
-        exact_bin_(work.zeros<Int<T>>(Rule::inexact ? stride_ : 0)) {}
+        gx_(row<T>(work)),
+        gy_(row<T>(work)),
+        m_(row<T>(work)),
+        f_(row<T>(work)),
+        winner_(row<Int<T>>(work)),
+        bin_(row<Int<T>>(work)),
+        exact_bin_(row<Int<T>>(work)) {}
 
   // Rows of the gradients of an image (channels, height, width).  Returns whether a pixel near them is not finite.
   bool rows(int64_t image, Range rows, const T* grad_cells, T* grad_image) {
@@ -201,6 +199,12 @@ class Vjp {
   }
 
  private:
+  template <class N>
+  N* row(Workspace& work) const {
+    return work.zeros<N>(round_up(plan_.width, lanes<T>));
+  }
+
+  // In two loops: votes depend on each other's results in long chains, of which processors then overlap more.
   void row(int64_t y) {
     const auto* lines = reader_.lines_at(y);
     for (int64_t x = 0; x < plan_.width; x += lanes<T>) {
@@ -213,44 +217,32 @@ class Vjp {
       store(bin_ + x, votes.bin);
       if constexpr (!Rule::hard) store(f_ + x, votes.f);
     }
-    pooling_.template read_row<Rule::hard>(y, bin_);
-    if constexpr (Rule::inexact) vote_exactly(y);
+    pooling_.begin_row(y);
     const V slope = splat<V>(T(plan_.slope));
     for (int64_t x = 0; x < plan_.width; x += lanes<T>) {
-      const V gx = load<V>(gx_ + x), gy = load<V>(gy_ + x), m = load<V>(m_ + x), here = load<V>(pooling_.here + x);
+      const V gx = load<V>(gx_ + x), gy = load<V>(gy_ + x), m = load<V>(m_ + x);
       const I winner = load<I>(winner_ + x);
+      const VoteGradients<V> grad = pooling_.template read<Rule::hard>(x, bin_);
       if constexpr (Rule::hard) {
-        const V along = along_vjp(m, here);
+        const V along = along_vjp(m, grad.here);
         writer_.put(y, x, along * gx, along * gy, winner);
       } else {
-        const V f = load<V>(f_ + x), before = load<V>(pooling_.before + x), after = load<V>(pooling_.after + x);
-        V along;
-        if constexpr (Rule::inexact) {
-          along = load<V>(along_ + x);
+        const V f = load<V>(f_ + x), along = along_vjp(m, f, grad.here, grad.after);
+        V across;
+        if constexpr (Rule::inexact) {  // derivatives by the angle are those of the exact one
+          const Votes<T> exact = exact_(gx, gy);
+          store(exact_bin_ + x, exact.bin);
+          across = across_vjp(m, exact.f, pooling_.template read<false>(x, exact_bin_), slope);
         } else {
-          along = along_vjp(m, f, here, after);
+          across = across_vjp(m, f, grad, slope);
         }
-        const V across = across_vjp(m, f, before, here, after, slope);
         writer_.put(y, x, along * gx - across * gy, along * gy + across * gx, winner);
       }
     }
     writer_.finish_row(y);
   }
 
-  // Derivatives by the angle are those of the exact one: keeps those by the magnitude, and votes again.
-  void vote_exactly(int64_t y) {
-    for (int64_t x = 0; x < plan_.width; x += lanes<T>) {
-      store(along_ + x,
-            along_vjp(load<V>(m_ + x), load<V>(f_ + x), load<V>(pooling_.here + x), load<V>(pooling_.after + x)));
-      const Votes<T> votes = exact_(load<V>(gx_ + x), load<V>(gy_ + x));
-      store(f_ + x, votes.f);
-      store(exact_bin_ + x, votes.bin);
-    }
-    pooling_.template read_row<false>(y, exact_bin_);
-  }
-
   const nablahog_plan& plan_;
-  const int64_t stride_;
   Reader<T*> reader_;
   const Rule rule_;
   const Linear<T> exact_;

@@ -8,6 +8,7 @@
 
 #include "plan.h"
 #include "vec.h"
+#include "votes.h"
 #include "workspace.h"
 
 namespace nablahog {
@@ -173,8 +174,7 @@ class Pooling {
   T *sums_, *band_;
 };
 
-// The vjp: gradients with respect to cells, to those with respect to a pixel's votes for the bin before its own, its
-// own and the next.
+// The vjp: gradients with respect to cells, to those with respect to votes.
 //
 // A line is the bins of a cell, the last one in front of them and the first one behind.  For each row of pixels, the
 // lines of its rows of cells are summed up with the row's weights; then each pixel reads three neighbouring numbers in
@@ -194,18 +194,21 @@ class PoolingVjp {
         line_(round_up(bins_ + 3, lanes<T>)),
         lines_size_((cols_.cells + wide_) * line_),
         weights_size_(round_up(plan.width, 16) + 16),
-        band_lines_(work.zeros<T>(high_ * lines_size_)),
-        row_lines_(work.zeros<T>(lines_size_)) {
-    before = work.zeros<T>(weights_size_);
-    here = work.zeros<T>(weights_size_);
-    after = work.zeros<T>(weights_size_);
+        band_(work.zeros<T>(high_ * lines_size_)),
+        lines_(work.zeros<T>(lines_size_)),
+        first_(work.zeros<Int<T>>(weights_size_)) {
+    for (int64_t run = 0; run < cols_.stretches; ++run) {
+      const Stretch columns = stretch(cols_, run);
+      for (int64_t x = columns.begin; x < columns.end; ++x) first_[x] = Int<T>(columns.cell * line_);
+    }
+    if constexpr (most_tables<T> > 0) make_tables(plan.width, work);
   }
 
   // Copies the gradients of the cells of a band, of (rows, cols, bins)
   void begin_band(int64_t band, const T* grad_cells) {
     const int64_t first = stretch(rows_, band).cell;
     for (int64_t k = 0; k < high_; ++k) {
-      T* __restrict to = band_lines_ + k * lines_size_;
+      T* __restrict to = band_ + k * lines_size_;
       if (first + k >= rows_.cells) {
         std::memset(to, 0, lines_size_ * sizeof(T));
         continue;
@@ -219,120 +222,148 @@ class PoolingVjp {
     }
   }
 
-  // Fills `before`, `here` and `after` for row y of pixels, whose bins are given; of hard votes, `here` alone
-  template <bool HARD>
-  void read_row(int64_t y, const Int<T>* bin) {
-    const T* row_weights = static_cast<const T*>(rows_.weights) + y * high_;
+  // Sums the lines of the band's rows of cells for row y of pixels
+  void begin_row(int64_t y) {
+    const T* weights = static_cast<const T*>(rows_.weights) + y * high_;
     for (int64_t k = 0; k < lines_size_; k += lanes<T>) {
-      V total = load<V>(band_lines_ + k) * row_weights[0];
+      V total = load<V>(band_ + k) * weights[0];
       for (int64_t of = 1; of < high_; ++of) {
-        total = multiply_add(load<V>(band_lines_ + of * lines_size_ + k), splat<V>(row_weights[of]), total);
+        total = multiply_add(load<V>(band_ + of * lines_size_ + k), splat<V>(weights[of]), total);
       }
-      store(row_lines_ + k, total);
-    }
-    for (int64_t run = 0; run < cols_.stretches; ++run) {
-      const Stretch of_run = stretch(cols_, run);
-      const T* lines = row_lines_ + of_run.cell * line_;
-#if defined(__AVX512F__)
-      if (bins_ + 2 <= lanes<T>) {
-        look_up<HARD, 1>(lines, of_run, bin);
-        continue;
-      }
-      if (bins_ + 2 <= 2 * lanes<T>) {
-        look_up<HARD, 2>(lines, of_run, bin);
-        continue;
-      }
-#endif
-      if constexpr (HARD || lanes<T> < 4) {
-        read<HARD>(lines, of_run, bin);
-      } else {
-        read_fours(lines, of_run, bin);
-      }
+      store(lines_ + k, total);
     }
   }
 
-  T *before, *here, *after;  // (width rounded up,)
+  // Of pixels from column x, a whole number of vectors, on, of a row with these bins; of hard votes, `here` alone
+  template <bool HARD>
+  [[gnu::always_inline]] VoteGradients<V> read(int64_t x, const Int<T>* bins) const {
+    if constexpr (most_tables<T> >= 1) {
+      if (vectors_ == 1) return look_up<HARD, 1>(x, load<I>(bins + x));
+    }
+    if constexpr (most_tables<T> >= 2) {
+      if (vectors_ == 2) return look_up<HARD, 2>(x, load<I>(bins + x));
+    }
+    if constexpr (most_tables<T> >= 3) {
+      if (vectors_ == 3) return look_up<HARD, 3>(x, load<I>(bins + x));
+    }
+    if constexpr (!HARD && lanes<T> >= 4) return read_fours(x, bins + x);
+    return read_each<HARD>(x, bins + x);
+  }
 
  private:
-  T weight(int64_t k, int64_t x) const { return static_cast<const T*>(cols_.cell_weights)[k * weights_size_ + x]; }
-
-  template <bool HARD>
-  void read(const T* lines, Stretch run, const Int<T>* bin) {
-    for (int64_t x = run.begin; x < run.end; ++x) {
-      T numbers[3] = {};
-      for (int64_t k = 0; k < wide_; ++k) {
-        const T* from = lines + k * line_ + bin[x];
-        for (int j = HARD ? 1 : 0; j < (HARD ? 2 : 3); ++j) numbers[j] += from[j] * weight(k, x);
-      }
-      here[x] = numbers[1];
-      if constexpr (!HARD) {
-        before[x] = numbers[0];
-        after[x] = numbers[2];
-      }
-    }
+  [[gnu::always_inline]] V weights(int64_t k, int64_t x) const {
+    return load<V>(static_cast<const T*>(cols_.cell_weights) + k * weights_size_ + x);
   }
 
-  // Four numbers from each column of cells, of which three count, for four pixels at a time.  What is written behind
-  // the run belongs to the next one.
-  void read_fours(const T* lines, Stretch run, const Int<T>* bin) {
+  // One pixel after the other
+  template <bool HARD>
+  [[gnu::always_inline]] VoteGradients<V> read_each(int64_t x, const Int<T>* bin) const {
+    const Int<T>* first = first_ + x;
+    VoteGradients<V> out{};
+    for (int64_t k = 0; k < wide_; ++k) {
+      const T* line = lines_ + k * line_;
+      T numbers[3][lanes<T>];
+      NABLAHOG_UNROLL
+      for (int lane = 0; lane < lanes<T>; ++lane) {
+        for (int j = 0; j < 3; ++j) numbers[j][lane] = line[first[lane] + bin[lane] + j];
+      }
+      const V by = weights(k, x);
+      out.here = multiply_add(load<V>(numbers[1]), by, out.here);
+      if constexpr (!HARD) {
+        out.before = multiply_add(load<V>(numbers[0]), by, out.before);
+        out.after = multiply_add(load<V>(numbers[2]), by, out.after);
+      }
+    }
+    return out;
+  }
+
+  // Four numbers from each column of cells, of which three count, for four pixels at a time
+  [[gnu::always_inline]] VoteGradients<V> read_fours(int64_t x, const Int<T>* bin) const {
     using Four = Vec<T, 4>;
-    for (int64_t x = run.begin; x < run.end; x += 4) {
+    constexpr int parts = lanes<T> / 4;
+    const Int<T>* first = first_ + x;
+    const T* by = static_cast<const T*>(cols_.cell_weights) + x;
+    Four before[parts], here[parts], after[parts];
+    NABLAHOG_UNROLL
+    for (int part = 0; part < parts; ++part) {
       Four pixels[4];
       NABLAHOG_UNROLL
       for (int j = 0; j < 4; ++j) {
-        const T* from = lines + bin[x + j];
-        pixels[j] = load<Four>(from) * weight(0, x + j);
+        const int lane = 4 * part + j;
+        const T* from = lines_ + first[lane] + bin[lane];
+        pixels[j] = load<Four>(from) * by[lane];
         for (int64_t k = 1; k < wide_; ++k) {
-          pixels[j] = multiply_add(load<Four>(from + k * line_), splat<Four>(weight(k, x + j)), pixels[j]);
+          pixels[j] = multiply_add(load<Four>(from + k * line_), splat<Four>(by[k * weights_size_ + lane]), pixels[j]);
         }
       }
       transpose(pixels);
-      store(before + x, pixels[0]);
-      store(here + x, pixels[1]);
-      store(after + x, pixels[2]);
+      before[part] = pixels[0];
+      here[part] = pixels[1];
+      after[part] = pixels[2];
     }
+    return {join<V>(before), join<V>(here), join<V>(after)};
   }
 
-#if defined(__AVX512F__)
-  // The bins of a column of cells are a table in registers, in which lanes look up their own.  What is written behind
-  // the run belongs to the next one.
-  template <bool HARD, int VECTORS>
-  void look_up(const T* lines, Stretch run, const Int<T>* bin) {
-    for (int64_t k = 0; k < wide_; ++k) {
-      V table[VECTORS];
-      for (int j = 0; j < VECTORS; ++j) table[j] = load<V>(lines + k * line_ + j * lanes<T>);
-      const T* weights = static_cast<const T*>(cols_.cell_weights) + k * weights_size_;
-      for (int64_t x = run.begin; x < run.end; x += lanes<T>) {
-        const I own = load<I>(bin + x);
-        const V by = load<V>(weights + x);
-        const auto add = [&](T* to, Int<T> shift) {
-          const V entry = permute(table, own + shift);
-          store(to + x, k ? multiply_add(entry, by, load<V>(to + x)) : entry * by);
-        };
-        if constexpr (!HARD) add(before, 0);
-        add(here, 1);
-        if constexpr (!HARD) add(after, 2);
+  // ---- Tables in registers
+  // ----------------------------------------------------------------------------------
+  //
+  // The bins of a cell are a table of a few vectors, in which lanes look up their own.  All cells that the pixels
+  // of a vector vote into are asked, with the pixels' weights in these: 0 for those that vote elsewhere.
+  struct Tables {
+    int64_t first, count;  // cells
+    const T* weights;      // (count, lanes)
+  };
+
+  void make_tables(int64_t width, Workspace& work) {
+    vectors_ = int((bins_ + 2 + lanes<T> - 1) / lanes<T>);
+    if (vectors_ > most_tables<T>) return;
+    tables_ = work.zeros<Tables>(round_up(width, lanes<T>) / lanes<T>);
+    for (int64_t run = 0; run < cols_.stretches; ++run) {  // which cells
+      const Stretch columns = stretch(cols_, run);
+      for (int64_t x = columns.begin; x < columns.end; ++x) {
+        Tables& tables = tables_[x / lanes<T>];
+        if (tables.count == 0) tables.first = columns.cell;
+        const int64_t last = columns.cell + wide_;
+        if (last - tables.first > tables.count) tables.count = last - tables.first;
+      }
+    }
+    for (int64_t run = 0; run < cols_.stretches; ++run) {
+      const Stretch columns = stretch(cols_, run);
+      for (int64_t x = columns.begin; x < columns.end; ++x) {
+        Tables& tables = tables_[x / lanes<T>];
+        if (!tables.weights) tables.weights = work.zeros<T>(tables.count * lanes<T>);
+        T* to = const_cast<T*>(tables.weights) + (columns.cell - tables.first) * lanes<T> + x % lanes<T>;
+        const T* from = static_cast<const T*>(cols_.cell_weights) + x;
+        for (int64_t k = 0; k < wide_; ++k) to[k * lanes<T>] = from[k * weights_size_];
       }
     }
   }
-  template <int VECTORS>
-  [[gnu::always_inline]] static V permute(const V (&table)[VECTORS], I index) {
-    if constexpr (sizeof(T) == 4 && VECTORS == 1) {
-      return (V)_mm512_permutexvar_ps((__m512i)index, (__m512)table[0]);
-    } else if constexpr (sizeof(T) == 4) {
-      return (V)_mm512_permutex2var_ps((__m512)table[0], (__m512i)index, (__m512)table[1]);
-    } else if constexpr (VECTORS == 1) {
-      return (V)_mm512_permutexvar_pd((__m512i)index, (__m512d)table[0]);
-    } else {
-      return (V)_mm512_permutex2var_pd((__m512d)table[0], (__m512i)index, (__m512d)table[1]);
+
+  template <bool HARD, int VECTORS>
+  [[gnu::always_inline]] VoteGradients<V> look_up(int64_t x, I bin) const {
+    const Tables& tables = tables_[x / lanes<T>];
+    const T* line = lines_ + tables.first * line_;
+    VoteGradients<V> out{};
+    for (int64_t k = 0; k < tables.count; ++k, line += line_) {
+      V table[VECTORS];
+      for (int j = 0; j < VECTORS; ++j) table[j] = load<V>(line + j * lanes<T>);
+      const V by = load<V>(tables.weights + k * lanes<T>);
+      out.here = multiply_add(permute(table, bin + 1), by, out.here);
+      if constexpr (!HARD) {
+        out.before = multiply_add(permute(table, bin), by, out.before);
+        out.after = multiply_add(permute(table, bin + 2), by, out.after);
+      }
     }
+    return out;
   }
-#endif
 
   const int64_t bins_;
   const nablahog_axis &rows_, &cols_;
   const int64_t high_, wide_, line_, lines_size_, weights_size_;
-  T *band_lines_, *row_lines_;
+  T *band_, *lines_;
+  Int<T>* first_;  // where the line of each column's first cell begins
+  Tables* tables_ = nullptr;
+  int vectors_ = 0;  // of a table
 };
 
 }  // namespace nablahog

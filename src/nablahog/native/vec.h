@@ -201,6 +201,61 @@ template <class V>
   }
 }
 
+// One vector of several shorter ones
+template <class V, class Part>
+[[gnu::always_inline]] inline V join(const Part (&parts)[size<V> / size<Part>]) {
+  if constexpr (size<V> == size<Part>) {
+    return parts[0];
+  } else if constexpr (size<V> == 2 * size<Part>) {
+    return [&]<size_t... K>(std::index_sequence<K...>) {
+      return (V)__builtin_shufflevector(parts[0], parts[1], int(K)...);
+    }(std::make_index_sequence<size<V>>());
+  } else {
+    V v;
+    std::memcpy(&v, parts, sizeof v);
+    return v;
+  }
+}
+
+// The numbers of a table of a few vectors at each lane's index; where a processor can: see `has_tables`.
+template <class V, int VECTORS>
+[[gnu::always_inline]] inline V permute(const V (&table)[VECTORS], Mask<V> index) {
+#if defined(__AVX512F__)
+  static_assert(VECTORS <= 2);
+  if constexpr (sizeof(Element<V>) == 4 && VECTORS == 1) {
+    return (V)_mm512_permutexvar_ps((__m512i)index, (__m512)table[0]);
+  } else if constexpr (sizeof(Element<V>) == 4) {
+    return (V)_mm512_permutex2var_ps((__m512)table[0], (__m512i)index, (__m512)table[1]);
+  } else if constexpr (VECTORS == 1) {
+    return (V)_mm512_permutexvar_pd((__m512i)index, (__m512d)table[0]);
+  } else {
+    return (V)_mm512_permutex2var_pd((__m512d)table[0], (__m512i)index, (__m512d)table[1]);
+  }
+#elif defined(__AVX2__)
+  V out = (V)_mm256_permutevar8x32_ps((__m256)table[0], (__m256i)index);
+  for (int k = 1; k < VECTORS; ++k) {
+    const V here = (V)_mm256_permutevar8x32_ps((__m256)table[k], (__m256i)index);
+    out = index > 8 * k - 1 ? here : out;
+  }
+  return out;
+#else
+  return table[0];
+#endif
+}
+
+// Whether there is `permute` for tables of so many numbers
+template <class T>
+constexpr int most_tables = 0;
+#if defined(__AVX512F__)
+template <>
+inline constexpr int most_tables<float> = 2;
+template <>
+inline constexpr int most_tables<double> = 2;
+#elif defined(__AVX2__)
+template <>
+inline constexpr int most_tables<float> = 3;
+#endif
+
 // Of two vectors as rows of blocks of STEP numbers: the upper or lower row after every second pair of blocks is
 // transposed
 template <int STEP, bool UPPER, class V, size_t... K>

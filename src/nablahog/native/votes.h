@@ -136,15 +136,16 @@ class OpenCV {
   const float offset_, count_, per_bin_;
 };
 
-// Of 0…1, with the coefficients of fdlibm: four times the arcsine of the sine of a quarter of the angle
-[[gnu::always_inline]] inline Vec<double> arccosine(Vec<double> cosine) {
+// The arccosine of 0…1 in some unit of angle, four times the arcsine s of the sine of a quarter of the angle:
+// with the coefficients of fdlibm s = x (1 + x² P(x²) / Q(x²)), in one division.
+[[gnu::always_inline]] inline Vec<double> arccosine(Vec<double> cosine, double unit) {
   using V = Vec<double>;
   constexpr double p[] = {1.66666666666666657415e-01,  -3.25565818622400915405e-01, 2.01212532134862925881e-01,
                           -4.00555345006794114027e-02, 7.91534994289814532176e-04,  3.47933107596021167570e-05};
   constexpr double q[] = {1.0, -2.40339491173441421878, 2.02094576023350569471, -6.88283971605453293030e-01,
                           7.70381505559019352791e-02};
-  const V of_half = sqrt(cosine * 0.5 + 0.5), z = 0.5 - of_half * 0.5, sine = sqrt(z);
-  return (sine + sine * z * polynomial(z, p) / polynomial(z, q)) * 4.0;
+  const V z = 0.5 - sqrt(cosine * 0.5 + 0.5) * 0.5, denominator = polynomial(z, q);
+  return sqrt(z) * multiply_add(z, polynomial(z, p), denominator) * 4.0 / (denominator * unit);
 }
 
 // Linear votes by VLFeat's arccosine of the cosine to the nearest axis, in float32: library_angles.vlfeat.  The axis
@@ -204,11 +205,9 @@ class VLFeat {
       D cosine = __builtin_convertvector(projections[k], D) / (size > least_ ? size : splat<D>(least_));
       cosine = cosine < 1.0 ? cosine : splat<D>(1.0);
       const D rounded = __builtin_convertvector(__builtin_convertvector(cosine, Single), D);
-      shares[k] = __builtin_convertvector(arccosine(rounded) / unit_, Single);
+      shares[k] = __builtin_convertvector(arccosine(rounded, unit_), Single);
     }
-    V share;
-    std::memcpy(&share, shares, sizeof share);
-    return share;
+    return join<V>(shares);
   }
 
   const T tiny_;
@@ -300,7 +299,12 @@ class Begun {
 
 // ---- Derivatives ---------------------------------------------------------------------------------------------------
 
-// The vjp, of a pixel's gradients with respect to its votes for the bin before its own, its own and the next.
+// Gradients with respect to a vector of pixels' votes for the bin before their own, their own and the next
+template <class V>
+struct VoteGradients {
+  V before, here, after;
+};
+
 // The magnitude changes the votes for both bins: the gradient with respect to the magnitude, over the magnitude.
 template <class V>
 [[gnu::always_inline]] inline V along_vjp(V m, V f, V here, V after) {
@@ -320,11 +324,11 @@ template <class V>
 // The angle moves votes between bins, on a bin's centre by the mean of both sides: the gradient with respect to the
 // angle, over the magnitude.  `slope` is in bins per radian.
 template <class V>
-[[gnu::always_inline]] inline V across_vjp(V m, V f, V before, V here, V after, V slope) {
+[[gnu::always_inline]] inline V across_vjp(V m, V f, const VoteGradients<V>& grad, V slope) {
   using T = Element<V>;
   const auto some = m > T(0);
   const V inverse = some ? T(1) / m : V{};
-  const V change = f == T(0) ? (after - before) * T(0.5) : after - here;
+  const V change = f == T(0) ? (grad.after - grad.before) * T(0.5) : grad.after - grad.here;
   return some ? slope * change * inverse : V{};
 }
 
