@@ -336,7 +336,10 @@ def normalize(v: Array, spec: HOGSpec) -> Array:
         return four_block_norm(v, scheme, signed=spec.signed)
     if isinstance(scheme, WindowNorm):
         return window_norm(v, scheme)
-    return block_norm(v, scheme) if isinstance(scheme, BlockNorm) else cell_norm(v, scheme)
+    if isinstance(scheme, BlockNorm):
+        return block_norm(v, scheme)
+    assert isinstance(scheme, CellNorm), f"no reference of {type(scheme).__name__}"
+    return cell_norm(v, scheme)
 
 
 def hog(image: Array, spec: HOGSpec) -> Array:

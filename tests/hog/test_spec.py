@@ -254,6 +254,19 @@ def test_refuses_what_does_not_go_together(changes: dict[str, Any], message: str
         spec(**changes)
 
 
+def test_equal_specs_are_one_key() -> None:
+    """Whole numbers may be given as integers."""
+    whole = dataclasses.replace(
+        presets.uoctti(), bin_offset=0, value_range=255, normalizer=FourBlockNorm(epsilon=1, clip=1)
+    )
+    real = dataclasses.replace(
+        presets.uoctti(), bin_offset=0.0, value_range=255.0, normalizer=FourBlockNorm(epsilon=1.0, clip=1.0)
+    )
+    assert whole == real
+    assert whole.to_json() == real.to_json()
+    assert len({whole, real}) == 1
+
+
 def test_is_immutable() -> None:
     with pytest.raises(dataclasses.FrozenInstanceError):
         presets.paper().bins = 18  # type: ignore[misc]

@@ -11,18 +11,20 @@ from ..runtime.text import one_line
 LEAST, MOST = 1e-12, 1e12  # of constants: squares and cubes of them are numbers in float32
 LONGEST_SIDE = 1_000_000  # of a side, in pixels or cells
 _CHECKS: dict[type, dict[str, tuple[Any, Callable[[str, object], None] | None]]] = {}
-"""Of each class by field: its kind and its check, read once, since torch.compile cannot trace how types are read."""
+"""Of each class by field: its type and its check, read once, since torch.compile cannot trace how types are read."""
 
 
 def check_fields(part: object, *others: str) -> None:
     """The fields of a frozen dataclass are what their types say; tuples may be given as lists, as JSON has them.
+
+    Integers that stand for floats become floats, so that equal parts have one JSON.
 
     A float lies in 1e-12 … 1e12, a pair of integers in 1 … 1,000,000.  Fields of other types than these, literals
     and truth values are left to the class, and so are the ``others``.
     """
     if type(part) not in _CHECKS:
         hints = get_type_hints(type(part)).items()
-        _CHECKS[type(part)] = {field: (get_origin(hint), _check_of(hint)) for field, hint in hints}
+        _CHECKS[type(part)] = {field: (get_origin(hint) or hint, _check_of(hint)) for field, hint in hints}
     for field, (kind, check) in _CHECKS[type(part)].items():
         value = getattr(part, field)
         if kind is tuple and isinstance(value, list):
@@ -30,6 +32,8 @@ def check_fields(part: object, *others: str) -> None:
             object.__setattr__(part, field, value)
         if check and field not in others:
             check(field, value)
+        if kind is float and type(value) is int:
+            object.__setattr__(part, field, float(value))
 
 
 def _check_of(kind: Any) -> Callable[[str, object], None] | None:

@@ -124,12 +124,12 @@ def hog(
     """
     spec = as_spec(spec)
     if isinstance(images, Tensor):
-        return _described(images, spec, layout, backend)
+        return _hog(images, spec, layout, backend)
     batch, single = image_batch("images", images)
-    return to_array(_described(batch, spec, layout, backend), single)
+    return to_array(_hog(batch, spec, layout, backend), single)
 
 
-def _described(images: Tensor, spec: HOGSpec, layout: ResultLayout, backend: Backend) -> Tensor:
+def _hog(images: Tensor, spec: HOGSpec, layout: ResultLayout, backend: Backend) -> Tensor:
     halves = isinstance(images, Tensor) and images.dtype in HALVES
     values = images.float() if halves and not (images.is_cuda and _on_gpu(images, spec, backend)) else images
     _check(values, spec, backend)

@@ -136,6 +136,7 @@ NABLAHOG_API int nablahog_normalize_jvp(const nablahog_plan* plan, int64_t first
 
 // The sum of squares as the global normaliser has it, for images that are read in strips
 NABLAHOG_API int nablahog_long_energy(int32_t double_precision, const void* x, int64_t count, double* out) {
-  nablahog::with_real(double_precision, [&]<class T>() { *out = nablahog::long_energy(static_cast<const T*>(x), count); });
+  nablahog::with_real(double_precision,
+                      [&]<class T>() { *out = nablahog::long_energy(static_cast<const T*>(x), count); });
   return 0;
 }
