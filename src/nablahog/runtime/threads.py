@@ -61,5 +61,11 @@ def _one_thread() -> None:
     torch.set_num_threads(1)
 
 
-if hasattr(os, "register_at_fork"):  # a forked process has the pool, but not its threads
-    os.register_at_fork(after_in_child=_pool.cache_clear)
+def _after_fork() -> None:
+    """A forked process has the pools of its parent, ours and OpenMP's, but not their threads: it would wait for them."""
+    _pool.cache_clear()
+    torch.set_num_threads(1)
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)
