@@ -31,6 +31,8 @@ Derivative: TypeAlias = Literal["own", "linear"]
 Boundary: TypeAlias = Literal["first", "upper"]
 Layout: TypeAlias = Literal["cells", "planes", "colour-planes", "tokens", "blocks", "block-vector", "opencv-vector"]
 COLOURS = 3  # that a spec with separate colours has
+NAMED: dict[str, HOGSpec] = {}
+"""Specs that others are compared with when they are shown: :mod:`.presets` are put in."""
 MOST_BINS = 1000
 
 
@@ -124,9 +126,7 @@ class HOGSpec:
 
     def __repr__(self) -> str:
         """The preset that is nearest, and in which fields this one differs."""
-        from .presets import BY_NAME
-
-        changes = {name: list(_changes(preset, self)) for name, preset in BY_NAME.items()}
+        changes = {name: list(_changes(preset, self)) for name, preset in NAMED.items()}
         nearest = min(changes, key=lambda name: len(changes[name]))
         different = f" with {', '.join(changes[nearest])}" if changes[nearest] else ""
         return f"<HOGSpec presets.{nearest}(){different}>"

@@ -1,7 +1,7 @@
 """The dialects by name: each is one HOGSpec with its source."""
 
 from ..checks import shortened
-from ..spec import HOGSpec
+from ..spec import NAMED, HOGSpec
 from .dalal import dalal_triggs, maskfeat, opencv, skimage
 from .paper import paper
 from .uoctti import aubry, cnn_hog, dlib, dpm, piotr, seeing3d, uoctti, vlfeat
@@ -24,6 +24,7 @@ __all__ = [
 
 BY_NAME: dict[str, HOGSpec] = {name: globals()[name]() for name in __all__}
 """Each with its defaults."""
+NAMED.update(BY_NAME)
 
 
 def as_spec(spec: HOGSpec | str) -> HOGSpec:
