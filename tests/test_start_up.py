@@ -137,7 +137,7 @@ def test_the_function_wins_over_the_package_of_its_name(program: str, name: str)
         ("from nablahog import hog; import nablahog.hog.kernels as module", "hog.kernels"),
         ("from nablahog.hog import kernels as module", "hog.kernels"),
         ("import nablahog.hog.presets as module", "hog.presets"),
-        ("import nablahog.hog.kernels.operators as module", "hog.kernels.operators"),
+        ("import nablahog.hog.operators as module", "hog.operators"),
         ("import nablahog.render.camera as module", "render.camera"),
     ],
 )

@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.autograd import forward_ad
 
 from nablahog import HOGSpec, hog, presets, reconstruct, reconstruct_multiscale
-from nablahog.hog.kernels import histograms, histograms_jvp
+from nablahog.hog.engines import histograms, histograms_jvp
 from nablahog.invert import AsPublished, Objective, Search, scale_descriptors
 from nablahog.invert.method import Neighbours, Norms
 from nablahog.invert.priors import EPSILON

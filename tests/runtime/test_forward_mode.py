@@ -10,7 +10,7 @@ import pytest
 FIRST_USES = {
     "a spec without loops": """
 from dataclasses import replace
-from nablahog.hog.kernels import histograms_jvp
+from nablahog.hog.engines import histograms_jvp
 images, spec = torch.rand(1, 1, 16, 16), replace(nablahog.presets.paper(), mask="sobel", border="zero")
 use = lambda: histograms_jvp(images, images, spec)
 """,

@@ -14,7 +14,7 @@ from torch import Tensor
 from ..cli.results.pose_result import PoseResult
 from ..hog import HOGSpec, presets
 from ..hog.box import Box
-from ..hog.descriptor import describe
+from ..hog.engines import describe
 from ..pose import PoseEstimate, estimate_pose
 from ..pose.crop import SIDE, ObjectCrop, checked_box, crop_object
 from ..pose.placement import azimuth_sweep, fit_to_box

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from ..hog.descriptor import describe
+from ..hog.engines import describe
 from ..viz import html
 from ..viz.pictures import Panel, glyphs
 from ..viz.svg import Drawing

@@ -8,17 +8,15 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from . import kernels
-from . import triton as gpu
+from . import engines
 from .advice import advise
 from .checks import check_choice
+from .engines import Backend
 from .inputs import ArrayImage, image_batch, to_array
 from .layout import to_layout
 from .presets import as_spec
 from .spec import HOGSpec
-from .steps import histograms_reference, normalize_reference, spread_nan
 
-Backend: TypeAlias = Literal["auto", "torch", "triton"]
 ResultLayout: TypeAlias = Literal["cells", "native"]
 HALVES = (torch.float16, torch.bfloat16)
 
@@ -41,27 +39,13 @@ def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
         check_choice("backend", backend, Backend)
 
 
-def _on_gpu(images: Tensor, spec: HOGSpec, backend: Backend) -> bool:
-    """Whether the kernels of a GPU are to compute it.  Raises if they were asked for and cannot."""
-    if backend == "triton":
-        gpu.check(images.device, spec)
-    return backend == "triton" or (backend == "auto" and gpu.chosen(images.device, spec))
-
-
 def histograms(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> Tensor:
     """Cell histograms before normalisation, Eq. 1-6: images as for :func:`hog` to (B, colours · bins, rows, cols).
 
     Entries are votes, gradient magnitudes in units of the spec's ``value_range``, 0 or more.
     """
     _check(images, spec, backend)
-    if backend == "auto" and images.is_cpu and kernels.supports(spec):
-        return kernels.histograms(images, spec)
-    if _on_gpu(images, spec, backend):
-        from .triton import steps
-
-        return steps.histograms(images, spec)
-    spec.grid(*images.shape[-2:])  # or it is too small; the loops check this with their cached parameters
-    return histograms_reference(images, spec)
+    return engines.histograms(images, spec, backend=backend)
 
 
 @overload
@@ -83,7 +67,7 @@ def hog(
     keep theirs.
 
     ``torch.export`` saves graphs with the operator in it; a process that loads one needs ``import
-    nablahog.hog.kernels``, for ``import nablahog`` alone loads nothing that computes.
+    nablahog.hog.operators``, for ``import nablahog`` alone loads nothing that computes.
 
     Args:
         images: (B, C, H, W), float32 or float64 in 0…1, or uint8 in 0…255; any number of channels (three are R, G, B)
@@ -131,32 +115,16 @@ def hog(
 
 def _hog(images: Tensor, spec: HOGSpec, layout: ResultLayout, backend: Backend) -> Tensor:
     halves = isinstance(images, Tensor) and images.dtype in HALVES
-    values = images.float() if halves and not (images.is_cuda and _on_gpu(images, spec, backend)) else images
+    values = images.float() if halves and not (images.is_cuda and engines.on_gpu(images, spec, backend)) else images
     _check(values, spec, backend)
     advise(values, spec)
-    descriptor = describe(values, spec, backend=backend)
+    descriptor = engines.describe(values, spec, backend=backend)
     if layout != "cells":
         check_choice("layout", layout, ResultLayout)
         descriptor = to_layout(descriptor, spec)
     if halves and not torch.is_autocast_enabled(images.device.type):
         return descriptor.to(images.dtype)
     return descriptor
-
-
-def describe(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> Tensor:
-    """:func:`hog` of images as it takes them, float32, float64 or uint8, without its checks and warnings."""
-    if backend == "auto" and images.is_cpu and kernels.supports(spec):
-        return kernels.describe(images, spec)
-    if _on_gpu(images, spec, backend):
-        from .triton import steps
-
-        return steps.describe(images, spec)
-    shape = len(images), *spec.grid(*images.shape[-2:]), spec.channels
-    if images.is_meta:  # a graph, but no values
-        dtype = images.dtype if images.is_floating_point() else torch.get_default_dtype()
-        return images.to(dtype).sum((1, 2, 3)).reshape(-1, 1, 1, 1).expand(shape).contiguous()
-    descriptor = normalize_reference(histograms_reference(images, spec), spec)  # Eq. 7
-    return spread_nan(descriptor, images).permute(0, 2, 3, 1).contiguous()
 
 
 class HOG(nn.Module):

@@ -12,8 +12,9 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from . import kernels
+from .engines import steps
 from .inputs import is_pil, pil_pixels
-from .kernels import energy, steps
 from .presets import as_spec
 from .spec import HOGSpec
 from .steps import spread_nan
@@ -209,9 +210,9 @@ class _Energy:
         whole = len(values) // _SUMMED * _SUMMED
         for first in range(0, whole, _SUMMED):
             part = values[first : first + _SUMMED]
-            self._total += energy(part)
+            self._total += kernels.energy(part)
         self._rest = values[whole:].copy()
 
     def total(self) -> float:
         """Of all that came."""
-        return self._total if self._rest is None else self._total + energy(self._rest)
+        return self._total if self._rest is None else self._total + kernels.energy(self._rest)

@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from ..hog.descriptor import histograms
-from ..hog.kernels import steps
+from ..hog.engines import steps
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
 from .priors import Prior

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from ..hog.descriptor import histograms
-from ..hog.kernels import steps
+from ..hog.engines import steps
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
 from ..runtime.memory import memory_for

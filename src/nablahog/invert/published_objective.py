@@ -13,7 +13,7 @@ import math
 import torch
 from torch import Tensor
 
-from ..hog.kernels import histograms_jvp, steps
+from ..hog.engines import histograms_jvp, steps
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
 from .cosine_transform import from_cosines, to_cosines

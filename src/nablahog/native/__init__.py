@@ -86,7 +86,9 @@ def array(*dtypes: type[np.generic]) -> Any:
             values = value.detach().numpy() if isinstance(value, Tensor) else value
             if values.dtype not in allowed or not values.flags.c_contiguous:
                 names = " or ".join(sorted(map(str, allowed)))
-                raise TypeError(f"expected a C-contiguous array of {names}, got {values.dtype}, strides {values.strides}")
+                raise TypeError(
+                    f"expected a C-contiguous array of {names}, got {values.dtype}, strides {values.strides}"
+                )
             return ctypes.c_void_p(values.ctypes.data)
 
     return Address

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ..hog.gradient import gray
-from ..hog.kernels import steps
+from ..hog.engines import steps
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from ..io.images import limit_size

@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from ..hog.kernels import steps
+from ..hog.engines import steps
 from ..hog.presets import aubry
 from ..io.learned_model import Arrays, Codec, LearnedModel
 from ..render import Camera, Light, Mesh, Renderer, silhouette

@@ -19,7 +19,7 @@ from typing import Protocol, TypeVar
 import torch
 from torch import Tensor
 
-from ..hog.kernels import steps
+from ..hog.engines import steps
 from ..hog.spec import HOGSpec
 from ..render import Camera, Renderer
 from ..render.pose_gradient import pose_vjp

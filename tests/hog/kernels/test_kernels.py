@@ -18,7 +18,8 @@ from torch.testing import assert_close
 
 from nablahog.hog import BilinearCells, BlockCells, BlockNorm, BoxCells, FourBlockNorm, HOGSpec, hog, presets
 from nablahog.hog.descriptor import Backend, histograms
-from nablahog.hog.kernels import steps, supports
+from nablahog.hog.engines import steps
+from nablahog.hog.kernels import supports
 from nablahog.hog.normalizers import PARTS
 from nablahog.hog.poolings import Pooling
 from nablahog.hog.steps import histograms_reference, normalize_reference

@@ -75,7 +75,7 @@ def test_nothing_of_triton_is_loaded_on_a_cpu() -> None:
     program = """
 import sys, torch, nablahog
 nablahog.hog(torch.rand(1, 1, 16, 16), nablahog.presets.paper()).sum()
-import nablahog.hog.kernels.operators
+import nablahog.hog.operators
 print([name for name in sys.modules if name.startswith("nablahog.hog.triton.")])
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

@@ -200,12 +200,8 @@ class Plan(NormPlan):
     def __init__(self, spec: HOGSpec, shape: tuple[int, int, int], stored: torch.dtype) -> None:
         channels, height, width = shape
         spec.grid(height, width)
-        super().__init__(
-            spec, *spec.cells(height, width), torch.float64 if stored == torch.float64 else torch.float32
-        )
-        self._real, self._integer = (
-            (np.float64, np.int64) if self.dtype == torch.float64 else (np.float32, np.int32)
-        )
+        super().__init__(spec, *spec.cells(height, width), torch.float64 if stored == torch.float64 else torch.float32)
+        self._real, self._integer = (np.float64, np.int64) if self.dtype == torch.float64 else (np.float32, np.int32)
         rows, cols = tables.pooling_axes(spec, height, width, self.dtype)
         self._set(
             channels=channels,

@@ -17,13 +17,15 @@ import torch
 from ..orientation import vote_rule
 from ..spec import HOGSpec
 
+RULES = frozenset({"linear", "opencv", "vlfeat", "nearest", "begun"})
+"""Rules of votes that have kernels, by their names; not read from :mod:`.launch`, which loads Triton."""
 LEAST_CAPABILITY = 7, 0
 """The oldest GPUs that Triton compiles for."""
 
 
 def supports(spec: HOGSpec) -> bool:
-    """Whether the kernels have all that the dialect needs; of a normaliser without kernels the reference follows."""
-    return vote_rule(spec).loop is not None
+    """Whether the kernels have all that the dialect needs: its rule of votes."""
+    return vote_rule(spec).name in RULES
 
 
 def interpreted() -> bool:

@@ -1,4 +1,4 @@
-"""Eq. 1-6 in Triton: images to cells, and the tangents of cells.
+"""Eq. 1-6 in Triton: images to cells.
 
 Along either axis pixels lie in bands: runs that vote into the same cells (:class:`.parameters.Bands`).  A lane, one
 thread of a warp, owns one band of columns and goes down some rows of cells.  It adds the votes of its pixels to
@@ -11,8 +11,8 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-from .gradients import gradient_tangents, gradients, neighbour, places, value, value_tangent
-from .votes import EVEN_32, EVEN_64, bin_before, magnitude, votes_of_even_and_odd
+from .gradients import gradients, neighbour, places, value
+from .votes import EVEN_32, EVEN_64, magnitude, votes_of_even_and_odd
 
 LANES = 32
 """Of a program: a warp, so that lanes exchange sums without waiting for other warps."""
@@ -40,20 +40,8 @@ def _place(pixels, y, columns, d: tl.constexpr, strides, READING: tl.constexpr, 
 
 
 @triton.jit
-def _row(
-    pixels,
-    tangents,
-    y,
-    columns,
-    size,
-    strides,
-    other,
-    READING: tl.constexpr,
-    REAL: tl.constexpr,
-    CLAMPED: tl.constexpr,
-    TANGENT: tl.constexpr,
-):
-    """Values, or their tangents, of one row of each lane, by channel: from the column before to the one behind."""
+def _row(pixels, y, columns, size, strides, READING: tl.constexpr, REAL: tl.constexpr, CLAMPED: tl.constexpr):
+    """Values of one row of each lane, by channel: from the column before to the one behind."""
     described: tl.constexpr = READING.channels
     count: tl.constexpr = len(columns)
     y = neighbour(y, size[0], READING)
@@ -62,11 +50,7 @@ def _row(
         values = ()
         for d in tl.static_range(count):
             at = _place(pixels, y, columns, d, strides, READING, CLAMPED)
-            if TANGENT:
-                at_tangent = _place(tangents, y, columns, d, other, READING, CLAMPED)
-                values = values + (value_tangent(at, at_tangent, strides, other, k, READING, REAL),)
-            else:
-                values = values + (value(at, strides, k, READING, REAL),)
+            values = values + (value(at, strides, k, READING, REAL),)
         row = row + (values,)
     return row
 
@@ -133,29 +117,6 @@ def _votes(gx, gy, VOTES: tl.constexpr, VOTING: tl.constexpr):
 
 
 @triton.jit
-def _vote_tangents(gx, gy, dx, dy, VOTES: tl.constexpr, VOTING: tl.constexpr):
-    """Their tangents, which add up."""
-    _, inverse = magnitude(gx, gy)
-    low, f, from_bin, part = VOTES(gx, gy, inverse, VOTING)
-    along = (gx * dx + gy * dy) * inverse  # of the magnitude
-    if VOTING.hard:
-        votes = (low, along)
-    else:
-        across = VOTING.slope * (gx * dy - gy * dx) * inverse  # of the position in bins, times the magnitude
-        centre = part == 0  # of a bin: the mean of both sides
-        onward = tl.where(centre, across * 0.5, across)
-        backward = tl.where(centre, 0.0, -across)
-        of_low, of_after = (1 - f) * along, f * along
-        if VOTING.inexact:
-            votes = _for_both(low, of_low, of_after) + _for_both(from_bin, backward, onward)
-        else:
-            votes = _for_both(low, of_low + backward, of_after + onward)
-        of_before = tl.where(centre, -onward, 0.0)
-        votes = votes + _for_both(bin_before(from_bin, VOTING), of_before, tl.zeros_like(f))
-    return votes
-
-
-@triton.jit
 def _add_votes(total, votes, number: tl.constexpr, first: tl.constexpr, step: tl.constexpr, weights):
     """Adds the votes of each lane's pixels for the bin of this number, weighted."""
     own = tl.full([], number, votes[0][0].dtype)  # comparisons of Triton 3.8 take numbers for float32
@@ -169,13 +130,13 @@ def _add_votes(total, votes, number: tl.constexpr, first: tl.constexpr, step: tl
 
 
 @triton.jit
-def _of_bin(votes, k: tl.constexpr, weights, zero, VOTING: tl.constexpr, TANGENTS: tl.constexpr):
+def _of_bin(votes, k: tl.constexpr, weights, zero, VOTING: tl.constexpr):
     """The votes of each lane's pixels for bin k, weighted and summed."""
     total = zero
     bins: tl.constexpr = VOTING.bins
     if VOTING.hard:
         total = _add_votes(total, votes, k, 0, 2, weights)
-    elif VOTING.exact and not TANGENTS:
+    elif VOTING.exact:
         shift: tl.constexpr = EVEN_64 if zero.dtype == tl.float64 else EVEN_32
         lowest: tl.constexpr = VOTING.lowest
         highest: tl.constexpr = VOTING.highest
@@ -190,7 +151,6 @@ def _of_bin(votes, k: tl.constexpr, weights, zero, VOTING: tl.constexpr, TANGENT
 @triton.jit
 def cells_kernel(
     images,
-    tangents,
     out,
     flags,
     row_first,
@@ -200,8 +160,6 @@ def cells_kernel(
     size,
     stride,
     strides,
-    other_stride,
-    other,
     grid,
     longest,
     chunks,
@@ -221,10 +179,9 @@ def cells_kernel(
     WIDE: tl.constexpr,
     AT_ONCE: tl.constexpr,
     CLAMPED: tl.constexpr,
-    TANGENTS: tl.constexpr,
     CHECKED: tl.constexpr,
 ):
-    """Cells (images, rows, cols, bins), ``out_stride`` from image to image, of images, or their tangents.
+    """Cells (images, rows, cols, bins), ``out_stride`` from image to image, of images.
 
     A program has ``strips[1]`` strips of ``of_strip`` rows of cells, each of ``of_chunk`` columns of cells.  Bands vote
     into HIGH x WIDE cells; a lane reads AT_ONCE of its columns at a time; CLAMPED if some are beyond the image.  Sets
@@ -236,7 +193,6 @@ def cells_kernel(
     groups = (strips[0] + strips[1] - 1) // strips[1]
     image, group = (group // groups).to(tl.int64), group % groups
     pixels = of_image(images, image, stride, strides, COLOURS)
-    changes = of_image(tangents, image, other_stride, other, COLOURS)
     lane = tl.arange(0, _LANES)
     lanes = of_chunk + WIDE - 1  # of a strip
     strip = group * strips[1] + lane // lanes
@@ -267,39 +223,21 @@ def cells_kernel(
                 for d in tl.static_range(AT_ONCE):
                     weights = weights + (tl.load(col_weights + ((start + d) * WIDE + e) * col_bands + col_band),)
                 by_col = by_col + (weights,)
-            above = _row(pixels, pixels, first_row - 1, columns, size, strides, strides, READING, REAL, CLAMPED, False)
-            row = _row(pixels, pixels, first_row, columns, size, strides, strides, READING, REAL, CLAMPED, False)
-            below = _row(pixels, pixels, first_row + 1, columns, size, strides, strides, READING, REAL, CLAMPED, False)
-            if TANGENTS:
-                above_change = _row(
-                    pixels, changes, first_row - 1, columns, size, strides, other, READING, REAL, CLAMPED, True
-                )
-                row_change = _row(
-                    pixels, changes, first_row, columns, size, strides, other, READING, REAL, CLAMPED, True
-                )
+            above = _row(pixels, first_row - 1, columns, size, strides, READING, REAL, CLAMPED)
+            row = _row(pixels, first_row, columns, size, strides, READING, REAL, CLAMPED)
+            below = _row(pixels, first_row + 1, columns, size, strides, READING, REAL, CLAMPED)
             for i in range(longest[0]):
                 y = first_row + i
                 # needed in the next round only: nothing waits for memory meanwhile
-                ahead = _row(pixels, pixels, y + 2, columns, size, strides, strides, READING, REAL, CLAMPED, False)
+                ahead = _row(pixels, y + 2, columns, size, strides, READING, REAL, CLAMPED)
                 if CHECKED:
                     spoilt = _spoilt(row, spoilt, READING)
-                if TANGENTS:
-                    below_change = _row(
-                        pixels, changes, y + 1, columns, size, strides, other, READING, REAL, CLAMPED, True
-                    )
                 votes = ()
                 for d in tl.static_range(AT_ONCE):
                     x = first_column + start + d
                     arounds = _around(above, row, below, d, READING)
-                    gx, gy, winner = gradients(arounds, y, x, size, last_wins, READING, REAL)
-                    if TANGENTS:
-                        arounds = _around(above_change, row_change, below_change, d, READING)
-                        dx, dy = gradient_tangents(arounds, y, x, size, winner, READING, REAL)
-                        votes = votes + (_vote_tangents(gx, gy, dx, dy, VOTES, VOTING),)
-                    else:
-                        votes = votes + (_votes(gx, gy, VOTES, VOTING),)
-                if TANGENTS:
-                    above_change, row_change = row_change, below_change
+                    gx, gy, _ = gradients(arounds, y, x, size, last_wins, READING, REAL)
+                    votes = votes + (_votes(gx, gy, VOTES, VOTING),)
                 above, row, below = row, below, ahead
                 by_row = ()
                 for h in tl.static_range(HIGH):
@@ -308,7 +246,7 @@ def cells_kernel(
                 for k in tl.static_range(bins):
                     of_cells = ()
                     for e in tl.static_range(WIDE):
-                        of_row = _of_bin(votes, k, by_col[e], zero, VOTING, TANGENTS)
+                        of_row = _of_bin(votes, k, by_col[e], zero, VOTING)
                         for h in tl.static_range(HIGH):
                             of_cells = of_cells + (tl.fma(of_row, by_row[h], sums[k][e * HIGH + h]),)
                     added = added + (of_cells,)

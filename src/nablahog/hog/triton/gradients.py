@@ -69,32 +69,6 @@ def value(at, strides, channel: tl.constexpr, READING: tl.constexpr, REAL: tl.co
 
 
 @triton.jit
-def _channel_tangent(at, at_tangents, strides, other, channel: tl.constexpr, READING: tl.constexpr, REAL: tl.constexpr):
-    """The tangent of :func:`_channel`; tangents have the strides ``other``."""
-    change = tl.load(_of_channel(at_tangents, other, channel)).to(REAL)
-    if READING.scale != 1:
-        change = change * READING.scale
-    if READING.sqrt:
-        of_root = _channel(at, strides, channel, READING, REAL)
-        dark = of_root == 0
-        change = tl.where(dark, 0.0, quotient(change, 2 * tl.where(dark, 1.0, of_root)))
-    return change
-
-
-@triton.jit
-def value_tangent(at, at_tangents, strides, other, channel: tl.constexpr, READING: tl.constexpr, REAL: tl.constexpr):
-    """The tangent of :func:`value`."""
-    stored: tl.constexpr = READING.stored
-    if READING.averaged:
-        total = READING.weights[0] * _channel_tangent(at, at_tangents, strides, other, 0, READING, REAL)
-        for k in tl.static_range(1, stored):
-            total += READING.weights[k] * _channel_tangent(at, at_tangents, strides, other, k, READING, REAL)
-    else:
-        total = _channel_tangent(at, at_tangents, strides, other, channel, READING, REAL)
-    return total
-
-
-@triton.jit
 def _edge_factor(place, count, READING: tl.constexpr, REAL: tl.constexpr):
     """How often a difference along an axis of ``count`` pixels counts at each ``place``: once, but at the border."""
     times = tl.where(count > 1, READING.border_factor, 0.0).to(REAL)
@@ -160,17 +134,6 @@ def gradients(arounds, y, x, size, last_wins, READING: tl.constexpr, REAL: tl.co
             gx, gy = tl.where(better, u, gx), tl.where(better, v, gy)
             largest, winner = tl.where(better, squared, largest), tl.where(better, k, winner)
     return gx, gy, winner
-
-
-@triton.jit
-def gradient_tangents(arounds, y, x, size, winner, READING: tl.constexpr, REAL: tl.constexpr):
-    """Tangents of Gx and Gy, of the channel that wins, from those of values."""
-    dx, dy = _gradient(arounds[0], y, x, size, READING, REAL, 0.0)
-    described: tl.constexpr = READING.channels
-    for k in tl.static_range(1, described):
-        u, v = _gradient(arounds[k], y, x, size, READING, REAL, 0.0)
-        dx, dy = tl.where(winner == k, u, dx), tl.where(winner == k, v, dy)
-    return dx, dy
 
 
 @triton.jit

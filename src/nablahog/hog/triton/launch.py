@@ -26,7 +26,7 @@ RULES = {
     "nearest": votes.nearest_votes,
     "begun": votes.begun_votes,
 }
-"""Vote rules by the names that :class:`..orientation.VoteRule` has for their loops."""
+"""Vote rules by their names: those of :class:`..orientation.VoteRule`."""
 
 EXACT: dict[str, Any] = {"enable_fp_fusion": False}
 """a · b + c is rounded twice, as in PyTorch: which of two equal channels or bins counts must not depend on it."""
@@ -158,21 +158,19 @@ def work(images: int, cells: tuple[int, int], reach: tuple[int, int], schedulers
     return Work(chunks, of_chunk, (-(-rows // of_strip), side_by_side), of_strip)
 
 
-def _to_cells(images: Tensor, tangents: Tensor | None, spec: HOGSpec) -> Cells:
+def cells(images: Tensor, spec: HOGSpec) -> Cells:
+    """Eq. 1-6: of images (B, C, H, W), as stored, any strides; N is B · colours."""
     known, out = _plan(images, spec), cells_buffer(images, spec)
     rows, cols = known.rows, known.cols
     stride, strides = _strides(images, spec)
-    of_tangents = images if tangents is None else tangents
-    other_stride, other = _strides(of_tangents, spec)
     if not len(out.values):
         return out
     reach = rows.bands.reach, cols.bands.reach
     share = work(len(out.values), (rows.cells, cols.cells), reach, schedulers(images.device))
-    registers = known.reading.channels * (1 if tangents is None else 2) * (out.values.itemsize // 4)
+    registers = known.reading.channels * (out.values.itemsize // 4)
     with on(images.device):
         cells_kernel[(len(out.values) * share.groups * share.chunks,)](
             images,
-            of_tangents,
             out.values,
             out.flags,
             rows.bands.first,
@@ -182,8 +180,6 @@ def _to_cells(images: Tensor, tangents: Tensor | None, spec: HOGSpec) -> Cells:
             tuple(images.shape[2:]),
             stride,
             strides,
-            other_stride,
-            other,
             (rows.cells, cols.cells),
             (rows.bands.longest, cols.bands.longest),
             share.chunks,
@@ -196,14 +192,13 @@ def _to_cells(images: Tensor, tangents: Tensor | None, spec: HOGSpec) -> Cells:
             out.values.stride(0),
             out.flags.stride(0),
             VOTES=RULES[known.rule],
-            READING=_reading(known, images, of_tangents),
+            READING=_reading(known, images),
             VOTING=known.voting,
             COLOURS=spec.colours,
             HIGH=rows.bands.reach,
             WIDE=cols.bands.reach,
             AT_ONCE=columns_at_once(cols.bands, registers),
             CLAMPED=cols.bands.longest > images.shape[3],
-            TANGENTS=tangents is not None,
             CHECKED=images.is_floating_point(),
             num_warps=1,
             **EXACT,
@@ -211,19 +206,9 @@ def _to_cells(images: Tensor, tangents: Tensor | None, spec: HOGSpec) -> Cells:
     return out
 
 
-def cells(images: Tensor, spec: HOGSpec) -> Cells:
-    """Eq. 1-6: of images (B, C, H, W), as stored, any strides; N is B · colours."""
-    return _to_cells(images, None, spec)
-
-
 def _with_derivative(spec: HOGSpec) -> HOGSpec:
     """The dialect whose derivative is meant."""
     return spec.with_linear_votes() if spec.vote == "hard" and spec.derivative == "linear" else spec
-
-
-def cells_jvp(images: Tensor, tangents: Tensor, spec: HOGSpec) -> Cells:
-    """Tangents of the cells from those of the images."""
-    return _to_cells(images, tangents, _with_derivative(spec))
 
 
 def cells_vjp(images: Tensor, flags: Tensor, grad_cells: Tensor, spec: HOGSpec) -> Tensor:

@@ -16,10 +16,11 @@ import torch
 from torch import Tensor
 
 from .. import library_angles
-from ..gradient import BORDERS, GRAY_WEIGHTS, MASKS, last_of_equals
-from ..orientation import beginnings, hard_directions, vote_rule
+from ..gradient import BORDERS, MASKS, last_of_equals
+from ..orientation import beginnings, vote_rule
 from ..pooling import pooling_matrices
 from ..spec import HOGSpec
+from ..tables import channel_weights, vote_directions
 
 _MOST_REGISTERS = 160  # of a thread, for sums
 _COLUMNS = (8, 6, 4, 3, 2, 1)  # that a lane may read at a time
@@ -65,13 +66,12 @@ class Voting(NamedTuple):
 
 def reading(spec: HOGSpec, channels: int, stored: torch.dtype) -> Reading:
     """Of images of so many channels, stored as bytes or floats; one where colours are separate; not ``wide``."""
-    averaged = spec.colour == "gray" and channels > 1
     channels = 1 if spec.colour == "separate" else channels
-    weights = GRAY_WEIGHTS if channels == 3 else (1 / channels,) * channels
+    averaged, weights = channel_weights(spec, channels)
     border = BORDERS[spec.border]
     return Reading(
         scale=spec.value_range / 255 if stored == torch.uint8 else float(spec.value_range),
-        weights=tuple(weights) if averaged else (1.0,) * channels,
+        weights=weights,
         averaged=averaged,
         stored=channels,
         channels=1 if averaged else channels,
@@ -92,7 +92,7 @@ def voting(spec: HOGSpec) -> Voting:
     offset = float(spec.bin_offset if 2 * spec.bin_offset <= spec.bins else spec.bin_offset - spec.bins)
     return Voting(
         hard=rule.hard,
-        exact=rule.loop == "linear",
+        exact=rule.name == "linear",
         inexact=rule.inexact,
         counterclockwise=spec.counterclockwise,
         signed=spec.signed,
@@ -107,17 +107,8 @@ def voting(spec: HOGSpec) -> Voting:
         before=spec.bins - 1 + beginnings(spec)[1],
         opencv=library_angles.opencv_table(spec),
         between_axes=math.pi / axes,
-        table=tuple(map(float, np.reshape(_vote_table(spec), -1))),
+        table=tuple(map(float, vote_directions(spec).reshape(-1))),
     )
-
-
-def _vote_table(spec: HOGSpec) -> npt.ArrayLike:
-    rule = vote_rule(spec).loop
-    if rule == "nearest":
-        return hard_directions(spec)
-    if rule == "vlfeat":
-        return library_angles.vlfeat_directions(spec)
-    return np.transpose(beginnings(spec)[0]) if rule == "begun" else ()
 
 
 class Bands(NamedTuple):
@@ -254,12 +245,10 @@ def plan(spec: HOGSpec, shape: torch.Size, stored: torch.dtype, real: torch.dtyp
     high = high if high * wide <= numbers else 1
     wide = wide if high * wide <= numbers else 1
     last = np.flatnonzero(last_of_equals(spec, height, width))
-    rule = vote_rule(spec).loop
-    assert rule is not None  # see :func:`.supports`
     return Plan(
         reading=reading(spec, channels, stored),
         voting=voting(spec),
-        rule=rule,
+        rule=vote_rule(spec).name,
         rows=_axis(of_rows, high, (1,), device),
         cols=_axis(of_cols, wide, _COLUMNS, device),
         last_wins=(int(last[0]), int(last[-1]) + 1) if len(last) else (0, 0),

@@ -1,6 +1,6 @@
-"""The native loops as functions of PyTorch: differentiable in reverse and forward mode, and under ``vmap``.
+"""The engines' steps as functions of PyTorch: differentiable in reverse and forward mode, and under ``vmap``.
 
-Second derivatives are those of the reference steps; loops for them would only be faster.
+Second derivatives are those of the reference steps.
 """
 
 from __future__ import annotations
@@ -14,9 +14,8 @@ from torch import Tensor
 from torch.autograd import Function, forward_ad
 from torch.nn import Parameter
 
-from ..spec import HOGSpec
-from ..steps import histograms_reference, normalize_reference
-from . import loops
+from .spec import HOGSpec
+from .steps import histograms_reference, normalize_reference
 
 Both: TypeAlias = tuple[Tensor, Tensor]
 
@@ -25,7 +24,7 @@ Both: TypeAlias = tuple[Tensor, Tensor]
 
 @dataclass(frozen=True)
 class Step:
-    """A native step, its derivatives, and its reference.
+    """A step of an engine, its derivatives, and its reference.
 
     Attributes:
         run: maps the input and the dialect to the output, and what the derivatives need, (B, numbers).
@@ -49,7 +48,7 @@ def _first(x: Tensor, dim: int | None, size: int) -> Tensor:
     return x.expand(size, *x.shape) if dim is None else x.movedim(dim, 0)
 
 
-def _jvp(function: Callable[..., Tensor], at: tuple[Tensor, ...], tangents: tuple[Tensor, ...]) -> Tensor:
+def jvp_by_vjp(function: Callable[..., Tensor], at: tuple[Tensor, ...], tangents: tuple[Tensor, ...]) -> Tensor:
     """The jvp as the vjp of the vjp: forward mode cannot be nested in itself."""
     value, vjp = torch.func.vjp(function, *at)[:2]
     tangent: Tensor = torch.func.vjp(vjp, torch.zeros_like(value))[1](tangents)[0]
@@ -156,7 +155,7 @@ class _Derivative(Function):
     ) -> Tensor:
         x, direction = ctx.saved_tensors
         tangents = (torch.zeros_like(of) if t is None else t for of, t in ((x, tangent_x), (direction, tangent)))
-        return _jvp(cls.reference(ctx.step, ctx.spec), (x, direction), tuple(tangents))
+        return jvp_by_vjp(cls.reference(ctx.step, ctx.spec), (x, direction), tuple(tangents))
 
     @classmethod
     def mapped(cls, info: Any, in_dims: Any, *inputs: Any) -> tuple[Tensor, int]:
@@ -195,7 +194,7 @@ class _Jvp(_Derivative):
 
     @staticmethod
     def reference(step: Step, spec: HOGSpec) -> Callable[[Tensor, Tensor], Tensor]:
-        return lambda x, tangent: _jvp(lambda of: step.reference(of, spec), (x,), (tangent,))
+        return lambda x, tangent: jvp_by_vjp(lambda of: step.reference(of, spec), (x,), (tangent,))
 
     @staticmethod
     def backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor | None, ...]:
@@ -215,10 +214,6 @@ def in_graph(x: Tensor) -> bool:
     return torch.compiler.is_compiling() or type(x) not in (Tensor, Parameter)
 
 
-def _nothing(x: Tensor) -> Tensor:
-    return torch.empty(len(x), 0)
-
-
 def norm_reference(histograms: Tensor, spec: HOGSpec) -> Tensor:
     """The normaliser: cells (B, rows, cols, bins) to descriptors (B, rows, cols, channels)."""
     return normalize_reference(histograms.permute(0, 3, 1, 2), spec).permute(0, 2, 3, 1)
@@ -232,21 +227,6 @@ def cells_reference(images: Tensor, spec: HOGSpec) -> Tensor:
 def describe_reference(images: Tensor, spec: HOGSpec) -> Tensor:
     """Eq. 1-7."""
     return norm_reference(cells_reference(images, spec), spec)
-
-
-CELLS = Step(
-    lambda images, spec: (loops.cells(images, spec), _nothing(images)),
-    lambda images, _, grad_output, spec: loops.cells_vjp(images, grad_output, spec),
-    lambda images, _, tangent, spec: loops.cells_jvp(images, tangent, spec),
-    cells_reference,
-)
-NORM = Step(
-    lambda cells, spec: (loops.norm(cells, spec), _nothing(cells)),
-    lambda cells, _, grad_output, spec: loops.norm_vjp(cells, grad_output, spec),
-    lambda cells, _, tangent, spec: loops.norm_jvp(cells, tangent, spec),
-    norm_reference,
-)
-DESCRIBE = Step(loops.describe, loops.describe_vjp, loops.describe_jvp, describe_reference)
 
 
 def apply(step: Step, x: Tensor, spec: HOGSpec) -> Tensor:

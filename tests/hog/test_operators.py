@@ -9,12 +9,12 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.hog import hog
 from nablahog.hog.descriptor import histograms
-from nablahog.hog.kernels import operators, supports
+from nablahog.hog import hog, operators
+from nablahog.hog.kernels import supports
 from nablahog.hog.kernels.plan import has_norm
 
-from ..zoo import SPECS, noise
+from .zoo import SPECS, noise
 
 
 def _with_gradient(step: Any, x: Tensor) -> tuple[Tensor, Tensor]:
