@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.hog.descriptor import histograms
 from nablahog.hog import hog, operators
+from nablahog.hog.descriptor import histograms
 from nablahog.hog.kernels import supports
 from nablahog.hog.kernels.plan import has_norm
 

@@ -2,17 +2,14 @@
 
 To the plain steps in the same precision and, of float32, in float64, which those in float32 are compared with as well.
 
-    python -m tests.hog.triton.differences [--root-error 1.28e-7]
+    python -m tests.hog.triton.differences
 
-Without a GPU Triton's interpreter runs the kernels.  Its reciprocal roots are nearer than those of a GPU: with a
-root error, each is off by a random share of up to that.
+Without a GPU Triton's interpreter runs the kernels.
 """
 
 from __future__ import annotations
 
-import argparse
 import os
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -22,21 +19,19 @@ if not torch.cuda.is_available():
 
 import numpy as np
 
-from nablahog.hog.triton import steps
-
 from ..zoo import SPECS, noise
 from .test_steps import channels, computed, expected
 
-RESULTS = ("descriptor", "vjp", "jvp")
+RESULTS = ("cells", "vjp")
 
 
 def differences(name: str, dtype: torch.dtype) -> tuple[tuple[float, ...], ...]:
-    """Of descriptor, vjp and jvp, of an image of 15 x 13 pixels of noise: kernels and plain, kernels and exact, plain
+    """Of cells and vjp, of an image of 15 x 13 pixels of noise: kernels and plain, kernels and exact, plain
     and exact.
     """
     x, s = noise(1, channels(SPECS[name]), 15, 13, dtype=dtype), SPECS[name]
-    kernels, plain = computed(steps.DESCRIBE, x, s), expected(steps.DESCRIBE, x, s)
-    exact = expected(steps.DESCRIBE, x.double(), s)
+    kernels, plain = computed(x, s), expected(x, s)
+    exact = expected(x.double(), s)
 
     def between(results: tuple[Tensor, ...], others: tuple[Tensor, ...]) -> tuple[float, ...]:
         pairs = zip(results, others, strict=True)
@@ -45,29 +40,10 @@ def differences(name: str, dtype: torch.dtype) -> tuple[tuple[float, ...], ...]:
     return between(kernels, plain), between(kernels, exact), between(plain, exact)
 
 
-def inexact_roots(error: float) -> None:
-    """From now on the interpreter's reciprocal roots of float32 are off by up to this, relative to them."""
-    from triton.runtime.interpreter import InterpreterBuilder, TensorHandle
-
-    generator, nearest = np.random.default_rng(0), InterpreterBuilder.create_rsqrt
-
-    def create_rsqrt(builder: Any, argument: Any) -> Any:
-        root = nearest(builder, argument)
-        off = 1 + error * generator.uniform(-1, 1, root.data.shape)
-        return TensorHandle((root.data * off).astype(root.data.dtype), root.dtype)
-
-    InterpreterBuilder.create_rsqrt = create_rsqrt
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--root-error", type=float, default=0.0)
-    error = parser.parse_args().root_error
-    if error:
-        inexact_roots(error)
     exact = [name for name in SPECS if SPECS[name].angle != "vlfeat"]
     others = [name for name in SPECS if name not in exact]
-    print(f"| dialects | difference | {' | '.join(RESULTS)} |\n|---|---|---:|---:|---:|")
+    print(f"| dialects | difference | {' | '.join(RESULTS)} |\n|---|---|---:|---:|")
     with np.errstate(all="ignore"):
         for what, names in ((f"{len(exact)}", exact), (f"{len(others)} with VLFeat's angle", others)):
             for dtype in (torch.float32, torch.float64):

@@ -14,9 +14,9 @@ from nablahog import hog, presets
 from nablahog.hog import triton as kernels
 from nablahog.hog.orientation import HARD_VOTES, LINEAR_VOTES
 from nablahog.hog.steps import histograms_reference, normalize_reference
-from nablahog.hog.triton import launch, steps
+from nablahog.hog.triton import launch
 
-from ..zoo import SPECS, noise
+from ..zoo import noise
 
 CUDA = torch.device("cuda")
 
@@ -34,15 +34,14 @@ def forgetful() -> Any:
 
 def test_every_vote_rule_has_a_function() -> None:
     rules = [*LINEAR_VOTES.values(), *HARD_VOTES.values()]
-    assert {rule.loop for rule in rules} == {*launch.RULES}
-    assert all(kernels.supports(s) for s in SPECS.values())
+    assert {rule.name for rule in rules} == {*launch.RULES} == kernels.RULES
 
 
 def test_auto_takes_triton_on_a_gpu(forgetful: None, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "get_device_capability", lambda _: (8, 0))
-    of_hog = importlib.import_module("nablahog.hog.kernels")
-    assert of_hog.steps(CUDA, presets.paper()) == (steps.histograms, steps.norm)
+    of_hog = importlib.import_module("nablahog.hog.engines")
+    assert of_hog.steps(CUDA, presets.paper()) == (of_hog.histograms, normalize_reference)
     assert not kernels.chosen(torch.device("cpu"), presets.paper())
 
 
@@ -56,7 +55,7 @@ def test_without_it_the_plain_steps_compute_and_say_so_once(
     monkeypatch.setattr(torch.cuda, "get_device_capability", lambda _: (6, 1))
     if "installed" in reason:
         monkeypatch.setattr(kernels, "find_spec", lambda _: None)
-    of_hog = importlib.import_module("nablahog.hog.kernels")
+    of_hog = importlib.import_module("nablahog.hog.engines")
     for _ in range(2):
         assert of_hog.steps(CUDA, presets.paper()) == (histograms_reference, normalize_reference)
     (said,) = [str(each.message) for each in recwarn]

@@ -15,8 +15,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.hog import HOGSpec, hog, presets
-from nablahog.hog.kernels import autograd
-from nablahog.hog.steps import histograms_reference, normalize_reference
+from nablahog.hog.steps import histograms_reference
 from nablahog.hog.triton import launch, steps, supports
 
 from ...golden import PEERS, Case, cases
@@ -45,27 +44,24 @@ def waves(like: Tensor, last: float) -> Tensor:
     return torch.linspace(0, last, like.numel(), dtype=torch.float64).cos().view(like.shape).to(like)
 
 
-def computed(step: autograd.Step, x: Tensor, s: HOGSpec) -> tuple[Tensor, Tensor, Tensor]:
-    """A step's result, its vjp and its jvp."""
+def computed(x: Tensor, s: HOGSpec) -> tuple[Tensor, Tensor]:
+    """Cells and their vjp."""
     x = x.to(DEVICE)
-    result, saved = step.run(x, s)
-    vjp = step.vjp(x, saved, waves(result, 40), s)
-    return result.cpu(), vjp.cpu(), step.jvp(x, saved, waves(x, 30), s).cpu()
+    result, saved = steps.CELLS.run(x, s)
+    return result.cpu(), steps.CELLS.vjp(x, saved, waves(result, 40), s).cpu()
 
 
-def expected(step: autograd.Step, x: Tensor, s: HOGSpec) -> tuple[Tensor, Tensor, Tensor]:
-    """The same by the reference steps; their forward mode is the vjp of the vjp."""
-    result, vjp = torch.func.vjp(lambda of: step.reference(of, s), x)
-    grad, again = torch.func.vjp(lambda y: vjp(y)[0], torch.zeros_like(result))
-    assert grad.shape == x.shape
-    return result, vjp(waves(result, 40))[0], again(waves(x, 30))[0]
+def expected(x: Tensor, s: HOGSpec) -> tuple[Tensor, Tensor]:
+    """The same by the reference steps."""
+    result, vjp = torch.func.vjp(lambda of: steps.CELLS.reference(of, s), x)
+    return result, vjp(waves(result, 40))[0]
 
 
-def assert_same(step: autograd.Step, x: Tensor, s: HOGSpec) -> None:
+def assert_same(x: Tensor, s: HOGSpec) -> None:
     """As the reference in float64, or in float32 if the angle is VLFeat's, relative to the largest entry."""
     of_float = s.angle == "vlfeat"  # an arccosine of a float32 whatever the image
     tolerance = SINGLE if x.dtype == torch.float32 or of_float else 1e-11
-    for got, of_reference in zip(computed(step, x, s), expected(step, x if of_float else x.double(), s), strict=True):
+    for got, of_reference in zip(computed(x, s), expected(x if of_float else x.double(), s), strict=True):
         assert got.shape == of_reference.shape
         assert got.dtype == x.dtype
         of_reference = of_reference.to(x.dtype)
@@ -83,16 +79,15 @@ def channels(s: HOGSpec) -> int:
     [*((name, torch.float64) for name in SPECS), *((name, torch.float32) for name in PRESETS)],
     ids=lambda x: str(x).removeprefix("torch."),
 )
-def test_descriptors_and_derivatives_are_those_of_the_reference(name: str, dtype: torch.dtype) -> None:
+def test_cells_and_derivatives_are_those_of_the_reference(name: str, dtype: torch.dtype) -> None:
     assert supports(SPECS[name])
-    assert SPECS[name].normalizer.has_triton
-    assert_same(steps.DESCRIBE, noise(1, channels(SPECS[name]), 15, 13, dtype=dtype), SPECS[name])
+    assert_same(noise(1, channels(SPECS[name]), 15, 13, dtype=dtype), SPECS[name])
 
 
 @pytest.mark.parametrize("name", KINKS)
 def test_on_kinks_too(name: str) -> None:
     """Few gray levels: gradients of zero, on bin centres, and on the diagonals, with the derivatives agreed upon."""
-    assert_same(steps.CELLS, integers(1, channels(SPECS[name]), 15, 13, levels=3), SPECS[name])
+    assert_same(integers(1, channels(SPECS[name]), 15, 13, levels=3), SPECS[name])
 
 
 @pytest.mark.parametrize("bins", [8, 16])
@@ -101,16 +96,7 @@ def test_diagonals_that_are_bin_centres(bins: int) -> None:
     s = spec(signed=True, bins=bins, bin_offset=0.0)
     for dtype in DTYPES:
         x = integers(1, 1, 12, 12, levels=2, dtype=dtype)
-        assert_same(steps.CELLS, x, s)
-
-
-@pytest.mark.parametrize("name", ["paper", "uoctti", "skimage-root", "dpm", "blocks-Hys", "cells-separate", "window"])
-def test_normalisers_by_themselves(name: str) -> None:
-    s = SPECS[name]
-    x = noise(2, 4, 5, s.colours * s.bins)
-    x[0, 0] = 0  # empty cells
-    x[1, :, 2] *= 1e-3
-    assert_same(steps.NORM, x, s)
+        assert_same(x, s)
 
 
 @pytest.mark.parametrize(
@@ -152,12 +138,12 @@ def test_halves_are_read_as_they_are(dtype: torch.dtype) -> None:
     x = noise(1, 3, 15, 13).to(dtype)
     for name in ("paper", "uoctti"):
         s = SPECS[name]
-        descriptor, saved = steps.DESCRIBE.run(x.to(DEVICE), s)
-        wide, saved_wide = steps.DESCRIBE.run(x.float().to(DEVICE), s)
+        descriptor, saved = steps.CELLS.run(x.to(DEVICE), s)
+        wide, saved_wide = steps.CELLS.run(x.float().to(DEVICE), s)
         assert torch.equal(descriptor, wide)
-        grad = steps.DESCRIBE.vjp(x.to(DEVICE), saved, wide, s)
+        grad = steps.CELLS.vjp(x.to(DEVICE), saved, wide, s)
         assert grad.dtype == dtype
-        assert_close(grad, steps.DESCRIBE.vjp(x.float().to(DEVICE), saved_wide, wide, s).to(dtype))
+        assert_close(grad, steps.CELLS.vjp(x.float().to(DEVICE), saved_wide, wide, s).to(dtype))
 
 
 @pytest.mark.parametrize("name", ["uoctti", "cells-separate"])
@@ -178,7 +164,7 @@ def test_any_strides(name: str) -> None:
 def test_odd_sizes(shape: tuple[int, ...]) -> None:
     """One cell, several programs a row, and numbers of channels that are no colours."""
     for name in ("replicate", "zero-largest"):
-        assert_same(steps.DESCRIBE, noise(*shape), SPECS[name])
+        assert_same(noise(*shape), SPECS[name])
 
 
 @pytest.mark.parametrize("size", [(20, 18), (19, 1), (1, 19)])
@@ -206,9 +192,9 @@ def test_planes_that_are_far_apart() -> None:
     memory = torch.empty(2 * apart + 64, dtype=torch.uint8, device=DEVICE)
     near = torch.randint(256, (1, 3, 8, 8), dtype=torch.uint8).to(DEVICE)
     far = memory.as_strided((1, 3, 8, 8), (64, apart, 8, 1)).copy_(near)
-    results, saved = zip(*(steps.DESCRIBE.run(x, s) for x in (near, far)), strict=True)
+    results, saved = zip(*(steps.CELLS.run(x, s) for x in (near, far)), strict=True)
     assert torch.equal(*results)
-    assert torch.equal(*(steps.DESCRIBE.vjp(x, saved[0], results[0], s) for x in (near, far)))
+    assert torch.equal(*(steps.CELLS.vjp(x, saved[0], results[0], s) for x in (near, far)))
 
 
 def test_an_empty_batch() -> None:
@@ -235,13 +221,9 @@ def test_a_pixel_that_is_not_finite_makes_its_image_nan(name: str, value: float)
     """In a part of the image that no cell sees, too; and no other image."""
     s, x = SPECS[name], noise(2, 3, 15, 15)
     x[1, 2, 14, 14] = value
-    for got, plain in zip(computed(steps.DESCRIBE, x, s), expected(steps.DESCRIBE, x, s), strict=True):
-        assert torch.equal(got[1].isnan(), plain[1].isnan()) or got[1].isnan().all()
-        assert torch.isfinite(got[0]).all()
-    result, grad, change = computed(steps.CELLS, x, s)
-    assert result[1].isnan().all()
-    assert grad[1].isnan().all()
-    assert change[1].isnan().all()
+    for each in (hog(x.to(DEVICE), s, backend="triton").cpu(), *computed(x, s)):
+        assert each[1].isnan().all()
+        assert torch.isfinite(each[0]).all()
 
 
 def test_transforms_and_second_derivatives() -> None:
@@ -266,24 +248,15 @@ def test_transforms_and_second_derivatives() -> None:
 @pytest.mark.parametrize("name", ["uoctti", "cells-separate"])
 def test_operators_are_the_steps(name: str) -> None:
     s, x = SPECS[name], noise(2, 3, 12, 13).to(DEVICE)
-    text = s.to_json()
-    for step, run, vjp in (
-        (steps.CELLS, steps.cells_operator, steps.cells_vjp_operator),
-        (steps.DESCRIBE, steps.describe_operator, steps.describe_vjp_operator),
-    ):
-        result, saved = step.run(x, s)
-        assert torch.equal(run(x, text), result)
-        weights = waves(result, 40)
-        assert torch.equal(vjp(x, weights, text), step.vjp(x, saved, weights, s))
+    result, saved = steps.CELLS.run(x, s)
+    assert torch.equal(steps.cells(x, s), result)
+    assert torch.equal(steps.cells_vjp(x, waves(result, 40), s), steps.CELLS.vjp(x, saved, waves(result, 40), s))
 
 
-def test_steps_of_inversions() -> None:
+def test_jvps_are_those_of_the_reference() -> None:
     s, x = presets.paper(4), noise(1, 1, 12, 12).to(DEVICE)
-    cells = steps.histograms(x, s)
-    assert_close(cells, histograms_reference(x, s))
-    assert_close(steps.norm(cells, s), normalize_reference(cells, s))
     changes = waves(x, 30)
-    assert_close(
-        steps.histograms_jvp(x, changes, s).permute(0, 2, 3, 1),
-        steps.CELLS.jvp(x, steps.CELLS.run(x, s)[1], changes, s),
+    got, plain = (
+        torch.func.jvp(lambda z, by=by: hog(z, s, backend=by), (x,), (changes,))[1] for by in ("triton", "torch")
     )
+    assert_close(got, plain, rtol=0, atol=1e-12)

@@ -58,9 +58,9 @@ class Normalizer(ABC):
 
     It may have: :meth:`check`, if it does not go with all bins; :meth:`image_factor`, if one number normalises all of
     an image; :meth:`invert`, if histograms can be computed back in closed form; native loops, which know it
-    (:mod:`..kernels.plan`), and without which native cells are followed by :meth:`normalize`.  The rest has defaults
-    that hold unless channels are left out, or have a meaning beside the bins of cells.  Fields are checked by their types, see
-    :func:`.checks.check_fields`.
+    (``hog/kernels/plan.py``), and without which native cells are followed by :meth:`normalize`.  The rest has defaults
+    that hold unless channels are left out, or have a meaning beside the bins of cells.  Fields are checked by their
+    types, see :func:`.checks.check_fields`.
     """
 
     kind: ClassVar[str]

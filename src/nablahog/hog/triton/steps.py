@@ -26,13 +26,13 @@ def _cells_jvp(images: Tensor, _: Tensor, tangents: Tensor, spec: HOGSpec) -> Te
     return jvp_by_vjp(lambda of: cells_reference(of, spec), (images,), (tangents,))
 
 
-_CELLS = Step(_cells, _cells_vjp, _cells_jvp, cells_reference)
+CELLS = Step(_cells, _cells_vjp, _cells_jvp, cells_reference)
 
 
 def histograms(images: Tensor, spec: HOGSpec) -> Tensor:
     """Cell histograms (B, colours · bins, rows, cols) of images (B, C, H, W), float16 and bfloat16 included."""
     spec.grid(*images.shape[2:])
-    return apply(_CELLS, images, spec).permute(0, 3, 1, 2)
+    return apply(CELLS, images, spec).permute(0, 3, 1, 2)
 
 
 def describe(images: Tensor, spec: HOGSpec) -> Tensor:
