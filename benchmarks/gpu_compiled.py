@@ -2,7 +2,7 @@
 
     python benchmarks/gpu_compiled.py [--preset uoctti] [--size 4096] [--channels 1] [--dtype float32] [--sm 80 90]
 
-Each kernel that a descriptor, its vjp and its jvp need is compiled as it would be for images of this size, and given to
+Each kernel that cells and their vjp need is compiled as it would be for images of this size, and given to
 NVIDIA's assembler, ``ptxas``, of Triton's wheel.  Occupancy is how many of an SM's warps its registers, its shared
 memory and its blocks leave room for; nothing is run.
 """
@@ -106,7 +106,7 @@ def used(kernel: Any, capability: int) -> Compiled:
 
 
 def compiled(preset: str, shape: tuple[int, ...], dtype: torch.dtype, capability: int) -> list[Any]:
-    """All kernels of a descriptor and its derivatives, as Triton compiles them."""
+    """Both kernels, of cells and their vjp, as Triton compiles them."""
     kernels: list[Any] = []
     run = JITFunction.run
 
@@ -118,10 +118,8 @@ def compiled(preset: str, shape: tuple[int, ...], dtype: torch.dtype, capability
     try:
         spec = presets.BY_NAME[preset]
         images = torch.empty(shape, dtype=dtype)
-        descriptors, saved = steps.DESCRIBE.run(images, spec)
-        steps.DESCRIBE.vjp(images, saved, descriptors, spec)
-        if images.is_floating_point():
-            steps.DESCRIBE.jvp(images, saved, images, spec)
+        cells, saved = steps.CELLS.run(images, spec)
+        steps.CELLS.vjp(images, saved, cells, spec)
     finally:
         JITFunction.run = run
     return kernels
