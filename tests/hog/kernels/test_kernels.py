@@ -7,7 +7,6 @@ import math
 import os
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -289,39 +288,14 @@ def test_backends_differ_by_rounding() -> None:
     for s in SPECS.values():
         plain = hog(x, s, backend="torch")
         assert_close(hog(x, s), plain, rtol=0, atol=4e-6 * max(1.0, float(plain.max())))
-    with pytest.raises(ValueError, match="backend must be one of 'auto', 'torch', 'triton', got 'numba'"):
-        hog(x, presets.paper(), backend="numba")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="backend must be one of 'auto', 'torch', 'triton', got 'cpu'"):
+        hog(x, presets.paper(), backend="cpu")  # type: ignore[arg-type]
 
 
 def test_pooling_weights_of_one_spec_are_not_those_of_another() -> None:
     x = noise(1, 1, 12, 12)
     for s in (spec(cell_size=(4, 4)), spec(cell_size=(3, 3)), spec(cell_size=(4, 4), border="ignore")):
         assert_same(fast(s)[0], histograms_reference, x, s)
-
-
-_HASHES = """
-import hashlib, torch
-from nablahog.hog import presets
-from nablahog.hog.kernels import loops
-x = torch.rand(2, 1, 32, 32, generator=torch.Generator().manual_seed(0))
-for spec in (presets.paper(), presets.uoctti()):
-    cells = loops.cells(x, spec)
-    grad = loops.norm_vjp(cells, loops.norm(cells, spec), spec)
-    for result in (cells, grad, loops.cells_vjp(x, grad, spec)):
-        print(hashlib.sha256(result.numpy().tobytes()).hexdigest())
-"""
-
-
-@pytest.mark.slow
-def test_code_from_disk_returns_the_same_bits_as_code_just_compiled(tmp_path: Path) -> None:
-    """Or a search resumed in another process would end elsewhere."""
-    environment = os.environ | {"NABLAHOG_CACHE_DIR": str(tmp_path)}
-    made, loaded = (
-        subprocess.run([sys.executable, "-c", _HASHES], env=environment, capture_output=True, text=True, check=True)
-        for _ in range(2)
-    )
-    assert list(tmp_path.iterdir())
-    assert made.stdout == loaded.stdout
 
 
 @pytest.mark.parametrize("signed", [False, True])
