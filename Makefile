@@ -42,7 +42,7 @@ bounds: $(installed)  ## the tests with the lowest and the newest versions allow
 	PATH="$(abspath $(bin)):$$PATH" .ci/bounds $(ARGS)
 
 lint: $(installed)  ## style and types
-	$(bin)/clang-format --dry-run -Werror src/nablahog/native/*.h src/nablahog/native/*.cpp
+	$(bin)/clang-format --dry-run -Werror src/nablahog/native/*.h src/nablahog/native/*.cpp benchmarks/*.cpp
 	$(bin)/ruff check .
 	$(bin)/ruff format --check .
 	$(bin)/mypy
