@@ -75,8 +75,8 @@ template <class V>
 // The numbers 0, 1, 2, …
 template <class V>
 [[gnu::always_inline]] inline V iota() {
-  return []<size_t... K>(std::index_sequence<K...>) { return V{Element<V>(K)...}; }
-  (std::make_index_sequence<size<V>>());
+  return
+      []<size_t... K>(std::index_sequence<K...>) { return V{Element<V>(K)...}; }(std::make_index_sequence<size<V>>());
 }
 
 // Lanes before the count-th
