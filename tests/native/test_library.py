@@ -30,8 +30,9 @@ print(native.available())
 
 
 def run(program: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    """A program in a fresh process."""
-    return subprocess.run([sys.executable, "-c", program], env=os.environ | environment, capture_output=True, text=True)
+    """A program in a fresh process, with the libraries of the package unless others are named."""
+    inherited = {name: value for name, value in os.environ.items() if name != native.FOLDER}
+    return subprocess.run([sys.executable, "-c", program], env=inherited | environment, capture_output=True, text=True)
 
 
 @compiled
