@@ -1,6 +1,5 @@
 // Vectors of the widest registers that this library is compiled for: GCC's and Clang's vector extensions, which have
-// the operators of numbers (a comparison gives a mask, `mask ? a : b` selects lanes), and the functions that these
-// lack.
+// the operators of numbers (a comparison gives a mask, `mask ? a : b` selects lanes), and the functions that these lack.
 #pragma once
 
 #include <cmath>
@@ -75,8 +74,7 @@ template <class V>
 // The numbers 0, 1, 2, …
 template <class V>
 [[gnu::always_inline]] inline V iota() {
-  return
-      []<size_t... K>(std::index_sequence<K...>) { return V{Element<V>(K)...}; }(std::make_index_sequence<size<V>>());
+  return []<size_t... K>(std::index_sequence<K...>) { return V{Element<V>(K)...}; }(std::make_index_sequence<size<V>>());
 }
 
 // Lanes before the count-th
@@ -146,8 +144,10 @@ template <class V>
   if constexpr (std::is_same_v<V, Vec<double, 8>>) return (V)_mm512_fmadd_pd((__m512d)a, (__m512d)b, (__m512d)c);
 #endif
 #if defined(__aarch64__)
-  if constexpr (std::is_same_v<V, Vec<float, 4>>) return (V)vfmaq_f32((float32x4_t)c, (float32x4_t)a, (float32x4_t)b);
-  if constexpr (std::is_same_v<V, Vec<double, 2>>) return (V)vfmaq_f64((float64x2_t)c, (float64x2_t)a, (float64x2_t)b);
+  if constexpr (std::is_same_v<V, Vec<float, 4>>)
+    return (V)vfmaq_f32((float32x4_t)c, (float32x4_t)a, (float32x4_t)b);
+  if constexpr (std::is_same_v<V, Vec<double, 2>>)
+    return (V)vfmaq_f64((float64x2_t)c, (float64x2_t)a, (float64x2_t)b);
 #endif
   return a * b + c;
 }
@@ -201,8 +201,7 @@ template <class V>
   }
 }
 
-// Of two vectors as rows of blocks of STEP numbers: the upper or lower row after every second pair of blocks is
-// transposed
+// Of two vectors as rows of blocks of STEP numbers: the upper or lower row after every second pair of blocks is transposed
 template <int STEP, bool UPPER, class V, size_t... K>
 [[gnu::always_inline]] inline V swap_blocks(V a, V b, std::index_sequence<K...>) {
   constexpr int n = size<V>;
