@@ -1,4 +1,5 @@
-# `make demo` and `make test` need nothing but Python (3.10 or newer, with venv) and make.
+# `make demo` and `make test` need nothing but Python (3.10 or newer, with venv), make, and a C++ compiler (g++ 12 or
+# clang++ 14, or newer). Without the compiler everything runs on plain PyTorch, many times slower.
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -7,26 +8,33 @@ OUT ?= out/demo
 bin := $(VENV)/bin
 installed := $(VENV)/.installed
 
-.PHONY: demo app test docs coverage fuzz bounds lint wheel clean
+.PHONY: demo app native test sanitize docs coverage fuzz bounds lint wheels clean
 
-demo: $(installed)  ## invert a photograph, write pictures, figures and a page into out/demo
+demo: native  ## invert a photograph, write pictures, figures and a page into out/demo
 	$(bin)/nablahog demo -o $(OUT)
 
-app: $(installed)  ## the page in the browser: see a HOG, invert it, fit a pose
+app: native  ## the page in the browser: see a HOG, invert it, fit a pose
 	$(bin)/nablahog app
 
-test: $(installed)  ## all tests but the slow ones
+native: $(installed)  ## the compiled loops, again where a source has changed
+	if $(bin)/cmake --log-level=WARNING -S . -B build/native -G Ninja -DCMAKE_MAKE_PROGRAM="$(abspath $(bin)/ninja)"; \
+	    then $(bin)/cmake --build build/native; else echo "no C++ compiler: all runs on plain PyTorch, slowly"; fi
+
+test: native  ## all tests but the slow ones
 	$(bin)/python -m pytest -n auto --dist worksteal
 
-docs: $(installed)  ## the site, build/docs/html/index.html, without a network
+sanitize: native  ## the tests of the compiled loops under AddressSanitizer and UndefinedBehaviorSanitizer
+	PATH="$(abspath $(bin)):$$PATH" .ci/sanitize $(ARGS)
+
+docs: native  ## the site, build/docs/html/index.html, without a network
 	$(bin)/python -m sphinx --builder html --nitpicky --fail-on-warning --keep-going --quiet \
 	    --doctree-dir build/docs/doctrees docs build/docs/html
 	$(bin)/python -m docs.check_links build/docs/html
 
-coverage: $(installed)  ## the same, with the lines that no test runs
+coverage: native  ## the same, with the lines that no test runs
 	$(bin)/python -m pytest --cov=nablahog --cov-report=term-missing:skip-covered
 
-fuzz: $(installed)  ## half an hour of hostile input: specs, descriptors, files, kills, caches
+fuzz: native  ## half an hour of hostile input: specs, descriptors, files, kills
 	$(bin)/python -m tests.fuzz
 
 bounds: $(installed)  ## the tests with the lowest and the newest versions allowed, on each Python found (ARGS="tests/io")
@@ -34,20 +42,23 @@ bounds: $(installed)  ## the tests with the lowest and the newest versions allow
 	PATH="$(abspath $(bin)):$$PATH" .ci/bounds $(ARGS)
 
 lint: $(installed)  ## style and types
+	$(bin)/clang-format --dry-run -Werror src/nablahog/native/*.h src/nablahog/native/*.cpp benchmarks/*.cpp
 	$(bin)/ruff check .
 	$(bin)/ruff format --check .
 	$(bin)/mypy
 	MYPYPATH=benchmarks:. $(bin)/mypy --allow-untyped-calls --follow-imports silent benchmarks docs
 
-wheel: $(installed)  ## a wheel for this version of Python, with machine code for this kind of processor
-	.ci/wheel $(bin)/python
+wheels:  ## the source distribution and the wheels of all systems into dist/
+	.ci/wheels
 
 # the stamp is made last, so an installation that failed is tried again
 $(installed): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(bin)/python -m pip install -c constraints.txt -e '.[dev]'
+	$(bin)/python -m pip install -c constraints.txt scikit-build-core cmake ninja
+	$(bin)/python -m pip install -c constraints.txt --no-build-isolation -e '.[dev]'
 	touch $@
 
 clean:  ## what the other targets made, except the virtual environment
 	rm -rf out build dist docs/api/generated docs/auto_gallery docs/auto_tutorials .coverage .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -f src/nablahog/native/*.so
 	find src tests -name __pycache__ -type d -prune -exec rm -rf {} +

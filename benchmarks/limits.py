@@ -5,12 +5,14 @@ One thread; the best of several repeats, since a limit is what nothing exceeds.
 
 from __future__ import annotations
 
+import ctypes
+import subprocess
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
 
-import numba
 import numpy as np
 
 from nablahog.hog import BlockCells, BoxCells, GlobalNorm, HOGSpec
@@ -113,12 +115,13 @@ def limits_ms(needed: Work, pixels: int, rates: Rates) -> tuple[float, float]:
 
 def measured(sizes: tuple[int, ...] = SIZES, repeats: int = 12) -> Rates:
     bandwidth = {size: _bandwidth(size, repeats) for size in sizes}
+    loops = _compiled()
     return Rates(
         {size: max(rate for other, rate in bandwidth.items() if other >= size) for size in sizes},
-        _per_second(_fused, (4, _FLOATS // 4), _FLOATS * _CHAIN, repeats),
-        _per_second(_divisions, (2, _FLOATS), _FLOATS, repeats),
-        _per_second(_roots, (2, _FLOATS), _FLOATS, repeats),
-        _per_second(_angles, (3, 8, 514), 6 * 512, repeats),
+        _per_second(loops.fused, (4, _FLOATS // 4), _FLOATS * _CHAIN, repeats),
+        _per_second(loops.divisions, (2, _FLOATS), _FLOATS, repeats),
+        _per_second(loops.roots, (2, _FLOATS), _FLOATS, repeats),
+        _per_second(loops.angles, (3, 8, 514), 6 * 512, repeats),
     )
 
 
@@ -134,11 +137,19 @@ def _bandwidth(moved: int, repeats: int) -> float:
     return _best(copy, repeats, moved * calls)
 
 
-def _per_second(loop: Any, shape: tuple[int, ...], operations: int, repeats: int) -> float:
-    numbers = np.random.default_rng(0).uniform(0.5, 1, shape).astype(np.float32)
-    half, times = np.float32(0.5), 1000
-    loop(numbers, half, 1)
-    return _best(lambda: loop(numbers, half, times), repeats, operations * times)
+def _compiled() -> ctypes.CDLL:
+    """The loops of ``limits.cpp``."""
+    with tempfile.TemporaryDirectory() as folder:
+        library, source = Path(folder) / "limits.so", Path(__file__).with_name("limits.cpp")
+        options = ["-O3", "-march=native", "-mprefer-vector-width=512", "-ffast-math", "-shared", "-fPIC"]
+        subprocess.run(["c++", *options, str(source), "-o", str(library)], check=True)
+        return ctypes.CDLL(str(library))
+
+
+def _per_second(loop: Callable[..., None], shape: tuple[int, ...], operations: int, repeats: int) -> float:
+    numbers, times = np.random.default_rng(0).uniform(0.5, 1, shape).astype(np.float32), 1000
+    address, columns = ctypes.c_void_p(numbers.ctypes.data), ctypes.c_long(shape[-1])
+    return _best(lambda: loop(address, columns, ctypes.c_long(times)), repeats, operations * times)
 
 
 def _best(call: Callable[[], None], repeats: int, amount: float) -> float:
@@ -150,56 +161,3 @@ def _best(call: Callable[[], None], repeats: int, amount: float) -> float:
         call()
         shortest = min(shortest, time.process_time() - start)
     return amount / shortest
-
-
-_loop = numba.njit(fastmath={"contract", "nnan", "nsz"}, error_model="numpy")
-
-
-@_loop
-def _fused(numbers: Any, half: Any, times: int) -> None:
-    for _ in range(times):
-        for i in range(numbers.shape[1]):
-            a, b, c, d = numbers[0, i], numbers[1, i], numbers[2, i], numbers[3, i]
-            for _ in range(32):
-                a, b, c, d = a * half + half, b * half + half, c * half + half, d * half + half
-            numbers[0, i], numbers[1, i], numbers[2, i], numbers[3, i] = a, b, c, d
-
-
-@_loop
-def _divisions(numbers: Any, half: Any, times: int) -> None:
-    for _ in range(times):
-        for i in range(numbers.shape[1]):
-            numbers[1, i] = half / numbers[0, i]
-
-
-@_loop
-def _roots(numbers: Any, half: Any, times: int) -> None:
-    for _ in range(times):
-        for i in range(numbers.shape[1]):
-            numbers[1, i] = np.sqrt(numbers[0, i])
-
-
-@_loop
-def _angles(numbers: Any, half: Any, times: int) -> None:
-    """Of an image, ``numbers[0]``: the magnitudes of its gradients to ``numbers[1]``, the angles to ``numbers[2]``."""
-    image = numbers[0]
-    for _ in range(times):
-        for row in range(1, image.shape[0] - 1):
-            above, here, below = image[row - 1], image[row], image[row + 1]
-            magnitudes, angles = numbers[1, row], numbers[2, row]
-            for i in range(1, image.shape[1] - 1):
-                across, down = here[i + 1] - here[i - 1], below[i] - above[i]
-                magnitudes[i] = np.sqrt(across * across + down * down)
-                x, y = abs(across), abs(down)
-                large, small = (x, y) if x > y else (y, x)
-                t = small / (large + np.float32(1e-30))
-                s = t * t
-                angle = np.float32(0.002168260411)
-                angle = angle * s - np.float32(0.01069655349)
-                angle = angle * s + np.float32(0.02534499976)
-                angle = angle * s - np.float32(0.04212303499)
-                angle = angle * s + np.float32(0.06305023492)
-                angle = angle * s - np.float32(0.1060524763)
-                angle = (angle * s + np.float32(0.3183086485)) * t
-                angle = half - angle if y > x else angle
-                angles[i] = -angle if across * down < 0 else angle

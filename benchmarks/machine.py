@@ -5,12 +5,13 @@ from __future__ import annotations
 import platform
 from pathlib import Path
 
-from nablahog.runtime.processor import vector_bytes
+from nablahog import native
 
 
 def processor() -> str:
     """Its name and the width of its vectors; where the system does not tell, that of its kind."""
-    return f"{_name()}, vectors of {8 * vector_bytes()} bits"
+    library = native.library()
+    return f"{_name()}, {f'vectors of {8 * library.nablahog_vector_bytes()} bits' if library else 'no compiled loops'}"
 
 
 def _name() -> str:

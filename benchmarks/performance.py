@@ -26,7 +26,6 @@ import torch
 import growth
 import limits
 import searches
-from cold_calls import SIDE, TURNS, WORK, cold_calls
 from goals import PAPERS
 from machine import processor
 from memory import printed_by
@@ -51,7 +50,6 @@ class Extent:
         faces, models, scenes, preimages: how many.
         preimage_side: what is left of the photographs; None for all.
         sizes: bytes whose bandwidth is measured.
-        cold: of :func:`.cold_calls`.
     """
 
     tables: tuple[tuple[int, int], ...] = ((1, 128), (1, 512), (1, 2048), (64, 128))
@@ -71,7 +69,6 @@ class Extent:
     preimages: int = 4
     preimage_side: int | None = None
     sizes: tuple[int, ...] = limits.SIZES
-    cold: tuple[int, int, int] = (SIDE, TURNS, WORK)
 
 
 QUICK = Extent(
@@ -92,7 +89,6 @@ QUICK = Extent(
     preimages=1,
     preimage_side=32,
     sizes=limits.QUICK_SIZES,
-    cold=(64, 3, 1_000_000),
 )
 
 
@@ -116,7 +112,7 @@ def memory(every: list[Program], extent: Extent, libraries: dict[str, Path]) -> 
 
 
 def machine() -> dict[str, Any]:
-    libraries = {name: version(name) for name in ("torch", "numpy", "numba", "scikit-image")}
+    libraries = {name: version(name) for name in ("torch", "numpy", "scikit-image")}
     others = {"OpenCV": cv2.getVersionString(), "Python": platform.python_version()}
     return libraries | others | {platform.system(): f"{platform.machine()}, {os.cpu_count()} CPUs ({processor()})"}
 
@@ -144,7 +140,6 @@ def measured(extent: Extent, libraries: dict[str, Path], images: Path | None, mo
     step("operator", lambda: growth.operator(every, shapes(extent), a_pixel))
     seconds = extent.seconds[2]
     step("parts", lambda: operator_parts(every, extent.parts_side, seconds / 2, rates))
-    step("cold", lambda: cold_calls(*extent.cold))
     step("threads", lambda: growth.threads(every, extent.threads, seconds / 2))
     step("faces", lambda: growth.faces(extent.faces, extent.faces_side, seconds / 2))
     step("models", lambda: growth.models(models, extent.models, min(3, extent.scenes)))

@@ -14,7 +14,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import cold_calls
 from goals import THEIR_OPENCV_MS, their_machine, verdicts
 from page_growth import growth
 from page_operator import limits, memory, operator
@@ -40,8 +39,6 @@ def page(record: Record) -> str:
         *operator(record),
         "## Where others are faster",
         _losses(record),
-        "## Between other work",
-        cold_calls.page(record["cold"]),
         "## Memory",
         memory(record),
         "## How far from the limit",

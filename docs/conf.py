@@ -52,7 +52,7 @@ rst_prolog = r".. |CC| replace:: \|CC\|"
 
 # ---- pages in Markdown
 myst_enable_extensions = ["colon_fence", "deflist", "attrs_block"]
-myst_heading_anchors = 4  # links such as kernels.md#the-first-call
+myst_heading_anchors = 4  # links such as security.md#caches
 suppress_warnings = ["myst.header"]  # the notes of the changelog begin at the third level
 
 # ---- docstrings

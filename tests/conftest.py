@@ -9,7 +9,7 @@ import pytest
 import torch
 from hypothesis import settings
 
-from nablahog import presets
+from nablahog import native, presets
 from nablahog.invert.baselines.bovw_learning import learn_bovw
 from nablahog.invert.baselines.hoggles_learning import learn_hoggles
 from nablahog.invert.baselines.nearest import learn_nearest
@@ -29,6 +29,7 @@ if not torch.cuda.is_available():
 
 os.environ["NABLAHOG_CACHE_SIZE"] = "0"  # what an earlier run has stored must not hide a mistake
 
+native.available()  # warns here, where no test fails by it, if all tests run on plain PyTorch
 load_forward_mode()  # tests use it themselves, and turn warnings into errors
 
 

@@ -18,7 +18,7 @@ from nablahog import HOG, presets
 from nablahog.cli.main import _COMMANDS
 from nablahog.runtime.lazy import _Package, names_when_used
 
-HEAVY = ("torch", "numba", "numpy", "scipy", "skimage", "PIL", "matplotlib", "rich", "trimesh", "platformdirs")
+HEAVY = ("torch", "numpy", "scipy", "skimage", "PIL", "matplotlib", "rich", "trimesh", "platformdirs")
 LAZY = (
     "nablahog",
     "nablahog.datasets",

@@ -26,9 +26,9 @@ from rich.table import Table
 
 from .harness import KINDS, Report, campaign
 
-TARGETS = {"operator": 20_000, "inversions": 2_000, "files": 20_000, "kills": 100, "caches": 200}
+TARGETS = {"operator": 20_000, "inversions": 2_000, "files": 20_000, "kills": 100}
 """Cases of each in about half an hour on two cores."""
-PART = {"operator": 1_000, "inversions": 100, "files": 2_500, "kills": 25, "caches": 50}
+PART = {"operator": 1_000, "inversions": 100, "files": 2_500, "kills": 25}
 """Cases of a process."""
 SILENCE = 600.0  # seconds without a word from a part, after which it hangs
 # fresh memory is full of large numbers, where it is glibc's: what is read before it is written shows

@@ -10,7 +10,6 @@ from dataclasses import replace
 from functools import partial
 
 import torch
-from numba.core.registry import cpu_target
 from torch import Tensor
 
 from nablahog.cli.commands import hog, learn, table1, table2  # noqa: F401, loaded once
@@ -59,8 +58,6 @@ def _small() -> None:
 
 def serve() -> None:
     """Reads a folder and the arguments of a command from each line; answers its process, and its status at the end."""
-    cpu_target.target_context.refresh()
-    cpu_target.typing_context.refresh()
     torch.set_num_threads(1)
     _small()
     for line in sys.stdin:

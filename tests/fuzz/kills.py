@@ -121,7 +121,7 @@ def close() -> None:
 
 @cache
 def _undisturbed(command: str) -> tuple[float, dict[str, bytes]]:
-    """Seconds and results of a run that nothing disturbs: the second one, when machine code is on disk."""
+    """Seconds and results of a run that nothing disturbs: the second one, which finds all files in memory."""
     for _ in range(2):
         folder = _commands().new()
         began = time.monotonic()

@@ -14,10 +14,6 @@ from nablahog.hog.engines import histograms_jvp
 images, spec = torch.rand(1, 1, 16, 16), replace(nablahog.presets.paper(), mask="sobel", border="zero")
 use = lambda: histograms_jvp(images, images, spec)
 """,
-    "warmup": """
-from nablahog.cli.commands.warmup import _describe
-use = lambda: _describe(nablahog.presets.paper(), (16, 16))
-""",
 }
 
 

@@ -21,7 +21,7 @@ from nablahog.runtime.source import PACKAGE, imported_files
 TABLE1 = tuple(source._file(each) for each in (ReconstructionJob, METHODS["uoctti-single"].run))
 TABLE2 = tuple(source._file(each) for each in (PoseJob, POSE_METHODS["best"].run))
 DECIDING = (
-    (TABLE1, "runtime/simd.py"),
+    (TABLE1, "native/*.h"),
     (TABLE1, "runtime/__init__.py"),
     (TABLE1, "hog/kernels/[!_]*.py"),
     (TABLE1, "hog/normalizers/[!_]*.py"),
@@ -29,7 +29,7 @@ DECIDING = (
     (TABLE1, "optimize/lbfgs.py"),
     (TABLE1, "invert/baselines/hoggles.py"),
     (TABLE1, "metrics.py"),
-    (TABLE2, "runtime/simd.py"),
+    (TABLE2, "native/*.cpp"),
     (TABLE2, "hog/kernels/[!_]*.py"),
     (TABLE2, "optimize/momentum.py"),
     (TABLE2, "render/kernels/[!_]*.py"),

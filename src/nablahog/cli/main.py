@@ -28,7 +28,6 @@ _COMMANDS = {
     "dialects": "dialects.dialects",
     **{f"learn {kind}": "learn.learn" for kind in KINDS},
     "learn exemplars": "learn_exemplars.learn_exemplars",
-    "warmup": "warmup.warmup",
 }
 """Module and function of each command; a module is imported when its command is run, as most import PyTorch."""
 _ABOVE = {"app": "..app.command"}
@@ -88,7 +87,7 @@ class _ToStderr(logging.Handler):
 
 
 def _show_log() -> None:
-    """Shows what the package logs, such as that it compiles."""
+    """Shows what the package logs, such as where a cluster's dashboard is."""
     logger = logging.getLogger(__package__.partition(".")[0])
     if not logger.handlers:
         logger.addHandler(_ToStderr())

@@ -1,5 +1,6 @@
 // Which of the libraries this processor can run.
 #include "interface.h"
+#include "vec.h"
 
 #if defined(__x86_64__)
 #include <cpuid.h>
@@ -43,3 +44,6 @@ NABLAHOG_API int nablahog_level() { return level(); }
 NABLAHOG_API int nablahog_level() { return 0; }
 
 #endif
+
+// Bytes of this library's vectors
+NABLAHOG_API int nablahog_vector_bytes() { return nablahog::vector_bytes; }

@@ -1,1 +1,1 @@
-"""Compilation, vector instructions, threads, lazy imports; knows nothing of HOG."""
+"""Threads, memory, caches, lazy imports; knows nothing of HOG."""

@@ -1,7 +1,8 @@
 """Hashes of the code that makes a result: results on disk are valid for this code only.
 
 The code is the file that defines a function and, transitively, all modules of this package that it imports, read from
-the import statements: nothing is listed by hand, so nothing can be left out.
+the import statements: nothing is listed by hand, so nothing can be left out.  Whoever imports the compiled loops depends
+on their sources, or, where these are not installed, on the library.
 """
 
 from __future__ import annotations
@@ -54,8 +55,15 @@ def imported_files(*files: Path, package: Path = PACKAGE) -> set[Path]:
 @cache
 def _key(files: tuple[Path, ...]) -> str:
     deciding = imported_files(*files, package=PACKAGE)
+    if PACKAGE / "native" / "__init__.py" in deciding:
+        deciding |= _of_loops(PACKAGE / "native")
     contents = sorted((_name(file), hashlib.sha256(file.read_bytes()).hexdigest()) for file in deciding)
     return hashlib.sha256(repr(contents).encode()).hexdigest()
+
+
+def _of_loops(folder: Path) -> set[Path]:
+    """What the compiled loops are made from; the library of an installation, as others are of the same sources."""
+    return {*folder.glob("*.h"), *folder.glob("*.cpp")} or {*folder.glob("core.so")}
 
 
 def _name(file: Path) -> str:
