@@ -35,7 +35,7 @@ from nablahog.hog.kernels import autograd
 from nablahog.hog.triton import steps as triton_steps
 from nablahog.invert import objective as preimage_objective
 from nablahog.invert import single_scale
-from nablahog.optimize import endings
+from nablahog.optimize import running
 from photographs import photographs
 
 PREIMAGES = 101
@@ -129,7 +129,7 @@ def search_for_preimages(folder: Path | None) -> None:
     spec = presets.uoctti()
     size = images.shape[2], images.shape[3]
     descriptors = hog(images, spec)
-    setattr(endings, "dropped_at_once", lambda like: False)  # noqa: B010
+    setattr(running, "dropped_at_once", lambda like: False)  # noqa: B010
     setattr(single_scale, "MEMORY", 2**34)  # noqa: B010  (one part, as on a GPU)
     setattr(preimage_objective, "VOTES", 2**31)  # noqa: B010
     of_steps = Steps(spec)

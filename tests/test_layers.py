@@ -17,6 +17,7 @@ PACKAGE = Path(nablahog.__file__).parent
 # may import itself and the rooms that are named with it.  Rooms are listed from the bottom: all arrows point upwards
 # in this list, so that there is no cycle.
 MAY_IMPORT: dict[str, set[str]] = {
+    "native": set(),
     "runtime": set(),
     "hog": {"runtime"},  # no optimiser
     "io": {"hog", "runtime"},
@@ -36,6 +37,8 @@ MAY_IMPORT["evaluate"] = {*MAY_IMPORT} - {"dialects", "nablahog"}
 MAY_IMPORT["cli"] = {*MAY_IMPORT} - {"nablahog"}
 MAY_IMPORT["app"] = {*MAY_IMPORT} - {"nablahog"}  # the page reads and says what the command does
 MAY_IMPORT["__main__"] = {"cli"}
+for _name in {*MAY_IMPORT} - {"native", "__main__"}:
+    MAY_IMPORT[_name].add("native")  # compiled loops, which know nothing of the package
 
 
 class Arrow(NamedTuple):
