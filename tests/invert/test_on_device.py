@@ -16,8 +16,8 @@ from nablahog.invert.histograms import recover_histograms
 from nablahog.invert.priors import Range, RelativeSmoothness
 from nablahog.invert.search import PreimageSearch
 from nablahog.invert.start import noise
-from nablahog.optimize import Minimiser, Minimum, StopReason, endings
-from nablahog.optimize.lbfgs_device import DeviceSearch
+from nablahog.optimize import Minimiser, Minimum, StopReason, running
+from nablahog.optimize.lbfgs import LbfgsSearch
 from nablahog.runtime import memory
 
 from ..waiting import WithoutWaiting
@@ -51,7 +51,7 @@ def test_pre_images_are_those_of_a_cpu(name: str, minimiser: Minimiser, monkeypa
         return made, made.match(mean.unsqueeze(1), None, made.left(), mean, 1.0)
 
     on_cpu, its_images = run()
-    monkeypatch.setattr(endings, "dropped_at_once", lambda like: False)
+    monkeypatch.setattr(running, "dropped_at_once", lambda like: False)
     on_device, images_there = run()
     assert torch.equal(on_device.evaluations, on_cpu.evaluations)
     assert len(set(on_cpu.evaluations.tolist())) > 1  # the flat image ends, and others go on
@@ -90,13 +90,13 @@ def test_rounds_of_a_search_ask_for_no_number(name: str, size: int, monkeypatch:
     seen, reports = [], []
 
     def minimise(name: str, problem: Any, start: Tensor, watch: Any, **options: Any) -> Minimum:
-        run = DeviceSearch(problem, start, 6, 1.0, watch)  # also warms up what is kept on the device
+        run = LbfgsSearch(problem, start, 6, 1.0, watch)  # also warms up what is kept on the device
         with WithoutWaiting():
-            for evaluation in (2, 3, 21):
+            for _ in range(3):
                 run.advance()
-                run.end(evaluation, 0.0, 1e-3)
+                run.end(0.0, 1e-3)
         reason = [StopReason.BUDGET] * len(start)
-        return Minimum(run.vectors.x, run.state.values, run.evaluations, reason, run.history.table)
+        return Minimum(run.vectors.x, run.state.values, run.running.evaluations, reason, run.state.values.unsqueeze(0))
 
     monkeypatch.setattr(search, "minimise", minimise)
     account = PreimageSearch(

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
+from nablahog import native
 from nablahog.optimize import Minimum, ObjectiveFunction, StopReason, lbfgs
-from nablahog.optimize.lbfgs import LbfgsVectors, decided
-from nablahog.optimize.lbfgs_device import DeviceVectors
-from nablahog.optimize.lbfgs_masks import decide
-from nablahog.optimize.lbfgs_state import SearchState
+from nablahog.optimize.lbfgs_decisions import ARMIJO, CURVATURE, Decisions, SearchState, decide
+from nablahog.optimize.lbfgs_vectors import NativeVectors, Vectors
 
 
 def problem(function: Callable[[Tensor], Tensor]) -> ObjectiveFunction:
@@ -87,43 +86,26 @@ def test_each_problem_ends_where_it_would_alone(n: int) -> None:
         assert (together.history[len(alone.history) :, i] == together.history[-1, i]).all()
 
 
-def on_cpu(vectors: LbfgsVectors, state: SearchState, gradient: Tensor, values: Tensor) -> SearchState:
-    """To trial points of these gradients (B, N) and values (B,), by the compiled loops."""
-    vectors.take_step(*decided(state, values, vectors.dots(gradient)), gradient, state.slopes, state.peaks)
-    return state
-
-
-def on_device(vectors: DeviceVectors, state: SearchState, gradient: Tensor, values: Tensor) -> SearchState:
-    """The same by operations of PyTorch."""
-    running = torch.ones(len(values), dtype=torch.bool)
-    after, decisions = decide(state, running, values, vectors.dots(gradient))
-    vectors.take_step(state.steps, decisions, gradient)
-    slopes, peaks = torch.linalg.vecdot(vectors.gradient, vectors.direction), vectors.gradient.abs().amax(1)
-    return after._replace(
-        slopes=torch.where(decisions.moves, slopes, state.slopes),
-        peaks=torch.where(decisions.moves, peaks, state.peaks),
-    )
-
-
-BOTH: dict[str, Any] = {"loops": (LbfgsVectors, on_cpu), "masks": (DeviceVectors, on_device)}
-both = pytest.mark.parametrize("kind", BOTH)
+needs_library = pytest.mark.skipif(not native.available(), reason="needs the compiled loops")
+both = pytest.mark.parametrize("kind", [Vectors, pytest.param(NativeVectors, marks=needs_library)])
 
 
 @both
 @pytest.mark.parametrize("n", [9, 64, 1100])
-def test_the_direction_is_that_of_the_two_loops(kind: str, n: int) -> None:
+def test_the_direction_is_that_of_the_two_loops(kind: type[Vectors], n: int) -> None:
     # the recursion on the vectors themselves, Nocedal & Wright, algorithm 7.4
-    make, advance = BOTH[kind]
     gradient, x, pairs = starts(1, n), starts(1, n), []
-    vectors = make(x.clone(), gradient.clone(), torch.zeros(1, n).double(), 3)
-    zeros = torch.zeros(1).double()
-    state = SearchState.at_start(zeros.clone(), zeros.clone(), zeros.clone(), 3)
-    for seed in range(1, 7):
+    vectors, state = kind(x, gradient, 3, 1.0), SearchState.at_start(np.zeros(1), 3)
+    for seed in range(1, 8):
         s = starts(1, n, seed)
         y = s * torch.linspace(0.5, 3, n) + 0.1 * starts(1, n, seed + 100)
+        if seed == 6:
+            state, pairs = state.without_pairs(np.ones(1, bool)), []  # whose vectors are still there
         gradient, x, pairs = gradient + y, x + s, [*pairs, (s[0], y[0])][-3:]
-        vectors.direction[:], state.slopes[:] = s, -1e9  # so steep that any trial is far down and flat enough
-        state = advance(vectors, state, gradient, torch.tensor([-1e15 * seed], dtype=torch.float64))
+        vectors.direction[:], vectors.slopes[:] = s, -1e9  # so steep that any trial is far down and flat enough
+        dots = vectors.dots(gradient)
+        state, decisions = decide(state, np.ones(1, bool), vectors.slopes, np.array([-1e15 * seed]), dots)
+        vectors.take_step(decisions, gradient)
         q, alphas = gradient[0].clone(), []
         for s_i, y_i in reversed(pairs):
             alphas.append(s_i @ q / (s_i @ y_i))
@@ -134,77 +116,90 @@ def test_the_direction_is_that_of_the_two_loops(kind: str, n: int) -> None:
         torch.testing.assert_close(vectors.direction[0], -q)
         torch.testing.assert_close(vectors.x, x)
         torch.testing.assert_close(vectors.gradient, gradient)
-        torch.testing.assert_close(state.slopes[0], -q @ gradient[0])
-        torch.testing.assert_close(state.peaks[0], gradient.abs().max())
+        assert vectors.slopes[0] == pytest.approx(float(-q @ gradient[0]))
+        assert vectors.peaks[0] == gradient.abs().max()
 
 
+@needs_library
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("n", [1, 63, 64, 1025, 2500])
-def test_loops_do_what_masks_do(n: int, dtype: torch.dtype) -> None:
-    def searched(kind: str) -> Any:
-        make, advance = BOTH[kind]
-        gradient, zeros = starts(4, n, 1, dtype), torch.zeros(4, dtype=dtype)
-        vectors = make(starts(4, n, 2, dtype), gradient.clone(), -gradient, 2)
-        state = SearchState.at_start(zeros.clone(), gradient.abs().amax(1), -gradient.square().sum(1), 2)
-        for turn in range(4):
-            # one that rises and stays, one without curvature that goes on but is not remembered, and two ordinary ones
-            values = torch.tensor([1.0, -1e9, -1e9, -1e9], dtype=dtype) * (turn + 1)
-            change = vectors.direction * torch.tensor([[1.0], [-0.1], [0.5], [0.7]], dtype=dtype)
-            state = advance(vectors, state, vectors.gradient + change, values)
-        return vectors
+@pytest.mark.parametrize("memory", [1, 2, 5])
+def test_loops_do_what_pytorch_does(n: int, dtype: torch.dtype, memory: int) -> None:
+    plain, loops = (
+        kind(starts(4, n, 1, dtype), starts(4, n, 2, dtype), memory, 1.0) for kind in (Vectors, NativeVectors)
+    )
+    rounding = 1e-4 if dtype == torch.float32 else 1e-12
 
-    masked, loops = searched("masks"), searched("loops")
-    rounding = 2e-5 if dtype == torch.float32 else 1e-12
-    masked.stored = masked.stored[:, :-1]  # without what was not to be stored
-    for name in ("x", "gradient", "direction", "stored"):
-        mine, theirs = getattr(masked, name), getattr(loops, name)
-        torch.testing.assert_close(theirs, mine, rtol=rounding, atol=rounding * float(mine.abs().max()))
-    assert torch.equal(masked.x[0], starts(4, n, 2, dtype)[0])
-    assert not masked.stored[1].any()
+    def same(one: Tensor | np.ndarray, other: Tensor | np.ndarray) -> None:
+        one, other = torch.as_tensor(one), torch.as_tensor(other)
+        torch.testing.assert_close(one, other, rtol=rounding, atol=rounding * float(other.abs().max()))
+
+    for turn in range(2 * memory + 1):
+        gradient, numbers = starts(4, n, 10 + turn, dtype), starts(4, 2 * memory + 1, 50 + turn, dtype).numpy() / 9
+        steps = np.array([0, 0.1, 0.5, 2], numbers.dtype)  # the first stays, the second stores nothing
+        stores = np.array([False, False, True, turn != 1])
+        same(loops.dots(gradient), plain.dots(gradient))
+        for vectors in (plain, loops):
+            vectors.take_step(Decisions(steps, steps == 0, stores, numbers), gradient)
+        for name in ("x", "gradient", "direction", "slopes", "peaks"):
+            same(getattr(loops, name), getattr(plain, name))
+    assert torch.equal(loops.x[0], starts(4, n, 1, dtype)[0])
+    assert not loops.dots(gradient)[1, :-4].any()
+
+
+def wolfe(value: float, slope: float, trial: float, step: float, low: float, high: float) -> tuple[float, float, float]:
+    """The next step in its bracket, one problem by itself, where the trial was not accepted."""
+    if trial <= value + ARMIJO * step * slope:
+        low = step
+        if high == np.inf:
+            return 2 * step, low, high
+        guess = step
+    else:
+        high = step
+        guess = -slope * step**2 / (2 * (trial - value - step * slope))
+    if low > 0:
+        guess = (low + high) / 2
+    tenth = (high - low) / 10
+    return (low + tenth if np.isnan(guess) else min(max(guess, low + tenth), high - tenth)), low, high
 
 
 @pytest.mark.parametrize("memory", [1, 4])
-def test_masks_decide_as_loops_do(memory: int) -> None:
-    """Random states of line searches: bracketed or not, without pairs, with some, with more than are kept; NaN."""
-    batch, generator = 400, torch.Generator().manual_seed(memory)
+def test_decisions(memory: int) -> None:
+    """Random states of line searches: bracketed or not, without pairs or with some; NaN."""
+    batch, rng = 400, np.random.default_rng(memory)
+    state, dots = SearchState.at_start(rng.normal(size=batch), memory), rng.normal(size=(batch, 2 * memory + 4))
+    for _ in range(3):
+        state, _ = decide(state, np.ones(batch, bool), np.full(batch, -9.0), state.values - 20, dots)
+        dots = rng.normal(size=dots.shape)
+    lows = np.abs(rng.normal(size=batch)) * (rng.normal(size=batch) > 0)
+    highs = np.where(rng.normal(size=batch) > 0, np.inf, lows + 9)
+    steps, slopes = lows + np.abs(rng.normal(size=batch)), -np.abs(rng.normal(size=batch))
+    trials, dots = state.values + 0.5 * rng.normal(size=batch), rng.normal(size=dots.shape)
+    trials[::17] = np.nan
+    running = np.arange(batch) % 5 > 0
+    state = state._replace(steps=steps, lows=lows, highs=highs)
+    after, decisions = decide(state, running, slopes, trials, dots)
 
-    def normal(*shape: int) -> Tensor:
-        return torch.randn(batch, *shape, generator=generator, dtype=torch.float64)
+    for i in range(batch):
+        enough = trials[i] <= state.values[i] + ARMIJO * steps[i] * slopes[i]
+        numbers = steps[i], lows[i], highs[i]
+        moves = enough and dots[i, -4] >= CURVATURE * slopes[i] and running[i]
+        if moves:
+            numbers = 1, 0, np.inf
+        elif running[i]:
+            numbers = wolfe(state.values[i], slopes[i], trials[i], *numbers)
+        np.testing.assert_allclose((after.steps[i], after.lows[i], after.highs[i]), numbers)
+        assert after.values[i] == (trials[i] if moves else state.values[i])
+        assert decisions.steps[i] == (steps[i] if moves else 0)
+        assert decisions.stays[i] == (running[i] and not moves)
+        assert decisions.stores[i] == (moves and steps[i] * dots[i, -3] > np.finfo(float).eps * dots[i, -2])
+    assert 20 < decisions.stores.sum() < (decisions.steps > 0).sum() < batch - 100
 
-    s, y = normal(memory, 3 * memory + 2), normal(memory, 3 * memory + 2)
-    y = s + 0.3 * y  # of positive curvature
-    vectors = torch.cat([s, y], dim=1)
-    lows = normal().abs() * (normal() > 0)
-    state = SearchState(
-        values=normal(),
-        slopes=-normal().abs(),
-        steps=lows + normal().abs(),
-        lows=lows,
-        highs=torch.where(normal() > 0, torch.inf, lows + 9),
-        pairs=torch.randint(0, 3 * memory, (batch,), generator=generator),
-        products=y @ vectors.mT,
-        with_gradient=(vectors @ normal(3 * memory + 2, 1)).squeeze(2),
-        peaks=normal().abs(),
-    )
-    values, dots = state.values + 0.5 * normal(), normal(2 * memory + 4)
-    values[::17] = torch.nan
-    running = torch.ones(batch, dtype=torch.bool)
-    masked, decisions = decide(state, running, values, dots)
-    loops = SearchState(*(tensor.clone() for tensor in state))
-    taken, places, coefficients = decided(loops, values, dots)
-    assert torch.equal(decisions.moves, taken > 0)
-    assert torch.equal(decisions.stays, taken == 0)
-    assert 50 < int(decisions.moves.sum()) < batch - 50
-    assert torch.equal(decisions.stores, places >= 0)
-    assert 20 < int(decisions.stores.sum()) < int(decisions.moves.sum())
-    assert torch.equal(decisions.places[decisions.stores], places[decisions.stores])
-    torch.testing.assert_close(decisions.coefficients[decisions.moves], coefficients[decisions.moves])
-    for name in SearchState._fields:
-        torch.testing.assert_close(getattr(masked, name), getattr(loops, name), msg=name)
-    ended, nothing = decide(state, ~running, values, dots)
-    assert not (nothing.moves | nothing.stays | nothing.stores).any()
-    for name in SearchState._fields:
-        assert torch.equal(getattr(ended, name), getattr(state, name)), name
+    # the same on a device
+    there = SearchState(*map(torch.from_numpy, state))
+    arrays = (torch.from_numpy(each) for each in (running, slopes, trials, dots))
+    for ours, theirs in zip((*after, *decisions), sum(decide(there, *arrays), ()), strict=True):
+        torch.testing.assert_close(theirs, torch.from_numpy(ours), equal_nan=True)
 
 
 def test_budget_is_kept_and_the_result_never_worse_than_the_start() -> None:

@@ -124,7 +124,7 @@ class _Search:
         self.descriptor, self.spec, self.size, self.options = descriptor, spec, size, options
         self.watch, self.part = watch, part
         self.evaluations = torch.zeros(len(descriptor), dtype=torch.long, device=descriptor.device)
-        self.history = History(descriptor, len(descriptor))
+        self.history = History(len(descriptor))
         self.stop_reason: list[StopReason] = []
         self.iterates: Tensor | None = None
         self._before = self.evaluations  # spent on the ξ before

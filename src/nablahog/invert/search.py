@@ -61,8 +61,8 @@ class PreimageSearch:
         batch = len(descriptor)
         self.evaluations = torch.zeros(batch, dtype=torch.long, device=descriptor.device)
         self.stop_reason: list[StopReason] = []
-        self._history = History(descriptor, batch)
-        self._reported = self._assigned = self._calls = self._most = 0
+        self._history = History(batch)
+        self._reported = self._assigned = self._calls = 0
 
     def left(self) -> int:
         """Evaluations that no :meth:`match` has been assigned, for each descriptor; at least 1.
@@ -143,9 +143,7 @@ class PreimageSearch:
             spent[index] = evaluations
             counted = (self.evaluations.unsqueeze(1) + new.cumsum(dim=1)) * (new > 0)  # 0: it had ended before
             descriptors = torch.div(index, count, rounding_mode="floor")
-            self._most += count
-            most = None if self.minimiser == "dogleg" else self._most  # the others spend one at a time: nobody asks
-            self._history.add(counted.flatten()[index], descriptors, objective.distance[index], most)
+            self._history.add(counted.flatten()[index], descriptors, objective.distance[index])
             self.evaluations = self.evaluations + new.sum(dim=1)
             self._report()
             if self.watch is not None:

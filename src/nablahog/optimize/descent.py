@@ -13,8 +13,8 @@ from typing import NamedTuple, TypeAlias
 import torch
 from torch import Tensor
 
-from . import endings
-from .result import WINDOW, History, Minimum, ObjectiveFunction, StopReason, Watch
+from .result import Minimum, ObjectiveFunction, StopReason, Watch
+from .running import Running
 
 GROWTH, SHRINKAGE = 1.05, 0.5
 PATIENCE = 5  # evaluations without a new lowest point
@@ -47,22 +47,15 @@ class _Points(NamedTuple):
         )
 
 
-class _Descent:
-    """The running problems of a batch, and the lowest points of all.
-
-    On a device problems that have ended stay among them until the next look (:mod:`.endings`), and do not change.
+class Descent:
+    """The running problems of a batch: on a device, rounds wait for nothing until the next look (:mod:`.running`).
 
     Attributes:
-        index, problems: (A,), the running problems; the same on the CPU.
-        at_once: whether problems that end are dropped at once.
-        codes: (A,), of :func:`.endings.enter`.
         current, lowest: of the running problems.
         trial: (A, N), the points evaluated last.
         step, waited: (A,), step sizes, and evaluations since the last new lowest point.
         memory: of the rule, for the running problems.
-        bad, small: (A,), whether the last value was not finite, and whether the last step was below rounding.
-        evaluations: (B,), of each problem.
-        history, lowest_values: the values of the current and of the lowest points.
+        bad, small: (A,), whether the first value was not finite, and whether the last step was below rounding.
     """
 
     def __init__(
@@ -74,60 +67,34 @@ class _Descent:
         first_step: Callable[[Tensor], Tensor],
         watch: Watch | None,
     ) -> None:
-        self.objective, self.rule, self.memory, self.watch = objective, rule, tuple(memory), watch
+        self.objective, self.rule, self.memory = objective, rule, tuple(memory)
         self.trial = start.detach().clone()
-        self.problems, self.index = torch.arange(len(start)), torch.arange(len(start), device=start.device)
-        self.codes = torch.zeros_like(self.index, dtype=torch.int8)
-        self.current = self.lowest = _Points(self.trial, *objective(self.trial, self.index))
-        self.x, self.value = self.trial.clone(), self.current.value.clone()
-        self.step, self.waited = first_step(self.current.gradient), torch.zeros_like(self.index)
+        value, gradient = objective(self.trial, torch.arange(len(start), device=start.device))
+        self.current = self.lowest = _Points(self.trial, value.clone(), gradient)
+        self.running = Running(start, self.current.value, watch)
+        self.step, self.waited = first_step(gradient), torch.zeros_like(self.running.index)
         self.bad = ~self.current.finite()
         self.small = torch.zeros_like(self.bad)
-        self.reasons = [StopReason.BUDGET] * len(start)
-        self.at_once = endings.dropped_at_once(start)
-        self.evaluations, self.rounds = torch.zeros_like(self.index), 0
-        self.history, self.lowest_values = (History(self.value, len(start)) for _ in range(2))
-        self._count()
 
-    def _count(self) -> None:
-        self.rounds += 1  # each evaluates all that are running
-        evaluations = self.evaluations[self.index] + (self.codes == 0)
-        self.evaluations[self.index] = evaluations
-        self.history.add(evaluations, self.index, self.current.value, self.rounds)
-        self.lowest_values.add(evaluations, self.index, self.lowest.value, self.rounds)
-        if self.watch is not None:
-            self.watch(self.index, evaluations)
-
-    def end(self, evaluation: int, gradient_tolerance: float, progress_tolerance: float) -> None:
-        """Ends the problems that stop after so many evaluations; drops them, on a device now and then."""
-        value = self.lowest.value
-        flat = self.lowest.gradient.abs().amax(1) <= gradient_tolerance
-        slow = torch.zeros_like(flat)
-        if evaluation > WINDOW:
-            before = self.lowest_values.table[evaluation - WINDOW].index_select(0, self.index)
-            slow = before - value < progress_tolerance * value
-        self.codes = endings.enter(
-            self.codes,
+    def end(self, gradient_tolerance: float, progress_tolerance: float) -> None:
+        """Ends the problems that stop here; drops them, on a device now and then."""
+        running = self.running
+        running.end(
             {
                 StopReason.NOT_FINITE: self.bad,
-                StopReason.GRADIENT: flat,
-                StopReason.PROGRESS: slow,
+                StopReason.GRADIENT: self.lowest.gradient.abs().amax(1) <= gradient_tolerance,
+                StopReason.PROGRESS: running.slow(progress_tolerance),
                 StopReason.STEP: self.small,
-            },
+            }
         )
-        if self.at_once or evaluation % endings.ROUNDS_BETWEEN_LOOKS == 0:
-            self.look()
+        rows = running.look(self.lowest.x, self.lowest.value)
+        if rows is not None:
+            self._keep(rows)
 
-    def look(self) -> None:
-        """Those that have ended are no longer run."""
-        done = endings.read(self.codes, self.problems, self.reasons)
-        if not done.any():
-            return
-        rows = (~done).nonzero().squeeze(1)
-        self.problems, rows = self.problems[rows], rows.to(self.index.device)
+    def _keep(self, rows: Tensor) -> None:
+        rows = rows.to(self.trial.device)
         self.memory = tuple(tensor[rows] for tensor in self.memory)
-        self.index, self.codes, self.trial = self.index[rows], self.codes[rows], self.trial[rows]
-        self.step, self.waited = self.step[rows], self.waited[rows]
+        self.trial, self.step, self.waited = self.trial[rows], self.step[rows], self.waited[rows]
         self.current, self.lowest = self.current.select(rows), self.lowest.select(rows)
 
     def advance(self) -> None:
@@ -136,13 +103,10 @@ class _Descent:
         shift = self.step.unsqueeze(1) * displacement
         self.small = shift.abs().amax(1) <= torch.finfo(shift.dtype).eps * self.current.x.abs().amax(1)
         self.trial = self._unless_ended(self.current.x + shift, self.trial)
-        current = _Points(self.trial, *self.objective(self.trial, self.index))
+        current = _Points(self.trial, *self.objective(self.trial, self.running.index))
         finite = current.finite()
-        better = finite & (current.value < self.lowest.value)
-        if not self.at_once:
-            better = better & (self.codes == 0)
+        better = finite & (current.value < self.lowest.value) & (self.running.codes == 0)
         self.lowest = current.where(better, self.lowest)
-        self.x[self.index], self.value[self.index] = self.lowest.x, self.lowest.value
         waited = torch.where(better, 0, self.waited + 1)
         restart = ~finite | (waited >= PATIENCE)
         self.step = torch.where(restart, SHRINKAGE * self.step, torch.where(better, GROWTH * self.step, self.step))
@@ -151,13 +115,13 @@ class _Descent:
         self.current = _Points(*(self._unless_ended(*pair) for pair in zip(current, self.current, strict=True)))
         self.memory = tuple(torch.where(restart.unsqueeze(1), 0, tensor) for tensor in memory)
         self.bad = torch.zeros_like(restart)
-        self._count()
+        self.running.count(self.current.value)
 
     def _unless_ended(self, new: Tensor, old: Tensor) -> Tensor:
         """Of problems that have ended the ``old`` rows."""
-        if self.at_once:  # there are none
+        if self.running.at_once:  # there are none
             return new
-        return torch.where((self.codes == 0).view(-1, *[1] * (new.dim() - 1)), new, old)
+        return torch.where((self.running.codes == 0).view(-1, *[1] * (new.dim() - 1)), new, old)
 
 
 def descend(
@@ -177,12 +141,10 @@ def descend(
     ``memory`` of the rule are tensors (B, …) of zeros; they are 0 again where a problem restarts.  ``first_step`` makes
     the first step sizes (B,) from the gradients (B, N) at the start.
     """
-    descent = _Descent(objective, start, rule, memory, first_step, watch)
+    descent = Descent(objective, start, rule, memory, first_step, watch)
     for evaluation in range(1, max_evaluations + 1):
-        descent.end(evaluation, gradient_tolerance, progress_tolerance)
-        if not len(descent.index) or evaluation == max_evaluations:
+        descent.end(gradient_tolerance, progress_tolerance)
+        if not len(descent.running.index) or evaluation == max_evaluations:
             break
         descent.advance()
-    descent.look()
-    history = descent.history.filled(int(descent.evaluations.max()))
-    return Minimum(descent.x, descent.value, descent.evaluations, descent.reasons, history)
+    return descent.running.minimum(descent.lowest.x, descent.lowest.value)

@@ -2,71 +2,79 @@
 
 The rules are those of Chumpy's ``minimize_dogleg``, which the paper uses: steps, radius, stops and their constants.
 One thing differs: Chumpy solves for the Gauss-Newton step directly, here conjugate gradients do (:mod:`.gauss_newton`),
-as exactly as ``cg_tolerance`` says.
-The steps along the path and the radius are in :mod:`.trust_region`.
+as exactly as ``cg_tolerance`` says.  Where the path leaves the trust region, and its radius: :mod:`.trust_region`.
 
-In each round every running problem does what is next for it: one iteration of conjugate gradients, the trial of a step,
-or both.  No problem waits for another.  On a GPU, where the device would be waited for, rounds are whole steps:
-:mod:`.dogleg_device`.
+A round is a step: conjugate gradients of all problems that have moved, in step with each other, then one trial of all
+that run.  What a problem does not do is masked.  A device is waited for once a round, to read which problems have ended
+and which have moved.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from . import endings
-from .dogleg_device import DeviceDogleg
-from .dogleg_rules import MODEL, PRODUCT, TRIAL, DoglegRules
-from .gauss_newton import GaussNewtonSteps
-from .result import Accepted, History, LeastSquares, Minimum, ObjectiveFunction, StopReason, Watch
-from .trust_region import Step, TrustRegion
+from .gauss_newton import GraphJacobian, NewtonSteps, newton_steps
+from .result import Accepted, Jacobian, LeastSquares, Linearizable, Minimum, ObjectiveFunction, StopReason, Watch
+from .running import Running
+from .trust_region import next_radius, path_weights
+
+TRIAL, MODEL, PRODUCT = 2, 1, 1  # half evaluations: value and gradient; residuals with their graph; J or Jᵀ times v
 
 
-class _Phases:
-    """Which problems look for a Gauss-Newton step (``solving``), and which have one to try (``trying``).
-
-    The others have stopped; ``reasons`` says why.
-    """
-
-    def __init__(self, like: Tensor) -> None:
-        self.solving = torch.ones(len(like), dtype=torch.bool, device=like.device)
-        self.trying = torch.zeros_like(self.solving)
-        self.reasons = [StopReason.BUDGET] * len(like)
-
-    def running(self) -> bool:
-        return bool((self.solving | self.trying).any())
-
-    def try_step(self, rows: Tensor, mask: Tensor) -> None:
-        """Those of ``rows`` (A,) for which ``mask`` (A,) holds have their step, unless they have stopped."""
-        rows = rows[mask & self.solving[rows]]
-        self.solving[rows], self.trying[rows] = False, True
-
-    def solve(self, rows: Tensor) -> None:
-        """The problems ``rows`` (A,) look for their next step."""
-        self.solving[rows], self.trying[rows] = True, False
-
-    def stop(self, rows: Tensor, holds: Mapping[StopReason, Tensor]) -> None:
-        """Stops those of ``rows`` (A,) for which a reason holds, (A,) each, unless they have stopped before."""
-        for reason, mask in holds.items():
-            stopped = rows[mask & (self.solving[rows] | self.trying[rows])]
-            self.solving[stopped] = self.trying[stopped] = False
-            for problem in stopped.tolist():
-                self.reasons[problem] = reason
-
-
-class _Search:
-    """A batch on its way.
+@dataclass(frozen=True, kw_only=True)
+class DoglegRules:
+    """When the dogleg stops, and how exact its Gauss-Newton steps are.
 
     Attributes:
-        x, value: (B, N), (B,), the lowest points so far.
-        descent: (B, N), -Jᵀr there, half the negative gradient.
-        spent: (B,), half evaluations.
-        iterations: (B,), accepted steps.
-        moved: rows that have no linearisation at their point yet.
+        max_evaluations: budget of each problem.  A trial, value and gradient, is one; the residuals to linearise, and J
+            or Jᵀ times a vector, are half of one each.  Conjugate gradients end while enough is left to try their step.
+        max_iterations: accepted steps of each problem (Chumpy's ``maxiter``).
+        gradient_tolerance: stop a problem when the largest absolute entry of Jᵀr, half the gradient, is at most this
+            (``e_1``).
+        step_tolerance: stop a problem when its step or its radius is at most this share of ‖x‖ (``e_2``).
+        progress_tolerance: stop a problem when a step lowers the value by less than this share of it (``e_3``).
+        cg_iterations: the most for one Gauss-Newton step; 1 makes it the Cauchy step.
+        cg_tolerance: a Gauss-Newton step will do when ‖JᵀJ d + Jᵀr‖ is at most this share of ‖Jᵀr‖.
+    """
+
+    max_evaluations: int = 300
+    max_iterations: int = 200
+    gradient_tolerance: float = 1e-15
+    step_tolerance: float = 1e-15
+    progress_tolerance: float = 0.0
+    cg_iterations: int = 10
+    cg_tolerance: float = 0.1
+
+    def flat(self, descent: Tensor) -> Tensor:
+        """Whether the gradient is small enough, (A,); ``descent`` (A, N) is -Jᵀr."""
+        return descent.abs().amax(1) <= self.gradient_tolerance
+
+    def too_dear(self, spent: Tensor, halves: int | Tensor) -> Tensor:
+        """Whether so many more half evaluations than were ``spent`` (A,) are beyond the budget, (A,)."""
+        return spent + halves > 2 * self.max_evaluations
+
+    def short(self, length: Tensor, x: Tensor) -> Tensor:
+        """Whether a step's length or the radius (A,) is too small at the points (A, N), (A,)."""
+        short: Tensor = length <= self.step_tolerance * x.norm(dim=1)
+        return short
+
+
+class DoglegSearch:
+    """The running problems of a batch.
+
+    Attributes:
+        x, value: (A, N), (A,), the lowest points so far.
+        descent: (A, N), -Jᵀr there, half the negative gradient.
+        spent: (A,), half evaluations.
+        iterations: (A,), accepted steps.
+        radius: (A,), of the trust region; at first ∞ for the length of the first step.
+        newton: the last steps of all.
+        moved: (A',), rows that have no linearisation at their point yet.
     """
 
     def __init__(
@@ -78,105 +86,102 @@ class _Search:
         watch: Watch | None,
         accepted: Accepted | None,
     ) -> None:
-        self.problem, self.rules, self.watch, self.accepted = problem, rules, watch, accepted
+        self.problem, self.rules, self.accepted = problem, rules, accepted
         self.x = start.detach().clone()
-        rows = torch.arange(len(self.x), device=self.x.device)
-        self.value, gradient = problem(self.x, rows)
-        self.descent = -gradient / 2
-        self.spent, self.iterations = torch.full_like(rows, TRIAL), torch.zeros_like(rows)
-        self.history = History(self.value, len(rows))
-        self.newton, self.region = GaussNewtonSteps(self.x), TrustRegion(self.value, radius)
-        self.phases = _Phases(self.value)
-        self._record(rows)
-        not_finite = ~(self.value.isfinite() & self.descent.isfinite().all(1))
-        self.phases.stop(
-            rows,
+        value, gradient = problem(self.x, torch.arange(len(start), device=start.device))
+        self.value, self.descent = value.clone(), -gradient / 2
+        self.running = running = Running(start, self.value, watch)
+        self.spent, self.iterations = torch.full_like(running.index, TRIAL), torch.zeros_like(running.index)
+        self.radius = torch.full_like(self.value, torch.inf if radius is None else radius)
+        self.newton: NewtonSteps | None = None
+        running.end(
             {
-                StopReason.NOT_FINITE: not_finite,
-                StopReason.GRADIENT: self.rules.flat(self.descent[rows]),
-                StopReason.BUDGET: self.rules.too_dear(self.spent[rows], MODEL + PRODUCT + TRIAL),
-            },
+                StopReason.NOT_FINITE: ~(self.value.isfinite() & self.descent.isfinite().all(1)),
+                StopReason.GRADIENT: rules.flat(self.descent),
+                StopReason.BUDGET: rules.too_dear(self.spent, MODEL + PRODUCT + TRIAL),
+            }
         )
-        self.moved = rows[self.phases.solving]
+        (codes,) = running.read()
+        self._drop(codes, torch.ones_like(codes))
 
-    def _record(self, rows: Tensor) -> None:
-        evaluations = (self.spent[rows] + 1) // 2
-        self.history.add(evaluations, rows, self.value[rows])
-        if self.watch is not None:
-            self.watch(rows, evaluations)
+    def _drop(self, codes: Tensor, moved: Tensor) -> None:
+        """Drops those that have ended, and notes which of the others have ``moved``, (A,) each, as read."""
+        if codes.any():
+            kept = self.running.drop(codes, self.x, self.value)
+            moved, rows = moved[kept], kept.to(self.x.device)
+            self.x, self.value, self.descent = self.x[rows], self.value[rows], self.descent[rows]
+            self.spent, self.iterations, self.radius = self.spent[rows], self.iterations[rows], self.radius[rows]
+            self.newton = self.newton and NewtonSteps(*(tensor[rows] for tensor in self.newton))
+        self.moved = moved.nonzero().squeeze(1).to(self.x.device)
 
-    def solve(self) -> None:
-        """One iteration of conjugate gradients of each problem that looks for a Gauss-Newton step."""
-        newton, phases, rules = self.newton, self.phases, self.rules
-        if len(self.moved):
-            newton.linearize(self.problem, self.x[self.moved], self.moved, self.descent[self.moved])
-            self.spent[self.moved] += MODEL
-        rows = phases.solving.nonzero().squeeze(1)
-        if len(rows):
-            stepped = newton.take_step(rows)
-            self.spent[rows] += PRODUCT
-            phases.stop(rows, {StopReason.NOT_FINITE: newton.iterations[rows] == 0})
-            cut = (newton.iterations[rows] == 1) & (newton.cauchy[rows].norm(dim=1) >= self.region.radius[rows])
-            last = newton.iterations[rows] >= rules.cg_iterations
-            phases.try_step(rows, cut | ~stepped | last | self.rules.too_dear(self.spent[rows], 2 * PRODUCT + TRIAL))
-        rows = phases.solving.nonzero().squeeze(1)
-        if len(rows):
-            error = newton.update_direction(rows)
-            self.spent[rows] += PRODUCT
-            phases.try_step(rows, error <= rules.cg_tolerance)
-        newton.release((~phases.solving).nonzero().squeeze(1))
+    def linearize(self) -> None:
+        """Gauss-Newton steps of the problems that have moved."""
+        rows, rules, problem = self.moved, self.rules, self.problem
+        linearize = problem.linearize if isinstance(problem, Linearizable) else partial(GraphJacobian, problem)
+        jacobian: Jacobian = linearize(self.x[rows], self.running.index[rows])
+        spent = self.spent[rows] + MODEL
+        budget = 2 * rules.max_evaluations - TRIAL - spent
+        newton, products, found = newton_steps(
+            jacobian,
+            self.descent[rows],
+            self.radius[rows],
+            budget,
+            rules.cg_iterations,
+            rules.cg_tolerance,
+            at_once=self.running.at_once,
+        )
+        self.spent[rows] = spent + PRODUCT * products
+        not_found = torch.zeros_like(self.running.codes, dtype=torch.bool).index_copy(0, rows, ~found)
+        self.running.end({StopReason.NOT_FINITE: not_found})
+        if self.newton is not None:
+            newton = NewtonSteps(*(old.index_copy(0, rows, new) for old, new in zip(self.newton, newton, strict=True)))
+        self.newton = newton
 
-    def try_steps(self) -> None:
-        """The trial of each problem that has a step; those that it lowers move."""
-        rows = self.phases.trying.nonzero().squeeze(1)
-        self.moved = rows[:0]
-        if not len(rows):
-            return
-        step = self.region.step(self.newton, rows)
-        self.phases.stop(rows, {StopReason.STEP: self.rules.short(step.length, self.x[rows])})
-        trying = self.phases.trying[rows]
-        rows, step = rows[trying], step.of(trying)
-        if len(rows):
-            accepted, progress = self._try(rows, step)
-            self.phases.stop(
-                rows,
-                {
-                    StopReason.GRADIENT: self.rules.flat(self.descent[rows]),
-                    StopReason.PROGRESS: progress < self.rules.progress_tolerance,
-                    StopReason.RADIUS: self.rules.short(self.region.radius[rows], self.x[rows]),
-                    StopReason.ITERATIONS: self.iterations[rows] >= self.rules.max_iterations,
-                    StopReason.BUDGET: self.rules.too_dear(
-                        self.spent[rows], torch.where(accepted, MODEL + PRODUCT + TRIAL, TRIAL)
-                    ),
-                },
-            )
-            moved = rows[accepted]
-            self.moved = moved[self.phases.solving[moved]]
+    def try_step(self) -> None:
+        """The trial of each problem; those that it lowers move."""
+        running, newton = self.running, self.newton
+        assert newton is not None
+        of_cauchy, of_newton = path_weights(newton.cauchy, newton.step, self.radius)
+        step = of_cauchy * newton.cauchy + of_newton * newton.step
+        image = of_cauchy * newton.cauchy_image + of_newton * newton.image
+        length = step.norm(dim=1)
+        self.radius = torch.where(self.radius.isinf(), length, self.radius)
+        running.end({StopReason.STEP: self.rules.short(length, self.x)})
+        tries = running.codes == 0
+        trial = self.x + step
+        value, gradient = self.problem(trial, running.index)
+        self.spent = self.spent + TRIAL * tries
+        predicted = 2 * (self.descent * step).sum(1) - image.square().sum(1)
+        gain = (self.value - value) / predicted
+        accepted = tries & (gain > 0) & (value < self.value) & gradient.isfinite().all(1)
+        progress = torch.where(accepted, (self.value - value) / self.value, torch.inf)
+        self.radius = next_radius(self.radius, length, gain, accepted)
+        self.iterations = self.iterations + accepted
+        self.x = torch.where(accepted.unsqueeze(1), trial, self.x)
+        self.descent = torch.where(accepted.unsqueeze(1), -gradient / 2, self.descent)
+        self.value = torch.where(accepted, value, self.value)
+        running.count(self.value, (self.spent + 1) // 2)
+        running.end(
+            {
+                StopReason.GRADIENT: self.rules.flat(self.descent),
+                StopReason.PROGRESS: progress < self.rules.progress_tolerance,
+                StopReason.RADIUS: self.rules.short(self.radius, self.x),
+                StopReason.ITERATIONS: self.iterations >= self.rules.max_iterations,
+                StopReason.BUDGET: self.rules.too_dear(
+                    self.spent, torch.where(accepted, MODEL + PRODUCT + TRIAL, TRIAL)
+                ),
+            }
+        )
+        self.look(accepted)
 
-    def _try(self, rows: Tensor, step: Step) -> tuple[Tensor, Tensor]:
-        """Which trials (A,) are accepted, and the share of the value (A,) that they take away, ∞ of the others."""
-        trial = self.x[rows] + step.step
-        value, gradient = self.problem(trial, rows)
-        self.spent[rows] += TRIAL
-        predicted = 2 * (self.descent[rows] * step.step).sum(1) - step.image.square().sum(1)
-        gain = (self.value[rows] - value) / predicted
-        accepted = (gain > 0) & (value < self.value[rows]) & gradient.isfinite().all(1)
-        self.region.update(rows, step.length, gain, accepted)
-        progress = torch.where(accepted, (self.value[rows] - value) / self.value[rows], torch.inf)
-        lower = rows[accepted]
-        self.x[lower], self.value[lower] = trial[accepted], value[accepted]
-        self.descent[lower] = -gradient[accepted] / 2
-        self.iterations[lower] += 1
-        self._record(rows)
-        if self.accepted is not None and len(lower):
-            self.accepted(lower, self.iterations[lower], self.x[lower])
-        self.phases.solve(lower)
-        return accepted, progress
-
-    def minimum(self) -> Minimum:
-        evaluations = (self.spent + 1) // 2
-        history = self.history.filled(int(evaluations.max()))
-        return Minimum(self.x, self.value, evaluations, self.phases.reasons, history)
+    def look(self, accepted: Tensor) -> None:
+        """Reads which problems have ended and which have moved, their trials ``accepted`` (A,)."""
+        running = self.running
+        codes, moved = running.read(accepted)
+        rows = moved.nonzero().squeeze(1).to(self.x.device)
+        if self.accepted is not None and len(rows):
+            self.accepted(running.index[rows], self.iterations[rows], self.x[rows])
+        self._drop(codes, moved)
 
 
 def dogleg(
@@ -207,11 +212,9 @@ def dogleg(
     """
     if not isinstance(problem, LeastSquares):
         raise TypeError(f"dogleg needs a problem with residuals (LeastSquares), got {type(problem).__name__}")
-    options = problem, start, radius, DoglegRules(**rules), watch, accepted
-    if not endings.dropped_at_once(start):
-        return DeviceDogleg(*options).run()
-    search = _Search(*options)
-    while search.phases.running():
-        search.solve()
-        search.try_steps()
-    return search.minimum()
+    search = DoglegSearch(problem, start, radius, DoglegRules(**rules), watch, accepted)
+    while len(search.running.index):
+        if len(search.moved):
+            search.linearize()
+        search.try_step()
+    return search.running.minimum(search.x, search.value)

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from .result import Jacobian, LeastSquares, Linearizable
+from .result import Jacobian, LeastSquares
+from .running import ROUNDS_BETWEEN_LOOKS
 
 
 class GraphJacobian:
@@ -55,103 +56,72 @@ class GraphJacobian:
         return vectors
 
 
-class _Model(NamedTuple):
-    """The problems (A,) that were linearised together, and their Jacobian."""
+class NewtonSteps(NamedTuple):
+    """Gauss-Newton steps and Cauchy steps (A, N), and J times each (A, M)."""
 
-    problems: Tensor
-    jacobian: Jacobian
+    step: Tensor
+    image: Tensor
+    cauchy: Tensor
+    cauchy_image: Tensor
 
 
-class GaussNewtonSteps:
-    """Conjugate gradients on JᵀJ d = g for each problem of a batch, preconditioned, half an iteration at a time.
+def newton_steps(
+    jacobian: Jacobian,
+    descent: Tensor,
+    radius: Tensor,
+    budget: Tensor,
+    iterations: int,
+    tolerance: float,
+    *,
+    at_once: bool = True,
+) -> tuple[NewtonSteps, Tensor, Tensor]:
+    """Conjugate gradients on JᵀJ d = g for each of A problems, preconditioned.
 
     From d = 0, the first iterate is the Cauchy step, the minimum of ‖J d‖² - 2gᵀd along g, or along W⁻¹g with a
     preconditioner W.  Without, all iterates lie in the range of Jᵀ, and their length grows: where JᵀJ is singular they
     tend to the shortest solution, and ended early they leave out the directions in which the residuals hardly change.
 
-    Attributes:
-        step: (B, N), the iterate.
-        image: (B, M), J·step.
-        cauchy, cauchy_image: the first iterate, and J times it.
-        iterations: (B,) int64, those that led to ``step``.
+    Args:
+        jacobian: J of all problems.
+        descent: (A, N), g.
+        radius: (A,); a Cauchy step that is longer will do.
+        budget: (A,), of products with J or Jᵀ.
+        iterations: the most.
+        tolerance: a step will do when ‖JᵀJ d - g‖ is at most this share of ‖g‖, lengths ‖v‖² = vᵀW⁻¹v.
+        at_once: stop as soon as all have their steps; else a device is asked for it once in ten iterations.
+
+    Returns:
+        The steps; the products (A,) that each took; and whether there is a step, (A,): if not, J·g is 0 or not finite.
     """
-
-    def __init__(self, like: Tensor) -> None:
-        self.descent, self.direction, self.step, self.cauchy = like.new_zeros(4, *like.shape)
-        self.first_error, self.error = like.new_zeros(2, len(like))  # (g - JᵀJ d)ᵀ W⁻¹ (g - JᵀJ d), at d = 0 and now
-        self.image, self.cauchy_image = like.new_zeros(2, len(like), 0)  # M follows from the first linearisation
-        self.iterations = torch.zeros(len(like), dtype=torch.long, device=like.device)
-        # problems that are linearised together share a graph for as long as one of them needs it
-        self._models: dict[int, _Model] = {}
-        self._model = torch.zeros_like(self.iterations)  # number of the one that a problem uses
-        self._made = 0
-
-    def linearize(self, problem: LeastSquares, points: Tensor, rows: Tensor, descent: Tensor) -> None:
-        """Starts anew the problems ``rows`` (A,), at ``points`` (A, N), where g is ``descent`` (A, N)."""
-        jacobian: Jacobian
-        if isinstance(problem, Linearizable):
-            jacobian = problem.linearize(points, rows)
-        else:
-            jacobian = GraphJacobian(problem, points, rows)
-        self._made += 1
-        self._models[self._made], self._model[rows] = _Model(rows, jacobian), self._made
-        if not self.image.shape[1]:
-            self.image, self.cauchy_image = points.new_zeros(2, len(self.image), jacobian.size)
-        direction = jacobian.precondition(descent)
-        self.descent[rows], self.direction[rows] = descent, direction
-        self.first_error[rows] = self.error[rows] = (descent * direction).sum(1)
-        self.step[rows], self.image[rows], self.iterations[rows] = 0, 0, 0
-
-    def release(self, rows: Tensor) -> None:
-        """Frees the graphs that only the problems ``rows`` (A,) have used."""
-        self._model[rows] = 0
-        used = set(self._model.tolist())
-        self._models = {number: model for number, model in self._models.items() if number in used}
-
-    def take_step(self, rows: Tensor) -> Tensor:
-        """Takes the best step of the problems ``rows`` (A,) along their directions: one product with J.
-
-        Returns:
-            (A,): whether there was one; if not, J·direction is 0, and ``step`` is as before.
-        """
-        taken = torch.zeros_like(self.iterations, dtype=torch.bool)
-        for model, mask in self._used(rows):
-            index, images = model.problems[mask], model.jacobian.jvp(self.direction[model.problems])[mask]
-            length = self.error[index] / images.square().sum(1)
-            finite = length.isfinite()
-            taken[index] = finite
-            index, length = index[finite], length[finite].unsqueeze(1)
-            self.step[index] += length * self.direction[index]
-            self.image[index] += length * images[finite]
-        some = rows[taken[rows]]
-        self.iterations[some] += 1
-        first = some[self.iterations[some] == 1]
-        self.cauchy[first], self.cauchy_image[first] = self.step[first], self.image[first]
-        return taken[rows]
-
-    def update_direction(self, rows: Tensor) -> Tensor:
-        """Finds the next directions of the problems ``rows`` (A,): one product with Jᵀ.
-
-        Returns:
-            (A,), ‖JᵀJ·step - g‖ / ‖g‖, lengths ‖v‖² = vᵀW⁻¹v with a preconditioner.
-        """
-        for model, mask in self._used(rows):
-            # from the step itself, not from the last error: so rounding does not add up
-            error = self.descent[model.problems] - model.jacobian.vjp(self.image[model.problems])
-            preconditioned = model.jacobian.precondition(error)
-            index, now = model.problems[mask], (error * preconditioned).sum(1)[mask]
-            conjugate = (now / self.error[index]).unsqueeze(1) * self.direction[index]
-            self.direction[index] = preconditioned[mask] + conjugate
-            self.error[index] = now
-        accuracy: Tensor = (self.error[rows] / self.first_error[rows]).sqrt()
-        return accuracy
-
-    def _used(self, rows: Tensor) -> list[tuple[_Model, Tensor]]:
-        """The linearisations of the problems ``rows`` (A,), each with a mask of its problems among them."""
-        included = torch.zeros_like(self._model, dtype=torch.bool)
-        included[rows] = True
-        return [
-            (model, mask)
-            for number, model in self._models.items()
-            if (mask := included[model.problems] & (self._model[model.problems] == number)).any()
-        ]
+    direction = jacobian.precondition(descent)
+    error = first_error = (descent * direction).sum(1)  # (g - JᵀJ d)ᵀ W⁻¹ (g - JᵀJ d)
+    step = cauchy = torch.zeros_like(direction)
+    image = cauchy_image = descent.new_zeros(len(descent), jacobian.size)
+    products = torch.zeros_like(budget)
+    solving = found = torch.ones_like(budget, dtype=torch.bool)
+    for iteration in range(1, iterations + 1):
+        images = jacobian.jvp(direction)
+        length = error / images.square().sum(1)
+        products = products + solving
+        solving = solving & length.isfinite()
+        step, image = (
+            torch.where(solving.unsqueeze(1), whole + length.unsqueeze(1) * part, whole)
+            for whole, part in ((step, direction), (image, images))
+        )
+        if iteration == 1:
+            found, cauchy, cauchy_image = solving, step, image
+            solving = solving & (cauchy.norm(dim=1) < radius)
+        solving = solving & (products + 2 <= budget)
+        if iteration == iterations or (at_once and not solving.any()):
+            break
+        # from the step itself, not from the last error: so rounding does not add up
+        residual = descent - jacobian.vjp(image)
+        preconditioned = jacobian.precondition(residual)
+        now = (residual * preconditioned).sum(1)
+        products = products + solving
+        conjugate = preconditioned + (now / error).unsqueeze(1) * direction
+        direction, error = torch.where(solving.unsqueeze(1), conjugate, direction), torch.where(solving, now, error)
+        solving = solving & ~((error / first_error).sqrt() <= tolerance)
+        if (at_once or iteration % ROUNDS_BETWEEN_LOOKS == 0) and not solving.any():
+            break
+    return NewtonSteps(step, image, cauchy, cauchy_image), products, found

@@ -2,146 +2,170 @@
 
 The line search is Lewis & Overton's bracketing for the weak Wolfe conditions, which copes with the kinks of piecewise
 smooth objectives (Math. Program. 141, 2013).  The direction is a combination of the gradient and of the last m steps s
-and gradient changes y, whose coefficients follow from dot products alone (Chen et al., NeurIPS 2014).  Those of a new y
-are differences of the ones with the gradients before and after (Byrd, Nocedal & Schnabel, Math. Program. 63, 1994).
+and gradient changes y, whose coefficients follow from dot products alone (Byrd, Nocedal & Schnabel, Math. Program. 63,
+1994).  From the newest to the oldest pair, with U the upper triangle of Y·Sᵀ and D its diagonal,
+
+    H·g = γg + Σ cᵢsᵢ - γ Σ αᵢyᵢ,    Uᵀα = S·g,    U·c = Dα - γ(Y·g - Y·Yᵀα).
+
+A new pair is a new first row and column of U, so U⁻¹ is kept: its other rows stay.  Before there are m pairs all are 0.
+
+All problems do the same operations, of NumPy on a CPU or PyTorch on a device, which wait for nothing; what a problem
+does not do is masked.
 """
 
 from __future__ import annotations
 
-from ..runtime.arrays import Floats, Integers, Real
-from ..runtime.compile import compiled, inlined
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from .result import Numbers
+from .running import array_namespace, may_hold
 
 ARMIJO, CURVATURE = 1e-4, 0.9  # constants of the Wolfe conditions, Nocedal & Wright p. 62
-ALONG, CHANGE_ALONG, CHANGE_SQUARED, CHANGE_WITH_NEW = range(4)  # dot products beside those with stored vectors
-BESIDE = 4
+ALONG, CHANGE_ALONG, CHANGE_SQUARED, CHANGE_WITH_NEW = range(-4, 0)  # dot products after those with stored vectors
 
 
-@inlined
-def _remember(
-    products: Floats, with_gradient: Floats, dots: Floats, pairs: int, step: Real, tiny: Real, along: int
-) -> tuple[int, int]:
-    """Enters the dot products of a new s and y, over the oldest pair's; returns its place and the pairs stored.
+class SearchState(NamedTuple):
+    """A few numbers of each running problem, A of them, with m stored pairs, the newest first.
 
-    A pair whose curvature is lost in rounding is not stored: its place is -1.
+    Attributes:
+        values: (A,), the objective at the point.
+        steps, lows, highs: (A,), the step to the next trial, and its bracket.
+        inverse: (A, m, m), U⁻¹.
+        of_changes: (A, m, m), Y·Yᵀ.
+        curvatures: (A, m), each y with its s.
+        with_gradient: (A, 2, m), each s, then each y with the gradient.
     """
-    both = len(with_gradient)
-    m = both // 2
-    sy, yy = step * dots[along + CHANGE_ALONG], dots[along + CHANGE_SQUARED]
-    at = -1
-    if sy > tiny * yy:
-        at = pairs % m
-        for k in range(m):  # of y with each s, and of each y with y
-            products[at, k] = dots[k] - with_gradient[k]
-            products[at, k + m] = dots[k + m] - with_gradient[k + m]
-            products[k, at + m] = products[at, k + m]
-        products[at, at], products[at, at + m] = sy, yy
-        pairs += 1
-    for k in range(both):
-        with_gradient[k] = dots[k]
-    if at >= 0:
-        with_gradient[at], with_gradient[at + m] = step * dots[along + ALONG], dots[along + CHANGE_WITH_NEW]
-    return at, pairs
+
+    values: Numbers
+    steps: Numbers
+    lows: Numbers
+    highs: Numbers
+    inverse: Numbers
+    of_changes: Numbers
+    curvatures: Numbers
+    with_gradient: Numbers
+
+    @classmethod
+    def at_start(cls, values: Numbers, memory: int) -> SearchState:
+        """With the objective's values (A,).  There are no pairs: rows and columns of U⁻¹ are 0, and γ is 1."""
+        stack, zeros = array_namespace(values).stack, array_namespace(values).zeros_like(values)
+        row = stack([zeros] * memory, 1)
+        square = stack([row] * memory, 1)
+        return cls(values, zeros + 1, zeros, zeros + math.inf, square, square + 1, row + 1, stack([row] * 2, 1))
+
+    def without_pairs(self, which: Numbers) -> SearchState:
+        """The problems ``which`` (A,) have none any more."""
+        where, which = array_namespace(which).where, which[:, None]
+        return self._replace(
+            inverse=where(which[:, None], 0, self.inverse),
+            of_changes=where(which[:, None], 1, self.of_changes),
+            curvatures=where(which, 1, self.curvatures),
+        )
+
+    def where(self, mask: Numbers, other: SearchState) -> SearchState:
+        """These where ``mask`` (A,) holds, elsewhere ``other``."""
+        where, masks = array_namespace(mask).where, [mask, mask[:, None], mask[:, None, None]]
+        return SearchState(*(where(masks[mine.ndim - 1], mine, its) for mine, its in zip(self, other, strict=True)))
 
 
-@inlined
-def _two_loops(products: Floats, gradient: Floats, pairs: int, coefficients: Floats, alphas: Floats) -> Real:
-    """H·gradient = γ·gradient + Σ coefficient·vector (Nocedal & Wright, algorithm 7.4): γ, and the coefficients (2m,).
+class Decisions(NamedTuple):
+    """What each of A problems does; one that has ended does nothing.
 
-    Args:
-        products: (m, 2m), of each stored y with all stored vectors, first s, then y; of an s only where it is no newer.
-        gradient: (2m,), their products with the gradient.
-        pairs: stored so far.
+    Attributes:
+        steps: (A,), the step by which it moves on to its trial point, or 0.
+        stays: (A,), whether it tries another step instead.
+        stores: (A,), whether s and y of its step are to be stored: not where their curvature is lost in rounding.
+        coefficients: (A, 2m + 1) of its new direction, if it moves: of each s, of each y, and of the gradient.
     """
-    both = len(coefficients)
-    m = both // 2
-    stored = min(m, pairs)
-    coefficients[:] = 0
-    gamma: Real = gradient[0] - gradient[0] + 1
-    for age in range(1, stored + 1):
-        at = (pairs - age) % m
-        alpha = gradient[at]
-        for newer in range(1, age):
-            k = (pairs - newer) % m
-            alpha += products[k, at] * coefficients[k + m]
-        alphas[at] = alpha / products[at, at]
-        coefficients[at + m] -= alphas[at]
-    if stored > 0:
-        at = (pairs - 1) % m
-        gamma = products[at, at] / products[at, at + m]
-    for k in range(both):
-        coefficients[k] *= gamma
-    for age in range(stored, 0, -1):
-        at = (pairs - age) % m
-        beta = gamma * gradient[at + m]
-        for k in range(both):  # those of newer steps are still 0
-            beta += products[at, k] * coefficients[k]
-        coefficients[at] += alphas[at] - beta / products[at, at]
-    return gamma
+
+    steps: Numbers
+    stays: Numbers
+    stores: Numbers
+    coefficients: Numbers
 
 
-@inlined
-def _between(low: Real, high: Real, guess: Real) -> Real:
-    """The next step in a bracket: where a parabola has its minimum, or, of one bounded from below, its middle."""
-    tenth: Real = (high - low) / 10
-    if low != 0:
-        guess = low + (high - low) / 2
-    least: Real = low + tenth
-    if not guess > least:  # or the parabola is none
-        return least
-    return min(guess, high - tenth)
-
-
-@compiled
+@np.errstate(all="ignore")  # what is masked may be not finite
 def decide(
-    trial_values: Floats,
-    dots: Floats,
-    tiny: Real,
-    values: Floats,
-    slopes: Floats,
-    steps: Floats,
-    lows: Floats,
-    highs: Floats,
-    pairs: Integers,
-    products: Floats,
-    with_gradient: Floats,
-    taken: Floats,
-    places: Integers,
-    coefficients: Floats,
-) -> None:
+    state: SearchState, running: Numbers, slopes: Numbers, trial_values: Numbers, dots: Numbers
+) -> tuple[SearchState, Decisions]:
     """For each problem, whether it moves on to its trial point, and its next direction or step.
 
     Args:
-        trial_values: (B,), the objective at the trial points.
-        dots: (B, 2m + 4): of the gradient there with the stored vectors (B, 2m) and the direction, and of its change
+        state: of the last trial.
+        running: (A,), which problems have not ended.
+        slopes: (A,), the objective's along the direction.
+        trial_values: (A,), the objective at the trial points.
+        dots: (A, 2m + 4): of the gradient there with each stored s, then y, and with the direction, and of its change
             with the direction, with itself, and with the gradient.
-        tiny: curvature, as a share of ‖y‖², that is rounding.
-        values, slopes, steps, lows, highs: (B,), the objective at the point and its slope along the direction; the
-            step to the trial; the bracket.  All but the slopes are set anew.
-        pairs, products, with_gradient: (B,), (B, m, 2m), (B, 2m), of :func:`_two_loops`; set anew where it moves.
-        taken: (B,), set to the step of those that move; 0 of those that stay.
-        places: (B,), set to where s and y are to be stored; -1 where not.
-        coefficients: (B, 2m + 1), those of -H·gradient where it moves: of the stored vectors, and of the gradient.
+
+    Returns:
+        The state of the next trial, and the decisions.
     """
-    along = dots.shape[1] - BESIDE
-    alphas = trial_values.repeat(along)
-    for i in range(len(values)):
-        step, slope = steps[i], slopes[i]
-        enough = trial_values[i] <= values[i] + trial_values.dtype.type(ARMIJO) * step * slope  # False for NaN
-        taken[i], places[i] = 0, -1
-        if enough and dots[i, along + ALONG] >= trial_values.dtype.type(CURVATURE) * slope:
-            taken[i], steps[i], lows[i], highs[i] = step, 1, 0, float("inf")
-            values[i] = trial_values[i]
-            places[i], pairs[i] = _remember(products[i], with_gradient[i], dots[i], pairs[i], step, tiny, along)
-            gamma = _two_loops(products[i], with_gradient[i], pairs[i], coefficients[i, :along], alphas)
-            coefficients[i, along] = gamma
-            for k in range(along + 1):
-                coefficients[i, k] = -coefficients[i, k]
-        elif enough:  # too short
-            lows[i] = step
-            unbounded = highs[i] == float("inf")
-            steps[i] = 2 * step if unbounded else _between(step, highs[i], step)
-        else:  # too long
-            highs[i] = step
-            # the minimum of the parabola through both values and the slope
-            parabola = -slope * step * step / (2 * (trial_values[i] - values[i] - step * slope))
-            steps[i] = _between(lows[i], step, parabola)
+    enough = trial_values <= state.values + ARMIJO * state.steps * slopes  # False for NaN
+    moves = enough & (dots[:, ALONG] >= CURVATURE * slopes) & running
+    stays, steps = ~moves & running, state.steps
+    moved, stores = _moved(state, moves, trial_values, dots)
+    coefficients = _direction(moved)
+    if may_hold(~moves):
+        moved = moved.where(moves, _next_trial(state, stays, enough, slopes, trial_values))
+        steps = array_namespace(dots).where(moves, steps, 0)
+    return moved, Decisions(steps, stays, stores, coefficients)
+
+
+def _next_trial(
+    state: SearchState, stays: Numbers, enough: Numbers, slopes: Numbers, trial_values: Numbers
+) -> SearchState:
+    """With the next step of those that stay: the last was too short if ``enough``, or too long, (A,) each."""
+    xp, steps = array_namespace(slopes), state.steps
+    lows, highs = xp.where(enough, steps, state.lows), xp.where(enough, state.highs, steps)
+    # the minimum of the parabola through both values and the slope; in a bracket bounded from below, its middle
+    guess = -slopes * steps * steps / (2 * (trial_values - state.values - steps * slopes))
+    guess = xp.where(lows != 0, lows + (highs - lows) / 2, guess)
+    tenth = (highs - lows) / 10
+    least = lows + tenth
+    within = xp.where(guess > least, xp.minimum(guess, highs - tenth), least)  # the parabola may be none
+    return state._replace(
+        steps=xp.where(stays, xp.where(highs == math.inf, 2 * steps, within), steps),
+        lows=xp.where(stays, lows, state.lows),
+        highs=xp.where(stays, highs, state.highs),
+    )
+
+
+def _moved(state: SearchState, moves: Numbers, trial_values: Numbers, dots: Numbers) -> tuple[SearchState, Numbers]:
+    """As if all moved to their trial points; and whether each pair is stored, (A,)."""
+    xp, m, steps = array_namespace(dots), state.curvatures.shape[1], state.steps
+    s_y, y_y = steps * dots[:, CHANGE_ALONG], dots[:, CHANGE_SQUARED]
+    stores = moves & (s_y > xp.finfo(dots.dtype).eps * y_y)
+    old_with_gradient = dots[:, : 2 * m].reshape(state.with_gradient.shape)
+    old_with_change = old_with_gradient - state.with_gradient
+    inverse, of_changes, curvatures, with_gradient = (xp.empty_like(each) for each in state[4:])
+    # the new row of U is [sᵀy, r], that of its inverse [1, -r·U⁻¹] / sᵀy
+    inverse[:, 0, 0], inverse[:, 1:, 0] = 1 / s_y, 0
+    inverse[:, 0, 1:] = (old_with_change[:, :1] @ state.inverse)[:, 0, :-1] / -s_y[:, None]
+    inverse[:, 1:, 1:] = state.inverse[:, :-1, :-1]
+    of_changes[:, 0, 0] = y_y
+    of_changes[:, 0, 1:] = of_changes[:, 1:, 0] = old_with_change[:, 1, :-1]
+    of_changes[:, 1:, 1:] = state.of_changes[:, :-1, :-1]
+    curvatures[:, 0], curvatures[:, 1:] = s_y, state.curvatures[:, :-1]
+    with_gradient[:, 0, 0], with_gradient[:, 1, 0] = steps * dots[:, ALONG], dots[:, CHANGE_WITH_NEW]
+    with_gradient[:, :, 1:] = old_with_gradient[:, :, :-1]
+    zeros = xp.zeros_like(steps)
+    moved = SearchState(
+        trial_values, zeros + 1, zeros, zeros + math.inf, inverse, of_changes, curvatures, with_gradient
+    )
+    if may_hold(~stores):
+        moved = moved.where(stores, SearchState(*moved[:4], *state[4:-1], old_with_gradient))
+    return moved, stores
+
+
+def _direction(state: SearchState) -> Numbers:
+    """The coefficients (A, 2m + 1) of -H·g: of each s, of each y, and of the gradient."""
+    gamma = state.curvatures[:, :1] / state.of_changes[:, :1, 0]
+    alphas = state.with_gradient[:, :1] @ state.inverse  # (A, 1, m)
+    of_y = gamma * (state.with_gradient[:, 1:] - alphas @ state.of_changes)[:, 0]
+    alphas = alphas[:, 0]
+    of_s = state.inverse @ (state.curvatures * alphas - of_y)[:, :, None]
+    return array_namespace(gamma).concatenate([-of_s[:, :, 0], gamma * alphas, -gamma], 1)

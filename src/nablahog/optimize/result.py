@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol, TypeAlias, TypedDict, runtime_checkable
+from typing import Any, Protocol, TypeAlias, TypedDict, runtime_checkable
 
 import torch
 from torch import Tensor
 
 ObjectiveFunction: TypeAlias = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
 """(points (A, N), indices (A,) of their problems in the batch, all different) to (values (A,), gradients (A, N))."""
+
+Numbers: TypeAlias = Any
+"""A few numbers of each problem: a tensor, or an array of NumPy, whose operations take a quarter of the time."""
 
 Watch: TypeAlias = Callable[[Tensor, Tensor], None]
 """Called after each call of the objective: the indices (A,) of its problems, and their evaluations (A,) so far.
@@ -84,9 +87,6 @@ class StopReason(str, Enum):
         return self.value
 
 
-WINDOW = 20  # evaluations over which progress is judged
-
-
 class Stopping(TypedDict, total=False):
     """When a search stops, and who watches it.
 
@@ -131,33 +131,27 @@ class History:
     """Collects one number a problem and evaluation, where problems spend their evaluations at different times.
 
     Args:
-        like: tensor whose dtype and device the numbers have.
         batch: number of problems.
-
-    Attributes:
-        table: (evaluations + 1, B), row k after k evaluations; row 0 takes what is not to be kept.
     """
 
-    def __init__(self, like: Tensor, batch: int) -> None:
-        self.table = like.new_zeros(1, batch)
-        self.filled_in = torch.zeros(1, batch, dtype=torch.bool, device=like.device)
+    def __init__(self, batch: int) -> None:
+        self._batch = batch
+        self._added: list[tuple[Numbers, Tensor, Numbers]] = []
 
-    def add(self, evaluations: Tensor, index: Tensor, numbers: Tensor, most: int | None = None) -> None:
+    def add(self, evaluations: Numbers, index: Tensor, numbers: Numbers) -> None:
         """The problems ``index`` (A,) have ``numbers`` (A,) after ``evaluations`` (A,), counted from 1; 0 adds none.
 
-        ``most`` is the largest that these can be, if it is known: to ask for it is to wait for the device.
+        None of them may be changed later.
         """
-        grow = (int(evaluations.max()) if most is None else most) + 1 - len(self.table)
-        if grow > 0:
-            grow = max(grow, len(self.table))  # doubled, so that the copies cost no more than the entries
-            self.table, self.filled_in = (
-                torch.cat([t, t.new_zeros(grow, t.shape[1])]) for t in (self.table, self.filled_in)
-            )
-        self.table[evaluations, index], self.filled_in[evaluations, index] = numbers, True
+        self._added.append((evaluations, index, numbers))
 
     def filled(self, length: int) -> Tensor:
         """(length, B): where a problem has no number it repeats its last.  Each has one after its first evaluation."""
-        rows = torch.arange(len(self.filled_in), device=self.filled_in.device).unsqueeze(1)
-        last = torch.where(self.filled_in, rows, 0)[1:].cummax(dim=0).values
-        last = last[torch.arange(length, device=last.device).clamp(max=len(last) - 1)]
-        return self.table.gather(0, last)
+        evaluations, index, numbers = (
+            torch.cat([torch.as_tensor(part) for part in parts]) for parts in zip(*self._added, strict=True)
+        )
+        most = max(length, int(evaluations.max()))
+        table = numbers.new_zeros(most + 1, self._batch)
+        last = torch.zeros_like(table, dtype=torch.long)
+        table[evaluations, index], last[evaluations, index] = numbers, evaluations
+        return table.gather(0, last[1 : length + 1].cummax(dim=0).values)

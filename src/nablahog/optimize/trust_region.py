@@ -5,34 +5,11 @@ The constants are those of Chumpy's ``minimize_dogleg``; the path is that of Noc
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
-
 import torch
 from torch import Tensor
 
 GOOD, GROWN = 0.9, 2.5  # a gain above GOOD makes the radius at least GROWN steps long
 BAD, SHRUNK = 0.05, 0.25  # a gain below BAD shrinks the radius
-
-
-class NewtonSteps(Protocol):
-    """Gauss-Newton steps and Cauchy steps (B, N), and J times each (B, M)."""
-
-    step: Tensor
-    image: Tensor
-    cauchy: Tensor
-    cauchy_image: Tensor
-
-
-class Step(NamedTuple):
-    """Steps (A, N) with J times each (A, M) and their lengths (A,)."""
-
-    step: Tensor
-    image: Tensor
-    length: Tensor
-
-    def of(self, mask: Tensor) -> Step:
-        """Those for which ``mask`` (A,) holds."""
-        return Step(*(tensor[mask] for tensor in self))
 
 
 def path_weights(cauchy: Tensor, newton: Tensor, radius: Tensor) -> tuple[Tensor, Tensor]:
@@ -48,40 +25,20 @@ def path_weights(cauchy: Tensor, newton: Tensor, radius: Tensor) -> tuple[Tensor
     return of_cauchy.unsqueeze(1), of_newton.unsqueeze(1)
 
 
-class TrustRegion:
-    """The radius of each problem.
+def next_radius(radius: Tensor, length: Tensor, gain: Tensor, accepted: Tensor) -> Tensor:
+    """The radius (A,) after a trial.
 
     Args:
-        like: (B,), dtype and device.
-        radius: the first; None for the length of the first step.
+        radius: (A,), before.
+        length: (A,), of the steps.
+        gain: (A,), the decrease as a share of the predicted one.
+        accepted: (A,), whether the steps are taken.
     """
-
-    def __init__(self, like: Tensor, radius: float | None) -> None:
-        self.radius = torch.full_like(like, torch.inf if radius is None else radius)
-
-    def step(self, newton: NewtonSteps, rows: Tensor) -> Step:
-        """The dogleg steps of the problems ``rows`` (A,)."""
-        weights = path_weights(newton.cauchy[rows], newton.step[rows], self.radius[rows])
-        step = weights[0] * newton.cauchy[rows] + weights[1] * newton.step[rows]
-        image = weights[0] * newton.cauchy_image[rows] + weights[1] * newton.image[rows]
-        length = step.norm(dim=1)
-        self.radius[rows] = torch.where(self.radius[rows].isinf(), length, self.radius[rows])
-        return Step(step, image, length)
-
-    def update(self, rows: Tensor, length: Tensor, gain: Tensor, accepted: Tensor) -> None:
-        """After trials of the problems ``rows`` (A,).
-
-        Args:
-            rows: (A,).
-            length: (A,), of their steps.
-            gain: (A,), the decrease as a share of the predicted one.
-            accepted: (A,).
-        """
-        radius = self.radius[rows]
-        grown = torch.where(gain > GOOD, torch.maximum(radius, GROWN * length), radius)
-        self.radius[rows] = torch.where(accepted & (gain >= BAD), grown, SHRUNK * radius)
-        # Chumpy tries a rejected Gauss-Newton step again until the radius cuts it; each trial would fail like the first
-        self.radius[rows] = torch.where(accepted, self.radius[rows], shrunk_below(self.radius[rows], length))
+    grown = torch.where(gain > GOOD, torch.maximum(radius, GROWN * length), radius)
+    # Chumpy tries a rejected Gauss-Newton step again until the radius cuts it; each trial would fail like the first
+    return torch.where(
+        accepted, torch.where(gain >= BAD, grown, SHRUNK * radius), shrunk_below(SHRUNK * radius, length)
+    )
 
 
 def shrunk_below(radius: Tensor, length: Tensor) -> Tensor:
