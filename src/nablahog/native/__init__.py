@@ -50,6 +50,14 @@ def available() -> bool:
     return library() is not None
 
 
+def can_read(*tensors: Tensor) -> bool:
+    """Whether there are compiled loops that can read tensors: on a CPU, outside of function transforms."""
+    try:
+        return available() and all(tensor.detach().numpy() is not None for tensor in tensors)
+    except (TypeError, RuntimeError):  # on another device; or with numbers that show no memory
+        return False
+
+
 def function(name: str, *types: Any) -> Callable[..., None]:
     """A function of the C interface, without its prefix ``nablahog_``; looked up at its first call.
 
@@ -84,7 +92,9 @@ def array(*dtypes: type[np.generic]) -> Any:
             values = value.detach().numpy() if isinstance(value, Tensor) else value
             if values.dtype not in allowed or not values.flags.c_contiguous:
                 names = " or ".join(sorted(map(str, allowed)))
-                raise TypeError(f"expected a C-contiguous array of {names}, got {values.dtype}, strides {values.strides}")
+                raise TypeError(
+                    f"expected a C-contiguous array of {names}, got {values.dtype}, strides {values.strides}"
+                )
             return ctypes.c_void_p(values.ctypes.data)
 
     return Address
