@@ -71,7 +71,7 @@ def prepared(mesh: Mesh, case: Case, method: Method = "edges") -> Renderer:
     """The renderer with everything made that it makes once."""
     camera = Camera(2.6 * case.side, case.side, case.side)
     renderer = Renderer(mesh, camera, supersampling=case.samples, method=method)
-    assert renderer.compiled
+    renderer.render(pose(0), torch.ones(1, case.side, case.side), derivative=False)
     return renderer
 
 
@@ -83,10 +83,10 @@ def calls(renderer: Renderer) -> dict[str, Call]:
     grad_image = torch.rand(BATCH, camera.height, camera.width, generator=torch.Generator().manual_seed(0))
 
     def with_derivative() -> object:
-        rendering = renderer.compiled.render(poses, background, True)
+        rendering = renderer.render(poses, background, derivative=True)
         return pose_vjp(grad_image, rendering.screen_gradient, poses, camera)
 
-    return {"forward": lambda: renderer.compiled.render(poses, background, False), "with derivative": with_derivative}
+    return {"forward": lambda: renderer.render(poses, background, derivative=False), "with derivative": with_derivative}
 
 
 def timed(case: Case, seconds: float) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from nablahog.render.rasterize import barycentric, normalize_weights, rasterize,
 
 HEIGHT, WIDTH = 23, 31
 dtypes = pytest.mark.parametrize("dtype", [torch.float32, torch.float64], ids=["float32", "float64"])
-backends = pytest.mark.parametrize("find", [rasterize, rasterize_torch], ids=["compiled", "torch"])
+backends = pytest.mark.parametrize("find", [rasterize, rasterize_torch], ids=["native", "torch"])
 
 
 def soup(seed: int, count: int = 40) -> tuple[Tensor, Tensor]:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
 from torch.testing import assert_close
 
+from nablahog import native
 from nablahog.datasets.chairs import chair
 from nablahog.render import Camera, Mesh, render
-from nablahog.render.simplify import simplify
+from nablahog.render.simplify import collapse_edges, simplify
 
 from .shapes import box, cylinder, joined, poses
 
@@ -58,3 +60,12 @@ def test_parts_that_no_edge_joins_stay_apart() -> None:
     one = box((1.0, 1.0, 1.0))
     near = Mesh(one.vertices + 1e-3, one.faces, one.brightness)
     assert len(simplify(joined(one, near), 0.1).faces) == 2 * len(one.faces)
+
+
+def test_loops_and_plain_python_merge_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    generator = np.random.default_rng(0)
+    places, ends = generator.normal(size=(300, 3)), generator.integers(300, size=(900, 2))
+    result = collapse_edges(places, ends, 1.5)
+    assert 5 < len(np.unique(result)) < 250
+    monkeypatch.setattr(native, "library", lambda: None)
+    np.testing.assert_array_equal(collapse_edges(places, ends, 1.5), result)

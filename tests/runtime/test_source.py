@@ -32,7 +32,7 @@ DECIDING = (
     (TABLE2, "native/*.cpp"),
     (TABLE2, "hog/kernels/[!_]*.py"),
     (TABLE2, "optimize/momentum.py"),
-    (TABLE2, "render/kernels/[!_]*.py"),
+    (TABLE2, "render/rendering.py"),
     (TABLE2, "pose/whitening.py"),
     (TABLE2, "datasets/chairs.py"),
 )

@@ -93,9 +93,10 @@ class Scene:
         with as_request_error():
             poses = self._poses(pose, place)
             values, derivatives = self.similarity.derivatives(poses)
-            compiled = self.prepared.renderer(supersampling=SUPERSAMPLING).compiled
+            renderer = self.prepared.renderer(supersampling=SUPERSAMPLING)
             white, black = (
-                compiled.render(poses, torch.full((1, SIDE, SIDE), level), False).image[0] for level in (1.0, 0.0)
+                renderer.render(poses, torch.full((1, SIDE, SIDE), level), derivative=False).image[0]
+                for level in (1.0, 0.0)
             )
         opacity = (1 - (white - black)).clamp(0, 1)
         own = torch.where(opacity > 0, black / torch.where(opacity > 0, opacity, 1), 0)

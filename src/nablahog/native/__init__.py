@@ -69,6 +69,14 @@ def changed_since(core: Path) -> list[str]:
     return sorted(each.name for each in sources if each.stat().st_mtime > built)
 
 
+def can_read(*tensors: Tensor) -> bool:
+    """Whether there are compiled loops that can read tensors: on a CPU, outside of function transforms."""
+    try:
+        return available() and all(tensor.detach().numpy() is not None for tensor in tensors)
+    except (TypeError, RuntimeError):  # on another device; or with numbers that show no memory
+        return False
+
+
 def function(name: str, *types: Any) -> Callable[..., None]:
     """A function of the C interface, without its prefix ``nablahog_``; looked up at its first call.
 

@@ -10,7 +10,7 @@
 
 namespace nablahog {
 
-// Hands out arrays of zeros, each of whole cache lines and with room for a vector beyond its end.
+// Hands out arrays, each of whole cache lines and with room for a vector beyond its end.
 class Workspace {
  public:
   // Takes back all arrays.  If they were in several pieces, they will be in one from now on.
@@ -24,10 +24,16 @@ class Workspace {
 
   template <class T>
   T* zeros(int64_t count) {
+    T* array = uninitialized<T>(count);
+    std::memset(static_cast<void*>(array), 0, round_up(count * sizeof(T) + vector_bytes, alignment));
+    return array;
+  }
+
+  template <class T>
+  T* uninitialized(int64_t count) {
     const size_t bytes = round_up(count * sizeof(T) + vector_bytes, alignment);
     if (pieces_.empty() || used_ + bytes > piece_size_) add_piece(bytes > least ? bytes : least);
     char* at = pieces_.back().get() + used_;
-    std::memset(at, 0, bytes);
     used_ += bytes;
     total_ += bytes;
     return reinterpret_cast<T*>(at);

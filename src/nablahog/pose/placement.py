@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull, QhullError
 from torch import Tensor
 
 from ..render import Camera, Mesh
-from ..render.kernels.pose import rotations
+from ..render.camera import rotation_matrices as rotations
 from ..runtime.compile import compiled
 from .crop import DISTANCE
 

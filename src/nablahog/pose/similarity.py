@@ -178,15 +178,14 @@ class Similarity:
 
     def _in_batches(self, work: Callable[[Tensor], T], poses: Tensor) -> list[T]:
         self.renderings += len(poses)
-        assert self.renderer.compiled  # made here, before several threads ask for it
         return in_batches(work, downsampled_poses(poses, self.template.shrink))
 
     def _values(self, poses: Tensor) -> Tensor:
-        rendering = self.renderer.compiled.render(poses, self.background, False)
+        rendering = self.renderer.render(poses, self.background, derivative=False)
         return self.template.similarities(rendering.image[:, None]).double()
 
     def _derivatives(self, poses: Tensor) -> tuple[Tensor, Tensor]:
-        rendering = self.renderer.compiled.render(poses, self.background, True)
+        rendering = self.renderer.render(poses, self.background, derivative=True)
         values, grad_images = self.template.similarities_and_gradients(rendering.image[:, None])
         grad_poses = pose_vjp(grad_images[:, 0], rendering.screen_gradient, poses, self.renderer.camera)
         return values.double(), grad_poses.double()

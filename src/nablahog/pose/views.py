@@ -68,10 +68,10 @@ def _described(model: PreparedModel, spec: HOGSpec, whitener: Whitener, shrink: 
     """What :func:`view_descriptors` returns, rendered."""
     poses = fit_to_box(level_poses(equidistant_azimuths(VIEW_COUNT), elevation), model.hull, model.camera, FILL)
     renderer = model.renderer(detail=DETAIL, shrink=shrink)
-    compiled, background = renderer.compiled, white_background(renderer.camera)
+    background = white_background(renderer.camera)
 
     def describe_views(some: Tensor) -> Tensor:
-        descriptors = describe(compiled.render(some, background, False).image[:, None], spec)
+        descriptors = describe(renderer.render(some, background, derivative=False).image[:, None], spec)
         return descriptors.flatten(1) / deviations(whitener.energies(descriptors))[:, None]
 
     return torch.cat(in_batches(describe_views, downsampled_poses(poses, shrink)))

@@ -7,10 +7,15 @@ Object frame (PASCAL3D+): z up, the front looks to -y.  Camera frame: x right, y
 from __future__ import annotations
 
 import math
+from ctypes import c_int64
 from dataclasses import dataclass
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
+
+from .. import native
 
 PARAMETERS = ("azimuth", "elevation", "distance", "theta", "x", "y")
 """The columns of a tensor of poses (B, 6).
@@ -105,6 +110,20 @@ def rotations(poses: Tensor) -> Tensor:
     forward = torch.stack([-ce * sa, ce * ca, -se], dim=-1)
     st, ct = theta.sin()[:, None], theta.cos()[:, None]
     return torch.stack([ct * right + st * down, ct * down - st * right, forward], dim=1)
+
+
+_DOUBLES = native.array(np.float64)
+_rotations = native.function("rotations", _DOUBLES, c_int64, _DOUBLES)
+
+
+def rotation_matrices(poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """:func:`rotations` without a derivative, which as operations of PyTorch take longer than a small rendering."""
+    if not native.available():
+        matrices: NDArray[np.float64] = rotations(torch.from_numpy(poses)).numpy()
+        return matrices
+    matrices = np.empty((len(poses), 3, 3))
+    _rotations(np.ascontiguousarray(poses), len(poses), matrices)
+    return matrices
 
 
 def to_camera(points: Tensor, poses: Tensor) -> Tensor:

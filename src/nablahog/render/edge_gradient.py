@@ -151,16 +151,17 @@ def antialias(
     inverse: Tensor,
     crossings: Crossings,
     screen: Tensor,
+    motion: Tensor,
     edges: Edges,
     faces: Tensor,
     step: int,
 ) -> Tensor:
     """Samples (B, H · step, W · step) to pixels (B, H, W): means, with visible edges where they cross.
 
-    Differentiable in ``samples`` and in ``screen`` (B, V, 3).
+    Differentiable in ``samples``; linear in ``motion``, the change of ``screen`` (B, V, 3), of which images change by
+    the derivative.
     """
     image = torch.nn.functional.avg_pool2d(samples[:, None], step)[:, 0]
-    motion = screen - screen.detach()  # 0; only its derivative matters
     for axis in (0, 1):
         links = _Links.along(axis, samples, ids)
         on_axis = crossings.select(crossings.axis == axis)

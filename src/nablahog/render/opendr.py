@@ -69,15 +69,17 @@ def _difference(samples: Tensor, drawn: Tensor, dim: int) -> Tensor:
     return torch.where(number > 0, one_sided / number.clamp(min=1), before + after)
 
 
-def resolve(samples: Tensor, ids: Tensor, drawn: Tensor, screen: Tensor, faces: Tensor, step: int) -> Tensor:
+def resolve(
+    samples: Tensor, ids: Tensor, drawn: Tensor, screen: Tensor, motion: Tensor, faces: Tensor, step: int
+) -> Tensor:
     """Samples (B, H · step, W · step) to pixels (B, H, W): means.
 
-    Differentiable as :func:`.edge_gradient.antialias` is.
+    Differentiable in ``samples`` and linear in ``motion`` as :func:`.edge_gradient.antialias` is.
     """
     image = torch.nn.functional.avg_pool2d(samples[:, None], step)[:, 0]
     along_x, along_y = image_gradient(samples.detach(), drawn)
     place = ((ids >= 0) & ((along_x != 0) | (along_y != 0))).nonzero()
     n, row, col = place.T
-    motion = surface_motion(screen, screen - screen.detach(), faces[ids[n, row, col]], n, col + 0.5, row + 0.5)
-    change = -(along_x[n, row, col] * motion[:, 0] + along_y[n, row, col] * motion[:, 1]) / step**2
+    moved = surface_motion(screen, motion, faces[ids[n, row, col]], n, col + 0.5, row + 0.5)
+    change = -(along_x[n, row, col] * moved[:, 0] + along_y[n, row, col] * moved[:, 1]) / step**2
     return image.index_put((n, row // step, col // step), change, accumulate=True)

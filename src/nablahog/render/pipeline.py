@@ -1,4 +1,4 @@
-"""The rendering in PyTorch, on any device, differentiable in everything; the compiled loops are tested against it.
+"""The rendering in PyTorch, on any device, differentiable in everything; the native loops are tested against it.
 
 Projection, rasterisation and anti-aliasing are modules of their own; clipping and shading are here.
 """
@@ -113,8 +113,11 @@ def render_torch(
     background: Tensor,
     step: int,
     method: str,
+    by_motion: bool = False,
 ) -> Tensor:
-    """Images (B, H, W) of a mesh at poses (B, 6) over backgrounds (1 or B, H, W), which decide the dtype.
+    """Images (B, 1, H, W) of a mesh at poses (B, 6) over backgrounds (1 or B, H, W), which decide the dtype.
+
+    Where several edges meet in a pixel their areas may add up to more than it has: images may leave 0…1.
 
     Args:
         mesh: its vertices and faces.
@@ -123,6 +126,7 @@ def render_torch(
         poses, camera, background: the view.
         step: samples of a pixel along a side.
         method: "edges" or "opendr".
+        by_motion: whether four more channels are wanted, the screen gradient of :class:`.rendering.Rendering`.
     """
     points, faces = to_camera(mesh.vertices, poses), mesh.faces
     near = (1 - 1e-6) * NEAR * poses.detach()[:, None, 2:3]
@@ -131,7 +135,9 @@ def render_torch(
     elif bool((cut := (points[..., 2:] <= near).flatten(1).any(1)).any()):
         groups, order = together(cut)
         behind = background.expand(len(poses), -1, -1)
-        images = [render_torch(mesh, brightness, edges, poses[g], camera, behind[g], step, method) for g in groups]
+        images = [
+            render_torch(mesh, brightness, edges, poses[g], camera, behind[g], step, method, by_motion) for g in groups
+        ]
         return torch.cat(images)[order]
     beside = points[..., 2:].abs() < 1e-3 * near  # not drawn, but 1 / depth could be infinite and have no derivative
     screen = to_screen(torch.where(beside, -1.0, points), poses, camera)
@@ -140,14 +146,22 @@ def render_torch(
     ids, inverse = rasterize(screen, faces, camera.height * step, camera.width * step)
     samples = _shade(ids, screen, faces, brightness, background.expand(len(poses), -1, -1), step)
     crossings = edge_gradient.edge_crossings(screen, edges, ids, inverse)
-    if method == "edges":
-        image = edge_gradient.antialias(samples, ids, inverse, crossings, screen, edges, faces, step)
-    else:
+    if method == "opendr":
         silhouette = edge_gradient.silhouette_edges(screen.detach(), edges)
         drawn, (inverse, samples, ids) = opendr.draw_silhouettes(crossings, silhouette, inverse, samples, ids)
-        image = opendr.resolve(samples, ids, drawn, screen, faces, step)
-    # where several edges meet in a pixel their areas may add up to more than it has; the derivative stays
-    return image - (image - image.clamp(0, 1)).detach()
+
+    def moved_by(motion: Tensor) -> Tensor:
+        if method == "edges":
+            return edge_gradient.antialias(samples, ids, inverse, crossings, screen, motion, edges, faces, step)
+        return opendr.resolve(samples, ids, drawn, screen, motion, faces, step)
+
+    image = moved_by(screen - screen.detach())  # by 0; only the derivative matters
+    if not by_motion:
+        return image[:, None]
+    w = screen[..., 2:]
+    zero, one = torch.zeros_like(w), torch.full_like(w, step)
+    motions = [one, zero, zero], [step * w, zero, zero], [zero, one, zero], [zero, step * w, zero]
+    return torch.stack([image, *(moved_by(torch.cat(each, 2)) - image for each in motions)], 1)
 
 
 def _shade(ids: Tensor, screen: Tensor, faces: Tensor, brightness: Tensor, background: Tensor, step: int) -> Tensor:

@@ -6,11 +6,17 @@ through the pixel, b on τ and on the ray.  The ray is that of the pixel's middl
 
 from __future__ import annotations
 
+from ctypes import c_bool, c_double, c_int64
+
+import numpy as np
 import torch
 from torch import Tensor
 
+from .. import native
 from .camera import Camera, pose_velocities
-from .kernels.pose import moments, vjp_from_moments
+
+_REALS, _DOUBLES = native.array(np.float32, np.float64), native.array(np.float64)
+_pose_vjp = native.function("pose_vjp", c_bool, _REALS, _REALS, _DOUBLES, c_int64, c_double, c_int64, c_int64, _DOUBLES)
 
 
 def _rays(poses: Tensor, camera: Camera, like: Tensor) -> tuple[Tensor, Tensor]:
@@ -24,13 +30,13 @@ def pose_jacobian(screen_gradient: Tensor, poses: Tensor, camera: Camera) -> Ten
     """Jacobian (B, 6, H, W) of images with respect to poses (B, 6): per degree, unit of the mesh, or pixel.
 
     Args:
-        screen_gradient: (B, 4, H, W), of :class:`.kernels.compiled.Rendering`.
+        screen_gradient: (B, 4, H, W), of :class:`.rendering.Rendering`.
         poses, camera: those of the images.
 
     >>> from nablahog.render import Renderer, pose, pose_jacobian
     >>> mesh, camera = nablahog.datasets.chairs.chair(3), nablahog.Camera.from_field_of_view(30, 32, 32)
     >>> poses = pose(azimuth=30, distance=3)
-    >>> drawn = Renderer(mesh, camera).compiled.render(poses, torch.ones(1, 32, 32), derivative=True)
+    >>> drawn = Renderer(mesh, camera).render(poses, torch.ones(1, 32, 32), derivative=True)
     >>> pose_jacobian(drawn.screen_gradient, poses, camera).shape
     torch.Size([1, 6, 32, 32])
     """
@@ -58,18 +64,20 @@ def pose_vjp(grad_image: Tensor, screen_gradient: Tensor, poses: Tensor, camera:
     >>> from nablahog.render import Renderer, pose, pose_vjp
     >>> mesh, camera = nablahog.datasets.chairs.chair(3), nablahog.Camera.from_field_of_view(30, 32, 32)
     >>> poses = pose(azimuth=30, distance=3)
-    >>> drawn = Renderer(mesh, camera).compiled.render(poses, torch.ones(1, 32, 32), derivative=True)
+    >>> drawn = Renderer(mesh, camera).render(poses, torch.ones(1, 32, 32), derivative=True)
     >>> pose_vjp(torch.ones(1, 32, 32), drawn.screen_gradient, poses, camera).shape
     torch.Size([1, 6])
     """
-    sums = moments(grad_image, screen_gradient, *_rays(poses, camera, screen_gradient))
-    try:
-        numbers = poses.detach().double().numpy()
-        return torch.from_numpy(vjp_from_moments(sums.numpy(), numbers, camera.focal)).to(screen_gradient)
-    except RuntimeError:  # inside a function transform tensors have numbers but show no memory
-        pass
+    if native.can_read(grad_image, screen_gradient, poses):
+        images, gradients = grad_image.to(screen_gradient).contiguous(), screen_gradient.contiguous()
+        double, numbers = gradients.dtype == torch.float64, poses.detach().double().contiguous()
+        grad_poses = torch.empty_like(numbers)
+        _pose_vjp(
+            double, images, gradients, numbers, len(numbers), camera.focal, camera.height, camera.width, grad_poses
+        )
+        return grad_poses.to(screen_gradient)
     angular, linear, shift = pose_velocities(poses.double())
-    a_x, b_x, a_y, b_y = sums.unbind(1)  # [..., m, n] is with x^m y^n
+    a_x, b_x, a_y, b_y = _moments(grad_image, screen_gradient, *_rays(poses, camera, screen_gradient)).unbind(1)
     by_angular = [
         -a_x[:, 1, 1] - a_y[:, 0, 0] - a_y[:, 0, 2],
         a_x[:, 0, 0] + a_x[:, 2, 0] + a_y[:, 1, 1],
@@ -80,3 +88,10 @@ def pose_vjp(grad_image: Tensor, screen_gradient: Tensor, poses: Tensor, camera:
     velocities = torch.cat([camera.focal * angular, camera.focal * linear, shift], 2)
     grad_poses = velocities @ torch.stack(by_angular + by_linear + by_shift, 1)[..., None]
     return grad_poses[..., 0].to(screen_gradient)
+
+
+def _moments(grad_image: Tensor, screen_gradient: Tensor, x: Tensor, y: Tensor) -> Tensor:
+    """Σ over pixels of ``grad_image`` · ``screen_gradient`` · x^m · y^n, (B, 4, m, n) for m and n in 0…2, float64."""
+    powers_of_x = torch.cat([torch.ones_like(x), x, x * x], 1)[:, None].double()
+    powers_of_y = torch.cat([torch.ones_like(y), y, y * y], 2)[:, None].double()
+    return powers_of_x @ (screen_gradient * grad_image[:, None]).double().mT @ powers_of_y

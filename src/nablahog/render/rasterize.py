@@ -1,13 +1,18 @@
-"""Rasterisation: the nearest triangle at each sample and its depth, compiled on a CPU and in PyTorch elsewhere."""
+"""Rasterisation: the nearest triangle at each sample and its depth, in C++ on a CPU and in PyTorch elsewhere."""
 
 from __future__ import annotations
+
+from ctypes import c_bool, c_int64
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from .kernels.rasterize import rasterize as compiled_rasterize
+from .. import native
 
+_INTEGERS, _REALS = native.array(np.int32), native.array(np.float32, np.float64)
+_MESH = _REALS, c_int64, _INTEGERS, c_int64
+_rasterize = native.function("rasterize", c_bool, *_MESH, c_int64, c_int64, _INTEGERS, _REALS)
 _CHUNK = 2**22  # samples in bounding boxes of triangles that are tested together
 
 
@@ -28,16 +33,14 @@ def rasterize(screen: Tensor, faces: Tensor, height: int, width: int) -> tuple[T
         Neither is differentiable.
     """
     screen = screen.detach().contiguous()
-    try:
-        points = screen.numpy()
-    except (TypeError, RuntimeError):  # it is on another device, or of a function transform, which shows no numbers
+    if not native.can_read(screen):
         return rasterize_torch(screen, faces, height, width)
-    ids = np.empty((len(points), height, width), np.int32)
-    inverse = np.empty(ids.shape, points.dtype)
-    box, triangles = np.array([0, height, 0, width]), faces.to(torch.int32).numpy()
-    for one, visible, w in zip(points, ids, inverse, strict=True):
-        compiled_rasterize(one, triangles, box, visible, w)
-    return torch.from_numpy(ids).long(), torch.from_numpy(inverse)
+    ids = torch.empty(len(screen), height, width, dtype=torch.int32)
+    inverse, triangles = screen.new_empty(ids.shape), faces.int().contiguous()
+    for points, visible, w in zip(screen, ids, inverse, strict=True):
+        double = screen.dtype == torch.float64
+        _rasterize(double, points, len(points), triangles, len(triangles), height, width, visible, w)
+    return ids.long(), inverse
 
 
 def rasterize_torch(screen: Tensor, faces: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:

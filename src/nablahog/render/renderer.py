@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from copy import copy
-from functools import cached_property
 from typing import Any, Literal, TypeAlias
 
 import torch
@@ -11,10 +10,10 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from .camera import Camera, check_poses
-from .kernels.compiled import CompiledRenderer
 from .mesh import Mesh
 from .pipeline import render_torch
 from .pose_gradient import pose_jacobian, pose_vjp
+from .rendering import Rendering, RigidObject
 from .shading import Light, corner_brightness
 from .topology import Edges, mesh_edges, smoothing_groups
 
@@ -77,20 +76,12 @@ class Renderer:
         self.edges: Edges = mesh_edges(mesh)
         self._groups = smoothing_groups(mesh)
         self._brightness = corner_brightness(mesh, self._groups, light).detach()
-
-    @cached_property
-    def compiled(self) -> CompiledRenderer:
-        """The compiled renderings of the mesh, on a CPU, which differentiate by poses only."""
-        mesh, brightness, step = self.mesh, self._brightness, self.supersampling
-        return CompiledRenderer(mesh, brightness, self.edges, self.camera, step, self.method)
+        self._object = RigidObject(mesh, self._brightness, self.edges)
 
     def with_camera(self, camera: Camera) -> Renderer:
         """The same before another camera; what is prepared of the mesh is shared."""
-        if camera == self.camera:
-            return self
         other = copy(self)
         other.camera = camera
-        other.__dict__["compiled"] = self.compiled.with_camera(camera)
         return other
 
     def __call__(self, poses: Tensor, background: float | Tensor = 1.0) -> Tensor:
@@ -99,10 +90,10 @@ class Renderer:
         Differentiable in ``poses``, the mesh's vertices and brightness, and ``background``, in reverse and forward
         mode, and by the transforms of ``torch.func``.
 
-        Two implementations: on a CPU, where only poses are differentiated, compiled loops in float32, which can be
-        differentiated once; otherwise PyTorch, :func:`.pipeline.render_torch`.  Their images agree up to rounding,
-        their derivatives by poses up to one or two percent with ``"edges"``: the compiled loops take the motion of the
-        surface in the middle of a pixel for that in the whole pixel.
+        Two implementations: where only poses are differentiated, :meth:`render` in float32, which can be differentiated
+        once; otherwise PyTorch, :func:`.pipeline.render_torch`.  Their images agree up to rounding, their derivatives
+        by poses up to one or two percent with ``"edges"``: the former takes the motion of the surface in the middle of
+        a pixel for that in the whole pixel.
 
         Args:
             poses: (B, 6), B at least 1, floating point, see :data:`.camera.PARAMETERS`; computed with in float64.
@@ -122,10 +113,31 @@ class Renderer:
         if shape or in_torch or (isinstance(background, Tensor) and is_differentiated(background)):
             brightness = corner_brightness(mesh, self._groups, self.light) if shape else self._brightness
             step, method, view = self.supersampling, self.method, poses.double()
-            return render_torch(mesh, brightness, self.edges, view, self.camera, behind, step, method)[:, None]
+            image = render_torch(mesh, brightness, self.edges, view, self.camera, behind, step, method)
+            return image - (image - image.clamp(0, 1)).detach()  # the derivative stays
         inputs = poses.double(), behind, self, is_differentiated(poses)
-        images: Tensor = _CompiledRendering.apply(*inputs)[0]  # type: ignore[no-untyped-call]
+        images: Tensor = _PoseRendering.apply(*inputs)[0]  # type: ignore[no-untyped-call]
         return images[:, None]
+
+    def render(self, poses: Tensor, background: Tensor, *, derivative: bool) -> Rendering:
+        """Images, and if wanted what derivatives by poses are made from: :func:`.pose_vjp`, :func:`.pose_jacobian`.
+
+        For searches: nothing is recorded for autograd.  It uses as many threads as PyTorch does; the result does not
+        depend on their number.
+
+        Args:
+            poses: (B, 6), float64, see :data:`.camera.PARAMETERS`; not checked.
+            background: (1 or B, H, W), brightness in 0…1.
+            derivative: whether to compute the screen gradient.
+
+        >>> import torch
+        >>> mesh, camera = nablahog.datasets.chairs.chair(3), nablahog.Camera.from_field_of_view(30, 32, 32)
+        >>> renderer, poses = nablahog.Renderer(mesh, camera), nablahog.render.pose(azimuth=30, distance=3)
+        >>> renderer.render(poses, torch.ones(1, 32, 32), derivative=True).screen_gradient.shape
+        torch.Size([1, 4, 32, 32])
+        """
+        step, method = self.supersampling, self.method
+        return self._object.render(poses, self.camera, background, step, method, derivative)
 
     def _background(self, background: float | Tensor, poses: Tensor) -> Tensor:
         height, width = self.camera.height, self.camera.width
@@ -196,12 +208,12 @@ def render(
     return Renderer(mesh, camera, light=light, method=method, supersampling=supersampling)(poses, background)
 
 
-class _CompiledRendering(torch.autograd.Function):
+class _PoseRendering(torch.autograd.Function):
     """Poses (B, 6), a background, a renderer, and whether poses are differentiated, to a :class:`.Rendering`."""
 
     @staticmethod
     def forward(poses: Tensor, background: Tensor, renderer: Renderer, derivative: bool) -> tuple[Tensor, Tensor]:
-        image, screen_gradient = renderer.compiled.render(poses, background, derivative)
+        image, screen_gradient = renderer.render(poses, background, derivative=derivative)
         return image.clamp_(0, 1), screen_gradient
 
     @staticmethod
@@ -231,4 +243,4 @@ class _CompiledRendering(torch.autograd.Function):
     @staticmethod
     def vmap(info: Any, in_dims: Any, *inputs: Any) -> tuple[tuple[Tensor, Tensor], tuple[None, None]]:
         # poses themselves cannot be mapped over, since their numbers are read: tangents are, by jacfwd
-        return _CompiledRendering.apply(*inputs), (None, None)  # type: ignore[no-untyped-call]
+        return _PoseRendering.apply(*inputs), (None, None)  # type: ignore[no-untyped-call]

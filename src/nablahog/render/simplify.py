@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from ctypes import c_double, c_int64
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ..runtime.compile import compiled
+from .. import native
 from .mesh import Mesh, distinct
 from .topology import weld_vertices
+
+_DOUBLES, _INDICES = native.array(np.float64), native.array(np.int64)
+_collapse = native.function("collapse", _DOUBLES, c_int64, _INDICES, c_int64, c_double, _INDICES)
 
 
 def simplify(mesh: Mesh, tolerance: float) -> Mesh:
@@ -28,9 +32,7 @@ def simplify(mesh: Mesh, tolerance: float) -> Mesh:
     ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     length = np.linalg.norm(places[ends[:, 0]] - places[ends[:, 1]], axis=1)
     order = np.argsort(length, kind="stable")
-    merged = np.arange(len(places))
-    _collapse(places, ends[order[length[order] <= tolerance]], tolerance, merged, np.zeros(len(places)))
-    faces = merged[faces]
+    faces = collapse_edges(places, ends[order[length[order] <= tolerance]], tolerance)[faces]
     a, b, c = faces.T
     faces = faces[(a != b) & (b != c) & (c != a)]
     faces = faces[np.sort(distinct(np.sort(faces, axis=1))[0])]
@@ -41,38 +43,33 @@ def simplify(mesh: Mesh, tolerance: float) -> Mesh:
     return Mesh(mesh.vertices[used], torch.from_numpy(numbers.reshape(-1, 3)), mesh.brightness[used])
 
 
-@compiled
-def _collapse(
-    places: NDArray[np.float64],
-    ends: NDArray[np.int64],
-    tolerance: float,
-    merged: NDArray[np.int64],
-    radius: NDArray[np.float64],
-) -> None:
-    """Merges the two vertices of each edge, one edge after the other, with a union-find forest.
+def collapse_edges(places: NDArray[np.float64], ends: NDArray[np.int64], tolerance: float) -> NDArray[np.int64]:
+    """Merges the two vertices of each edge, one edge after the other, unless a vertex would move farther than allowed.
 
     Args:
         places: (V, 3).
         ends: (E, 2), edges in the order to collapse them.
         tolerance: how far a vertex may move.
-        merged: (V,), 0…V - 1; gets the vertex that each is merged with.
-        radius: (V,), 0; gets how far the vertices merged with each one have moved, at most.
+
+    Returns:
+        (V,), the vertex that each is merged with.
     """
-    for edge in range(len(ends)):
-        a, b = ends[edge, 0], ends[edge, 1]
-        while merged[a] != a:
-            a = merged[a]
-        while merged[b] != b:
-            b = merged[b]
-        if radius[b] > radius[a]:
-            a, b = b, a
-        x, y, z = places[a, 0] - places[b, 0], places[a, 1] - places[b, 1], places[a, 2] - places[b, 2]
-        moved = math.sqrt(x * x + y * y + z * z) + radius[b]
+    if native.available():
+        merged = np.empty(len(places), np.int64)
+        _collapse(np.ascontiguousarray(places), len(places), ends, len(ends), tolerance, merged)
+        return merged
+    parent = list(range(len(places)))  # a union-find forest
+    radius = [0.0] * len(places)  # how far the vertices merged with each one have moved, at most
+
+    def root(vertex: int) -> int:
+        while parent[vertex] != vertex:
+            vertex = parent[vertex]
+        return vertex
+
+    for edge in ends.tolist():
+        a, b = sorted(map(root, edge), key=lambda vertex: -radius[vertex])
+        moved = math.dist(places[a], places[b]) + radius[b]
         if a != b and moved <= tolerance:
-            merged[b] = a
+            parent[b] = a
             radius[a] = max(radius[a], moved)
-    for vertex in range(len(merged)):
-        root = vertex
-        while merged[root] != root:
-            root = merged[root]
-        merged[vertex] = root
+    return np.array([root(vertex) for vertex in range(len(places))], np.int64)

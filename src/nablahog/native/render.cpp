@@ -1,0 +1,86 @@
+// The interface of the renderer's loops.  Shapes are in the headers.
+#include "interface.h"
+#include "renderer.h"
+#include "simplify.h"
+
+using namespace nablahog;
+using namespace nablahog::rendering;
+
+namespace {
+
+template <class T>
+const T* rows(const void* numbers) {
+  return static_cast<const T*>(numbers);
+}
+
+}  // namespace
+
+// Images at poses first…last - 1.  `screen_gradients` may be null.
+NABLAHOG_API int nablahog_render(const float* vertices, int64_t vertex_count, const int32_t* faces,
+                                 const float* brightness, int64_t face_count, const int32_t* ends, const int32_t* kind,
+                                 const float* planes, int64_t edge_count, double focal, int64_t height, int64_t width,
+                                 int64_t step, bool antialiased, const double* poses, int64_t first, int64_t last,
+                                 float* images, float* screen_gradients) {
+  return guarded([&] {
+    const Mesh mesh{vertex_count, face_count, rows<Vertex>(vertices), rows<Face>(faces), rows<Corners>(brightness)};
+    const Edges edges{edge_count, rows<std::array<int32_t, 2>>(ends), kind, planes};
+    const int64_t size = height * width;
+    render(mesh, edges, Camera{focal, height, width, step}, antialiased, rows<Pose>(poses) + first, last - first,
+           images + first * size, screen_gradients ? screen_gradients + first * 4 * size : nullptr);
+  });
+}
+
+// The constants that nablahog/render has, too
+NABLAHOG_API int nablahog_render_constants(double* constants) {
+  constants[0] = near_share;
+  constants[1] = gap_share;
+  constants[2] = touching;
+  constants[3] = boundary;
+  return 0;
+}
+
+// Of points (V, 3) of double or float
+NABLAHOG_API int nablahog_rasterize(bool double_precision, const void* screen, int64_t point_count,
+                                    const int32_t* faces, int64_t face_count, int64_t height, int64_t width,
+                                    int32_t* ids, void* inverse) {
+  return guarded([&] {
+    with_real(double_precision, [&]<class T>() {
+      thread_local Workspace memory;
+      memory.clear();
+      SampleBox* boxes = memory.uninitialized<SampleBox>(point_count);
+      sample_boxes(rows<Point<T>>(screen), point_count, height, width, boxes);
+      rasterize(rows<Point<T>>(screen), boxes, rows<Face>(faces), face_count, height, width, ids,
+                static_cast<T*>(inverse));
+    });
+  });
+}
+
+// Rotations (count, 3, 3) at poses (count, 6)
+NABLAHOG_API int nablahog_rotations(const double* poses, int64_t count, double* rotations) {
+  for (int64_t b = 0; b < count; ++b) reinterpret_cast<Rotation*>(rotations)[b] = rotation(rows<Pose>(poses)[b]);
+  return 0;
+}
+
+// Gradients (count, 6) with respect to poses from those with respect to images, of double or float
+NABLAHOG_API int nablahog_pose_vjp(bool double_precision, const void* grad_images, const void* screen_gradients,
+                                   const double* poses, int64_t count, double focal, int64_t height, int64_t width,
+                                   double* grad_poses) {
+  return guarded([&] {
+    with_real(double_precision, [&]<class T>() {
+      const int64_t size = height * width;
+      for (int64_t b = 0; b < count; ++b) {
+        reinterpret_cast<Pose*>(grad_poses)[b] =
+            pose_vjp(rows<T>(grad_images) + b * size, rows<T>(screen_gradients) + b * 4 * size, rows<Pose>(poses)[b],
+                     focal, height, width);
+      }
+    });
+  });
+}
+
+NABLAHOG_API int nablahog_collapse(const double* places, int64_t vertex_count, const int64_t* ends, int64_t edge_count,
+                                   double tolerance, int64_t* merged) {
+  return guarded([&] {
+    collapse(rows<std::array<double, 3>>(places), vertex_count, rows<std::array<int64_t, 2>>(ends), edge_count,
+             tolerance, merged);
+  });
+}
