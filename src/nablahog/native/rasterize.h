@@ -225,4 +225,20 @@ void rasterize(const Point<T>* screen, const SampleBox* boxes, const Face* faces
   }
 }
 
+// The same of `count` images, with points (count, point_count, 3).
+template <class T>
+void rasterize_images(const Point<T>* screen, int64_t count, int64_t point_count, const Face* faces, int64_t face_count,
+                      int64_t height, int64_t width, int32_t* ids, T* inverse) {
+  thread_local Workspace memory;
+  memory.clear();
+  SampleBox* boxes = memory.uninitialized<SampleBox>(point_count);
+  for (int64_t b = 0; b < count; ++b) {
+    sample_boxes(screen, point_count, height, width, boxes);
+    rasterize(screen, boxes, faces, face_count, height, width, ids, inverse);
+    screen += point_count;
+    ids += height * width;
+    inverse += height * width;
+  }
+}
+
 }  // namespace nablahog::rendering

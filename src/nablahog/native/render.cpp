@@ -39,18 +39,14 @@ NABLAHOG_API int nablahog_render_constants(double* constants) {
   return 0;
 }
 
-// Of points (V, 3) of double or float
-NABLAHOG_API int nablahog_rasterize(bool double_precision, const void* screen, int64_t point_count,
+// Of points (count, point_count, 3) of double or float
+NABLAHOG_API int nablahog_rasterize(bool double_precision, const void* screen, int64_t count, int64_t point_count,
                                     const int32_t* faces, int64_t face_count, int64_t height, int64_t width,
                                     int32_t* ids, void* inverse) {
   return guarded([&] {
     with_real(double_precision, [&]<class T>() {
-      thread_local Workspace memory;
-      memory.clear();
-      SampleBox* boxes = memory.uninitialized<SampleBox>(point_count);
-      sample_boxes(rows<Point<T>>(screen), point_count, height, width, boxes);
-      rasterize(rows<Point<T>>(screen), boxes, rows<Face>(faces), face_count, height, width, ids,
-                static_cast<T*>(inverse));
+      rasterize_images(rows<Point<T>>(screen), count, point_count, rows<Face>(faces), face_count, height, width, ids,
+                       static_cast<T*>(inverse));
     });
   });
 }

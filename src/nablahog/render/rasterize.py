@@ -11,7 +11,7 @@ from torch import Tensor
 from .. import native
 
 _INTEGERS, _REALS = native.array(np.int32), native.array(np.float32, np.float64)
-_MESH = _REALS, c_int64, _INTEGERS, c_int64
+_MESH = _REALS, c_int64, c_int64, _INTEGERS, c_int64
 _rasterize = native.function("rasterize", c_bool, *_MESH, c_int64, c_int64, _INTEGERS, _REALS)
 _CHUNK = 2**22  # samples in bounding boxes of triangles that are tested together
 
@@ -37,9 +37,8 @@ def rasterize(screen: Tensor, faces: Tensor, height: int, width: int) -> tuple[T
         return rasterize_torch(screen, faces, height, width)
     ids = torch.empty(len(screen), height, width, dtype=torch.int32)
     inverse, triangles = screen.new_empty(ids.shape), faces.int().contiguous()
-    for points, visible, w in zip(screen, ids, inverse, strict=True):
-        double = screen.dtype == torch.float64
-        _rasterize(double, points, len(points), triangles, len(triangles), height, width, visible, w)
+    mesh = screen, len(screen), screen.shape[1], triangles, len(triangles)
+    _rasterize(screen.dtype == torch.float64, *mesh, height, width, ids, inverse)
     return ids.long(), inverse
 
 

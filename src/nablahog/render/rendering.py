@@ -62,16 +62,18 @@ class RigidObject:
                     self.mesh, self.brightness, self.edges, poses, camera, background.float(), step, method, derivative
                 )
             return Rendering(images[:, 0].clone(), images[:, 1:].clone())
-        poses, background = poses.detach(), background.detach()
-        height, width = camera.height, camera.width
-        image = torch.empty(len(poses), height, width).copy_(background)
-        screen_gradient = torch.from_numpy(np.zeros((len(poses), 4 * derivative, height, width), np.float32))
-        seen_by = camera.focal, height, width, step, method == "edges", poses.contiguous()
-        pointer = screen_gradient.data_ptr() if derivative else None
-        share_out(
-            lambda first, last: _render(*self._native_arguments, *seen_by, first, last, image, pointer), len(poses)
-        )
-        return Rendering(image, screen_gradient)
+        shape = len(poses), camera.height, camera.width
+        # NumPy fills arrays: PyTorch would wake its own threads, which then wait for more with busy processors
+        image = np.broadcast_to(background.detach().numpy(), shape).astype(np.float32, order="C")
+        screen_gradient = np.zeros((len(poses), 4 * derivative, *shape[1:]), np.float32)
+        numbers, pointer = poses.detach().contiguous(), screen_gradient.ctypes.data if derivative else None
+        arguments = *self._native_arguments, camera.focal, *shape[1:], step, method == "edges", numbers
+
+        def work(first: int, last: int) -> None:
+            _render(*arguments, first, last, image, pointer)
+
+        share_out(work, len(poses))
+        return Rendering(torch.from_numpy(image), torch.from_numpy(screen_gradient))
 
     @cached_property
     def _native_arguments(self) -> tuple[Any, ...]:
