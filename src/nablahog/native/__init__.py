@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
-from torch.compiler import assume_constant_result
 
 INSTRUCTIONS = "NABLAHOG_INSTRUCTIONS"
 """Environment variable with the best instructions to use: ``none`` (plain PyTorch), ``v2``, ``v3`` or ``v4``."""
@@ -56,10 +55,14 @@ def library() -> ctypes.CDLL | None:
     return ctypes.CDLL(str(best))
 
 
-@assume_constant_result  # so that torch.compile does not trace how a library is found
 def available() -> bool:
     """Whether there are compiled loops."""
     return library() is not None
+
+
+# torch.compile shall not trace how a library is found.  This is what torch.compiler.assume_constant_result does once it
+# has loaded torch._dynamo, which takes a second.
+available._dynamo_marked_constant = True  # type: ignore[attr-defined]
 
 
 def changed_since(core: Path) -> list[str]:

@@ -1,8 +1,8 @@
 """Hashes of the code that makes a result: results on disk are valid for this code only.
 
 The code is the file that defines a function and, transitively, all modules of this package that it imports, read from
-the import statements: nothing is listed by hand, so nothing can be left out.  Whoever imports the compiled loops depends
-on their sources, or, where these are not installed, on the library.
+the import statements: nothing is listed by hand, so nothing can be left out.  Whoever imports the compiled loops
+depends on their sources, or, where these are not installed, on the library.
 """
 
 from __future__ import annotations
