@@ -14,8 +14,8 @@ import torch
 from torch import Tensor
 
 from ..hog.colours import split_colours
-from ..hog.entries import CellAlignment, cell_entries, of_nearest_cells
 from ..hog.engines import steps
+from ..hog.entries import CellAlignment, cell_entries, of_nearest_cells
 from ..hog.pooling import pooling_matrices
 from ..hog.spec import HOGSpec
 from ..optimize import lbfgs

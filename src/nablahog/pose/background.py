@@ -9,8 +9,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..hog.gradient import gray
 from ..hog.engines import steps
+from ..hog.gradient import gray
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from ..io.images import limit_size
