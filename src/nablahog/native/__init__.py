@@ -126,5 +126,6 @@ def array(*dtypes: type[np.generic]) -> Any:
 def _address(values: np.ndarray[Any, Any]) -> int:
     """Of the first element."""
     if values.size and values.flags.writeable:
-        return ctypes.addressof(ctypes.c_char.from_buffer(values))  # in a quarter of the time of the line below
+        buffer: Any = values  # a quarter of the time of the line below
+        return ctypes.addressof(ctypes.c_char.from_buffer(buffer))
     return values.ctypes.data

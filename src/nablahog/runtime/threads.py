@@ -62,7 +62,7 @@ def _one_thread() -> None:
 
 
 def _after_fork() -> None:
-    """A forked process has the pools of its parent, ours and OpenMP's, without their threads: it would wait for them."""
+    """A forked process has the pools of its parent, OpenMP's too, without their threads, and would wait for these."""
     _pool.cache_clear()
     torch.set_num_threads(1)
 
