@@ -7,6 +7,9 @@ from __future__ import annotations
 
 import ctypes
 import os
+import shutil
+import subprocess
+import sys
 import warnings
 from collections.abc import Callable
 from functools import cache
@@ -30,7 +33,8 @@ def library() -> ctypes.CDLL | None:
     """The library for this processor; None, with one warning, if there is none.
 
     Raises:
-        RuntimeError: this is a checkout, and a source has changed since the libraries were built.
+        RuntimeError: this is a checkout, a source has changed since the libraries were built, and they cannot be built
+            again.
         ValueError: the environment asks for instructions that are unknown.
     """
     wanted = os.environ.get(INSTRUCTIONS, "v4")
@@ -47,6 +51,8 @@ def library() -> ctypes.CDLL | None:
             stacklevel=2,
         )
         return None
+    if changed_since(core):
+        _build_again(core)
     changed = changed_since(core)
     if changed:
         raise RuntimeError(f"{', '.join(changed)} changed after the compiled loops were built: run `make native`")
@@ -70,6 +76,19 @@ def changed_since(core: Path) -> list[str]:
     built = core.stat().st_mtime
     sources = (each for each in os.scandir(_SOURCES) if each.name.endswith((".cpp", ".h")))
     return sorted(each.name for each in sources if each.stat().st_mtime > built)
+
+
+def _build_again(core: Path) -> None:
+    """Builds the libraries of a checkout again, as ``make native`` did; one process does, others wait."""
+    from filelock import FileLock  # which PyTorch brings along
+
+    build = _SOURCES.parents[2] / "build" / "native"
+    cmake = shutil.which("cmake", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
+    if cmake is None or core.parent != _SOURCES or not (build / "CMakeCache.txt").exists():
+        return
+    with FileLock(build / "lock"):
+        if changed_since(core):
+            subprocess.run([cmake, "--build", build], capture_output=True, check=False)
 
 
 def can_read(*tensors: Tensor) -> bool:
