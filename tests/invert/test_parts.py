@@ -8,6 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from nablahog import native
 from nablahog.hog import HOGSpec, hog, presets
 from nablahog.hog.descriptor import histograms
 from nablahog.hog.gradient import gradient
@@ -93,7 +94,10 @@ def test_flat_regions_are_found_made_constant_and_silent() -> None:
     torch.testing.assert_close(flat(made, index), made)
 
 
-def test_flat_regions_are_levelled_by_a_projection() -> None:
+@pytest.mark.parametrize("compiled", [True, False], ids=["compiled", "plain"])
+def test_flat_regions_are_levelled_by_a_projection(compiled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not compiled:
+        monkeypatch.setattr(native, "available", lambda: False)
     image = photograph(48).double()
     image[..., :20, :20], image[..., 30:, 30:] = 0.2, 0.9
     regions = FlatRegions(hog(image.repeat(2, 1, 1, 1), presets.uoctti(8)), presets.uoctti(8), 48, 48)
@@ -107,7 +111,7 @@ def test_flat_regions_are_levelled_by_a_projection() -> None:
             expected[of_it] = expected[of_it].mean()
     torch.testing.assert_close(levelled, expected)
     with torch.no_grad():
-        assert torch.equal(regions(pixels, index), levelled)
+        assert torch.equal(regions.level(pixels.clone(), index), levelled)
         torch.testing.assert_close(regions(levelled, index), levelled)
     given = torch.rand_like(pixels)
     (result,) = torch.autograd.grad(levelled, pixels, given)

@@ -188,8 +188,7 @@ def test_star_matching_step_by_step(seed: int, agreement: float) -> None:
     positions = generator.integers(0, 5, (elements, 2))
     boxes = np.sort(generator.uniform(0, 30, (3, 2, 2)), axis=1).reshape(3, 4)
     box = np.array([3.0, 2.0, 20.0, 18.0])
-    output = np.empty((3, 7))
-    star_match(scores, PYRAMID, Layout(level, positions, first, boxes), box, agreement, output)
+    output = star_match(scores, PYRAMID, Layout(level, positions, first, boxes), box, agreement)
     expected = np.array(expected_matches(scores, level, positions, first, boxes, box, agreement))
     assert output[1, 0] == -math.inf
     assert np.isfinite(output[[0, 2]]).all()
@@ -198,9 +197,8 @@ def test_star_matching_step_by_step(seed: int, agreement: float) -> None:
 
 
 def test_nothing_scores_above_0() -> None:
-    output = np.empty((1, 7))
     one = np.zeros((1, 2), np.int64)
     scores = np.full((1, START[-1]), -0.1, np.float32)
     layout = Layout(one[0, :1], one, np.array([0, 1]), np.zeros((1, 4)))
-    star_match(scores, PYRAMID, layout, np.array([0.0, 0, 9, 9]), 0.0, output)
+    output = star_match(scores, PYRAMID, layout, np.array([0.0, 0, 9, 9]), 0.0)
     assert output[0, 0] == -math.inf

@@ -7,9 +7,11 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
+from nablahog import native
 from nablahog.hog import presets
-from nablahog.pose import whitening
-from nablahog.pose.whitening import Background, Whitener
+from nablahog.pose import whitener as of_whitener
+from nablahog.pose.whitener import Whitener
+from nablahog.pose.whitening import Background
 
 SPEC = presets.aubry(8, orientations=2)  # two channels
 CHANNELS = 2
@@ -111,11 +113,21 @@ def test_energies_are_products_with_the_whitened(rows: int, cols: int) -> None:
     assert_close(whitener.energies(q), (q * whitener(q)).sum((1, 2, 3)), rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.parametrize(("rows", "cols", "batch"), [(8, 8, 1), (5, 12, 3), (16, 11, 2), (1, 1, 4)])
+def test_compiled_loops_are_the_plain_sums(rows: int, cols: int, batch: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    whitener = Whitener(background(0.5), rows, cols)
+    q = torch.randn(batch, CHANNELS, rows, cols)
+    results = whitener(q), whitener.energies(q)
+    monkeypatch.setattr(native, "available", lambda: False)
+    for result, plain in zip(results, (whitener(q), whitener.energies(q)), strict=True):
+        assert_close(result, plain, rtol=1e-5, atol=1e-5)
+
+
 def test_on_large_windows_it_is_that_of_smaller_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     """The inverse decays over cells, so that frequencies of a large window need not be inverted one by one."""
     of, rows, cols = background(0.6), 60, 70
     quick = Whitener(of, rows, cols)
-    monkeypatch.setattr(whitening, "_REACH", 1000)
+    monkeypatch.setattr(of_whitener, "_REACH", 1000)
     exact = Whitener(of, rows, cols)
     descriptors = torch.rand(2, CHANNELS, rows, cols, generator=torch.Generator().manual_seed(0))
     assert_close(quick(descriptors), exact(descriptors), atol=0.01, rtol=0)

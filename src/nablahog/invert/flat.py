@@ -8,16 +8,24 @@ construction: one gray value for each connected region.
 
 from __future__ import annotations
 
+from ctypes import c_bool, c_int64
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 import torch
 from scipy import ndimage
 from torch import Tensor
 
+from .. import native
 from ..hog.entries import cell_entries, covered_cells, of_nearest_cells
 from ..hog.pooling import pooling_matrices
 from ..hog.spec import HOGSpec
-from . import kernels
+
+_INTEGERS, _REALS = native.array(np.int64), native.array(np.float32, np.float64)
+_level = native.function(
+    "level_regions", c_bool, c_int64, c_int64, *[_INTEGERS] * 3, c_int64, native.array(np.float64), _REALS
+)
 
 
 class FlatRegions:
@@ -39,31 +47,61 @@ class FlatRegions:
         self.sizes = torch.bincount(self.regions.flatten(), minlength=count + 1).double()
         self.runs = _runs(regions.reshape(len(regions), -1))
 
-    def level(self, image: Tensor, index: Tensor) -> Tensor:
-        """As a call, in place, where no derivative is needed."""
-        if len(self.sizes) == 1 or image.device.type != "cpu":
-            return self(image, index)
-        return kernels.level(image.contiguous(), index, *self.runs, self.sizes)
-
-    def __call__(self, image: Tensor, index: Tensor) -> Tensor:
+    def __call__(self, images: Tensor, index: Tensor) -> Tensor:
         """Images (A, 1, H, W) of the problems ``index`` (A,), with their regions made constant."""
         if len(self.sizes) == 1:
-            return image
-        if image.device.type == "cpu":
-            return kernels.levelled(image, index, *self.runs, self.sizes)
+            return images
+        levelled: Tensor = _Levelled.apply(images, index, self)  # type: ignore[no-untyped-call]
+        return levelled
+
+    def level(self, images: Tensor, index: Tensor) -> Tensor:
+        """The same without a derivative; on a CPU the images may be changed in place."""
+        if len(self.sizes) == 1:
+            return images
+        if images.device.type == "cpu" and native.available():
+            images, (runs, ends) = images.contiguous(), self.runs
+            double, pixels = images.dtype == torch.float64, images[0].numel()
+            _level(double, len(images), pixels, index, runs, ends, len(self.sizes), self.sizes, images)
+            return images
         regions = self.regions[index].unsqueeze(1).long()
         # a region may hold most of the image: float32 would round its sum by more than a gray value's own rounding
-        sums = torch.zeros_like(self.sizes).index_add(0, regions.flatten(), image.flatten().double())
-        return torch.where(regions > 0, (sums / self.sizes.clamp(min=1)).to(image.dtype)[regions], image)
+        sums = torch.zeros_like(self.sizes).index_add(0, regions.flatten(), images.flatten().double())
+        return torch.where(regions > 0, (sums / self.sizes.clamp(min=1)).to(images.dtype)[regions], images)
+
+
+class _Levelled(torch.autograd.Function):
+    """:meth:`FlatRegions.level` of a copy.  It is a projection, its own adjoint."""
+
+    @staticmethod
+    def forward(images: Tensor, index: Tensor, regions: FlatRegions) -> Tensor:
+        return regions.level(images.detach().clone(memory_format=torch.contiguous_format), index)
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
+        _, ctx.index, ctx.regions = inputs
+
+    @staticmethod
+    def backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor, None, None]:
+        return ctx.regions(grad_output, ctx.index), None, None
+
+    @staticmethod
+    def jvp(ctx: Any, tangent: Tensor, *_: None) -> Tensor:
+        levelled: Tensor = ctx.regions(tangent, ctx.index)
+        return levelled
 
 
 def _runs(regions: npt.NDArray[np.integer]) -> tuple[Tensor, Tensor]:
-    """Regions (B, pixels), 0 for none, as (runs, 3) and (B + 1,): see :func:`.kernels.levelled`."""
+    """Runs of pixels of one region in a row, of regions (B, pixels), 0 for none.
+
+    Returns:
+        (runs, 3), of each the first pixel, the one behind its last, and its region, and (B + 1,): those of image b are
+        the runs ends[b] … ends[b + 1] - 1.
+    """
     before = np.pad(regions, ((0, 0), (1, 0)))
     after = np.pad(regions, ((0, 0), (0, 1)))
     changes = before != after  # (B, pixels + 1)
-    images, begins = np.nonzero(changes[:, :-1] & (regions > 0))
-    _, ends = np.nonzero(changes[:, 1:] & (regions > 0))
-    runs = np.stack([begins, ends + 1, regions[images, begins]], axis=1)
-    firsts = np.searchsorted(images, np.arange(len(regions) + 1))
-    return torch.from_numpy(runs), torch.from_numpy(firsts)
+    images, firsts = np.nonzero(changes[:, :-1] & (regions > 0))
+    _, lasts = np.nonzero(changes[:, 1:] & (regions > 0))
+    runs = np.stack([firsts, lasts + 1, regions[images, firsts]], axis=1)
+    ends = np.searchsorted(images, np.arange(len(regions) + 1))
+    return torch.from_numpy(runs), torch.from_numpy(ends)

@@ -8,18 +8,24 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from ctypes import c_bool, c_double, c_int64
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
+import numpy as np
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
-from ..hog.orientation import magnitude
-from . import kernels
+from .. import native
+from ..hog.orientation import magnitude, vanishing
 from .method import Neighbours
 
 ROUNDING = 0.05  # of the mean gradient magnitude: below it an absolute difference is rounded off, for the minimiser
 EPSILON = 1e-3  # ε of the powers, a quarter of the step between two 8-bit levels
+
+_REALS = native.array(np.float32, np.float64)
+_smoothness = native.function("smoothness", c_bool, *[c_int64] * 3, *[c_double] * 2, *[_REALS] * 3)
 
 Form: TypeAlias = Literal["absolute", "squared"]
 
@@ -51,6 +57,24 @@ def smoothness(image: Tensor) -> Tensor:
     rounding = (ROUNDING * scale).square().reshape(-1, 1, 1, 1)
     terms = [(d.square() + rounding).sqrt().sum(dim=(1, 2, 3)) for d in differences]
     return (terms[0] + terms[1]) / (pixels * scale)
+
+
+class _Smoothness(torch.autograd.Function):
+    """:func:`smoothness` on a CPU, differentiable once, in reverse mode."""
+
+    @staticmethod
+    def forward(ctx: Any, images: Tensor) -> Tensor:
+        images = images.detach().contiguous()
+        double, out, ctx.slopes = images.dtype == torch.float64, images.new_empty(len(images)), torch.empty_like(images)
+        shape = len(images), *images.shape[2:]
+        _smoothness(double, *shape, ROUNDING, vanishing(images.dtype), images, out, ctx.slopes)
+        return out
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, grad_output: Tensor) -> Tensor:
+        slopes: Tensor = ctx.slopes * grad_output.view(-1, 1, 1, 1)
+        return slopes
 
 
 @dataclass(frozen=True)
@@ -98,7 +122,7 @@ def _at_least_one(name: str, exponent: float) -> None:
 class RelativeSmoothness(Prior):
     """:func:`smoothness`, the default prior: it sees neither brightness nor contrast, which HOG leaves open.
 
-    Called with images on a CPU it is differentiable once, in reverse mode; its residuals as often as any other's.
+    Called with images on a CPU it is differentiable once, in reverse mode; its residuals are as often as any other's.
     """
 
     def terms(self, image: Tensor) -> Tensor:
@@ -112,8 +136,10 @@ class RelativeSmoothness(Prior):
         return torch.cat([bent, torch.full_like(bent[:, :1], constant)], dim=1)
 
     def __call__(self, image: Tensor) -> Tensor:
-        on_cpu = image.device.type == "cpu"
-        return self.weight * (kernels.smoothness(image, ROUNDING) if on_cpu else smoothness(image))
+        if image.device.type != "cpu" or not native.available():
+            return self.weight * smoothness(image)
+        value: Tensor = self.weight * _Smoothness.apply(image)  # type: ignore[no-untyped-call]
+        return value
 
 
 @dataclass(frozen=True)

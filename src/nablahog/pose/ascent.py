@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -18,14 +18,16 @@ from torch.nn import functional
 
 from ..optimize import lbfgs
 from ..render import PARAMETERS
-from ..runtime.compile import compiled
 from .similarity import Similarity
 
 UNITS = torch.tensor([3.0, 3.0, 0.06, 3.0, 1.5, 1.5], dtype=torch.float64)
 """Steps of the parameters that change a picture of a hundred pixels about as much: 3°, 3°, 2 % of the distance, …"""
 
-_FIRST, _SECOND = np.triu_indices(len(PARAMETERS))  # the parameters of a quadratic's second-order coefficients
-_COEFFICIENTS = 1 + len(PARAMETERS) + len(_FIRST)
+# A quadratic c + bᵀu + ½ uᵀAu is a sum over pairs of the numbers (1, u); its coefficients are c, b and A's upper half.
+_FIRST, _SECOND = np.triu_indices(1 + len(PARAMETERS))
+_FACTORS = np.where((_FIRST == _SECOND) & (_FIRST > 0), 0.5, 1.0)
+_UNIT = np.eye(1 + len(PARAMETERS))
+_DERIVATIVES = _FACTORS * (_UNIT[:, None, _FIRST] * _UNIT[1:, _SECOND] + _UNIT[:, None, _SECOND] * _UNIT[1:, _FIRST])
 _OF_VALUES = 8.0  # weight of a value against that of a derivative: jags are steep, but not high
 _OF_SLOPES = 1 / np.square([0.94, 0.93, 0.64, 1.5, 1.15, 1.0])  # of derivatives: how far off each is, in UNITS
 _STIFFNESS = 0.05  # of second derivatives towards 0, against one derivative each
@@ -122,65 +124,23 @@ def _maximum(offsets: Tensor, values: Tensor, slopes: Tensor, weights: Tensor) -
         slopes: (N, 6), NaN where unknown.
         weights: (N,).
     """
-    parameters = len(PARAMETERS)
-    stiff = np.full(_COEFFICIENTS, 1e-9)
-    stiff[1 + parameters :] += _STIFFNESS
-    normal, right = np.diag(stiff), np.zeros(_COEFFICIENTS)
-    _normal_equations(*(part.numpy() for part in (offsets, values, slopes, weights)), _OF_SLOPES, normal, right)
-    solution = np.linalg.solve(normal, right)
-    gradient = solution[1 : 1 + parameters]
-    curvature = np.zeros((parameters, parameters))
-    curvature[_FIRST, _SECOND] = curvature[_SECOND, _FIRST] = solution[1 + parameters :]
-    bends, axes = np.linalg.eigh(curvature)
+    at = functional.pad(offsets, (1, 0), value=1.0).numpy()  # (1, u)
+    known = ~np.isnan(slopes[:, 0].numpy())
+    known_slopes, every = slopes.numpy()[known], weights.numpy()
+    # which makes the weights of values and slopes comparable
+    scale = max(np.sqrt(np.square(known_slopes).mean()), 1e-12) if known.any() else 1.0
+    of_slopes = (at[known] @ _DERIVATIVES.reshape(len(_UNIT), -1)).reshape(-1, len(_FIRST))
+    terms = np.concatenate([_FACTORS * at[:, _FIRST] * at[:, _SECOND], of_slopes])
+    weighted = np.concatenate([_OF_VALUES * every, np.outer(every[known], _OF_SLOPES).ravel()])[:, np.newaxis] * terms
+    targets = np.concatenate([values.numpy(), known_slopes.ravel()]) / scale
+    stiff = np.where(_FIRST > 0, _STIFFNESS, 0) + 1e-9
+    quadratic = np.empty_like(_UNIT)
+    quadratic[_FIRST, _SECOND] = np.linalg.solve(weighted.T @ terms + np.diag(stiff), weighted.T @ targets)
+    gradient = quadratic[0, 1:]
+    bends, axes = np.linalg.eigh(quadratic[1:, 1:], UPLO="U")
     bends = np.minimum(bends, -_FLATTEST * max(np.abs(bends).max(), 1e-9))
     step = -axes @ ((axes.T @ gradient) / bends)
     return torch.from_numpy(step * (_REACH / max(float(np.linalg.norm(step)), _REACH)))
-
-
-@compiled
-def _normal_equations(u: Any, values: Any, slopes: Any, weights: Any, of_slopes: Any, normal: Any, right: Any) -> None:
-    """Adds :func:`_maximum`'s least squares to ``normal`` (28, 28) and ``right`` (28,), of c, b, and A's upper half."""
-    count, size = u.shape
-    scale = _slope_scale(slopes)
-    row = np.empty(right.size)
-    which, factor = np.empty(size + 1, np.int64), np.empty(size + 1)
-    for n in range(count):
-        row[0] = 1
-        at = 1 + size
-        for i in range(size):
-            row[1 + i] = u[n, i]
-            for j in range(i, size):
-                row[at] = u[n, i] * u[n, j] * (0.5 if i == j else 1.0)
-                at += 1
-        weight = _OF_VALUES * weights[n]
-        for i in range(row.size):
-            right[i] += weight * row[i] * values[n] / scale
-            for j in range(row.size):
-                normal[i, j] += weight * row[i] * row[j]
-        if np.isnan(slopes[n, 0]):
-            continue
-        for k in range(size):  # b's k-th and A's k-th row times u
-            which[0], factor[0] = 1 + k, 1
-            for j in range(size):
-                low, high = min(j, k), max(j, k)
-                which[1 + j], factor[1 + j] = 1 + size + low * size - low * (low - 1) // 2 + high - low, u[n, j]
-            weight = of_slopes[k] * weights[n]
-            for i in range(1 + size):
-                right[which[i]] += weight * factor[i] * slopes[n, k] / scale
-                for j in range(1 + size):
-                    normal[which[i], which[j]] += weight * factor[i] * factor[j]
-
-
-@compiled
-def _slope_scale(slopes: Any) -> float:
-    """Root mean square of the known slopes (N, 6), which makes the weights of values and slopes comparable."""
-    count, steep = 0, 0.0
-    for n in range(slopes.shape[0]):
-        if not np.isnan(slopes[n, 0]):
-            count += slopes.shape[1]
-            for k in range(slopes.shape[1]):
-                steep += slopes[n, k] ** 2
-    return max(np.sqrt(steep / max(count, 1)), 1e-12) if count else 1.0
 
 
 def momentum_ascent(

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from ..hog.box import Box
@@ -132,12 +132,10 @@ class _Image:
         near: Tensor = rows[:, None] & cols
         return near
 
-    def match(self, views: ExemplarViews, agreement: float) -> np.ndarray[Any, np.dtype[np.float64]]:
+    def match(self, views: ExemplarViews, agreement: float) -> NDArray[np.floating]:
         """The best detection of each view, (V, 7), see :func:`.star_matching.star_match`."""
         scores = torch.full((len(views.scale), int(self.pyramid.start[-1])), NOTHING)
         weights = views.scale[:, None] * views.weights.flatten(1)
         scores[:, self.places] = torch.addmm(views.offset[:, None], weights, self.patches.T)
-        detections = np.empty((len(views.viewpoints), 7))
         layout = Layout(views.level.numpy(), views.positions.numpy(), views.first.numpy(), views.boxes.double().numpy())
-        star_match(scores.numpy(), self.pyramid, layout, self.box, agreement, detections)
-        return detections
+        return star_match(scores.numpy(), self.pyramid, layout, self.box, agreement)

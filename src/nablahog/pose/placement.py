@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 from torch import Tensor
 
 from ..render import Camera, Mesh
 from ..render.camera import rotation_matrices as rotations
-from ..runtime.compile import compiled
 from .crop import DISTANCE
+
+Doubles = NDArray[np.float64]
 
 _ROUNDS = 3  # perspective makes the size no exact inverse of the distance; twice is within a tenth of a pixel
 
@@ -67,41 +67,35 @@ def fit_to_box(poses: Tensor, points: Tensor, camera: Camera, size: tuple[float,
         camera: of the image.
         size: width and height of a box of the same area, or the length of the longer side, perhaps (B,), pixels.
     """
-    placed = poses.clone()
-    turned = rotations(poses.detach().double().numpy())
-    boxes = np.empty((len(poses), 4))
-    vertices = points.double().numpy()
+    placed = poses.detach().double().numpy().copy()
+    turned = _turned(placed, points)
     for round_ in range(_ROUNDS + 1):
-        _bounds(vertices, turned, placed[:, 2].double().numpy(), camera.focal, boxes)
-        low, high = (torch.from_numpy(part) + placed[:, 4:] for part in (boxes[:, :2], boxes[:, 2:]))
+        boxes = _boxes(turned, placed[:, 2], camera)
+        low, high = boxes[:, :2] + placed[:, 4:], boxes[:, 2:] + placed[:, 4:]
         if round_ < _ROUNDS:
-            sides = (high - low).clamp(min=1e-6)
-            zoom = (size[0] * size[1] / sides.prod(1)).sqrt() if isinstance(size, tuple) else size / sides.amax(1)
-            placed[:, 2] = (placed[:, 2] / zoom).clamp(min=1.0)
-        placed[:, 4:] = placed[:, 4:] - (low + high) / 2
-    return placed
+            sides = (high - low).clip(min=1e-6)
+            if isinstance(size, tuple):
+                zoom = np.sqrt(size[0] * size[1] / sides.prod(1))
+            else:
+                zoom = np.asarray(size) / sides.max(1)
+            placed[:, 2] = (placed[:, 2] / zoom).clip(min=1.0)
+        placed[:, 4:] -= (low + high) / 2
+    return torch.from_numpy(placed).to(poses.dtype)
 
 
 def bounding_boxes(poses: Tensor, points: Tensor, camera: Camera) -> Tensor:
     """The boxes x0, y0, x1, y1 around points (N, 3) at poses (B, 6), (B, 4), pixels from the middle of the image."""
-    boxes = np.empty((len(poses), 4))
-    turned, distances = rotations(poses.double().numpy()), poses[:, 2].double().numpy()
-    _bounds(points.double().numpy(), turned, distances, camera.focal, boxes)
-    return torch.from_numpy(boxes) + poses[:, [4, 5, 4, 5]]
+    of_poses = poses.double().numpy()
+    return torch.from_numpy(_boxes(_turned(of_poses, points), of_poses[:, 2], camera)) + poses[:, [4, 5, 4, 5]]
 
 
-@compiled
-def _bounds(points: Any, turned: Any, distances: Any, focal: float, boxes: Any) -> None:
-    """The boxes around points (N, 3) at poses, relative to the principal point: x0, y0, x1, y1, (B, 4)."""
-    for b in range(turned.shape[0]):
-        rotation, distance = turned[b], distances[b]
-        x0 = y0 = np.inf
-        x1 = y1 = -np.inf
-        for n in range(points.shape[0]):
-            x, y, z = points[n, 0], points[n, 1], points[n, 2]
-            inverse = focal / (rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z + distance)
-            across = (rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z) * inverse
-            down = (rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z) * inverse
-            x0, x1 = min(x0, across), max(x1, across)
-            y0, y1 = min(y0, down), max(y1, down)
-        boxes[b, 0], boxes[b, 1], boxes[b, 2], boxes[b, 3] = x0, y0, x1, y1
+def _turned(poses: Doubles, points: Tensor) -> Doubles:
+    """Points (N, 3) turned as at poses (B, 6), in the directions of the camera's axes, (B, 3, N)."""
+    turned: Doubles = rotations(poses) @ points.double().numpy().T
+    return turned
+
+
+def _boxes(turned: Doubles, distances: Doubles, camera: Camera) -> Doubles:
+    """The boxes (B, 4) around turned points (B, 3, N) at distances (B,), pixels from the projected origin."""
+    screen = turned[:, :2] * (camera.focal / (turned[:, 2] + distances[:, np.newaxis]))[:, np.newaxis]
+    return np.concatenate([screen.min(axis=2), screen.max(axis=2)], axis=1)

@@ -23,7 +23,8 @@ from .options import SimilarityKind
 from .patches import PatchTemplate, patch_template
 from .placement import hull
 from .similarity import ElementTemplate, Similarity, Template, calibrated_template, describe, whitened_template
-from .whitening import Background, Whitener
+from .whitener import Whitener
+from .whitening import Background
 
 ELEMENT = (5, 5)  # rows, columns of cells of a visual element
 ELEMENTS = 25  # of a photograph, at most

@@ -9,14 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+from torch.nn.functional import grid_sample
 
-from ..runtime.compile import compiled
 from .crop import blurred, resampled
 from .prepared import PreparedPhotograph, coarse_background, whitener_of
 from .similarity import describe
@@ -133,29 +133,12 @@ def places(grid: Sequence[Tensor], scales: Tensor, tilts: Tensor) -> tuple[Tenso
 
 
 def turned(image: Tensor, tilts: Sequence[float], step: float, size: tuple[int, int]) -> Tensor:
-    """Samples (T, *size) of an image (H, W), float32, around its middle, ``step`` pixels apart.
+    """Samples (T, *size) of an image (S, S), float32, around its middle, ``step`` pixels apart.
 
     The image is turned clockwise by each of T tilts, degrees; its border repeats.
     """
-    samples = np.empty((len(tilts), *size), np.float32)
-    _turned(image.numpy(), np.radians(np.array(tilts, np.float64)), step, samples)
-    return torch.from_numpy(samples)
-
-
-@compiled
-def _turned(image: Any, turns: Any, step: float, out: Any) -> None:
-    """Samples of an image (H, W) around its middle, turned clockwise, ``step`` pixels apart, to ``out`` (T, S, S)."""
-    height, width = image.shape
-    for t in range(out.shape[0]):
-        cosine, sine = step * math.cos(turns[t]), step * math.sin(turns[t])
-        for i in range(out.shape[1]):
-            down = i + 0.5 - out.shape[1] / 2
-            for j in range(out.shape[2]):
-                across = j + 0.5 - out.shape[2] / 2
-                x = min(max(cosine * across + sine * down + width / 2 - 0.5, 0.0), width - 1.001)
-                y = min(max(cosine * down - sine * across + height / 2 - 0.5, 0.0), height - 1.001)
-                col, row = int(x), int(y)
-                right, below = np.float32(x - col), np.float32(y - row)
-                upper = image[row, col] + right * (image[row, col + 1] - image[row, col])
-                lower = image[row + 1, col] + right * (image[row + 1, col + 1] - image[row + 1, col])
-                out[t, i, j] = upper + below * (lower - upper)
+    grid = [torch.arange(count, dtype=image.dtype) - (count - 1) / 2 for count in size]
+    to_unit = image.new_full((len(tilts),), 2 * step / len(image))  # coordinates are -1 and 1 at the borders
+    at = torch.stack(places(grid, to_unit, image.new_tensor(tilts)), dim=1)
+    images = image.expand(len(tilts), 1, -1, -1)
+    return grid_sample(images, at.permute(0, 2, 3, 1), padding_mode="border", align_corners=False)[:, 0]

@@ -26,7 +26,7 @@ from ..render.pose_gradient import pose_vjp
 from ..runtime.threads import in_threads
 from .crop import ObjectCrop
 from .elements import Elements
-from .whitening import Whitener
+from .whitener import Whitener
 
 T = TypeVar("T")
 

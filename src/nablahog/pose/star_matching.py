@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..runtime.compile import compiled
+Floats = NDArray[np.floating]
+Integers = NDArray[np.int64]
 
 NOTHING = -1e9  # what an element scores where it cannot be
 UNLIKE = 1e6  # taken off a detection whose box is not the object's: it is the best only where there is no other
+AT_ONCE = 10_000  # roots whose views' elements are looked up together
+AROUND = [(row, col) for row in (-1, 0, 1) for col in (-1, 0, 1)]  # of a cell, itself in the middle
 
 
 class Pyramid(NamedTuple):
@@ -22,9 +26,9 @@ class Pyramid(NamedTuple):
         octave: levels an octave.
     """
 
-    rows: Any
-    cols: Any
-    start: Any
+    rows: Integers
+    cols: Integers
+    start: Integers
     cell: float
     octave: float
 
@@ -32,14 +36,22 @@ class Pyramid(NamedTuple):
 class Layout(NamedTuple):
     """Where the elements of views lie: attributes of :class:`.exemplar_views.ExemplarViews`, as arrays."""
 
-    level: Any
-    positions: Any
-    first: Any
-    boxes: Any
+    level: Integers
+    positions: Integers
+    first: Integers
+    boxes: Floats
 
 
-@compiled
-def star_match(scores: Any, pyramid: Pyramid, layout: Layout, expected: Any, agreement: float, detections: Any) -> None:
+class Roots(NamedTuple):
+    """Elements that score highest at a place, each (R,)."""
+
+    element: Integers
+    level: Integers
+    row: Integers
+    col: Integers
+
+
+def star_match(scores: Floats, pyramid: Pyramid, layout: Layout, expected: Floats, agreement: float) -> Floats:
     """The best detection of each view.
 
     Each element in turn is the root.  At each level, its local maxima above 0 say where the rendering lies in the
@@ -52,88 +64,104 @@ def star_match(scores: Any, pyramid: Pyramid, layout: Layout, expected: Any, agr
         layout: of the views' elements.
         expected: (4,): x0, y0, x1, y1 of the object, pixels of the image.
         agreement: the least intersection over union of its box with that of a detection.
-        detections: (V, 7), output: rank, confidence, number of elements that score above 0, and the detection's x0, y0,
-            x1, y1; a rank of -inf if no element scores above 0 anywhere.
+
+    Returns:
+        (V, 7): rank, confidence, number of elements that score above 0, and the detection's x0, y0, x1, y1; -inf if no
+        element scores above 0 anywhere.
     """
-    free = np.empty(scores.shape[1], scores.dtype)
-    for view in range(len(layout.first) - 1):
-        detections[view, 0] = -np.inf
-        for root in range(layout.first[view], layout.first[view + 1]):
-            for level in range(len(pyramid.rows)):
-                n = pyramid.cols[level]
-                root_scores = scores[root, pyramid.start[level] : pyramid.start[level] + pyramid.rows[level] * n]
-                left = free[: len(root_scores)]
-                left[:] = root_scores
-                larger = level - layout.level[root]
-                box = layout.boxes[view] * 2.0 ** (larger / pyramid.octave)
-                pixels = pyramid.cell * 2.0 ** (level / pyramid.octave)
-                while True:
-                    best = np.argmax(left)
-                    if left[best] <= 0:
-                        break
-                    row, col = best // n, best % n
-                    for near in range(max(0, row - 1), min(pyramid.rows[level], row + 2)):
-                        left[near * n + max(0, col - 1) : near * n + min(n, col + 2)] = NOTHING
-                    x, y = (col - layout.positions[root, 1]) * pixels, (row - layout.positions[root, 0]) * pixels
-                    confidence, inliers = _confidence(
-                        scores, pyramid, layout, view, root, root_scores[best], larger, x, y
-                    )
-                    x0, y0, x1, y1 = box[0] + x, box[1] + y, box[2] + x, box[3] + y
-                    rank = confidence + min(0, inliers - 5)
-                    if not _agrees(x0, y0, x1, y1, expected, agreement):
-                        rank -= UNLIKE
-                    if rank > detections[view, 0]:
-                        best_detection = detections[view]
-                        best_detection[0], best_detection[1], best_detection[2] = rank, confidence, inliers
-                        best_detection[3], best_detection[4], best_detection[5], best_detection[6] = x0, y0, x1, y1
+    detections = np.full((len(layout.first) - 1, 7), -np.inf)
+    roots = _local_maxima(scores, pyramid)
+    for start in range(0, len(roots.element), AT_ONCE):
+        some = Roots(*(part[start : start + AT_ONCE] for part in roots))
+        view = np.searchsorted(layout.first, some.element, side="right") - 1
+        larger = some.level - layout.level[some.element]  # levels by which the view is larger than it was rendered
+        pixels = pyramid.cell * 2.0 ** (some.level / pyramid.octave)
+        row, col = layout.positions[some.element].T
+        x, y = (some.col - col) * pixels, (some.row - row) * pixels
+        confidence, inliers = _confidence(scores, pyramid, layout, some, view, larger, x, y)
+        boxes = layout.boxes[view] * 2.0 ** (larger / pyramid.octave)[:, np.newaxis] + np.stack([x, y, x, y], axis=1)
+        rank = confidence + np.minimum(0, inliers - 5) - UNLIKE * ~_agree(boxes, expected, agreement)
+        found = np.column_stack([rank, confidence, inliers, boxes])
+        order = np.lexsort([-rank, view])
+        views, best = np.unique(view[order], return_index=True)
+        better = found[order[best]]
+        detections[views] = np.where(better[:, :1] > detections[views, :1], better, detections[views])
+    return detections
 
 
-@compiled
+def _local_maxima(scores: Floats, pyramid: Pyramid) -> Roots:
+    """The highest scores above 0 of each element at each level, none within a cell of a higher one; in this order."""
+    element, place = np.divmod(np.flatnonzero(scores > 0), scores.shape[1])
+    level = np.searchsorted(pyramid.start, place, side="right") - 1
+    row, col = np.divmod(place - pyramid.start[level], pyramid.cols[level])
+    # numbers of these places in levels with a border, and which of the places are around each of them
+    width, sizes = pyramid.cols[level] + 2, (pyramid.rows + 2) * (pyramid.cols + 2)
+    at = element * sizes.sum() + (sizes.cumsum() - sizes)[level] + (row + 1) * width + col + 1
+    near = at[:, np.newaxis] + np.stack([down * width + right for down, right in AROUND], axis=1)
+    around = np.searchsorted(at, near).clip(max=len(at) - 1)
+    is_place = at[around] == near
+    left = scores[element, place]
+    highest = np.zeros(len(at), bool)
+    while left.any():
+        new = (left > 0) & (np.where(is_place, left[around], 0).argmax(axis=1) == len(AROUND) // 2)
+        highest |= new
+        left[around[new][is_place[new]]] = 0
+    roots = Roots(*(part[highest] for part in (element, level, row, col)))
+    order = np.lexsort([-scores[element, place][highest], roots.level, roots.element])
+    return Roots(*(part[order] for part in roots))
+
+
 def _confidence(
-    scores: Any,
+    scores: Floats,
     pyramid: Pyramid,
     layout: Layout,
-    view: int,
-    root: int,
-    root_score: float,
-    larger: int,
-    x: float,
-    y: float,
-) -> tuple[float, int]:
-    """Sum of the scores of a view's elements, and how many are above 0.
+    roots: Roots,
+    view: Integers,
+    larger: Integers,
+    x: Floats,
+    y: Floats,
+) -> tuple[Floats, Integers]:
+    """Sums (R,) of the scores of each view's elements, and how many are above 0, (R,).
 
-    The root says that the view lies at x, y, pixels of the image, ``larger`` levels larger than it was rendered.  An
-    element counts with its best score within a cell of its place.  One that reaches beyond the image counts only if
-    above 0, one beyond the pyramid not at all.
+    The roots say that the views (R,) lie at x, y, pixels of the image, ``larger`` levels larger than they were
+    rendered.  An element counts with its best score within a cell of its place.  One that reaches beyond the image
+    counts only if above 0, one beyond the pyramid not at all.
     """
-    confidence, inliers = 0.0, 0
-    for element in range(layout.first[view], layout.first[view + 1]):
-        level = layout.level[element] + larger
-        if level < 0 or level >= len(pyramid.rows):
-            continue
-        rows, cols, start = pyramid.rows[level], pyramid.cols[level], pyramid.start[level]
-        cells = 2.0 ** (-level / pyramid.octave) / pyramid.cell
-        row = int(np.rint(layout.positions[element, 0] + y * cells))
-        col = int(np.rint(layout.positions[element, 1] + x * cells))
-        score = NOTHING
-        for i in range(max(0, row - 1), min(rows, row + 2)):
-            for j in range(max(0, col - 1), min(cols, col + 2)):
-                score = max(score, scores[element, start + i * cols + j])
-        if element == root:
-            score = root_score
-        if score == NOTHING or not (0 <= row < rows and 0 <= col < cols):
-            score = max(score, 0.0)
-        confidence += score
-        inliers += score > 0
-    return confidence, inliers
+    elements = layout.first[view, np.newaxis] + np.arange(np.diff(layout.first).max())  # (R, elements of a view)
+    exists = elements < layout.first[view + 1, np.newaxis]
+    elements = np.where(exists, elements, 0)
+    level = layout.level[elements] + larger[:, np.newaxis]
+    exists &= (level >= 0) & (level < len(pyramid.rows))
+    level = np.where(exists, level, 0)
+    cells = 2.0 ** (-level / pyramid.octave) / pyramid.cell
+    row, col = (
+        np.rint(layout.positions[elements, axis] + at[:, np.newaxis] * cells).astype(np.int64)
+        for axis, at in enumerate((y, x))
+    )
+    best = np.full(elements.shape, NOTHING)
+    for down, right in AROUND:
+        inside, score = _looked_up(scores, pyramid, elements, level, row + down, col + right)
+        best = np.where(inside, np.maximum(best, score), best)
+    inside, _ = _looked_up(scores, pyramid, elements, level, row, col)
+    _, own = _looked_up(scores, pyramid, *roots)
+    best = np.where(elements == roots.element[:, np.newaxis], own[:, np.newaxis], best)
+    best = np.where(inside & (best != NOTHING), best, best.clip(min=0)) * exists
+    return best.sum(axis=1), (best > 0).sum(axis=1)
 
 
-@compiled
-def _agrees(x0: float, y0: float, x1: float, y1: float, expected: Any, agreement: float) -> bool:
-    """Whether the intersection over union with the expected box is at least ``agreement``."""
-    high = max(0.0, min(y1, expected[3]) - max(y0, expected[1]))
-    wide = max(0.0, min(x1, expected[2]) - max(x0, expected[0]))
-    union = (y1 - y0) * (x1 - x0) - high * wide
-    union += (expected[3] - expected[1]) * (expected[2] - expected[0])
-    agrees: bool = high * wide >= agreement * union
-    return agrees
+def _looked_up(
+    scores: Floats, pyramid: Pyramid, elements: Integers, level: Integers, row: Integers, col: Integers
+) -> tuple[NDArray[np.bool_], Floats]:
+    """Whether places are inside of their levels, and the scores of elements there; anything elsewhere."""
+    rows, cols = pyramid.rows[level], pyramid.cols[level]
+    inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
+    places = np.where(inside, pyramid.start[level] + row * cols + col, 0)
+    return inside, scores[elements, places]
+
+
+def _agree(boxes: Floats, expected: Floats, agreement: float) -> NDArray[np.bool_]:
+    """Whether the intersections over union of boxes (R, 4) with the expected one are at least ``agreement``, (R,)."""
+    wide, high = (np.minimum(boxes[:, 2:], expected[2:]) - np.maximum(boxes[:, :2], expected[:2])).clip(min=0).T
+    of_both = (boxes[:, 2:] - boxes[:, :2]).prod(axis=1) + (expected[2:] - expected[:2]).prod()
+    agree: NDArray[np.bool_] = wide * high >= agreement * (of_both - wide * high)
+    return agree

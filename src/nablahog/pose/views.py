@@ -18,7 +18,7 @@ from .crop import FILL
 from .placement import equidistant_azimuths, fit_to_box, level_poses
 from .prepared import DETAIL, PreparedModel
 from .similarity import ElementTemplate, describe, deviations, downsampled_poses, in_batches, white_background
-from .whitening import Whitener
+from .whitener import Whitener
 
 VIEW_COUNT = 48  # azimuths around an object
 ELEVATION_STEP = 5.0  # degrees between the elevations that there are views of

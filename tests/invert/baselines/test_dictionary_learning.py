@@ -14,7 +14,7 @@ def test_atoms_are_updated_one_after_the_other() -> None:
     """Blocks of them give what a plain loop gives, and the objective that they approximate falls."""
     data = unit(torch.rand(500, 30))
     learner = DictionaryLearner(data[:150], 0.02, np.random.default_rng(0))
-    codes = lasso(learner.atoms @ learner.atoms.T, data @ learner.atoms.T, 0.02).double()
+    codes = lasso(learner.atoms, data, 0.02).double()
     expected, products, target = learner.atoms.double(), codes.T @ codes / 500, codes.T @ data.double() / 500
     before = ((data - codes @ expected) ** 2).sum()
     for k in range(150):

@@ -23,7 +23,7 @@ def test_learning_lowers_the_objective_of_other_windows(monkeypatch: pytest.Monk
     def objective(pair: PairedDictionary) -> float:
         atoms = pair.hog.flatten(1)
         atoms = atoms / atoms.norm(dim=1, keepdim=True)
-        codes = lasso(atoms @ atoms.T, others @ atoms.T, 0.02)
+        codes = lasso(atoms, others, 0.02)
         return float((others - codes @ atoms).square().sum() / 2 + 0.02 * codes.sum()) / len(others)
 
     assert objective(learned()) < 0.95 * objective(windows_alone)

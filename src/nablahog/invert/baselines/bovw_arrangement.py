@@ -6,15 +6,11 @@ of the pair, relative to chance.  s > 0 keeps the cost finite for what the datab
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.ndimage import gaussian_filter
 from scipy.optimize import linear_sum_assignment
-
-from ...runtime.compile import compiled
 
 Words = NDArray[np.int64]
 Array = NDArray[np.float64]
@@ -123,11 +119,11 @@ def arrange(words: Words, location: Array, costs: Costs, rng: np.random.Generato
     right, below = (np.pad(each[np.ix_(used, used)], (0, 1)) for each in (costs.right, costs.below))
     cells = np.arange(placed.size).reshape(placed.shape)[1:-1, 1:-1].ravel()
     rng.shuffle(cells)
-    flat, at_flat = placed.ravel(), at.reshape(-1, count + 1)
+    grid = _Grid(placed.ravel(), cols + 2, at.reshape(-1, count + 1), right, below)
     history = [_total(placed, at, right, below)]
     settled = False
     while not settled and len(history) <= MAX_SWEEPS:
-        change = _sweep(flat, cells, cols + 2, at_flat, right, below, TOLERANCE)
+        change = grid.sweep(cells)
         history.append(history[-1] + change)
         settled = change == 0
     return used[placed[1:-1, 1:-1]], history, settled
@@ -139,48 +135,59 @@ def _total(placed: Words, at: Array, right: Array, below: Array) -> float:
     return float(word_costs + pair_costs)
 
 
-@compiled
-def _around(placed: Any, p: Any, stride: int, at: Any, right: Any, below: Any) -> Any:
-    """The cost of the word at ``p``, with all its neighbours."""
-    word = placed[p]
-    beside = right[placed[p - 1], word] + right[word, placed[p + 1]]
-    return at[p, word] + beside + below[placed[p - stride], word] + below[word, placed[p + stride]]
-
-
-@compiled
-def _between(placed: Any, p: Any, q: Any, stride: int, right: Any, below: Any) -> Any:
-    """The cost of the pair of words at ``p`` and ``q``, p < q; 0 if they are no neighbours."""
-    if q - p == 1:
-        return right[placed[p], placed[q]]
-    return below[placed[p], placed[q]] if q - p == stride else 0.0
-
-
-@compiled
-def _sweep(placed: Any, cells: Any, stride: int, at: Any, right: Any, below: Any, tolerance: float) -> float:
-    """Swaps each pair of cells if that lowers the cost.  Returns the change of the cost, 0 without any swap.
+class _Grid:
+    """Words on a grid with a border of the last word, and what each word would cost at each place.
 
     Args:
-        placed: (n,), the words of a grid with a border, row by row, changed in place.
-        cells: the inner places, in the order of swaps.
+        placed: (n,), the words, row by row, changed in place.
         stride: places of a row.
         at, right, below: costs of words at places, (n, words), and of pairs, (words, words).
-        tolerance: least decrease of the cost by a swap.
     """
-    total = 0.0
-    for i in range(cells.size):
-        for j in range(i + 1, cells.size):
-            p, q = min(cells[i], cells[j]), max(cells[i], cells[j])
-            first, second = placed[p], placed[q]
-            if first == second:
-                continue
-            # an edge between the two is counted in both sums
-            change = _between(placed, p, q, stride, right, below)
-            change -= _around(placed, p, stride, at, right, below) + _around(placed, q, stride, at, right, below)
-            placed[p], placed[q] = second, first
-            change += _around(placed, p, stride, at, right, below) + _around(placed, q, stride, at, right, below)
-            change -= _between(placed, p, q, stride, right, below)
-            if change < -tolerance:
-                total += change
-            else:
-                placed[p], placed[q] = first, second
-    return total
+
+    def __init__(self, placed: Words, stride: int, at: Array, right: Array, below: Array) -> None:
+        self._placed, self._stride, self._at, self._right, self._below = placed, stride, at, right, below
+        # If two neighbours change places, the costs of each are by the old word of the other.  This corrects them.
+        self._corrections = {
+            apart: pair + pair.T - np.diag(pair) - np.diag(pair)[:, np.newaxis]
+            for apart, pair in ((1, right), (stride, below))
+        }
+        self._costs = np.zeros_like(at)
+        self._update(np.arange(len(placed)))
+
+    def sweep(self, cells: Words) -> float:
+        """Swaps each pair of cells if that lowers the cost.  Returns the change of the cost, 0 without any swap.
+
+        Args:
+            cells: the inner places, in the order of swaps.
+        """
+        total = 0.0
+        for i, p in enumerate(cells):
+            others = cells[i + 1 :]
+            while len(others):
+                changes = self._changes(p, others)
+                k = int(np.argmax(changes < -TOLERANCE))
+                if not changes[k] < -TOLERANCE:
+                    break
+                total += float(changes[k])
+                swapped = np.array([p, others[k]])
+                self._placed[swapped] = self._placed[swapped[::-1]]
+                self._update((swapped + np.array([-1, 1, -self._stride, self._stride])[:, np.newaxis]).ravel())
+                others = others[k + 1 :]
+        return total
+
+    def _changes(self, p: np.int64, others: Words) -> Array:
+        """By how much the cost changes if the word at ``p`` changes places with that at each of ``others``."""
+        word, words = self._placed[p], self._placed[others]
+        changes: Array = self._costs[p, words] - self._costs[p, word]
+        changes += self._costs[others, word] - self._costs[others, words]
+        for apart, correction in self._corrections.items():
+            beside = np.abs(others - p) == apart
+            changes[beside] += correction[word, words[beside]]
+        return changes
+
+    def _update(self, places: Words) -> None:
+        """Computes the costs of all words at some places anew, those of the border excepted."""
+        p = places[self._placed[places] < len(self._right) - 1]
+        beside = self._right[self._placed[p - 1]] + self._right.T[self._placed[p + 1]]
+        above_and_under = self._below[self._placed[p - self._stride]] + self._below.T[self._placed[p + self._stride]]
+        self._costs[p] = self._at[p] + beside + above_and_under

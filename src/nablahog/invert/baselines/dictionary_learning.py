@@ -4,8 +4,8 @@ Mairal, Bach, Ponce and Sapiro, *Online Dictionary Learning for Sparse Coding* (
 HOGgles has it done by SPAMS: each batch is coded, the sums AᵀA and AᵀX of its codes A and windows X are added to those
 of the past, which count less and less, and each atom in turn takes its best value for them, of length 1 at most.
 
-Libraries have the same steps.  The positive lasso of scikit-learn's ``MiniBatchDictionaryLearning`` takes some fifty
-milliseconds for a window of HOGgles, six hours for a thousand batches of 400; SPAMS is under the GPL.
+scikit-learn's ``MiniBatchDictionaryLearning`` has the same steps, but no state that a checkpoint could hold; SPAMS is
+under the GPL.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class DictionaryLearner:
 
     def learn(self, windows: Tensor) -> float:
         """One iteration, with ``windows`` (N, n).  Returns their mean ½‖x - Dα‖² + λ‖α‖₁ before it."""
-        codes = lasso(self.atoms @ self.atoms.T, windows @ self.atoms.T, self.sparsity)
+        codes = lasso(self.atoms, windows, self.sparsity)
         residual = windows - codes @ self.atoms
         objective = float(residual.square().sum() / 2 + self.sparsity * codes.sum()) / len(windows)
         past = self._forgetting(len(windows))

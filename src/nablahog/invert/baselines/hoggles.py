@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -71,7 +70,8 @@ class PairedDictionary(WindowModel):
         learning: how it was learned.
 
     Raises:
-        ValueError: these contradict each other, or hold NaN, Inf or entries beyond ±1.
+        ValueError: these contradict each other, or hold NaN, Inf or entries beyond ±1; of its methods, scikit-learn is
+            not installed.
     """
 
     KIND = "dictionary pair"
@@ -101,19 +101,12 @@ class PairedDictionary(WindowModel):
     def summary(self) -> str:
         return f"{len(self.gray)} pairs of atoms, {len(self.learning.images)} images"
 
-    @cached_property
-    def _atoms(self) -> tuple[Tensor, Tensor]:
-        """The atoms of windows, (K, n), and their Gram matrix."""
-        atoms = self.hog.flatten(1)
-        return atoms, atoms @ atoms.T
-
     def _batch_size(self, rows: int, cols: int) -> int:
         return max(1, BATCH // math.prod(side + 2 * PADDING - CELLS + 1 for side in (rows, cols)))
 
     def _invert(self, descriptor: Tensor, size: tuple[int, int]) -> Tensor:
-        atoms, gram = self._atoms
         x = hog_windows(pad(descriptor, (0, 0, PADDING, PADDING, PADDING, PADDING)))
-        codes = lasso(gram, unit(x.flatten(3).flatten(0, 2)) @ atoms.T, self.sparsity)
+        codes = lasso(self.hog.flatten(1), unit(x.flatten(3).flatten(0, 2)), self.sparsity)
         patches = (codes @ (self.gray * _gaussian(self.spec)).flatten(1)).view(*x.shape[:3], -1)
         return crop(stretched(average_patches(patches, self.spec, PATCH)), self.spec, PADDING + MARGIN, size)
 

@@ -74,7 +74,7 @@ def learn_hoggles(
     Raises:
         ValueError: there are no images, or one is too small or holds other values; fewer windows than atoms have
             contrast; a number is out of range; the spec has no row of channels for each cell
-            (:func:`.windows.check_cells`); the checkpoint is of another learning.
+            (:func:`.windows.check_cells`); the checkpoint is of another learning; scikit-learn is not installed.
         OSError: the checkpoint cannot be read or written.
     """
     for name, number in (("atoms", atoms), ("iterations", iterations), ("windows", windows)):

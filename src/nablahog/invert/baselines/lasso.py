@@ -1,19 +1,15 @@
-"""The positive lasso: sparse codes of vectors in a dictionary, by coordinate descent."""
+"""The positive lasso: sparse codes of vectors in a dictionary."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from ...runtime.compile import compiled
 from ...runtime.threads import in_threads
 
-TOLERANCE = 1e-2  # of the sparsity: how far the conditions of the optimum may be missed
-MAX_ROUNDS = 200  # of a code; it takes some ten
+TOLERANCE = 1e-3  # of ‖x‖²: how far the objective may be above its minimum
 PORTION = 128  # codes that a thread computes in one go
 
 
@@ -23,88 +19,33 @@ def check_sparsity(sparsity: float) -> None:
         raise ValueError(f"sparsity must be a finite number above 0, got {sparsity}")
 
 
-def lasso(gram: Tensor, correlations: Tensor, sparsity: float) -> Tensor:
-    """The codes α ≥ 0 that minimise ½‖x - Dα‖² + λ‖α‖₁, for many x at once.
-
-    Coordinate descent runs on an active set of atoms, to which those are added that violate the conditions of the
-    optimum most: of a thousand atoms a code uses a hundred or two.
+def lasso(atoms: Tensor, vectors: Tensor, sparsity: float) -> Tensor:
+    """The codes α ≥ 0 that minimise ½‖x - Dα‖² + λ‖α‖₁, for many x at once, by scikit-learn's coordinate descent.
 
     Args:
-        gram: DᵀD of the atoms, (K, K), float32 on the CPU; an atom of length 0 is never used.
-        correlations: Dᵀx, (N, K).
+        atoms: Dᵀ, (K, n), float32 on the CPU, contiguous; an atom of length 0 is never used.
+        vectors: x, (N, n), float32.
         sparsity: λ.
 
     Returns:
-        (N, K), float32.  The derivative of the objective is within λ/100 of 0 where a code is positive, and above
-        -λ/100 elsewhere.
+        (N, K), float32.  The objective is within ‖x‖² / 1000 of its minimum.
+
+    Raises:
+        ValueError: scikit-learn is not installed.
     """
-    codes = np.zeros(correlations.shape, np.float32)
-    gram_array, correlation_array = gram.contiguous().numpy(), correlations.contiguous().numpy()
-    weight, tolerance = np.float32(sparsity), np.float32(TOLERANCE * sparsity)
+    try:
+        from sklearn.linear_model import Lasso
+    except ModuleNotFoundError:
+        raise ValueError("HOGgles needs scikit-learn: pip install 'nablahog[sklearn]'") from None
+    codes = vectors.new_zeros(len(vectors), len(atoms))
+    nonzero = vectors.any(1).nonzero().squeeze(1)  # the others' codes are 0; some versions warn of them
+    portions, gram = torch.split(nonzero, PORTION), (atoms @ atoms.T).numpy()
 
     def code(portion: int) -> None:
-        part = slice(portion * PORTION, (portion + 1) * PORTION)
-        _lasso(gram_array, correlation_array[part], weight, tolerance, MAX_ROUNDS, codes[part])
+        options = {"fit_intercept": False, "copy_X": False, "precompute": gram, "positive": True, "tol": TOLERANCE}
+        one = Lasso(sparsity / atoms.shape[1], **options)
+        one.fit(atoms.numpy().T, vectors[portions[portion]].numpy().T, check_input=False)
+        codes[portions[portion]] = torch.from_numpy(one.coef_.reshape(-1, len(atoms)))
 
-    in_threads(code, -(-len(codes) // PORTION))
-    return torch.from_numpy(codes)
-
-
-@compiled
-def _lasso(gram: Any, correlations: Any, sparsity: Any, tolerance: Any, max_rounds: int, codes: Any) -> None:
-    """Writes the codes (N, K), zeros at first, for ``correlations`` (N, K)."""
-    count, atoms = correlations.shape
-    zero = sparsity * 0
-    ascent = np.empty(atoms, correlations.dtype)  # minus the derivative
-    active = np.empty(atoms, np.int64)  # the active set
-    active_gram = np.empty(atoms * atoms, correlations.dtype)  # dense, to stay in cache
-    active_ascent, values = np.empty(atoms, correlations.dtype), np.empty(atoms, correlations.dtype)
-    for i in range(count):
-        code = codes[i]
-        for _ in range(max_rounds):
-            for k in range(atoms):
-                ascent[k] = correlations[i, k] - sparsity
-            for k in range(atoms):
-                value = code[k]
-                if value > 0:
-                    row = gram[k]
-                    for m in range(atoms):
-                        ascent[m] -= value * row[m]
-            violation = zero
-            for k in range(atoms):
-                if gram[k, k] > 0:
-                    violation = max(violation, abs(ascent[k]) if code[k] > 0 else ascent[k])
-            if not violation > tolerance:
-                break
-            size = 0
-            for k in range(atoms):
-                if gram[k, k] > 0 and (code[k] > 0 or 2 * ascent[k] > violation):
-                    active[size] = k
-                    size += 1
-            for n in range(size):
-                k = active[n]
-                values[n], active_ascent[n] = code[k], ascent[k]
-                row, full_row = active_gram[n * size : (n + 1) * size], gram[k]
-                for m in range(size):
-                    row[m] = full_row[active[m]]
-            _descend(active_gram, active_ascent, values, size, max(tolerance, violation) / 4)
-            for n in range(size):
-                code[active[n]] = max(values[n], zero)
-
-
-@compiled
-def _descend(gram: Any, ascent: Any, values: Any, size: int, tolerance: Any) -> None:
-    """Coordinate descent on the first ``size`` values and their ascent, until a sweep changes little."""
-    zero = tolerance * 0
-    for _ in range(1000):
-        largest = zero
-        for n in range(size):
-            row = gram[n * size : (n + 1) * size]
-            step = max(values[n] + ascent[n] / row[n], zero) - values[n]
-            if step != 0:
-                values[n] += step
-                for m in range(size):
-                    ascent[m] -= step * row[m]
-                largest = max(largest, abs(step) * row[n])
-        if not largest > tolerance:
-            break
+    in_threads(code, len(portions))
+    return codes
