@@ -14,7 +14,7 @@ from .arguments import Locations, Size
 from .grouping import Rectangles, Weights, clip, group_by_mean_shift, group_rectangles
 from .parameters import Parameters
 from .pyramid import levels, resized
-from .windows import Padded, descriptors, detector, gradients, placed, scores
+from .windows import Padded, descriptors, gradients, placed, scores
 
 
 class HOGDescriptor(Parameters):
@@ -176,9 +176,9 @@ class HOGDescriptor(Parameters):
         if not len(self.svmDetector):
             return np.empty((0, 2), np.int64), np.empty(0)
         corners = corners[padded.inside(corners, self.winSize)]
-        weights = scores(padded, corners, self._scheme, detector(np.asarray(self.svmDetector), self._scheme))
+        weights = scores(padded, corners, self._scheme, np.asarray(self.svmDetector))
         hits = weights >= threshold
-        return corners[hits] - padded.margins, weights[hits]
+        return corners[hits] - padded.before, weights[hits]
 
     def detectMultiScale(
         self,

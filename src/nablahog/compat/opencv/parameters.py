@@ -16,7 +16,7 @@ from ...hog import HOGSpec, presets
 from . import arguments, storage
 from .arguments import Size
 from .people import people_detector
-from .windows import Scheme, scheme
+from .scheme import Scheme, scheme
 
 
 @dataclass(frozen=True, init=False, eq=False)

@@ -5,51 +5,30 @@ OpenCV interpolates in fixed point: weights are multiples of 1/256, and only the
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import ctypes
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...runtime.arrays import Bytes, Integers
-from ...runtime.compile import compiled
+from ... import native
 from .arguments import Size
 
+_resize = native.function(
+    "opencv_resize",
+    *(native.array(np.uint8), ctypes.c_int64, ctypes.c_int64),
+    *(ctypes.c_int64, native.array(np.int32), native.array(np.int32)) * 2,
+    native.array(np.uint8),
+)
 
-class Axis(NamedTuple):
-    """Pixels that are interpolated between: ``low`` and ``high``, and the weight of the latter in 1/256."""
 
-    low: Integers
-    high: Integers
-    weight: Integers
-
-
-def _axis(pixels: int, resized: int) -> Axis:
+def _axis(pixels: int, resized: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """The pixels to interpolate from, and the weights of those behind them in 1/256."""
     inverse = 1 / (resized / pixels)  # as OpenCV rounds it
     position = inverse * (np.arange(resized) + 0.5) - 0.5
     before = np.floor(position)
     inside = (before >= 0) & (before < pixels - 1)
-    weight = np.where(inside, np.rint((position - before) * 256), 0).astype(np.int32)
-    low = np.clip(before, 0, pixels - 1).astype(np.int64)
-    return Axis(low, np.minimum(low + 1, pixels - 1), weight)
-
-
-@compiled
-def _interpolate(image: Bytes, rows: Axis, cols: Axis, out: Bytes) -> None:
-    """``image`` (rows, columns, channels) to ``out``, of the same axes."""
-    line = np.zeros(image.shape[1] * image.shape[2], np.int32)
-    half, all_ = np.int32(1 << 15), np.int32(256)
-    for y in range(out.shape[0]):
-        upper, lower, weight = image[rows.low[y]].reshape(-1), image[rows.high[y]].reshape(-1), rows.weight[y]
-        for k in range(line.size):
-            x = np.uintp(k)
-            line[x] = np.int32(upper[x]) * (all_ - weight) + np.int32(lower[x]) * weight
-        to = out[y].reshape(-1)
-        for k in range(to.size):
-            x = np.uintp(k)
-            value = (
-                line[np.uintp(cols.low[x])] * (all_ - cols.weight[x]) + line[np.uintp(cols.high[x])] * cols.weight[x]
-            )
-            to[x] = np.uint8((value + half) >> np.int32(16))
+    weight = np.where(inside, np.rint((position - before) * 256), 0)
+    return np.clip(before, 0, pixels - 1).astype(np.int32), weight.astype(np.int32)
 
 
 def levels(size: Size, window: Size, scale: float, most: int) -> list[float]:
@@ -68,9 +47,13 @@ def resized(image: NDArray[np.uint8], size: Size) -> NDArray[np.uint8]:
     height, width, channels = image.shape
     if size == (width, height):
         return image
-    cols = _axis(width, size[0])
-    channel = np.tile(np.arange(channels), size[0])
-    low, high = (np.repeat(each, channels) * channels + channel for each in (cols.low, cols.high))
-    out = np.empty((size[1], size[0], channels), np.uint8)
-    _interpolate(image, _axis(height, size[1]), Axis(low, high, np.repeat(cols.weight, channels)), out)
-    return out
+    (left, right_weight), (upper, lower_weight) = _axis(width, size[0]), _axis(height, size[1])
+    if native.available():
+        out = np.empty((size[1], size[0], channels), np.uint8)
+        _resize(image, width, channels, size[1], upper, lower_weight, size[0], left, right_weight, out)
+        return out
+    right, lower = np.minimum(left + 1, width - 1), np.minimum(upper + 1, height - 1)
+    by_row, by_col = lower_weight[:, None, None], right_weight[:, None]
+    lines = image[upper] * (256 - by_row) + image[lower] * by_row
+    values: NDArray[np.int32] = lines[:, left] * (256 - by_col) + lines[:, right] * by_col
+    return ((values + (1 << 15)) >> 16).astype(np.uint8)
