@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from torch import Tensor
 
 VARIABLE = "NABLAHOG_INSTRUCTIONS"
@@ -76,15 +77,18 @@ def array(*dtypes: type[np.generic]) -> Any:
 
     Tensors on a CPU are taken, too.
     """
-    allowed = frozenset(np.dtype(each) for each in dtypes)
+    allowed = frozenset(map(np.dtype, dtypes))
+    of_tensors = frozenset(torch.from_numpy(np.empty(0, each)).dtype for each in allowed)
 
     class Address:
         @staticmethod
         def from_param(value: Any) -> ctypes.c_void_p:
-            values = value.detach().numpy() if isinstance(value, Tensor) else value
-            if values.dtype not in allowed or not values.flags.c_contiguous:
-                names = " or ".join(sorted(map(str, allowed)))
-                raise TypeError(f"expected a C-contiguous array of {names}, got {values.dtype}, strides {values.strides}")
-            return ctypes.c_void_p(values.ctypes.data)
+            if isinstance(value, Tensor):
+                if value.dtype in of_tensors and value.is_contiguous() and value.is_cpu:
+                    return ctypes.c_void_p(value.data_ptr())
+            elif value.dtype in allowed and value.flags.c_contiguous:
+                return ctypes.c_void_p(value.ctypes.data)
+            names = " or ".join(sorted(map(str, allowed)))
+            raise TypeError(f"expected a C-contiguous array of {names} on a CPU, got {value.dtype}, {value.shape}")
 
     return Address
