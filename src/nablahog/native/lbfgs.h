@@ -1,6 +1,6 @@
 // The long vectors of L-BFGS: dot products with the stored vectors, and their combination to a direction.
 //
-// A problem's vectors of n numbers lie one after the other: the point x, its gradient g, the direction d, then m steps
+// A problem's vectors of n numbers lie a stride apart: the point x, its gradient g, the direction d, then m steps
 // s and m gradient changes y, each m a ring whose newest is at `newest`.  Numbers of stored vectors go by age, newest
 // first.
 #pragma once
@@ -64,11 +64,11 @@ class Largest {
 template <class T>
 struct Problem {
   T* x;
-  int64_t n, memory, newest;
+  int64_t n, stride, memory, newest;
 
-  T* gradient() const { return x + n; }
-  T* direction() const { return x + 2 * n; }
-  T* stored(int64_t row) const { return x + (3 + row) * n; }
+  T* gradient() const { return x + stride; }
+  T* direction() const { return x + 2 * stride; }
+  T* stored(int64_t row) const { return x + (3 + row) * stride; }
 
   // Index among 2m numbers by age, steps first, of a stored vector
   int64_t by_age(int64_t row) const {

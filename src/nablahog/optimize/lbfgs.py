@@ -25,7 +25,7 @@ class LbfgsSearch:
     ) -> None:
         self.objective = objective
         values, gradient = objective(start, torch.arange(len(start), device=start.device))
-        values = as_numbers(values.clone())
+        values = as_numbers(values.to(start.dtype, copy=True))
         self.running = Running(start, values, watch)
         kind = NativeVectors if self.running.at_once and native.available() else Vectors
         self.vectors, self.state = kind(start, gradient, memory, first_step), SearchState.at_start(values, memory)
@@ -34,8 +34,8 @@ class LbfgsSearch:
         """Evaluates each trial point; where it is accepted, takes the step and updates the direction."""
         vectors, running, steps = self.vectors, self.running, self.state.steps
         values, gradient = self.objective(vectors.trial_points(steps), running.index)
-        gradient, runs = gradient.to(vectors.x.dtype).contiguous(), running.codes == 0
-        dots = vectors.dots(gradient)
+        values, gradient = values.to(vectors.x.dtype, copy=True), gradient.to(vectors.x.dtype).contiguous()
+        runs, dots = running.codes == 0, vectors.dots(gradient)
         self.state, decisions = decide(self.state, runs, vectors.slopes, as_numbers(values), dots)
         self.stays, self.last_steps = decisions.stays, steps - decisions.steps
         vectors.take_step(decisions, gradient)

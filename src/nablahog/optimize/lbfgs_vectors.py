@@ -19,7 +19,7 @@ from .result import Numbers
 from .running import as_numbers, of_rows, rows_where
 
 _REALS = native.array(np.float32, np.float64)
-_COMMON = c_bool, *[c_int64] * 5, _REALS, native.array(np.int64), _REALS
+_COMMON = c_bool, *[c_int64] * 6, _REALS, native.array(np.int64), _REALS
 _dots = native.function("lbfgs_dots", *_COMMON, _REALS)
 _take_step = native.function("lbfgs_take_step", *_COMMON, _REALS, native.array(np.bool_), *[_REALS] * 3)
 
@@ -41,16 +41,18 @@ class Vectors:
         self.memory, self._length = memory, length
         # of each problem x, gradient and direction, m steps, m changes of the gradient, and what is not to be stored:
         # so no number decides where to write
-        self._all = x.new_zeros(len(x), 2 * memory + 4, x.shape[1])
+        line = 64 // x.element_size()  # an odd number of these: places alike are in different sets of a cache
+        self._all = x.new_zeros(len(x), 2 * memory + 4, (-(-x.shape[1] // line) | 1) * line)
         self._newest = torch.zeros(len(x), dtype=torch.long, device=x.device)  # pair: each m are a ring
-        self._name_rows()
+        self._name_rows(x.shape[1])
         self.x[:], self.gradient[:] = x, gradient
-        self.slopes, self.peaks = as_numbers(gradient.new_zeros(len(x))), as_numbers(gradient.abs().amax(1))
+        self.slopes, self.peaks = as_numbers(x.new_zeros(len(x))), as_numbers(self.gradient.abs().amax(1))
         self.turn_downhill(torch.ones_like(self._newest, dtype=torch.bool))
 
-    def _name_rows(self) -> None:
-        self.x, self.gradient, self.direction = (self._all[:, k] for k in range(3))
-        self._stored = self._all[:, 3:-1]
+    def _name_rows(self, n: int) -> None:
+        self._vectors = self._all[:, :, :n]
+        self.x, self.gradient, self.direction = self._vectors[:, :3].unbind(1)
+        self._stored = self._vectors[:, 3:-1]
 
     def trial_points(self, steps: Numbers) -> Tensor:
         """(A, N), so many times the directions away."""
@@ -89,7 +91,7 @@ class Vectors:
         step = steps.unsqueeze(1) * self.direction
         self._newest = torch.where(stores, (self._newest + 1) % m, self._newest)
         for k, vector in enumerate((step, trial_gradient - self.gradient)):
-            self._all[rows, torch.where(stores, 3 + k * m + self._newest, 3 + 2 * m)] = vector
+            self._vectors[rows, torch.where(stores, 3 + k * m + self._newest, 3 + 2 * m)] = vector
         torch.where(moves, self.x + step, self.x, out=self.x)
         torch.where(moves, trial_gradient, self.gradient, out=self.gradient)
         by_place = torch.zeros_like(coefficients[:, :-1]).scatter(1, self._places(), coefficients[:, :-1])
@@ -112,7 +114,7 @@ class Vectors:
         device = self._all.device
         self._all[moved.to(device)] = self._all[rows[moved].to(device)]
         self._all = self._all[: len(rows)]
-        self._name_rows()
+        self._name_rows(self.x.shape[1])
         self._newest, self.slopes, self.peaks = (
             of_rows(each, rows) for each in (self._newest, self.slopes, self.peaks)
         )
@@ -131,6 +133,6 @@ class NativeVectors(Vectors):
         self._loop(_take_step, trial_gradient, *arrays)
 
     def _loop(self, loop: Any, trial_gradient: Tensor, *arrays: Numbers) -> None:
-        double, (count, *sizes) = self._all.dtype == torch.float64, self._all.shape
-        of_all = *sizes, self.memory, self._all, self._newest, trial_gradient, *arrays
-        share_out(lambda start, stop: loop(double, start, stop, *of_all), count)
+        (count, n), double = self.x.shape, self.x.dtype == torch.float64
+        rest = n, *self._all.shape[1:], self.memory, self._all, self._newest, trial_gradient, *arrays
+        share_out(lambda start, stop: loop(double, start, stop, *rest), count)
