@@ -12,9 +12,10 @@ from ...runtime.threads import in_threads
 from . import arguments
 from .arguments import Locations, Size
 from .grouping import Rectangles, Weights, clip, group_by_mean_shift, group_rectangles
+from .padded import Padded
 from .parameters import Parameters
 from .pyramid import levels, resized
-from .windows import Padded, descriptors, gradients, placed, scores
+from .windows import descriptors, gradients, placed, scores
 
 
 class HOGDescriptor(Parameters):

@@ -5,8 +5,6 @@ Gradients are taken here: ``hog`` has no padding whose outermost pixels have gra
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -15,9 +13,7 @@ from ...hog import HOGSpec, library_angles
 from ...hog.layout import to_layout
 from ...hog.pooling import pool
 from ...hog.poolings import BlockCells
-
-if TYPE_CHECKING:
-    from .windows import Padded
+from .padded import Padded
 
 
 def _gradients(padded: Padded, spec: HOGSpec) -> NDArray[np.float32]:
