@@ -186,7 +186,9 @@ print(torch.equal(compiled(images), nablahog.hog(images, spec)))"""
 def test_exported_graphs_need_the_operator(tmp_path: Path) -> None:
     path, images = tmp_path / "hog.pt2", torch.rand(1, 1, 16, 16)
     torch.export.save(torch.export.export(HOG(presets.paper()), (images,)), path)
-    program = f"import nablahog.hog.kernels, torch; print(torch.export.load({str(path)!r}).graph_signature.user_inputs)"
+    program = (
+        f"import nablahog.hog.operators, torch; print(torch.export.load({str(path)!r}).graph_signature.user_inputs)"
+    )
     assert show(program) == "('images',)\n"
 
 

@@ -133,12 +133,13 @@ def places(grid: Sequence[Tensor], scales: Tensor, tilts: Tensor) -> tuple[Tenso
 
 
 def turned(image: Tensor, tilts: Sequence[float], step: float, size: tuple[int, int]) -> Tensor:
-    """Samples (T, *size) of an image (S, S), float32, around its middle, ``step`` pixels apart.
+    """Samples (T, *size) of an image (H, W), float32, around its middle, ``step`` pixels apart.
 
     The image is turned clockwise by each of T tilts, degrees; its border repeats.
     """
     grid = [torch.arange(count, dtype=image.dtype) - (count - 1) / 2 for count in size]
-    to_unit = image.new_full((len(tilts),), 2 * step / len(image))  # coordinates are -1 and 1 at the borders
-    at = torch.stack(places(grid, to_unit, image.new_tensor(tilts)), dim=1)
+    x, y = places(grid, image.new_full((len(tilts),), step), image.new_tensor(tilts))
+    height, width = image.shape
+    at = torch.stack([x * (2 / width), y * (2 / height)], dim=-1)  # coordinates are -1 and 1 at the borders
     images = image.expand(len(tilts), 1, -1, -1)
-    return grid_sample(images, at.permute(0, 2, 3, 1), padding_mode="border", align_corners=False)[:, 0]
+    return grid_sample(images, at, padding_mode="border", align_corners=False)[:, 0]
