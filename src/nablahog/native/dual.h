@@ -2,8 +2,6 @@
 // docs/derivatives.md: of a root at 0 it is 0, of a clip at the clip the mean of both sides.
 #pragma once
 
-#include <concepts>
-
 #include "vec.h"
 
 namespace nablahog {
@@ -128,10 +126,8 @@ template <class N, class T>
 }
 
 // A number in all lanes
-template <std::floating_point T>
-[[gnu::always_inline]] inline Vec<T> spread(T x) {
-  return splat<Vec<T>>(x);
-}
+[[gnu::always_inline]] inline Vec<float> spread(float x) { return splat<Vec<float>>(x); }
+[[gnu::always_inline]] inline Vec<double> spread(double x) { return splat<Vec<double>>(x); }
 template <class T>
 [[gnu::always_inline]] inline Dual<Vec<T>> spread(Dual<T> x) {
   return {spread(x.value), spread(x.tangent)};

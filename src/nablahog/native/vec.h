@@ -217,9 +217,9 @@ template <class V, class Part>
   }
 }
 
-// The numbers of a table of a few vectors at each lane's index; where a processor can: see `has_tables`.
+// The numbers of a table of a few vectors at each lane's index; where a processor can: see `most_tables`.
 template <class V, int VECTORS>
-[[gnu::always_inline]] inline V permute(const V (&table)[VECTORS], Mask<V> index) {
+[[gnu::always_inline]] inline V permute(const V (&table)[VECTORS], [[maybe_unused]] Mask<V> index) {
 #if defined(__AVX512F__)
   static_assert(VECTORS <= 2);
   if constexpr (sizeof(Element<V>) == 4 && VECTORS == 1) {
