@@ -14,9 +14,9 @@ from skimage import data
 
 from nablahog import native
 from nablahog.compat.opencv import HOGDescriptor
+from nablahog.compat.opencv.padded import Padded
 from nablahog.compat.opencv.pyramid import resized
 from nablahog.compat.opencv.scheme import Constants
-from nablahog.compat.opencv.padded import Padded
 
 pytestmark = pytest.mark.skipif(not native.available(), reason="no native library")
 
