@@ -94,6 +94,7 @@ class Running:
         if self.watch is not None:
             self.watch(self.index, torch.as_tensor(self.evaluations))
 
+    @np.errstate(invalid="ignore")  # a value that has been infinite all the time has not fallen
     def slow(self, tolerance: float) -> Numbers:
         """Whether the lowest value fell by less than a share of itself in the last 20 rounds, (A,)."""
         before = self._recent[(self._rounds + 1) % (WINDOW + 1)]
