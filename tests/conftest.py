@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterator
 
 import pytest
@@ -29,7 +30,9 @@ if not torch.cuda.is_available():
 
 os.environ["NABLAHOG_CACHE_SIZE"] = "0"  # what an earlier run has stored must not hide a mistake
 
-native.available()  # warns here, where no test fails by it, if all tests run on plain PyTorch
+with warnings.catch_warnings():
+    warnings.simplefilter("default")
+    native.available()  # warns once, and here, where it fails no test, if all tests run on plain PyTorch
 load_forward_mode()  # tests use it themselves, and turn warnings into errors
 
 
