@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from nablahog.datasets.chairs import library
-from nablahog.evaluate.models import Meshes, models_in
 from nablahog.hog.box import Box
 from nablahog.io.images import read_image
 from nablahog.metrics import azimuth_error
+from nablahog.paper.chairs import library
+from nablahog.paper.models import Meshes, models_in
 from nablahog.pose import default_viewpoints, estimate_pose
 
 _OFF = {"larger": (-1, -1, 1, 1), "off 1": (1, -1, 1, -1), "off 2": (-1, -1, -1, 1), "off 3": (1, 1, -1, -1)}

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import torch
 
-from nablahog.datasets.chairs import chair
+from nablahog.paper.chairs import chair
 from nablahog.pose import estimate_pose
 from nablahog.render import Camera, pose, render
 

@@ -20,11 +20,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from nablahog.datasets.conditions import CONDITIONS
-from nablahog.datasets.viewpoints import read_viewpoints, sample_viewpoints
-from nablahog.evaluate.models import Meshes, models_in, procedural_chairs
 from nablahog.io.sample_photographs import SAMPLE_NAMES, sample_photograph
 from nablahog.metrics import azimuth_error
+from nablahog.paper.conditions import CONDITIONS
+from nablahog.paper.models import Meshes, models_in, procedural_chairs
+from nablahog.paper.viewpoints import read_viewpoints, sample_viewpoints
 from nablahog.pose import PoseEstimate, confidence, estimate_pose
 from nablahog.pose import estimate as estimate_module
 from nablahog.pose.confidence import RIGHT, Evidence

@@ -43,7 +43,7 @@ def measure() -> None:
         return time.process_time() - began
 
     print(seconds(f"{IMPORT}; from nablahog import hog, presets; uoctti = presets.uoctti()"), seconds(IMPORT))
-    exec("from nablahog.datasets import chairs", names)
+    exec("from nablahog.paper import chairs", names)
     for statement in CALLS.values():
         print(seconds(statement), seconds(statement))
 

@@ -31,9 +31,10 @@ from torch import Tensor
 
 from gpu_operator import measure_cosines, measure_hog
 from gpu_timing import attempt, judge, milliseconds
-from nablahog import datasets, hog, presets, reconstruct, train_prior
+from nablahog import hog, presets, reconstruct, train_prior
 from nablahog.invert import Search
 from nablahog.optimize import Minimiser
+from nablahog.paper import chairs
 from nablahog.render import Camera, Mesh, Renderer, depth_and_normals, pose
 from photographs import photographs
 from timing import cell, digits, summary
@@ -102,7 +103,7 @@ def measure_prior(folder: Path | None, report: dict[str, Any]) -> None:
 
 def measure_poses(report: dict[str, Any]) -> None:
     """Views of a chair at once and one by one: images with derivatives by poses, depths and normals."""
-    mesh = datasets.chairs.chair(3)
+    mesh = chairs.chair(3)
     mesh = Mesh(*(part.cuda() for part in (mesh.vertices, mesh.faces, mesh.brightness)))
     camera = Camera.from_field_of_view(30, VIEW, VIEW)
     where = torch.cat([pose(azimuth=360 * k / VIEWS, elevation=20, distance=3) for k in range(VIEWS)]).cuda()

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeAlias
 import torch
 
 from memory import available_mib
-from nablahog.evaluate.examples import Example
+from nablahog.paper.examples import Example
 from nablahog.render.renderer import Method
 from poses import estimate, objects
 from programs import NAIVE, PAPER, UOCTTI, Photographs, Program

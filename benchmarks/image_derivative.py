@@ -21,9 +21,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
-from nablahog.datasets.cad import read_models
-from nablahog.datasets.chairs import chair
 from nablahog.hog import HOGSpec, hog, presets
+from nablahog.paper.cad import read_models
+from nablahog.paper.chairs import chair
 from nablahog.render import Camera, Light, Mesh, Renderer, load_mesh, pose
 from nablahog.render.renderer import Method
 from photographs import SIDE, sample_photographs

@@ -16,11 +16,11 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from nablahog.datasets.scenes import Scene, SceneSettings, scene
-from nablahog.datasets.viewpoints import sample_viewpoints
-from nablahog.evaluate.models import Meshes, procedural_chairs
 from nablahog.io.sample_photographs import SAMPLE_NAMES, sample_photograph
 from nablahog.metrics import azimuth_error
+from nablahog.paper.models import Meshes, procedural_chairs
+from nablahog.paper.scenes import Scene, SceneSettings, scene
+from nablahog.paper.viewpoints import sample_viewpoints
 from nablahog.pose import estimate_pose
 from nablahog.render import Mesh, silhouette
 

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import torch
 
-from nablahog.evaluate.examples import Example
-from nablahog.evaluate.pose_methods import PoseInput, Table2Settings, detection
 from nablahog.metrics import VIEWS, same_view
+from nablahog.paper.examples import Example
+from nablahog.paper.pose_methods import PoseInput, Table2Settings, detection
 from nablahog.pose import estimate_pose
 from nablahog.pose.crop import crop_object
 from nablahog.pose.estimate import EVERY_DEGREE, PAPER_RENDERERS

@@ -22,11 +22,11 @@ from typing import Any
 import numpy as np
 import torch
 
-from nablahog.datasets.viewpoints import read_viewpoints, sample_viewpoints
-from nablahog.evaluate.examples import Example, rendered
-from nablahog.evaluate.models import models_in, procedural_chairs
 from nablahog.io.sample_photographs import SAMPLE_NAMES, sample_photograph
 from nablahog.metrics import VIEWS, azimuth_error, same_view
+from nablahog.paper.examples import Example, rendered
+from nablahog.paper.models import models_in, procedural_chairs
+from nablahog.paper.viewpoints import read_viewpoints, sample_viewpoints
 from nablahog.pose import PoseEstimate, coarse_to_fine, estimate_pose
 from nablahog.pose.ascent import SCHEDULE, Round
 

@@ -21,9 +21,9 @@ from torch.nn.functional import avg_pool2d
 
 from errors import correlation
 from nablahog import LearnedPrior, hog, presets, train_prior
-from nablahog.evaluate.photographs import read_folder
 from nablahog.invert.prior_network import Architecture
 from nablahog.invert.training_windows import BATCH
+from nablahog.paper.photographs import read_folder
 from photographs import photographs
 
 SPEC = presets.paper(8)

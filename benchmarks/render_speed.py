@@ -23,7 +23,7 @@ import numpy as np
 import torch
 
 from memory import printed_by, raised_mib
-from nablahog.datasets.solids import joined, lathe, tube
+from nablahog.paper.solids import joined, lathe, tube
 from nablahog.render import Camera, Mesh, Renderer, pose, pose_vjp
 from nablahog.render.renderer import Method
 from timing import Call, Times, cell, in_turns

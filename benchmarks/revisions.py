@@ -1,10 +1,11 @@
-"""Is the operator as fast as at another revision?  CPU time of two checkouts, by turns, in one thread.
+"""Is the operator as fast as at another revision?  CPU time of two checkouts, by turns.
 
     git worktree add ../before REVISION
-    python benchmarks/revisions.py ../before . [--starts 7]
+    python benchmarks/revisions.py ../before . [--starts 7] [--cases "float64 paper"]
 
 A ratio is the second checkout's time over the first's: the median over pairs of processes (quartiles), since where a
-process lies in memory changes its times by some per cent; of each pair the median of ten turns.
+process lies in memory changes its times by some per cent; of each pair the median of ten turns.  Variables of the
+environment reach both processes: NABLAHOG_INSTRUCTIONS=v3 measures AVX2.  A case on two threads is timed by the wall.
 """
 
 from __future__ import annotations
@@ -19,45 +20,59 @@ from collections.abc import Callable
 from pathlib import Path
 
 PRESETS = ("paper", "uoctti", "skimage", "opencv", "dpm", "vlfeat", "vlfeat-bilinear")
-CASES = [f"{preset} 256 {what} 1" for preset in PRESETS for what in ("hog", "vjp")]
-CASES += ["paper 128 both 1", "paper 128 both 64", "paper 512 both 1"]
+DTYPES = ("float32", "float64", "uint8")
+# preset, height, width, pass, images, threads, dtype
+CASES = [f"{preset} 256 256 {what} 1 1 float32" for preset in PRESETS for what in ("hog", "vjp", "jvp")]
+CASES += [f"{preset} 256 256 {what} 1 1 float64" for preset in PRESETS[:5] for what in ("hog", "vjp")]
+CASES += [f"{preset} 256 256 hog 1 1 uint8" for preset in PRESETS[:5]]
+CASES += [f"{preset} 128 64 both 64 1 float32" for preset in PRESETS[:5]]
+CASES += ["paper 128 64 both 1 1 float32", "paper 512 512 both 1 1 float32", "uoctti 512 512 both 1 1 float32"]
+CASES += [f"{preset} 2048 2048 both 1 2 float32" for preset in ("paper", "uoctti", "skimage")]
+CASES += [f"{preset} 128 64 both 64 2 float32" for preset in ("paper", "uoctti", "skimage")]
 TURNS, TURN = 10, 0.05  # a turn in seconds
 
 
-def call(preset: str, side: int, what: str, batch: int) -> Callable[[], object]:
-    """``hog``, its vjp, or both, of float32 images."""
+def call(preset: str, height: int, width: int, what: str, batch: int, dtype: str) -> Callable[[], object]:
+    """``hog``, its vjp, its jvp, or hog and vjp."""
     import torch
 
     from nablahog.hog import hog, presets
 
-    torch.set_num_threads(1)
     bilinear = preset == "vlfeat-bilinear"
     spec = presets.vlfeat(bilinear_orientations=True) if bilinear else getattr(presets, preset)()
-    channels = 1 if spec.colour == "gray" else 3
-    images = torch.rand(batch, channels, side, side, generator=torch.Generator().manual_seed(0))
+    shape = (batch, 1 if spec.colour == "gray" else 3, height, width)
+    images = torch.rand(shape, generator=torch.Generator().manual_seed(0))
+    images = (255 * images).to(torch.uint8) if dtype == "uint8" else images.to(getattr(torch, dtype))
     if what == "hog":
         return lambda: hog(images, spec)
+    if what == "jvp":
+        tangents = torch.rand(shape, generator=torch.Generator().manual_seed(2), dtype=images.dtype)
+        return lambda: torch.func.jvp(lambda x: hog(x, spec), (images,), (tangents,))
     images.requires_grad_()
     descriptor = hog(images, spec)
-    cotangent = torch.rand(descriptor.shape, generator=torch.Generator().manual_seed(1))
+    cotangent = torch.rand(descriptor.shape, generator=torch.Generator().manual_seed(1), dtype=images.dtype)
     if what == "vjp":
         return lambda: torch.autograd.grad(descriptor, images, cotangent, retain_graph=True)
     return lambda: torch.autograd.grad(hog(images, spec), images, cotangent)
 
 
 def serve() -> None:
-    """Answers each line of the input, a case, with the CPU milliseconds of a call."""
+    """Answers each line of the input, a case, with the milliseconds of a call."""
+    import torch
+
     calls: dict[str, Callable[[], object]] = {}
     for line in sys.stdin:
-        preset, side, what, batch = line.split()
+        preset, height, width, what, batch, threads, dtype = line.split()
+        torch.set_num_threads(int(threads))
+        clock = time.process_time if threads == "1" else time.perf_counter
         if line not in calls:
-            calls[line] = call(preset, int(side), what, int(batch))
+            calls[line] = call(preset, int(height), int(width), what, int(batch), dtype)
         calls[line]()
-        count, began = 0, time.process_time()
-        while time.process_time() - began < TURN:
+        count, began = 0, clock()
+        while clock() - began < TURN:
             calls[line]()
             count += 1
-        print(1e3 * (time.process_time() - began) / count, flush=True)
+        print(1e3 * (clock() - began) / count, flush=True)
 
 
 class Checkout:
@@ -83,16 +98,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folders", type=Path, nargs=2, metavar="CHECKOUT")
     parser.add_argument("--starts", type=int, default=7, help="pairs of processes, at least 2")
+    parser.add_argument("--cases", default="", help="only cases with all these words")
     options = parser.parse_args()
-    ratios: dict[str, list[float]] = {case: [] for case in CASES}
+    cases = [case for case in CASES if set(options.cases.split()) <= set(case.split())]
+    ratios: dict[str, list[float]] = {case: [] for case in cases}
     for _ in range(options.starts):
         first, second = (Checkout(folder) for folder in options.folders)
-        for case in CASES:
+        for case in cases:
             turns = [(first.milliseconds(case), second.milliseconds(case)) for _ in range(TURNS + 1)][1:]
             ratios[case].append(statistics.median(after / before for before, after in turns))
         for checkout in (first, second):
             checkout.process.kill()
-    print("| preset, side, what, batch | second / first |\n|---|---|")
+    print("| preset, height, width, pass, images, threads, dtype | second / first |\n|---|---|")
     for case, some in ratios.items():
         low, middle, high = statistics.quantiles(some, n=4)
         print(f"| {case} | {middle:.2f} ({low:.2f}…{high:.2f}) |")

@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 import torch
 
-from nablahog.datasets.conditions import CONDITIONS, Case
-from nablahog.datasets.viewpoints import read_viewpoints, sample_viewpoints
-from nablahog.evaluate.models import Meshes, models_in, procedural_chairs
 from nablahog.io.images import write_image
 from nablahog.io.sample_photographs import SAMPLE_NAMES, sample_photograph
 from nablahog.metrics import azimuth_error
+from nablahog.paper.conditions import CONDITIONS, Case
+from nablahog.paper.models import Meshes, models_in, procedural_chairs
+from nablahog.paper.viewpoints import read_viewpoints, sample_viewpoints
 from nablahog.pose import PoseEstimate, estimate_pose
 from nablahog.render import silhouette
 from nablahog.viz.pictures import outlined

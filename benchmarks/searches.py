@@ -19,9 +19,9 @@ from growth import seconds_of
 from limits import Rates, limits_ms, rendering_work, work
 from nablahog import hog, metrics, presets, reconstruct
 from nablahog.invert import AsPublished, Reconstruction, Search
-from nablahog.invert.baselines.cnn_hog import CNNHOG
 from nablahog.invert.quality import QualityName
 from nablahog.metrics import azimuth_error
+from nablahog.paper.baselines.cnn_hog import CNNHOG
 from nablahog.pose.prepared import pose_spec
 from parts import of_search
 from photographs import photographs

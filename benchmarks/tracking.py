@@ -22,9 +22,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from nablahog.datasets.chairs import chair
 from nablahog.hog.gradient import gray
 from nablahog.io.sample_photographs import SAMPLE_NAMES, sample_photograph
+from nablahog.paper.chairs import chair
 from nablahog.pose import Tracker
 from nablahog.render import Mesh, pose, render
 from nablahog.render.rigid import moved_before, pose_matrix, turn_to

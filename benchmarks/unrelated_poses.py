@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from nablahog import estimate_pose
-from nablahog.datasets.viewpoints import sample_viewpoints
-from nablahog.evaluate.examples import rendered
-from nablahog.evaluate.models import procedural_chairs
 from nablahog.io.sample_photographs import SAMPLE_NAMES, sample_photograph
+from nablahog.paper.examples import rendered
+from nablahog.paper.models import procedural_chairs
+from nablahog.paper.viewpoints import sample_viewpoints
 from nablahog.pose.options import SimilarityKind
 
 SIDE = 150  # pixels of the shortest side of a box without the object

@@ -16,13 +16,13 @@ from torch import Tensor
 
 from nablahog import metrics
 from nablahog.cli.terminal import counter
-from nablahog.evaluate.learned import SPEC, tiles
-from nablahog.evaluate.methods import METHODS, Table1Settings
-from nablahog.evaluate.photographs import sample_photographs
-from nablahog.invert.baselines.bovw_learning import learn_bovw
-from nablahog.invert.baselines.hoggles_learning import learn_hoggles
-from nablahog.invert.baselines.nearest import learn_nearest
-from nablahog.invert.baselines.ridge import learn_ridge
+from nablahog.paper.baselines.bovw_learning import learn_bovw
+from nablahog.paper.baselines.hoggles_learning import learn_hoggles
+from nablahog.paper.baselines.nearest import learn_nearest
+from nablahog.paper.baselines.ridge import learn_ridge
+from nablahog.paper.learned import SPEC, tiles
+from nablahog.paper.methods import METHODS, Table1Settings
+from nablahog.paper.photographs import sample_photographs
 from nablahog.viz.pictures import Panel, contact_sheet
 
 HERE = Path(__file__).parent

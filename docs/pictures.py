@@ -21,13 +21,13 @@ from torch import Tensor
 from nablahog import hog, metrics, presets, reconstruct
 from nablahog.cli.results.pose_page import write
 from nablahog.cli.results.pose_result import PoseResult
-from nablahog.datasets.viewpoints import sample_viewpoints
-from nablahog.evaluate.examples import rendered
-from nablahog.evaluate.models import procedural_chairs
 from nablahog.hog.gradient import gray
 from nablahog.invert import reconstruct_multiscale, scale_descriptors
 from nablahog.io.images import limit_size
 from nablahog.io.sample_photographs import SAMPLE_NAMES, sample_photograph
+from nablahog.paper.examples import rendered
+from nablahog.paper.models import procedural_chairs
+from nablahog.paper.viewpoints import sample_viewpoints
 from nablahog.pose import estimate_pose
 from nablahog.pose.crop import crop_object
 from nablahog.pose.prepared import PreparedPhotograph

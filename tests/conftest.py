@@ -11,10 +11,10 @@ import torch
 from hypothesis import settings
 
 from nablahog import native, presets
-from nablahog.invert.baselines.bovw_learning import learn_bovw
-from nablahog.invert.baselines.hoggles_learning import learn_hoggles
-from nablahog.invert.baselines.nearest import learn_nearest
-from nablahog.invert.baselines.ridge import learn_ridge
+from nablahog.paper.baselines.bovw_learning import learn_bovw
+from nablahog.paper.baselines.hoggles_learning import learn_hoggles
+from nablahog.paper.baselines.nearest import learn_nearest
+from nablahog.paper.baselines.ridge import learn_ridge
 from nablahog.runtime.forward_mode import load_forward_mode
 
 # derandomized: a failure belongs to a change, never to the luck of the run

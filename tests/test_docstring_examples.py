@@ -77,7 +77,7 @@ def test_the_reference_is_whole() -> None:
     public = {name for name, _ in documented()}
     public |= {
         f"datasets.{module}.{name}"
-        for module in nablahog.datasets.__all__
-        for name in members(getattr(nablahog.datasets, module))
+        for module in nablahog.paper.__all__
+        for name in members(getattr(nablahog.paper, module))
     }
     assert public - set(REFERENCE) == set()

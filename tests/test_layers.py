@@ -27,14 +27,13 @@ MAY_IMPORT: dict[str, set[str]] = {
     "render": {"io", "runtime"},  # no HOG
     "viz": {"hog", "io", "runtime"},
     "compat": {"hog", "io", "runtime"},
-    "datasets": {"hog", "io", "render", "runtime"},
     "jobs": {"hog", "io", "runtime"},
     "invert": {"hog", "io", "metrics", "optimize", "runtime"},  # no pose
     "pose": {"hog", "io", "metrics", "optimize", "render", "runtime"},  # no inversion
     "dialects": {"compat", "hog", "io", "runtime", "viz"},
 }
 MAY_IMPORT["nablahog"] = {*MAY_IMPORT} - {"jobs"}
-MAY_IMPORT["evaluate"] = {*MAY_IMPORT} - {"dialects", "nablahog"}
+MAY_IMPORT["paper"] = {*MAY_IMPORT} - {"dialects", "nablahog"}
 MAY_IMPORT["cli"] = {*MAY_IMPORT} - {"nablahog"}
 MAY_IMPORT["app"] = {*MAY_IMPORT} - {"nablahog"}  # the page reads and says what the command does
 MAY_IMPORT["__main__"] = {"cli"}

@@ -21,7 +21,7 @@ from nablahog.runtime.lazy import _Package, names_when_used
 HEAVY = ("torch", "numpy", "scipy", "skimage", "PIL", "matplotlib", "rich", "trimesh", "platformdirs")
 LAZY = (
     "nablahog",
-    "nablahog.datasets",
+    "nablahog.paper",
     "nablahog.hog",
     "nablahog.invert",
     "nablahog.io",

@@ -45,7 +45,7 @@ def chairs(seeds: range) -> torch.Tensor:
     result = []
     for seed, behind in zip(seeds, crops(len(seeds)), strict=True):
         pose = torch.tensor([[generator.uniform(35, 55), generator.uniform(10, 20), 2.4, 0, 0, 0]])
-        mesh = nablahog.datasets.chairs.chair(seed)
+        mesh = nablahog.paper.chairs.chair(seed)
         result.append(nablahog.render(mesh, pose, camera, background=behind[None], supersampling=2))
     return torch.cat(result)
 

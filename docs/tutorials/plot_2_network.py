@@ -75,7 +75,7 @@ def renderings(seeds: range) -> tuple[Tensor, Tensor]:
         poses = torch.from_numpy(
             np.stack([azimuths, generator.uniform(5, 25, 4), *np.tile([[2.4], [0], [0], [0]], 4)], 1)
         )
-        result.append(nablahog.render(nablahog.datasets.chairs.chair(seed), poses, camera, supersampling=2))
+        result.append(nablahog.render(nablahog.paper.chairs.chair(seed), poses, camera, supersampling=2))
     return torch.cat(result), torch.arange(4).repeat(len(seeds))
 
 

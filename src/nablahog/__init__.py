@@ -4,7 +4,7 @@ Describe images      ``hog``, ``HOG``, ``HOGSpec``, ``presets``, ``stream``, ``c
 Invert descriptors   ``reconstruct``, ``reconstruct_multiscale``, ``Reconstruction``, ``template_descriptor``,
                      ``LearnedPrior``, ``train_prior``
 Render objects       ``render``, ``Renderer``, ``Mesh``, ``load_mesh``, ``Camera``
-Find their poses     ``estimate_pose``, ``PoseEstimate``, ``datasets``
+Find their poses     ``estimate_pose``, ``PoseEstimate``
 Look and measure     ``glyphs``, ``metrics``
 Files and layouts    ``load_descriptor``, ``save_descriptor``, ``convert_channels``, ``to_layout``, ``from_layout``
 
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from .runtime.lazy import names_when_used
 
 if TYPE_CHECKING:
-    from . import compat, datasets, metrics
+    from . import compat, metrics
     from .hog import HOG, HOGSpec, convert_channels, from_layout, hog, presets, stream, to_layout
     from .invert import (
         LearnedPrior,
@@ -45,7 +45,6 @@ __all__ = [
     "__version__",
     "compat",
     "convert_channels",
-    "datasets",
     "estimate_pose",
     "from_layout",
     "glyphs",

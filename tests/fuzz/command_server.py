@@ -14,15 +14,15 @@ from torch import Tensor
 
 from nablahog.cli.commands import hog, learn, table1, table2  # noqa: F401, loaded once
 from nablahog.cli.main import main
-from nablahog.evaluate import pose_job
-from nablahog.evaluate.learned import LEARNED
-from nablahog.evaluate.pose_methods import POSE_METHODS, PoseInput, PoseMethod, PoseOutcome, Table2Settings
 from nablahog.hog import kernels  # noqa: F401, loaded once
-from nablahog.invert.baselines import hoggles_learning
 from nablahog.jobs import resume
 from nablahog.jobs.runner import run_jobs
 from nablahog.jobs.store import Job, JobResult
 from nablahog.jobs.worker import attempt
+from nablahog.paper import pose_job
+from nablahog.paper.baselines import hoggles_learning
+from nablahog.paper.learned import LEARNED
+from nablahog.paper.pose_methods import POSE_METHODS, PoseInput, PoseMethod, PoseOutcome, Table2Settings
 
 
 def _here(

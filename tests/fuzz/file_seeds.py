@@ -20,10 +20,10 @@ from nablahog import presets
 from nablahog.compat.opencv import HOGDescriptor
 from nablahog.io.npz import write_arrays
 from nablahog.pose.exemplar_views import ExemplarViews
-from tests.datasets.test_pascal3d import COARSE, FINE
-from tests.datasets.test_voc import ANNOTATION
 from tests.io.dpm_models import model
 from tests.io.tiny_models import models
+from tests.paper.test_pascal3d import COARSE, FINE
+from tests.paper.test_voc import ANNOTATION
 from tests.render.mesh_files import CUBE_OFF, TRIANGLE, VERTICES_OBJ, as_bytes, triangle_glb
 
 Kind = Literal["bytes", "text", "json", "zip", "npy", "glb", "mat", "png", "gzip"]

@@ -8,17 +8,17 @@ import torch
 
 from nablahog import LearnedPrior, presets
 from nablahog.hog import HOGSpec
-from nablahog.invert.baselines.bovw import BoVW, BoVWLearning
-from nablahog.invert.baselines.hoggles import HogglesLearning, PairedDictionary
-from nablahog.invert.baselines.nearest import NearestLearning, NearestWindows
-from nablahog.invert.baselines.ridge import RidgeLearning, RidgeRegression
-from nablahog.invert.baselines.upconv import Upconv
-from nablahog.invert.baselines.upconv_network import UpconvNetwork
 from nablahog.invert.network import weight_count
 from nablahog.invert.prior_network import Architecture
 from nablahog.invert.provenance import NetworkLearning
 from nablahog.io.learned_model import LearnedModel
 from nablahog.io.network_weights import count
+from nablahog.paper.baselines.bovw import BoVW, BoVWLearning
+from nablahog.paper.baselines.hoggles import HogglesLearning, PairedDictionary
+from nablahog.paper.baselines.nearest import NearestLearning, NearestWindows
+from nablahog.paper.baselines.ridge import RidgeLearning, RidgeRegression
+from nablahog.paper.baselines.upconv import Upconv
+from nablahog.paper.baselines.upconv_network import UpconvNetwork
 from nablahog.pose.whitening import Background
 
 SOURCE: dict[str, Any] = {"images": ("a", "b"), "sha256": "00", "seed": 3}

@@ -22,8 +22,8 @@ from nablahog.jobs.job_files import local_path, store_files
 from nablahog.jobs.store import JobResult
 from nablahog.jobs.worker import attempt
 
-from ..evaluate.common import job
-from ..evaluate.fakes import DARK, KILLED, MISTAKEN
+from ..paper.common import job
+from ..paper.fakes import DARK, KILLED, MISTAKEN
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::ResourceWarning"),  # of Dask's own sockets

@@ -17,8 +17,8 @@ from nablahog.jobs.runner import cores, run_jobs
 from nablahog.jobs.store import JobResult
 from nablahog.jobs.worker import attempt
 
-from ..evaluate.common import job
-from ..evaluate.fakes import DARK, KILLED, KILLED_ONCE, MISTAKEN
+from ..paper.common import job
+from ..paper.fakes import DARK, KILLED, KILLED_ONCE, MISTAKEN
 
 
 def test_deaths_and_failures(tmp_path: Path) -> None:

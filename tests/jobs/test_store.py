@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import torch
 
-from nablahog.evaluate import reconstruction
-from nablahog.evaluate.methods import METHODS
 from nablahog.jobs.store import JobResult, load, save
+from nablahog.paper import reconstruction
+from nablahog.paper.methods import METHODS
 
-from ..evaluate.common import job
-from ..evaluate.fakes import BRIGHT, DARK, LEVELS
+from ..paper.common import job
+from ..paper.fakes import BRIGHT, DARK, LEVELS
 
 RESULT = JobResult([{"cc": 0.1 + 0.2, "ssim": None}], np.full((1, 32, 32), 7, np.uint8), 1.5)
 

@@ -10,12 +10,12 @@ from dataclasses import replace
 import pytest
 
 from nablahog import metrics
-from nablahog.evaluate.methods import METHODS
 from nablahog.jobs.store import JobResult
 from nablahog.jobs.worker import attempt
+from nablahog.paper.methods import METHODS
 
 from ..evaluate import fakes
-from ..evaluate.common import image, job
+from ..paper.common import image, job
 
 
 def test_figures() -> None:

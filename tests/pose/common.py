@@ -7,10 +7,10 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
-from nablahog.datasets.chairs import chair
 from nablahog.hog.box import Box
 from nablahog.hog.gradient import gray
 from nablahog.io.sample_photographs import sample_photograph
+from nablahog.paper.chairs import chair
 from nablahog.render import Camera, Mesh, pose, render, silhouette
 
 WOODEN, SWIVEL = 4, 2  # seeds of chairs that are quickly rendered

@@ -11,9 +11,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from nablahog.datasets.chairs import chair
 from nablahog.hog.box import Box
 from nablahog.io.sample_photographs import sample_photograph
+from nablahog.paper.chairs import chair
 from nablahog.pose import exemplar
 from nablahog.pose.background import default_background
 from nablahog.pose.exemplar import detect

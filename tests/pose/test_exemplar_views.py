@@ -12,7 +12,7 @@ import pytest
 import torch
 from torch.testing import assert_close
 
-from nablahog.datasets.chairs import chair
+from nablahog.paper.chairs import chair
 from nablahog.pose import exemplar_views as learning
 from nablahog.pose.background import default_background
 from nablahog.pose.elements import EMPTY, calibration

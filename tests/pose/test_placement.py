@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.datasets.chairs import chair
+from nablahog.paper.chairs import chair
 from nablahog.pose.placement import fit_to_box, hull, level_poses
 from nablahog.render import Camera, Mesh
 from nablahog.render.camera import to_camera, to_screen

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from nablahog import HOGSpec, presets
-from nablahog.datasets.chairs import chair
-from nablahog.datasets.viewpoint_scenes import viewpoint_scene
+from nablahog.paper.chairs import chair
+from nablahog.paper.viewpoint_scenes import viewpoint_scene
 from nablahog.pose import estimate_pose
 from nablahog.pose.crop import crop_object, typical_camera
 from nablahog.pose.hypothesis import Hypothesis

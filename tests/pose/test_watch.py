@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from nablahog import Camera, estimate_pose, render
-from nablahog.datasets.chairs import chair
+from nablahog.paper.chairs import chair
 from nablahog.pose.options import Ascent, SearchMethod
 
 BOX = (28, 12, 95, 125)

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from nablahog import native
-from nablahog.datasets.chairs import chair
+from nablahog.paper.chairs import chair
 from nablahog.render import Camera, Mesh, Renderer, pose, pose_jacobian
 from nablahog.render.edge_gradient import GAP, TOUCHING
 from nablahog.render.pipeline import NEAR

@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog import native
-from nablahog.datasets.chairs import chair
+from nablahog.paper.chairs import chair
 from nablahog.render import Camera, Mesh, render
 from nablahog.render.simplify import collapse_edges, simplify
 

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from nablahog.evaluate.methods import METHODS
-from nablahog.evaluate.pose_job import PoseJob
-from nablahog.evaluate.pose_methods import POSE_METHODS
-from nablahog.evaluate.reconstruction import ReconstructionJob
+from nablahog.paper.methods import METHODS
+from nablahog.paper.pose_job import PoseJob
+from nablahog.paper.pose_methods import POSE_METHODS
+from nablahog.paper.reconstruction import ReconstructionJob
 from nablahog.runtime import source
 from nablahog.runtime.source import PACKAGE, imported_files
 
@@ -27,16 +27,16 @@ DECIDING = (
     (TABLE1, "hog/normalizers/[!_]*.py"),
     (TABLE1, "hog/presets/uoctti.py"),
     (TABLE1, "optimize/lbfgs.py"),
-    (TABLE1, "invert/baselines/hoggles.py"),
+    (TABLE1, "paper/baselines/hoggles.py"),
     (TABLE1, "metrics.py"),
     (TABLE2, "native/*.cpp"),
     (TABLE2, "hog/kernels/[!_]*.py"),
     (TABLE2, "optimize/momentum.py"),
     (TABLE2, "render/rendering.py"),
     (TABLE2, "pose/whitening.py"),
-    (TABLE2, "datasets/chairs.py"),
+    (TABLE2, "paper/chairs.py"),
 )
-OTHER = ("cli/main.py", "cli/commands/table1.py", "viz/html.py", "evaluate/table1_page.py", "evaluate/table2_page.py")
+OTHER = ("cli/main.py", "cli/commands/table1.py", "viz/html.py", "paper/table1_page.py", "paper/table2_page.py")
 
 
 def test_every_deciding_module_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -59,16 +59,16 @@ def test_every_deciding_module_counts(tmp_path: Path, monkeypatch: pytest.Monkey
 
 WORK = {
     "table1": """
-from nablahog.evaluate.methods import METHODS, Table1Settings
-from nablahog.evaluate.reconstruction import ReconstructionJob
+from nablahog.paper.methods import METHODS, Table1Settings
+from nablahog.paper.reconstruction import ReconstructionJob
 image = np.random.default_rng(0).random((48, 48), np.float32)
 for name in ("uoctti-single", "dalal-multi-scale", "cnn-hog", "triangles", "opencv"):
     ReconstructionJob(METHODS[name], image, Table1Settings(max_evaluations=3)).run()
 """,
     "table2": """
-from nablahog.evaluate.models import Model
-from nablahog.evaluate.pose_job import PoseJob
-from nablahog.evaluate.pose_methods import POSE_METHODS, Table2Settings
+from nablahog.paper.models import Model
+from nablahog.paper.pose_job import PoseJob
+from nablahog.paper.pose_methods import POSE_METHODS, Table2Settings
 from nablahog.hog.box import Box
 image = np.random.default_rng(0).random((1, 48, 48), np.float32)
 PoseJob(POSE_METHODS["best"], image, Box(4, 4, 44, 44), (Model("one", 1),), (30.0, 10.0), Table2Settings()).run()

@@ -7,10 +7,10 @@ from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
 from ..cli.arguments.preset_parameters import DEFAULT_DESCRIPTOR, PRESETS, as_text, defaults_of, parameters_of
-from ..evaluate.learned import shipped_files
 from ..hog import HOGSpec
 from ..hog.presets import BY_NAME
 from ..invert.histograms import searchable
+from ..paper.learned import shipped_files
 from ..pose.options import SearchMethod
 from .access import MOST_BYTES
 from .requests import INVERT_SIZE, SEE_SIZE, Method

@@ -51,7 +51,7 @@ def of_pose(request: PoseRequest, mesh: str) -> dict[str, str]:
     python = [
         "import nablahog, PIL.Image",
         f"photo = PIL.Image.open({PHOTO!r}).convert('RGB')",
-        f"mesh = nablahog.datasets.chairs.chair({chair[1]})" if chair else f"mesh = nablahog.load_mesh({mesh!r})",
+        f"mesh = nablahog.paper.chairs.chair({chair[1]})" if chair else f"mesh = nablahog.load_mesh({mesh!r})",
         f"pose = nablahog.estimate_pose({', '.join(['photo', 'mesh', *keywords, f'method={request.method!r}'])})",
         "print(pose)",
     ]

@@ -17,9 +17,9 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route, WebSocketRoute
 
-from ..datasets.chairs import chair
-from ..datasets.scenes import scene
 from ..io.sample_photographs import SAMPLE_NAMES, sample_photograph
+from ..paper.chairs import chair
+from ..paper.scenes import scene
 from . import see, uploads
 from .about import about
 from .access import AccessMiddleware, AccessRules

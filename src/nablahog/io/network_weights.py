@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.utils import vector_to_parameters
 
-from ..io.learned_model import check_tensor
+from .learned_model import check_tensor
 
 LARGEST = float(torch.finfo(torch.float16).max)
 Network = TypeVar("Network", bound=nn.Module)

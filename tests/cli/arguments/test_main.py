@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from nablahog.cli.main import main
-from nablahog.evaluate.names import TABLE1, TABLE2
+from nablahog.paper.names import TABLE1, TABLE2
 
 
 def test_methods_are_listed(capsys: pytest.CaptureFixture[str]) -> None:

@@ -18,7 +18,7 @@ from nablahog.io.descriptor_dataset import DescriptorDataset
 from nablahog.io.images import read_image
 from nablahog.jobs import describing, resume
 
-from ...evaluate.common import here
+from ...paper.common import here
 from ..common import names
 
 

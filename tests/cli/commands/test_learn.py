@@ -25,11 +25,11 @@ from nablahog import LearnedPrior, presets
 from nablahog.cli.arguments.learn import KINDS
 from nablahog.cli.commands import learn
 from nablahog.cli.main import main
-from nablahog.evaluate.learned import LEARNED
-from nablahog.evaluate.photographs import read_folder
-from nablahog.invert.baselines import hoggles_learning
 from nablahog.invert.network import weight_count
 from nablahog.invert.provenance import digest_of_weights
+from nablahog.paper.baselines import hoggles_learning
+from nablahog.paper.learned import LEARNED
+from nablahog.paper.photographs import read_folder
 from nablahog.pose.background import learn_background
 from nablahog.pose.whitening import Background
 

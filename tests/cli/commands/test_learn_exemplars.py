@@ -12,10 +12,10 @@ import trimesh
 from nablahog.cli.commands import learn_exemplars
 from nablahog.cli.commands.learn_exemplars import ExemplarJob
 from nablahog.cli.main import main
-from nablahog.datasets.chairs import chair
 from nablahog.io.sample_photographs import sample_photograph
 from nablahog.jobs.store import Work
 from nablahog.jobs.worker import attempt
+from nablahog.paper.chairs import chair
 from nablahog.pose import exemplar_views as learning
 from nablahog.pose.background import default_background, learn_background
 from nablahog.pose.exemplar_views import SPEC, ExemplarLibrary, ViewSampling

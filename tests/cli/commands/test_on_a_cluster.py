@@ -17,14 +17,14 @@ from PIL import Image
 from nablahog import presets
 from nablahog.cli.commands import learn_exemplars
 from nablahog.cli.main import main
-from nablahog.evaluate.learned import LEARNED
-from nablahog.invert.baselines.bovw import BoVW
-from nablahog.invert.baselines.bovw_learning import learn_bovw
 from nablahog.io.descriptor_dataset import DescriptorDataset
 from nablahog.io.images import read_image
 from nablahog.jobs import calls, resume
 from nablahog.jobs.store import Work
 from nablahog.jobs.worker import attempt
+from nablahog.paper.baselines.bovw import BoVW
+from nablahog.paper.baselines.bovw_learning import learn_bovw
+from nablahog.paper.learned import LEARNED
 from nablahog.pose.background import Background
 
 from ..common import FAST, SMALL, names

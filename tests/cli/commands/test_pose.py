@@ -16,8 +16,8 @@ from PIL import ExifTags, Image
 from nablahog import presets
 from nablahog.cli.main import main
 from nablahog.cli.results.pose_result import AZIMUTHS
-from nablahog.datasets import chairs
 from nablahog.io.images import write_image
+from nablahog.paper import chairs
 from nablahog.pose.background import default_background
 from nablahog.render import Mesh
 from tests.pose.common import SWIVEL, WOODEN, degrees_between, model, photographed

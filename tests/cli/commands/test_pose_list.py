@@ -14,9 +14,9 @@ import torch
 from nablahog.cli.inputs import models
 from nablahog.cli.main import main
 from nablahog.cli.results import pose_job
-from nablahog.datasets.object_lists import read_objects
 from nablahog.io.images import write_image
 from nablahog.jobs import resume
+from nablahog.paper.object_lists import read_objects
 from nablahog.render import load_mesh
 from tests.pose.common import SWIVEL, WOODEN, degrees_between, model, photographed
 

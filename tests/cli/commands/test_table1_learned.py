@@ -12,11 +12,11 @@ from PIL import Image
 from skimage import data
 
 from nablahog.cli.main import main
-from nablahog.evaluate import learned
-from nablahog.evaluate.learned import LEARNED
-from nablahog.evaluate.photographs import sample_photographs
-from nablahog.invert.baselines import hoggles_learning
-from nablahog.invert.baselines.bovw import BoVW
+from nablahog.paper import learned
+from nablahog.paper.baselines import hoggles_learning
+from nablahog.paper.baselines.bovw import BoVW
+from nablahog.paper.learned import LEARNED
+from nablahog.paper.photographs import sample_photographs
 
 from ..common import names
 

@@ -14,10 +14,9 @@ from scipy import io
 from torch import Tensor
 
 from nablahog.cli.main import main
-from nablahog.datasets import chairs
-from nablahog.evaluate import pose_job
-from nablahog.evaluate.names import DEFAULT_CONDITIONS
-from nablahog.evaluate.pose_methods import POSE_METHODS, PoseInput, PoseMethod, PoseOutcome, Table2Settings
+from nablahog.paper import chairs, pose_job
+from nablahog.paper.names import DEFAULT_CONDITIONS
+from nablahog.paper.pose_methods import POSE_METHODS, PoseInput, PoseMethod, PoseOutcome, Table2Settings
 
 from ..common import names
 

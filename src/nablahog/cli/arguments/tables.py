@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 
-from ...evaluate.names import (
+from ...paper.names import (
     AS_PUBLISHED,
     CONDITIONS,
     DEFAULT_CONDITIONS,
@@ -28,7 +28,7 @@ HARDER = 20  # objects in each of its conditions
 
 def _table1_methods() -> Iterator[str]:
     """A line for each method of Table 1: its name, its input, and when it runs."""
-    from ...evaluate.methods import METHODS  # loads PyTorch
+    from ...paper.methods import METHODS  # loads PyTorch
 
     for name, method in METHODS.items():
         when = "with --methods only" if method.asked else "runs"
@@ -39,7 +39,7 @@ def _table1_methods() -> Iterator[str]:
 
 def _table2_methods() -> Iterator[str]:
     """A line for each method of Table 2; all run."""
-    from ...evaluate.pose_methods import POSE_METHODS  # loads PyTorch
+    from ...paper.pose_methods import POSE_METHODS  # loads PyTorch
 
     for name, method in POSE_METHODS.items():
         yield f"{name:12} {method.about}"
@@ -110,7 +110,7 @@ def table2(commands: argparse._SubParsersAction[Parser]) -> None:
         command,
         "--models",
         "folder of CAD models (default: procedural chairs; those of --pascal3d; with --photos, the chairs of "
-        "nablahog.datasets.chairs.library)",
+        "nablahog.paper.chairs.library)",
     )
     _folder(command, "--candidates", "folder of CAD models to search among, other than those of the objects")
     command.add_argument("--unknown-model", action="store_true", help="search among all models except the object's own")

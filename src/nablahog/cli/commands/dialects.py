@@ -11,9 +11,9 @@ from torch import Tensor
 
 from ...dialects import Comparison, compare, page, tables
 from ...dialects.heatmap import heat_map
-from ...evaluate.tables import write_csv
 from ...io.files import output_folder, write_text
 from ...io.images import limit_size, read_image
+from ...paper.tables import write_csv
 from ..errors import as_user_error, forbid_overwrite
 from ..inputs.spec import SpecOptions
 from ..terminal import counter, print_definitions, print_table, say, say_page

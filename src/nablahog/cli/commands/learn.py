@@ -8,13 +8,13 @@ from pathlib import Path
 
 import torch
 
-from ...evaluate.learned import LEARNED, SPEC, Learner, sample_training_photographs
-from ...evaluate.photographs import Photographs, read_folder, sample_photographs
-from ...evaluate.viewpoint_learning import learn_viewpoints
 from ...hog import HOGSpec, presets
 from ...invert import LearnedPrior, default_prior
 from ...io.files import output_folder
 from ...jobs.calls import map_on
+from ...paper.learned import LEARNED, SPEC, Learner, sample_training_photographs
+from ...paper.photographs import Photographs, read_folder, sample_photographs
+from ...paper.viewpoint_learning import learn_viewpoints
 from ...pose.background import learn_background, least_size
 from ...pose.viewpoint_network import ViewpointPrior
 from ...pose.whitening import Background, check_spec

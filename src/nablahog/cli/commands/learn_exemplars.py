@@ -8,12 +8,12 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...datasets.cad import read_models
 from ...io.files import output_folder, replacing
 from ...io.npz import naming
 from ...jobs.job_files import local_path
 from ...jobs.resume import run_anywhere
 from ...jobs.runner import cores
+from ...paper.cad import read_models
 from ...pose import exemplar_views
 from ...pose.background import default_background
 from ...pose.exemplar_views import ExemplarLibrary, ExemplarViews

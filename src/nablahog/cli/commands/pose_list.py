@@ -6,11 +6,11 @@ import json
 from argparse import Namespace
 from pathlib import Path
 
-from ...datasets.object_lists import ListedObject, read_objects
 from ...hog.box import Box
 from ...io.files import output_folder
 from ...jobs.resume import do_all
 from ...jobs.runner import cores
+from ...paper.object_lists import ListedObject, read_objects
 from ..errors import REFUSED, SOME_SKIPPED, UserError, as_user_error, forbid_overwrite, tell
 from ..inputs.lens import LensOptions
 from ..inputs.models import find_models, read_meshes

@@ -6,13 +6,13 @@ from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ...evaluate import table1_page
-from ...evaluate.learned import LEARNED, learned_from_samples, load, shipped_files
-from ...evaluate.methods import Method, Table1Settings, choose
-from ...evaluate.photographs import Photographs, read_folder, sample_photographs
-from ...evaluate.table1 import run_table1, write_table1
 from ...io.files import output_folder, write_text
 from ...jobs.runner import cores
+from ...paper import table1_page
+from ...paper.learned import LEARNED, learned_from_samples, load, shipped_files
+from ...paper.methods import Method, Table1Settings, choose
+from ...paper.photographs import Photographs, read_folder, sample_photographs
+from ...paper.table1 import run_table1, write_table1
 from ..errors import UserError, as_user_error
 from ..results.failures import say_failures, say_ignored
 from ..terminal import counter, print_table, say, say_page

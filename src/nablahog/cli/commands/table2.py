@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from argparse import Namespace
 
-from ...evaluate import table2_page
-from ...evaluate.pose_methods import POSE_METHODS, Table2Settings
-from ...evaluate.table2 import run_table2
-from ...evaluate.table2_files import write_table2
 from ...io.files import output_folder, write_text
 from ...jobs.runner import cores
+from ...paper import table2_page
+from ...paper.pose_methods import POSE_METHODS, Table2Settings
+from ...paper.table2 import run_table2
+from ...paper.table2_files import write_table2
 from ..errors import UserError, as_user_error
 from ..inputs.objects import objects
 from ..results.failures import say_failures

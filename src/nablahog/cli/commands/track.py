@@ -7,9 +7,9 @@ from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
 
-from ...datasets.object_lists import ListedObject
 from ...io.files import output_folder
 from ...io.images import image_endings, read_image
+from ...paper.object_lists import ListedObject
 from ...pose import Tracker
 from ...pose.crop import checked_box
 from ..errors import UserError, as_user_error, forbid_overwrite

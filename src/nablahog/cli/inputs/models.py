@@ -6,8 +6,8 @@ import os
 from argparse import Namespace
 from pathlib import Path
 
-from ...datasets.cad import Models, read_models
-from ...datasets.chairs import library
+from ...paper.cad import Models, read_models
+from ...paper.chairs import library
 from ...render import Mesh
 from ...render.axes import axes
 from ..terminal import counter, inform

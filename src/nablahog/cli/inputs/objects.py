@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 from torch import Tensor
 
-from ...datasets.annotations import read_annotations
-from ...datasets.conditions import CONDITIONS
-from ...datasets.pascal3d import read_pascal3d
-from ...datasets.viewpoints import read_viewpoints, sample_viewpoints
-from ...evaluate.examples import Examples, annotated, photographed, rendered
-from ...evaluate.models import Model, chair_library, models_in, procedural_chairs
-from ...evaluate.names import DEFAULT_CONDITIONS
-from ...evaluate.photographs import Backgrounds
 from ...io.sample_photographs import SAMPLE_NAMES, sample_photograph
+from ...paper.annotations import read_annotations
+from ...paper.conditions import CONDITIONS
+from ...paper.examples import Examples, annotated, photographed, rendered
+from ...paper.models import Model, chair_library, models_in, procedural_chairs
+from ...paper.names import DEFAULT_CONDITIONS
+from ...paper.pascal3d import read_pascal3d
+from ...paper.photographs import Backgrounds
+from ...paper.viewpoints import read_viewpoints, sample_viewpoints
 from ..arguments.tables import HARDER, SCENES
 
 CHAIRS = 24  # procedural models

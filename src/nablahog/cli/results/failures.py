@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ...evaluate.photographs import Photographs
-from ...evaluate.tables import Results
+from ...paper.photographs import Photographs
+from ...paper.tables import Results
 from ..terminal import say
 
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from ...evaluate.learned import load
 from ...invert import LearnedPrior
 from ...invert.prior_choice import PriorChoice
 from ...jobs.job_files import local_path
 from ...jobs.store import JobResult, digest, key_of
+from ...paper.learned import load
 from ...runtime.source import code_key
 from ..inputs.prior import PriorOptions
 from ..inputs.sources import Source

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from ...datasets.chairs import library
-from ...datasets.object_lists import ListedObject
 from ...io.images import as_array, read_image
 from ...jobs.job_files import local_path
 from ...jobs.store import JobResult, digest, key_of
+from ...paper.chairs import library
+from ...paper.object_lists import ListedObject
 from ...pose import Background, PoseEstimate, estimate_pose
 from ...pose.crop import FILL, crop_object
 from ...pose.options import SearchMethod, SimilarityKind
@@ -35,7 +35,7 @@ class PoseOptions:
     """What the searches for all objects have in common, see :func:`nablahog.estimate_pose`.
 
     Attributes:
-        models: names and files of the models; none for :func:`nablahog.datasets.chairs.library`.
+        models: names and files of the models; none for :func:`nablahog.paper.chairs.library`.
         up, front: axes of these files.
         lens: of the cameras.
         background: a file.

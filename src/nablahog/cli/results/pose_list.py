@@ -14,8 +14,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from ...datasets.object_lists import ListedObject
 from ...io.files import write_text
+from ...paper.object_lists import ListedObject
 from ...viz import html
 from ...viz.pictures import Panel
 from .pose_result import DEFINITIONS
@@ -67,7 +67,7 @@ def write(folder: Path, objects: Sequence[ObjectPose], least_confidence: float) 
 
 
 def as_csv(objects: Sequence[ObjectPose], least_confidence: float) -> str:
-    """A line for each object, which :func:`nablahog.datasets.object_lists.read_objects` reads again.
+    """A line for each object, which :func:`nablahog.paper.object_lists.read_objects` reads again.
 
     m00 … m23 are the upper three rows of the matrix, row by row.
     """

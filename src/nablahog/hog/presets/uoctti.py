@@ -236,7 +236,7 @@ def cnn_hog(cell_size: int = 8, *, orientations: int = 9, bilinear: bool = False
     """The HOG network of Mahendran and Vedaldi (``hog_net.m``): 3n channels of a gray image, in (channels, rows, cols).
 
     It sees a false edge around the image, beyond which it has middle gray, and outermost cells lie in fewer blocks.
-    :class:`nablahog.invert.baselines.cnn_hog.CNNHOG` is the same with the network's own derivative.
+    :class:`nablahog.paper.baselines.cnn_hog.CNNHOG` is the same with the network's own derivative.
 
     Args:
         cell_size: pixels of a cell, even.

@@ -1,0 +1,201 @@
+"""Learning the paired dictionaries of HOGgles from photographs.
+
+A gray patch and the window of its descriptor, each of mean 0 and length 1, are concatenated; one dictionary of such
+vectors is learned (:mod:`.dictionary_learning`) and then cut in two.
+
+Two things differ from the published code: it never sees the last window of a row and of a column of an image, and it
+starts every hundred batches with the same windows again, so that it learns from 40,000 of a million.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ...hog.descriptor import hog
+from ...hog.spec import HOGSpec
+from ...invert.checkpoint import Checkpoint
+from ...invert.provenance import check_images, digest_of_images
+from .dictionary_learning import DictionaryLearner
+from .hoggles import CELLS, MARGIN, PATCH, HogglesLearning, PairedDictionary, patch_size, unit
+from .lasso import check_sparsity
+from .windows import check_cells
+
+ATOMS = 1024
+SPARSITY = 0.02
+ITERATIONS = 1000
+BATCH = 400  # windows
+WINDOWS = 1_000_000
+REPORTED = 100  # iterations whose objectives make one mean, and between two checkpoints
+
+
+def learn_hoggles(
+    images: Mapping[str, Tensor],
+    spec: HOGSpec,
+    *,
+    atoms: int = ATOMS,
+    sparsity: float = SPARSITY,
+    iterations: int = ITERATIONS,
+    windows: int = WINDOWS,
+    fast: bool = False,
+    seed: int = 0,
+    checkpoint: str | os.PathLike[str] | None = None,
+    progress: Callable[[int, int, str], None] = lambda done, total, what: None,
+) -> PairedDictionary:
+    """Learns a pair of dictionaries from photographs.  The published numbers are the defaults.
+
+    Windows of 5x5 cells are taken at every cell whose patch of 7x7 cells lies in the image.  Images, descriptors and
+    one batch are in memory; the windows of a batch are cut out when it is needed.
+
+    The result depends on the images, the spec, the numbers and the seed alone, as long as PyTorch, its number of
+    threads and the processor stay the same.  Otherwise it depends on rounding, too, which a thousand iterations
+    amplify.
+
+    Args:
+        images: (H, W) each, float32 in 0…1, by name.
+        spec: the dialect.
+        atoms: K, of each dictionary.
+        sparsity: λ of ½‖x - Dα‖² + λ‖α‖₁, in learning as in inversion.
+        iterations: batches of 400 windows; all windows come once before one comes again.
+        windows: the most to learn from; of more, so many are drawn at random.
+        fast: whether the atoms are random windows, and no dictionary is learned.
+        seed: of everything random.
+        checkpoint: a file that is written every hundred iterations.  If it exists and is of the same learning, this
+            learning is resumed, with the same result.  The file is not removed.  A damaged one is renamed, and the
+            learning starts afresh.
+        progress: called with the iterations done, their number and the last objective.
+
+    Raises:
+        ValueError: there are no images, or one is too small or holds other values; fewer windows than atoms have
+            contrast; a number is out of range; the spec has no row of channels for each cell
+            (:func:`.windows.check_cells`); the checkpoint is of another learning; scikit-learn is not installed.
+        OSError: the checkpoint cannot be read or written.
+    """
+    for name, number in (("atoms", atoms), ("iterations", iterations), ("windows", windows)):
+        if number < 1:
+            raise ValueError(f"{name} must be at least 1, got {number}")
+    check_sparsity(sparsity)
+    check_cells(spec)
+    names = check_images(images, patch_size(spec))
+    rng = np.random.default_rng(seed)
+    digest = digest_of_images(images)
+    progress(0, iterations, "describing the images")
+    pairs = _Pairs([images[name] for name in names], spec, windows, rng)
+    dictionary = pairs.with_contrast(atoms, rng)
+    objective: list[float] = []
+    if not fast:
+        learner = DictionaryLearner(dictionary / math.sqrt(2), sparsity, rng)
+        identity = {
+            "images": digest,
+            "spec": spec.to_json(),
+            "atoms": atoms,
+            "sparsity": sparsity,
+            "iterations": iterations,
+            "windows": windows,
+            "seed": seed,
+        }
+        saved = Checkpoint(checkpoint, "dictionary pair", identity, ("objective", *learner.state()))
+        objective = learner.restore(saved, iterations)
+        recent: list[float] = []
+        for done in range(learner.batches, iterations):
+            progress(done, iterations, _report(objective))
+            recent.append(learner.learn(pairs.batch(done)))
+            if len(recent) == REPORTED or done + 1 == iterations:
+                objective.append(sum(recent) / len(recent))
+                recent = []
+                saved.save({"objective": objective, **learner.state()})
+        dictionary = learner.atoms
+    progress(iterations, iterations, _report(objective))
+    pixels = math.prod(patch_size(spec))
+    learning = HogglesLearning(
+        images=tuple(names),
+        sha256=digest,
+        seed=seed,
+        windows=len(pairs),
+        iterations=0 if fast else iterations,
+        batch=min(BATCH, len(pairs)),
+        objective=tuple(objective),
+    )
+    return PairedDictionary(
+        spec,
+        dictionary[:, :pixels].reshape(atoms, *patch_size(spec)),
+        dictionary[:, pixels:].reshape(atoms, CELLS, CELLS, spec.channels),
+        sparsity,
+        learning,
+    )
+
+
+def _report(objective: Sequence[float]) -> str:
+    return f"objective {objective[-1]:.4f}" if objective else ""
+
+
+class _Pairs:
+    """The windows of images with their patches, in a random order, cut out when needed.
+
+    Args:
+        images: (H, W) each.
+        spec: the dialect.
+        most: windows; of more, so many are drawn at random.
+        rng: of their order.
+    """
+
+    def __init__(self, images: Sequence[Tensor], spec: HOGSpec, most: int, rng: np.random.Generator) -> None:
+        self.images, self.spec = images, spec
+        self.descriptors = [hog(image[None, None], spec) for image in images]
+        self.grids = [_grid(image, spec) for image in images]
+        self.ends = np.cumsum([rows * cols for rows, cols in self.grids])
+        self.order = rng.permutation(self.ends[-1])[:most]
+
+    def __len__(self) -> int:
+        return len(self.order)
+
+    def batch(self, number: int) -> Tensor:
+        """The windows of the batch ``number``, (N, n): patch and descriptor, each of length 1."""
+        size = min(BATCH, len(self))
+        return self._cut(self.order[np.arange(number * size, (number + 1) * size) % len(self)])
+
+    def with_contrast(self, count: int, rng: np.random.Generator) -> Tensor:
+        """The first windows whose patch and descriptor are not flat, (count, n)."""
+        chosen: list[Tensor] = []
+        missing = count
+        for first in range(0, len(self), BATCH):
+            pairs = self._cut(self.order[first : first + BATCH])
+            chosen.append(pairs[pairs.square().sum(1) > 1.99][:missing])  # of two halves of length 1 or 0
+            missing -= len(chosen[-1])
+            if not missing:
+                return torch.cat(chosen)
+        raise ValueError(
+            f"expected images with at least {count} windows of {CELLS}x{CELLS} cells, got {len(self)}, "
+            f"{count - missing} of them not flat"
+        )
+
+    def _cut(self, numbers: NDArray[np.int64]) -> Tensor:
+        """Windows by their indices; the first image comes first, row by row."""
+        cell, (height, width) = self.spec.cell_size, patch_size(self.spec)
+        patches, windows = [], []
+        for number in numbers.tolist():
+            which = int(np.searchsorted(self.ends, number, side="right"))
+            rows, cols = self.grids[which]
+            row, col = divmod(number - int(self.ends[which]) + rows * cols, cols)
+            y, x = row * cell[0], col * cell[1]
+            patches.append(self.images[which][y : y + height, x : x + width].flatten())
+            y, x = row + MARGIN, col + MARGIN
+            windows.append(self.descriptors[which][0, y : y + CELLS, x : x + CELLS].flatten())
+        return torch.cat([unit(torch.stack(patches)), unit(torch.stack(windows))], dim=1)
+
+
+def _grid(image: Tensor, spec: HOGSpec) -> tuple[int, int]:
+    """Rows and columns of the windows whose patch lies in an image."""
+    height, width = image.shape
+    grid = spec.grid(height, width)
+    rows, cols = (
+        min(pixels // cell, cells) - PATCH + 1
+        for pixels, cell, cells in zip((height, width), spec.cell_size, grid, strict=True)
+    )
+    return rows, cols

@@ -1,0 +1,164 @@
+"""The models that methods of Table 1 learn from photographs.  A new kind is one more entry of :data:`LEARNED`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from torch import Tensor
+
+from ..hog import HOGSpec, presets
+from ..invert import LearnedPrior, train_prior
+from ..invert.crops import least_side
+from ..invert.network import network_class
+from ..invert.prior_choice import default_prior_file
+from ..io.files import checkpoint_for
+from ..io.images import limit_size
+from ..io.learned_model import LearnedModel
+from ..runtime.cache_folder import cache_folder
+from ..runtime.source import code_key
+from .baselines.bovw import BoVW
+from .baselines.bovw_learning import learn_bovw
+from .baselines.hoggles import PairedDictionary, patch_size
+from .baselines.hoggles_learning import learn_hoggles
+from .baselines.nearest import NearestWindows, learn_nearest
+from .baselines.ridge import RidgeRegression, learn_ridge
+from .baselines.upconv import Upconv
+from .baselines.upconv_learning import learn_upconv
+from .baselines.upconv_network import default_widths
+from .baselines.windows import check_cells
+from .names import SHIPPED
+from .photographs import sample_photographs
+
+Progress: TypeAlias = Callable[[int, int, str], None]
+SPEC: HOGSpec = presets.uoctti()
+"""The descriptor of the methods that learn, as in the paper."""
+
+
+@dataclass(frozen=True)
+class Learner:
+    """How a kind of model is learned.
+
+    Attributes:
+        model: its class.
+        learn: from gray photographs (H, W), float32 in 0…1, by name, and a spec, to a model.  Its keyword arguments are
+            ``progress``, ``checkpoint`` if it can be resumed, and its own.
+        check: raises ValueError for a spec that it cannot be learned for.
+        least: (height, width) of the smallest image that can be learned from.
+        resumes: whether an interrupted learning is resumed from its checkpoint.
+        tile: pixels of the side of all images to learn from; None if their size is free.
+    """
+
+    model: type[LearnedModel]
+    learn: Callable[..., LearnedModel]
+    check: Callable[[HOGSpec], object] = lambda spec: None
+    least: Callable[[HOGSpec], tuple[int, int]] = lambda spec: spec.cell_size
+    resumes: bool = False
+    tile: int | None = None
+
+    def learn_to(
+        self, output: Path, images: Mapping[str, Tensor], spec: HOGSpec, progress: Progress, **options: Any
+    ) -> LearnedModel:
+        """Learns a model and saves it in the file ``output``, with a checkpoint beside it meanwhile.
+
+        Raises:
+            ValueError: an image, the spec, an option or the checkpoint is unusable.
+            OSError: a file cannot be written.
+        """
+        with checkpoint_for(output) if self.resumes else nullcontext() as checkpoint:
+            if self.resumes:
+                options["checkpoint"] = checkpoint
+            model = self.learn(images, spec, progress=progress, **options)
+            model.save(output)
+        return model
+
+
+def _learn_bovw(images: Mapping[str, Tensor], spec: HOGSpec, **options: Any) -> BoVW:
+    return learn_bovw(images, **options)
+
+
+_PRIOR = Learner(
+    LearnedPrior,
+    train_prior,
+    lambda spec: network_class(spec).default_architecture(spec),
+    lambda spec: (least_side(spec.cell_size[0]),) * 2,
+    resumes=True,
+)
+_UPCONV = Learner(
+    Upconv,
+    learn_upconv,
+    default_widths,
+    lambda spec: (least_side(spec.cell_size[0]),) * 2,
+    resumes=True,
+)
+LEARNED = {
+    "prior": _PRIOR,
+    "unsigned-prior": _PRIOR,
+    "hoggles": Learner(PairedDictionary, learn_hoggles, check_cells, patch_size, resumes=True),
+    "bovw": Learner(BoVW, _learn_bovw, least=lambda spec: (1, 1), tile=128),
+    "ridge": Learner(RidgeRegression, learn_ridge, check_cells),
+    "nearest": Learner(NearestWindows, learn_nearest, check_cells),
+    "upconv": _UPCONV,
+    "dalal-upconv": _UPCONV,
+}
+"""By the name of the option for its file; those of :data:`.TAKES_HOURS` are not learned unless asked for."""
+
+
+def shipped_files() -> dict[str, Path]:
+    """The files of :data:`.SHIPPED` kinds that the package was installed with."""
+    files = {kind: default_prior_file(spec) for kind, spec in zip(SHIPPED, (SPEC, presets.paper()), strict=True)}
+    return {kind: file for kind, file in files.items() if file is not None and file.exists()}
+
+
+def load(kind: str, path: Path) -> Any:
+    """The model of a kind in a file, which is read once however many images it is used for.
+
+    Raises:
+        OSError, ValueError: it cannot be read.
+    """
+    state = path.stat() if path.exists() else None
+    return _load(kind, path, state and state.st_mtime_ns, state and state.st_size)
+
+
+@lru_cache(maxsize=len(LEARNED))
+def _load(kind: str, path: Path, changed: int | None, size: int | None) -> LearnedModel:
+    return LEARNED[kind].model.load(path)
+
+
+def learned_from_samples(kind: str, progress: Progress) -> Path:
+    """The file of the model that is learned from the sample photographs, once for all runs.
+
+    It is stored in the folder for caches (:func:`.cache_folder.cache_folder`).  An interrupted learning is resumed.
+
+    Raises:
+        OSError: it cannot be stored.
+    """
+    path = cache_folder() / f"{kind}-{code_key(LEARNED[kind].learn, Learner)[:16]}.npz"
+    try:
+        load(kind, path)
+    except (OSError, ValueError):  # missing, or damaged by whatever else uses such folders
+        path.parent.mkdir(parents=True, exist_ok=True)
+        LEARNED[kind].learn_to(path, sample_training_photographs(kind), SPEC, progress, seed=0)
+    return path
+
+
+def sample_training_photographs(kind: str) -> dict[str, Tensor]:
+    """The sample photographs for learning a kind: at most 512 pixels wide, or in tiles."""
+    images, tile = sample_photographs(size=512, whole=True).images, LEARNED[kind].tile
+    return images if tile is None else tiles(images, tile)
+
+
+def tiles(images: Mapping[str, Tensor], side: int) -> dict[str, Tensor]:
+    """Squares of ``side`` pixels that overlap by half, from images (H, W) and from these at half their size."""
+    squares = {}
+    for name, image in images.items():
+        for scale in (1, 2):
+            small = image if scale == 1 else limit_size(image[None], max(image.shape) // scale)[0]
+            for y in range(0, small.shape[0] - side + 1, side // 2):
+                for x in range(0, small.shape[1] - side + 1, side // 2):
+                    squares[f"{name}, 1/{scale}, {y}, {x}"] = small[y : y + side, x : x + side].contiguous()
+    return squares

@@ -1,0 +1,281 @@
+"""Synthetic scenes: an object of known model and pose in front of photographs, as a benchmark of poses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import partial
+from typing import TypeAlias
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy import ndimage
+from torch import Tensor
+
+from ..hog.box import Box
+from ..io.images import Picture
+from ..render import Camera, Light, Mesh, render
+from ..render.camera import to_camera, to_screen
+from .clutter import clutter, colours
+from .looks import compressed, relit
+
+Floats: TypeAlias = NDArray[np.float64]
+Range: TypeAlias = tuple[float, float]
+
+_MARGIN = 6  # pixels between the object and the image's border
+
+
+@dataclass(frozen=True)
+class SceneSettings:
+    """The difficulty of scenes: ranges of uniform distributions, and shares.
+
+    Attributes:
+        size: of the square images, in pixels.
+        height: of the object in pixels; less where it would not fit in its width.
+        distance: from the camera to the object's centre, in diagonals of its bounding box.  It decides how strong the
+            perspective is: the focal length follows from it and the height.
+        albedo: factor of the model's brightness, which stays below 1.
+        ambient: share of ambient light; the rest comes from one uniformly random direction.
+        tint: by how much the object's R, G and B, and those of gray clutter, differ from gray, at most.
+        contrast: factor of the clutter's deviations from its mean.
+        zoom: pixels of the photograph of clutter for one pixel of the image.
+        occlusion: share of scenes where something is in front of the object.
+        occluded: share of the object's box that it covers.
+        blur: σ of the Gaussian that blurs the image, in pixels.
+        gamma: exponent of the image's brightness.
+        exposure: factor of the image's brightness.
+        noise: σ of normal noise, the same for the three colours, of an image in 0…1.
+        shadow: share of the direct light that is missing in shadows that the object casts; the light is above it then.
+        gloss: brightness of highlights on the object.
+        jpeg: quality of the image's compression, at most 95; 0 and 0 for none.
+        box_jitter: σ of the error of each side of the box, relative to its width or height.
+        elevation_error: of the initial pose, at most, in degrees.
+
+    Raises:
+        ValueError: a range does not go from a smaller number to a larger one, or a field is out of its bounds.
+    """
+
+    size: int = 224
+    height: Range = (100.0, 140.0)
+    distance: Range = (2.5, 4.0)
+    albedo: Range = (0.5, 1.2)
+    ambient: Range = (0.2, 0.6)
+    tint: float = 0.1
+    contrast: Range = (0.5, 1.2)
+    zoom: Range = (0.6, 1.8)
+    occlusion: float = 0.25
+    occluded: Range = (0.05, 0.2)
+    blur: Range = (0.0, 1.0)
+    gamma: Range = (0.75, 1.33)
+    exposure: Range = (0.8, 1.2)
+    noise: Range = (0.0, 0.03)
+    shadow: float = 0.0
+    gloss: float = 0.0
+    jpeg: Range = (0.0, 0.0)
+    box_jitter: float = 0.02
+    elevation_error: float = 5.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, list):
+                value = tuple(value)
+                object.__setattr__(self, field.name, value)
+            low, high = value if isinstance(value, tuple) else (value, value)
+            if not 0 <= low <= high < math.inf:
+                raise ValueError(f"{field.name} must be at least 0, finite and a range from low to high, got {value}")
+        for name in ("occlusion", "tint", "shadow", "gloss"):
+            if getattr(self, name) > 1:
+                raise ValueError(f"{name} must lie in 0…1, got {getattr(self, name)}")
+        if self.ambient[1] > 1 or self.occluded[1] > 1:
+            raise ValueError(f"ambient and occluded must lie in 0…1, got {self.ambient} and {self.occluded}")
+        if self.jpeg[1] > 95 or 0 < self.jpeg[0] < 1:
+            raise ValueError(f"jpeg must be 0 or lie in 1…95, got {self.jpeg}")
+        if self.distance[0] <= 1 or not 1 <= self.height[0] <= self.height[1] <= self.size - 2 * _MARGIN:
+            raise ValueError(
+                f"distance must be above 1 and height between 1 and size - {2 * _MARGIN}, "
+                f"got {self.distance}, {self.height} and the size {self.size}"
+            )
+        for name in ("occluded", "zoom", "gamma"):
+            if getattr(self, name)[0] <= 0:
+                raise ValueError(f"{name} must be above 0, got {getattr(self, name)}")
+
+
+SETTINGS = SceneSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """One test object.
+
+    Attributes:
+        model: the name of its model.
+        image: (3, H, W), float32 in 0…1: R, G, B.
+        box: of the object, with the error of an annotation.
+        pose: (6,), float64: the true pose, see :data:`~nablahog.render.camera.PARAMETERS`.
+        camera: of the image.
+        initial: (6,), float64: the pose to start from: a random azimuth, an elevation near the true one, the middle
+            distance; 0 for the others.
+    """
+
+    model: str
+    image: Tensor
+    box: Box
+    pose: Tensor
+    camera: Camera
+    initial: Tensor
+
+
+def scene(
+    index: int,
+    models: Mapping[str, Mesh],
+    viewpoints: Floats,
+    photographs: Sequence[Picture],
+    *,
+    seed: int = 0,
+    settings: SceneSettings = SETTINGS,
+) -> Scene:
+    """One scene of a benchmark; the same for the same arguments.
+
+    Args:
+        index: number of the scene, at least 0.
+        models: normalised meshes by name, of which one is drawn.
+        viewpoints: (N, 3) azimuth, elevation, theta, as :func:`~nablahog.paper.viewpoints.read_viewpoints`, of which
+            one is drawn.
+        photographs: clutter: gray (H, W) or (1, H, W), or R, G, B (3, H, W), in 0…1.
+        seed: of the benchmark, at least 0.
+        settings: its difficulty.
+
+    Raises:
+        ValueError: there are no models, viewpoints or photographs, or they have other shapes.
+
+    >>> from nablahog.paper import chairs, scenes
+    >>> models = {"a": chairs.chair(1), "b": chairs.chair(2)}
+    >>> viewpoints = np.array([[30.0, 15.0, 0.0], [200.0, 10.0, 2.0]])  # azimuth, elevation, theta
+    >>> one = scenes.scene(0, models, viewpoints, [torch.rand(200, 200)])
+    >>> one.image.shape, one.model in models, float(one.pose[0]) in (30.0, 200.0)
+    (torch.Size([3, 224, 224]), True, True)
+    """
+    if not models or not photographs:
+        raise ValueError(f"expected models and photographs, got {len(models)} and {len(photographs)}")
+    if viewpoints.ndim != 2 or viewpoints.shape[1] != 3 or not len(viewpoints):
+        raise ValueError(f"expected viewpoints of shape (N, 3), N at least 1, got {viewpoints.shape}")
+    generator = np.random.default_rng([seed, index])
+    name = sorted(models)[generator.integers(len(models))]
+    azimuth, elevation, theta = viewpoints[generator.integers(len(viewpoints))]
+    distance = generator.uniform(*settings.distance)
+    start = (generator.uniform(0, 360), elevation + settings.elevation_error * generator.uniform(-1, 1))
+    initial = (start[0], min(max(start[1], -90), 90), sum(settings.distance) / 2, 0, 0, 0)
+    pose, camera, box = _place(models[name], (azimuth, elevation, distance, theta, 0, 0), settings, generator)
+    picture, coverage = _render(models[name], pose, camera, settings, generator)
+    image = compose(picture, coverage, box, photographs, settings, generator)
+    if settings.jpeg[1]:
+        image = compressed(image, round(generator.uniform(*settings.jpeg)))
+    return Scene(
+        model=name,
+        image=torch.from_numpy(image.astype(np.float32)),
+        box=_jitter(box, settings, generator),
+        pose=pose,
+        camera=camera,
+        initial=torch.tensor(initial, dtype=torch.float64),
+    )
+
+
+def _place(
+    mesh: Mesh, pose: tuple[float, ...], settings: SceneSettings, generator: np.random.Generator
+) -> tuple[Tensor, Camera, Box]:
+    """The pose with its translation in the image, the camera with its focal length, and the object's bounding box."""
+    poses = torch.tensor([pose], dtype=torch.float64)
+    points = to_camera(mesh.vertices, poses)
+
+    def extent(camera: Camera) -> tuple[Floats, Floats]:
+        screen = to_screen(points, poses, camera)[0, :, :2]
+        return screen.amin(0).numpy(), screen.amax(0).numpy()
+
+    low, high = extent(Camera(1.0, settings.size, settings.size))
+    room = settings.size - 2 * _MARGIN
+    focal = min(generator.uniform(*settings.height) / (high - low)[1], room / (high - low)[0])
+    camera = Camera(float(focal), settings.size, settings.size)
+    low, high = extent(camera)
+    corner = _MARGIN + generator.random(2) * (room - (high - low))
+    poses[0, 4:6] = torch.from_numpy(corner - low)
+    return poses[0], camera, Box.of((*corner.tolist(), *(corner + high - low).tolist()))
+
+
+def _render(
+    mesh: Mesh, pose: Tensor, camera: Camera, settings: SceneSettings, generator: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """The object on black, in colour (3, H, W), and its coverage of each pixel (H, W), shadows included."""
+    brightness = (mesh.brightness * generator.uniform(*settings.albedo)).clamp(max=1)
+    ambient = generator.uniform(*settings.ambient)
+    x, y, z = generator.normal(size=3)
+    if settings.shadow:  # lamps of scenes with a floor are above it
+        z = abs(z) + 0.5 * math.hypot(x, y)
+    light = Light((x, y, z), ambient, 1 - ambient)
+    behind = torch.tensor([0.0, 1.0]).reshape(2, 1, 1, 1).expand(2, 1, camera.height, camera.width)
+    seen, twice = Mesh(mesh.vertices, mesh.faces, brightness), pose.expand(2, 6)
+    black, white = render(seen, twice, camera, background=behind, light=light)[:, 0].double().numpy()
+    coverage = (1 - (white - black)).clip(0, 1)
+    if settings.shadow or settings.gloss:
+        strength = {"shadow": settings.shadow, "gloss": settings.gloss}
+        black, coverage = relit(black, coverage, seen, pose, camera, light, **strength)
+    return colours(settings.tint, generator) * black, coverage
+
+
+def compose(
+    picture: Floats,
+    coverage: Floats,
+    box: Sequence[float],
+    photographs: Sequence[Picture],
+    settings: SceneSettings,
+    generator: np.random.Generator,
+) -> Floats:
+    """Composes the image: clutter behind the object, an occluder in front, then blur, exposure, gamma and noise.
+
+    Args:
+        picture: (3, H, W), the object on black.
+        coverage: (H, W) in 0…1, of each pixel by the object and its shadow.
+        box: x0, y0, x1, y1 of the object, pixels.
+        photographs: clutter, as :func:`scene` takes it.
+        settings: its difficulty.
+        generator: of random numbers.
+
+    Returns:
+        (3, H, W), float64 in 0…1.
+
+    >>> from nablahog.paper import scenes
+    >>> picture, coverage = np.full((3, 64, 64), 0.5), np.zeros((64, 64))
+    >>> coverage[16:48, 16:48] = 1.0  # the object is a gray square
+    >>> clutter = [np.random.default_rng(0).random((1, 80, 80))]
+    >>> generator = np.random.default_rng(0)
+    >>> scenes.compose(picture * coverage, coverage, (16, 16, 48, 48), clutter, scenes.SceneSettings(), generator).shape
+    (3, 64, 64)
+    """
+    ranges = {"zoom": settings.zoom, "contrast": settings.contrast}
+    part = partial(clutter, photographs, coverage.shape, generator, **ranges, tint=settings.tint)
+    image = picture + (1 - coverage) * part()
+    if generator.random() < settings.occlusion:
+        hidden = _occluder(Box.of(box), generator.uniform(*settings.occluded), generator)
+        front = part()
+        image[:, hidden.rows, hidden.cols] = front[:, hidden.rows, hidden.cols]
+    blur = generator.uniform(*settings.blur)
+    image = ndimage.gaussian_filter(image, (0, blur, blur), mode="nearest").clip(0, 1)
+    image = generator.uniform(*settings.exposure) * image ** generator.uniform(*settings.gamma)
+    noise = generator.normal(0, generator.uniform(*settings.noise), coverage.shape)
+    result: Floats = (image + noise).clip(0, 1)
+    return result
+
+
+def _occluder(box: Box, share: float, generator: np.random.Generator) -> Box:
+    """A random rectangle that covers ``share`` of the box: a vertical or horizontal bar, or a patch."""
+    wide = float(generator.choice([share, 1.0, math.sqrt(share)]))  # in widths of the box
+    width, height = wide * box.width, share / wide * box.height
+    left, top = np.array([box.x0, box.y0]) + generator.random(2) * (box.width - width, box.height - height)
+    return Box(round(left), round(top), round(left + width), round(top + height))
+
+
+def _jitter(box: Box, settings: SceneSettings, generator: np.random.Generator) -> Box:
+    sides = np.array(box) + settings.box_jitter * generator.normal(size=4) * np.tile([box.width, box.height], 2)
+    return Box.of(sides.clip(0, settings.size).tolist())

@@ -1,0 +1,164 @@
+"""PASCAL VOC as it is published: lists of images, photographs, and the objects annotated in them.
+
+``DIR`` is the folder ``VOC2012`` with ``Annotations/*.xml``, ``ImageSets/Main/*.txt`` and ``JPEGImages/*.jpg``.
+
+Source: Everingham et al., The PASCAL Visual Object Classes Challenge: A Retrospective (IJCV 2015), and its devkit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+from ..hog.box import Box
+from ..io.files import check_file
+from ..runtime.text import one_line
+
+MAX_BYTES = 2**20  # of an annotation; published ones have at most some ten thousand
+MAX_LIST_BYTES = 2**26  # of a list of images
+
+
+@dataclass(frozen=True)
+class VOCObject:
+    """An annotated object.
+
+    Attributes:
+        category: such as "chair".
+        box: where, in pixels.
+        truncated: it extends beyond the image or the box.
+        occluded: something is in front of it; False where the file does not say, as in the oldest.
+        difficult: not counted in evaluations.
+    """
+
+    category: str
+    box: Box
+    truncated: bool
+    occluded: bool
+    difficult: bool
+
+
+def check_voc(voc: Path) -> None:
+    """Checks that ``voc`` has the three folders of VOC.
+
+    Args:
+        voc: the folder ``VOC2012``.
+
+    Raises:
+        FileNotFoundError: one of the three is missing.
+
+    >>> from pathlib import Path
+    >>> for name in ("Annotations", "ImageSets/Main", "JPEGImages"):
+    ...     (Path("VOC2012") / name).mkdir(parents=True)
+    >>> nablahog.paper.voc.check_voc(Path("VOC2012"))
+    """
+    for name in ("Annotations", "ImageSets/Main", "JPEGImages"):
+        if not (voc / name).is_dir():
+            raise FileNotFoundError(f"{voc}: expected the folder VOC2012 of PASCAL VOC, but it has no {name}")
+
+
+def read_image_ids(voc: Path, category: str, split: str) -> list[str]:
+    """Reads the images of a split with a category: ``CATEGORY_SPLIT.txt``, or all of ``SPLIT.txt`` if it is missing.
+
+    Args:
+        voc: the folder ``VOC2012``.
+        category: as "chair".
+        split: as "val".
+
+    Raises:
+        FileNotFoundError: both are missing.
+        ValueError: a line is not the name of an image, with or without 1, 0 or -1.
+
+    >>> from pathlib import Path
+    >>> Path("VOC2012/ImageSets/Main").mkdir(parents=True)
+    >>> _ = Path("VOC2012/ImageSets/Main/chair_val.txt").write_text("2008_000003 1\\n2008_000007 -1\\n")
+    >>> nablahog.paper.voc.read_image_ids(Path("VOC2012"), "chair", "val")
+    ['2008_000003']
+    """
+    lists = voc / "ImageSets" / "Main"
+    path = next((path for path in (lists / f"{category}_{split}.txt", lists / f"{split}.txt") if path.is_file()), None)
+    if path is None:
+        raise FileNotFoundError(f"{lists}: expected {category}_{split}.txt or {split}.txt, got neither")
+    if path.stat().st_size > MAX_LIST_BYTES:
+        raise ValueError(f"{path}: a list of images of more than {MAX_LIST_BYTES:,} bytes is refused")
+    result = []
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+        name, *marks = line.split() or [""]
+        plain = name.isascii() and name.replace("_", "0").replace("-", "0").isalnum()  # no path separators
+        if name and not (plain and marks in ([], ["-1"], ["0"], ["1"])):
+            raise ValueError(f"{path}: expected lines as '2008_000003 1', got {one_line(repr(line), 60)}")
+        if name and marks != ["-1"]:
+            result.append(name)
+    return result
+
+
+class _NoDocumentType(ElementTree.TreeBuilder):
+    """Refuses document types, which may define entities; annotations have none."""
+
+    def doctype(self, name: str, pubid: str, system: str) -> None:
+        raise ElementTree.ParseError("a document type is refused")
+
+
+def read_annotation(path: Path) -> list[VOCObject]:
+    """Reads the objects of an annotation file, in its order; their parts are ignored.
+
+    Args:
+        path: of the XML file.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is no such annotation, is damaged, has a document type, or is larger than :data:`MAX_BYTES`.
+
+    >>> from pathlib import Path
+    >>> box = "<xmin>1</xmin><ymin>1</ymin><xmax>50</xmax><ymax>40</ymax>"
+    >>> text = f"<annotation><object><name>chair</name><bndbox>{box}</bndbox></object></annotation>"
+    >>> _ = Path("2008_000003.xml").write_text(text)
+    >>> (one,) = nablahog.paper.voc.read_annotation(Path("2008_000003.xml"))
+    >>> one.category, tuple(one.box), one.occluded
+    ('chair', (0.0, 0.0, 50.0, 40.0), False)
+    """
+    check_file(path, "an annotation of PASCAL VOC")
+    with open(path, "rb") as file:
+        data = file.read(MAX_BYTES + 1)
+    try:
+        if len(data) > MAX_BYTES:
+            raise ValueError(f"it has more than {MAX_BYTES:,} bytes")
+        root = ElementTree.fromstring(data, ElementTree.XMLParser(target=_NoDocumentType()))
+        if root.tag != "annotation":
+            raise ValueError(f"its root is {root.tag[:60]!r}")
+        return [_object(element) for element in root.iterfind("object")]
+    except (ElementTree.ParseError, ValueError, LookupError) as error:  # LookupError: an unknown encoding
+        raise ValueError(f"{path}: expected an annotation of PASCAL VOC, but {one_line(error)}") from None
+
+
+def half_open(xmin: float, ymin: float, xmax: float, ymax: float) -> Box:
+    """The box of PASCAL's numbers, which count pixels from 1 and include both ends.
+
+    Args:
+        xmin, ymin, xmax, ymax: as in an annotation, pixels from 1.
+
+    Returns:
+        x0, y0, x1, y1 from 0, without the pixels at x1 and y1.
+
+    >>> nablahog.paper.voc.half_open(1, 1, 500, 375)  # all of an image of 500x375 pixels
+    Box(x0=0, y0=0, x1=500, y1=375)
+    """
+    return Box(xmin - 1, ymin - 1, xmax, ymax)
+
+
+def _object(element: ElementTree.Element) -> VOCObject:
+    return VOCObject(
+        (element.findtext("name") or "").strip(),
+        half_open(*_sides(element)),
+        **{flag: (element.findtext(flag) or "").strip() == "1" for flag in ("truncated", "occluded", "difficult")},
+    )
+
+
+def _sides(element: ElementTree.Element) -> Iterator[float]:
+    for side in ("xmin", "ymin", "xmax", "ymax"):
+        text = (element.findtext(f"bndbox/{side}") or "").strip()
+        whole, _, fraction = text.partition(".")
+        if not (whole.isdecimal() and len(whole) <= 6 and f"0{fraction}".isdecimal()):
+            raise ValueError(f"{side} of a box is {text[:60]!r}")
+        yield float(text)

@@ -1,0 +1,91 @@
+"""Arrangements of words that no swap betters, and the costs that decide."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nablahog.paper.baselines.bovw_arrangement import Costs, arrange
+
+
+def test_costs_of_pairs() -> None:
+    costs = Costs(np.array([[[0, 1]]]), np.eye(2))
+    seen, unseen = -math.log(4 + 0.5), -math.log(0.5)  # once where a quarter is expected
+    np.testing.assert_allclose(costs.right, [[unseen, seen], [unseen, unseen]])
+    np.testing.assert_allclose(costs.below, np.full((2, 2), unseen))
+
+
+def test_costs_of_places() -> None:
+    """Two kinds of images, of words 0 and 1 above or of words 2 and 3 below; each also with the words 4 and 5."""
+    one, other = [[0, 1, 4], [4, 5, 5]], [[4, 5, 5], [2, 3, 4]]
+    costs = Costs(np.array([one, other] * 20), np.eye(6))
+    for of, absent in ((one, other), (other, one)):
+        histogram = np.bincount(np.ravel(of), minlength=6).astype(np.float64)
+        result = costs.location(histogram)
+        assert result.shape == (6, 2, 3)
+        rows, cols = np.indices((2, 3))
+        own, others = (result[np.array(words), rows, cols].mean() for words in (of, absent))
+        assert own < others - 0.1
+
+
+def test_places_of_a_histogram_that_says_nothing() -> None:
+    """All images have word 2 alike, so what is expected is their mean: a word is as often somewhere as it is at all."""
+    costs = Costs(np.array([[[0, 2]], [[2, 1]], [[0, 2]]]), np.eye(3))
+    ratio = np.exp(-costs.location(np.array([0.0, 0, 2]))) - 1
+    np.testing.assert_allclose(ratio.mean((1, 2)), np.ones(3), atol=1e-3)
+    assert ratio[0, 0, 0] > ratio[0, 0, 1]
+    assert ratio[1, 0, 0] < ratio[1, 0, 1]
+
+
+def _problem(seed: int, rows: int = 5, cols: int = 4) -> tuple[Any, Any, Costs]:
+    rng = np.random.default_rng(seed)
+    database = rng.integers(7, size=(6, rows, cols))
+    database.flat[:7] = np.arange(7)
+    costs = Costs(database, rng.random((7, 3)))
+    costs.right, costs.below = rng.normal(size=(2, 7, 7))
+    return rng.integers(7, size=rows * cols), rng.normal(size=(7, rows, cols)), costs
+
+
+def _cost(placed: Any, location: Any, costs: Costs) -> float:
+    rows, cols = placed.shape
+    total = 0.0
+    for y, x in itertools.product(range(rows), range(cols)):
+        total += location[placed[y, x], y, x]
+        total += costs.right[placed[y, x], placed[y, x + 1]] if x + 1 < cols else 0
+        total += costs.below[placed[y, x], placed[y + 1, x]] if y + 1 < rows else 0
+    return total
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_no_swap_betters_what_is_found(seed: int) -> None:
+    words, location, costs = _problem(seed)
+    result, history, settled = arrange(words, location, costs, np.random.default_rng(seed))
+    assert settled
+    assert np.array_equal(np.sort(result, axis=None), np.sort(words))
+    assert history[-1] == pytest.approx(_cost(result, location, costs))
+    assert all(after <= before for before, after in itertools.pairwise(history))
+    assert history[-1] < history[0]
+    for p, q in itertools.combinations(range(result.size), 2):
+        swapped = result.copy()
+        swapped.flat[p], swapped.flat[q] = result.flat[q], result.flat[p]
+        assert _cost(swapped, location, costs) > history[-1] - 1e-6
+
+
+def test_places_alone_are_solved_exactly() -> None:
+    words, location, costs = _problem(1, 2, 3)
+    costs.right[:] = costs.below[:] = 0
+    _, history, _ = arrange(words, location, costs, np.random.default_rng(0))
+    every = (_cost(np.reshape(each, (2, 3)), location, costs) for each in itertools.permutations(words))
+    assert history[-1] == pytest.approx(min(every))
+
+
+@pytest.mark.parametrize("shape", [(1, 2), (2, 1)])
+def test_neighbours_decide_where_places_do_not(shape: tuple[int, int]) -> None:
+    costs = Costs(np.array([[[0], [1]]]).reshape(1, *shape), np.eye(2))
+    for words in ([0, 1], [1, 0]):
+        result, _, _ = arrange(np.array(words), np.zeros((2, *shape)), costs, np.random.default_rng(0))
+        assert result.ravel().tolist() == [0, 1]

@@ -1,0 +1,194 @@
+"""CNN-HOG against VLFeat's stored outputs, and its derivative against what its authors state."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from nablahog.hog import hog, presets
+from nablahog.paper.baselines import cnn_hog
+from nablahog.paper.baselines.cnn_hog import CNNHOG
+from tests.golden import Case, cases
+
+VLFEAT = [
+    case
+    for case in cases("vlfeat")
+    if case.pixels.ndim == 2 and case.parameters["variant"] == "uoctti" and case.parameters["cellSize"] == 8
+]
+
+
+@pytest.mark.parametrize("case", VLFEAT, ids=str)
+def test_the_interior_equals_vlfeat(case: Case) -> None:
+    bilinear = case.parameters["bilinearOrientations"]
+    expected = case.output.transpose(1, 2, 0)[..., :27]
+    rows, cols = (side // 8 for side in case.pixels.shape)
+    image = case.image[..., : 8 * rows, : 8 * cols].double() / 255
+    result = CNNHOG(8, bilinear=bilinear).descriptor(image)[0]
+    # the outermost cells see the false border, and the next share blocks with them
+    inside = slice(2, rows - 2), slice(2, cols - 2)
+    assert np.abs(result[inside].numpy() - expected[inside]).max() < (1e-4 if bilinear else 1e-5)
+
+
+def textured(*shape: int, seed: int = 0) -> Tensor:
+    return torch.rand(shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+
+
+def of_preset(image: Tensor, net: CNNHOG) -> Tensor:
+    """The dialect without the network, channels last, and as the network lays it out."""
+    spec = presets.cnn_hog(net.cell_size, orientations=net.orientations, bilinear=net.bilinear)
+    result = hog(image, spec)
+    assert torch.equal(hog(image, spec, layout="native"), result.permute(0, 3, 1, 2))
+    return result
+
+
+@pytest.mark.parametrize("orientations", [4, 6, 9])
+@pytest.mark.parametrize("cell_size", [2, 4, 8])
+@pytest.mark.parametrize("bilinear", [False, True])
+def test_the_preset_is_the_networks_dialect(cell_size: int, orientations: int, bilinear: bool) -> None:
+    """False edges and missing blocks included.  The network measures angles by an arccosine of 1 - 1e-7 at most."""
+    net = CNNHOG(cell_size, orientations, bilinear=bilinear)
+    image = textured(2, 1, 6 * cell_size, 5 * cell_size, seed=orientations)
+    assert net.channels == presets.cnn_hog(orientations=orientations).channels
+    tolerance = 1e-4 if bilinear else 1e-6
+    torch.testing.assert_close(of_preset(image, net), net.descriptor(image), rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize("bilinear", [False, True])
+def test_the_preset_describes_photographs_as_the_network_does(photographs: Tensor, bilinear: bool) -> None:
+    net = CNNHOG(8, bilinear=bilinear)
+    image = photographs.double()
+    torch.testing.assert_close(of_preset(image, net), net.descriptor(image), rtol=0, atol=1e-4 if bilinear else 1e-6)
+
+
+def test_bilinear_votes_have_their_own_derivative() -> None:
+    image, net = textured(1, 1, 12, 16), CNNHOG(4, bilinear=True)
+    result = torch.autograd.functional.jacobian(net.descriptor, image).reshape(-1, 192)
+    steps = 1e-6 * torch.eye(192, dtype=torch.float64).reshape(192, 1, 1, 12, 16)
+    columns = [(net.descriptor(image + step) - net.descriptor(image - step)).flatten() / 2e-6 for step in steps]
+    # the 1e-7 under their root shows where a gradient points nearly along an orientation
+    assert (result - torch.stack(columns, dim=1)).norm() < 2e-3 * result.norm()
+
+
+def test_nearest_votes_have_the_derivative_of_the_magnitude() -> None:
+    responses = (textured(1, 18, 5, 6, seed=1) - 0.5).requires_grad_()
+    weights = textured(1, 18, 5, 6, seed=2)
+    nearest = torch.zeros_like(responses).scatter_(1, responses.argmax(1, keepdim=True), 1)
+    (expected,) = torch.autograd.grad(
+        (weights * nearest * (responses.square().sum(1, keepdim=True) / 9).sqrt()).sum(), responses
+    )
+    (result,) = torch.autograd.grad((weights * cnn_hog._Nearest.apply(responses)).sum(), responses)
+    torch.testing.assert_close(result, expected)
+
+
+@pytest.mark.parametrize("bilinear", [False, True])
+def test_a_constant_image_has_a_derivative(bilinear: bool) -> None:
+    image = torch.full((1, 1, 32, 32), 0.5, requires_grad=True)
+    CNNHOG(8, bilinear=bilinear).descriptor(image).sum().backward()
+    assert image.grad is not None
+    assert torch.isfinite(image.grad).all()
+
+
+def test_contrast_and_brightness_make_no_difference_inside() -> None:
+    image, net = textured(1, 1, 48, 48), CNNHOG(8, bilinear=True)
+    one, other = (net.descriptor(of)[:, 2:-2, 2:-2] for of in (image, 0.3 * image + 0.2))
+    torch.testing.assert_close(one, other, rtol=0, atol=1e-6)
+
+
+def test_total_variation_has_its_derivative() -> None:
+    x = textured(2, 1, 6, 7).requires_grad_()
+    (expected,) = torch.autograd.grad(x.diff(dim=2).square().sum() + x.diff(dim=3).square().sum(), x)
+    torch.testing.assert_close(cnn_hog._total_variation_gradient(x.detach()), expected)
+
+
+@pytest.fixture(scope="module")
+def photographs() -> Tensor:
+    from skimage import data
+
+    from nablahog.io.images import limit_size
+
+    return torch.stack(
+        [limit_size(torch.from_numpy(data.camera()[a : a + 256, 100:356])[None] / 255, 48) for a in (0, 60)]
+    )
+
+
+@pytest.mark.parametrize("bilinear", [False, True])
+def test_inverts(photographs: Tensor, bilinear: bool) -> None:
+    net = CNNHOG(8, bilinear=bilinear)
+    descriptor = net.descriptor(photographs)
+    steps: list[tuple[int, int]] = []
+    result = net.reconstruct(descriptor, (48, 48), seed=1, progress=lambda done, total: steps.append((done, total)))
+    assert result.image.shape == (2, 1, 48, 48)
+    assert (float(result.image.min()), float(result.image.max())) == (0, 1)
+    assert steps == [(done, 800) for done in range(1, 801)]
+    assert result.history.shape == (800, 2)
+    assert result.evaluations.tolist() == [800, 800]
+    for image, photograph in zip(result.image, photographs, strict=True):
+        assert np.corrcoef(image.flatten(), photograph.flatten())[0, 1] > 0.5
+    expected = (net.descriptor(result.image) - descriptor).flatten(1).norm(dim=1) / descriptor.flatten(1).norm(dim=1)
+    torch.testing.assert_close(result.distance, expected)
+    assert (result.distance < 0.5).all()
+
+
+def test_a_batch_is_its_images_and_the_seed_decides(photographs: Tensor, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cnn_hog, "ITERATIONS", 5)  # a long descent amplifies rounding, which depends on the batch
+    net = CNNHOG(8, bilinear=True)
+    descriptor = net.descriptor(photographs[..., :24, :24].double())
+    both, one = net.reconstruct(descriptor), net.reconstruct(descriptor[1:])
+    torch.testing.assert_close(both.image[1:], one.image, rtol=0, atol=1e-6)
+    assert not torch.equal(one.image, net.reconstruct(descriptor[1:], seed=1).image)
+
+
+def test_texture_is_left_out(photographs: Tensor) -> None:
+    descriptor = CNNHOG().descriptor(photographs[:1, :, :16, :16])
+    longer = torch.cat([descriptor, torch.ones(1, 2, 2, 4)], dim=3)
+    assert torch.equal(CNNHOG().reconstruct(longer).image, CNNHOG().reconstruct(descriptor).image)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"cell_size": 5}, "the cell size must be an even number of pixels, got 5"),
+        ({"orientations": 0}, "there must be at least one orientation, got 0"),
+        ({"smoothness": -1}, "smoothness must be a finite number of at least 0, got -1"),
+        ({"smoothness": math.nan}, "smoothness must be a finite number of at least 0, got nan"),
+    ],
+)
+def test_refuses_options(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        CNNHOG(**options)
+
+
+@pytest.mark.parametrize(
+    ("image", "error", "message"),
+    [
+        (np.zeros((1, 1, 16, 16)), TypeError, "the image must be a floating-point tensor, got ndarray"),
+        (torch.zeros(1, 1, 16, 16, dtype=torch.uint8), TypeError, "floating-point tensor, got torch.uint8"),
+        (torch.zeros(1, 3, 16, 16), ValueError, r"must have shape \(B, 1, H, W\), B at least 1, got \(1, 3, 16, 16\)"),
+        (torch.zeros(1, 1, 16, 20), ValueError, "whole cells of 8 pixels, at least two each way, got 16x20 pixels"),
+        (torch.full((1, 1, 16, 16), math.nan), ValueError, "the image must be finite, got NaN or Inf"),
+    ],
+)
+def test_refuses_images(image: Any, error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        CNNHOG().descriptor(image)
+
+
+@pytest.mark.parametrize(
+    ("descriptor", "size", "error", "message"),
+    [
+        ([1.0], None, TypeError, "the descriptor must be a float32 or float64 tensor, got list"),
+        (torch.ones(1, 2, 2, 30), None, ValueError, r"shape \(B, rows, cols, 27\), or 31 channels with texture"),
+        (torch.ones(1, 1, 2, 27), None, ValueError, "at least two each way, got 8x16 pixels"),
+        (torch.ones(1, 2, 2, 27), (16, 24), ValueError, r"16x16 pixels, got image size \(16, 24\)"),
+        (torch.full((1, 2, 2, 27), math.inf), None, ValueError, "the descriptor must be finite, got NaN or Inf"),
+        (torch.zeros(1, 2, 2, 27), None, ValueError, "the descriptor must not be zero"),
+    ],
+)
+def test_refuses_descriptors(descriptor: Any, size: Any, error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        CNNHOG().reconstruct(descriptor, size)

@@ -1,0 +1,142 @@
+"""The registry: names, rows, published figures, and each method on a small image."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from nablahog import hog
+from nablahog.invert.prior_choice import default_prior_file
+from nablahog.paper.learned import SPEC, load, shipped_files
+from nablahog.paper.methods import METHODS, Method, Table1Settings, choose
+from nablahog.paper.names import (
+    BASELINES,
+    DIALECTS,
+    GROUPS,
+    LEARNED_DIALECTS,
+    LIBRARIES,
+    PUBLISHED,
+    SHIPPED,
+    TABLE1,
+    TABLE2,
+    TAKES_HOURS,
+)
+from nablahog.paper.pose_methods import POSE_METHODS
+
+from ..io import tiny_models
+from .common import image, photographs, write_prior
+
+FAST = Table1Settings(max_evaluations=8)
+
+
+def test_names() -> None:
+    expected = [f"{d}-{v}" for d in ("uoctti", "dalal") for v in ("single", "multi-scale", "multi-scale-more")]
+    assert {*expected, "uoctti-learned"} <= set(METHODS)
+    assert all(name == method.name and method.group in GROUPS for name, method in METHODS.items())
+
+
+def test_rows() -> None:
+    assert METHODS["dalal-single"].rows == ("dalal-single",)
+    levels = tuple(f"dalal-multi-scale@1/{s}" for s in (64, 16, 4, 1))
+    assert METHODS["dalal-multi-scale"].rows == ("dalal-multi-scale", *levels)
+    rows = [row for method in METHODS.values() for row in method.rows]
+    assert len(rows) == len(set(rows))
+
+
+def test_published_figures() -> None:
+    assert PUBLISHED["uoctti-single"].cc == 0.760
+    assert PUBLISHED["dalal-multi-scale-more@1/16"].ssim == 0.291
+    assert (PUBLISHED["hoggles"].cc, PUBLISHED["hoggles"].mi, PUBLISHED["hoggles"].ssim) == (0.409, 1.497, 0.271)
+    for name in ("dalal-multi-scale", "dalal-multi-scale-more"):
+        assert PUBLISHED[name] == PUBLISHED[f"{name}@1/1"]
+    assert set(PUBLISHED) <= {row for method in METHODS.values() for row in method.rows}
+    assert {name: group for group, names in BASELINES.items() for name in names}.items() <= {
+        (name, method.group) for name, method in METHODS.items()
+    }
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_method(name: str, tmp_path: Path, learned_files: dict[str, str]) -> None:
+    method = METHODS[name]
+    original = photographs(1, 40 if name == "bovw" else 32).images["0.png"]  # two windows of words, at least
+    sent: Method = pickle.loads(pickle.dumps(method))  # as it reaches the workers
+    learned = {kind: Path(path) for kind, path in learned_files.items()}
+    learned |= {"prior": write_prior(tmp_path / "prior.npz", SPEC), **shipped_files()}
+    for kind in {"upconv", "dalal-upconv"} & {name}:
+        learned[kind] = tmp_path / f"{kind}.npz"
+        tiny_models.upconv(method.spec).save(learned[kind])
+    result = sent.run(original[None, None], replace(FAST, learned=learned))
+    assert len(result) == len(method.rows)
+    for one in result:
+        assert one.image.shape == original.shape
+        assert 0 <= one.image.min() <= one.image.max() <= 1
+        assert one.distance > 0 or name == "bovw"  # one of few words in two places may well be right
+    if method.multiscale:
+        assert torch.equal(result[0].image, result[-1].image)
+        assert result[0].distance == result[-1].distance
+    if method.spec is not None:
+        d, x = (hog(each[None, None], method.spec) for each in (original, result[0].image))
+        assert result[0].distance == pytest.approx(float((x - d).norm() / d.norm()), rel=1e-3)
+
+
+def test_the_prior_decides(tmp_path: Path) -> None:
+    method, path = METHODS["uoctti-learned"], tmp_path / "p.npz"
+    assert method.spec is not None
+    made = []
+    for value in (0.1, 0.1, -0.1):
+        write_prior(path, method.spec, value=value)  # a file that changed is read again
+        made.append(method.run(image()[None, None], replace(FAST, learned={"prior": path}))[0].image)
+    assert torch.equal(made[0], made[1])
+    assert not torch.equal(made[0], made[2])
+    assert load("prior", path) is load("prior", path)
+    with pytest.raises(ValueError, match="needs what `nablahog learn prior` learns"):
+        method.run(image()[None, None], FAST)
+    with pytest.raises(FileNotFoundError, match="no such file"):
+        load("prior", tmp_path / "no")
+
+
+def test_what_can_be_asked_for_is_what_there_is() -> None:
+    assert tuple(METHODS) == TABLE1
+    assert tuple(POSE_METHODS) == TABLE2
+    of_libraries = tuple(name for name, method in METHODS.items() if method.group == LIBRARIES)
+    assert of_libraries == (*DIALECTS, *LEARNED_DIALECTS)
+    assert tuple(f"{name}-learned" for name, spec in DIALECTS.items() if default_prior_file(spec)) == LEARNED_DIALECTS
+
+
+def test_choosing() -> None:
+    every, learned = [method for method in METHODS.values() if not method.asked], METHODS["uoctti-learned"]
+    lacking = [method for method in every if {*method.needs} & {*TAKES_HOURS}]
+    assert choose(None, list(TAKES_HOURS)) == (every, [])
+    assert choose(None, []) == ([method for method in every if method not in lacking], lacking)
+    unsigned = ["dalal-learned", "dalal-multi-scale-more-learned"]
+    assert [m.name for m in lacking if m not in choose(None, [], SHIPPED)[1]] == ["uoctti-learned", *unsigned]
+    assert [m.name for m in lacking if m not in choose(None, [], ["prior"])[1]] == ["uoctti-learned"]
+    assert choose(unsigned, [], SHIPPED) == ([METHODS[name] for name in unsigned], [])
+    two = ["dalal-single", "uoctti-single"]
+    assert choose(two, []) == ([METHODS[name] for name in reversed(two)], [])
+    assert choose(["uoctti-learned"], ["prior"]) == ([learned], [])
+    assert choose(list(DIALECTS), []) == ([METHODS[name] for name in DIALECTS], [])
+    assert all(METHODS[name].asked for name in DIALECTS)
+    with pytest.raises(ValueError, match="uoctti-learned needs --prior FILE"):
+        choose([*two, "uoctti-learned"], [])
+    with pytest.raises(ValueError, match="dalal-upconv needs --dalal-upconv FILE, see `nablahog learn upconv --preset"):
+        choose(["dalal-upconv", "upconv"], ["upconv"])
+    with pytest.raises(ValueError, match="none of the methods asked for uses --prior; these do: uoctti-learned"):
+        choose(two, ["prior"])
+
+
+def test_the_seed_decides() -> None:
+    run = METHODS["dalal-single"].run
+    made = [run(image()[None, None], Table1Settings(seed, max_evaluations=4))[0].image for seed in (0, 0, 1)]
+    assert torch.equal(made[0], made[1])
+    assert not torch.equal(made[0], made[2])
+
+
+@pytest.mark.parametrize("name", [name for name, method in METHODS.items() if method.multiscale])
+def test_images_without_a_64th(name: str) -> None:
+    with pytest.raises(ValueError, match="1/64"):
+        METHODS[name].run(image()[None, None, :30, :28], replace(FAST, learned=shipped_files()))

@@ -1,0 +1,119 @@
+"""Reading a folder: sorted, gray, shrunk; what is wrong is kept with its reason."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from nablahog.io.sample_photographs import SAMPLE_NAMES
+from nablahog.paper.photographs import Backgrounds, read_folder, sample_photographs
+
+COLOURS = np.random.default_rng(0).integers(0, 256, (40, 60, 3), dtype=np.uint8)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    Image.fromarray(COLOURS).save(tmp_path / "b.png")
+    Image.fromarray(COLOURS[:16, :16, 0]).save(tmp_path / "a.BMP")
+    (tmp_path / "c.jpg").write_bytes(b"no image")
+    (tmp_path / "d.png").write_bytes((tmp_path / "b.png").read_bytes()[:400])
+    (tmp_path / "notes.txt").touch()
+    (tmp_path / ".hidden.png").touch()
+    (tmp_path / "below.png").mkdir()
+    return tmp_path
+
+
+def test_a_folder(folder: Path) -> None:
+    read = read_folder(folder, size=30)
+    assert list(read.images) == ["a.BMP", "b.png"]
+    assert read.images["b.png"].shape == (20, 30)
+    assert torch.equal(read.images["a.BMP"], torch.from_numpy(COLOURS[:16, :16, 0] / np.float32(255)))
+    assert list(read.failed) == ["c.jpg", "d.png"]
+    assert read.failed["c.jpg"].startswith("expected an image, got a file")
+    assert read.failed["d.png"].startswith("the image cannot be read")
+    assert read.ignored == ["below.png", "notes.txt"]
+
+
+def test_folders_below(folder: Path) -> None:
+    for name in ("chairs", "below.png/more", ".hidden"):
+        (folder / name).mkdir(parents=True)
+        Image.fromarray(COLOURS).save(folder / name / "1.png")
+    (folder / "chairs" / "loop").symlink_to(folder, target_is_directory=True)
+    read = read_folder(folder, size=0, recursive=True)
+    assert list(read.images) == ["a.BMP", "b.png", "below.png/more/1.png", "chairs/1.png"]
+    assert list(read.failed) == ["c.jpg", "d.png"]
+    assert read.ignored == ["chairs/loop", "notes.txt"]
+
+
+def test_as_they_are(folder: Path) -> None:
+    result = read_folder(folder, size=0).images["b.png"]
+    expected = COLOURS.astype(np.float32) / 255 @ np.array([0.299, 0.587, 0.114], dtype=np.float32)
+    assert result.dtype == torch.float32
+    torch.testing.assert_close(result, torch.from_numpy(expected))
+
+
+def test_a_limit(folder: Path) -> None:
+    read = read_folder(folder, size=0, limit=3)
+    assert (list(read.images), list(read.failed)) == (["a.BMP", "b.png"], ["c.jpg"])
+
+
+def test_names_of_any_bytes(tmp_path: Path) -> None:
+    Image.fromarray(COLOURS).save(tmp_path / "a.png")
+    try:
+        os.rename(tmp_path / "a.png", os.fsencode(tmp_path) + b"/\xff.png")
+    except OSError:
+        pytest.skip("this file system takes no such name")
+    (name,) = read_folder(tmp_path, size=0).images
+    assert name == "\\xff.png"
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "message"),
+    [
+        (lambda path: None, FileNotFoundError, "no such folder"),
+        (lambda path: path.touch(), NotADirectoryError, "expected a folder of images, got a file"),
+        (lambda path: path.mkdir(), ValueError, "it holds none"),
+    ],
+)
+def test_no_images(tmp_path: Path, make: object, error: type[Exception], message: str) -> None:
+    assert callable(make)
+    make(tmp_path / "x")
+    with pytest.raises(error, match=f"^{re.escape(str(tmp_path / 'x'))}: .*{message}$"):
+        read_folder(tmp_path / "x", size=0)
+
+
+def test_those_of_scikit_image() -> None:
+    read = sample_photographs(size=64)
+    assert tuple(read.images) == SAMPLE_NAMES
+    assert {tuple(image.shape) for image in read.images.values()} == {(64, 64)}
+    assert all(image.min() >= 0 and image.max() <= 1 and image.std() > 0.05 for image in read.images.values())
+    assert list(sample_photographs(size=64, limit=2).images) == list(SAMPLE_NAMES[:2])
+    whole = sample_photographs(size=64, limit=4, whole=True).images
+    assert whole["chelsea"].shape == (43, 64)
+
+
+def test_backgrounds(folder: Path) -> None:
+    """In colour, read when they are asked for; what cannot be read is passed over."""
+    backgrounds = Backgrounds(folder)
+    assert len(backgrounds) == 2
+    assert [tuple(each.shape) for each in backgrounds] == [(1, 16, 16), (3, 40, 60)]
+    assert torch.equal(backgrounds[1], torch.from_numpy(COLOURS.transpose(2, 0, 1) / np.float32(255)))
+    assert list(backgrounds.failed) == ["c.jpg", "d.png"]
+    Image.fromarray(np.zeros((100, 2000), np.uint8)).save(folder / "b.png")
+    assert backgrounds[1].shape == (1, 32, 640)
+
+
+def test_folders_without_backgrounds(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"a folder of images, but it holds none that can be read$"):
+        Backgrounds(tmp_path)
+    (tmp_path / "c.jpg").write_bytes(b"no image")
+    with pytest.raises(ValueError, match=r"none that can be read; the first: c\.jpg: expected an image"):
+        Backgrounds(tmp_path)
+    with pytest.raises(FileNotFoundError, match="no such folder"):
+        Backgrounds(tmp_path / "no")

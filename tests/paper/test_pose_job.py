@@ -1,0 +1,85 @@
+"""One method on one object: poses, failures, and what tells the work apart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nablahog.jobs import store
+from nablahog.jobs.store import JobResult
+from nablahog.jobs.worker import attempt
+from nablahog.paper import pose_job
+from nablahog.paper.models import Model
+from nablahog.paper.pose_job import PoseJob
+from nablahog.paper.pose_methods import PoseMethod, Table2Settings
+
+from .pose_fakes import ENDLESS, FAR, MODELS, NEAR, OTHER, examples
+
+
+def _job(method: PoseMethod = NEAR, azimuth: float = 90, seed: int = 0) -> PoseJob:
+    (each,) = examples([azimuth]).objects
+    return PoseJob(method, each.image.numpy(), each.box, each.models, each.initial, Table2Settings(seed))
+
+
+def test_a_pose(tmp_path: Path) -> None:
+    result = attempt(_job())
+    assert isinstance(result, JobResult)
+    (pose,) = result.figures
+    assert pose["azimuth"] == pytest.approx(98, abs=1e-4)
+    assert (pose["elevation"], pose["model"], pose["similarity"]) == (15, "two", 0.5)
+    assert result.pictures.shape == (1, 16, 16)
+    assert (result.pictures[0, 8, 8] > 0, result.pictures[0, 0, 0]) == (True, 0)
+    assert result.seconds > 0
+    store.save(tmp_path / "a.npz", result)
+    output = store.load(tmp_path / "a.npz", _job())
+    assert output is not None
+    assert output.figures == result.figures
+    assert np.array_equal(output.pictures, result.pictures)
+
+
+def test_failures() -> None:
+    assert attempt(_job(FAR, 0)) == "no element"
+    assert str(attempt(_job(ENDLESS))).startswith("the pose is not finite: {'azimuth': inf")
+
+
+def test_what_does_not_fit() -> None:
+    whole = attempt(_job())
+    assert isinstance(whole, JobResult)
+    assert _job().fits(whole)
+    assert not _job().fits(replace(whole, pictures=whole.pictures[:, 1:]))
+    assert not _job().fits(replace(whole, figures=[]))
+    assert not _job().fits(replace(whole, figures=[{"azimuth": 1.0}]))
+
+
+def test_keys_tell_work_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    files = [tmp_path / name for name in ("a.off", "b.off", "c.off")]
+    for path, text in zip(files, ("OFF 1", "OFF 1", "OFF 2"), strict=True):
+        path.write_text(text)
+    base = _job()
+    brighter = base.image.copy()
+    brighter[0, 3, 3] = np.nextafter(brighter[0, 3, 3], 2)
+    jobs = [
+        base,
+        _job(OTHER),
+        _job(seed=1),
+        replace(base, image=brighter),
+        replace(base, image=base.image.reshape(1, 8, 32)),
+        replace(base, box=(0, 0, 16, 15)),
+        replace(base, models=MODELS[:1]),
+        replace(base, models=MODELS[::-1]),
+        replace(base, models=(Model("three", 1), MODELS[1])),
+        replace(base, models=(Model("one", 3), MODELS[1])),
+        replace(base, initial=(0, 16)),
+        *(replace(base, models=(Model("one", path),)) for path in files),
+    ]
+    keys = {each.key() for each in jobs}
+    assert jobs[-1].key() != jobs[-2].key() == jobs[-3].key()  # files that hold the same
+    assert len(keys) == len(jobs) - 1
+    assert _job().key() == base.key()
+    files[0].write_text("OFF 33")
+    assert jobs[-3].key() not in keys
+    monkeypatch.setattr(pose_job, "code_key", lambda *definitions: "other code")
+    assert base.key() not in keys

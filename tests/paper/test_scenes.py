@@ -1,0 +1,260 @@
+"""Scenes: the truth they state, repeatability, and what composing does to an image."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from nablahog.hog.gradient import gray
+from nablahog.paper.scenes import Scene, SceneSettings, compose, scene
+from nablahog.render import Mesh, silhouette
+
+RAMP = np.linspace(0, 1, 90 * 120).reshape(90, 120)
+NOISE = np.random.default_rng(0).random((3, 150, 100))
+VIEWS = np.array([[30.0, 20, 0], [200, 10, -8], [300, 40, 5]])
+CLEAN = SceneSettings(
+    size=96,
+    height=(50, 60),
+    albedo=(1, 1),
+    ambient=(1, 1),
+    tint=0,
+    contrast=(0, 0),
+    occlusion=0,
+    blur=(0, 0),
+    gamma=(1, 1),
+    exposure=(1, 1),
+    noise=(0, 0),
+    box_jitter=0,
+)
+
+
+def _box(width: float, depth: float, height: float, brightness: float = 0.6) -> Mesh:
+    corners = torch.tensor(
+        [[x, y, z] for x in (0, width) for y in (0, depth) for z in (0, height)], dtype=torch.float64
+    )
+    quads = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
+    faces = torch.tensor([triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))])
+    return Mesh(corners, faces, torch.full((8,), brightness, dtype=torch.float64)).normalized()
+
+
+MODELS = {"cube": _box(1, 1, 1), "slab": _box(3, 1, 0.4), "tower": _box(1, 1, 3)}
+
+
+def _scene(index: int, settings: SceneSettings, seed: int = 0) -> Scene:
+    return scene(index, MODELS, VIEWS, [RAMP, NOISE], seed=seed, settings=settings)
+
+
+def test_a_scene_depends_on_its_number_only() -> None:
+    settings = SceneSettings(size=96, height=(50, 60))
+    first = [_scene(index, settings) for index in range(3)]
+    again = [_scene(index, settings) for index in (2, 0, 1)]
+    for a, b in zip(first, [again[1], again[2], again[0]], strict=True):
+        assert torch.equal(a.image, b.image)
+        assert torch.equal(a.pose, b.pose)
+        assert (a.model, a.box, a.camera) == (b.model, b.box, b.camera)
+    assert not torch.equal(first[0].image, first[1].image)
+    assert not torch.equal(first[0].image, _scene(0, settings, seed=1).image)
+
+
+def test_truth_is_where_the_object_is_seen() -> None:
+    seen = set()
+    for index in range(12):
+        made = _scene(index, CLEAN)
+        coverage = silhouette(MODELS[made.model], made.pose[None], made.camera)[0, 0]
+        image = gray(made.image[None])[0, 0]
+        outside = image[coverage == 0]
+        assert float(outside.max() - outside.min()) < 1e-5
+        behind = float(outside.mean())
+        torch.testing.assert_close(image, 0.6 * coverage + behind * (1 - coverage), atol=2e-3, rtol=0)
+        rows, columns = torch.nonzero(coverage, as_tuple=True)
+        tight = [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
+        np.testing.assert_allclose(made.box, tight, atol=1.5)
+        seen.add(made.model)
+    assert seen == set(MODELS)
+
+
+def test_poses_come_from_the_viewpoints() -> None:
+    for index in range(12):
+        made = _scene(index, CLEAN)
+        azimuth, elevation, distance, theta = made.pose[:4].tolist()
+        assert [azimuth, elevation, theta] in VIEWS.tolist()
+        assert 2.5 <= distance <= 4
+        assert abs(float(made.initial[1]) - elevation) <= 5
+        assert made.initial[2:].tolist() == [3.25, 0, 0, 0]
+
+
+def test_initial_azimuth_says_nothing() -> None:
+    azimuth = np.array([float(_scene(index, CLEAN).initial[0]) for index in range(40)])
+    assert (np.histogram(azimuth, bins=4, range=(0, 360))[0] > 3).all()
+
+
+def test_height_as_asked_unless_it_is_too_wide() -> None:
+    for index in range(12):
+        made = _scene(index, CLEAN)
+        x0, y0, x1, y1 = made.box
+        assert x0 >= 0
+        assert y0 >= 0
+        assert x1 <= 96
+        assert y1 <= 96
+        if made.model == "slab":
+            assert x1 - x0 <= 96
+        else:
+            assert 50 <= y1 - y0 <= 60
+
+
+def test_box_errors_have_the_given_size() -> None:
+    settings = replace(CLEAN, size=256, box_jitter=0.02)
+    errors = []
+    for index in range(60):
+        made, exact = (_scene(index, replace(settings, box_jitter=jitter)).box for jitter in (0.02, 0))
+        x0, y0, x1, y1 = exact
+        errors.append((np.array(made) - exact) / (x1 - x0, y1 - y0, x1 - x0, y1 - y0))
+    assert np.std(errors) == pytest.approx(0.02, rel=0.2)
+    assert abs(np.mean(errors)) < 0.004
+
+
+def test_image_is_colour_in_range() -> None:
+    made = _scene(0, SceneSettings(size=96, height=(50, 60), tint=0.5))
+    assert made.image.shape == (3, 96, 96)
+    assert made.image.dtype == torch.float32
+    assert float(made.image.min()) >= 0
+    assert float(made.image.max()) <= 1
+    assert not torch.equal(made.image[0], made.image[2])
+
+
+def test_light_shows_sides() -> None:
+    """Ambient light only makes one brightness, directed light several."""
+    flat, lit = (_scene(0, replace(CLEAN, ambient=ambient)) for ambient in ((1, 1), (0.2, 0.2)))
+    x0, y0, x1, y1 = (round(side) for side in flat.box)
+
+    def levels(made: Scene) -> int:
+        inside = (made.image[0, y0:y1, x0:x1] * 50).round()
+        values, counts = inside.unique(return_counts=True)
+        return len(values[counts > 40])
+
+    assert levels(lit) > levels(flat)
+
+
+# composing needs no renderer
+
+EMPTY = np.zeros((3, 80, 80))
+FULL = np.ones((80, 80))
+WHOLE = (0.0, 0.0, 80.0, 80.0)
+
+
+def _composed(
+    picture: np.ndarray, coverage: np.ndarray, photo: np.ndarray, seed: int = 0, **changes: object
+) -> np.ndarray:
+    settings = replace(CLEAN, contrast=(1, 1), **changes)  # type: ignore[arg-type]
+    return compose(picture, coverage, WHOLE, [photo], settings, np.random.default_rng(seed))
+
+
+def test_clutter_only_where_the_object_is_not() -> None:
+    coverage = np.zeros((80, 80))
+    coverage[20:60, 30:50] = 1
+    coverage[60:70, 30:50] = 0.5
+    image = _composed(EMPTY + 0.5 * coverage, coverage, np.ones((1, 90, 90)))
+    np.testing.assert_allclose(image[:, 20:60, 30:50], 0.5)
+    np.testing.assert_allclose(image[:, 60:70, 30:50], 0.75)
+    np.testing.assert_allclose(image[:, :, :30], 1)
+
+
+def test_clutter_is_part_of_the_photograph() -> None:
+    ramp = np.linspace(0.2, 0.6, 200)[None, None].repeat(200, axis=1)
+    for seed in range(5):
+        image = _composed(EMPTY, 0 * FULL, ramp, seed, zoom=(0.5, 2))
+        rows = np.diff(image[0], axis=1)
+        assert (rows > 0).all() or (rows < 0).all()  # perhaps mirrored, never torn
+        assert 0.2 - 1e-6 <= image.min() < image.max() <= 0.6 + 1e-6
+        np.testing.assert_allclose(image, image[:1, :1].repeat(3, 0).repeat(80, 1), atol=1e-9)
+
+
+def test_colour_photographs_keep_their_colours() -> None:
+    photo = np.array([0.2, 0.4, 0.8])[:, None, None] * np.ones((1, 50, 60))
+    image = _composed(EMPTY, 0 * FULL, photo, tint=0.5)
+    np.testing.assert_allclose(image[:, 0, 0], [0.2, 0.4, 0.8])
+
+
+def test_tint_leaves_the_gray() -> None:
+    image = _composed(EMPTY, 0 * FULL, np.full((1, 50, 60), 0.5), tint=0.4)
+    assert np.ptp(image[:, 0, 0]) > 0.01
+    assert float(gray(torch.from_numpy(image)[None])[0, 0, 0, 0]) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 300), (3, 2), (500, 7)])
+def test_photographs_of_any_shape(shape: tuple[int, int]) -> None:
+    image = _composed(EMPTY, 0 * FULL, np.full((1, *shape), 0.25))
+    np.testing.assert_allclose(image, 0.25)
+
+
+def test_occluder_covers_what_it_should() -> None:
+    shares, shapes = [], set()
+    for seed in range(40):
+        image = _composed(EMPTY, FULL, np.ones((1, 90, 90)), seed, occlusion=1, occluded=(0.1, 0.2))
+        shares.append(image[0].mean())
+        shapes.add((bool(image[0].any(0).all()), bool(image[0].any(1).all())))
+    assert min(shares) > 0.08
+    assert max(shares) < 0.22
+    assert shapes == {(True, False), (False, True), (False, False)}  # lying bars, upright bars, patches
+
+
+def test_occlusion_is_as_frequent_as_asked() -> None:
+    hits = [_composed(EMPTY, FULL, np.ones((1, 90, 90)), seed, occlusion=0.25).any() for seed in range(200)]
+    assert np.mean(hits) == pytest.approx(0.25, abs=0.08)
+
+
+def test_sensor_noise() -> None:
+    image = _composed(EMPTY + 0.5, FULL, np.ones((1, 90, 90)), noise=(0.03, 0.03))
+    assert image.std() == pytest.approx(0.03, rel=0.05)
+    np.testing.assert_allclose(image[0], image[1])
+
+
+def test_blur_exposure_and_gamma() -> None:
+    edge = EMPTY.copy()
+    edge[:, :, 40:] = 1
+    blurred = _composed(edge, FULL, np.ones((1, 90, 90)), blur=(2, 2))
+    assert np.diff(blurred[0, 40]).max() == pytest.approx(1 / np.sqrt(2 * np.pi * 4), rel=0.05)
+    image = _composed(EMPTY + 0.25, FULL, np.ones((1, 90, 90)), gamma=(0.5, 0.5), exposure=(1.2, 1.2))
+    np.testing.assert_allclose(image, 0.6)
+
+
+def test_input_is_checked() -> None:
+    with pytest.raises(ValueError, match="expected models and photographs, got 0 and 1"):
+        scene(0, {}, VIEWS, [RAMP])
+    with pytest.raises(ValueError, match="expected models and photographs, got 3 and 0"):
+        scene(0, MODELS, VIEWS, [])
+    for views in (VIEWS[:0], VIEWS[0], VIEWS[:, :2]):
+        with pytest.raises(ValueError, match=r"viewpoints of shape \(N, 3\)"):
+            scene(0, MODELS, views, [RAMP])
+    for photo in (np.zeros(5), np.zeros((2, 5, 5)), np.zeros((0, 5))):
+        with pytest.raises(ValueError, match="photograph of shape"):
+            scene(0, MODELS, VIEWS, [photo], settings=CLEAN)
+    for photo in (RAMP * 2, RAMP - 0.5, RAMP * np.nan):
+        with pytest.raises(ValueError, match="photograph in 0…1"):
+            scene(0, MODELS, VIEWS, [photo], settings=CLEAN)
+    assert scene(0, MODELS, VIEWS, [torch.from_numpy(RAMP)], settings=CLEAN).image.shape == (3, 96, 96)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"height": (140, 100)}, "height must be .* a range from low to high"),
+        ({"noise": (-0.1, 0.1)}, "noise must be at least 0"),
+        ({"blur": (0, float("nan"))}, "blur must be"),
+        ({"occlusion": 1.5}, "occlusion must lie in 0…1"),
+        ({"ambient": (0.5, 1.5)}, "ambient and occluded must lie in 0…1"),
+        ({"distance": (0.9, 2)}, "distance must be above 1"),
+        ({"size": 100}, "height between 1 and size - 12"),
+        ({"gamma": (0, 1)}, "gamma must be above 0"),
+    ],
+)
+def test_settings_are_checked(changes: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        SceneSettings(**changes)  # type: ignore[arg-type]
+
+
+def test_ranges_may_be_lists() -> None:
+    assert SceneSettings(height=[100.0, 140.0]) == SceneSettings()  # type: ignore[arg-type]

@@ -1,0 +1,216 @@
+"""From results to tables: formats, failures, reuse."""
+
+from __future__ import annotations
+
+import csv
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nablahog import metrics
+from nablahog.io.files import ABANDONED
+from nablahog.paper.methods import Table1Settings
+from nablahog.paper.table1 import METRICS, run_table1, write_table1
+from nablahog.paper.tables import Failure, evenly_spread, statistics
+
+from .common import made, photographs
+from .fakes import BRIGHT, DARK, EXACT, LEVELS, MISTAKEN, UNDEFINED
+
+FILES = ["failures.csv", "per_image.csv", "summary.csv", "times.csv"]
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    with open(path, newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_files(tmp_path: Path, calls: list[str]) -> None:
+    table = made(tmp_path, photographs(), BRIGHT, LEVELS)
+    write_table1(tmp_path, table)
+    assert sorted(os.listdir(tmp_path)) == [*FILES, "work"]
+
+    rows = _rows(tmp_path / "per_image.csv")
+    assert list(rows[0]) == ["method", "image", *METRICS]
+    named = [(row["method"], row["image"]) for row in rows]
+    assert named == [(row, f"{k}.png") for row in (*BRIGHT.rows, *LEVELS.rows) for k in range(3)]
+    for row in rows:
+        figures = table.figures[row["method"]][row["image"]]
+        values = [float(row[metric]) if row[metric] else None for metric in METRICS]
+        assert values == [figures[metric] for metric in METRICS]  # to the last bit
+
+    summary = {(row["method"], row["metric"]): row for row in _rows(tmp_path / "summary.csv")}
+    assert list(summary["bovw", "cc"]) == ["method", "metric", "mean", "median", "low", "high", "paper", "n"]
+    assert [summary["bovw", "cc"][key] for key in ("mean", "low", "paper", "n")] == ["", "", "0.287", "0"]
+    line = summary["uoctti-single", "ssim"]
+    values = [table.figures["uoctti-single"][f"{k}.png"]["ssim"] or 0 for k in range(3)]
+    of = statistics(values)
+    assert [float(line[key]) for key in ("mean", "median", "low", "high")] == [of.mean, of.median, of.low, of.high]
+    assert (line["paper"], line["n"]) == ("0.433", "3")
+    assert summary["dalal-multi-scale@1/4", "mi"]["paper"] == "1.458"
+    assert summary["dalal-multi-scale", "distance"]["paper"] == ""
+    assert ("dalal-single", "cc") not in summary  # not asked for
+
+    times = _rows(tmp_path / "times.csv")
+    assert [(row["method"], row["image"]) for row in times] == [
+        (name, f"{k}.png") for name in ("uoctti-single", "dalal-multi-scale") for k in range(3)
+    ]
+    assert (tmp_path / "failures.csv").read_text() == "image,method,reason\n"
+
+
+def test_order_and_groups(tmp_path: Path, calls: list[str]) -> None:
+    lines = made(tmp_path, photographs(1), BRIGHT, LEVELS, UNDEFINED).lines()
+    expected = ["bovw", "hoggles", "cnn-hog", "cnn-hogb", *BRIGHT.rows, *LEVELS.rows, "undefined"]
+    assert [line.row for line in lines] == expected
+    by_row = {line.row: line for line in lines}
+    assert by_row["hoggles"].seconds is by_row["dalal-multi-scale@1/4"].seconds is None
+    assert by_row["dalal-multi-scale"].seconds is not None
+    assert by_row["undefined"].statistics["distance"].n == 0
+    assert by_row["undefined"].statistics["cc"].n == 1
+
+
+def test_psnr_and_normalised_error(tmp_path: Path, calls: list[str]) -> None:
+    """In the files as by definition, the error normalised by all photographs of the run."""
+    some = photographs()
+    table = made(tmp_path, some, DARK, EXACT)
+    write_table1(tmp_path, table)
+    images = {name: image.numpy() for name, image in some.images.items()}
+    n = metrics.mean_distance(images.values())
+    assert table.mean_distance == n > 0
+
+    rows = {(row["method"], row["image"]): row for row in _rows(tmp_path / "per_image.csv")}
+    for name, image in images.items():
+        dark = (image - np.float32(0.25)).clip(0, 1)
+        assert float(rows["dark", name]["psnr"]) == metrics.psnr(dark, image)
+        assert float(rows["dark", name]["normalised_error"]) == metrics.normalised_error(dark, image, n)
+        assert (rows["exact", name]["psnr"], rows["exact", name]["normalised_error"]) == ("", "0.0")
+
+    summary = {(row["method"], row["metric"]): row for row in _rows(tmp_path / "summary.csv")}
+    for metric in ("psnr", "normalised_error"):
+        values = [float(rows["dark", name][metric]) for name in images]
+        line = summary["dark", metric]
+        assert (float(line["mean"]), line["paper"], line["n"]) == (pytest.approx(np.mean(values)), "", "3")
+    assert (summary["exact", "psnr"]["mean"], summary["exact", "psnr"]["n"]) == ("", "0")
+
+
+def test_the_normalised_error_is_of_the_run(tmp_path: Path, calls: list[str]) -> None:
+    """A stored result of one photograph serves sets with other distances."""
+    few, more = (made(tmp_path, photographs(count), DARK) for count in (2, 3))
+    assert calls == ["dark"] * 3
+    (a, b) = (table.figures["dark"]["0.png"] for table in (few, more))
+    assert few.mean_distance != more.mean_distance
+    assert a["normalised_error"] * few.mean_distance == pytest.approx(b["normalised_error"] * more.mean_distance)
+    assert a["psnr"] == b["psnr"]
+
+
+def test_sets_without_a_normalised_error(tmp_path: Path, calls: list[str]) -> None:
+    single, sizes, equal = photographs(1), photographs(3), photographs(1)
+    sizes.images["0.png"] = sizes.images["0.png"][:30].contiguous()
+    equal.images["copy.png"] = equal.images["0.png"]
+    for some in (single, sizes, equal):
+        table = made(tmp_path, some, DARK)
+        write_table1(tmp_path, table)
+        rows = _rows(tmp_path / "per_image.csv")
+        assert len(rows) == len(some.images)
+        assert all(row["normalised_error"] == "" and float(row["psnr"]) > 0 for row in rows)
+
+
+def test_failures(tmp_path: Path, calls: list[str]) -> None:
+    some = photographs(2)
+    some.images["0.png"] = some.images["0.png"][:30].contiguous()
+    some.failed["bad,\n.png"] = "no image"
+    table = made(tmp_path, some, LEVELS, MISTAKEN, DARK)
+    where = table.failures[2].reason
+    assert where.startswith("KeyError at fakes.py:")
+    assert table.failures == [
+        Failure("bad,\n.png", None, "no image"),
+        Failure("0.png", "dalal-multi-scale", "no scale 1/64"),
+        Failure("0.png", "mistaken", where),
+        Failure("1.png", "mistaken", where),
+    ]
+    counts = {line.row: line.statistics["cc"].n for line in table.lines()}
+    assert (counts["dark"], counts["dalal-multi-scale@1/4"], counts["mistaken"]) == (2, 1, 0)
+    write_table1(tmp_path, table)
+    rows = _rows(tmp_path / "failures.csv")
+    assert rows[0] == {"image": r"bad,\n.png", "method": "", "reason": "no image"}
+    assert len(rows) == 4
+
+
+def test_done_once(tmp_path: Path, calls: list[str]) -> None:
+    first = made(tmp_path, photographs(), DARK, MISTAKEN)
+    assert sorted(calls) == ["dark"] * 3 + ["mistaken"] * 3
+    calls.clear()
+    second = made(tmp_path, photographs(), DARK, MISTAKEN)
+    assert calls == ["mistaken"] * 3  # failures are no results
+    assert second.figures == first.figures
+    assert second.seconds == first.seconds
+    calls.clear()
+    made(tmp_path, photographs(4), DARK, BRIGHT)
+    assert sorted(calls) == ["dark"] + ["uoctti-single"] * 4
+
+
+def test_other_settings_do_not_mix(tmp_path: Path, calls: list[str]) -> None:
+    first = made(tmp_path / "both", photographs(), DARK)
+    second = made(tmp_path / "both", photographs(), DARK, seed=1)
+    assert len(calls) == 6
+    assert first.figures != second.figures == made(tmp_path / "alone", photographs(), DARK, seed=1).figures
+
+
+def test_damaged_results_are_made_again(tmp_path: Path, calls: list[str]) -> None:
+    first = made(tmp_path, photographs(), DARK)
+    stored = sorted((tmp_path / "work" / "dark").iterdir())
+    stored[0].write_bytes(stored[0].read_bytes()[:100])
+    stored[1].write_bytes(b"")
+    calls.clear()
+    assert made(tmp_path, photographs(), DARK).figures == first.figures
+    assert len(calls) == 2
+
+
+def test_equal_images_are_done_once(tmp_path: Path, calls: list[str]) -> None:
+    some = photographs(1)
+    some.images["copy.png"] = some.images["0.png"]
+    table = made(tmp_path, some, DARK)
+    assert calls == ["dark"]
+    assert table.figures["dark"]["0.png"] == table.figures["dark"]["copy.png"]
+
+
+def test_what_a_killed_run_left_is_removed(tmp_path: Path, calls: list[str]) -> None:
+    (tmp_path / "work" / "dark").mkdir(parents=True)
+    parts = [tmp_path / ".nablahog-1-0.part", tmp_path / "work" / "dark" / ".nablahog-1-1.part"]
+    young = tmp_path / ".nablahog-2-0.part"
+    for part in (*parts, young):
+        part.touch()
+    for part in parts:
+        os.utime(part, (time.time() - ABANDONED - 60,) * 2)
+    made(tmp_path, photographs(1), DARK)
+    assert young.exists()
+    assert not any(part.exists() for part in parts)
+
+
+def test_progress(tmp_path: Path, calls: list[str]) -> None:
+    said: list[tuple[int, int, str]] = []
+    for methods in ([DARK], [DARK, LEVELS]):
+        said.clear()
+        run_table1(
+            tmp_path, photographs(), methods, Table1Settings(), workers=1, progress=lambda *all_of: said.append(all_of)
+        )
+    assert said[0] == (3, 6, "")
+    assert said[1] == (3, 6, "dalal-multi-scale")
+    assert said[-1] == (6, 6, "")
+
+
+@pytest.mark.parametrize("count", [0, 1, 6, 7, 101])
+def test_evenly_spread(count: int) -> None:
+    names = [str(k) for k in range(count)]
+    shown = evenly_spread(names, 6)
+    assert len(shown) == min(6, count) == len(set(shown))
+    assert shown == sorted(shown, key=int)
+    assert np.all(np.diff([int(name) for name in shown]) >= count // 6)
+
+
+def test_pictures_of_a_few(tmp_path: Path, calls: list[str]) -> None:
+    table = made(tmp_path, photographs(4), DARK)
+    assert list(table.pictures["dark"]) == [f"{k}.png" for k in range(4)]
+    assert table.pictures["dark"]["0.png"].shape == (32, 32)

@@ -1,0 +1,151 @@
+"""The page and what the terminal shows of it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from nablahog.paper import table1_page
+from nablahog.paper.methods import METHODS, Method, Table1Settings
+from nablahog.paper.names import LIBRARIES, UOCTTI
+from nablahog.paper.table1 import Table1
+from nablahog.viz.html import figure
+
+from .common import made, photographs, write_prior
+from .fakes import BRIGHT, LEVELS
+
+SEEN = Method("uoctti-single", UOCTTI, BRIGHT.run, METHODS["uoctti-single"].spec)
+
+
+@pytest.fixture
+def table(tmp_path: Path, calls: list[str]) -> Table1:
+    some = photographs(3)
+    some.images["<b>.png"] = some.images["0.png"][:30].contiguous()
+    some.failed["bad.png"] = "no <image>"
+    some.ignored.append("notes.txt")
+    return made(tmp_path, some, SEEN, LEVELS)
+
+
+def _html(table: Table1) -> str:
+    return table1_page.page(table, Table1Settings(7, max_evaluations=9), "Images of mine.")
+
+
+def _text(html: str) -> str:
+    return re.sub(r"<[^>]*>", "\n", html)
+
+
+def test_figures_and_definitions(table: Table1) -> None:
+    html = _html(table)
+    mean = table.lines()[4].statistics["cc"]
+    for number in (mean.mean, mean.median, 0.760, 1.908, 0.433, 0.287, 0.121):
+        assert f"{number:.3f}" in html
+    assert f"{mean.low:.3f} … {mean.high:.3f}\nmedian {mean.median:.3f}" in html
+    for name in ("UoCTTI HOG", "Dalal&#39;s HOG", *LEVELS.rows, "bovw", "seconds"):
+        assert name in html
+    for name in (
+        "CC",
+        "|CC|",
+        "MI",
+        "SSIM",
+        "PSNR",
+        "distance",
+        "NAME@1/s",
+        "paper",
+        "seconds",
+        "mean, interval, median",
+    ):
+        assert f"<dt>{name}</dt>" in html
+    assert "Images of mine." in html
+    assert "seed 7, at most 9 evaluations" in html
+    assert "nan" not in _text(html).lower().split()
+
+
+def test_psnr_and_normalised_error(table: Table1, tmp_path: Path) -> None:
+    """The table of the fixture has photographs of two sizes."""
+    several, one_size = _html(table), made(tmp_path / "other", photographs(3), SEEN)
+    html = _html(one_size)
+    for page in (several, html):
+        for name in ("PSNR", "normalised error"):
+            assert f"<dt>{name}</dt>" in page
+    for metric in ("psnr", "normalised_error"):
+        of = one_size.lines()[4].statistics[metric]
+        assert of.low is not None
+        assert of.high is not None
+        assert f"{figure(of.low)} … {figure(of.high)}\nmedian {figure(of.median)}" in html
+    assert table.lines()[4].statistics["normalised_error"].n == 0
+    assert f"N of these 3 photographs is {one_size.mean_distance:.3f}." in html
+    assert "N of these" not in several
+    assert "Not defined for these photographs: it takes at least two that differ, all of one size." in several
+
+
+def test_failures_are_listed_and_counted(table: Table1) -> None:
+    text = _text(_html(table))
+    assert "2 failed, see below" in text
+    assert "Failed: 2" in text
+    for failure in ("no &lt;image&gt;", "no scale 1/64", "&lt;b&gt;.png"):
+        assert failure in text
+    assert "notes.txt" in text
+
+
+def test_pictures(table: Table1) -> None:
+    html = _html(table)
+    glyphs = 4
+    photographed, result = 4 + 2, 4 + 3  # the picture table, and two images at four levels below it
+    assert html.count("data:image/png;base64,") == glyphs + photographed + result + 2 * 4
+    assert 'alt="What dalal-multi-scale@1/16 made of 1.png"' in html
+    assert 'alt="What dalal-multi-scale made of &lt;b&gt;.png"' not in html
+    assert "http" not in html
+
+
+def test_glyphs_are_of_groups_with_one_descriptor(tmp_path: Path, calls: list[str]) -> None:
+    """Others would stand below glyphs that are not theirs."""
+    dlib, opencv = (Method(name, LIBRARIES, BRIGHT.run, METHODS[name].spec) for name in ("dlib", "opencv"))
+    for methods, columns in (((SEEN, dlib), 2), ((SEEN, dlib, opencv), 1)):
+        html = _html(made(tmp_path, photographs(1), *methods))
+        assert html.count('alt="Strokes along the edges of 0.png, cell by cell, of its ') == columns
+
+
+def test_remarks(table: Table1, tmp_path: Path) -> None:
+    learned = METHODS["uoctti-learned"]
+    assert learned.spec is not None
+    assert table1_page.remarks([], {}, photographs(2)) == []
+    assert table1_page.remarks([learned], {}, photographs(2)) == [
+        "uoctti-learned is optional, and runs with --prior FILE, see `nablahog learn prior`."
+    ]
+    for images, expected in [
+        (("a.png",), []),
+        (("a.png", "1.png"), ["The prior file was learned from images of the same"]),
+        (("a.png", "1.png, 1/2, 0, 64"), ["The prior file was learned from images of the same names as 1 of these"]),
+    ]:
+        prior = write_prior(tmp_path / "p.npz", learned.spec, images=images)
+        said = table1_page.remarks([], {"prior": prior}, photographs(2))
+        assert [one[: len(start)] for one, start in zip(said, expected, strict=True)] == expected
+    html = table1_page.page(table, Table1Settings(), "Images of mine.", ["One.", "Two <b>."])
+    assert "notes.txt. One. Two &lt;b&gt;." in html
+
+
+def test_without_failures_and_levels(tmp_path: Path, calls: list[str]) -> None:
+    html = _html(made(tmp_path, photographs(1), BRIGHT))
+    assert "Failed" not in html
+    assert "Levels" not in html
+    assert html.count("data:image/png;base64,") == 2
+
+
+def test_an_image_too_small_for_one_dialect(tmp_path: Path, calls: list[str]) -> None:
+    dalal = Method("dalal", "Dalal's HOG", BRIGHT.run, METHODS["dalal-single"].spec)
+    html = _html(made(tmp_path, photographs(1, size=7), SEEN, dalal))
+    assert html.count("data:image/png;base64,") == 4
+
+
+def test_terminal(table: Table1) -> None:
+    rows = {row["method"]: row for row in table1_page.terminal_rows(table)}
+    assert rows["bovw"]["CC"] is None
+    assert rows["bovw"]["CC\npaper"] == 0.287
+    assert rows["uoctti-single"]["n"] == 4
+    assert rows["dalal-multi-scale"]["n"] == 3
+    assert rows["dalal-multi-scale"]["SSIM\npaper"] == 0.293
+    assert [*rows][-5:] == ["dalal-multi-scale", "  @1/64", "  @1/16", "  @1/4", "  @1/1"]
+    (columns,) = {tuple(row) for row in rows.values()}
+    assert {"PSNR", "normalised error"}.isdisjoint(columns)  # of which the page has room
