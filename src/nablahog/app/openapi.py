@@ -7,9 +7,9 @@ from typing import Any
 
 import msgspec
 
-from .requests import CompareRequest, HogRequest, InvertRequest, PoseRequest
+from .requests import HogRequest, InvertRequest, PoseRequest
 
-REQUESTS = (HogRequest, CompareRequest, InvertRequest, PoseRequest)
+REQUESTS = (HogRequest, InvertRequest, PoseRequest)
 ERROR = {"type": "object", "required": ["error"], "properties": {"error": {"type": "string"}}}
 BYTES = {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}
 
@@ -48,7 +48,6 @@ def document() -> dict[str, Any]:
             "/api/hog/{id}/file": {
                 "get": _operation("As `nablahog hog` writes it.", kind="application/octet-stream", path=["id"])
             },
-            "/api/compare": {"post": _json("How far two dialects are apart, and why.", CompareRequest)},
             "/api/invert": {
                 "post": _json(
                     "A pre-image while it is searched: the events queued, start, frame, done or error.",
