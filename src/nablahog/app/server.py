@@ -27,7 +27,7 @@ from .errors import RequestError, internal_error
 from .fit import Scene
 from .invert import invert
 from .pictures import png
-from .requests import SEE_SIZE, CompareRequest, HogRequest, InvertRequest, PoseRequest, decoded
+from .requests import SEE_SIZE, HogRequest, InvertRequest, PoseRequest, decoded
 from .socket import FitSocket
 from .store import DescriptorEntry, MeshEntry, Photograph, Store
 from .work_queue import Cancelled, CancelToken, WorkQueue
@@ -99,7 +99,6 @@ class Server:
             Route("/api/hog", _answering(self._hog), methods=["POST"]),
             Route("/api/hog/{id}/cell", _answering(self._cell)),
             Route("/api/hog/{id}/file", _answering(self._descriptor_file)),
-            Route("/api/compare", _answering(self._compare), methods=["POST"]),
             Route("/api/invert", _answering(self._invert), methods=["POST"]),
             Route("/api/pose", _answering(self._pose), methods=["POST"]),
             WebSocketRoute("/api/fit", self._fit),
@@ -152,10 +151,6 @@ class Server:
         data = await self.quick.run(lambda _: see.as_file(kept))
         headers = {"content-disposition": 'attachment; filename="descriptor.npz"'}
         return Response(data, media_type="application/octet-stream", headers=headers)
-
-    async def _compare(self, request: Request) -> Response:
-        asked: CompareRequest = decoded(await request.body(), CompareRequest)
-        return await self._json(request, self.long, lambda cancel: see.compared(asked, self.store, cancel))
 
     async def _pose(self, request: Request) -> Response:
         asked: PoseRequest = decoded(await request.body(), PoseRequest)

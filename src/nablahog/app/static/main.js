@@ -21,9 +21,7 @@ const TITLES = { see: "See", invert: "Invert", fit: "Fit" };
 /** @param {import("./types.js").About} about */
 function start(about) {
   const address = new Address();
-  const names = about.presets.map((preset) => preset.name);
-  const dialect = new Dialects({ select: "preset", place: "controls", title: "preset-about", key: "preset", prefix: "",
-    first: names.includes(about.default_preset) ? about.default_preset : names[0] ?? "" }, about, address, () => {
+  const dialect = new Dialects(about, address, () => {
     see.refresh();
     invert.refresh();
   });
