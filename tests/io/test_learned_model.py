@@ -43,13 +43,6 @@ def _check_same(values: dict[str, Any], expected: dict[str, Any]) -> None:
 
 
 @every_kind
-def test_summary(kind: str) -> None:
-    model = models()[kind]
-    assert "2 images" in model.summary
-    assert repr(model) == f"<{type(model).__name__}: {model.summary}>"
-
-
-@every_kind
 def test_damaged_files(tmp_path: Path, kind: str) -> None:
     model, path = models()[kind], tmp_path / "x.npz"
     with pytest.raises(FileNotFoundError, match="no such file"):
