@@ -122,14 +122,6 @@ def test_links_and_special_files(tmp_path: Path) -> None:
             pass
 
 
-def test_a_folder_appears_and_stays(tmp_path: Path) -> None:
-    with output_folder(tmp_path / "a" / "b") as folder:
-        assert not os.listdir(folder)
-    assert folder.is_dir()
-    with output_folder(folder):  # one that exists is as good
-        pass
-
-
 def test_a_failure_removes_only_what_was_made_and_is_empty(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
 

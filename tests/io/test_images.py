@@ -136,7 +136,7 @@ def test_postscript_is_not_run(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("shape", "size", "expected"),
-    [((100, 50), 20, (20, 10)), ((50, 100), 99, (50, 99)), ((30, 20), 30, (30, 20)), ((1000, 1), 10, (10, 1))],
+    [((100, 50), 20, (20, 10)), ((1000, 1), 10, (10, 1))],
 )
 def test_limit_size(shape: tuple[int, int], size: int, expected: tuple[int, int]) -> None:
     image = torch.rand(3, *shape)

@@ -60,9 +60,3 @@ def test_layouts_that_libraries_have_besides() -> None:
     assert how == Fit("planes", (27, 5, 8), SIZE)
     assert torch.equal(stored(native.reshape(27, 5, 8), spec, how).descriptor, descriptor)
     assert fit((3780, 1), presets.opencv(), (128, 64)) == Fit("opencv-vector", (3780,), (128, 64))  # of older versions
-
-
-def test_the_librarys_own_layout_comes_first() -> None:
-    square = fit((31, 31, 31), presets.vlfeat(), None)
-    assert square is not None
-    assert square.layout == "planes"

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from nablahog import metrics
 from nablahog.jobs.store import JobResult
 from nablahog.jobs.worker import attempt
-from nablahog.paper.methods import METHODS
 
 from ..paper import fakes
 from ..paper.common import image, job
@@ -30,22 +27,6 @@ def test_figures() -> None:
     assert result.seconds > 0
 
 
-def test_figures_that_are_not_defined() -> None:
-    result = attempt(job(fakes.UNDEFINED))
-    assert isinstance(result, JobResult)
-    assert result.figures[0]["distance"] is None
-    assert result.figures[0]["psnr"] is None  # the image itself
-    assert result.figures[0]["euclidean_distance"] == 0
-
-
-def test_the_magnitude_of_cc() -> None:
-    result = attempt(job(METHODS["dalal-single"], max_evaluations=3))
-    assert isinstance(result, JobResult)
-    cc = result.figures[0]["cc"]
-    assert cc is not None
-    assert result.figures[0]["abs_cc"] == abs(cc)
-
-
 @pytest.mark.parametrize(
     ("method", "reason"),
     [
@@ -56,8 +37,3 @@ def test_the_magnitude_of_cc() -> None:
 )
 def test_failures(method: fakes.Method, reason: str) -> None:
     assert str(attempt(job(method))).startswith(reason)
-
-
-def test_a_refusal_is_one_sentence() -> None:
-    odd = fakes.LEVELS
-    assert attempt(replace(job(odd), image=job(odd).image[:30])) == "no scale 1/64"
