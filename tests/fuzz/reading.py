@@ -128,7 +128,7 @@ class Reader:
                 answer: Answer = self.pipe.recv()
                 return answer
             outcome = "hung"
-        except (EOFError, BrokenPipeError):
+        except (EOFError, ConnectionError):
             outcome = "crashed"
         self.process.kill()
         self.process.join()

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 import pytest
 from hypothesis import strategies as st
 
-from tests.render.mesh_files import CUBE_OFF, TRIANGLE, VERTICES_OBJ, glb
+from tests.render.mesh_files import VERTICES_OBJ
 
 from .file_mutations import mutated
 from .file_seeds import seeds
@@ -22,8 +22,6 @@ from .reading import Answer, Reader
 SECONDS = 5.0  # of the processor until a file is refused
 BYTES = 2**30  # beyond the process at the start, until a file is refused
 CORPUS = sorted(Path(__file__).parent.joinpath("corpus", "files").iterdir())
-LINES = 100_000
-NODES = 10_000
 cases = st.deferred(lambda: st.tuples(st.integers(0, len(seeds()) - 1), st.integers(0, 2**48)))
 reader = cache(Reader)
 folder = cache(TemporaryDirectory)
@@ -52,34 +50,10 @@ def check_mutated(case: tuple[int, int]) -> str:
     return check(seed.reader, seed.ending, mutated(seed, Random(case[1])))
 
 
-def _many_nodes() -> bytes:
-    """A mesh of many vertices without bytes, in many places."""
-    return glb(
-        {
-            "asset": {"version": "2.0"},
-            "scene": 0,
-            "scenes": [{"nodes": list(range(NODES))}],
-            "nodes": [{"mesh": 0}] * NODES,
-            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
-            "accessors": [
-                {"componentType": 5126, "type": "VEC3", "count": 50_000},
-                {"componentType": 5121, "type": "SCALAR", "bufferView": 0, "count": 3},
-            ],
-            "bufferViews": [{"buffer": 0, "byteLength": 36}],
-            "buffers": [{"byteLength": 36}],
-        },
-        bytes(36),
-    )
-
-
+# meshes that are large for their content: tests/render/test_mesh_refused.py
 LARGE: dict[str, Callable[[], tuple[str, str, bytes]]] = {
-    "blank lines": lambda: ("mesh", ".obj", (TRIANGLE + "\n" * LINES + "f -1 -2 -3\n").encode()),
-    "spaces": lambda: ("mesh", ".obj", (TRIANGLE + "f " + " " * LINES + "x\n").encode()),
-    "folders": lambda: ("mesh", ".obj", ("mtllib " + "a/" * 4 * LINES + "\n" + VERTICES_OBJ).encode()),
-    "comments": lambda: ("mesh", ".off", ("#\n" * LINES + "x" + CUBE_OFF).encode()),
-    "solids": lambda: ("mesh", ".stl", b"solid a\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendsolid\n" * 16_000),
-    "instances": lambda: ("mesh", ".glb", _many_nodes()),
-    "columns": lambda: ("viewpoints", ".csv", b"azimuth,elevation" + b",a" * LINES + b"\n" + b"1,2\n" * 1000),
+    "folders": lambda: ("mesh", ".obj", ("mtllib " + "a/" * 400_000 + "\n" + VERTICES_OBJ).encode()),
+    "columns": lambda: ("viewpoints", ".csv", b"azimuth,elevation" + b",a" * 100_000 + b"\n" + b"1,2\n" * 1000),
 }
 
 
