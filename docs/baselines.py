@@ -18,8 +18,6 @@ from nablahog import metrics
 from nablahog.cli.terminal import counter
 from nablahog.paper.baselines.bovw_learning import learn_bovw
 from nablahog.paper.baselines.hoggles_learning import learn_hoggles
-from nablahog.paper.baselines.nearest import learn_nearest
-from nablahog.paper.baselines.ridge import learn_ridge
 from nablahog.paper.learned import SPEC, tiles
 from nablahog.paper.methods import METHODS, Table1Settings
 from nablahog.paper.photographs import sample_photographs
@@ -34,8 +32,6 @@ def learned_from(images: dict[str, Tensor], folder: Path) -> dict[str, Path]:
     """Files of all that the methods need."""
     kinds: dict[str, Any] = {
         "bovw": learn_bovw(tiles(images, SIZE)),
-        "ridge": learn_ridge(images, SPEC),
-        "nearest": learn_nearest(images, SPEC),
         "hoggles": learn_hoggles(images, SPEC, iterations=400, progress=report),
     }
     files = {kind: folder / f"{kind}.npz" for kind in kinds}

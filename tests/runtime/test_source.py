@@ -34,7 +34,7 @@ DECIDING = (
     (TABLE2, "optimize/momentum.py"),
     (TABLE2, "render/rendering.py"),
     (TABLE2, "pose/whitening.py"),
-    (TABLE2, "paper/chairs.py"),
+    (TABLE2, "render/sample_chairs.py"),
 )
 OTHER = ("cli/main.py", "cli/commands/table1.py", "viz/html.py", "paper/table1_page.py", "paper/table2_page.py")
 
@@ -62,7 +62,7 @@ WORK = {
 from nablahog.paper.methods import METHODS, Table1Settings
 from nablahog.paper.reconstruction import ReconstructionJob
 image = np.random.default_rng(0).random((48, 48), np.float32)
-for name in ("uoctti-single", "dalal-multi-scale", "cnn-hog", "triangles", "opencv"):
+for name in ("uoctti-single", "dalal-multi-scale", "cnn-hog", "opencv"):
     ReconstructionJob(METHODS[name], image, Table1Settings(max_evaluations=3)).run()
 """,
     "table2": """
@@ -71,7 +71,7 @@ from nablahog.paper.pose_job import PoseJob
 from nablahog.paper.pose_methods import POSE_METHODS, Table2Settings
 from nablahog.hog.box import Box
 image = np.random.default_rng(0).random((1, 48, 48), np.float32)
-PoseJob(POSE_METHODS["best"], image, Box(4, 4, 44, 44), (Model("one", 1),), (30.0, 10.0), Table2Settings()).run()
+PoseJob(POSE_METHODS["best"], image, Box(4, 4, 44, 44), (Model("chair-01"),), (30.0, 10.0), Table2Settings()).run()
 """,
 }
 

@@ -18,6 +18,7 @@ from ..hog.box import Box
 from ..io.images import Picture
 from ..render import Camera, Light, Mesh, render
 from ..render.camera import to_camera, to_screen
+from .annotations import AnnotatedObject
 from .clutter import clutter, colours
 from .looks import compressed, relit
 
@@ -127,6 +128,12 @@ class Scene:
     camera: Camera
     initial: Tensor
 
+    def annotated(self, name: str) -> AnnotatedObject:
+        """The object of that name with its true viewpoint, and the azimuth and elevation to start from."""
+        azimuth, elevation, _, theta, _, _ = self.pose.tolist()
+        initial = float(self.initial[0]), float(self.initial[1])
+        return AnnotatedObject(name, self.image, self.box, azimuth, elevation, theta, self.model, initial)
+
 
 def scene(
     index: int,
@@ -151,8 +158,8 @@ def scene(
     Raises:
         ValueError: there are no models, viewpoints or photographs, or they have other shapes.
 
-    >>> from nablahog.paper import chairs, scenes
-    >>> models = {"a": chairs.chair(1), "b": chairs.chair(2)}
+    >>> from nablahog.paper import scenes
+    >>> models = nablahog.sample_chairs()
     >>> viewpoints = np.array([[30.0, 15.0, 0.0], [200.0, 10.0, 2.0]])  # azimuth, elevation, theta
     >>> one = scenes.scene(0, models, viewpoints, [torch.rand(200, 200)])
     >>> one.image.shape, one.model in models, float(one.pose[0]) in (30.0, 200.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,8 @@ from ..viz import html
 from ..viz.pictures import Panel, outlined
 from ..viz.similarity_plot import boxed
 from ..viz.svg import Drawing
+from .annotations import AnnotatedObject
 from .conditions import CONDITIONS
-from .examples import Example
 from .pose_methods import POSE_METHODS, Table2Settings
 from .table2 import NO_POSE, WITHIN, Line, Table2
 from .tables import RESAMPLES, Statistics, failures_section
@@ -79,17 +79,21 @@ def terminal_rotations(table: Table2) -> list[dict[str, object]]:
 def terminal_conditions(table: Table2) -> list[dict[str, object]]:
     """Accuracies and errors under harder conditions, likewise."""
     return [
-        {
-            "condition": name,
-            "method": line.method,
-            "objects": line.error.n,
-            **{f"{views} views": _percent(line.accuracy["interval", views]) for views in VIEWS},
-            f"< {360 / VIEWS[-1]:g}°": _percent(line.accuracy["threshold", VIEWS[-1]]),
-            "error": line.error.median,
-        }
+        {**_under(name, line, _percent), "error": line.error.median}
         for name in table.conditions
         for line in table.under(name).ran()
     ]
+
+
+def _under(condition: str, line: Line, cell: Callable[[Statistics], object]) -> dict[str, object]:
+    """What the terminal and the page show of a method under a condition; ``cell`` shows an accuracy."""
+    return {
+        "condition": condition,
+        "method": line.method,
+        "objects": line.error.n,
+        **{f"{views} views": cell(line.accuracy["interval", views]) for views in VIEWS},
+        f"< {360 / VIEWS[-1]:g}°": cell(line.accuracy["threshold", VIEWS[-1]]),
+    }
 
 
 def _percent(of: Statistics) -> html.Shown | None:
@@ -108,7 +112,7 @@ def page(table: Table2, settings: Table2Settings) -> str:
         [_row(line) for line in lines],
         [failures, _rotations(lines), *_conditions(table), _errors(table), _pictures(table)],
         {**DEFINITIONS, **{name: CONDITIONS[name].about for name in table.conditions}},
-        html.footer("results.json and the CSV files beside this page", f", seed {settings.seed}"),
+        html.footer("summary.csv and per_object.csv beside this page", f", seed {settings.seed}"),
     )
 
 
@@ -146,9 +150,7 @@ def _conditions(table: Table2) -> list[html.Section]:
     rows: list[Mapping[str, object]] = []
     for name in table.conditions:
         for line in table.under(name).ran():
-            row: dict[str, object] = {"condition": name, "method": line.method, "objects": line.error.n}
-            row |= {f"{views} views": _cell(line.accuracy["interval", views]) for views in VIEWS}
-            row[f"< {360 / VIEWS[-1]:g}°"] = _cell(line.accuracy["threshold", VIEWS[-1]])
+            row = _under(name, line, _cell)
             row[f"rotation ≤ {WITHIN[0]:g}°, %"] = _cell(line.within[WITHIN[0]])
             rows.append({**row, "median error": _cell(line.error, median=True), "seconds": line.seconds})
     text = (
@@ -221,11 +223,11 @@ def _pictures(table: Table2) -> html.Section:
     return html.Section("Pictures", text, table=[{"method": "test images", **images}, *rows] if shown else [])
 
 
-def _pose(table: Table2, method: str, example: Example) -> html.Cell | None:
-    pose, silhouette = table.figures[method].get(example.name), table.pictures[method].get(example.name)
+def _pose(table: Table2, method: str, one: AnnotatedObject) -> html.Cell | None:
+    pose, silhouette = table.figures[method].get(one.name), table.pictures[method].get(one.name)
     if pose is None or silhouette is None:
         return None
-    off = round((pose["azimuth"] - example.azimuth + 180) % 360 - 180)
-    remark = f"{off:+d}°" if pose["model"] == example.model else f"{off:+d}°\n{pose['model']}"
-    seen = f"{example.name} with the outline of a model at the pose that {method} found"
-    return html.Cell(Panel(outlined(example.image, silhouette >= 128), f"{example.name}, {method}", seen), remark)
+    off = round((pose["azimuth"] - one.azimuth + 180) % 360 - 180)
+    remark = f"{off:+d}°" if pose["model"] == one.model else f"{off:+d}°\n{pose['model']}"
+    seen = f"{one.name} with the outline of a model at the pose that {method} found"
+    return html.Cell(Panel(outlined(one.image, silhouette >= 128), f"{one.name}, {method}", seen), remark)

@@ -50,7 +50,7 @@ class Tracker:
     Attributes:
         lost: frames since the object was seen last; 0 while it is seen.
 
-    >>> mesh, camera = nablahog.paper.chairs.chair(3), nablahog.Camera.from_field_of_view(30, 128, 128)
+    >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 128, 128)
     >>> poses = torch.tensor([[azimuth, 20.0, 2, 0, 0, 0] for azimuth in (30, 32, 34)])
     >>> tracker = nablahog.pose.Tracker(mesh, box=(28, 12, 95, 125))
     >>> estimates = [tracker(frame) for frame in nablahog.render(mesh, poses, camera)]
