@@ -11,6 +11,7 @@ import torch
 from PIL import Image
 from scipy import io
 
+from nablahog.hog.box import Box
 from nablahog.paper.pascal3d import cut_out, read_pascal3d, read_record
 from nablahog.paper.voc import VOCObject, read_annotation, read_image_ids
 
@@ -133,16 +134,16 @@ def test_nothing_to_select(published: tuple[Path, Path]) -> None:
 
 def test_cut_out() -> None:
     image = torch.rand(3, 40, 60)
-    assert torch.equal(cut_out(image, (10, 5, 30, 40), shortest=20), image[:, 5:40, 10:30])
-    assert torch.equal(cut_out(image, (-9, 5.4, 99, 99), shortest=1), image[:, 5:])
-    enlarged = cut_out(image, (10, 5, 30, 35), shortest=50)
+    assert torch.equal(cut_out(image, Box(10, 5, 30, 40), shortest=20), image[:, 5:40, 10:30])
+    assert torch.equal(cut_out(image, Box(-9, 5.4, 99, 99), shortest=1), image[:, 5:])
+    enlarged = cut_out(image, Box(10, 5, 30, 35), shortest=50)
     assert enlarged.shape == (3, 75, 50)
     assert 0 <= enlarged.min() <= enlarged.max() <= 1
-    constant = cut_out(torch.full((1, 9, 9), 0.5), (0, 0, 4, 3))
+    constant = cut_out(torch.full((1, 9, 9), 0.5), Box(0, 0, 4, 3))
     assert constant.shape == (1, 100, 133)
     assert torch.allclose(constant, torch.tensor(0.5))
     with pytest.raises(ValueError, match="expected a box in the image of 40x60 pixels"):
-        cut_out(image, (60, 0, 70, 9))
+        cut_out(image, Box(60, 0, 70, 9))
 
 
 # --- PASCAL VOC

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from nablahog.hog.box import Box
 from nablahog.hog.gradient import gray
 from nablahog.paper.scenes import Scene, SceneSettings, compose, scene
 from nablahog.render import Mesh, silhouette
@@ -101,7 +102,7 @@ def test_box_errors_have_the_given_size() -> None:
 
 EMPTY = np.zeros((3, 80, 80))
 FULL = np.ones((80, 80))
-WHOLE = (0.0, 0.0, 80.0, 80.0)
+WHOLE = Box(0.0, 0.0, 80.0, 80.0)
 
 
 def _composed(

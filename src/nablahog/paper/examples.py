@@ -50,7 +50,7 @@ def photographed(
     Args:
         objects: with a true viewpoint, and the name of their own model or of the one most like them.
         models: the candidates.
-        origin: of the photographs and models, whole sentences.
+        origin: where the objects are from, whole sentences.
         unknown_model: whether to leave an object's own model out.
         seed: of the initial azimuths, and of the condition.
         condition: one of :data:`~nablahog.paper.conditions.CONDITIONS` that photographs can have; none if empty.

@@ -115,7 +115,7 @@ def _load(kind: str, path: Path, changed: int | None, size: int | None) -> Learn
 def learned_from_samples(kind: str, progress: Progress) -> Path:
     """The file of the model that is learned from the sample photographs, once for all runs.
 
-    It is stored in the folder for caches (:func:`.cache_folder.cache_folder`).  An interrupted learning is resumed.
+    It is stored in the folder for caches (:func:`.cache_folder.cache_folder`).
 
     Raises:
         OSError: it cannot be stored.

@@ -40,7 +40,7 @@ AS_PUBLISHED = (
     "paper-dalal-multi-scale",
     "paper-dalal-multi-scale-more",
 )
-"""Methods of Table 1 that search as the paper does; each row has the name of ours after ``paper-``."""
+"""Methods of Table 1 that search as the paper does: our names after ``paper-``."""
 
 TABLE1 = (
     "bovw",
@@ -101,13 +101,12 @@ _PUBLISHED = {
     "dalal-multi-scale-more@1/4": Published(0.220, 1.565, 0.320),
     "dalal-multi-scale-more@1/1": Published(0.236, 1.582, 0.338),
 }
-_OF_ITS_OWN = ("uoctti-", "dalal-")
 PUBLISHED = {
     **_PUBLISHED,
-    **{f"paper-{row}": of for row, of in _PUBLISHED.items() if row.startswith(_OF_ITS_OWN)},
+    **{f"paper-{row}": of for row, of in _PUBLISHED.items() if row.startswith(("uoctti-", "dalal-"))},
 }
-"""By the names of our rows; the last level, 1/1, is also the row of the method itself.  What the paper prints of
-its own method stands beside the rows that search as it does, and beside ours."""
+"""By the names of our rows; the last level, 1/1, is also the row of the method itself.  The paper's own method stands
+beside the rows that search as it does, and beside ours."""
 
 BASELINES = {NO_HOG: ("bovw",), UOCTTI: ("hoggles", "cnn-hog", "cnn-hogb")}
 """The paper's baselines by group: shown even where ours did not run."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -226,26 +225,16 @@ def _flaw(one: VOCObject) -> str | None:
     return next((name for name, holds in flaws.items() if holds), None)
 
 
-def cut_out(image: Tensor, box: Sequence[float], shortest: int = SHORTEST) -> Tensor:
-    """The part of an image in a box, enlarged if its shortest side has less than ``shortest`` pixels.
+def cut_out(image: Tensor, box: Box, shortest: int = SHORTEST) -> Tensor:
+    """The part (C, h, w) of an image (C, H, W) in a box, enlarged to ``shortest`` pixels at its shortest side.
 
-    Args:
-        image: (C, H, W), floating point in 0…1.
-        box: x0, y0, x1, y1; is rounded to whole pixels; what lies outside the image is left out.
-        shortest: at least 1.
-
-    Returns:
-        (C, h, w) in 0…1.
+    The box is rounded to whole pixels; what lies outside the image is left out.
 
     Raises:
         ValueError: the box and the image have no pixel in common.
-
-    >>> image = torch.rand(3, 120, 160)
-    >>> nablahog.paper.pascal3d.cut_out(image, (10, 20, 60, 60)).shape  # 40 pixels high, enlarged to 100
-    torch.Size([3, 100, 125])
     """
     height, width = image.shape[1:]
-    inside = Box(*map(round, Box.of(box))).intersect(Box(0, 0, width, height))
+    inside = Box(*map(round, box)).intersect(Box(0, 0, width, height))
     if inside.width <= 0 or inside.height <= 0:
         raise ValueError(f"expected a box in the image of {height}x{width} pixels, got {box}")
     part = image[:, inside.rows, inside.cols]

@@ -4,21 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..metrics import VIEWS
 from ..viz import html
 from ..viz.pictures import Panel, outlined
 from ..viz.similarity_plot import boxed
-from ..viz.svg import Drawing
 from .annotations import AnnotatedObject
 from .conditions import CONDITIONS
 from .pose_methods import POSE_METHODS, Table2Settings
 from .table2 import NO_POSE, WITHIN, Line, Table2
 from .tables import RESAMPLES, Statistics, failures_section
-
-BARS = 12  # of the histograms, 15° each
 
 LEAD = (
     "In each image the pose of one object was estimated from the similarity of its HOG descriptors to those of "
@@ -31,7 +25,7 @@ DEFINITIONS = {
     "true one; the first has 0° in its middle, as in the code published with PASCAL3D+.",
     f"{', '.join(f'< {360 / views:g}°' for views in VIEWS)}: by threshold": "The azimuth is right if it differs from "
     "the true one by less.",
-    "median error, error": "Half of the azimuths differ from the true ones by no more, the shorter way round.",
+    "median error, error": "Half of the azimuths are off by no more, measured the shorter way round.",
     "rotation, rotation error": "Of the whole viewpoint: the angle of the rotation from the true azimuth, elevation "
     "and in-plane rotation to those found (Tulsiani and Malik, CVPR 2015). How many are within π/6 = 30° and "
     "π/18 = 10°, and the median.",
@@ -110,7 +104,7 @@ def page(table: Table2, settings: Table2Settings) -> str:
         "Table 2: poses from HOG descriptors",
         f"{LEAD} {table.examples.origin}{failed}",
         [_row(line) for line in lines],
-        [failures, _rotations(lines), *_conditions(table), _errors(table), _pictures(table)],
+        [failures, _rotations(lines), *_conditions(table), _pictures(table)],
         {**DEFINITIONS, **{name: CONDITIONS[name].about for name in table.conditions}},
         html.footer("summary.csv and per_object.csv beside this page", f", seed {settings.seed}"),
     )
@@ -163,48 +157,6 @@ def _conditions(table: Table2) -> list[html.Section]:
         picture = first.image if first.box is None else boxed(first.image, [first.box])
         panels.append(Panel(picture, name, f"The image {first.name} with the box that methods are given"))
     return [html.Section("Harder conditions", text, table=rows), html.Section("", "The first object of each.", panels)]
-
-
-def _errors(table: Table2) -> html.Section:
-    counts = {each.name: np.histogram(table.errors(each.name), BARS, (0, 180))[0] for each in table.methods}
-    shares = {name: of / max(1, of.sum()) for name, of in counts.items()}
-    highest = max((float(of.max()) for of in shares.values()), default=1.0) or 1.0
-    text = (
-        f"Percent of the objects by how far their azimuth is off, {180 // BARS}° a bar. Objects without a pose are "
-        f"{NO_POSE:g}° off."
-    )
-    drawings = [histogram(name, of, highest) for name, of in shares.items()]
-    return html.Section("How far off", text, drawings=drawings)
-
-
-def histogram(name: str, shares: NDArray[np.float64], highest: float) -> Drawing:
-    """Bars over 0 … 180°, each below its percents.
-
-    Args:
-        name: of the method.
-        shares: (n,), each in 0…highest.
-        highest: the share that is as high as the drawing.
-    """
-    step = 180 / len(shares)
-    filled = [f"{k * step:g} … {(k + 1) * step:g}°: {_share(share)} %" for k, share in enumerate(shares) if share]
-    bar, left, top, height = 21, 18, 40, 90
-    bottom, right = top + height, left + bar * len(shares)
-    drawing = Drawing(right + left, bottom + 24, f"{name}: errors of the azimuth", ", ".join(filled))
-    drawing.note((left, 14), name)
-    for k, share in enumerate(shares):
-        if share:
-            high = height * share / highest
-            drawing.rectangle((left + k * bar + 1, bottom - high), bar - 2, high, "curve")
-            drawing.note((left + (k + 0.5) * bar, bottom - high - 4), _share(share), anchor="middle")
-    drawing.line([(left, bottom), (right, bottom)], "text")
-    for degrees in (0, 45, 90, 135, 180):
-        drawing.note((left + degrees / step * bar, bottom + 16), f"{degrees}°", anchor="middle")
-    return drawing
-
-
-def _share(share: float) -> str:
-    percent = round(100 * share)
-    return str(percent) if percent else "< 1"
 
 
 def _pictures(table: Table2) -> html.Section:
