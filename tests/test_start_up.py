@@ -152,7 +152,7 @@ def test_so_it_does_in_other_packages() -> None:
 
 
 def test_modules_can_be_reached_without_being_imported() -> None:
-    assert show("import nablahog\nprint(nablahog.invert.quality.QualityName.__name__)") == "Literal\n"
+    assert show("import nablahog\nprint(nablahog.invert.options.QualityName.__name__)") == "Literal\n"
 
 
 def test_help_shows_the_public_face() -> None:
