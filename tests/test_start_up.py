@@ -82,7 +82,6 @@ def test_help_is_light(argv: list[str]) -> None:
         ["hog", "a.png", "-o", "b.npz", "--device", "tpu"],
         ["invert", "a.png", "-o", "b", "--descriptor", "sift"],
         ["table1", "-o", "b", "--methods", "best"],
-        ["dialects", "a.png", "--presets", "dpm"],
     ],
 )
 def test_wrong_arguments_are_refused_lightly(argv: list[str]) -> None:

@@ -93,17 +93,6 @@ def wait_for_file(folder: Path, ending: str) -> None:
 
 
 @in_a_browser
-def test_two_dialects(page: Page) -> None:
-    page.open("#/see?photo=sample-camera&preset=uoctti&size=64")
-    page.idle()
-    page.read("document.querySelector('#compare').open = true")
-    page.enter("#compare-preset", "vlfeat")
-    page.until("document.querySelector('#compare-result table')")
-    page.idle()
-    assert "votes" in page.text("#compare-result")
-
-
-@in_a_browser
 def test_a_dropped_array_is_asked_about(page: Page, tmp_path: Path) -> None:
     file = io.BytesIO()
     np.save(file, np.random.default_rng(0).random((8, 6, 31), dtype=np.float32))

@@ -96,28 +96,6 @@ def test_the_lines_make_the_same(
     assert Image.open(folder / "photo.png").size == (48, 64)
 
 
-def test_two_dialects(client: TestClient, photo: str) -> None:
-    def compared(a: str, b: str) -> dict[str, object]:
-        answer = client.post("/api/compare", json={"photo": photo, "a": {"preset": a}, "b": {"preset": b}})
-        said: dict[str, object] = answer.json()
-        return said
-
-    same = compared("uoctti", "uoctti")
-    assert (same["same"], same["conventions"]) == (True, [])
-    apart = compared("uoctti", "vlfeat")
-    conventions = apart["conventions"]
-    assert isinstance(conventions, list)
-    assert sum(each["share"] for each in conventions) == pytest.approx(1)
-    assert conventions[0]["name"] == "votes"
-    wrong = client.post(
-        "/api/compare", json={"photo": photo, "a": {}, "b": {"preset": "uoctti", "settings": {"cell_size": "4"}}}
-    )
-    assert (wrong.status_code, wrong.json()) == (
-        422,
-        {"error": "expected at least two dialects with cells of one size"},
-    )
-
-
 @pytest.mark.parametrize(
     ("asked", "status", "sentence"),
     [

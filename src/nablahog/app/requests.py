@@ -62,15 +62,6 @@ class HogRequest(Dialect):
     size: Annotated[int, Meta(ge=8, le=SEE_SIZE)] = 512
 
 
-class CompareRequest(Struct, forbid_unknown_fields=True):
-    """Two dialects of a photograph."""
-
-    photo: Id
-    a: Dialect
-    b: Dialect
-    size: Annotated[int, Meta(ge=8, le=SEE_SIZE)] = 256
-
-
 class InvertRequest(Dialect):
     """An image with the descriptor of a photograph, or with one that was uploaded."""
 

@@ -26,9 +26,8 @@ from .access import AccessMiddleware, AccessRules
 from .errors import RequestError, internal_error
 from .fit import Scene
 from .invert import invert
-from .openapi import document
 from .pictures import png
-from .requests import SEE_SIZE, CompareRequest, HogRequest, InvertRequest, PoseRequest, decoded
+from .requests import SEE_SIZE, HogRequest, InvertRequest, PoseRequest, decoded
 from .socket import FitSocket
 from .store import DescriptorEntry, MeshEntry, Photograph, Store
 from .work_queue import Cancelled, CancelToken, WorkQueue
@@ -93,7 +92,6 @@ class Server:
             Route("/", page),
             Route("/static/{name}", static),
             Route("/api/about", _answering(self._what_there_is)),
-            Route("/api/openapi.json", _answering(self._openapi)),
             Route("/api/photos", _answering(self._upload_photograph), methods=["POST"]),
             Route("/api/photos/{id}", _answering(self._photograph)),
             Route("/api/descriptors", _answering(self._upload_descriptor), methods=["POST"]),
@@ -101,7 +99,6 @@ class Server:
             Route("/api/hog", _answering(self._hog), methods=["POST"]),
             Route("/api/hog/{id}/cell", _answering(self._cell)),
             Route("/api/hog/{id}/file", _answering(self._descriptor_file)),
-            Route("/api/compare", _answering(self._compare), methods=["POST"]),
             Route("/api/invert", _answering(self._invert), methods=["POST"]),
             Route("/api/pose", _answering(self._pose), methods=["POST"]),
             WebSocketRoute("/api/fit", self._fit),
@@ -113,9 +110,6 @@ class Server:
     async def ready(self) -> dict[str, Any]:
         """What there is, once the samples are read."""
         return await asyncio.shield(self._about)
-
-    async def _openapi(self, _: Request) -> Response:
-        return JSONResponse(document())
 
     async def _upload_photograph(self, request: Request) -> Response:
         name = _name(request, "photo")
@@ -157,10 +151,6 @@ class Server:
         data = await self.quick.run(lambda _: see.as_file(kept))
         headers = {"content-disposition": 'attachment; filename="descriptor.npz"'}
         return Response(data, media_type="application/octet-stream", headers=headers)
-
-    async def _compare(self, request: Request) -> Response:
-        asked: CompareRequest = decoded(await request.body(), CompareRequest)
-        return await self._json(request, self.long, lambda cancel: see.compared(asked, self.store, cancel))
 
     async def _pose(self, request: Request) -> Response:
         asked: PoseRequest = decoded(await request.body(), PoseRequest)
@@ -269,7 +259,7 @@ def _answering(handler: Callable[[Request], Awaitable[Response]]) -> Callable[[R
 
 async def _no_such_address(_: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    return JSONResponse({"error": f"{error.detail.lower()}: see /api/openapi.json"}, error.status_code)
+    return JSONResponse({"error": error.detail.lower()}, error.status_code)
 
 
 def _file(files: dict[str, tuple[bytes, str]], name: str) -> Response:
