@@ -31,8 +31,7 @@ from nablahog.hog import HOGSpec
 from nablahog.invert import Search
 from nablahog.invert.cosine_transform import by_fourier, by_products
 from nablahog.optimize import Minimiser
-from nablahog.paper import chairs
-from nablahog.render import Camera, Mesh, Renderer, depth_and_normals, pose
+from nablahog.render import Camera, Mesh, Renderer, depth_and_normals, pose, sample_chairs
 from preimages import photographs
 from timing import Call, cell, digits, summary, table
 
@@ -218,7 +217,7 @@ def measure_prior(folder: Path | None) -> None:
 
 def measure_poses() -> None:
     """Views of a chair at once and one by one: images with derivatives by poses, depths and normals."""
-    mesh = chairs.chair(3)
+    mesh = sample_chairs()["wooden-0"]
     mesh = Mesh(*(part.cuda() for part in (mesh.vertices, mesh.faces, mesh.brightness)))
     camera = Camera.from_field_of_view(30, VIEW, VIEW)
     where = torch.cat([pose(azimuth=360 * k / VIEWS, elevation=20, distance=3) for k in range(VIEWS)]).cuda()

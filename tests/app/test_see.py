@@ -102,7 +102,7 @@ def test_the_lines_make_the_same(
         ({}, 422, "expected a photo or a descriptor, one of them"),
         ({"photo": "x", "descriptor": "y"}, 422, "expected a photo or a descriptor, one of them"),
         ({"photo": "nothing"}, 410, "the server no longer has this upload: drop it again"),
-        ({"photo": "chair-3"}, 410, "the server no longer has this upload: drop it again"),
+        ({"photo": "chair-wooden-0"}, 410, "the server no longer has this upload: drop it again"),
         ({"photo": "sample-camera", "preset": "hog"}, 422, "there is no preset 'hog', but aubry"),
         ({"photo": "sample-camera", "settings": {"cell": "4"}}, 422, "--set: uoctti has no parameter 'cell'"),
         ({"photo": "sample-camera", "settings": {"cell_size": "x"}}, 422, "--set cell_size: expected an integer"),

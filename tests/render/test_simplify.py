@@ -9,10 +9,10 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog import native
-from nablahog.paper.chairs import chair
 from nablahog.render import Camera, Mesh, render
 from nablahog.render.simplify import collapse_edges, simplify
 
+from ..chairs import chair
 from .shapes import box, cylinder, joined, poses
 
 REACH = 0.02

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 from itertools import pairwise
 
+import chair_legs
 import numpy as np
+from chair_backs import Back, across, padding
 from numpy.typing import ArrayLike
-
-from . import chair_legs
-from .chair_backs import Back, across, padding
-from .solids import Floats, Generator, Parts, Solid, bar, lathe, loft, moved, outline, rounded, sheet, slab, tube
+from solids import Floats, Generator, Parts, Solid, bar, lathe, loft, moved, outline, rounded, sheet, slab, tube
 
 
 def cushion(start: ArrayLike, end: ArrayLike, width: float, thickness: float, *, narrower: float = 0.0) -> Solid:

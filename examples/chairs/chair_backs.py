@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-
-from .solids import Floats, Generator, Solid, sheet, tube
+from solids import Floats, Generator, Solid, sheet, tube
 
 
 def across(columns: int) -> Floats:

@@ -1,20 +1,22 @@
-"""Procedural chairs of many styles: models for a benchmark of poses that needs no download."""
+"""Procedural chairs of many styles."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+import chair_backs
+import chair_bodies
+import chair_legs
 import numpy as np
 import torch
+from chair_backs import Back
+from folding_chairs import folding
+from padded_chairs import armchair, lounge
+from solids import Generator, Parts, Solid, joined, outline, outward, slab
+from stools import bench, stool
+from swivel_chairs import swivel
 
-from ..render.mesh import Mesh
-from . import chair_backs, chair_bodies, chair_legs
-from .chair_backs import Back
-from .folding_chairs import folding
-from .padded_chairs import armchair, lounge
-from .solids import Generator, Parts, Solid, joined, outline, outward, slab
-from .stools import bench, stool
-from .swivel_chairs import swivel
+from nablahog import Mesh
 
 
 def chair(seed: int, kind: str | None = None) -> Mesh:
@@ -35,17 +37,6 @@ def chair(seed: int, kind: str | None = None) -> Mesh:
 
     Raises:
         ValueError: ``seed`` is below 0, or there is no such kind.
-
-    >>> mesh = nablahog.paper.chairs.chair(3)
-    >>> mesh.vertices.shape[1], mesh.faces.shape[1]
-    (3, 3)
-    >>> size = mesh.vertices.amax(0) - mesh.vertices.amin(0)
-    >>> round(float(size.norm()), 5)  # the diagonal of its bounding box
-    1.0
-    >>> bench = nablahog.paper.chairs.chair(3, kind="bench")
-    >>> width, depth, height = bench.vertices.amax(0) - bench.vertices.amin(0)
-    >>> bool(width > height)
-    True
     """
     if seed < 0:
         raise ValueError(f"a seed must be at least 0, got {seed}")
@@ -68,14 +59,9 @@ def chair(seed: int, kind: str | None = None) -> Mesh:
 
 
 def library() -> dict[str, Mesh]:
-    """Chairs of all kinds by name, the same each time: models to search among where none is given.
+    """Chairs of all kinds by name: those that :func:`nablahog.sample_chairs` returns.
 
-    Returns:
-        40 meshes as of :func:`chair`, of which ``"swivel-2"`` is ``chair(2, "swivel")``.
-
-    >>> models = nablahog.paper.chairs.library()
-    >>> len(models), list(models)[:2]
-    (40, ['wooden-0', 'wooden-1'])
+    ``"swivel-2"`` is ``chair(2, "swivel")``.
     """
     return {f"{kind}-{seed}": chair(seed, kind) for kind, seed in LIBRARY}
 

@@ -8,11 +8,10 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 
+import chair_bodies
 import numpy as np
-
-from . import chair_bodies
-from .chair_backs import Back, across, spine
-from .solids import Generator, Parts, Solid, bar, lathe, moved, rounded, tube
+from chair_backs import Back, across, spine
+from solids import Generator, Parts, Solid, bar, lathe, moved, rounded, tube
 
 ARMS = 5
 WHEEL = 5.4  # diameter of a castor

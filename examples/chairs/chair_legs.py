@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-
-from .solids import Floats, Generator, Solid, bar, lathe, outline, rounded, slab, tube
+from solids import Floats, Generator, Solid, bar, lathe, outline, rounded, slab, tube
 
 TURNED = {
     "baluster": (

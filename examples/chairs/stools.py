@@ -5,11 +5,10 @@ Lengths in centimetres; z up, the front looks to -y, the floor is z = 0.
 
 from __future__ import annotations
 
+import chair_legs
 import numpy as np
-
-from . import chair_legs
-from .chair_backs import Back, ladder, slats, solid
-from .solids import Generator, Parts, Solid, bar, loft, outline, slab, tube
+from chair_backs import Back, ladder, slats, solid
+from solids import Generator, Parts, Solid, bar, loft, outline, slab, tube
 
 
 def stool(generator: Generator) -> Parts:

@@ -6,8 +6,7 @@ Lengths in centimetres; z up, the front looks to -y, the floor is z = 0.
 from __future__ import annotations
 
 import numpy as np
-
-from .solids import Floats, Generator, Parts, Solid, bar, outline, rounded, sheet, slab, tube
+from solids import Floats, Generator, Parts, Solid, bar, outline, rounded, sheet, slab, tube
 
 
 def folding(generator: Generator) -> Parts:

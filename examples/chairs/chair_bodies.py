@@ -6,9 +6,8 @@ Lengths in centimetres; z up, the front looks to -y, the floor is z = 0.
 from __future__ import annotations
 
 import numpy as np
-
-from .chair_backs import Back, across
-from .solids import Floats, Generator, Solid, bar, loft, outline, rounded, section, sheet, slab, tube
+from chair_backs import Back, across
+from solids import Floats, Generator, Solid, bar, loft, outline, rounded, section, sheet, slab, tube
 
 
 def seat(width: float, depth: float, top: float, roundness: float, taper: float, generator: Generator) -> list[Solid]:
