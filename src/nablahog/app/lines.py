@@ -7,7 +7,7 @@ import shlex
 
 from ..cli.inputs.sources import Source
 from ..cli.inputs.spec import SpecOptions
-from ..invert.quality import QualityName
+from ..invert.options import QualityName
 from .requests import HogRequest, InvertRequest, PoseRequest, spec_options
 
 PHOTO = "photo.png"
