@@ -114,7 +114,7 @@ def test_its_modules_are_reached_all_the_same(program: str, name: str) -> None:
 
 
 def test_modules_can_be_reached_without_being_imported() -> None:
-    assert show("import nablahog\nprint(nablahog.invert.quality.QualityName.__name__)") == "Literal\n"
+    assert show("import nablahog\nprint(nablahog.invert.options.QualityName.__name__)") == "Literal\n"
 
 
 def test_the_version_is_that_of_the_installed_package() -> None:

@@ -13,7 +13,6 @@ import torch
 from torch import Tensor
 
 from nablahog import native
-from nablahog.paper.chairs import chair
 from nablahog.render import Camera, Mesh, Renderer, pose, pose_jacobian
 from nablahog.render.edge_gradient import GAP, TOUCHING
 from nablahog.render.pipeline import NEAR
@@ -21,6 +20,7 @@ from nablahog.render.renderer import Method
 from nablahog.render.rendering import Rendering
 from nablahog.render.topology import BOUNDARY
 
+from ..chairs import chair
 from .shapes import box, cylinder, joined, poses
 
 CAMERA = Camera.from_field_of_view(25, 72, 64)

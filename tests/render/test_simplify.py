@@ -8,10 +8,10 @@ import torch
 from torch import Tensor
 
 from nablahog import native
-from nablahog.paper.chairs import chair
 from nablahog.render import Camera, Mesh, render
 from nablahog.render.simplify import collapse_edges, simplify
 
+from ..chairs import chair
 from .shapes import box, cylinder, joined, poses
 
 REACH = 0.02

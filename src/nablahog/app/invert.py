@@ -17,9 +17,9 @@ from ..hog.gradient import gray
 from ..hog.spec import HOGSpec
 from ..invert import AsPublished, Iterate, Reconstruction, Search, reconstruct
 from ..invert.histograms import recover_histograms, searchable
-from ..invert.iterate import at_start
-from ..invert.prior_choice import PriorChoice
-from ..invert.quality import quality_of
+from ..invert.learned import PriorChoice
+from ..invert.options import quality_of
+from ..invert.reconstruction import at_start
 from ..invert.start import starting_images
 from ..invert.template import reconstruct_template
 from . import lines

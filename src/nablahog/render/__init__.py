@@ -12,6 +12,7 @@ from .gbuffer import depth_and_normals, silhouette
 from .mesh import Mesh, load_mesh
 from .pose_gradient import pose_jacobian, pose_vjp
 from .renderer import Renderer, render
+from .sample_chairs import sample_chairs
 from .shading import Light
 
 __all__ = [
@@ -29,6 +30,7 @@ __all__ = [
     "pose_jacobian",
     "pose_vjp",
     "render",
+    "sample_chairs",
     "silhouette",
     "to_pascal3d",
     "to_pytorch3d",

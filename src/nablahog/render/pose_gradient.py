@@ -34,7 +34,7 @@ def pose_jacobian(screen_gradient: Tensor, poses: Tensor, camera: Camera) -> Ten
         poses, camera: those of the images.
 
     >>> from nablahog.render import Renderer, pose, pose_jacobian
-    >>> mesh, camera = nablahog.paper.chairs.chair(3), nablahog.Camera.from_field_of_view(30, 32, 32)
+    >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 32, 32)
     >>> poses = pose(azimuth=30, distance=3)
     >>> drawn = Renderer(mesh, camera).render(poses, torch.ones(1, 32, 32), derivative=True)
     >>> pose_jacobian(drawn.screen_gradient, poses, camera).shape
@@ -60,7 +60,7 @@ def pose_vjp(grad_image: Tensor, screen_gradient: Tensor, poses: Tensor, camera:
         screen_gradient, poses, camera: as for :func:`pose_jacobian`.
 
     >>> from nablahog.render import Renderer, pose, pose_vjp
-    >>> mesh, camera = nablahog.paper.chairs.chair(3), nablahog.Camera.from_field_of_view(30, 32, 32)
+    >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 32, 32)
     >>> poses = pose(azimuth=30, distance=3)
     >>> drawn = Renderer(mesh, camera).render(poses, torch.ones(1, 32, 32), derivative=True)
     >>> pose_vjp(torch.ones(1, 32, 32), drawn.screen_gradient, poses, camera).shape

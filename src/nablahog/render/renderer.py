@@ -130,7 +130,7 @@ class Renderer:
             derivative: whether to compute the screen gradient.
 
         >>> import torch
-        >>> mesh, camera = nablahog.paper.chairs.chair(3), nablahog.Camera.from_field_of_view(30, 32, 32)
+        >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 32, 32)
         >>> renderer, poses = nablahog.Renderer(mesh, camera), nablahog.render.pose(azimuth=30, distance=3)
         >>> renderer.render(poses, torch.ones(1, 32, 32), derivative=True).screen_gradient.shape
         torch.Size([1, 4, 32, 32])
