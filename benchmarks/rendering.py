@@ -29,8 +29,7 @@ import trimesh
 from torch import Tensor
 
 from nablahog.hog import HOGSpec, hog, presets
-from nablahog.paper.cad import read_models
-from nablahog.paper.chairs import chair
+from nablahog.paper.models import Model, read_models
 from nablahog.render import Camera, Light, Mesh, Renderer, load_mesh, pose, pose_vjp
 from nablahog.render.renderer import Method
 from preimages import SIDE, photographs
@@ -60,7 +59,7 @@ CASES = [
 
 def divided_chair(finer: int) -> Mesh:
     """A chair each of whose faces is divided into four so often."""
-    mesh = chair(3)
+    mesh = Model("chair-03").mesh()
     vertices, faces = mesh.vertices.numpy(), mesh.faces.numpy()
     for _ in range(finer):
         vertices, faces = trimesh.remesh.subdivide(vertices, faces)
@@ -124,7 +123,7 @@ VARIANTS = tuple(product(METHODS, STEPS))
 def chairs(folder: Path | None, count: int) -> Iterator[tuple[str, Mesh]]:
     """Models spread evenly over a folder's, or those that ship."""
     if folder is None:
-        yield from ((f"chair {seed}", chair(seed)) for seed in range(count))
+        yield from ((f"chair {seed}", Model(f"chair-{seed:02d}").mesh()) for seed in range(count))
         return
     paths = list(read_models(folder).paths.items())
     for k in np.linspace(0, len(paths) - 1, min(count, len(paths))).round().astype(int):
