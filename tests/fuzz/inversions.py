@@ -49,7 +49,7 @@ def _cases(draw: st.DrawFn) -> Case:
         draw(shapes(spec, LARGEST)),
         draw(st.sampled_from(ENTRIES)),
         draw(st.sampled_from(["float32", "float64"])),
-        draw(st.sampled_from(["lbfgs", "lbfgs", "lbfgs", "dogleg", "adam", "momentum"])),
+        draw(st.sampled_from(["lbfgs", "lbfgs", "lbfgs", "dogleg"])),
         draw(st.booleans()),
         draw(st.integers(0, 4)) == 0,
         draw(st.integers(0, 2**31)),

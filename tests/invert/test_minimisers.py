@@ -178,15 +178,14 @@ def test_residuals_are_evaluated_in_pieces(name: str) -> None:
 
 
 @both_specs
-@pytest.mark.parametrize("minimiser", ["dogleg", "momentum", "adam"])
-def test_reconstruct_by_other_minimisers(name: str, minimiser: Minimiser) -> None:
+def test_reconstruct_by_dogleg(name: str) -> None:
     spec = SPECS[name]
     descriptor = hog(torch.cat([photograph(48), photograph(48, "coins")]), spec)
     calls: list[int] = []
     result = reconstruct(
         descriptor,
         spec,
-        search=Search(max_evaluations=90, samples=1, minimiser=minimiser),
+        search=Search(max_evaluations=90, samples=1, minimiser="dogleg"),
         progress=lambda done, most: calls.append(done),
     )
     assert result.distance.max() < 0.2
@@ -198,14 +197,13 @@ def test_reconstruct_by_other_minimisers(name: str, minimiser: Minimiser) -> Non
     assert calls[-1] <= result.evaluations.max()
 
 
-@pytest.mark.parametrize("minimiser", ["dogleg", "momentum", "adam"])
-def test_several_samples_by_other_minimisers(minimiser: Minimiser) -> None:
+def test_several_samples_by_dogleg() -> None:
     spec = dataclasses.replace(SPECS["paper"], signed=True, bins=18)
     descriptor = hog(torch.cat([photograph(32), photograph(32, "coins")]), spec)
     result = reconstruct(
         descriptor,
         spec,
-        search=Search(max_evaluations=120, samples=3, minimiser=minimiser),
+        search=Search(max_evaluations=120, samples=3, minimiser="dogleg"),
         objective=Objective(closeness=0.1),
     )
     assert result.evaluations.max() <= 120
@@ -224,7 +222,7 @@ def test_a_batch_by_dogleg_equals_a_loop() -> None:
         assert together.evaluations[i] == alone.evaluations[0]
 
 
-@pytest.mark.parametrize("minimiser", ["lbfgs", "dogleg", "momentum", "adam"])
+@pytest.mark.parametrize("minimiser", ["lbfgs", "dogleg"])
 def test_a_flat_photograph_by_any_minimiser(minimiser: Minimiser) -> None:
     result = reconstruct(
         hog(torch.full((1, 1, 32, 32), 0.7), SPECS["uoctti"]),

@@ -65,7 +65,7 @@ def test_evaluations_of_all_images_of_a_descriptor_add_up() -> None:
     assert len(account.stop_reason) == 3
 
 
-@pytest.mark.parametrize("minimiser", ["lbfgs", "dogleg", "momentum", "adam"])
+@pytest.mark.parametrize("minimiser", ["lbfgs", "dogleg"])
 def test_the_account_of_any_minimiser(minimiser: Minimiser) -> None:
     calls: list[tuple[int, int]] = []
     account = search(budget=60, minimiser=minimiser, progress=lambda *call: calls.append(call))

@@ -31,7 +31,7 @@ DECIDING = (
     (TABLE1, "metrics.py"),
     (TABLE2, "native/*.cpp"),
     (TABLE2, "hog/kernels/[!_]*.py"),
-    (TABLE2, "optimize/momentum.py"),
+    (TABLE2, "optimize/lbfgs.py"),
     (TABLE2, "render/rendering.py"),
     (TABLE2, "pose/whitening.py"),
     (TABLE2, "paper/chairs.py"),

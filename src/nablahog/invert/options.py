@@ -18,7 +18,7 @@ class Search:
     """How a pre-image is searched.
 
     Attributes:
-        minimiser: ``"lbfgs"``, ``"dogleg"`` (the paper's), ``"momentum"`` or ``"adam"``.
+        minimiser: ``"lbfgs"`` or ``"dogleg"`` (the paper's).
         basis: the unknowns, ``"cosine"`` coefficients or, as in the paper, ``"pixels"``.
         max_evaluations: operator evaluations an image may spend, at least 2; None for those of the quality: 660 where
             several samples are drawn, else 480; or 80.
