@@ -16,7 +16,6 @@ from nablahog.paper.methods import METHODS, Method, Table1Settings, choose
 from nablahog.paper.names import (
     BASELINES,
     DIALECTS,
-    GROUPS,
     LEARNED_DIALECTS,
     LIBRARIES,
     PRIORS,
@@ -29,12 +28,6 @@ from nablahog.paper.pose_methods import POSE_METHODS
 from .common import image, photographs, write_prior
 
 FAST = Table1Settings(max_evaluations=8)
-
-
-def test_names() -> None:
-    expected = [f"{d}-{v}" for d in ("uoctti", "dalal") for v in ("single", "multi-scale", "multi-scale-more")]
-    assert {*expected, "uoctti-learned"} <= set(METHODS)
-    assert all(name == method.name and method.group in GROUPS for name, method in METHODS.items())
 
 
 def test_rows() -> None:

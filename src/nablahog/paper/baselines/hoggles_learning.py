@@ -62,9 +62,8 @@ def learn_hoggles(
     Windows of 5x5 cells are taken at every cell whose patch of 7x7 cells lies in the image.  Images, descriptors and
     one batch are in memory; the windows of a batch are cut out when it is needed.
 
-    The result depends on the images, the spec, the numbers and the seed alone, as long as PyTorch, its number of
-    threads and the processor stay the same.  Otherwise it depends on rounding, too, which a thousand iterations
-    amplify.
+    The result depends on the images, the spec, the numbers and the seed alone; on another processor or with another
+    number of threads also on rounding, which a thousand iterations amplify.
 
     Args:
         images: (H, W) each, float32 in 0…1, by name.
