@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import csv
 import os
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from nablahog import metrics
-from nablahog.io.files import ABANDONED
 from nablahog.paper.table1 import METRICS, write_table1
 from nablahog.paper.tables import Failure, evenly_spread, statistics
 
@@ -138,29 +136,6 @@ def test_done_once(tmp_path: Path, calls: list[str]) -> None:
     calls.clear()
     made(tmp_path, photographs(4), DARK, BRIGHT)
     assert sorted(calls) == ["dark"] + ["uoctti-single"] * 4
-
-
-def test_damaged_results_are_made_again(tmp_path: Path, calls: list[str]) -> None:
-    first = made(tmp_path, photographs(), DARK)
-    stored = sorted((tmp_path / "work" / "dark").iterdir())
-    stored[0].write_bytes(stored[0].read_bytes()[:100])
-    stored[1].write_bytes(b"")
-    calls.clear()
-    assert made(tmp_path, photographs(), DARK).figures == first.figures
-    assert len(calls) == 2
-
-
-def test_what_a_killed_run_left_is_removed(tmp_path: Path, calls: list[str]) -> None:
-    (tmp_path / "work" / "dark").mkdir(parents=True)
-    parts = [tmp_path / ".nablahog-1-0.part", tmp_path / "work" / "dark" / ".nablahog-1-1.part"]
-    young = tmp_path / ".nablahog-2-0.part"
-    for part in (*parts, young):
-        part.touch()
-    for part in parts:
-        os.utime(part, (time.time() - ABANDONED - 60,) * 2)
-    made(tmp_path, photographs(1), DARK)
-    assert young.exists()
-    assert not any(part.exists() for part in parts)
 
 
 @pytest.mark.parametrize("count", [0, 6, 101])

@@ -203,12 +203,6 @@ def test_the_seed_decides() -> None:
     assert not torch.equal(learn_hoggles(_images(), SPEC, atoms=40, iterations=4, seed=1).hog, first.hog)
 
 
-def test_images_of_several_sizes() -> None:
-    camera = photograph(64)[0, 0]
-    images = {"a": camera[:28, :28], "b": camera[:39, :50], "c": camera}
-    assert learn_hoggles(images, SPEC, atoms=20, fast=True).learning.windows == 1 + 3 * 6 + 10 * 10
-
-
 def test_what_cannot_be_learned_from() -> None:
     camera = photograph(64)[0, 0]
     wrong: list[tuple[dict[str, Any], str]] = [
