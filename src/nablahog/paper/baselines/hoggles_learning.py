@@ -42,6 +42,7 @@ SPARSITY = 0.02
 ITERATIONS = 1000
 BATCH = 400  # windows
 WINDOWS = 1_000_000
+SWEEPS = 10  # of coordinate descent for the codes of a batch; with 1,000 the objective is as low
 REPORTED = 100  # iterations between two reports of the objective
 
 
@@ -136,6 +137,7 @@ def _learner(atoms: Tensor, sparsity: float, rng: np.random.Generator) -> Any:
         alpha=sparsity,
         batch_size=BATCH,
         fit_algorithm="cd",
+        transform_max_iter=SWEEPS,
         dict_init=atoms.numpy(),
         positive_code=True,
         random_state=int(rng.integers(2**31)),
