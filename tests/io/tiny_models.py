@@ -8,10 +8,11 @@ import torch
 
 from nablahog import LearnedPrior, presets
 from nablahog.hog import HOGSpec
-from nablahog.invert.network import weight_count
+from nablahog.invert.learned import network_class
 from nablahog.invert.prior_network import Architecture
 from nablahog.invert.provenance import NetworkLearning
 from nablahog.io.learned_model import LearnedModel
+from nablahog.io.network_weights import count
 from nablahog.paper.baselines.bovw import BoVW, BoVWLearning
 from nablahog.paper.baselines.hoggles import HogglesLearning, PairedDictionary
 from nablahog.pose.whitening import Background
@@ -24,7 +25,9 @@ def prior(spec: HOGSpec | None = None) -> LearnedPrior:
     spec = spec or presets.uoctti(8)
     architecture = Architecture((8, 8, 8), (1, 0, 0))
     scale = 0.2 if spec.signed else 0.05  # so that nothing saturates
-    weights = scale * torch.randn(weight_count(spec, architecture), generator=torch.Generator().manual_seed(1))
+    weights = scale * torch.randn(
+        count(lambda: network_class(spec)(architecture)), generator=torch.Generator().manual_seed(1)
+    )
     return LearnedPrior(
         spec, architecture, weights.half(), NetworkLearning(**SOURCE, epochs=2, losses=(1.5, 0.1 + 0.2))
     )

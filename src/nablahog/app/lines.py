@@ -1,4 +1,4 @@
-"""The command line, and the lines of Python, that make the same."""
+"""The command, and the lines of Python, that give the same result as the page."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import shlex
 
 from ..cli.inputs.sources import Source
 from ..cli.inputs.spec import SpecOptions
-from ..invert.quality import QualityName
+from ..invert.options import QualityName
 from .requests import HogRequest, InvertRequest, PoseRequest, spec_options
 
 PHOTO = "photo.png"

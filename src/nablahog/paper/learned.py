@@ -13,9 +13,8 @@ from torch import Tensor
 
 from ..hog import HOGSpec, presets
 from ..invert import LearnedPrior, train_prior
-from ..invert.crops import least_side
-from ..invert.network import network_class
-from ..invert.prior_choice import default_prior_file
+from ..invert.learned import default_prior_file, network_class
+from ..invert.training import least_side
 from ..io.files import checkpoint_for
 from ..io.images import limit_size
 from ..io.learned_model import LearnedModel
@@ -74,7 +73,7 @@ class Learner:
 _PRIOR = Learner(
     LearnedPrior,
     train_prior,
-    lambda spec: network_class(spec).default_architecture(spec),
+    network_class,
     lambda spec: (least_side(spec.cell_size[0]),) * 2,
     resumes=True,
 )
