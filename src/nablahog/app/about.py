@@ -1,4 +1,4 @@
-"""What the page can offer: presets and their parameters, samples, limits."""
+"""The choices that the page offers: presets and their parameters, samples, limits."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ RANGES = {
     **dict.fromkeys(("cell_size", "pixels_per_cell"), (2, 32)),
     **dict.fromkeys(("bins", "orientations", "nbins"), (3, 36)),
 }
-"""Of sliders; other values can be typed."""
+"""Ranges of sliders; other values can be typed."""
 
 
 def about(store: Store) -> dict[str, Any]:

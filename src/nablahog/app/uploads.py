@@ -1,4 +1,4 @@
-"""What is dropped on the page: photographs, descriptors of files, templates of detectors, and meshes.
+"""Uploads: photographs, files of descriptors, templates of detectors, and meshes.
 
 A file is written under a name of our own into a temporary folder, read by the same functions as the command line's, and
 removed; nothing else of a request becomes a path.
@@ -31,9 +31,9 @@ from .errors import RequestError, named
 from .requests import Settings, decoded, spec_options
 from .store import DescriptorEntry, MeshEntry, Photograph, Store
 
-MOST_PIXELS = 24_000_000  # of a photograph
-MOST_NUMBERS = 2**24  # of a descriptor
-MOST_CELLS = 2**14  # of a descriptor: what the page can draw
+MOST_PIXELS = 24_000_000  # in a photograph
+MOST_NUMBERS = 2**24  # in a descriptor
+MOST_CELLS = 2**14  # in a descriptor, that the page can draw
 ARRAYS, MESHES = (".npy", ".npz", ".mat"), (".off", ".obj", ".ply", ".stl", ".glb")
 AXES = {"", *(f"{sign}{axis}" for sign in ("", "-", "+") for axis in "xyz")}
 
@@ -54,7 +54,7 @@ def _check_pixels(data: bytes, name: str) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             width, height = Image.open(io.BytesIO(data)).size
-    except Exception:  # whoever decodes it says what is wrong
+    except Exception:  # decoding it will say what is wrong
         return
     if width * height > MOST_PIXELS:
         raise RequestError(413, f"{name}: expected at most {MOST_PIXELS:,} pixels, got {width * height:,}")
@@ -116,7 +116,7 @@ def _templates(path: Path, name: str, options: SpecOptions, arrays: ArrayOptions
 
 
 def _question(path: Path, arrays: ArrayOptions) -> dict[str, Any]:
-    """What the command line would be told by options, and what would fit."""
+    """The options that the command line would need, and values that would fit."""
     shape: tuple[int, ...] | None = None
     keys: list[str] | None = None
     try:
