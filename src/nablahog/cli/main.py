@@ -24,8 +24,6 @@ _COMMANDS = {
     "table1": "table1.table1",
     "table2": "table2.table2",
     "pose": "pose.pose",
-    "track": "track.track",
-    "dialects": "dialects.dialects",
     **{f"learn {kind}": "learn.learn" for kind in KINDS},
     "learn exemplars": "learn_exemplars.learn_exemplars",
 }

@@ -13,12 +13,14 @@ import torch
 from numpy.typing import NDArray
 from scipy import ndimage
 from torch import Tensor
+from torch.nn import functional
 
 from ..hog.box import Box
-from ..io.images import Picture
+from ..hog.gradient import GRAY_WEIGHTS
+from ..io.images import Picture, as_array
 from ..render import Camera, Light, Mesh, render
 from ..render.camera import to_camera, to_screen
-from .clutter import clutter, colours
+from .annotations import AnnotatedObject
 from .looks import compressed, relit
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -80,17 +82,11 @@ class SceneSettings:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if isinstance(value, list):
-                value = tuple(value)
-                object.__setattr__(self, field.name, value)
             low, high = value if isinstance(value, tuple) else (value, value)
             if not 0 <= low <= high < math.inf:
                 raise ValueError(f"{field.name} must be at least 0, finite and a range from low to high, got {value}")
-        for name in ("occlusion", "tint", "shadow", "gloss"):
-            if getattr(self, name) > 1:
-                raise ValueError(f"{name} must lie in 0…1, got {getattr(self, name)}")
-        if self.ambient[1] > 1 or self.occluded[1] > 1:
-            raise ValueError(f"ambient and occluded must lie in 0…1, got {self.ambient} and {self.occluded}")
+        if max(self.occlusion, self.tint, self.shadow, self.gloss, self.ambient[1], self.occluded[1]) > 1:
+            raise ValueError("occlusion, tint, shadow, gloss, ambient and occluded must lie in 0…1")
         if self.jpeg[1] > 95 or 0 < self.jpeg[0] < 1:
             raise ValueError(f"jpeg must be 0 or lie in 1…95, got {self.jpeg}")
         if self.distance[0] <= 1 or not 1 <= self.height[0] <= self.height[1] <= self.size - 2 * _MARGIN:
@@ -98,9 +94,8 @@ class SceneSettings:
                 f"distance must be above 1 and height between 1 and size - {2 * _MARGIN}, "
                 f"got {self.distance}, {self.height} and the size {self.size}"
             )
-        for name in ("occluded", "zoom", "gamma"):
-            if getattr(self, name)[0] <= 0:
-                raise ValueError(f"{name} must be above 0, got {getattr(self, name)}")
+        if min(self.occluded[0], self.zoom[0], self.gamma[0]) <= 0:
+            raise ValueError("occluded, zoom and gamma must be above 0")
 
 
 SETTINGS = SceneSettings()
@@ -108,7 +103,7 @@ SETTINGS = SceneSettings()
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """One test object.
+    """A rendered object in front of clutter, and the truth about it.
 
     Attributes:
         model: the name of its model.
@@ -126,6 +121,12 @@ class Scene:
     pose: Tensor
     camera: Camera
     initial: Tensor
+
+    def annotated(self, name: str) -> AnnotatedObject:
+        """The object of that name with its true viewpoint, and the azimuth and elevation to start from."""
+        azimuth, elevation, _, theta, _, _ = self.pose.tolist()
+        initial = float(self.initial[0]), float(self.initial[1])
+        return AnnotatedObject(name, self.image, self.box, azimuth, elevation, theta, self.model, initial)
 
 
 def scene(
@@ -151,8 +152,8 @@ def scene(
     Raises:
         ValueError: there are no models, viewpoints or photographs, or they have other shapes.
 
-    >>> from nablahog.paper import chairs, scenes
-    >>> models = {"a": chairs.chair(1), "b": chairs.chair(2)}
+    >>> from nablahog.paper import scenes
+    >>> models = nablahog.sample_chairs()
     >>> viewpoints = np.array([[30.0, 15.0, 0.0], [200.0, 10.0, 2.0]])  # azimuth, elevation, theta
     >>> one = scenes.scene(0, models, viewpoints, [torch.rand(200, 200)])
     >>> one.image.shape, one.model in models, float(one.pose[0]) in (30.0, 200.0)
@@ -221,13 +222,13 @@ def _render(
     if settings.shadow or settings.gloss:
         strength = {"shadow": settings.shadow, "gloss": settings.gloss}
         black, coverage = relit(black, coverage, seen, pose, camera, light, **strength)
-    return colours(settings.tint, generator) * black, coverage
+    return _colours(settings.tint, generator) * black, coverage
 
 
 def compose(
     picture: Floats,
     coverage: Floats,
-    box: Sequence[float],
+    box: Box,
     photographs: Sequence[Picture],
     settings: SceneSettings,
     generator: np.random.Generator,
@@ -237,27 +238,18 @@ def compose(
     Args:
         picture: (3, H, W), the object on black.
         coverage: (H, W) in 0…1, of each pixel by the object and its shadow.
-        box: x0, y0, x1, y1 of the object, pixels.
+        box: of the object, pixels.
         photographs: clutter, as :func:`scene` takes it.
         settings: its difficulty.
         generator: of random numbers.
 
     Returns:
         (3, H, W), float64 in 0…1.
-
-    >>> from nablahog.paper import scenes
-    >>> picture, coverage = np.full((3, 64, 64), 0.5), np.zeros((64, 64))
-    >>> coverage[16:48, 16:48] = 1.0  # the object is a gray square
-    >>> clutter = [np.random.default_rng(0).random((1, 80, 80))]
-    >>> generator = np.random.default_rng(0)
-    >>> scenes.compose(picture * coverage, coverage, (16, 16, 48, 48), clutter, scenes.SceneSettings(), generator).shape
-    (3, 64, 64)
     """
-    ranges = {"zoom": settings.zoom, "contrast": settings.contrast}
-    part = partial(clutter, photographs, coverage.shape, generator, **ranges, tint=settings.tint)
+    part = partial(_clutter, photographs, coverage.shape, settings, generator)
     image = picture + (1 - coverage) * part()
     if generator.random() < settings.occlusion:
-        hidden = _occluder(Box.of(box), generator.uniform(*settings.occluded), generator)
+        hidden = _occluder(box, generator.uniform(*settings.occluded), generator)
         front = part()
         image[:, hidden.rows, hidden.cols] = front[:, hidden.rows, hidden.cols]
     blur = generator.uniform(*settings.blur)
@@ -279,3 +271,42 @@ def _occluder(box: Box, share: float, generator: np.random.Generator) -> Box:
 def _jitter(box: Box, settings: SceneSettings, generator: np.random.Generator) -> Box:
     sides = np.array(box) + settings.box_jitter * generator.normal(size=4) * np.tile([box.width, box.height], 2)
     return Box.of(sides.clip(0, settings.size).tolist())
+
+
+def _clutter(
+    photographs: Sequence[Picture],
+    shape: tuple[int, ...],
+    settings: SceneSettings,
+    generator: np.random.Generator,
+) -> Floats:
+    """A random crop (3, H, W) of a photograph, rescaled, mirrored or not, of another contrast, tinted if gray."""
+    photo = _checked(photographs[int(generator.integers(len(photographs)))])
+    room = np.array(photo.shape[1:])
+    zoom = min(generator.uniform(*settings.zoom), *(room / shape))
+    sides = np.minimum(np.array(shape) * zoom, room).astype(int).clip(min=1)
+    top, left = generator.integers(0, room - sides + 1)
+    part = photo[:, top : top + sides[0], left : left + sides[1]]
+    if generator.random() < 0.5:
+        part = part[:, :, ::-1]
+    tensor = torch.from_numpy(part.copy())[None]
+    scaled: Floats = functional.interpolate(tensor, shape, mode="bicubic", antialias=True)[0].numpy()
+    scaled = scaled.mean() + generator.uniform(*settings.contrast) * (scaled - scaled.mean())
+    return np.asarray(scaled if len(photo) == 3 else scaled * _colours(settings.tint, generator)).clip(0, 1)
+
+
+def _colours(tint: float, generator: np.random.Generator) -> Floats:
+    """(3, 1, 1): random factors of R, G and B that do not change the gray of Eq. 1."""
+    factors = 1 + tint * generator.uniform(-1, 1, 3)
+    balanced: Floats = (factors / np.dot(GRAY_WEIGHTS, factors))[:, None, None]
+    return balanced
+
+
+def _checked(picture: Picture) -> Floats:
+    values = as_array(picture)
+    if values.ndim == 2:
+        values = values[None]
+    if values.ndim != 3 or len(values) not in (1, 3) or 0 in values.shape:
+        raise ValueError(f"expected a photograph of shape (H, W), (1, H, W) or (3, H, W), got {values.shape}")
+    if not (values.min() >= 0 and values.max() <= 1):  # NaN fails too
+        raise ValueError(f"expected a photograph in 0…1, got {values.min():g} … {values.max():g}")
+    return values

@@ -16,10 +16,10 @@ from ..viz import html
 from ..viz.pictures import Panel, glyphs
 from .learned import load
 from .methods import Method, Table1Settings
-from .names import TAKES_HOURS
+from .names import PRIORS
 from .photographs import Photographs
 from .table1 import Line, Table1
-from .tables import RESAMPLES, Statistics, failures_section
+from .tables import RESAMPLES, Statistics, cell, failures_section, how_many_failed
 
 HEADINGS = {
     "cc": "CC",
@@ -47,18 +47,13 @@ DEFINITIONS = {
     "multi-scale-more": "The same, but each level has the descriptor of the image shrunk to that level. That is "
     "more than the input of other methods, so, as the paper says, its figures are not comparable with theirs.",
     "learned": "Starts from, and stays close to, the image that a network expects for the descriptor. The network "
-    "has learned from photographs; it comes with nablahog, unless --prior or --unsigned-prior gives another.",
+    "has learned from photographs; the one that comes with nablahog, if no other is given.",
     "bovw": "The input is a histogram of visual words. The words are arranged like a jigsaw puzzle, by the positions "
     "and neighbours that they have in photographs (after Kato and Harada; many details are our own choice).",
     "hoggles": "Window by window by a pair of dictionaries of descriptors and patches (Vondrick et al.); from all "
     "cells, while theirs leaves out the outermost.",
     "cnn-hog, cnn-hogb": "HOG as a convolutional network, without texture channels, inverted by gradient descent under "
     "two priors (Mahendran and Vedaldi); the distance is that of the network's own descriptor.",
-    "ridge": "Each patch as a linear function of the window of the descriptor around it (after Vondrick et al.).",
-    "nearest": "Each patch as the mean of those under the 32 most similar windows of other photographs.",
-    "upconv, dalal-upconv": "A network of convolutions and up-convolutions gives the image at once, with the "
-    "brightness and contrast that photographs with such descriptors have (after Dosovitskiy and Brox).",
-    "triangles": "10,000 random triangles, of which those stay that bring the descriptor closer (Vondrick et al.).",
     "what libraries compute": "Single-scale, from the descriptor that a library computes, with its own defaults and "
     "cells of 8 pixels; opencv-linear is OpenCV's without the root of gray values (gammaCorrection), hog-net the "
     "network of cnn-hog, inverted as the others are.",
@@ -79,7 +74,7 @@ LEAD = (
 def remarks(left_out: Sequence[Method], learned: Mapping[str, Path], photographs: Photographs) -> list[str]:
     """Remarks on methods that learn from photographs: which are left out, and which have trained on the test images."""
     sentences = [
-        f"{each.name} is optional, and runs with --{kind} FILE, see `nablahog learn {TAKES_HOURS[kind]}`."
+        f"{each.name} is optional, and runs with a file of {kind}, see `nablahog learn {PRIORS[kind]}`."
         for each in left_out
         for kind in each.needs[:1]
     ]
@@ -119,7 +114,6 @@ def page(table: Table1, settings: Table1Settings, origin: str, remarks: Sequence
         origin: where the images are from, a sentence.
         remarks: what else to know, whole sentences.
     """
-    failed = f" {len(table.failures)} failed, see below." if table.failures else ""
     ignored = table.photographs.ignored
     passed_over = f" Passed over, as no images by their endings: {', '.join(ignored)}." if ignored else ""
     text = "These are in no figure above. A further run of the same settings tries them again."
@@ -127,7 +121,7 @@ def page(table: Table1, settings: Table1Settings, origin: str, remarks: Sequence
     limit = f", at most {settings.max_evaluations} evaluations" if settings.max_evaluations else ""
     return html.page(
         "Table 1: images from HOG descriptors",
-        " ".join([f"{LEAD} {origin}{failed}{passed_over}", *remarks]),
+        " ".join([f"{LEAD} {origin}{how_many_failed(table.failures)}{passed_over}", *remarks]),
         list(_table(table.lines())),
         [failures, _pictures(table), _levels(table)],
         _definitions(table),
@@ -151,13 +145,7 @@ def _table(lines: Sequence[Line]) -> Iterator[Mapping[str, object]]:
         if line.group != group:
             group = line.group
             yield {"method": group}
-        yield _row(line, _cell, HEADINGS)
-
-
-def _cell(of: Statistics) -> html.Cell | None:
-    if of.n == 0:
-        return None
-    return html.Cell(of.mean, f"{html.figure(of.low)} … {html.figure(of.high)}\nmedian {html.figure(of.median)}")
+        yield _row(line, lambda of: cell(of, of.mean, f"median {html.figure(of.median)}"), HEADINGS)
 
 
 def _photograph(table: Table1, image: str) -> html.Cell:

@@ -13,7 +13,7 @@ from ...io.npz import naming
 from ...jobs.job_files import local_path
 from ...jobs.resume import run_anywhere
 from ...jobs.runner import cores
-from ...paper.cad import read_models
+from ...paper.models import read_models
 from ...pose import exemplar_views
 from ...pose.background import default_background
 from ...pose.exemplar_views import ExemplarLibrary, ExemplarViews
