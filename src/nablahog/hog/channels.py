@@ -9,7 +9,7 @@ from torch import Tensor
 
 from .inputs import Descriptors, descriptor_tensor, to_array
 from .normalizers import PARTS, FourBlockNorm, Part
-from .normalizers.four_block import VLFEAT_TEXTURE, four_block
+from .normalizers.four_block import VLFEAT_TEXTURE
 from .orientation import bin_angles
 from .presets import as_spec
 from .spec import HOGSpec
@@ -113,12 +113,11 @@ def _split(descriptor: Tensor, spec: HOGSpec) -> dict[Part, Tensor]:
 
 
 def _four_block(spec: HOGSpec) -> FourBlockNorm:
-    normalizer = four_block(spec.normalizer)
-    if normalizer is None:
+    if not isinstance(spec.normalizer, FourBlockNorm):
         raise ValueError(
             f"the channels of {spec.name} are no {', '.join(PARTS)}: only a four-block normaliser makes these"
         )
-    return normalizer
+    return spec.normalizer
 
 
 def _axes(spec: HOGSpec) -> int:

@@ -10,7 +10,6 @@ from ..checks import check_fields
 
 if TYPE_CHECKING:
     from torch import Tensor
-    from typing_extensions import Self
 
 
 class Footprint(NamedTuple):
@@ -66,10 +65,6 @@ class Normalizer(ABC):
     kind: ClassVar[str]
     has_loops: ClassVar[bool] = False
     """Whether there are native loops, which ``native/operator.h`` lists by ``kind``."""
-    bounded: ClassVar[bool] = False
-    """Whether entries are of one size in all images, because they are clipped."""
-    conventions: ClassVar[tuple[dict[str, str], ...]] = ()
-    """Groups of its fields, each with what a reader calls it, if they can be exchanged one after the other."""
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -157,14 +152,6 @@ class Normalizer(ABC):
         Cells that are in no entry are not there.
         """
         return self.cell_entries(channels, bins, signed)
-
-    def of_all_cells(self) -> Self:
-        """The same, with entries for the cells in the margin too; all others stay what they are."""
-        return self
-
-    def of_orientations(self) -> Self:
-        """The same, with no more channels than tell the orientations of edges."""
-        return self
 
 
 class PerCell(Normalizer):

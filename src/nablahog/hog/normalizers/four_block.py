@@ -5,14 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias, get_args
 
 from .base import Footprint, Normalizer, clipped, root
 
 if TYPE_CHECKING:
     from torch import Tensor
-    from typing_extensions import Self
 
 Part: TypeAlias = Literal["directed", "undirected", "texture", "blocks", "zero"]
 Texture: TypeAlias = Literal["vlfeat", "dpm"]
@@ -63,15 +62,6 @@ class FourBlockNorm(Normalizer):
     has_loops: ClassVar[bool] = True
     fixes_contrast = False
     """Blocks have one energy."""
-    bounded: ClassVar[bool] = True
-    """By the clip."""
-    conventions: ClassVar[tuple[dict[str, str], ...]] = (
-        {"epsilon": "ε", "floor": "ε"},
-        {"clip": "clip"},
-        {"texture": "texture"},
-        {"outside": "outermost blocks"},
-        {"parts": "channels"},
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -229,17 +219,3 @@ class FourBlockNorm(Normalizer):
         numbers = self.epsilon, self.clip, DPM_TEXTURE if dpm else VLFEAT_TEXTURE, *order, *begins
         flags = self.outside == "drop", self.floor, self.outside == "missing", signed, dpm and "texture" in self.parts
         return *numbers, *flags
-
-    def of_all_cells(self) -> Self:
-        """Blocks beyond the grid repeat its edge, if there was no entry for the outermost cells."""
-        return replace(self, outside="repeat") if self.outside == "drop" else self
-
-    def of_orientations(self) -> Self:
-        """One part only: undirected, directed or blocks."""
-        part: Part = next(part for part in ("undirected", "directed", "blocks") if part in self.parts)
-        return replace(self, parts=(part,), texture="vlfeat")
-
-
-def four_block(normalizer: Normalizer) -> FourBlockNorm | None:
-    """The normaliser if its channels are parts, for what is about these alone."""
-    return normalizer if isinstance(normalizer, FourBlockNorm) else None
