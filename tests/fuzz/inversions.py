@@ -92,7 +92,7 @@ def check(case: Case) -> str:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             if in_colour:
-                result = reconstruct_colour(descriptor, case.spec, size, search=search, colour_evaluations=8)
+                result = reconstruct_colour(descriptor, case.spec, size, search=search, quality="fast")
             else:
                 result = reconstruct(descriptor, case.spec, size, search=search)
     except ValueError as error:
