@@ -4,9 +4,8 @@
     python benchmarks/rendering.py derivative [--models DIR] [--chairs 10] [--descriptor paper]
 
 Speed: a chair, the finer the more faces it has, is seen from eight sides in one batch.  Times are CPU milliseconds a
-rendering.  With derivative means the image, its motion, and one product of a gradient with it.  The last but one column
-is how many times as fast as the paper's renderer that is.  Preparing, once a mesh, finds its edges and shades it.
-Memory is by how much preparing and one batch raise the peak of the resident set (Linux only).
+rendering.  With derivative means the image, its motion, and one product of a gradient with it; the last column is how
+many times as fast as the paper's renderer that is.  Preparing, once a mesh, finds its edges and shades it.
 
 Derivative: the similarity of a picture to a target is the dot product of their descriptors.  The target is the chair at
 some azimuth, before clutter, under another light, with noise.  At 72 azimuths the derivative of the similarity is
@@ -20,7 +19,6 @@ import argparse
 import os
 import time
 from collections.abc import Iterator
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple
@@ -35,7 +33,7 @@ from nablahog.paper.models import Model, read_models
 from nablahog.render import Camera, Light, Mesh, Renderer, load_mesh, pose, pose_vjp
 from nablahog.render.renderer import Method
 from preimages import SIDE, photographs
-from timing import Call, Times, cell, digits, in_turns, processor, raised_mib, ratio, summary, table, times_as_fast
+from timing import Call, Times, cell, digits, in_turns, processor, ratio, summary, table, times_as_fast
 
 BATCH = 8
 METHODS: tuple[Method, ...] = ("edges", "opendr")
@@ -96,10 +94,6 @@ def of_one(batch: Times) -> list[float]:
     return [ms / BATCH for ms in batch.cpu]
 
 
-def prepared_and_drawn(mesh: Mesh, case: Case) -> object:
-    return calls(prepared(mesh, case))["with derivative"]()
-
-
 def speed(options: argparse.Namespace) -> None:
     rows = []
     for case in CASES[:1] if options.quick else CASES:
@@ -112,10 +106,9 @@ def speed(options: argparse.Namespace) -> None:
         times = {name: of_one(batch) for name, batch in in_turns(every, options.seconds).items()}
         figures = [cell(summary(times[f"edges {what}"])) for what in ("forward", "with derivative")]
         faster = ratio(times["opendr with derivative"], times["edges with derivative"])
-        mib = raised_mib(partial(prepared_and_drawn, mesh, case))
         shape = [str(len(mesh.faces)), f"{case.side}²", f"{case.samples}×{case.samples}", str(case.threads)]
-        rows.append([*shape, digits(preparing), *figures, times_as_fast(faster), f"{mib:.0f}"])
-    head = ["faces", "pixels", "samples", "threads", "preparing", "forward", "with derivative", "opendr", "MiB"]
+        rows.append([*shape, digits(preparing), *figures, times_as_fast(faster)])
+    head = ["faces", "pixels", "samples", "threads", "preparing", "forward", "with derivative", "as fast as opendr"]
     print(f"{processor()}; batches of {BATCH}\n\n{table(head, rows)}")
 
 

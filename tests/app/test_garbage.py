@@ -7,7 +7,6 @@ import random
 from typing import Any
 from urllib.parse import quote
 
-import pytest
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
@@ -95,8 +94,3 @@ def requests(client: TestClient, photo_file: bytes, count: int) -> None:
 
 def test_garbage(client: TestClient, photo_file: bytes) -> None:
     requests(client, photo_file, 100)
-
-
-@pytest.mark.slow
-def test_much_garbage(client: TestClient, photo_file: bytes) -> None:
-    requests(client, photo_file, 2000)

@@ -1,4 +1,4 @@
-"""The command line, and the lines of Python, that make the same."""
+"""The command, and the lines of Python, that give the same result as the page."""
 
 from __future__ import annotations
 

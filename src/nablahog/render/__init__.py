@@ -5,10 +5,8 @@ from .conventions import (
     Pascal3D,
     from_pascal3d,
     from_pytorch3d,
-    from_seeing3d,
     to_pascal3d,
     to_pytorch3d,
-    to_seeing3d,
 )
 from .gbuffer import depth_and_normals, silhouette
 from .mesh import Mesh, load_mesh
@@ -27,7 +25,6 @@ __all__ = [
     "depth_and_normals",
     "from_pascal3d",
     "from_pytorch3d",
-    "from_seeing3d",
     "load_mesh",
     "pose",
     "pose_jacobian",
@@ -37,5 +34,4 @@ __all__ = [
     "silhouette",
     "to_pascal3d",
     "to_pytorch3d",
-    "to_seeing3d",
 ]
