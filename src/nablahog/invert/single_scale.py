@@ -122,10 +122,10 @@ def _plan(
     max_evaluations = search.max_evaluations
     if max_evaluations is None:
         max_evaluations = effort.evaluations if samples > 1 else effort.without_samples
-    closeness = to_details = objective.closeness
-    if closeness is None or to_details is None:
-        of_signed = BY_PRIOR if has_prior else CLOSENESS
-        closeness, to_details = of_signed if spec.signed else UNCERTAIN, CLOSENESS
+    of_signed = BY_PRIOR if has_prior else CLOSENESS
+    closeness, to_details = of_signed if spec.signed else UNCERTAIN, CLOSENESS
+    if objective.closeness is not None:
+        closeness = to_details = objective.closeness
     smoothness = (RelativeSmoothness(objective.smoothness),) if objective.smoothness else ()
     gray_values = (Range(RANGE_WEIGHT),) if spec.normalizer.fixes_contrast else ()
     priors = (*smoothness, *gray_values, *objective.priors)
