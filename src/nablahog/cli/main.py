@@ -19,14 +19,12 @@ _COMMANDS = {
     "hog": "hog.hog",
     "glyph": "hog.glyph",
     "invert": "invert.invert",
-    "invert-template": "invert_template.invert_template",
     "demo": "demo.demo",
     "table1": "table1.table1",
     "table2": "table2.table2",
     "pose": "pose.pose",
     "track": "track.track",
     **{f"learn {kind}": "learn.learn" for kind in KINDS},
-    "learn exemplars": "learn_exemplars.learn_exemplars",
 }
 """Module and function of each command; a module is imported when its command is run, as most import PyTorch."""
 _ABOVE = {"app": "..app.command"}

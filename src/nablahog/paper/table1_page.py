@@ -47,7 +47,7 @@ DEFINITIONS = {
     "multi-scale-more": "The same, but each level has the descriptor of the image shrunk to that level. That is "
     "more than the input of other methods, so, as the paper says, its figures are not comparable with theirs.",
     "learned": "Starts from, and stays close to, the image that a network expects for the descriptor. The network "
-    "has learned from photographs; it comes with nablahog, unless --prior or --unsigned-prior gives another.",
+    "has learned from photographs; it comes with nablahog, unless --learned gives another.",
     "bovw": "The input is a histogram of visual words. The words are arranged like a jigsaw puzzle, by the positions "
     "and neighbours that they have in photographs (after Kato and Harada; many details are our own choice).",
     "hoggles": "Window by window by a pair of dictionaries of descriptors and patches (Vondrick et al.); from all "
@@ -79,7 +79,7 @@ LEAD = (
 def remarks(left_out: Sequence[Method], learned: Mapping[str, Path], photographs: Photographs) -> list[str]:
     """Remarks on methods that learn from photographs: which are left out, and which have trained on the test images."""
     sentences = [
-        f"{each.name} is optional, and runs with --{kind} FILE, see `nablahog learn {TAKES_HOURS[kind]}`."
+        f"{each.name} is optional, and runs with --learned {kind}=FILE, see `nablahog learn {TAKES_HOURS[kind]}`."
         for each in left_out
         for kind in each.needs[:1]
     ]

@@ -13,7 +13,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 from ...hog import HOGSpec, presets
 
 PRESETS: dict[str, Callable[..., HOGSpec]] = {name: getattr(presets, name) for name in presets.__all__}
-DEFAULT_DESCRIPTOR = "uoctti"
+DEFAULT_PRESET = "uoctti"
 _OTHER_DEFAULTS: dict[str, dict[str, Any]] = {"aubry": {"cell_size": 8}}  # not the 5 of the preset
 _EXPECTED = {
     int: "an integer of at most six digits",

@@ -42,18 +42,16 @@ def demo(arguments: Namespace) -> None:
     Raises:
         OSError: the folder or a file cannot be written.
     """
-    prior = PriorOptions(None, default=True)
-    device, photo = torch.device(arguments.device), limit_size(sample_photograph("astronaut"), SIZE)
+    prior, photo = PriorOptions(None, default=True), limit_size(sample_photograph("astronaut"), SIZE)
     with output_folder(arguments.output) as folder, progress_bars() as progress:
         bars = {name: progress(name) for name in DESCRIPTORS}
         inversions = []
         for name, bar in bars.items():
-            source = from_photo("astronaut", name, photo, PRESETS[name](), size=0, device=device)
-            limit = arguments.max_evaluations
+            source = from_photo("astronaut", name, photo, PRESETS[name](), size=0)
             inversions += invert_batch(
                 [source],
-                device=device,
-                options=InversionOptions(seed=arguments.seed, max_evaluations=limit),
+                device=torch.device("cpu"),
+                options=InversionOptions(seed=arguments.seed),
                 prior=prior.for_spec(source.spec),
                 progress=bar,
             )

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from torch import Tensor
 
 from ...io.sample_photographs import SAMPLE_NAMES, sample_photograph
 from ...paper.annotations import read_annotations
 from ...paper.conditions import CONDITIONS
 from ...paper.examples import Examples, annotated, photographed, rendered
-from ...paper.models import Model, chair_library, models_in, procedural_chairs
+from ...paper.models import chair_library, models_in, procedural_chairs
 from ...paper.names import DEFAULT_CONDITIONS
 from ...paper.pascal3d import read_pascal3d
-from ...paper.photographs import Backgrounds
 from ...paper.viewpoints import read_viewpoints, sample_viewpoints
 from ..arguments.tables import HARDER, SCENES
 
@@ -47,31 +45,23 @@ def objects(arguments: Namespace) -> Objects:
     Raises:
         ValueError, FileNotFoundError, NotADirectoryError: an input is unusable, or options contradict each other.
     """
-    published = [path for path in (arguments.voc, arguments.pascal3d) if path is not None]
-    own = [path for path in (arguments.photos, arguments.annotations) if path is not None]
-    if len(published) == 1:
-        raise ValueError("--voc and --pascal3d need each other: the one has the photographs, the other the viewpoints")
-    if len(own) == 1:
-        raise ValueError("--photos and --annotations need each other: the one has the images, the other the viewpoints")
-    if published and own:
-        raise ValueError("--photos and --pascal3d are two sets of objects; one at a time")
-    if arguments.candidates is not None and arguments.unknown_model:
-        raise ValueError("--candidates are other models than the objects' own already: leave --unknown-model out")
-    for name in ("viewpoints", "background"):
-        if (published or own) and getattr(arguments, name) is not None:
-            raise ValueError(f"--{name} is for scenes that are rendered; photographs have theirs")
-    if published:
+    if arguments.pascal3d is not None and arguments.annotations is not None:
+        raise ValueError("--pascal3d and annotated photographs are two sets of objects; one at a time")
+    if arguments.viewpoints is not None and (arguments.pascal3d or arguments.annotations) is not None:
+        raise ValueError("--viewpoints is for scenes that are rendered; photographs have theirs")
+    if arguments.pascal3d is not None:
         return _published(arguments)
-    return _photographs(arguments) if own else _scenes(arguments)
+    return _scenes(arguments) if arguments.annotations is None else _photographs(arguments)
 
 
 def _published(arguments: Namespace) -> Objects:
     if arguments.conditions:
-        raise ValueError("--conditions needs scenes or --photos: objects of --pascal3d are cut out along their boxes")
-    pascal3d = Path(arguments.pascal3d)
-    folder = arguments.candidates or arguments.models
-    models, passed_over = models_in(pascal3d / "CAD" / "chair" if folder is None else Path(folder))
-    selection = read_pascal3d(Path(arguments.voc), pascal3d)
+        raise ValueError(
+            "--conditions needs scenes or annotations: objects of --pascal3d are cut out along their boxes"
+        )
+    voc, pascal3d = map(Path, arguments.pascal3d)
+    models, passed_over = models_in(Path(arguments.models or pascal3d / "CAD" / "chair"))
+    selection = read_pascal3d(voc, pascal3d)
     if arguments.objects is not None:
         selection = replace(selection, objects=selection.objects[: arguments.objects])
     examples = photographed(selection, models, unknown_model=arguments.unknown_model, seed=arguments.seed)
@@ -80,16 +70,12 @@ def _published(arguments: Namespace) -> Objects:
 
 def _photographs(arguments: Namespace) -> Objects:
     models, passed_over = (chair_library(), {}) if arguments.models is None else models_in(Path(arguments.models))
-    searched = models
-    if arguments.candidates is not None:
-        searched, more = models_in(Path(arguments.candidates))
-        passed_over |= more
-    known = {model.name for model in (searched if arguments.models is None else models)}
-    read = read_annotations(arguments.annotations, arguments.photos, known, arguments.objects)
+    folder = Path(arguments.annotations).resolve().parent
+    read = read_annotations(arguments.annotations, folder, {model.name for model in models}, arguments.objects)
     made = partial(
         annotated,
-        models=searched,
-        origin=f"the photographs of the folder {Path(arguments.photos).resolve().name}",
+        models=models,
+        origin=f"the photographs of the folder {folder.name}",
         unknown_model=arguments.unknown_model,
         seed=arguments.seed,
     )
@@ -99,51 +85,31 @@ def _photographs(arguments: Namespace) -> Objects:
     for name in names:
         if not CONDITIONS[name].of_photographs:
             raise ValueError(f"the condition {name} is of scenes that are rendered, which photographs are not")
-    harder = read[: _fewer(arguments, len(read))]
-    return Objects(made(read), {name: made(harder, condition=name) for name in names}, passed_over)
+    return Objects(made(read), {name: made(read[:HARDER], condition=name) for name in names}, passed_over)
 
 
 def _scenes(arguments: Namespace) -> Objects:
-    models, passed_over = (
-        (procedural_chairs(CHAIRS), {}) if arguments.models is None else models_in(Path(arguments.models))
-    )
-    candidates: list[Model] | None = None
-    if arguments.candidates is not None:
-        candidates, more = models_in(Path(arguments.candidates))
-        passed_over |= more
+    if arguments.models is None:
+        models, passed_over, kind = procedural_chairs(CHAIRS), {}, "procedural chairs"
+    else:
+        models, passed_over = models_in(Path(arguments.models))
+        kind = f"models of the folder {Path(arguments.models).resolve().name}"
     if arguments.viewpoints is None:
         viewpoints = sample_viewpoints(VIEWPOINTS, np.random.default_rng(arguments.seed))
         views = "seen as people photograph chairs"
     else:
         viewpoints = read_viewpoints(arguments.viewpoints)
         views = f"seen from the {len(viewpoints)} viewpoints of {Path(arguments.viewpoints).name}"
-    behind: Sequence[Tensor] = [sample_photograph(name) for name in SAMPLE_NAMES]
-    before = "photographs that come with scikit-image"
-    if arguments.background is not None:
-        behind = backgrounds = Backgrounds(Path(arguments.background))
-        before = f"the {len(behind)} photographs of the folder {Path(arguments.background).resolve().name}"
-        passed_over |= backgrounds.failed
-    kind = (
-        "procedural chairs"
-        if arguments.models is None
-        else f"models of the folder {Path(arguments.models).resolve().name}"
-    )
     made: Callable[..., Examples] = partial(
         rendered,
         models=models,
         viewpoints=viewpoints,
-        photographs=behind,
-        origin=f"{len(models)} {kind}, {views}, in front of {before}",
+        photographs=[sample_photograph(name) for name in SAMPLE_NAMES],
+        origin=f"{len(models)} {kind}, {views}, in front of photographs that come with scikit-image",
         unknown_model=arguments.unknown_model,
         seed=arguments.seed,
-        candidates=candidates,
     )
     count = arguments.objects or SCENES
     names = DEFAULT_CONDITIONS if arguments.conditions is None else arguments.conditions
-    harder = {name: made(_fewer(arguments, count), condition=name) for name in names}
+    harder = {name: made(min(HARDER, count), condition=name) for name in names}
     return Objects(made(count), harder, passed_over)
-
-
-def _fewer(arguments: Namespace, count: int) -> int:
-    """How many objects a condition has, of which the table has ``count``."""
-    return arguments.condition_objects or min(HARDER, count)

@@ -43,7 +43,7 @@ class Source:
         path: as the user gave it.
         stem: for the names of result files; no two sources have the same.
         descriptor: (rows, cols, channels), float32, on the CPU.
-        spec: its dialect.
+        spec: of the descriptor.
         image_size: (height, width) of the image the descriptor was computed from.
         photo: that image, (C, H, W) float32 in 0…1, or None for a descriptor file.
     """
@@ -118,9 +118,8 @@ def read_inputs(
 
     Args:
         arguments: ``inputs``: photographs of any format that Pillow reads, descriptor files, arrays of other libraries,
-            folders and patterns of these, - for stdin; the options of their dialect; ``size``: photographs are shrunk
-            to at most so many pixels on the longer side, 0 for never, None for :data:`SIZE`, with a line on stderr;
-            ``device``: computes the descriptors.
+            folders and patterns of these, - for stdin; the options of their preset; ``size``: photographs are shrunk
+            to at most so many pixels on the longer side, 0 for never, None for :data:`SIZE`, with a line on stderr.
         arrays: whether inputs may be descriptors: files of this program, and arrays of other libraries.
         keep_photos: whether the photographs are needed afterwards.
         check: raises ValueError or UserError for sources that cannot be used.
@@ -147,11 +146,8 @@ def read_inputs(
             sources.append(source if keep_photos else replace(source, photo=None))
     expanded.skipping.check()
     if reader.shrunk:
-        one = len(expanded.paths) == 1
-        which, them = (
-            ("the photograph is", "it as it is") if one else (f"{reader.shrunk} photographs are", "them as they are")
-        )
-        inform(f"{which} shrunk to {SIZE} pixels; --size 0 takes {them}")
+        which = "the photograph is" if len(expanded.paths) == 1 else f"{reader.shrunk} photographs are"
+        inform(f"{which} shrunk to {SIZE} pixels; --size 0 keeps the full size")
     if array_options is not None and not reader.arrays:
         with as_user_error():
             array_options.check_unused()
@@ -205,9 +201,7 @@ class _Reader:
         if is_descriptor_file(path):
             return _from_descriptor_file(path, stem, self.spec_options)
         photo, size = read_image(path), self.arguments.size
-        device = torch.device(self.arguments.device)
-        limit = SIZE if size is None else size
-        source = from_photo(path, stem, photo, self.spec_options.spec(), size=limit, device=device)
+        source = from_photo(path, stem, photo, self.spec_options.spec(), size=SIZE if size is None else size)
         self.shrunk += size is None and source.image_size != photo.shape[1:]
         return source
 
@@ -228,7 +222,7 @@ def _from_stored(path: str, stem: str, of_file: StoredDescriptor) -> Source:
     return Source(path, stem, descriptor, of_file.spec, of_file.image_size, None)
 
 
-def from_photo(path: str, stem: str, photo: Tensor, spec: HOGSpec, *, size: int, device: torch.device) -> Source:
+def from_photo(path: str, stem: str, photo: Tensor, spec: HOGSpec, *, size: int) -> Source:
     """Computes the descriptor of a photograph (C, H, W) in 0…1, shrunk as in :func:`read_inputs`.
 
     Raises:
@@ -241,5 +235,4 @@ def from_photo(path: str, stem: str, photo: Tensor, spec: HOGSpec, *, size: int,
     except ValueError as error:
         shrunk = "" if small is photo else f" after shrinking it to {size} pixels"
         raise ValueError(f"{path}: {error}{shrunk}") from None
-    descriptor = describe(small[None].to(device), spec)[0].cpu()
-    return Source(path, stem, descriptor, spec, (height, width), small)
+    return Source(path, stem, describe(small[None], spec)[0], spec, (height, width), small)

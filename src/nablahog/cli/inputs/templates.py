@@ -1,4 +1,4 @@
-"""Linear templates of detectors, as the command line reads them: DPM models, and arrays of weights."""
+"""Weights of linear detectors: DPM models, and arrays."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class DetectorTemplate:
     Attributes:
         name: which one of its file, for captions; empty if it is the only one.
         weights: (rows, cols, channels), float32.
-        spec: the dialect of the descriptors.
+        spec: of the descriptors.
         image_size: (height, width) in pixels of what they describe.
     """
 
@@ -46,13 +46,13 @@ def read_templates(path: str, spec_options: SpecOptions, array_options: ArrayOpt
 
     Args:
         path: a model of voc-release5 (.mat), or an array of weights (.npy, .npz, .mat), in the layout of its library,
-            with or without a bias after them, which is left out.
-        spec_options: the dialect of an array; OpenCV's people detectors are recognised by their length.
+            with or without a bias after them, which is ignored.
+        spec_options: the spec of an array; OpenCV's people detectors are recognised by their length.
         array_options: image size and name of an array.
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it holds no template, or one that does not fit the dialect.
+        ValueError: it holds no template, or one that does not fit the spec.
     """
     if not is_raw(path):
         raise ValueError(
@@ -85,7 +85,7 @@ def _of_array(array: NDArray[np.floating], spec_options: SpecOptions, array_opti
 
 def _fit(shape: tuple[int, ...], spec_options: SpecOptions, array_options: ArrayOptions) -> tuple[HOGSpec, Fit]:
     lengths = (shape[0], shape[0] - 1) if len(shape) == 1 else ()
-    if spec_options.descriptor is None:
+    if spec_options.preset is None:
         for length in lengths:
             if length in OPENCV_WINDOWS:
                 window = OPENCV_WINDOWS[length]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,9 @@ from torch import Tensor
 
 from ... import metrics
 from ...hog.gradient import gray
-from ...invert import AsPublished, Search, reconstruct, reconstruct_samples
+from ...invert import AsPublished, reconstruct, reconstruct_samples
 from ...invert.colour import reconstruct_colour
+from ...invert.method import InversionMethod
 from ...invert.prior_choice import PriorChoice
 from ...invert.quality import QualityName
 from ...io.images import write_image
@@ -39,19 +40,21 @@ class InversionOptions:
 
     Attributes:
         seed: of the starting images.
-        quality: as :func:`nablahog.reconstruct` has it.
-        max_evaluations: of the objective; None for those of the quality.
-        published: the paper's search, instead of the default one.
-        samples: further answers to unsigned descriptors, by their prior; None for none.
+        quality, method: as :func:`nablahog.reconstruct` has them.
+        samples: number of further answers to unsigned descriptors, drawn from the prior; None for none.
         colour: whether to find images in colour, without a prior.
     """
 
     seed: int
     quality: QualityName = "best"
-    max_evaluations: int | None = None
-    published: AsPublished | None = None
+    method: InversionMethod = "default"
     samples: int | None = None
     colour: bool = False
+
+    @property
+    def more_pictures(self) -> list[str]:
+        """The pictures that :meth:`Inversion.write` leaves only with these options."""
+        return ["iterations"] * (self.method == "paper") + ["samples"] * (self.samples is not None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,16 +65,15 @@ class Inversion:
         source: the input.
         preimage: (H, W), or (3, H, W) in colour, float32 in 0…1, on the CPU.
         reference: the gray photograph (Eq. 1) it is compared with, (H, W) in 0…1; None if it is not known.
-        measures: CC, MI, SSIM and PSNR of the gray pre-image, and the distance, as
-            :data:`nablahog.metrics.DEFINITIONS` has them; None where the reference is not known, or the measure not
-            defined or not finite.
+        measures: CC, MI, SSIM and PSNR of the gray pre-image, and the distance, see
+            :data:`nablahog.metrics.DEFINITIONS`; None where the reference is not known or the measure is not finite.
         seconds: the source's share of the time of its batch.
         stop_reason: why the minimiser stopped.
-        iterates: (iterations + 1, H, W) in 0…1, from the start to the pre-image, if they were asked for.
-        polarity: the learned prior's probability that the pre-image is no negative; None of signed descriptors, which
-            tell, and without a prior.
+        iterates: by their number, (H, W) in 0…1: the images after 0, 1, 2 and all iterations of the paper's search.
+        polarity: the learned prior's probability that the pre-image is no negative; None of signed descriptors, and
+            without a prior.
         samples: (K, H, W) in 0…1, further answers that the prior thinks possible, if they were asked for.
-        agreement: of the samples, as :class:`nablahog.invert.Samples` has it.
+        agreement: of the samples, see :class:`nablahog.invert.Samples`.
     """
 
     source: Source
@@ -80,7 +82,7 @@ class Inversion:
     measures: dict[str, float | None]
     seconds: float
     stop_reason: str
-    iterates: Tensor | None = None
+    iterates: Mapping[int, Tensor] = field(default_factory=dict)
     polarity: float | None = None
     samples: Tensor | None = None
     agreement: float | None = None
@@ -151,7 +153,7 @@ class Inversion:
     def without_pictures(self) -> Inversion:
         """The same with its figures alone, which take little memory."""
         source = replace(self.source, descriptor=self.source.descriptor[:0], photo=None)
-        return replace(self, source=source, preimage=self.preimage[:0], reference=None, iterates=None, samples=None)
+        return replace(self, source=source, preimage=self.preimage[:0], reference=None, iterates={}, samples=None)
 
     def pair(self) -> tuple[Panel, Panel] | None:
         """The gray photograph, where it is known, and the pre-image."""
@@ -184,17 +186,15 @@ class Inversion:
             write_image(name, sheet)
 
     def _first_and_last(self) -> list[Panel]:
-        """The photograph, if it is known, and the iterates 0, 1, 2 and the last, as the paper shows them."""
-        if self.iterates is None:
+        """The photograph, if it is known, and the iterates, as the paper shows them."""
+        if not self.iterates:
             return []
-        last = len(self.iterates) - 1
-        shown = [Panel(self.iterates[k], f"iteration {k}") for k in range(min(3, last))]
         photo = [] if self.source.photo is None else [Panel(self.source.photo, "photograph")]
-        return [*photo, *shown, Panel(self.iterates[last], f"iteration {last}")]
+        return [*photo, *(Panel(image, f"iteration {k}") for k, image in self.iterates.items())]
 
 
 def result_names(source: Source, more: Sequence[str] = ()) -> list[str]:
-    """The names of the files that :meth:`Inversion.write` leaves, with ``more`` of them than are always there."""
+    """The names of the files that :meth:`Inversion.write` leaves, of which ``more`` are not always there."""
     return [f"{source.stem}_{what}.png" for what in ("preimage", "glyphs", "thumbnails", *more)]
 
 
@@ -224,8 +224,8 @@ def invert_batch(
         sources: at least one.
         device: where to compute.
         options: of the search.
-        prior: as :func:`nablahog.reconstruct` has it.
-        progress: called with the evaluations done and their largest number.
+        prior: see :func:`nablahog.reconstruct`.
+        progress: called with the number of evaluations done and the most there can be.
 
     Returns:
         One inversion for each source, in order.
@@ -237,9 +237,9 @@ def invert_batch(
     descriptors = torch.stack([source.descriptor for source in sources]).to(device)
     spec, image_size = sources[0].spec, sources[0].image_size
     every: dict[str, Any] = {"seed": options.seed, "progress": progress}
-    ours = {**every, "quality": options.quality, "search": Search(max_evaluations=options.max_evaluations)}
-    if options.published is not None:
-        result = reconstruct(descriptors, spec, image_size, method=options.published, **every)
+    ours = {**every, "quality": options.quality}
+    if options.method == "paper":
+        result = reconstruct(descriptors, spec, image_size, method=AsPublished(keep_iterates=True), **every)
     elif options.colour:
         result = reconstruct_colour(descriptors, spec, image_size, **ours)
     else:
@@ -254,7 +254,8 @@ def invert_batch(
         reference = source.gray_photo
         measures = _measures(_gray(preimage), reference, float(result.distance[index]))
         seconds, stop_reason = result.seconds / len(sources), str(result.stop_reason[index])
-        iterates = None if result.iterates is None else result.iterates[:, index, 0].detach().float().cpu()
+        kept = () if result.iterates is None else result.iterates[:, index, 0]
+        iterates = {k: kept[k].detach().float().cpu() for k in sorted({0, 1, 2, len(kept) - 1}) if 0 <= k < len(kept)}
         polarity = None if result.polarity_confidence is None else _rounded(result.polarity_confidence[index])
         further = None if drawn is None else drawn.image[index, :, 0].float().cpu()
         agreement = None if drawn is None else _rounded(drawn.agreement[index])

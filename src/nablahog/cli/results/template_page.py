@@ -1,4 +1,4 @@
-"""What the weights of detectors see: figures, pictures and the page of ``nablahog invert-template``."""
+"""What detectors look for: figures, pictures and the page of ``nablahog invert --template``."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from ..inputs.templates import DetectorTemplate
 from .inversion_page import SHOWN, skipped_section
 
 SIGNS = {"positive": "for", "negative": "against"}
-"""What edges of such weights speak for a detection, or against."""
+"""Whether edges with such weights speak for or against a detection."""
 
 LEAD = (
-    "The weights of a linear detector over a HOG descriptor say which edges speak for a detection, and which against "
-    "it. Beside the glyphs of either is an image with these edges, the stronger the larger their weights are, found "
-    "from the weights alone."
+    "The positive weights of a linear detector over a HOG descriptor say which edges speak for a detection, and the "
+    "negative ones which speak against it. Beside the glyphs of the weights is an image with such edges, found from "
+    "the weights alone: the larger a weight, the stronger its edge."
 )
 DEFINITIONS = {
     "positive, negative": "An image whose histograms are the squares of the positive, or negative, weights of a "
-    "template. If gradients are unsigned, bright and dark are a guess: the negative has the same.",
+    "template. If gradients are unsigned, bright and dark are a guess: the negative image has the same histograms.",
     "distance": "‖φ(x) − d‖ / ‖d‖, d the descriptor of these histograms and φ(x) that of the image x.",
 }
 
 
 @dataclass(frozen=True, eq=False)
 class InvertedTemplate:
-    """A template with what its weights see.
+    """A template, and images of what it looks for.
 
     Attributes:
         path: of its file, as the user gave it.
@@ -47,7 +47,7 @@ class InvertedTemplate:
 
     @property
     def name(self) -> str:
-        """Of the file, without its folders, printable, and of the template in it."""
+        """The name of the file without its folders, printable, and that of the template in it."""
         file = os.fsencode(Path(self.path).name).decode(errors="backslashreplace")
         return f"{file}, {self.template.name}" if self.template.name else file
 
@@ -60,7 +60,7 @@ class InvertedTemplate:
         }
 
     def panels(self) -> list[Panel]:
-        """Of either sign, the weights as glyphs, and what they see."""
+        """For each sign, the weights as glyphs and the image."""
         panels = []
         for sign, image in self.images.items():
             weights = self.template.weights.numpy() * (-1 if sign == "negative" else 1)

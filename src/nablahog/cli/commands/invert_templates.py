@@ -1,9 +1,9 @@
-"""``nablahog invert-template``: images of the weights of detectors."""
+"""``nablahog invert --template``: what the weights of detectors look for."""
 
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import chain
 from pathlib import Path
 
@@ -16,7 +16,6 @@ from ...viz.pictures import contact_sheet
 from ..errors import as_user_error, forbid_overwrite
 from ..inputs.arrays import ArrayOptions
 from ..inputs.expand import expand
-from ..inputs.memory import check_glyphs, check_inversion
 from ..inputs.spec import SpecOptions
 from ..inputs.templates import DetectorTemplate, read_templates
 from ..results import template_page
@@ -24,37 +23,32 @@ from ..results.template_page import SIGNS, InvertedTemplate
 from ..terminal import print_table, progress_bars, say_page
 
 
-def invert_template(arguments: Namespace) -> int:
-    """Makes the pictures: for each template its weights as glyphs, and an image, of either sign; returns the status.
+def invert_templates(arguments: Namespace) -> int:
+    """Draws the positive and the negative weights of each template, and an image that has them; returns the status.
 
     Raises:
         UserError: no input can be used, or an option is wrong.
         OSError: a folder is missing or cannot be written.
     """
     with as_user_error():
-        wanted, raw = SpecOptions.of(arguments), ArrayOptions.of(arguments)
+        spec_options, array_options = SpecOptions.of(arguments), ArrayOptions.of(arguments)
     expanded = expand(arguments, (".mat", ".npy", ".npz"))
     skipping, folder = expanded.skipping, Path(arguments.output)
     stems = distinct_stems([Path(path) for path in expanded.paths])
     files: list[tuple[str, str, list[DetectorTemplate]]] = []
     for stem, path in zip(stems, expanded.paths, strict=True):
         with skipping.each(path):
-            templates = read_templates(path, wanted, raw)
-            for each in templates:
-                check_inversion(path, each.image_size, each.weights.numel(), arguments.memory)
-                check_glyphs(path, tuple(each.weights.shape), each.spec, arguments.memory)
-            files.append((stem, path, templates))
+            files.append((stem, path, read_templates(path, spec_options, array_options)))
     skipping.check()
     names = [_names(stem, templates) for stem, _, templates in files]
     forbid_overwrite(expanded.paths, [folder / name for name in (*chain(*names), "index.html")])
     done: list[InvertedTemplate] = []
-    with output_folder(folder), progress_bars() as progress:
+    with output_folder(folder):
         for stem, path, templates in files:
             of_file = []
             for number, template in enumerate(templates):
                 with as_user_error(f"{path}: "):
-                    bars = {sign: progress(f"{stem} {template.name} {sign}") for sign in SIGNS}
-                    images = {sign: _invert_sign(template, sign, arguments, bar) for sign, bar in bars.items()}
+                    images = {sign: _invert_sign(template, sign, arguments) for sign in SIGNS}
                 for sign, image in images.items():
                     write_image(folder / _name(stem, template, number, sign), image.image[0])
                 of_file.append(InvertedTemplate(path, template, images))
@@ -66,18 +60,16 @@ def invert_template(arguments: Namespace) -> int:
     return skipping.status
 
 
-def _invert_sign(
-    template: DetectorTemplate, sign: str, arguments: Namespace, progress: Callable[[int, int], None]
-) -> Reconstruction:
-    return reconstruct_template(
-        template.weights[None].to(torch.device(arguments.device)),
-        template.spec,
-        template.image_size,
-        negative=sign == "negative",
-        seed=arguments.seed,
-        max_evaluations=arguments.max_evaluations,
-        progress=progress,
-    )
+def _invert_sign(template: DetectorTemplate, sign: str, arguments: Namespace) -> Reconstruction:
+    with progress_bars() as progress:
+        return reconstruct_template(
+            template.weights[None].to(torch.device(arguments.device)),
+            template.spec,
+            template.image_size,
+            negative=sign == "negative",
+            seed=arguments.seed,
+            progress=progress(f"{template.name} {sign}".strip()),
+        )
 
 
 def _names(stem: str, templates: Sequence[DetectorTemplate]) -> list[str]:
