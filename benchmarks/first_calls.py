@@ -14,8 +14,7 @@ import subprocess
 import sys
 import time
 
-from machine import processor
-from page_text import table
+from timing import processor, table
 
 IMPORT = "import nablahog"
 CALLS = {

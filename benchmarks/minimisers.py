@@ -30,7 +30,7 @@ from nablahog.invert.priors import RelativeSmoothness
 from nablahog.invert.search import EXPONENT
 from nablahog.invert.start import starting_images
 from nablahog.optimize import Minimiser, minimise
-from photographs import photographs
+from preimages import photographs
 
 SIDE, CELL = 128, 8
 EVALUATIONS = (50, 100, 200, 400)

@@ -26,7 +26,6 @@ from .access import AccessMiddleware, AccessRules
 from .errors import RequestError, internal_error
 from .fit import Scene
 from .invert import invert
-from .openapi import document
 from .pictures import png
 from .requests import SEE_SIZE, HogRequest, InvertRequest, PoseRequest, decoded
 from .socket import FitSocket
@@ -93,7 +92,6 @@ class Server:
             Route("/", page),
             Route("/static/{name}", static),
             Route("/api/about", _answering(self._what_there_is)),
-            Route("/api/openapi.json", _answering(self._openapi)),
             Route("/api/photos", _answering(self._upload_photograph), methods=["POST"]),
             Route("/api/photos/{id}", _answering(self._photograph)),
             Route("/api/descriptors", _answering(self._upload_descriptor), methods=["POST"]),
@@ -112,9 +110,6 @@ class Server:
     async def ready(self) -> dict[str, Any]:
         """What there is, once the samples are read."""
         return await asyncio.shield(self._about)
-
-    async def _openapi(self, _: Request) -> Response:
-        return JSONResponse(document())
 
     async def _upload_photograph(self, request: Request) -> Response:
         name = _name(request, "photo")
@@ -264,7 +259,7 @@ def _answering(handler: Callable[[Request], Awaitable[Response]]) -> Callable[[R
 
 async def _no_such_address(_: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    return JSONResponse({"error": f"{error.detail.lower()}: see /api/openapi.json"}, error.status_code)
+    return JSONResponse({"error": error.detail.lower()}, error.status_code)
 
 
 def _file(files: dict[str, tuple[bytes, str]], name: str) -> Response:

@@ -23,7 +23,6 @@ _COMMANDS = {
     "table1": "table1.table1",
     "table2": "table2.table2",
     "pose": "pose.pose",
-    "track": "track.track",
     **{f"learn {kind}": "learn.learn" for kind in KINDS},
 }
 """Module and function of each command; a module is imported when its command is run, as most import PyTorch."""

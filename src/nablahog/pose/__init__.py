@@ -9,7 +9,6 @@ if TYPE_CHECKING:
     from .elements import Elements, elements
     from .estimate import estimate_pose
     from .pose_estimate import PoseEstimate
-    from .tracker import Tracker
     from .viewpoint_evidence import default_viewpoints
     from .viewpoint_network import ViewpointPrior
     from .whitening import Background
@@ -18,7 +17,6 @@ __all__ = [
     "Background",
     "Elements",
     "PoseEstimate",
-    "Tracker",
     "ViewpointPrior",
     "default_background",
     "default_viewpoints",
@@ -33,7 +31,6 @@ names_when_used(
     elements=("Elements", "elements"),
     estimate=("estimate_pose",),
     pose_estimate=("PoseEstimate",),
-    tracker=("Tracker",),
     viewpoint_evidence=("default_viewpoints",),
     viewpoint_network=("ViewpointPrior",),
     whitening=("Background",),

@@ -35,7 +35,7 @@ class Renderer:
         method: how edges are drawn and differentiated.  ``"edges"``: anti-aliased, with the exact derivative of the
             covered area, :mod:`.edge_gradient`; ``"opendr"``: as the paper's renderer, :mod:`.opendr`.
         supersampling: samples of a pixel along a side, 1 to 16.  The default is the least with accurate derivatives
-            (``benchmarks/image_derivative.py``); 1 and 2 are several times faster, for searches.
+            (``benchmarks/rendering.py``); 1 and 2 are several times faster, for searches.
 
     Attributes:
         mesh, camera, light, method, supersampling: the arguments.

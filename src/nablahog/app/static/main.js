@@ -1,6 +1,6 @@
 /** The start of the page, and its views. */
 
-import { getJson, withToken } from "./api.js";
+import { getJson } from "./api.js";
 import { Address } from "./address.js";
 import { Dialects } from "./controls.js";
 import { element } from "./dom.js";
@@ -70,7 +70,6 @@ function start(about) {
   address.set({ preset: dialect.value.preset, ...dialect.value.settings });
   if (innerWidth < 640) element("parameters", HTMLDetailsElement).open = false;
   element("version", HTMLElement).textContent = about.version;
-  element("openapi", HTMLAnchorElement).href = withToken("/api/openapi.json");
   element("page", HTMLElement).hidden = false;
   show();
   document.body.dataset.ready = "true";

@@ -9,7 +9,7 @@ from .app import app
 from .invert import demo, glyph, hog, invert
 from .learn import learn
 from .options import Parser
-from .pose import pose, track
+from .pose import pose
 from .tables import table1, table2
 
 
@@ -36,6 +36,6 @@ def parser() -> argparse.ArgumentParser:
         "--version", action=_Version, nargs=0, default=argparse.SUPPRESS, help="show program's version number and exit"
     )
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=Parser)
-    for add in (hog, glyph, invert, demo, table1, pose, track, table2, learn, app):
+    for add in (hog, glyph, invert, demo, table1, pose, table2, learn, app):
         add(commands)
     return top

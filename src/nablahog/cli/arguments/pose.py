@@ -1,4 +1,4 @@
-"""The arguments of ``nablahog pose`` and ``track``."""
+"""The arguments of ``nablahog pose``."""
 
 from __future__ import annotations
 
@@ -193,41 +193,5 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         help="refuse a pose whose azimuth is within 15 degrees with a lower probability: exit status 4, after the "
         f"results have been written (default: {LEAST_CONFIDENCE:g})",
     )
-    options.seed(command)
-    command.add_argument("--json", action="store_true", help="print the results as JSON instead of a table")
-
-
-def track(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Adds ``nablahog track``."""
-    command = commands.add_parser(
-        "track",
-        help="follow an object through the frames of a video",
-        description="Follows an object of a known CAD model through the frames of a video: each pose is searched near "
-        "that of the frame before, and anywhere where the object was lost. Writes poses.csv, poses.json and the page "
-        "index.html, with the frames where it is not seen.",
-    )
-    command.add_argument(
-        "inputs",
-        nargs="+",
-        type=options.path,
-        metavar="FRAME",
-        help="images of any format that Pillow reads, all of one size, in order; a folder or a quoted pattern for all "
-        "of them, by name (ffmpeg -i video.mp4 frames/%%05d.png makes them of a video)",
-    )
-    models(command, "", required=True)
-    options.output(command, "DIR", "folder for the results, made if missing")
-    command.add_argument(
-        "--box",
-        type=numbers("x0,y0,x1,y1"),
-        metavar="x0,y0,x1,y1",
-        help="around the object in the first frame, in pixels (default: anywhere)",
-    )
-    command.add_argument(
-        "--init",
-        type=_view,
-        metavar="az,el",
-        help="azimuth and elevation in the first frame in degrees; write --init=-30,10 if negative (default: unknown)",
-    )
-    camera(command)
     options.seed(command)
     command.add_argument("--json", action="store_true", help="print the results as JSON instead of a table")

@@ -68,7 +68,8 @@ SIMILARITIES = {
 
 LEAST = 5.0
 """A calibrated similarity below which a pose may mean nothing: 9 of 10 boxes of photographs without any chair stay
-below it (48 boxes, 24 models), and none of 48 scenes with one of the models (``benchmarks/unrelated_poses.py``)."""
+below it (48 boxes, 24 models), and none of 48 scenes with one of the models (``benchmarks/unrelated_poses.py`` of
+revision 6cd399d)."""
 
 _POSE = ("model", "azimuth", "elevation", "theta", "distance")  # of an estimate
 _UNITS = {
