@@ -54,7 +54,7 @@ def hog_dataset(arguments: Namespace) -> int:
             raise UserError(f"{job.target} is of other images, or of another descriptor: expected another -o")
     missing = [job for job, key in zip(jobs, keys, strict=True) if key is None]
     failed = _do(missing, len(paths) - sum(len(job.paths) for job in missing), len(paths), arguments)
-    return _said(arguments, spec, target, failed)
+    return _report(arguments, spec, target, failed)
 
 
 def _do(jobs: Sequence[ShardJob], done: int, total: int, arguments: Namespace) -> list[str]:
@@ -123,7 +123,8 @@ def _check_empty(target: str, own: Sequence[str]) -> None:
         raise UserError(f"{target} holds {len(others)} more shards than these images make: expected another -o")
 
 
-def _said(arguments: Namespace, spec: HOGSpec, target: str, reasons: Sequence[str]) -> int:
+def _report(arguments: Namespace, spec: HOGSpec, target: str, reasons: Sequence[str]) -> int:
+    """Prints what was done; returns the exit status."""
     from ...io.descriptor_dataset import DescriptorDataset
 
     if reasons:

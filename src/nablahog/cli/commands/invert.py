@@ -7,6 +7,7 @@ import time
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -16,11 +17,11 @@ from ...jobs.resume import do_all
 from ..errors import Skipping, UserError, as_user_error, forbid_overwrite
 from ..inputs.prior import NO_PRIOR, PriorOptions
 from ..inputs.sources import Source, read_inputs
+from ..inputs.templates import read_template_inputs
 from ..results import inversion_page
-from ..results.inversion import Inversion, InversionOptions, batches, invert_batch, result_names
+from ..results.inversion import Inversion, InversionOptions, batches, invert_batch, invert_template, result_names
 from ..results.inversion_job import InversionJob
-from ..terminal import counter, print_table, progress_bars, say, say_page
-from .invert_templates import invert_templates
+from ..terminal import counter, print_table, say, say_page
 
 NAMED = 5  # pre-images of uncertain polarity that are named on the terminal
 LINES = 100  # of the table on the terminal
@@ -46,8 +47,6 @@ def invert(arguments: Namespace) -> int:
         OSError: a folder is missing or cannot be written.
     """
     _check_options(arguments)
-    if arguments.template:
-        return invert_templates(arguments)
     options = InversionOptions(
         quality=arguments.quality,
         seed=arguments.seed,
@@ -61,12 +60,19 @@ def invert(arguments: Namespace) -> int:
     def check(source: Source) -> None:
         prior.check(source.spec)
 
-    inputs = read_inputs(arguments, keep_photos=True, check=check, datasets=True)
+    if arguments.template:
+        inputs = read_template_inputs(arguments)
+    else:
+        inputs = read_inputs(arguments, keep_photos=True, check=check, datasets=True)
     folder = Path(arguments.output)
     names = [name for source in inputs.sources for name in result_names(source, options.more_pictures)]
     forbid_overwrite(inputs.paths, [folder / name for name in (*names, "results.json", "index.html")])
     with output_folder(folder):
-        run = (_in_batches if arguments.cluster is None else _on_cluster)(arguments, options, prior, inputs.skipping)
+        if arguments.template:
+            run = _templates(arguments)
+        else:
+            search = _in_batches if arguments.cluster is None else _on_cluster
+            run = search(arguments, options, prior, inputs.skipping)
         written = _Results(folder, inputs.skipping)
         try:
             before = 0
@@ -79,7 +85,8 @@ def invert(arguments: Namespace) -> int:
             if written.inversions:
                 written.write()
         done = written.in_order()
-        write_text(folder / "index.html", inversion_page.page(done, inputs.skipping.skipped))
+        lead = inversion_page.TEMPLATES if arguments.template else inversion_page.LEAD
+        write_text(folder / "index.html", inversion_page.page(done, inputs.skipping.skipped, lead=lead))
     print_table([inversion.terminal_row() for inversion in done[:LINES]])
     if len(done) > LINES:
         say(f"and {len(done) - LINES:,} more in {folder / 'results.json'}")
@@ -111,13 +118,13 @@ def _in_batches(arguments: Namespace, options: InversionOptions, prior: PriorOpt
     """Inverts sources of one spec and image size together, in this process."""
 
     def run(batch: Sequence[Source], about: str) -> list[Inversion]:
-        with progress_bars() as progress:
+        with counter("nablahog invert") as progress:
             return invert_batch(
                 batch,
                 device=torch.device(arguments.device),
                 prior=prior.for_spec(batch[0].spec),
                 options=options,
-                progress=progress(about),
+                progress=partial(progress, what=about),
             )
 
     def inverted(sources: Sequence[Source]) -> Iterator[tuple[int, Inversion]]:
@@ -149,6 +156,19 @@ def _on_cluster(arguments: Namespace, options: InversionOptions, prior: PriorOpt
                     if isinstance(outcome, str):
                         raise ValueError(outcome)
                     yield index, jobs[index].inversion(outcome)
+
+    return inverted
+
+
+def _templates(arguments: Namespace) -> Invert:
+    """Finds what templates look for, one by one, in this process."""
+
+    def inverted(sources: Sequence[Source]) -> Iterator[tuple[int, Inversion]]:
+        device = torch.device(arguments.device)
+        for index, source in enumerate(sources):
+            with counter("nablahog invert") as progress, as_user_error(f"{source.path}: "):
+                shown = partial(progress, what=source.name)
+                yield index, invert_template(source, device=device, seed=arguments.seed, progress=shown)
 
     return inverted
 

@@ -26,12 +26,12 @@ VIEWPOINTS = 10_000  # of our own distribution, of which each scene has one
 
 @dataclass(frozen=True)
 class Objects:
-    """All that a run is about.
+    """The objects of a run.
 
     Attributes:
         examples: of the table.
         conditions: of the second table, by the names of their conditions.
-        passed_over: why models or backgrounds are passed over, by their names.
+        passed_over: why models are passed over, by their names.
     """
 
     examples: Examples

@@ -41,11 +41,12 @@ class Source:
 
     Attributes:
         path: as the user gave it.
-        stem: for the names of result files; no two sources have the same.
+        stem: begins the names of its result files; no two sources have the same.
         descriptor: (rows, cols, channels), float32, on the CPU.
         spec: of the descriptor.
         image_size: (height, width) of the image the descriptor was computed from.
         photo: that image, (C, H, W) float32 in 0…1, or None for a descriptor file.
+        part: which one of several in the file, for captions.
     """
 
     path: str
@@ -54,11 +55,13 @@ class Source:
     spec: HOGSpec
     image_size: tuple[int, int]
     photo: Tensor | None
+    part: str = ""
 
     @property
     def name(self) -> str:
-        """Of the file, without its folders, printable."""
-        return os.fsencode(Path(self.path).name).decode(errors="backslashreplace") if self.path != STDIN else "stdin"
+        """The name of the file without its folders, printable, and the part."""
+        file = os.fsencode(Path(self.path).name).decode(errors="backslashreplace") if self.path != STDIN else "stdin"
+        return f"{file}, {self.part}" if self.part else file
 
     @property
     def gray_photo(self) -> Tensor | None:
@@ -72,7 +75,7 @@ class Inputs:
 
     Attributes:
         sources: of files.
-        skipping: has those that cannot be used.
+        skipping: has the inputs that cannot be used.
         paths: of all files among the inputs.
         many: whether results go to a folder, see :class:`~.expand.Expanded`.
         datasets: of descriptors, whose rows are read when they are needed.
@@ -88,7 +91,7 @@ class Inputs:
         """The sources of files, then those of data sets, :data:`ROWS` at a time.
 
         Args:
-            check: of those of data sets, as of :func:`read_inputs`.
+            check: called with each source of a data set, see :func:`read_inputs`.
         """
         if self.sources:
             yield self.sources
@@ -178,8 +181,8 @@ class _Reader:
     """Reads inputs with the same options.
 
     Attributes:
-        arrays: how many of them were arrays of other libraries.
-        shrunk: how many were photographs that were shrunk without having been asked to.
+        arrays: the number of arrays of other libraries read so far.
+        shrunk: the number of photographs that were shrunk without ``--size``.
     """
 
     arguments: Namespace

@@ -1,10 +1,12 @@
-"""Weights of linear detectors: DPM models, and arrays."""
+"""The option ``--template``: weights of linear detectors, in DPM models and arrays."""
 
 from __future__ import annotations
 
 import math
+from argparse import Namespace
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -13,15 +15,21 @@ from torch import Tensor
 
 from ...hog import HOGSpec, presets
 from ...hog.layout import from_layout
+from ...invert import template_descriptor
 from ...io.arrays import is_raw, read_array
 from ...io.dpm_file import is_dpm_file, load_dpm
+from ...io.files import distinct_stems
 from ...io.layouts import Fit, fit
 from ...io.npz import naming
+from ..errors import as_user_error
 from .arrays import ArrayOptions
+from .expand import expand
+from .sources import Inputs, Source
 from .spec import SpecOptions
 
 # (width, height) of the windows of OpenCV's people detectors, by the number of their weights
 OPENCV_WINDOWS = {3780: (64, 128), 1980: (48, 96)}
+SIGNS = {"positive": 1, "negative": -1}
 
 
 @dataclass(frozen=True)
@@ -39,6 +47,37 @@ class DetectorTemplate:
     weights: Tensor
     spec: HOGSpec
     image_size: tuple[int, int]
+
+
+def read_template_inputs(arguments: Namespace) -> Inputs:
+    """The templates in the ``inputs`` of a command, each as two sources: its weights, and their negatives.
+
+    Raises:
+        UserError: an option is wrong, or no input can be used.
+    """
+    with as_user_error():
+        spec_options, array_options = SpecOptions.of(arguments), ArrayOptions.of(arguments)
+    expanded = expand(arguments, (".mat", ".npy", ".npz"))
+    stems = distinct_stems([Path(path) for path in expanded.paths])
+    sources: list[Source] = []
+    for path, stem in zip(expanded.paths, stems, strict=True):
+        with expanded.skipping.each(path):
+            templates = read_templates(path, spec_options, array_options)
+            sources += [
+                _source(path, f"{stem}_{number}" if each.name else stem, each, sign)
+                for number, each in enumerate(templates, start=1)
+                for sign in SIGNS
+            ]
+    expanded.skipping.check()
+    return Inputs(sources, expanded.skipping, expanded.paths, many=True)
+
+
+def _source(path: str, stem: str, template: DetectorTemplate, sign: str) -> Source:
+    """Raises ValueError if the template has no weights of this sign."""
+    weights = SIGNS[sign] * template.weights
+    template_descriptor(weights[None], template.spec, template.image_size)
+    part = f"{template.name}, {sign} weights" if template.name else f"{sign} weights"
+    return Source(path, f"{stem}_{sign}", weights, template.spec, template.image_size, None, part)
 
 
 def read_templates(path: str, spec_options: SpecOptions, array_options: ArrayOptions) -> list[DetectorTemplate]:

@@ -20,6 +20,7 @@ from ...invert.colour import reconstruct_colour
 from ...invert.method import InversionMethod
 from ...invert.prior_choice import PriorChoice
 from ...invert.quality import QualityName
+from ...invert.template import reconstruct_template
 from ...io.images import write_image
 from ...viz.pictures import Panel, contact_sheet, difference, glyphs
 from ..inputs.sources import Source
@@ -70,8 +71,8 @@ class Inversion:
         seconds: the source's share of the time of its batch.
         stop_reason: why the minimiser stopped.
         iterates: by their number, (H, W) in 0…1: the images after 0, 1, 2 and all iterations of the paper's search.
-        polarity: the learned prior's probability that the pre-image is no negative; None of signed descriptors, and
-            without a prior.
+        polarity: the learned prior's probability that the pre-image is no negative, 0.5 of templates; None of signed
+            descriptors, and without a prior.
         samples: (K, H, W) in 0…1, further answers that the prior thinks possible, if they were asked for.
         agreement: of the samples, see :class:`nablahog.invert.Samples`.
     """
@@ -88,7 +89,7 @@ class Inversion:
     agreement: float | None = None
 
     def figures(self) -> dict[str, Any]:
-        """What ``results.json`` says of this input, ready for JSON."""
+        """The figures of ``results.json``, ready for JSON."""
         return {
             "input": self.source.path,
             "descriptor": self.source.spec.name,
@@ -103,9 +104,9 @@ class Inversion:
         }
 
     def row(self) -> dict[str, object]:
-        """The figures for a table, under the names of :data:`nablahog.metrics.DEFINITIONS`."""
+        """The figures for a table, with the names of :data:`nablahog.metrics.DEFINITIONS`."""
         return {
-            "input": self.source.path,
+            "input": f"{self.source.path}, {self.source.part}" if self.source.part else self.source.path,
             "descriptor": self.source.spec.name,
             "size": "x".join(map(str, self.source.image_size)),
             **self.measures,
@@ -119,7 +120,7 @@ class Inversion:
 
     @property
     def unsure(self) -> bool:
-        """Whether it may well be a negative."""
+        """Whether the pre-image may as well be a negative."""
         return self.polarity is not None and self.polarity < SURE
 
     def panels(self) -> list[Panel]:
@@ -151,7 +152,7 @@ class Inversion:
         return [Panel(self.preimage, "pre-image", f"The image found from the HOG of {self.source.name} alone"), *drawn]
 
     def without_pictures(self) -> Inversion:
-        """The same with its figures alone, which take little memory."""
+        """A copy with the figures alone, which takes little memory."""
         source = replace(self.source, descriptor=self.source.descriptor[:0], photo=None)
         return replace(self, source=source, preimage=self.preimage[:0], reference=None, iterates={}, samples=None)
 
@@ -165,8 +166,8 @@ class Inversion:
 
     @cached_property
     def glyphs(self) -> NDArray[Any]:
-        """The glyphs of the input descriptor, as :func:`nablahog.viz.pictures.glyphs` draws them."""
-        return glyphs(self.source.descriptor, self.source.spec)
+        """The glyphs of the input descriptor, or of the positive weights of a template."""
+        return glyphs(self.source.descriptor.clamp(min=0), self.source.spec)
 
     def write(self, folder: Path) -> None:
         """Writes ``<stem>_preimage.png``, ``_glyphs.png``, ``_thumbnails.png``; ``_iterations.png``, ``_samples.png``.
@@ -199,7 +200,7 @@ def result_names(source: Source, more: Sequence[str] = ()) -> list[str]:
 
 
 def batches(sources: Sequence[Source]) -> list[list[int]]:
-    """Indices of sources of one spec and image size together, at most ``BATCH_PIXELS`` pixels in a batch."""
+    """Groups indices of sources by spec and image size, with at most ``BATCH_PIXELS`` pixels in a batch."""
     groups: dict[object, list[int]] = {}
     for index, source in enumerate(sources):
         groups.setdefault((source.spec, source.image_size), []).append(index)
@@ -274,6 +275,22 @@ def invert_batch(
             )
         )
     return inversions
+
+
+def invert_template(
+    source: Source, *, device: torch.device, seed: int, progress: Callable[[int, int], None] | None = None
+) -> Inversion:
+    """What the positive weights of a template look for; ``source`` has the weights in place of a descriptor.
+
+    Raises:
+        ValueError: as :func:`nablahog.invert.reconstruct_template`.
+    """
+    weights, spec = source.descriptor[None].to(device), source.spec
+    result = reconstruct_template(weights, spec, source.image_size, seed=seed, progress=progress)
+    preimage = result.image[0, 0].float().cpu()
+    measures = _measures(preimage, None, float(result.distance[0]))
+    polarity = None if spec.signed else 0.5
+    return Inversion(source, preimage, None, measures, result.seconds, str(result.stop_reason[0]), polarity=polarity)
 
 
 def _rounded(value: Tensor) -> float:

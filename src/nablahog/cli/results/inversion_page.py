@@ -18,9 +18,14 @@ LEAD = (
     "images have nearly the same descriptor; a learned prior chooses one that looks like a photograph, unless --prior "
     "none was given."
 )
+TEMPLATES = (
+    "The positive weights of a linear detector over a HOG descriptor say which edges speak for a detection, and the "
+    "negative ones which speak against it. Each image was found from the weights of one sign alone: its histograms are "
+    "their squares, so that the larger a weight, the stronger its edge."
+)
 POLARITY = (
-    "Probability, by the learned prior, that the pre-image is not a negative. There is none without a prior, and for "
-    "descriptors that tell bright from dark."
+    "Probability, by the learned prior, that the pre-image is not a negative; of templates, which leave it open, 0.5. "
+    "There is none without a prior, and for descriptors that tell bright from dark."
 )
 SAMPLES = "Samples agree by the mean magnitude of the correlations of two of them"
 SECONDS = "Wall time of the search; if one search was for several inputs, an equal share of it."
