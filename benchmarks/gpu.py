@@ -1,6 +1,6 @@
 """How fast is the operator on a GPU beside its peers, and how long do pre-images, priors and poses take there?
 
-    python benchmarks/gpu.py [--images DIR] [--only tests hog cosines preimages prior poses]
+    python benchmarks/gpu.py [--images DIR] [--only tests hog preimages prior poses]
 
 Images are float32 in 0…1, on the device already.  Times are of CUDA events: the median and the quartiles of programs
 that take turns.  Bandwidth counts each byte of the image and of the descriptor once, as a share of what a copy of 1 GiB
@@ -29,15 +29,13 @@ from torch import Tensor
 from nablahog import hog, presets, reconstruct, train_prior
 from nablahog.hog import HOGSpec
 from nablahog.invert import Search
-from nablahog.invert.cosine_transform import by_fourier, by_products
 from nablahog.optimize import Minimiser
-from nablahog.paper import chairs
-from nablahog.render import Camera, Mesh, Renderer, depth_and_normals, pose
+from nablahog.render import Camera, Mesh, Renderer, depth_and_normals, pose, sample_chairs
 from preimages import photographs
 from timing import Call, cell, digits, summary, table
 
 ROOT = Path(__file__).parent.parent
-TESTS = ("hog", "optimize", "invert/test_preimage.py", "invert/test_on_device.py", "render/test_robustness.py")
+TESTS = ("hog", "optimize", "invert/test_reconstruct.py", "invert/test_minimisers.py", "render/test_robustness.py")
 SECONDS = 2.0  # of each program and size
 LARGE = 4096
 SIZES = ((64, 128), (1, 512), (1, LARGE))
@@ -157,20 +155,6 @@ def measure_hog() -> None:
     print(table(["what", "program", "ms", "bandwidth", "memory, images"], rows))
 
 
-def measure_cosines() -> None:
-    rows = []
-    for dtype in (torch.float32, torch.float64):
-        for batch, side in ((64, 64), (64, 128), (64, 256), (16, 512), (4, 1024), (1, 2048), (1, 4096)):
-            planes = torch.rand(batch, 1, side, side, device="cuda", dtype=dtype)
-            ways: dict[str, Call] = {
-                "products": partial(by_products, planes, False),
-                "Fourier": partial(by_fourier, planes, False),
-            }
-            stats = [cell(summary(each)) for each in milliseconds(ways).values()]
-            rows.append([f"{batch}×{side}²", str(dtype), *stats])
-    print(table(["cosine transform", "dtype", "products, ms", "Fourier, ms"], rows))
-
-
 def waits(call: Call) -> int:
     """How often a call waits for the device."""
     with warnings.catch_warnings(record=True) as caught:
@@ -218,7 +202,7 @@ def measure_prior(folder: Path | None) -> None:
 
 def measure_poses() -> None:
     """Views of a chair at once and one by one: images with derivatives by poses, depths and normals."""
-    mesh = chairs.chair(3)
+    mesh = sample_chairs()["wooden-0"]
     mesh = Mesh(*(part.cuda() for part in (mesh.vertices, mesh.faces, mesh.brightness)))
     camera = Camera.from_field_of_view(30, VIEW, VIEW)
     where = torch.cat([pose(azimuth=360 * k / VIEWS, elevation=20, distance=3) for k in range(VIEWS)]).cuda()
@@ -251,7 +235,6 @@ def main() -> None:
     parts: dict[str, Callable[[argparse.Namespace], None]] = {
         "tests": lambda options: run_tests(),
         "hog": lambda options: measure_hog(),
-        "cosines": lambda options: measure_cosines(),
         "preimages": lambda options: measure_preimages(options.images),
         "prior": lambda options: measure_prior(options.images),
         "poses": lambda options: measure_poses(),

@@ -25,8 +25,9 @@ import torch
 from nablahog import PoseEstimate, estimate_pose
 from nablahog.io.sample_photographs import SAMPLE_NAMES, sample_photograph
 from nablahog.metrics import VIEWS, azimuth_error, same_view
-from nablahog.paper.examples import Example, rendered
-from nablahog.paper.models import models_in, procedural_chairs
+from nablahog.paper.annotations import AnnotatedObject
+from nablahog.paper.examples import rendered
+from nablahog.paper.models import models_in, scene_chairs
 from nablahog.paper.viewpoints import read_viewpoints, sample_viewpoints
 from timing import Summary, digits, summary, table
 
@@ -41,9 +42,9 @@ def objects(
     unknown_model: bool = False,
     seed: int = 0,
     condition: str = "",
-) -> list[Example]:
+) -> list[AnnotatedObject]:
     """So many scenes of the models of a folder, or of chairs that ship, from the viewpoints of a file, or random."""
-    chairs = procedural_chairs(24) if models is None else models_in(models)[0]
+    chairs = scene_chairs() if models is None else models_in(models)[0]
     angles = (
         sample_viewpoints(10_000, np.random.default_rng(seed)) if viewpoints is None else read_viewpoints(viewpoints)
     )
@@ -64,7 +65,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--unknown-model", action="store_true", help="leave an object's own model out")
 
 
-def objects_of(options: argparse.Namespace, condition: str = "") -> list[Example]:
+def objects_of(options: argparse.Namespace, condition: str = "") -> list[AnnotatedObject]:
     """The objects that the options of :func:`add_options` choose."""
     return objects(
         options.objects,
@@ -76,12 +77,12 @@ def objects_of(options: argparse.Namespace, condition: str = "") -> list[Example
     )
 
 
-def estimate(example: Example, choices: dict[str, Any]) -> PoseEstimate:
-    models = {model.name: model.mesh() for model in example.models}
+def estimate(example: AnnotatedObject, choices: dict[str, Any]) -> PoseEstimate:
+    models = {model.name: model.mesh() for model in example.candidates}
     return estimate_pose(example.image, models, box=example.box, **{"initial": example.initial, **choices})
 
 
-def seconds_of(example: Example, choices: dict[str, Any]) -> float:
+def seconds_of(example: AnnotatedObject, choices: dict[str, Any]) -> float:
     """Of the processor, for the second of two searches: the first prepares the models."""
     estimate(example, choices)
     start = time.process_time()
@@ -89,7 +90,7 @@ def seconds_of(example: Example, choices: dict[str, Any]) -> float:
     return time.process_time() - start
 
 
-def timed(examples: Iterable[Example], choices: dict[str, Any]) -> tuple[list[PoseEstimate], Summary]:
+def timed(examples: Iterable[AnnotatedObject], choices: dict[str, Any]) -> tuple[list[PoseEstimate], Summary]:
     """The results, and a summary of the seconds of the processor."""
     results, seconds = [], []
     for example in examples:
@@ -103,7 +104,7 @@ def spread(seconds: Summary) -> str:
     return f"{digits(seconds['median'])} ({digits(seconds['q1'])}…{digits(seconds['q3'])})"
 
 
-def row(name: str, examples: list[Example], choices: dict[str, Any]) -> list[str]:
+def row(name: str, examples: list[AnnotatedObject], choices: dict[str, Any]) -> list[str]:
     """Of a search on objects."""
     first = timed(examples, choices)[1]
     results, seconds = timed(examples, choices)
@@ -116,11 +117,11 @@ def row(name: str, examples: list[Example], choices: dict[str, Any]) -> list[str
     return [name, *(f"{100 * share:.1f}" for share in shares), *figures]
 
 
-def growth(examples: list[Example], methods: list[str]) -> str:
+def growth(examples: list[AnnotatedObject], methods: list[str]) -> str:
     """Time by the number of models, doubled each time."""
     rows, count = [], 1
-    while count <= len(examples[0].models):
-        some = [replace(example, models=example.models[:count]) for example in examples]
+    while count <= len(examples[0].candidates):
+        some = [replace(example, candidates=example.candidates[:count]) for example in examples]
         for method in methods:
             timed(some, {"method": method})
             results, seconds = timed(some, {"method": method})

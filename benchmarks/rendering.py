@@ -4,9 +4,8 @@
     python benchmarks/rendering.py derivative [--models DIR] [--chairs 10] [--descriptor paper]
 
 Speed: a chair, the finer the more faces it has, is seen from eight sides in one batch.  Times are CPU milliseconds a
-rendering.  With derivative means the image, its motion, and one product of a gradient with it.  The last but one column
-is how many times as fast as the paper's renderer that is.  Preparing, once a mesh, finds its edges and shades it.
-Memory is by how much preparing and one batch raise the peak of the resident set (Linux only).
+rendering.  With derivative means the image, its motion, and one product of a gradient with it; the last column is how
+many times as fast as the paper's renderer that is.  Preparing, once a mesh, finds its edges and shades it.
 
 Derivative: the similarity of a picture to a target is the dot product of their descriptors.  The target is the chair at
 some azimuth, before clutter, under another light, with noise.  At 72 azimuths the derivative of the similarity is
@@ -20,7 +19,6 @@ import argparse
 import os
 import time
 from collections.abc import Iterator
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple
@@ -31,12 +29,11 @@ import trimesh
 from torch import Tensor
 
 from nablahog.hog import HOGSpec, hog, presets
-from nablahog.paper.cad import read_models
-from nablahog.paper.chairs import chair
+from nablahog.paper.models import Model, read_models
 from nablahog.render import Camera, Light, Mesh, Renderer, load_mesh, pose, pose_vjp
 from nablahog.render.renderer import Method
 from preimages import SIDE, photographs
-from timing import Call, Times, cell, digits, in_turns, processor, raised_mib, ratio, summary, table, times_as_fast
+from timing import Call, Times, cell, digits, in_turns, processor, ratio, summary, table, times_as_fast
 
 BATCH = 8
 METHODS: tuple[Method, ...] = ("edges", "opendr")
@@ -62,7 +59,7 @@ CASES = [
 
 def divided_chair(finer: int) -> Mesh:
     """A chair each of whose faces is divided into four so often."""
-    mesh = chair(3)
+    mesh = Model("chair-03").mesh()
     vertices, faces = mesh.vertices.numpy(), mesh.faces.numpy()
     for _ in range(finer):
         vertices, faces = trimesh.remesh.subdivide(vertices, faces)
@@ -97,10 +94,6 @@ def of_one(batch: Times) -> list[float]:
     return [ms / BATCH for ms in batch.cpu]
 
 
-def prepared_and_drawn(mesh: Mesh, case: Case) -> object:
-    return calls(prepared(mesh, case))["with derivative"]()
-
-
 def speed(options: argparse.Namespace) -> None:
     rows = []
     for case in CASES[:1] if options.quick else CASES:
@@ -113,10 +106,9 @@ def speed(options: argparse.Namespace) -> None:
         times = {name: of_one(batch) for name, batch in in_turns(every, options.seconds).items()}
         figures = [cell(summary(times[f"edges {what}"])) for what in ("forward", "with derivative")]
         faster = ratio(times["opendr with derivative"], times["edges with derivative"])
-        mib = raised_mib(partial(prepared_and_drawn, mesh, case))
         shape = [str(len(mesh.faces)), f"{case.side}²", f"{case.samples}×{case.samples}", str(case.threads)]
-        rows.append([*shape, digits(preparing), *figures, times_as_fast(faster), f"{mib:.0f}"])
-    head = ["faces", "pixels", "samples", "threads", "preparing", "forward", "with derivative", "opendr", "MiB"]
+        rows.append([*shape, digits(preparing), *figures, times_as_fast(faster)])
+    head = ["faces", "pixels", "samples", "threads", "preparing", "forward", "with derivative", "as fast as opendr"]
     print(f"{processor()}; batches of {BATCH}\n\n{table(head, rows)}")
 
 
@@ -131,7 +123,7 @@ VARIANTS = tuple(product(METHODS, STEPS))
 def chairs(folder: Path | None, count: int) -> Iterator[tuple[str, Mesh]]:
     """Models spread evenly over a folder's, or those that ship."""
     if folder is None:
-        yield from ((f"chair {seed}", chair(seed)) for seed in range(count))
+        yield from ((f"chair {seed}", Model(f"chair-{seed:02d}").mesh()) for seed in range(count))
         return
     paths = list(read_models(folder).paths.items())
     for k in np.linspace(0, len(paths) - 1, min(count, len(paths))).round().astype(int):

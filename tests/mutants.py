@@ -21,20 +21,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from .test_layers import MAY_IMPORT
+
 ROOT = Path(__file__).parent.parent
 PACKAGE = Path("src", "nablahog")
 LIMIT = 600  # seconds of the tests of a folder; tests that take longer have noticed an endless loop
-ABOVE = {  # the folders of tests of rooms that import a room
-    "hog": ["hog", "native", "compat", "invert", "pose"],
-    "native": ["native", "hog", "render"],
-    "optimize": ["optimize", "invert", "pose"],
-    "render": ["render", "pose"],
-    "invert": ["invert", "paper", "cli"],
-    "pose": ["pose", "paper", "cli"],
-    "io": ["io", "cli"],
-    "viz": ["viz", "cli"],
-    "metrics.py": ["test_metrics.py", "test_viewpoint_metrics.py"],
-}
 OPERATORS: dict[type, type] = {
     **{ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Mult},
     **{ast.Pow: ast.Mult, ast.Mod: ast.FloorDiv, ast.And: ast.Or, ast.Or: ast.And, ast.BitAnd: ast.BitOr},
@@ -128,13 +119,14 @@ def drawn(under: list[str], count: int, seed: int) -> list[Mutant]:
 
 def runs(file: Path, dependants: bool) -> Iterator[list[str]]:
     """Tests to run, the likeliest to fail first: those that name the module, of its room, and of rooms above."""
-    room, *above = ABOVE.get(file.parts[0], [file.parts[0]])
-    tests = sorted((ROOT / "tests" / room).rglob("test_*.py"))
+    room = file.parts[0].removesuffix(".py")
+    above = [other for other, below in MAY_IMPORT.items() if room in below] if dependants else []
+    tests = [test for test in sorted((ROOT / "tests").rglob("test_*.py")) if room in test.relative_to(ROOT).parts]
     named = [str(test.relative_to(ROOT)) for test in tests if file.stem.strip("_") in test.read_text()]
     yield from ([named] if named else [])
-    for folder in [room, *(above if dependants else [])]:
-        if (ROOT / "tests" / folder).exists():
-            yield [f"tests/{folder}", *(f"--ignore={test}" for test in named)]
+    for each in (f"tests/{name}" for other in (room, *above) for name in (other, f"test_{other}.py")):
+        if (ROOT / each).exists():
+            yield [each, *(f"--ignore={test}" for test in named)]
 
 
 def noticed(mutant: Mutant, tree: Path, dependants: bool) -> str:

@@ -165,7 +165,7 @@ def test_the_strip(page: Page) -> None:
 
 @in_a_browser
 def test_fit(page: Page, folder: Path) -> None:
-    page.open("#/fit?photo=scene-chair&mesh=chair-3")
+    page.open("#/fit?photo=scene-chair&mesh=chair-wooden-0")
     page.click("#fit-open")
     page.until("document.querySelector('#scene').dataset.n > 0")
     page.idle()
@@ -181,7 +181,7 @@ def test_fit(page: Page, folder: Path) -> None:
     assert 20 < float(page.read("document.querySelector('#pose-azimuth').value")) < 50
     page.click("#pose-download")
     wait_for_file(folder / "downloads", ".json")
-    assert "chairs.chair(3)" in page.text("#fit-lines")
+    assert "sample_chairs()['wooden-0']" in page.text("#fit-lines")
 
 
 @in_a_browser
@@ -193,7 +193,7 @@ def test_accessible(address: str, tmp_path: Path, width: int, dark: bool) -> Non
     with browsing(tmp_path, width, 844, dark) as driver:
         page = Page(driver, address)
         for view in ("see", "invert", "fit"):
-            page.open(f"#/{view}?photo=scene-chair&preset=paper&mesh=chair-3&size=64")
+            page.open(f"#/{view}?photo=scene-chair&preset=paper&mesh=chair-wooden-0&size=64")
             page.idle()
             driver.execute_script(AXE.read_text(encoding="utf-8"))
             found = driver.execute_async_script(

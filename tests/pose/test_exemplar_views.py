@@ -12,7 +12,6 @@ import pytest
 import torch
 from torch.testing import assert_close
 
-from nablahog.paper.chairs import chair
 from nablahog.pose import exemplar_views as learning
 from nablahog.pose.background import default_background
 from nablahog.pose.elements import EMPTY, calibration
@@ -31,6 +30,8 @@ from nablahog.pose.exemplar_views import (
 )
 from nablahog.pose.whitening import Background
 from nablahog.render import Camera, Mesh, Renderer
+
+from ..chairs import chair
 
 FEW = ViewSampling(azimuths=(0, 75), elevations=(20,))
 

@@ -7,10 +7,11 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.paper.chairs import chair
 from nablahog.pose.placement import fit_to_box, hull, level_poses
 from nablahog.render import Camera, Mesh
 from nablahog.render.camera import to_camera, to_screen
+
+from ..chairs import chair
 
 CAMERA = Camera(400.0, 128, 160)
 

@@ -7,8 +7,9 @@ import torch
 from torch import Tensor
 
 from nablahog import Camera, estimate_pose, render
-from nablahog.paper.chairs import chair
 from nablahog.pose.options import Ascent, SearchMethod
+
+from ..chairs import chair
 
 BOX = (28, 12, 95, 125)
 

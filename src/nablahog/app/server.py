@@ -18,8 +18,8 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route, WebSocketRoute
 
 from ..io.sample_photographs import SAMPLE_NAMES, sample_photograph
-from ..paper.chairs import chair
 from ..paper.scenes import scene
+from ..render import sample_chairs
 from . import see, uploads
 from .about import about
 from .access import AccessMiddleware, AccessRules
@@ -34,7 +34,7 @@ from .work_queue import Cancelled, CancelToken, WorkQueue
 
 STATIC = Path(__file__).with_name("static")
 TYPES = {".html": "text/html; charset=utf-8", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
-CHAIRS = (3, 0, 1, 2, 4, 5)  # seeds of the procedural chairs
+CHAIRS = ("wooden-0", "windsor-0", "tubular-0", "office-0", "shell-0", "club-0")  # of the sample chairs
 VIEWPOINT = (35.0, 20.0, 0.0)  # azimuth, elevation and theta of the chair that is shown, degrees
 QUICK, LONG = 64, 32  # computations that may wait in each queue
 UPLOADS_AT_ONCE, PATIENCE = 4, 60.0  # the latter: seconds
@@ -74,8 +74,8 @@ class Server:
         for name in SAMPLE_NAMES:
             self.store.pin(f"sample-{name}", Photograph(name, sample_photograph(name)))
         self.store.pin("scene-chair", _chair_scene())
-        for seed in CHAIRS:
-            self.store.pin(f"chair-{seed}", MeshEntry(f"chair {seed}", chair(seed)))
+        for name in CHAIRS:
+            self.store.pin(f"chair-{name}", MeshEntry(name, sample_chairs()[name]))
         return about(self.store)
 
     def routes(self) -> list[Route | WebSocketRoute]:
@@ -233,7 +233,7 @@ async def _disconnected(request: Request) -> None:
 def _chair_scene() -> Photograph:
     """The first of the procedural chairs in front of sample photographs, as in ``nablahog table2``."""
     clutter = [sample_photograph(name) for name in ("coffee", "rocket", "chelsea")]
-    made = scene(0, {"chair": chair(CHAIRS[0])}, np.array([VIEWPOINT]), clutter)
+    made = scene(0, {"chair": sample_chairs()[CHAIRS[0]]}, np.array([VIEWPOINT]), clutter)
     return Photograph("a chair, rendered", made.image, tuple(round(side, 1) for side in made.box))
 
 

@@ -42,8 +42,8 @@ UNKNOWN = Weights(-5.86, 1.28, 0.84, 6.08)  # of several, none of which need be 
 def confidence(evidence: Evidence, *, known_model: bool) -> float:
     """The probability that the azimuth is within :data:`RIGHT` degrees, or one from which the model looks the same.
 
-    Fitted to scenes of chairs with boxes of all kinds and to photographs without any, by ``benchmarks/confidence.py`` of
-    revision 6cd399d; ``benchmarks/calibration.py`` says how well it holds.
+    Fitted to scenes of chairs with boxes of all kinds and to photographs without any, by ``benchmarks/confidence.py``
+    of revision 6cd399d; ``benchmarks/calibration.py`` says how well it holds.
     """
     weights = KNOWN if known_model else UNKNOWN
     logit = (

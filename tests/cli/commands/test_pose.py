@@ -17,9 +17,8 @@ from nablahog import presets
 from nablahog.cli.main import main
 from nablahog.cli.results.pose_result import AZIMUTHS
 from nablahog.io.images import write_image
-from nablahog.paper import chairs
 from nablahog.pose.background import default_background
-from nablahog.render import Mesh
+from nablahog.render import Mesh, sample_chairs
 from tests.pose.common import SWIVEL, WOODEN, degrees_between, model, photographed
 
 from ..common import names
@@ -120,8 +119,8 @@ def test_the_best_of_several_models(tmp_path: Path, scene: list[str], capsys: py
 def test_chairs_that_come_with_the_package(
     tmp_path: Path, scene: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    some = {name: mesh for name, mesh in chairs.library().items() if name in ("wooden-0", "swivel-1", "stool-0")}
-    monkeypatch.setattr("nablahog.cli.inputs.models.library", lambda: some)
+    some = {name: mesh for name, mesh in sample_chairs().items() if name in ("wooden-0", "swivel-1", "stool-0")}
+    monkeypatch.setattr("nablahog.cli.inputs.models.sample_chairs", lambda: some)
     image, box = photographed(some["swivel-1"], AZIMUTH, ELEVATION, behind="coffee")
     write_image(tmp_path / "chair.png", image)
     sides = ",".join(f"{side:g}" for side in box)

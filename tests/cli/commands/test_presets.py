@@ -15,7 +15,7 @@ from nablahog import HOGSpec, presets
 from nablahog.cli.arguments.preset_parameters import PRESETS
 from nablahog.cli.inputs.spec import make_spec
 from nablahog.cli.main import main
-from nablahog.invert.prior_choice import PriorChoice, default_prior_file
+from nablahog.invert.learned import PriorChoice, default_prior_file
 from nablahog.io.descriptor_file import load_descriptor, save_descriptor
 from nablahog.io.images import Picture, read_image, to_pil
 from nablahog.viz.pictures import glyphs

@@ -11,11 +11,8 @@ import pytest
 
 from nablahog.cli.main import main
 from nablahog.paper import learned
-from nablahog.paper.baselines import hoggles_learning
 from nablahog.paper.learned import LEARNED
 from nablahog.paper.photographs import sample_photographs
-
-from ..common import names
 
 
 @pytest.fixture
@@ -66,22 +63,3 @@ def test_without_a_file_it_is_learned_once(tmp_path: Path, cache: Path, monkeypa
     assert main([*command, "-o", str(tmp_path / "c")]) == 0
     one, other = ((tmp_path / folder / "per_image.csv").read_text() for folder in "ac")
     assert one == other
-
-
-def test_learning_without_a_file_is_resumed(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    learner = LEARNED["hoggles"]
-    monkeypatch.setattr(hoggles_learning, "REPORTED", 2)
-    monkeypatch.setitem(LEARNED, "hoggles", replace(learner, learn=partial(learner.learn, atoms=20, iterations=7)))
-
-    def stop(done: int, total: int, what: str) -> None:
-        if done == 5:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        learned.learned_from_samples("hoggles", stop)
-    (checkpoint,) = names(cache)
-    assert checkpoint.endswith(".npz.checkpoint")
-    seen: list[int] = []
-    path = learned.learned_from_samples("hoggles", lambda done, total, what: seen.append(done))
-    assert seen == [0, 4, 5, 6, 7]
-    assert names(cache) == [path.name] == [checkpoint.removesuffix(".checkpoint")]

@@ -60,13 +60,12 @@ def _bovw(command: argparse.ArgumentParser) -> None:
     options.seed(command)
 
 
-_RESUMED = "an interrupted run is resumed from it when it is repeated, and it is removed at the end."
-
 KINDS = {
     "prior": Kind(
         "the images to expect for a descriptor, for `nablahog invert --prior`",
         "Trains a network to predict an image from its descriptor: near the mean of all photographs that have it. Runs "
-        f"on a GPU if there is one. The state after each epoch is saved in FILE.npz.checkpoint; {_RESUMED}",
+        "on a GPU if there is one. The state after each epoch is saved in FILE.npz.checkpoint; an interrupted run is "
+        "resumed from it when it is repeated, and it is removed at the end.",
         "the prior",
         _prior,
     ),
@@ -80,7 +79,7 @@ KINDS = {
     "hoggles": Kind(
         "the paired dictionaries of HOGgles, for Table 1",
         "Learns a dictionary of windows of descriptors together with one of their gray patches, as Vondrick et al. do. "
-        f"The state is saved in FILE.npz.checkpoint now and then; {_RESUMED}",
+        "This takes about a quarter of an hour.",
         "the dictionaries",
         _hoggles,
     ),

@@ -120,7 +120,7 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         metavar="PHOTO",
         help="an image of any format that Pillow reads; with --annotations there is none",
     )
-    models(command, ", or a folder of them (default: the chairs of nablahog.paper.chairs.library)")
+    models(command, ", or a folder of them (default: the chairs of nablahog.sample_chairs)")
     options.output(command, "DIR", "folder for the results, made if missing")
     command.add_argument(
         "--box",

@@ -8,13 +8,11 @@ from collections.abc import Collection, Mapping
 from ...paper.names import (
     AS_PUBLISHED,
     CONDITIONS,
-    DEFAULT_CONDITIONS,
     DIALECTS,
     LEARNED_DIALECTS,
-    SHIPPED,
+    PRIORS,
     TABLE1,
     TABLE2,
-    TAKES_HOURS,
 )
 from . import options
 from .learn import KINDS
@@ -23,7 +21,7 @@ from .options import Parser
 TABLE1_SIZE = 128  # that of the paper's images
 SCENES = 200  # of Table 2
 HARDER = 20  # objects in each of its conditions
-LEARNED = (*dict.fromkeys((*(name for name in TABLE1 if name in KINDS), *SHIPPED, *TAKES_HOURS)),)
+LEARNED = (*(name for name in TABLE1 if name in KINDS), *PRIORS)
 """The kinds of files that methods of Table 1 learn."""
 
 
@@ -79,10 +77,9 @@ def table2(commands: argparse._SubParsersAction[Parser]) -> None:
     command.add_argument("--unknown-model", action="store_true", help="search among all models except the object's own")
     command.add_argument(
         "--conditions",
-        type=options.chosen("conditions", CONDITIONS, {"none": (), "all": CONDITIONS, "default": DEFAULT_CONDITIONS}),
+        type=options.chosen("conditions", CONDITIONS, {"none": (), "all": CONDITIONS}),
         metavar="NAME,…",
-        help=f"of the second table: none, all, or some of {', '.join(CONDITIONS)} "
-        f"(default: {', '.join(DEFAULT_CONDITIONS)})",
+        help=f"of the second table: none, all (default), or some of {', '.join(CONDITIONS)}",
     )
     command.add_argument(
         "--viewpoints",

@@ -13,14 +13,12 @@ import numpy as np
 from ...io.sample_photographs import SAMPLE_NAMES, sample_photograph
 from ...paper.annotations import read_annotations
 from ...paper.conditions import CONDITIONS
-from ...paper.examples import Examples, annotated, photographed, rendered
-from ...paper.models import chair_library, models_in, procedural_chairs
-from ...paper.names import DEFAULT_CONDITIONS
+from ...paper.examples import Examples, photographed, rendered
+from ...paper.models import chair_library, models_in, scene_chairs
 from ...paper.pascal3d import read_pascal3d
 from ...paper.viewpoints import read_viewpoints, sample_viewpoints
 from ..arguments.tables import HARDER, SCENES
 
-CHAIRS = 24  # procedural models
 VIEWPOINTS = 10_000  # of our own distribution, of which each scene has one
 
 
@@ -64,7 +62,14 @@ def _published(arguments: Namespace) -> Objects:
     selection = read_pascal3d(voc, pascal3d)
     if arguments.objects is not None:
         selection = replace(selection, objects=selection.objects[: arguments.objects])
-    examples = photographed(selection, models, unknown_model=arguments.unknown_model, seed=arguments.seed)
+    examples = photographed(
+        selection.objects,
+        models,
+        origin=f"PASCAL VOC with the viewpoints of PASCAL3D+: {selection.summary()}",
+        unknown_model=arguments.unknown_model,
+        seed=arguments.seed,
+        failed=selection.failed,
+    )
     return Objects(examples, {}, passed_over)
 
 
@@ -73,15 +78,15 @@ def _photographs(arguments: Namespace) -> Objects:
     folder = Path(arguments.annotations).resolve().parent
     read = read_annotations(arguments.annotations, folder, {model.name for model in models}, arguments.objects)
     made = partial(
-        annotated,
+        photographed,
         models=models,
-        origin=f"the photographs of the folder {folder.name}",
+        origin=f"{len(read)} objects of the photographs of the folder {folder.name}.",
         unknown_model=arguments.unknown_model,
         seed=arguments.seed,
     )
     names = arguments.conditions
     if names is None:
-        names = [name for name in DEFAULT_CONDITIONS if CONDITIONS[name].of_photographs and name != "exact"]
+        names = [name for name in CONDITIONS if CONDITIONS[name].of_photographs and name != "exact"]
     for name in names:
         if not CONDITIONS[name].of_photographs:
             raise ValueError(f"the condition {name} is of scenes that are rendered, which photographs are not")
@@ -89,17 +94,18 @@ def _photographs(arguments: Namespace) -> Objects:
 
 
 def _scenes(arguments: Namespace) -> Objects:
-    if arguments.models is None:
-        models, passed_over, kind = procedural_chairs(CHAIRS), {}, "procedural chairs"
-    else:
-        models, passed_over = models_in(Path(arguments.models))
-        kind = f"models of the folder {Path(arguments.models).resolve().name}"
+    models, passed_over = (scene_chairs(), {}) if arguments.models is None else models_in(Path(arguments.models))
     if arguments.viewpoints is None:
         viewpoints = sample_viewpoints(VIEWPOINTS, np.random.default_rng(arguments.seed))
         views = "seen as people photograph chairs"
     else:
         viewpoints = read_viewpoints(arguments.viewpoints)
         views = f"seen from the {len(viewpoints)} viewpoints of {Path(arguments.viewpoints).name}"
+    kind = (
+        "procedural chairs"
+        if arguments.models is None
+        else f"models of the folder {Path(arguments.models).resolve().name}"
+    )
     made: Callable[..., Examples] = partial(
         rendered,
         models=models,
@@ -110,6 +116,6 @@ def _scenes(arguments: Namespace) -> Objects:
         seed=arguments.seed,
     )
     count = arguments.objects or SCENES
-    names = DEFAULT_CONDITIONS if arguments.conditions is None else arguments.conditions
+    names = CONDITIONS if arguments.conditions is None else arguments.conditions
     harder = {name: made(min(HARDER, count), condition=name) for name in names}
     return Objects(made(count), harder, passed_over)

@@ -16,10 +16,9 @@ from torch import Tensor
 from ... import metrics
 from ...hog.gradient import gray
 from ...invert import AsPublished, reconstruct, reconstruct_samples
+from ...invert.choices import InversionMethod, QualityName
 from ...invert.colour import reconstruct_colour
-from ...invert.method import InversionMethod
-from ...invert.prior_choice import PriorChoice
-from ...invert.quality import QualityName
+from ...invert.learned import PriorChoice
 from ...invert.template import reconstruct_template
 from ...io.images import write_image
 from ...viz.pictures import Panel, contact_sheet, difference, glyphs

@@ -14,12 +14,11 @@ import numpy as np
 from ...io.images import as_array, read_image
 from ...jobs.job_files import local_path
 from ...jobs.store import JobResult, digest, key_of
-from ...paper.chairs import library
 from ...paper.object_lists import ListedObject
 from ...pose import Background, PoseEstimate, estimate_pose
 from ...pose.crop import FILL, crop_object
 from ...pose.options import SearchMethod, SimilarityKind
-from ...render import PARAMETERS, Mesh, load_mesh, silhouette
+from ...render import PARAMETERS, Mesh, load_mesh, sample_chairs, silhouette
 from ...runtime.source import code_key
 from ...viz.pictures import outlined
 from ..inputs.lens import LensOptions
@@ -35,7 +34,7 @@ class PoseOptions:
     """What the searches for all objects have in common, see :func:`nablahog.estimate_pose`.
 
     Attributes:
-        models: names and files of the models; none for :func:`nablahog.paper.chairs.library`.
+        models: names and files of the models; none for :func:`nablahog.sample_chairs`.
         up, front: axes of these files.
         lens: of the cameras.
         background: a file.
@@ -162,5 +161,5 @@ def _meshes(options: PoseOptions) -> Mapping[str, Mesh]:
 def _read(models: tuple[tuple[str, Path], ...], up: str | None, front: str | None) -> dict[str, Mesh]:
     """Read once by a process for all of its objects."""
     if not models:
-        return library()
+        return sample_chairs()
     return {name: load_mesh(local_path(path), up=up, front=front) for name, path in models}

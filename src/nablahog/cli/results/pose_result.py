@@ -33,7 +33,7 @@ STEP = 0.1  # degrees to either side, of central differences: similarity is jagg
 
 DEFINITIONS = {
     "model": "The model that fits best, of all candidates. Without --mesh they are the chairs of "
-    "nablahog.paper.chairs.library(), of which swivel-2 is chair(2, 'swivel').",
+    "nablahog.sample_chairs().",
     "azimuth": "Degrees that the camera is turned about the object's vertical axis: 0 sees the front, 90 the side that "
     "is on the object's left, which is the viewer's right.",
     "elevation": "Degrees that the camera is above the object.",
@@ -144,7 +144,7 @@ class PoseResult:
         matched: its crop and background.
         estimate: the pose.
         mesh: of the best model.
-        models: the file or folder of all models; None for those of :func:`nablahog.paper.chairs.library`.
+        models: the file or folder of all models; None for those of :func:`nablahog.sample_chairs`.
         candidates: the names of all models.
         passed_over: why models could not be read, by their names.
         seconds: of the search.
