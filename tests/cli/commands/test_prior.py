@@ -89,7 +89,7 @@ def test_an_installation_without_priors(
     assert _inverted(photo, tmp_path / "missing", "--preset", "paper") == without
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("Inverting without a learned prior: this installation of nablahog has no unsigned.npz")
-    message = "dalal-learned needs --learned unsigned-prior=FILE, see `nablahog learn prior --signs unsigned`"
+    message = "dalal-learned needs a file of unsigned-prior, see `nablahog learn prior --signs unsigned`"
     command = ["table1", "--images", images, "-o", str(tmp_path / "out"), "--methods", "dalal-learned"]
     refused(*command, message=message)
 
