@@ -7,7 +7,7 @@ import shlex
 
 from ..cli.inputs.sources import Source
 from ..cli.inputs.spec import SpecOptions
-from ..invert.options import QualityName
+from ..invert.choices import QualityName
 from .requests import HogRequest, InvertRequest, PoseRequest, spec_options
 
 PHOTO = "photo.png"
@@ -27,7 +27,7 @@ def of_inversion(request: InvertRequest, source: Source) -> dict[str, str]:
     own = request.photo is not None
     options = [*(_options(request) if own else []), *(["--size", str(request.size)] if own else [])]
     options += ["--quality", request.quality] if request.quality != "best" else []
-    options += {"prior": [], "no-prior": ["--no-prior"], "paper": ["--method", "paper"]}[request.method]
+    options += {"prior": [], "no-prior": ["--prior", "none"], "paper": ["--method", "paper"]}[request.method]
     options += ["--seed", str(request.seed)] if request.seed else []
     arguments = [f"seed={request.seed}", *_keywords(request.method, request.quality)]
     described = [*_described(request), "size = photo.height, photo.width"] if own else _stored()

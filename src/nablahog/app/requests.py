@@ -9,7 +9,7 @@ from msgspec import Meta, Struct, field
 
 from ..cli.inputs.spec import SpecOptions
 from ..hog import HOGSpec
-from ..invert.options import QualityName
+from ..invert.choices import QualityName
 from ..pose.options import SearchMethod
 from .errors import RequestError, as_request_error
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from threading import Lock
 from typing import Any, TypeVar
 
-import torch
 from torch import Tensor
 
 from ..cli.inputs.sources import Source, from_photo
@@ -165,4 +164,4 @@ class Store:
 def describe_photograph(photograph: Photograph, spec: HOGSpec, size: int) -> DescriptorEntry:
     """The descriptor of a photograph that is shrunk to at most ``size`` pixels, as the command line has it."""
     photo = photograph.shrunk(size)
-    return DescriptorEntry(from_photo(photograph.name, "photo", photo, spec, size=0, device=torch.device("cpu")))
+    return DescriptorEntry(from_photo(photograph.name, "photo", photo, spec, size=0))

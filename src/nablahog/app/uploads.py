@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import re
-import shlex
 import tempfile
 import warnings
 from collections.abc import Iterator, Mapping
@@ -18,10 +17,11 @@ from typing import Any
 
 from PIL import Image
 
+from ..cli.arguments.preset_parameters import as_text
 from ..cli.inputs.arrays import ArrayOptions
 from ..cli.inputs.sources import Source
 from ..cli.inputs.spec import SpecOptions
-from ..cli.inputs.suggestions import presets_that_fit
+from ..cli.inputs.suggestions import FittingPreset, presets_that_fit
 from ..cli.inputs.templates import read_templates
 from ..io.arrays import is_raw, read_array
 from ..io.descriptor_file import load_descriptor
@@ -123,30 +123,21 @@ def _question(path: Path, arrays: ArrayOptions) -> dict[str, Any]:
         shape = read_array(path, arrays.key).shape
     except (ValueError, OSError) as error:
         keys = re.findall(r"(\w+) \(", str(error).partition("holds")[2]) or None
-    fitting = [] if shape is None else presets_that_fit(shape, None, arrays.image_size)
+    fitting = [] if shape is None else presets_that_fit(shape, arrays.image_size)
     return {
         "as": True,
         "preset": True,
         "image_size": True,
         "key": keys is not None,
         "keys": keys,
-        "suggestions": [_suggestion(options) for options in fitting],
+        "suggestions": [_suggestion(each) for each in fitting],
     }
 
 
-def _suggestion(options: str) -> dict[str, Any]:
-    """Options of the command line as the fields of a form."""
-    words = iter(shlex.split(options))
-    made: dict[str, Any] = {"text": options, "preset": "", "settings": {}, "image_size": ""}
-    for option, value in zip(words, words, strict=True):
-        if option == "--preset":
-            made["preset"] = value
-        elif option == "--image-size":
-            made["image_size"] = value
-        elif option == "--set":
-            key, _, text = value.partition("=")
-            made["settings"][key] = text
-    return made
+def _suggestion(fitting: FittingPreset) -> dict[str, Any]:
+    """A preset that fits as the fields of a form."""
+    size = "" if fitting.image_size is None else as_text(fitting.image_size)
+    return {"text": fitting.options, "preset": fitting.name, "settings": {}, "image_size": size}
 
 
 def mesh(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict[str, Any]:
