@@ -18,10 +18,11 @@ from ..hog.descriptor import hog
 from ..hog.spec import COLOURS, HOGSpec
 from ..optimize import lbfgs
 from .checks import check_descriptor
+from .choices import QualityName
 from .cosine import CosineBasis
 from .histograms import searchable
 from .objective import squared_norm
-from .options import Objective, QualityName, Search, quality_of
+from .options import Objective, Search, quality_of
 from .preimage import reconstruct
 from .priors import RelativeSmoothness
 from .reconstruction import Reconstruction, relative_distance, to_unit_range

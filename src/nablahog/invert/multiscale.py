@@ -22,9 +22,10 @@ from ..hog.inputs import Descriptors
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from .checks import check_descriptor, check_images, descriptors_as_tensor
+from .choices import InversionMethod
 from .histograms import recover_histograms, searchable
 from .learned import PriorChoice, Priors, as_priors
-from .options import AsPublished, InversionMethod, Objective, Search, as_published, quality_of
+from .options import AsPublished, Objective, Search, as_published, quality_of
 from .priors import CoarserDescriptor
 from .published import reconstruct_as_published, smoothness_for
 from .reconstruction import Reconstruction, Values, of_the_kind, relative_distance

@@ -15,10 +15,11 @@ from ..hog.descriptor import hog
 from ..hog.presets import uoctti
 from ..hog.spec import HOGSpec
 from ..runtime.memory import memory_for
+from .choices import QualityName
 from .cosine import low_pass
 from .histograms import recover_histograms, searchable
 from .learned import LearnedPrior, Priors
-from .options import Objective, QualityName, Search, quality_of
+from .options import Objective, Search, quality_of
 from .priors import Prior, Range, RelativeSmoothness
 from .reconstruction import Reconstruction, Watch, relative_distance, share_of, to_unit_range
 from .search import PreimageSearch
