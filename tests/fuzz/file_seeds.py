@@ -19,7 +19,7 @@ from scipy.io import savemat
 from nablahog import presets
 from nablahog.compat.opencv import HOGDescriptor
 from nablahog.io.npz import write_arrays
-from nablahog.pose.exemplar_views import ExemplarViews
+from nablahog.paper.exemplar_views import ExemplarViews
 from tests.io.dpm_models import model
 from tests.io.tiny_models import models
 from tests.paper.test_pascal3d import COARSE, FINE

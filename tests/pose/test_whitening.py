@@ -1,4 +1,4 @@
-"""The background model: exactly the averages it should be, and whitening that whitens."""
+"""The background model: exactly the averages it should be, whitening that whitens, and Σ⁻¹ by Fourier transform."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
+from nablahog import native
 from nablahog.hog import FourBlockNorm, HOGSpec, hog, presets
 from nablahog.io.images import limit_size
 from nablahog.pose import background as learning
+from nablahog.pose import whitening
 from nablahog.pose.background import default_background, learn_background, least_size
-from nablahog.pose.whitening import Background
+from nablahog.pose.whitening import Background, Whitener
 
 from ..io.archives import check_refused
 
@@ -55,7 +57,7 @@ def inner_cells(of: dict[str, Tensor], spec: HOGSpec, order: int) -> list[Tensor
     return result
 
 
-# --- what is learned -------------------------------------------------------------------------------------------------
+# --- what is learned --------------------------------------------------------------------------------------------------
 
 
 def test_mean_and_covariance_are_the_averages_over_all_cells_and_pairs(background: Background) -> None:
@@ -72,17 +74,6 @@ def test_mean_and_covariance_are_the_averages_over_all_cells_and_pairs(backgroun
         ]
         expected = torch.stack(products).mean(0)
         assert_close(background.covariance[dy, ORDER + dx], expected, rtol=0, atol=1e-6)
-
-
-def test_it_knows_its_images(background: Background) -> None:
-    assert background.images == ("0", "1", "2")
-    assert background.order == ORDER
-
-
-def test_progress() -> None:
-    calls = []
-    learn_background(images(2), SPEC, order=1, progress=lambda *call: calls.append(call))
-    assert calls == [(0, 2, ""), (1, 2, "0"), (2, 2, "1")]
 
 
 def test_the_default_is_learned_once() -> None:
@@ -115,7 +106,7 @@ def test_the_smallest_image() -> None:
         learn_background({"": torch.rand(height, width - 1)}, spec, order=3)
 
 
-# --- templates -------------------------------------------------------------------------------------------------------
+# --- templates --------------------------------------------------------------------------------------------------------
 
 
 def test_covariance_of_a_template_has_that_of_each_pair_of_its_entries(background: Background) -> None:
@@ -192,17 +183,6 @@ def test_dtype_and_gradient(photographs: Background) -> None:
     assert torch.autograd.gradcheck(photographs.discriminability, small)
 
 
-def test_contrast_insensitive_photographs_are_less_unlike_than_noise(photographs: Background) -> None:
-    """The model says something: patches of a photograph are nearer to it than the same numbers in disorder."""
-    from skimage import data
-
-    image = torch.from_numpy(data.camera()).float()[None, None] / 255
-    patches = hog(image, presets.aubry(8))[0].unfold(0, 4, 4).unfold(1, 4, 4).flatten(0, 1).permute(0, 2, 3, 1)
-    shuffled = patches.flatten(1)[:, torch.randperm(144, generator=torch.Generator().manual_seed(0))].view_as(patches)
-    own, other = photographs.discriminability(patches), photographs.discriminability(shuffled)
-    assert own.mean() < 0.9 * other.mean()
-
-
 @pytest.mark.parametrize("size", [(0, 1), (7, 1), (1, 7)])
 def test_templates_it_knows_nothing_of(photographs: Background, size: tuple[int, int]) -> None:
     with pytest.raises(ValueError, match=r"must have 1…6 rows and columns of cells here, got \dx\d"):
@@ -215,7 +195,7 @@ def test_no_templates(photographs: Background, templates: Tensor) -> None:
         photographs.whiten(templates)
 
 
-# --- the model itself ------------------------------------------------------------------------------------------------
+# --- the model itself -------------------------------------------------------------------------------------------------
 
 
 def test_check(background: Background) -> None:
@@ -266,3 +246,104 @@ def test_other_four_block_parts() -> None:
     spec = dataclasses.replace(SPEC, normalizer=FourBlockNorm(parts=("undirected", "texture")))
     background = learn_background(images(1), spec, order=1)
     assert background.whiten(torch.rand(1, 2, 2, 7)).isfinite().all()
+
+
+# --- by Fourier transform ---------------------------------------------------------------------------------------------
+
+
+def correlated(correlation: float, order: int = 7, *, turn: float = 0.6) -> Background:
+    """Cells whose correlation falls by ``correlation`` from one to the next, and more across than down.
+
+    The channels depend on each other, and differently to the left than to the right if ``turn`` is not 0.
+    """
+    dy = torch.arange(order + 1, dtype=torch.float64)[:, None]
+    dx = torch.arange(-order, order + 1, dtype=torch.float64)
+    covariance = (correlation**dy * (correlation / 2) ** dx.abs())[:, :, None, None] * torch.eye(2, dtype=torch.float64)
+    # of a small moving average more: the second channel repeats a part of the first's left neighbour
+    cross = torch.zeros_like(covariance)
+    cross[0, order + 1, 1, 0] = cross[0, order - 1, 0, 1] = 0.2 * turn
+    mean = torch.tensor([0.1, 0.3], dtype=torch.float64)
+    return Background(presets.aubry(8, orientations=2), mean, covariance + cross, ("made up",), 0.05)
+
+
+def windowed(of: Background) -> Background:
+    """With the window that the filter puts on the autocovariance."""
+    fade = 1 - torch.arange(-of.order, of.order + 1, dtype=torch.float64).abs() / (of.order + 1)
+    window = (fade[of.order :, None] * fade)[:, :, None, None]
+    return Background(of.spec, of.mean, of.covariance * window, of.images, of.regularization)
+
+
+def matrix(whitener: Whitener) -> Tensor:
+    """(rows · cols · C, rows · cols · C), flattened as templates are."""
+    rows, cols = whitener.rows, whitener.cols
+    basis = torch.eye(rows * cols * 2).view(-1, rows, cols, 2).permute(0, 3, 1, 2)
+    return whitener(basis).permute(0, 2, 3, 1).flatten(1)
+
+
+@pytest.mark.parametrize("correlation", [0.2, 0.5])
+def test_inside_it_is_the_exact_inverse(correlation: float) -> None:
+    size = 8
+    of = correlated(correlation)
+    covariance = windowed(of).template_covariance(size, size)
+    exact = torch.linalg.inv(covariance + 0.05 * torch.eye(len(covariance), dtype=torch.float64))
+    result = matrix(Whitener(of, size, size)).double()
+    # rows of the matrices for the middle cells; columns for all cells but the outermost two rings
+    inside = torch.zeros(size, size, 2, dtype=torch.bool)
+    inside[2:-2, 2:-2] = True
+    middle = torch.zeros_like(inside)
+    middle[3:-3, 3:-3] = True
+    error = (result - exact)[middle.flatten()][:, inside.flatten()]
+    assert error.norm() < 0.02 * exact[middle.flatten()][:, inside.flatten()].norm()
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(5, 9), (1, 1)])
+def test_it_is_symmetric_and_positive_definite(rows: int, cols: int) -> None:
+    result = matrix(Whitener(correlated(0.6), rows, cols)).double()
+    assert_close(result, result.mT, rtol=0, atol=1e-4)
+    values = torch.linalg.eigvalsh((result + result.mT) / 2)
+    assert values[0] > 0
+    assert values[-1] <= 1 / 0.05 * (1 + 1e-4)
+
+
+def test_of_white_noise_it_is_a_division() -> None:
+    white = correlated(0.0, turn=0)
+    descriptors = torch.randn(3, 2, 6, 10)
+    assert_close(Whitener(white, 6, 10)(descriptors), descriptors / (1 + 0.05))
+    assert_close(Whitener(white, 6, 10, 3.0)(descriptors), descriptors / 4)
+
+
+def test_opposite_borders_know_nothing_of_each_other() -> None:
+    whitener = Whitener(correlated(0.2, 2), 16, 16)
+    alone = torch.zeros(1, 2, 16, 16)
+    alone[0, :, 0, 0] = 1
+    result = whitener(alone)
+    assert result[0, :, -1].abs().max() < 1e-2 * result.abs().max()
+    assert result[0, :, :, -1].abs().max() < 1e-2 * result.abs().max()
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(5, 12), (1, 1)])
+def test_energies_are_products_with_the_whitened(rows: int, cols: int) -> None:
+    whitener = Whitener(correlated(0.5), rows, cols)
+    q = torch.rand(3, 2, rows, cols)
+    assert_close(whitener.energies(q), (q * whitener(q)).sum((1, 2, 3)), rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize(("rows", "cols", "batch"), [(5, 12, 3), (1, 1, 4)])
+def test_compiled_loops_are_the_plain_sums(rows: int, cols: int, batch: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    whitener = Whitener(correlated(0.5), rows, cols)
+    q = torch.randn(batch, 2, rows, cols)
+    results = whitener(q), whitener.energies(q)
+    monkeypatch.setattr(native, "available", lambda: False)
+    for result, plain in zip(results, (whitener(q), whitener.energies(q)), strict=True):
+        assert_close(result, plain, rtol=1e-5, atol=1e-5)
+
+
+def test_on_large_windows_it_is_that_of_smaller_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The inverse decays over cells, so that frequencies of a large window need not be inverted one by one."""
+    of, rows, cols = correlated(0.6), 60, 70
+    quick = Whitener(of, rows, cols)
+    monkeypatch.setattr(whitening, "_REACH", 1000)
+    exact = Whitener(of, rows, cols)
+    descriptors = torch.rand(2, 2, rows, cols, generator=torch.Generator().manual_seed(0))
+    assert_close(quick(descriptors), exact(descriptors), atol=0.01, rtol=0)
+    assert_close(quick.energies(descriptors), exact.energies(descriptors), atol=0, rtol=1e-3)

@@ -12,11 +12,10 @@ from torch import Tensor
 
 from ..hog import HOGSpec
 from ..io.array_cache import cached_array
+from ..pose.background import coarse_background
 from ..pose.crop import crop_object
-from ..pose.prepared import coarse_background
 from ..pose.similarity import describe
-from ..pose.viewpoint_network import CELLS, WIDTH, ViewpointLearning, ViewpointPrior
-from ..pose.viewpoint_training import EPOCHS, train_viewpoints
+from ..pose.viewpoint_prior import CELLS, EPOCHS, WIDTH, ViewpointLearning, ViewpointPrior, train_viewpoints
 from ..runtime.source import code_key
 from .viewpoint_scenes import viewpoint_chairs, viewpoint_scene
 

@@ -15,10 +15,10 @@ from nablahog.cli.main import main
 from nablahog.io.sample_photographs import sample_photograph
 from nablahog.jobs.store import Work
 from nablahog.jobs.worker import attempt
+from nablahog.paper import exemplar_views as learning
 from nablahog.paper.chairs import chair
-from nablahog.pose import exemplar_views as learning
+from nablahog.paper.exemplar_views import SPEC, ExemplarLibrary, ViewSampling
 from nablahog.pose.background import default_background, learn_background
-from nablahog.pose.exemplar_views import SPEC, ExemplarLibrary, ViewSampling
 from nablahog.render import load_mesh
 
 from ..common import names

@@ -16,7 +16,7 @@ from ...paper.learned import LEARNED, SPEC, Learner, sample_training_photographs
 from ...paper.photographs import Photographs, read_folder, sample_photographs
 from ...paper.viewpoint_learning import learn_viewpoints
 from ...pose.background import learn_background, least_size
-from ...pose.viewpoint_network import ViewpointPrior
+from ...pose.viewpoint_prior import ViewpointPrior
 from ...pose.whitening import Background, check_spec
 from ..errors import UserError, as_user_error
 from ..inputs.spec import SpecOptions

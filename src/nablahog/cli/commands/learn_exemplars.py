@@ -13,10 +13,10 @@ from ...io.npz import naming
 from ...jobs.job_files import local_path
 from ...jobs.resume import run_anywhere
 from ...jobs.runner import cores
+from ...paper import exemplar_views
 from ...paper.cad import read_models
-from ...pose import exemplar_views
+from ...paper.exemplar_views import ExemplarLibrary, ExemplarViews
 from ...pose.background import default_background
-from ...pose.exemplar_views import ExemplarLibrary, ExemplarViews
 from ...pose.whitening import Background
 from ...render import load_mesh
 from ..errors import UserError, as_user_error
