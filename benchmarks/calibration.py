@@ -1,73 +1,46 @@
-"""Is the learned prior as sure of the polarity as it is right, and do samples disagree where it is wrong?
+"""Is a confidence the share that is right: of the learned prior in the polarity, and of a pose?
 
-    python benchmarks/calibration.py --images DIR [DIR ...] [--prior FILE] [--every N] [--threads N] [--chart FILE]
+    python benchmarks/calibration.py polarity [--images DIR …] [--every N]
+    python benchmarks/calibration.py poses [--unknown-model] [--conditions …] [--unrelated 60] [options of poses.py]
 
-Each photograph is inverted from the descriptors of three unsigned presets, and by multi-scale-more.  A pre-image is
-right if its correlation with the photograph is positive.  The table has, for pre-images of which the prior is so sure,
-how many there are, how sure it is in the mean, and how many are right, with the 95 % interval of Wilson.  Above it are
-the means of each way, and Brier's score: the mean square of confidence minus right; 0.25 is that of a coin.
+Polarity: each photograph is inverted from the descriptors of three unsigned presets, and by multi-scale-more; a
+pre-image is right if its correlation with the photograph is positive.  Below is how the agreement of four samples goes
+with the magnitude of that correlation.  Poses: of objects under several conditions, and of boxes without any object,
+whose poses are all wrong; right is an azimuth within 15°.
 
-Below it is, of the paper's descriptor, how the agreement of four samples goes with the magnitude of the pre-image's
-correlation with the photograph: Spearman's correlation of the two, and the latter's mean for each third of the images,
-by agreement.
+The table has the share that is right by confidence, with the 95 % interval of Wilson.  Brier's score is the mean square
+of confidence minus right; 0.25 is that of a coin.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from scipy.stats import spearmanr
 from torch import Tensor
 
-from errors import correlation
-from nablahog import LearnedPrior, hog, presets, reconstruct, reconstruct_multiscale
-from nablahog.invert import Reconstruction, reconstruct_samples, scale_descriptors
-from nablahog.invert.prior_choice import PriorChoice
-from nablahog.viz.svg import Drawing
-from photographs import photographs
+from nablahog import estimate_pose, hog, metrics, presets, reconstruct, reconstruct_multiscale
+from nablahog.invert import reconstruct_samples, scale_descriptors
+from nablahog.io.sample_photographs import SAMPLE_NAMES, sample_photograph
+from nablahog.metrics import azimuth_error
+from poses import WITHIN, add_options, estimate, objects_of
+from preimages import photographs
+from timing import table
 
-EDGES = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 BATCH = 16
-SIDE, MARGIN = 360, 48  # pixels of the chart
+SMALLEST = 100  # pixels of a side of a box without the object
+CONDITIONS = ("as-table2", "sides-10", "photograph-cut-30", "no-box-no-pose", "tilted")
+Floats = NDArray[np.float64]
 
 
-def agreement(images: Tensor, prior: PriorChoice) -> tuple[Tensor, Tensor]:
-    """How far samples agree (B,), and the magnitude of the pre-image's correlation with the photograph (B,)."""
-    spec, size = presets.paper(8), (images.shape[2], images.shape[3])
-    descriptor = hog(images, spec)
-    samples = reconstruct_samples(descriptor, spec, size, prior=prior, quality="fast")
-    made = reconstruct(descriptor, spec, size, prior=prior, quality="fast").image
-    return samples.agreement, correlation(made[:, 0], images[:, 0]).abs()
-
-
-def judged(images: Tensor, prior: PriorChoice) -> Iterator[tuple[str, Tensor, Tensor]]:
-    """How images are inverted, how sure the prior is (B,), and whether it is right (B,)."""
-    for spec in (presets.paper(8), presets.skimage(), presets.opencv()):
-        result = reconstruct(hog(images, spec), spec, images.shape[2:], prior=prior, quality="fast")
-        yield spec.name, confidence(result), right(result.image, images)
-    spec = presets.paper(8)
-    levels = reconstruct_multiscale(scale_descriptors(images, spec), spec, images.shape[2:], prior=prior)
-    last = levels[-1].reconstruction
-    yield "multi-scale-more", confidence(last), right(last.image, images)
-
-
-def confidence(result: Reconstruction) -> Tensor:
-    """How sure the prior is of each polarity, (B,)."""
-    assert result.polarity_confidence is not None, "the prior says how sure it is of every unsigned descriptor"
-    return result.polarity_confidence
-
-
-def right(made: Tensor, images: Tensor) -> Tensor:
-    """Whether each is rather the photograph than its negative, (B,)."""
-    return correlation(made[:, 0], images[:, 0]) > 0
-
-
-def wilson(count: int, n: int) -> tuple[float, float]:
+def wilson(count: float, n: int) -> tuple[float, float]:
     """The 95 % interval of a share, ``count`` of ``n``."""
     z = 1.96
     centre = (count + z * z / 2) / (n + z * z)
@@ -75,71 +48,97 @@ def wilson(count: int, n: int) -> tuple[float, float]:
     return centre - half, centre + half
 
 
-def table(sure: Tensor, is_right: Tensor) -> list[tuple[float, float, float, float, int]]:
-    """Of each interval of confidence: its mean, the share that is right, that share's interval, and their number."""
+def calibrated(sure: Floats, right: Floats, edges: Sequence[float]) -> str:
+    """The table by confidence, and Brier's score."""
     rows = []
-    for low, high in pairwise(EDGES):
-        members = (sure >= low) & ((sure < high) | (high == EDGES[-1]))
-        n, count = int(members.sum()), int(is_right[members].sum())
+    for low, high in pairwise(edges):
+        members = (sure >= low) & ((sure < high) | (high == edges[-1]))
+        n = int(members.sum())
         if n:
-            rows.append((float(sure[members].mean()), count / n, *wilson(count, n), n))
-    return rows
+            a, b = wilson(right[members].sum(), n)
+            share = f"{right[members].mean():.3f} ({a:.3f}–{b:.3f})"
+            rows.append([f"{low:.1f}…{high:.1f}", str(n), f"{sure[members].mean():.3f}", share])
+    brier, constant = np.mean((sure - right) ** 2), right.mean() * (1 - right.mean())
+    told = f"Brier's score {brier:.3f}; of the share that is right {constant:.3f}"
+    return f"{table(['confidence', 'n', 'mean', 'right'], rows)}\n\n{told}"
 
 
-def draw(path: Path, rows: Sequence[tuple[float, float, float, float, int]]) -> None:
-    """The share that is right over the confidence, beside the diagonal on which both are the same."""
-    drawing = Drawing(SIDE + 2 * MARGIN, SIDE + 2 * MARGIN, "Calibration of the polarity", "Right over sure.")
+def correlations(made: Tensor, images: Tensor) -> Floats:
+    return np.array([metrics.cross_correlation(*pair) for pair in zip(made[:, 0], images[:, 0], strict=True)])
 
-    def place(sure: float, share: float) -> tuple[float, float]:
-        return MARGIN + (sure - 0.5) * 2 * SIDE, MARGIN + (1 - share) * SIDE
 
-    for k in range(6):
-        sure, share = 0.5 + k / 10, k / 5
-        drawing.line([place(sure, 0), place(sure, 1)], "grid")
-        drawing.line([place(0.5, share), place(1, share)], "grid")
-        drawing.note((place(sure, 0)[0], place(sure, 0)[1] + 17), f"{sure:g}", anchor="middle")
-        drawing.note((MARGIN - 6, place(0.5, share)[1] + 4), f"{share:g}", anchor="end")
-    drawing.line([place(0.5, 0.5), place(1, 1)], "faint", 2, dashed=True)
-    for sure, share, low, high, _ in rows:
-        drawing.line([place(sure, low), place(sure, high)], "series0", 2)
-        drawing.dot(place(sure, share), "series0", 4)
-    drawing.note((MARGIN, MARGIN - 12), "share that is right, with its 95 % interval")
-    drawing.note((MARGIN + SIDE / 2, SIDE + 2 * MARGIN - 8), "confidence in the polarity", anchor="middle")
-    path.write_text(drawing.svg(), encoding="utf-8")
+def polarity(options: argparse.Namespace) -> None:
+    specs = {"paper": presets.paper(), "skimage": presets.skimage(), "opencv": presets.opencv()}
+    found: dict[str, list[tuple[Floats, Floats]]] = {}
+    agreements, magnitudes = [], []
+    for folder in options.images or [None]:
+        for images in photographs(folder)[:: options.every].split(BATCH):
+            size = images.shape[2], images.shape[3]
+            results = {
+                name: reconstruct(hog(images, spec), spec, size, prior="default", quality="fast")
+                for name, spec in specs.items()
+            }
+            paper = specs["paper"]
+            scales = reconstruct_multiscale(scale_descriptors(images, paper), paper, size, prior="default")
+            results["multi-scale-more"] = scales[-1].reconstruction
+            for name, result in results.items():
+                assert result.polarity_confidence is not None
+                right = (correlations(result.image, images) > 0).astype(np.float64)
+                found.setdefault(name, []).append((result.polarity_confidence.double().numpy(), right))
+            samples = reconstruct_samples(hog(images, paper), paper, size, prior="default", quality="fast")
+            agreements.append(samples.agreement)
+            magnitudes.append(abs(correlations(results["paper"].image, images)))
+    columns = {name: tuple(map(np.concatenate, zip(*parts, strict=True))) for name, parts in found.items()}
+    rows = [[name, f"{sure.mean():.3f}", f"{right.mean():.3f}"] for name, (sure, right) in columns.items()]
+    print(table(["inverted from", "sure", "right"], rows), end="\n\n")
+    sure, right = (np.concatenate(part) for part in zip(*columns.values(), strict=True))
+    print(calibrated(sure, right, (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)))
+    rank = spearmanr(torch.cat(agreements), np.concatenate(magnitudes)).statistic
+    print(f"Agreement of samples with the magnitude of the correlation: Spearman {rank:.2f}")
+
+
+def poses(options: argparse.Namespace) -> None:
+    seen: list[tuple[float, bool]] = []
+    for condition in options.conditions:
+        for example in objects_of(options, condition):
+            result = estimate(example, {})
+            azimuths = (result.azimuth, *result.equivalent_azimuths)
+            assert result.confidence is not None
+            right = min(float(azimuth_error(each, example.azimuth)) for each in azimuths) <= WITHIN
+            seen.append((result.confidence, right))
+    examples = objects_of(options)
+    meshes = {model.name: model.mesh() for example in examples for model in example.models}
+    some = dict(sorted(meshes.items())[:: 1 if options.unknown_model else len(meshes)])
+    for index in range(options.unrelated):
+        generator = np.random.default_rng([options.seed, index, 2])
+        image = sample_photograph(SAMPLE_NAMES[index % len(SAMPLE_NAMES)])
+        side = min(image.shape[1:])
+        first, last = (int(each) for each in np.sort(generator.integers(0, side - SMALLEST + 1, 2)))
+        box = (first, first, SMALLEST + last, SMALLEST + last) if index % 2 else None
+        result = estimate_pose(image, some, box=box)
+        assert result.confidence is not None
+        seen.append((result.confidence, False))
+    sure, right = np.array(seen, dtype=float).T
+    print(f"{len(seen)} poses, {options.unrelated} of them without an object\n")
+    print(calibrated(sure, right, np.linspace(0, 1, 6).tolist()))
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--images", type=Path, nargs="+", required=True, help="folders of images, each of one size")
-    parser.add_argument("--prior", type=Path, help="by default those that come with nablahog")
-    parser.add_argument("--every", type=int, default=1, help="only each so many-th image")
-    parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--chart", type=Path, help="an SVG")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = parser.add_subparsers(required=True)
+    of_polarity = commands.add_parser("polarity")
+    of_polarity.add_argument("--images", type=Path, nargs="*", help="folders of images, each of one size")
+    of_polarity.add_argument("--every", type=int, default=1, help="only each so many-th image")
+    of_polarity.add_argument("--threads", type=int, default=1)
+    of_polarity.set_defaults(run=polarity)
+    of_poses = commands.add_parser("poses")
+    add_options(of_poses)
+    of_poses.add_argument("--conditions", nargs="+", default=CONDITIONS)
+    of_poses.add_argument("--unrelated", type=int, default=60, help="boxes without the object")
+    of_poses.set_defaults(run=poses)
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
-    prior: PriorChoice = "default" if options.prior is None else LearnedPrior.load(options.prior)
-    found: dict[str, list[tuple[Tensor, Tensor]]] = {}
-    agreements = []
-    for folder in options.images:
-        for images in photographs(folder)[:: options.every].split(BATCH):
-            for name, sure, is_right in judged(images, prior):
-                found.setdefault(name, []).append((sure, is_right))
-            agreements.append(agreement(images, prior))
-    columns = {name: tuple(torch.cat(part) for part in zip(*parts, strict=True)) for name, parts in found.items()}
-    columns["all"] = tuple(torch.cat(part) for part in zip(*columns.values(), strict=True))
-    print("| inverted from | n | sure | right | Brier |\n|---|---:|---:|---:|---:|")
-    for name, (sure, is_right) in columns.items():
-        brier = float((sure - is_right.to(sure)).square().mean())
-        print(f"| {name} | {len(sure)} | {sure.mean():.3f} | {is_right.float().mean():.3f} | {brier:.3f} |")
-    print("\n| sure | n | in the mean | right |\n|---|---:|---:|---:|")
-    rows = table(*columns["all"])
-    for mean, share, low, high, n in rows:
-        print(f"| {math.floor(mean * 10) / 10:.1f} … | {n} | {mean:.3f} | {share:.3f} ({low:.3f}–{high:.3f}) |")
-    agree, alike = (torch.cat(part) for part in zip(*agreements, strict=True))
-    thirds = ", ".join(f"{part.mean():.3f}" for part in alike[agree.argsort()].chunk(3))
-    print(f"\nAgreement of samples with abs CC: Spearman {spearmanr(agree, alike).statistic:.2f}; by thirds: {thirds}")
-    if options.chart:
-        draw(options.chart, rows)
+    options.run(options)
 
 
 if __name__ == "__main__":

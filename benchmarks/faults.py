@@ -1,20 +1,16 @@
-"""Disturbs commands on a Dask cluster in every way that clusters are disturbed, and compares their results.
+"""Are results the same after faults of every kind on a cluster?
 
-    python benchmarks/faults.py [--faults 100] [--kinds worker memory …] [--commands table1 table2 hog] [--seed 0]
+    python benchmarks/faults.py [--faults 100] [--kinds worker …] [--commands table1 table2 hog] [--seed 0]
 
 Each command runs once undisturbed, on the processes of this machine; then on a cluster with faults at random moments,
 repeated until it ends, until there have been so many faults of a kind.  In the end its files must have the same bytes.
-Of each kind and command it prints the faults, how often the command was run and came to its end, how many ends had
-the same bytes, and the results that were lost (missing in the end) and doubled (stored twice).
+Of each kind and command it prints the faults, how often the command was run and came to its end, and how many ends had
+the same bytes.
 
     worker     a worker gets SIGKILL
-    memory     a worker allocates more than it may; Dask ends it
     scheduler  the scheduler gets SIGKILL; a new cluster is started
     client     the command itself gets SIGKILL
     network    all connections to the scheduler are cut, and refused for a second
-    poison     jobs that kill their worker each time: they must be named as failures, and only they; then they are cured
-    disk       the output is on a full disk (a tmpfs: needs root); then it is larger
-    clients    two of the same command run at a time
 
 Needs /proc (Linux).
 """
@@ -22,40 +18,126 @@ Needs /proc (Linux).
 from __future__ import annotations
 
 import argparse
+import json
+import os
 import random
 import shutil
+import signal
+import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
-from faults_cluster import Cluster
-
-KINDS = ("worker", "memory", "scheduler", "client", "network", "poison", "disk", "clients")
-COMMANDS = ("table1", "table2", "hog")
+PAUSES = {"worker": (0.3, 2.0), "scheduler": (2.5, 8.0), "client": (2.5, 8.0), "network": (2.0, 8.0)}  # seconds
 IMAGES = {"table1": 20, "hog": 300}
-FULL, ENOUGH = {"table1": "150k", "table2": "60k", "hog": "250k"}, "200m"
 LONGEST = 1800.0  # seconds of a run; more is an error
 
 
-@dataclass
-class Tally:
-    """Of a kind of fault and a command."""
+def descendants(pid: int) -> list[int]:
+    """The processes that ``pid`` started."""
+    try:
+        threads = list(Path(f"/proc/{pid}/task").glob("*/children"))
+        children = [int(child) for thread in threads for child in thread.read_text().split()]
+    except OSError:
+        return []
+    return children + [below for child in children for below in descendants(child)]
 
-    faults: int = 0
-    runs: int = 0
-    ends: int = 0
-    same: int = 0
-    lost: int = 0
-    doubled: int = 0
-    seconds: float = field(default_factory=time.monotonic)
+
+class Proxy(threading.Thread):
+    """Passes connections on to a port, until they are cut."""
+
+    def __init__(self, target: int) -> None:
+        super().__init__(daemon=True)
+        self.target, self.open, self.sockets = target, True, list[socket.socket]()
+        self.server = socket.create_server(("127.0.0.1", 0))
+        self.port: int = self.server.getsockname()[1]
+        self.start()
+
+    def run(self) -> None:
+        while True:
+            with suppress(OSError):
+                one, _ = self.server.accept()
+                if not self.open:
+                    one.close()
+                    continue
+                other = socket.create_connection(("127.0.0.1", self.target))
+                self.sockets += [one, other]
+                for ends in ((one, other), (other, one)):
+                    threading.Thread(target=self._pass, args=ends, daemon=True).start()
+
+    def _pass(self, source: socket.socket, sink: socket.socket) -> None:
+        with suppress(OSError):
+            while data := source.recv(1 << 16):
+                sink.sendall(data)
+        for end in (source, sink):
+            with suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+
+    def cut(self, seconds: float) -> None:
+        self.open = False
+        for each in self.sockets:
+            with suppress(OSError):
+                each.shutdown(socket.SHUT_RDWR)
+        self.sockets.clear()
+        time.sleep(seconds)
+        self.open = True
+
+
+class Cluster:
+    """A scheduler behind a proxy, and two workers, whose nannies start them again."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.processes: list[subprocess.Popen[bytes]] = []
+        self.begin()
+
+    def begin(self) -> None:
+        self.end()
+        file = self.folder / "scheduler.json"
+        file.unlink(missing_ok=True)
+        self._start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
+        while not file.exists() or not file.read_text().strip().endswith("}"):
+            time.sleep(0.05)
+        self.proxy = Proxy(int(json.loads(file.read_text())["address"].rpartition(":")[2]))
+        self.address = f"tcp://127.0.0.1:{self.proxy.port}"
+        limits = ["--nworkers", "2", "--nthreads", "1", "--no-dashboard", "--host", "127.0.0.1"]
+        self._start("worker", self.address, *limits, "--local-directory", str(self.folder / "local"))
+
+    def _start(self, what: str, *options: str) -> None:
+        command = [sys.executable, "-m", f"distributed.cli.dask_{what}", *options]
+        with open(self.folder / f"{what}.log", "ab") as log:
+            environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+            self.processes.append(subprocess.Popen(command, stdout=log, stderr=log, env=environment, cwd=self.folder))
+
+    def end(self) -> None:
+        for process in reversed(self.processes):
+            for pid in (process.pid, *descendants(process.pid)):
+                with suppress(OSError):
+                    os.kill(pid, signal.SIGKILL)
+            process.wait()
+        self.processes.clear()
+
+    def alive(self) -> bool:
+        return all(process.poll() is None for process in self.processes)
+
+    def kill_worker(self, rng: random.Random) -> bool:
+        """Whether there was a worker to kill."""
+        workers = []
+        for pid in descendants(self.processes[1].pid):
+            with suppress(OSError):
+                if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                    workers.append(pid)
+        if workers:
+            with suppress(OSError):
+                os.kill(rng.choice(workers), signal.SIGKILL)
+        return bool(workers)
 
 
 class Command:
@@ -69,11 +151,10 @@ class Command:
             levels = np.random.default_rng(k).integers(0, 256, (6, 6), dtype=np.uint8)
             Image.fromarray(levels).resize((32, 32), Image.Resampling.BICUBIC).save(images / f"{k:03d}.png")
         self.arguments = {
-            "table1": ["--images", str(images), "--methods", "triangles,dalal-single,uoctti-single,skimage",
-                       "--max-evaluations", "3"],
-            "table2": ["--objects", "24", "--methods", "exhaustive,best", "--conditions", "none"],
+            "table1": ["--images", str(images), "--methods", "dalal-single,uoctti-single", "--max-evaluations", "3"],
+            "table2": ["--objects", "24", "--methods", "exhaustive,best"],
             "hog": [str(images), "--shard", "10", "--preset", "dpm"],
-        }[name]  # fmt: skip
+        }[name]
         self.run(folder / "undisturbed", "--workers", "2").wait()
         self.expected = self.files(folder / "undisturbed")
         assert self.expected
@@ -93,13 +174,6 @@ class Command:
             found["per_object.csv"] = b"\n".join(line.rpartition(b",")[0] for line in lines)
         return found
 
-    def stored(self, out: Path) -> int:
-        """Results on disk, parts of some included."""
-        return sum(path.is_file() for path in (*out.glob("work/*/*"), *out.glob("set.parquet/*")))
-
-    def failures(self, out: Path) -> str:
-        return (out / "failures.csv").read_text()
-
 
 def disturb(kind: str, cluster: Cluster, client: subprocess.Popen[bytes], rng: random.Random) -> bool:
     """Whether there was a fault."""
@@ -107,141 +181,55 @@ def disturb(kind: str, cluster: Cluster, client: subprocess.Popen[bytes], rng: r
         return False
     if kind == "worker":
         return cluster.kill_worker(rng)
-    if kind == "memory":
-        return cluster.allocate(rng)
-    if kind == "scheduler":
-        cluster.processes[0].kill()
-    elif kind == "client":
-        client.kill()
-    elif kind == "network":
+    if kind == "network":
         cluster.proxy.cut(1.0)
+    else:
+        (client if kind == "client" else cluster.processes[0]).kill()
     return True
 
 
-def measured(kind: str, command: Command, cluster: Cluster, faults: int, rng: random.Random) -> Tally:
-    tally = Tally()
-    total = command.stored(command.folder / "undisturbed")
-    while tally.faults < faults:
-        out = Path(tempfile.mkdtemp(dir=command.folder))
-        if kind in ("poison", "disk", "clients"):
-            ONCE[kind](command, cluster, out, tally)
-        else:
-            _until_it_ends(kind, command, cluster, out, tally, faults, rng)
-        files, stored = command.files(out), command.stored(out)
-        tally.ends += 1
-        tally.same += files == command.expected
-        tally.lost += max(0, total - stored)
-        tally.doubled += max(0, stored - total)
-        if files != command.expected:
-            print(f"  differ: {out}: {sorted(n for n in command.expected if files.get(n) != command.expected[n])}")
-        else:
-            shutil.rmtree(out)
-    tally.seconds = time.monotonic() - tally.seconds
-    return tally
-
-
-def _until_it_ends(
-    kind: str, command: Command, cluster: Cluster, out: Path, tally: Tally, faults: int, rng: random.Random
-) -> None:
-    pause = {"worker": (0.3, 2), "memory": (0.5, 2), "network": (2, 8)}.get(kind, (2.5, 8))
-    while True:
-        client = command.run(out, "--cluster", cluster.address)
-        tally.runs += 1
-        began = time.monotonic()
-        while client.poll() is None:
-            assert time.monotonic() - began < LONGEST
-            with suppress(subprocess.TimeoutExpired):
-                client.wait(rng.uniform(*pause))
-            if tally.faults < faults:
-                tally.faults += disturb(kind, cluster, client, rng)
-            if kind in ("scheduler", "client"):
-                client.wait(LONGEST)
-        if not cluster.alive():
-            cluster.begin()
-        if client.returncode == 0:
-            return
-
-
-def _poison(command: Command, cluster: Cluster, out: Path, tally: Tally) -> None:
-    (cluster.folder / "poison").touch()
-    client = command.run(out, "--cluster", cluster.address)
-    client.wait(LONGEST)
-    (cluster.folder / "poison").unlink()
-    expected = int(command.name == "hog")
-    assert client.returncode == expected, (command.folder / "log").read_text()[-2000:]
-    if command.name == "hog":
-        missing = len(command.expected) - len(command.files(out))
-    else:
-        missing = command.failures(out).count("the process at work on it died, 2 times")
-    assert missing, "no job was poisoned"
-    tally.faults += missing
-    _finish(command, cluster, out, tally)
-
-
-def _disk(command: Command, cluster: Cluster, out: Path, tally: Tally) -> None:
-    with mounted(out, FULL[command.name]) as enlarge:
-        client = command.run(out, "--cluster", cluster.address)
-        assert client.wait(LONGEST) != 0, "the disk was large enough"
-        tally.faults += 1
-        enlarge()
-        _finish(command, cluster, out, tally)
-        kept = out.with_name(f"{out.name}-kept")
-        shutil.copytree(out, kept)
-    shutil.rmtree(out)
-    kept.rename(out)
-
-
-@contextmanager
-def mounted(folder: Path, size: str) -> Iterator[Callable[[], object]]:
-    """A small file system, and a function that makes it large."""
-    options = f"size={size}"
-    subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)], check=True)
-    try:
-        yield lambda: subprocess.run(["mount", "-o", f"remount,size={ENOUGH}", str(folder)], check=True)
-    finally:
-        subprocess.run(["umount", str(folder)], check=True)
-
-
-def _clients(command: Command, cluster: Cluster, out: Path, tally: Tally) -> None:
-    clients = [command.run(out, "--cluster", cluster.address) for _ in range(2)]
-    tally.runs += 1
-    tally.faults += 1
-    statuses = [client.wait(LONGEST) for client in clients]
-    if statuses != [0, 0]:
-        print(f"  two clients: exit status {statuses}")
-        _finish(command, cluster, out, tally)
-
-
-def _finish(command: Command, cluster: Cluster, out: Path, tally: Tally) -> None:
-    tally.runs += 2
-    client = command.run(out, "--cluster", cluster.address)
-    assert client.wait(LONGEST) == 0, (command.folder / "log").read_text()[-2000:]
-
-
-ONCE = {"poison": _poison, "disk": _disk, "clients": _clients}
+def measured(kind: str, command: Command, cluster: Cluster, wanted: int, rng: random.Random) -> str:
+    """The cells of the table's row."""
+    faults, runs, ends, same = 0, 0, 0, 0
+    while faults < wanted:
+        out, status = Path(tempfile.mkdtemp(dir=command.folder)), 1
+        while status:
+            client = command.run(out, "--cluster", cluster.address)
+            runs, began = runs + 1, time.monotonic()
+            while client.poll() is None:
+                assert time.monotonic() - began < LONGEST
+                with suppress(subprocess.TimeoutExpired):
+                    client.wait(rng.uniform(*PAUSES[kind]))
+                faults += faults < wanted and disturb(kind, cluster, client, rng)
+                if kind in ("scheduler", "client"):
+                    client.wait(LONGEST)
+            status = client.returncode
+            if not cluster.alive():
+                cluster.begin()
+        ends += 1
+        same += command.files(out) == command.expected
+        shutil.rmtree(out)
+    return f"{faults} | {runs} | {ends} | {same}"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--faults", type=int, default=100, help="of each kind and command, at least")
-    parser.add_argument("--kinds", nargs="*", default=KINDS, choices=KINDS)
-    parser.add_argument("--commands", nargs="*", default=COMMANDS, choices=COMMANDS)
+    parser.add_argument("--kinds", nargs="*", default=[*PAUSES], choices=PAUSES)
+    parser.add_argument("--commands", nargs="*", default=["table1", "table2", "hog"])
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     rng = random.Random(options.seed)
-    with tempfile.TemporaryDirectory(prefix="nablahog-faults-") as name:
-        folder = Path(name)
-        (folder / "cluster").mkdir()
-        commands = [Command(each, folder / each) for each in options.commands]
-        cluster = Cluster(folder / "cluster")
-        print("| fault | command | faults | runs | ends | the same bytes | lost | doubled | seconds |")
-        print("|---|---|---:|---:|---:|---:|---:|---:|---:|")
+    with tempfile.TemporaryDirectory(prefix="nablahog-faults-") as folder:
+        Path(folder, "cluster").mkdir()
+        commands = [Command(each, Path(folder, each)) for each in options.commands]
+        cluster = Cluster(Path(folder, "cluster"))
+        print("| fault | command | faults | runs | ends | the same bytes |\n|---|---|---:|---:|---:|---:|")
         try:
             for kind in options.kinds:
                 for command in commands:
-                    of = measured(kind, command, cluster, options.faults, rng)
-                    counts = f"{of.faults} | {of.runs} | {of.ends} | {of.same} | {of.lost} | {of.doubled}"
-                    print(f"| {kind} | {command.name} | {counts} | {of.seconds:.0f} |", flush=True)
+                    cells = measured(kind, command, cluster, options.faults, rng)
+                    print(f"| {kind} | {command.name} | {cells} |", flush=True)
         finally:
             cluster.end()
 

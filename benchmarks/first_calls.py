@@ -14,8 +14,7 @@ import subprocess
 import sys
 import time
 
-from machine import processor
-from page_text import table
+from timing import processor, table
 
 IMPORT = "import nablahog"
 CALLS = {
@@ -26,7 +25,7 @@ CALLS = {
     "of scikit-image": "hog(images, presets.skimage())",
     "of OpenCV": "hog(torch.rand(1, 3, 128, 64), presets.opencv())",
     "`reconstruct`": "nablahog.reconstruct(hog(images, uoctti), uoctti, (64, 64), quality='fast')",
-    "`estimate_pose`": "nablahog.estimate_pose(images[0], chairs.chair(0), initial=(0.0, 20.0))",
+    "`estimate_pose`": "nablahog.estimate_pose(images[0], chairs['wooden-0'], initial=(0.0, 20.0))",
 }
 
 
@@ -43,7 +42,7 @@ def measure() -> None:
         return time.process_time() - began
 
     print(seconds(f"{IMPORT}; from nablahog import hog, presets; uoctti = presets.uoctti()"), seconds(IMPORT))
-    exec("from nablahog.paper import chairs", names)
+    exec("chairs = nablahog.sample_chairs()", names)
     for statement in CALLS.values():
         print(seconds(statement), seconds(statement))
 

@@ -1,56 +1,161 @@
-"""The operator on a GPU: tests, times, bandwidth and memory beside its peers; pre-images, priors, and poses.
+"""How fast is the operator on a GPU beside its peers, and how long do pre-images, priors and poses take there?
 
-    python benchmarks/gpu.py [--images DIR] [--only tests hog cosines preimages prior poses] [--json FILE]
+    python benchmarks/gpu.py [--images DIR] [--only tests hog preimages prior poses]
 
-Without a GPU it says so and measures nothing.  Where a part fails, its error is printed and the other parts go on.  At
-the end stand the goals and what was reached; the exit status is 1 if anything failed or a goal is missed.
-
-Images are float32 in 0…1, on the device already.  Times are of CUDA events: the median of repeated calls and the
-quartiles, after calls that are not counted, programs by turns.  Bandwidth counts each byte of the image and of the
-descriptor once, as a share of what a copy of 1 GiB reaches on the same device.  Memory is the most that is allocated
-during a call beyond the images, in images; the result is part of it.  For the goal the descriptor and its gradient do
-not count in a backward pass: the caller holds them.  Waits are those that PyTorch itself warns of in the debug mode
-for synchronisation.  All numbers are also written as JSON, to build/gpu.json if no file is named.
+Images are float32 in 0…1, on the device already.  Times are of CUDA events: the median and the quartiles of programs
+that take turns.  Bandwidth counts each byte of the image and of the descriptor once, as a share of what a copy of 1 GiB
+reaches on the same device.  Memory is the most that is allocated during a call beyond the images, in images; the result
+is part of it.  Cosines: from which size on Fourier transforms take less time than products with matrices.  Waits are
+those for the device that PyTorch itself warns of.  At the end stand the goals; the exit status is 1 if one is missed,
+or a part fails.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import subprocess
 import sys
 import time
+import traceback
 import warnings
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import torch
 from torch import Tensor
 
-from gpu_operator import measure_cosines, measure_hog
-from gpu_timing import attempt, judge, milliseconds
 from nablahog import hog, presets, reconstruct, train_prior
+from nablahog.hog import HOGSpec
 from nablahog.invert import Search
 from nablahog.optimize import Minimiser
-from nablahog.paper import chairs
-from nablahog.render import Camera, Mesh, Renderer, depth_and_normals, pose
-from photographs import photographs
-from timing import cell, digits, summary
+from nablahog.render import Camera, Mesh, Renderer, depth_and_normals, pose, sample_chairs
+from preimages import photographs
+from timing import Call, cell, digits, summary, table
 
-PARTS = ("tests", "hog", "cosines", "preimages", "prior", "poses")
-TESTS = [
-    f"tests/{name}"
-    for name in ("hog", "optimize", "invert/test_preimage.py", "invert/test_on_device.py", "render/test_robustness.py")
-]
-PREIMAGES = 101
-VIEWS, VIEW = 64, 128  # of a chair, and their side in pixels
-PREIMAGE_SECONDS = 3.0  # the goal
 ROOT = Path(__file__).parent.parent
+TESTS = ("hog", "optimize", "invert/test_reconstruct.py", "invert/test_minimisers.py", "render/test_robustness.py")
+SECONDS = 2.0  # of each program and size
+LARGE = 4096
+SIZES = ((64, 128), (1, 512), (1, LARGE))
+TIMES_PLAIN, BANDWIDTH, IMAGES = 10.0, 0.5, 2.0  # the goals
+PREIMAGES, PREIMAGE_SECONDS = 101, 3.0
+VIEWS, VIEW = 64, 128  # of a chair, and their side in pixels
+goals: list[list[str]] = []
+missed: list[str] = []
 
 
-def waits(call: Callable[[], Any]) -> int:
+def judge(what: str, value: float, goal: float, *, least: bool = False) -> None:
+    """Notes a goal, at least or at most so much."""
+    reached = value >= goal if least else value <= goal
+    goals.append([what, f"{'≥' if least else '≤'} {goal:g}", digits(value), "yes" if reached else "**no**"])
+    missed.extend([] if reached else [what])
+
+
+def milliseconds(calls: dict[str, Call]) -> dict[str, list[float]]:
+    """Times of programs that take turns."""
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    for call in calls.values():
+        for _ in range(3):
+            call()
+    torch.cuda.synchronize()
+    end = time.perf_counter() + SECONDS * len(calls)
+    while time.perf_counter() < end or min(map(len, times.values())) < 5:
+        for name, call in calls.items():
+            began, ended = (torch.cuda.Event(enable_timing=True) for _ in range(2))
+            began.record()
+            call()
+            ended.record()
+            ended.synchronize()
+            times[name].append(began.elapsed_time(ended))
+    return times
+
+
+def copy_bandwidth() -> float:
+    """Bytes a second that a copy reads and writes."""
+    source = torch.empty(2**30, dtype=torch.uint8, device="cuda")
+    target = torch.empty_like(source)
+    times = milliseconds({"copy": lambda: target.copy_(source)})["copy"]
+    return 2 * source.numel() / (1e-3 * summary(times)["median"])
+
+
+def peak(call: Call, images: Tensor) -> float:
+    """The most memory during a call beyond what there was before, in images."""
+    call()
+    torch.cuda.synchronize()
+    torch.cuda.reset_peak_memory_stats()
+    before = torch.cuda.memory_allocated()
+    result = call()
+    torch.cuda.synchronize()
+    del result
+    return (torch.cuda.max_memory_allocated() - before) / images.nbytes
+
+
+def with_backward(describe: Callable[[Tensor], Tensor], images: Tensor) -> Tensor:
+    """The gradient with respect to the images of a sum of the descriptor."""
+    descriptor = describe(images)
+    return torch.autograd.grad(descriptor, images, torch.ones_like(descriptor))[0]
+
+
+def captured(describe: Callable[[Tensor], Tensor], images: Tensor) -> Call:
+    """The forward pass as a CUDA graph."""
+    describe(images)
+    graph = torch.cuda.CUDAGraph()
+    with torch.cuda.graph(graph):
+        describe(images)
+    return graph.replay
+
+
+def rows_of(name: str, spec: HOGSpec, shape: tuple[int, int], backward: bool, bandwidth: float) -> list[list[str]]:
+    """The table's rows of one preset, size and pass."""
+    torch.compiler.reset()  # or after eight graphs of one function it stops to compile
+    images = torch.rand(shape[0], 1, shape[1], shape[1], device="cuda")
+    entries = hog(images, spec).numel()
+    images.requires_grad_(backward)
+    plain = partial(hog, spec=spec, backend="torch")
+    describe: dict[str, Callable[[Tensor], Tensor]] = {
+        "Triton": partial(hog, spec=spec, backend="triton"),
+        "plain steps": plain,
+        "plain steps, torch.compile": torch.compile(plain, dynamic=False),
+    }
+    calls: dict[str, Call] = {
+        program: partial(with_backward, each, images) if backward else partial(each, images)
+        for program, each in describe.items()
+    }
+    if not backward:
+        calls["Triton, CUDA graph"] = captured(describe["Triton"], images)
+    times = {program: summary(each) for program, each in milliseconds(calls).items()}
+    moved = (images.numel() * (2 if backward else 1) + entries) * 4
+    where, rows = f"{name}, {shape[0]}×{shape[1]}², {'with backward' if backward else 'forward'}", []
+    for program, stats in times.items():
+        memory = peak(calls[program], images) if "graph" not in program else None
+        share = moved / (1e-3 * stats["median"]) / bandwidth
+        if program == "plain steps":
+            faster = stats["median"] / times["Triton"]["median"]
+            judge(f"{where}: times as fast as the plain steps", faster, TIMES_PLAIN, least=True)
+        if program == "Triton" and memory is not None:
+            held = 2 * entries * 4 / images.nbytes if backward else 0.0  # by the caller: descriptor and its gradient
+            judge(f"{where}: memory but for what the caller holds", memory - held, IMAGES)
+            if shape[1] == LARGE and not backward:
+                judge(f"{where}: share of the bandwidth", share, BANDWIDTH, least=True)
+        rows.append([where, program, cell(stats), f"{share:.0%}", "–" if memory is None else digits(memory)])
+    return rows
+
+
+def measure_hog() -> None:
+    """Forward, and forward with backward."""
+    bandwidth, rows = copy_bandwidth(), []
+    for name in ("paper", "uoctti", "skimage"):
+        for shape in SIZES:
+            for backward in (False, True):
+                rows += rows_of(name, presets.BY_NAME[name], shape, backward, bandwidth)
+                torch.cuda.empty_cache()
+    print(f"A copy reaches {bandwidth / 1e9:.0f} GB/s.\n")
+    print(table(["what", "program", "ms", "bandwidth", "memory, images"], rows))
+
+
+def waits(call: Call) -> int:
     """How often a call waits for the device."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -62,48 +167,42 @@ def waits(call: Callable[[], Any]) -> int:
     return sum("called a synchronizing" in str(warning.message) for warning in caught)
 
 
-def measure_preimages(folder: Path | None, report: dict[str, Any]) -> None:
-    """101 pre-images of 128 x 128 at once, and how often each minimiser waits for the device."""
-    images = photographs(folder)
-    images = images.repeat(-(-PREIMAGES // len(images)), 1, 1, 1)[:PREIMAGES].cuda()
-    spec = presets.uoctti()
-    descriptors = hog(images, spec)
-    reconstruct(descriptors[:1], spec, tuple(images.shape[2:]), search=Search(max_evaluations=5))
+def seconds(call: Call) -> float:
     torch.cuda.synchronize()
     began = time.perf_counter()
-    result = reconstruct(descriptors, spec, tuple(images.shape[2:]))
+    call()
     torch.cuda.synchronize()
-    spent = time.perf_counter() - began
-    distance = float(result.distance.mean())
-    size = f"{images.shape[2]} × {images.shape[3]}"
-    reached = judge(f"{PREIMAGES} pre-images of {size}, s", spent, PREIMAGE_SECONDS, False, report)
-    print(f"\n{PREIMAGES} pre-images of {size}: {spent:.2f} s ({reached}), distance {distance:.3g}")
-    report["preimages"] = {"seconds": spent, "distance": distance}
+    return time.perf_counter() - began
+
+
+def measure_preimages(folder: Path | None) -> None:
+    """All pre-images at once, and how often each minimiser waits for the device."""
+    images = photographs(folder)
+    images = images.repeat(-(-PREIMAGES // len(images)), 1, 1, 1)[:PREIMAGES].cuda()
+    spec, size = presets.uoctti(), (images.shape[2], images.shape[3])
+    descriptors = hog(images, spec)
+    reconstruct(descriptors[:1], spec, size, search=Search(max_evaluations=5))
+    judge(
+        f"{PREIMAGES} pre-images of {size}, s", seconds(lambda: reconstruct(descriptors, spec, size)), PREIMAGE_SECONDS
+    )
     for minimiser in get_args(Minimiser):
-        for evaluations in (30, 60):
-            few = Search(max_evaluations=evaluations, samples=1, minimiser=minimiser)
-            count = waits(partial(reconstruct, descriptors[:8], spec, tuple(images.shape[2:]), search=few))
-            print(f"{minimiser}, {evaluations} evaluations: waits {count} times")
-            report["preimages"][f"waits {minimiser} {evaluations}"] = count
+        few = Search(max_evaluations=30, samples=1, minimiser=minimiser)
+        count = waits(partial(reconstruct, descriptors[:8], spec, size, search=few))
+        print(f"{minimiser}, 30 evaluations: waits {count} times")
 
 
-def measure_prior(folder: Path | None, report: dict[str, Any]) -> None:
-    """An epoch of learning, in either precision: the second, as the first compiles."""
+def measure_prior(folder: Path | None) -> None:
+    """An epoch of learning: the second, as the first compiles."""
     images = {str(k): image[0] for k, image in enumerate(photographs(folder).repeat(64, 1, 1, 1))}
     for precision in ("float32", "bfloat16"):
-        train_prior(images, presets.uoctti(), epochs=1, device="cuda", precision=precision)
-        torch.cuda.synchronize()
-        began = time.perf_counter()
-        train_prior(images, presets.uoctti(), epochs=1, device="cuda", precision=precision)
-        torch.cuda.synchronize()
-        spent = time.perf_counter() - began
-        print(f"\nan epoch of the prior, {len(images)} windows, {precision}: {spent:.2f} s")
-        report[f"prior {precision}"] = {"windows": len(images), "seconds": spent}
+        learn = partial(train_prior, images, presets.uoctti(), epochs=1, device="cuda", precision=precision)
+        learn()
+        print(f"an epoch of the prior, {len(images)} windows, {precision}: {seconds(learn):.2f} s")
 
 
-def measure_poses(report: dict[str, Any]) -> None:
+def measure_poses() -> None:
     """Views of a chair at once and one by one: images with derivatives by poses, depths and normals."""
-    mesh = chairs.chair(3)
+    mesh = sample_chairs()["wooden-0"]
     mesh = Mesh(*(part.cuda() for part in (mesh.vertices, mesh.faces, mesh.brightness)))
     camera = Camera.from_field_of_view(30, VIEW, VIEW)
     where = torch.cat([pose(azimuth=360 * k / VIEWS, elevation=20, distance=3) for k in range(VIEWS)]).cuda()
@@ -121,62 +220,41 @@ def measure_poses(report: dict[str, Any]) -> None:
 
     for name, draw in (("images and derivatives", images), ("depths and normals", depths)):
         times = milliseconds({"at once": partial(draw, where), "one by one": partial(one_by_one, draw)})
-        stats = {how: summary(each) for how, each in times.items()}
-        print(f"\n{VIEWS} views of {VIEW}², {name}: " + ", ".join(f"{how} {cell(s)} ms" for how, s in stats.items()))
-        report[f"poses {name}"] = stats
+        told = ", ".join(f"{how} {cell(summary(each))} ms" for how, each in times.items())
+        print(f"{VIEWS} views of {VIEW}², {name}: {told}")
 
 
-def run_tests(report: dict[str, Any]) -> None:
+def run_tests() -> None:
     """All that need a GPU, and those of the kernels."""
-    print(flush=True)
-    done = subprocess.run([sys.executable, "-m", "pytest", "-q", *TESTS], cwd=ROOT, check=False)
-    report["tests"] = done.returncode
-    if done.returncode:
-        report["failed"].append(f"tests: pytest's exit status is {done.returncode}")
+    subprocess.run([sys.executable, "-m", "pytest", "-q", *(f"tests/{name}" for name in TESTS)], cwd=ROOT, check=True)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--images", type=Path, help="photographs of one size, for pre-images and the prior")
-    parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS)
-    parser.add_argument("--json", type=Path, default=ROOT / "build" / "gpu.json")
-    args = parser.parse_args()
-    if not torch.cuda.is_available():
-        print(f"No GPU here: PyTorch {torch.__version__} finds no CUDA device, and nothing was measured.")
-        print("Where there is one, with triton and the development tools: python benchmarks/gpu.py")
-        sys.exit(1)
-    try:
-        import triton
-    except ModuleNotFoundError:
-        print("Triton is not installed, and nothing was measured: pip install 'nablahog[gpu]'")
-        sys.exit(1)
-
-    device = torch.cuda.get_device_properties(0)
-    versions = f"PyTorch {torch.__version__}, Triton {triton.__version__}"
-    print(f"{device.name}, {device.total_memory / 2**30:.0f} GiB, {versions}")
-    report: dict[str, Any] = {"device": device.name, "torch": torch.__version__, "triton": triton.__version__}
-    report |= {"failed": [], "goals": []}
-    warnings.simplefilter("ignore")  # of torch.compile
-    parts: dict[str, Callable[[], None]] = {
-        "tests": partial(run_tests, report),
-        "hog": partial(measure_hog, report),
-        "cosines": partial(measure_cosines, report),
-        "preimages": partial(measure_preimages, args.images, report),
-        "prior": partial(measure_prior, args.images, report),
-        "poses": partial(measure_poses, report),
+    parts: dict[str, Callable[[argparse.Namespace], None]] = {
+        "tests": lambda options: run_tests(),
+        "hog": lambda options: measure_hog(),
+        "preimages": lambda options: measure_preimages(options.images),
+        "prior": lambda options: measure_prior(options.images),
+        "poses": lambda options: measure_poses(),
     }
-    args.json.parent.mkdir(parents=True, exist_ok=True)
-    for name in PARTS:
-        if name in args.only:
-            attempt(name, parts[name], report)
-            args.json.write_text(json.dumps(report))
-    print(f"\nall numbers: {args.json}\n\n| goal | | reached | |\n|---|---|---:|---|")
-    for goal in report["goals"]:
-        limit = f"{'≥' if goal['least'] else '≤'} {goal['goal']:g}"
-        print(f"| {goal['what']} | {limit} | {digits(goal['value'])} | {'yes' if goal['reached'] else 'NO'} |")
-    for failure in report["failed"]:
-        print(f"FAILED: {failure}")
-    sys.exit(1 if report["failed"] or not all(goal["reached"] for goal in report["goals"]) else 0)
+    parser.add_argument("--only", nargs="+", choices=parts, default=[*parts])
+    options = parser.parse_args()
+    if not torch.cuda.is_available():
+        sys.exit(f"No GPU here: PyTorch {torch.__version__} finds no CUDA device, and nothing was measured.")
+    device = torch.cuda.get_device_properties(0)
+    print(f"{device.name}, {device.total_memory / 2**30:.0f} GiB, PyTorch {torch.__version__}")
+    warnings.simplefilter("ignore")  # of torch.compile
+    for name in options.only:
+        print(f"\n## {name}\n", flush=True)
+        try:
+            parts[name](options)
+        except Exception:  # the other parts go on
+            traceback.print_exc(file=sys.stdout)
+            missed.append(f"{name} failed")
+    print(f"\n{table(['goal', 'limit', 'measured', 'reached'], goals)}\n\nmissed: {', '.join(missed) or 'nothing'}")
+    sys.exit(bool(missed))
 
 
 if __name__ == "__main__":

@@ -34,29 +34,3 @@ extern "C" void roots(float* numbers, long count, long times) {
   for (long turn = 0; turn < times; ++turn)
     for (long i = 0; i < count; ++i) numbers[count + i] = std::sqrt(numbers[i]);
 }
-
-// Of an image of 8 rows: the magnitudes of its gradients, and their angles, in half turns, to the planes after it
-extern "C" void angles(float* numbers, long columns, long times) {
-  for (long turn = 0; turn < times; ++turn) {
-    for (long row = 1; row < 7; ++row) {
-      const float *here = numbers + row * columns, *above = here - columns, *below = here + columns;
-      float* __restrict magnitudes = numbers + (8 + row) * columns, * __restrict angles = magnitudes + 8 * columns;
-      for (long i = 1; i < columns - 1; ++i) {
-        const float across = here[i + 1] - here[i - 1], down = below[i] - above[i];
-        magnitudes[i] = std::sqrt(across * across + down * down);
-        const float x = std::fabs(across), y = std::fabs(down);
-        const float large = x > y ? x : y, small = x > y ? y : x;
-        const float t = small / (large + 1e-30f), s = t * t;
-        float angle = 0.002168260411f;
-        angle = angle * s - 0.01069655349f;
-        angle = angle * s + 0.02534499976f;
-        angle = angle * s - 0.04212303499f;
-        angle = angle * s + 0.06305023492f;
-        angle = angle * s - 0.1060524763f;
-        angle = (angle * s + 0.3183086485f) * t;
-        angle = y > x ? 0.5f - angle : angle;
-        angles[i] = across * down < 0 ? -angle : angle;
-      }
-    }
-  }
-}

@@ -19,7 +19,6 @@ from nablahog.hog import BlockCells, BoxCells, GlobalNorm, HOGSpec
 
 KIB = 1024
 SIZES = tuple(KIB << k for k in range(7, 20, 2))  # bytes moved: 128 KiB … 512 MiB, from the first cache to memory
-QUICK_SIZES = SIZES[:3]
 _FLOATS = 2048  # that fit into any first cache, four times
 _CHAIN = 32
 
@@ -33,14 +32,12 @@ class Rates:
             less than for more.
         fused: multiply-adds, in vectors of float32 as the compiler makes them.
         divisions, roots: likewise.
-        angles: pixels of which central differences, magnitude and angle are found, by a compiled loop.
     """
 
     bandwidth: dict[int, float]
     fused: float
     divisions: float
     roots: float
-    angles: float
 
     def bandwidth_of(self, moved: float) -> float:
         """At the nearest size measured."""
@@ -97,15 +94,6 @@ def work(spec: HOGSpec, backward: bool) -> Work:
     return Work(moved, fused, angles if linear else 0, angles)
 
 
-def rendering_work(vertices: int, faces: int, pixels: int, derivative: bool) -> Work:
-    """The least that a rendering needs: each vertex moved and projected, each face's side found, each pixel written.
-
-    Vertices and their numbers in the faces have eight bytes each; the image, and its motion by six parameters, four.
-    """
-    moved = 24 * vertices + 24 * faces + (4 + (24 if derivative else 0)) * pixels
-    return Work(moved, (12 + (12 if derivative else 0)) * vertices + 5 * faces, vertices, 0)
-
-
 def limits_ms(needed: Work, pixels: int, rates: Rates) -> tuple[float, float]:
     """Milliseconds that the bytes of so many pixels take at least, and that the operations take."""
     moved = needed.moved * pixels
@@ -113,15 +101,14 @@ def limits_ms(needed: Work, pixels: int, rates: Rates) -> tuple[float, float]:
     return 1e3 * moved / rates.bandwidth_of(moved), 1e3 * operations * pixels
 
 
-def measured(sizes: tuple[int, ...] = SIZES, repeats: int = 12) -> Rates:
-    bandwidth = {size: _bandwidth(size, repeats) for size in sizes}
+def measured(repeats: int = 12) -> Rates:
+    bandwidth = {size: _bandwidth(size, repeats) for size in SIZES}
     loops = _compiled()
     return Rates(
-        {size: max(rate for other, rate in bandwidth.items() if other >= size) for size in sizes},
+        {size: max(rate for other, rate in bandwidth.items() if other >= size) for size in SIZES},
         _per_second(loops.fused, (4, _FLOATS // 4), _FLOATS * _CHAIN, repeats),
         _per_second(loops.divisions, (2, _FLOATS), _FLOATS, repeats),
         _per_second(loops.roots, (2, _FLOATS), _FLOATS, repeats),
-        _per_second(loops.angles, (3, 8, 514), 6 * 512, repeats),
     )
 
 

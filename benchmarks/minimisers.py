@@ -22,15 +22,15 @@ import torch
 from torch import Tensor
 
 from nablahog import HOGSpec, hog, presets
+from nablahog.invert.cosine import CosineBasis
 from nablahog.invert.flat import FlatRegions
 from nablahog.invert.histograms import recover_histograms
 from nablahog.invert.objective import PreimageObjective
-from nablahog.invert.parameterize import CosineBasis
 from nablahog.invert.priors import RelativeSmoothness
 from nablahog.invert.search import EXPONENT
 from nablahog.invert.start import starting_images
 from nablahog.optimize import Minimiser, minimise
-from photographs import photographs
+from preimages import photographs
 
 SIDE, CELL = 128, 8
 EVALUATIONS = (50, 100, 200, 400)

@@ -1,180 +1,154 @@
-"""How fast the package is beside its peers, how that grows, and how far it is from what the machine can do.
+"""How fast is the operator beside its peers, how does that grow, and how far is it from what the machine can do?
 
-    python benchmarks/performance.py [--vlfeat LIB] [--dlib LIB] [--images DIR] [--models DIR] [--quick] [--out docs]
+    python benchmarks/performance.py [--shapes 1x512 64x128] [--only times threads memory] [--seconds 6] [--quick]
+        [--vlfeat SOURCES] [--dlib SOURCES]
 
-prints the page and writes performance.json, performance.md and performance-*.svg.
+One thread, CPU time: the median over turns, in brackets the quartiles.  A ratio is the median of the peer's time over
+ours in the same turn; bold is a loss.  *With backward* is the descriptor and its derivative with respect to the image;
+no library has one, so it is compared with their descriptors without it.  The limit is the least time for the bytes and
+the operations that a descriptor needs, see limits.py.  Memory is by how much one call raises the peak of the resident
+set of a fresh process that holds the image (Linux only).
 """
 
 from __future__ import annotations
 
 import argparse
-import dataclasses
-import json
 import os
-import platform
-import sys
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
-from importlib.metadata import version
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import cv2
 import torch
 
-import growth
-import limits
-import searches
-from goals import PAPERS
-from machine import processor
-from memory import printed_by
-from parts import of_operator
-from performance_page import write_page
-from programs import Program, add_libraries, given_libraries, programs
+from limits import IMAGE, Rates, limits_ms, measured, work
+from programs import NAIVE, PAPER, UOCTTI, Photographs, Program, add_libraries, library_options, programs
+from timing import Summary, Times, cell, digits, in_turns, printed_by, processor, ratio, summary, table, times_as_fast
 
-ROOT = Path(__file__).parent.parent
+MAIN = ((1, 128), (1, 512), (64, 128), (1, 2048))
+SHAPES = ((1, 64), *MAIN[:2], (16, 128), MAIN[2], (1, 1024), MAIN[3], (1, 4096))  # growing
+COMPILED = ((1, 512), (64, 128))
+LONGEST_MS = 4000.0  # of a call; what would take longer is left out
+LEAST_TURNS, IN_A_ROW = 5, 5  # where only the shortest time counts; calls on as many threads
 
 
-@dataclass(frozen=True)
-class Extent:
-    """How much is measured.
-
-    Attributes:
-        tables: batch and side of the first tables.
-        compiled: those at which `torch.compile` takes part.
-        sides, batches: of the curves; batches of images of ``batch_side``.
-        seconds: to spend on a shape of the tables, of the curves, and on each other measurement.
-        memory_side, parts_side, faces_side: pixels of a side.
-        memory_of: the programs; None for all that need not be compiled.
-        faces, models, scenes, preimages: how many.
-        preimage_side: what is left of the photographs; None for all.
-        sizes: bytes whose bandwidth is measured.
-    """
-
-    tables: tuple[tuple[int, int], ...] = ((1, 128), (1, 512), (1, 2048), (64, 128))
-    compiled: tuple[tuple[int, int], ...] = ((1, 512), (64, 128))
-    sides: tuple[int, ...] = (64, 128, 256, 512, 1024, 2048, 4096, 8192)
-    batches: tuple[int, ...] = (1, 4, 16, 64, 256, 1024)
-    batch_side: int = 128
-    seconds: tuple[float, float, float] = (15.0, 3.0, 6.0)
-    memory_side: int = 2048
-    memory_of: tuple[str, ...] | None = None
-    parts_side: int = 512
-    faces_side: int = 128
-    threads: tuple[tuple[int, int], ...] = ((1, 512), (64, 128))
-    faces: tuple[int, ...] = (500, 5000, 50_000, 500_000)
-    models: int = 16
-    scenes: int = 12
-    preimages: int = 4
-    preimage_side: int | None = None
-    sizes: tuple[int, ...] = limits.SIZES
+def shape_of(text: str) -> tuple[int, int]:
+    """Images and pixels of a side, as of 64x128."""
+    batch, side = map(int, text.split("x"))
+    return batch, side
 
 
-QUICK = Extent(
-    tables=((1, 64), (4, 32)),
-    compiled=(),
-    sides=(64, 96),
-    batches=(1, 4),
-    batch_side=32,
-    seconds=(0.3, 0.1, 0.2),
-    memory_side=256,
-    memory_of=(PAPERS,),
-    parts_side=64,
-    faces_side=32,
-    threads=((1, 64),),
-    faces=(500, 1000),
-    models=2,
-    scenes=1,
-    preimages=1,
-    preimage_side=32,
-    sizes=limits.QUICK_SIZES,
-)
+def in_words(batch: int, side: int) -> str:
+    return f"{batch}×{side}²" if batch > 1 else f"{side}²"
 
 
-def shapes(extent: Extent) -> list[growth.Shape]:
-    """All shapes of the tables and the curves, growing."""
-    every = {(1, side) for side in extent.sides} | {(batch, extent.batch_side) for batch in extent.batches}
-    ordered = sorted(every | set(extent.tables), key=lambda shape: (shape[0] * shape[1] ** 2, shape))
-    return [
-        growth.Shape(*s, s in extent.tables, s in extent.compiled, extent.seconds[0 if s in extent.tables else 1])
-        for s in ordered
-    ]
+def taking_part(program: Program, shape: tuple[int, int]) -> bool:
+    shapes = {"main": MAIN, "compiled": COMPILED}
+    return program.where == "all" or shape in shapes[program.where]
 
 
-def memory(every: list[Program], extent: Extent, libraries: dict[str, Path]) -> dict[str, Any]:
-    """MiB of one call of each program in a fresh process."""
-    options = [part for name, path in libraries.items() for part in (f"--{name}", str(path))]
-    program, side = str(Path(__file__).with_name("programs.py")), extent.memory_side
-    names = extent.memory_of or [p.name for p in every if p.where != "compiled"]
-    result = {name: printed_by(program, [name, "1", str(side), *options]) for name in names}
-    return {"side": side, "image_mib": side**2 * limits.IMAGE / 2**20, "programs": result}
+def operator(programs: list[Program], shape: tuple[int, int], seconds: float) -> dict[str, Times]:
+    """Times of the programs on images of a shape."""
+    photographs = Photographs(*shape)
+    return in_turns({each.name: each.make(photographs) for each in programs}, seconds)
 
 
-def machine() -> dict[str, Any]:
-    libraries = {name: version(name) for name in ("torch", "numpy", "scikit-image")}
-    others = {"OpenCV": cv2.getVersionString(), "Python": platform.python_version()}
-    return libraries | others | {platform.system(): f"{platform.machine()}, {os.cpu_count()} CPUs ({processor()})"}
+def ratios(program: Program, times: Mapping[str, Times]) -> dict[str, Summary]:
+    """How many times as fast as each of its peers a program is."""
+    return {name: ratio(times[name].cpu, times[program.name].cpu) for name in program.beside if name in times}
 
 
-def operator_parts(every: list[Program], side: int, seconds: float, rates: limits.Rates) -> dict[str, Any]:
-    """Of each dialect."""
-    specs = {p.name: p.spec for p in every if p.spec is not None and not p.backward and p.where == "all"}
-    return {"side": side, "programs": {name: of_operator(spec, side, seconds, rates) for name, spec in specs.items()}}
+def times_table(every: list[Program], shapes: list[tuple[int, int]], seconds: float, rates: Rates) -> None:
+    """Prints a table for each shape."""
+    a_pixel: dict[str, float] = {}  # milliseconds at the shape before
+    for batch, side in shapes:
+        pixels = batch * side**2
+        part = [each for each in every if taking_part(each, (batch, side))]
+        slow = [each.name for each in part if a_pixel.get(each.name, 0) * pixels > LONGEST_MS]
+        times = operator([each for each in part if each.name not in slow], (batch, side), seconds)
+        rows = []
+        for each in (one for one in part if one.name in times):
+            cpu = summary(times[each.name].cpu)
+            a_pixel[each.name] = cpu["median"] / pixels
+            beside = ", ".join(f"{times_as_fast(stats)} {name}" for name, stats in ratios(each, times).items()) or "–"
+            limit = "–"
+            if each.spec is not None and each.where == "all":
+                limit = f"{cpu['median'] / max(limits_ms(work(each.spec, each.backward), pixels, rates)):.1f}×"
+            rows.append([each.name, cell(cpu), digits(1e6 * a_pixel[each.name]), limit, beside])
+        head = ["program", "CPU ms", "ns a pixel", "times its limit", "times as fast as"]
+        print(f"\n{in_words(batch, side)}\n\n{table(head, rows)}", flush=True)
+        if slow:
+            print(f"\nLeft out, as a call takes more than {LONGEST_MS / 1000:g} s: {', '.join(slow)}.")
 
 
-def measured(extent: Extent, libraries: dict[str, Path], images: Path | None, models: Path | None) -> dict[str, Any]:
-    """Everything, by name."""
-    every = programs(libraries)
-    rates = limits.measured(extent.sizes)
-    record: dict[str, Any] = {"limits": dataclasses.asdict(rates)}
+def shortest_ms(program: Program, shape: tuple[int, int], seconds: float) -> dict[int, float]:
+    """The least wall time by the number of threads; other times include waiting for a busy core."""
+    counts = [2**k for k in range((os.cpu_count() or 1).bit_length())]
+    call, least = program.make(Photographs(*shape)), dict.fromkeys(counts, float("inf"))
+    end, turns = time.perf_counter() + seconds, 0
+    while turns < LEAST_TURNS or time.perf_counter() < end:
+        for count in counts:
+            torch.set_num_threads(count)
+            call()  # which wakes a core that had nothing to do
+            times = Times()
+            for _ in range(IN_A_ROW):
+                times.add(call)
+            least[count] = min(least[count], *times.wall)
+        turns += 1
+    torch.set_num_threads(1)
+    return least
 
-    def step(name: str, measure: Callable[[], Any]) -> None:
-        start = time.perf_counter()
-        record[name] = measure()
-        print(f"{name}: {time.perf_counter() - start:.0f} s", file=sys.stderr)
 
-    step("memory", lambda: memory(every, extent, libraries))
-    taken = {name: mib for name, mib in record["memory"]["programs"].items() if mib is not None}
-    a_pixel = {name: mib * 2**20 / extent.memory_side**2 for name, mib in taken.items()}
-    step("operator", lambda: growth.operator(every, shapes(extent), a_pixel))
-    seconds = extent.seconds[2]
-    step("parts", lambda: operator_parts(every, extent.parts_side, seconds / 2, rates))
-    step("threads", lambda: growth.threads(every, extent.threads, seconds / 2))
-    step("faces", lambda: growth.faces(extent.faces, extent.faces_side, seconds / 2))
-    step("models", lambda: growth.models(models, extent.models, min(3, extent.scenes)))
-    step("preimages", lambda: searches.preimages(images, extent.preimages, extent.preimage_side, rates))
-    step("poses", lambda: searches.poses(models, extent.scenes, rates))
-    return record
+def threads_table(every: list[Program], shapes: list[tuple[int, int]], seconds: float) -> None:
+    rows, counts = [], []
+    for shape in (each for each in shapes if each in COMPILED):
+        for program in every:
+            if program.name.startswith(NAIVE) or (program.spec in (PAPER, UOCTTI) and program.where == "all"):
+                least = shortest_ms(program, shape, seconds)
+                counts = [f"{count} threads" if count > 1 else "1 thread" for count in least]
+                cells = [f"{digits(ms)} ({least[1] / ms:.2f}×)" for ms in least.values()]
+                rows.append([f"{program.name}, {in_words(*shape)}", *cells])
+    print(f"\nShortest wall ms, and the speed-up over one thread\n\n{table(['program', *counts], rows)}", flush=True)
+
+
+def memory_table(every: list[Program], side: int, options: argparse.Namespace) -> None:
+    file, image = str(Path(__file__).with_name("programs.py")), side**2 * IMAGE / 2**20
+    rows = []
+    for each in (one for one in every if one.where != "compiled"):
+        mib = printed_by(file, each.name, "1", str(side), *library_options(options))
+        rows.append([each.name, *(["–"] * 2 if mib is None else [f"{mib:.1f}", f"{mib / image:.2f}"])])
+    print(f"\nMemory of a call, {side}²\n\n{table(['program', 'MiB', f'images of {image:g} MiB'], rows)}", flush=True)
+
+
+def limits_table(rates: Rates) -> None:
+    sizes = [f"{size / 2**20:g} MiB" for size in rates.bandwidth]
+    print(f"\n{table(['bytes moved', *sizes], [['GB/s', *(f'{r / 1e9:.0f}' for r in rates.bandwidth.values())]])}")
+    counted = {"multiply-add": rates.fused, "division": rates.divisions, "square root": rates.roots}
+    rows = [[name, f"{rate / 1e9:.1f}"] for name, rate in counted.items()]
+    print(f"\n{table(['float32, in vectors', '10⁹ a second'], rows)}")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_libraries(parser)
-    parser.add_argument(
-        "--images", type=Path, metavar="DIR", help="photographs of one size; by default those of scikit-image"
-    )
-    parser.add_argument("--models", type=Path, metavar="DIR", help="CAD models; by default procedural chairs")
-    parser.add_argument("--quick", action="store_true", help="tiny images and few repeats: does it run at all?")
-    parser.add_argument("--out", type=Path, help="folder to write to (default docs; with --quick out/performance)")
+    parser.add_argument("--shapes", type=shape_of, nargs="+", default=list(SHAPES), metavar="BATCHxSIDE")
+    parser.add_argument("--only", nargs="+", default=("times", "threads", "memory"), metavar="PART")
+    parser.add_argument("--seconds", type=float, default=6.0, help="for each shape, and each row of threads (6)")
+    parser.add_argument("--quick", action="store_true", help="tiny images: does it run at all?")
     options = parser.parse_args()
-    out = options.out or ROOT / ("out/performance" if options.quick else "docs")
-    if options.quick and out.resolve() == (ROOT / "docs").resolve():
-        parser.error("a smoke run is no measurement, and not for docs: give another folder by --out")
+    if options.quick:
+        options.shapes, options.seconds = [(1, 64), (4, 32)], 0.1
     torch.set_num_threads(1)
-    libraries = given_libraries(options)
-    start = time.perf_counter()
-    result = measured(QUICK if options.quick else Extent(), libraries, options.images, options.models)
-    record = {
-        "quick": options.quick,
-        "machine": machine(),
-        "given": [*libraries, *(name for name in ("images", "models") if getattr(options, name) is not None)],
-        "seconds": time.perf_counter() - start,
-        **result,
-    }
-    out.mkdir(parents=True, exist_ok=True)
-    (out / "performance.json").write_text(json.dumps(record, indent=1) + "\n")
-    print(write_page(out))
+    every = programs(options)
+    print(f"torch {torch.__version__}, OpenCV {cv2.__version__}; {processor()}")
+    if "times" in options.only:
+        rates = measured()
+        limits_table(rates)
+        times_table(every, options.shapes, options.seconds, rates)
+    if "threads" in options.only:
+        threads_table(every, options.shapes, options.seconds / 2)
+    if "memory" in options.only:
+        memory_table(every, 256 if options.quick else 2048, options)
 
 
 if __name__ == "__main__":

@@ -1,86 +1,127 @@
-"""How close single-scale pre-images come to a folder of photographs, and what they cost.
+"""How close do pre-images come to photographs, what do they cost, and how does that compare with other searches?
 
-    python benchmarks/preimages.py --images DIR [--quality best] [--descriptor uoctti] [--cell 8] [--every N]
+    python benchmarks/preimages.py [--images DIR] [--quality fast best] [--peers 4] [--threads 1]
 
-Every image is read as gray (Eq. 1) and must be of one size.  Prints mean and median of CC, MI, SSIM and the descriptor
-distance as `nablahog.metrics.DEFINITIONS` defines them, a 95 % bootstrap interval of each mean, and the wall time and
-the CPU time of `reconstruct` on the whole batch, divided by the number of images, once all its loops are compiled.
+Means of CC, MI, SSIM and the descriptor distance (``nablahog.metrics.DEFINITIONS``) over a folder of images of one
+size, with their 95 % bootstrap intervals, and the CPU time of `reconstruct` on the whole batch, divided by the number
+of images.  With ``--peers`` so many images are inverted one by one in turns, also by CNN-HOG's schedule of 800 steps
+and by the paper's own search.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import get_args
+from typing import Any
 
 import numpy as np
 import torch
+from skimage import data
+from torch import Tensor
+from torch.nn.functional import interpolate
 
 from nablahog import hog, metrics, presets, reconstruct
 from nablahog.hog.gradient import gray
-from nablahog.invert import Search
-from nablahog.invert.quality import QualityName
+from nablahog.invert import AsPublished, Search
 from nablahog.io.images import read_image
+from nablahog.paper.baselines.cnn_hog import CNNHOG
+from timing import Times, cell, ratio, summary, table, times_as_fast
+
+SIDE = 128
+SAMPLES = ("camera", "astronaut", "coffee", "coins", "chelsea", "clock", "rocket", "brick")
+FIGURES: dict[str, Callable[[Tensor, Tensor], float]] = {
+    "CC": metrics.cross_correlation,
+    "MI": metrics.mutual_information,
+    "SSIM": metrics.ssim,
+}
+
+
+def photographs(folder: Path | None) -> Tensor:
+    """(N, 1, H, W) in 0…1: the images of a folder, all of one size, or those that scikit-image installs."""
+    if folder is not None:
+        files = sorted(p for p in folder.iterdir() if p.suffix.lower() in {".png", ".jpg", ".jpeg"})
+        return torch.stack([gray(read_image(file)[None])[0] for file in files])
+    images = []
+    for name in SAMPLES:
+        picture = torch.from_numpy(np.atleast_3d(getattr(data, name)())).float()
+        side = min(picture.shape[:2])
+        square = gray(picture[:side, :side].permute(2, 0, 1)[None])
+        images.append(interpolate(square, size=(SIDE, SIDE), mode="area").round() / 255)
+    return torch.cat(images)
+
+
+def pre_images(images: Tensor, preset: str = "uoctti", **choices: Any) -> tuple[dict[str, list[float]], float]:
+    """The figures of each image, and the seconds of the processor for one."""
+    size, descriptors = (images.shape[2], images.shape[3]), hog(images, preset)
+    reconstruct(descriptors[:1], preset, size, search=Search(max_evaluations=3))  # what runs first is slower
+    began = time.process_time()
+    result = reconstruct(descriptors, preset, size, **choices)
+    seconds = (time.process_time() - began) / len(images)
+    pairs = list(zip(result.image[:, 0], images[:, 0], strict=True))
+    figures = {name: [figure(*pair) for pair in pairs] for name, figure in FIGURES.items()}
+    figures |= {"distance": result.distance.tolist(), "evaluations": result.evaluations.double().tolist()}
+    return figures, seconds
+
+
+def beside_others(images: Tensor, qualities: list[str]) -> str:
+    """A table of ours and of others, in turns."""
+    spec, networks = presets.uoctti(), {"CNN-HOG": CNNHOG(), "CNN-HOGb": CNNHOG(bilinear=True)}
+
+    def cnn_hog(network: CNNHOG, image: Tensor) -> Tensor:
+        return network.reconstruct(network.descriptor(image)).image
+
+    def ours(image: Tensor, **choices: Any) -> Tensor:
+        return reconstruct(hog(image, spec), spec, **choices).image
+
+    methods: dict[str, Callable[[Tensor], Tensor]] = {
+        **{f"ours, {quality}": partial(ours, quality=quality) for quality in qualities},
+        **{name: partial(cnn_hog, network) for name, network in networks.items()},
+        "paper": partial(ours, method=AsPublished()),
+    }
+    times = {name: Times() for name in methods}
+    cc: dict[str, list[float]] = {name: [] for name in methods}
+    for image in images.split(1):
+        for name, method in methods.items():
+            made: list[Tensor] = []
+            times[name].add(partial(lambda method, image, made: made.append(method(image)), method, image, made))
+            cc[name].append(metrics.cross_correlation(made[0][0, 0], image[0, 0]))
+    rows = []
+    for name in methods:
+        peers = [each for each in methods if not each.startswith("ours")] if name.startswith("ours") else []
+        beside = (f"{times_as_fast(ratio(times[peer].cpu, times[name].cpu))} {peer}" for peer in peers)
+        seconds = summary([ms / 1000 for ms in times[name].cpu])
+        rows.append([name, cell(seconds), f"{np.mean(cc[name]):.3f}", ", ".join(beside) or "–"])
+    return table(["one by one", "CPU s an image", "CC", "times as fast as"], rows)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--images", type=Path, required=True, help="folder of images of one size")
-    parser.add_argument("--descriptor", choices=("uoctti", "paper"), default="uoctti")
-    parser.add_argument("--cell", type=int, default=8)
-    parser.add_argument("--quality", choices=get_args(QualityName), default="best")
-    parser.add_argument("--every", type=int, default=1, help="only every N-th image")
-    parser.add_argument("--limit", type=int, default=None, help="only the first N images")
-    parser.add_argument(
-        "--max-evaluations", type=int, default=None, help="of each image; the library's default if absent"
-    )
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--threads", type=int, default=torch.get_num_threads())
-    parser.add_argument("--json", type=Path, help="write the figures of each image to this file, too")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--images", type=Path, metavar="DIR", help="by default scikit-image's, at 128x128")
+    parser.add_argument("--preset", default="uoctti")
+    parser.add_argument("--quality", nargs="+", default=["fast", "best"])
+    parser.add_argument("--every", type=int, default=1, help="only each so many-th image")
+    parser.add_argument("--peers", type=int, default=0, help="images that others invert, too")
+    parser.add_argument("--threads", type=int, default=1)
     options = parser.parse_args()
-
     torch.set_num_threads(options.threads)
-    files = sorted(p for p in options.images.iterdir() if p.suffix.lower() in {".png", ".jpg", ".jpeg"})
-    files = files[: options.limit][:: options.every]
-    images = torch.stack([gray(read_image(file)[None])[0] for file in files])
-    spec = getattr(presets, options.descriptor)(options.cell)
-    size, descriptors = (images.shape[2], images.shape[3]), hog(images, spec)
-    reconstruct(descriptors[:1], spec, size, search=Search(max_evaluations=3))
-    began = time.process_time()
-    result = reconstruct(
-        descriptors,
-        spec,
-        size,
-        quality=options.quality,
-        seed=options.seed,
-        search=Search(max_evaluations=options.max_evaluations),
-    )
-    spent = (time.process_time() - began) / len(files)
-
-    rows = []
-    for i, file in enumerate(files):
-        pair = result.image[i, 0], images[i, 0]
-        figures = {"CC": metrics.cross_correlation(*pair), "MI": metrics.mutual_information(*pair)}
-        figures |= {"|CC|": abs(figures["CC"]), "SSIM": metrics.ssim(*pair), "distance": float(result.distance[i])}
-        rows.append({"image": file.name, **figures, "evaluations": int(result.evaluations[i])})
-
-    print(f"{len(files)} images of {images.shape[-2]}x{images.shape[-1]}, {spec.name}, cell {options.cell}")
-    print("| figure | mean | 95 % interval | median |\n| --- | --- | --- | --- |")
-    generator = np.random.default_rng(0)
-    for name in ("CC", "|CC|", "MI", "SSIM", "distance"):
-        values = np.array([row[name] for row in rows], dtype=float)
-        means = generator.choice(values, (10_000, len(values))).mean(1)
-        low, high = np.quantile(means, (0.025, 0.975))
-        print(f"| {name} | {values.mean():.4f} | {low:.4f} … {high:.4f} | {np.median(values):.4f} |")
-    evaluations = np.mean([row["evaluations"] for row in rows])
-    seconds = result.seconds / len(files)
-    print(
-        f"{seconds:.3f} s, {spent:.3f} s of CPU and {evaluations:.0f} evaluations an image, {options.threads} threads"
-    )
-    if options.json:
-        options.json.write_text(json.dumps(rows, indent=1))
+    images = photographs(options.images)[:: options.every]
+    print(f"{len(images)} images of {images.shape[3]}x{images.shape[2]}, {options.preset}, {options.threads} threads\n")
+    generator, rows = np.random.default_rng(0), []
+    for quality in options.quality:
+        figures, seconds = pre_images(images, options.preset, quality=quality)
+        cells = []
+        for name in (*FIGURES, "distance"):
+            means = generator.choice(figures[name], (10_000, len(images))).mean(1)
+            low, high = np.quantile(means, (0.025, 0.975))
+            cells.append(f"{np.mean(figures[name]):.3f} ({low:.3f}…{high:.3f})")
+        rows.append([quality, *cells, f"{np.mean(figures['evaluations']):.0f}", f"{seconds:.3f}"])
+    print(table(["quality", *FIGURES, "distance", "evaluations", "CPU s"], rows), flush=True)
+    if options.peers:
+        some = images[:: max(1, len(images) // options.peers)][: options.peers]
+        print(f"\n{beside_others(some, options.quality)}")
 
 
 if __name__ == "__main__":

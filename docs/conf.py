@@ -43,7 +43,7 @@ extensions = [
 ]
 templates_path = ["_templates"]
 GALLERIES = [name for name in ("gallery", "tutorials") if [*(HERE / name).glob("GALLERY_HEADER.*")]]
-exclude_patterns = ["_ext", "_templates", "gallery", "tutorials", "avx2/*.json", "**/README.*", "**/GALLERY_HEADER.*"]
+exclude_patterns = ["_ext", "_templates", "gallery", "tutorials", "**/README.*", "**/GALLERY_HEADER.*"]
 nitpicky = True
 smartquotes = False  # quotes of Python stay straight
 

@@ -22,7 +22,7 @@ from nablahog.invert import reconstruct_multiscale, scale_descriptors
 from nablahog.io.images import limit_size
 from nablahog.io.sample_photographs import SAMPLE_NAMES, sample_photograph
 from nablahog.paper.examples import rendered
-from nablahog.paper.models import procedural_chairs
+from nablahog.paper.models import scene_chairs
 from nablahog.paper.viewpoints import sample_viewpoints
 from nablahog.pose import estimate_pose
 from nablahog.pose.crop import crop_object
@@ -65,7 +65,7 @@ def scales() -> None:
 
 
 def pose() -> None:
-    models = procedural_chairs(24)
+    models = scene_chairs()
     viewpoints = sample_viewpoints(10_000, np.random.default_rng(0))
     clutter = [sample_photograph(name) for name in SAMPLE_NAMES]
     scenes = rendered(6, models, viewpoints, clutter, origin="", unknown_model=False, seed=0).objects

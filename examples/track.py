@@ -14,7 +14,6 @@ import torch
 from torch import Tensor
 
 import nablahog
-from nablahog.paper.chairs import library
 
 WITHIN = 20.0  # degrees of azimuth that an object turns from frame to frame, at most
 SURE = 0.5  # confidence below which the object counts as lost
@@ -46,7 +45,7 @@ def around(estimate: nablahog.PoseEstimate, mesh: nablahog.Mesh) -> list[float]:
 
 
 if __name__ == "__main__":
-    chair, camera = library()["wooden-0"], nablahog.Camera.from_field_of_view(30, 240, 320)
+    chair, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 240, 320)
     true = torch.tensor([[40.0 + 3 * k, 15, 3, 0, 2 * k, 0] for k in range(8)])
     video = nablahog.render(chair, true, camera)
     for pose, estimate in zip(true, track(video, chair, camera.focal), strict=True):

@@ -13,8 +13,6 @@ from hypothesis import settings
 from nablahog import native, presets
 from nablahog.paper.baselines.bovw_learning import learn_bovw
 from nablahog.paper.baselines.hoggles_learning import learn_hoggles
-from nablahog.paper.baselines.nearest import learn_nearest
-from nablahog.paper.baselines.ridge import learn_ridge
 from nablahog.runtime.forward_mode import load_forward_mode
 
 # derandomized: a failure belongs to a change, never to the luck of the run
@@ -59,10 +57,8 @@ def learned_files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     camera = torch.from_numpy(data.camera() / 255).float()[::4, ::4]
     images, spec = {"a": camera[:96, :96].contiguous()}, presets.uoctti()
     folder = tmp_path_factory.mktemp("learned")
-    files = {kind: str(folder / f"{kind}.npz") for kind in ("hoggles", "bovw", "ridge", "nearest")}
+    files = {kind: str(folder / f"{kind}.npz") for kind in ("hoggles", "bovw")}
     learn_hoggles(images, spec, atoms=8, fast=True).save(files["hoggles"])
     squares = {str(k): camera[:40, 20 * k : 20 * k + 40].contiguous() for k in range(4)}
     learn_bovw(squares, words=3, patch=32).save(files["bovw"])
-    learn_ridge(images, spec).save(files["ridge"])
-    learn_nearest(images, spec).save(files["nearest"])
     return files

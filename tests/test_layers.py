@@ -30,10 +30,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "jobs": {"hog", "io", "runtime"},
     "invert": {"hog", "io", "metrics", "optimize", "runtime"},  # no pose
     "pose": {"hog", "io", "metrics", "optimize", "render", "runtime"},  # no inversion
-    "dialects": {"compat", "hog", "io", "runtime", "viz"},
 }
 MAY_IMPORT["nablahog"] = {*MAY_IMPORT} - {"jobs"}
-MAY_IMPORT["paper"] = {*MAY_IMPORT} - {"dialects", "nablahog"}
+MAY_IMPORT["paper"] = {*MAY_IMPORT} - {"nablahog"}
 MAY_IMPORT["cli"] = {*MAY_IMPORT} - {"nablahog"}
 MAY_IMPORT["app"] = {*MAY_IMPORT} - {"nablahog"}  # the page reads and says what the command does
 MAY_IMPORT["__main__"] = {"cli"}

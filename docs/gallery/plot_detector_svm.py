@@ -22,8 +22,8 @@ generator = np.random.default_rng(0)
 # %%
 # Data: chairs and no chairs
 # --------------------------
-# Negative examples are crops of photographs. Positive examples are procedural chairs, rendered from the left in front
-# of other crops. Chairs 0 … 59 are for training, 60 … 89 for the test.
+# Negative examples are crops of photographs. Positive examples are the chairs that come with the package, rendered
+# from the left in front of other crops. Three of four chairs are for training, the others for the test.
 
 photographs = [Image.fromarray(p).convert("L") for p in (data.astronaut(), data.coffee(), data.rocket(), data.camera())]
 
@@ -39,20 +39,21 @@ def crops(count: int) -> torch.Tensor:
     return torch.from_numpy(np.stack(result))[:, None] / 255
 
 
-def chairs(seeds: range) -> torch.Tensor:
-    """Chairs (len(seeds), 1, H, W) at azimuths of 35° to 55°, each in front of a crop."""
+def chairs(meshes: list[nablahog.Mesh]) -> torch.Tensor:
+    """Chairs (len(meshes), 1, H, W) at azimuths of 35° to 55°, each in front of a crop."""
     camera = nablahog.Camera.from_field_of_view(30, *SIZE)
     result = []
-    for seed, behind in zip(seeds, crops(len(seeds)), strict=True):
+    for mesh, behind in zip(meshes, crops(len(meshes)), strict=True):
         pose = torch.tensor([[generator.uniform(35, 55), generator.uniform(10, 20), 2.4, 0, 0, 0]])
-        mesh = nablahog.paper.chairs.chair(seed)
         result.append(nablahog.render(mesh, pose, camera, background=behind[None], supersampling=2))
     return torch.cat(result)
 
 
-training = torch.cat([chairs(range(60)), crops(300)])
+meshes = list(nablahog.sample_chairs().values())
+known, unknown = [mesh for k, mesh in enumerate(meshes) if k % 4], meshes[::4]
+training = torch.cat([chairs(2 * known), crops(300)])
 labels = np.repeat([1, 0], [60, 300])
-test = torch.cat([chairs(range(60, 90)), crops(300)])
+test = torch.cat([chairs(3 * unknown), crops(300)])
 test_labels = np.repeat([1, 0], [30, 300])
 
 # %%

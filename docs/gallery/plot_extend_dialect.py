@@ -16,7 +16,6 @@ from PIL import Image
 from skimage import data
 
 import nablahog
-from nablahog.dialects import compare
 from nablahog.hog import BilinearCells, WindowNorm
 
 # %%
@@ -91,23 +90,4 @@ for axes, picture, title in zip(
 plt.show()
 
 # %%
-# How far is it from the HOGs of libraries, and why?
-# --------------------------------------------------
-# ``compare`` exchanges one convention after another, and attributes the squared distance of two descriptors to them
-# (Shapley values, so that they sum to it). The distance is ‖a − b‖ of the strengths of gradients by cell and
-# orientation, each descriptor scaled to length 1: 0 if they are equal, √2 if they are orthogonal.
-
-pixels = torch.from_numpy(np.array(photograph)).permute(2, 0, 1)
-others = {
-    "uoctti": nablahog.presets.uoctti(),
-    "skimage": nablahog.presets.skimage(),
-    "opencv": nablahog.presets.opencv(),
-}
-comparison = compare(pixels, {"mine": spec, **others})
-for pair in comparison.pairs:
-    if "mine" in (pair.a, pair.b):
-        distance = pair.orientations
-        reasons = ", ".join(
-            f"{each.convention.name} {each.value / distance.distance**2:.0%}" for each in distance.contributions[:3]
-        )
-        print(f"{pair.b:8} distance {distance.distance:.2f}; shares of its square: {reasons}")
+# How far it is from the HOG of a library: :doc:`plot_compare_hogs`.

@@ -16,7 +16,7 @@ import nablahog
 # What is known: a descriptor
 # ---------------------------
 
-mesh = nablahog.paper.chairs.chair(3)  # or nablahog.load_mesh("chair.obj")
+mesh = nablahog.sample_chairs()["wooden-0"]  # or nablahog.load_mesh("chair.obj")
 camera = nablahog.Camera.from_field_of_view(30, 128, 128)
 renderer = nablahog.Renderer(mesh, camera)
 spec = nablahog.presets.uoctti(cell_size=8)

@@ -23,7 +23,7 @@ from nablahog.render import silhouette
 # gives a box with the error of an annotation. Your own photograph is an array (H, W, 3) or a PIL image, the model is
 # ``nablahog.load_mesh("chair.obj")``.
 
-chairs = {f"chair {seed}": nablahog.paper.chairs.chair(seed) for seed in range(6)}
+chairs = dict(list(nablahog.sample_chairs().items())[:6])
 viewpoints = np.array([[[35.0, 15, 0]], [[140, 25, 3]], [[320, 20, -2]]])  # azimuth, elevation, theta of each scene
 clutter = [sample_photograph(name) for name in SAMPLE_NAMES]
 scenes = [scene(k, chairs, viewpoints[k], clutter, seed=6) for k in range(3)]

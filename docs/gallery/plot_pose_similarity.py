@@ -22,7 +22,7 @@ import nablahog
 # A chair at an azimuth of 60° is rendered before a part of a photograph.
 
 TRUE = 60.0
-mesh = nablahog.paper.chairs.chair(3)
+mesh = nablahog.sample_chairs()["wooden-0"]
 camera = nablahog.Camera.from_field_of_view(30, height=96, width=96)
 clutter = np.array(Image.fromarray(data.chelsea()).convert("L").crop((280, 130, 430, 280)).resize((96, 96)))
 background = torch.from_numpy(clutter)[None, None] / 255

@@ -21,7 +21,7 @@ from nablahog.render.renderer import Method
 # Azimuth, elevation and theta are in degrees, the distance is in units of the mesh (a normalised mesh has a diagonal of
 # 1), x and y are in pixels.
 
-mesh = nablahog.paper.chairs.chair(3)
+mesh = nablahog.sample_chairs()["wooden-0"]
 camera = nablahog.Camera.from_field_of_view(30, height=96, width=96)
 pose = torch.tensor([[40.0, 20.0, 2.3, 0.0, 0.0, 0.0]], dtype=torch.float64)
 renderer = nablahog.Renderer(mesh, camera)

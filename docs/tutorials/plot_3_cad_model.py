@@ -29,7 +29,7 @@ from nablahog.render import PARAMETERS, Mesh, depth_and_normals, pose, silhouett
 
 folder = tempfile.TemporaryDirectory()
 path = Path(folder.name) / "chair.obj"
-original = nablahog.paper.chairs.chair(1)
+original = nablahog.sample_chairs()["wooden-1"]
 lines = [f"v {x:.6f} {z:.6f} {-y:.6f}" for x, y, z in original.vertices.tolist()]
 lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in original.faces.tolist()]
 path.write_text("\n".join(lines))
@@ -169,7 +169,7 @@ plt.show()
 # any case.
 
 wide, high = one.box.width, one.box.height
-other = nablahog.paper.chairs.chair(5)
+other = nablahog.sample_chairs()["office-0"]
 attempts: dict[str, tuple[Mesh, tuple[float, float, float, float], tuple[float, float]]] = {
     "all right": (mesh, one.box, (0.0, 10.0)),
     "box 1.6 times too large": (

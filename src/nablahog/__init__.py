@@ -3,7 +3,7 @@
 Describe images      ``hog``, ``HOG``, ``HOGSpec``, ``presets``, ``stream``, ``compat``
 Invert descriptors   ``reconstruct``, ``reconstruct_multiscale``, ``Reconstruction``, ``template_descriptor``,
                      ``LearnedPrior``, ``train_prior``
-Render objects       ``render``, ``Renderer``, ``Mesh``, ``load_mesh``, ``Camera``
+Render objects       ``render``, ``Renderer``, ``Mesh``, ``load_mesh``, ``Camera``, ``sample_chairs``
 Find their poses     ``estimate_pose``, ``PoseEstimate``
 Look and measure     ``glyphs``, ``metrics``
 Files and layouts    ``load_descriptor``, ``save_descriptor``, ``convert_channels``, ``to_layout``, ``from_layout``
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     )
     from .io import load_descriptor, save_descriptor
     from .pose import PoseEstimate, estimate_pose
-    from .render import Camera, Mesh, Renderer, load_mesh, render
+    from .render import Camera, Mesh, Renderer, load_mesh, render, sample_chairs
     from .viz import glyphs
 
 __version__ = "0.1.0"
@@ -56,6 +56,7 @@ __all__ = [
     "reconstruct",
     "reconstruct_multiscale",
     "render",
+    "sample_chairs",
     "save_descriptor",
     "stream",
     "template_descriptor",
@@ -77,6 +78,6 @@ names_when_used(
     ),
     io=("load_descriptor", "save_descriptor"),
     pose=("PoseEstimate", "estimate_pose"),
-    render=("Camera", "Mesh", "Renderer", "load_mesh", "render"),
+    render=("Camera", "Mesh", "Renderer", "load_mesh", "render", "sample_chairs"),
     viz=("glyphs",),
 )

@@ -18,13 +18,10 @@ from .conftest import HOST
     ("headers", "status"),
     [
         ({"host": "evil.example"}, 421),  # a name that now resolves to the loopback
-        ({"host": "127.0.0.1:1"}, 421),
         ({"origin": "http://evil.example"}, 403),
         ({"origin": "null"}, 403),
         ({"origin": f"http://{HOST}"}, 200),
         ({"sec-fetch-site": "cross-site"}, 403),
-        ({"sec-fetch-site": "same-site"}, 403),
-        ({"sec-fetch-site": "same-origin"}, 200),
         ({"sec-fetch-site": "none"}, 200),
     ],
 )

@@ -93,17 +93,6 @@ def wait_for_file(folder: Path, ending: str) -> None:
 
 
 @in_a_browser
-def test_two_dialects(page: Page) -> None:
-    page.open("#/see?photo=sample-camera&preset=uoctti&size=64")
-    page.idle()
-    page.read("document.querySelector('#compare').open = true")
-    page.enter("#compare-preset", "vlfeat")
-    page.until("document.querySelector('#compare-result table')")
-    page.idle()
-    assert "votes" in page.text("#compare-result")
-
-
-@in_a_browser
 def test_a_dropped_array_is_asked_about(page: Page, tmp_path: Path) -> None:
     file = io.BytesIO()
     np.save(file, np.random.default_rng(0).random((8, 6, 31), dtype=np.float32))
@@ -176,7 +165,7 @@ def test_the_strip(page: Page) -> None:
 
 @in_a_browser
 def test_fit(page: Page, folder: Path) -> None:
-    page.open("#/fit?photo=scene-chair&mesh=chair-3")
+    page.open("#/fit?photo=scene-chair&mesh=chair-wooden-0")
     page.click("#fit-open")
     page.until("document.querySelector('#scene').dataset.n > 0")
     page.idle()
@@ -192,7 +181,7 @@ def test_fit(page: Page, folder: Path) -> None:
     assert 20 < float(page.read("document.querySelector('#pose-azimuth').value")) < 50
     page.click("#pose-download")
     wait_for_file(folder / "downloads", ".json")
-    assert "chairs.chair(3)" in page.text("#fit-lines")
+    assert "sample_chairs()['wooden-0']" in page.text("#fit-lines")
 
 
 @in_a_browser
@@ -204,7 +193,7 @@ def test_accessible(address: str, tmp_path: Path, width: int, dark: bool) -> Non
     with browsing(tmp_path, width, 844, dark) as driver:
         page = Page(driver, address)
         for view in ("see", "invert", "fit"):
-            page.open(f"#/{view}?photo=scene-chair&preset=paper&mesh=chair-3&size=64")
+            page.open(f"#/{view}?photo=scene-chair&preset=paper&mesh=chair-wooden-0&size=64")
             page.idle()
             driver.execute_script(AXE.read_text(encoding="utf-8"))
             found = driver.execute_async_script(

@@ -14,7 +14,7 @@ from starlette.testclient import TestClient
 from .conftest import HOST
 
 FIT = f"ws://{HOST}/api/fit"
-SCENE = {"photo": "scene-chair", "mesh": "chair-3"}
+SCENE = {"photo": "scene-chair", "mesh": "chair-wooden-0"}
 TRUE = 35.0  # azimuth
 
 
@@ -89,7 +89,7 @@ def test_it_is_stopped(client: TestClient) -> None:
         ('{"type": "fit"}', "expected a photograph and a model first"),
         ('{"type": "open", "photo": "a", "mesh": "b"}', "the server no longer has this upload"),
         (
-            '{"type": "open", "photo": "sample-camera", "mesh": "chair-3", "box": [0, 0, 2, 2]}',
+            '{"type": "open", "photo": "sample-camera", "mesh": "chair-wooden-0", "box": [0, 0, 2, 2]}',
             "the box must be x0, y0",
         ),
         ('{"type": "open", "photo": "' + "x" * 20000 + '"}', "expected a message of at most 16,384 characters"),

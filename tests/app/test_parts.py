@@ -1,14 +1,16 @@
-"""The store's bound, the work_queue' queue, and the document of the API."""
+"""The store's bound, the queues of work, and the imports of the scripts."""
 
 from __future__ import annotations
 
 import asyncio
+import re
 import threading
+from graphlib import TopologicalSorter
 
 import pytest
 import torch
-from starlette.testclient import TestClient
 
+from nablahog.app import server
 from nablahog.app.errors import RequestError
 from nablahog.app.store import Photograph, Store
 from nablahog.app.work_queue import Cancelled, CancelToken, WorkQueue
@@ -68,11 +70,18 @@ def test_a_full_lane_refuses_and_a_cancelled_one_ends_its_work() -> None:
     asyncio.run(crowded())
 
 
-def test_the_document_names_every_address(client: TestClient) -> None:
-    document = client.get("/api/openapi.json").json()
-    assert document["openapi"].startswith("3.")
-    routes = {getattr(route, "path", "") for route in client.app.routes}  # type: ignore[attr-defined]
-    documented = {*document["paths"], "/", "/static/{name}", "/api/openapi.json", "/api/fit"}
-    assert routes == documented
-    schema = document["components"]["schemas"]["InvertRequest"]
-    assert schema["properties"]["size"]["maximum"] == 512
+def test_a_queue_counts_work_that_ends_at_once() -> None:
+    async def many() -> int:
+        queue = WorkQueue("test", most=2)
+        for _ in range(200):
+            await queue.run(lambda _: None)
+        return queue.count
+
+    assert asyncio.run(many()) == 0
+
+
+def test_there_is_no_circle_among_the_scripts() -> None:
+    scripts = {path.name: path.read_text(encoding="utf-8") for path in server.STATIC.glob("*.js")}
+    imports = {name: re.findall(r'^import .* from "\./(.+)";$', text, re.MULTILINE) for name, text in scripts.items()}
+    assert imports["main.js"]
+    TopologicalSorter(imports).prepare()  # raises CycleError, with the circle

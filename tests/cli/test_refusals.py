@@ -143,7 +143,7 @@ def test_output_folders_that_cannot_be(
     "argv",
     [
         *(["hog", "a.png"], ["glyph", "a.png"], ["invert", "a.png"], ["invert-template", "a.npy"], ["demo"]),
-        *(["table1"], ["table2"], ["pose", "a.png"], ["dialects", "a.png"]),
+        *(["table1"], ["table2"], ["pose", "a.png"]),
         *(["learn", "prior"], ["learn", "bovw"], ["learn", "exemplars", "--models", "."]),
     ],
     ids=" ".join,

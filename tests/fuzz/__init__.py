@@ -1,1 +1,1 @@
-"""Hostile input, made by programs: a short profile in every run of the tests, a long one by ``make fuzz``."""
+"""Hostile input, made by programs: some cases in every run of the tests, many with ``make fuzz``."""

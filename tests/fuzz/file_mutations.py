@@ -20,127 +20,85 @@ from .file_seeds import Seed, seeds
 
 LARGEST = 2**20  # bytes of a file, and numbers of an array
 Mutation = Callable[[bytes, Random], bytes]
+Array = np.ndarray[Any, Any]
 
-WORDS = ["", "0", "-1", "1", "3", "nan", "inf", "-inf", "1e999", "1e-320", "1e308", "-0", "0x10", "1_000", "٣", "é"]
-WORDS += [
-    "99999999999999999999",
-    "4294967295",
-    "2147483648",
-    "9" * 400,
-    "9" * 5000,
-    "x" * 3000,
-    "=1+1",
-    "\x1b[31m",
-    "\0",
-]
-WORDS += [
-    "true",
-    "null",
-    "/",
-    "//",
-    "-",
-    "#",
-    "\\",
-    '"',
-    "<",
-    "&lt;",
-    "(",
-    "\u202e",
-    "\x85",
-    "f",
-    "v",
-    "usemtl",
-    "list",
-]
+NUMBERS = ["0", "-1", "1", "3", "nan", "inf", "-inf", "1e999", "1e-320", "1e308", "-0", "0x10", "1_000", "4294967295"]
+SIGNS = ["", "٣", "é", "true", "null", *'/-#\\"<(fv', "//", "&lt;", "\u202e", "\x85", "usemtl", "list", "\x1b[31m"]
+WORDS = [*NUMBERS, *SIGNS, "2147483648", "9" * 20, "\0", "=1+1", "9" * 400, "9" * 5000, "x" * 3000]
 VALUES: list[Any] = [None, True, False, 0, -1, 1, 2, 3, 7, 1.5, 1e-320, 1e-200, 1e30, 1e308, float("nan"), float("inf")]
 VALUES += [2**15, 10**5, 2**31, 2**32, 2**63, 10**9, 10**30, 10**400, "", "x", "\x1b[31m", "x\ny", "x" * 10**5, [], {}]
 VALUES += [[1], [1, 2], [1e5, 1e5], [10**5, 10**5], [10**4] * 2, [None], {"kind": "x"}, [[]], "cells", "gray", "none"]
-BYTES = [
-    b"\0",
-    b"\xff",
-    b"\x7f\xff\xff\xff",
-    b"\xff\xff\xff\x7f",
-    b"\xff" * 8,
-    b"\0" * 8,
-    b"\0\0\x80\x7f",
-    b"\0\0\xc0\x7f",
-]
+BYTES = [b"\0", b"\xff", b"\x7f\xff\xff\xff", b"\xff\xff\xff\x7f", b"\xff" * 8, b"\0" * 8, b"\0\0\x80\x7f"]
 BYTES += [struct.pack("<d", value) for value in (float("nan"), float("inf"), 1e308, -1.0, 1e18, 0.5)]
-BYTES += [struct.pack(">I", 40_000), struct.pack("<I", 40_000), struct.pack("<I", 2**30), struct.pack(">I", 2**30)]
+BYTES += [struct.pack(order + "I", number) for order in "<>" for number in (40_000, 2**30)]
+SHAPES: list[Any] = [(10**9, 31), (0,), (-1, 4), (10**30,), (1,) * 100, (2**31, 2**31, 4), (10**10, 0), (31,), ()]
+TYPES = ["<f8", "<f4", "|O", "<U4", "<U1000000000", ">f8", "|V0", "<c16", "<M8[s]", "|S0", "f2"]
+CHUNKS = (b"tEXt", b"zTXt", b"iTXt", b"iCCP", b"eXIf", b"tRNS", b"PLTE", b"acTL", b"fcTL", b"gAMA", b"pHYs")
 
 
-def mutated(seed: Seed, random: Random) -> tuple[bytes, str]:
-    """A damaged copy of a file, and how it was damaged."""
-    data, steps = seed.data, []
+def mutated(seed: Seed, random: Random) -> bytes:
+    """A damaged copy of a file."""
+    data = seed.data
     for _ in range(random.choice((1, 1, 1, 2, 3, 5))):
-        mutation: Mutation = _STRUCTURED[seed.kind] if random.random() < 0.8 else change_bytes
+        mutation = _STRUCTURED[seed.kind] if random.random() < 0.8 else change_bytes
         try:
             data = mutation(data, random)
-            steps.append(mutation.__name__)
         except Exception:  # what is already damaged has no structure
             data = change_bytes(data, random)
-            steps.append("change_bytes")
         data = data[:LARGEST]
-    return data, ", ".join(steps)
+    return data
 
 
 def change_bytes(data: bytes, random: Random) -> bytes:
     """Flips, cuts, copies and overwrites."""
     at, until = sorted(random.randrange(len(data) + 1) for _ in range(2))
-    return random.choice(_BYTES)(data, at, until, random)
-
-
-_BYTES: list[Callable[[bytes, int, int, Random], bytes]] = [
-    lambda d, a, b, r: d[:a] + bytes(byte ^ 1 << r.randrange(8) for byte in d[a : a + 1]) + d[a + 1 :],
-    lambda d, a, b, r: d[:a] + bytes(byte ^ 1 << r.randrange(8) for byte in d[a : a + 1]) + d[a + 1 :],
-    lambda d, a, b, r: d[:a],
-    lambda d, a, b, r: d[:a] + d[b:],
-    lambda d, a, b, r: d[:b] + d[a:],
-    lambda d, a, b, r: d[:a] + d[a : a + 40] * r.choice((2, 10, 300)) + d[a + 40 :],
-    lambda d, a, b, r: d[:a] + (word := r.choice(BYTES)) + d[a + len(word) :],
-    lambda d, a, b, r: d[:a] + (word := r.choice(BYTES)) + d[a + len(word) :],
-    lambda d, a, b, r: d[:a] + r.choice(BYTES) + d[a:],
-    lambda d, a, b, r: d[:a] + r.randbytes(r.randrange(30)) + d[b:],
-    lambda d, a, b, r: d[:a] + (other := r.choice(list(seeds().values())).data)[len(other) // 2 :],
-    lambda d, a, b, r: d + r.choice(list(seeds().values())).data,
-]
+    before, after, word = data[:at], data[at:], random.choice(BYTES)
+    other = random.choice(seeds()).data
+    flipped = bytes(byte ^ 1 << random.randrange(8) for byte in after[:1])
+    return random.choice(
+        [
+            *[before + flipped + after[1:], before + word + after[len(word) :]] * 2,
+            before,
+            before + data[until:],
+            data[:until] + after,
+            before + after[:40] * random.choice((2, 10, 300)) + after[40:],
+            before + word + after,
+            before + random.randbytes(random.randrange(30)) + data[until:],
+            before + other[len(other) // 2 :],
+            data + other,
+        ]
+    )
 
 
 def change_text(data: bytes, random: Random) -> bytes:
     """Changes words and lines."""
     lines = data.decode("utf-8", "surrogateescape").split("\n")
-    at = random.randrange(len(lines))
+    at, other = random.randrange(len(lines)), random.randrange(len(lines))
     words = lines[at].split(" ")
-    word = random.randrange(len(words))
-    how = random.randrange(14)
+    word, how = random.randrange(len(words)), random.randrange(14)
+    most = LARGEST // (len(lines[at]) + 1)  # repetitions, or the file would become too large
     if how < 5:
         words[word] = random.choice(WORDS)
     elif how == 5:
         words[word] += random.choice(WORDS)
     elif how == 6:
-        words[word : word + 1] = [words[word]] * _times(words[word], random.choice((0, 2, 5, 1000)))
+        words[word : word + 1] = [words[word]] * min(most, random.choice((0, 2, 5, 1000)))
     elif how == 7:
-        words[word] = words[word] * _times(words[word], random.choice((2, 100, 10_000)))
+        words[word] = words[word] * min(most, random.choice((2, 100, 10_000)))
     lines[at] = " ".join(words)
     if how == 8:
-        lines[at : at + 1] = [lines[at]] * _times(lines[at], random.choice((0, 2, 10, 3000)))
+        lines[at : at + 1] = [lines[at]] * min(most, random.choice((0, 2, 10, 3000)))
     elif how == 9:
         lines[at:at] = [random.choice(("", " ", "\t", "#", "# x", "\r", "\x0c"))] * random.choice((1, 100, 20_000))
     elif how == 10:
         lines[at : at + 1] = [random.choice(("[", "{", "(", "<a>", '"', "\\", "-")) * random.choice((3, 3000, 60_000))]
     elif how == 11:
-        other = random.randrange(len(lines))
         lines[at], lines[other] = lines[other], lines[at]
-    text = random.choice(("\r\n", "\r", " ")).join(lines) if how == 12 else "\n".join(lines)
+    text = (random.choice(("\r\n", "\r", " ")) if how == 12 else "\n").join(lines)
     if how == 13:  # in the middle of a word, as in tags
         number = random.randrange(len(text) + 1)
         text = text[:number] + random.choice(WORDS) + text[number + random.randrange(3) :]
     return text.encode("utf-8", "surrogateescape")
-
-
-def _times(text: str, count: int) -> int:
-    """``count``, or so often that the file does not become too large."""
-    return min(count, LARGEST // (len(text) + 1))
 
 
 def change_json(data: bytes, random: Random) -> bytes:
@@ -162,20 +120,18 @@ def change_tree(tree: Any, random: Random) -> Any:
     if len(places) == 1:
         return random.choice(VALUES)
     parent, key, value = random.choice(places[1:])
-    how = random.randrange(9)
+    how = random.randrange(8)
     if how == 0:
         del parent[key]
     elif how == 1 and isinstance(parent, list):
         parent[key:key] = [value] * random.choice((1, 10, 3000))
-    elif how == 2 and isinstance(parent, dict):
+    elif how == 1:
         parent[random.choice(WORDS)] = parent.pop(key)
-    elif how == 3 and isinstance(value, int | float):
-        parent[key] = value * random.choice((-1, 0.5, 2, 1000, 10**6, 10**12))
-    elif how == 4 and isinstance(value, int):
-        parent[key] = value + random.choice((-1, 1))
-    elif how == 5:
+    elif how == 2 and isinstance(value, int | float):
+        parent[key] = value * random.choice((-1, 0.5, 2, 1000, 10**6, 10**12)) + random.choice((-1, 0, 1))
+    elif how == 3:
         parent[key] = random.choice((value, [value], {"a": value}, str(value)))
-    elif how == 6:
+    elif how == 4:
         parent[key] = copy.deepcopy(random.choice(places)[2])
     else:
         parent[key] = random.choice(VALUES)
@@ -189,43 +145,39 @@ def change_npy(data: bytes, random: Random) -> bytes:
     length = int.from_bytes(data[8:10], "little")
     header, body = data[10 : 10 + length], data[10 + length :]
     if random.random() < 0.6:
-        shape = random.choice(
-            [(10**9, 31), (0,), (-1, 4), (10**30,), (1,) * 100, (2**31, 2**31, 4), (10**10, 0), (31,), ()]
-        )
-        descr = random.choice(["<f8", "<f4", "|O", "<U4", "<U1000000000", ">f8", "|V0", "<c16", "<M8[s]", "|S0", "f2"])
-        header = str({"descr": descr, "fortran_order": random.random() < 0.5, "shape": shape}).encode() + b"\n"
+        entries = {"descr": random.choice(TYPES), "fortran_order": random.random() < 0.5}
+        header = str(entries | {"shape": random.choice(SHAPES)}).encode() + b"\n"
     else:
         header = change_text(header, random)[:60_000]
     return data[:8] + struct.pack("<H", len(header)) + header + body
 
 
-def change_array(array: np.ndarray[Any, Any], random: Random) -> np.ndarray[Any, Any]:
+def change_array(array: Array, random: Random) -> Array:
     """Other values, shapes and types."""
     if array.dtype.kind == "U" and array.shape == () and random.random() < 0.8:
         text = str(array.item())
-        if text[:1] in "[{":
-            return np.array(change_json(text.encode(), random).decode())
-        return np.array(change_text(text.encode(), random).decode("utf-8", "replace"))
+        change = change_json if text[:1] in "[{" else change_text
+        return np.array(change(text.encode(), random).decode("utf-8", "replace"))
     how = random.randrange(10)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         if how < 3 and array.size:
-            changed = array.copy()
-            value = random.choice([np.nan, np.inf, -np.inf, 1e308, -1, 0, 1e-320, 255, 1e30, -(2**31), 10**6])
+            changed, value = (
+                array.copy(),
+                random.choice([np.nan, np.inf, -np.inf, 1e308, -1, 0, 1e-320, 255, 1e30, 1e6]),
+            )
             changed.reshape(-1)[random.randrange(array.size)] = np.array(value).astype(array.dtype)
             return changed
         if how == 3:
             return array.astype(random.choice(["f2", "f4", ">f4", "f8", "i1", "u8", "i8", "?", "c8", "S3", "O", "g"]))
         if how == 4:
-            return random.choice(
-                [array.reshape(-1), array[None], array.T, array[:0], array[..., None], array.reshape(-1)[:1]]
-            )
+            flat = array.reshape(-1)
+            return random.choice([flat, array[None], array.T, array[:0], array[..., None], flat[:1]])
         if how == 5:
             return np.array(random.choice([0, 1, 1.5, "x", "{}", True, 1j, 2**63, np.nan, "\x1b[31m", b"x", 10**18]))
         if how == 6:
-            return np.zeros(
-                random.choice([(0,), (1,), (0, 0), (3, 0, 4), (10**6,), (1000, 1000), (1,) * 20]), array.dtype
-            )
+            shapes: list[Any] = [(0,), (1,), (0, 0), (3, 0, 4), (10**6,), (1000, 1000), (1,) * 20]
+            return np.zeros(random.choice(shapes), array.dtype)
         if how == 7 and array.ndim:
             return np.concatenate([array] * random.choice((2, 3, 100)), axis=random.randrange(array.ndim))
         if how == 8:
@@ -233,8 +185,7 @@ def change_array(array: np.ndarray[Any, Any], random: Random) -> np.ndarray[Any,
         return np.zeros(2, [("a", "f4"), ("b", "O" if random.random() < 0.3 else "i8")])
 
 
-def _load(data: bytes) -> np.ndarray[Any, Any]:
-    """The array of a .npy file, which is not of things of no bytes."""
+def _load(data: bytes) -> Array:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         array = np.load(io.BytesIO(data))
@@ -243,7 +194,7 @@ def _load(data: bytes) -> np.ndarray[Any, Any]:
     return array
 
 
-def _npy(array: np.ndarray[Any, Any]) -> bytes:
+def _npy(array: Array) -> bytes:
     file = io.BytesIO()
     np.save(file, array, allow_pickle=True)
     return file.getvalue()
@@ -253,9 +204,8 @@ def change_zip(data: bytes, random: Random) -> bytes:
     """Changes a member, or which there are."""
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         members = [(info.filename, archive.read(info)) for info in archive.infolist()]
-    at = random.randrange(len(members))
+    at, how = random.randrange(len(members)), random.randrange(12)
     name, member = members[at]
-    how = random.randrange(12)
     if how < 6:
         members[at] = (name, _npy(change_array(_load(member), random)))
     elif how < 8:
@@ -263,10 +213,8 @@ def change_zip(data: bytes, random: Random) -> bytes:
     elif how == 8:
         members[at] = (name, random.choice((b"", b"x", b"PK\x03\x04", b"\x93NUMPY", change_bytes(member, random))))
     elif how == 9:
-        renamed = random.choice(
-            (name.removesuffix(".npy"), f"../{name}", f"{name}\x1b[31m", "", "a" * 3000, "format.npy")
-        )
-        members[at] = (renamed, member)
+        bare = name.removesuffix(".npy")
+        members[at] = (random.choice((bare, f"../{name}", f"{name}\x1b[31m", "", "a" * 3000, "format.npy")), member)
     elif how == 10:
         del members[at]
     else:
@@ -296,39 +244,27 @@ def change_glb(data: bytes, random: Random) -> bytes:
 def change_gzip(data: bytes, random: Random) -> bytes:
     """Changes the text before it is packed; sometimes cuts it, or packs it in two."""
     text = change_text(gzip.decompress(data), random)
-    at = random.randrange(len(text) + 1)
-    how = random.randrange(8)
-    if how == 0:
-        return gzip.compress(text[:at], mtime=0) + gzip.compress(text[at:], mtime=0)
-    packed = gzip.compress(text, mtime=0)
-    return packed[: random.randrange(len(packed))] if how == 1 else packed
+    at, packed = random.randrange(len(text) + 1), gzip.compress(text, mtime=0)
+    in_two = gzip.compress(text[:at], mtime=0) + gzip.compress(text[at:], mtime=0)
+    return random.choice([in_two, packed[: random.randrange(len(packed))], *[packed] * 6])
 
 
 def change_mat(data: bytes, random: Random) -> bytes:
-    """Changes the bytes of a variable before it is packed."""
+    """Changes the bytes of a variable before it is packed: anything, a number, a tag or a dimension."""
     kind, length = struct.unpack("<II", data[128:136])
     body, rest = data[136 : 136 + length], data[136 + length :]
     if kind == 15:
         body = zlib.decompress(body)[8:]
-    place = random.randrange(0, len(body), 8)
-    how = random.randrange(4)
-    if how == 0:
+    number = struct.pack("<d", random.choice((np.nan, np.inf, -np.inf, 1e308, -1, 0.5, 1e6)))
+    sizes = (0, 1, 8, 16, 2**31, 2**32 - 1, 56)
+    tag = struct.pack("<II", random.choice((*range(1, 20), 2**31)), random.choice(sizes))
+    dimension = struct.pack("<i", random.choice((-1, 0, 1, 2, 4, 6, 9, 16, 2**31 - 1, 65536)))
+    word = random.choice((None, number, tag, dimension))
+    if word is None:
         body = change_bytes(body, random)
-    elif how == 1:  # a number
-        body = (
-            body[:place]
-            + struct.pack("<d", random.choice((np.nan, np.inf, -np.inf, 1e308, -1, 0.5, 1e6)))
-            + body[place + 8 :]
-        )
-    elif how == 2:  # a tag
-        tag = struct.pack(
-            "<II", random.choice((*range(1, 20), 2**31)), random.choice((0, 1, 8, 16, 2**31, 2**32 - 1, 56))
-        )
-        body = body[:place] + tag + body[place + 8 :]
-    else:  # a dimension, or the half of a number
-        place += random.choice((0, 4))
-        word = struct.pack("<i", random.choice((-1, 0, 1, 2, 4, 6, 9, 16, 2**31 - 1, 65536)))
-        body = body[:place] + word + body[place + 4 :]
+    else:
+        place = random.randrange(0, len(body), len(word))
+        body = body[:place] + word + body[place + len(word) :]
     element = struct.pack("<II", 14, len(body)) + body
     if kind == 15:
         element = zlib.compress(element)
@@ -343,33 +279,26 @@ def change_png(data: bytes, random: Random) -> bytes:
         length = int.from_bytes(data[at : at + 4], "big")
         chunks.append((data[at + 4 : at + 8], data[at + 8 : at + 8 + length]))
         at += length + 12
-    at = random.randrange(len(chunks))
-    name, content = chunks[at]
-    how = random.randrange(6)
+    at, how = random.randrange(len(chunks)), random.randrange(6)
+    (name, content), head = chunks[at], chunks[0][1]
     if how == 0:
-        sides = struct.pack(">II", *random.choice(((0, 7), (60_000, 60_000), (9000, 9000), (2**31 - 1, 1), (7, 3000))))
-        chunks[0] = (b"IHDR", sides + chunks[0][1][8:])
+        sides = random.choice(((0, 7), (60_000, 60_000), (9000, 9000), (2**31 - 1, 1), (7, 3000)))
+        chunks[0] = (b"IHDR", struct.pack(">II", *sides) + head[8:])
     elif how == 1:
-        head = chunks[0][1]
-        chunks[0] = (b"IHDR", head[:8] + bytes((random.choice((1, 2, 4, 8, 16)), random.randrange(8))) + head[10:])
+        kind = bytes((random.choice((1, 2, 4, 8, 16)), random.randrange(8)))
+        chunks[0] = (b"IHDR", head[:8] + kind + head[10:])
     elif how == 2:
         chunks[at] = (name, change_bytes(content, random))
     elif how == 3 and name == b"IDAT":
         chunks[at] = (name, zlib.compress(change_bytes(zlib.decompress(content), random)))
     elif how == 4:
-        kind = random.choice(
-            (b"tEXt", b"zTXt", b"iTXt", b"iCCP", b"eXIf", b"tRNS", b"PLTE", b"acTL", b"fcTL", b"gAMA", b"pHYs")
-        )
         packed = b"a\0\0" + zlib.compress(bytes(random.choice((10, 10**7))))
-        chunks.insert(
-            random.randrange(1, len(chunks)), (kind, random.choice((b"", packed, random.randbytes(26), b"\0" * 8)))
-        )
+        content = random.choice((b"", packed, random.randbytes(26), b"\0" * 8))
+        chunks.insert(random.randrange(1, len(chunks)), (random.choice(CHUNKS), content))
     else:
-        chunks.insert(at, chunks[random.randrange(len(chunks))])
-    return data[:8] + b"".join(
-        struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
-        for name, content in chunks
-    )
+        chunks.insert(at, random.choice(chunks))
+    pieces = ((struct.pack(">I", len(each)), name + each) for name, each in chunks)
+    return data[:8] + b"".join(size + body + struct.pack(">I", zlib.crc32(body)) for size, body in pieces)
 
 
 _STRUCTURED: dict[str, Mutation] = {

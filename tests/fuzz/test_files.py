@@ -4,90 +4,82 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from random import Random
+from tempfile import TemporaryDirectory
 
 import pytest
+from hypothesis import strategies as st
 
-from tests.render.mesh_files import CUBE_OFF, TRIANGLE, VERTICES_OBJ, glb
+from tests.render.mesh_files import VERTICES_OBJ
 
-from . import files
-from .files import FileCase
-from .harness import Fault, campaign
+from .file_mutations import mutated
+from .file_seeds import seeds
+from .harness import check_sentence, examine, parts
+from .reading import Answer, Reader
 
-CORPUS = files.corpus()
-LINES = 100_000
-NODES = 10_000
-
-
-def _many_nodes(count: int) -> bytes:
-    """A mesh of so many vertices without bytes, in many places."""
-    return glb(
-        {
-            "asset": {"version": "2.0"},
-            "scene": 0,
-            "scenes": [{"nodes": list(range(NODES))}],
-            "nodes": [{"mesh": 0}] * NODES,
-            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
-            "accessors": [
-                {"componentType": 5126, "type": "VEC3", "count": count},
-                {"componentType": 5121, "type": "SCALAR", "bufferView": 0, "count": 3},
-            ],
-            "bufferViews": [{"buffer": 0, "byteLength": 36}],
-            "buffers": [{"byteLength": 36}],
-        },
-        bytes(36),
-    )
+SECONDS = 5.0  # of the processor until a file is refused
+BYTES = 2**30  # beyond the process at the start, until a file is refused
+CORPUS = sorted(Path(__file__).parent.joinpath("corpus", "files").iterdir())
+cases = st.deferred(lambda: st.tuples(st.integers(0, len(seeds()) - 1), st.integers(0, 2**48)))
+reader = cache(Reader)
+folder = cache(TemporaryDirectory)
 
 
-LARGE: dict[str, Callable[[], FileCase]] = {
-    "blank lines": lambda: FileCase("mesh", ".obj", (TRIANGLE + "\n" * LINES + "f -1 -2 -3\n").encode()),
-    "spaces": lambda: FileCase("mesh", ".obj", (TRIANGLE + "f " + " " * LINES + "x\n").encode()),
-    "folders": lambda: FileCase("mesh", ".obj", ("mtllib " + "a/" * 4 * LINES + "\n" + VERTICES_OBJ).encode()),
-    "comments": lambda: FileCase("mesh", ".off", ("#\n" * LINES + "x" + CUBE_OFF).encode()),
-    "solids": lambda: FileCase(
-        "mesh", ".stl", b"solid a\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendsolid\n" * 16_000
-    ),
-    "instances": lambda: FileCase("mesh", ".glb", _many_nodes(50_000)),
-    "columns": lambda: FileCase("viewpoints", ".csv", b"azimuth,elevation" + b",a" * LINES + b"\n" + b"1,2\n" * 1000),
+def read(kind: str, ending: str, data: bytes) -> Answer:
+    path = Path(folder().name, f"case{ending}")
+    path.write_bytes(data)
+    return reader().read(kind, path)
+
+
+def check(kind: str, ending: str, data: bytes) -> str:
+    """Reads a file: ``read`` or ``refused``, in a sentence, in little time and memory."""
+    answer = read(kind, ending, data)
+    assert answer.outcome in ("read", "refused"), answer.message
+    if answer.outcome == "refused":
+        check_sentence(answer.message)
+        assert answer.seconds <= SECONDS
+        assert answer.bytes <= BYTES
+    return answer.outcome
+
+
+def check_mutated(case: tuple[int, int]) -> str:
+    """A damaged copy of the seed of one number, by the random numbers of another."""
+    seed = seeds()[case[0]]
+    return check(seed.reader, seed.ending, mutated(seed, Random(case[1])))
+
+
+# meshes that are large for their content: tests/render/test_mesh_refused.py
+LARGE: dict[str, Callable[[], tuple[str, str, bytes]]] = {
+    "folders": lambda: ("mesh", ".obj", ("mtllib " + "a/" * 400_000 + "\n" + VERTICES_OBJ).encode()),
+    "columns": lambda: ("viewpoints", ".csv", b"azimuth,elevation" + b",a" * 100_000 + b"\n" + b"1,2\n" * 1000),
 }
 
 
-@pytest.mark.parametrize("name", CORPUS)
-def test_what_found_something(name: str) -> None:
-    assert files.check(CORPUS[name]) == "refused"
+@pytest.mark.parametrize("path", CORPUS, ids=lambda path: path.name)
+def test_what_found_something(path: Path) -> None:
+    assert check(path.name.partition("-")[0], path.suffix, path.read_bytes()) == "refused"
 
 
 @pytest.mark.parametrize("name", LARGE)
 def test_large_files(name: str) -> None:
-    files.check(LARGE[name]())
+    check(*LARGE[name]())
 
 
-def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:
-    for reader, name in (("image", "a.png"), ("descriptor", "a.npz"), ("descriptor", "a.npy"), ("descriptor", "a")):
-        os.mkfifo(tmp_path / name)
-        assert "special file" in files.server().read_path(reader, tmp_path / name)["message"]
-        (tmp_path / name).unlink()
-    for reader in ("template", "record", "mesh", "prior", "viewpoints", "annotation"):
-        os.mkfifo(tmp_path / "a.off")
-        answer = files.server().read_path(reader, tmp_path / "a.off")
-        assert answer["outcome"] == "refused"
-        (tmp_path / "a.off").unlink()
+@pytest.mark.parametrize("name", ["image.png", "descriptor.npz", "descriptor.npy", "mesh.off", "viewpoints.csv"])
+def test_a_pipe_is_refused_at_once(name: str, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / name)
+    assert reader().read(name.partition(".")[0], tmp_path / name).outcome == "refused"
 
 
-def test_damaged_files() -> None:
-    report = campaign(files.check, files.cases, 300, 0)
-    assert not report.faults
-    assert min(report.outcomes["read"], report.outcomes["refused"]) > 30
-
-
-def test_the_corpus_is_small() -> None:
-    assert all(len(case.data) <= 10_000 for case in CORPUS.values())
+@parts
+def test_damaged_files(part: int) -> None:
+    outcomes = examine(check_mutated, cases, 300, part)
+    assert min(outcomes["read"], outcomes["refused"]) > 30
 
 
 def test_a_process_that_ends_is_a_crash() -> None:
-    server, case = files.server(), FileCase("viewpoints", ".csv", b"azimuth,elevation\n1,2\n")
-    assert files.check(case) == "read"
-    assert server.process is not None
-    server.process.kill()
-    with pytest.raises(Fault, match="the process ended"):
-        files.check(case)
+    assert read("viewpoints", ".csv", b"azimuth,elevation\n1,2\n").outcome == "read"
+    reader().process.kill()
+    assert read("viewpoints", ".csv", b"azimuth,elevation\n1,2\n").outcome == "crashed"

@@ -1,23 +1,152 @@
-"""The short profile of killed commands."""
+"""Commands that are killed at any time and started again: the results of one that was never disturbed."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import multiprocessing
+import os
+import sys
+import time
+import traceback
+from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+import numpy as np
 import pytest
+import torch
+from hypothesis import strategies as st
+from PIL import Image
 
-from . import kills
-from .kills import Case
+from nablahog.cli.commands import hog, learn, table1, table2  # noqa: F401, loaded once
+from nablahog.cli.main import main
+from nablahog.hog import kernels  # noqa: F401, loaded once
+
+from .harness import examine, parts
+
+WORKERS_END = 2.0  # seconds after their parent
+VARYING = {"index.html", "times.csv", "work"}  # hold seconds
+TABLE1 = ["--images", "images", "--methods", "dalal-single", "--max-evaluations", "40", "--size", "32"]
+COMMANDS: dict[str, list[str]] = {
+    "hog": ["hog", *(f"images/{k}.png" for k in range(6)), "-o", "out/"],
+    "prior": ["learn", "prior", "--images", "images", "-o", "out/model.npz", "--epochs", "2", "--threads", "1"],
+    "table1": ["table1", *TABLE1, "--workers", "1", "-o", "out"],
+    "table2": ["table2", "--objects", "3", "--methods", "exhaustive", "--workers", "2", "-o", "out"],
+}
+moments = st.lists(st.floats(0, 1.1, allow_nan=False), min_size=1, max_size=3)
+cases = st.tuples(st.sampled_from(sorted(COMMANDS)), moments)
+pytestmark = pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for processes in /proc")
+# a process that forks, so that PyTorch is loaded once
+forking = multiprocessing.get_context("forkserver")
+forking.set_forkserver_preload([__name__])
 
 
-@pytest.fixture(autouse=True)
-def _closed() -> Iterator[None]:
-    yield
-    kills.close()
+def run(folder: Path, command: Sequence[str]) -> None:
+    """A command in a folder, in a process of its own."""
+    os.chdir(folder)
+    torch.set_num_threads(1)
+    output = os.open("printed", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    os.dup2(output, 1)
+    os.dup2(output, 2)
+    status = 99
+    try:
+        status = main(command)
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stderr.flush()
+        os._exit(status)
 
 
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for processes in /proc")
-def test_killed_commands() -> None:
-    for case in (Case("hog", (0.3,)), Case("hog", (0.6, 0.9)), Case("hoggles", (0.5, 0.8))):
-        kills.check(case)
+@cache
+def home() -> TemporaryDirectory[str]:
+    """A folder with photographs, removed at the end of this process."""
+    folder = TemporaryDirectory(prefix="nablahog-kills-")
+    images = Path(folder.name, "images")
+    images.mkdir()
+    rng = np.random.default_rng(0)
+    for k in range(6):
+        small = Image.fromarray(rng.integers(0, 256, (8, 9, 3), dtype=np.uint8))
+        small.resize((48, 40), Image.Resampling.BICUBIC).save(images / f"{k}.png")
+    return folder
+
+
+def new_folder() -> Path:
+    """An empty folder to run a command in."""
+    folder = Path(home().name, str(len(os.listdir(home().name))))
+    folder.mkdir()
+    (folder / "images").symlink_to(Path(home().name, "images"))
+    return folder
+
+
+def finish(folder: Path, command: str) -> float:
+    """Runs a command to its end; returns the seconds."""
+    began, process = time.monotonic(), forking.Process(target=run, args=(folder, COMMANDS[command]))
+    process.start()
+    process.join()
+    assert process.exitcode == 0, (folder / "printed").read_text()[-500:]
+    return time.monotonic() - began
+
+
+def results(folder: Path) -> dict[str, bytes]:
+    """The contents of the files in the output folder, by name, without seconds: the last column of objects."""
+    files = {path.name: path.read_bytes() for path in (folder / "out").iterdir() if path.name not in VARYING}
+    if "per_object.csv" in files:
+        files["per_object.csv"] = b"\n".join(line.rpartition(b",")[0] for line in files["per_object.csv"].splitlines())
+    return files
+
+
+@cache
+def undisturbed(command: str) -> tuple[float, dict[str, bytes]]:
+    """Seconds and results of a run that nothing disturbs: the second one, which finds all files in memory."""
+    finish(new_folder(), command)
+    folder = new_folder()
+    return finish(folder, command), results(folder)
+
+
+def check(case: tuple[str, list[float]]) -> str:
+    """Runs a command, kills it once or several times, at shares of its time, and runs it to its end."""
+    command, (seconds, expected) = case[0], undisturbed(case[0])
+    folder = new_folder()
+    for moment in case[1]:
+        process = forking.Process(target=run, args=(folder, COMMANDS[command]))
+        process.start()
+        process.join(moment * seconds)
+        workers = children(process.pid)
+        process.kill()
+        process.join()
+        end = time.monotonic() + WORKERS_END
+        while any(map(running, workers)):
+            assert time.monotonic() < end, "workers live on"
+            time.sleep(0.01)
+    for part in folder.rglob("*.part"):  # of another process as far as anybody knows, which may still write it
+        os.utime(part, (0, 0))
+    finish(folder, command)
+    assert results(folder) == expected
+    assert not [path.name for path in folder.rglob("*") if path.suffix in (".part", ".checkpoint", ".damaged")]
+    return command
+
+
+def children(process: int | None) -> list[int]:
+    try:
+        return [int(each) for each in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
+    except OSError:
+        return []
+
+
+def running(process: int) -> bool:
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.mark.parametrize("case", [("hog", [0.3]), ("hog", [0.6, 0.9]), ("prior", [0.5, 0.8])])
+def test_killed_commands(case: tuple[str, list[float]]) -> None:
+    check(case)
+
+
+@pytest.mark.slow
+@parts
+def test_random_kills(part: int) -> None:
+    examine(check, cases, 4, part)

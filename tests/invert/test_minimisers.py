@@ -1,9 +1,9 @@
-"""The objective as a sum of squares, and reconstruct with other minimisers and priors than its own."""
+"""One reconstruction's minimisations, by any minimiser: their account, their results in a batch, and on a device."""
 
 from __future__ import annotations
 
 import dataclasses
-import functools
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -11,257 +11,239 @@ import torch
 from torch import Tensor
 
 from nablahog import hog, presets, reconstruct
-from nablahog.invert import Objective, Search
+from nablahog.hog import HOGSpec
+from nablahog.invert import Objective, Search, objective, search, single_scale
 from nablahog.invert.flat import FlatRegions
 from nablahog.invert.histograms import recover_histograms
-from nablahog.invert.objective import PreimageObjective
-from nablahog.invert.parameterize import CosineBasis, Pixels
-from nablahog.invert.priors import Norm, Prior, Range, RelativeSmoothness, Smoothness, TotalVariation
-from nablahog.optimize import LeastSquares, Minimiser
-from nablahog.optimize.gauss_newton import GraphJacobian
+from nablahog.invert.priors import Range, RelativeSmoothness, TotalVariation
+from nablahog.invert.search import PreimageSearch
+from nablahog.invert.start import noise
+from nablahog.optimize import Minimiser, Minimum, StopReason, running
+from nablahog.optimize.lbfgs import LbfgsSearch
 
+from ..waiting import WithoutWaiting
 from .photographs import photograph
 
-SPECS = {"uoctti": presets.uoctti(8), "paper": presets.paper(8)}
-PRIORS: tuple[Prior, ...] = (RelativeSmoothness(0.02), TotalVariation(1e-3, 1), Norm(1e-4))
-both_specs = pytest.mark.parametrize("name", SPECS)
+SPEC, UOCTTI = presets.paper(8), presets.uoctti(8)
+IMAGES = torch.cat([photograph(32), photograph(32, "coins"), torch.full((1, 1, 32, 32), 0.7)]).double()
+DESCRIPTORS = hog(IMAGES, SPEC)
+VOTES = recover_histograms(DESCRIPTORS, SPEC)
+every_minimiser = pytest.mark.parametrize("minimiser", ["lbfgs", "dogleg", "momentum", "adam"])
 
 
-def two_images() -> Tensor:
-    images = torch.cat([photograph(32), photograph(32, "coins")]).double()
-    images[1, :, :, :20] = 0.8
-    return images
+def account(
+    descriptors: Tensor = DESCRIPTORS,
+    budget: int = 100,
+    minimiser: Minimiser = "lbfgs",
+    progress: Callable[[int, int], None] | None = None,
+) -> PreimageSearch:
+    return PreimageSearch(descriptors, SPEC, (32, 32), [RelativeSmoothness(0.02)], minimiser, budget, progress)
 
 
-@functools.cache
-def recovered(name: str) -> Tensor:
-    return recover_histograms(hog(two_images(), SPECS[name]), SPECS[name])
+def starts(count: int) -> Tensor:
+    return 0.5 + noise(DESCRIPTORS, 32, 32, count, seed=0).expand(3, -1, -1, -1, -1)
 
 
-def objective(name: str, on_votes: bool, closeness: float | None = None) -> PreimageObjective:
-    """Of two images, one with a flat region; with a closeness, each is expected to be the other."""
-    spec, images = SPECS[name], two_images()
-    descriptor = hog(images, spec)
-    votes = recovered(name) if on_votes else None
-    basis, flat = CosineBasis(32, 32, descriptor), FlatRegions(descriptor, spec, 32, 32)
-    belief: dict[str, Any] = {} if closeness is None else {"expected": images.flip(0), "closeness": closeness}
-    return PreimageObjective(descriptor, votes, spec, basis, flat, PRIORS, **belief)
+def relative(images: Tensor) -> Tensor:
+    """Distances (B, K) of images (B, K, 1, H, W)."""
+    own = hog(images.flatten(0, 1), SPEC).view(*images.shape[:2], *DESCRIPTORS.shape[1:])
+    return (own - DESCRIPTORS.unsqueeze(1)).flatten(2).norm(dim=2) / DESCRIPTORS.flatten(1).norm(dim=1).unsqueeze(1)
 
 
-def points(rows: int) -> Tensor:
-    return torch.randn(rows, 32 * 32, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+def test_evaluations_of_all_images_of_a_descriptor_add_up() -> None:
+    made = account()
+    result = made.match(starts(3), VOTES, 12)
+    assert result.shape == (3, 3, 1, 32, 32)
+    # the flat image's start is flat already: one evaluation shows it, another that nothing moves
+    assert made.evaluations[:2].tolist() == [36, 36]
+    assert int(made.evaluations[2]) in (3, 6)
+    assert made.left() == 64
+    made.match(result.mean(dim=1, keepdim=True), None, made.left())
+    assert made.evaluations[:2].tolist() == [100, 100]
+    assert made.history().shape == (100, 3)
+    assert made.left() == 1  # never nothing, as a minimiser cannot spend nothing
 
 
-@both_specs
+@every_minimiser
+def test_the_account_of_any_minimiser(minimiser: Minimiser) -> None:
+    calls: list[tuple[int, int]] = []
+    made = account(budget=60, minimiser=minimiser, progress=lambda *call: calls.append(call))
+    result = made.match(starts(2), VOTES, 20)
+    assert (made.evaluations <= 40).all()
+    assert (made.evaluations[:2] > 20).all()
+    made.match(result[:, :1], None, made.left(), IMAGES, 0.1)
+    assert (made.evaluations <= 60).all()
+    history = made.history()
+    assert history.shape == (int(made.evaluations.max()), 3)
+    assert torch.isfinite(history).all()
+    done = [call[0] for call in calls]
+    assert done == sorted(set(done))
+    assert done[-1] <= int(made.evaluations.max())
+    assert {call[1] for call in calls} == {60}
+
+
+def test_history_begins_with_the_starts_distance_and_counts_one_image_after_the_other() -> None:
+    begin, made = starts(2), account()
+    made.match(begin, VOTES, 5)
+    history = made.history()
+    torch.testing.assert_close(history[0, :2], relative(begin)[:2, 0])  # a flat descriptor makes its start flat
+    assert len(history) == 10
+    other = account()
+    other.match(begin[:, 1:], VOTES, 5)
+    torch.testing.assert_close(history[-1, :2], other.history()[-1, :2])
+
+
 @pytest.mark.parametrize("on_votes", [True, False])
-@pytest.mark.parametrize("closeness", [None, 0.0, 0.7])
-def test_the_value_is_the_sum_of_the_squares(name: str, on_votes: bool, closeness: float | None) -> None:
-    problem = objective(name, on_votes, closeness)
-    assert isinstance(problem, LeastSquares)
-    index = torch.tensor([1, 0])
-    value, gradient = problem(points(2), index)
-    x = points(2).requires_grad_()
-    residuals = problem.residuals(x, index)
-    torch.testing.assert_close(residuals.square().sum(1), value)
-    torch.testing.assert_close(torch.autograd.grad(residuals, x, 2 * residuals)[0], gradient)
+@pytest.mark.parametrize("minimiser", ["lbfgs", "dogleg"])
+def test_images_do_not_influence_each_other(on_votes: bool, minimiser: Minimiser) -> None:
+    begin, votes = starts(2), VOTES if on_votes else None
+    given: dict[str, Any] = {"expected": IMAGES.flip(0), "closeness": 0.1}
+    together = account(minimiser=minimiser)
+    result = together.match(begin, votes, 12, **given)
+    spent = torch.zeros(3, dtype=torch.long)
+    for k in range(2):  # of a descriptor
+        one = account(minimiser=minimiser)
+        torch.testing.assert_close(one.match(begin[:, k : k + 1], votes, 12, **given)[:, 0], result[:, k])
+        spent += one.evaluations
+    assert torch.equal(spent, together.evaluations)
+    one = account(DESCRIPTORS[:1], minimiser=minimiser)  # of a batch
+    of_one = None if votes is None else votes[:1]
+    alone = one.match(begin[:1], of_one, 12, IMAGES.flip(0)[:1], 0.1)
+    torch.testing.assert_close(alone[0], result[0])
+    torch.testing.assert_close(one.history()[:, 0], together.history()[: int(one.evaluations), 0])
 
 
-class Value(torch.autograd.Function):
-    """An objective's values, with the gradients it returns as their derivatives."""
+def test_the_result_is_closer_than_the_start_and_not_far_from_the_expected_image() -> None:
+    begin = starts(1)
+    free = account().match(begin, None, 30)
+    assert (relative(free)[:2] < 0.5 * relative(begin)[:2]).all()
+    kept = account().match(begin, None, 30, IMAGES[[1, 0, 2]], 10.0)
 
-    @staticmethod
-    def forward(context: Any, unknowns: Tensor, problem: PreimageObjective, index: Tensor) -> Tensor:
-        value, gradient = problem(unknowns, index)
-        context.save_for_backward(gradient)
-        return value
+    def away(images: Tensor) -> Tensor:
+        difference = images[:2, 0] - IMAGES[[1, 0]]
+        return (difference - difference.mean(dim=(2, 3), keepdim=True)).flatten(1).norm(dim=1)
 
-    @staticmethod
-    def backward(context: Any, *weights: Tensor) -> tuple[Tensor | None, ...]:
-        return weights[0].unsqueeze(1) * context.saved_tensors[0], None, None
-
-
-@both_specs
-@pytest.mark.parametrize("on_votes", [True, False])
-def test_gradients_are_central_differences(name: str, on_votes: bool) -> None:
-    small = dataclasses.replace(SPECS[name], cell_size=(4, 4))
-    images = torch.cat([photograph(8), photograph(8, "coins")]).double()
-    descriptor = hog(images, small)
-    problem = PreimageObjective(
-        descriptor,
-        recover_histograms(descriptor, small) if on_votes else None,
-        small,
-        CosineBasis(8, 8, descriptor),
-        FlatRegions(descriptor, small, 8, 8),
-        (*PRIORS, Range(10.0)),
-        images.flip(0),
-        0.7,
-    )
-    at = problem.parameterization.unknowns(1.5 * torch.rand_like(images)).requires_grad_()
-    assert torch.autograd.gradcheck(
-        lambda x: Value.apply(x, problem, torch.tensor([1, 0])), at, eps=1e-7, atol=1e-5, fast_mode=True
-    )
+    assert (away(kept) < 0.3 * away(free)).all()
+    assert (relative(kept)[:2] > relative(free)[:2]).all()
 
 
-@both_specs
-def test_closeness_adds_the_share_of_what_is_expected(name: str) -> None:
-    index = torch.tensor([1, 0])
-    without, with_ = objective(name, False), objective(name, False, 0.7)
-    assert with_.expected is not None
-    expected = with_.expected[index] - with_.expected[index].mean(dim=(2, 3), keepdim=True)
-    image = with_.image(points(2), index)
-    away = image - image.mean(dim=(2, 3), keepdim=True) - expected
-    share = 0.7 * away.square().sum(dim=(1, 2, 3)) / expected.square().sum(dim=(1, 2, 3))
-    torch.testing.assert_close(with_(points(2), index)[0] - without(points(2), index)[0], share)
-    assert torch.equal(objective(name, False, 0.0)(points(2), index)[0], without(points(2), index)[0])
-
-
-def test_nothing_is_expected_of_a_constant_image() -> None:
-    problem = objective("paper", True)
-    made = PreimageObjective(
-        problem.descriptor.permute(0, 2, 3, 1),
-        problem.votes,
-        problem.spec,
-        problem.parameterization,
-        problem.flat,
-        problem.priors,
-        torch.full((2, 1, 32, 32), 0.3).double(),
-        0.7,
-    )
-    index = torch.tensor([0, 1])
-    torch.testing.assert_close(made(points(2), index), problem(points(2), index))
-
-
-@both_specs
-@pytest.mark.parametrize("on_votes", [True, False])
-def test_the_reported_distance_is_the_descriptors_whatever_is_compared(name: str, on_votes: bool) -> None:
-    problem = objective(name, on_votes, 0.7)
-    index = torch.tensor([1, 0])
-    problem(points(2), index)
-    own = hog(problem.image(points(2), index), problem.spec)
-    descriptor = problem.descriptor.permute(0, 2, 3, 1)[index]
-    torch.testing.assert_close(
-        problem.distance[index], (own - descriptor).flatten(1).norm(dim=1) / descriptor.flatten(1).norm(dim=1)
-    )
-
-
-@both_specs
-def test_residuals_have_products_with_their_jacobian_by_torch_func(name: str) -> None:
-    problem, index = objective(name, False, 0.7), torch.tensor([0, 1])
-    x, v = points(2), points(4)[2:]
-    residuals, image = torch.func.jvp(lambda p: problem.residuals(p, index), (x,), (v,))
-    _, pull = torch.func.vjp(lambda p: problem.residuals(p, index), x)
-    u = torch.randn_like(residuals)
-    torch.testing.assert_close((image * u).sum(1), (pull(u)[0] * v).sum(1))
-
-
-@both_specs
-def test_linearisation_is_the_jacobian_at_kinks_too(name: str) -> None:
-    # 8-bit levels: flat regions, gradients on bin centres
-    problem, index = objective(name, False), torch.tensor([1, 0])
-    problem.parameterization = Pixels(32, 32)
-    x, v = torch.cat([photograph(32, "coins"), photograph(32)]).double().flatten(1), points(2)
-    model = GraphJacobian(problem, x, index)
-    residuals, image = torch.func.jvp(lambda p: problem.residuals(p, index), (x,), (v,))
-    torch.testing.assert_close(model.jvp(v), image)
-    _, pull = torch.func.vjp(lambda p: problem.residuals(p, index), x)
-    torch.testing.assert_close(model.vjp(residuals), pull(residuals)[0])
-    assert torch.isfinite(image).all()
-
-
-@both_specs
-def test_residuals_are_evaluated_in_pieces(name: str) -> None:
-    problem, index = objective(name, False, 0.7), torch.tensor([1, 0])
-    whole, together = problem.residuals(points(2), index), problem(points(2), index)
-    problem.votes_at_once = 1
-    torch.testing.assert_close(problem.residuals(points(2), index), whole)
-    torch.testing.assert_close(problem(points(2), index), together)
-
-
-@both_specs
-@pytest.mark.parametrize("minimiser", ["dogleg", "momentum", "adam"])
-def test_reconstruct_by_other_minimisers(name: str, minimiser: Minimiser) -> None:
-    spec = SPECS[name]
-    descriptor = hog(torch.cat([photograph(48), photograph(48, "coins")]), spec)
-    calls: list[int] = []
-    result = reconstruct(
-        descriptor,
-        spec,
-        search=Search(max_evaluations=90, samples=1, minimiser=minimiser),
-        progress=lambda done, most: calls.append(done),
-    )
-    assert result.distance.max() < 0.2
-    assert result.evaluations.max() <= 90
-    assert result.history.shape == (int(result.evaluations.max()), 2)
-    assert torch.isfinite(result.history).all()
-    assert (result.history[-1] < result.history[0] / 2).all()
-    assert calls == sorted(set(calls))
-    assert calls[-1] <= result.evaluations.max()
-
-
-@pytest.mark.parametrize("minimiser", ["dogleg", "momentum", "adam"])
-def test_several_samples_by_other_minimisers(minimiser: Minimiser) -> None:
-    spec = dataclasses.replace(SPECS["paper"], signed=True, bins=18)
-    descriptor = hog(torch.cat([photograph(32), photograph(32, "coins")]), spec)
-    result = reconstruct(
-        descriptor,
-        spec,
-        search=Search(max_evaluations=120, samples=3, minimiser=minimiser),
-        objective=Objective(closeness=0.1),
-    )
+@every_minimiser
+def test_reconstruct_by_any_minimiser(minimiser: Minimiser) -> None:
+    """Two samples and a flat image, alone as in a batch."""
+    spec = dataclasses.replace(SPEC, signed=True, bins=18)
+    descriptors = hog(IMAGES, spec)
+    options = {"search": Search(minimiser, max_evaluations=120, samples=2), "objective": Objective(closeness=0.1)}
+    result = reconstruct(descriptors, spec, **options)
     assert result.evaluations.max() <= 120
-    assert result.history.shape == (int(result.evaluations.max()), 2)
-    assert torch.isfinite(result.history).all()
-    assert (result.history[-1] < 0.75 * result.history[0]).all()  # 30 evaluations each, from a start that is good
-
-
-def test_a_batch_by_dogleg_equals_a_loop() -> None:
-    spec = SPECS["paper"]
-    descriptors = hog(torch.cat([photograph(32), photograph(32, "coins")]).double(), spec)
-    together = reconstruct(descriptors, spec, search=Search(max_evaluations=60, minimiser="dogleg"))
-    for i in range(2):
-        alone = reconstruct(descriptors[i : i + 1], spec, search=Search(max_evaluations=60, minimiser="dogleg"))
-        torch.testing.assert_close(together.image[i], alone.image[0], atol=1e-5, rtol=0)
-        assert together.evaluations[i] == alone.evaluations[0]
-
-
-@pytest.mark.parametrize("minimiser", ["lbfgs", "dogleg", "momentum", "adam"])
-def test_a_flat_photograph_by_any_minimiser(minimiser: Minimiser) -> None:
-    result = reconstruct(
-        hog(torch.full((1, 1, 32, 32), 0.7), SPECS["uoctti"]),
-        SPECS["uoctti"],
-        search=Search(max_evaluations=20, minimiser=minimiser),
-    )
-    assert result.distance.item() == 0
+    assert result.history.shape == (int(result.evaluations.max()), 3)
+    assert (result.history[-1, :2] < 0.75 * result.history[0, :2]).all()
+    assert result.distance[2] == 0
+    alone = reconstruct(descriptors[:1], spec, **options)
+    torch.testing.assert_close(alone.image, result.image[:1], atol=1e-3, rtol=0)
+    assert alone.evaluations[0] == result.evaluations[0]
 
 
 @pytest.mark.parametrize("minimiser", ["lbfgs", "dogleg"])
-def test_a_prior_does_what_it_says(minimiser: Minimiser) -> None:
-    spec = SPECS["paper"]
-    descriptor = hog(photograph(48), spec)
+def test_priors_and_smoothness_make_neighbours_agree(minimiser: Minimiser) -> None:
+    descriptor, few = hog(photograph(48), SPEC), Search(minimiser, max_evaluations=60)
 
-    def total(image: Tensor) -> Tensor:
-        return image.diff(dim=-1).abs().sum() + image.diff(dim=-2).abs().sum()
+    def variation(target: Objective) -> float:
+        image = reconstruct(descriptor, SPEC, search=few, objective=target).image
+        return float(image.diff(dim=-1).abs().mean() + image.diff(dim=-2).abs().mean())
 
-    without, with_one, with_two = (
-        reconstruct(
-            descriptor,
-            spec,
-            search=Search(max_evaluations=100, minimiser=minimiser),
-            objective=Objective(smoothness=0, priors=priors),
-        ).image
-        for priors in ((), (Smoothness(1e-4),), [Smoothness(1e-4), TotalVariation(1e-2)])
+    without = variation(Objective(smoothness=0))
+    assert variation(Objective(smoothness=0.3)) < without
+    assert variation(Objective(smoothness=0, priors=[TotalVariation(1e-2)])) < without
+
+
+# --- on a device: rounds that wait for nothing, results that are those of a CPU
+
+
+@pytest.mark.parametrize("minimiser", ["lbfgs", "momentum", "adam"])
+def test_results_on_a_device_are_those_on_a_cpu(minimiser: Minimiser, monkeypatch: pytest.MonkeyPatch) -> None:
+    def run() -> tuple[PreimageSearch, Tensor]:
+        made = account(budget=60, minimiser=minimiser)
+        mean = made.match(starts(2), VOTES, 18).mean(dim=1)
+        return made, made.match(mean.unsqueeze(1), None, made.left(), mean, 1.0)
+
+    on_cpu, its_images = run()
+    monkeypatch.setattr(running, "dropped_at_once", lambda like: False)
+    on_device, images_there = run()
+    for made in (on_cpu, on_device):
+        assert made.evaluations[2] < made.evaluations[:2].min()  # the flat image ends, and others go on
+    torch.testing.assert_close(images_there, its_images, atol=1e-4, rtol=0)
+
+
+def test_rounds_of_a_search_ask_for_no_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    """HOG itself is replaced by what it is on a GPU, kernels that wait for nothing; everything else runs."""
+    image = torch.rand(2, 1, 32, 32, generator=torch.Generator().manual_seed(0))
+    image[:, :, :24] = 0.5
+    descriptor = hog(image, UOCTTI)
+    regions = FlatRegions(descriptor.repeat_interleave(2, 0), UOCTTI, 32, 32)
+    assert len(regions.sizes) > 1
+    regions.regions, regions.sizes = regions.regions.to("meta"), regions.sizes.to("meta")
+    votes = recover_histograms(descriptor, UOCTTI)
+
+    def to_cells(images: Tensor, spec: HOGSpec) -> Tensor:
+        return images.mean(dim=(2, 3), keepdim=True).expand(len(images), *votes.shape[1:]) + 0.0
+
+    def normalize(cells: Tensor, spec: HOGSpec) -> Tensor:
+        return cells[:, :1].expand(-1, descriptor.shape[3], *descriptor.shape[1:3]) + 0.0
+
+    monkeypatch.setattr(search, "FlatRegions", lambda *args: regions)
+    monkeypatch.setattr(objective, "steps", lambda device, spec: (to_cells, normalize))
+    seen, reports = [], []
+
+    def minimise(name: str, problem: Any, start: Tensor, watch: Any, **options: Any) -> Minimum:
+        run = LbfgsSearch(problem, start, 6, 1.0, watch)  # also warms up what is kept on the device
+        with WithoutWaiting():
+            for _ in range(3):
+                run.advance()
+                run.end(0.0, 1e-3)
+        reason = [StopReason.BUDGET] * len(start)
+        return Minimum(run.vectors.x, run.state.values, run.running.evaluations, reason, run.state.values.unsqueeze(0))
+
+    monkeypatch.setattr(search, "minimise", minimise)
+    made = PreimageSearch(
+        descriptor.to("meta"),
+        UOCTTI,
+        (32, 32),
+        [RelativeSmoothness(0.02), Range(10.0)],
+        "lbfgs",
+        100,
+        lambda done, most: reports.append(done),
+        seen.append,
     )
-    assert total(with_two) < total(with_one) < total(without)
+    start = torch.rand(2, 2, 1, 32, 32, device="meta")
+    found = made.match(start, votes.to("meta"), 25, start.mean(dim=1), 0.3)
+    assert found.shape == start.shape
+    assert len(seen) == 4
+    assert not reports  # the first would be after ten
 
 
-def test_smoothness_is_the_relative_prior() -> None:
-    spec = SPECS["paper"]
-    descriptor = hog(photograph(32).double(), spec)
-    named = reconstruct(descriptor, spec, search=Search(max_evaluations=10), objective=Objective(smoothness=0.1)).image
-    given = reconstruct(
-        descriptor,
-        spec,
-        search=Search(max_evaluations=10),
-        objective=Objective(smoothness=0, priors=[RelativeSmoothness(0.1)]),
-    ).image
-    torch.testing.assert_close(named, given, atol=1e-9, rtol=0)  # the sum's order differs: Range lies between
+def test_batches_are_split_by_the_memory_that_is_free(monkeypatch: pytest.MonkeyPatch) -> None:
+    together = reconstruct(DESCRIPTORS, SPEC, search=Search(max_evaluations=4))
+    asked: list[float] = []
+
+    def memory_for(device: torch.device, on_cpu: int, share: float) -> int:
+        asked.append(share)
+        return on_cpu // 2**14
+
+    monkeypatch.setattr(single_scale, "memory_for", memory_for)
+    monkeypatch.setattr(objective, "memory_for", memory_for)
+    parts: list[slice] = []
+    calls: list[tuple[int, int]] = []
+    apart = reconstruct(
+        DESCRIPTORS,
+        SPEC,
+        search=Search(max_evaluations=4),
+        watch=lambda now: parts.append(now.descriptors),
+        progress=lambda *call: calls.append(call),
+    )
+    assert {(part.start, part.stop) for part in parts} == {(0, 1), (1, 2), (2, 3)}
+    for name in ("image", "distance", "history"):
+        torch.testing.assert_close(getattr(apart, name), getattr(together, name))
+    assert calls == sorted(set(calls))
+    assert {most for _, most in calls} == {3 * 4}
+    assert set(asked) == {single_scale.SHARE, objective.SHARE}
+    assert sum(set(asked)) < 0.8

@@ -70,16 +70,6 @@ def test_what_is_damaged_is_made_again(folder: Path, damage: str) -> None:
     assert make.made == made + 2
 
 
-@pytest.mark.parametrize("size", ["0", "-1"])
-def test_it_can_be_switched_off(folder: Path, size: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(VARIABLE, size)
-    make = Maker()
-    for _ in range(2):
-        cached_array("kind", "key", SHAPE, make)
-    assert make.made == 2
-    assert not folder.exists()
-
-
 def test_what_was_not_used_for_longest_is_removed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(VARIABLE, "0.055")  # four arrays of 12 kB, of which 0.8 are kept
     monkeypatch.setattr(array_cache, "_EVERY", 1)
@@ -90,11 +80,3 @@ def test_what_was_not_used_for_longest_is_removed(folder: Path, monkeypatch: pyt
     cached_array("kind", "0", SHAPE, make)  # used just now
     cached_array("kind", "4", SHAPE, make)
     assert sorted(os.listdir(folder)) == ["0.array", "3.array", "4.array"]
-
-
-def test_where_nothing_can_be_written_it_is_made_each_time(folder: Path) -> None:
-    folder.write_text("a file, where the folder would be")
-    make = Maker()
-    for _ in range(2):
-        assert cached_array("kind", "key", SHAPE, make).shape == SHAPE
-    assert make.made == 2

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import io
-import threading
 from pathlib import Path
-from typing import ClassVar
 
 import pyarrow.parquet as pq
 import pytest
@@ -53,25 +50,6 @@ def test_what_is_written_is_read(tmp_path: Path, store: str, each: int) -> None:
     with pytest.raises(IndexError, match="row 6 of 6"):
         data[6]
     assert list(data.errors()) == [("bad.png", "expected an image")]
-
-
-class File(io.FileIO):
-    """Notes which threads read it."""
-
-    threads: ClassVar[set[int]] = set()
-
-    def read(self, size: int | None = -1) -> bytes:
-        self.threads.add(threading.get_ident())
-        return super().read(-1 if size is None else size) or b""
-
-
-def test_files_are_read_in_the_thread_that_asks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Threads of Arrow that hold buffers of Python's when the interpreter ends would abort the process."""
-    write(str(tmp_path), rows(4), 2)
-    data = DescriptorDataset(str(tmp_path))
-    monkeypatch.setattr(data._system, "open", lambda path, mode: File(path))
-    assert (len(list(data)), len(list(data.errors()))) == (4, 1)
-    assert File.threads == {threading.get_ident()}
 
 
 def test_others_read_it(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import torch
 
 import nablahog
 from nablahog import HOGSpec, presets
-from nablahog.io.descriptor_file import StoredDescriptor, is_descriptor_file, load_descriptor, save_descriptor
+from nablahog.io.descriptor_file import StoredDescriptor, load_descriptor, save_descriptor
 
 SIZE = (40, 29)
 
@@ -49,18 +49,6 @@ def test_round_trip(tmp_path: Path, spec: HOGSpec, dtype: torch.dtype) -> None:
     assert repr(stored) == f"<StoredDescriptor {'x'.join(map(str, descriptor.shape))}, image 40x29, {spec!r}>"
 
 
-def test_the_arrays_are_plain(tmp_path: Path) -> None:
-    save_descriptor(tmp_path / "d.npz", _descriptor(presets.paper()), presets.paper(), SIZE)
-    with np.load(tmp_path / "d.npz", allow_pickle=False) as archive:
-        assert set(archive) == {"format", "descriptor", "spec", "image_size"}
-        assert archive["descriptor"].shape == (5, 3, 9)
-
-
-def test_foreign_byte_order(tmp_path: Path) -> None:
-    np.savez(tmp_path / "d.npz", **_arrays(descriptor=_descriptor(presets.uoctti()).numpy().astype(">f4")))
-    assert torch.equal(load_descriptor(tmp_path / "d.npz").descriptor, _descriptor(presets.uoctti()))
-
-
 def _with(value: float) -> np.ndarray[Any, Any]:
     descriptor = _descriptor(presets.uoctti()).numpy().copy()
     descriptor[1, 2, 3] = value
@@ -69,34 +57,23 @@ def _with(value: float) -> np.ndarray[Any, Any]:
 
 WRONG = {
     "NaN": ({"descriptor": _with(np.nan)}, "must be finite, got NaN or Inf"),
-    "Inf": ({"descriptor": _with(np.inf)}, "must be finite, got NaN or Inf"),
     "too few channels": (
         {"descriptor": _descriptor(presets.uoctti())[..., :30].numpy()},
         r"40x29 pixels has shape \(5, 4, 31\) \(rows, cols, channels\), got \(5, 4, 30\)",
     ),
-    "a row too many": ({"descriptor": np.zeros((6, 4, 31), np.float32)}, r"got \(6, 4, 31\)"),
-    "flattened": ({"descriptor": np.zeros(620, np.float32)}, r"got \(620,\)"),
     "another spec": ({"spec": np.array(presets.paper().to_json())}, r"a paper descriptor .* got \(5, 4, 31\)"),
     "another size": ({"image_size": np.array([400, 29])}, r"400x29 pixels has shape \(50, 4, 31\)"),
     "no image": ({"image_size": np.array([0, 29])}, "at least 1x1, got 0x29"),
-    "an image smaller than a cell": ({"image_size": np.array([2, 2])}, "at least one cell"),
     "a huge image": (
         {"spec": np.array(presets.uoctti(100_000).to_json()), "image_size": np.array([500_000, 400_000])},
         "at most 89,478,485 pixels",
     ),
     "a size of three": ({"image_size": np.array([40, 29, 3])}, r"two integers .* shape \(3,\)"),
-    "a fractional size": ({"image_size": np.array([40.0, 29.0])}, "two integers .* float64"),
     "integers": ({"descriptor": np.zeros((5, 4, 31), np.int32)}, "float32 or float64, got int32"),
-    "complex": ({"descriptor": np.zeros((5, 4, 31), np.complex64)}, "float32 or float64, got complex64"),
     "no descriptor": ({"descriptor": None}, "the archive lacks descriptor"),
-    "no spec and size": ({"spec": None, "image_size": None}, "the archive lacks spec, image_size"),
     "no JSON": ({"spec": np.array("{")}, "not the JSON of a HOGSpec"),
-    "JSON of something else": ({"spec": np.array('{"name": "x"}')}, "not the JSON of a HOGSpec"),
-    "a huge number": ({"spec": np.array(presets.paper().to_json().replace("1e-05", "1" + "0" * 400))}, "."),
     "deep JSON": ({"spec": np.array("[" * 100_000)}, "."),
-    "spec not text": ({"spec": np.array(3)}, "spec must be one string"),
     "a later format": ({"format": np.array(2)}, "files of format 1, got 2"),
-    "formats": ({"format": np.array([1, 1])}, "files of format 1"),
 }
 
 
@@ -120,23 +97,13 @@ class _Bomb:
         return os.mkdir, (str(self.path),)
 
 
-@pytest.mark.parametrize("array", ["descriptor", "spec", "format"])
-def test_pickles_are_never_loaded(tmp_path: Path, array: str) -> None:
+def test_pickles_are_never_loaded(tmp_path: Path) -> None:
     bomb = np.array([_Bomb(tmp_path / "gone off")], dtype=object)
-    np.savez(tmp_path / "d.npz", **_arrays(**{array: bomb}))
+    np.savez(tmp_path / "d.npz", **_arrays(descriptor=bomb))
     with pytest.raises(ValueError, match="pickled objects, which are never loaded"):
         load_descriptor(tmp_path / "d.npz")
-    np.load(tmp_path / "d.npz", allow_pickle=True)[array]  # the bomb is live:
+    np.load(tmp_path / "d.npz", allow_pickle=True)["descriptor"]  # the bomb is live:
     assert (tmp_path / "gone off").exists()
-
-
-def test_truncated_files(tmp_path: Path) -> None:
-    save_descriptor(tmp_path / "d.npz", _descriptor(presets.uoctti()), presets.uoctti(), SIZE)
-    whole = (tmp_path / "d.npz").read_bytes()
-    for part in (0, 1, 4, 100, len(whole) // 2, len(whole) - 1):
-        (tmp_path / "d.npz").write_bytes(whole[:part])
-        with pytest.raises(ValueError, match="expected a descriptor file"):
-            load_descriptor(tmp_path / "d.npz")
 
 
 def test_damaged_bytes(tmp_path: Path) -> None:
@@ -186,13 +153,3 @@ def test_what_cannot_be_saved(tmp_path: Path) -> None:
     assert not os.listdir(tmp_path)
     with pytest.raises(TypeError):
         StoredDescriptor(descriptor.numpy(), spec, SIZE)  # type: ignore[arg-type]
-
-
-def test_what_is_a_descriptor_file(tmp_path: Path) -> None:
-    save_descriptor(tmp_path / "d.anything", _descriptor(presets.uoctti()), presets.uoctti(), SIZE)
-    (tmp_path / "p.png").write_bytes(b"\x89PNG")
-    assert is_descriptor_file(tmp_path / "d.anything")
-    assert is_descriptor_file("missing.npz")
-    assert not is_descriptor_file(tmp_path / "p.png")
-    assert not is_descriptor_file(tmp_path / "missing")
-    assert not is_descriptor_file(tmp_path)

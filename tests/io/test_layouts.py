@@ -14,7 +14,7 @@ from nablahog import presets
 from nablahog.cli.arguments.preset_parameters import PRESETS
 from nablahog.cli.inputs.spec import make_spec
 from nablahog.hog import HOGSpec
-from nablahog.io.layouts import Fit, fit, shapes, stored
+from nablahog.io.layouts import Fit, fit, stored
 
 SIZE = (40, 64)
 VARIANTS: dict[str, HOGSpec] = {
@@ -60,15 +60,3 @@ def test_layouts_that_libraries_have_besides() -> None:
     assert how == Fit("planes", (27, 5, 8), SIZE)
     assert torch.equal(stored(native.reshape(27, 5, 8), spec, how).descriptor, descriptor)
     assert fit((3780, 1), presets.opencv(), (128, 64)) == Fit("opencv-vector", (3780,), (128, 64))  # of older versions
-
-
-def test_the_librarys_own_layout_comes_first() -> None:
-    square = fit((31, 31, 31), presets.vlfeat(), None)
-    assert square is not None
-    assert square.layout == "planes"
-
-
-def test_shapes_in_words() -> None:
-    assert shapes(presets.opencv(), None) == "(rows, cols, 36)"
-    assert shapes(presets.dpm(), (64, 64)) == "(6, 6, 32)"
-    assert shapes(presets.skimage(feature_vector=False), (24, 24)) == "(1, 1, 3, 3, 9) or (81,) or (1, 1, 81)"

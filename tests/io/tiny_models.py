@@ -8,17 +8,13 @@ import torch
 
 from nablahog import LearnedPrior, presets
 from nablahog.hog import HOGSpec
-from nablahog.invert.network import weight_count
+from nablahog.invert.learned import network_class
 from nablahog.invert.prior_network import Architecture
 from nablahog.invert.provenance import NetworkLearning
 from nablahog.io.learned_model import LearnedModel
 from nablahog.io.network_weights import count
 from nablahog.paper.baselines.bovw import BoVW, BoVWLearning
 from nablahog.paper.baselines.hoggles import HogglesLearning, PairedDictionary
-from nablahog.paper.baselines.nearest import NearestLearning, NearestWindows
-from nablahog.paper.baselines.ridge import RidgeLearning, RidgeRegression
-from nablahog.paper.baselines.upconv import Upconv
-from nablahog.paper.baselines.upconv_network import UpconvNetwork
 from nablahog.pose.whitening import Background
 
 SOURCE: dict[str, Any] = {"images": ("a", "b"), "sha256": "00", "seed": 3}
@@ -29,7 +25,9 @@ def prior(spec: HOGSpec | None = None) -> LearnedPrior:
     spec = spec or presets.uoctti(8)
     architecture = Architecture((8, 8, 8), (1, 0, 0))
     scale = 0.2 if spec.signed else 0.05  # so that nothing saturates
-    weights = scale * torch.randn(weight_count(spec, architecture), generator=torch.Generator().manual_seed(1))
+    weights = scale * torch.randn(
+        count(lambda: network_class(spec)(architecture)), generator=torch.Generator().manual_seed(1)
+    )
     return LearnedPrior(
         spec, architecture, weights.half(), NetworkLearning(**SOURCE, epochs=2, losses=(1.5, 0.1 + 0.2))
     )
@@ -53,27 +51,6 @@ def bovw() -> BoVW:
     )
 
 
-def ridge() -> RidgeRegression:
-    """Cells of one pixel."""
-    spec = presets.uoctti(1, orientations=2)
-    return RidgeRegression(spec, torch.rand(491, 49), RidgeLearning(**SOURCE, windows=9, penalty=0.1 + 0.2))
-
-
-def nearest() -> NearestWindows:
-    """Two images."""
-    images = (torch.arange(80, dtype=torch.uint8).view(8, 10), torch.arange(60, dtype=torch.uint8).view(6, 10))
-    return NearestWindows(presets.uoctti((4, 3), orientations=3), images, NearestLearning(**SOURCE, windows=9))
-
-
-def upconv(spec: HOGSpec | None = None) -> Upconv:
-    """Random weights."""
-    spec = spec or presets.uoctti(8)
-    widths = (8, 4, 4, 2)
-    number = count(lambda: UpconvNetwork(spec, widths))
-    weights = 0.2 * torch.randn(number, generator=torch.Generator().manual_seed(1))
-    return Upconv(spec, widths, weights.half(), NetworkLearning(**SOURCE, epochs=2, losses=(1.5, 0.1 + 0.2)))
-
-
 def background() -> Background:
     """Of one offset."""
     spec = presets.aubry(5, orientations=3)
@@ -82,5 +59,5 @@ def background() -> Background:
 
 
 def models() -> dict[str, LearnedModel]:
-    makers = (prior, background, hoggles, bovw, ridge, nearest, upconv)
+    makers = (prior, background, hoggles, bovw)
     return {maker.__name__: maker() for maker in makers}

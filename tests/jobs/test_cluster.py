@@ -11,14 +11,13 @@ import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from nablahog.jobs import cluster
-from nablahog.jobs.cluster import CHUNK_SECONDS, _connected, _Waiting, run_on_cluster
+from nablahog.jobs.cluster import run_on_cluster
 from nablahog.jobs.job_files import local_path, store_files
+from nablahog.jobs.runner import DIED
 from nablahog.jobs.store import JobResult
 from nablahog.jobs.worker import attempt
 
@@ -45,7 +44,7 @@ def started(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
     """A scheduler and a worker; the address, and the scheduler's process."""
     file = folder / "scheduler.json"
     python = [sys.executable, "-m"]
-    path = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}  # workers import the fakes
+    path = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}  # workers import the fakes
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": path}
     address = [
         "--host",
@@ -77,7 +76,7 @@ def started(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
 
 
 def test_deaths_and_failures() -> None:
-    """A job that takes its worker with it is named; those that shared its chunk are done."""
+    """A job that takes its worker with it is named; those that waited for it are done."""
     jobs = [job(DARK), job(KILLED), job(MISTAKEN), job(DARK, seed=1)]
     output = dict(run_on_cluster(jobs, cluster="local:1"))
     assert sorted(output) == [0, 1, 2, 3]
@@ -87,30 +86,8 @@ def test_deaths_and_failures() -> None:
         assert isinstance(alone, JobResult)
         assert result.figures == alone.figures
         assert np.array_equal(result.pictures, alone.pictures)
-    assert output[1] == "the process at work on it died, 2 times"
+    assert output[1] == DIED
     assert str(output[2]).startswith("KeyError at fakes.py:")
-
-
-@pytest.mark.parametrize("workers", [{}, {"tcp://127.0.0.1:1": 1}])
-def test_a_result_that_is_lost_before_it_is_read(workers: dict[str, int], monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is waited for as long as there are workers that can compute it again."""
-    monkeypatch.setattr(cluster, "PATIENCE", 0.01)
-    asked = []
-
-    class Future:
-        def result(self, timeout: float) -> str:
-            asked.append(timeout)
-            if len(asked) == 1:
-                raise asyncio.TimeoutError
-            return "computed again"
-
-    client = SimpleNamespace(nthreads=lambda: workers)
-    if workers:
-        assert cluster._result(Future(), client, "local:1") == "computed again"  # type: ignore[arg-type]
-    else:
-        with pytest.raises(ChildProcessError, match="the cluster local:1 has no workers any more"):
-            cluster._result(Future(), client, "local:1")  # type: ignore[arg-type]
-    assert asked == [0.01] * (2 if workers else 1)
 
 
 def test_an_existing_cluster(scheduler: str) -> None:
@@ -162,38 +139,8 @@ def test_no_cluster(cluster: str, error: type[Exception], message: str, monkeypa
         list(run_on_cluster([job(DARK)], cluster=cluster))
 
 
-def test_as_many_processes_as_are_asked_for() -> None:
-    with _connected("local:1") as client:
-        assert list(client.nthreads().values()) == [1]
-
-
 def test_no_jobs() -> None:
     assert list(run_on_cluster([], cluster="tcp://nowhere:1")) == []
-
-
-def test_chunks_take_about_as_long_as_they_should() -> None:
-    waiting = _Waiting(1000)
-    assert waiting.next(1, alone=True) == [0]  # nothing is known yet
-    waiting.took(0.01, 1)
-    assert len(waiting.next(1, alone=False)) == round(CHUNK_SECONDS / 0.01)
-    waiting.took(100.0, 1)
-    assert len(waiting.next(1, alone=False)) == 1
-
-
-def test_the_last_chunks_are_smaller() -> None:
-    waiting = _Waiting(100)
-    waiting.took(0.001, 1)
-    assert [len(waiting.next(2, alone=False)) for _ in range(4)] == [25, 19, 14, 11]
-
-
-def test_a_job_is_blamed_when_it_was_alone() -> None:
-    waiting = _Waiting(2)
-    assert (waiting.next(1, alone=True), waiting.next(1, alone=False)) == ([0], [1])
-    assert not waiting.suspect([0])
-    assert not waiting.suspect([1])
-    assert waiting.next(1, alone=False) == []
-    assert waiting.next(1, alone=True) == [0]
-    assert waiting.suspect([0])
 
 
 def test_carried_files(tmp_path: Path) -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import subprocess
 import sys
+import time
 from contextlib import closing
 from pathlib import Path
 
@@ -13,7 +15,7 @@ import numpy as np
 import pytest
 
 from nablahog.jobs import runner
-from nablahog.jobs.runner import cores, run_jobs
+from nablahog.jobs.runner import DIED, cores, run_jobs
 from nablahog.jobs.store import JobResult
 from nablahog.jobs.worker import attempt
 
@@ -39,10 +41,18 @@ def test_deaths_and_failures(tmp_path: Path) -> None:
         assert isinstance(alone, JobResult)
         assert result.figures == alone.figures
         assert np.array_equal(result.pictures, alone.pictures)
-    assert output[2] == "the process at work on it died, 2 times, the last time by signal SIGKILL"
+    assert output[2] == DIED
     assert isinstance(output[1], JobResult)
     assert output[1].figures[0]["distance"] == 1  # its number of threads
     assert str(output[3]).startswith("KeyError at fakes.py:")
+
+
+def test_a_death_beside_others() -> None:
+    """Jobs at work when a process dies are done all the same."""
+    output = dict(run_jobs([job(KILLED), *(job(DARK, seed=seed) for seed in range(3))], workers=2))
+    assert output.pop(0) == DIED
+    assert len(output) == 3
+    assert all(isinstance(result, JobResult) for result in output.values())
 
 
 def test_left_early() -> None:
@@ -53,24 +63,48 @@ def test_left_early() -> None:
 
 
 def test_workers_that_do_not_start(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runner, "serve", sys.exit)
-    with pytest.raises(ChildProcessError, match=r"end before they have started \(exit status 1\)"):
+    monkeypatch.setattr(runner, "begin", sys.exit)
+    with pytest.raises(ChildProcessError, match="end before they have started"):
         dict(run_jobs([job(DARK)], workers=2))
     assert not multiprocessing.active_children()
 
 
-def test_nothing_to_do() -> None:
-    assert list(run_jobs([], workers=2)) == []
-
-
 def test_the_parent_is_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
-    with runner.one_thread(), runner._no_interrupts():
-        assert os.environ["OMP_NUM_THREADS"] == "1"
-        assert signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    assert len(list(run_jobs([job(DARK)], workers=1))) == 1
     assert "OMP_NUM_THREADS" not in os.environ
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
 
 
 def test_cores() -> None:
     assert 1 <= cores() <= (os.cpu_count() or 1)
+
+
+_PARENT = """
+import threading, time
+from multiprocessing import active_children
+from nablahog.jobs.runner import run_jobs
+
+def tell():
+    while not active_children():
+        time.sleep(0.001)
+    print("started", flush=True)
+
+threading.Thread(target=tell).start()
+list(run_jobs([time.sleep] * 100, workers=2))
+"""
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.3, 0.9])
+def test_a_parent_that_is_killed_while_workers_start(seconds: float) -> None:
+    with subprocess.Popen([sys.executable, "-c", _PARENT], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        assert parent.stdout.readline() == "started\n"
+        time.sleep(seconds)
+        parent.kill()
+        parent.communicate(timeout=2)  # until the last process that has inherited the pipe has ended
+
+
+def test_workers_load_nothing_before_they_watch_their_parent() -> None:
+    program = "import sys, nablahog.jobs.worker; print(*({'torch', 'numpy', 'scipy'} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout == "\n"

@@ -14,7 +14,7 @@ from nablahog.paper import reconstruction
 from nablahog.paper.methods import METHODS
 
 from ..paper.common import job
-from ..paper.fakes import BRIGHT, DARK, LEVELS
+from ..paper.fakes import BRIGHT, DARK
 
 RESULT = JobResult([{"cc": 0.1 + 0.2, "ssim": None}], np.full((1, 32, 32), 7, np.uint8), 1.5)
 
@@ -39,15 +39,6 @@ def test_damage(tmp_path: Path) -> None:
         path.write_bytes(whole[:position] + bytes([whole[position] ^ 1]) + whole[position + 1 :])
         result = load(path, job(DARK))
         assert result is None or (result.figures == RESULT.figures and np.array_equal(result.pictures, RESULT.pictures))
-
-
-def test_what_does_not_fit(tmp_path: Path) -> None:
-    path = tmp_path / "a.npz"
-    save(path, RESULT)
-    assert load(path, job(LEVELS)) is None  # more rows
-    assert load(path, replace(job(DARK), image=np.zeros((16, 32), np.float32))) is None
-    np.savez(path, figures=np.array([{}], dtype=object), pictures=RESULT.pictures)
-    assert load(path, job(DARK)) is None
 
 
 def test_keys_tell_work_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

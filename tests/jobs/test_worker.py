@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-import time
-from dataclasses import replace
-
 import pytest
 
 from nablahog import metrics
 from nablahog.jobs.store import JobResult
 from nablahog.jobs.worker import attempt
-from nablahog.paper.methods import METHODS
 
-from ..evaluate import fakes
+from ..paper import fakes
 from ..paper.common import image, job
 
 
@@ -33,22 +27,6 @@ def test_figures() -> None:
     assert result.seconds > 0
 
 
-def test_figures_that_are_not_defined() -> None:
-    result = attempt(job(fakes.UNDEFINED))
-    assert isinstance(result, JobResult)
-    assert result.figures[0]["distance"] is None
-    assert result.figures[0]["psnr"] is None  # the image itself
-    assert result.figures[0]["euclidean_distance"] == 0
-
-
-def test_the_magnitude_of_cc() -> None:
-    result = attempt(job(METHODS["dalal-single"], max_evaluations=3))
-    assert isinstance(result, JobResult)
-    cc = result.figures[0]["cc"]
-    assert cc is not None
-    assert result.figures[0]["abs_cc"] == abs(cc)
-
-
 @pytest.mark.parametrize(
     ("method", "reason"),
     [
@@ -59,38 +37,3 @@ def test_the_magnitude_of_cc() -> None:
 )
 def test_failures(method: fakes.Method, reason: str) -> None:
     assert str(attempt(job(method))).startswith(reason)
-
-
-def test_a_refusal_is_one_sentence() -> None:
-    odd = fakes.LEVELS
-    assert attempt(replace(job(odd), image=job(odd).image[:30])) == "no scale 1/64"
-
-
-_PARENT = """
-import threading, time
-from multiprocessing import active_children
-from nablahog.jobs.runner import run_jobs
-
-def tell():
-    while not active_children():
-        time.sleep(0.001)
-    print("started", flush=True)
-
-threading.Thread(target=tell).start()
-list(run_jobs([time.sleep] * 100, workers=2))
-"""
-
-
-@pytest.mark.parametrize("seconds", [0.0, 0.3, 0.9])
-def test_a_parent_that_is_killed_while_workers_start(seconds: float) -> None:
-    with subprocess.Popen([sys.executable, "-c", _PARENT], stdout=subprocess.PIPE, text=True) as parent:
-        assert parent.stdout is not None
-        assert parent.stdout.readline() == "started\n"
-        time.sleep(seconds)
-        parent.kill()
-        parent.communicate(timeout=2)  # until the last process that has inherited the pipe has ended
-
-
-def test_workers_load_nothing_before_they_watch_their_parent() -> None:
-    program = "import sys, nablahog.jobs.worker; print(*({'torch', 'numpy', 'scipy'} & set(sys.modules)))"
-    assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout == "\n"

@@ -10,10 +10,10 @@ import torch
 from torch import Tensor
 
 from nablahog.hog import hog, presets
+from nablahog.invert.cosine import CosineBasis
 from nablahog.invert.flat import FlatRegions
 from nablahog.invert.objective import PreimageObjective
-from nablahog.invert.parameterize import Pixels
-from nablahog.invert.priors import Norm, RelativeSmoothness
+from nablahog.invert.priors import RelativeSmoothness
 from nablahog.optimize import Jacobian, StopReason, dogleg
 from nablahog.optimize.gauss_newton import GraphJacobian, NewtonSteps, newton_steps
 
@@ -81,9 +81,11 @@ def test_steps_of_an_inversion_are_those_of_chumpy() -> None:
         descriptor,
         None,
         spec,
-        Pixels(16, 16),
+        CosineBasis(16, 16, descriptor, exponent=0),
         FlatRegions(descriptor, spec, 16, 16),
-        (RelativeSmoothness(0.02), Norm(0.1, alpha=2)),
+        [RelativeSmoothness(0.02)],
+        image.flip(3),
+        0.1,
     )
     problem = SumOfSquares(objective.residuals)
     accepted = compare(problem, noise.flatten(1), 3)

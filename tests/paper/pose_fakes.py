@@ -7,11 +7,13 @@ from functools import partial
 
 import torch
 
-from nablahog.paper.examples import Example, Examples
+from nablahog.hog.box import Box
+from nablahog.paper.annotations import AnnotatedObject
+from nablahog.paper.examples import Examples
 from nablahog.paper.models import Model
 from nablahog.paper.pose_methods import PoseInput, PoseMethod, PoseOutcome, Table2Settings
 
-MODELS = (Model("one", 1), Model("two", 2))
+MODELS = (Model("chair-01"), Model("chair-02"))
 
 
 def examples(azimuths: Sequence[float], *, size: int = 16, prefix: str = "") -> Examples:
@@ -20,10 +22,9 @@ def examples(azimuths: Sequence[float], *, size: int = 16, prefix: str = "") -> 
         image = torch.linspace(0.2, 0.8, size * size).reshape(1, size, size)
         image[0, 0, 0] = azimuth / 360
         image[0, 0, 1] = len(prefix) / 100
-        box = (0.0, 0.0, float(size), float(size))
-        objects.append(
-            Example(f"{prefix}{number}", image, box, azimuth, 20.0, 1.0, "one", MODELS, (90.0 * number, 15.0))
-        )
+        box, initial = Box(0.0, 0.0, float(size), float(size)), (90.0 * number, 15.0)
+        name = f"{prefix}{number}"
+        objects.append(AnnotatedObject(name, image, box, azimuth, 20.0, 1.0, "chair-01", initial, MODELS))
     return Examples(objects, "Made up.")
 
 
@@ -41,7 +42,7 @@ def _fails_in_front(problem: PoseInput, settings: Table2Settings) -> PoseOutcome
 
 
 def _endless(problem: PoseInput, settings: Table2Settings) -> PoseOutcome:
-    return PoseOutcome(float("inf"), 0, 3, 0, 0, 0, 40, "one", 0)
+    return PoseOutcome(float("inf"), 0, 3, 0, 0, 0, 40, "chair-01", 0)
 
 
 NEAR = PoseMethod("paper", "Almost right.", partial(_off, by=8.0))

@@ -14,12 +14,13 @@ from torch import Tensor
 from nablahog.hog.box import Box
 from nablahog.io.sample_photographs import sample_photograph
 from nablahog.paper import exemplar
-from nablahog.paper.chairs import chair
 from nablahog.paper.exemplar import detect
 from nablahog.paper.exemplar_views import SPEC, ExemplarViews, ViewSampling, learn_views
 from nablahog.paper.star_matching import NOTHING, UNLIKE, Layout, Pyramid, star_match
 from nablahog.pose.background import default_background
 from nablahog.render import Camera, Mesh, render
+
+from ..chairs import chair
 
 VIEW_SAMPLING = ViewSampling(azimuths=(0, 30, 60, 150, 250), elevations=(20,))
 HEIGHT, WIDTH = 300, 400

@@ -16,7 +16,6 @@ from torch.testing import assert_close
 from nablahog.hog import hog
 from nablahog.io.sample_photographs import sample_photograph
 from nablahog.paper import exemplar_views as learning
-from nablahog.paper.chairs import chair
 from nablahog.paper.exemplar_views import (
     CELL,
     FOCAL,
@@ -35,6 +34,8 @@ from nablahog.pose.background import default_background
 from nablahog.pose.elements import EMPTY
 from nablahog.pose.whitening import Background
 from nablahog.render import Camera, Mesh, Renderer
+
+from ..chairs import chair
 
 FEW = ViewSampling(azimuths=(0, 75), elevations=(20,))
 

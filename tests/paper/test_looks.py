@@ -12,18 +12,23 @@ from PIL import Image
 
 from nablahog.paper.looks import compressed, relit
 from nablahog.paper.scenes import scene
-from nablahog.paper.solids import bar, joined
 from nablahog.render import Camera, Light, Mesh, render, silhouette
 from nablahog.render.camera import pose, to_camera, to_screen
 
+from ..render.shapes import box, joined
 from .test_scenes import CLEAN, MODELS, VIEWS
 
 CAMERA = Camera(200.0, 120, 160)
-TABLE = joined([bar((0, 0, 0), (0, 0, 1), 0.1), bar((0, 0, 1), (0, 0, 1.1), 1)])  # a board on a post
 
 
 def _mesh() -> Mesh:
-    return Mesh(TABLE.vertices - (0, 0, 0.55), TABLE.faces, np.full(len(TABLE.vertices), 0.8))
+    """A board on a post, 1.1 high."""
+    post, board = box((0.1, 0.1, 1)), box((1, 1, 0.1))
+    below, above = (
+        Mesh(mesh.vertices + mesh.vertices.new_tensor((0, 0, z)), mesh.faces, mesh.brightness)
+        for mesh, z in ((post, -0.05), (board, 0.5))
+    )
+    return joined(below, above)
 
 
 def _relit(mesh: Mesh, poses: torch.Tensor, light: Light, **strength: float) -> tuple[np.ndarray, ...]:
@@ -89,9 +94,6 @@ def test_compression_is_that_of_pillow() -> None:
     Image.fromarray(levels).save(file, "JPEG", quality=30)
     expected = np.asarray(Image.open(file)).transpose(2, 0, 1) / 255
     np.testing.assert_array_equal(compressed(levels.transpose(2, 0, 1) / 255, 30), expected)
-    smooth = np.tile(np.linspace(0, 1, 64), (3, 64, 1))
-    errors = [np.abs(compressed(smooth, quality) - smooth).mean() for quality in (5, 95)]
-    assert errors[1] < 0.01 < errors[0]
 
 
 def test_scenes_with_looks() -> None:

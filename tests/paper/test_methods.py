@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from nablahog import hog
-from nablahog.invert.prior_choice import default_prior_file
+from nablahog.invert.learned import default_prior_file
 from nablahog.paper.learned import SPEC, load, shipped_files
 from nablahog.paper.methods import METHODS, Method, Table1Settings, choose
 from nablahog.paper.names import (
@@ -19,15 +19,13 @@ from nablahog.paper.names import (
     GROUPS,
     LEARNED_DIALECTS,
     LIBRARIES,
+    PRIORS,
     PUBLISHED,
-    SHIPPED,
     TABLE1,
     TABLE2,
-    TAKES_HOURS,
 )
 from nablahog.paper.pose_methods import POSE_METHODS
 
-from ..io import tiny_models
 from .common import image, photographs, write_prior
 
 FAST = Table1Settings(max_evaluations=8)
@@ -66,9 +64,6 @@ def test_a_method(name: str, tmp_path: Path, learned_files: dict[str, str]) -> N
     sent: Method = pickle.loads(pickle.dumps(method))  # as it reaches the workers
     learned = {kind: Path(path) for kind, path in learned_files.items()}
     learned |= {"prior": write_prior(tmp_path / "prior.npz", SPEC), **shipped_files()}
-    for kind in {"upconv", "dalal-upconv"} & {name}:
-        learned[kind] = tmp_path / f"{kind}.npz"
-        tiny_models.upconv(method.spec).save(learned[kind])
     result = sent.run(original[None, None], replace(FAST, learned=learned))
     assert len(result) == len(method.rows)
     for one in result:
@@ -109,13 +104,13 @@ def test_what_can_be_asked_for_is_what_there_is() -> None:
 
 def test_choosing() -> None:
     every, learned = [method for method in METHODS.values() if not method.asked], METHODS["uoctti-learned"]
-    lacking = [method for method in every if {*method.needs} & {*TAKES_HOURS}]
-    assert choose(None, list(TAKES_HOURS)) == (every, [])
+    lacking = [method for method in every if {*method.needs} & {*PRIORS}]
+    assert choose(None, list(PRIORS)) == (every, [])
     assert choose(None, []) == ([method for method in every if method not in lacking], lacking)
     unsigned = ["dalal-learned", "dalal-multi-scale-more-learned"]
-    assert [m.name for m in lacking if m not in choose(None, [], SHIPPED)[1]] == ["uoctti-learned", *unsigned]
+    assert [m.name for m in lacking if m not in choose(None, [], PRIORS)[1]] == ["uoctti-learned", *unsigned]
     assert [m.name for m in lacking if m not in choose(None, [], ["prior"])[1]] == ["uoctti-learned"]
-    assert choose(unsigned, [], SHIPPED) == ([METHODS[name] for name in unsigned], [])
+    assert choose(unsigned, [], PRIORS) == ([METHODS[name] for name in unsigned], [])
     two = ["dalal-single", "uoctti-single"]
     assert choose(two, []) == ([METHODS[name] for name in reversed(two)], [])
     assert choose(["uoctti-learned"], ["prior"]) == ([learned], [])
@@ -123,8 +118,6 @@ def test_choosing() -> None:
     assert all(METHODS[name].asked for name in DIALECTS)
     with pytest.raises(ValueError, match="uoctti-learned needs --prior FILE"):
         choose([*two, "uoctti-learned"], [])
-    with pytest.raises(ValueError, match="dalal-upconv needs --dalal-upconv FILE, see `nablahog learn upconv --preset"):
-        choose(["dalal-upconv", "upconv"], ["upconv"])
     with pytest.raises(ValueError, match="none of the methods asked for uses --prior; these do: uoctti-learned"):
         choose(two, ["prior"])
 

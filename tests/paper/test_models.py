@@ -1,64 +1,118 @@
-"""Models by name: files and procedural chairs, read once while they are the same."""
+"""Models by name: folders of files, and the chairs that come with the package."""
 
 from __future__ import annotations
 
+import importlib
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
+import torch
 
-from nablahog.paper.chairs import library
-from nablahog.paper.models import Meshes, Model, chair_library, models_in, procedural_chairs
+from nablahog import Mesh, sample_chairs
+from nablahog.paper.models import Meshes, Model, chair_library, models_in, read_models, scene_chairs
+from nablahog.render.sample_chairs import load_meshes, save_meshes
 
+TRIANGLE = "OFF 3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
 TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 {height}\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
+OBJ = "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
-def test_files(tmp_path: Path) -> None:
-    path = tmp_path / "b.off"
-    path.write_text(TETRAHEDRON.format(height=1))
-    (tmp_path / "a.off").write_text(TETRAHEDRON.format(height=2))
-    (tmp_path / "c.off").write_text("hello")
-    models, failed = models_in(tmp_path)
-    assert models == [Model("a", tmp_path / "a.off"), Model("b", path)]
-    assert list(failed) == ["c"]
-    mesh, digest = models[1].mesh(), models[1].digest()
-    assert mesh.faces.shape == (4, 3)
-    assert models[1].mesh() is mesh
-    path.write_text(TETRAHEDRON.format(height=3))
-    os.utime(path, (0, 0))
-    assert models[1].digest() != digest
-    assert models[1].mesh() is not mesh
+def _fill(folder: Path, files: dict[str, str]) -> Path:
+    for name, text in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return folder
 
 
-def test_chairs() -> None:
-    models = procedural_chairs(2)
-    assert [(model.name, model.digest()) for model in models] == [("chair-00", "0"), ("chair-01", "1")]
-    assert models[0].mesh() is models[0].mesh()
-    assert models[0].mesh().vertices.shape != models[1].mesh().vertices.shape
+def test_models_here_and_one_folder_below(tmp_path: Path) -> None:
+    files = {"02.off": TRIANGLE, "01.off": TRIANGLE, "chair/b.OFF": TRIANGLE, "chair/deep/c.off": TRIANGLE}
+    models = read_models(_fill(tmp_path, files))
+    assert list(models.paths) == ["01", "02", "chair/b"]
+    assert models.paths["chair/b"] == tmp_path / "chair" / "b.OFF"
+    assert models.ignored == ["chair/deep"]
+    assert [(name, len(mesh.faces)) for name, mesh in models.meshes()] == [("01", 1), ("02", 1), ("chair/b", 1)]
 
 
-def test_library() -> None:
-    models, meshes = chair_library(), library()
-    assert [model.name for model in models] == list(meshes)
-    for model in models[::9]:
-        assert model.mesh().vertices.equal(meshes[model.name].vertices)
-    assert len({model.digest() for model in models}) == len(models)
+def test_materials_belong_to_their_model(tmp_path: Path) -> None:
+    white = "newmtl m\nKd 1 1 1\n"
+    models = read_models(_fill(tmp_path, {"a/a.obj": OBJ, "a/a.mtl": white, "a/wood.jpg": "", "a/read.me": ""}))
+    assert (list(models.paths), models.ignored) == (["a/a"], ["a/read.me"])
+    [(_, mesh)] = models.meshes()
+    assert float(mesh.brightness.min()) == pytest.approx(1)
 
 
-def test_failures(tmp_path: Path) -> None:
-    with pytest.raises(OSError, match="gone"):
-        Model("gone", tmp_path / "gone.off").mesh()
-    (tmp_path / "bad.off").write_text("hello")
-    with pytest.raises(ValueError, match="bad"):
-        Model("bad", tmp_path / "bad.off").mesh()
+def test_same_names_keep_their_endings(tmp_path: Path) -> None:
+    _fill(tmp_path, {"a.off": TRIANGLE, "a.obj": OBJ, "b.off": TRIANGLE})
+    assert list(read_models(tmp_path).paths) == ["a.obj", "a.off", "b"]
+
+
+def test_no_models(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="no such folder"):
+        read_models(tmp_path / "none")
+    with pytest.raises(ValueError, match="but it holds none"):
+        read_models(tmp_path)
+    _fill(tmp_path, {"bad.off": "hello"})
     with pytest.raises(ValueError, match="no model can be read; the first: bad: "):
         models_in(tmp_path)
 
 
-def test_meshes(tmp_path: Path) -> None:
-    """Nothing is read before it is asked for."""
-    path = tmp_path / "later.off"
-    meshes = Meshes([Model("later", path), Model("chair", 3)])
-    assert (list(meshes), len(meshes), "chair" in meshes) == (["later", "chair"], 2, True)
-    path.write_text(TETRAHEDRON.format(height=1))
-    assert meshes["later"].faces.shape == (4, 3)
+def test_files_are_read_again_when_they_change(tmp_path: Path) -> None:
+    heights = {"a": 2, "b": 1}
+    _fill(tmp_path, {f"{name}.off": TETRAHEDRON.format(height=height) for name, height in heights.items()})
+    _fill(tmp_path, {"c.off": "hello"})
+    models, failed = models_in(tmp_path)
+    assert models == [Model("a", tmp_path / "a.off"), Model("b", tmp_path / "b.off")]
+    assert list(failed) == ["c"]
+    mesh, digest = models[1].mesh(), models[1].digest()
+    assert models[1].mesh() is mesh
+    _fill(tmp_path, {"b.off": TETRAHEDRON.format(height=3)})
+    os.utime(tmp_path / "b.off", (0, 0))
+    assert models[1].digest() != digest
+    assert models[1].mesh() is not mesh
+
+
+def test_meshes_are_read_when_they_are_asked_for(tmp_path: Path) -> None:
+    meshes = Meshes([Model("later", tmp_path / "later.off"), *scene_chairs()])
+    assert (len(meshes), "chair-03" in meshes) == (25, True)
+    _fill(tmp_path, {"later.off": TRIANGLE})
+    assert meshes["later"].faces.shape == (1, 3)
+
+
+def test_chairs_that_come_with_the_package() -> None:
+    chairs = sample_chairs()
+    assert [model.name for model in chair_library()] == list(chairs)
+    assert chair_library()[5].mesh() is chairs["wooden-5"]
+    for name, mesh in chairs.items():
+        low, high = mesh.vertices.amin(0), mesh.vertices.amax(0)
+        torch.testing.assert_close(low, -high, atol=1e-6, rtol=0)
+        assert float((high - low).norm()) == pytest.approx(1)
+        top = mesh.vertices[mesh.vertices[:, 2] > 0.42 * float((high - low)[2])]
+        if not name.startswith(("stool", "bench")):
+            assert float(top[:, 1].mean()) > 0.05, name  # the back is behind
+
+
+@pytest.mark.parametrize(("name", "seed", "kind"), [("swivel-2", 2, "swivel"), ("chair-03", 3, None)])
+def test_they_are_those_of_the_generator(
+    name: str, seed: int, kind: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(EXAMPLES / "chairs")
+    expected = importlib.import_module("chairs").chair(seed, kind)
+    mesh = Model(name).mesh()
+    torch.testing.assert_close(mesh.vertices, expected.vertices, atol=1e-7, rtol=0)
+    torch.testing.assert_close(mesh.brightness, expected.brightness, atol=1e-7, rtol=0)
+    assert torch.equal(mesh.faces, expected.faces)
+
+
+def test_archives_of_meshes(tmp_path: Path) -> None:
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 0, 1], [0.5, 0, 2]])
+    meshes = {"a": Mesh(corners[:3], [[0, 1, 2]], [0.5] * 3), "b": Mesh(corners, [[0, 1, 2], [1, 2, 3]], [0.25] * 4)}
+    save_meshes(tmp_path / "m.npz", meshes)
+    for name, mesh in load_meshes(tmp_path / "m.npz").items():
+        assert all(torch.equal(getattr(mesh, of), getattr(meshes[name], of)) for of in ("vertices", "faces"))
+    (tmp_path / "bad.npz").write_bytes((tmp_path / "m.npz").read_bytes()[:200])
+    with pytest.raises(ValueError, match=r"bad\.npz: expected a mesh archive"):
+        load_meshes(tmp_path / "bad.npz")

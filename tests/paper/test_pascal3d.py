@@ -1,4 +1,4 @@
-"""PASCAL3D+'s records and the paper's selection, on files written here in the published layout."""
+"""PASCAL VOC's annotations, PASCAL3D+'s records and the paper's selection, on files in the published layout."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ import torch
 from PIL import Image
 from scipy import io
 
-from nablahog.paper.pascal3d import Viewpoint, cut_out, read_pascal3d, read_record
+from nablahog.hog.box import Box
+from nablahog.paper.pascal3d import cut_out, read_pascal3d, read_record
+from nablahog.paper.voc import VOCObject, read_annotation, read_image_ids
 
 FINE = {"azimuth": 317.5, "elevation": 20.1, "distance": 7.5, "theta": -3.5, "azimuth_coarse": 315}
 COARSE = {"azimuth": 1.0, "elevation": 2.0, "distance": 0.0, "azimuth_coarse": -45, "elevation_coarse": 10}
@@ -42,22 +44,19 @@ def test_record(tmp_path: Path) -> None:
     )
     result = read_record(path)
     assert (result[0].category, result[0].box, result[0].cad) == ("chair", (281, 235, 365, 348), 3)
-    assert result[0].viewpoint == Viewpoint(317.5, 20.1, -3.5, 7.5, coarse=False)
+    assert (result[0].viewpoint, result[0].coarse) == ((317.5, 20.1, -3.5), False)
     assert (result[1].category, result[1].cad) == ("sofa", None)
-    assert result[1].viewpoint == Viewpoint(315.0, 10.0, 0.0, 0.0, coarse=True)
-    assert result[3].viewpoint == Viewpoint(315.0, 16.0, -3.5, 7.5, coarse=True)
+    assert (result[1].viewpoint, result[1].coarse) == ((315.0, 10.0, 0.0), True)
+    assert (result[3].viewpoint, result[3].coarse) == ((315.0, 16.0, -3.5), True)
     assert [result[k].viewpoint for k in (2, 4, 5, 6)] == [None] * 4
 
 
 @pytest.mark.parametrize(
     ("variables", "message"),
     [
-        ({"other": 1}, "record is no structure"),
         ({"record": 1.0}, "record is no structure"),
         ({"record": {"objects": "chair"}}, "objects is no structure"),
-        ({"record": {"objects": {"class": "chair"}}}, "an object has no class or no bbox"),
         ({"record": {"objects": {"class": "chair", "bbox": [1, 2, 3, np.nan]}}}, "no class or no bbox"),
-        ({"record": {"objects": {"class": 4, "bbox": [1, 2, 3, 4]}}}, "no class or no bbox"),
     ],
 )
 def test_refused_records(tmp_path: Path, variables: dict[str, Any], message: str) -> None:
@@ -104,9 +103,10 @@ def published(tmp_path: Path) -> tuple[Path, Path]:
 def test_the_selection(published: tuple[Path, Path]) -> None:
     result = read_pascal3d(*published)
     assert [each.name for each in result.objects] == ["a#1", "a#3"]
-    assert [each.cad for each in result.objects] == ["03", "11"]
-    assert [each.viewpoint.azimuth for each in result.objects] == [317.5, 315.0]
+    assert [each.model for each in result.objects] == ["03", "11"]
+    assert [each.azimuth for each in result.objects] == [317.5, 315.0]
     assert [tuple(each.image.shape) for each in result.objects] == [(1, 110, 110), (1, 100, 125)]
+    assert [each.box for each in result.objects] == [(0, 0, 110, 110), (0, 0, 125, 100)]
     assert result.left_out == {"occluded": 1, "truncated": 1, "difficult": 2, "without a viewpoint": 1}
     assert result.summary() == (
         "2 objects of 1 photographs, 1 of them with coarse viewpoints only; "
@@ -134,15 +134,72 @@ def test_nothing_to_select(published: tuple[Path, Path]) -> None:
 
 def test_cut_out() -> None:
     image = torch.rand(3, 40, 60)
-    assert torch.equal(cut_out(image, (10, 5, 30, 40), shortest=20), image[:, 5:40, 10:30])
-    assert torch.equal(cut_out(image, [10, 5, 30, 40], shortest=20), image[:, 5:40, 10:30])
-    assert torch.equal(cut_out(image, (-9, 5.4, 99, 99), shortest=1), image[:, 5:])
-    enlarged = cut_out(image, (10, 5, 30, 35), shortest=50)
+    assert torch.equal(cut_out(image, Box(10, 5, 30, 40), shortest=20), image[:, 5:40, 10:30])
+    assert torch.equal(cut_out(image, Box(-9, 5.4, 99, 99), shortest=1), image[:, 5:])
+    enlarged = cut_out(image, Box(10, 5, 30, 35), shortest=50)
     assert enlarged.shape == (3, 75, 50)
     assert 0 <= enlarged.min() <= enlarged.max() <= 1
-    constant = cut_out(torch.full((1, 9, 9), 0.5), (0, 0, 4, 3))
+    constant = cut_out(torch.full((1, 9, 9), 0.5), Box(0, 0, 4, 3))
     assert constant.shape == (1, 100, 133)
     assert torch.allclose(constant, torch.tensor(0.5))
-    for box in ((60, 0, 70, 9), (3, 3, 3, 9), (0, 40, 9, 41)):
-        with pytest.raises(ValueError, match="expected a box in the image of 40x60 pixels"):
-            cut_out(image, box)
+    with pytest.raises(ValueError, match="expected a box in the image of 40x60 pixels"):
+        cut_out(image, Box(60, 0, 70, 9))
+
+
+# --- PASCAL VOC
+
+ANNOTATION = """<annotation><folder>VOC2012</folder>
+<object><name>chair</name><truncated>1</truncated><occluded>0</occluded><difficult>1</difficult>
+<bndbox><xmin>1</xmin><ymin>20</ymin><xmax>30</xmax><ymax>375</ymax></bndbox>
+<part><name>head</name><bndbox><xmin>5</xmin><ymin>6</ymin><xmax>7</xmax><ymax>8</ymax></bndbox></part></object>
+<object><name> sofa </name>
+<bndbox><xmin>45.70000076293945</xmin><ymin>2</ymin><xmax>50.5</xmax><ymax>9</ymax></bndbox></object>
+</annotation>"""
+BOMB = (
+    "<!DOCTYPE annotation ["
+    + "".join(f'<!ENTITY e{k + 1} "{f"&e{k};" * 10}">' for k in range(20))
+    + "]><annotation>&e20;</annotation>"
+)
+
+
+def test_annotation(tmp_path: Path) -> None:
+    path = tmp_path / "a.xml"
+    path.write_text(ANNOTATION)
+    assert read_annotation(path) == [
+        VOCObject("chair", (0, 19, 30, 375), True, False, True),
+        VOCObject("sofa", (44.70000076293945, 1, 50.5, 9), False, False, False),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("<annotation>", "no element found"),
+        ("<html/>", "its root is 'html'"),
+        (BOMB, "a document type is refused"),
+        ('<!DOCTYPE annotation SYSTEM "file:///etc/passwd"><annotation/>', "a document type is refused"),
+        ('<?xml version="1.0" encoding="none"?><annotation/>', "unknown encoding"),
+        (ANNOTATION.replace(">20<", ">nan<"), "ymin of a box is 'nan'"),
+        (ANNOTATION + " " * 2**20, "it has more than 1,048,576 bytes"),
+    ],
+)
+def test_refused_annotations(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "a.xml"
+    path.write_text(text)
+    with pytest.raises(ValueError, match="expected an annotation of PASCAL VOC, but ") as error:
+        read_annotation(path)
+    assert message in str(error.value)
+
+
+def test_lists(tmp_path: Path) -> None:
+    lists = tmp_path / "ImageSets" / "Main"
+    lists.mkdir(parents=True)
+    with pytest.raises(FileNotFoundError, match=r"expected chair_val\.txt or val\.txt"):
+        read_image_ids(tmp_path, "chair", "val")
+    (lists / "val.txt").write_text("2008_000002\n2008_000003\n\n2008_000005\n")
+    assert read_image_ids(tmp_path, "chair", "val") == ["2008_000002", "2008_000003", "2008_000005"]
+    (lists / "chair_val.txt").write_text("2008_000002 -1\n2008_000003  1\n2008_000005  0\n")
+    assert read_image_ids(tmp_path, "chair", "val") == ["2008_000003", "2008_000005"]
+    (lists / "chair_val.txt").write_text("2008_000003 1\n../../etc/passwd 1\n")
+    with pytest.raises(ValueError, match="expected lines as '2008_000003 1', got"):
+        read_image_ids(tmp_path, "chair", "val")

@@ -12,7 +12,7 @@ import torch
 from PIL import Image
 
 from nablahog.io.sample_photographs import SAMPLE_NAMES
-from nablahog.paper.photographs import Backgrounds, read_folder, sample_photographs
+from nablahog.paper.photographs import read_folder, sample_photographs
 
 COLOURS = np.random.default_rng(0).integers(0, 256, (40, 60, 3), dtype=np.uint8)
 
@@ -96,24 +96,3 @@ def test_those_of_scikit_image() -> None:
     assert list(sample_photographs(size=64, limit=2).images) == list(SAMPLE_NAMES[:2])
     whole = sample_photographs(size=64, limit=4, whole=True).images
     assert whole["chelsea"].shape == (43, 64)
-
-
-def test_backgrounds(folder: Path) -> None:
-    """In colour, read when they are asked for; what cannot be read is passed over."""
-    backgrounds = Backgrounds(folder)
-    assert len(backgrounds) == 2
-    assert [tuple(each.shape) for each in backgrounds] == [(1, 16, 16), (3, 40, 60)]
-    assert torch.equal(backgrounds[1], torch.from_numpy(COLOURS.transpose(2, 0, 1) / np.float32(255)))
-    assert list(backgrounds.failed) == ["c.jpg", "d.png"]
-    Image.fromarray(np.zeros((100, 2000), np.uint8)).save(folder / "b.png")
-    assert backgrounds[1].shape == (1, 32, 640)
-
-
-def test_folders_without_backgrounds(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"a folder of images, but it holds none that can be read$"):
-        Backgrounds(tmp_path)
-    (tmp_path / "c.jpg").write_bytes(b"no image")
-    with pytest.raises(ValueError, match=r"none that can be read; the first: c\.jpg: expected an image"):
-        Backgrounds(tmp_path)
-    with pytest.raises(FileNotFoundError, match="no such folder"):
-        Backgrounds(tmp_path / "no")

@@ -21,7 +21,7 @@ from .pose_fakes import ENDLESS, FAR, MODELS, NEAR, OTHER, examples
 
 def _job(method: PoseMethod = NEAR, azimuth: float = 90, seed: int = 0) -> PoseJob:
     (each,) = examples([azimuth]).objects
-    return PoseJob(method, each.image.numpy(), each.box, each.models, each.initial, Table2Settings(seed))
+    return PoseJob(method, each.image.numpy(), each.box, each.candidates, each.initial, Table2Settings(seed))
 
 
 def test_a_pose(tmp_path: Path) -> None:
@@ -29,7 +29,7 @@ def test_a_pose(tmp_path: Path) -> None:
     assert isinstance(result, JobResult)
     (pose,) = result.figures
     assert pose["azimuth"] == pytest.approx(98, abs=1e-4)
-    assert (pose["elevation"], pose["model"], pose["similarity"]) == (15, "two", 0.5)
+    assert (pose["elevation"], pose["model"], pose["similarity"]) == (15, "chair-02", 0.5)
     assert result.pictures.shape == (1, 16, 16)
     assert (result.pictures[0, 8, 8] > 0, result.pictures[0, 0, 0]) == (True, 0)
     assert result.seconds > 0
@@ -70,8 +70,7 @@ def test_keys_tell_work_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         replace(base, box=(0, 0, 16, 15)),
         replace(base, models=MODELS[:1]),
         replace(base, models=MODELS[::-1]),
-        replace(base, models=(Model("three", 1), MODELS[1])),
-        replace(base, models=(Model("one", 3), MODELS[1])),
+        replace(base, models=(Model("chair-03"), MODELS[1])),
         replace(base, initial=(0, 16)),
         *(replace(base, models=(Model("one", path),)) for path in files),
     ]

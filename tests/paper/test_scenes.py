@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from nablahog.hog.box import Box
 from nablahog.hog.gradient import gray
 from nablahog.paper.scenes import Scene, SceneSettings, compose, scene
 from nablahog.render import Mesh, silhouette
@@ -86,25 +87,6 @@ def test_poses_come_from_the_viewpoints() -> None:
         assert made.initial[2:].tolist() == [3.25, 0, 0, 0]
 
 
-def test_initial_azimuth_says_nothing() -> None:
-    azimuth = np.array([float(_scene(index, CLEAN).initial[0]) for index in range(40)])
-    assert (np.histogram(azimuth, bins=4, range=(0, 360))[0] > 3).all()
-
-
-def test_height_as_asked_unless_it_is_too_wide() -> None:
-    for index in range(12):
-        made = _scene(index, CLEAN)
-        x0, y0, x1, y1 = made.box
-        assert x0 >= 0
-        assert y0 >= 0
-        assert x1 <= 96
-        assert y1 <= 96
-        if made.model == "slab":
-            assert x1 - x0 <= 96
-        else:
-            assert 50 <= y1 - y0 <= 60
-
-
 def test_box_errors_have_the_given_size() -> None:
     settings = replace(CLEAN, size=256, box_jitter=0.02)
     errors = []
@@ -116,33 +98,11 @@ def test_box_errors_have_the_given_size() -> None:
     assert abs(np.mean(errors)) < 0.004
 
 
-def test_image_is_colour_in_range() -> None:
-    made = _scene(0, SceneSettings(size=96, height=(50, 60), tint=0.5))
-    assert made.image.shape == (3, 96, 96)
-    assert made.image.dtype == torch.float32
-    assert float(made.image.min()) >= 0
-    assert float(made.image.max()) <= 1
-    assert not torch.equal(made.image[0], made.image[2])
-
-
-def test_light_shows_sides() -> None:
-    """Ambient light only makes one brightness, directed light several."""
-    flat, lit = (_scene(0, replace(CLEAN, ambient=ambient)) for ambient in ((1, 1), (0.2, 0.2)))
-    x0, y0, x1, y1 = (round(side) for side in flat.box)
-
-    def levels(made: Scene) -> int:
-        inside = (made.image[0, y0:y1, x0:x1] * 50).round()
-        values, counts = inside.unique(return_counts=True)
-        return len(values[counts > 40])
-
-    assert levels(lit) > levels(flat)
-
-
 # composing needs no renderer
 
 EMPTY = np.zeros((3, 80, 80))
 FULL = np.ones((80, 80))
-WHOLE = (0.0, 0.0, 80.0, 80.0)
+WHOLE = Box(0.0, 0.0, 80.0, 80.0)
 
 
 def _composed(
@@ -172,22 +132,13 @@ def test_clutter_is_part_of_the_photograph() -> None:
         np.testing.assert_allclose(image, image[:1, :1].repeat(3, 0).repeat(80, 1), atol=1e-9)
 
 
-def test_colour_photographs_keep_their_colours() -> None:
+def test_colours_of_photographs_and_tints() -> None:
     photo = np.array([0.2, 0.4, 0.8])[:, None, None] * np.ones((1, 50, 60))
     image = _composed(EMPTY, 0 * FULL, photo, tint=0.5)
     np.testing.assert_allclose(image[:, 0, 0], [0.2, 0.4, 0.8])
-
-
-def test_tint_leaves_the_gray() -> None:
-    image = _composed(EMPTY, 0 * FULL, np.full((1, 50, 60), 0.5), tint=0.4)
-    assert np.ptp(image[:, 0, 0]) > 0.01
-    assert float(gray(torch.from_numpy(image)[None])[0, 0, 0, 0]) == pytest.approx(0.5)
-
-
-@pytest.mark.parametrize("shape", [(1, 1), (1, 300), (3, 2), (500, 7)])
-def test_photographs_of_any_shape(shape: tuple[int, int]) -> None:
-    image = _composed(EMPTY, 0 * FULL, np.full((1, *shape), 0.25))
-    np.testing.assert_allclose(image, 0.25)
+    tinted = _composed(EMPTY, 0 * FULL, np.full((1, 50, 60), 0.5), tint=0.4)
+    assert np.ptp(tinted[:, 0, 0]) > 0.01
+    assert float(gray(torch.from_numpy(tinted)[None])[0, 0, 0, 0]) == pytest.approx(0.5)
 
 
 def test_occluder_covers_what_it_should() -> None:
@@ -199,11 +150,6 @@ def test_occluder_covers_what_it_should() -> None:
     assert min(shares) > 0.08
     assert max(shares) < 0.22
     assert shapes == {(True, False), (False, True), (False, False)}  # lying bars, upright bars, patches
-
-
-def test_occlusion_is_as_frequent_as_asked() -> None:
-    hits = [_composed(EMPTY, FULL, np.ones((1, 90, 90)), seed, occlusion=0.25).any() for seed in range(200)]
-    assert np.mean(hits) == pytest.approx(0.25, abs=0.08)
 
 
 def test_sensor_noise() -> None:
@@ -226,24 +172,18 @@ def test_input_is_checked() -> None:
         scene(0, {}, VIEWS, [RAMP])
     with pytest.raises(ValueError, match="expected models and photographs, got 3 and 0"):
         scene(0, MODELS, VIEWS, [])
-    for views in (VIEWS[:0], VIEWS[0], VIEWS[:, :2]):
-        with pytest.raises(ValueError, match=r"viewpoints of shape \(N, 3\)"):
-            scene(0, MODELS, views, [RAMP])
-    for photo in (np.zeros(5), np.zeros((2, 5, 5)), np.zeros((0, 5))):
-        with pytest.raises(ValueError, match="photograph of shape"):
-            scene(0, MODELS, VIEWS, [photo], settings=CLEAN)
-    for photo in (RAMP * 2, RAMP - 0.5, RAMP * np.nan):
-        with pytest.raises(ValueError, match="photograph in 0…1"):
-            scene(0, MODELS, VIEWS, [photo], settings=CLEAN)
-    assert scene(0, MODELS, VIEWS, [torch.from_numpy(RAMP)], settings=CLEAN).image.shape == (3, 96, 96)
+    with pytest.raises(ValueError, match=r"viewpoints of shape \(N, 3\)"):
+        scene(0, MODELS, VIEWS[:, :2], [RAMP])
+    with pytest.raises(ValueError, match="photograph of shape"):
+        scene(0, MODELS, VIEWS, [np.zeros((2, 5, 5))], settings=CLEAN)
+    with pytest.raises(ValueError, match="photograph in 0…1"):
+        scene(0, MODELS, VIEWS, [RAMP * np.nan], settings=CLEAN)
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"height": (140, 100)}, "height must be .* a range from low to high"),
-        ({"noise": (-0.1, 0.1)}, "noise must be at least 0"),
-        ({"blur": (0, float("nan"))}, "blur must be"),
         ({"occlusion": 1.5}, "occlusion must lie in 0…1"),
         ({"ambient": (0.5, 1.5)}, "ambient and occluded must lie in 0…1"),
         ({"distance": (0.9, 2)}, "distance must be above 1"),
@@ -254,7 +194,3 @@ def test_input_is_checked() -> None:
 def test_settings_are_checked(changes: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         SceneSettings(**changes)  # type: ignore[arg-type]
-
-
-def test_ranges_may_be_lists() -> None:
-    assert SceneSettings(height=[100.0, 140.0]) == SceneSettings()  # type: ignore[arg-type]

@@ -10,8 +10,9 @@ from torch import Tensor
 from nablahog.hog.box import Box
 from nablahog.hog.gradient import gray
 from nablahog.io.sample_photographs import sample_photograph
-from nablahog.paper.chairs import chair
 from nablahog.render import Camera, Mesh, pose, render, silhouette
+
+from ..chairs import chair
 
 WOODEN, SWIVEL = 4, 2  # seeds of chairs that are quickly rendered
 

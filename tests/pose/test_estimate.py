@@ -12,12 +12,12 @@ from torch import Tensor
 
 from nablahog.hog import presets
 from nablahog.hog.box import Box
-from nablahog.paper.chairs import chair
 from nablahog.pose import PoseEstimate, estimate_pose
 from nablahog.pose.background import default_background
 from nablahog.pose.confidence import confidence
 from nablahog.render import Camera, render, silhouette
 
+from ..chairs import chair
 from .common import SWIVEL, WOODEN, degrees_between, model, overlap, photographed
 
 Scene = tuple[Tensor, Box]

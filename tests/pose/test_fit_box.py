@@ -7,11 +7,11 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.paper.chairs import chair
 from nablahog.pose.fit_box import azimuth_distance, azimuth_sweep, fit_to_box, hull, level_poses, local_maxima
 from nablahog.render import Camera, Mesh
 from nablahog.render.camera import to_camera, to_screen
 
+from ..chairs import chair
 from .quadratics import START
 
 CAMERA = Camera(400.0, 128, 160)

@@ -8,7 +8,8 @@ from pathlib import Path
 import torch
 
 import nablahog
-from nablahog.paper.chairs import chair
+
+from ..chairs import chair
 
 FILE = Path(__file__).parents[2] / "examples" / "track.py"
 

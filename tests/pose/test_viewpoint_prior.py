@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from nablahog import HOGSpec, presets
-from nablahog.paper.chairs import chair
-from nablahog.paper.viewpoint_scenes import viewpoint_scene
+from nablahog.paper.scenes import Scene, SceneSettings, scene
 from nablahog.pose import estimate_pose
 from nablahog.pose.background import coarse_background
 from nablahog.pose.best_search import BestSearch
@@ -29,12 +28,12 @@ from nablahog.pose.viewpoint_prior import (
     ViewpointNetwork,
     ViewpointPrior,
     default_viewpoints,
-    likely_azimuths,
     mirrored,
-    train_viewpoints,
 )
 from nablahog.pose.vote import Hypothesis
 from nablahog.render import Mesh, render
+
+from ..chairs import chair
 
 SPEC = coarse_background(None)[0].spec
 LEARNING = ViewpointLearning(scenes=64, photographs=1, sha256="", seed=0, epochs=1, losses=(1.0,))
@@ -93,33 +92,11 @@ def test_a_file_holds_the_same_prior(tmp_path: Path) -> None:
         (lambda: _prior(width=0), "the width must lie in 1…1024, got 0"),
         (lambda: _prior(width=3), "weights"),
         (lambda: _prior().log_probabilities(torch.zeros(1, 31, 16, 16)), r"got \(1, 31, 16, 16\)"),
-        (lambda: train_viewpoints(_noise(10), torch.zeros(10)), "at least 64 descriptors"),
-        (lambda: train_viewpoints(_noise(64), torch.zeros(63)), r"as many azimuths and 1 epoch, got 64, \(63,\)"),
-        (lambda: train_viewpoints(_noise(64), torch.zeros(64), epochs=0), "and 0"),
     ],
 )
 def test_what_contradicts_itself_is_refused(make: object, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         make()  # type: ignore[operator]
-
-
-def test_training_learns_and_is_reproducible() -> None:
-    sides = torch.arange(128) % 2
-    descriptors = _noise(2)[sides] + 0.1 * _noise(128, seed=1)
-    azimuths = torch.tensor([30.0, 200.0])[sides]
-    weights, losses = train_viewpoints(descriptors, azimuths, epochs=12, width=4)
-    assert losses[-1] < losses[0] - 1
-    again, _ = train_viewpoints(descriptors, azimuths, epochs=12, width=4)
-    assert torch.equal(weights, again)
-    likely = ViewpointPrior(SPEC, 4, weights, LEARNING).log_probabilities(descriptors[:2]).argmax(1)
-    assert ((likely * 7.5 - azimuths[:2]).abs() <= 7.5).all()
-
-
-def test_likely_azimuths_are_around_the_true_one() -> None:
-    likely = likely_azimuths(torch.tensor([0.0, 353.0]))
-    torch.testing.assert_close(likely.sum(1), torch.ones(2))
-    assert likely.argmax(1).tolist() == [0, 47]
-    torch.testing.assert_close(likely[0, 1:], likely[0, 1:].flip(0))
 
 
 @given(st.floats(-1000, 1000))
@@ -143,10 +120,18 @@ def test_the_default_prior_knows_chairs_whose_front_is_where_it_expects_it() -> 
     assert not knows(prior, [prepared_model(_turned(mesh), typical_camera()) for mesh in chairs])
 
 
+def _scene(index: int, models: dict[str, Mesh], photographs: list[Tensor]) -> Scene:
+    """From all around, at the elevations and sizes that the prior is for."""
+    generator = np.random.default_rng(index)
+    viewpoint = np.array([[generator.uniform(0, 360), generator.triangular(0, 15, 45), 0.0]])
+    settings = SceneSettings(size=160, height=(72.0, 132.0))
+    return scene(index, models, viewpoint, photographs, seed=5, settings=settings)
+
+
 def test_the_default_prior_sees_from_which_side_unseen_chairs_are_seen() -> None:
     models = {str(seed): chair(seed) for seed in range(10)}
     photographs = [torch.rand(200, 200, generator=torch.Generator().manual_seed(3))]
-    scenes = [viewpoint_scene(index, models, photographs, seed=5) for index in range(40)]
+    scenes = [_scene(index, models, photographs) for index in range(40)]
     _, shrink = coarse_background(None)
     crops = torch.cat([crop_object(one.image, one.box).downsampled(shrink).image for one in scenes])
     azimuths = torch.tensor([float(one.pose[0]) for one in scenes])
@@ -167,7 +152,7 @@ def test_the_file_says_how_it_was_learned() -> None:
 
 
 def test_a_pose_with_a_crop_of_its_own_is_judged_in_the_box_that_was_given() -> None:
-    made = viewpoint_scene(0, {"a": chair(1)}, [torch.rand(200, 200, generator=torch.Generator().manual_seed(3))])
+    made = _scene(0, {"a": chair(1)}, [torch.rand(200, 200, generator=torch.Generator().manual_seed(3))])
     given, other = (PreparedPhotograph(crop_object(made.image, box)) for box in (made.box, (20, 20, 90, 110)))
     models = {"a": prepared_model(chair(1), typical_camera()), "b": prepared_model(chair(2), typical_camera())}
     problem = PoseProblem(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from typing import Any
 
 import pytest
 import torch
@@ -13,7 +12,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.render import Camera, Mesh, Renderer, depth_and_normals, gbuffer, pipeline, pose, render
+from nablahog.render import Camera, Mesh, Renderer, depth_and_normals, pose, render
 from nablahog.render.pipeline import clip
 from nablahog.render.renderer import Method
 
@@ -60,20 +59,6 @@ def test_cut_triangles_stay_in_their_plane_with_their_brightness_and_winding(see
     assert_close((cut.points[cut.faces] - a) @ normal, torch.zeros(len(cut.faces), 3, dtype=torch.float64))
     p, q, r = cut.points[cut.faces].unbind(1)
     assert (torch.linalg.cross(q - p, r - p) @ normal > 0).all()
-
-
-def test_what_is_in_front_is_left_alone() -> None:
-    points, faces, corners = soup(0)
-    cut = clip(points, faces, corners, -10.0)
-    assert torch.equal(cut.points, points)
-    assert torch.equal(cut.faces, faces)
-    assert torch.equal(cut.brightness, corners)
-
-
-def test_nothing_in_front() -> None:
-    cut = clip(*soup(0), 10.0)
-    assert cut.faces.shape == (0, 3)
-    assert cut.brightness.shape == (0, 3)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
@@ -143,63 +128,3 @@ def test_an_object_behind_the_camera_is_not_seen(method: Method) -> None:
     depth, normals = depth_and_normals(behind, pose(0, 0, 3), WIDE)
     assert torch.isinf(depth).all()
     assert not normals.any()
-
-
-def test_poses_of_a_batch_are_cut_each_in_its_own_way() -> None:
-    where = torch.cat([pose(20, 10, 3), pose(20, 10, 0.6), pose(0, 0, 0.5), pose(200, -30, 0.1)])
-    picture = torch.rand(4, 1, 30, 40)
-    for background in (picture, picture.double(), 0.3):
-        renderer = Renderer(box(), WIDE)
-        images = renderer(where, background)
-        for k in range(4):
-            one = background[k : k + 1] if isinstance(background, Tensor) else background
-            assert torch.equal(images[k : k + 1], renderer(where[k : k + 1], one))
-
-
-@pytest.mark.parametrize("method", ["edges", "opendr"])
-def test_views_that_are_not_cut_are_drawn_together(method: Method, monkeypatch: pytest.MonkeyPatch) -> None:
-    """On a device, where PyTorch draws: what is visible is found once for these, and once for each that is cut."""
-    where = torch.cat([pose(20, 10, 3), pose(20, 10, 0.6), pose(70, 20, 4), pose(0, 0, 0.5), pose(200, -30, 5, 20)])
-    background = torch.rand(5, 1, 30, 40, dtype=torch.float64)
-    weights = torch.rand(5, 1, 30, 40, dtype=torch.float64)
-    renderer = Renderer(box(), WIDE, method=method)
-    alone = [render_with_gradient(renderer, where[k : k + 1], background[k : k + 1], weights[k]) for k in range(5)]
-    drawn: list[int] = []
-    own = pipeline.rasterize
-
-    def counted(screen: Tensor, *rest: Any) -> tuple[Tensor, Tensor]:
-        drawn.append(len(screen))
-        return own(screen, *rest)
-
-    monkeypatch.setattr(pipeline, "rasterize", counted)
-    images, grad_poses = render_with_gradient(renderer, where, background, weights)
-    assert drawn == [3, 1, 1]
-    assert_close(images, torch.cat([each[0] for each in alone]), atol=1e-12, rtol=0)
-    assert_close(grad_poses, torch.cat([each[1] for each in alone]), atol=1e-9, rtol=1e-9)
-
-
-def render_with_gradient(
-    renderer: Renderer, where: Tensor, background: Tensor, weights: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Images, and the gradient with respect to the poses from one of the images."""
-    where = where.clone().requires_grad_()
-    images = renderer(where, background)
-    (grad_poses,) = torch.autograd.grad(images, where, weights.expand_as(images))
-    return images.detach(), grad_poses
-
-
-def test_depths_and_normals_of_a_batch_are_those_of_each_view(monkeypatch: pytest.MonkeyPatch) -> None:
-    where = torch.cat([pose(20, 10, 3), pose(20, 10, 0.6), pose(70, 20, 4), pose(0, 0, 0.5), pose(200, -30, 5, 20)])
-    alone = [depth_and_normals(box(), one, WIDE) for one in torch.split(where, 1)]
-    drawn: list[int] = []
-    own = gbuffer.rasterize
-
-    def counted(screen: Tensor, *rest: Any) -> tuple[Tensor, Tensor]:
-        drawn.append(len(screen))
-        return own(screen, *rest)
-
-    monkeypatch.setattr(gbuffer, "rasterize", counted)
-    together = depth_and_normals(box(), where, WIDE)
-    assert drawn == [3, 1, 1]
-    for part, parts in zip(together, zip(*alone, strict=True), strict=True):
-        assert_close(part, torch.cat(parts), atol=1e-12, rtol=1e-12)

@@ -18,11 +18,9 @@ from nablahog.render import (
     Pascal3D,
     from_pascal3d,
     from_pytorch3d,
-    from_seeing3d,
     pose,
     to_pascal3d,
     to_pytorch3d,
-    to_seeing3d,
 )
 from nablahog.render.camera import to_camera, to_screen
 
@@ -96,12 +94,6 @@ def test_pytorch3d(azimuth: float, elevation: float, theta: float, distance: flo
     assert back[2] == pytest.approx(fov)
 
 
-def test_azimuth_and_elevation_are_those_of_pytorch3d() -> None:
-    rotation, translation = look_at(35, 20, 3)
-    poses, _ = from_pytorch3d(torch.tensor(rotation)[None], torch.tensor(translation)[None], 60, 64, 64)
-    assert_close(poses, pose(35, 20, 3))
-
-
 @pytest.mark.parametrize("elevation", [90.0, -90.0])
 def test_pytorch3d_straight_from_above_and_below(elevation: float) -> None:
     """Azimuth and theta do the same there; another pair may come back, but the same picture."""
@@ -111,49 +103,15 @@ def test_pytorch3d_straight_from_above_and_below(elevation: float) -> None:
     np.testing.assert_allclose(ours(back, camera), ours(at, camera), atol=1e-9)
 
 
-def by_seeing3d(azimuth: float, elevation: float, distance: float, size: int) -> Floats:
-    """The camera at ρ (cos θ cos φ, sin θ cos φ, sin φ) looks at the origin, z up; 54.611° fill the square."""
-    t, p = math.radians(azimuth), math.radians(elevation)
-    centre = distance * np.array([math.cos(t) * math.cos(p), math.sin(t) * math.cos(p), math.sin(p)])
-    forward = -centre / distance
-    right = np.cross(forward, [0, 0, 1])
-    right /= np.linalg.norm(right)
-    x, y, z = np.stack([right, np.cross(forward, right), forward]) @ (POINTS - centre).T
-    scale = size / 2 / math.tan(math.radians(54.611) / 2)
-    return np.stack([size / 2 + scale * x / z, size / 2 + scale * y / z], axis=1)
-
-
-@given(AZIMUTH, ELEVATION, st.floats(1.5, 96))
-def test_seeing3d(azimuth: float, elevation: float, distance: float) -> None:
-    angles = torch.tensor([azimuth], dtype=torch.float64), torch.tensor([elevation], dtype=torch.float64)
-    poses, camera = from_seeing3d(*angles, distance)
-    np.testing.assert_allclose(ours(poses, camera), by_seeing3d(azimuth, elevation, distance, 600), rtol=0, atol=1e-7)
-    back = torch.cat(to_seeing3d(poses)).tolist()
-    assert back == pytest.approx([azimuth, elevation, distance])
-
-
-def test_the_published_viewpoints() -> None:
-    """31 azimuths and two elevations from 96 inches."""
-    azimuths = torch.linspace(0, 360, 32, dtype=torch.float64).floor()[:-1]
-    poses, camera = from_seeing3d(azimuths, torch.full_like(azimuths, 20.0))
-    assert poses.shape == (31, 6)
-    assert poses[0].tolist() == [90, 20, 96, 0, 0, 0]
-    assert (camera.height, camera.width) == (600, 600)
-
-
 R, T = (torch.tensor(part)[None] for part in look_at(30, 20, 3))
 
 
 @pytest.mark.parametrize(
     ("rotation", "translation", "fov", "message"),
     [
-        (R * 1.1, T, 60, "R must be rotations"),
         (R * torch.tensor([-1.0, 1, 1]), T, 60, "R must be rotations"),
         (R, T + torch.tensor([0.5, 0, 0]), 60, "must look at the origin"),
-        (R, -T, 60, "must look at the origin"),
-        (R[0], T, 60, "expected R"),
         (R, T[:, :2], 60, "expected R"),
-        (R, T, 0, "between 0 and 180"),
     ],
 )
 def test_no_pytorch3d_camera(rotation: Tensor, translation: Tensor, fov: float, message: str) -> None:
@@ -165,10 +123,6 @@ def test_what_cannot_be_said_in_other_conventions() -> None:
     camera = Camera.from_field_of_view(40, 64, 64)
     with pytest.raises(ValueError, match="x and y must be 0"):
         to_pytorch3d(pose(0, x=1), camera)
-    with pytest.raises(ValueError, match="x and y must be 0"):
-        to_seeing3d(pose(0, y=1))
-    with pytest.raises(ValueError, match="theta must be 0"):
-        to_seeing3d(pose(0, theta=1))
     with pytest.raises(ValueError, match="one pose"):
         to_pascal3d(pose(0).expand(2, 6), camera)
 
@@ -178,8 +132,3 @@ def test_coarse_viewpoints_of_pascal3d_have_no_camera() -> None:
         from_pascal3d(Pascal3D(30, 0, 0, 0, 1, 0, 0), 64, 64)
     with pytest.raises(ValueError, match="focal length"):
         from_pascal3d(Pascal3D(30, 0, 3, 0, 0, 0, 0), 64, 64)
-
-
-def test_angles_that_do_not_belong_together() -> None:
-    with pytest.raises(ValueError, match="expected angles"):
-        from_seeing3d(torch.zeros(3), torch.zeros(2))

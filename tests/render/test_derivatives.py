@@ -19,7 +19,7 @@ from torch.testing import assert_close
 from nablahog.render import Mesh, Renderer, pose, render
 from nablahog.render.renderer import Method
 
-from .shapes import CAMERA, FLAT, box, cylinder, joined, mesh, poses, quads, rectangle, split
+from .shapes import CAMERA, FLAT, box, cylinder, joined, mesh, poses, rectangle, split
 
 AT = pose(33.3, 27.7, 13.1, 7.7, 1.3, -2.1)
 BEHIND = torch.full((1, 1, 48, 40), 0.1, dtype=torch.float64)
@@ -134,36 +134,6 @@ def test_forward_is_reverse_where_it_is_compiled(method: Method) -> None:
     assert_close(torch.einsum("bchwnk,nk->bchw", columns, tangent.float()), forward, rtol=1e-4, atol=1e-4)
 
 
-def test_one_renderer_many_derivatives() -> None:
-    """Each call of a mesh that varies has a graph of its own, and sees the mesh as it is."""
-    vertices = TWO.vertices.clone().requires_grad_()
-    renderer = Renderer(Mesh(vertices, TWO.faces, TWO.brightness), CAMERA)
-    first, second = (torch.autograd.grad(renderer(AT, 0.1).sum(), vertices)[0] for _ in range(2))
-    assert torch.equal(first, second)
-    albedo = TWO.brightness.clone()
-    renderer = Renderer(Mesh(TWO.vertices, TWO.faces, albedo), CAMERA)
-    before = renderer(AT, 0.1)
-    albedo.requires_grad_()
-    after = renderer(AT, 0.1)
-    assert_close(after, before, rtol=0, atol=1e-5)
-    assert torch.autograd.grad(after.sum(), albedo)[0].abs().max() > 1
-    with torch.no_grad():
-        albedo *= 0.5
-        assert_close(
-            renderer(AT, 0.0),
-            render(Mesh(TWO.vertices, TWO.faces, TWO.brightness / 2), AT, CAMERA, background=0.0),
-            rtol=0,
-            atol=1e-5,
-        )
-
-
-def test_no_derivative_where_none_is_asked_for() -> None:
-    at = AT.clone().requires_grad_()
-    with torch.no_grad():
-        assert not render(TWO, at, CAMERA).requires_grad
-    assert not render(TWO, AT, CAMERA).requires_grad
-
-
 def test_the_area_of_a_square() -> None:
     """It is as 1 / distance², its middle moves with the shift, and turning it does nothing."""
     square = rectangle(9.3, 13.2, 30.7, 34.8, CAMERA, brightness=1.0)
@@ -200,26 +170,3 @@ def test_smooth_shading_and_surfaces_that_pass_through_each_other(step: int) -> 
             result = slope(lambda p, r=renderer, b=background: r(p, b), at, direction)  # type: ignore[misc]
             blurred = (avg_pool2d(part.double(), 3, 1).flatten() for part in (result, expected))
             assert cosine_similarity(*blurred, dim=0) > (0.95 if step == 1 else 0.985)
-
-
-def test_a_picture_behind_moves_with_nothing() -> None:
-    """Only where something covers more or less of it does the image change."""
-    picture = torch.rand(1, 1, 48, 40, dtype=torch.float64)
-    change = slope(lambda p: render(TRIANGLE, p, CAMERA, background=picture), AT, torch.ones(1, 6, dtype=torch.float64))
-    flat = render(TRIANGLE, AT, CAMERA, background=torch.zeros_like(picture), light=FLAT) / 0.8
-    boundary = (flat > 0) & (flat < 1)
-    near = torch.nn.functional.max_pool2d(boundary.double(), 3, 1, 1) > 0
-    assert change[near].abs().max() > 0.01
-    assert not change[~near].any()
-
-
-def test_a_sheet_without_thickness_has_two_outlines() -> None:
-    """Seen from its edge it covers nothing, a little to the side it covers as much to either."""
-    sheet = mesh([(0, -0.5, -0.5), (0, 0.5, -0.5), (0, 0.5, 0.5), (0, -0.5, 0.5)], quads([(0, 1, 2, 3)]), 1.0)
-    left, right = (render(sheet, pose(a, distance=13), CAMERA, background=BEHIND * 0).sum() for a in (-20, 20))
-    assert left > 50
-    assert_close(left, right, rtol=1e-2, atol=0)
-    for azimuth in (-20, 20):
-        at = pose(azimuth, distance=13).requires_grad_()
-        (change,) = torch.autograd.grad(render(sheet, at, CAMERA, background=BEHIND * 0).sum(), at)
-        assert float(change[0, 0]) * azimuth > 0

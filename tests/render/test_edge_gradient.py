@@ -9,7 +9,7 @@ from torch.testing import assert_close
 
 from nablahog.render import Camera, Mesh, pose
 from nablahog.render.camera import to_camera, to_screen
-from nablahog.render.edge_gradient import argmax_at, edge_crossings, silhouette_edges, surface_motion
+from nablahog.render.edge_gradient import edge_crossings, silhouette_edges, surface_motion
 from nablahog.render.rasterize import rasterize
 from nablahog.render.topology import mesh_edges
 
@@ -81,10 +81,3 @@ def test_hidden_edges_cross_nothing() -> None:
         result.append(edge_crossings(screen, mesh_edges(one), *rasterize(screen, one.faces, 48, 40)))
     assert torch.equal(result[0].row, result[1].row)
     assert torch.equal(result[0].at, result[1].at)
-
-
-def test_the_first_of_the_highest_at_each_place() -> None:
-    place, rank = torch.tensor([3, 1, 3, 3, 1, 0]), torch.tensor([0.5, 0.2, 0.7, 0.7, 0.0, 0.0])
-    assert sorted(argmax_at(place, rank, 5).tolist()) == [1, 2, 5]
-    nothing = torch.zeros(0, dtype=torch.int64)
-    assert len(argmax_at(nothing, nothing.double(), 5)) == 0

@@ -18,8 +18,6 @@ from torch.testing import assert_close
 
 from nablahog.render import Camera, Mesh, Renderer, pose, render
 from nablahog.render.camera import to_camera, to_screen
-from nablahog.render.edge_gradient import Crossings
-from nablahog.render.opendr import draw_silhouettes, image_gradient
 
 from .shapes import FLAT, box, rectangle
 
@@ -141,39 +139,3 @@ def test_a_boundary_counts_once() -> None:
     image = render(one, at, CAMERA, background=0.0, light=FLAT, method="opendr", supersampling=1)[0, 0]
     (slope,) = torch.autograd.grad((image * weights).sum(), at)
     assert float(slope[0, 4]) == pytest.approx(12, abs=1.01)
-
-
-def test_image_gradient() -> None:
-    row = torch.tensor([[[1.0, 2, 4, 7, 11, 16]]])
-    none = torch.zeros_like(row, dtype=torch.bool)
-    along_x, along_y = image_gradient(row, none)
-    assert along_x.tolist() == [[[1, 1.5, 2.5, 3.5, 4.5, 5]]]
-    assert not along_y.any()
-    some = torch.tensor([[[False, False, True, False, False, False]]])
-    # beside the outline, the one-sided difference away from it; on it, and where both sides touch it, the sum of both
-    assert image_gradient(row, some)[0].tolist() == [[[1, 1, 5, 4, 4.5, 5]]]
-    assert image_gradient(row.mT, some.mT)[1].tolist() == [[[1], [1], [5], [4], [4.5], [5]]]
-
-
-def test_an_outline_hides_what_is_behind_it_and_its_brightness_counts_once() -> None:
-    """Where a row's and a column's crossing share a pixel, one of them is drawn, and only one is differentiated."""
-    brightness = torch.arange(9.0).reshape(1, 3, 3).requires_grad_()
-    inverse = torch.tensor([[[0.0, 0.0, 0.0], [0.0, 0.5, 0.5], [0.0, 0.5, 0.5]]])
-    zero = torch.zeros(2, dtype=torch.int64)
-    # from sample (0, 1) down to (1, 1), and from (1, 0) right to (1, 1): both cross near (1, 1) and show it
-    result = Crossings(
-        zero,
-        torch.tensor([0, 1]),
-        torch.tensor([0, 1]),
-        torch.tensor([1, 0]),
-        torch.tensor([0.8, 0.9]),
-        torch.zeros(2),
-        torch.ones(2, dtype=torch.bool),
-        zero,
-        torch.zeros(2),
-    )
-    outline = torch.ones(1, 1, dtype=torch.bool)
-    on_outline, (_, drawn) = draw_silhouettes(result, outline, inverse, brightness)
-    assert on_outline.nonzero().tolist() == [[0, 1, 1]]
-    (slope,) = torch.autograd.grad(drawn.sum(), brightness)
-    assert torch.equal(slope, torch.ones_like(slope))

@@ -8,10 +8,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from nablahog.render import Camera, Light, Mesh, Renderer, depth_and_normals, pose, render
+from nablahog.render import Camera, Mesh, Renderer, depth_and_normals, pose
 from nablahog.render.renderer import Method
 
-from .shapes import CAMERA, FLAT, box, cylinder, flipped, joined, mesh, poses
+from .shapes import CAMERA, box, cylinder, joined, mesh, poses
 
 WIDE = Camera.from_field_of_view(60, 30, 40)
 VIEWS = {
@@ -76,82 +76,6 @@ def test_soups_of_slivers_and_degenerate_triangles(method: Method) -> None:
     for step in (1, 2):
         check(Renderer(one, CAMERA, method=method, supersampling=step), poses(4, 13))
     check(Renderer(one, WIDE, method=method, supersampling=1), pose(20, 10, 0.3))
-
-
-@methods
-def test_nothing_but_degenerate_triangles(method: Method) -> None:
-    one = mesh([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [(0, 1, 2), (0, 0, 1), (2, 2, 2)])
-    image = Renderer(one, CAMERA, method=method)(poses(2, 13), 0.25)
-    assert torch.equal(image, torch.full_like(image, 0.25))
-    check(Renderer(one, CAMERA, method=method), poses(2, 13))
-
-
-@methods
-def test_nothing_to_be_seen_of_it(method: Method) -> None:
-    """As bright as its background: no derivative at all."""
-    where = poses(2, 13).requires_grad_()
-    for dtype in (torch.float32, torch.float64):
-        behind = torch.full((1, 1, 48, 40), 0.8, dtype=dtype)
-        image = Renderer(box(), CAMERA, method=method, light=FLAT)(where, behind)
-        assert torch.allclose(image, behind, atol=1e-6)
-        (slope,) = torch.autograd.grad(image.sum(), where)
-        assert slope.abs().max() < 1e-3
-
-
-def test_black_and_white_meshes_and_lights() -> None:
-    for brightness in (0.0, 1.0):
-        for light in (FLAT, Light(ambient=0.0, diffuse=1.0), Light(ambient=0, diffuse=0)):
-            image = render(flipped(box(brightness=brightness)), poses(2, 13), CAMERA, light=light, background=0.0)
-            assert image.min() >= 0
-            assert image.max() <= 1
-
-
-@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
-@methods
-def test_any_unit_of_length(scale: float, method: Method) -> None:
-    one = joined(box(), cylinder(9))
-    other = Mesh(one.vertices * scale, one.faces, one.brightness)
-    unit = torch.tensor([1, 1, scale, 1, 1, 1], dtype=torch.float64)
-    where = torch.cat([poses(2, 13), pose(33, 20, 0.4)])
-    expected = Renderer(one, CAMERA, method=method)(where)
-    result = Renderer(other, CAMERA, method=method)(where * unit)
-    assert ((result - expected).abs() > 1e-3).float().mean() < 2e-3
-
-
-def test_the_smallest_image() -> None:
-    image = render(box(), pose(30, 20, 1.5), Camera(1.0, 1, 1), background=0.5)
-    assert image.shape == (1, 1, 1, 1)
-    assert 0 < float(image) < 1
-
-
-def test_a_ground_plane_to_the_horizon() -> None:
-    """A million times as wide as high above it: its corners are millions of pixels away."""
-    wide = Mesh(box((1e6, 1e6, 1e-3)).vertices - torch.tensor([0, 0, 0.2]), box().faces, box().brightness)
-    for where in (pose(0, 0, 1), pose(33, 5, 1, 3)):
-        image = render(wide, where, WIDE, background=0.0, light=FLAT)
-        assert float(image[0, 0, 25:].min()) == pytest.approx(0.8, abs=1e-5)
-        assert float(image[0, 0, :10].max()) == 0
-
-
-@pytest.mark.slow
-@methods
-def test_a_million_faces(method: Method) -> None:
-    """A hill of as many: as from 10 000, since both are finer than pixels."""
-    images = []
-    for size in (71, 708):
-        steps = torch.linspace(-0.5, 0.5, size, dtype=torch.float64)
-        x, y = torch.meshgrid(steps, steps, indexing="ij")
-        points = torch.stack([x, y, 0.2 * torch.cos(5 * x) * torch.sin(4 * y)], dim=2).reshape(-1, 3)
-        number = torch.arange(size * size).reshape(size, size)
-        a, b, c, d = (part.flatten() for part in (number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]))
-        one = mesh(points, torch.cat([torch.stack([a, b, c], 1), torch.stack([d, c, b], 1)]))
-        renderer = Renderer(one, CAMERA, method=method, supersampling=2)
-        where = poses(2, 13).requires_grad_()
-        image = renderer(where, 0.0)
-        assert torch.isfinite(torch.autograd.grad(image.sum(), where)[0]).all()
-        images.append(image.detach())
-    assert len(one.faces) == 999_698
-    assert (images[0] - images[1]).abs().mean() < 5e-3
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")

@@ -11,7 +11,7 @@ import torch
 from nablahog.render import Mesh
 from nablahog.render.topology import BOUNDARY, CREASE, SMOOTH, Edges, mesh_edges, smoothing_groups
 
-from .shapes import box, cylinder, flipped, joined, mesh, quads, split
+from .shapes import box, cylinder, flipped, mesh, quads, split
 
 TETRAHEDRON = mesh([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)])
 
@@ -49,26 +49,6 @@ def test_a_cube_has_twelve_edges() -> None:
     assert places(cube, result) == dict.fromkeys(expected, CREASE)
 
 
-def test_a_tetrahedron() -> None:
-    result = mesh_edges(TETRAHEDRON)
-    assert result.ends.tolist() == [[0, 1], [0, 2], [1, 2], [0, 3], [1, 3], [2, 3]]
-    assert [sorted(pair) for pair in result.opposite.tolist()] == [[2, 3], [1, 3], [0, 3], [1, 2], [0, 2], [0, 1]]
-    assert result.kind.tolist() == [CREASE] * 6
-
-
-def test_a_triangle_is_open() -> None:
-    result = mesh_edges(mesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)]))
-    assert result.kind.tolist() == [BOUNDARY] * 3
-    assert result.opposite.tolist() == [[2, 2], [1, 1], [0, 0]]
-
-
-def test_an_open_curved_sheet() -> None:
-    result = mesh_edges(sheet(5))
-    assert int((result.kind == BOUNDARY).sum()) == 20
-    assert int((result.kind == SMOOTH).sum()) == 2 * 5 * 4 + 25
-    assert not (result.kind == CREASE).any()
-
-
 def test_three_faces_at_an_edge() -> None:
     fins = mesh([(0, 0, 0), (0, 0, 1), (1, 0, 0), (-1, 1, 0), (-1, -1, 0)], [(0, 1, 2), (1, 0, 3), (0, 1, 4)])
     result = places(fins, mesh_edges(fins))
@@ -100,20 +80,6 @@ def test_creases_are_where_faces_meet_at_more_than_30_degrees(sides: int, kind: 
     assert len(joins(tube)) == 2 * sides * (3 * 3 if kind == SMOOTH else 2 * 2 + 1)
 
 
-def test_degenerate_triangles_have_no_edges_and_hide_none() -> None:
-    cube = box()
-    lines = mesh(cube.vertices, [(0, 0, 1), (2, 3, 2), (5, 5, 5)])
-    both = Mesh(cube.vertices, torch.cat([lines.faces, cube.faces]), cube.brightness)
-    assert places(both, mesh_edges(both)) == places(cube, mesh_edges(cube))
-    assert len(mesh_edges(lines).ends) == 0
-
-
-def test_one_triangle_twice() -> None:
-    """An edge of four faces is open; nothing else comes of it."""
-    result = mesh_edges(joined(TETRAHEDRON, TETRAHEDRON))
-    assert result.kind.tolist() == [BOUNDARY] * 6
-
-
 def test_a_crowded_vertex_is_no_hang() -> None:
     """A fan of 100 000 triangles: pairs of these would be 10 000 000 000."""
     count = 100_000
@@ -127,16 +93,3 @@ def test_a_crowded_vertex_is_no_hang() -> None:
     at_tip = result.corner % 3 == 0
     assert at_tip.sum() == count  # each alone; on the rim two meet
     assert len(result.corner) == count + 4 * count
-
-
-def test_faces_of_a_large_angle_do_not_join() -> None:
-    assert joins(TETRAHEDRON) == {(corner, corner // 3) for corner in range(12)}
-
-
-def test_both_corners_of_a_smooth_pair_know_each_other() -> None:
-    result = joins(sheet(3))
-    own = sheet(3).faces
-    for corner, face in result:
-        vertex = own.flatten()[corner]
-        (back,) = (3 * face + (own[face] == vertex).nonzero()[0]).tolist()
-        assert (back, corner // 3) in result

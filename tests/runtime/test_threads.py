@@ -17,34 +17,9 @@ def test_results_come_in_order(two_threads: None) -> None:
     assert in_threads(lambda k: k, 0) == []
 
 
-def test_they_work_at_once(two_threads: None) -> None:
-    meeting = threading.Barrier(2, timeout=20)
-    in_threads(lambda _: meeting.wait(), 2)
-
-
-def test_one_thread_is_the_callers(two_threads: None) -> None:
-    assert in_threads(lambda _: threading.current_thread(), 1) == [threading.current_thread()]
-    torch.set_num_threads(1)
-    assert in_threads(lambda _: threading.current_thread(), 3) == [threading.current_thread()] * 3
-
-
 def test_inside_pytorch_has_one_thread_and_outside_as_many_as_before(two_threads: None) -> None:
     assert in_threads(lambda _: torch.get_num_threads(), 4) == [1] * 4
     assert torch.get_num_threads() == 2
-
-
-def test_work_can_be_shared_out_again(two_threads: None) -> None:
-    assert in_threads(lambda k: sum(in_threads(lambda i: i, k)), 4) == [0, 0, 1, 3]
-
-
-def test_errors_are_the_callers(two_threads: None) -> None:
-    def work(k: int) -> int:
-        if k == 3:
-            raise ValueError("no")
-        return k
-
-    with pytest.raises(ValueError, match="no"):
-        in_threads(work, 5)
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 3, 64])

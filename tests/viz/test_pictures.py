@@ -16,14 +16,6 @@ from nablahog.hog import FourBlockNorm
 from nablahog.viz import pictures
 from nablahog.viz.pictures import RED, Panel, contact_sheet, difference, edge_votes, glyphs, outlined
 
-SPECS = [
-    presets.paper(),
-    presets.uoctti(),
-    presets.aubry(),
-    presets.uoctti(vote="hard"),
-    presets.paper((8, 4)),
-    presets.paper(bins=36),
-]
 SIZE = 96
 
 
@@ -42,25 +34,10 @@ def _line_direction(picture: NDArray[np.float64]) -> float:
     return math.degrees(math.atan2(dy, dx)) % 180
 
 
-def _one_cell(spec: HOGSpec, gradient: float) -> NDArray[np.float64]:
-    """The glyph, in square cells, of the middle cell of a soft edge."""
-    descriptor = nablahog.hog(_step(gradient), spec)[0]
-    rows, cols, _ = descriptor.shape
-    return glyphs(descriptor[rows // 2 : rows // 2 + 1, cols // 2 : cols // 2 + 1], spec, cell_pixels=33)
-
-
-@pytest.mark.parametrize("spec", SPECS, ids=lambda s: f"{s.name}-{s.vote}-{s.bins}-{s.cell_size}")
-@pytest.mark.parametrize("gradient", [0, 20, 45, 70, 110, 135, 160, 200, 225, 315])
-def test_strokes_lie_along_the_edge(spec: HOGSpec, gradient: int) -> None:
-    edge = (gradient + 90) % 180
-    bin_width = 180 / (spec.bins // 2 if spec.signed else spec.bins)
-    drawn = _line_direction(_one_cell(spec, gradient))
-    error = abs((drawn - edge + 90) % 180 - 90)
-    assert error <= bin_width / 2 + 2
-
-
 EVERY = {
     **{name: getattr(presets, name)() for name in presets.__all__},
+    "paper-oblong": presets.paper((8, 4)),
+    "uoctti-hard": presets.uoctti(vote="hard"),
     "vlfeat-dalaltriggs": presets.vlfeat("dalaltriggs"),
     "skimage-oblong": presets.skimage(8, (6, 8), (2, 1), "L1-sqrt"),
     "opencv-stride": presets.opencv((96, 96), (24, 24), (6, 4), (12, 12), signed=True, nbins=16),
@@ -71,10 +48,13 @@ EVERY = {
 
 
 @pytest.mark.parametrize("name", EVERY)
-@pytest.mark.parametrize("gradient", [0, 25, 65, 90, 115, 155, 205])
-def test_every_dialect_shows_the_edge(name: str, gradient: int) -> None:
-    """In the middle of the image, whose cells the picture shows."""
-    spec = EVERY[name]
+def test_every_dialect_shows_the_edge(name: str) -> None:
+    """In the middle of the image, whose cells the picture shows, a stroke lies along the edge."""
+    for gradient in (0, 65, 155, 205):
+        check_stroke(EVERY[name], gradient)
+
+
+def check_stroke(spec: HOGSpec, gradient: int) -> None:
     picture = glyphs(nablahog.hog(_step(gradient), spec)[0], spec, cell_pixels=33)
     wide = round(33 * spec.cell_size[1] / spec.cell_size[0])
     rows, cols = picture.shape[0] // 33, picture.shape[1] // wide
@@ -88,9 +68,8 @@ def test_every_dialect_shows_the_edge(name: str, gradient: int) -> None:
     assert error <= bin_width / 2 + 2
 
 
-@pytest.mark.parametrize("name", ["dpm", "dlib", "seeing3d"])
-def test_cells_that_are_left_out_are_black(name: str) -> None:
-    spec = EVERY[name]
+def test_cells_that_are_left_out_are_black() -> None:
+    spec = presets.dpm()
     descriptor = torch.ones(3, 4, spec.channels)
     picture = glyphs(descriptor, spec, cell_pixels=10)
     assert picture.shape == (50, 60)
@@ -120,13 +99,6 @@ def test_cells_of_overlapping_blocks_are_one() -> None:
     np.testing.assert_allclose(np.degrees(angles), np.arange(9) * 20 + 10)
 
 
-def test_a_vertical_edge_is_a_vertical_stroke() -> None:
-    spec = presets.uoctti()  # has a bin centred on 0°
-    glyph = _one_cell(spec, 0)
-    assert glyph[1:-1, 16].min() > 0.9  # the stroke fills the middle column,
-    assert glyph[:, :8].max() < 0.5  # and nothing of that strength is beside it
-
-
 def test_a_falling_diagonal_stays_falling() -> None:
     spec = presets.paper(bins=4, bin_offset=0.0)  # bins at 0°, 45°, 90°, 135°
     descriptor = torch.zeros(1, 1, 4)
@@ -148,22 +120,6 @@ def test_cells_lie_where_they_belong() -> None:
     assert not picture.any()
 
 
-def test_brightness_follows_the_vote() -> None:
-    spec = presets.paper()
-    descriptor = torch.zeros(1, 2, 9)
-    descriptor[0, :, 3] = torch.tensor([1.0, 0.5])
-    picture = glyphs(descriptor, spec, cell_pixels=16)
-    assert picture[:, 16:].max() / picture[:, :16].max() == pytest.approx(0.5, abs=0.03)
-    np.testing.assert_allclose(glyphs(7 * descriptor, spec), picture)
-
-
-def test_without_undirected_channels_the_directed_ones_show() -> None:
-    spec = dataclasses.replace(presets.uoctti(), normalizer=FourBlockNorm(parts=("directed", "texture")))
-    votes, angles = edge_votes(torch.arange(22.0).reshape(1, 1, 22), spec)
-    assert votes.ravel().tolist() == list(range(18))
-    np.testing.assert_allclose(np.degrees(angles), np.arange(18) * 20)
-
-
 def test_four_block_descriptors_show_their_undirected_channels() -> None:
     spec = presets.uoctti()
     descriptor = torch.zeros(1, 1, 31)
@@ -178,10 +134,6 @@ def test_four_block_descriptors_show_their_undirected_channels() -> None:
     np.testing.assert_allclose(np.degrees(angles), np.arange(9) * 20)
     _, angles = edge_votes(torch.zeros(1, 1, 9), presets.paper())
     np.testing.assert_allclose(np.degrees(angles), np.arange(9) * 20 + 10)
-
-
-def test_cells_keep_their_shape() -> None:
-    assert glyphs(torch.rand(2, 3, 9), presets.paper((8, 4)), cell_pixels=16).shape == (32, 24)
 
 
 def test_odd_descriptors() -> None:
@@ -227,9 +179,8 @@ def test_contact_sheet() -> None:
         contact_sheet([[]])
 
 
-@pytest.mark.parametrize("strip", [1, 500, 10**9])
-def test_glyphs_in_strips_are_the_same(strip: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pictures, "STRIP_PIXELS", strip)
+def test_glyphs_in_strips_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pictures, "STRIP_PIXELS", 500)
     spec = presets.uoctti((8, 4))
     descriptor = torch.rand(5, 7, spec.channels)
     image = pictures.glyph_image(descriptor, spec, 12)

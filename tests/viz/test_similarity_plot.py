@@ -91,12 +91,6 @@ def test_views_lie_below_their_azimuths() -> None:
         np.testing.assert_allclose(levels, 255 * view, atol=1)
 
 
-@pytest.mark.parametrize("level", [0.0, 1e-12, -7.0, 1e9])
-def test_any_level(level: float) -> None:
-    drawing = by_azimuth(np.full(12, level), np.zeros(12), np.zeros(12), **TEXTS, azimuth=0)
-    assert all(np.isfinite(np.array(shape.points)).all() for shape in drawing.shapes)
-
-
 def test_derivatives_are_drawn_over_what_they_are_compared_with() -> None:
     at = np.arange(0, 360, 2)
     rising, falling = np.where(at < 180, 1.0, -1.0), np.where(at < 180, -1.0, 1.0)

@@ -1,4 +1,4 @@
-"""What the page is told when something cannot be done: one sentence, with the status of HTTP."""
+"""Errors as the page shows them: one sentence, with the status of HTTP."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def named(path: str, name: str) -> Iterator[None]:
 
 
 def internal_error(error: Exception) -> RequestError:
-    """What the page is told of an error of the program's own, which is logged."""
+    """An error of the program's own as the page is told; it is logged."""
     logger.error("%s: %s", type(error).__name__, one_line(error), exc_info=logger.isEnabledFor(logging.DEBUG))
     return RequestError(
         500, f"an error of the program, which is worth a report: {type(error).__name__}: {one_line(error)}"

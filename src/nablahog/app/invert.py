@@ -17,9 +17,9 @@ from ..hog.gradient import gray
 from ..hog.spec import HOGSpec
 from ..invert import AsPublished, Iterate, Reconstruction, Search, reconstruct
 from ..invert.histograms import recover_histograms, searchable
-from ..invert.iterate import at_start
-from ..invert.prior_choice import PriorChoice
-from ..invert.quality import quality_of
+from ..invert.learned import PriorChoice
+from ..invert.options import quality_of
+from ..invert.reconstruction import at_start
 from ..invert.start import starting_images
 from ..invert.template import reconstruct_template
 from . import lines
@@ -43,7 +43,7 @@ def invert(request: InvertRequest, store: Store, send: Send, cancel: CancelToken
         request: what to invert, and how.
         store: has what the request names, and gets the result.
         send: called with the name of an event and its data.
-        cancel: of whom waits.
+        cancel: is set when nobody waits any more.
 
     Raises:
         RequestError: the request cannot be done.
@@ -116,7 +116,7 @@ def _searched(
 
 
 def _integral(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
-    """What the votes integrate to, about: to be looked at while the search prepares."""
+    """A rough image that the votes integrate to, shown while the search prepares."""
     votes = recover_histograms(descriptor, searchable(spec), size, max_evaluations=FIRST)
     return starting_images(votes, searchable(spec), *size, count=1, seed=0, spread=0.0)[:, 0]
 
@@ -130,7 +130,7 @@ def _start(store: Store, key: str, size: tuple[int, int]) -> Tensor:
 
 
 class _Watch:
-    """Looks on, sends a frame now and then, and ends the search when nobody waits.
+    """Sends a frame of the search now and then, and ends it when nobody waits.
 
     Attributes:
         most: evaluations that the search may spend; None where iterations are counted.
@@ -164,7 +164,7 @@ class _Watch:
         self._sent = time.monotonic()
 
     def progress(self, done: int, most: int) -> None:
-        """Of a template, which has no frames."""
+        """For templates, which have no frames."""
         self.cancel.check()
 
 

@@ -1,4 +1,4 @@
-"""The command line, and the lines of Python, that make the same."""
+"""The command, and the lines of Python, that give the same result as the page."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import shlex
 
 from ..cli.inputs.sources import Source
 from ..cli.inputs.spec import SpecOptions
-from ..invert.quality import QualityName
+from ..invert.options import QualityName
 from .requests import HogRequest, InvertRequest, PoseRequest, spec_options
 
 PHOTO = "photo.png"
@@ -41,7 +41,7 @@ def of_inversion(request: InvertRequest, source: Source) -> dict[str, str]:
 
 def of_pose(request: PoseRequest, mesh: str) -> dict[str, str]:
     """Of a fit."""
-    chair = re.fullmatch(r"chair-(\d+)", request.mesh)
+    chair = re.fullmatch(r"chair-([a-z]+-\d+)", request.mesh)
     box = [] if request.box is None else ["--box", ",".join(f"{side:g}" for side in request.box)]
     initial = [] if request.initial is None else [f"--init={','.join(f'{angle:g}' for angle in request.initial)}"]
     method = [] if request.method == "best" else ["--method", request.method]
@@ -51,13 +51,13 @@ def of_pose(request: PoseRequest, mesh: str) -> dict[str, str]:
     python = [
         "import nablahog, PIL.Image",
         f"photo = PIL.Image.open({PHOTO!r}).convert('RGB')",
-        f"mesh = nablahog.paper.chairs.chair({chair[1]})" if chair else f"mesh = nablahog.load_mesh({mesh!r})",
+        f"mesh = nablahog.sample_chairs()[{chair[1]!r}]" if chair else f"mesh = nablahog.load_mesh({mesh!r})",
         f"pose = nablahog.estimate_pose({', '.join(['photo', 'mesh', *keywords, f'method={request.method!r}'])})",
         "print(pose)",
     ]
     command = _command("pose", PHOTO, "--mesh", mesh, "-o", "out", *box, *initial, *method, *seed)
     if chair:
-        command = "# a procedural chair has no file: see the lines of Python"
+        command = "# the chairs that come with nablahog have no file: see the lines of Python"
     return {"command": command, "python": "\n".join(python)}
 
 

@@ -9,7 +9,7 @@ from msgspec import Meta, Struct, field
 
 from ..cli.inputs.spec import SpecOptions
 from ..hog import HOGSpec
-from ..invert.quality import QualityName
+from ..invert.options import QualityName
 from ..pose.options import SearchMethod
 from .errors import RequestError, as_request_error
 
@@ -60,15 +60,6 @@ class HogRequest(Dialect):
     photo: Id | None = None
     descriptor: Id | None = None
     size: Annotated[int, Meta(ge=8, le=SEE_SIZE)] = 512
-
-
-class CompareRequest(Struct, forbid_unknown_fields=True):
-    """Two dialects of a photograph."""
-
-    photo: Id
-    a: Dialect
-    b: Dialect
-    size: Annotated[int, Meta(ge=8, le=SEE_SIZE)] = 256
 
 
 class InvertRequest(Dialect):

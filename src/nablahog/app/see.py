@@ -1,4 +1,4 @@
-"""See: descriptors and their glyphs, what a cell says, and how two dialects differ."""
+"""See: descriptors and their glyphs, and what a cell says."""
 
 from __future__ import annotations
 
@@ -8,10 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
-from ..dialects import tables
-from ..dialects.compare import compare
 from ..hog.box import Box
 from ..hog.channels import channel_names
 from ..hog.coordinates import cell_centres, pixel_box
@@ -20,9 +17,8 @@ from ..viz.pictures import edge_votes
 from . import lines
 from .errors import RequestError, as_request_error
 from .pictures import glyphs
-from .requests import CompareRequest, HogRequest, InvertRequest
+from .requests import HogRequest, InvertRequest
 from .store import DescriptorEntry, Photograph, Store, describe_photograph
-from .work_queue import CancelToken
 
 
 def requested_descriptor(request: HogRequest | InvertRequest, store: Store) -> DescriptorEntry:
@@ -121,32 +117,3 @@ def as_file(of: DescriptorEntry) -> bytes:
         with as_request_error():
             save_descriptor(path, of.source.descriptor, of.source.spec, of.source.image_size)
         return path.read_bytes()
-
-
-def compared(request: CompareRequest, store: Store, cancel: CancelToken) -> dict[str, Any]:
-    """How far two dialects are apart on a photograph, and which of their conventions that is."""
-    image = store.get(request.photo, Photograph).shrunk(request.size)
-    levels = (image * 255).round().to(torch.uint8)
-    specs = {"a": request.a.spec(), "b": request.b.spec()}
-    with as_request_error():
-        comparison = compare(levels, specs, lambda done, total, what: cancel.check())
-    pair = comparison.pairs[0]
-    squared = pair.orientations.distance**2
-    return {
-        "distance": pair.orientations.distance,
-        "same": pair.orientations.same,
-        "conventions": [
-            {
-                "name": each.convention.name,
-                "a": each.convention.settings(specs["a"]),
-                "b": each.convention.settings(specs["b"]),
-                "share": each.value / squared if squared else 0.0,
-            }
-            for each in ([] if pair.orientations.same else pair.orientations.contributions)
-        ],
-        "channels": None
-        if pair.channels is None
-        else {"names": list(pair.parts), "distance": pair.channels.distance, "largest": pair.channels.largest},
-        "definition": tables.DEFINITIONS["distance"],
-        "shares": tables.DEFINITIONS["shares"],
-    }

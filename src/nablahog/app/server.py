@@ -18,24 +18,23 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route, WebSocketRoute
 
 from ..io.sample_photographs import SAMPLE_NAMES, sample_photograph
-from ..paper.chairs import chair
 from ..paper.scenes import scene
+from ..render import sample_chairs
 from . import see, uploads
 from .about import about
 from .access import AccessMiddleware, AccessRules
 from .errors import RequestError, internal_error
 from .fit import Fitting
 from .invert import invert
-from .openapi import document
 from .pictures import png
-from .requests import SEE_SIZE, CompareRequest, HogRequest, InvertRequest, PoseRequest, decoded
+from .requests import SEE_SIZE, HogRequest, InvertRequest, PoseRequest, decoded
 from .socket import FitSocket
 from .store import DescriptorEntry, MeshEntry, Photograph, Store
 from .work_queue import Cancelled, CancelToken, WorkQueue
 
 STATIC = Path(__file__).with_name("static")
 TYPES = {".html": "text/html; charset=utf-8", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
-CHAIRS = (3, 0, 1, 2, 4, 5)  # seeds of the procedural chairs
+CHAIRS = ("wooden-0", "windsor-0", "tubular-0", "office-0", "shell-0", "club-0")  # of the sample chairs
 VIEWPOINT = (35.0, 20.0, 0.0)  # azimuth, elevation and theta of the chair that is shown, degrees
 QUICK, LONG = 64, 32  # computations that may wait in each queue
 UPLOADS_AT_ONCE, PATIENCE = 4, 60.0  # the latter: seconds
@@ -75,8 +74,8 @@ class Server:
         for name in SAMPLE_NAMES:
             self.store.pin(f"sample-{name}", Photograph(name, sample_photograph(name)))
         self.store.pin("scene-chair", _chair_scene())
-        for seed in CHAIRS:
-            self.store.pin(f"chair-{seed}", MeshEntry(f"chair {seed}", chair(seed)))
+        for name in CHAIRS:
+            self.store.pin(f"chair-{name}", MeshEntry(name, sample_chairs()[name]))
         return about(self.store)
 
     def routes(self) -> list[Route | WebSocketRoute]:
@@ -93,7 +92,6 @@ class Server:
             Route("/", page),
             Route("/static/{name}", static),
             Route("/api/about", _answering(self._what_there_is)),
-            Route("/api/openapi.json", _answering(self._openapi)),
             Route("/api/photos", _answering(self._upload_photograph), methods=["POST"]),
             Route("/api/photos/{id}", _answering(self._photograph)),
             Route("/api/descriptors", _answering(self._upload_descriptor), methods=["POST"]),
@@ -101,7 +99,6 @@ class Server:
             Route("/api/hog", _answering(self._hog), methods=["POST"]),
             Route("/api/hog/{id}/cell", _answering(self._cell)),
             Route("/api/hog/{id}/file", _answering(self._descriptor_file)),
-            Route("/api/compare", _answering(self._compare), methods=["POST"]),
             Route("/api/invert", _answering(self._invert), methods=["POST"]),
             Route("/api/pose", _answering(self._pose), methods=["POST"]),
             WebSocketRoute("/api/fit", self._fit),
@@ -113,9 +110,6 @@ class Server:
     async def ready(self) -> dict[str, Any]:
         """What there is, once the samples are read."""
         return await asyncio.shield(self._about)
-
-    async def _openapi(self, _: Request) -> Response:
-        return JSONResponse(document())
 
     async def _upload_photograph(self, request: Request) -> Response:
         name = _name(request, "photo")
@@ -157,10 +151,6 @@ class Server:
         data = await self.quick.run(lambda _: see.as_file(kept))
         headers = {"content-disposition": 'attachment; filename="descriptor.npz"'}
         return Response(data, media_type="application/octet-stream", headers=headers)
-
-    async def _compare(self, request: Request) -> Response:
-        asked: CompareRequest = decoded(await request.body(), CompareRequest)
-        return await self._json(request, self.long, lambda cancel: see.compared(asked, self.store, cancel))
 
     async def _pose(self, request: Request) -> Response:
         asked: PoseRequest = decoded(await request.body(), PoseRequest)
@@ -244,7 +234,7 @@ async def _disconnected(request: Request) -> None:
 def _chair_scene() -> Photograph:
     """The first of the procedural chairs in front of sample photographs, as in ``nablahog table2``."""
     clutter = [sample_photograph(name) for name in ("coffee", "rocket", "chelsea")]
-    made = scene(0, {"chair": chair(CHAIRS[0])}, np.array([VIEWPOINT]), clutter)
+    made = scene(0, {"chair": sample_chairs()[CHAIRS[0]]}, np.array([VIEWPOINT]), clutter)
     return Photograph("a chair, rendered", made.image, tuple(round(side, 1) for side in made.box))
 
 
@@ -270,7 +260,7 @@ def _answering(handler: Callable[[Request], Awaitable[Response]]) -> Callable[[R
 
 async def _no_such_address(_: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    return JSONResponse({"error": f"{error.detail.lower()}: see /api/openapi.json"}, error.status_code)
+    return JSONResponse({"error": error.detail.lower()}, error.status_code)
 
 
 def _file(files: dict[str, tuple[bytes, str]], name: str) -> Response:

@@ -1,4 +1,4 @@
-"""The conversation about a model that is dragged: the newest pose is answered, older ones that still wait are not."""
+"""The WebSocket of a model that is dragged: of the poses that wait, only the newest is answered."""
 
 from __future__ import annotations
 

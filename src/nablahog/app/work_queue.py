@@ -62,10 +62,10 @@ class WorkQueue:
             cancel.check()
             return work(cancel)
 
+        loop = asyncio.get_running_loop()
         future = self._executor.submit(checked)
         self.count += 1
-        future.add_done_callback(lambda _: loop.call_soon_threadsafe(self._left))
-        loop = asyncio.get_running_loop()
+        future.add_done_callback(lambda _: loop.call_soon_threadsafe(self._left))  # perhaps at once
         try:
             return await asyncio.wrap_future(future)
         finally:

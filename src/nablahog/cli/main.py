@@ -24,7 +24,6 @@ _COMMANDS = {
     "table1": "table1.table1",
     "table2": "table2.table2",
     "pose": "pose.pose",
-    "dialects": "dialects.dialects",
     **{f"learn {kind}": "learn.learn" for kind in KINDS},
     "learn exemplars": "learn_exemplars.learn_exemplars",
 }

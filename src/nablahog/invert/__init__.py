@@ -5,15 +5,11 @@ from typing import TYPE_CHECKING
 from ..runtime.lazy import names_when_used
 
 if TYPE_CHECKING:
-    from .iterate import Iterate
-    from .learned import LearnedPrior
-    from .method import AsPublished
+    from .learned import LearnedPrior, default_prior
     from .multiscale import Level, reconstruct_multiscale, scale_descriptors
-    from .options import Objective, Search
-    from .preimage import reconstruct
-    from .prior_choice import default_prior
-    from .reconstruction import Reconstruction
-    from .samples import Samples, reconstruct_samples
+    from .options import AsPublished, Objective, Search
+    from .preimage import Samples, reconstruct, reconstruct_samples
+    from .reconstruction import Iterate, Reconstruction
     from .template import reconstruct_template, template_descriptor
     from .training import train_prior
 
@@ -38,15 +34,11 @@ __all__ = [
 
 names_when_used(
     __name__,
-    iterate=("Iterate",),
-    learned=("LearnedPrior",),
-    method=("AsPublished",),
+    learned=("LearnedPrior", "default_prior"),
     multiscale=("Level", "reconstruct_multiscale", "scale_descriptors"),
-    options=("Objective", "Search"),
-    preimage=("reconstruct",),
-    prior_choice=("default_prior",),
-    reconstruction=("Reconstruction",),
-    samples=("Samples", "reconstruct_samples"),
+    options=("AsPublished", "Objective", "Search"),
+    preimage=("Samples", "reconstruct", "reconstruct_samples"),
+    reconstruction=("Iterate", "Reconstruction"),
     template=("reconstruct_template", "template_descriptor"),
     training=("train_prior",),
 )

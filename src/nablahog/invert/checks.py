@@ -1,4 +1,4 @@
-"""What a descriptor and images given beside it must be."""
+"""Checks of descriptors and of images given with them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from torch import Tensor
 from ..hog.inputs import ArrayImage, descriptor_tensor, image_batch
 from ..hog.spec import HOGSpec
 
-LARGEST_ENTRY = 1e6  # far above what any dialect makes of an image; energies of energies are numbers in float32
+LARGEST_ENTRY = 1e6  # far above any descriptor of an image, and small enough that energies of energies do not overflow
 
 
 def descriptors_as_tensor(descriptor: Tensor | NDArray[Any]) -> Tensor:
@@ -41,7 +41,7 @@ def check_finite(name: str, tensor: Tensor) -> None:
 
 
 def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: Sequence[int] | None) -> tuple[int, int]:
-    """Height and width of the image to find, once descriptor, spec and image size agree.
+    """Height and width of the image, after checking that descriptor, spec and image size agree.
 
     Raises:
         TypeError, ValueError: as :func:`.preimage.reconstruct`.
@@ -67,9 +67,9 @@ def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: Sequence[int
 
 
 def check_images(
-    name: str, images: Tensor | ArrayImage | None, descriptor: Tensor, size: tuple[int, int], rooted: bool
+    name: str, images: Tensor | ArrayImage | None, descriptor: Tensor, size: tuple[int, int], spec: HOGSpec
 ) -> Tensor | None:
-    """``images``, or their roots, in the descriptor's dtype and on its device; None stays None.
+    """``images``, their roots where the dialect describes these, in the descriptor's dtype and on its device, or None.
 
     Raises:
         TypeError, ValueError: as :func:`.preimage.reconstruct`.
@@ -85,4 +85,4 @@ def check_images(
         raise ValueError(f"{name} must have shape {(len(descriptor), 1, *size)}, got {tuple(images.shape)}")
     check_finite(name, images)
     images = images.detach().to(descriptor)
-    return images.clamp(min=0).sqrt() if rooted else images
+    return images.clamp(min=0).sqrt() if spec.gamma == "sqrt" else images

@@ -18,13 +18,12 @@ from ..hog.descriptor import hog
 from ..hog.spec import COLOURS, HOGSpec
 from ..optimize import lbfgs
 from .checks import check_descriptor
+from .cosine import CosineBasis
 from .histograms import searchable
 from .objective import squared_norm
-from .options import Objective, Search
-from .parameterize import CosineBasis
+from .options import Objective, QualityName, Search, quality_of
 from .preimage import reconstruct
 from .priors import RelativeSmoothness
-from .quality import QualityName, quality_of
 from .reconstruction import Reconstruction, relative_distance, to_unit_range
 from .search import EXPONENT
 from .start import noise

@@ -1,9 +1,8 @@
-"""What an empty cell says: every pixel that votes into it has no gradient at all.
+"""Exactly flat regions: where the descriptor of a cell is zero, every pixel that votes into it has no gradient.
 
-A normaliser divides the faintest texture up to full strength, so "almost flat" and "flat" have very different
-descriptors, and between them lies a plateau on which no descent finds its way.  Images from cameras and scanners do
-have exactly flat, saturated regions.  Where the descriptor of a cell is zero, the image is therefore constant by
-construction: one gray value for each connected region.
+A normaliser amplifies the faintest texture to full strength, so "almost flat" and "flat" have very different
+descriptors, with a plateau between them where no descent makes progress.  Photographs do have exactly flat, saturated
+regions.  There the image is constant by construction: one gray value for each connected region.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ class FlatRegions:
         empty = (entries == 0).all(dim=1) & rows.unsqueeze(1) & cols
         by_row, by_col = (matrix > 0 for matrix in pooling_matrices(spec, height, width, descriptor))
         silent = (by_row.T.to(descriptor) @ empty.to(descriptor) @ by_col.to(descriptor)) > 0
-        # a pixel without gradient has equal neighbours; that the pixel itself equals them is the smoothest choice
+        # a pixel without gradient has equal neighbours; giving it their value, too, is the smoothest choice
         cross = ndimage.generate_binary_structure(2, 1)[np.newaxis]
         joined = ndimage.binary_dilation(silent.cpu().numpy(), cross)
         in_plane = np.zeros((3, 3, 3), dtype=bool)
@@ -64,7 +63,7 @@ class FlatRegions:
             _level(double, len(images), pixels, index, runs, ends, len(self.sizes), self.sizes, images)
             return images
         regions = self.regions[index].unsqueeze(1).long()
-        # a region may hold most of the image: float32 would round its sum by more than a gray value's own rounding
+        # in float64: the float32 sum over a large region would be off by more than the rounding of one gray value
         sums = torch.zeros_like(self.sizes).index_add(0, regions.flatten(), images.flatten().double())
         return torch.where(regions > 0, (sums / self.sizes.clamp(min=1)).to(images.dtype)[regions], images)
 

@@ -1,8 +1,8 @@
-"""The pre-image of the normaliser: cell histograms from a descriptor alone.
+"""Cell histograms from a descriptor alone, by inverting the normaliser, and in the bins of a prior's network.
 
-Normalisation looks as if it destroyed the contrast of each cell, but a descriptor holds each histogram divided by
-several neighbourhoods' energies, and neighbourhoods overlap.  So the histograms before Eq. 7 can be recovered, up to
-one factor for the whole image, from the cells alone.
+Normalisation seems to destroy the contrast of each cell.  But a descriptor holds each histogram divided by the energies
+of several neighbourhoods, and these overlap.  So the histograms before Eq. 7 can be recovered, up to one factor for the
+whole image.
 """
 
 from __future__ import annotations
@@ -15,26 +15,27 @@ from torch import Tensor
 
 from ..hog.colours import split_colours
 from ..hog.engines import steps
-from ..hog.entries import CellAlignment, cell_entries, of_nearest_cells
+from ..hog.entries import CellAlignment, cell_entries, mean_over_colours, of_nearest_cells
+from ..hog.orientation import bin_angles
 from ..hog.pooling import pooling_matrices
 from ..hog.spec import HOGSpec
 from ..optimize import lbfgs
+from .cosine import CosineBasis
 from .objective import squared_norm
-from .parameterize import CosineBasis
 
 NOMINAL_CONTRAST = 0.05  # mean gradient magnitude of a photograph in 0…1, where the descriptor leaves it open
 FLOOR = 1e-3  # of the largest entry: where a sparse histogram's logarithm starts from
 
 
 def searchable(spec: HOGSpec) -> HOGSpec:
-    """The spec by which images of a descriptor are sought: nearly the same, and kinder to a search.
+    """The spec with which images are searched: nearly the same, and easier to minimise.
 
-    * Votes are linear: hard ones do not tell how to turn a gradient.
-    * Where the root of an image is described, that root is sought, which has no least value to run into.
-    * Directed histograms of which the descriptor keeps only undirected sums are not told from them.
+    * Votes are linear: hard votes have no derivative with respect to the orientation.
+    * Where the dialect describes the root of an image, the root is the unknown.
+    * Where the descriptor keeps only undirected sums of directed histograms, the histograms are unsigned.
 
     Raises:
-        ValueError: the descriptor keeps directed texture without directed histograms, which no step undoes.
+        ValueError: the descriptor keeps directed texture without directed histograms, which cannot be inverted.
     """
     spec = spec.with_linear_votes()
     if spec.gamma == "sqrt":
@@ -59,11 +60,11 @@ def recover_histograms(
         descriptor: (B, rows, cols, channels).
         spec: its dialect, as :func:`searchable` gives it.
         size: (height, width) of the image; by default whole cells.
-        max_evaluations: of a normaliser that is inverted iteratively; each costs the cells, not the pixels.
+        max_evaluations: of a normaliser that is inverted iteratively; they cost time per cell, not per pixel.
 
     Returns:
         (B, colours · bins, rows, cols) of cells, in votes.  Their common scale is the original's if the spec fixes the
-        contrast, else it is set so that the mean vote of a pixel is that of an ordinary photograph.
+        contrast; else the mean vote of a pixel is set to that of an ordinary photograph.
     """
     size = size or spec.image_size(*descriptor.shape[1:3])
     each = split_colours(descriptor, spec)
@@ -90,11 +91,11 @@ def _votes_per_magnitude(spec: HOGSpec, size: tuple[int, int], like: Tensor) -> 
 
 
 def _least_squares(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max_evaluations: int) -> Tensor:
-    """Least squares for the logarithms of the histograms: they span four decades in one photograph.
+    """Least squares for the logarithms of the histograms, which span four decades in one photograph.
 
-    What neighbourhoods tell of each other's energy passes from cell to cell, so the logarithm of each cell's level
-    gets a cosine basis of its own beside the entries: in it, levels far apart settle together.  Cells that lie on each
-    other in the image are one.
+    Neighbourhoods couple the levels of cells step by step.  So the logarithm of each cell's level has unknowns of its
+    own, in a cosine basis, beside those of the entries: distant levels then converge together.  Copies of the same cell
+    share their unknowns.
     """
     target = descriptor.permute(0, 3, 1, 2)
     batch = len(target)
@@ -124,3 +125,30 @@ def _least_squares(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max
     unknowns = torch.cat([target.new_zeros(batch, rows * cols), start.flatten(1)], dim=1)
     minimum = lbfgs(objective, unknowns, max_evaluations=max_evaluations, memory=10, progress_tolerance=1e-3)
     return histograms(minimum.x, torch.arange(batch, device=target.device))
+
+
+def of_one_colour(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
+    """Histograms (B, colours · bins, rows, cols) of images (height, width): means over colours, cells side by side."""
+    return CellAlignment(spec, size, votes)(mean_over_colours(votes, spec))
+
+
+def cells_in_bins(
+    votes: Tensor, spec: HOGSpec, size: tuple[int, int], bins: int, first: float, period: float
+) -> Tensor:
+    """Histograms (B, colours · spec.bins, rows, cols) to other bins of cells side by side, (B, bins, R, C).
+
+    Each vote is shared between the two nearest bins.
+
+    Args:
+        votes, spec, size: as of :func:`of_one_colour`.
+        bins: of the result.
+        first: the centre of bin 0, in bins.
+        period: of the angles, in radians: π for unsigned histograms, 2π for signed ones.
+    """
+    position = torch.from_numpy(bin_angles(spec)) * (bins / period) - first
+    below = torch.floor(position + 1e-6)  # keeps a vote on a bin's centre whole
+    share = (position - below).clamp(0, 1)
+    to, own = torch.zeros(bins, spec.bins, dtype=torch.float64), torch.arange(spec.bins)
+    to.index_put_((below.long() % bins, own), 1 - share, accumulate=True)
+    to.index_put_(((below.long() + 1) % bins, own), share, accumulate=True)
+    return torch.einsum("kb,nbrc->nkrc", to.to(votes), of_one_colour(votes, spec, size))

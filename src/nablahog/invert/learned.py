@@ -1,10 +1,12 @@
-"""A learned prior: the image that a network expects for a descriptor.  The other inversions learn nothing."""
+"""Learned priors: the image that a network expects for a descriptor, and the priors that come with the package."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
-from typing import Any, ClassVar
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import torch
@@ -16,11 +18,22 @@ from ..io.learned_model import SPEC, LearnedModel, account, integers, tensor
 from ..io.network_weights import check_weights, with_weights
 from .checks import check_descriptor
 from .histograms import searchable
-from .network import make_network, network_class
 from .prior_network import Architecture, PriorNetwork
 from .provenance import NetworkLearning
+from .signed_network import SignedNetwork
 from .start import at_contrast
 from .unsigned_network import UnsignedNetwork
+
+FOLDER = Path(__file__).with_name("default_priors")  # see its README.md
+
+
+def network_class(spec: HOGSpec) -> type[PriorNetwork]:
+    """The class of networks for descriptors of ``spec``.
+
+    Raises:
+        ValueError: such descriptors cannot be inverted.
+    """
+    return SignedNetwork if searchable(spec).signed else UnsignedNetwork
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -30,10 +43,10 @@ class LearnedPrior(LearnedModel):
     ``nablahog.reconstruct(…, prior=prior)`` finds a pre-image near that image.
 
     Attributes:
-        spec: a dialect that it was learned for; the prior is for all signed dialects, or for all unsigned ones.
+        spec: a dialect that it was trained for; the prior is for all signed dialects, or for all unsigned ones.
         architecture: of its network.
         weights: all of them, (n,), float16, finite.
-        learning: how it was learned.
+        learning: how it was trained.
 
     Raises:
         ValueError: these contradict each other.
@@ -63,8 +76,8 @@ class LearnedPrior(LearnedModel):
     learning: NetworkLearning
 
     def __post_init__(self) -> None:
-        network_class(self.spec).check(self.spec, self.architecture)
-        check_weights(self.weights, partial(make_network, self.spec, self.architecture))
+        network_class(self.spec).check(self.architecture)
+        check_weights(self.weights, self._make)
 
     @cached_property
     def signed(self) -> bool:
@@ -91,7 +104,7 @@ class LearnedPrior(LearnedModel):
         return cls(values["spec"], architecture, values["weights"], values["training"])
 
     def check(self, spec: HOGSpec | str) -> None:
-        """Raises ValueError if descriptors of ``spec`` are not what it was learned for."""
+        """Raises ValueError if it was not trained for descriptors like those of ``spec``."""
         spec = as_spec(spec)
         own, other = ("signed" if signed else "unsigned" for signed in (self.signed, searchable(spec).signed))
         if own != other:
@@ -101,8 +114,8 @@ class LearnedPrior(LearnedModel):
     def expected(self, descriptor: Tensor, spec: HOGSpec | str, image_size: tuple[int, int]) -> Tensor:
         """The images of the network, (B, 1, H, W) around 0.5, at the contrast of the histograms.
 
-        The mean of what it predicts for the image and for the mirrored one.  Of a dialect of the roots of images, the
-        expected roots.
+        The mean of the predictions for the image and for its mirror image.  If the dialect describes roots of images,
+        the expected roots.
 
         Args:
             descriptor: (B, rows, cols, channels), float32 or float64, on any device.
@@ -111,45 +124,42 @@ class LearnedPrior(LearnedModel):
 
         Raises:
             TypeError: the descriptor is no float32 or float64 tensor.
-            ValueError: the spec is another one, or the descriptor's shape contradicts it, or it holds NaN or Inf.
+            ValueError: the prior is not for ``spec``, or the descriptor's shape contradicts it, or it holds NaN or Inf.
         """
         spec = as_spec(spec)
-        self.check(spec)
-        size = check_descriptor(descriptor, spec, image_size)
-        images, votes = self._network.to(descriptor.device).predict(descriptor.float(), spec, size)
+        network = self._network_for(descriptor, spec, image_size)
+        images, votes = network.predict(descriptor.float(), spec, image_size)
         return at_contrast(images, votes, searchable(spec)).to(descriptor.dtype)
 
     @torch.no_grad()
     def samples(
         self, descriptor: Tensor, spec: HOGSpec | str, image_size: tuple[int, int], count: int, *, seed: int = 0
     ) -> Tensor:
-        """Draws of images that the network thinks possible, (B, count, 1, H, W), as :meth:`expected` has them.
+        """Random images that the network considers possible, (B, count, 1, H, W), scaled as in :meth:`expected`.
 
-        In each draw another share of what the network sees in the large is left out, and which side is bright is drawn
-        by :meth:`polarity_confidence`.
+        Each is the answer with other parts of the network dropped out, and its polarity is drawn by
+        :meth:`polarity_confidence`.
 
         Args:
-            descriptor, spec, image_size: as of :meth:`expected`.
-            count: draws of each descriptor.
+            descriptor, spec, image_size: as in :meth:`expected`.
+            count: draws for each descriptor.
             seed: of the draws; the same for every descriptor of the batch.
 
         Raises:
             TypeError: as :meth:`expected`.
-            ValueError: as :meth:`expected`; the prior is for signed descriptors, which leave no regions open.
+            ValueError: as :meth:`expected`; the prior is for signed descriptors, which leave no signs open.
         """
         spec = as_spec(spec)
-        self.check(spec)
-        size = check_descriptor(descriptor, spec, image_size)
-        network = self._network.to(descriptor.device)
+        network = self._network_for(descriptor, spec, image_size)
         if not isinstance(network, UnsignedNetwork):
             raise ValueError("samples are drawn of unsigned descriptors, this prior is for signed ones")
-        draws, votes = network.draws(descriptor.float(), spec, size, count, seed)
+        draws, votes = network.draws(descriptor.float(), spec, image_size, count, seed)
         images = at_contrast(draws, votes.repeat_interleave(count, dim=0), searchable(spec))
-        return images.to(descriptor.dtype).reshape(-1, count, 1, *size)
+        return images.to(descriptor.dtype).reshape(-1, count, 1, *image_size)
 
     @torch.no_grad()
     def polarity_confidence(self, images: Tensor, descriptor: Tensor, spec: HOGSpec | str) -> Tensor:
-        """How likely it is that images with unsigned descriptors are no negatives.
+        """The probability that images with unsigned descriptors are no negatives.
 
         Args:
             images: (B, 1, H, W), of any contrast.
@@ -157,19 +167,122 @@ class LearnedPrior(LearnedModel):
             spec: its dialect, or the name of a preset with its defaults.
 
         Returns:
-            (B,) in 0…1; that of the negatives is the rest to 1.  1 for signed descriptors, which know.
+            (B,) in 0…1; an image and its negative sum to 1.  1 for signed descriptors, which determine the polarity.
 
         Raises:
             TypeError, ValueError: as :meth:`expected`.
         """
         spec = as_spec(spec)
-        self.check(spec)
-        check_descriptor(descriptor, spec, (images.shape[2], images.shape[3]))
-        network = self._network.to(descriptor.device)
+        network = self._network_for(descriptor, spec, (images.shape[2], images.shape[3]))
         if not isinstance(network, UnsignedNetwork):
             return descriptor.new_ones(len(descriptor))
         return network.polarity_confidence(images.float(), descriptor.float(), spec).to(descriptor.dtype)
 
+    def _network_for(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> PriorNetwork:
+        """The network on the descriptor's device, after checking descriptor, dialect and image size."""
+        self.check(spec)
+        check_descriptor(descriptor, spec, size)
+        return self._network.to(descriptor.device)
+
     @cached_property
     def _network(self) -> PriorNetwork:
-        return with_weights(partial(make_network, self.spec, self.architecture), self.weights)
+        return with_weights(self._make, self.weights)
+
+    def _make(self) -> PriorNetwork:
+        return network_class(self.spec)(self.architecture)
+
+
+PriorChoice: TypeAlias = LearnedPrior | Sequence[LearnedPrior] | Literal["default"] | None
+"""A prior; one for unsigned descriptors and one for signed ones; those that come with the package; or none."""
+
+
+class Priors(NamedTuple):
+    """The priors of a reconstruction.
+
+    Attributes:
+        own: for its descriptors.
+        details: for signed descriptors, if ``own`` is for unsigned ones: it adds details once the signs are found.
+    """
+
+    own: LearnedPrior
+    details: LearnedPrior | None = None
+
+
+def as_priors(prior: PriorChoice, spec: HOGSpec) -> Priors | None:
+    """The chosen priors for descriptors of ``spec``.
+
+    Raises:
+        TypeError: they are no priors.
+        ValueError, FileNotFoundError: as :func:`default_prior`; a list has no prior for such descriptors, or several.
+    """
+    if prior is None:
+        return None
+    if isinstance(prior, LearnedPrior):
+        return Priors(prior)
+    if prior == "default":
+        prior = default_priors(spec)
+    if isinstance(prior, str) or not all(isinstance(each, LearnedPrior) for each in prior):
+        raise TypeError(f"prior must be a LearnedPrior, a list of these, 'default' or None, got {prior!r}")
+    signed = searchable(spec).signed
+    by_signs = {each.signed: each for each in prior if isinstance(each, LearnedPrior)}
+    if signed not in by_signs or len(by_signs) < len(prior):
+        kind = "signed" if signed else "unsigned"
+        raise ValueError(f"expected one prior for {kind} descriptors, and at most one for others, got {prior!r}")
+    return Priors(by_signs[signed], None if signed else by_signs.get(True))
+
+
+def default_prior_file(spec: HOGSpec | str) -> Path | None:
+    """The file of the package's prior for descriptors of ``spec``; None if these cannot be inverted.
+
+    Raises:
+        ValueError: there is no such preset.
+    """
+    try:
+        signed = searchable(as_spec(spec)).signed
+    except ValueError:
+        return None
+    return FOLDER / ("signed.npz" if signed else "unsigned.npz")
+
+
+def default_prior(spec: HOGSpec | str) -> LearnedPrior:
+    """The prior that comes with the package for descriptors of ``spec``.
+
+    Args:
+        spec: the dialect, or the name of a preset with its defaults.
+
+    Raises:
+        ValueError: there is no such preset, or no prior for it.
+        FileNotFoundError: the package was installed without its priors.
+
+    >>> prior = nablahog.invert.default_prior("uoctti")
+    >>> prior.signed
+    True
+    >>> descriptor = nablahog.hog(torch.rand(1, 1, 32, 32), "uoctti")
+    >>> prior.expected(descriptor, nablahog.presets.uoctti(), (32, 32)).shape
+    torch.Size([1, 1, 32, 32])
+    """
+    spec = as_spec(spec)
+    file = default_prior_file(spec)
+    if file is None:
+        raise ValueError(f"no prior for {spec.named} descriptor comes with the package: give one, or none")
+    return _load(file)
+
+
+def default_priors(spec: HOGSpec | str) -> list[LearnedPrior]:
+    """The package's priors for descriptors of ``spec``: for unsigned ones also the signed prior, for details.
+
+    Raises:
+        ValueError, FileNotFoundError: as :func:`default_prior`.
+    """
+    own = default_prior(spec)
+    return [own] if own.signed else [own, default_prior("uoctti")]
+
+
+@lru_cache(maxsize=2)
+def _load(file: Path) -> LearnedPrior:
+    if not file.exists():
+        raise FileNotFoundError(
+            f"this installation of nablahog has no {file.name}, the prior for {file.stem} descriptors: install a wheel "
+            "that has it, learn one (nablahog learn prior), or do without (prior=None, --no-prior)"
+        )
+    return LearnedPrior.load(file)

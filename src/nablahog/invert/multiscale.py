@@ -1,16 +1,17 @@
 """Section 3.1, multi-scale and multi-scale-more: small images first, each the start of a larger one.
 
-A level of scale s has an s-th of the image's pixels, and cells of 1/√s of the side, so that its grid is the same.
-*Multi-scale* matches the one descriptor at every level; *multi-scale-more* has one of the original at each.
+A level of scale s has 1/s of the image's pixels, and cells with sides of 1/√s, so that its grid is the same.
+*Multi-scale* matches one descriptor at every level; *multi-scale-more* is given a descriptor for each level.
 """
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, Generic
+from typing import Generic
 
 import numpy as np
 from torch import Tensor
@@ -21,16 +22,13 @@ from ..hog.inputs import Descriptors
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from .checks import check_descriptor, check_images, descriptors_as_tensor
-from .coarser import CoarserDescriptor
 from .histograms import recover_histograms, searchable
-from .learned import LearnedPrior
-from .method import AsPublished, InversionMethod, as_published, check_default_only
-from .options import Objective, Search
-from .polarity import negated, negatives
-from .preimage import reconstruct
-from .prior_choice import PriorChoice, as_priors
-from .quality import quality_of
+from .learned import PriorChoice, Priors, as_priors
+from .options import AsPublished, InversionMethod, Objective, Search, as_published, quality_of
+from .priors import CoarserDescriptor
+from .published import reconstruct_as_published, smoothness_for
 from .reconstruction import Reconstruction, Values, of_the_kind, relative_distance
+from .signs import negated, negatives
 from .single_scale import search_preimages
 from .start import enlarge, starting_images
 
@@ -153,48 +151,45 @@ def reconstruct_multiscale(
     one = isinstance(descriptors, Tensor | np.ndarray)
     several = [descriptors] * len(scales) if isinstance(descriptors, Tensor | np.ndarray) else list(descriptors)
     targets = [descriptors_as_tensor(descriptor) for descriptor in several]
-    published = as_published(method)
+    published = as_published(method, prior=(prior, None), search=(search, Search()), objective=(objective, Objective()))
     plan = _plan(targets, one, spec, image_size, scales, search, published)
-    if published is not None:
-        check_default_only(prior=(prior, None), search=(search, Search()), objective=(objective, Objective()))
     learned, start, expected = as_priors(prior, spec), None, None
-    if learned is not None and one and not spec.signed:
-        expected = avg_pool2d(
-            learned.own.expected(targets[0], spec, plan[-1].size), plan[-1].size[0] // plan[0].size[0]
-        )
-    elif one and published is None and (spec.signed or search.region_signs):
-        start = _first_start(targets[0], spec, plan[-1].size, plan[0].size, seed)
+    if one and published is None:
+        start, expected = _first_images(plan, spec, seed, learned)
     levels: list[Level] = []
     for number, step in enumerate(plan):
+        began = time.perf_counter()
         if levels:
             before = enlarge(levels[-1].reconstruction.image, *step.size)
             start, expected = (before, None) if spec.signed or published is not None else (None, before)
-        options: dict[str, Any] = {
-            "seed": seed,
-            "search": step.search,
-            "objective": objective if one or published is not None else _with_coarser(objective, plan[:number], step),
-            "progress": _report(progress, plan, number),
-        }
-        if learned is not None and not spec.signed and step is plan[-1]:
-            near = check_images("expected", expected, step.descriptor, step.size, spec.gamma == "sqrt")
-            reconstruction = search_preimages(
-                step.descriptor.detach(), step.spec, step.size, expected=near, learned=learned, **options
+        start, expected = (
+            check_images("start", images, step.descriptor, step.size, step.spec) for images in (start, expected)
+        )
+        report = _report(progress, plan, number)
+        if step.published is not None:
+            result = reconstruct_as_published(
+                step.descriptor, step.spec, step.size, step.published, seed=seed, start=start, progress=report
             )
         else:
-            own = learned.own if learned is not None and spec.signed and step is plan[-1] else None
-            reconstruction = reconstruct(
+            own = learned if step is plan[-1] else None
+            if own is not None and spec.signed:
+                expected = own.own.expected(step.descriptor, step.spec, step.size)
+            result = search_preimages(
                 step.descriptor,
                 step.spec,
                 step.size,
-                method=step.method,
+                seed=seed,
                 start=start,
                 expected=expected,
-                prior=own,
-                **options,
+                learned=own,
+                search=step.search,
+                objective=objective if one else _with_coarser(objective, plan[:number], step),
+                fix_polarity=False,
+                progress=report,
             )
-        levels.append(Level(step.scale, step.spec, reconstruction))
-    if search.polarity and not spec.signed and published is None:
-        levels = _fix_polarity(levels, [step.descriptor for step in plan], learned and learned.own)
+        levels.append(Level(step.scale, step.spec, replace(result, seconds=time.perf_counter() - began)))
+    if not spec.signed and published is None:
+        levels = _fix_polarity(levels, [step.descriptor for step in plan])
     return [
         Level(level.scale, level.spec, of_the_kind(level.reconstruction, descriptor))
         for level, descriptor in zip(levels, several, strict=True)
@@ -209,7 +204,7 @@ class _Step:
     spec: HOGSpec
     size: tuple[int, int]
     descriptor: Tensor
-    method: InversionMethod | AsPublished
+    published: AsPublished | None
     search: Search
     most: int  # evaluations, or iterations of the paper's search
 
@@ -223,7 +218,7 @@ def _plan(
     search: Search,
     published: AsPublished | None,
 ) -> list[_Step]:
-    """The inputs of each level; ``one`` tells that all match one descriptor.
+    """The inputs of each level; with ``one``, all match one descriptor.
 
     Raises:
         TypeError, ValueError: as :func:`reconstruct_multiscale`, before any work.
@@ -239,25 +234,20 @@ def _plan(
     # the grid is the same at each level
     size = (image_size[0], image_size[1]) if image_size else check_descriptor(descriptors[-1], spec, None)
     steps = []
-    for number, (scale, descriptor) in enumerate(zip(scales, descriptors, strict=True)):
+    for scale, descriptor in zip(scales, descriptors, strict=True):
         small, small_size = level_spec(spec, scale, size)
         check_descriptor(descriptor, *((spec, size) if one else (small, small_size)))
-        if one and spec.normalizer.fixes_contrast:
-            # at the same contrast, an s-th of the pixels with √s times the differences make 1/√s of the votes
-            descriptor = descriptor / scale**0.25
-        last = number + 1 == len(scales)
-        inputs = scale, small, small_size, descriptor
-        if published is None:
-            budget = most if last else min(BEFORE_THE_LAST, max(2, most // 4))
-            own = replace(search, max_evaluations=budget, samples=search.samples if spec.signed else 1, polarity=False)
-            steps.append(_Step(*inputs, "default", own, budget))
-        else:
-            few = published.for_spec(spec)
-            if spec.normalizer.fixes_contrast:  # so that the smoothness weighs as much as at full size
-                few = replace(few, smoothness=[weight / scale**0.25 for weight in few.course])
-            if not last:
-                few = replace(few, iterations=few.level_iterations)
-            steps.append(_Step(*inputs, few, search, few.iterations * len(few.course)))
+        # at the same contrast, 1/s of the pixels with differences √s times as large make 1/√s of the votes
+        contrast = scale**0.25 if spec.normalizer.fixes_contrast else 1.0
+        target = descriptor.detach() / contrast if one and contrast != 1 else descriptor.detach()
+        last = len(steps) + 1 == len(scales)
+        budget = most if last else min(BEFORE_THE_LAST, max(2, most // 4))
+        few, own = None, replace(search, max_evaluations=budget, samples=search.samples if spec.signed else 1)
+        if published is not None:
+            budget = published.iterations if last else max(1, published.iterations // 4)
+            # with ξ scaled like the descriptor, the smoothness has the same share as at full size
+            few = replace(published, iterations=budget, smoothness=smoothness_for(published, spec) / contrast)
+        steps.append(_Step(scale, small, small_size, target, few, own, budget))
     return steps
 
 
@@ -278,11 +268,10 @@ def _with_coarser(objective: Objective, before: Sequence[_Step], step: _Step) ->
     return replace(objective, priors=(*objective.priors, *priors))
 
 
-def _fix_polarity(levels: list[Level], descriptors: Sequence[Tensor], prior: LearnedPrior | None) -> list[Level]:
+def _fix_polarity(levels: list[Level], descriptors: Sequence[Tensor]) -> list[Level]:
     """Each image or its negative: the last level, which shows most, decides for all."""
-    last = levels[-1].reconstruction.image
-    confidence = None if prior is None else prior.polarity_confidence(last, descriptors[-1], levels[-1].spec)
-    negative, confidence = negatives(last, confidence)
+    last = levels[-1].reconstruction
+    negative, confidence = negatives(last.image, last.polarity_confidence)
     fixed = []
     for level, descriptor in zip(levels, descriptors, strict=True):
         image = negated(level.reconstruction.image, negative)
@@ -292,9 +281,16 @@ def _fix_polarity(levels: list[Level], descriptors: Sequence[Tensor], prior: Lea
     return fixed
 
 
-def _first_start(
-    descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], small_size: tuple[int, int], seed: int
-) -> Tensor:
-    """What the votes integrate to at full size, shrunk: cells of many pixels say so, whatever the level's own are."""
-    starts = starting_images(recover_histograms(descriptor, spec, size), spec, *size, 1, seed)
-    return avg_pool2d(starts[:, 0], size[0] // small_size[0])
+def _first_images(
+    plan: Sequence[_Step], spec: HOGSpec, seed: int, learned: Priors | None
+) -> tuple[Tensor | None, Tensor | None]:
+    """Start and expected image of the first level, where all levels match one descriptor.
+
+    Both are made at full size and shrunk: cells of many pixels determine them better.
+    """
+    first, last = plan[0], plan[-1]
+    factor = last.size[0] // first.size[0]
+    if learned is not None and not spec.signed:
+        return None, avg_pool2d(learned.own.expected(last.descriptor, spec, last.size), factor)
+    starts = starting_images(recover_histograms(last.descriptor, spec, last.size), spec, *last.size, 1, seed)
+    return avg_pool2d(starts[:, 0], factor), None

@@ -12,13 +12,13 @@ from ..hog.engines import steps
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
 from ..runtime.memory import memory_for
+from .cosine import CosineBasis
 from .flat import FlatRegions
-from .parameterize import Parameterization
 from .priors import Prior
 
-VOTES = 8_000_000  # of the images evaluated together on a CPU: more need more memory, fewer spend more on calls
+VOTES = 8_000_000  # of the images evaluated together on a CPU: a balance of memory and the overhead of calls
 COPIES = 8  # of all votes that the plain steps and their derivative hold at once, about
-SHARE = 0.25  # of a GPU's free memory that votes may take: the minimiser's vectors need the most of it
+SHARE = 0.25  # of a GPU's free memory for votes; the minimiser's vectors need the most of it
 
 
 def votes_at_once(like: Tensor) -> int:
@@ -27,20 +27,16 @@ def votes_at_once(like: Tensor) -> int:
     return max(1, memory_for(like.device, VOTES * each, SHARE) // each)
 
 
-def _share(residual: Tensor, size: Tensor) -> Tensor:
-    return residual.square().sum(dim=(1, 2, 3)) / size
-
-
 def squared_norm(x: Tensor) -> Tensor:
-    """‖x‖² of each row of a batch (B, …), kept above 0 to be divided by."""
+    """‖x‖² of each row of a batch (B, …), at least the smallest positive number, to divide by."""
     return x.square().flatten(1).sum(1).clamp(min=torch.finfo(x.dtype).tiny)
 
 
 class PreimageObjective:
     """‖φ(Î) - φ(I)‖² / ‖φ(I)‖² + λ‖Î - Ī‖² / ‖Ī‖² + priors, where φ is the descriptor or the histograms before Eq. 7.
 
-    Histograms are compared at their own scale, a strong edge counting for what it is; they have no clip and no
-    division, and are by far the easier problem.  The descriptor is what was asked for.
+    Histograms are compared at their own scale, so that strong edges count more; they have no clip and no division, and
+    are by far the easier problem.  The descriptor is the problem that was posed.
 
     A :class:`~nablahog.optimize.LeastSquares` problem.
 
@@ -48,11 +44,11 @@ class PreimageObjective:
         descriptor: (B, rows, cols, channels), φ(I).
         votes: histograms (B, bins, rows, cols) to compare instead; None to compare the descriptor.
         spec: the dialect.
-        parameterization: how unknowns become images.
+        basis: from unknowns to images.
         flat: the regions that must be constant.
         priors: added to the distance, of the batch.
         expected: Ī, the expected image (B, 1, H, W); None where nothing is expected.
-        closeness: λ.  Brightness does not count, and ‖Ī‖ is that of Ī without its mean.
+        closeness: λ.  Both images are taken without their means, since HOG ignores the brightness.
         keep_images: whether the images are kept.
 
     Attributes:
@@ -66,7 +62,7 @@ class PreimageObjective:
         descriptor: Tensor,
         votes: Tensor | None,
         spec: HOGSpec,
-        parameterization: Parameterization,
+        basis: CosineBasis,
         flat: FlatRegions,
         priors: Sequence[Prior],
         expected: Tensor | None = None,
@@ -76,7 +72,7 @@ class PreimageObjective:
         self.descriptor = descriptor.permute(0, 3, 1, 2)
         self.votes = votes
         self.spec = spec
-        self.parameterization = parameterization
+        self.basis = basis
         self.flat = flat
         self.priors = tuple(priors)
         self.distance = descriptor.new_zeros(len(descriptor))
@@ -92,7 +88,7 @@ class PreimageObjective:
 
     def image(self, unknowns: Tensor, index: Tensor) -> Tensor:
         """Unknowns (A, N) of the problems ``index`` to images (A, 1, H, W)."""
-        return self.flat(self.parameterization.image(unknowns), index)
+        return self.flat(self.basis.image(unknowns), index)
 
     def __call__(self, unknowns: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
         pieces = [self._evaluate(*piece) for piece in self._pieces(unknowns, index)]
@@ -103,13 +99,14 @@ class PreimageObjective:
     def residuals(self, unknowns: Tensor, index: Tensor) -> Tensor:
         """Unknowns (A, N) to residuals (A, M) whose squares sum to the values.
 
-        A product with their Jacobian runs through the operator step by step.  That of Eq. 7 is (I - c·vvᵀ)·a, which
-        couples all cells, times that of the histograms, which is local: it stays two factors, each applied in turn,
-        the first by one dot product with v, and neither is ever formed.  The same holds for means over the image.
+        A product with their Jacobian runs through the operator step by step.  The Jacobian of Eq. 7 is (I - c·vvᵀ)·a,
+        which couples all cells; that of the histograms is local.  The two are applied in turn, the first by one dot
+        product with v, and their product is never formed.  The same holds for means over the image.
         """
         return torch.cat([self._residuals(*piece) for piece in self._pieces(unknowns, index)])
 
     def _pieces(self, unknowns: Tensor, index: Tensor) -> list[tuple[Tensor, Tensor]]:
+        """The batch in pieces that fit into memory."""
         at_once = max(1, self.votes_at_once // (unknowns.shape[1] * self.spec.bins))
         return [(unknowns[i : i + at_once], index[i : i + at_once]) for i in range(0, len(unknowns), at_once)]
 
@@ -127,26 +124,32 @@ class PreimageObjective:
         return torch.cat([distance, *(prior.of(index).residuals(image) for prior in self.priors)], dim=1)
 
     def _deviation(self, image: Tensor, index: Tensor) -> Tensor:
+        """Î - Ī without its mean, (A, H·W)."""
         assert self.expected is not None
         difference = (image - self.expected[index]).flatten(1)
         return difference - difference.mean(dim=1, keepdim=True)
 
     @torch.no_grad()
     def _evaluate(self, unknowns: Tensor, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        image = self.flat.level(self.parameterization.image(unknowns), index)
+        """Values, gradients and distances."""
+        image = self.flat.level(self.basis.image(unknowns), index)
         if self.images is not None:
             self.images[index] = image
         values, gradient, distances = self._evaluate_image(image, index)
         # making regions constant is a projection, so its own adjoint
-        return values, self.parameterization.adjoint(self.flat.level(gradient, index)), distances
+        return values, self.basis.adjoint(self.flat.level(gradient, index)), distances
 
     @torch.enable_grad()
     def _evaluate_image(self, image: Tensor, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """The same, with gradients with respect to the images."""
         image = image.detach().requires_grad_()
         cells = self.histograms(image, self.spec)
         with torch.set_grad_enabled(self.votes is None):
-            distance = _share(self.normalize(cells, self.spec) - self.descriptor[index], self.descriptor_size[index])
-        value = distance if self.votes is None else _share(cells - self.votes[index], self.compared_size[index])
+            difference = self.normalize(cells, self.spec) - self.descriptor[index]
+            distance = difference.square().sum(dim=(1, 2, 3)) / self.descriptor_size[index]
+        value = distance
+        if self.votes is not None:
+            value = (cells - self.votes[index]).square().sum(dim=(1, 2, 3)) / self.compared_size[index]
         if self.expected is not None:
             value = value + self.closeness[index] * self._deviation(image, index).square().sum(1)
         for prior in self.priors:

@@ -1,10 +1,10 @@
-"""What networks of learned priors have in common."""
+"""The base of learned priors' networks."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 from torch import Tensor, nn
 from torch.nn.functional import gelu
@@ -12,14 +12,15 @@ from torch.nn.functional import gelu
 from ..hog.spec import HOGSpec
 
 MOMENTUM = 0.02  # of the running means and variances of channels
+HISTOGRAM_EVALUATIONS = 60  # of the normaliser, to recover histograms; enough for a network, the search uses more
 
 
 @dataclass(frozen=True)
 class Architecture:
     """Sizes of a network, an entry for each of its resolutions.
 
-    For signed descriptors, the first is that of cells, and each other one twice as fine, to pixels; for unsigned ones,
-    the first is that of cells, and each other one half as fine.
+    The first resolution is that of cells.  For signed descriptors each other one is twice as fine, down to two pixels;
+    for unsigned ones, half as fine.
 
     Attributes:
         widths: channels, 1 … 1024.
@@ -41,7 +42,7 @@ class Architecture:
 
 
 class Prediction(NamedTuple):
-    """What a network predicts for descriptors.
+    """A network's prediction for descriptors.
 
     Attributes:
         images: (B, 1, H, W), of any brightness and contrast.
@@ -53,26 +54,26 @@ class Prediction(NamedTuple):
 
 
 class PriorNetwork(nn.Module, ABC):
-    """A network from descriptors to images.
+    """A network from descriptors to images, made from an :class:`Architecture`.
 
-    Args:
-        spec: the dialect that it is for.
-        architecture: as :meth:`check` allows.
+    Attributes:
+        KIND: of its descriptors.
+        DEFAULT: its default architecture.
     """
 
-    @classmethod
-    @abstractmethod
-    def default_architecture(cls, spec: HOGSpec) -> Architecture:
-        """The default architecture for ``spec``.
+    KIND: ClassVar[str]
+    DEFAULT: ClassVar[Architecture]
 
-        Raises:
-            ValueError: there can be no such network for descriptors of ``spec``.
-        """
+    @abstractmethod
+    def __init__(self, architecture: Architecture) -> None:
+        super().__init__()
 
     @classmethod
-    @abstractmethod
-    def check(cls, spec: HOGSpec, architecture: Architecture) -> None:
-        """Raises ValueError unless there can be a network of this architecture for descriptors of ``spec``."""
+    def check(cls, architecture: Architecture) -> None:
+        """Raises ValueError unless the network can have this architecture."""
+        resolutions = len(cls.DEFAULT.widths)
+        if len(architecture.widths) != resolutions:
+            raise ValueError(f"a prior for {cls.KIND} descriptors has {resolutions} widths, got {architecture.widths}")
 
     @abstractmethod
     def predict(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Prediction:
@@ -80,7 +81,7 @@ class PriorNetwork(nn.Module, ABC):
 
 
 class ResidualBlock(nn.Module):
-    """x plus a correction, 0 before training; in training, with a share ``dropout`` of channels left out."""
+    """x plus a correction, 0 before training; in training, with a share ``dropout`` of channels dropped."""
 
     def __init__(self, width: int, dropout: float = 0.0) -> None:
         super().__init__()
@@ -95,6 +96,6 @@ class ResidualBlock(nn.Module):
 
 
 def set_to_zero(layer: nn.Module) -> None:
-    """Its weights, before training."""
+    """Sets its weights to 0, before training."""
     for weights in layer.parameters():
         nn.init.zeros_(weights)

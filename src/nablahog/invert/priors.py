@@ -1,7 +1,6 @@
 """Priors on images: which of all images with the same descriptor to prefer.
 
-Each is a sum of squares, so that Gauss-Newton methods can take it apart.  A power |d|^q is written as
-d²·(d² + ε²)^((q-2)/2): the same, but for differences of ε and below, where it is a parabola with finite derivatives.
+Each is a sum of squares, so that Gauss-Newton methods can use its residuals.
 """
 
 from __future__ import annotations
@@ -9,54 +8,53 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from ctypes import c_bool, c_double, c_int64
-from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias, get_args
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
+from torch.nn.functional import avg_pool2d
 
 from .. import native
+from ..hog.descriptor import histograms
+from ..hog.engines import steps
 from ..hog.orientation import magnitude, vanishing
-from .method import Neighbours
+from ..hog.spec import HOGSpec
+from ..hog.steps import normalize_reference
 
-ROUNDING = 0.05  # of the mean gradient magnitude: below it an absolute difference is rounded off, for the minimiser
-EPSILON = 1e-3  # ε of the powers, a quarter of the step between two 8-bit levels
+ROUNDING = 0.05  # of the mean gradient magnitude: |d| is rounded off below it, so that minimisers see a smooth minimum
+EPSILON = 1e-3  # of the powers of total variation, a quarter of the step between two 8-bit levels
 
 _REALS = native.array(np.float32, np.float64)
 _smoothness = native.function("smoothness", c_bool, *[c_int64] * 3, *[c_double] * 2, *[_REALS] * 3)
 
-Form: TypeAlias = Literal["absolute", "squared"]
 
-
-def differences(image: Tensor, neighbours: Neighbours = 4) -> list[Tensor]:
-    """i_p - i_q over all pairs of neighbours, each pair once: along x, along y, and along both diagonals if 8."""
-    pairs = [(image[..., :, 1:], image[..., :, :-1]), (image[..., 1:, :], image[..., :-1, :])]
-    if neighbours == 8:
-        pairs += [(image[..., 1:, 1:], image[..., :-1, :-1]), (image[..., 1:, :-1], image[..., :-1, 1:])]
-    return [p - q for p, q in pairs]
-
-
-def _rounded(image: Tensor) -> tuple[list[Tensor], Tensor, int]:
-    """Differences along x and along y, Σ‖∇i‖ per pixel (A,), and the number of pixels: what smoothness is made of."""
-    dx, dy = differences(image)
-    gx, gy = (dx[..., 1:] + dx[..., :-1])[..., 1:-1, :], (dy[..., 1:, :] + dy[..., :-1, :])[..., 1:-1]
-    pixels = image[0].numel()  # sums over them, since the mean of no differences, in one row or column, is NaN
-    visible = magnitude(gx, gy).sum(dim=(1, 2, 3)) / pixels
-    return [dx, dy], torch.where(visible > 0, visible, 1), pixels
+def differences(image: Tensor) -> list[Tensor]:
+    """i_p - i_q over all pairs of neighbours, along x and along y."""
+    return [image[..., :, 1:] - image[..., :, :-1], image[..., 1:, :] - image[..., :-1, :]]
 
 
 def smoothness(image: Tensor) -> Tensor:
-    """The sum of Eq. 9's smoothness term over 4-neighbours, Σ |i_p - i_q|, as a share of Σ‖∇i‖: (A, 1, H, W) to (A,).
+    """The smoothness term of Eq. 9, Σ |i_p - i_q|, divided by Σ‖∇i‖: images (A, 1, H, W) to (A,).
 
-    The mask [-1, 0, 1] of ∇ skips the pixel in the middle, so the descriptor fixes Σ‖∇i‖ and leaves patterns of period
-    two open; this ratio is smallest where neighbours change monotonically, and grows with each such pattern.
+    The mask [-1, 0, 1] of ∇ skips the pixel in the middle, so the descriptor fixes Σ‖∇i‖ but leaves patterns of period
+    two open.  This ratio is smallest where neighbours change monotonically, and grows with each such pattern.
     """
-    differences, scale, pixels = _rounded(image)
+    neighbours, scale, pixels = _differences_and_scale(image)
     rounding = (ROUNDING * scale).square().reshape(-1, 1, 1, 1)
-    terms = [(d.square() + rounding).sqrt().sum(dim=(1, 2, 3)) for d in differences]
+    terms = [(d.square() + rounding).sqrt().sum(dim=(1, 2, 3)) for d in neighbours]
     return (terms[0] + terms[1]) / (pixels * scale)
+
+
+def _differences_and_scale(image: Tensor) -> tuple[list[Tensor], Tensor, int]:
+    """Differences along x and y, Σ‖∇i‖ per pixel (A,), 1 if that is 0, and the number of pixels."""
+    dx, dy = differences(image)
+    gx, gy = (dx[..., 1:] + dx[..., :-1])[..., 1:-1, :], (dy[..., 1:, :] + dy[..., :-1, :])[..., 1:-1]
+    pixels = image[0].numel()  # divides a sum: a mean over no differences, in one row or column, would be NaN
+    visible = magnitude(gx, gy).sum(dim=(1, 2, 3)) / pixels
+    return [dx, dy], torch.where(visible > 0, visible, 1), pixels
 
 
 class _Smoothness(torch.autograd.Function):
@@ -82,7 +80,7 @@ class Prior(ABC):
     """A weighted sum of squares over an image.
 
     Attributes:
-        weight: what the sum is multiplied with, on the scale of ‖φ(Î) - φ(I)‖² / ‖φ(I)‖² and gray values in 0…1.
+        weight: factor of the sum, on the scale of ‖φ(Î) - φ(I)‖² / ‖φ(I)‖² and gray values in 0…1.
     """
 
     weight: float
@@ -104,33 +102,24 @@ class Prior(ABC):
         return self.weight * self.terms(image).square().sum(1)
 
     def of(self, index: Tensor | slice) -> Prior:
-        """The prior of the images ``index`` of a batch: for most kinds, the same for all."""
+        """The prior of the images ``index`` of a batch; most priors are the same for all images."""
         return self
-
-
-def _power(difference: Tensor, squared: Tensor, exponent: float) -> Tensor:
-    """Terms whose squares sum to |d|^exponent, from d or one component of it and from |d|²; rounded off at 0."""
-    return difference if exponent == 2 else difference * (squared + EPSILON**2).pow((exponent - 2) / 4)
-
-
-def _at_least_one(name: str, exponent: float) -> None:
-    if not 1 <= exponent < float("inf"):
-        raise ValueError(f"{name} must be a finite number of at least 1, got {exponent}")
 
 
 @dataclass(frozen=True)
 class RelativeSmoothness(Prior):
-    """:func:`smoothness`, the default prior: it sees neither brightness nor contrast, which HOG leaves open.
+    """:func:`smoothness`, the default prior: it ignores brightness and contrast, which HOG leaves open.
 
-    Called with images on a CPU it is differentiable once, in reverse mode; its residuals are as often as any other's.
+    Called with images on a CPU it is differentiable once, in reverse mode; its residuals are differentiable in any mode
+    and order.
     """
 
     def terms(self, image: Tensor) -> Tensor:
         # √(d² + ε²) = (√(d² + ε²) - ε) + ε with ε a fixed share of the scale.  The bracket is the square of
-        # d / √(√(d² + ε²) + ε), whose slope at d = 0 tells Gauss-Newton of the parabola there; the rest is constant.
-        differences, scale, pixels = _rounded(image)
+        # d / √(√(d² + ε²) + ε), whose slope at d = 0 gives Gauss-Newton the curvature there; the rest is constant.
+        neighbours, scale, pixels = _differences_and_scale(image)
         rounding = ROUNDING * scale.unsqueeze(1)
-        d = torch.cat([d.flatten(1) for d in differences], dim=1)
+        d = torch.cat([d.flatten(1) for d in neighbours], dim=1)
         bent = d / ((d.square() + rounding.square()).sqrt() + rounding).sqrt() / (pixels * scale.unsqueeze(1)).sqrt()
         constant = (ROUNDING * d.shape[1] / pixels) ** 0.5
         return torch.cat([bent, torch.full_like(bent[:, :1], constant)], dim=1)
@@ -143,38 +132,10 @@ class RelativeSmoothness(Prior):
 
 
 @dataclass(frozen=True)
-class Smoothness(Prior):
-    """Σ |i_p - i_q| over neighbours, as printed in Eq. 9 (weight: ξ), or Σ (i_p - i_q)².
-
-    It grows with the contrast: where the descriptor leaves that open, an image of less contrast is always preferred.
-
-    Attributes:
-        form: ``"absolute"`` or ``"squared"``.
-        neighbours: 4, or 8 with the diagonals, which count as much.
-    """
-
-    form: Form = "absolute"
-    neighbours: Neighbours = 4
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name, got, allowed in (
-            ("form", self.form, get_args(Form)),
-            ("neighbours", self.neighbours, get_args(Neighbours)),
-        ):
-            if got not in allowed:
-                raise ValueError(f"{name} must be {' or '.join(map(repr, allowed))}, got {got!r}")
-
-    def terms(self, image: Tensor) -> Tensor:
-        exponent = 1 if self.form == "absolute" else 2
-        return torch.cat(
-            [_power(d, d.square(), exponent).flatten(1) for d in differences(image, self.neighbours)], dim=1
-        )
-
-
-@dataclass(frozen=True)
 class TotalVariation(Prior):
     """Σ (dx² + dy²)^(β/2) of Mahendran & Vedaldi (CVPR 2015), dx and dy to the next pixel, 0 at the far edge.
+
+    A power |d|^β is computed as d²·(d² + ε²)^((β-2)/2), a parabola with finite derivatives below ε = 0.001.
 
     Attributes:
         beta: β, at least 1; 2 in their inversions of HOG, 1 is total variation.
@@ -184,35 +145,14 @@ class TotalVariation(Prior):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _at_least_one("beta", self.beta)
+        if not 1 <= self.beta < float("inf"):
+            raise ValueError(f"beta must be a finite number of at least 1, got {self.beta}")
 
     def terms(self, image: Tensor) -> Tensor:
         dx = torch.diff(image, dim=-1, append=image[..., -1:])
         dy = torch.diff(image, dim=-2, append=image[..., -1:, :])
-        squared = dx.square() + dy.square()
-        return torch.cat([_power(d, squared, self.beta).flatten(1) for d in (dx, dy)], dim=1)
-
-
-@dataclass(frozen=True)
-class Norm(Prior):
-    """Σ |i - mean of i|^α, which keeps gray values in a range (Mahendran & Vedaldi, CVPR 2015).
-
-    Centred, since HOG does not see the brightness; theirs subtract a fixed mean first.
-
-    Attributes:
-        alpha: α, at least 1; 6 in their experiments.
-    """
-
-    alpha: float = 6.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _at_least_one("alpha", self.alpha)
-
-    def terms(self, image: Tensor) -> Tensor:
-        pixels = image.flatten(1)
-        centred = pixels - pixels.mean(dim=1, keepdim=True)
-        return _power(centred, centred.square(), self.alpha)
+        power = 1 if self.beta == 2 else (dx.square() + dy.square() + EPSILON**2).pow((self.beta - 2) / 4)
+        return torch.cat([(d * power).flatten(1) for d in (dx, dy)], dim=1)
 
 
 @dataclass(frozen=True)
@@ -222,3 +162,40 @@ class Range(Prior):
     def terms(self, image: Tensor) -> Tensor:
         pixels = image.flatten(1)
         return ((pixels - 0.5).abs() - 0.5).clamp(min=0) / math.sqrt(pixels.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
+class CoarserDescriptor(Prior):
+    """‖φ(Î') - φ(I')‖² / ‖φ(I')‖², where I' is I at a coarser scale: each pixel is the mean of those it covers.
+
+    0 where I' has no texture, so that φ(I') = 0.
+
+    Attributes:
+        descriptor: (B, rows, cols, channels), φ(I').
+        spec: its dialect, as :func:`.histograms.searchable` gives it.  Where the unknown is the root of an image, roots
+            are averaged instead of gray values, an approximation.
+        factor: pixels covered by a pixel of I', along each axis.
+    """
+
+    descriptor: Tensor
+    spec: HOGSpec
+    factor: int
+
+    def terms(self, image: Tensor) -> Tensor:
+        cells = histograms(avg_pool2d(image, self.factor), self.spec)
+        difference = normalize_reference(cells, self.spec) - self.descriptor.permute(0, 3, 1, 2)
+        return difference.flatten(1) * self._scale().sqrt().unsqueeze(1)
+
+    def __call__(self, image: Tensor) -> Tensor:
+        to_cells, normalize = steps(image.device, self.spec)
+        cells = to_cells(avg_pool2d(image, self.factor), self.spec)
+        difference = normalize(cells, self.spec) - self.descriptor.permute(0, 3, 1, 2)
+        return self.weight * difference.square().sum(dim=(1, 2, 3)) * self._scale()
+
+    def of(self, index: Tensor | slice) -> CoarserDescriptor:
+        return replace(self, descriptor=self.descriptor[index])
+
+    def _scale(self) -> Tensor:
+        """1 / ‖φ(I')‖² (B,), 0 where that is 0."""
+        size = self.descriptor.square().sum(dim=(1, 2, 3))
+        return torch.where(size > 0, 1 / torch.where(size > 0, size, 1), 0)

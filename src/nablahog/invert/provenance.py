@@ -1,4 +1,4 @@
-"""The photographs that a model was learned from."""
+"""The photographs that a model was trained on."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class NetworkLearning(Learning):
     Attributes:
         epochs: passes over the photographs.
         losses: the mean loss of each epoch.
-        start: SHA-256 of the weights that it went on from, hexadecimal; empty if these were random.
+        start: SHA-256 of the initial weights, hexadecimal; empty if these were random.
         precision: of its convolutions and matrix products.
     """
 

@@ -1,31 +1,49 @@
-"""Section 3.1 as published: from noise to the minimum of Eq. 9 over gray values, by Powell's dogleg."""
+"""Section 3.1 as published: from noise to the minimum of Eq. 9 over gray values, by Powell's dogleg.
+
+The Jacobian of HOG is that of the normaliser (Eq. 7), on a few cells, times that of the histograms (Eq. 1-6), in which
+a pixel votes into its neighbouring cells only.  A product with it is a pass through each.  The equations of a
+Gauss-Newton step couple all pixels, through ξ²L, where L is the discrete Laplacian of the smoothness: conjugate
+gradients alone would take thousands of products.  The cosine basis diagonalises L, so it is the preconditioner.
+"""
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import TypeAlias
 
 import torch
 from torch import Tensor
 
+from ..hog.engines import histograms_jvp, steps
 from ..hog.spec import HOGSpec
-from ..optimize import Accepted, History, StopReason, dogleg
+from ..hog.steps import normalize_reference
+from ..optimize import History, StopReason, dogleg
 from ..runtime.memory import memory_for
+from .cosine import from_cosines, to_cosines
 from .histograms import searchable
-from .iterate import Iterate, Watch
-from .method import AsPublished
-from .published_objective import PublishedObjective
-from .reconstruction import Reconstruction, as_returned, relative_distance
+from .options import AsPublished
+from .priors import differences
+from .reconstruction import Iterate, Reconstruction, Watch, as_returned, relative_distance, share_of
 from .start import noise
 
-Progress: TypeAlias = Callable[[int, int], None]
-
-TRIALS = 50  # evaluations of an iteration beside the products of its step: far more than it takes
+SMOOTHNESS, NOISE = 100.0, 1e-4  # ξ, and the standard deviation of the start, where the descriptor leaves the contrast
+# open: with so little noise the smoothness of the start weighs as much as its distance
+OF_FIXED_CONTRAST = 0.3, 1e-2  # the same where the descriptor fixes it
+CG_TOLERANCE, CG_ITERATIONS = 1e-4, 200  # of a Gauss-Newton step: residual relative to the right side, and the most
+TRIALS = 50  # evaluations of an iteration beside the products of its step: far more than needed
 AT_ONCE = 2**20  # pixels of the images that are searched together on a CPU
 NUMBERS = 128  # that a search holds for each pixel: vectors, images of them, and the graph; an estimate
-SHARE = 0.5  # of a GPU's free memory that searches may take
+SHARE = 0.5  # of a GPU's free memory for searches
+DIAGONAL = 1e-5  # of the mean diagonal of JᵀJ, which stands for HOG in the preconditioner
+
+
+def smoothness_for(options: AsPublished, spec: HOGSpec) -> float:
+    """ξ, or its default for descriptors of ``spec``."""
+    if options.smoothness is not None:
+        return options.smoothness
+    return OF_FIXED_CONTRAST[0] if spec.normalizer.fixes_contrast else SMOOTHNESS
 
 
 def reconstruct_as_published(
@@ -36,7 +54,7 @@ def reconstruct_as_published(
     *,
     seed: int = 0,
     start: Tensor | None = None,
-    progress: Progress | None = None,
+    progress: Callable[[int, int], None] | None = None,
     watch: Watch | None = None,
 ) -> Reconstruction:
     """Images whose HOG is the given descriptor, by the paper's search.
@@ -47,8 +65,8 @@ def reconstruct_as_published(
         size: (height, width) of the images.
         options: of the search.
         seed: of the noise, the same for every image.
-        start: (B, 1, H, W) in 0…1, images to begin with; by default noise.  A descriptor that leaves the contrast open
-            makes it that of the noise: against a strong contrast the smoothness would count for more.
+        start: (B, 1, H, W) in 0…1, initial images; by default noise.  Where the descriptor leaves the contrast open,
+            they get the contrast of the noise: against a strong contrast the smoothness would count for more.
         progress: called with the iterations done and the most there can be.
         watch: called after each iteration.
 
@@ -56,20 +74,25 @@ def reconstruct_as_published(
         ValueError: as :func:`.histograms.searchable`.
     """
     began = time.perf_counter()
-    options = options.for_spec(spec)
-    assert options.noise is not None
     batch, height, width = len(descriptor), *size
-    grain = noise(descriptor, height, width, 1, seed, options.noise)[0]
+    spread = OF_FIXED_CONTRAST[1] if spec.normalizer.fixes_contrast else NOISE
+    grain = noise(descriptor, height, width, 1, seed, spread)[0]
     first = grain.expand(batch, -1, -1, -1) if start is None else _centred(start, grain, spec)
     pixel = NUMBERS * descriptor.element_size()
     at_once = max(1, memory_for(descriptor.device, AT_ONCE * pixel, SHARE) // (pixel * height * width))
     parts = [slice(begin, begin + at_once) for begin in range(0, batch, at_once)]
-    searches = [_Search(descriptor[part], searchable(spec), size, options, watch, part) for part in parts]
+    searches = [
+        _Search(descriptor[part], searchable(spec), size, smoothness_for(options, spec), options, watch, part)
+        for part in parts
+    ]
     for number, (part, search) in enumerate(zip(parts, searches, strict=True)):
-        search.run(first[part], _share(progress, number, len(parts)))
+        search.run(first[part], share_of(progress, number, len(parts)))
     length = max(int(search.evaluations.max()) for search in searches)
     image = as_returned(torch.cat([search.image for search in searches]), spec)
-    iterates = [search.iterates.flatten(0, 1) for search in searches if search.iterates is not None]
+    iterates = None
+    if options.keep_iterates:
+        kept = torch.cat([search.iterates.flatten(0, 1) for search in searches])
+        iterates = as_returned(kept, spec).reshape(batch, -1, 1, height, width).transpose(0, 1)
     return Reconstruction(
         image,
         relative_distance(image, descriptor, spec),
@@ -77,9 +100,7 @@ def reconstruct_as_published(
         torch.cat([search.history.filled(length) for search in searches], dim=1),
         torch.cat([search.evaluations for search in searches]),
         time.perf_counter() - began,
-        as_returned(torch.cat(iterates), spec).reshape(batch, -1, 1, height, width).transpose(0, 1)
-        if iterates
-        else None,
+        iterates,
     )
 
 
@@ -95,21 +116,16 @@ def _centred(start: Tensor, grain: Tensor, spec: HOGSpec) -> Tensor:
     return torch.where((start == start[..., :1, :1]).flatten(1).all(dim=1).reshape(-1, 1, 1, 1), grain, centred)
 
 
-def _share(progress: Progress | None, number: int, count: int) -> Progress | None:
-    """``progress`` for one of ``count`` parts."""
-    return None if progress is None else lambda done, most: progress(number * most + done, count * most)
-
-
 class _Search:
-    """The minimisations of a batch, one for each ξ.
+    """The minimisation of a part of a batch.
 
     Attributes:
-        image: (B, 1, H, W), those found so far.  Gray values are around 0: a small contrast would be rounded at 0.5.
+        image: (B, 1, H, W), the current ones.  Gray values are around 0: a small contrast would be rounded at 0.5.
         iterates: (B, iterations + 1, 1, H, W), the images after each iteration, from the start on, if they are kept; a
             search that has ended repeats its last.
         evaluations: (B,) int64, spent so far.
         history: of distances.
-        stop_reason: why each image's last minimisation ended.
+        stop_reason: why each image's minimisation ended.
     """
 
     def __init__(
@@ -117,70 +133,168 @@ class _Search:
         descriptor: Tensor,
         spec: HOGSpec,
         size: tuple[int, int],
+        smoothness: float,
         options: AsPublished,
         watch: Watch | None,
         part: slice,
     ) -> None:
-        self.descriptor, self.spec, self.size, self.options = descriptor, spec, size, options
-        self.watch, self.part = watch, part
+        self.objective = PublishedObjective(descriptor, spec, size, smoothness)
+        self.options, self.watch, self.part = options, watch, part
         self.evaluations = torch.zeros(len(descriptor), dtype=torch.long, device=descriptor.device)
         self.history = History(len(descriptor))
         self.stop_reason: list[StopReason] = []
-        self.iterates: Tensor | None = None
-        self._before = self.evaluations  # spent on the ξ before
 
-    def run(self, start: Tensor, progress: Progress | None) -> None:
+    def run(self, start: Tensor, progress: Callable[[int, int], None] | None) -> None:
         """From images (B, 1, H, W) around 0 on."""
         options, self.image = self.options, start
-        most = options.iterations * len(options.course)
         if options.keep_iterates:
-            self.iterates = start.unsqueeze(1).repeat(1, most + 1, 1, 1, 1)
-        for stage, smoothness in enumerate(options.course):
-            self._before = self.evaluations
-            objective = PublishedObjective(
-                self.descriptor, self.spec, self.size, smoothness, options.norms, options.neighbours
-            )
-            self._minimise(objective, partial(self._accepted, objective, stage * options.iterations, most, progress))
-
-    def _minimise(self, objective: PublishedObjective, accepted: Accepted) -> None:
-        options = self.options
-        all_iterations = options.iterations * (options.cg_iterations + TRIALS)
-        share = all_iterations if options.max_evaluations is None else options.max_evaluations // len(options.course)
+            self.iterates = start.unsqueeze(1).repeat(1, options.iterations + 1, 1, 1, 1)
+        most = options.max_evaluations
         minimum = dogleg(
-            objective,
-            self.image.flatten(1),
-            max_evaluations=max(1, share),
+            self.objective,
+            start.flatten(1),
+            max_evaluations=options.iterations * (CG_ITERATIONS + TRIALS) if most is None else most,
             max_iterations=options.iterations,
-            cg_iterations=options.cg_iterations,
-            cg_tolerance=options.cg_tolerance,
-            watch=partial(self._watch, objective),
-            accepted=accepted,
+            cg_iterations=CG_ITERATIONS,
+            cg_tolerance=CG_TOLERANCE,
+            watch=self._evaluated,
+            accepted=partial(self._accepted, progress),
         )
-        self.image = objective.images(minimum.x)
+        self.image = self.objective.images(minimum.x)
         self.stop_reason = minimum.stop_reason
 
-    def _watch(self, objective: PublishedObjective, index: Tensor, evaluations: Tensor) -> None:
-        spent = self._before[index] + evaluations
-        self.evaluations = self.evaluations.index_copy(0, index, spent)
-        self.history.add(spent, index, objective.distance[index])
+    def _evaluated(self, index: Tensor, evaluations: Tensor) -> None:
+        self.evaluations = self.evaluations.index_copy(0, index, evaluations)
+        self.history.add(evaluations, index, self.objective.distance[index])
 
     def _accepted(
-        self,
-        objective: PublishedObjective,
-        before: int,
-        most: int,
-        progress: Progress | None,
-        index: Tensor,
-        iterations: Tensor,
-        points: Tensor,
+        self, progress: Callable[[int, int], None] | None, index: Tensor, iterations: Tensor, points: Tensor
     ) -> None:
-        """Keeps the points (A, H·W) of the problems ``index`` after so many iterations, and ``before`` of other ξ."""
-        if self.iterates is not None:
-            later = torch.arange(most + 1, device=index.device) >= before + iterations.unsqueeze(1)  # (A, most + 1)
-            images = points.reshape(-1, 1, 1, *self.size)
-            self.iterates[index] = torch.where(later[..., None, None, None], images, self.iterates[index])
+        """Keeps and shows the points (A, H·W) of the problems ``index`` after so many iterations."""
+        images, most = self.objective.images(points), self.options.iterations
+        if self.options.keep_iterates:
+            later = torch.arange(most + 1, device=index.device) >= iterations.unsqueeze(1)  # (A, most + 1)
+            kept = torch.where(later[..., None, None, None], images.unsqueeze(1), self.iterates[index])
+            self.iterates[index] = kept
         if progress is not None:
-            progress(before + int(iterations.max()), most)
+            progress(int(iterations.max()), most)
         if self.watch is not None:
-            self.image = self.image.index_copy(0, index, objective.images(points))
-            self.watch(Iterate(self.part, self.evaluations, objective.distance, self.image.unsqueeze(1), self.spec))
+            self.image = self.image.index_copy(0, index, images)
+            distance, spec = self.objective.distance, self.objective.spec
+            self.watch(Iterate(self.part, self.evaluations, distance, self.image.unsqueeze(1), spec))
+
+
+class PublishedObjective:
+    """Eq. 9, squared: ‖φ(I) - φ(Î)‖² + ξ² Σ (i_p - i_q)² over the four neighbours of each pixel.
+
+    HOG ignores the brightness: the unknowns are gray values around 0.  A :class:`~nablahog.optimize.Linearizable`
+    problem.
+
+    Args:
+        descriptor: (B, rows, cols, channels), φ(I).
+        spec: the dialect.
+        size: (height, width) of the images.
+        smoothness: ξ.
+
+    Attributes:
+        distance: (B,), ‖φ(I) - φ(Î)‖ / ‖φ(I)‖, at the points evaluated last.
+    """
+
+    def __init__(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], smoothness: float) -> None:
+        self.spec, self.size, self.smoothness = spec, size, smoothness
+        self.descriptor = descriptor.permute(0, 3, 1, 2)
+        self.length = descriptor.flatten(1).norm(dim=1).clamp(min=torch.finfo(descriptor.dtype).tiny)
+        self.distance = torch.zeros_like(self.length)
+        self.histograms, self.normalize = steps(descriptor.device, spec)
+
+    def images(self, points: Tensor) -> Tensor:
+        """Points (A, H·W) to images (A, 1, H, W)."""
+        return points.reshape(-1, 1, *self.size)
+
+    def of_neighbours(self, images: Tensor) -> Tensor:
+        """ξ (i_p - i_q) over the neighbours of images (A, 1, H, W), each pair once: (A, K)."""
+        return self.smoothness * torch.cat([d.flatten(1) for d in differences(images)], dim=1)
+
+    def __call__(self, points: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
+        with torch.enable_grad():
+            points = points.detach().requires_grad_()
+            images = self.images(points)
+            difference = self.normalize(self.histograms(images, self.spec), self.spec) - self.descriptor[index]
+            value = torch.cat([difference.flatten(1), self.of_neighbours(images)], dim=1).square().sum(1)
+        (gradient,) = torch.autograd.grad(value.sum(), points)
+        self.distance[index] = difference.detach().flatten(1).norm(dim=1) / self.length[index]
+        return value.detach(), gradient
+
+    def residuals(self, points: Tensor, index: Tensor) -> Tensor:
+        """Points (A, H·W) to residuals (A, M) whose squares sum to the values."""
+        images = self.images(points)
+        difference = normalize_reference(self.histograms(images, self.spec), self.spec) - self.descriptor[index]
+        return torch.cat([difference.flatten(1), self.of_neighbours(images)], dim=1)
+
+    def linearize(self, points: Tensor, index: Tensor) -> PublishedJacobian:
+        """J at the points (A, H·W)."""
+        return PublishedJacobian(self, points)
+
+
+class PublishedJacobian:
+    """The Jacobians of :class:`PublishedObjective` at points (A, H·W), the products of those of its steps.
+
+    The jvp of the normaliser is its double vjp, on the cells alone, whose graph is kept.
+
+    Attributes:
+        size: M, the number of residuals.
+    """
+
+    def __init__(self, objective: PublishedObjective, points: Tensor) -> None:
+        self._objective, spec = objective, objective.spec
+        with torch.enable_grad():
+            self._images = objective.images(points.detach()).requires_grad_()
+            self._cells = objective.histograms(self._images, spec)
+            self._leaf = self._cells.detach().requires_grad_()
+            self._descriptor = objective.normalize(self._leaf, spec)
+            described = normalize_reference(self._leaf, spec)
+            self._cotangents = torch.zeros_like(described, requires_grad=True)
+            (self._norm_vjp,) = torch.autograd.grad(described, self._leaf, self._cotangents, create_graph=True)
+            self._of_neighbours = objective.of_neighbours(self._images)
+        self._lengths = [described[0].numel(), self._of_neighbours.shape[1]]
+        self.size = sum(self._lengths)
+        self._spectrum = self._preconditioner()
+
+    @torch.no_grad()
+    def jvp(self, vectors: Tensor) -> Tensor:
+        """J·v: (A, H·W) to (A, M)."""
+        images = self._objective.images(vectors)
+        return torch.cat([self._hog_jvp(images).flatten(1), self._objective.of_neighbours(images)], dim=1)
+
+    @torch.no_grad()
+    def vjp(self, vectors: Tensor) -> Tensor:
+        """Jᵀ·v: (A, M) to (A, H·W)."""
+        of_hog, of_neighbours = torch.split(vectors, self._lengths, dim=1)
+        grad_descriptor = of_hog.reshape(self._descriptor.shape)
+        (grad_cells,) = torch.autograd.grad(self._descriptor, self._leaf, grad_descriptor, retain_graph=True)
+        outputs, grads = (self._cells, self._of_neighbours), (grad_cells, of_neighbours)
+        (grad_images,) = torch.autograd.grad(outputs, self._images, grads, retain_graph=True)
+        return grad_images.flatten(1)
+
+    @torch.no_grad()
+    def precondition(self, vectors: Tensor) -> Tensor:
+        """(ξ²L + d)⁻¹·v, (A, H·W), where d is a share of the mean diagonal of HOG's JᵀJ."""
+        return from_cosines(to_cosines(self._objective.images(vectors)) / self._spectrum).flatten(1)
+
+    def _hog_jvp(self, tangents: Tensor) -> Tensor:
+        """Tangents of images (A, 1, H, W) to those of descriptors (A, channels, rows, cols)."""
+        of_cells = histograms_jvp(self._images, tangents, self._objective.spec)
+        (product,) = torch.autograd.grad(self._norm_vjp, self._cotangents, of_cells, retain_graph=True)
+        return product
+
+    def _preconditioner(self) -> Tensor:
+        """Eigenvalues of ξ²L + d for the cosines of the images, (A, 1, H, W)."""
+        height, width = self._objective.size
+        cos_y, cos_x = (torch.cos(math.pi * torch.arange(n) / n) for n in (height, width))
+        laplacian = ((2 - 2 * cos_y).unsqueeze(1) + (2 - 2 * cos_x)).to(self._images)
+        generator = torch.Generator().manual_seed(0)
+        signs = torch.randint(0, 2, (1, 1, height, width), generator=generator).to(self._images) * 2 - 1
+        # Hutchinson's estimate of the trace: ‖J s‖² for random signs s, one sample
+        trace = self._hog_jvp(signs.expand_as(self._images).contiguous()).flatten(1).square().sum(1)
+        diagonal = (DIAGONAL * trace / (height * width)).clamp(min=torch.finfo(trace.dtype).tiny)
+        return self._objective.smoothness**2 * laplacian + diagonal.reshape(-1, 1, 1, 1)

@@ -1,4 +1,4 @@
-"""One reconstruction's minimisations, and its account of evaluations and distances over all of them."""
+"""The minimisations of one reconstruction, and their account of evaluations and distances."""
 
 from __future__ import annotations
 
@@ -8,16 +8,15 @@ import torch
 from torch import Tensor
 
 from ..hog.spec import HOGSpec
-from ..optimize import History, StopReason, minimise
+from ..optimize import History, Minimiser, StopReason, minimise
+from .cosine import CosineBasis
 from .flat import FlatRegions
-from .iterate import Iterate, Watch
 from .objective import PreimageObjective
-from .options import Search
-from .parameterize import CosineBasis, Parameterization, Pixels
 from .priors import Prior
+from .reconstruction import Iterate, Watch
 
-CALLS_BETWEEN_REPORTS = 10  # of progress on a GPU, which each waits for it
-EXPONENT = 0.75  # of the cosine basis: 1 converges first in the large, 0.5 in the small
+CALLS_BETWEEN_REPORTS = 10  # of progress on a GPU, which waits for each report
+EXPONENT = 0.75  # of the cosine basis: 1 converges first at large scales, 0.5 at small ones
 
 
 class PreimageSearch:
@@ -28,11 +27,11 @@ class PreimageSearch:
         spec: its dialect.
         size: (height, width) of the images.
         priors: of all of them.
-        options: of these, the minimiser and the basis.
+        minimiser: of the search.
         max_evaluations: of each descriptor, over all its images.
         progress: called with the evaluations done and the most there can be.
         watch: called after each round of evaluations.
-        part: which descriptors of the batch of :func:`.preimage.reconstruct` these are.
+        part: the indices of these descriptors in the batch of :func:`.preimage.reconstruct`.
 
     Attributes:
         evaluations: (B,) int64, spent so far.
@@ -45,7 +44,7 @@ class PreimageSearch:
         spec: HOGSpec,
         size: tuple[int, int],
         priors: Sequence[Prior],
-        options: Search,
+        minimiser: Minimiser,
         max_evaluations: int,
         progress: Callable[[int, int], None] | None = None,
         watch: Watch | None = None,
@@ -53,10 +52,8 @@ class PreimageSearch:
     ) -> None:
         self.descriptor, self.spec, self.size, self.priors = descriptor, spec, size, priors
         self.watch, self.part = watch, part
-        self.unknowns: Parameterization = (
-            CosineBasis(*size, descriptor, EXPONENT) if options.basis == "cosine" else Pixels(*size)
-        )
-        self.minimiser = options.minimiser
+        self.basis = CosineBasis(*size, descriptor, EXPONENT)
+        self.minimiser: Minimiser = minimiser
         self.max_evaluations, self.progress = max_evaluations, progress
         batch = len(descriptor)
         self.evaluations = torch.zeros(batch, dtype=torch.long, device=descriptor.device)
@@ -65,9 +62,9 @@ class PreimageSearch:
         self._reported = self._assigned = self._calls = 0
 
     def left(self) -> int:
-        """Evaluations that no :meth:`match` has been assigned, for each descriptor; at least 1.
+        """Evaluations that no :meth:`match` was assigned, for each descriptor; at least 1.
 
-        What a minimisation leaves over is not passed on, since it differs from image to image of a batch.
+        Unused evaluations of a minimisation are not passed on: they differ from image to image of a batch.
         """
         return max(1, self.max_evaluations - self._assigned)
 
@@ -99,7 +96,7 @@ class PreimageSearch:
             each(self.descriptor),
             None if votes is None else each(votes),
             self.spec,
-            self.unknowns,
+            self.basis,
             FlatRegions(each(self.descriptor), self.spec, *self.size),
             [prior.of(each(torch.arange(batch, device=starts.device))) for prior in self.priors],
             None if expected is None else each(expected),
@@ -109,7 +106,7 @@ class PreimageSearch:
         minimum = minimise(
             self.minimiser,
             objective,
-            self.unknowns.unknowns(starts.flatten(0, 1)),
+            self.basis.unknowns(starts.flatten(0, 1)),
             max_evaluations=budget,
             progress_tolerance=1e-3,
             watch=self._account(objective, count),
@@ -120,7 +117,7 @@ class PreimageSearch:
         return objective.image(minimum.x, index).view(starts.shape)
 
     def _report(self) -> None:
-        """Progress, if there is any; on a GPU now and then."""
+        """Reports progress; on a GPU only after every tenth call."""
         if self.progress is None:
             return
         self._calls += 1
@@ -132,7 +129,7 @@ class PreimageSearch:
             self.progress(done, self.max_evaluations)
 
     def _account(self, objective: PreimageObjective, count: int) -> Callable[[Tensor, Tensor], None]:
-        """What a minimiser calls after each evaluation: enters evaluations and distances, and reports progress.
+        """The minimiser's callback after each evaluation: records evaluations and distances, and reports progress.
 
         The ``count`` images of one descriptor are evaluated together, but counted one after the other.
         """

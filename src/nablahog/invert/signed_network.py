@@ -1,15 +1,13 @@
-"""The network of a prior for signed descriptors: from the histograms of cells to the image that most likely had them.
+"""The network of a prior for signed descriptors: from the histograms of cells to the most likely image.
 
 Its inputs are the histograms recovered from a descriptor (:mod:`.histograms`), their UoCTTI descriptor, and the image
-that they integrate to (:mod:`.start`); it predicts a correction of that image.  Images are normalised to about unit
-variance.
-
-A cell is :data:`CELL` pixels wide and high in them.  Those of another size are enlarged or shrunk to it: what
-photographs look like hardly depends on their scale.
+that they integrate to (:mod:`.start`).  It predicts a correction of that image.  Images are normalised to about unit
+variance, and enlarged or shrunk to cells of :data:`CELL` pixels: the statistics of photographs hardly depend on scale.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -19,18 +17,17 @@ from torch.nn.functional import interpolate, pad, pixel_shuffle, pixel_unshuffle
 from ..hog import presets
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
-from .cell_votes import SIGNED_BINS, signed_cells
-from .histograms import at_nominal_contrast, recover_histograms, searchable
-from .prior_network import Architecture, Prediction, PriorNetwork, ResidualBlock, set_to_zero
+from .histograms import at_nominal_contrast, cells_in_bins, recover_histograms, searchable
+from .prior_network import HISTOGRAM_EVALUATIONS, Architecture, Prediction, PriorNetwork, ResidualBlock, set_to_zero
 from .start import integrate, mean_gradient
 
-CELL = 8  # pixels of the network's images for a cell, along each axis
-FINER = 2  # of these for one of the network's last resolution
-HISTOGRAM_EVALUATIONS = 60  # of the recovery; enough for a network, the search uses more
-SPEC = presets.uoctti(CELL)  # whose bins and cells it takes
+CELL = 8  # pixels of a cell in the network's images, along each axis
+FINER = 2  # pixels of these for one at the network's last resolution
+BINS = 18  # of 20° each
+SPEC = presets.uoctti(CELL)  # of its inputs
 FLAT = 0.01 * SPEC.value_range  # standard deviation below which an image counts as flat
-_DESCRIPTOR, _VOTES = 5.0, 3.84  # scale entries of the descriptor, and votes of a pixel, to about 1
-_CHANNELS = SIGNED_BINS + SPEC.channels + CELL**2
+_DESCRIPTOR, _VOTES = 5.0, 3.84  # factors of descriptor entries and of votes per pixel, to about 1
+_CHANNELS = BINS + SPEC.channels + CELL**2
 
 
 @dataclass(frozen=True)
@@ -46,9 +43,14 @@ class Inputs:
     integral: Tensor
 
 
+def cell_votes(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
+    """Histograms (B, colours · bins, rows, cols) of images (height, width) in 18 bins, centred at 0°, 20°, …"""
+    return cells_in_bins(votes, spec, size, BINS, 0.0, 2 * math.pi)
+
+
 @torch.no_grad()
 def network_inputs(votes: Tensor) -> Inputs:
-    """Inputs for histograms (B, 18, R, C) as of :func:`.cell_votes.signed_cells`, of any scale."""
+    """Inputs for histograms (B, 18, R, C) as of :func:`cell_votes`, of any scale."""
     size = CELL * votes.shape[2], CELL * votes.shape[3]
     votes = at_nominal_contrast(votes, SPEC, size)
     integral = integrate(*mean_gradient(votes, SPEC, *size))
@@ -60,20 +62,23 @@ def network_inputs(votes: Tensor) -> Inputs:
 
 
 def mirrored_votes(votes: Tensor) -> Tensor:
-    """Those (B, 18, R, C) of the images flipped from left to right: θ becomes π - θ."""
-    order = [(SIGNED_BINS // 2 - k) % SIGNED_BINS for k in range(SIGNED_BINS)]
+    """The histograms (B, 18, R, C) of the images flipped from left to right: θ becomes π - θ."""
+    order = [(BINS // 2 - k) % BINS for k in range(BINS)]
     return votes[:, order].flip(3)
 
 
 class SignedNetwork(PriorNetwork):
     """From :class:`Inputs` to images (B, 1, 8R, 8C); before training, the integrals.
 
-    Residual blocks at the resolution of cells, and after each of two doublings (a 1x1 convolution to four pixels of
-    each); the last doubling is to pixels.
+    Residual blocks at the resolution of cells, and after each of two doublings, 1x1 convolutions from one pixel to
+    four; a last doubling gives pixels.  2.2 million weights by default.
     """
 
-    def __init__(self, spec: HOGSpec, architecture: Architecture) -> None:
-        super().__init__()
+    KIND = "signed"
+    DEFAULT = Architecture((128, 64, 32), (5, 6, 3))
+
+    def __init__(self, architecture: Architecture) -> None:
+        super().__init__(architecture)
         widths = architecture.widths
         self.gain = nn.Parameter(torch.ones(1))
         self.inp = nn.Conv2d(_CHANNELS, widths[0], 3, padding=1)
@@ -86,22 +91,11 @@ class SignedNetwork(PriorNetwork):
         self.out = nn.Conv2d(widths[-1], FINER**2, 3, padding=1)
         set_to_zero(self.out)
 
-    @classmethod
-    def default_architecture(cls, spec: HOGSpec) -> Architecture:
-        """2.2 million weights."""
-        return Architecture((128, 64, 32), (5, 6, 3))
-
-    @classmethod
-    def check(cls, spec: HOGSpec, architecture: Architecture) -> None:
-        resolutions = (CELL // FINER).bit_length()
-        if len(architecture.widths) != resolutions:
-            raise ValueError(f"a prior for signed descriptors has {resolutions} widths, got {architecture.widths}")
-
     def predict(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Prediction:
-        """The mean of what is predicted for it, and for the mirrored image."""
+        """The mean of the predictions for the image and for its mirror image."""
         spec = searchable(spec)
         votes = recover_histograms(descriptor, spec, size, max_evaluations=HISTOGRAM_EVALUATIONS)
-        cells = signed_cells(votes, spec, size)
+        cells = cell_votes(votes, spec, size)
         images = (self._image(cells) + self._image(mirrored_votes(cells)).flip(3)) / 2
         return Prediction(_resized(images, spec.cell_size, size), votes)
 
@@ -117,9 +111,9 @@ class SignedNetwork(PriorNetwork):
 
 
 def _resized(images: Tensor, cell_size: tuple[int, int], size: tuple[int, int]) -> Tensor:
-    """Images of whole cells of :data:`CELL` pixels to those (height, width) of cells of ``cell_size``.
+    """Images of cells of :data:`CELL` pixels to images (height, width) of cells of ``cell_size``.
 
-    What of them no cell covers repeats the last row or column.
+    Pixels beyond the last cell repeat the last row or column.
     """
     whole = [n // CELL * side for n, side in zip(images.shape[2:], cell_size, strict=True)]
     if list(images.shape[2:]) != whole:

@@ -1,4 +1,4 @@
-"""What a network for signed descriptors is trained with: windows of photographs with their histograms, and the loss."""
+"""Training of a network for signed descriptors: windows of photographs with their histograms, and the loss."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from torch.nn.functional import avg_pool2d, mse_loss
 from ..hog import presets
 from ..hog.descriptor import hog
 from ..hog.spec import HOGSpec
-from .cell_votes import signed_cells
 from .histograms import recover_histograms, searchable
-from .signed_network import HISTOGRAM_EVALUATIONS, network_inputs
+from .prior_network import HISTOGRAM_EVALUATIONS
+from .signed_network import cell_votes, network_inputs
 from .training_windows import CELL, WindowTraining
 
 CROPS = 90_000  # of a training by default
@@ -26,10 +26,10 @@ DIALECTS = [[UOCTTI, VLFEAT]] * 3 + [
     [UOCTTI, DPM],
     [UOCTTI, PIOTR],
     [DPM, CNN_HOG],
-]  # of a batch, for equal parts of it
+]  # of equal parts of a batch
 GRIDS = [(15, 15)] * 4 + [(16, 16)] * 2 + [(12, 16), (16, 12), (12, 12), (10, 14)]  # of 128x128: cells begin anywhere
-GAMMA, SHRUNK = 0.2, 0.5  # the latter is the share of windows that are shrunk where photographs are large enough
-LEAST_CONTRAST = 0.02  # standard deviation of a window, in 0…1, from which on it has its full weight
+GAMMA, SHRUNK = 0.2, 0.5  # the latter is the share of windows that are shrunk, where photographs are large enough
+LEAST_CONTRAST = 0.02  # standard deviation in 0…1; windows below it have less weight
 STRUCTURE = 0.5  # weight of 1 - SSIM beside the mean square error
 
 
@@ -45,7 +45,7 @@ class SignedTraining(WindowTraining):
     """The batches of each epoch, and the loss.
 
     The loss is the mean square error at unit contrast, whose minimum is the mean of all photographs with the
-    histograms, plus half of 1 - SSIM, which makes that less blurred.  The histograms are what is recovered from
+    histograms, plus half of 1 - SSIM, which makes the image less blurred.  The histograms are recovered from the
     descriptors of several dialects.
     """
 
@@ -60,7 +60,7 @@ class SignedTraining(WindowTraining):
         return _Batch(inputs.cells, inputs.integral, windows)
 
     def _scale(self, largest: float, rng: random.Random) -> float:
-        """Windows are enlarged only if the photograph is smaller: enlarged ones have no details."""
+        """Windows are enlarged only if the photograph is smaller: enlarged windows have no details."""
         return min(largest, rng.uniform(1, max(1, largest)) if rng.random() < SHRUNK else 1.0)
 
     def loss(self, network: nn.Module, batch: _Batch) -> Tensor:
@@ -71,15 +71,12 @@ class SignedTraining(WindowTraining):
         similarity = _ssim(image * contrast + mean, windows)
         return mse_loss(image, (windows - mean) / contrast) + STRUCTURE * (1 - similarity)
 
-    def calibrate(self, network: nn.Module) -> None:
-        """Nothing: the network says nothing of its confidence."""
-
 
 def _cells(windows: Tensor, spec: HOGSpec) -> Tensor:
     """The network's histograms (B, 18, R, C) of windows (B, 1, 8R, 8C), as recovered from their descriptors."""
     size, searched = (windows.shape[2], windows.shape[3]), searchable(spec)
     votes = recover_histograms(hog(windows, spec), searched, size, max_evaluations=HISTOGRAM_EVALUATIONS)
-    return signed_cells(votes, searched, size)
+    return cell_votes(votes, searched, size)
 
 
 def _ssim(a: Tensor, b: Tensor) -> Tensor:

@@ -1,19 +1,26 @@
-"""Region signs: which side of each edge is the brighter one, as far as an unsigned descriptor can tell.
+"""Region signs and polarity: which side of each edge is the brighter one, where the descriptor is unsigned.
 
-An unsigned histogram says how strong a cell's edges are and where they point, but not which of the two ways.  The signs
-are not free, though: they must make a gradient field, one that integrates to an image.  Along a contour they therefore
-agree, and around a closed path they must add up to nothing.  With one sign s per cell this is a quadratic problem,
+An unsigned histogram tells the strength and orientation of a cell's edges, but not the sign of their gradients.  The
+signs must form a gradient field, though, one that integrates to an image: they agree along a contour and sum to zero
+around a closed path.  With one sign s per cell this is a quadratic problem,
 
     min over images u and signs s ∈ {-1, 1}:
         Σ_cells τ (∂u/∂n - s a)² + (∂u/∂t)²   +   μ Σ_neighbours (u_p - u_q)²   +   κ Σ_border w_p (u_p - ū)²,
 
-n the cell's dominant gradient direction, t the direction along its edge, a its votes' resultant.  The last sum is the
-one thing assumed of photographs: what is flat along their border is one background, of one brightness ū.  For given
-signs the best u is linear in s, which leaves sᵀQs: a maximum-cut problem.  It is relaxed to unit vectors instead of
-signs (Goemans & Williamson 1995) of low dimension (Burer & Monteiro 2003), solved by the generalised power method,
-rounded by random hyperplanes, and improved by single flips.
+with n the cell's dominant gradient direction, t the direction along its edge, and a the resultant of its votes.  The
+last sum is the only assumption about photographs: the flat parts of their border are one background, of one brightness
+ū.  For given signs the best u is linear in s, which leaves sᵀQs: a maximum-cut problem.  It is relaxed to unit vectors
+instead of signs (Goemans & Williamson 1995) of low dimension (Burer & Monteiro 2003), solved by the generalised power
+method, rounded by random hyperplanes, and improved by single flips.
 
-What remains unknown is one sign for the whole image (:mod:`.polarity`), and every region's that no edge ties to others.
+One sign remains unknown for the whole image, its polarity, and one for every region that no edge connects to others.
+An unsigned descriptor is the same for an image and its negative, but light is not symmetric:
+
+* a sensor saturates in bright areas: what is exactly flat is usually white, be it sky or paper;
+* shading multiplies reflectance: contrasts are stronger in bright areas;
+* small highlights stand out more than small shadows.
+
+None is certain.  Each cue is a number that changes its sign with the image; their weighted sum decides.
 """
 
 from __future__ import annotations
@@ -24,17 +31,24 @@ import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, interpolate, normalize, pad
 
-from ..hog.orientation import bin_angles
+from ..hog.orientation import bin_angles, magnitude
 from ..hog.spec import HOGSpec
 
-SMOOTHING = 0.1  # μ: the mask [-1, 0, 1] splits the grid in four; this ties them together again
-TRUST = 0.1  # τ of cells of several pixels, whose votes may cancel: a is then an upper bound only
-BACKGROUND = 0.5  # κ of cells of several pixels; cells of one pixel tell the signs without
-FAINT = 0.3  # of the mean cell's votes: cells of less count as flat
+SMOOTHING = 0.1  # μ: the mask [-1, 0, 1] splits the grid into four; this term couples them
+TRUST = 0.1  # τ of cells of several pixels: their gradients may cancel, so that a is only an upper bound
+BACKGROUND = 0.5  # κ of cells of several pixels; cells of one pixel do not need it
+FAINT = 0.3  # of the mean cell's votes: cells below it count as flat
 DIMENSION = 12  # of the relaxed signs
 ITERATIONS = 300  # of the power method
 ROUNDINGS = 32  # random hyperplanes
 MAX_CELLS = 1024  # Q is dense; a larger grid is solved at half its resolution
+
+PATCH = 8  # pixels; an image smaller than that is one patch
+# mean gradient magnitudes of a patch, images in 0…1: upper limits of flat patches, lower limit of textured ones
+EXACTLY_FLAT, FLAT, TEXTURED = 0.002, 0.006, 0.04
+INVISIBLE = 1e-4  # standard deviation of detail, in 0…1, below which there is none
+LEAST_SHARE = 0.02  # of the patches: with fewer flat ones the cue is 0
+WEIGHTS = (3.0, 2.0, 0.8, 0.5)  # of the cues, chosen on exact photographs
 
 
 @dataclass(frozen=True)
@@ -42,8 +56,8 @@ class SignedCells:
     """Images of one gray value a cell, for :data:`ROUNDINGS` choices K of signs.
 
     Attributes:
-        images: (B, K, rows, cols), in the units of the votes, the choice of least energy first; each of zero mean, and
-            of the sign that agrees best with the first.
+        images: (B, K, rows, cols), in the units of the votes, in order of energy, the least first; each of zero mean,
+            and with the sign that correlates with the first.
         energy: (B, K), sᵀQs.
     """
 
@@ -73,8 +87,8 @@ def signed_cells(votes: Tensor, spec: HOGSpec, seed: int) -> SignedCells:
 def expected_cells(votes: Tensor, spec: HOGSpec, seed: int) -> Tensor:
     """Unsigned histograms (B, bins, rows, cols) to an image of cells (B, rows, cols), in the units of the votes.
 
-    Of cells of one pixel it is the sign pattern of least energy.  Of larger ones the energy is a weak judge, and many
-    patterns have nearly the least: their mean is faint where they disagree.
+    For cells of one pixel it is the sign pattern of least energy.  For larger cells many patterns have nearly the least
+    energy; the result is their mean, which is faint where they disagree.
     """
     images = signed_cells(votes, spec, seed).images
     return images[:, 0] if spec.cell_size == (1, 1) else images.mean(dim=1)
@@ -104,7 +118,7 @@ def _sign_problem(votes: Tensor, spec: HOGSpec, trust: float, background: float)
     rows, cols = votes.shape[2:]
     eye_r, eye_c = (torch.eye(n, dtype=votes.dtype, device=votes.device) for n in (rows, cols))
     (central_y, steps_y), (central_x, steps_x) = _differences(rows, votes), _differences(cols, votes)
-    # cells that are not square: a step along the longer side passes more pixels of the same gradient
+    # in cells that are not square, a step along the longer side spans more pixels of the same gradient
     height, width = spec.cell_size
     across_x, across_y = (height / width) ** 0.5, (width / height) ** 0.5
     dx, dy = across_x * torch.kron(eye_r, central_x), across_y * torch.kron(central_y, eye_c)
@@ -141,7 +155,7 @@ def _relax(energy: Tensor, seed: int) -> Tensor:
     vectors = torch.randn(1, energy.shape[1], DIMENSION, generator=generator, dtype=torch.float64)
     vectors = normalize(vectors.to(energy).expand(len(energy), -1, -1), dim=2)
     free = energy - torch.diag_embed(torch.diagonal(energy, dim1=1, dim2=2))  # s_i² = 1 whatever s
-    shift = torch.linalg.matrix_norm(free, ord=2).reshape(-1, 1, 1) / 2  # half of what makes each step a sure descent
+    shift = torch.linalg.matrix_norm(free, ord=2).reshape(-1, 1, 1) / 2  # half the shift that guarantees descent
     for _ in range(ITERATIONS):
         vectors = normalize(shift * vectors - free @ vectors, dim=2)
     return vectors
@@ -154,7 +168,7 @@ def _round(energy: Tensor, vectors: Tensor, seed: int) -> tuple[Tensor, Tensor]:
     planes = torch.randn(1, dimension, ROUNDINGS, generator=generator, dtype=torch.float64).to(vectors)
     signs = torch.where((vectors @ planes).mT < 0, -1.0, 1.0).to(energy)
     free = energy - torch.diag_embed(torch.diagonal(energy, dim1=1, dim2=2))
-    for _ in range(n):  # flip, in every rounding, the sign that gains most, while one does
+    for _ in range(n):  # in every rounding, flip the sign that lowers the energy most, as long as one does
         gain, best = (signs * (signs @ free)).max(dim=2, keepdim=True)
         if not (gain > 1e-9).any():
             break
@@ -163,3 +177,72 @@ def _round(energy: Tensor, vectors: Tensor, seed: int) -> tuple[Tensor, Tensor]:
     energies = ((signs @ energy) * signs).sum(dim=2)
     energies, order = energies.sort(dim=1, stable=True)
     return signs.gather(1, order.unsqueeze(2).expand_as(signs)), energies
+
+
+def brightness_cues(image: Tensor) -> Tensor:
+    """Images (B, 1, H, W) in 0…1 to cues (B, 4), positive for a photograph.
+
+    Whether exactly flat patches are bright, whether flat patches are, whether strong texture is, and highlights.
+    """
+    height, width = image.shape[-2:]
+    dx = pad(image[..., :, 2:] - image[..., :, :-2], (1, 1)) if width > 2 else torch.zeros_like(image)
+    dy = pad(image[..., 2:, :] - image[..., :-2, :], (0, 0, 1, 1)) if height > 2 else torch.zeros_like(image)
+    size = min(PATCH, height, width)
+    strength, brightness = avg_pool2d(magnitude(dx, dy), size), avg_pool2d(image, size)
+    textured = (strength > TEXTURED).to(image)
+    cues = (
+        _flat_is_bright(strength < EXACTLY_FLAT, brightness),
+        _flat_is_bright(strength < FLAT, brightness),
+        _correlation(brightness, torch.log(strength + 1e-3), textured),
+        _highlights(image),
+    )
+    return torch.stack(cues, dim=1)
+
+
+def looks_negative(image: Tensor) -> Tensor:
+    """Images (B, 1, H, W) in 0…1 to (B,): whether the negative of each looks more like a photograph."""
+    return brightness_cues(image) @ torch.tensor(WEIGHTS, dtype=image.dtype, device=image.device) < 0
+
+
+def negatives(image: Tensor, confidence: Tensor | None = None) -> tuple[Tensor, Tensor | None]:
+    """Which images (B, 1, H, W) in 0…1 are probably negatives, (B,), and the confidence (B,) after negating these.
+
+    A learned prior's ``confidence`` decides, the probability that an image is no negative; without one, the cues do.
+    """
+    if confidence is None:
+        return looks_negative(image), None
+    return confidence < 0.5, torch.maximum(confidence, 1 - confidence)
+
+
+def negated(image: Tensor, which: Tensor) -> Tensor:
+    """Images (B, 1, H, W) in 0…1, with those in the mask ``which`` (B,) replaced by their negatives."""
+    return torch.where(which.reshape(-1, 1, 1, 1), 1 - image, image)
+
+
+def _flat_is_bright(flat: Tensor, brightness: Tensor) -> Tensor:
+    """Correlation (B,) of being flat with brightness over patches; 0 if hardly any is flat."""
+    mask = flat.to(brightness)
+    correlation = _correlation(brightness, mask, torch.ones_like(mask))
+    return torch.where(mask.mean(dim=(1, 2, 3)) > LEAST_SHARE, correlation, 0)
+
+
+def _highlights(image: Tensor) -> Tensor:
+    """Skewness (B,) of the image minus its mean over 5x5 pixels."""
+    window = min(5, 2 * ((min(image.shape[-2:]) - 1) // 2) + 1)
+    if window == 1:
+        return image.new_zeros(len(image))
+    blurred = avg_pool2d(pad(image, (window // 2,) * 4, mode="reflect"), window, stride=1)
+    detail = image - blurred
+    energy = detail.square().mean(dim=(1, 2, 3))
+    visible = energy > INVISIBLE**2
+    return torch.where(visible, detail.pow(3).mean(dim=(1, 2, 3)) / torch.where(visible, energy, 1).pow(1.5), 0)
+
+
+def _correlation(a: Tensor, b: Tensor, weight: Tensor) -> Tensor:
+    """Weighted Pearson correlation (B,); 0 where it is not defined."""
+    total = weight.sum(dim=(1, 2, 3), keepdim=True)
+    total = torch.where(total > 0, total, 1)
+    a, b = (x - (weight * x).sum(dim=(1, 2, 3), keepdim=True) / total for x in (a, b))
+    product, aa, bb = ((weight * x).sum(dim=(1, 2, 3)) for x in (a * b, a * a, b * b))
+    size = (aa * bb).sqrt()
+    return torch.where(size > 1e-12, product / torch.where(size > 1e-12, size, 1), 0)

@@ -1,6 +1,6 @@
 """Section 3.1, single-scale: the search for pre-images.
 
-descriptor → histograms before Eq. 7 → where to start, and what to expect → Eq. 8-9 → minimiser → image
+descriptor → histograms before Eq. 7 → start and expected image → Eq. 8-9 → minimiser → image
 """
 
 from __future__ import annotations
@@ -15,31 +15,28 @@ from ..hog.descriptor import hog
 from ..hog.presets import uoctti
 from ..hog.spec import HOGSpec
 from ..runtime.memory import memory_for
+from .cosine import low_pass
 from .histograms import recover_histograms, searchable
-from .iterate import Watch
-from .learned import LearnedPrior
-from .options import Objective, Search
-from .parameterize import low_pass
-from .polarity import negated, negatives
-from .prior_choice import Priors
+from .learned import LearnedPrior, Priors
+from .options import Objective, QualityName, Search, quality_of
 from .priors import Prior, Range, RelativeSmoothness
-from .quality import QualityName, quality_of
-from .reconstruction import Reconstruction, relative_distance, to_unit_range
+from .reconstruction import Reconstruction, Watch, relative_distance, share_of, to_unit_range
 from .search import PreimageSearch
+from .signs import negated, negatives
 from .start import NOISE, at_contrast, in_pairs, noise, starting_images
 
-SHARE_OF_SAMPLES = 0.7  # of the evaluations, the rest goes to the descriptor itself
-LEAST_EVALUATIONS = 28  # of a sample: fewer evaluations make fewer samples
+SHARE_OF_SAMPLES = 0.7  # of the evaluations; the rest goes to the descriptor itself
+LEAST_EVALUATIONS = 28  # of a sample: with a smaller budget fewer samples are drawn
 RANGE_WEIGHT = 100.0  # of mean squares of gray values
-SPREAD = 0.3  # standard deviation, in 0…1, of the noise the samples begin with, to differ in all that is left open
-ENOUGH = 90  # evaluations of a sample, to explain so much away: with fewer it begins with less
-SMOOTHING = 0.9  # pixels: what the samples agree on is coarser
-CLOSENESS, UNCERTAIN = 1.0, 0.1  # λ by default; the latter of what is expected of unsigned descriptors, before details
-BY_PRIOR = 3.0  # λ of what a prior expects of signed descriptors, chosen on photographs held out of its training
-BEFORE_DETAILS = 0.3  # of the evaluations of an unsigned descriptor, where details are expected later
-MEMORY = 2**29  # bytes that the searches of a part of a batch take on a CPU, about
-SHARE = 0.4  # of a GPU's free memory, in place of that
-VECTORS = 32  # of unknowns that a search of one image holds at most: measured, memory and images and all copies
+SPREAD = 0.3  # standard deviation of the samples' initial noise, in 0…1, so that they differ in all that is left open
+ENOUGH = 90  # evaluations of a sample that remove so much noise; with fewer it begins with less
+SMOOTHING = 0.9  # pixels: the samples agree on coarser structures only
+CLOSENESS, UNCERTAIN = 1.0, 0.1  # λ by default, and of what is expected for unsigned descriptors, before details
+BY_PRIOR = 3.0  # λ of a learned prior for signed descriptors, chosen on photographs held out of its training
+BEFORE_DETAILS = 0.3  # of the evaluations of an unsigned descriptor, where a second prior adds details
+MEMORY = 2**29  # bytes, about, that a part of a batch takes on a CPU
+SHARE = 0.4  # of a GPU's free memory, instead
+VECTORS = 32  # of unknowns that the search of one image holds at most, all copies included; measured
 GRAPH = 256  # the same for the graph that a dogleg keeps on a GPU, where more is searched at once; an estimate
 
 
@@ -55,13 +52,15 @@ def search_preimages(
     learned: Priors | None = None,
     search: Search,
     objective: Objective,
+    fix_polarity: bool = True,
     progress: Callable[[int, int], None] | None,
     watch: Watch | None = None,
 ) -> Reconstruction:
-    """As :func:`reconstruct`, once all is checked.
+    """The search of :func:`.preimage.reconstruct`, for valid arguments.
 
-    ``start`` and ``expected`` are roots where the dialect describes these; of ``learned`` are taken the details, and
-    the confidence in the polarity.
+    ``start`` and ``expected`` are roots where the dialect describes roots.  ``learned`` gives the details and the
+    confidence in the polarity; its expected image is passed as ``expected``.  With ``fix_polarity``, of the image for
+    an unsigned descriptor and its negative the likelier one is returned.
     """
     spec = searchable(dialect)
     plan = _plan(spec, quality, seed, search, objective, start is not None, expected is not None, learned is not None)
@@ -70,13 +69,13 @@ def search_preimages(
     for part, report in _parts(targets, size, plan, search, progress):
         own = [prior.of(part) for prior in plan.priors]
         searches.append(
-            PreimageSearch(targets[part], spec, size, own, search, plan.max_evaluations, report, watch, part)
+            PreimageSearch(targets[part], spec, size, own, search.minimiser, plan.max_evaluations, report, watch, part)
         )
         own_start, own_expected = (None if batch is None else batch[part] for batch in (start, expected))
         images.append(_preimages(searches[-1], own_start, own_expected, details, plan))
     image = to_unit_range(torch.cat(images), spec)
     confidence = None if learned is None or spec.signed else learned.own.polarity_confidence(image, targets, dialect)
-    if search.polarity and not spec.signed:
+    if fix_polarity and not spec.signed:
         negative, confidence = negatives(image, confidence)
         image = negated(image, negative)
     if dialect.gamma == "sqrt":
@@ -98,7 +97,6 @@ class _Plan:
     """The options of a reconstruction, with all defaults filled in; ``samples`` is 1 where none are drawn."""
 
     seed: int
-    region_signs: bool
     max_evaluations: int
     samples: int
     on_histograms: int
@@ -124,17 +122,14 @@ def _plan(
     max_evaluations = search.max_evaluations
     if max_evaluations is None:
         max_evaluations = effort.evaluations if samples > 1 else effort.without_samples
-    if objective.closeness is not None:
-        closeness = to_details = objective.closeness
-    else:
+    closeness = to_details = objective.closeness
+    if closeness is None or to_details is None:
         of_signed = BY_PRIOR if has_prior else CLOSENESS
         closeness, to_details = of_signed if spec.signed else UNCERTAIN, CLOSENESS
     smoothness = (RelativeSmoothness(objective.smoothness),) if objective.smoothness else ()
     gray_values = (Range(RANGE_WEIGHT),) if spec.normalizer.fixes_contrast else ()
     priors = (*smoothness, *gray_values, *objective.priors)
-    return _Plan(
-        seed, search.region_signs, max_evaluations, samples, effort.on_histograms, closeness, to_details, priors
-    )
+    return _Plan(seed, max_evaluations, samples, effort.on_histograms, closeness, to_details, priors)
 
 
 def _parts(
@@ -150,12 +145,8 @@ def _parts(
     of_one = plan.samples * vectors * height * width * descriptor.element_size()
     at_once = max(1, memory_for(descriptor.device, MEMORY, SHARE) // of_one)
     count = -(-len(descriptor) // at_once)
-
-    def share(number: int) -> Callable[[int, int], None] | None:
-        return None if progress is None else lambda done, most: progress(number * most + done, count * most)
-
     for number in range(count):
-        yield slice(number * at_once, (number + 1) * at_once), share(number)
+        yield slice(number * at_once, (number + 1) * at_once), share_of(progress, number, count)
 
 
 def _preimages(
@@ -165,10 +156,7 @@ def _preimages(
     spec, (height, width) = search.spec, search.size
     votes = recover_histograms(search.descriptor, spec, search.size, max_evaluations=plan.on_histograms)
     if expected is None and start is None and not spec.signed:
-        if plan.region_signs:
-            expected = starting_images(votes, spec, height, width, 1, plan.seed)[:, 0]
-        else:
-            start = 0.5 + noise(votes, height, width, 1, plan.seed)[:, 0].expand(len(votes), -1, -1, -1)
+        expected = starting_images(votes, spec, height, width, 1, plan.seed)[:, 0]
     if expected is None:
         start, expected = _mean_of_samples(search, votes, start, plan)
     else:
@@ -182,7 +170,7 @@ def _preimages(
 
 
 def _detailed(images: Tensor, spec: HOGSpec, details: LearnedPrior) -> Tensor:
-    """What is expected of images (B, 1, H, W) of an unsigned dialect, by their signed descriptors of the same cells."""
+    """The images that ``details`` expects for the signed descriptors of images (B, 1, H, W)."""
     directed = replace(uoctti(spec.cell_size), partial_cells=spec.partial_cells)
     images = to_unit_range(images, directed)
     return details.expected(hog(images, directed), directed, (images.shape[2], images.shape[3]))
@@ -191,7 +179,7 @@ def _detailed(images: Tensor, spec: HOGSpec, details: LearnedPrior) -> Tensor:
 def _mean_of_samples(
     search: PreimageSearch, votes: Tensor, start: Tensor | None, plan: _Plan
 ) -> tuple[Tensor, Tensor | None]:
-    """Where to start, and what to expect: the mean of images with the histograms ``votes``; nothing of a single one."""
+    """Start and expected image: the mean of samples with the histograms ``votes``; a single one is only a start."""
     spec, (height, width) = search.spec, search.size
     evaluations = max(1, min(search.max_evaluations - 1, round(SHARE_OF_SAMPLES * search.max_evaluations)))
     count = max(1, min(plan.samples, evaluations // LEAST_EVALUATIONS))
@@ -211,11 +199,11 @@ def _mean_of_samples(
 def _near_expected(
     votes: Tensor, spec: HOGSpec, start: Tensor | None, expected: Tensor, seed: int
 ) -> tuple[Tensor, Tensor]:
-    """Where to start, and what to expect, at the contrast of the histograms ``votes``."""
+    """Start and expected image at the contrast of the histograms ``votes``."""
     expected = at_contrast(expected, votes, spec)
     start = expected if start is None else at_contrast(start, votes, spec)
     constant = (start == start[..., :1, :1]).flatten(1).all(dim=1)
-    if constant.any():  # there all derivatives vanish, and no search would leave it
+    if constant.any():  # all derivatives vanish there, so no search would leave it
         height, width = start.shape[2:]
         grainy = start + noise(votes, height, width, 1, seed)[:, 0]
         start = torch.where(constant.reshape(-1, 1, 1, 1), grainy, start)

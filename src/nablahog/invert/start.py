@@ -1,10 +1,10 @@
-"""Where the search begins: the smooth image that the votes integrate to, and noise.
+"""Where the search begins: the smooth image that the votes integrate to, plus noise.
 
-The mean gradient of a cell, Σ_b h_b · direction of b, is what a signed histogram keeps of the gradient field at low
-resolution.  Interpolated between cells and integrated (Poisson's equation, solved in the cosine basis), it is already a
-blurred version of the image.  A descent from noise alone would have to build that from the votes of pixels that point
-anywhere, and would carry their randomness along to the end.  An unsigned histogram has no such mean: there the image is
-a guess of which way the cells' gradients point (:mod:`.signs`).
+A signed histogram holds the mean gradient of its cell, Σ_b h_b · direction of b: the gradient field at low resolution.
+Interpolated between cells and integrated (Poisson's equation, solved in the cosine basis), it is already a blurred
+version of the image.  A descent from noise alone would have to build that from randomly oriented pixels, and would keep
+some of their randomness.  An unsigned histogram has no such mean: there the image follows from estimated signs of the
+gradients (:mod:`.signs`).
 """
 
 from __future__ import annotations
@@ -17,14 +17,15 @@ from torch import Tensor
 from torch.nn.functional import interpolate, pad
 
 from ..hog.descriptor import histograms
-from ..hog.entries import CellAlignment, mean_over_colours
+from ..hog.entries import mean_over_colours
 from ..hog.orientation import bin_angles
 from ..hog.pooling import pooling_matrices
 from ..hog.spec import HOGSpec
-from .cosine_transform import from_cosines, to_cosines
+from .cosine import from_cosines, to_cosines
+from .histograms import of_one_colour
 from .signs import expected_cells
 
-NOISE = 0.01  # standard deviation, in 0…1; without any, nothing tells a thin line's two sides apart
+NOISE = 0.01  # standard deviation, in 0…1; without any, the two sides of a thin line would stay equal
 INVISIBLE = 1e-5  # in 0…1, far below a step of 8 bits and above the rounding of an enlargement
 TINY = 1e-30
 
@@ -34,7 +35,7 @@ def starting_images(
 ) -> Tensor:
     """Images (B, count, 1, H, W) around 0.5 from histograms (B, colours · bins, rows, cols).
 
-    With noise of the standard deviation ``spread``, in pairs; the same for every image of the batch.
+    The noise has the standard deviation ``spread``, comes in pairs, and is the same for every image of the batch.
     """
     if spec.signed:
         smooth = integrate(*mean_gradient(mean_over_colours(votes, spec), spec, height, width)).unsqueeze(1)
@@ -46,11 +47,6 @@ def starting_images(
     return 0.5 + smooth / spec.value_range + in_pairs(votes, height, width, count, seed, spread)
 
 
-def of_one_colour(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
-    """Histograms (B, colours · bins, rows, cols) to the mean over colours, of cells side by side."""
-    return CellAlignment(spec, size, votes)(mean_over_colours(votes, spec))
-
-
 def noise(like: Tensor, height: int, width: int, count: int, seed: int, spread: float = NOISE) -> Tensor:
     """(1, count, 1, H, W), of zero mean and the standard deviation ``spread``."""
     generator = torch.Generator().manual_seed(seed)
@@ -59,10 +55,9 @@ def noise(like: Tensor, height: int, width: int, count: int, seed: int, spread: 
 
 
 def in_pairs(like: Tensor, height: int, width: int, count: int, seed: int, spread: float) -> Tensor:
-    """The same, the second half the first with its signs changed.
+    """The same, in pairs of opposite sign.
 
-    What a search ends with depends in part linearly on the noise it began with, and that part cancels in the mean of
-    such a pair.
+    The result of a search depends in part linearly on its initial noise; that part cancels in the mean of a pair.
     """
     half = noise(like, height, width, (count + 1) // 2, seed, spread)
     return torch.cat([half, -half[:, : count // 2]], dim=1)
@@ -71,7 +66,7 @@ def in_pairs(like: Tensor, height: int, width: int, count: int, seed: int, sprea
 def at_contrast(image: Tensor, votes: Tensor, spec: HOGSpec) -> Tensor:
     """Images (B, 1, H, W) at the contrast for which their histograms come closest to ``votes``, around 0.5.
 
-    Histograms are proportional to the contrast, so this is one division.  Images that vary by rounding only become
+    Histograms are proportional to the contrast, so this is one division.  Images that only vary by rounding become
     constant.
     """
     image = image - image.mean(dim=(2, 3), keepdim=True)
@@ -94,7 +89,7 @@ def mean_gradient(votes: Tensor, spec: HOGSpec, height: int, width: int) -> tupl
     """Smooth fields Gx, Gy, each (B, H, W) in units of Eq. 2, from a signed spec's histograms (B, bins, rows, cols)."""
     angles = torch.from_numpy(bin_angles(spec)).to(votes)
     by_row, by_col = pooling_matrices(replace(spec, border="reflect"), height, width, votes)
-    # a cell's votes over its weights' sum are its mean, which the same weights interpolate between the centres
+    # a cell's votes divided by the sum of its weights are its mean; the same weights interpolate between the centres
     mean = votes / (by_row.sum(dim=1, keepdim=True) * by_col.sum(dim=1))
     if not spec.pooling.interpolates:  # whose weights of a pixel sum to 1
         by_row, by_col = (matrix / matrix.sum(dim=0).clamp(min=TINY) for matrix in (by_row, by_col))

@@ -1,12 +1,12 @@
 """The network of a prior for unsigned descriptors: from the histograms of cells to a coarse image.
 
-An unsigned histogram does not tell which side of an edge is the brighter one.  What photographs look like does, by and
-large: backgrounds are even, the sky is bright and above, objects have parts.  So the network takes all of the image
-at once, and answers with a coarse one, two pixels a cell along each axis.  Details are left to the descriptor.
+An unsigned histogram does not tell which side of an edge is the brighter one.  The statistics of photographs often do:
+backgrounds are even, the sky is bright and above, objects have parts.  So the network sees the whole image at once, and
+predicts a coarse one, two pixels a cell along each axis.  The details come from the descriptor.
 
-A second part, the polarity, tells which of an image and its negative is the photograph, and how sure that is.
+A second part, the polarity, predicts the probability that an image is the photograph and not its negative.
 
-Inputs are histograms of any dialect, unsigned, in nine bins, of cells that tile the image: see :func:`cell_votes`.
+Inputs are unsigned histograms of any dialect in nine bins, of cells side by side: see :func:`cell_votes`.
 """
 
 from __future__ import annotations
@@ -22,30 +22,29 @@ from torch.nn.functional import adaptive_avg_pool2d, gelu, interpolate, pixel_sh
 
 from ..hog.spec import HOGSpec
 from ..runtime.seeds import seeded
-from .cell_votes import UNSIGNED_BINS, unsigned_cells
-from .histograms import recover_histograms, searchable
-from .prior_network import Architecture, Prediction, PriorNetwork, ResidualBlock, set_to_zero
+from .histograms import cells_in_bins, recover_histograms, searchable
+from .prior_network import HISTOGRAM_EVALUATIONS, Architecture, Prediction, PriorNetwork, ResidualBlock, set_to_zero
 
-FINER = 2  # pixels of the answer for a cell, along each axis
+BINS = 9  # of 20° each
+FINER = 2  # pixels of the prediction per cell, along each axis
 CONTRAST = 4.0  # of votes, relative to their mean, before the logarithm
-MOST_CELLS = 20  # rows or columns that the network takes: larger grids are shrunk
-COARSEST = 4  # cells of the grid for one of the coarsest resolution, along each axis
+MOST_CELLS = 20  # rows or columns of the input: larger grids are shrunk
+COARSEST = 4  # cells for a pixel at the coarsest resolution, along each axis
 LEAST_CELLS = 2 * COARSEST
-HISTOGRAM_EVALUATIONS = 60  # of the recovery; enough for a network, the search uses more
-WHOLE = 4  # parts along each axis, where the whole image is taken in
+WHOLE = 4  # parts along each axis, for the layers over the whole image
 WHOLE_CHANNELS, WHOLE_UNITS = 64, 256  # channels of each part, and units for all of them
-DROPOUT = 0.1  # share of channels and units left out in training, where the whole image is taken in
-DRAWN = 0.3  # the same share, in draws of what is possible: the best of eight is better than with 0.1, and as with 0.5
+DROPOUT = 0.1  # share of channels and units dropped in training, in the layers over the whole image
+DRAWN = 0.3  # the same share for samples: the best of eight is better than with 0.1, and as good as with 0.5
 POLARITY_WIDTHS = (48, 96, 128)
 FLAT = 1e-6  # standard deviation below which an image of unit contrast counts as flat
 
 
 def cell_votes(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
-    """Histograms (B, colours · bins, rows, cols) of images (height, width) as the network takes them, (B, 9, R, C).
+    """The input (B, 9, R, C) for histograms (B, colours · bins, rows, cols) of images (height, width).
 
-    Bins are centred at 10°, 30°, …, cells are square, and R and C multiples of :data:`COARSEST`, of few cells.
+    Bins are centred at 10°, 30°, …, cells are square, and R and C are multiples of :data:`COARSEST`.
     """
-    tiling = unsigned_cells(votes, spec, size)
+    tiling = cells_in_bins(votes, spec, size, BINS, 0.5, math.pi)
     height, width = (n * side for n, side in zip(tiling.shape[2:], spec.cell_size, strict=True))
     side = max(math.sqrt(spec.cell_size[0] * spec.cell_size[1]), max(height, width) / MOST_CELLS)
     rows, cols = (max(LEAST_CELLS, round(n / side / COARSEST) * COARSEST) for n in (height, width))
@@ -55,12 +54,12 @@ def cell_votes(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
 
 
 def mirrored_votes(votes: Tensor) -> Tensor:
-    """Those (B, 9, R, C) of the images flipped from left to right: 10° becomes 170°."""
+    """The histograms (B, 9, R, C) of the images flipped from left to right: 10° becomes 170°."""
     return votes.flip(1, 3)
 
 
 def compressed(votes: Tensor) -> Tensor:
-    """Votes of any scale as a network takes them: log(1 + 4 · votes / their mean over the image)."""
+    """Votes of any scale, compressed: log(1 + 4 · votes / their mean over the image)."""
     mean = votes.mean(dim=(1, 2, 3), keepdim=True)
     return torch.log1p(CONTRAST * votes / torch.where(mean > 0, mean, 1))
 
@@ -95,7 +94,7 @@ class _WholeImage(nn.Module):
 class _Regions(nn.Module):
     """From votes (B, 9, R, C) to images (B, 1, 2R, 2C) of about zero mean and unit variance.
 
-    Down to a quarter of the grid and up again, with what was there on the way down added on the way up.
+    A U-Net, down to a quarter of the grid and up again.
     """
 
     def __init__(self, architecture: Architecture) -> None:
@@ -106,7 +105,7 @@ class _Regions(nn.Module):
             share = DROPOUT if level == last else 0.0
             return nn.Sequential(*(ResidualBlock(widths[level], share) for _ in range(architecture.blocks[level])))
 
-        self.inp = nn.Conv2d(UNSIGNED_BINS, widths[0], 3, padding=1)
+        self.inp = nn.Conv2d(BINS, widths[0], 3, padding=1)
         self.down, self.up = (nn.ModuleList(blocks(level) for level in range(last + 1)) for _ in range(2))
         steps = list(pairwise(widths))
         self.shrink = nn.ModuleList(nn.Conv2d(fine, coarse, 2, stride=2) for fine, coarse in steps)
@@ -128,14 +127,14 @@ class _Regions(nn.Module):
 class _Polarity(nn.Module):
     """From votes, the regions' images, and images (B, 1, 2R, 2C) to log-odds (B,) that the latter are no negatives.
 
-    A function of an image minus the same of its negative, so that the one's are those of the other, negated.
+    A function of the image minus the same function of its negative, so that negating the image negates the log-odds.
     """
 
     def __init__(self) -> None:
         super().__init__()
         first, second, third = POLARITY_WIDTHS
         self.body = nn.Sequential(
-            nn.Conv2d(UNSIGNED_BINS + 2 * FINER**2, first, 3, padding=1),
+            nn.Conv2d(BINS + 2 * FINER**2, first, 3, padding=1),
             ResidualBlock(first),
             nn.GELU(),
             nn.Conv2d(first, second, 2, stride=2),
@@ -156,14 +155,14 @@ class _Polarity(nn.Module):
         of_images = pixel_unshuffle(images, FINER)
         given = torch.cat([compressed(votes), pixel_unshuffle(regions, FINER)], dim=1)
         both = torch.cat([torch.cat([given, sign * of_images], dim=1) for sign in (1.0, -1.0)])
-        one, negative = self.body(both).chunk(2)  # in one batch, whose statistics thus do not tell one from the other
+        one, negative = self.body(both).chunk(2)  # in one batch, so that both are normalised alike
         odds: Tensor = self.out(one - negative)
         return odds.squeeze(1).float()
 
 
 @contextmanager
-def _left_out(network: nn.Module) -> Iterator[None]:
-    """While it lasts, a share :data:`DRAWN` of what the network leaves out in training is left out."""
+def _dropout(network: nn.Module) -> Iterator[None]:
+    """Dropout as in training, with the share :data:`DRAWN`, as a context."""
     layers = [layer for layer in network.modules() if isinstance(layer, nn.Dropout | nn.Dropout2d)]
     shares = [layer.p for layer in layers]
     for layer in layers:
@@ -178,43 +177,33 @@ def _left_out(network: nn.Module) -> Iterator[None]:
 
 
 class UnsignedNetwork(PriorNetwork):
-    """Its architecture is that of the regions; that of the polarity is fixed."""
+    """Regions, of the given architecture, and polarity, of a fixed one; 5.3 million weights by default."""
 
-    def __init__(self, spec: HOGSpec, architecture: Architecture) -> None:
-        super().__init__()
+    KIND = "unsigned"
+    DEFAULT = Architecture((64, 128, 256), (1, 2, 1))
+
+    def __init__(self, architecture: Architecture) -> None:
+        super().__init__(architecture)
         self.regions, self.polarity = _Regions(architecture), _Polarity()
 
-    @classmethod
-    def default_architecture(cls, spec: HOGSpec) -> Architecture:
-        return Architecture((64, 128, 256), (1, 2, 1))
-
-    @classmethod
-    def check(cls, spec: HOGSpec, architecture: Architecture) -> None:
-        resolutions = COARSEST.bit_length()
-        if len(architecture.widths) != resolutions:
-            raise ValueError(f"a prior for unsigned descriptors has {resolutions} widths, got {architecture.widths}")
-
     def predict(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Prediction:
-        """The mean of what is predicted for it, and for the mirrored image; the likelier of it and its negative."""
-        spec = searchable(spec)
-        votes = recover_histograms(descriptor, spec, size, max_evaluations=HISTOGRAM_EVALUATIONS)
-        inputs = cell_votes(votes, spec, size)
+        """The mean of the predictions for the image and for its mirror image; the likelier of it and its negative."""
+        votes, inputs = _votes_and_inputs(descriptor, spec, size)
         regions = self.regions_of(inputs)
         images = torch.where(self.log_odds(inputs, regions, regions).reshape(-1, 1, 1, 1) < 0, -regions, regions)
         return Prediction(interpolate(images, size=size, mode="bicubic", align_corners=False), votes)
 
     def draws(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], count: int, seed: int) -> Prediction:
-        """Draws of what is possible for descriptors (B, rows, cols, channels), (B · count, 1, H, W)."""
-        spec = searchable(spec)
-        votes = recover_histograms(descriptor, spec, size, max_evaluations=HISTOGRAM_EVALUATIONS)
-        images = [self._drawn(inputs.unsqueeze(0), count, seed) for inputs in cell_votes(votes, spec, size)]
+        """Random possible images for descriptors (B, rows, cols, channels), (B · count, 1, H, W)."""
+        votes, inputs = _votes_and_inputs(descriptor, spec, size)
+        images = [self._drawn(one.unsqueeze(0), count, seed) for one in inputs]
         return Prediction(interpolate(torch.cat(images), size=size, mode="bicubic", align_corners=False), votes)
 
     def _drawn(self, inputs: Tensor, count: int, seed: int) -> Tensor:
-        """Images (count, 1, 2R, 2C) of the votes (1, 9, R, C) of one descriptor, by other channels left out in each."""
+        """Images (count, 1, 2R, 2C) for the votes (1, 9, R, C) of one descriptor, each with other channels dropped."""
         inputs = inputs.expand(count, -1, -1, -1)
         with seeded(seed):
-            with _left_out(self.regions):
+            with _dropout(self.regions):
                 regions = self.regions(inputs)
             likely = torch.sigmoid(self.log_odds(inputs, regions, regions))
             return torch.where(
@@ -223,19 +212,26 @@ class UnsignedNetwork(PriorNetwork):
 
     def polarity_confidence(self, images: Tensor, descriptor: Tensor, spec: HOGSpec) -> Tensor:
         """The probabilities (B,) that images (B, 1, H, W) with the descriptors are no negatives."""
-        spec, size = searchable(spec), (images.shape[2], images.shape[3])
-        votes = recover_histograms(descriptor, spec, size, max_evaluations=HISTOGRAM_EVALUATIONS)
-        inputs = cell_votes(votes, spec, size)
+        _, inputs = _votes_and_inputs(descriptor, spec, (images.shape[2], images.shape[3]))
         coarse = (FINER * inputs.shape[2], FINER * inputs.shape[3])
         small = interpolate(images, size=coarse, mode="bilinear", align_corners=False, antialias=True)
         return torch.sigmoid(self.log_odds(inputs, self.regions_of(inputs), small))
 
     def regions_of(self, inputs: Tensor) -> Tensor:
+        """Coarse images (B, 1, 2R, 2C), the mean over the image and its mirror image."""
         regions: Tensor = self.regions(inputs) + self.regions(mirrored_votes(inputs)).flip(3)
         return regions / 2
 
     def log_odds(self, inputs: Tensor, regions: Tensor, images: Tensor) -> Tensor:
+        """The log-odds (B,) that coarse images are no negatives, the mean over the image and its mirror image."""
         images = normalised(images)
         odds: Tensor = self.polarity(inputs, regions, images)
         mirrored: Tensor = self.polarity(mirrored_votes(inputs), regions.flip(3), images.flip(3))
         return (odds + mirrored) / 2
+
+
+def _votes_and_inputs(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
+    """Histograms recovered from descriptors (B, rows, cols, channels), and the network's inputs for them."""
+    spec = searchable(spec)
+    votes = recover_histograms(descriptor, spec, size, max_evaluations=HISTOGRAM_EVALUATIONS)
+    return votes, cell_votes(votes, spec, size)

@@ -1,4 +1,4 @@
-"""What a network for unsigned descriptors is trained with: windows of photographs with their votes, and the loss."""
+"""Training of a network for unsigned descriptors: windows of photographs with their votes, and the loss."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ from ..hog import presets
 from ..hog.descriptor import histograms, hog
 from ..hog.spec import HOGSpec
 from .histograms import recover_histograms
+from .prior_network import HISTOGRAM_EVALUATIONS
 from .training_windows import CELL, WindowTraining, resized
-from .unsigned_network import FINER, HISTOGRAM_EVALUATIONS, UnsignedNetwork, cell_votes, normalised
+from .unsigned_network import FINER, UnsignedNetwork, cell_votes, normalised
 
 CROPS = 300_000  # of a training by default: about an hour and a half on two cores, by the time of a step
 LEARNING_RATE, WEIGHT_DECAY = 1.2e-3, 0.03
@@ -25,15 +26,15 @@ DIALECTS = [[PAPER, SKIMAGE]] * 3 + [
     [PAPER, OPENCV],
     [SKIMAGE, OPENCV],
     [PAPER, MASKFEAT],
-]  # of a batch, for equal parts
-LOSSY = [OPENCV, MASKFEAT]  # whose descriptors do not determine histograms: values are clipped, cells lose contrast
+]  # of equal parts of a batch
+LOSSY = [OPENCV, MASKFEAT]  # descriptors do not determine histograms: values are clipped, cells lose contrast
 GRIDS = [(16, 16)] * 6 + [(12, 16), (16, 12), (12, 12), (16, 8)]  # cells of the windows of a batch
-LEAST_SIDE, LARGE = 0.5, 0.6  # of windows, relative to the largest; the share of windows that are as large as can be
-GAMMA = 0.45  # the logarithm of the exponent of gray values is at most
+LEAST_SIDE, LARGE = 0.5, 0.6  # side of windows, relative to the largest possible; the share of windows of that size
+GAMMA = 0.45  # the largest logarithm of the exponent of gray values
 TURNED, TURN, STRETCH = 0.5, 12.0, 0.15  # share of windows, degrees, and logarithm of the change of proportions
-BLIND = 0.75  # of the regions' loss does not see the sign of the whole image
-LEAST_CONTRAST = 0.02  # standard deviation of a window, in 0…1, from which on it has its full weight
-FEWEST = 8  # images held out, below which nothing is concluded from them
+UP_TO_SIGN = 0.75  # share of the regions' loss that is the same for an image and its negative
+LEAST_CONTRAST = 0.02  # standard deviation in 0…1; windows below it have less weight
+FEWEST = 8  # images held out, to calibrate the confidence
 
 
 class _Batch(NamedTuple):
@@ -46,14 +47,12 @@ class _Batch(NamedTuple):
 class UnsignedTraining(WindowTraining):
     """The batches of each epoch, and the loss.
 
-    A quarter of the regions' loss is the square error to the image, the rest the lesser of those to the image and its
-    negative: the signs of regions can thus come to agree with each other before it is known which side is bright.
-    That of the polarity is the cross entropy of the choice between a mixture of the regions with the true image, and
+    A quarter of the regions' loss is the squared error to the image, the rest the smaller of the errors to the image
+    and to its negative: the signs of regions can thus become consistent before the polarity is learned.  The loss of
+    the polarity is the cross entropy of the choice between an image, a mixture of the regions and the true image, and
     its negative.
 
-    Votes are those of several dialects, and of some what is recovered from a descriptor that loses a part of them.
-
-    By the images held out, the confidence in the polarity becomes right of images that were not trained with.
+    Votes are those of several dialects; for lossy descriptors they are recovered from the descriptor.
     """
 
     default_crops, learning_rate, weight_decay = CROPS, LEARNING_RATE, WEIGHT_DECAY
@@ -73,18 +72,18 @@ class UnsignedTraining(WindowTraining):
         """The mean over the windows, of regions and polarity."""
         images, regions = batch.images, network.regions(batch.votes)
         apart, negative = ((regions - sign * images).square().mean(dim=(1, 2, 3)) for sign in (1.0, -1.0))
-        loss: Tensor = ((1 - BLIND) * apart + BLIND * torch.minimum(apart, negative)).mean()
+        loss: Tensor = ((1 - UP_TO_SIGN) * apart + UP_TO_SIGN * torch.minimum(apart, negative)).mean()
         answer = normalised(regions.detach())
         share = torch.rand(len(images), 1, 1, 1, device=images.device)
-        share = torch.where(share < 0.5, 0, 2 * share - 1)  # of the true image
+        share = torch.where(share < 0.5, 0, 2 * share - 1)  # of the true image in the mixture
         positive = torch.where((answer * images).sum(dim=(1, 2, 3), keepdim=True) < 0, -answer, answer)
-        known = (torch.rand_like(share) < 0.7).to(answer)  # else the polarity must be found without the regions' own
+        known = (torch.rand_like(share) < 0.7).to(answer)  # in the others, the polarity part does not see the regions
         odds = network.polarity(batch.votes, known * answer, normalised(share * images + (1 - share) * positive))
         return loss + softplus(-odds).mean()
 
     @torch.no_grad()
     def calibrate(self, network: UnsignedNetwork) -> None:
-        """Scales the log-odds of polarity to those of the images that were held out."""
+        """Scales the log-odds of the polarity to maximise the likelihood of the images held out."""
         if len(self.held_out) < FEWEST:
             return
         odds = torch.cat([self._odds(network, image) for image in self.held_out])
@@ -93,7 +92,7 @@ class UnsignedTraining(WindowTraining):
         network.polarity.out.weight *= float(factors[likelihood.argmin()])
 
     def _odds(self, network: UnsignedNetwork, image: Tensor) -> Tensor:
-        """The log-odds (1,) of the network's own answer for a whole image, signed as the truth is."""
+        """The log-odds (1,) of the network's prediction for a whole image, negative if its polarity is wrong."""
         device = network.polarity.out.weight.device
         window = _whole(image)
         votes = _votes(window, PAPER).to(device)
@@ -103,7 +102,7 @@ class UnsignedTraining(WindowTraining):
 
 
 def _turned(windows: Tensor, rng: random.Random) -> Tensor:
-    """Windows (B, 1, H, W), some of them turned and stretched; what comes from beyond a window is its mirror image."""
+    """Windows (B, 1, H, W), some of them rotated and stretched, and mirrored at their borders."""
     height, width = windows.shape[2:]
     affine = []
     for _ in windows:
@@ -117,7 +116,7 @@ def _turned(windows: Tensor, rng: random.Random) -> Tensor:
 
 
 def _votes(windows: Tensor, spec: HOGSpec) -> Tensor:
-    """Of windows (B, 1, H, W), the histograms, or what can be recovered of them from a descriptor that loses some."""
+    """The network's input for windows (B, 1, H, W), by their histograms or, for lossy dialects, their descriptors."""
     size = (windows.shape[2], windows.shape[3])
     if spec in LOSSY:
         votes = recover_histograms(hog(windows, spec), spec, size, max_evaluations=HISTOGRAM_EVALUATIONS)
@@ -134,7 +133,7 @@ def _target(windows: Tensor) -> Tensor:
 
 
 def _whole(image: Tensor) -> Tensor:
-    """All of an image (H, W), of as many cells as fit, (1, 1, 8R, 8C)."""
+    """A whole image (H, W), resized to at most 16 cells a side, (1, 1, 8R, 8C)."""
     shrink = 16 * CELL / max(image.shape)
     size = [max(2, round(n * shrink / CELL / 4)) * 4 * CELL for n in image.shape]
     return resized(image, size[0], size[1])

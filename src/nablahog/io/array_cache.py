@@ -1,6 +1,6 @@
-"""Arrays that take long to compute and are needed again, in the user's folder for caches.
+"""Arrays that take long to compute, kept in the user's folder for caches.
 
-Files hold numbers and a digest, and nothing that is run when it is read.  A damaged file counts as none.
+Files hold numbers and a digest, and nothing that is run.  A damaged file counts as missing.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from .files import remove_parts, replacing
 
 VARIABLE = "NABLAHOG_CACHE_SIZE"
 LARGEST = 2000  # megabytes
-_ROOM = 0.8  # of the largest size: what is left when the arrays that were not used for longest have been removed
+_ROOM = 0.8  # of the largest size, which is left when the least recently used arrays have been removed
 _DIGEST = 32  # bytes before the numbers
-_EVERY = 64  # arrays written from one look at the size of a folder to the next
+_EVERY = 64  # arrays written between two checks of the size of a folder
 ENDING = ".array"
 
 _written: dict[Path, int] = {}
@@ -30,7 +30,7 @@ _written: dict[Path, int] = {}
 def cached_array(
     kind: str, key: str, shape: tuple[int, ...], make: Callable[[], NDArray[np.float32]]
 ) -> NDArray[np.float32]:
-    """An array (float32) of a shape: the one that an earlier process has stored, or else made and stored.
+    """An array (float32) that an earlier process has stored, or else is made and stored now.
 
     The environment variable :data:`VARIABLE` says how many megabytes the arrays of a kind may have, by default
     :data:`LARGEST`; with 0 there is no cache.  Where the folder cannot be written, arrays are made each time.

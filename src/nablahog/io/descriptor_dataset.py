@@ -1,7 +1,7 @@
 """Descriptors of many images: a folder of Parquet files with a row for each image, as sets of features are shared.
 
 The folder may be a URL of any store that fsspec knows, such as ``s3://bucket/photos.parquet``.  Each file is a shard,
-written whole or not at all; its metadata has the spec, and a key that says which images it is of.
+written whole or not at all.  Its metadata has the spec, and a key that tells which images it describes.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Row:
 
 
 def shard_key(paths: Sequence[str], spec: HOGSpec, size: int) -> str:
-    """A hash of what a shard is of: the names of its images, the dialect, and the size that they are shrunk to."""
+    """A hash of a shard's contents: the names of its images, the dialect, and the size that they are shrunk to."""
     facts = json.dumps([FORMAT, list(paths), spec.to_json(), size])
     return hashlib.sha256(facts.encode()).hexdigest()
 

@@ -1,4 +1,4 @@
-"""What the camera has written into a photograph's file about its lens (EXIF)."""
+"""The focal length that a camera writes into a photograph's file (EXIF)."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from .images import register_heif
 
 DIAGONAL = math.hypot(36, 24)  # millimetres of 35 mm film, to which equivalent focal lengths refer (CIPA DCG-001)
 _MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # in a unit of the focal plane's resolution
-_CUT = 0.01  # relative difference of proportions from which on a photograph counts as cut
+_CUT = 0.01  # relative difference of proportions above which a photograph counts as cropped
 _SHORTEST, _LONGEST = 0.1, 100.0  # of the photograph's diagonal: no lens is beyond
 
 
 def exif_focal(image: Image.Image) -> float | None:
-    """What :func:`read_exif_focal` returns, of an image opened by Pillow, in either orientation."""
+    """As :func:`read_exif_focal`, for an image opened by Pillow, in either orientation."""
     with warnings.catch_warnings(), suppress(Exception):  # damaged EXIF data raises nearly anything
         warnings.simplefilter("ignore")
         tags = image.getexif().get_ifd(ExifTags.IFD.Exif)
@@ -41,8 +41,8 @@ def exif_focal(image: Image.Image) -> float | None:
 def read_exif_focal(path: str | os.PathLike[str]) -> float | None:
     """The focal length in pixels that the file of a photograph says its camera had; None if it says nothing of use.
 
-    That is FocalLengthIn35mmFilm, or else FocalLength at FocalPlaneXResolution.  A photograph that was made smaller
-    later is taken as such; one with other proportions than the camera's was cut, and nothing is known of it.
+    That is FocalLengthIn35mmFilm, or else FocalLength at FocalPlaneXResolution.  A photograph may have been made
+    smaller; if its proportions are not the camera's, it was cropped, and nothing is known of it.
 
     Args:
         path: of any format that Pillow reads.

@@ -1,4 +1,4 @@
-"""Descriptors as arrays of other libraries: which layout of which image size an array has."""
+"""Descriptors as arrays of other libraries: the layout and the image size of an array."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _GRIDS: dict[Layout, tuple[int, int]] = {"cells": (3, 0), "planes": (3, 1), "col
 
 @dataclass(frozen=True)
 class Fit:
-    """How an array is a descriptor of a spec.
+    """The layout in which an array is a descriptor of a spec.
 
     Attributes:
         layout: its layout.
@@ -41,7 +41,7 @@ class Fit:
 
 
 def fit(shape: tuple[int, ...], spec: HOGSpec, image_size: tuple[int, int] | None) -> Fit | None:
-    """How an array of this shape is a descriptor of ``spec``; None if it is none.
+    """The layout in which an array of this shape is a descriptor of ``spec``; None if there is none.
 
     Tries the layout of the library, the same in one row, and (rows, cols, channels); the first that fits counts.
 

@@ -45,9 +45,9 @@ def with_weights(make: Callable[[], Network], weights: Tensor) -> Network:
 
 @torch.no_grad()
 def fold_statistics(network: nn.Module) -> None:
-    """Makes what the network normalises by running means and variances a matter of its weights alone.
+    """Folds the running means and variances of batch normalisation into its weights.
 
-    Until it is trained further, its answers stay the same.
+    The network's answers stay the same, until it is trained further.
     """
     for layer in _normalised(network):
         mean, variance = layer.running_mean, layer.running_var
@@ -60,10 +60,10 @@ def fold_statistics(network: nn.Module) -> None:
 
 @torch.no_grad()
 def unfold_statistics(network: nn.Module, run: Callable[[], object]) -> None:
-    """Makes a network of :func:`fold_statistics` one that can be trained further.
+    """Undoes :func:`fold_statistics`, so that the network can be trained further.
 
-    It normalises again, by the means and variances of what it is ``run`` on.  Until it is trained, its answers stay the
-    same.
+    It normalises by the means and variances of its inputs during ``run``.  Its answers stay the same, until it is
+    trained.
     """
     moments: dict[nn.BatchNorm2d, list[tuple[Tensor, Tensor]]] = {layer: [] for layer in _normalised(network)}
 

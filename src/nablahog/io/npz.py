@@ -146,7 +146,7 @@ def check_format(arrays: dict[str, NDArray[np.generic]], kind: str, expected: in
 
 @contextmanager
 def naming(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Whatever is wrong with what is read from ``path`` in the block is a ValueError that begins with its name."""
+    """Turns errors in the block into a ValueError that begins with the name of the file."""
     try:
         yield
     except (TypeError, ValueError, RuntimeError, OverflowError, RecursionError) as error:
@@ -172,7 +172,7 @@ def account_to_text(account: DataclassInstance) -> str:
 
 
 def account_of(kind: type[Account], of: str) -> Account:
-    """What :func:`account_to_text` wrote of a dataclass, before it had some fields with defaults, too.
+    """Reads what :func:`account_to_text` wrote, also by a version in which the dataclass lacked fields with defaults.
 
     Raises:
         ValueError: it wrote something else.

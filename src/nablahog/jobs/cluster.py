@@ -1,16 +1,13 @@
 """Many jobs on a Dask cluster: one that is there, or processes of this machine that Dask manages.
 
-Jobs go in chunks that take about :data:`CHUNK_SECONDS`, by the time that the first ones took, or longer on many
-workers: the scheduler's own work for a chunk is then below 5 % of it.  A worker that dies is Dask's matter, which gives
-its tasks to others; the jobs of a task that takes its workers with it are done again in the end, one by one, so that it
-is known which one is to blame.
+Each job is a task.  A worker that dies is Dask's matter, which gives its tasks to others; the tasks that it blames for
+several deaths are done again in the end, one by one, so that it is known which one is to blame.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
-import math
 import re
 import time
 from collections import deque
@@ -30,7 +27,7 @@ from distributed.scheduler import KilledWorker
 from distributed.utils import silence_logging_cmgr
 
 from .job_files import store_files
-from .runner import cores, one_thread
+from .runner import DIED, cores, one_thread
 from .store import Work
 from .worker import attempt
 
@@ -38,12 +35,8 @@ R = TypeVar("R")
 
 logger = logging.getLogger(__name__)
 
-CHUNK_SECONDS = 0.5  # or more, on so many threads that the scheduler would have more than
-CHUNKS_A_SECOND = 100.0
-RECOUNT = 5.0  # seconds
-MOST_IN_CHUNK = 1000
-AHEAD = 2  # chunks for each thread of the cluster, so that none waits for this process
-DEATHS = 2  # of processes of this machine, with the same task, until it fails: as without Dask
+RECOUNT = 5.0  # seconds between counts of the workers, which come and go
+AHEAD = 2  # jobs for each thread of the cluster, so that none waits for this process
 CONNECT = 20.0  # seconds to wait for a scheduler, at first and when it is lost
 PATIENCE = 60.0  # seconds to wait for a worker
 PLUGIN = "nablahog-files"
@@ -78,48 +71,45 @@ def run_on_cluster(
     with _connected(cluster) as client, _scheduler_errors():
         logger.info("the dashboard of the cluster: %s", client.dashboard_link)
         _prepare(client, jobs)
-        waiting = _Waiting(len(jobs))
-        chunks: dict[Any, list[int]] = {}
+        queue, suspects = deque(range(len(jobs))), deque[int]()
+        tried_alone: set[int] = set()
+        at_work: dict[Any, int] = {}
         ended = SimpleQueue[Any]()
         threads = _Threads(client)
 
-        def send() -> None:
-            count = threads.count()
-            room = AHEAD * count - len(chunks)
-            while room > 0 and (chunk := waiting.next(count, alone=not chunks)):
-                for index in chunk:
-                    started(index)
-                future = client.submit(attempt_all, [jobs[index] for index in chunk], pure=False)
-                chunks[future.key] = chunk
-                future.add_done_callback(ended.put)
-                room -= 1
+        def send(index: int) -> None:
+            started(index)
+            future = client.submit(attempt, jobs[index], pure=False)
+            at_work[future.key] = index
+            future.add_done_callback(ended.put)
 
-        send()
-        while chunks:
+        while queue or suspects or at_work:
+            if not queue and not at_work:  # Dask blames tasks, too, that only waited for a worker that died
+                tried_alone.add(suspects[0])
+                send(suspects.popleft())
+            while queue and len(at_work) < AHEAD * threads.count():
+                send(queue.popleft())
             try:
                 future = ended.get(timeout=PATIENCE)
             except Empty:
-                if not client.nthreads():
-                    raise ChildProcessError(f"the cluster {cluster} has no workers any more") from None
+                _check_workers(client, cluster)
                 continue
             if future.status == "lost":  # with its worker, before it was read; Dask has it computed again
                 future.add_done_callback(ended.put)
                 continue
-            chunk = chunks.pop(future.key)
+            index = at_work.pop(future.key)
             try:
-                seconds, answers = _result(future, client, cluster)
-            except KilledWorker as error:
-                if waiting.suspect(chunk):
-                    yield chunk[0], f"the process at work on it died, {error.allowed_failures + 1} times"
+                answer = _result(future, client, cluster)
+            except KilledWorker:
+                if index not in tried_alone:
+                    suspects.append(index)
+                    continue
+                answer = DIED
             except (*LOST, ChildProcessError):
                 raise
             except Exception as error:  # no job's: perhaps workers have another version, and cannot read it
-                for index in chunk:
-                    yield index, f"{type(error).__name__}: {' '.join(str(error).split())}"
-            else:
-                waiting.took(seconds, len(chunk))
-                yield from zip(chunk, answers, strict=True)
-            send()
+                answer = f"{type(error).__name__}: {' '.join(str(error).split())}"
+            yield index, answer
 
 
 def _result(future: Any, client: Client, cluster: str) -> Any:
@@ -128,78 +118,34 @@ def _result(future: Any, client: Client, cluster: str) -> Any:
         try:
             return future.result(timeout=PATIENCE)
         except asyncio.TimeoutError:  # noqa: PERF203
-            if not client.nthreads():
-                raise ChildProcessError(f"the cluster {cluster} has no workers any more") from None
+            _check_workers(client, cluster)
 
 
-def attempt_all(jobs: Sequence[Work[R]]) -> tuple[float, list[R | str]]:
-    """The seconds that jobs took on a worker, and their results, or why there are none."""
-    began = time.perf_counter()
-    answers = [attempt(job) for job in jobs]
-    return time.perf_counter() - began, answers
+def _check_workers(client: Client, cluster: str) -> None:
+    if not client.nthreads():
+        raise ChildProcessError(f"the cluster {cluster} has no workers any more")
 
 
 class _Threads:
-    """Those of all workers, which come and go; asked for every :data:`RECOUNT` seconds."""
+    """Those of all workers, counted every :data:`RECOUNT` seconds."""
 
     def __init__(self, client: Client) -> None:
-        self._client, self._count, self._asked = client, 1, -math.inf
+        self._client, self._until = client, 0.0
+        self._count = 1
 
     def count(self) -> int:
         """At least 1."""
-        if time.monotonic() - self._asked > RECOUNT:
+        if time.monotonic() > self._until:
             self._count = max(1, sum(self._client.nthreads().values()))
-            self._asked = time.monotonic()
+            self._until = time.monotonic() + RECOUNT
         return self._count
-
-
-class _Waiting:
-    """Jobs that were not sent yet, in chunks of about :data:`CHUNK_SECONDS`.
-
-    Dask blames all tasks that a dead worker had, those too that only waited for it.  So jobs of such tasks are sent
-    again in the end, one by one, with nothing else under way.
-
-    Args:
-        count: of the jobs.
-    """
-
-    def __init__(self, count: int) -> None:
-        self._indices, self._suspects = deque(range(count)), deque[int]()
-        self._seconds = self._done = 0.0
-        self._tried: set[int] = set()
-
-    def next(self, threads: int, alone: bool) -> list[int]:
-        """The next chunk; empty if there is none, or none unless ``alone``, when nothing is under way.
-
-        The last chunks are smaller, so that all ``threads`` of the cluster end at nearly the same time.
-        """
-        each = self._seconds / self._done if self._done else CHUNK_SECONDS
-        wanted = max(CHUNK_SECONDS, threads / CHUNKS_A_SECOND)
-        share = math.ceil(len(self._indices) / (AHEAD * threads))
-        size = max(1, min(MOST_IN_CHUNK, round(wanted / max(each, 1e-6)), share))
-        chunk = [self._indices.popleft() for _ in range(min(size, len(self._indices)))]
-        if not chunk and self._suspects and alone:
-            chunk = [self._suspects.popleft()]
-            self._tried.add(chunk[0])
-        return chunk
-
-    def took(self, seconds: float, count: int) -> None:
-        """Jobs are done."""
-        self._seconds, self._done = self._seconds + seconds, self._done + count
-
-    def suspect(self, chunk: Sequence[int]) -> bool:
-        """Whether a chunk that took its workers with it was a job alone; else its jobs are sent again in the end."""
-        if len(chunk) == 1 and chunk[0] in self._tried:
-            return True
-        self._suspects.extend(chunk)
-        return False
 
 
 @contextmanager
 def _connected(cluster: str) -> Iterator[Client]:
     """A client of the cluster; one of this machine's own processes ends with the block."""
     match = re.fullmatch(r"local(?::(\d{1,4}))?", cluster)
-    failures = {"distributed.scheduler.allowed-failures": DEATHS - 1}
+    failures = {"distributed.scheduler.allowed-failures": 0}  # of processes of this machine: who died is tried alone
     with dask.config.set(failures), silence_logging_cmgr(logging.CRITICAL):
         if match is None:
             try:

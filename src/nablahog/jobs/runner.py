@@ -1,4 +1,4 @@
-"""Many jobs on all cores; a worker that dies is replaced."""
+"""Many jobs on all cores; a job whose process dies is tried again alone."""
 
 from __future__ import annotations
 
@@ -6,56 +6,23 @@ import os
 import signal
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing, contextmanager
 from multiprocessing import get_context, resource_tracker
-from multiprocessing.connection import Connection, wait
 from typing import TypeVar
 
 from .store import Work
-from .worker import serve
+from .worker import attempt, begin
 
 R = TypeVar("R")
 
-ATTEMPTS = 2  # at a job whose worker dies, perhaps for want of memory that is free later
-STARTS = 3  # workers that may die before they are ready, one after another
+DIED = "the process at work on it died, and died again when it ran alone"
 
 
 def cores() -> int:
     """The number of cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-class _Worker:
-    """A process and the parent's end of the pipe to it.
-
-    Attributes:
-        ready: whether it has started.
-        job: the index of its job, None while idle.
-    """
-
-    def __init__(self) -> None:
-        context = get_context("spawn")  # a forked PyTorch may hang
-        self.connection, child_end = context.Pipe()
-        self.process = context.Process(target=serve, args=(child_end,), daemon=True)
-        self.ready = False
-        self.job: int | None = None
-        with one_thread(), _no_interrupts():
-            self.process.start()
-        child_end.close()  # so that the death of the process ends the pipe
-
-    def end(self) -> None:
-        """Kills the process; it holds nothing that must be saved."""
-        self.process.kill()
-        self.connection.close()
-
-    def how_it_died(self) -> str:
-        """The signal or the exit status of a process that was not ended by us."""
-        self.process.join(5)
-        code = self.process.exitcode
-        if code is not None and code < 0:
-            names = {number.value: number.name for number in signal.Signals}
-            return f"signal {names.get(-code, -code)}"
-        return f"exit status {code}"
 
 
 @contextmanager
@@ -91,8 +58,9 @@ def run_jobs(
 ) -> Generator[tuple[int, R | str], None, None]:
     """Does all jobs, ``workers`` at a time, each in a process that computes in one thread.
 
-    A result depends on nothing but its job.  The processes end with this generator; close it (``contextlib.closing``)
-    to stop early.
+    A result depends on nothing but its job.  When a process dies, all jobs at work are tried again in the end, one by
+    one: perhaps for want of memory that is free then.  The processes end with this generator; close it
+    (``contextlib.closing``) to stop early.
 
     Args:
         jobs: started in this order.
@@ -105,46 +73,58 @@ def run_jobs(
     Raises:
         ChildProcessError: worker processes do not start.
     """
-    queue, attempts = deque(range(len(jobs))), [0] * len(jobs)
-    pool: dict[Connection, _Worker] = {}
-    deaths = 0
-    try:
-        while queue or any(worker.job is not None for worker in pool.values()):
-            while queue and len(pool) < min(workers, len(jobs)):
-                worker = _Worker()
-                pool[worker.connection] = worker
-            for worker in pool.values():
-                if queue and worker.ready and worker.job is None:
-                    worker.job = queue.popleft()
-                    attempts[worker.job] += 1
-                    started(worker.job)
-                    with suppress(OSError):  # it has died: handled below
-                        worker.connection.send(jobs[worker.job])
-            for connection in wait(list(pool)):
-                assert isinstance(connection, Connection)
-                worker = pool[connection]
+    queue, suspects = deque(range(len(jobs))), deque[int]()
+    while queue:
+        with closing(_until_a_death(jobs, queue, workers, started)) as futures:
+            for index, future in futures:
+                if isinstance(future.exception(), BrokenProcessPool):
+                    suspects.append(index)
+                else:
+                    yield index, future.result()
+    while suspects:
+        with closing(_until_a_death(jobs, suspects, 1, started)) as futures:
+            for index, future in futures:
+                yield index, DIED if isinstance(future.exception(), BrokenProcessPool) else future.result()
+
+
+def _until_a_death(
+    jobs: Sequence[Work[R]], queue: deque[int], workers: int, started: Callable[[int], None]
+) -> Generator[tuple[int, Future[R | str]], None, None]:
+    """Does jobs of the queue until it is empty, or a process dies; yields all that it has started."""
+    size = min(workers, len(queue))
+    with _pool(size) as pool:
+        at_work: dict[Future[R | str], int] = {}
+        broken = False
+        while at_work or (queue and not broken):
+            while queue and len(at_work) < size and not broken:
                 try:
-                    answer: R | str = connection.recv()
-                except (EOFError, OSError):
-                    del pool[connection]
-                    how = worker.how_it_died()
-                    worker.end()
-                    deaths += not worker.ready
-                    if deaths == STARTS:
-                        raise ChildProcessError(f"worker processes end before they have started ({how})") from None
-                    if worker.job is None:
-                        continue
-                    if attempts[worker.job] < ATTEMPTS:
-                        queue.append(worker.job)
-                        continue
-                    answer = f"the process at work on it died, {ATTEMPTS} times, the last time by {how}"
-                if worker.ready:
-                    index, worker.job = worker.job, None
-                    assert index is not None
-                    yield index, answer
-                worker.ready, deaths = True, 0
+                    future = pool.submit(attempt, jobs[queue[0]])
+                except BrokenProcessPool:  # noqa: PERF203
+                    broken = True
+                else:
+                    at_work[future] = queue.popleft()
+                    started(at_work[future])
+            for future in wait(at_work, return_when=FIRST_COMPLETED).done:
+                broken |= isinstance(future.exception(), BrokenProcessPool)
+                yield at_work.pop(future), future
+
+
+@contextmanager
+def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """Processes, at least one of which has started.  They hold nothing that must be saved, and are killed in the end.
+
+    Raises:
+        ChildProcessError: they do not start.
+    """
+    pool = ProcessPoolExecutor(workers, get_context("spawn"), begin)  # a forked PyTorch may hang
+    try:
+        with one_thread(), _no_interrupts():
+            ready = [pool.submit(abs, 0) for _ in range(workers)]
+        wait(ready, return_when=FIRST_COMPLETED)
+        if any(future.done() and future.exception() for future in ready):
+            raise ChildProcessError("worker processes end before they have started")
+        yield pool
     finally:
-        for worker in pool.values():
-            worker.end()
-        for worker in pool.values():
-            worker.process.join()
+        for process in list((pool._processes or {}).values()):
+            process.kill()
+        pool.shutdown()

@@ -1,4 +1,4 @@
-"""A worker process: does one job at a time.
+"""One job at a time, in a process of its own or here.
 
 This module loads nothing that takes time: a process whose parent is killed while it loads PyTorch ends at once, too.
 """
@@ -8,9 +8,8 @@ from __future__ import annotations
 import os
 import threading
 import traceback
-from contextlib import suppress
 from multiprocessing import parent_process
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import wait
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -20,16 +19,12 @@ if TYPE_CHECKING:
 R = TypeVar("R")
 
 
-def serve(connection: Connection) -> None:
-    """Sends None when ready; then answers each :class:`Work` with its result, or the reason why there is none."""
+def begin() -> None:
+    """Makes this process a worker, which computes in one thread and ends with its parent."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     import torch
 
     torch.set_num_threads(1)  # the same sums in the same order, however many workers there are
-    with suppress(EOFError, OSError):  # the parent has ended
-        connection.send(None)
-        while True:
-            connection.send(attempt(connection.recv()))
 
 
 def _end_with_parent() -> None:

@@ -13,9 +13,8 @@ from torch import Tensor
 
 from ..hog import HOGSpec, presets
 from ..invert import LearnedPrior, train_prior
-from ..invert.crops import least_side
-from ..invert.network import network_class
-from ..invert.prior_choice import default_prior_file
+from ..invert.learned import default_prior_file, network_class
+from ..invert.training import least_side
 from ..io.files import checkpoint_for
 from ..io.images import limit_size
 from ..io.learned_model import LearnedModel
@@ -23,15 +22,9 @@ from ..runtime.cache_folder import cache_folder
 from ..runtime.source import code_key
 from .baselines.bovw import BoVW
 from .baselines.bovw_learning import learn_bovw
-from .baselines.hoggles import PairedDictionary, patch_size
+from .baselines.hoggles import PairedDictionary, check_cells, patch_size
 from .baselines.hoggles_learning import learn_hoggles
-from .baselines.nearest import NearestWindows, learn_nearest
-from .baselines.ridge import RidgeRegression, learn_ridge
-from .baselines.upconv import Upconv
-from .baselines.upconv_learning import learn_upconv
-from .baselines.upconv_network import default_widths
-from .baselines.windows import check_cells
-from .names import SHIPPED
+from .names import PRIORS
 from .photographs import sample_photographs
 
 Progress: TypeAlias = Callable[[int, int, str], None]
@@ -84,33 +77,22 @@ def _learn_bovw(images: Mapping[str, Tensor], spec: HOGSpec, **options: Any) -> 
 _PRIOR = Learner(
     LearnedPrior,
     train_prior,
-    lambda spec: network_class(spec).default_architecture(spec),
-    lambda spec: (least_side(spec.cell_size[0]),) * 2,
-    resumes=True,
-)
-_UPCONV = Learner(
-    Upconv,
-    learn_upconv,
-    default_widths,
+    network_class,
     lambda spec: (least_side(spec.cell_size[0]),) * 2,
     resumes=True,
 )
 LEARNED = {
     "prior": _PRIOR,
     "unsigned-prior": _PRIOR,
-    "hoggles": Learner(PairedDictionary, learn_hoggles, check_cells, patch_size, resumes=True),
+    "hoggles": Learner(PairedDictionary, learn_hoggles, check_cells, patch_size),
     "bovw": Learner(BoVW, _learn_bovw, least=lambda spec: (1, 1), tile=128),
-    "ridge": Learner(RidgeRegression, learn_ridge, check_cells),
-    "nearest": Learner(NearestWindows, learn_nearest, check_cells),
-    "upconv": _UPCONV,
-    "dalal-upconv": _UPCONV,
 }
-"""By the name of the option for its file; those of :data:`.TAKES_HOURS` are not learned unless asked for."""
+"""By the name of the option for its file; those of :data:`.PRIORS` are not learned unless asked for."""
 
 
 def shipped_files() -> dict[str, Path]:
-    """The files of :data:`.SHIPPED` kinds that the package was installed with."""
-    files = {kind: default_prior_file(spec) for kind, spec in zip(SHIPPED, (SPEC, presets.paper()), strict=True)}
+    """The files of :data:`.PRIORS` that the package was installed with."""
+    files = {kind: default_prior_file(spec) for kind, spec in zip(PRIORS, (SPEC, presets.paper()), strict=True)}
     return {kind: file for kind, file in files.items() if file is not None and file.exists()}
 
 
@@ -132,7 +114,7 @@ def _load(kind: str, path: Path, changed: int | None, size: int | None) -> Learn
 def learned_from_samples(kind: str, progress: Progress) -> Path:
     """The file of the model that is learned from the sample photographs, once for all runs.
 
-    It is stored in the folder for caches (:func:`.cache_folder.cache_folder`).  An interrupted learning is resumed.
+    It is stored in the folder for caches (:func:`.cache_folder.cache_folder`).
 
     Raises:
         OSError: it cannot be stored.

@@ -19,9 +19,9 @@ from ..render.camera import rotations, to_camera, to_screen
 
 Floats: TypeAlias = NDArray[np.float64]
 
-_FAR = 50.0  # units of the mesh from the lamp, whose rays are nearly parallel then
-_MAP = 384  # pixels along a side of the depths that the lamp sees
-_BIAS = 0.008  # units of the mesh that a surface is behind itself, for want of pixels
+_FAR = 50.0  # distance of the lamp in units of the mesh: its rays are nearly parallel
+_MAP = 384  # pixels along a side of the shadow map, the depths seen from the lamp
+_BIAS = 0.008  # of the shadow map in units of the mesh, so that a surface does not shade itself
 _SOFT = 0.7  # pixels, σ of the edges of shadows
 _SHARPNESS = 25.0  # exponent of highlights
 
@@ -37,10 +37,7 @@ def relit(
     shadow: float,
     gloss: float,
 ) -> tuple[Floats, Floats]:
-    """Adds cast shadows and highlights to a rendering.
-
-    Shadows fall on the object itself and on the floor below it, by depths seen from the light.  Highlights are those
-    of Blinn and Phong.
+    """Adds shadows, which the object casts on itself and on the floor, and highlights (Blinn-Phong) to a rendering.
 
     Args:
         picture: (H, W), the rendering on black.

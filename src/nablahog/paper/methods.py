@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from torch import Tensor
 
@@ -17,9 +17,8 @@ from ..invert.multiscale import SCALES, level_spec
 from ..invert.start import enlarge
 from ..jobs.job_files import local_path
 from .baselines.cnn_hog import CNNHOG
-from .baselines.triangles import TRIANGLES, reconstruct_by_triangles
 from .learned import SPEC, load
-from .names import DALAL, DIALECTS, LEARNED_DIALECTS, LIBRARIES, NO_HOG, TAKES_HOURS, UOCTTI
+from .names import DALAL, DIALECTS, LIBRARIES, NO_HOG, PRIORS, UOCTTI
 
 
 @dataclass(frozen=True)
@@ -84,113 +83,95 @@ class Method:
         return (self.name, *self.levels)
 
 
-def _options(settings: Table1Settings) -> dict[str, Any]:
-    return {"seed": settings.seed, "search": Search(max_evaluations=settings.max_evaluations)}
+Scales: TypeAlias = Literal["one descriptor", "one each"]
+"""What a multi-scale method is given: the descriptor of the image, or one for each level (multi-scale-more)."""
 
 
-def _published_options(settings: Table1Settings) -> dict[str, Any]:
-    return {"seed": settings.seed, "method": AsPublished(max_evaluations=settings.max_evaluations)}
-
-
-def _inverted(
-    invert: Callable[..., Reconstruction], image: Tensor, spec: HOGSpec, **options: Any
+def _searched(
+    image: Tensor,
+    settings: Table1Settings,
+    *,
+    spec: HOGSpec,
+    scales: Scales | None = None,
+    published: bool = False,
+    priors: Sequence[str] = (),
 ) -> list[MethodOutput]:
-    """What ``invert`` makes of the descriptor of an image."""
-    result = invert(hog(image, spec), spec, (image.shape[2], image.shape[3]), **options)
-    return [MethodOutput(result.image[0, 0], float(result.distance[0]))]
+    """Inverts the descriptor of an image by a search.
 
-
-def _single(image: Tensor, settings: Table1Settings, *, spec: HOGSpec) -> list[MethodOutput]:
-    return _inverted(reconstruct, image, spec, **_options(settings))
-
-
-def _multi_scale(image: Tensor, settings: Table1Settings, *, spec: HOGSpec, more: bool) -> list[MethodOutput]:
-    return _levels(image, spec, more, **_options(settings))
-
-
-def _paper_single(image: Tensor, settings: Table1Settings, *, spec: HOGSpec) -> list[MethodOutput]:
-    return _inverted(reconstruct, image, spec, **_published_options(settings))
-
-
-def _paper_multi_scale(image: Tensor, settings: Table1Settings, *, spec: HOGSpec, more: bool) -> list[MethodOutput]:
-    return _levels(image, spec, more, **_published_options(settings))
-
-
-def _levels(image: Tensor, spec: HOGSpec, more: bool, **options: Any) -> list[MethodOutput]:
-    """The rows of a multi-scale method: its last level, and all of them enlarged to the image's size."""
+    Args:
+        image, settings: as :class:`Method` has them.
+        spec: the dialect.
+        scales: of a multi-scale search.
+        published: whether the search is the paper's own.
+        priors: kinds of learned priors, the first for descriptors of ``spec``.
+    """
+    options: dict[str, Any] = {"seed": settings.seed}
+    if published:
+        options["method"] = AsPublished(max_evaluations=settings.max_evaluations)
+    else:
+        options["search"] = Search(max_evaluations=settings.max_evaluations)
+    if priors:
+        options["prior"] = [_needed(kind, settings) for kind in priors]
     size = (image.shape[2], image.shape[3])
+    if scales is None:
+        return [_output(reconstruct(hog(image, spec), spec, size, **options))]
     for scale in SCALES:
         level_spec(spec, scale, size)  # raises before the work, not after
-    descriptors = scale_descriptors(image, spec, SCALES) if more else hog(image, spec)
-    results = reconstruct_multiscale(descriptors, spec, size, scales=SCALES, **options)
+    descriptors = scale_descriptors(image, spec, SCALES) if scales == "one each" else hog(image, spec)
     levels = []
-    for result in (level.reconstruction for level in results):
-        enlarged = enlarge(result.image, *size)[0, 0].clamp(0, 1)
-        levels.append(MethodOutput(enlarged, float(result.distance[0])))
+    for level in reconstruct_multiscale(descriptors, spec, size, scales=SCALES, **options):
+        enlarged = enlarge(level.reconstruction.image, *size)[0, 0].clamp(0, 1)
+        levels.append(MethodOutput(enlarged, float(level.reconstruction.distance[0])))
     return [levels[-1], *levels]
 
 
-def _learned(image: Tensor, settings: Table1Settings, *, kind: str, spec: HOGSpec) -> list[MethodOutput]:
-    return _inverted(_needed(kind, settings).reconstruct, image, spec)
+def _output(result: Reconstruction) -> MethodOutput:
+    return MethodOutput(result.image[0, 0], float(result.distance[0]))
 
 
-def _with_prior(image: Tensor, settings: Table1Settings, *, kinds: Sequence[str], spec: HOGSpec) -> list[MethodOutput]:
-    priors = [_needed(kind, settings) for kind in kinds]
-    return _inverted(reconstruct, image, spec, prior=priors, **_options(settings))
-
-
-def _multi_scale_more_with_prior(
-    image: Tensor, settings: Table1Settings, *, kinds: Sequence[str], spec: HOGSpec
-) -> list[MethodOutput]:
-    priors = [_needed(kind, settings) for kind in kinds]
-    return _levels(image, spec, more=True, prior=priors, **_options(settings))
+def _needed(kind: str, settings: Table1Settings) -> Any:
+    """The model of a kind."""
+    if kind not in settings.learned:
+        raise ValueError(f"this method needs what `nablahog learn {PRIORS.get(kind, kind)}` learns")
+    return load(kind, local_path(settings.learned[kind]))
 
 
 def _bovw(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
     bovw = _needed("bovw", settings)
-    result = bovw.reconstruct(bovw.histogram(image), (image.shape[2], image.shape[3]), seed=settings.seed)
-    return [MethodOutput(result.image[0, 0], float(result.distance[0]))]
+    return [_output(bovw.reconstruct(bovw.histogram(image), (image.shape[2], image.shape[3]), seed=settings.seed))]
 
 
-def _needed(kind: str, settings: Table1Settings) -> Any:
-    if kind not in settings.learned:
-        raise ValueError(f"this method needs what `nablahog learn {TAKES_HOURS.get(kind, kind)}` learns")
-    return load(kind, local_path(settings.learned[kind]))
+def _hoggles(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
+    size = (image.shape[2], image.shape[3])
+    return [_output(_needed("hoggles", settings).reconstruct(hog(image, SPEC), SPEC, size))]
 
 
 def _cnn_hog(image: Tensor, settings: Table1Settings, *, bilinear: bool) -> list[MethodOutput]:
     network = CNNHOG(bilinear=bilinear)
-    result = network.reconstruct(network.descriptor(image), seed=settings.seed)
-    return [MethodOutput(result.image[0, 0], float(result.distance[0]))]
+    return [_output(network.reconstruct(network.descriptor(image), seed=settings.seed))]
 
 
-def _triangles(image: Tensor, settings: Table1Settings, *, spec: HOGSpec) -> list[MethodOutput]:
-    count = settings.max_evaluations or TRIANGLES
-    return _inverted(reconstruct_by_triangles, image, spec, seed=settings.seed, triangles=count)
+def _search(
+    name: str, group: str, spec: HOGSpec, scales: Scales | None = None, *, asked: bool = False, **options: Any
+) -> Method:
+    """The method that :func:`_searched` is with these options."""
+    run = partial(_searched, spec=spec, scales=scales, **options)
+    return Method(name, group, run, spec, scales is not None, options.get("priors", ()), asked)
 
 
-def _variants(
-    prefix: str, group: str, spec: HOGSpec, single: Callable[..., Any], multi_scale: Callable[..., Any], *, asked: bool
-) -> list[Method]:
-    return [
-        Method(f"{prefix}-single", group, partial(single, spec=spec), spec, asked=asked),
-        *(
-            Method(
-                f"{prefix}-multi-scale{'-more' if more else ''}",
-                group,
-                partial(multi_scale, spec=spec, more=more),
-                spec,
-                multiscale=True,
-                asked=asked,
-            )
-            for more in (False, True)
-        ),
-    ]
+def _three(prefix: str, group: str, spec: HOGSpec, **options: Any) -> list[Method]:
+    """Single-scale, multi-scale and multi-scale-more."""
+    variants: dict[str, Scales | None] = {
+        "single": None,
+        "multi-scale": "one descriptor",
+        "multi-scale-more": "one each",
+    }
+    return [_search(f"{prefix}-{name}", group, spec, scales, **options) for name, scales in variants.items()]
 
 
-def _learned_prior(name: str, group: str, run: Callable[..., Any], spec: HOGSpec, **options: bool) -> Method:
-    kinds = ("prior",) if searchable(spec).signed else ("unsigned-prior", "prior")
-    return Method(name, group, partial(run, kinds=kinds, spec=spec), spec, needs=kinds, **options)
+def _priors(spec: HOGSpec) -> tuple[str, ...]:
+    """The kinds of learned priors for descriptors of ``spec``."""
+    return ("prior",) if searchable(spec).signed else ("unsigned-prior", "prior")
 
 
 _DALAL = presets.paper()
@@ -198,27 +179,20 @@ METHODS = {
     method.name: method
     for method in (
         Method("bovw", NO_HOG, _bovw, needs=("bovw",)),
-        Method("hoggles", UOCTTI, partial(_learned, kind="hoggles", spec=SPEC), SPEC, needs=("hoggles",)),
+        Method("hoggles", UOCTTI, _hoggles, SPEC, needs=("hoggles",)),
         Method("cnn-hog", UOCTTI, partial(_cnn_hog, bilinear=False)),
         Method("cnn-hogb", UOCTTI, partial(_cnn_hog, bilinear=True)),
-        Method("ridge", UOCTTI, partial(_learned, kind="ridge", spec=SPEC), SPEC, needs=("ridge",)),
-        Method("nearest", UOCTTI, partial(_learned, kind="nearest", spec=SPEC), SPEC, needs=("nearest",)),
-        Method("upconv", UOCTTI, partial(_learned, kind="upconv", spec=SPEC), SPEC, needs=("upconv",)),
-        Method("triangles", UOCTTI, partial(_triangles, spec=SPEC), SPEC),
-        Method("paper-uoctti-single", UOCTTI, partial(_paper_single, spec=SPEC), SPEC, asked=True),
-        *_variants("uoctti", UOCTTI, SPEC, _single, _multi_scale, asked=False),
-        _learned_prior("uoctti-learned", UOCTTI, _with_prior, SPEC),
-        Method(
-            "dalal-upconv", DALAL, partial(_learned, kind="dalal-upconv", spec=_DALAL), _DALAL, needs=("dalal-upconv",)
-        ),
-        *_variants("paper-dalal", DALAL, _DALAL, _paper_single, _paper_multi_scale, asked=True),
-        *_variants("dalal", DALAL, _DALAL, _single, _multi_scale, asked=False),
-        _learned_prior("dalal-learned", DALAL, _with_prior, _DALAL),
-        _learned_prior("dalal-multi-scale-more-learned", DALAL, _multi_scale_more_with_prior, _DALAL, multiscale=True),
-        *(Method(name, LIBRARIES, partial(_single, spec=spec), spec, asked=True) for name, spec in DIALECTS.items()),
+        _search("paper-uoctti-single", UOCTTI, SPEC, published=True, asked=True),
+        *_three("uoctti", UOCTTI, SPEC),
+        _search("uoctti-learned", UOCTTI, SPEC, priors=_priors(SPEC)),
+        *_three("paper-dalal", DALAL, _DALAL, published=True, asked=True),
+        *_three("dalal", DALAL, _DALAL),
+        _search("dalal-learned", DALAL, _DALAL, priors=_priors(_DALAL)),
+        _search("dalal-multi-scale-more-learned", DALAL, _DALAL, "one each", priors=_priors(_DALAL)),
+        *(_search(name, LIBRARIES, spec, asked=True) for name, spec in DIALECTS.items()),
         *(
-            _learned_prior(name, LIBRARIES, _with_prior, DIALECTS[name.removesuffix("-learned")], asked=True)
-            for name in LEARNED_DIALECTS
+            _search(f"{name}-learned", LIBRARIES, spec, priors=_priors(spec), asked=True)
+            for name, spec in DIALECTS.items()
         ),
     )
 }
@@ -249,9 +223,9 @@ def choose(
         method.name: kind
         for method in methods
         for kind in reversed(method.needs)
-        if kind in TAKES_HOURS and kind not in (*given, *shipped)
+        if kind in PRIORS and kind not in (*given, *shipped)
     }
     if names is not None and lacking:
         name, kind = next(iter(lacking.items()))
-        raise ValueError(f"{name} needs --{kind} FILE, see `nablahog learn {TAKES_HOURS[kind]}`")
+        raise ValueError(f"{name} needs --{kind} FILE, see `nablahog learn {PRIORS[kind]}`")
     return [method for method in methods if method.name not in lacking], [METHODS[name] for name in lacking]

@@ -1,32 +1,107 @@
-"""The candidate models of Table 2 by name, read or made only in the process that needs them."""
+"""CAD models: folders of them, such as PASCAL3D+'s ``CAD/chair``, and the candidates of Table 2."""
 
 from __future__ import annotations
 
+import os
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
+from ..io.files import check_folder
 from ..jobs.job_files import local_path
 from ..jobs.store import digest
-from ..render import Mesh, load_mesh
-from .cad import read_models
-from .chairs import LIBRARY, chair
+from ..render.mesh import Mesh, load_mesh
+from ..render.mesh_file import ENDINGS
+from ..render.sample_chairs import FILE, load_meshes, sample_chairs
 
+SCENE_CHAIRS = Path(__file__).with_name("chairs.npz")  # the chairs in the scenes of Table 2
 CACHED = 256  # meshes: reading one takes longer than many a search
+_BESIDE = (".mtl", ".jpg", ".jpeg", ".png", ".bmp", ".tga")  # files that an OBJ refers to
+
+
+@dataclass
+class Models:
+    """CAD models by name, in order; their files are read by :meth:`meshes`.
+
+    Attributes:
+        paths: their files.
+        ignored: names of files without the ending of a mesh, and of folders further down.
+        failed: why a file could not be read, by its model's name; set by :meth:`meshes`.
+    """
+
+    paths: dict[str, Path]
+    ignored: list[str]
+    failed: dict[str, str] = field(default_factory=dict)
+
+    def meshes(self, up: str | None = None, front: str | None = None) -> Iterator[tuple[str, Mesh]]:
+        """Loads one after the other with :func:`~nablahog.render.mesh.load_mesh`, and skips those that fail."""
+        for name, path in self.paths.items():
+            try:
+                mesh = load_mesh(path, up=up, front=front)
+            except (OSError, ValueError) as error:
+                self.failed[name] = str(error).removeprefix(f"{path}: ")
+                continue
+            yield name, mesh
+
+
+def read_models(folder: str | os.PathLike[str]) -> Models:
+    """Lists the models in a folder and in its subfolders, which may hold an OBJ with its materials or a category each.
+
+    A model's name is its path in the folder without the ending, or with it where two would have the same.  Hidden files
+    and folders are skipped; materials and textures are not listed as ignored.
+
+    Args:
+        folder: the folder.
+
+    Raises:
+        FileNotFoundError, NotADirectoryError: there is no such folder.
+        ValueError: it holds no model.
+
+    >>> from pathlib import Path
+    >>> Path("chairs").mkdir()
+    >>> _ = Path("chairs/stool.off").write_text("OFF\\n3 1 0\\n0 0 0\\n1 0 0\\n0 0 1\\n3 0 1 2\\n")
+    >>> models = nablahog.paper.models.read_models("chairs")
+    >>> [(name, len(mesh.faces)) for name, mesh in models.meshes()]
+    [('stool', 1)]
+    """
+    folder = Path(folder)
+    check_folder(folder, "CAD models")
+    above = _visible(folder)
+    below = [entry for inner in above if inner.is_dir() for entry in _visible(inner)]
+    entries = [entry for entry in above if not entry.is_dir()] + below
+    files = sorted(entry for entry in entries if entry.suffix.lower() in ENDINGS and not entry.is_dir())
+    if not files:
+        expected = ", ".join(ENDINGS)
+        raise ValueError(f"{folder}: expected a folder of CAD models ({expected}), but it holds none")
+    whole = {path: _name(path.relative_to(folder)) for path in files}
+    short = {path: _name(path.relative_to(folder).with_suffix("")) for path in files}
+    often = Counter(short.values())
+    paths = {short[path] if often[short[path]] == 1 else whole[path]: path for path in files}
+    ignored = [entry for entry in entries if entry not in whole and entry.suffix.lower() not in _BESIDE]
+    return Models(dict(sorted(paths.items())), sorted(_name(entry.relative_to(folder)) for entry in ignored))
+
+
+def _visible(folder: Path) -> list[Path]:
+    return [entry for entry in folder.iterdir() if not entry.name.startswith(".")]
+
+
+def _name(path: Path) -> str:
+    return os.fsencode(path.as_posix()).decode(errors="backslashreplace")  # names in any encoding can be printed
 
 
 @dataclass(frozen=True)
 class Model:
-    """A mesh by name.
+    """A candidate model of Table 2, whose mesh is read only in the process that needs it.
 
     Attributes:
         name: unique among the models of a run.
-        source: its file, or the seed of a procedural chair, perhaps with its kind.
+        file: of the mesh; None for a chair that comes with the package.
     """
 
     name: str
-    source: Path | int | tuple[int, str]
+    file: Path | None = None
 
     def mesh(self) -> Mesh:
         """The mesh, cached by the process while the file does not change.
@@ -34,26 +109,26 @@ class Model:
         Raises:
             OSError, ValueError: as :func:`~nablahog.render.load_mesh`.
         """
-        return _mesh(self.source, self.digest())
+        return _mesh(self, self.digest())
 
     def digest(self) -> str:
-        """What the mesh depends on beside the code.
+        """A hash of all files that the mesh depends on.
 
         Raises:
             OSError: the file cannot be read.
         """
-        return digest(local_path(self.source)) if isinstance(self.source, Path) else str(self.source)
+        return f"{digest(FILE)}{digest(SCENE_CHAIRS)}" if self.file is None else digest(local_path(self.file))
 
 
 @lru_cache(CACHED)
-def _mesh(source: Path | int | tuple[int, str], digest: str) -> Mesh:
-    if isinstance(source, Path):
-        return load_mesh(local_path(source))
-    return chair(*source) if isinstance(source, tuple) else chair(source)
+def _mesh(model: Model, digest: str) -> Mesh:
+    if model.file is None:
+        return {**load_meshes(SCENE_CHAIRS), **sample_chairs()}[model.name]
+    return load_mesh(local_path(model.file))
 
 
 class Meshes(Mapping[str, Mesh]):
-    """The meshes of models by name, each read or made when it is asked for."""
+    """The meshes of models by name, each read when it is asked for."""
 
     def __init__(self, models: Iterable[Model]) -> None:
         self._models = {model.name: model for model in models}
@@ -69,7 +144,7 @@ class Meshes(Mapping[str, Mesh]):
 
 
 def models_in(folder: Path) -> tuple[list[Model], dict[str, str]]:
-    """The models of a folder, by the names that :func:`~nablahog.paper.cad.read_models` gives them.
+    """The models of a folder, by the names that :func:`read_models` gives them.
 
     All are read once, so that a damaged one is reported before the work.
 
@@ -88,11 +163,11 @@ def models_in(folder: Path) -> tuple[list[Model], dict[str, str]]:
     return models, files.failed
 
 
-def procedural_chairs(count: int) -> list[Model]:
-    """The chairs of the first ``count`` seeds."""
-    return [Model(f"chair-{seed:02d}", seed) for seed in range(count)]
+def scene_chairs() -> list[Model]:
+    """The 24 procedural chairs in the scenes of Table 2; :func:`nablahog.sample_chairs` has others."""
+    return [Model(name) for name in load_meshes(SCENE_CHAIRS)]
 
 
 def chair_library() -> list[Model]:
-    """The chairs of :func:`nablahog.paper.chairs.library`, by the same names."""
-    return [Model(f"{kind}-{seed}", (seed, kind)) for kind, seed in LIBRARY]
+    """The chairs of :func:`nablahog.sample_chairs`, by the same names."""
+    return [Model(name) for name in sample_chairs()]

@@ -40,23 +40,18 @@ AS_PUBLISHED = (
     "paper-dalal-multi-scale",
     "paper-dalal-multi-scale-more",
 )
-"""Methods of Table 1 that search as the paper does; each row has the name of ours after ``paper-``."""
+"""Methods of Table 1 that search as the paper does: our names after ``paper-``."""
 
 TABLE1 = (
     "bovw",
     "hoggles",
     "cnn-hog",
     "cnn-hogb",
-    "ridge",
-    "nearest",
-    "upconv",
-    "triangles",
     "paper-uoctti-single",
     "uoctti-single",
     "uoctti-multi-scale",
     "uoctti-multi-scale-more",
     "uoctti-learned",
-    "dalal-upconv",
     "paper-dalal-single",
     "paper-dalal-multi-scale",
     "paper-dalal-multi-scale-more",
@@ -68,28 +63,15 @@ TABLE1 = (
     *DIALECTS,
     *LEARNED_DIALECTS,
 )
-TAKES_HOURS = {
-    "prior": "prior",
-    "unsigned-prior": "prior --signs unsigned",
-    "upconv": "upconv",
-    "dalal-upconv": "upconv --preset paper",
-}
-"""Files that methods of Table 1 run only with, since they take hours to learn, and the `nablahog learn` that does."""
-SHIPPED = ("prior", "unsigned-prior")
-"""Those of them that come with the package."""
+PRIORS = {"prior": "prior", "unsigned-prior": "prior --signs unsigned"}
+"""Learned priors of methods of Table 1, which come with the package, and the `nablahog learn` that trains each."""
 
 TABLE2 = ("exemplar", "exhaustive", "paper", "paper-edges", "best")
 
-DEFAULT_CONDITIONS = (
+CONDITIONS = (
     *("exact", "sides-5", "sides-10", "larger-20", "cut-15", "cut-30", "no-box", "tilted", "steep", "renderer"),
 )
-"""Conditions that Table 2 is also computed under without being asked."""
-CONDITIONS = (
-    *("as-table2", "exact", "exact-no-pose", "sides-5", "sides-10", "larger-20", "larger-40", "cut-15", "cut-30"),
-    *("photograph-cut-15", "photograph-cut-30", "no-box", "no-box-no-pose", "landscape", "landscape-no-pose"),
-    *("tilted", "steep", "sides-10-tilted", "shadows", "highlights", "jpeg", "renderer"),
-)
-"""The names of :data:`nablahog.paper.conditions.CONDITIONS`, in its order."""
+"""Conditions that Table 2 is also computed under: the names of :data:`nablahog.paper.conditions.CONDITIONS`."""
 
 
 @dataclass(frozen=True)
@@ -119,13 +101,12 @@ _PUBLISHED = {
     "dalal-multi-scale-more@1/4": Published(0.220, 1.565, 0.320),
     "dalal-multi-scale-more@1/1": Published(0.236, 1.582, 0.338),
 }
-_OF_ITS_OWN = ("uoctti-", "dalal-")
 PUBLISHED = {
     **_PUBLISHED,
-    **{f"paper-{row}": of for row, of in _PUBLISHED.items() if row.startswith(_OF_ITS_OWN)},
+    **{f"paper-{row}": of for row, of in _PUBLISHED.items() if row.startswith(("uoctti-", "dalal-"))},
 }
-"""By the names of our rows; the last level, 1/1, is also the row of the method itself.  What the paper prints of
-its own method stands beside the rows that search as it does, and beside ours."""
+"""By the names of our rows; the last level, 1/1, is also the row of the method itself.  The paper's own method stands
+beside the rows that search as it does, and beside ours."""
 
 BASELINES = {NO_HOG: ("bovw",), UOCTTI: ("hoggles", "cnn-hog", "cnn-hogb")}
 """The paper's baselines by group: shown even where ours did not run."""

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import json
-import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -14,8 +12,8 @@ from typing import Any
 from ..hog.box import Box
 from ..io.files import check_file
 from ..runtime.text import one_line
+from .rows import MAX_BYTES, Row, read_csv
 
-MAX_BYTES = 2**28  # of a list
 _SIDES = ("x0", "y0", "x1", "y1")
 _VIEW = ("azimuth", "elevation")
 
@@ -61,108 +59,77 @@ def read_objects(path: str | os.PathLike[str]) -> list[ListedObject]:
     2 b.jpg None
     """
     path = Path(path)
-    check_file(path, "a CSV or JSON file")
-    if path.stat().st_size > MAX_BYTES:
-        raise ValueError(f"{path}: a list of more than {MAX_BYTES:,} bytes is refused")
-    read: dict[str, Callable[[Path], list[ListedObject]]] = {".csv": _of_csv, ".json": _of_json}
-    if path.suffix.lower() not in read:
+    ending = path.suffix.lower()
+    if ending not in (".csv", ".json"):
+        check_file(path, "a CSV or JSON file")
         raise ValueError(f"{path}: expected a list of objects (.csv, .json), got the ending {path.suffix!r}")
-    annotations = read[path.suffix.lower()](path)
-    if not annotations:
-        raise ValueError(f"{path}: expected at least one object, got none")
-    return annotations
+    return _of_csv(path) if ending == ".csv" else _of_json(path)
 
 
 def _of_csv(path: Path) -> list[ListedObject]:
-    with open(path, newline="", encoding="utf-8-sig") as file:
-        reader = csv.DictReader(file, skipinitialspace=True)
-        try:
-            names = [name.strip() for name in reader.fieldnames or ()]
-            reader.fieldnames = names
-            if "image" not in names:
-                raise ValueError("expected the column image, but it is missing")
-            for group in (_SIDES, _VIEW):
-                given = [name for name in group if name in names]
-                if given and len(given) < len(group):
-                    missing = ", ".join(name for name in group if name not in names)
-                    raise ValueError(f"expected the columns {', '.join(group)} together, but {missing} is missing")
-            return [_listed_object(number, row, row["image"], "column ") for number, row in enumerate(reader, 1)]
-        except (ValueError, csv.Error) as error:  # UnicodeDecodeError is a ValueError
-            raise ValueError(f"{path}, line {max(1, reader.line_num)}: {one_line(error)}") from None
+    rows = read_csv(path, ("image",))
+    for group in (_SIDES, _VIEW):
+        missing = [name for name in group if name not in rows[0].values]
+        if missing and len(missing) < len(group):
+            raise ValueError(f"{path}: expected the columns {', '.join(group)} together, but {missing[0]} is missing")
+    return [_listed_object(number, row, row.text("image")) for number, row in enumerate(rows, 1)]
 
 
 def _of_json(path: Path) -> list[ListedObject]:
+    check_file(path, "a JSON file")
+    if path.stat().st_size > MAX_BYTES:
+        raise ValueError(f"{path}: a list of more than {MAX_BYTES:,} bytes is refused")
     try:
         whole = json.loads(path.read_bytes())
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path}: expected JSON, but it cannot be read: {one_line(error)}") from None
-    images, found = (whole.get(key) if isinstance(whole, dict) else None for key in ("images", "annotations"))
-    if not isinstance(images, list) or not isinstance(found, list) or not images:
+    images, annotations = (whole.get(key) if isinstance(whole, dict) else None for key in ("images", "annotations"))
+    if not isinstance(images, list) or not isinstance(annotations, list) or not annotations:
         raise ValueError(f"{path}: expected an object with the lists images and annotations, as COCO has them")
-    where = "images"
-    try:
-        names: dict[Any, object] = {}
-        for k, each in enumerate(images):
-            where = f"images[{k}]"
-            image = _id(each, "id")
-            names[image] = each.get("file_name")
-        annotations, taken = [], set()
-        for k, each in enumerate(found):
-            where = f"annotations[{k}]"
-            number, image = _id(each, "id"), _id(each, "image_id")
-            if image not in names:
-                raise ValueError(f"image_id: expected the id of one of the images, got {image}")
-            if number in taken:
-                raise ValueError(f"id: expected another one for each object, got {number} twice")
-            taken.add(number)
-            annotations.append(_listed_object(number, each, names[image], ""))
-        return annotations
-    except ValueError as error:
-        raise ValueError(f"{path}, {where}: {one_line(error)}") from None
+    names = {_id(row, "id"): row.values.get("file_name") for row in _entries(path, "images", images)}
+    objects: dict[int, ListedObject] = {}
+    for row in _entries(path, "annotations", annotations):
+        number, image = _id(row, "id"), _id(row, "image_id")
+        if image not in names:
+            raise row.error("image_id", f"expected the id of one of the images, got {image}")
+        if number in objects:
+            raise row.error("id", f"expected another one for each object, got {number} twice")
+        objects[number] = _listed_object(number, row, names[image])
+    return list(objects.values())
 
 
-def _id(entry: object, key: str) -> int:
-    value = entry.get(key) if isinstance(entry, dict) else None
+def _entries(path: Path, name: str, entries: list[Any]) -> list[Row]:
+    wrong = next((k for k, entry in enumerate(entries) if not isinstance(entry, Mapping)), None)
+    if wrong is not None:
+        raise ValueError(f"{path}, {name}[{wrong}]: expected an object")
+    return [Row(f"{path}, {name}[{k}]", entry) for k, entry in enumerate(entries)]
+
+
+def _id(row: Row, key: str) -> int:
+    value = row.values.get(key)
     if not isinstance(value, int) or isinstance(value, bool):
-        raise ValueError(f"{key}: expected an integer, got {one_line(repr(value), 60)}")
+        raise row.error(key, f"expected an integer, got {one_line(repr(value), 60)}")
     return value
 
 
-def _listed_object(number: int, row: Mapping[str, object], image: object, kind: str) -> ListedObject:
-    """Of a row of either format; ``kind`` is what errors call its keys."""
+def _listed_object(number: int, row: Row, image: object) -> ListedObject:
+    """The object of a row of either format."""
     name = image.strip() if isinstance(image, str) else ""
     if not name or PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts or "\0" in name:
         expected = "the name of a file in the folder of photographs, or below"
-        raise ValueError(f"{kind}image: expected {expected}, got {one_line(repr(image), 60)}")
-    box = None
-    if "bbox" in row:
-        corner = row["bbox"]
+        raise row.error("image", f"expected {expected}, got {one_line(repr(image), 60)}")
+    sides = row.numbers(_SIDES, "pixels")
+    if "bbox" in row.values:
+        corner = row.values["bbox"]
         if not isinstance(corner, list) or len(corner) != 4:
-            raise ValueError(f"bbox: expected x, y, width, height, got {one_line(repr(corner), 60)}")
-        x, y, width, height = (_number(value, "bbox", "pixels") for value in corner)
-        box = Box(x, y, x + width, y + height)
-    elif (sides := _together(row, _SIDES, kind, "pixels")) is not None:
-        box = Box.of(sides)
+            raise row.error("bbox", f"expected x, y, width, height, got {one_line(repr(corner), 60)}")
+        entries = Row(row.where, dict(zip(("bbox[0]", "bbox[1]", "bbox[2]", "bbox[3]"), corner, strict=True)))
+        x, y, width, height = (entries.number(name, "pixels") for name in entries.values)
+        sides = [x, y, x + width, y + height]
+    box = None if sides is None else Box.of(sides)
     if box is not None and not (box.width > 0 and box.height > 0):
-        raise ValueError(f"expected a box with sides above 0, got {tuple(box)}")
-    view = _together(row, _VIEW, kind, "degrees")
+        raise ValueError(f"{row.where}: expected a box with sides above 0, got {tuple(box)}")
+    view = row.numbers(_VIEW, "degrees")
     if view is not None and abs(view[1]) > 90:
-        raise ValueError(f"{kind}elevation: expected degrees in -90…90, got {view[1]:g}")
+        raise row.error("elevation", f"expected degrees in -90…90, got {view[1]:g}")
     return ListedObject(number, name, box, None if view is None else (view[0], view[1]))
-
-
-def _together(row: Mapping[str, object], names: tuple[str, ...], kind: str, unit: str) -> list[float] | None:
-    """The numbers of some columns; None if all of them are empty."""
-    if all(row.get(name) is None or not str(row[name]).strip() for name in names):
-        return None
-    return [_number(row.get(name), f"{kind}{name}", unit) for name in names]
-
-
-def _number(value: object, name: str, unit: str) -> float:
-    try:
-        number = math.nan if isinstance(value, bool) else float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
-    if not math.isfinite(number):
-        raise ValueError(f"{name}: expected a finite number of {unit}, got {one_line(repr(value), 60)}")
-    return number

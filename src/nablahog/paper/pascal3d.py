@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,29 +22,11 @@ from ..hog.box import Box
 from ..io.images import read_image
 from ..io.matfile import read_mat
 from ..runtime.text import one_line
+from .annotations import AnnotatedObject
 from .voc import VOCObject, check_voc, half_open, read_annotation, read_image_ids
 
 SHORTEST = 100  # pixels of the shortest side of an object's picture (the paper, Section 3.2, Setup)
 SAME_BOX = 0.5  # intersection over union from which the boxes of VOC and of a record are those of one object
-
-
-@dataclass(frozen=True)
-class Viewpoint:
-    """The viewpoint of an object, angles in degrees.
-
-    Attributes:
-        azimuth: of the camera, in 0…360, 0 in front of the object and 90 at its left.
-        elevation: of the camera, above the object's horizontal plane.
-        theta: in the image plane, counter-clockwise.
-        distance: in units of the CAD model; 0 for coarse viewpoints.
-        coarse: only a rough guess of azimuth and elevation is annotated.
-    """
-
-    azimuth: float
-    elevation: float
-    theta: float
-    distance: float
-    coarse: bool
 
 
 @dataclass(frozen=True)
@@ -55,31 +36,18 @@ class Record:
     Attributes:
         category: such as "chair".
         box: where, in pixels.
-        viewpoint: None if none is annotated.
+        viewpoint: azimuth of the camera in 0…360, 0 in front of the object and 90 at its left; elevation above the
+            object's horizontal plane; and theta in the image plane, counter-clockwise.  Degrees.  None if none is
+            annotated.
+        coarse: only a rough guess of azimuth and elevation is annotated.
         cad: the number of the CAD model most like it, from 1; None if none is annotated.
     """
 
     category: str
     box: Box
-    viewpoint: Viewpoint | None
+    viewpoint: tuple[float, float, float] | None
+    coarse: bool
     cad: int | None
-
-
-@dataclass(frozen=True, eq=False)
-class AnnotatedObject:
-    """The image of an object and its viewpoint.
-
-    Attributes:
-        name: of the image and the object's number in it, from 1, as "2008_000003#1".
-        image: (C, H, W), C 1 or 3, float32 in 0…1: the photograph cut along its box.
-        viewpoint: as annotated.
-        cad: the stem of the file of the CAD model most like it, as "03"; None if none is annotated.
-    """
-
-    name: str
-    image: Tensor
-    viewpoint: Viewpoint
-    cad: str | None
 
 
 @dataclass
@@ -87,12 +55,15 @@ class Selection:
     """The objects of a split whose pose is to be estimated.
 
     Attributes:
-        objects: in the order of the split.
+        objects: in the order of the split, named by image and number in it, from 1, as "2008_000003#1".  Images are
+            photographs cut along the box; models are stems of the files of CAD models, as "03".
+        coarse: the names of those with coarse viewpoints only.
         left_out: number of other objects by the first reason that applies.
         failed: why the files of an image could not be read, by its name.
     """
 
     objects: list[AnnotatedObject] = field(default_factory=list)
+    coarse: set[str] = field(default_factory=set)
     left_out: Counter[str] = field(default_factory=Counter)
     failed: dict[str, str] = field(default_factory=dict)
 
@@ -100,7 +71,7 @@ class Selection:
         """A sentence: how many objects there are, and how many are left out for which reason."""
         photographs = len({each.name.partition("#")[0] for each in self.objects})
         why = ", ".join(f"{count} {reason}" for reason, count in self.left_out.items())
-        coarse = sum(each.viewpoint.coarse for each in self.objects)
+        coarse = len(self.coarse & {each.name for each in self.objects})
         roughly = f", {coarse} of them with coarse viewpoints only" if coarse else ""
         return f"{len(self.objects)} objects of {photographs} photographs{roughly}; left out: {why or 'none'}."
 
@@ -123,8 +94,8 @@ def read_record(path: Path) -> list[Record]:
     >>> chair = {"class": "chair", "bbox": [1, 1, 50, 40], "viewpoint": viewpoint, "cad_index": 3}
     >>> savemat("a.mat", {"record": {"objects": chair}})
     >>> (one,) = nablahog.paper.pascal3d.read_record(Path("a.mat"))
-    >>> one.category, tuple(one.box), one.viewpoint.azimuth, one.cad
-    ('chair', (0.0, 0.0, 50.0, 40.0), 317.5, 3)
+    >>> one.category, tuple(one.box), one.viewpoint, one.cad
+    ('chair', (0.0, 0.0, 50.0, 40.0), (317.5, 20.0, -3.5), 3)
     """
     variables = read_mat(path)
     try:
@@ -147,23 +118,20 @@ def _record(fields: dict[str, Any]) -> Record:
     if not isinstance(category, str) or not isinstance(box, np.ndarray) or box.size != 4 or not np.isfinite(box).all():
         raise ValueError("an object has no class or no bbox")
     annotated = isinstance(viewpoint, list) and len(viewpoint) == 1 and isinstance(viewpoint[0], dict)
-    return Record(
-        category,
-        half_open(*map(float, box.flat)),
-        _viewpoint(_structures(fields, "viewpoint")[0]) if annotated else None,
-        int(cad) if cad is not None and cad >= 1 else None,
-    )
+    angles, coarse = _viewpoint(viewpoint[0]) if annotated else (None, False)
+    whole = int(cad) if cad is not None and cad >= 1 else None
+    return Record(category, half_open(*map(float, box.flat)), angles, coarse, whole)
 
 
-def _viewpoint(fields: dict[str, Any]) -> Viewpoint | None:
-    distance = _number(fields, "distance") or 0.0
+def _viewpoint(fields: dict[str, Any]) -> tuple[tuple[float, float, float] | None, bool]:
+    """Azimuth, elevation and theta, and whether they are coarse."""
     fine = _number(fields, "azimuth"), _number(fields, "elevation")
     rough = _number(fields, "azimuth_coarse"), _number(fields, "elevation_coarse")
-    coarse = distance == 0 or None in fine
+    coarse = not _number(fields, "distance") or None in fine
     azimuth, elevation = rough if coarse else fine
     if azimuth is None or elevation is None:
-        return None
-    return Viewpoint(azimuth % 360, elevation, _number(fields, "theta") or 0.0, distance, coarse)
+        return None, False
+    return (azimuth % 360, elevation, _number(fields, "theta") or 0.0), coarse
 
 
 def _number(fields: dict[str, Any], name: str) -> float | None:
@@ -205,7 +173,7 @@ def read_pascal3d(voc: Path, pascal3d: Path, category: str = "chair", split: str
     >>> chair = {"class": "chair", "bbox": [11, 1, 120, 110], "viewpoint": viewpoint, "cad_index": 3}
     >>> savemat(records / "a.mat", {"record": {"objects": chair}})
     >>> selection = nablahog.paper.pascal3d.read_pascal3d(voc, pascal3d)
-    >>> [(each.name, each.image.shape, each.viewpoint.azimuth, each.cad) for each in selection.objects]
+    >>> [(each.name, each.image.shape, each.azimuth, each.model) for each in selection.objects]
     [('a#1', torch.Size([1, 110, 110]), 317.5, '03')]
     """
     check_voc(voc)
@@ -237,9 +205,13 @@ def _select(voc: Path, records: Path, category: str, image_id: str, result: Sele
                 record = max(candidates, key=lambda one: each.box.iou(one.box), default=None)
                 if record is None or record.viewpoint is None or each.box.iou(record.box) < SAME_BOX:
                     continue
-                cad = None if record.cad is None else f"{record.cad:02d}"
+                model = None if record.cad is None else f"{record.cad:02d}"
                 picture = cut_out(photograph, each.box)
-                objects.append(AnnotatedObject(f"{image_id}#{number}", picture, record.viewpoint, cad))
+                whole = Box(0.0, 0.0, float(picture.shape[2]), float(picture.shape[1]))
+                name = f"{image_id}#{number}"
+                objects.append(AnnotatedObject(name, picture, whole, *record.viewpoint, model))
+                if record.coarse:
+                    result.coarse.add(name)
     except (OSError, ValueError) as error:
         result.failed[image_id] = str(error).replace(f"{voc}{os.sep}", "").replace(f"{records}{os.sep}", "")
         return
@@ -253,26 +225,16 @@ def _flaw(one: VOCObject) -> str | None:
     return next((name for name, holds in flaws.items() if holds), None)
 
 
-def cut_out(image: Tensor, box: Sequence[float], shortest: int = SHORTEST) -> Tensor:
-    """The part of an image in a box, enlarged if its shortest side has less than ``shortest`` pixels.
+def cut_out(image: Tensor, box: Box, shortest: int = SHORTEST) -> Tensor:
+    """The part (C, h, w) of an image (C, H, W) in a box, enlarged to ``shortest`` pixels at its shortest side.
 
-    Args:
-        image: (C, H, W), floating point in 0…1.
-        box: x0, y0, x1, y1; is rounded to whole pixels; what lies outside the image is left out.
-        shortest: at least 1.
-
-    Returns:
-        (C, h, w) in 0…1.
+    The box is rounded to whole pixels; what lies outside the image is left out.
 
     Raises:
         ValueError: the box and the image have no pixel in common.
-
-    >>> image = torch.rand(3, 120, 160)
-    >>> nablahog.paper.pascal3d.cut_out(image, (10, 20, 60, 60)).shape  # 40 pixels high, enlarged to 100
-    torch.Size([3, 100, 125])
     """
     height, width = image.shape[1:]
-    inside = Box(*map(round, Box.of(box))).intersect(Box(0, 0, width, height))
+    inside = Box(*map(round, box)).intersect(Box(0, 0, width, height))
     if inside.width <= 0 or inside.height <= 0:
         raise ValueError(f"expected a box in the image of {height}x{width} pixels, got {box}")
     part = image[:, inside.rows, inside.cols]

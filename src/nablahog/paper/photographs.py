@@ -1,9 +1,9 @@
-"""What the table is made from: gray photographs of a folder, or those that scikit-image installs."""
+"""What Table 1 is made from: gray photographs of a folder, or those that scikit-image installs."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,8 +13,6 @@ from ..hog.gradient import gray
 from ..io.files import check_folder
 from ..io.images import image_endings, limit_size, read_image
 from ..io.sample_photographs import SAMPLE_NAMES, sample_photograph
-
-BACKGROUND = 640  # pixels of the longer side of what is behind a scene: it shows at most 403 of them
 
 
 @dataclass
@@ -97,48 +95,3 @@ def _prepared(image: Tensor, size: int) -> Tensor:
 def _name(path: Path, folder: Path) -> str:
     name = os.fsencode(path.relative_to(folder).as_posix())
     return name.decode(errors="backslashreplace")  # a name of any bytes fits the tables
-
-
-class Backgrounds(Sequence[Tensor]):
-    """The photographs of a folder as backgrounds of scenes: (C, H, W), float32 in 0…1, read when they are asked for.
-
-    Those that cannot be read are passed over, so all are read once before.
-
-    Attributes:
-        failed: why a file could not be read, by its name.
-
-    Raises:
-        FileNotFoundError, NotADirectoryError: there is no such folder.
-        ValueError: it holds no image, or none that can be read.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self.failed: dict[str, str] = {}
-        self._paths: list[Path] = []
-        check_folder(folder, "images")
-        readable = image_endings()
-        files = sorted(path for path in _entries(folder, False) if path.suffix.lower() in readable and path.is_file())
-        for path in files:
-            reason = _unreadable(path)
-            if reason is None:
-                self._paths.append(path)
-            else:
-                self.failed[_name(path, folder)] = reason
-        if not self._paths:
-            first = "".join(f"; the first: {name}: {reason}" for name, reason in [*self.failed.items()][:1])
-            raise ValueError(f"{folder}: expected a folder of images, but it holds none that can be read{first}")
-
-    def __len__(self) -> int:
-        return len(self._paths)
-
-    def __getitem__(self, index: int) -> Tensor:  # type: ignore[override]
-        return limit_size(read_image(self._paths[index]), BACKGROUND)
-
-
-def _unreadable(path: Path) -> str | None:
-    """Why an image cannot be read; None if it can."""
-    try:
-        read_image(path)
-    except (OSError, ValueError) as error:
-        return str(error).removeprefix(f"{path}: ")
-    return None

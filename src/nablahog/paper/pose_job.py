@@ -49,7 +49,7 @@ class PoseJob:
 
     def files(self) -> list[Path]:
         """Those of the models."""
-        return [model.source for model in self.models if isinstance(model.source, Path)]
+        return [model.file for model in self.models if model.file is not None]
 
     def run(self) -> JobResult:
         """Runs the method: the pose as figures, its silhouette as the picture; the time is without preparation.

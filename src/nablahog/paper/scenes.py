@@ -18,6 +18,7 @@ from ..hog.box import Box
 from ..io.images import Picture
 from ..render import Camera, Light, Mesh, render
 from ..render.camera import to_camera, to_screen
+from .annotations import AnnotatedObject
 from .clutter import clutter, colours
 from .looks import compressed, relit
 
@@ -108,7 +109,7 @@ SETTINGS = SceneSettings()
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """One test object.
+    """A rendered object in front of clutter, and the truth about it.
 
     Attributes:
         model: the name of its model.
@@ -126,6 +127,12 @@ class Scene:
     pose: Tensor
     camera: Camera
     initial: Tensor
+
+    def annotated(self, name: str) -> AnnotatedObject:
+        """The object of that name with its true viewpoint, and the azimuth and elevation to start from."""
+        azimuth, elevation, _, theta, _, _ = self.pose.tolist()
+        initial = float(self.initial[0]), float(self.initial[1])
+        return AnnotatedObject(name, self.image, self.box, azimuth, elevation, theta, self.model, initial)
 
 
 def scene(
@@ -151,8 +158,8 @@ def scene(
     Raises:
         ValueError: there are no models, viewpoints or photographs, or they have other shapes.
 
-    >>> from nablahog.paper import chairs, scenes
-    >>> models = {"a": chairs.chair(1), "b": chairs.chair(2)}
+    >>> from nablahog.paper import scenes
+    >>> models = nablahog.sample_chairs()
     >>> viewpoints = np.array([[30.0, 15.0, 0.0], [200.0, 10.0, 2.0]])  # azimuth, elevation, theta
     >>> one = scenes.scene(0, models, viewpoints, [torch.rand(200, 200)])
     >>> one.image.shape, one.model in models, float(one.pose[0]) in (30.0, 200.0)
@@ -227,7 +234,7 @@ def _render(
 def compose(
     picture: Floats,
     coverage: Floats,
-    box: Sequence[float],
+    box: Box,
     photographs: Sequence[Picture],
     settings: SceneSettings,
     generator: np.random.Generator,
@@ -237,27 +244,19 @@ def compose(
     Args:
         picture: (3, H, W), the object on black.
         coverage: (H, W) in 0…1, of each pixel by the object and its shadow.
-        box: x0, y0, x1, y1 of the object, pixels.
+        box: of the object, pixels.
         photographs: clutter, as :func:`scene` takes it.
         settings: its difficulty.
         generator: of random numbers.
 
     Returns:
         (3, H, W), float64 in 0…1.
-
-    >>> from nablahog.paper import scenes
-    >>> picture, coverage = np.full((3, 64, 64), 0.5), np.zeros((64, 64))
-    >>> coverage[16:48, 16:48] = 1.0  # the object is a gray square
-    >>> clutter = [np.random.default_rng(0).random((1, 80, 80))]
-    >>> generator = np.random.default_rng(0)
-    >>> scenes.compose(picture * coverage, coverage, (16, 16, 48, 48), clutter, scenes.SceneSettings(), generator).shape
-    (3, 64, 64)
     """
     ranges = {"zoom": settings.zoom, "contrast": settings.contrast}
     part = partial(clutter, photographs, coverage.shape, generator, **ranges, tint=settings.tint)
     image = picture + (1 - coverage) * part()
     if generator.random() < settings.occlusion:
-        hidden = _occluder(Box.of(box), generator.uniform(*settings.occluded), generator)
+        hidden = _occluder(box, generator.uniform(*settings.occluded), generator)
         front = part()
         image[:, hidden.rows, hidden.cols] = front[:, hidden.rows, hidden.cols]
     blur = generator.uniform(*settings.blur)

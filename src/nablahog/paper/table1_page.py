@@ -16,7 +16,7 @@ from ..viz import html
 from ..viz.pictures import Panel, glyphs
 from .learned import load
 from .methods import Method, Table1Settings
-from .names import TAKES_HOURS
+from .names import PRIORS
 from .photographs import Photographs
 from .table1 import Line, Table1
 from .tables import RESAMPLES, Statistics, failures_section
@@ -54,11 +54,6 @@ DEFINITIONS = {
     "cells, while theirs leaves out the outermost.",
     "cnn-hog, cnn-hogb": "HOG as a convolutional network, without texture channels, inverted by gradient descent under "
     "two priors (Mahendran and Vedaldi); the distance is that of the network's own descriptor.",
-    "ridge": "Each patch as a linear function of the window of the descriptor around it (after Vondrick et al.).",
-    "nearest": "Each patch as the mean of those under the 32 most similar windows of other photographs.",
-    "upconv, dalal-upconv": "A network of convolutions and up-convolutions gives the image at once, with the "
-    "brightness and contrast that photographs with such descriptors have (after Dosovitskiy and Brox).",
-    "triangles": "10,000 random triangles, of which those stay that bring the descriptor closer (Vondrick et al.).",
     "what libraries compute": "Single-scale, from the descriptor that a library computes, with its own defaults and "
     "cells of 8 pixels; opencv-linear is OpenCV's without the root of gray values (gammaCorrection), hog-net the "
     "network of cnn-hog, inverted as the others are.",
@@ -79,7 +74,7 @@ LEAD = (
 def remarks(left_out: Sequence[Method], learned: Mapping[str, Path], photographs: Photographs) -> list[str]:
     """Remarks on methods that learn from photographs: which are left out, and which have trained on the test images."""
     sentences = [
-        f"{each.name} is optional, and runs with --{kind} FILE, see `nablahog learn {TAKES_HOURS[kind]}`."
+        f"{each.name} is optional, and runs with --{kind} FILE, see `nablahog learn {PRIORS[kind]}`."
         for each in left_out
         for kind in each.needs[:1]
     ]

@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..metrics import VIEWS, azimuth_error, near_view, rotation_error, same_view
-from .examples import Example, Examples
+from .annotations import AnnotatedObject
+from .examples import Examples
 from .names import POSE_PUBLISHED
 from .pose_job import PoseJob
 from .pose_methods import PoseMethod, Table2Settings
-from .tables import Results, Statistics, evenly_spread, run, statistics
+from .tables import Results, Statistics, evenly_spread, run, statistics, write_csv
 
 CRITERIA = {"interval": same_view, "threshold": near_view}
 WITHIN = (30.0, 10.0)  # degrees of the rotation's error: π/6 and π/18, by which the field reports poses
@@ -45,6 +46,16 @@ class Line:
     paper: Mapping[int, float]
     seconds: float | None
 
+    def figures(self) -> Iterator[tuple[str, float | None, float | None, float | None, float | None]]:
+        """Name, value, low, high and the paper's value of each figure."""
+        for (criterion, views), of in self.accuracy.items():
+            paper = self.paper.get(views) if criterion == "interval" else None
+            yield f"{criterion}_{views}", of.mean, of.low, of.high, paper
+        yield "median_error", self.error.median, self.error.low, self.error.high, None
+        yield "rotation_median_error", self.rotation.median, self.rotation.low, self.rotation.high, None
+        for angle, of in self.within.items():
+            yield f"rotation_within_{angle:g}_degrees", of.mean, of.low, of.high, None
+
 
 @dataclass(frozen=True)
 class Table2(Results):
@@ -64,7 +75,7 @@ class Table2(Results):
         """The table of one of the conditions."""
         return replace(self, examples=self.conditions[condition], conditions={})
 
-    def all_objects(self) -> Iterator[Example]:
+    def all_objects(self) -> Iterator[AnnotatedObject]:
         """Those of the table, and those of all conditions."""
         for examples in (self.examples, *self.conditions.values()):
             yield from examples.objects
@@ -113,21 +124,21 @@ class Table2(Results):
         )
 
 
-def error_of_azimuth(pose: Mapping[str, Any] | None, example: Example) -> float:
+def error_of_azimuth(pose: Mapping[str, Any] | None, one: AnnotatedObject) -> float:
     """Degrees by which the azimuth of a method's figures is off; :data:`NO_POSE` without figures."""
-    return NO_POSE if pose is None else float(azimuth_error(pose["azimuth"], example.azimuth))
+    return NO_POSE if pose is None else float(azimuth_error(pose["azimuth"], one.azimuth))
 
 
-def error_of_rotation(pose: Mapping[str, Any] | None, example: Example) -> float:
+def error_of_rotation(pose: Mapping[str, Any] | None, one: AnnotatedObject) -> float:
     """Likewise, of the whole rotation."""
     if pose is None:
         return NO_POSE
-    truth = example.azimuth, example.elevation, example.theta
+    truth = one.azimuth, one.elevation, one.theta
     return float(rotation_error([pose["azimuth"], pose["elevation"], pose["theta"]], truth))
 
 
-def _right(criterion: str, views: int, pose: Mapping[str, Any] | None, example: Example) -> bool:
-    return pose is not None and bool(CRITERIA[criterion](pose["azimuth"], example.azimuth, views))
+def _right(criterion: str, views: int, pose: Mapping[str, Any] | None, one: AnnotatedObject) -> bool:
+    return pose is not None and bool(CRITERIA[criterion](pose["azimuth"], one.azimuth, views))
 
 
 def run_table2(
@@ -155,7 +166,7 @@ def run_table2(
     harder = conditions or {}
     everything = [each for of in (examples, *harder.values()) for each in of.objects]
     jobs = {
-        (each.name, method.name): PoseJob(method, each.image.numpy(), each.box, each.models, each.initial, settings)
+        (each.name, method.name): PoseJob(method, each.image.numpy(), each.box, each.candidates, each.initial, settings)
         for each in everything
         for method in methods
     }
@@ -163,3 +174,39 @@ def run_table2(
     shown = evenly_spread([each.name for each in examples.objects], SHOWN)
     results = run(folder, jobs, rows, examples.failed, shown, **options)
     return Table2(**vars(results), methods=methods, examples=examples, conditions=harder)
+
+
+def write_table2(folder: Path, table: Table2) -> None:
+    """Writes ``summary.csv``, ``per_object.csv`` and ``failures.csv``.
+
+    Accuracies are in percent, errors in degrees.  Rows of the table itself have no condition.  Only the seconds differ
+    between runs of the same settings, however often they were interrupted.
+    """
+    summary: list[Sequence[object]] = [
+        ("condition", "method", "objects", "figure", "value", "low", "high", "paper"),
+        *(("", line.method, line.error.n, *figure) for line in table.lines() for figure in line.figures()),
+    ]
+    for name in table.conditions:
+        for line in table.under(name).ran():
+            summary += [(name, line.method, line.error.n, *figure) for figure in line.figures()]
+    write_csv(folder / "summary.csv", summary)
+    write_csv(folder / "per_object.csv", _per_object(table))
+    failures = [(failure.image, failure.method, failure.reason) for failure in table.failures]
+    write_csv(folder / "failures.csv", [("object", "method", "reason"), *failures])
+
+
+def _per_object(table: Table2) -> Iterator[Sequence[object]]:
+    pose = ("azimuth", "elevation", "distance", "theta")
+    truth = ("true_azimuth", "true_elevation", "true_theta")
+    yield "object", "model", "method", *truth, *pose, "found_model", "error", "rotation_error", "seconds"
+    for method, figures in table.figures.items():
+        for each in table.all_objects():
+            if each.name in figures:
+                outcome = figures[each.name]
+                yield (
+                    *(each.name, each.model, method, each.azimuth, each.elevation, each.theta),
+                    *(outcome[name] for name in pose),
+                    outcome["model"],
+                    *(error_of_azimuth(outcome, each), error_of_rotation(outcome, each)),
+                    round(table.seconds[method][each.name], 4),
+                )

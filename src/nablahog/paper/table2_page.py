@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Callable, Mapping, Sequence
 
 from ..metrics import VIEWS
 from ..viz import html
 from ..viz.pictures import Panel, outlined
 from ..viz.similarity_plot import boxed
-from ..viz.svg import Drawing
+from .annotations import AnnotatedObject
 from .conditions import CONDITIONS
-from .examples import Example
 from .pose_methods import POSE_METHODS, Table2Settings
 from .table2 import NO_POSE, WITHIN, Line, Table2
 from .tables import RESAMPLES, Statistics, failures_section
-
-BARS = 12  # of the histograms, 15° each
 
 LEAD = (
     "In each image the pose of one object was estimated from the similarity of its HOG descriptors to those of "
@@ -31,7 +25,7 @@ DEFINITIONS = {
     "true one; the first has 0° in its middle, as in the code published with PASCAL3D+.",
     f"{', '.join(f'< {360 / views:g}°' for views in VIEWS)}: by threshold": "The azimuth is right if it differs from "
     "the true one by less.",
-    "median error, error": "Half of the azimuths differ from the true ones by no more, the shorter way round.",
+    "median error, error": "Half of the azimuths are off by no more, measured the shorter way round.",
     "rotation, rotation error": "Of the whole viewpoint: the angle of the rotation from the true azimuth, elevation "
     "and in-plane rotation to those found (Tulsiani and Malik, CVPR 2015). How many are within π/6 = 30° and "
     "π/18 = 10°, and the median.",
@@ -79,17 +73,21 @@ def terminal_rotations(table: Table2) -> list[dict[str, object]]:
 def terminal_conditions(table: Table2) -> list[dict[str, object]]:
     """Accuracies and errors under harder conditions, likewise."""
     return [
-        {
-            "condition": name,
-            "method": line.method,
-            "objects": line.error.n,
-            **{f"{views} views": _percent(line.accuracy["interval", views]) for views in VIEWS},
-            f"< {360 / VIEWS[-1]:g}°": _percent(line.accuracy["threshold", VIEWS[-1]]),
-            "error": line.error.median,
-        }
+        {**_under(name, line, _percent), "error": line.error.median}
         for name in table.conditions
         for line in table.under(name).ran()
     ]
+
+
+def _under(condition: str, line: Line, cell: Callable[[Statistics], object]) -> dict[str, object]:
+    """What the terminal and the page show of a method under a condition; ``cell`` shows an accuracy."""
+    return {
+        "condition": condition,
+        "method": line.method,
+        "objects": line.error.n,
+        **{f"{views} views": cell(line.accuracy["interval", views]) for views in VIEWS},
+        f"< {360 / VIEWS[-1]:g}°": cell(line.accuracy["threshold", VIEWS[-1]]),
+    }
 
 
 def _percent(of: Statistics) -> html.Shown | None:
@@ -106,9 +104,9 @@ def page(table: Table2, settings: Table2Settings) -> str:
         "Table 2: poses from HOG descriptors",
         f"{LEAD} {table.examples.origin}{failed}",
         [_row(line) for line in lines],
-        [failures, _rotations(lines), *_conditions(table), _errors(table), _pictures(table)],
+        [failures, _rotations(lines), *_conditions(table), _pictures(table)],
         {**DEFINITIONS, **{name: CONDITIONS[name].about for name in table.conditions}},
-        html.footer("results.json and the CSV files beside this page", f", seed {settings.seed}"),
+        html.footer("summary.csv and per_object.csv beside this page", f", seed {settings.seed}"),
     )
 
 
@@ -146,9 +144,7 @@ def _conditions(table: Table2) -> list[html.Section]:
     rows: list[Mapping[str, object]] = []
     for name in table.conditions:
         for line in table.under(name).ran():
-            row: dict[str, object] = {"condition": name, "method": line.method, "objects": line.error.n}
-            row |= {f"{views} views": _cell(line.accuracy["interval", views]) for views in VIEWS}
-            row[f"< {360 / VIEWS[-1]:g}°"] = _cell(line.accuracy["threshold", VIEWS[-1]])
+            row = _under(name, line, _cell)
             row[f"rotation ≤ {WITHIN[0]:g}°, %"] = _cell(line.within[WITHIN[0]])
             rows.append({**row, "median error": _cell(line.error, median=True), "seconds": line.seconds})
     text = (
@@ -161,48 +157,6 @@ def _conditions(table: Table2) -> list[html.Section]:
         picture = first.image if first.box is None else boxed(first.image, [first.box])
         panels.append(Panel(picture, name, f"The image {first.name} with the box that methods are given"))
     return [html.Section("Harder conditions", text, table=rows), html.Section("", "The first object of each.", panels)]
-
-
-def _errors(table: Table2) -> html.Section:
-    counts = {each.name: np.histogram(table.errors(each.name), BARS, (0, 180))[0] for each in table.methods}
-    shares = {name: of / max(1, of.sum()) for name, of in counts.items()}
-    highest = max((float(of.max()) for of in shares.values()), default=1.0) or 1.0
-    text = (
-        f"Percent of the objects by how far their azimuth is off, {180 // BARS}° a bar. Objects without a pose are "
-        f"{NO_POSE:g}° off."
-    )
-    drawings = [histogram(name, of, highest) for name, of in shares.items()]
-    return html.Section("How far off", text, drawings=drawings)
-
-
-def histogram(name: str, shares: NDArray[np.float64], highest: float) -> Drawing:
-    """Bars over 0 … 180°, each below its percents.
-
-    Args:
-        name: of the method.
-        shares: (n,), each in 0…highest.
-        highest: the share that is as high as the drawing.
-    """
-    step = 180 / len(shares)
-    filled = [f"{k * step:g} … {(k + 1) * step:g}°: {_share(share)} %" for k, share in enumerate(shares) if share]
-    bar, left, top, height = 21, 18, 40, 90
-    bottom, right = top + height, left + bar * len(shares)
-    drawing = Drawing(right + left, bottom + 24, f"{name}: errors of the azimuth", ", ".join(filled))
-    drawing.note((left, 14), name)
-    for k, share in enumerate(shares):
-        if share:
-            high = height * share / highest
-            drawing.rectangle((left + k * bar + 1, bottom - high), bar - 2, high, "curve")
-            drawing.note((left + (k + 0.5) * bar, bottom - high - 4), _share(share), anchor="middle")
-    drawing.line([(left, bottom), (right, bottom)], "text")
-    for degrees in (0, 45, 90, 135, 180):
-        drawing.note((left + degrees / step * bar, bottom + 16), f"{degrees}°", anchor="middle")
-    return drawing
-
-
-def _share(share: float) -> str:
-    percent = round(100 * share)
-    return str(percent) if percent else "< 1"
 
 
 def _pictures(table: Table2) -> html.Section:
@@ -221,11 +175,11 @@ def _pictures(table: Table2) -> html.Section:
     return html.Section("Pictures", text, table=[{"method": "test images", **images}, *rows] if shown else [])
 
 
-def _pose(table: Table2, method: str, example: Example) -> html.Cell | None:
-    pose, silhouette = table.figures[method].get(example.name), table.pictures[method].get(example.name)
+def _pose(table: Table2, method: str, one: AnnotatedObject) -> html.Cell | None:
+    pose, silhouette = table.figures[method].get(one.name), table.pictures[method].get(one.name)
     if pose is None or silhouette is None:
         return None
-    off = round((pose["azimuth"] - example.azimuth + 180) % 360 - 180)
-    remark = f"{off:+d}°" if pose["model"] == example.model else f"{off:+d}°\n{pose['model']}"
-    seen = f"{example.name} with the outline of a model at the pose that {method} found"
-    return html.Cell(Panel(outlined(example.image, silhouette >= 128), f"{example.name}, {method}", seen), remark)
+    off = round((pose["azimuth"] - one.azimuth + 180) % 360 - 180)
+    remark = f"{off:+d}°" if pose["model"] == one.model else f"{off:+d}°\n{pose['model']}"
+    seen = f"{one.name} with the outline of a model at the pose that {method} found"
+    return html.Cell(Panel(outlined(one.image, silhouette >= 128), f"{one.name}, {method}", seen), remark)

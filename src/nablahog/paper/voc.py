@@ -40,19 +40,7 @@ class VOCObject:
 
 
 def check_voc(voc: Path) -> None:
-    """Checks that ``voc`` has the three folders of VOC.
-
-    Args:
-        voc: the folder ``VOC2012``.
-
-    Raises:
-        FileNotFoundError: one of the three is missing.
-
-    >>> from pathlib import Path
-    >>> for name in ("Annotations", "ImageSets/Main", "JPEGImages"):
-    ...     (Path("VOC2012") / name).mkdir(parents=True)
-    >>> nablahog.paper.voc.check_voc(Path("VOC2012"))
-    """
+    """Raises FileNotFoundError unless ``voc`` has the three folders of VOC."""
     for name in ("Annotations", "ImageSets/Main", "JPEGImages"):
         if not (voc / name).is_dir():
             raise FileNotFoundError(f"{voc}: expected the folder VOC2012 of PASCAL VOC, but it has no {name}")
@@ -69,12 +57,6 @@ def read_image_ids(voc: Path, category: str, split: str) -> list[str]:
     Raises:
         FileNotFoundError: both are missing.
         ValueError: a line is not the name of an image, with or without 1, 0 or -1.
-
-    >>> from pathlib import Path
-    >>> Path("VOC2012/ImageSets/Main").mkdir(parents=True)
-    >>> _ = Path("VOC2012/ImageSets/Main/chair_val.txt").write_text("2008_000003 1\\n2008_000007 -1\\n")
-    >>> nablahog.paper.voc.read_image_ids(Path("VOC2012"), "chair", "val")
-    ['2008_000003']
     """
     lists = voc / "ImageSets" / "Main"
     path = next((path for path in (lists / f"{category}_{split}.txt", lists / f"{split}.txt") if path.is_file()), None)
@@ -133,17 +115,7 @@ def read_annotation(path: Path) -> list[VOCObject]:
 
 
 def half_open(xmin: float, ymin: float, xmax: float, ymax: float) -> Box:
-    """The box of PASCAL's numbers, which count pixels from 1 and include both ends.
-
-    Args:
-        xmin, ymin, xmax, ymax: as in an annotation, pixels from 1.
-
-    Returns:
-        x0, y0, x1, y1 from 0, without the pixels at x1 and y1.
-
-    >>> nablahog.paper.voc.half_open(1, 1, 500, 375)  # all of an image of 500x375 pixels
-    Box(x0=0, y0=0, x1=500, y1=375)
-    """
+    """The box of PASCAL's numbers, which count pixels from 1 and include both ends."""
     return Box(xmin - 1, ymin - 1, xmax, ymax)
 
 

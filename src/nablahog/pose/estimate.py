@@ -66,7 +66,7 @@ def estimate_pose(
         photograph: (C, H, W), float32 or float64 in 0…1, one channel or R, G, B; or an array (H, W) or (H, W, C), or
             a PIL image.
         models: normalised meshes by name, or one mesh; all are tried, the best is returned.  Without models of your
-            own, ``nablahog.paper.chairs.library()`` has chairs of all common kinds.
+            own, ``nablahog.sample_chairs()`` has chairs of all common kinds.
         box: x0, y0, x1, y1 of the object, pixels.  It may be rough, or cut off, for ``"best"`` with the calibrated
             similarity, which searches around it, and by default anywhere in the photograph; all others take it as it
             is, by default as the whole photograph.
@@ -103,7 +103,7 @@ def estimate_pose(
     Raises:
         ValueError: the photograph, the box, the models or an option is none of the above.
 
-    >>> mesh, camera = nablahog.paper.chairs.chair(3), nablahog.Camera.from_field_of_view(30, 128, 128)
+    >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 128, 128)
     >>> photograph = nablahog.render(mesh, torch.tensor([[30.0, 20, 2, 0, 0, 0]]), camera)[0]
     >>> box = (28, 12, 95, 125)  # x0, y0, x1, y1
 

@@ -65,7 +65,7 @@ class PoseEstimate:
             assumed.
         from_original: (4, 4), float64: of the model, see :class:`~nablahog.render.Mesh`.
 
-    >>> mesh, camera = nablahog.paper.chairs.chair(3), nablahog.Camera.from_field_of_view(30, 128, 128)
+    >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 128, 128)
     >>> photograph = nablahog.render(mesh, torch.tensor([[30.0, 20, 2, 0, 0, 0]]), camera)[0]
     >>> box = (28, 12, 95, 125)  # x0, y0, x1, y1
 

@@ -1,9 +1,7 @@
-"""A network from an object's descriptor to the probability of each azimuth, for objects of one class; its training."""
+"""A network from an object's descriptor to the probability of each azimuth, for objects of one class."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from itertools import pairwise
@@ -16,10 +14,9 @@ from torch import Tensor, nn
 
 from ..hog.spec import HOGSpec
 from ..io.learned_model import INTEGER, SPEC, LearnedModel, account, tensor
-from ..io.network_weights import check_weights, flat, fold_statistics, with_weights
-from ..runtime.seeds import seeded
+from ..io.network_weights import check_weights, with_weights
 from .background import coarse_background
-from .fit_box import VIEW_COUNT, equidistant_azimuths, signed_angles
+from .fit_box import VIEW_COUNT
 
 FILE = Path(__file__).with_name("default_viewpoints") / "chairs.npz"
 CELLS = 16  # of the descriptor, along each side
@@ -27,10 +24,6 @@ WIDTH = 48  # channels of the first layers; the later ones have twice as many
 _HIDDEN = 128
 _DROPPED = (0.4, 0.3)  # shares, in training, before the last two layers
 _WIDEST = 1024
-EPOCHS = 16
-_BATCH = 64
-_RATE, _DECAY = 2e-3, 0.01  # of AdamW, at its highest
-_SPREAD = 8.0  # degrees: σ of the probabilities that it learns, around the true azimuth
 
 
 class ViewpointNetwork(nn.Module):
@@ -188,66 +181,3 @@ def chosen_viewpoints(choice: ViewpointChoice) -> ViewpointPrior | None:
     if choice is not None and not isinstance(choice, ViewpointPrior):
         raise ValueError(f"viewpoints must be a ViewpointPrior, 'default' or None, got {choice!r}")
     return choice
-
-
-def train_viewpoints(
-    descriptors: Tensor,
-    azimuths: Tensor,
-    *,
-    epochs: int = EPOCHS,
-    width: int = WIDTH,
-    seed: int = 0,
-    progress: Callable[[int, int, str], None] = lambda done, total, what: None,
-) -> tuple[Tensor, tuple[float, ...]]:
-    """Weights (n,), float16, of a :class:`ViewpointNetwork`, and the mean loss of each epoch.
-
-    A random half of the scenes is mirrored.  The loss is the cross entropy with :func:`likely_azimuths`.
-
-    Args:
-        descriptors: (N, C, 16, 16), float32.
-        azimuths: (N,), degrees.
-        epochs: passes over them.
-        width: of the network.
-        seed: of the first weights, the order and what is mirrored.
-        progress: called with the epochs done, their number, and the loss.
-
-    Raises:
-        ValueError: there are fewer than 64 descriptors, or not as many azimuths; ``epochs`` is below 1; the training
-            diverges.
-    """
-    count = len(descriptors)
-    if count < _BATCH or azimuths.shape != (count,) or epochs < 1:
-        raise ValueError(
-            f"expected at least {_BATCH} descriptors, as many azimuths and 1 epoch, "
-            f"got {count}, {tuple(azimuths.shape)} and {epochs}"
-        )
-    with seeded(seed):
-        network = ViewpointNetwork(descriptors.shape[1], width).train()
-        optimizer = torch.optim.AdamW(network.parameters(), weight_decay=_DECAY)
-        batches = count // _BATCH
-        schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, _RATE, total_steps=epochs * batches)
-        losses: list[float] = []
-        for epoch in range(epochs):
-            progress(epoch, epochs, f"loss {losses[-1]:.4f}" if losses else "")
-            total = torch.zeros(())
-            for some in torch.randperm(count)[: batches * _BATCH].reshape(batches, _BATCH):
-                inputs, flips = descriptors[some], torch.rand(_BATCH) < 0.5
-                inputs = torch.where(flips[:, None, None, None], mirrored(inputs), inputs)
-                likely = likely_azimuths(torch.where(flips, -azimuths[some], azimuths[some]))
-                loss = -(likely * network(inputs).log_softmax(1)).sum(1).mean()
-                optimizer.zero_grad()
-                loss.backward()
-                optimizer.step()
-                schedule.step()
-                total += loss.detach()
-            losses.append(float(total) / batches)
-            if not math.isfinite(losses[-1]):
-                raise ValueError(f"the training diverges: its loss is {losses[-1]} in epoch {epoch + 1}")
-    fold_statistics(network)
-    return flat(network.parameters()).half(), tuple(losses)
-
-
-def likely_azimuths(azimuths: Tensor) -> Tensor:
-    """Probabilities (N, 48) of the azimuths 0°, 7.5°, … around those (N,), degrees."""
-    apart = signed_angles(azimuths[:, None].double() - equidistant_azimuths(VIEW_COUNT))
-    return (-0.5 * (apart / _SPREAD).square()).softmax(1).float()

@@ -5,15 +5,14 @@ from .conventions import (
     Pascal3D,
     from_pascal3d,
     from_pytorch3d,
-    from_seeing3d,
     to_pascal3d,
     to_pytorch3d,
-    to_seeing3d,
 )
 from .gbuffer import depth_and_normals, silhouette
 from .mesh import Mesh, load_mesh
 from .pose_gradient import pose_jacobian, pose_vjp
 from .renderer import Renderer, render
+from .sample_chairs import sample_chairs
 from .shading import Light
 
 __all__ = [
@@ -26,14 +25,13 @@ __all__ = [
     "depth_and_normals",
     "from_pascal3d",
     "from_pytorch3d",
-    "from_seeing3d",
     "load_mesh",
     "pose",
     "pose_jacobian",
     "pose_vjp",
     "render",
+    "sample_chairs",
     "silhouette",
     "to_pascal3d",
     "to_pytorch3d",
-    "to_seeing3d",
 ]

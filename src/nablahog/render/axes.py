@@ -8,7 +8,7 @@ from typing import TypeAlias
 Vector: TypeAlias = tuple[int, int, int]
 
 FRONTS = {"z": "-y", "y": "+z"}
-"""Which axis the front of a model looks along, by its axis up: as CAD models of either kind mostly are."""
+"""The axis that the front of CAD models usually looks along, by the axis that points up."""
 
 
 def axes(up: str, front: str | None = None) -> tuple[Vector, Vector, Vector]:

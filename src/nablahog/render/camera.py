@@ -117,7 +117,7 @@ _rotations = native.function("rotations", _DOUBLES, c_int64, _DOUBLES)
 
 
 def rotation_matrices(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """:func:`rotations` without a derivative, which as operations of PyTorch take longer than a small rendering."""
+    """As :func:`rotations`, without a derivative: PyTorch's operations would take longer than a small rendering."""
     if not native.available():
         matrices: NDArray[np.float64] = rotations(torch.from_numpy(poses)).numpy()
         return matrices

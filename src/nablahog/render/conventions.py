@@ -1,6 +1,6 @@
-"""Poses and cameras in the conventions of others: PASCAL3D+, pytorch3d, and Aubry et al. (Seeing 3D chairs, CVPR 2014).
+"""Poses and cameras in the conventions of PASCAL3D+ and pytorch3d.
 
-In all of them azimuth is an angle about the object's upright axis, and elevation one above its horizontal plane.  They
+In both azimuth is an angle about the object's upright axis, and elevation one above its horizontal plane.  They
 differ in where azimuth 0 is:
 
 =============  ==========================  =======================  ==========================
@@ -9,7 +9,6 @@ convention     azimuth 0: the camera at    azimuth 90: at           the object's
 ours           -y, in front of the object  +x                       +z
 PASCAL3D+      -y                          +x                       +z
 pytorch3d      +z                          +x                       +y
-Aubry et al.   +x                          +y                       +z
 =============  ==========================  =======================  ==========================
 """
 
@@ -26,10 +25,6 @@ from .camera import pose as one_pose
 
 VIEWPORT = 3000.0
 """Pixels of PASCAL3D+'s viewport: its focal lengths are in units of this."""
-SEEING3D_FIELD = 54.611
-"""Field of view in degrees of the renderings of Aubry et al.; they are square, 600 pixels a side."""
-SEEING3D_DISTANCE = 96.0
-"""Distance from which Aubry et al. render, in the units of their models, inches."""
 
 _Y_UP = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))  # (x, y, z) of ours is (x, z, -y) of pytorch3d's world
 _LEFT_UP = (-1.0, -1.0, 1.0)  # pytorch3d's camera frame: x left, y up, z forward
@@ -170,57 +165,6 @@ def to_pytorch3d(poses: Tensor, camera: Camera) -> tuple[Tensor, Tensor, float]:
     turned = rotations(poses).transpose(1, 2) * poses.new_tensor(_LEFT_UP)
     translation = torch.nn.functional.pad(poses[:, 2:3], (2, 0))
     return poses.new_tensor(_Y_UP) @ turned, translation, _degrees(min(camera.height, camera.width), camera.focal)
-
-
-def from_seeing3d(
-    azimuth: Tensor, elevation: Tensor, distance: float = SEEING3D_DISTANCE, size: int = 600
-) -> tuple[Tensor, Camera]:
-    """The poses (B, 6), float64, and the camera of renderings of Aubry et al.: square, :data:`SEEING3D_FIELD` wide.
-
-    The camera is at ρ (cos θ cos φ, sin θ cos φ, sin φ) and looks at the origin.  The front of their models is not
-    aligned: they rotate each model by an angle of its own first.
-
-    Args:
-        azimuth: θ, (B,), degrees; elevation: φ, (B,), degrees.
-        distance: ρ, in units of the mesh.
-        size: pixels along a side.
-
-    Raises:
-        ValueError: the angles are not two finite (B,), or the distance is not above 0.
-
-    >>> from nablahog.render import from_seeing3d
-    >>> azimuth, elevation = torch.tensor([0.0, 90.0]), torch.tensor([20.0, 20.0])
-    >>> poses, camera = from_seeing3d(azimuth, elevation)
-    >>> poses.shape, camera.height, camera.width
-    (torch.Size([2, 6]), 600, 600)
-    """
-    if azimuth.dim() != 1 or elevation.shape != azimuth.shape:
-        raise ValueError(f"expected angles (B,) and (B,), got {tuple(azimuth.shape)} and {tuple(elevation.shape)}")
-    azimuth, elevation = azimuth.double(), elevation.double()
-    zero = torch.zeros_like(azimuth)
-    poses = torch.stack([azimuth + 90, elevation, zero + distance, zero, zero, zero], dim=1)
-    check_poses(poses)
-    return poses, Camera.from_field_of_view(SEEING3D_FIELD, size, size)
-
-
-def to_seeing3d(poses: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """θ and φ in degrees, and ρ, all (B,) and float64.
-
-    Args:
-        poses: (B, 6), degrees.
-
-    Raises:
-        ValueError: ``poses`` is no finite (B, 6) tensor with distances above 0, or its theta, x or y is not 0.
-
-    >>> from nablahog.render import from_seeing3d, to_seeing3d
-    >>> poses, camera = from_seeing3d(torch.tensor([40.0]), torch.tensor([20.0]), distance=1.5)
-    >>> [round(float(number), 6) for number in to_seeing3d(poses)]
-    [40.0, 20.0, 1.5]
-    """
-    poses = _centred(poses)
-    if bool((poses[:, 3] != 0).any()):
-        raise ValueError("theta must be 0: Aubry et al. do not rotate the image")
-    return poses[:, 0] - 90, poses[:, 1], poses[:, 2]
 
 
 def _centred(poses: Tensor) -> Tensor:

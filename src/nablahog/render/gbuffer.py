@@ -28,7 +28,7 @@ def silhouette(mesh: Mesh, poses: Tensor, camera: Camera, *, supersampling: int 
         ValueError: as :func:`.renderer.render`.
 
     >>> from nablahog.render import pose, silhouette
-    >>> mesh, camera = nablahog.paper.chairs.chair(3), nablahog.Camera.from_field_of_view(30, 64, 64)
+    >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 64, 64)
     >>> coverage = silhouette(mesh, pose(azimuth=30, distance=3), camera)
     >>> coverage.shape, float(coverage.max())
     (torch.Size([1, 1, 64, 64]), 1.0)
@@ -53,7 +53,7 @@ def depth_and_normals(mesh: Mesh, poses: Tensor, camera: Camera) -> tuple[Tensor
         ValueError: ``poses`` is no finite (B, 6) tensor with distances above 0.
 
     >>> from nablahog.render import depth_and_normals, pose
-    >>> mesh, camera = nablahog.paper.chairs.chair(3), nablahog.Camera.from_field_of_view(30, 64, 64)
+    >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 64, 64)
     >>> depths, normals = depth_and_normals(mesh, pose(azimuth=30, distance=3), camera)
     >>> depths.shape, normals.shape, bool(depths.isinf().any())  # infinite where the background is seen
     (torch.Size([1, 64, 64]), torch.Size([1, 3, 64, 64]), True)

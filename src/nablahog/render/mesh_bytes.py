@@ -277,13 +277,8 @@ def _word(number: int) -> bytes:
 
 
 def _plain_material(material: dict[str, Any]) -> dict[str, Any]:
-    """Its colour and texture alone; of one by specular colour and gloss, the diffuse ones."""
+    """Its colour and texture alone."""
     plain = material.get("pbrMetallicRoughness", {})
-    gloss = material.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness")
-    if gloss is not None:
-        plain = {
-            f"baseColor{what}": gloss[f"diffuse{what}"] for what in ("Factor", "Texture") if f"diffuse{what}" in gloss
-        }
     return {"pbrMetallicRoughness": {key: value for key, value in plain.items() if key.startswith("baseColor")}}
 
 

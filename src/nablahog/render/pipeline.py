@@ -91,13 +91,13 @@ def clip_to_view(points: Tensor, faces: Tensor, brightness: Tensor, distance: Te
 
 
 def together(cut: Tensor) -> tuple[list[Tensor], Tensor]:
-    """Views to draw together: all that are not cut by the near plane, and each of those that are, to other faces.
+    """Groups of views that can be drawn together: all that the near plane does not cut, and each other view alone.
 
     Args:
         cut: (B,), whether a view is.
 
     Returns:
-        The views of each group, and where to find each view in the groups one after the other, (B,).
+        The indices of each group, and the position of each view in the concatenated groups, (B,).
     """
     whole, alone = (~cut).nonzero().squeeze(1), cut.nonzero().squeeze(1)
     groups = [group for group in (whole, *torch.split(alone, 1)) if len(group)]

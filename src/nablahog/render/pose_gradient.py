@@ -1,7 +1,7 @@
-"""The derivative of images by poses, from their derivative by the motion of surfaces on the screen.
+"""Derivatives of images with respect to poses, from the derivative with respect to motion on the screen.
 
-A point at 1 / depth = w whose velocity is ω x X + τ moves on the screen by a + b w.  a depends on ω and on the ray
-through the pixel, b on τ and on the ray.  The ray is that of the pixel's middle.
+A point X at 1 / depth = w with the velocity ω x X + τ moves on the screen by a + b w.  a depends on ω and on the ray
+through the middle of the pixel, b on τ and on the ray.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def pose_jacobian(screen_gradient: Tensor, poses: Tensor, camera: Camera) -> Ten
         poses, camera: those of the images.
 
     >>> from nablahog.render import Renderer, pose, pose_jacobian
-    >>> mesh, camera = nablahog.paper.chairs.chair(3), nablahog.Camera.from_field_of_view(30, 32, 32)
+    >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 32, 32)
     >>> poses = pose(azimuth=30, distance=3)
     >>> drawn = Renderer(mesh, camera).render(poses, torch.ones(1, 32, 32), derivative=True)
     >>> pose_jacobian(drawn.screen_gradient, poses, camera).shape
@@ -55,14 +55,12 @@ def pose_jacobian(screen_gradient: Tensor, poses: Tensor, camera: Camera) -> Ten
 def pose_vjp(grad_image: Tensor, screen_gradient: Tensor, poses: Tensor, camera: Camera) -> Tensor:
     """Gradient (B, 6) with respect to poses: the product of ``grad_image`` (B, H, W) and :func:`pose_jacobian`.
 
-    a and b are polynomials in the ray, so that a few moments of the image serve all parameters.
-
     Args:
         grad_image: gradient with respect to the images.
         screen_gradient, poses, camera: as for :func:`pose_jacobian`.
 
     >>> from nablahog.render import Renderer, pose, pose_vjp
-    >>> mesh, camera = nablahog.paper.chairs.chair(3), nablahog.Camera.from_field_of_view(30, 32, 32)
+    >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 32, 32)
     >>> poses = pose(azimuth=30, distance=3)
     >>> drawn = Renderer(mesh, camera).render(poses, torch.ones(1, 32, 32), derivative=True)
     >>> pose_vjp(torch.ones(1, 32, 32), drawn.screen_gradient, poses, camera).shape
@@ -76,22 +74,5 @@ def pose_vjp(grad_image: Tensor, screen_gradient: Tensor, poses: Tensor, camera:
             double, images, gradients, numbers, len(numbers), camera.focal, camera.height, camera.width, grad_poses
         )
         return grad_poses.to(screen_gradient)
-    angular, linear, shift = pose_velocities(poses.double())
-    a_x, b_x, a_y, b_y = _moments(grad_image, screen_gradient, *_rays(poses, camera, screen_gradient)).unbind(1)
-    by_angular = [
-        -a_x[:, 1, 1] - a_y[:, 0, 0] - a_y[:, 0, 2],
-        a_x[:, 0, 0] + a_x[:, 2, 0] + a_y[:, 1, 1],
-        a_y[:, 1, 0] - a_x[:, 0, 1],
-    ]
-    by_linear = [b_x[:, 0, 0], b_y[:, 0, 0], -b_x[:, 1, 0] - b_y[:, 0, 1]]
-    by_shift = [a_x[:, 0, 0], a_y[:, 0, 0]]
-    velocities = torch.cat([camera.focal * angular, camera.focal * linear, shift], 2)
-    grad_poses = velocities @ torch.stack(by_angular + by_linear + by_shift, 1)[..., None]
-    return grad_poses[..., 0].to(screen_gradient)
-
-
-def _moments(grad_image: Tensor, screen_gradient: Tensor, x: Tensor, y: Tensor) -> Tensor:
-    """Σ over pixels of ``grad_image`` · ``screen_gradient`` · x^m · y^n, (B, 4, m, n) for m and n in 0…2, float64."""
-    powers_of_x = torch.cat([torch.ones_like(x), x, x * x], 1)[:, None].double()
-    powers_of_y = torch.cat([torch.ones_like(y), y, y * y], 2)[:, None].double()
-    return powers_of_x @ (screen_gradient * grad_image[:, None]).double().mT @ powers_of_y
+    jacobian = pose_jacobian(screen_gradient, poses, camera).double()
+    return torch.einsum("bkhw,bhw->bk", jacobian, grad_image.double()).to(screen_gradient)

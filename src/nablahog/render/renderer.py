@@ -35,7 +35,7 @@ class Renderer:
         method: how edges are drawn and differentiated.  ``"edges"``: anti-aliased, with the exact derivative of the
             covered area, :mod:`.edge_gradient`; ``"opendr"``: as the paper's renderer, :mod:`.opendr`.
         supersampling: samples of a pixel along a side, 1 to 16.  The default is the least with accurate derivatives
-            (``benchmarks/image_derivative.py``); 1 and 2 are several times faster, for searches.
+            (``benchmarks/rendering.py``); 1 and 2 are several times faster, for searches.
 
     Attributes:
         mesh, camera, light, method, supersampling: the arguments.
@@ -79,7 +79,7 @@ class Renderer:
         self._object = RigidObject(mesh, self._brightness, self.edges)
 
     def with_camera(self, camera: Camera) -> Renderer:
-        """The same before another camera; what is prepared of the mesh is shared."""
+        """The same mesh before another camera; what was prepared of the mesh is shared."""
         other = copy(self)
         other.camera = camera
         return other
@@ -120,10 +120,9 @@ class Renderer:
         return images[:, None]
 
     def render(self, poses: Tensor, background: Tensor, *, derivative: bool) -> Rendering:
-        """Images, and if wanted what derivatives by poses are made from: :func:`.pose_vjp`, :func:`.pose_jacobian`.
+        """Images, and on request the screen gradient, which :func:`.pose_vjp` and :func:`.pose_jacobian` take.
 
-        For searches: nothing is recorded for autograd.  It uses as many threads as PyTorch does; the result does not
-        depend on their number.
+        For searches: nothing is recorded for autograd.  The result does not depend on the number of threads.
 
         Args:
             poses: (B, 6), float64, see :data:`.camera.PARAMETERS`; not checked.
@@ -131,7 +130,7 @@ class Renderer:
             derivative: whether to compute the screen gradient.
 
         >>> import torch
-        >>> mesh, camera = nablahog.paper.chairs.chair(3), nablahog.Camera.from_field_of_view(30, 32, 32)
+        >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 32, 32)
         >>> renderer, poses = nablahog.Renderer(mesh, camera), nablahog.render.pose(azimuth=30, distance=3)
         >>> renderer.render(poses, torch.ones(1, 32, 32), derivative=True).screen_gradient.shape
         torch.Size([1, 4, 32, 32])

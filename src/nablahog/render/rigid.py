@@ -1,8 +1,8 @@
-"""Rigid motions: an object anywhere before a pinhole camera, as 4×4 matrices, which other programs read.
+"""An object anywhere before a pinhole camera as a 4×4 matrix, the form that other programs read.
 
-A pose turns the object on the optical axis and then moves its image (:mod:`.camera`).  That is a camera that looks
-straight at the object, with another principal point for each.  A camera whose own principal point is known sees the
-object along a ray that leaves its optical axis by an angle: :func:`turn_to` is the rotation between the two.
+A pose turns the object on the optical axis and then moves its image (:mod:`.camera`): the camera looks straight at the
+object, and the principal point moves.  A real camera has one principal point and sees the object along a ray at an
+angle to its optical axis.  :func:`turn_to` is the rotation between the two cameras.
 """
 
 from __future__ import annotations

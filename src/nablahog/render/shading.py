@@ -29,7 +29,7 @@ class Light:
         ValueError: one of these is otherwise.
 
     >>> from nablahog.render import Light, pose
-    >>> mesh, camera = nablahog.paper.chairs.chair(3), nablahog.Camera.from_field_of_view(30, 32, 32)
+    >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 32, 32)
     >>> light = Light((0, -1, 1), ambient=0.3, diffuse=0.7)  # from the front and above
     >>> nablahog.render(mesh, pose(azimuth=30, distance=3), camera, light=light).shape
     torch.Size([1, 1, 32, 32])

@@ -39,7 +39,7 @@ class _Package(ModuleType):
                 package._let_pass(ours)
 
     def _let_pass(self, name: str) -> None:
-        """Gives a function in place of a package the package's modules: `import nablahog.hog.kernels as kernels`."""
+        """Gives a function that hides a package the package's modules: `import nablahog.hog.kernels as kernels`."""
         value, package = self.__dict__.get(name), sys.modules.get(f"{self.__name__}.{name}")
         if isinstance(value, FunctionType) and package is not None and hasattr(package, "__path__"):
             for below, module in vars(package).items():

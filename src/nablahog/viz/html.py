@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
@@ -32,7 +32,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, a sentence, and below them what is given.
+    """A heading, a sentence, and below them pictures, a table or charts.
 
     Attributes:
         heading: may be empty.
@@ -52,7 +52,7 @@ class Section:
 
 
 class Shown(float):
-    """A figure with a text of its own, by whose value tables are sorted."""
+    """A figure that is shown as a text of its own; tables are sorted by its value."""
 
     text: str
 
@@ -110,12 +110,12 @@ def page(
 
 
 def made(settings: str = "") -> str:
-    """What a page was made with; ``settings`` of the run follow the versions, as ", seed 0"."""
+    """The versions that made a page, and then the ``settings`` of the run, such as ", seed 0"."""
     return f"Made by nablahog {version('nablahog')} with PyTorch {torch.__version__}{settings}."
 
 
 def footer(figures: str, settings: str = "") -> str:
-    """What a page was made with, and where its figures are with their full precision.
+    """The versions that made a page, and the files that have its figures with their full precision.
 
     Args:
         figures: the files, to end the sentence.
@@ -127,21 +127,14 @@ def footer(figures: str, settings: str = "") -> str:
 @cache
 def _template() -> jinja2.Template:
     pages = environment().overlay()
-    pages.filters = {**pages.filters, "png": _png, "inner": _inner, "figure": figure, "table": _table, "sortable": _key}
-    pages.tests = {**pages.tests, "cell": _is_cell, "panel": _is_panel, "long": _is_long}
+    pages.filters = {**pages.filters, "png": png, "inner": _inner, "figure": figure, "table": _table, "sortable": _key}
+    tests: dict[str, Callable[[object], bool]] = {
+        "cell": lambda value: isinstance(value, Cell),
+        "panel": lambda value: isinstance(value, Panel),
+        "long": lambda value: isinstance(value, str) and len(value) > LONG,
+    }
+    pages.tests = {**pages.tests, **tests}
     return pages.get_template("page.html")
-
-
-def _is_cell(value: object) -> bool:
-    return isinstance(value, Cell)
-
-
-def _is_panel(value: object) -> bool:
-    return isinstance(value, Panel)
-
-
-def _is_long(value: object) -> bool:
-    return isinstance(value, str) and len(value) > LONG
 
 
 @dataclass(frozen=True)
@@ -189,9 +182,5 @@ def _inner(value: object) -> object:
 
 
 def _key(value: float | None) -> str:
-    """By what a figure is sorted; what is none, or not finite, comes last."""
+    """The text by which a figure is sorted: empty, and so the last, for none and for what is not finite."""
     return repr(value) if value is not None and math.isfinite(value) else ""
-
-
-def _png(panel: Panel) -> str:
-    return png(panel.picture)

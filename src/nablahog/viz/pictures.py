@@ -24,17 +24,17 @@ RED = (1.0, 0.15, 0.1)
 
 
 def edge_votes(descriptor: Picture, spec: HOGSpec) -> tuple[NDArray[np.float64], NDArray[np.floating]]:
-    """The part of a descriptor that says how strong edges of which direction are, for each cell of the image.
+    """The strength of edges of each direction in each cell of the image, from a descriptor.
 
     Args:
         descriptor: (rows, cols, channels).
         spec: its dialect.
 
     Returns:
-        The votes (rows, cols, n) of cells side by side and the gradient directions (n,) they stand for, in radians as
-        in ``HOGSpec``.  Of a four-block descriptor these are its undirected channels, or for want of them its directed
-        ones, or the mean over its blocks, of others all bins: the mean over all blocks, or colours, that have them.
-        Cells that a descriptor leaves out have no votes.
+        The votes (rows, cols, n) and the gradient directions (n,) they stand for, in radians as in ``HOGSpec``.  A
+        four-block descriptor gives its undirected channels, or else its directed ones, or else the mean over its
+        blocks.  Any other gives all bins, averaged over blocks and colours.  Cells that a descriptor leaves out have no
+        votes.
 
     Raises:
         ValueError: the shape is none of the spec's.
@@ -84,8 +84,8 @@ def glyphs(descriptor: Picture, spec: HOGSpec | str, cell_pixels: int = CELL_PIX
     """The usual picture of a HOG: in each cell, for each orientation, a stroke along the edge.
 
     A stroke is perpendicular to the gradient it stands for, so that a vertical edge is a vertical stroke.  Its
-    brightness is the vote; where strokes cross, the brighter one shows.  White is the vote that 5 % of the cells which
-    are not empty reach: globally normalised descriptors have a few votes far above all others.
+    brightness is the vote; where strokes cross, the brighter one shows.  White is the vote that 5 % of the non-empty
+    cells reach, because globally normalised descriptors have a few votes far above all others.
 
     Args:
         descriptor: (rows, cols, channels), tensor or array; values below 0 are drawn as 0.
@@ -108,7 +108,7 @@ def glyphs(descriptor: Picture, spec: HOGSpec | str, cell_pixels: int = CELL_PIX
 
 
 def glyph_image(descriptor: Picture, spec: HOGSpec, cell_pixels: int = CELL_PIXELS) -> Image.Image:
-    """:func:`glyphs` as an 8-bit image, drawn in strips: a byte for each of its pixels is most of what it takes."""
+    """:func:`glyphs` as an 8-bit image, drawn in strips to save memory."""
     votes, strokes = _votes_and_strokes(descriptor, spec, cell_pixels)
     rows, cols, _ = votes.shape
     _, _, across = strokes.shape
@@ -168,7 +168,7 @@ def outlined(picture: Picture, inside: NDArray[np.bool_]) -> NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Panel:
-    """A picture, (H, W), (1, H, W) or (3, H, W) in 0…1, with its caption, and what is seen on it if that says less."""
+    """A picture, (H, W), (1, H, W) or (3, H, W) in 0…1, its caption, and a text for those who cannot see it."""
 
     picture: Picture
     caption: str

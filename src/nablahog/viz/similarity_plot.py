@@ -1,4 +1,4 @@
-"""Pictures of poses for people: boxes, and the paper's figure of similarity and its derivative by azimuth."""
+"""Pictures of poses: boxes, and the paper's figure of similarity and its derivative by azimuth."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ def by_azimuth(
     Args:
         similarities, derivatives: (N,), at N equidistant azimuths from 0°, the latter per degree.
         differences: (N,), what the derivatives are compared with, drawn in gray behind them.
-        what: kind of similarity.
-        how: what the differences are, and how well they agree.
+        what: the kind of similarity.
+        how: says what the differences are, and how well they agree with the derivatives.
         azimuth: to mark, degrees.
         traces: of searches: azimuths in degrees, of any turn, and similarities, drawn into the upper part.
         views: equidistant from 0°, drawn below, square.
@@ -121,7 +121,7 @@ class _Axes:
     def line(
         self, azimuths: Sequence[float] | Floats, values: Sequence[float] | Floats, colour: str, width: float
     ) -> None:
-        """Of azimuths of any turn: it leaves on one side and comes back on the other."""
+        """A line through azimuths of any turn: it leaves on one side and comes back on the other."""
         along, upwards = np.asarray(azimuths, dtype=np.float64), np.asarray(values, dtype=np.float64)
         number = np.arange(len(along))
         # one point more where it leaves and comes back

@@ -10,32 +10,15 @@ from .environment import environment, png
 
 Point = tuple[float, float]
 
-LIKE_THE_PAGE = ("#ffffff", "#15171a")
-SERIES = 8
 COLOURS = {  # by name: in light mode and in dark mode
-    "ground": LIKE_THE_PAGE,
+    "ground": ("#ffffff", "#15171a"),  # of pages
     "text": ("#282828", "#e4e6e8"),
     "grid": ("#e1e1e1", "#33383e"),
     "faint": ("#707070", "#8f979f"),
     "curve": ("#184a96", "#7cb0ff"),
     "path": ("#a85b00", "#f0a24a"),
     "mark": ("#d9170c", "#ff6b61"),
-    # series that people of any colour vision tell apart (Okabe and Ito), and darker ones of these
-    "series0": ("#0072b2", "#4aa8e0"),
-    "series1": ("#d55e00", "#ff8a3d"),
-    "series2": ("#009e73", "#2fc79b"),
-    "series3": ("#b8578f", "#dd92be"),
-    "series4": ("#3d9bd1", "#8fd0f5"),
-    "series5": ("#b87f00", "#f0b93a"),
-    "series6": ("#783c00", "#c98f52"),
-    "series7": ("#00503c", "#79b8a6"),
-    "heat": ("#072248", "#8db2ea"),
-    "on-weak-heat": ("#000000", "#ffffff"),
-    "on-strong-heat": ("#ffffff", "#000000"),
 }
-STRONG = 0.617
-"""Opacity of heat up to which texts in on-weak-heat have a contrast of 4.5 or more, and from which on those in
-on-strong-heat have it, in either mode."""
 
 
 @dataclass(frozen=True)
@@ -51,9 +34,6 @@ class Shape:
         text: of a text; of an image, its PNG in base64.
         fill: of a dot, a key of :data:`COLOURS`.
         anchor: of a text: "start", "middle" or "end" of it is at its place.
-        dashed: of a line.
-        upwards: of a text: whether it runs from bottom to top.
-        opacity: of a rectangle, 0…1.
     """
 
     kind: str
@@ -64,9 +44,6 @@ class Shape:
     text: str = ""
     fill: str = "ground"
     anchor: str = "start"
-    dashed: bool = False
-    upwards: bool = False
-    opacity: float = 1.0
 
 
 @dataclass
@@ -85,23 +62,21 @@ class Drawing:
     description: str
     shapes: list[Shape] = field(default_factory=list)
 
-    def line(self, points: Sequence[Point], colour: str, width: float = 1.0, *, dashed: bool = False) -> None:
+    def line(self, points: Sequence[Point], colour: str, width: float = 1.0) -> None:
         """Adds a line through points."""
-        self.shapes.append(Shape("line", points, colour, width, dashed=dashed))
+        self.shapes.append(Shape("line", points, colour, width))
 
     def dot(self, place: Point, colour: str, radius: float, *, ringed: bool = False) -> None:
         """Adds a dot, or a ring."""
         self.shapes.append(Shape("dot", [place], colour, radius, fill="ground" if ringed else colour))
 
-    def note(
-        self, place: Point, text: str, colour: str = "text", anchor: str = "start", *, upwards: bool = False
-    ) -> None:
+    def note(self, place: Point, text: str, colour: str = "text", anchor: str = "start") -> None:
         """Adds a text, whose base line is at the place."""
-        self.shapes.append(Shape("text", [place], colour, text=text, anchor=anchor, upwards=upwards))
+        self.shapes.append(Shape("text", [place], colour, text=text, anchor=anchor))
 
-    def rectangle(self, corner: Point, width: float, height: float, colour: str, opacity: float = 1.0) -> None:
+    def rectangle(self, corner: Point, width: float, height: float, colour: str) -> None:
         """Adds a filled rectangle by its upper left corner."""
-        self.shapes.append(Shape("rectangle", [corner], colour, width, height, opacity=opacity))
+        self.shapes.append(Shape("rectangle", [corner], colour, width, height))
 
     def image(self, corner: Point, side: float, picture: Picture) -> None:
         """Adds a square picture by its upper left corner."""

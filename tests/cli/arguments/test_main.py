@@ -18,7 +18,6 @@ def test_methods_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert lines["uoctti-single"].endswith("  runs")
     assert lines["opencv"].endswith("  with --methods only")
     assert lines["uoctti-learned"].endswith("  runs")
-    assert lines["upconv"].endswith("  with --upconv FILE only")
     assert lines["hoggles"].endswith("  runs; learns hoggles the first time")
     assert max(map(len, lines.values())) <= 100
 

@@ -25,9 +25,7 @@ from nablahog import LearnedPrior, presets
 from nablahog.cli.arguments.learn import KINDS
 from nablahog.cli.commands import learn
 from nablahog.cli.main import main
-from nablahog.invert.network import weight_count
 from nablahog.invert.provenance import digest_of_weights
-from nablahog.paper.baselines import hoggles_learning
 from nablahog.paper.learned import LEARNED
 from nablahog.paper.photographs import read_folder
 from nablahog.pose.background import learn_background
@@ -42,32 +40,24 @@ OPTIONS = {
     "background": [*CELL, "--order", "3"],
     "hoggles": [*CELL, "--seed", "3"],
     "bovw": ["--seed", "3"],
-    "ridge": [*CELL, "--seed", "3"],
-    "nearest": [*CELL, "--seed", "3"],
     "viewpoints": ["--seed", "3", "--scenes", "1", "--epochs", "2"],
-    "upconv": [*CELL, "--seed", "3", "--epochs", "2", "--threads", "1"],
 }
 SUMMARIES = {
     "prior": r"Prior in OUT: 3 images, 2 epochs, last loss \d\.\d{4}, [\d,]+ weights",
     "background": "Background in OUT: 3 images, 9 channels, templates of up to 4x4 cells",
     "hoggles": "Dictionary in OUT: 20 pairs of atoms, 3 images",
     "bovw": r"Vocabulary in OUT: \d words, 3 images",
-    "ridge": r"Regression in OUT: [\d,]+ weights, 3 images",
-    "nearest": "Database in OUT: 3 images",
-    "upconv": r"Network in OUT: 3 images, 2 epochs, last loss \d\.\d{4}, [\d,]+ weights",
     "viewpoints": r"Viewpoint prior in OUT: 250 scenes, 2 epochs, last loss \d\.\d{4}",
 }
 LEAST = {
     "prior": "32x32",
     "background": "24x24",
     "hoggles": "28x28",
-    "upconv": "32x32",
 }  # pixels of an image, for cells of 4
 
 FEW: dict[str, dict[str, Any]] = {
     "hoggles": {"atoms": 20, "iterations": 7},
     "bovw": {"words": 3},
-    "upconv": {"widths": (8, 4, 2)},
 }  # of cells of 4
 
 every_kind = pytest.mark.parametrize("kind", KINDS)
@@ -75,15 +65,14 @@ every_kind = pytest.mark.parametrize("kind", KINDS)
 
 @pytest.fixture(autouse=True)
 def _small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Dictionaries of a few atoms with a checkpoint every second iteration, few words and narrow networks."""
-    monkeypatch.setattr(hoggles_learning, "REPORTED", 2)
+    """Dictionaries of a few atoms, and few words."""
     for kind, few in FEW.items():
         learner = LEARNED[kind]
         monkeypatch.setitem(LEARNED, kind, replace(learner, learn=partial(learner.learn, **few)))
 
 
 def test_every_kind_has_arguments_and_a_learner() -> None:
-    others = {"dalal-upconv", "unsigned-prior"}  # are learned as others are, of another preset
+    others = {"unsigned-prior"}  # is learned as the other prior is, of another preset
     assert set(KINDS) == {*LEARNED, "background", "viewpoints"} - others
 
 
@@ -122,7 +111,6 @@ def test_a_prior(tmp_path: Path, images: str) -> None:
     assert main(["learn", "prior", "--images", images, "-o", str(out), *OPTIONS["prior"]]) == 0
     prior = LearnedPrior.load(out)
     assert (prior.learning.epochs, len(prior.learning.losses)) == (2, 2)
-    assert len(prior.weights) == weight_count(prior.spec, prior.architecture)
 
 
 def test_going_on_from_a_prior(tmp_path: Path, images: str, refused: Callable[..., None]) -> None:
@@ -161,13 +149,10 @@ def test_other_descriptors(tmp_path: Path, images: str, options: list[str], spec
 
 
 def test_random_windows_as_atoms(tmp_path: Path, images: str) -> None:
-    """The checkpoint of a learning that was interrupted is left alone."""
-    out, checkpoint = tmp_path / "h.npz", tmp_path / "h.npz.checkpoint"
-    checkpoint.write_bytes(b"hello")
+    out = tmp_path / "h.npz"
     assert main(["learn", "hoggles", "--images", images, "-o", str(out), "--fast", *CELL]) == 0
     pair: Any = LEARNED["hoggles"].model.load(out)
     assert pair.learning.iterations == 0
-    assert checkpoint.read_bytes() == b"hello"
 
 
 def test_the_photographs_of_scikit_image(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -211,11 +196,8 @@ def test_bad_inputs(tmp_path: Path, images: str, kind: str, refused: Callable[..
 
 SMALL = {
     "prior": (["--size", "20"], "0.png: expected at least 32x32 pixels, got 17x20"),
-    "upconv": (["--cell", "16"], "0.png: expected at least 64x64 pixels, got 40x48"),
     "background": ([], "0.png: expected at least 96x96 pixels, got 40x48"),
     "hoggles": ([], "0.png: expected at least 56x56 pixels, got 40x48"),
-    "ridge": (["--cell", "64"], "0.png: expected at least 64x64 pixels, got 40x48"),
-    "nearest": (["--cell", "64"], "0.png: expected at least 64x64 pixels, got 40x48"),
 }
 
 
@@ -229,8 +211,6 @@ def test_too_small_images(tmp_path: Path, images: str, kind: str, refused: Calla
 @pytest.mark.parametrize(
     ("kind", "options", "message"),
     [
-        ("upconv", ["--cell", "32"], "pixels only, got 32x32"),
-        ("upconv", ["--descriptor", "opencv"], "descriptors of single cells only"),
         ("background", ["--descriptor", "paper"], "locally normalised descriptors only"),
         ("bovw", ["--size", "20"], "windows of 32x32 pixels"),
     ],
@@ -245,13 +225,10 @@ def test_what_cannot_be_learned(
     ("kind", "options", "message"),
     [
         ("prior", ["--epochs", "0"], "at least 1, got '0'"),
-        ("upconv", ["--epochs", "0"], "at least 1, got '0'"),
         ("prior", ["--signs", "both"], "invalid choice: 'both'"),
         ("prior", ["--threads", "100000"], "at most 1024, got '100000'"),
         ("prior", ["--seed", "x"], "got 'x'"),
         ("prior", ["--precision", "half"], "invalid choice: 'half'"),
-        ("ridge", ["--seed", "-1"], "-1"),
-        ("upconv", ["--vote", "soft"], "invalid choice: 'soft'"),
         ("background", ["--order", "101"], "at most 100, got '101'"),
     ],
 )
@@ -268,8 +245,6 @@ def test_no_kind(refused: Callable[..., None]) -> None:
 
 RESUMED = {
     "prior": (["--epochs", "3"], 2, "losses", "training"),
-    "hoggles": (CELL, 5, "objective", "dictionary pair"),
-    "upconv": ([*CELL, "--epochs", "3"], 2, "losses", "training"),
 }  # options, steps before the interruption, an array of the checkpoint, what it is of
 
 

@@ -16,11 +16,11 @@ from nablahog.io.sample_photographs import sample_photograph
 from nablahog.jobs.store import Work
 from nablahog.jobs.worker import attempt
 from nablahog.paper import exemplar_views as learning
-from nablahog.paper.chairs import chair
 from nablahog.paper.exemplar_views import SPEC, ExemplarLibrary, ViewSampling
 from nablahog.pose.background import default_background, learn_background
 from nablahog.render import load_mesh
 
+from ...chairs import chair
 from ..common import names
 
 POSES = ViewSampling(azimuths=(0, 75), elevations=(20,)).poses()

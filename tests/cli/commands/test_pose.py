@@ -101,7 +101,7 @@ def test_chairs_that_come_with_the_package(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for module in (models, pose_job):
-        monkeypatch.setattr(module, "library", lambda: {"swivel-1": model(SWIVEL), "wooden-0": model()})
+        monkeypatch.setattr(module, "sample_chairs", lambda: {"swivel-1": model(SWIVEL), "wooden-0": model()})
     pose_job._meshes.cache_clear()
     image, box = photographed(model(SWIVEL), AZIMUTH, ELEVATION, behind="coffee")
     write_image(tmp_path / "chair.png", image)

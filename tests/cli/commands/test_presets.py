@@ -17,10 +17,10 @@ from nablahog.cli.arguments.preset_parameters import PRESETS
 from nablahog.cli.inputs.spec import make_spec
 from nablahog.cli.main import main
 from nablahog.invert import Search
-from nablahog.invert.prior_choice import PriorChoice, default_prior_file
+from nablahog.invert.learned import PriorChoice, default_prior_file
 from nablahog.io.descriptor_file import load_descriptor, save_descriptor
 from nablahog.io.images import Picture, read_image, to_pil
-from nablahog.paper.baselines.nearest import NearestWindows
+from nablahog.pose.whitening import Background
 from nablahog.viz.pictures import glyphs
 
 from ..common import CHELSEA, names
@@ -134,11 +134,11 @@ def test_learning_takes_the_parameters_of_a_preset(
     tmp_path: Path, square: str, refused: Callable[..., None], name: str
 ) -> None:
     learn = ["--images", str(Path(square).parent), "-o", str(tmp_path / "x.npz"), "--preset", name]
-    refused("learn", "ridge", *learn, "--set", "a=b", message=f"--set: {name} has no parameter 'a', but")
+    refused("learn", "hoggles", *learn, "--set", "a=b", message=f"--set: {name} has no parameter 'a', but")
 
 
 def test_learning_for_a_preset(tmp_path: Path, square: str) -> None:
     out = tmp_path / "n.npz"
     options = ["--preset", "piotr", "--set", "orientations=6"]
-    assert main(["learn", "nearest", "--images", str(Path(square).parent), "-o", str(out), *options]) == 0
-    assert NearestWindows.load(out).spec == presets.piotr(orientations=6)
+    assert main(["learn", "background", "--images", str(Path(square).parent), "-o", str(out), *options]) == 0
+    assert Background.load(out).spec == presets.piotr(orientations=6)

@@ -112,7 +112,7 @@ def test_an_installation_without_priors(
 ) -> None:
     without = _inverted(photo, tmp_path / "without", "--preset", "paper", "--no-prior")
     capsys.readouterr()
-    monkeypatch.setattr("nablahog.invert.prior_choice.FOLDER", tmp_path)
+    monkeypatch.setattr("nablahog.invert.learned.FOLDER", tmp_path)
     assert _inverted(photo, tmp_path / "missing", "--preset", "paper") == without
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("Inverting without a learned prior: this installation of nablahog has no unsigned.npz")
@@ -173,7 +173,7 @@ def test_the_table_without_it(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr("nablahog.invert.prior_choice.FOLDER", tmp_path)
+    monkeypatch.setattr("nablahog.invert.learned.FOLDER", tmp_path)
     others = [option for kind, path in learned_files.items() for option in (f"--{kind}", path)]
     command = ["table1", "--images", images, "-o", str(tmp_path / "out"), *FEW, "--limit", "1"]
     assert main([*command, *others]) == 0
@@ -188,7 +188,7 @@ def test_the_table_without_it(
 def test_the_table_asked_for_it_without_a_prior(
     tmp_path: Path, images: str, monkeypatch: pytest.MonkeyPatch, refused: Callable[..., None]
 ) -> None:
-    monkeypatch.setattr("nablahog.invert.prior_choice.FOLDER", tmp_path)
+    monkeypatch.setattr("nablahog.invert.learned.FOLDER", tmp_path)
     options = ["--methods", "uoctti-single,uoctti-learned"]
     message = "uoctti-learned needs --prior FILE, see `nablahog learn prior`"
     refused("table1", "--images", images, "-o", str(tmp_path / "out"), *options, message=message)

@@ -123,6 +123,3 @@ export function openSocket(path) {
   const query = token ? `?${new URLSearchParams({ token })}` : "";
   return new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}${path}${query}`);
 }
-
-/** @param {string} path of what a link opens */
-export const withToken = (path) => token ? `${path}?${new URLSearchParams({ token })}` : path;

@@ -11,32 +11,22 @@ import { element, fill, make, numberOf } from "./dom.js";
  * read: null where what was entered is no value
  */
 
-/** A preset and its parameters, kept in the address under `key` and, for parameters, `prefix` + name. */
+/** A preset and its parameters, which the address keeps under `preset` and their own names. */
 export class Dialects {
   /** @type {Map<string, Control>} */
   #controls = new Map();
-  #select;
-  #place;
+  #select = element("preset", HTMLSelectElement);
+  #place = element("controls", HTMLElement);
 
   /**
-   * @param {object} where
-   * @param {string} where.select id
-   * @param {string} where.place id, of the controls
-   * @param {string} where.title id, of the preset's title
-   * @param {string} where.key
-   * @param {string} where.prefix
-   * @param {string} where.first name of the preset to begin with
    * @param {import("./types.js").About} about
    * @param {import("./address.js").Address} address
    * @param {() => void} changed
    */
-  constructor(where, about, address, changed) {
-    this.where = where;
+  constructor(about, address, changed) {
     this.about = about;
     this.address = address;
     this.changed = changed;
-    this.#select = element(where.select, HTMLSelectElement);
-    this.#place = element(where.place, HTMLElement);
     fill(this.#select, about.presets.map((preset) => preset.name));
     this.#select.addEventListener("change", () => {
       this.#forget();
@@ -66,19 +56,20 @@ export class Dialects {
 
   /** Takes preset and parameters from the address. */
   restore() {
-    const name = this.address.get(this.where.key);
-    this.#select.value = this.about.presets.some((preset) => preset.name === name) ? name ?? "" : this.where.first;
+    const names = this.about.presets.map((preset) => preset.name);
+    const wanted = [this.address.get("preset"), this.about.default_preset].find((name) => name && names.includes(name));
+    this.#select.value = wanted ?? names[0] ?? "";
     this.#build();
     for (const [parameter, control] of this.#controls) {
-      const text = this.address.get(this.where.prefix + parameter);
+      const text = this.address.get(parameter);
       if (text !== null) control.write(text);
     }
   }
 
   #build() {
-    element(this.where.title, HTMLElement).textContent = this.preset.title.replaceAll("``", "");
+    element("preset-about", HTMLElement).textContent = this.preset.title.replaceAll("``", "");
     this.#controls = new Map(this.preset.parameters.map((parameter) =>
-      [parameter.name, controlOf(parameter, this.preset.name, `${this.where.place}-${parameter.name}`)]));
+      [parameter.name, controlOf(parameter, this.preset.name, `controls-${parameter.name}`)]));
     for (const control of this.#controls.values()) {
       control.nodes.addEventListener("input", () => {
         if (control.read() === null) return;
@@ -93,14 +84,13 @@ export class Dialects {
   /** Removes the parameters of all presets. */
   #forget() {
     const names = this.about.presets.flatMap((preset) => preset.parameters.map((each) => each.name));
-    this.address.set(Object.fromEntries(names.map((name) => [this.where.prefix + name, null])));
+    this.address.set(Object.fromEntries(names.map((name) => [name, null])));
   }
 
   #remember() {
     const { preset, settings } = this.value;
     this.#forget();
-    this.address.set(Object.fromEntries([[this.where.key, preset],
-      ...Object.entries(settings).map(([name, text]) => [this.where.prefix + name, text])]));
+    this.address.set({ preset, ...settings });
   }
 }
 

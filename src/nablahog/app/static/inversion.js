@@ -6,6 +6,10 @@ import { paint, pictureOf, pngOf } from "./files.js";
 
 /** Milliseconds between frames for readers who want less motion. */
 const REDUCED = 500;
+const METHODS = { prior: "with the learned prior", "no-prior": "without prior", paper: "as in the paper" };
+
+/** @param {string} method */
+export const methodName = (method) => Object.entries(METHODS).find(([id]) => id === method)?.[1] ?? method;
 
 /**
  * @param {object} body of the request

@@ -4,7 +4,7 @@ import { getBlob, postFile, postJson } from "./api.js";
 import { Chart } from "./chart.js";
 import { element, figure, fill, make, numberOf, table } from "./dom.js";
 import { addressOf, pngOf, save, stem } from "./files.js";
-import { invert, Painter } from "./inversion.js";
+import { invert, methodName, Painter } from "./inversion.js";
 import { showLines } from "./lines.js";
 import { clearError, LatestRequest, waiting } from "./progress.js";
 import { Stage } from "./stage.js";
@@ -13,10 +13,6 @@ import { showWipe } from "./wipe.js";
 
 const FIRST_SIZE = 256;
 const SURE = 0.8;
-const METHODS = { prior: "with the learned prior", "no-prior": "without prior", paper: "as in the paper" };
-
-/** @param {string} method */
-export const methodName = (method) => Object.entries(METHODS).find(([id]) => id === method)?.[1] ?? method;
 
 export class Invert {
   #method = element("invert-method", HTMLSelectElement);

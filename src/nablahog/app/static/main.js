@@ -1,6 +1,6 @@
 /** The start of the page, and its views. */
 
-import { getJson, withToken } from "./api.js";
+import { getJson } from "./api.js";
 import { Address } from "./address.js";
 import { Dialects } from "./controls.js";
 import { element } from "./dom.js";
@@ -21,9 +21,7 @@ const TITLES = { see: "See", invert: "Invert", fit: "Fit" };
 /** @param {import("./types.js").About} about */
 function start(about) {
   const address = new Address();
-  const names = about.presets.map((preset) => preset.name);
-  const dialect = new Dialects({ select: "preset", place: "controls", title: "preset-about", key: "preset", prefix: "",
-    first: names.includes(about.default_preset) ? about.default_preset : names[0] ?? "" }, about, address, () => {
+  const dialect = new Dialects(about, address, () => {
     see.refresh();
     invert.refresh();
   });
@@ -72,7 +70,6 @@ function start(about) {
   address.set({ preset: dialect.value.preset, ...dialect.value.settings });
   if (innerWidth < 640) element("parameters", HTMLDetailsElement).open = false;
   element("version", HTMLElement).textContent = about.version;
-  element("openapi", HTMLAnchorElement).href = withToken("/api/openapi.json");
   element("page", HTMLElement).hidden = false;
   show();
   document.body.dataset.ready = "true";

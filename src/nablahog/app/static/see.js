@@ -2,7 +2,6 @@
 
 import { getBlob, getJson, postJson } from "./api.js";
 import { showCell } from "./cell.js";
-import { Comparer } from "./compare.js";
 import { element, numberOf } from "./dom.js";
 import { paint, save, stem } from "./files.js";
 import { drawGlyphs, votesOf } from "./glyphs.js";
@@ -33,7 +32,6 @@ export class See {
   /** @param {import("./main.js").App} app */
   constructor(app) {
     this.app = app;
-    this.comparer = new Comparer(app, () => this.size);
     this.#size.max = String(app.about.limits.see_size);
     this.restore();
     this.#size.addEventListener("input", () => {
@@ -57,7 +55,6 @@ export class See {
 
   restore() {
     this.#size.value = String(Math.min(this.app.about.limits.see_size, this.app.address.number("size", FIRST_SIZE)));
-    this.comparer.restore();
   }
 
   /** @param {boolean} shown */
@@ -73,7 +70,6 @@ export class See {
     if (!this.#shown || !source) return;
     this.#stale = false;
     void this.#draw(source);
-    this.comparer.refresh();
   }
 
   /** @param {NonNullable<import("./main.js").App["source"]["value"]>} source */

@@ -1,8 +1,7 @@
 /** The strip in “Invert” that compares presets and methods, one after the other. */
 
 import { element, figure, make, numberOf } from "./dom.js";
-import { invert, Painter } from "./inversion.js";
-import { methodName } from "./invert.js";
+import { invert, methodName, Painter } from "./inversion.js";
 import { clearError, LatestRequest } from "./progress.js";
 
 const PRESETS = ["uoctti", "vlfeat", "dpm", "paper", "skimage", "opencv"];

@@ -28,9 +28,6 @@
  *   glyph_cols: number, milliseconds: number, lines: Lines}} Hog
  * @typedef {{row: number, col: number, box: Box, angles: number[], histogram: number[] | null,
  *   block: {row: number, col: number, box: Box} | null, entries: {index: number, name: string, value: number}[]}} Cell
- * @typedef {{distance: number, conventions: {name: string, a: string, b: string, share: number}[],
- *   channels: {names: string[], distance: number} | null, same?: boolean, said?: string, definition: string,
- *   shares?: string}} Comparison
  *
  * @typedef {{image_size: [number, number], most: number | null, photograph: string | null}} InvertStart
  * @typedef {{evaluations: number, most: number | null, distance: number, cc: number | null, ssim: number | null,

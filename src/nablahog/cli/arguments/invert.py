@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import get_args
 
-from ...invert.method import InversionMethod
-from ...invert.quality import QualityName
+from ...invert.options import InversionMethod, QualityName
 from . import options
 from .options import SEVERAL, Parser
 

@@ -71,7 +71,7 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         type=options.path,
         metavar="FILE_or_DIR",
         help="a CAD model (OFF, PLY or STL: z up, front at -y; OBJ or GLB: y up, front at +z), or a folder of them "
-        "(default: the chairs of nablahog.paper.chairs.library)",
+        "(default: the chairs of nablahog.sample_chairs)",
     )
     command.add_argument(
         "--up",

@@ -8,13 +8,11 @@ from collections.abc import Iterator
 from ...paper.names import (
     AS_PUBLISHED,
     CONDITIONS,
-    DEFAULT_CONDITIONS,
     DIALECTS,
     LEARNED_DIALECTS,
-    SHIPPED,
+    PRIORS,
     TABLE1,
     TABLE2,
-    TAKES_HOURS,
 )
 from . import options
 from .did_you_mean import did_you_mean
@@ -32,8 +30,8 @@ def _table1_methods() -> Iterator[str]:
 
     for name, method in METHODS.items():
         when = "with --methods only" if method.asked else "runs"
-        for kind in set(method.needs) - set(SHIPPED):
-            when = f"with --{kind} FILE only" if kind in TAKES_HOURS else f"runs; learns {kind} the first time"
+        for kind in set(method.needs) - set(PRIORS):
+            when = f"runs; learns {kind} the first time"
         yield f"{name:30} {method.group:24} {when}"
 
 
@@ -63,28 +61,24 @@ def table1(commands: argparse._SubParsersAction[Parser]) -> None:
     _prior_file(command, "prior", "uoctti-learned and others of signed descriptors")
     _prior_file(command, "unsigned-prior", "dalal-learned and others of unsigned descriptors")
     for method in TABLE1:
-        if method in KINDS or method in TAKES_HOURS:
+        if method in KINDS:
             _model_file(command, method)
 
 
 def _prior_file(command: argparse.ArgumentParser, kind: str, methods: str) -> None:
-    text = f"a file that `nablahog learn {TAKES_HOURS[kind]}` wrote, for {methods}"
-    if kind in SHIPPED:
-        text += " (default: the prior that comes with nablahog)"
+    text = f"a file that `nablahog learn {PRIORS[kind]}` wrote, for {methods} (default: the prior of nablahog)"
     command.add_argument(f"--{kind}", dest=kind, type=options.path, metavar="FILE", help=text)
 
 
 def _model_file(command: argparse.ArgumentParser, method: str) -> None:
     """Adds the option for the file that a method of Table 1 needs, which has the method's name."""
-    text = f"a file that `nablahog learn {TAKES_HOURS.get(method, method)}` wrote, for the method {method}"
-    if method not in TAKES_HOURS:
-        text += " (default: learned once from photographs that come with scikit-image)"
+    text = f"a file that `nablahog learn {method}` wrote (default: learned once from photographs of scikit-image)"
     command.add_argument(f"--{method}", dest=method, type=options.path, metavar="FILE", help=text)
 
 
 def _conditions(text: str) -> list[str]:
     """Parses names of conditions."""
-    sets = {"none": (), "all": CONDITIONS, "default": DEFAULT_CONDITIONS}
+    sets = {"none": (), "all": CONDITIONS}
     names = [name for part in text.split(",") for name in sets.get(part, (part,))]
     for name in names:
         if name not in CONDITIONS:
@@ -98,11 +92,10 @@ def table2(commands: argparse._SubParsersAction[Parser]) -> None:
     command = commands.add_parser(
         "table2",
         help="compare all methods on objects of known pose",
-        description="Finds the poses of many objects by all methods of the paper's Table 2 and writes the table: "
-        "index.html to look at, summary.csv, median_error.csv, rotation.csv, conditions.csv, per_object.csv, "
-        "failures.csv and results.json. The objects are procedural chairs in scenes that are rendered, those of PASCAL "
-        "VOC and PASCAL3D+, or photographs of your own. A second table has fewer of them under harder conditions. A "
-        "run that was interrupted goes on when it is repeated.",
+        description="Finds the poses of many objects by all methods of the paper's Table 2 and writes the table: the "
+        "page index.html, summary.csv, per_object.csv and failures.csv. The objects are chairs in scenes that are "
+        "rendered, those of PASCAL VOC and PASCAL3D+, or photographs of your own. A second table has fewer of them "
+        "under harder conditions. An interrupted run is resumed when it is repeated.",
     )
     options.table(command, TABLE2, _table2_methods)
     options.number(command, "--objects", f"how many (default: {SCENES} scenes, or all photographs)")
@@ -110,22 +103,19 @@ def table2(commands: argparse._SubParsersAction[Parser]) -> None:
         command,
         "--models",
         "folder of CAD models (default: procedural chairs; those of --pascal3d; with --photos, the chairs of "
-        "nablahog.paper.chairs.library)",
+        "nablahog.sample_chairs)",
     )
-    _folder(command, "--candidates", "folder of CAD models to search among, other than those of the objects")
     command.add_argument("--unknown-model", action="store_true", help="search among all models except the object's own")
     command.add_argument(
         "--conditions",
         type=_conditions,
         metavar="NAME,…",
         help="of the second table: none, all, or some of "
-        f"{', '.join(CONDITIONS)} (default: {', '.join(DEFAULT_CONDITIONS)}; of photographs, those of the box; of "
-        "--pascal3d, none)",
+        f"{', '.join(CONDITIONS)} (default: all; of photographs, those of the box; of --pascal3d, none)",
     )
     options.number(
         command, "--condition-objects", f"how many in each condition (default: {HARDER}, at most as many as --objects)"
     )
-    _folder(command, "--background", "photographs to render scenes before (default: eight that come with scikit-image)")
     command.add_argument(
         "--viewpoints",
         type=options.path,

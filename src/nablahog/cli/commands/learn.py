@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -14,9 +13,7 @@ from ...io.files import output_folder
 from ...jobs.calls import map_on
 from ...paper.learned import LEARNED, SPEC, Learner, sample_training_photographs
 from ...paper.photographs import Photographs, read_folder, sample_photographs
-from ...paper.viewpoint_learning import learn_viewpoints
 from ...pose.background import learn_background, least_size
-from ...pose.viewpoint_prior import ViewpointPrior
 from ...pose.whitening import Background, check_spec
 from ..errors import UserError, as_user_error
 from ..inputs.spec import SpecOptions
@@ -24,7 +21,7 @@ from ..results.failures import say_ignored
 from ..terminal import counter, say
 
 # of the command that are arguments of a learner
-OPTIONS = ("seed", "scenes", "epochs", "device", "precision", "fast", "order")
+OPTIONS = ("seed", "epochs", "device", "precision", "fast", "order")
 
 
 def learn(arguments: Namespace) -> None:
@@ -61,10 +58,7 @@ def learn(arguments: Namespace) -> None:
 def _learner(arguments: Namespace) -> Learner:
     if arguments.kind == "background":
         return Learner(Background, learn_background, check_spec, lambda spec: least_size(spec, arguments.order))
-    if arguments.kind == "viewpoints":
-        return Learner(ViewpointPrior, learn_viewpoints)
-    learner = LEARNED[arguments.kind]
-    return replace(learner, resumes=False) if getattr(arguments, "fast", False) else learner
+    return LEARNED[arguments.kind]
 
 
 def _spec(arguments: Namespace) -> HOGSpec:

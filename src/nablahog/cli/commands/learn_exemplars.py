@@ -14,8 +14,8 @@ from ...jobs.job_files import local_path
 from ...jobs.resume import run_anywhere
 from ...jobs.runner import cores
 from ...paper import exemplar_views
-from ...paper.cad import read_models
 from ...paper.exemplar_views import ExemplarLibrary, ExemplarViews
+from ...paper.models import read_models
 from ...pose.background import default_background
 from ...pose.whitening import Background
 from ...render import load_mesh

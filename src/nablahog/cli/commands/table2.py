@@ -8,8 +8,7 @@ from ...io.files import output_folder, write_text
 from ...jobs.runner import cores
 from ...paper import table2_page
 from ...paper.pose_methods import POSE_METHODS, Table2Settings
-from ...paper.table2 import run_table2
-from ...paper.table2_files import write_table2
+from ...paper.table2 import run_table2, write_table2
 from ..errors import UserError, as_user_error
 from ..inputs.objects import objects
 from ..results.failures import say_failures
@@ -44,7 +43,7 @@ def table2(arguments: Namespace) -> None:
         if not any(table.seconds.values()):
             first = next(failure for failure in table.failures if failure.method is not None)
             raise UserError(f"there is no pose of any object; the first: {first.image}: {first.reason}")
-        write_table2(folder, table, settings)
+        write_table2(folder, table)
         write_text(folder / "index.html", table2_page.page(table, settings))
     say(table.examples.origin)
     print_table(table2_page.terminal_rows(table))

@@ -6,9 +6,8 @@ import os
 from argparse import Namespace
 from pathlib import Path
 
-from ...paper.cad import Models, read_models
-from ...paper.chairs import library
-from ...render import Mesh
+from ...paper.models import Models, read_models
+from ...render import Mesh, sample_chairs
 from ...render.axes import axes
 from ..terminal import counter, inform
 
@@ -38,7 +37,7 @@ def read_meshes(models: Models, arguments: Namespace) -> dict[str, Mesh]:
         ValueError: that are all.
     """
     if arguments.mesh is None:
-        return library()
+        return sample_chairs()
     name = f"nablahog {arguments.command}"
     meshes = {}
     with counter(name) as progress:

@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from torch import Tensor
 
 from ...io.sample_photographs import SAMPLE_NAMES, sample_photograph
 from ...paper.annotations import read_annotations
 from ...paper.conditions import CONDITIONS
-from ...paper.examples import Examples, annotated, photographed, rendered
-from ...paper.models import Model, chair_library, models_in, procedural_chairs
-from ...paper.names import DEFAULT_CONDITIONS
+from ...paper.examples import Examples, photographed, rendered
+from ...paper.models import chair_library, models_in, scene_chairs
 from ...paper.pascal3d import read_pascal3d
-from ...paper.photographs import Backgrounds
 from ...paper.viewpoints import read_viewpoints, sample_viewpoints
 from ..arguments.tables import HARDER, SCENES
 
-CHAIRS = 24  # procedural models
 VIEWPOINTS = 10_000  # of our own distribution, of which each scene has one
 
 
@@ -33,7 +29,7 @@ class Objects:
     Attributes:
         examples: of the table.
         conditions: of the second table, by the names of their conditions.
-        passed_over: why models or backgrounds are passed over, by their names.
+        passed_over: why models are passed over, by their names.
     """
 
     examples: Examples
@@ -55,11 +51,8 @@ def objects(arguments: Namespace) -> Objects:
         raise ValueError("--photos and --annotations need each other: the one has the images, the other the viewpoints")
     if published and own:
         raise ValueError("--photos and --pascal3d are two sets of objects; one at a time")
-    if arguments.candidates is not None and arguments.unknown_model:
-        raise ValueError("--candidates are other models than the objects' own already: leave --unknown-model out")
-    for name in ("viewpoints", "background"):
-        if (published or own) and getattr(arguments, name) is not None:
-            raise ValueError(f"--{name} is for scenes that are rendered; photographs have theirs")
+    if (published or own) and arguments.viewpoints is not None:
+        raise ValueError("--viewpoints is for scenes that are rendered; photographs have theirs")
     if published:
         return _published(arguments)
     return _photographs(arguments) if own else _scenes(arguments)
@@ -69,33 +62,36 @@ def _published(arguments: Namespace) -> Objects:
     if arguments.conditions:
         raise ValueError("--conditions needs scenes or --photos: objects of --pascal3d are cut out along their boxes")
     pascal3d = Path(arguments.pascal3d)
-    folder = arguments.candidates or arguments.models
+    folder = arguments.models
     models, passed_over = models_in(pascal3d / "CAD" / "chair" if folder is None else Path(folder))
     selection = read_pascal3d(Path(arguments.voc), pascal3d)
     if arguments.objects is not None:
         selection = replace(selection, objects=selection.objects[: arguments.objects])
-    examples = photographed(selection, models, unknown_model=arguments.unknown_model, seed=arguments.seed)
+    examples = photographed(
+        selection.objects,
+        models,
+        origin=f"PASCAL VOC with the viewpoints of PASCAL3D+: {selection.summary()}",
+        unknown_model=arguments.unknown_model,
+        seed=arguments.seed,
+        failed=selection.failed,
+    )
     return Objects(examples, {}, passed_over)
 
 
 def _photographs(arguments: Namespace) -> Objects:
     models, passed_over = (chair_library(), {}) if arguments.models is None else models_in(Path(arguments.models))
-    searched = models
-    if arguments.candidates is not None:
-        searched, more = models_in(Path(arguments.candidates))
-        passed_over |= more
-    known = {model.name for model in (searched if arguments.models is None else models)}
+    known = {model.name for model in models}
     read = read_annotations(arguments.annotations, arguments.photos, known, arguments.objects)
     made = partial(
-        annotated,
-        models=searched,
-        origin=f"the photographs of the folder {Path(arguments.photos).resolve().name}",
+        photographed,
+        models=models,
+        origin=f"{len(read)} objects of the photographs of the folder {Path(arguments.photos).resolve().name}.",
         unknown_model=arguments.unknown_model,
         seed=arguments.seed,
     )
     names = arguments.conditions
     if names is None:
-        names = [name for name in DEFAULT_CONDITIONS if CONDITIONS[name].of_photographs and name != "exact"]
+        names = [name for name in CONDITIONS if CONDITIONS[name].of_photographs and name != "exact"]
     for name in names:
         if not CONDITIONS[name].of_photographs:
             raise ValueError(f"the condition {name} is of scenes that are rendered, which photographs are not")
@@ -104,25 +100,13 @@ def _photographs(arguments: Namespace) -> Objects:
 
 
 def _scenes(arguments: Namespace) -> Objects:
-    models, passed_over = (
-        (procedural_chairs(CHAIRS), {}) if arguments.models is None else models_in(Path(arguments.models))
-    )
-    candidates: list[Model] | None = None
-    if arguments.candidates is not None:
-        candidates, more = models_in(Path(arguments.candidates))
-        passed_over |= more
+    models, passed_over = (scene_chairs(), {}) if arguments.models is None else models_in(Path(arguments.models))
     if arguments.viewpoints is None:
         viewpoints = sample_viewpoints(VIEWPOINTS, np.random.default_rng(arguments.seed))
         views = "seen as people photograph chairs"
     else:
         viewpoints = read_viewpoints(arguments.viewpoints)
         views = f"seen from the {len(viewpoints)} viewpoints of {Path(arguments.viewpoints).name}"
-    behind: Sequence[Tensor] = [sample_photograph(name) for name in SAMPLE_NAMES]
-    before = "photographs that come with scikit-image"
-    if arguments.background is not None:
-        behind = backgrounds = Backgrounds(Path(arguments.background))
-        before = f"the {len(behind)} photographs of the folder {Path(arguments.background).resolve().name}"
-        passed_over |= backgrounds.failed
     kind = (
         "procedural chairs"
         if arguments.models is None
@@ -132,14 +116,13 @@ def _scenes(arguments: Namespace) -> Objects:
         rendered,
         models=models,
         viewpoints=viewpoints,
-        photographs=behind,
-        origin=f"{len(models)} {kind}, {views}, in front of {before}",
+        photographs=[sample_photograph(name) for name in SAMPLE_NAMES],
+        origin=f"{len(models)} {kind}, {views}, in front of photographs that come with scikit-image",
         unknown_model=arguments.unknown_model,
         seed=arguments.seed,
-        candidates=candidates,
     )
     count = arguments.objects or SCENES
-    names = DEFAULT_CONDITIONS if arguments.conditions is None else arguments.conditions
+    names = CONDITIONS if arguments.conditions is None else arguments.conditions
     harder = {name: made(_fewer(arguments, count), condition=name) for name in names}
     return Objects(made(count), harder, passed_over)
 

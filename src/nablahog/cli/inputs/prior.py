@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...hog import HOGSpec
-from ...invert.learned import LearnedPrior
-from ...invert.prior_choice import PriorChoice, default_prior_file, default_priors
+from ...invert.learned import LearnedPrior, PriorChoice, default_prior_file, default_priors
 from ...paper.learned import load
 from ..errors import as_user_error
 from ..terminal import inform

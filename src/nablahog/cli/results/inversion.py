@@ -17,8 +17,8 @@ from ... import metrics
 from ...hog.gradient import gray
 from ...invert import AsPublished, Search, reconstruct, reconstruct_samples
 from ...invert.colour import reconstruct_colour
-from ...invert.prior_choice import PriorChoice
-from ...invert.quality import QualityName
+from ...invert.learned import PriorChoice
+from ...invert.options import QualityName
 from ...io.images import write_image
 from ...viz.pictures import Panel, contact_sheet, difference, glyphs
 from ..inputs.sources import Source

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from ...invert import LearnedPrior
-from ...invert.prior_choice import PriorChoice
+from ...invert.learned import PriorChoice
 from ...jobs.job_files import local_path
 from ...jobs.store import JobResult, digest, key_of
 from ...paper.learned import load

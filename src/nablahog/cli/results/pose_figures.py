@@ -8,8 +8,7 @@ from ...pose import PoseEstimate
 from ...render import PARAMETERS
 
 DEFINITIONS = {
-    "model": "The model that fits best, of all candidates. Without --mesh they are the chairs of "
-    "nablahog.paper.chairs.library(), of which swivel-2 is chair(2, 'swivel').",
+    "model": "The model that fits best, of all candidates. Without --mesh they are those of nablahog.sample_chairs().",
     "azimuth": "Degrees that the camera is turned about the object's vertical axis: 0 sees the front, 90 the side that "
     "is on the object's left, which is the viewer's right.",
     "elevation": "Degrees that the camera is above the object.",

@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 from ...io.images import Picture, as_array, read_image
 from ...jobs.job_files import local_path
 from ...jobs.store import JobResult, digest, key_of
-from ...paper.chairs import library
 from ...paper.object_lists import ListedObject
 from ...pose import PoseEstimate, estimate_pose
 from ...pose.crop import FILL, crop_object, masked
 from ...pose.options import SearchMethod
-from ...render import Mesh, load_mesh, silhouette
+from ...render import Mesh, load_mesh, sample_chairs, silhouette
 from ...runtime.source import code_key
 from ...viz.pictures import outlined
 from ..inputs.lens import read_lens
@@ -36,7 +35,7 @@ class PoseOptions:
     """What the searches for all objects have in common, see :func:`nablahog.estimate_pose`.
 
     Attributes:
-        models: names and files of the models; none for :func:`nablahog.paper.chairs.library`.
+        models: names and files of the models; none for :func:`nablahog.sample_chairs`.
         up, front: axes of these files.
         focal: pixels, "exif" or "unknown"; None: as the photograph's file says, if it does.
         principal_point: x, y, pixels.
@@ -141,5 +140,5 @@ def _picture(photograph: Picture, estimate: PoseEstimate, mesh: Mesh) -> NDArray
 def _meshes(models: tuple[tuple[str, Path], ...], up: str | None, front: str | None) -> Mapping[str, Mesh]:
     """Read once by a process for all of its objects."""
     if not models:
-        return library()
+        return sample_chairs()
     return {name: load_mesh(local_path(path), up=up, front=front) for name, path in models}

@@ -1,6 +1,6 @@
 """The operator's steps in Triton, for GPUs: the same results up to rounding, and the same derivatives.
 
-``docs/gpu.md`` explains them; ``tests/hog/triton`` compares them with the reference steps.  Triton is loaded when
+``docs/kernels.md`` explains them; ``tests/hog/triton`` compares them with the reference steps.  Triton is loaded when
 images on a GPU come, not before.
 """
 

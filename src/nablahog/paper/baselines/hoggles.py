@@ -1,33 +1,34 @@
 """HOGgles: a descriptor is inverted window by window, with a pair of dictionaries that share their codes.
 
-Vondrick, Khosla, Malisiewicz and Torralba, *HOGgles: Visualizing Object Detection Features* (ICCV 2013).  A window of
-5x5 cells has a sparse positive code in a dictionary of windows (:mod:`.lasso`); the same code in the dictionary of gray
-patches gives a patch of 7x7 cells: the window and the cells around it, which its blocks depend on.  Overlapping patches
-are averaged.  :func:`.hoggles_learning.learn_hoggles` learns the pair.
+Vondrick, Khosla, Malisiewicz and Torralba, *HOGgles: Visualizing Object Detection Features* (ICCV 2013).  Each window
+of 5x5 cells gets a sparse positive code in a dictionary of windows.  The same code in the dictionary of gray patches
+gives a patch of 7x7 cells: the window and the ring of cells that its blocks depend on.  Overlapping patches are
+averaged.  :func:`.hoggles_learning.learn_hoggles` learns the pair.
 
-All numbers are those of the published code.  Three things differ: its descriptor leaves out the outermost ring of cells
-and has a truncation channel that is always 0, here all cells and channels count; and it cuts the image out one pixel
-too far to the upper left.
+All numbers are those of the published code, with two differences.  The published descriptor drops the outermost ring of
+cells and has a truncation channel that is always 0; here all cells and channels count.  The published code cuts the
+image out one pixel too far to the upper left.
 """
 
 from __future__ import annotations
 
 import math
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
+from torch.nn.functional import fold, pad
 
+from ...hog.normalizers import Footprint
 from ...hog.spec import HOGSpec
+from ...invert.checks import check_descriptor
 from ...invert.provenance import Learning
-from ...io.learned_model import NUMBER, SPEC, account, check_tensor, tensor
-from . import windows
-from .lasso import check_sparsity, lasso
-from .window_model import WindowModel
-from .windows import average_patches, crop, stretched
+from ...invert.reconstruction import Reconstruction, relative_distance
+from ...io.learned_model import NUMBER, SPEC, LearnedModel, account, check_tensor, tensor
 
 CELLS = 5  # of a window's side
 MARGIN = 1  # cells on each side by which a patch is larger
@@ -36,6 +37,8 @@ PADDING = 5  # empty cells around a descriptor
 SIGMA = 9 / 8  # cells: of the Gaussian that weighs the pixels of a patch
 LARGEST = 1 + 1e-5  # entry of an atom, whose length is at most 1, up to rounding
 EPSILON = float(np.finfo(np.float64).eps)  # added to a window's energy
+ROUNDING = 1e-5  # relative to the largest pixel: less contrast counts as none
+TOLERANCE = 1e-3  # of ‖x‖²: how far the objective of a code may be above its minimum
 BATCH = 4096  # windows whose patches are in memory at a time, or those of one descriptor
 
 
@@ -47,7 +50,7 @@ class HogglesLearning(Learning):
         windows: how many there were to draw from.
         iterations: batches of windows; 0 if the atoms are random windows.
         batch: windows of each.
-        objective: the mean of ½‖x - Dα‖² + λ‖α‖₁ over each 100 iterations, before the batch changes the dictionary.
+        objective: the mean of ½‖x - Dα‖² + λ‖α‖₁ over every hundredth batch, before it changes the dictionary.
     """
 
     windows: int
@@ -57,7 +60,7 @@ class HogglesLearning(Learning):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PairedDictionary(WindowModel):
+class PairedDictionary(LearnedModel):
     """Atoms of gray patches and of HOG windows, in pairs: the k-th patch is what the k-th window looks like.
 
     As published, an image is stretched to 0…1 together with the pixels beyond its edge, which are then cut off.
@@ -101,19 +104,118 @@ class PairedDictionary(WindowModel):
     def summary(self) -> str:
         return f"{len(self.gray)} pairs of atoms, {len(self.learning.images)} images"
 
-    def _batch_size(self, rows: int, cols: int) -> int:
-        return max(1, BATCH // math.prod(side + 2 * PADDING - CELLS + 1 for side in (rows, cols)))
+    def check(self, spec: HOGSpec) -> None:
+        """Raises ValueError if descriptors of ``spec`` are not what it was learned for."""
+        self.spec.check_same(spec, f"the {self.NOUN}")
+
+    @torch.no_grad()
+    def reconstruct(
+        self,
+        descriptor: Tensor,
+        spec: HOGSpec,
+        image_size: tuple[int, int] | None = None,
+        *,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Reconstruction:
+        """Images from descriptors, with the interface of :func:`nablahog.reconstruct`.  Nothing is random.
+
+        The model does not know brightness and contrast: each image is stretched so that its darkest pixel is 0 and its
+        brightest 1.  An image without contrast is 0.5.
+
+        Args:
+            descriptor: (B, rows, cols, channels), float32 or float64, on any device; computed in float32 on the CPU.
+            spec: its dialect, which must be the model's.
+            image_size: (height, width); by default whole cells.
+            progress: called with the number of descriptors done and of all.
+
+        Returns:
+            The operator is never evaluated, so the history is empty, (0, B).
+
+        Raises:
+            TypeError, ValueError: as :func:`nablahog.reconstruct`; the spec is not the model's; scikit-learn is not
+                installed.
+        """
+        began = time.perf_counter()
+        self.check(spec)
+        size = check_descriptor(descriptor, spec, image_size)
+        count, rows, cols = descriptor.shape[:3]
+        batch = max(1, BATCH // math.prod(side + 2 * PADDING - CELLS + 1 for side in (rows, cols)))
+        images = []
+        for first in range(0, count, batch):
+            if progress:
+                progress(first, count)
+            images.append(self._invert(descriptor[first : first + batch].float().cpu(), size))
+        if progress:
+            progress(count, count)
+        image = torch.cat(images).to(descriptor)
+        return Reconstruction(
+            image,
+            relative_distance(image, descriptor, spec),
+            ["all windows are done"] * count,
+            descriptor.new_zeros(0, count),
+            torch.zeros(count, dtype=torch.long, device=descriptor.device),
+            time.perf_counter() - began,
+        )
 
     def _invert(self, descriptor: Tensor, size: tuple[int, int]) -> Tensor:
+        """Images (B, 1, height, width) of ``size`` from descriptors (B, rows, cols, channels), float32."""
         x = hog_windows(pad(descriptor, (0, 0, PADDING, PADDING, PADDING, PADDING)))
-        codes = lasso(self.hog.flatten(1), unit(x.flatten(3).flatten(0, 2)), self.sparsity)
+        codes = positive_lasso(self.hog.flatten(1), unit(x.flatten(3).flatten(0, 2)), self.sparsity)
         patches = (codes @ (self.gray * _gaussian(self.spec)).flatten(1)).view(*x.shape[:3], -1)
-        return crop(stretched(average_patches(patches, self.spec, PATCH)), self.spec, PADDING + MARGIN, size)
+        top, left = ((PADDING + MARGIN) * cell for cell in self.spec.cell_size)
+        return _stretched(_average_patches(patches, self.spec))[..., top : top + size[0], left : left + size[1]]
+
+
+def check_cells(spec: HOGSpec) -> None:
+    """Raises ValueError unless entry (row, col) of a descriptor is that of the cell (row, col).
+
+    Otherwise patches would not lie on their windows.
+    """
+    if any(spec.normalizer.footprint(axis) != Footprint() for axis in (0, 1)):
+        raise ValueError(
+            f"windows can only be learned of descriptors with one entry for each cell: {spec.name} has blocks, or "
+            "leaves out the outermost cells"
+        )
+
+
+def check_sparsity(sparsity: float) -> None:
+    """Raises ValueError unless λ is finite and above 0."""
+    if not 0 < sparsity < math.inf:
+        raise ValueError(f"sparsity must be a finite number above 0, got {sparsity}")
 
 
 def patch_size(spec: HOGSpec) -> tuple[int, int]:
     """(height, width) of a gray patch in pixels."""
-    return windows.patch_size(spec, PATCH)
+    return PATCH * spec.cell_size[0], PATCH * spec.cell_size[1]
+
+
+def positive_lasso(atoms: Tensor, vectors: Tensor, sparsity: float) -> Tensor:
+    """The codes α ≥ 0 that minimise ½‖x - Dα‖² + λ‖α‖₁, by scikit-learn's coordinate descent.
+
+    Args:
+        atoms: Dᵀ, (K, n), float32 on the CPU.  An atom of length 0 is never used.
+        vectors: x, (N, n), float32.
+        sparsity: λ.
+
+    Returns:
+        (N, K), float32.  The objective is within ‖x‖² / 1000 of its minimum.
+
+    Raises:
+        ValueError: scikit-learn is not installed.
+    """
+    try:
+        from sklearn.linear_model import Lasso
+    except ModuleNotFoundError:
+        raise ValueError("HOGgles needs scikit-learn: pip install 'nablahog[sklearn]'") from None
+    codes = vectors.new_zeros(len(vectors), len(atoms))
+    nonzero = vectors.any(1)  # the codes of other windows are 0, and some versions warn of them
+    if nonzero.any():
+        gram = (atoms @ atoms.T).numpy()
+        options = {"fit_intercept": False, "copy_X": False, "precompute": gram, "positive": True, "tol": TOLERANCE}
+        lasso = Lasso(sparsity / atoms.shape[1], **options)
+        lasso.fit(atoms.contiguous().numpy().T, vectors[nonzero].numpy().T, check_input=False)
+        codes[nonzero] = torch.from_numpy(lasso.coef_.reshape(-1, len(atoms)))
+    return codes
 
 
 def hog_windows(descriptor: Tensor) -> Tensor:
@@ -136,3 +238,28 @@ def _gaussian(spec: HOGSpec) -> Tensor:
         side = torch.exp(-0.5 * (offset / (SIGMA * cell)) ** 2)
         sides.append(side / side.sum())
     return torch.outer(*sides)
+
+
+def _average_patches(patches: Tensor, spec: HOGSpec) -> Tensor:
+    """Images that are at each pixel the mean of all patches over it.
+
+    Args:
+        patches: (B, rows, cols, pixels of one), one cell apart.
+        spec: the dialect.
+
+    Returns:
+        (B, 1, H, W), of rows + 6 by cols + 6 cells.
+    """
+    rows, cols = patches.shape[1:3]
+    canvas = ((rows + PATCH - 1) * spec.cell_size[0], (cols + PATCH - 1) * spec.cell_size[1])
+    columns, patch = patches.flatten(1, 2).mT, patch_size(spec)
+    total = fold(columns, canvas, patch, stride=spec.cell_size)
+    return total / fold(torch.ones_like(columns[:1]), canvas, patch, stride=spec.cell_size)
+
+
+def _stretched(image: Tensor) -> Tensor:
+    """Images (B, 1, H, W), each with its darkest pixel at 0 and its brightest at 1; one without contrast is 0.5."""
+    low, high = image.amin((2, 3), keepdim=True), image.amax((2, 3), keepdim=True)
+    contrast = high - low
+    visible = contrast > ROUNDING * torch.maximum(high, -low)
+    return torch.where(visible, (image - low) / torch.where(visible, contrast, 1), 0.5)

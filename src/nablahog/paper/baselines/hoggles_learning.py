@@ -1,17 +1,20 @@
 """Learning the paired dictionaries of HOGgles from photographs.
 
-A gray patch and the window of its descriptor, each of mean 0 and length 1, are concatenated; one dictionary of such
-vectors is learned (:mod:`.dictionary_learning`) and then cut in two.
+A gray patch and the window of its descriptor, each of mean 0 and length 1, are concatenated.  One dictionary of such
+vectors is learned and then cut in two.  It is learned online, batch by batch, by scikit-learn's
+``MiniBatchDictionaryLearning`` (Mairal, Bach, Ponce and Sapiro, *Online Dictionary Learning for Sparse Coding*, ICML
+2009), where the published code uses SPAMS.
 
-Two things differ from the published code: it never sees the last window of a row and of a column of an image, and it
-starts every hundred batches with the same windows again, so that it learns from 40,000 of a million.
+Two more things differ from the published code: it never sees the last window of a row and of a column of an image, and
+it starts every hundred batches with the same windows again, so that it learns from 40,000 of a million.
 """
 
 from __future__ import annotations
 
 import math
-import os
+import warnings
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -20,19 +23,26 @@ from torch import Tensor
 
 from ...hog.descriptor import hog
 from ...hog.spec import HOGSpec
-from ...invert.checkpoint import Checkpoint
 from ...invert.provenance import check_images, digest_of_images
-from .dictionary_learning import DictionaryLearner
-from .hoggles import CELLS, MARGIN, PATCH, HogglesLearning, PairedDictionary, patch_size, unit
-from .lasso import check_sparsity
-from .windows import check_cells
+from .hoggles import (
+    CELLS,
+    MARGIN,
+    PATCH,
+    HogglesLearning,
+    PairedDictionary,
+    check_cells,
+    check_sparsity,
+    patch_size,
+    positive_lasso,
+    unit,
+)
 
 ATOMS = 1024
 SPARSITY = 0.02
 ITERATIONS = 1000
 BATCH = 400  # windows
 WINDOWS = 1_000_000
-REPORTED = 100  # iterations whose objectives make one mean, and between two checkpoints
+REPORTED = 100  # iterations between two reports of the objective
 
 
 def learn_hoggles(
@@ -45,7 +55,6 @@ def learn_hoggles(
     windows: int = WINDOWS,
     fast: bool = False,
     seed: int = 0,
-    checkpoint: str | os.PathLike[str] | None = None,
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
 ) -> PairedDictionary:
     """Learns a pair of dictionaries from photographs.  The published numbers are the defaults.
@@ -66,16 +75,12 @@ def learn_hoggles(
         windows: the most to learn from; of more, so many are drawn at random.
         fast: whether the atoms are random windows, and no dictionary is learned.
         seed: of everything random.
-        checkpoint: a file that is written every hundred iterations.  If it exists and is of the same learning, this
-            learning is resumed, with the same result.  The file is not removed.  A damaged one is renamed, and the
-            learning starts afresh.
         progress: called with the iterations done, their number and the last objective.
 
     Raises:
         ValueError: there are no images, or one is too small or holds other values; fewer windows than atoms have
             contrast; a number is out of range; the spec has no row of channels for each cell
-            (:func:`.windows.check_cells`); the checkpoint is of another learning; scikit-learn is not installed.
-        OSError: the checkpoint cannot be read or written.
+            (:func:`.hoggles.check_cells`); scikit-learn is not installed.
     """
     for name, number in (("atoms", atoms), ("iterations", iterations), ("windows", windows)):
         if number < 1:
@@ -90,27 +95,17 @@ def learn_hoggles(
     dictionary = pairs.with_contrast(atoms, rng)
     objective: list[float] = []
     if not fast:
-        learner = DictionaryLearner(dictionary / math.sqrt(2), sparsity, rng)
-        identity = {
-            "images": digest,
-            "spec": spec.to_json(),
-            "atoms": atoms,
-            "sparsity": sparsity,
-            "iterations": iterations,
-            "windows": windows,
-            "seed": seed,
-        }
-        saved = Checkpoint(checkpoint, "dictionary pair", identity, ("objective", *learner.state()))
-        objective = learner.restore(saved, iterations)
-        recent: list[float] = []
-        for done in range(learner.batches, iterations):
+        dictionary = dictionary / math.sqrt(2)
+        learner = _learner(dictionary, sparsity, rng)
+        for done in range(iterations):
             progress(done, iterations, _report(objective))
-            recent.append(learner.learn(pairs.batch(done)))
-            if len(recent) == REPORTED or done + 1 == iterations:
-                objective.append(sum(recent) / len(recent))
-                recent = []
-                saved.save({"objective": objective, **learner.state()})
-        dictionary = learner.atoms
+            batch = pairs.batch(done)
+            if done % REPORTED == 0:
+                objective.append(_objective(dictionary, batch, sparsity))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # a few codes of a batch need not be the best
+                learner.partial_fit(batch.numpy())
+            dictionary = torch.from_numpy(learner.components_)
     progress(iterations, iterations, _report(objective))
     pixels = math.prod(patch_size(spec))
     learning = HogglesLearning(
@@ -129,6 +124,30 @@ def learn_hoggles(
         sparsity,
         learning,
     )
+
+
+def _learner(atoms: Tensor, sparsity: float, rng: np.random.Generator) -> Any:
+    """Online learning with positive codes that begins with ``atoms`` (K, n), each of length 1 at most."""
+    try:
+        from sklearn.decomposition import MiniBatchDictionaryLearning
+    except ModuleNotFoundError:
+        raise ValueError("HOGgles needs scikit-learn: pip install 'nablahog[sklearn]'") from None
+    return MiniBatchDictionaryLearning(
+        len(atoms),
+        alpha=sparsity,
+        batch_size=BATCH,
+        fit_algorithm="cd",
+        dict_init=atoms.numpy(),
+        positive_code=True,
+        random_state=int(rng.integers(2**31)),
+    )
+
+
+def _objective(atoms: Tensor, windows: Tensor, sparsity: float) -> float:
+    """The mean of ½‖x - Dα‖² + λ‖α‖₁ over windows (N, n)."""
+    codes = positive_lasso(atoms, windows, sparsity)
+    residual = windows - codes @ atoms
+    return float(residual.square().sum() / 2 + sparsity * codes.sum()) / len(windows)
 
 
 def _report(objective: Sequence[float]) -> str:

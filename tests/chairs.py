@@ -1,0 +1,11 @@
+"""Procedural chairs: those in the scenes of Table 2, by the seeds 0 … 23 that they were made of."""
+
+from __future__ import annotations
+
+from nablahog.paper.models import SCENE_CHAIRS
+from nablahog.render import Mesh
+from nablahog.render.sample_chairs import load_meshes
+
+
+def chair(seed: int) -> Mesh:
+    return load_meshes(SCENE_CHAIRS)[f"chair-{seed:02d}"]

@@ -1,0 +1,160 @@
+"""The tables of docs/which_hog.md: counts, lengths, what values show, and the conventions of each library."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from skimage import data
+from torch import Tensor
+
+from nablahog.hog import FourBlockNorm, HOGSpec, hog, presets
+from nablahog.hog.layout import native_shape
+
+TEXT = (Path(__file__).parents[2] / "docs" / "which_hog.md").read_text(encoding="utf-8")
+SPECS = {name: getattr(presets, name)() for name in presets.__all__}
+TWO_BY_TWO = presets.skimage(cells_per_block=(2, 2))
+
+
+def table(heading: str) -> list[list[str]]:
+    """The rows of the first table behind a heading, or words, of the page."""
+    lines = TEXT[TEXT.index(heading) :].splitlines()
+    first = next(i for i, line in enumerate(lines) if line.startswith("|"))
+    rows = []
+    for line in lines[first + 2 :]:
+        if not line.startswith("|"):
+            break
+        rows.append([cell.strip() for cell in line.strip("|").split("|")])
+    return rows
+
+
+def described(name: str, spec: HOGSpec) -> Tensor:
+    """The descriptor (rows, cols, channels) of a part of a photograph of scikit-image."""
+    picture = getattr(data, name)()[44:236, 60:252]
+    image = torch.from_numpy(np.atleast_3d(picture)).permute(2, 0, 1).double() / 255
+    return hog(image[None], spec)[0]
+
+
+def vectors(name: str, spec: HOGSpec) -> Tensor:
+    """The vectors of its places that are not 0."""
+    result = described(name, spec).flatten(0, 1)
+    return result[result.norm(dim=1) > 0]
+
+
+def test_lengths() -> None:
+    by_length = {
+        3780: [((128, 64), presets.opencv()), ((128, 64), TWO_BY_TWO)],
+        6804: [((128, 64), presets.skimage())],
+        1764: [((64, 64), presets.opencv()), ((64, 64), TWO_BY_TWO), ((128, 128), SPECS["seeing3d"])],
+        324: [((32, 32), spec) for spec in (presets.opencv(), TWO_BY_TWO, presets.skimage())],
+        8100: [((128, 128), presets.opencv()), ((128, 128), TWO_BY_TWO)],
+        15876: [((128, 128), presets.skimage())],
+        26244: [((224, 224), presets.opencv())],
+        54756: [((224, 224), presets.skimage())],
+        3968: [((128, 64), SPECS["vlfeat"])],
+        2604: [((128, 64), SPECS["dlib"])],
+        2688: [((128, 64), SPECS["dpm"])],
+        4096: [((128, 64), SPECS["piotr"])],
+        3456: [((128, 64), SPECS["cnn_hog"]), ((128, 64), SPECS["maskfeat"])],
+        7560: [((128, 64), presets.opencv(nbins=18, signed=True))],
+    }
+    for length, cases in by_length.items():
+        assert {math.prod(native_shape(spec, size)) for size, spec in cases} == {length}
+    assert {int(number) for row in table("Common lengths") for number in row[0].split(", ")} == by_length.keys()
+
+
+def test_numbers_for_each_place() -> None:
+    size = (100, 76)  # 12.5 x 9.5 cells
+    rules = {"⌊H/c⌉ × ⌊W/c⌉": (13, 10), "(⌊H/c⌉ − 2) × (⌊W/c⌉ − 2)": (11, 8), "⌊H/c⌋ × ⌊W/c⌋": (12, 9)}
+    rules["(⌊H/c⌋ − 2) × (⌊W/c⌋ − 2)"] = (10, 7)
+    checked = 0
+    for numbers, places, _, names in table("## 1. Count"):
+        for name in re.findall(r"`(\w+)`", names):
+            if name not in SPECS or "zeros" in names or "variant" in names:
+                continue
+            spec = SPECS[name] if "2x2" not in names or name != "skimage" else TWO_BY_TWO
+            assert spec.channels == int(re.findall(r"^\d+", numbers)[0]), name
+            assert places not in rules or spec.grid(*size) == rules[places], name
+            checked += 1
+    assert checked == 13
+
+
+@pytest.mark.parametrize("name", ["astronaut", "camera"])
+def test_values(name: str) -> None:
+    for preset in ("vlfeat", "dpm", "dlib", "piotr", "cnn_hog", "aubry", "seeing3d"):
+        assert described(name, SPECS[preset])[..., :27].max().item() == pytest.approx(0.4, abs=1e-6)
+    assert described(name, presets.vlfeat("dalaltriggs")).max().item() == pytest.approx(0.2)
+    for preset in ("vlfeat", "uoctti", "dpm", "dlib", "piotr"):
+        directed, undirected, texture = described(name, SPECS[preset])[..., :31].split([18, 9, 4], dim=2)
+        vlfeat = (texture.sum(2) * 18**0.5 - 2 * undirected.sum(2)).abs().max()
+        dpm = (texture.sum(2) / 0.2357 - 2 * directed.sum(2)).abs().max()
+        right, wrong = (vlfeat, dpm) if preset in ("vlfeat", "uoctti") else (dpm, vlfeat)
+        assert right < 1e-6
+        assert wrong > 1
+
+
+@pytest.mark.parametrize("name", ["astronaut", "camera"])
+def test_lengths_of_blocks(name: str) -> None:
+    for form in ("L2", "L2-Hys"):
+        lengths = vectors(name, presets.skimage(block_norm=form)).norm(dim=1)  # type: ignore[arg-type]
+        assert (lengths - 1).abs().quantile(0.99) < 1e-6
+    assert (vectors(name, presets.skimage(block_norm="L1")).sum(dim=1) - 1).abs().median() < 1e-6
+    opencv = vectors(name, presets.opencv()).norm(dim=1)
+    assert opencv.max() < 0.999
+    assert opencv.quantile(0.05) > 0.99
+    for form, many in (("L2-Hys", True), ("L2", False), ("L1", False), ("opencv", True)):
+        spec = presets.opencv() if form == "opencv" else presets.skimage(block_norm=form)  # type: ignore[arg-type]
+        two = vectors(name, spec).topk(2, dim=1).values
+        equal = ((two[:, 0] - two[:, 1]) <= 1e-6 * two[:, 0]).double().mean().item()
+        assert (equal >= 0.5) if many else (equal < 0.05), form
+
+
+def test_conventions() -> None:
+    heads = [
+        "preset",
+        "image",
+        "colour",
+        "derivative",
+        "bins",
+        "vote",
+        "between",
+        "cells",
+        "pooling",
+        "normaliser",
+        "clip",
+    ]
+    rows = [dict(zip(heads, row, strict=True)) for row in table("## The conventions")]
+    assert {row["preset"].strip("`") for row in rows} == SPECS.keys() - {"uoctti", "aubry"}
+    for row in rows:
+        spec = SPECS[row["preset"].strip("`")]
+        scheme: Any = spec.normalizer
+        assert {"largest": "largest", "gray": "gray", "separate": "each by itself"}[spec.colour] in row["colour"]
+        assert row["bins"].startswith(str(spec.bins))
+        assert ("360" in row["bins"] or row["bins"] == "18, 0°") == spec.signed
+        assert {0.0: "0°", 0.5: "10°", 5.0: "80°"}[spec.bin_offset] in row["bins"]
+        assert row["vote"].startswith({"linear": "shared", "hard": ("all to one", "as dpm")}[spec.vote])
+        ties = "–" if spec.vote == "linear" else "upper" if spec.boundary == "upper" else "lower"
+        assert ties in row["between"] or (spec.name == "maskfeat" and "begins" in row["between"])
+        if spec.name != "opencv":
+            assert ("⌊·⌋" in row["cells"]) == (spec.partial_cells == "floor")
+        assert ("dropped" in row["cells"]) == (isinstance(scheme, FourBlockNorm) and scheme.outside == "drop")
+        assert row["clip"] == (f"{scheme.clip:g}" if hasattr(scheme, "clip") else "none")
+        numbers = [float(number) for number in re.findall(r"\d+(?:\.\d+)?(?:e-\d+)?", row["normaliser"])]
+        assert scheme.epsilon in [pytest.approx(number) for number in numbers]
+
+
+@pytest.mark.parametrize("gamma", [True, False])
+def test_opencv_takes_channels_in_its_order(gamma: bool) -> None:
+    cv2 = pytest.importorskip("cv2")
+    rgb = np.ascontiguousarray(data.astronaut()[40:168, 190:254])
+    bgr = np.ascontiguousarray(rgb[..., ::-1])
+    theirs = cv2.HOGDescriptor((64, 128), (16, 16), (8, 8), (8, 8), 9, 1, -1, 0, 0.2, gamma).compute(bgr).ravel()
+    spec = presets.opencv(gamma=gamma)
+    assert abs(hog(bgr, spec, layout="native").ravel() - theirs).max() < 1e-6
+    other = abs(hog(rgb, spec, layout="native").ravel() - theirs).max()
+    assert 0 <= other < 0.1

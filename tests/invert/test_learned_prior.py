@@ -1,0 +1,322 @@
+"""Learned priors: one network for all signed dialects and one for all unsigned ones, and those of the package."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+from torch.testing import assert_close
+
+from nablahog import hog, metrics, presets, reconstruct, reconstruct_multiscale
+from nablahog.hog import HOGSpec
+from nablahog.hog.descriptor import histograms
+from nablahog.invert import (
+    Iterate,
+    Search,
+    default_prior,
+    reconstruct_samples,
+    scale_descriptors,
+    signed_network,
+    unsigned_network,
+)
+from nablahog.invert.histograms import recover_histograms, searchable
+from nablahog.invert.learned import FOLDER
+from nablahog.invert.prior_network import HISTOGRAM_EVALUATIONS
+
+from ..io import tiny_models
+from ..io.archives import check_refused
+from .photographs import photograph
+
+UOCTTI, PAPER = presets.uoctti(8), presets.paper(8)
+SIGNED = {
+    "uoctti": UOCTTI,
+    "hard votes": presets.vlfeat(),
+    "twelve bins, other sense": dataclasses.replace(UOCTTI, bins=12, counterclockwise=True),
+    "dpm": presets.dpm(),
+    "opencv, signed": presets.opencv((128, 128), nbins=18, signed=True),
+}
+UNSIGNED = {
+    "paper": PAPER,
+    "bins on the axes": dataclasses.replace(PAPER, bin_offset=0.0),
+    "six bins, other sense": dataclasses.replace(PAPER, bins=6, counterclockwise=True),
+    "opencv": presets.opencv(),
+    "aubry": presets.aubry(8),
+}
+FEW = Search(max_evaluations=4)
+BOTH = pytest.mark.parametrize("spec", [UOCTTI, PAPER], ids=["signed", "unsigned"])
+every_dialect = pytest.mark.parametrize("spec", [*SIGNED.values(), *UNSIGNED.values()], ids=[*SIGNED, *UNSIGNED])
+
+
+def network_of(spec: HOGSpec) -> Any:
+    return signed_network if searchable(spec).signed else unsigned_network
+
+
+def cells(image: Tensor, spec: HOGSpec) -> Tensor:
+    """What the network is given for an image."""
+    module, searched = network_of(spec), searchable(spec)
+    return module.cell_votes(histograms(image, searched), searched, (image.shape[2], image.shape[3]))
+
+
+# --- the inputs of networks
+
+
+@every_dialect
+def test_all_dialects_look_alike(spec: HOGSpec) -> None:
+    image = photograph(128)
+    ours, theirs = (cells(image, each) for each in (UOCTTI if searchable(spec).signed else PAPER, spec))
+    assert ours.shape == theirs.shape
+    ours, theirs = (x.div(x.mean()).log1p().flatten() for x in (ours, theirs))
+    assert float(torch.corrcoef(torch.stack([ours, theirs]))[0, 1]) > 0.75
+
+
+@BOTH
+def test_votes_on_centres_are_kept_and_mirrored_with_the_image(spec: HOGSpec) -> None:
+    image = photograph(128)
+    assert torch.equal(cells(image, spec), histograms(image, spec))
+    mirrored = network_of(spec).mirrored_votes(cells(image, spec))
+    assert_close(cells(image.flip(3), spec), mirrored, atol=0.1, rtol=1e-3)
+
+
+@pytest.mark.parametrize("size", [(64, 96), (200, 400), (9, 9)])
+def test_the_input_has_the_images_proportions(size: tuple[int, int]) -> None:
+    image = photograph(128).repeat(1, 1, 4, 4)[..., : size[0], : size[1]]
+    rows, cols = cells(image, PAPER).shape[2:]
+    assert rows % 4 == cols % 4 == 0
+    assert 8 <= max(rows, cols) <= 20
+    assert abs(np.log(rows / cols * size[1] / size[0])) < 0.35
+
+
+# --- the expected image
+
+
+@every_dialect
+def test_expected_of_a_batch_is_that_of_each_at_the_contrast_of_the_histograms(spec: HOGSpec) -> None:
+    images, prior = torch.cat([photograph(128, name) for name in ("camera", "coins")]), tiny_models.prior(spec)
+    descriptors = hog(images, spec)
+    together = prior.expected(descriptors, spec, (128, 128))
+    alone = torch.cat([prior.expected(each[None], spec, (128, 128)) for each in descriptors])
+    assert_close(together, alone, atol=1e-3, rtol=0)
+    assert_close(together.mean(dim=(1, 2, 3)), torch.full((2,), 0.5), atol=1e-4, rtol=0)
+    searched = searchable(spec)
+    votes = recover_histograms(descriptors, searched, (128, 128), max_evaluations=HISTOGRAM_EVALUATIONS)
+    own = histograms(together, searched)
+    assert float((own * votes).sum() / own.square().sum()) == pytest.approx(1, abs=2e-2)
+
+
+@BOTH
+@pytest.mark.parametrize("size", [(43, 50), (9, 61)])
+def test_expected_has_the_images_size_and_is_mirrored_with_it(spec: HOGSpec, size: tuple[int, int]) -> None:
+    image, prior = photograph(64).double()[..., : size[0], : size[1]], tiny_models.prior(spec)
+    expected = prior.expected(hog(image, spec), spec, size)
+    assert (expected.shape, expected.dtype) == ((1, 1, *size), torch.float64)
+    assert torch.isfinite(expected).all()
+    whole = photograph(64)
+    one, other = (prior.expected(hog(each, spec), spec, (64, 64)) for each in (whole, whole.flip(3)))
+    assert_close(other, one.flip(3), atol=1e-3, rtol=0)
+
+
+@pytest.mark.parametrize("cell_size", [3, (8, 4), 32])
+def test_cells_of_any_size(cell_size: int | tuple[int, int]) -> None:
+    spec = presets.uoctti(cell_size)
+    image = photograph(64)[..., :50, :60]
+    expected = tiny_models.prior().expected(hog(image, spec), spec, (50, 60))
+    assert expected.shape == image.shape
+    assert torch.isfinite(expected).all()
+
+
+def test_a_known_contrast_is_kept() -> None:
+    """Eq. 7 as printed tells the contrast; half of it is expected at half of it."""
+    spec = dataclasses.replace(PAPER, signed=True, bins=18)
+    image, prior = photograph(64), tiny_models.prior(spec)
+    whole, half = (prior.expected(hog(0.5 + c * (image - 0.5), spec), spec, (64, 64)) - 0.5 for c in (1, 0.5))
+    assert_close(half, whole / 2, atol=1e-3, rtol=0)
+
+
+@BOTH
+def test_a_flat_image(spec: HOGSpec) -> None:
+    flat = torch.full((1, 1, 64, 64), 0.3)
+    descriptor, prior = hog(flat, spec), tiny_models.prior(spec)
+    assert torch.isfinite(prior.expected(descriptor, spec, (64, 64))).all()
+    assert torch.isfinite(reconstruct(descriptor, spec, prior=prior, search=FEW).image).all()
+    assert float(prior.polarity_confidence(flat, descriptor, spec)) == (1.0 if spec.signed else 0.5)
+
+
+# --- polarity
+
+
+def test_confidences_of_an_image_and_its_negative_sum_to_one() -> None:
+    for spec in UNSIGNED.values():
+        image = photograph(128)
+        descriptor, prior = hog(image, spec), tiny_models.prior(PAPER)
+        one, other = (prior.polarity_confidence(each, descriptor, spec) for each in (image, 1 - image))
+        assert abs(float(one) - 0.5) > 1e-6  # says something
+        assert_close(one + other, torch.ones(1))
+
+
+def test_the_packages_prior_knows_photographs_from_negatives() -> None:
+    images = torch.cat([photograph(128, name) for name in ("camera", "coins", "coffee", "astronaut", "moon", "page")])
+    confidence = default_prior("paper").polarity_confidence(images, hog(images, PAPER), PAPER)
+    assert float(confidence.mean()) > 0.6
+    assert (confidence > 0.5).sum() >= 4
+
+
+def test_the_prior_decides_the_polarity() -> None:
+    images = torch.cat([photograph(64, name) for name in ("camera", "coins", "clock", "brick")])
+    descriptors, prior = hog(images, PAPER), tiny_models.prior(PAPER)
+    result = reconstruct(descriptors, PAPER, prior=prior, search=FEW)
+    assert result.polarity_confidence is not None
+    own = prior.polarity_confidence(result.image, descriptors, PAPER)
+    assert_close(result.polarity_confidence, own, atol=1e-4, rtol=0)
+    assert (own >= 0.5).all()
+    array = reconstruct(descriptors[0].numpy(), PAPER, prior=prior, search=FEW)
+    assert array.polarity_confidence is not None
+    assert array.polarity_confidence.shape == ()
+    assert reconstruct(descriptors, PAPER, search=FEW).polarity_confidence is None
+
+
+# --- in a reconstruction
+
+
+def test_what_a_prior_expects_is_shown_first() -> None:
+    descriptor, seen = hog(photograph(64), UOCTTI), []
+
+    def watch(iterate: Iterate) -> None:
+        seen.append((iterate.candidates.clone(), iterate.evaluations))
+
+    reconstruct(descriptor, UOCTTI, prior="default", watch=watch, search=FEW)
+    assert (seen[0][1] == 0).all()
+    assert_close(seen[0][0][:, 0], default_prior(UOCTTI).expected(descriptor, UOCTTI, (64, 64)))
+
+
+@pytest.mark.parametrize("spec", [presets.opencv(), presets.dpm()], ids=lambda spec: spec.name)
+def test_the_packages_priors_are_the_default(spec: HOGSpec) -> None:
+    """For unsigned descriptors, the signed one adds details to what the unsigned one expects."""
+    descriptor = hog(photograph(128), spec)
+    own = default_prior(spec)
+    several = [own] if own.signed else [own, default_prior("uoctti")]
+    default, both, alone, none = (
+        reconstruct(descriptor, spec, prior=prior, search=Search(max_evaluations=30))
+        for prior in ("default", several, own, None)
+    )
+    assert torch.equal(default.image, both.image)
+    assert torch.equal(default.image, alone.image) == own.signed
+    assert not torch.equal(default.image, none.image)
+    assert float(default.evaluations) <= 30
+    if not own.signed:
+        assert float(metrics.cross_correlation(default.image[0, 0], alone.image[0, 0])) > 0.8
+
+
+@pytest.mark.parametrize("more", [False, True])
+@BOTH
+def test_multi_scale(spec: HOGSpec, more: bool) -> None:
+    image, prior = photograph(64), tiny_models.prior(spec)
+    given = scale_descriptors(image, spec, (4, 1)) if more else hog(image, spec)
+    with_prior, without = (
+        [each.reconstruction for each in reconstruct_multiscale(given, spec, scales=(4, 1), prior=p, search=FEW)]
+        for p in (prior, None)
+    )
+    assert not torch.equal(with_prior[1].image, without[1].image)
+    if spec.signed:
+        assert torch.equal(with_prior[0].image, without[0].image)
+    else:
+        assert with_prior[0].polarity_confidence is with_prior[1].polarity_confidence
+        assert float(with_prior[1].polarity_confidence) >= 0.5
+
+
+# --- samples
+
+
+@pytest.mark.parametrize("spec", [PAPER, presets.skimage(transform_sqrt=True)], ids=lambda spec: spec.name)
+def test_samples_and_their_agreement(spec: HOGSpec) -> None:
+    descriptor = hog(torch.cat([photograph(64), photograph(64, "coins")]), spec)
+    samples = reconstruct_samples(descriptor, spec, count=3, search=FEW)
+    assert samples.image.shape == (2, 3, 1, 64, 64)
+    assert samples.distance.shape == (2, 3)
+    for image, agreement in zip(samples.image[:, :, 0], samples.agreement, strict=True):
+        pairs = [abs(metrics.cross_correlation(image[a], image[b])) for a, b in ((0, 1), (0, 2), (1, 2))]
+        assert float(agreement) == pytest.approx(sum(pairs) / 3, abs=1e-4)
+        assert 0.05 < float(agreement) < 0.999
+
+
+def test_draws_depend_on_the_seed_and_are_negatives_as_often_as_the_prior_thinks() -> None:
+    before = torch.get_rng_state()
+    descriptor, prior = hog(photograph(64), "paper"), default_prior("paper")
+    expected = prior.expected(descriptor, "paper", (64, 64))
+    draws = prior.samples(descriptor, "paper", (64, 64), 200)
+    assert torch.equal(torch.get_rng_state(), before)
+    assert torch.equal(prior.samples(descriptor, "paper", (64, 64), 200), draws)
+    assert not torch.equal(prior.samples(descriptor, "paper", (64, 64), 200, seed=1), draws)
+    assert_close(prior.expected(descriptor, "paper", (64, 64)), expected)  # without dropout again
+    odds = prior.polarity_confidence(draws[0], descriptor.expand(200, -1, -1, -1), "paper")
+    assert float((odds > 0.5).float().mean()) == pytest.approx(float(torch.maximum(odds, 1 - odds).mean()), abs=0.12)
+
+
+# --- refusals and files
+
+
+def test_what_does_not_fit() -> None:
+    prior, descriptor = tiny_models.prior(PAPER), hog(photograph(64), PAPER)
+    of_signed = hog(photograph(64), UOCTTI)
+    with pytest.raises(ValueError, match="prior was learned for unsigned descriptors, a uoctti descriptor is signed"):
+        prior.expected(of_signed, UOCTTI, (64, 64))
+    with pytest.raises(ValueError, match="expected images and a prior contradict each other"):
+        reconstruct(descriptor, PAPER, prior=prior, expected=photograph(64))
+    with pytest.raises(ValueError, match="must have shape"):
+        prior.polarity_confidence(photograph(32), descriptor, PAPER)
+    for several in ([], [default_prior("paper")], [default_prior("uoctti")] * 2):
+        with pytest.raises(ValueError, match="expected one prior for signed descriptors, and at most one for others"):
+            reconstruct(of_signed, UOCTTI, prior=several, search=FEW)
+    wrong: list[Any] = ["best", [None]]
+    for none in wrong:
+        with pytest.raises(TypeError, match="prior must be a LearnedPrior"):
+            reconstruct(descriptor, PAPER, prior=none, search=FEW)
+    with pytest.raises(ValueError, match="expected at least 2 samples, got 1"):
+        reconstruct_samples(descriptor, PAPER, count=1)
+    with pytest.raises(TypeError, match="prior must be a LearnedPrior"):
+        reconstruct_samples(descriptor, PAPER, prior=None)
+    with pytest.raises(ValueError, match="samples are drawn of unsigned descriptors"):
+        reconstruct_samples(of_signed, UOCTTI)
+
+
+COUNT = len(tiny_models.prior().weights)
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"weights": np.full(COUNT, np.nan, np.float16)}, "the weights must lie within ±65504, got NaN, Inf or more"),
+        ({"weights": np.zeros(COUNT - 1, np.float16)}, rf"shape \({COUNT},\), got float16 of \({COUNT - 1},\)"),
+        ({"weights": np.zeros(COUNT, np.float32)}, "must be float16, got float32"),
+        ({"spec": np.array(PAPER.to_json())}, "the weights must be"),
+        ({"widths": np.array([8, 8, 0])}, "widths must be integers of 1 … 1024"),
+        (
+            {"widths": np.array([8] * 4), "blocks": np.array([1, 0, 0, 0])},
+            "a prior for signed descriptors has 3 widths",
+        ),
+        ({"blocks": np.array([1, 0, 0, 0])}, "as many widths as blocks"),
+    ],
+)
+def test_files_that_contradict_themselves_are_refused(tmp_path: Path, changed: dict[str, Any], says: str) -> None:
+    check_refused(tiny_models.prior(), tmp_path / "p.npz", changed, says)
+
+
+def test_a_package_without_its_priors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("nablahog.invert.learned.FOLDER", tmp_path)
+    with pytest.raises(FileNotFoundError, match=r"no unsigned\.npz, the prior for unsigned descriptors"):
+        reconstruct(hog(photograph(64), PAPER), PAPER, prior="default", search=FEW)
+
+
+@pytest.mark.parametrize("spec", ["paper", "uoctti"])
+def test_the_readme_says_where_the_packages_priors_are_from(spec: str) -> None:
+    prior, readme = default_prior(spec), (FOLDER / "README.md").read_text(encoding="utf-8")
+    assert default_prior(spec) is prior
+    for text in (prior.learning.sha256, f"{len(prior.learning.images):,} ", f"--epochs {prior.learning.epochs}"):
+        assert text in readme
+    assert f"seed {prior.learning.seed}" in readme
+    assert prior.learning.start in readme
+    assert sum(file.stat().st_size for file in FOLDER.glob("*.npz")) <= 16 * 10**6

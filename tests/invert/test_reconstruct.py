@@ -1,0 +1,317 @@
+"""reconstruct, as a user calls it: results, options, quality, arrays, and watching a search."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import io
+import itertools
+import re
+from typing import Any
+
+import numpy as np
+import PIL.Image
+import pytest
+import torch
+from torch import Tensor
+
+from nablahog import HOGSpec, hog, presets, reconstruct, reconstruct_multiscale
+from nablahog.invert import AsPublished, Iterate, Objective, Search
+from nablahog.invert.cosine import low_pass
+from nablahog.invert.histograms import recover_histograms
+from nablahog.invert.options import quality_of
+from nablahog.invert.priors import TotalVariation
+from nablahog.invert.signs import negated, negatives
+from nablahog.invert.single_scale import LEAST_EVALUATIONS, SHARE_OF_SAMPLES
+from nablahog.invert.start import at_contrast
+from nablahog.metrics import cross_correlation
+
+from .photographs import photograph
+
+UOCTTI, PAPER = presets.uoctti(8), presets.paper(8)
+SPECS = {
+    "uoctti": UOCTTI,
+    "uoctti-hard": presets.uoctti(8, vote="hard"),
+    "uoctti-rectangular": presets.uoctti((8, 5)),
+    "paper": PAPER,
+    "paper-robust": presets.paper(8, global_form="robust"),
+    "signed-global": dataclasses.replace(presets.paper(8), signed=True, bins=8, partial_cells="ceil"),
+}
+BOTH = pytest.mark.parametrize("name", ["signed-global", "paper"])
+
+
+def correlation(a: Tensor, b: Tensor) -> float:
+    return float(torch.corrcoef(torch.stack([a.flatten(), b.flatten()]))[0, 1])
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_the_returned_image_explains_the_descriptor(name: str) -> None:
+    spec, image = SPECS[name], photograph(61)
+    descriptor = hog(image, spec)
+    result = reconstruct(descriptor, spec, image_size=(61, 61), search=Search(max_evaluations=120))
+    assert result.image.shape == (1, 1, 61, 61)
+    assert result.image.dtype == torch.float32
+    assert 0 <= result.image.min() <= result.image.max() <= 1
+    torch.testing.assert_close(result.distance[0], (hog(result.image, spec) - descriptor).norm() / descriptor.norm())
+    assert result.distance[0] < (0.5 if spec.vote == "hard" else 0.25)
+    assert result.history.shape[0] == int(result.evaluations[0]) <= 120
+    assert result.history[-1, 0] < result.history[0, 0]
+
+
+def test_photographs_come_back_and_better_the_more_is_spent() -> None:
+    images = torch.cat([photograph(64, name) for name in ("camera", "astronaut", "coffee")])
+    descriptors = hog(images, UOCTTI)
+    best, fast = (reconstruct(descriptors, UOCTTI, quality=quality) for quality in ("best", "fast"))
+    assert torch.equal(reconstruct(descriptors, UOCTTI).image, best.image)
+    assert (fast.evaluations <= quality_of("fast").evaluations).all()
+    assert (fast.evaluations * 5 < best.evaluations).all()
+    assert (best.distance < fast.distance).all()
+    of_best, of_fast = (
+        [cross_correlation(a[0], b[0]) for a, b in zip(result.image, images, strict=True)] for result in (best, fast)
+    )
+    assert sum(of_best) > sum(of_fast)
+    assert sum(of_fast) / 3 > 0.76  # the paper's mean over its own photographs
+
+
+@BOTH
+def test_the_seed_decides(name: str) -> None:
+    spec = SPECS[name]
+    descriptor, few = hog(photograph(32), spec), Search(max_evaluations=30)
+    first, again, other = (reconstruct(descriptor, spec, seed=s, search=few).image for s in (0, 0, 1))
+    assert torch.equal(first, again)
+    assert not torch.equal(first, other)
+
+
+@pytest.mark.parametrize(
+    ("name", "search", "given"),
+    [
+        ("uoctti", Search(max_evaluations=25), None),
+        ("signed-global", Search(max_evaluations=90, samples=2), None),
+        ("signed-global", Search(max_evaluations=25), "start"),
+        ("paper", Search(max_evaluations=25), None),
+        ("paper", Search(max_evaluations=25), "expected"),
+    ],
+)
+def test_batch_equals_loop(name: str, search: Search, given: str | None) -> None:
+    images = torch.cat([photograph(32, name) for name in ("camera", "coins")]).double()
+    descriptors, near = hog(images, SPECS[name]), photograph(32, "coffee").double()
+    together, *alone = (
+        reconstruct(each, SPECS[name], search=search, **({given: near.expand(len(each), -1, -1, -1)} if given else {}))
+        for each in (descriptors, descriptors[:1], descriptors[1:])
+    )
+    assert together.image.dtype == together.distance.dtype == together.history.dtype == torch.float64
+    torch.testing.assert_close(together.image, torch.cat([one.image for one in alone]), atol=1e-3, rtol=0)
+    assert together.evaluations.tolist() == [int(one.evaluations) for one in alone]
+
+
+@BOTH
+@pytest.mark.parametrize("budget", [2, 3, 10, 90])  # the last one draws two samples
+def test_progress_rises_up_to_the_budget(name: str, budget: int) -> None:
+    calls: list[tuple[int, int]] = []
+    images = torch.cat([photograph(32), torch.full((1, 1, 32, 32), 0.7)])  # a flat one is found at once
+    few = Search(max_evaluations=budget)
+    result = reconstruct(hog(images, SPECS[name]), SPECS[name], search=few, progress=lambda *call: calls.append(call))
+    done = [call[0] for call in calls]
+    assert done == sorted(set(done))
+    assert {most for _, most in calls} == {budget}
+    assert done[-1] == result.evaluations.max() <= budget
+    assert result.evaluations.min() >= 2
+    assert result.history.shape == (done[-1], 2)
+    assert result.image[1].unique().numel() == 1
+    assert result.distance[1] == 0
+
+
+@pytest.mark.parametrize("size", [(1, 9), (9, 1), (3, 3)])
+@pytest.mark.parametrize("spec", [presets.paper(1), presets.uoctti(2)], ids=["paper", "uoctti"])
+def test_images_of_a_few_pixels(size: tuple[int, int], spec: HOGSpec) -> None:
+    image = torch.rand(1, 1, *size, generator=torch.Generator().manual_seed(0))
+    result = reconstruct(hog(image, spec), spec, image_size=size, search=Search(max_evaluations=20))
+    assert torch.isfinite(result.image).all()
+    assert torch.isfinite(result.history).all()
+
+
+def test_samples_need_evaluations_and_agree_on_what_the_seed_does_not_decide() -> None:
+    spec = SPECS["signed-global"]
+    descriptor = hog(photograph(32), spec)
+    enough_for_two = int(-(-2 * LEAST_EVALUATIONS // SHARE_OF_SAMPLES))
+
+    def images(budget: int, samples: tuple[int, ...], seed: int = 0) -> list[Tensor]:
+        searches = [Search(max_evaluations=budget, samples=count) for count in samples]
+        return [reconstruct(descriptor, spec, search=search, seed=seed).image for search in searches]
+
+    one, six = images(enough_for_two - 2, (1, 6))
+    assert torch.equal(one, six)
+    one, two, six = images(enough_for_two, (1, 2, 6))
+    assert not torch.equal(one, two)
+    assert torch.equal(two, six)
+    (one, three), (other_one, other_three) = (images(120, (1, 3), seed) for seed in (0, 1))
+    assert correlation(three, other_three) > correlation(one, other_one)
+
+
+@BOTH
+def test_the_search_begins_at_the_expected_image_and_stays_close_to_it(name: str) -> None:
+    spec, few = SPECS[name], Search(max_evaluations=40)
+    descriptor = hog(photograph(48).double(), spec)
+    expected = low_pass(photograph(48).double(), 3.0)
+    weak, strong = (
+        reconstruct(descriptor, spec, search=few, expected=expected, objective=Objective(closeness=c))
+        for c in (0.0, 10.0)
+    )
+    begun = at_contrast(expected, recover_histograms(descriptor, spec), spec)
+    torch.testing.assert_close(weak.history[0, 0], (hog(begun, spec) - descriptor).norm() / descriptor.norm())
+    assert strong.distance > weak.distance
+    for result in (weak, strong):
+        assert abs(correlation(low_pass(result.image, 3.0), expected)) > 0.95
+    assert abs(correlation(strong.image, expected)) > abs(correlation(weak.image, expected))
+
+
+@BOTH
+@pytest.mark.parametrize("which", ["start", "expected"])
+def test_given_images_guide_the_search_at_any_contrast(name: str, which: str) -> None:
+    spec, image, few = SPECS[name], photograph(48).double(), Search(max_evaluations=40)
+    descriptor = hog(image, spec)
+    full, half = (
+        reconstruct(descriptor, spec, search=few, **{which: 0.5 + contrast * (image - 0.5)}).image
+        for contrast in (1.0, 0.5)
+    )
+    torch.testing.assert_close(full, half, atol=1e-6, rtol=0)
+    assert abs(correlation(full, image)) > 0.97
+    negative = reconstruct(descriptor, spec, search=few, **{which: 1 - image}).image
+    assert (abs(correlation(negative, image)) > 0.97) == (not spec.signed)
+
+
+def test_of_an_unsigned_image_and_its_negative_the_likelier_is_returned() -> None:
+    for name in ("camera", "coins", "coffee"):
+        image = reconstruct(hog(photograph(32, name), PAPER), PAPER, search=Search(max_evaluations=30)).image
+        assert torch.equal(image, negated(image, negatives(image)[0]))
+    for name in ("signed-global", "paper"):  # a signed descriptor knows
+        results = [
+            reconstruct(hog(each, SPECS[name]), SPECS[name], search=Search(max_evaluations=60)).image
+            for each in (photograph(32), 1 - photograph(32))
+        ]
+        assert (correlation(*results) < 0) == (name == "signed-global")
+
+
+def test_the_descriptor_carries_no_gradient_and_is_not_changed() -> None:
+    descriptor = hog(photograph(32), UOCTTI).requires_grad_()
+    before = descriptor.detach().clone()
+    assert not reconstruct(descriptor, UOCTTI, search=Search(max_evaluations=5)).image.requires_grad
+    assert torch.equal(descriptor, before)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
+def test_cpu_and_cuda_start_alike() -> None:
+    descriptor, few = hog(photograph(64), UOCTTI).double(), Search(max_evaluations=15)
+    cpu, cuda = (reconstruct(descriptor.to(d), UOCTTI, search=few).image.cpu() for d in ("cpu", "cuda"))
+    torch.testing.assert_close(cpu, cuda, atol=1e-3, rtol=0)
+
+
+def test_arrays_have_the_same_pre_images_as_arrays() -> None:
+    descriptors, few = (
+        hog(np.random.default_rng(0).random((2, 32, 24, 1), np.float32), UOCTTI),
+        Search(max_evaluations=10),
+    )
+    arrays = reconstruct(descriptors, UOCTTI, [32, 24], search=few)
+    tensors = reconstruct(torch.from_numpy(descriptors), UOCTTI, (32, 24), search=few)
+    np.testing.assert_array_equal(arrays.image, tensors.image[:, 0].numpy())
+    for name in ("distance", "history", "evaluations"):
+        np.testing.assert_array_equal(getattr(arrays, name), getattr(tensors, name).numpy())
+    start = np.random.default_rng(1).random((32, 24), np.float32)
+    one = reconstruct(descriptors[0], UOCTTI, start=start, search=few)
+    batch = reconstruct(descriptors[:1], UOCTTI, start=torch.from_numpy(start)[None, None], search=few)
+    assert one.image.shape == (32, 24)
+    np.testing.assert_array_equal(one.image, batch.image[0])
+    np.testing.assert_array_equal(one.history, batch.history[:, 0])
+    levels = reconstruct_multiscale(descriptors[0], UOCTTI, scales=(4, 1), search=few)
+    assert [level.reconstruction.image.shape for level in levels] == [(16, 12), (32, 24)]
+
+
+def test_a_result_shows_its_figures_and_in_a_notebook_its_images() -> None:
+    descriptor, few = hog(torch.rand(5, 1, 16, 16), presets.uoctti()), Search(max_evaluations=5)
+    result = reconstruct(descriptor, "uoctti", search=few)
+    shown = r"<Reconstruction image 5x1x16x16, distance ([\d.e-]+, ){4}…, [\w ,]+, \d+\.\d s>"
+    assert re.fullmatch(shown, repr(result))
+    page = result._repr_html_()
+    assert page.count("<img ") == 4
+    png = PIL.Image.open(io.BytesIO(base64.b64decode(page.split("base64,")[1].split('"')[0])))
+    np.testing.assert_array_equal(np.asarray(png), (255 * result.image[0, 0]).round().byte().numpy())
+
+
+@pytest.mark.parametrize(
+    ("descriptor", "spec", "options", "error", "says"),
+    [
+        (torch.zeros(16, 16, 31), "uoctti", {}, ValueError, r"\(B, rows, cols, channels\).*got \(16, 16, 31\)"),
+        (torch.zeros(0, 16, 16, 31), "uoctti", {}, ValueError, "B at least 1"),
+        (torch.zeros(1, 4, 4, 9), "uoctti", {}, ValueError, r"\(4, 4, 31\).*got \(4, 4, 9\)"),
+        (torch.zeros(1, 4, 4, 31), "uoctti", {"image_size": (64, 64)}, ValueError, r"64x64.*\(8, 8, 31\)"),
+        (torch.zeros(1, 4, 4, 31).long(), "uoctti", {}, TypeError, "float32 or float64.*int64"),
+        (torch.full((1, 4, 4, 31), torch.nan), "uoctti", {}, ValueError, "finite"),
+        (torch.full((1, 4, 4, 9), 1e30), "paper", {}, ValueError, r"at most 1e\+06 in size, got one of 1e\+30"),
+        (torch.zeros(1, 4, 4, 31), "uoctti", {"start": torch.zeros(1, 1, 32, 31)}, ValueError, "start must have shape"),
+        (torch.zeros(1, 4, 4, 31), "uoctti", {"quality": "good"}, ValueError, "quality must be one of"),
+        (torch.zeros(1, 4, 4, 31), "uoctti", {"method": "publisched"}, ValueError, "method must be"),
+    ],
+)
+def test_refused_input(descriptor: Tensor, spec: str, options: Any, error: type[Exception], says: str) -> None:
+    with pytest.raises(error, match=says):
+        reconstruct(descriptor, spec, **options)
+
+
+@pytest.mark.parametrize(
+    ("group", "options", "says"),
+    [
+        (Search, {"minimiser": "newton"}, "minimiser must be one of"),
+        (Search, {"max_evaluations": 1}, "max_evaluations must be at least 2"),
+        (Search, {"samples": 0}, "samples must be at least 1"),
+        (Objective, {"smoothness": -1.0}, "smoothness must be a finite number of at least 0"),
+        (Objective, {"closeness": float("nan")}, "closeness must be a finite number"),
+        (Objective, {"priors": [0.1]}, "priors must be a list of priors"),
+        (Objective, {"priors": TotalVariation(0.1)}, "priors must be a list of priors"),
+        (AsPublished, {"smoothness": 0.0}, "smoothness must be a finite number above 0"),
+        (AsPublished, {"iterations": 0}, "iterations must be at least 1"),
+        (AsPublished, {"max_evaluations": 1}, "max_evaluations must be at least 2"),
+    ],
+)
+def test_options_out_of_range(group: type[Any], options: dict[str, Any], says: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=says):
+        group(**options)
+
+
+# --- watching
+
+
+METHODS: dict[str, dict[str, Any]] = {"default": {"quality": "fast"}, "paper": {"method": AsPublished(iterations=3)}}
+
+
+@pytest.mark.parametrize("spec", [UOCTTI, presets.opencv(win_size=(32, 32))], ids=lambda spec: spec.name)
+@pytest.mark.parametrize("method", METHODS)
+def test_watching_changes_nothing(spec: HOGSpec, method: str) -> None:
+    seen: list[tuple[Tensor, Tensor]] = []
+    descriptors = hog(torch.rand(2, 1, 32, 32, generator=torch.Generator().manual_seed(0)), spec)
+
+    def watch(iterate: Iterate) -> None:
+        seen.append((iterate.image, iterate.evaluations.clone()))
+
+    watched = reconstruct(descriptors, spec, (32, 32), watch=watch, **METHODS[method])
+    assert torch.equal(watched.image, reconstruct(descriptors, spec, (32, 32), **METHODS[method]).image)
+    assert all(image.shape == (2, 1, 32, 32) and 0 <= image.min() <= image.max() <= 1 for image, _ in seen)
+    assert all((after >= before).all() for (_, before), (_, after) in itertools.pairwise(seen))
+    assert (seen[-1][0] - watched.image).abs().mean() < 0.05
+
+
+class Enough(Exception):
+    pass
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_an_exception_ends_the_search(method: str) -> None:
+    calls = []
+
+    def watch(_: Iterate) -> None:
+        calls.append(None)
+        if len(calls) == 2:
+            raise Enough
+
+    with pytest.raises(Enough):
+        reconstruct(hog(torch.rand(1, 1, 32, 32), UOCTTI), UOCTTI, watch=watch, **METHODS[method])
+    assert len(calls) == 2

@@ -1,0 +1,282 @@
+"""Training of priors: depends on neither luck nor interruptions, and keeps what is held out apart."""
+
+from __future__ import annotations
+
+import math
+import random
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import avg_pool2d
+from torch.testing import assert_close
+
+from nablahog import LearnedPrior, presets, train_prior
+from nablahog.hog import HOGSpec
+from nablahog.invert import signed_training, training_windows, unsigned_training
+from nablahog.invert.prior_network import Architecture, ResidualBlock
+from nablahog.invert.provenance import digest_of_weights
+from nablahog.invert.signed_training import SignedTraining
+from nablahog.invert.training import default_precision, learning_rates
+from nablahog.invert.training_windows import HELD_OUT
+from nablahog.invert.unsigned_network import UnsignedNetwork
+from nablahog.invert.unsigned_training import UnsignedTraining
+from nablahog.io.network_weights import fold_statistics, unfold_statistics
+
+from .photographs import photograph
+
+KINDS = {"signed": presets.uoctti(8), "unsigned": presets.paper(8)}
+every_kind = pytest.mark.parametrize("kind", KINDS)
+TINY = Architecture((8, 8, 8), (1, 0, 0))
+EPOCHS = 3
+
+
+class Interruption:
+    """To be called with the progress: it interrupts when ``at`` steps are done, or never."""
+
+    def __init__(self, at: int | None = None) -> None:
+        self.at = at
+        self.steps: list[int] = []
+
+    def __call__(self, done: int, total: int, what: str) -> None:
+        if done == self.at:
+            raise KeyboardInterrupt
+        self.steps.append(done)
+
+
+@pytest.fixture
+def images(monkeypatch: pytest.MonkeyPatch) -> dict[str, Tensor]:
+    """Four small photographs, two to a step, whose histograms are found in a hurry."""
+    monkeypatch.setattr(training_windows, "BATCH", 2)
+    monkeypatch.setattr(signed_training, "HISTOGRAM_EVALUATIONS", 5)
+    names = ("camera", "coins", "clock", "brick")
+    return {name: photograph(64, name)[0, 0, :40, :48].contiguous() for name in names}
+
+
+def trained(images: dict[str, Tensor], kind: str = "signed", **options: Any) -> LearnedPrior:
+    return train_prior(images, KINDS[kind], **{"epochs": EPOCHS, "architecture": TINY, **options})
+
+
+# --- the loop
+
+
+def test_the_learning_rate_rises_in_a_tenth_and_falls_by_half_cosines() -> None:
+    for steps in (100, 1000):
+        optimizer = torch.optim.AdamW([nn.Parameter(torch.zeros(1))], 1.0)
+        schedule, rates = learning_rates(optimizer, 2.0, steps), []
+        for _ in range(steps):
+            rates.append(schedule.get_last_lr()[0])
+            optimizer.step()
+            schedule.step()
+        peak, last = steps // 10 - 1, steps - 1
+        for step, rate in enumerate(rates):
+            low, done = (1 / 25, step / peak) if step <= peak else (1e-5, (last - step) / (last - peak))
+            assert rate == pytest.approx(2 * (low + (1 - low) * (1 - math.cos(math.pi * done)) / 2))
+
+
+@every_kind
+def test_an_interrupted_training_is_resumed_with_the_same_result(
+    tmp_path: Path, images: dict[str, Tensor], kind: str
+) -> None:
+    path, before = tmp_path / "kept", torch.get_rng_state()
+    undisturbed = trained(images, kind)
+    assert torch.equal(torch.get_rng_state(), before)
+    with pytest.raises(KeyboardInterrupt):
+        trained(images, kind, checkpoint=path, progress=Interruption(3))  # of two steps an epoch
+    resumed, again = Interruption(), Interruption()
+    result = trained(images, kind, checkpoint=path, progress=resumed)
+    assert resumed.steps == [2, 3, 4, 5, 6]
+    assert torch.equal(result.weights, undisturbed.weights)
+    assert result.learning == undisturbed.learning
+    assert torch.equal(trained(images, kind, checkpoint=path, progress=again).weights, undisturbed.weights)
+    assert again.steps == [6]
+    assert [file.name for file in tmp_path.iterdir()] == ["kept"]
+
+
+def test_the_seed_and_the_images_decide(images: dict[str, Tensor]) -> None:
+    first, second = trained(images), trained(dict(reversed(images.items())))
+    assert torch.equal(first.weights, second.weights)
+    assert first.learning == second.learning
+    assert first.learning.images == ("brick", "camera", "clock", "coins")
+    other = trained(images, seed=1, precision="bfloat16")
+    assert not torch.equal(first.weights, other.weights)
+    assert other.learning.precision == "bfloat16"
+    assert trained({**images, "brick": images["coins"]}).learning.sha256 != first.learning.sha256
+
+
+def test_training_lowers_the_loss_in_either_precision(images: dict[str, Tensor]) -> None:
+    single, half = (trained(images, epochs=15, precision=p).learning.losses for p in ("float32", "bfloat16"))
+    assert sum(single[-5:]) < 0.95 * sum(single[:5])
+    assert half == pytest.approx(single, rel=0.05)
+    assert half != single
+
+
+def test_bfloat16_is_the_default_where_a_gpu_has_instructions_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    for supported, expected in ((True, "bfloat16"), (False, "float32")):
+        monkeypatch.setattr(torch.cuda, "is_bf16_supported", lambda including_emulation, it=supported: it)
+        assert default_precision(torch.device("cuda")) == expected
+        assert default_precision(torch.device("cpu")) == "float32"
+
+
+def test_going_on_from_another_prior(tmp_path: Path, images: dict[str, Tensor]) -> None:
+    start = trained(images)
+    further = trained(images, start=start, seed=1)
+    assert further.learning.start == digest_of_weights(start.weights)
+    moved, apart = (
+        float((further.weights - other.weights).float().norm()) for other in (start, trained(images, seed=1))
+    )
+    assert 0 < moved < apart
+    with pytest.raises(KeyboardInterrupt):
+        trained(images, start=start, seed=1, checkpoint=tmp_path / "kept", progress=Interruption(3))
+    resumed = trained(images, start=start, seed=1, checkpoint=tmp_path / "kept")
+    assert torch.equal(resumed.weights, further.weights)
+
+
+def test_checkpoints_of_another_training_and_damaged_ones_are_refused(
+    tmp_path: Path, images: dict[str, Tensor]
+) -> None:
+    path = tmp_path / "kept"
+    trained(images, epochs=1, checkpoint=path)
+    for name, value in (("seed", 1), ("epochs", 2), ("precision", "bfloat16")):
+        with pytest.raises(ValueError, match=rf"checkpoint of another training \(of other {name}\)"):
+            trained(images, checkpoint=path, **{"epochs": 1, name: value})
+    whole = path.read_bytes()
+    for damaged in (b"", whole[: len(whole) // 2], b"x" * 1000):
+        path.write_bytes(damaged)
+        with pytest.raises(ValueError, match="is no checkpoint of a training, or damaged"):
+            trained(images, epochs=1, checkpoint=path)
+
+
+def test_what_cannot_be_learned_from(images: dict[str, Tensor]) -> None:
+    camera, start = images["camera"], trained(images, "unsigned", epochs=1)
+    wrong: list[tuple[dict[str, Any], str]] = [
+        ({"images": {}}, "expected images to learn from, got none"),
+        ({"images": {"a": camera[:31]}}, "a: expected at least 32x32 pixels, got 31x48"),
+        ({"images": {"a": camera * 255}}, "a: expected an image"),
+        ({"images": {"a": camera * torch.nan}}, "a: expected an image"),
+        ({"epochs": 0}, "epochs must be at least 1"),
+        ({"precision": "float16"}, "precision must be one of"),
+        ({"architecture": Architecture((8, 8), (0, 0))}, "a prior for signed descriptors has 3 widths"),
+        ({"start": start}, "the prior was learned for unsigned descriptors"),
+        ({"kind": "unsigned", "start": start, "architecture": Architecture((8, 8, 9), (1, 0, 0))}, "to go on from"),
+    ]
+    for changed, message in wrong:
+        with pytest.raises(ValueError, match=message):
+            trained(**{"images": images, **changed})
+
+
+# --- means and variances as a part of the weights
+
+
+def block() -> ResidualBlock:
+    """A block that has seen inputs, and whose weights are no longer those of the beginning."""
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        made = ResidualBlock(6)
+        for weights in made.parameters():
+            nn.init.normal_(weights)
+        for _ in range(100):
+            made(2 * torch.randn(4, 6, 8, 8) - 1)
+    return made.eval()
+
+
+@torch.no_grad()
+def test_statistics_are_folded_into_the_weights_and_out_of_them() -> None:
+    inputs = 3 * torch.randn(4, 6, 8, 8, generator=torch.Generator().manual_seed(0)) + 1
+    made = block()
+    before = made(inputs)
+    fold_statistics(made)
+    assert_close(made.normalise_a.running_mean, torch.zeros(6))
+    assert_close(made(inputs), before, rtol=1e-4, atol=1e-4)
+    unfold_statistics(made, lambda: made(inputs))
+    assert made.training
+    assert float(made.normalise_a.running_mean.abs().min()) > 0.1
+    assert_close(made(inputs), before, rtol=1e-3, atol=1e-3)  # those of the batch are those that were taken
+    assert_close(made.eval()(inputs), before, rtol=2e-2, atol=2e-2)  # after another update of the running ones
+
+
+# --- windows, and what the networks are trained with
+
+
+def patches(count: int) -> list[Tensor]:
+    """Of one photograph, (64, 64) each."""
+    whole = photograph(512)[0, 0]
+    places = torch.randint(whole.shape[0] - 64, (count, 2), generator=torch.Generator().manual_seed(0))
+    return [whole[top : top + 64, left : left + 64] for top, left in places.tolist()]
+
+
+def network(scale: float = 1.0) -> UnsignedNetwork:
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        made = UnsignedNetwork(Architecture((8, 8, 8), (0, 0, 0))).eval()
+    made.polarity.out.weight.data *= scale
+    return made
+
+
+def test_images_held_out_are_not_trained_with(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(training_windows, "BATCH", 4)
+    images = [image * torch.nan if k % HELD_OUT == HELD_OUT // 2 else image for k, image in enumerate(patches(50))]
+    training = UnsignedTraining(images, 0)
+    assert (len(training.held_out), len(training.images), training.crops) == (2, 48, 48)
+    assert all(torch.isfinite(part).all() for batch in training.batches(0) for part in batch)
+
+
+@pytest.mark.parametrize("specs", unsigned_training.DIALECTS[-2:], ids=lambda specs: specs[1].name)
+def test_votes_of_unsigned_dialects_come_with_the_images(monkeypatch: pytest.MonkeyPatch, specs: list[HOGSpec]) -> None:
+    """There are more votes where the image has edges."""
+    monkeypatch.setattr(unsigned_training, "DIALECTS", [specs])
+    batch = next(UnsignedTraining(patches(40), 0).batches(0))
+    rows, cols = batch.votes.shape[2:]
+    assert batch.images.shape == (32, 1, 2 * rows, 2 * cols)
+    contrast = avg_pool2d(batch.images.square(), 2) - avg_pool2d(batch.images, 2).square()
+    for part, spec in zip(torch.arange(32).chunk(len(specs)), specs, strict=True):
+        votes, edges = (x[part].log1p().flatten() for x in (batch.votes.sum(dim=1, keepdim=True), contrast))
+        if spec.name != "maskfeat":  # whose cells have all the same contrast
+            assert float(torch.corrcoef(torch.stack([votes, edges]))[0, 1]) > 0.3
+
+
+@pytest.mark.parametrize("specs", signed_training.DIALECTS[2:], ids=lambda specs: "-".join(s.name for s in specs))
+def test_histograms_of_signed_dialects_come_with_the_windows(
+    monkeypatch: pytest.MonkeyPatch, specs: list[HOGSpec]
+) -> None:
+    """They integrate to an image like the window, of the same sign."""
+    monkeypatch.setattr(signed_training, "DIALECTS", [specs])
+    batch = next(SignedTraining([photograph(128)[0, 0]] * 8, 0).batches(0))
+    each = [torch.corrcoef(torch.stack([a.flatten(), b.flatten()]))[0, 1] for a, b in zip(*batch[1:], strict=True)]
+    assert min(map(float, each)) > 0.6
+
+
+def test_windows_are_enlarged_only_from_photographs_that_are_too_small() -> None:
+    training, rng = SignedTraining([photograph(64)[0, 0]], 0), random.Random(0)
+    assert all(1 <= training._scale(3.0, rng) <= 3 for _ in range(50))
+    assert training._scale(0.5, rng) == 0.5
+    assert training._window(torch.rand(300, 40), (4, 6), rng).shape == (1, 1, 32, 48)
+
+
+def test_the_loss_prefers_the_right_regions_and_the_right_polarity() -> None:
+    """The negative of the right regions costs less than other ones, but more than the right ones."""
+    training, made = UnsignedTraining(patches(4), 0), network()
+    batch = next(training.batches(0))
+    losses = []
+    for regions in (batch.images, -batch.images, batch.images.flip(2)):
+        made.regions.forward = lambda votes, regions=regions: regions  # type: ignore[method-assign]
+        made.polarity.forward = lambda votes, regions, images: torch.zeros(len(images))  # type: ignore[method-assign]
+        losses.append(float(training.loss(made, batch)))
+    right, negative, wrong = losses
+    assert right == pytest.approx(math.log(2), abs=1e-5)  # the polarity's, which is not told
+    assert negative == pytest.approx(right + 0.25 * 4 * float(batch.images.square().mean()), rel=1e-4)
+    assert right < negative < wrong
+
+
+def test_confidence_is_calibrated_on_the_images_held_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Right of three in four, the log-odds are to be log 3; of too few images nothing is concluded."""
+    training, made = UnsignedTraining(patches(8 * HELD_OUT), 0), network()
+    odds = iter([2.0, 2.0, -2.0, 2.0] * 2)
+    monkeypatch.setattr(training, "_odds", lambda network, image: torch.tensor([next(odds)]))
+    training.calibrate(made)
+    assert_close(made.polarity.out.weight, network(math.log(3) / 2).polarity.out.weight, rtol=0.02, atol=0)
+    few, made = UnsignedTraining(patches(4 * HELD_OUT), 0), network()
+    few.calibrate(made)
+    assert torch.equal(made.polarity.out.weight, network().polarity.out.weight)

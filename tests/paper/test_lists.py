@@ -1,0 +1,220 @@
+"""Lists of objects and viewpoints: what is read, and errors that name the row and the column."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from nablahog.hog.box import Box
+from nablahog.paper.annotations import LONGEST, read_annotations
+from nablahog.paper.object_lists import ListedObject, read_objects
+from nablahog.paper.rows import read_csv
+from nablahog.paper.viewpoints import read_viewpoints, sample_viewpoints
+
+
+def _csv(folder: Path, text: str, encoding: str = "utf-8") -> Path:
+    path = folder / "list.csv"
+    path.write_bytes(text.encode(encoding))
+    return path
+
+
+# --- rows
+
+
+@pytest.mark.parametrize(
+    ("text", "encoding"),
+    [
+        ('image, x\n"a,b.jpg", 1.5\n\nc.jpg,-2\n', "utf-8"),
+        ('image,x\r\n"a,b.jpg",1.5\r\nc.jpg,-2\r\n', "utf-8-sig"),
+        ("image;x;note\na,b.jpg;1,5;x\nc.jpg;-2;\n", "utf-8-sig"),  # as Excel writes it where the comma is decimal
+    ],
+)
+def test_rows(tmp_path: Path, text: str, encoding: str) -> None:
+    rows = read_csv(_csv(tmp_path, text, encoding), ("image", "x"))
+    assert [(row.text("image"), row.number("x", "pixels")) for row in rows] == [("a,b.jpg", 1.5), ("c.jpg", -2)]
+    assert rows[0].text("none") == ""
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "line 1: expected the columns image, x, but image and x is missing"),
+        ("image,x\n", "expected at least one row below the names of the columns, got none"),
+        ("image,x\na,1\nb,1e400\n", "line 3, column x: expected a finite number of pixels, got '1e400'"),
+        ("image,x\na\n", "line 2, column x: expected a finite number of pixels, got None"),
+        ('image,x\n"a\n' + 140_000 * "x", "field larger than field limit"),
+        ("image,x\n\xff\n", "line 1: 'utf-8' codec"),
+    ],
+)
+def test_rows_that_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = _csv(tmp_path, text, "latin-1")
+    with pytest.raises(ValueError, match=message) as caught:
+        [row.number("x", "pixels") for row in read_csv(path, ("image", "x"))]
+    assert str(caught.value).startswith(str(path))
+    with pytest.raises(FileNotFoundError, match="no such file"):
+        read_csv(tmp_path / "none.csv", ())
+
+
+# --- lists of objects
+
+COCO: dict[str, Any] = {
+    "images": [{"id": 7, "file_name": "in/a.jpg"}, {"id": 9, "file_name": "b.jpg"}],
+    "annotations": [
+        {"id": 3, "image_id": 9, "bbox": [10, 20, 30.5, 40], "category_id": 1},
+        {"id": 1, "image_id": 7, "azimuth": 0, "elevation": -5},
+    ],
+}
+
+
+def test_objects_of_a_csv_file(tmp_path: Path) -> None:
+    path = _csv(tmp_path, "image,x0,y0,x1,y1,azimuth,elevation\na.jpg,1,2,30,40.5,,\nin/b.jpg,,,,,30,10\n")
+    assert read_objects(path) == [
+        ListedObject(1, "a.jpg", Box(1, 2, 30, 40.5)),
+        ListedObject(2, "in/b.jpg", None, (30, 10)),
+    ]
+
+
+def test_objects_of_a_file_like_cocos(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps(COCO))
+    assert read_objects(path) == [
+        ListedObject(3, "b.jpg", Box(10, 20, 40.5, 60)),
+        ListedObject(1, "in/a.jpg", None, (0, -5)),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("image,x0,y0,x1\na.jpg,1,2,3\n", "expected the columns x0, y0, x1, y1 together, but y1 is missing"),
+        ("image,x0,y0,x1,y1\na.jpg,1,2,3,4\nb.jpg,1,2,,4\n", "line 3, column x1: expected a finite number of pixels"),
+        ("image,x0,y0,x1,y1\na.jpg,5,2,3,4\n", "line 2: expected a box with sides above 0"),
+        ("image,azimuth,elevation\na.jpg,5,91\n", "line 2, column elevation: expected degrees in -90…90, got 91"),
+        ("image\n../a.jpg\n", "line 2, column image: expected the name of a file in the folder of photographs"),
+        ("image\n/etc/passwd\n", "line 2, column image: expected the name of a file in the folder"),
+    ],
+)
+def test_objects_that_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        read_objects(_csv(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"images": 3}, "expected an object with the lists images and annotations"),
+        ({"images": [{"id": "x"}]}, r"images\[0\], column id: expected an integer, got 'x'"),
+        ({"images": [5]}, r"images\[0\]: expected an object"),
+        ({"images": [{"id": 7}]}, r"annotations\[0\], column image_id: expected the id of one of the images, got 9"),
+        ({"annotations": [{"id": 1, "image_id": 7}] * 2}, r"annotations\[1\], column id: expected another one for"),
+        ({"annotations": [{"id": 1, "image_id": 7, "bbox": [1, 2]}]}, r"column bbox: expected x, y, width"),
+        ({"annotations": [{"id": 1, "image_id": 7, "bbox": [1, 2, 3, True]}]}, r"bbox\[3\]: expected a finite number"),
+    ],
+)
+def test_files_like_cocos_that_are_refused(tmp_path: Path, change: dict[str, Any], message: str) -> None:
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps({**COCO, **change}))
+    with pytest.raises(ValueError, match=message):
+        read_objects(path)
+
+
+@pytest.mark.parametrize("text", ["{", "[1]", "[" * 100_000])
+def test_files_of_other_kinds(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "a.json"
+    path.write_text(text)
+    with pytest.raises(ValueError, match="expected"):
+        read_objects(path)
+    with pytest.raises(ValueError, match=r"got the ending '.txt'"):
+        read_objects(path.rename(path.with_suffix(".txt")))
+
+
+# --- annotated photographs
+
+HEADS = "image,x0,y0,x1,y1,azimuth,elevation,theta,model"
+GOOD = {"image": "a.png", "x0": 10, "y0": 0, "x1": 110, "y1": 90, "azimuth": 0, "elevation": 0, "theta": 0, "model": ""}
+
+
+@pytest.fixture
+def photographs(tmp_path: Path) -> Path:
+    (tmp_path / "more").mkdir()
+    Image.fromarray(np.full((120, 160, 3), 99, np.uint8)).save(tmp_path / "a.png")
+    Image.fromarray(np.full((600, 800), 50, np.uint8)).save(tmp_path / "more" / "b.png")
+    (tmp_path / "damaged.png").write_text("hello")
+    return tmp_path
+
+
+def test_annotated_objects(photographs: Path) -> None:
+    lines = [HEADS, "a.png,10,-1,110.5,120.5,-42.5,20,-3.5,chair", "more/b.png,0,0,800,600,400,-5,0,"]
+    path = _csv(photographs, "\n".join(lines))
+    first, second = read_annotations(path)
+    assert (first.name, first.image.shape, first.box) == ("a.png#1", (3, 120, 160), (10, 0, 110.5, 120))
+    assert (first.azimuth, first.elevation, first.theta, first.model) == (317.5, 20, -3.5, "chair")
+    assert (second.name, second.azimuth, second.model) == ("more/b.png#2", 40, None)
+    assert len(read_annotations(path, limit=1)) == 1
+    with pytest.raises(FileNotFoundError, match="no such folder"):
+        read_annotations(path, photographs / "none")
+
+
+def test_large_objects_are_shrunk_with_their_boxes(photographs: Path) -> None:
+    """A bright rectangle stays in its box."""
+    levels = np.zeros((600, 900), np.uint8)
+    levels[100:500, 200:840] = 255
+    Image.fromarray(levels).save(photographs / "c.png")
+    (one,) = read_annotations(_csv(photographs, f"{HEADS}\nc.png,200,100,840,500,0,0,0,\n"))
+    assert one.image.shape == (1, 240, 360)
+    assert max(one.box.width, one.box.height) == pytest.approx(LONGEST)
+    x0, y0, x1, y1 = (round(side) for side in one.box)
+    assert float(one.image[0, y0 + 2 : y1 - 2, x0 + 2 : x1 - 2].min()) > 0.95
+    outside = one.image[0].clone()
+    outside[y0 - 2 : y1 + 2, x0 - 2 : x1 + 2] = 0
+    assert float(outside.max()) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"image": "no.png"}, "column image: .*no.png: no such file"),
+        ({"image": "damaged.png"}, "column image: .*damaged.png: expected an image"),
+        ({"y1": "nan"}, "column y1: expected a finite number of pixels, got 'nan'"),
+        ({"x1": 15}, "column x1: expected a box of at least 8x8 pixels"),
+        ({"y1": 130}, r"column x0: the box must lie in the image of 120x160 pixels \(height x width\)"),
+        ({"elevation": 95}, "column elevation: expected -90…90 degrees, got 95"),
+        ({"model": "sofa"}, "column model: expected one of one, two, got 'sofa'"),
+    ],
+)
+def test_annotations_that_are_refused(photographs: Path, changes: dict[str, object], message: str) -> None:
+    good, bad = (",".join(map(str, (GOOD | of).values())) for of in ({}, changes))
+    path = _csv(photographs, "\n".join([HEADS, good, bad]))
+    with pytest.raises(ValueError, match=rf"list.csv, line 3, {message}"):
+        read_annotations(path, models={"one", "two"})
+
+
+# --- viewpoints
+
+
+def test_viewpoints(tmp_path: Path) -> None:
+    path = _csv(tmp_path, 'id,elevation,azimuth,note\na,20.5,-30,x\nb,-90,370,"y,z"\nc,0,-1e-20,\n')
+    np.testing.assert_allclose(read_viewpoints(path), [[330, 20.5, 0], [10, -90, 0], [0, 0, 0]])
+    np.testing.assert_allclose(read_viewpoints(_csv(tmp_path, "azimuth,elevation,theta\n0,10,-5\n")), [[0, 10, -5]])
+    for line, message in (("1,2,", "column theta: expected a finite"), ("1,90.5,0", "elevation: expected -90…90")):
+        with pytest.raises(ValueError, match=f"line 2, {message}|line 2, column {message}"):
+            read_viewpoints(_csv(tmp_path, f"azimuth,elevation,theta\n{line}\n"))
+
+
+def test_sampled_viewpoints_cover_all_sides_and_favour_the_front() -> None:
+    views = sample_viewpoints(20_000, np.random.default_rng(0))
+    azimuth, elevation, theta = views.T
+    counts = np.histogram(azimuth, bins=8, range=(0, 360))[0]
+    assert counts.min() > 1000
+    assert counts[0] > 2 * counts[3]
+    assert counts[7] > 2 * counts[4]
+    assert 0 <= elevation.min() < 5
+    assert 35 < elevation.max() <= 45
+    assert elevation.mean() == pytest.approx(20, abs=0.5)
+    assert theta.std() == pytest.approx(3, rel=0.05)
+    np.testing.assert_array_equal(views, sample_viewpoints(20_000, np.random.default_rng(0)))
