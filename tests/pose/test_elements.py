@@ -111,17 +111,6 @@ def test_weights(result: Elements, background: Background) -> None:
     assert_close(result.weights[~empty], background.whiten(result.patches)[~empty])
 
 
-def test_spread_values_score_as_elements_do(result: Elements, descriptor: Tensor) -> None:
-    others = torch.rand(3, *descriptor.shape)
-    spread = result.weight_map(*descriptor.shape[:2])
-    assert spread.shape == descriptor.shape
-    scores = [
-        (others[:, row : row + 4, col : col + 5] * weights).sum((1, 2, 3))
-        for (row, col), weights in zip(result.positions.tolist(), result.weights, strict=True)
-    ]
-    assert_close((others * spread).sum((1, 2, 3)), torch.stack(scores).sum(0), rtol=1e-4, atol=1e-4)
-
-
 @pytest.mark.parametrize("shape", [(16, 20, 9), (3, 20, 9), (16, 4, 9), (0, 5, 9)])
 def test_nothing_there(background: Background, shape: tuple[int, ...]) -> None:
     for threshold in (0.0, 2.0) if shape[0] < 5 or shape[1] < 5 else (1.0, 2.0):
@@ -130,7 +119,6 @@ def test_nothing_there(background: Background, shape: tuple[int, ...]) -> None:
         assert none.positions.shape == (0, 2)
         assert none.weights.shape == none.patches.shape == (0, 5, 5, 9)
         assert none.discriminability.shape == (0,)
-        assert not none.weight_map(6, 6).any()
 
 
 def test_double_precision(descriptor: Tensor, background: Background) -> None:

@@ -78,15 +78,6 @@ def test_what_is_beyond_the_photograph_does_not_count() -> None:
     )
 
 
-def test_templates_of_elements(crop: ObjectCrop) -> None:
-    photograph = PreparedPhotograph(crop)
-    descriptor, result = photograph.elements
-    template = photograph.whitened
-    assert template.whitener is None
-    assert template.spec == pose_spec()
-    assert_close(template.weights.permute(1, 2, 0), result.weight_map(*descriptor.shape[:2]))
-
-
 def test_calibrated_templates_have_whole_and_half_cells(crop: ObjectCrop) -> None:
     photograph = PreparedPhotograph(crop)
     assert photograph.template("calibrated") is photograph.calibrated is photograph.calibrated
@@ -99,15 +90,14 @@ def test_calibrated_templates_have_whole_and_half_cells(crop: ObjectCrop) -> Non
 def test_another_background_brings_its_descriptor(crop: ObjectCrop) -> None:
     background = default_background(presets.uoctti(16, colour="gray"), 4)
     photograph = PreparedPhotograph(crop, background)
-    for template in (photograph.whitened, photograph.calibrated):
-        assert template.spec is background.spec
-        assert template.weights.shape == (31, 8, 8)
+    assert photograph.calibrated.spec is background.spec
+    assert photograph.calibrated.weights.shape == (31, 8, 8)
 
 
 def test_a_model_is_prepared_once_for_a_camera(crop: ObjectCrop) -> None:
     prepared = prepared_model(model(), crop.camera)
     assert prepared_model(model(), crop.camera) is prepared
-    template = PreparedPhotograph(crop).whitened
+    template = PreparedPhotograph(crop).fine
     renderers = [prepared.similarity(template, *options).renderer for options in ((), ("opendr",), ("edges", 2), ())]  # type: ignore[arg-type]
     assert renderers[0] is renderers[3]
     assert [(each.method, each.supersampling) for each in renderers[:3]] == [("edges", 1), ("opendr", 1), ("edges", 2)]

@@ -40,15 +40,6 @@ class Elements:
         rows, cols, channels = self.patches.shape[1:]
         return f"<Elements: {len(self)} of {rows}x{cols} cells with {channels} channels>"
 
-    def weight_map(self, rows: int, cols: int) -> Tensor:
-        """The weights at their places in a descriptor, where elements overlap their sum: (rows, cols, C)."""
-        height, width = self.weights.shape[1:3]
-        row, col = self.positions[:, 0], self.positions[:, 1]
-        at_rows = row[:, None] + torch.arange(height, device=row.device)
-        at_cols = col[:, None] + torch.arange(width, device=col.device)
-        out = self.weights.new_zeros(rows, cols, self.weights.shape[-1])
-        return out.index_put_((at_rows[:, :, None], at_cols[:, None, :]), self.weights, accumulate=True)
-
 
 def all_patches(descriptor: Tensor, size: tuple[int, int]) -> Tensor:
     """Every patch of a descriptor (rows, cols, C): (rows − r + 1, cols − c + 1, r, c, C), a view."""

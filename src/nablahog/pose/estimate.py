@@ -84,7 +84,7 @@ def estimate_pose(
             photograph's visual elements, OpenDR's derivatives, momentum over azimuth and every few steps over distance,
             from the initial pose and 8 azimuths around.  ``"paper-edges"``: the same with the renderer's derivative of
             the area that edges cover.  ``"exhaustive"``: every degree of azimuth at the initial elevation.
-        similarity: ``"patches"``, ``"whitened"`` or ``"calibrated"``, see :mod:`.similarity`; by default ``"patches"``
+        similarity: ``"patches"`` or ``"calibrated"``, see :mod:`.similarity`; by default ``"patches"``
             for the paper's methods and ``"calibrated"`` for the others.
         background: of the coarse descriptor, which also says which descriptor that is; by default that of
             :func:`.background.pose_spec`, learned from photographs that come with scikit-image.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple, TypeAlias
 
-SimilarityKind: TypeAlias = Literal["patches", "whitened", "calibrated"]
+SimilarityKind: TypeAlias = Literal["patches", "calibrated"]
 SearchMethod: TypeAlias = Literal["best", "paper", "paper-edges", "exhaustive"]
 FocalSource: TypeAlias = Literal["given", "exif", "assumed"]
 ORDER = 9  # the largest offset in cells of a background: for templates of up to 10x10

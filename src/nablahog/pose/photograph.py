@@ -16,7 +16,7 @@ from .background import FINE, coarse_background, default_background, pose_spec
 from .crop import ObjectCrop, crop_object
 from .elements import Elements, elements
 from .options import SimilarityKind
-from .similarity import ElementTemplate, PatchTemplate, Template, calibrated_template, describe, patch_template
+from .similarity import CalibratedTemplate, PatchTemplate, Template, calibrated_template, describe, patch_template
 from .whitening import Background, whitener_of
 
 ELEMENT = (5, 5)  # rows, columns of cells of a visual element
@@ -68,13 +68,6 @@ class PreparedPhotograph:
         regions = [pixel_box(spec, (height, width), window) for window in cells]
         return patch_template(self.crop.image, regions, patch_spec(spec.cell_size))
 
-    @property
-    def whitened(self) -> ElementTemplate:
-        """The template of the whitened visual elements."""
-        descriptor, elements = self.elements
-        weights = elements.weight_map(*descriptor.shape[:2])
-        return ElementTemplate(self.background.spec, weights.permute(2, 0, 1).float().contiguous())
-
     @cached_property
     def elements(self) -> tuple[Tensor, Elements]:
         """The descriptor (rows, cols, C) of the crop, and the visual elements inside the object's box."""
@@ -86,12 +79,12 @@ class PreparedPhotograph:
         return descriptor, dataclasses.replace(chosen, positions=chosen.positions + torch.tensor(low))
 
     @cached_property
-    def calibrated(self) -> ElementTemplate:
+    def calibrated(self) -> CalibratedTemplate:
         """The template of the whole crop; for the default descriptor the crop is shrunk before."""
         return _calibrated(self.crop, *coarse_background(self.own_background))
 
     @cached_property
-    def fine(self) -> ElementTemplate:
+    def fine(self) -> CalibratedTemplate:
         """The calibrated template of smaller cells, for the last fraction of a degree."""
         finer = dataclasses.replace(self.background.spec, cell_size=(FINE, FINE))
         return _calibrated(self.crop, default_background(finer))
@@ -106,7 +99,7 @@ def _box_cells(pixels: float, cells: int, cell: int) -> tuple[int, int]:
     return max(0, math.floor(middle - half)), min(cells, math.ceil(middle + half))
 
 
-def _calibrated(crop: ObjectCrop, background: Background, shrink: int = 1) -> ElementTemplate:
+def _calibrated(crop: ObjectCrop, background: Background, shrink: int = 1) -> CalibratedTemplate:
     spec, small = background.spec, crop.downsampled(shrink) if shrink > 1 else crop
     rows, cols = spec.grid(*small.image.shape[2:])
     return calibrated_template(small, spec, whitener_of(background, rows, cols), shrink)

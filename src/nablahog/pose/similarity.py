@@ -3,8 +3,6 @@
 * ``patches``, the paper's: Σ ⟨φ(P_I), φ(P_f)⟩ over the visual elements P_I of the photograph.  φ is ∇HOG, Eq. 1-7, of
   a patch of pixels as an image of its own, so that each patch has its own normaliser, Eq. 7; P_f is the patch of the
   rendering in the same region as P_I;
-* ``whitened``: Σ ⟨Σ⁻¹(φ(P_I) − μ), φ(P_f)⟩ over the same elements, in Aubry et al.'s descriptor of the whole crop;
-  Σ⁻¹ gives little weight to structure that is common in photographs;
 * ``calibrated``: ⟨Σ⁻¹(φ(I) − μ), φ(f)⟩ / √(φ(f)ᵀ Σ⁻¹ φ(f)) over the whole window: the score on the photograph of the
   rendering's linear discriminant Σ⁻¹ φ(f), in its standard deviations over photographs of anything.  Poses and models
   can be compared by it, however many edges they show.
@@ -57,19 +55,19 @@ class Template(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class ElementTemplate:
-    """Weights of a photograph's visual elements, or of its whole crop, that renderings are compared with.
+class CalibratedTemplate:
+    """The whitened descriptor of a whole crop, with which those of renderings are compared.
 
     Attributes:
         spec: of both descriptors.
-        weights: w, (C, rows, cols), float32.
-        whitener: of the ``calibrated`` similarity, else None.
+        weights: w = Σ⁻¹(φ(I) − μ), (C, rows, cols), float32.
+        whitener: Σ⁻¹.
         shrink: factor by which the crop is made smaller before it is described.
     """
 
     spec: HOGSpec
     weights: Tensor
-    whitener: Whitener | None = None
+    whitener: Whitener
     shrink: int = 1
 
     def similarities(self, images: Tensor) -> Tensor:
@@ -88,13 +86,11 @@ class ElementTemplate:
     def values(self, descriptors: Tensor) -> Tensor:
         """Similarities (B,) of descriptors (B, C, rows, cols)."""
         values = descriptors.flatten(1) @ self.weights.flatten()
-        return values if self.whitener is None else values / deviations(self.whitener.energies(descriptors))
+        return values / deviations(self.whitener.energies(descriptors))
 
     def values_and_gradients(self, descriptors: Tensor) -> tuple[Tensor, Tensor]:
         """Similarities (B,) of descriptors (B, C, rows, cols), and their gradients with respect to these."""
         values = descriptors.flatten(1) @ self.weights.flatten()
-        if self.whitener is None:
-            return values, self.weights.expand_as(descriptors)
         whitened = self.whitener(descriptors)
         spread = deviations((descriptors * whitened).sum(dim=(1, 2, 3)))
         values = values / spread
@@ -107,7 +103,7 @@ def deviations(squared: Tensor) -> Tensor:
     return torch.where(squared > 1e-9, squared, torch.inf).sqrt()
 
 
-def calibrated_template(crop: ObjectCrop, spec: HOGSpec, whitener: Whitener, shrink: int = 1) -> ElementTemplate:
+def calibrated_template(crop: ObjectCrop, spec: HOGSpec, whitener: Whitener, shrink: int = 1) -> CalibratedTemplate:
     """The template Σ⁻¹(φ − μ) of a whole crop, whose cells beyond the photograph are replaced by the mean μ.
 
     Args:
@@ -122,7 +118,7 @@ def calibrated_template(crop: ObjectCrop, spec: HOGSpec, whitener: Whitener, shr
         (torch.arange(cells) + 0.5) * cell for cells, cell in zip(descriptor.shape[2:], spec.cell_size, strict=True)
     )
     valid = ((y >= y0) & (y <= y1))[:, None] & (x >= x0) & (x <= x1)
-    return ElementTemplate(spec, whitener(descriptor * valid)[0], whitener, shrink)
+    return CalibratedTemplate(spec, whitener(descriptor * valid)[0], whitener, shrink)
 
 
 @dataclass(frozen=True, eq=False)

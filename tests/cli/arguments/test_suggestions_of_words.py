@@ -18,7 +18,7 @@ from nablahog.cli.main import main
         (["hog", "a.png", "-o", "d", "--cells", "8"], "'--cell'"),
         (["table1", "-o", "t", "--methods", "uocti-single"], "'uoctti-single'"),
         (["table1", "-o", "t", "--methods", "dialect"], "'dialects'"),
-        (["pose", "a.png", "--mesh", "m", "-o", "p", "--similarity", "wightened"], "'whitened'"),
+        (["pose", "a.png", "--mesh", "m", "-o", "p", "--method", "exhaustiv"], "'exhaustive'"),
         (["hog", "a.png", "-o", "d", "--set", "orientation=8", "--preset", "skimage"], "'orientations'"),
     ],
 )
