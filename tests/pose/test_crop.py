@@ -42,12 +42,6 @@ def test_beyond_the_photograph_its_border_repeats() -> None:
     assert crop.valid == (beside, 8, SIDE - beside, 120)
 
 
-def test_the_part_that_is_the_photograph() -> None:
-    crop = crop_object(torch.rand(3, 200, 220), (50.0, 30.0, 50 + 2 * FILL, 110.0))
-    assert crop.zoom == 0.5
-    assert crop.valid == pytest.approx((64 - 81, 64 - 35, 64 + 110 - 81, 64 + 100 - 35))
-
-
 @pytest.mark.parametrize("box", [(10.0, 20.0, 38.0, 60.0), (33.5, 1.25, 90.0, 57.75), (-9.0, 40.0, 300.0, 600.0)])
 def test_brightness_stays_where_it_is(box: tuple[float, ...]) -> None:
     """Of a photograph whose brightness grows evenly, each pixel of the crop is known."""
@@ -80,13 +74,6 @@ def test_what_is_shrunk_is_smoothed_first() -> None:
     assert (crop.image - 0.5).abs().max() < 0.05
 
 
-def test_gray_is_that_of_eq_1() -> None:
-    photograph = torch.rand(3, 60, 60)
-    box = (3.0, 5.0, 50.0, 55.0)
-    assert torch.equal(crop_object(photograph, list(box)).image, crop_object(gray(photograph[None])[0], box).image)
-    assert crop_object(photograph.double(), box).image.dtype == torch.float32
-
-
 def test_smaller_sees_the_same() -> None:
     crop = crop_object(torch.rand(3, 375, 500), (282.0, 236.0, 365.0, 348.0))
     small = crop.downsampled(2)
@@ -98,18 +85,6 @@ def test_smaller_sees_the_same() -> None:
     assert_close(
         2 * screen(points, downsampled_poses(pose[None], 2)[0], small.camera), screen(points, pose, crop.camera)
     )
-
-
-def test_a_pose_in_the_crop_projects_to_the_same_points_of_the_photograph() -> None:
-    crop = crop_object(torch.rand(3, 375, 500), (282.0, 236.0, 365.0, 348.0))
-    points = torch.rand(20, 3, dtype=torch.float64) - 0.5
-    pose = torch.tensor([40.0, 20.0, 2.7, -6.0, 3.5, -8.25], dtype=torch.float64)
-    moved, camera = crop.in_photograph(pose, 375, 500)
-    assert (camera.height, camera.width) == (375, 500)
-    assert torch.equal(moved[:4], pose[:4])
-    in_crop = screen(points, pose, crop.camera)
-    expected = (in_crop - SIDE / 2) / crop.zoom + torch.tensor(crop.middle)
-    assert_close(screen(points, moved, camera), expected)
 
 
 def test_a_pose_in_the_crop_of_a_known_camera_projects_to_the_same_points_of_the_photograph() -> None:
