@@ -2,8 +2,7 @@
 
 ``python examples/viewpoints/learn_viewpoints.py --images DIR -o chairs.npz`` renders procedural chairs in front of the
 photographs of a folder, best without chairs, and trains a network to tell azimuths from descriptors.  30,000 scenes
-take half an hour on one core.  ``nablahog pose --viewpoint-prior chairs.npz`` uses the result, and so does
-``estimate_pose(..., viewpoints=ViewpointPrior.load("chairs.npz"))``.
+take half an hour on one core.  ``estimate_pose(..., viewpoints=ViewpointPrior.load("chairs.npz"))`` uses the result.
 
 The prior that comes with the package was learned by this program, see ``docs/default_viewpoints.md``.
 """

@@ -89,7 +89,7 @@ def default_background(spec: HOGSpec | str, order: int = ORDER) -> Background:
     """The background of the photographs that come with scikit-image, learned at the first call for ``spec``.
 
     Args:
-        spec, order: as of :func:`learn_background`.
+        spec, order: as for :func:`learn_background`.
 
     Raises:
         ValueError: as :func:`learn_background`.

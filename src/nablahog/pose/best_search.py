@@ -24,12 +24,12 @@ from .similarity import Similarity
 from .surroundings import FOUND, ROUGH, Surroundings, surroundings, views_around
 from .vote import Hypothesis, by_score, mean_viewpoint, more_starts, runners_up, shares_of_best, vote, with_rival
 
-VOTERS = 36  # views of several models that are tilted and ascended from, of those that fill the box and of others
+VOTERS = 36  # views of several models that are tilted and ascended from, inside the box and again around it
 VOTING_SCHEDULE = SCHEDULE[:2]  # rounds of their ascents, enough to tell which side of the object they see
 _SIDES = 4  # that are voted for: the best one and the runners-up
 _SAME_BOX = 0.85  # intersection over union from which on a view fills the box that was given
 _STARTS = 4  # local maxima of a model's views, at most, that are tilted
-_NEARLY = 0.75  # of the best view's similarity: other views with so much may still turn out to be the best
+_NEARLY = 0.75  # of the best view's similarity: views above it may still turn out to be the best
 _TURNS, _TILTS = (-5.0, 0.0, 5.0), (-10.0, -5.0, 0.0, 5.0, 10.0)  # degrees of azimuth and in the image plane
 _SURE = 6.5  # coarse similarity of views that fill the given box, from which on no other boxes are searched
 _SURE_AT_LAST = 8.0  # fine similarity from which on no other ascents are tried
@@ -201,7 +201,7 @@ class BestSearch:
 
     @cached_property
     def _surroundings(self) -> list[tuple[PreparedPhotograph, Surroundings]]:
-        """Crops with what is around them."""
+        """The crops of all boxes with their surroundings."""
         problem = self.problem
         photographs = [problem.photograph, *map(problem.cropped, problem.other_boxes or ())]
         reach = ROUGH if problem.other_boxes is None else FOUND
@@ -213,7 +213,7 @@ class BestSearch:
         if self.calibrated:
             views = view_descriptors(model, elevation, photograph.own_background)
             return (views.flatten(1) @ photograph.calibrated.weights.flatten()).double()
-        # without calibration an object of another size has another similarity
+        # without calibration the similarity depends on the size of the object
         poses = self.problem.level_views(model, equidistant_azimuths(VIEW_COUNT), elevation)
         return self._similarity_of(model, photograph, fine=False).values(poses)
 

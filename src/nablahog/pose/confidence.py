@@ -13,7 +13,7 @@ RIGHT = 15.0  # degrees of azimuth within which a pose counts as right
 
 
 class Weights(NamedTuple):
-    """Of the logistic regression: the constant and those of log(1 + similarity), the rival and the agreement."""
+    """The constant of the logistic regression, and its weights of log(1 + similarity), rival and agreement."""
 
     constant: float
     similarity: float

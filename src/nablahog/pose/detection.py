@@ -23,14 +23,14 @@ from .surroundings import places, turned
 from .whitening import Background, whitener_of
 
 LEVELS = 4  # of the pyramid, from one size of the object to the double
-SMALLEST = 8  # times smaller than the photograph's longer side: objects that are looked for
-BORDER = 4  # cells that an object may reach beyond the photograph
-EVERY = 2  # of the views around a model, every second one is compared
+SMALLEST = 8  # ratio of the photograph's longer side to the smallest object that is looked for
+BORDER = 4  # cells that an object may extend beyond the photograph
+EVERY = 2  # every second view around a model is compared
 PLACES, PLACES_OF_SEVERAL = 6, 2  # that are looked at closely, of one model or of several
 DETECTORS = 8  # models, at most, whose views are compared with the whole photograph; more add time, hardly places
 ELEVATIONS = (0.0, 20.0, 40.0, 65.0)  # degrees, where nothing is known of the pose
-TILTS = (-30.0, 0.0, 30.0)  # degrees, likewise
-_PEAKS = 200  # places of which those that overlap are left out
+TILTS = (-30.0, 0.0, 30.0)  # degrees, where nothing is known of the pose
+_PEAKS = 200  # best places, before overlapping ones are suppressed
 _OVERLAP = 0.5  # of two boxes, at most: intersection in the box around both
 
 
@@ -64,7 +64,7 @@ def find_boxes(
 
     Args:
         image: (C, H, W), the photograph, in 0…1.
-        models: of which one may be the object's.
+        models: the candidates.
         initial: azimuth and elevation to begin at, degrees; None if unknown.
         within: degrees of azimuth on both sides of the initial one.
         own: background of the coarse descriptor; None for the default one.

@@ -91,7 +91,7 @@ def estimate_pose(
         viewpoints: a prior that says from which side an object is seen, for ``"best"`` among several models, see
             :mod:`.evidence`; it counts only where it knows the class that the models are of.  By default
             that of chairs that comes with the package; None for none.
-        seed: of what is sampled.
+        seed: of random samples.
         progress: called with the models done, their number and the name of the one at work.
         watch: called with the name of a model and each pose (6,) that the search comes to, for the object's crop, see
             :func:`.crop.crop_object`.  An exception that it raises ends the search.

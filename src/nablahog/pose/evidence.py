@@ -19,7 +19,7 @@ from .photograph import PreparedPhotograph
 from .similarity import describe
 from .viewpoint_prior import ViewpointPrior
 
-_SHARPNESS = 0.5  # of similarity: a view that is better by several times as much decides alone
+_SHARPNESS = 0.5  # of the soft maximum, in units of similarity
 _NETWORK = 0.3  # exponent of the network's probabilities, which are too sure of themselves
 _ASKED = 4  # every fourth view of a model is shown to the network, to see whether it knows the class
 _ELEVATION = 15.0  # degrees, of these views

@@ -69,7 +69,7 @@ def fit_to_box(poses: Tensor, points: Tensor, camera: Camera, size: tuple[float,
 
     Args:
         poses: (B, 6), angles in degrees, see :data:`nablahog.render.PARAMETERS`.
-        points: (N, 3), of the model, as of :func:`hull`.
+        points: (N, 3), of the model, see :func:`hull`.
         camera: of the image.
         size: width and height of a box of the same area, or the length of the longer side, perhaps (B,), pixels.
     """

@@ -1,6 +1,6 @@
 """A model prepared for comparison: its renderers, and its views all around, made once for all photographs.
 
-Views are kept on disk, too (:mod:`nablahog.io.array_cache`): a later process reads what an earlier one has rendered.
+Views are also cached on disk (:mod:`nablahog.io.array_cache`) for later processes.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from .fit_box import VIEW_COUNT, equidistant_azimuths, fit_to_box, hull, level_p
 from .similarity import Similarity, Template, describe, deviations, downsampled_poses, in_batches, white_background
 from .whitening import Background, Whitener, whitener_of
 
-DETAIL = 1.0  # pixel that vertices may be off in searches: a third of the faces remain, and poses come out as well
+DETAIL = 1.0  # pixel that vertices may be off in searches: a third of the faces remain, and poses are as exact
 ELEVATION_STEP = 5.0  # degrees between the elevations that there are views of
 ALIKE = 0.9
-"""Correlation of two views from which on no photograph tells them apart."""
+"""Correlation above which no photograph tells two views apart."""
 _CACHED = 2048  # sets of views, of half a megabyte: those of 256 models
 
 

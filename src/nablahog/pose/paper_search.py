@@ -73,7 +73,7 @@ def momentum_ascent(
     distance_every: int = 4,
     visit: Callable[[Tensor], None] = lambda pose: None,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """The paper's search: gradient ascent with momentum over azimuth, every few steps over the distance, too.
+    """The paper's search: gradient ascent with momentum over azimuth, and every few steps over distance.
 
     The paper gives no rates.  Here the similarity is divided by that of each start, so that one rate serves all images,
     and the derivatives are taken in :data:`.ascent.UNITS`.

@@ -13,7 +13,7 @@ from ..render.rigid import MatrixConvention, in_convention, moved_before, pose_m
 from .fit_box import VIEW_COUNT
 from .options import FocalSource, SimilarityKind
 
-_NEIGHBOURS = 8  # of 48 views: so many may differ a little where a model looks the same all around
+_NEIGHBOURS = 8  # of 48 views that may differ although a model looks the same all around
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,7 +42,7 @@ class PoseProblem:
         similarity: its kind; None for that of the search.
         viewpoints: says from which side an object is seen, among several models; None for views alone.
         focal_from: where the focal length is from.
-        generator: of what is sampled.
+        generator: of random samples.
         progress: called with the models done, their number and the name of the one at work.
         watch: called with the name of a model and each pose (6,) of it for the crop that the search comes to.
     """

@@ -32,7 +32,7 @@ class Range(NamedTuple):
 
     Attributes:
         octaves: quarters of an octave that it may be larger or smaller; one moves its border by about a cell.
-        cells: of the coarse descriptor that it may be off, to each side.
+        cells: of the coarse descriptor that it may be off in each direction.
     """
 
     octaves: int
@@ -47,7 +47,7 @@ class Range(NamedTuple):
 ROUGH = Range(2, 3)  # of a box that someone gave
 FOUND = Range(1, 2)  # of one that :mod:`.detection` found
 TURNED = math.sqrt(2)  # side of the square that holds a turned square of side 1
-_OFF = 0.05  # of its similarity: what a view loses that is off the box by a factor of 2, or by half its side
+_OFF = 0.05  # penalty, as part of the similarity, of a view of twice the box's size, or half a side beside it
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ def surroundings(photograph: PreparedPhotograph, image: Tensor, tilts: Sequence[
     rows, cols = spec.grid(*(side // shrink for side in crop.image.shape[2:]))
     side = spec.image_size(rows + 2 * reach.cells, cols + 2 * reach.cells)[0]
     scales = reach.scales
-    # a base with the finest level's pixels, of which each level takes every so many
+    # a base image of the finest level's resolution, which the other levels subsample
     zoom = crop.zoom / shrink / float(scales.min())
     steps = scales / scales.min()
     widened = TURNED if any(tilts) else 1.0
@@ -97,7 +97,7 @@ def surroundings(photograph: PreparedPhotograph, image: Tensor, tilts: Sequence[
     grid = descriptors.shape[2:]
     whitener = whitener_of(background, *grid)
     cells = spec.cell_size[0]
-    # the middles of cells, on the turned photograph
+    # the centres of cells on the turned photograph
     at = [(torch.arange(count, dtype=torch.float64) - (count - 1) / 2) * cells for count in grid]
     level_scales, level_tilts = (
         part.flatten()
@@ -182,7 +182,7 @@ def _placed(
 
 
 def places(grid: Sequence[Tensor], scales: Tensor, tilts: Tensor) -> tuple[Tensor, Tensor]:
-    """Where the points of a grid on L scaled and tilted copies of a photograph are in that, each (L, rows, cols).
+    """Places in a photograph of the points of a grid on L scaled and tilted copies of it, each (L, rows, cols).
 
     Args:
         grid: y (rows,) and x (cols,) on the copies, from the middle.

@@ -17,7 +17,7 @@ from .pose_estimate import SearchTrace
 
 SAME_SIDE = 15.0  # degrees: poses whose azimuths are closer look at the object from the same side
 _COARSE = 0.7  # weight in a vote of the coarse similarity, which tells sides apart; the fine one tells models apart
-_AGREED = 0.8  # of similarity: a pose with so much less has 1/e of the weight
+_AGREED = 0.8  # difference in similarity that reduces a pose's weight to 1/e
 _BLUR = 12.0  # degrees
 _RIVAL = 0.8  # of the best view's similarity, after tilting
 _MORE_ASCENTS = 2  # if those from the best pose and its rival end at a low similarity
