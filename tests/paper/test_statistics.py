@@ -6,18 +6,8 @@ import csv
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from nablahog.paper.tables import Statistics, interval, statistics, write_csv
-
-
-def test_against_the_normal_interval() -> None:
-    values = np.random.default_rng(1).normal(0.7, 0.1, 400).tolist()
-    result = statistics(values)
-    assert (result.mean, result.median, result.n) == (np.mean(values), np.median(values), 400)
-    error = 1.96 * np.std(values) / 20
-    assert result.low == pytest.approx(result.mean - error, abs=5e-4)
-    assert result.high == pytest.approx(result.mean + error, abs=5e-4)
 
 
 def test_coverage() -> None:
@@ -26,10 +16,6 @@ def test_coverage() -> None:
     intervals = [statistics(sample.tolist()) for sample in samples]
     covered = sum(result.low <= 1 <= result.high for result in intervals)  # type: ignore[operator]
     assert 87 <= covered <= 99
-
-
-def test_the_same_every_time() -> None:
-    assert statistics([0.1, 0.5, 0.4]) == statistics([0.1, 0.5, 0.4])
 
 
 def test_few_values() -> None:

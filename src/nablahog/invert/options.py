@@ -53,7 +53,7 @@ class Search:
     """How a pre-image is searched.
 
     Attributes:
-        minimiser: ``"lbfgs"``, ``"dogleg"``, ``"momentum"`` or ``"adam"``.
+        minimiser: ``"lbfgs"`` or ``"dogleg"`` (the paper's).
         max_evaluations: operator evaluations per image, at least 2; by default those of the quality: 660 where several
             samples are drawn, else 480; or 80.
         samples: images whose mean is the expected image, at least 1; by default those of the quality, 4 or 2.  They are

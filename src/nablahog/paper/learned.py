@@ -70,10 +70,6 @@ class Learner:
         return model
 
 
-def _learn_bovw(images: Mapping[str, Tensor], spec: HOGSpec, **options: Any) -> BoVW:
-    return learn_bovw(images, **options)
-
-
 _PRIOR = Learner(
     LearnedPrior,
     train_prior,
@@ -85,7 +81,9 @@ LEARNED = {
     "prior": _PRIOR,
     "unsigned-prior": _PRIOR,
     "hoggles": Learner(PairedDictionary, learn_hoggles, check_cells, patch_size),
-    "bovw": Learner(BoVW, _learn_bovw, least=lambda spec: (1, 1), tile=128),
+    "bovw": Learner(
+        BoVW, lambda images, spec, **options: learn_bovw(images, **options), least=lambda spec: (1, 1), tile=128
+    ),
 }
 """By the name of the option for its file; those of :data:`.PRIORS` are not learned unless asked for."""
 

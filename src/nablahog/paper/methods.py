@@ -218,7 +218,7 @@ def choose(
     for kind in given:
         if not any(kind in method.needs for method in methods):
             of = ", ".join(method.name for method in METHODS.values() if kind in method.needs)
-            raise ValueError(f"none of the methods asked for uses --{kind}; these do: {of}")
+            raise ValueError(f"none of the methods asked for uses a file of {kind}; these do: {of}")
     lacking = {
         method.name: kind
         for method in methods
@@ -227,5 +227,5 @@ def choose(
     }
     if names is not None and lacking:
         name, kind = next(iter(lacking.items()))
-        raise ValueError(f"{name} needs --{kind} FILE, see `nablahog learn {PRIORS[kind]}`")
+        raise ValueError(f"{name} needs a file of {kind}, see `nablahog learn {PRIORS[kind]}`")
     return [method for method in methods if method.name not in lacking], [METHODS[name] for name in lacking]

@@ -5,8 +5,6 @@ Importing it does not load PyTorch.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from ..hog import HOGSpec, presets
 
 NO_HOG, UOCTTI, DALAL, LIBRARIES = "No HOG", "UoCTTI HOG", "Dalal's HOG", "What libraries compute"
@@ -74,39 +72,32 @@ CONDITIONS = (
 """Conditions that Table 2 is also computed under: the names of :data:`nablahog.paper.conditions.CONDITIONS`."""
 
 
-@dataclass(frozen=True)
-class Published:
-    """A row of the paper's Table 1: means over its 101 images."""
-
-    cc: float
-    mi: float
-    ssim: float
-
-
 _PUBLISHED = {
-    "bovw": Published(0.287, 1.182, 0.252),
-    "hoggles": Published(0.409, 1.497, 0.271),
-    "cnn-hog": Published(0.632, 1.211, 0.381),
-    "cnn-hogb": Published(0.657, 1.597, 0.387),
-    "uoctti-single": Published(0.760, 1.908, 0.433),
-    "dalal-single": Published(0.170, 1.464, 0.301),
-    "dalal-multi-scale": Published(0.147, 1.478, 0.293),
-    "dalal-multi-scale@1/64": Published(0.058, 1.444, 0.121),
-    "dalal-multi-scale@1/16": Published(0.076, 1.470, 0.147),
-    "dalal-multi-scale@1/4": Published(0.108, 1.458, 0.221),
-    "dalal-multi-scale@1/1": Published(0.147, 1.478, 0.293),
-    "dalal-multi-scale-more": Published(0.236, 1.582, 0.338),
-    "dalal-multi-scale-more@1/64": Published(0.147, 1.458, 0.251),
-    "dalal-multi-scale-more@1/16": Published(0.191, 1.502, 0.291),
-    "dalal-multi-scale-more@1/4": Published(0.220, 1.565, 0.320),
-    "dalal-multi-scale-more@1/1": Published(0.236, 1.582, 0.338),
+    "bovw": (0.287, 1.182, 0.252),
+    "hoggles": (0.409, 1.497, 0.271),
+    "cnn-hog": (0.632, 1.211, 0.381),
+    "cnn-hogb": (0.657, 1.597, 0.387),
+    "uoctti-single": (0.760, 1.908, 0.433),
+    "dalal-single": (0.170, 1.464, 0.301),
+    "dalal-multi-scale": (0.147, 1.478, 0.293),
+    "dalal-multi-scale@1/64": (0.058, 1.444, 0.121),
+    "dalal-multi-scale@1/16": (0.076, 1.470, 0.147),
+    "dalal-multi-scale@1/4": (0.108, 1.458, 0.221),
+    "dalal-multi-scale@1/1": (0.147, 1.478, 0.293),
+    "dalal-multi-scale-more": (0.236, 1.582, 0.338),
+    "dalal-multi-scale-more@1/64": (0.147, 1.458, 0.251),
+    "dalal-multi-scale-more@1/16": (0.191, 1.502, 0.291),
+    "dalal-multi-scale-more@1/4": (0.220, 1.565, 0.320),
+    "dalal-multi-scale-more@1/1": (0.236, 1.582, 0.338),
 }
 PUBLISHED = {
     **_PUBLISHED,
-    **{f"paper-{row}": of for row, of in _PUBLISHED.items() if row.startswith(("uoctti-", "dalal-"))},
+    **{f"paper-{row}": means for row, means in _PUBLISHED.items() if row.startswith(("uoctti-", "dalal-"))},
 }
-"""By the names of our rows; the last level, 1/1, is also the row of the method itself.  The paper's own method stands
-beside the rows that search as it does, and beside ours."""
+"""CC, MI and SSIM of the paper's Table 1, means over its 101 images, by the names of our rows.
+
+The last level, 1/1, is also the row of the method itself.  The paper's own method stands beside the rows that search as
+it does, and beside ours."""
 
 BASELINES = {NO_HOG: ("bovw",), UOCTTI: ("hoggles", "cnn-hog", "cnn-hogb")}
 """The paper's baselines by group: shown even where ours did not run."""

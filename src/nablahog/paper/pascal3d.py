@@ -87,15 +87,6 @@ def read_record(path: Path) -> list[Record]:
     Raises:
         FileNotFoundError: there is no such file.
         ValueError: it is no such record or is damaged.
-
-    >>> from pathlib import Path
-    >>> from scipy.io import savemat
-    >>> viewpoint = {"azimuth": 317.5, "elevation": 20.0, "distance": 7.5, "theta": -3.5}
-    >>> chair = {"class": "chair", "bbox": [1, 1, 50, 40], "viewpoint": viewpoint, "cad_index": 3}
-    >>> savemat("a.mat", {"record": {"objects": chair}})
-    >>> (one,) = nablahog.paper.pascal3d.read_record(Path("a.mat"))
-    >>> one.category, tuple(one.box), one.viewpoint, one.cad
-    ('chair', (0.0, 0.0, 50.0, 40.0), (317.5, 20.0, -3.5), 3)
     """
     variables = read_mat(path)
     try:

@@ -13,13 +13,14 @@ import torch
 from numpy.typing import NDArray
 from scipy import ndimage
 from torch import Tensor
+from torch.nn import functional
 
 from ..hog.box import Box
-from ..io.images import Picture
+from ..hog.gradient import GRAY_WEIGHTS
+from ..io.images import Picture, as_array
 from ..render import Camera, Light, Mesh, render
 from ..render.camera import to_camera, to_screen
 from .annotations import AnnotatedObject
-from .clutter import clutter, colours
 from .looks import compressed, relit
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -81,17 +82,11 @@ class SceneSettings:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if isinstance(value, list):
-                value = tuple(value)
-                object.__setattr__(self, field.name, value)
             low, high = value if isinstance(value, tuple) else (value, value)
             if not 0 <= low <= high < math.inf:
                 raise ValueError(f"{field.name} must be at least 0, finite and a range from low to high, got {value}")
-        for name in ("occlusion", "tint", "shadow", "gloss"):
-            if getattr(self, name) > 1:
-                raise ValueError(f"{name} must lie in 0…1, got {getattr(self, name)}")
-        if self.ambient[1] > 1 or self.occluded[1] > 1:
-            raise ValueError(f"ambient and occluded must lie in 0…1, got {self.ambient} and {self.occluded}")
+        if max(self.occlusion, self.tint, self.shadow, self.gloss, self.ambient[1], self.occluded[1]) > 1:
+            raise ValueError("occlusion, tint, shadow, gloss, ambient and occluded must lie in 0…1")
         if self.jpeg[1] > 95 or 0 < self.jpeg[0] < 1:
             raise ValueError(f"jpeg must be 0 or lie in 1…95, got {self.jpeg}")
         if self.distance[0] <= 1 or not 1 <= self.height[0] <= self.height[1] <= self.size - 2 * _MARGIN:
@@ -99,9 +94,8 @@ class SceneSettings:
                 f"distance must be above 1 and height between 1 and size - {2 * _MARGIN}, "
                 f"got {self.distance}, {self.height} and the size {self.size}"
             )
-        for name in ("occluded", "zoom", "gamma"):
-            if getattr(self, name)[0] <= 0:
-                raise ValueError(f"{name} must be above 0, got {getattr(self, name)}")
+        if min(self.occluded[0], self.zoom[0], self.gamma[0]) <= 0:
+            raise ValueError("occluded, zoom and gamma must be above 0")
 
 
 SETTINGS = SceneSettings()
@@ -228,7 +222,7 @@ def _render(
     if settings.shadow or settings.gloss:
         strength = {"shadow": settings.shadow, "gloss": settings.gloss}
         black, coverage = relit(black, coverage, seen, pose, camera, light, **strength)
-    return colours(settings.tint, generator) * black, coverage
+    return _colours(settings.tint, generator) * black, coverage
 
 
 def compose(
@@ -252,8 +246,7 @@ def compose(
     Returns:
         (3, H, W), float64 in 0…1.
     """
-    ranges = {"zoom": settings.zoom, "contrast": settings.contrast}
-    part = partial(clutter, photographs, coverage.shape, generator, **ranges, tint=settings.tint)
+    part = partial(_clutter, photographs, coverage.shape, settings, generator)
     image = picture + (1 - coverage) * part()
     if generator.random() < settings.occlusion:
         hidden = _occluder(box, generator.uniform(*settings.occluded), generator)
@@ -278,3 +271,42 @@ def _occluder(box: Box, share: float, generator: np.random.Generator) -> Box:
 def _jitter(box: Box, settings: SceneSettings, generator: np.random.Generator) -> Box:
     sides = np.array(box) + settings.box_jitter * generator.normal(size=4) * np.tile([box.width, box.height], 2)
     return Box.of(sides.clip(0, settings.size).tolist())
+
+
+def _clutter(
+    photographs: Sequence[Picture],
+    shape: tuple[int, ...],
+    settings: SceneSettings,
+    generator: np.random.Generator,
+) -> Floats:
+    """A random crop (3, H, W) of a photograph, rescaled, mirrored or not, of another contrast, tinted if gray."""
+    photo = _checked(photographs[int(generator.integers(len(photographs)))])
+    room = np.array(photo.shape[1:])
+    zoom = min(generator.uniform(*settings.zoom), *(room / shape))
+    sides = np.minimum(np.array(shape) * zoom, room).astype(int).clip(min=1)
+    top, left = generator.integers(0, room - sides + 1)
+    part = photo[:, top : top + sides[0], left : left + sides[1]]
+    if generator.random() < 0.5:
+        part = part[:, :, ::-1]
+    tensor = torch.from_numpy(part.copy())[None]
+    scaled: Floats = functional.interpolate(tensor, shape, mode="bicubic", antialias=True)[0].numpy()
+    scaled = scaled.mean() + generator.uniform(*settings.contrast) * (scaled - scaled.mean())
+    return np.asarray(scaled if len(photo) == 3 else scaled * _colours(settings.tint, generator)).clip(0, 1)
+
+
+def _colours(tint: float, generator: np.random.Generator) -> Floats:
+    """(3, 1, 1): random factors of R, G and B that do not change the gray of Eq. 1."""
+    factors = 1 + tint * generator.uniform(-1, 1, 3)
+    balanced: Floats = (factors / np.dot(GRAY_WEIGHTS, factors))[:, None, None]
+    return balanced
+
+
+def _checked(picture: Picture) -> Floats:
+    values = as_array(picture)
+    if values.ndim == 2:
+        values = values[None]
+    if values.ndim != 3 or len(values) not in (1, 3) or 0 in values.shape:
+        raise ValueError(f"expected a photograph of shape (H, W), (1, H, W) or (3, H, W), got {values.shape}")
+    if not (values.min() >= 0 and values.max() <= 1):  # NaN fails too
+        raise ValueError(f"expected a photograph in 0…1, got {values.min():g} … {values.max():g}")
+    return values

@@ -64,12 +64,12 @@ class Table1(Results):
     def _line(self, row: str, group: str) -> Line:
         figures, seconds = self.figures.get(row, {}), self.seconds.get(row, {})
         values = {metric: [each[metric] for each in figures.values()] for metric in METRICS}
-        published = PUBLISHED.get(row)
+        published = dict(zip(("cc", "mi", "ssim"), PUBLISHED.get(row, ()), strict=False))
         return Line(
             row,
             group,
             {metric: statistics([v for v in of if v is not None]) for metric, of in values.items()},
-            {metric: getattr(published, metric, None) for metric in METRICS},
+            {metric: published.get(metric) for metric in METRICS},
             sum(seconds.values()) / len(seconds) if seconds else None,
         )
 

@@ -19,7 +19,7 @@ from .methods import Method, Table1Settings
 from .names import PRIORS
 from .photographs import Photographs
 from .table1 import Line, Table1
-from .tables import RESAMPLES, Statistics, failures_section
+from .tables import RESAMPLES, Statistics, cell, failures_section, how_many_failed
 
 HEADINGS = {
     "cc": "CC",
@@ -47,7 +47,7 @@ DEFINITIONS = {
     "multi-scale-more": "The same, but each level has the descriptor of the image shrunk to that level. That is "
     "more than the input of other methods, so, as the paper says, its figures are not comparable with theirs.",
     "learned": "Starts from, and stays close to, the image that a network expects for the descriptor. The network "
-    "has learned from photographs; it comes with nablahog, unless --prior or --unsigned-prior gives another.",
+    "has learned from photographs; the one that comes with nablahog, if no other is given.",
     "bovw": "The input is a histogram of visual words. The words are arranged like a jigsaw puzzle, by the positions "
     "and neighbours that they have in photographs (after Kato and Harada; many details are our own choice).",
     "hoggles": "Window by window by a pair of dictionaries of descriptors and patches (Vondrick et al.); from all "
@@ -74,7 +74,7 @@ LEAD = (
 def remarks(left_out: Sequence[Method], learned: Mapping[str, Path], photographs: Photographs) -> list[str]:
     """Remarks on methods that learn from photographs: which are left out, and which have trained on the test images."""
     sentences = [
-        f"{each.name} is optional, and runs with --{kind} FILE, see `nablahog learn {PRIORS[kind]}`."
+        f"{each.name} is optional, and runs with a file of {kind}, see `nablahog learn {PRIORS[kind]}`."
         for each in left_out
         for kind in each.needs[:1]
     ]
@@ -114,7 +114,6 @@ def page(table: Table1, settings: Table1Settings, origin: str, remarks: Sequence
         origin: where the images are from, a sentence.
         remarks: what else to know, whole sentences.
     """
-    failed = f" {len(table.failures)} failed, see below." if table.failures else ""
     ignored = table.photographs.ignored
     passed_over = f" Passed over, as no images by their endings: {', '.join(ignored)}." if ignored else ""
     text = "These are in no figure above. A further run of the same settings tries them again."
@@ -122,7 +121,7 @@ def page(table: Table1, settings: Table1Settings, origin: str, remarks: Sequence
     limit = f", at most {settings.max_evaluations} evaluations" if settings.max_evaluations else ""
     return html.page(
         "Table 1: images from HOG descriptors",
-        " ".join([f"{LEAD} {origin}{failed}{passed_over}", *remarks]),
+        " ".join([f"{LEAD} {origin}{how_many_failed(table.failures)}{passed_over}", *remarks]),
         list(_table(table.lines())),
         [failures, _pictures(table), _levels(table)],
         _definitions(table),
@@ -146,13 +145,7 @@ def _table(lines: Sequence[Line]) -> Iterator[Mapping[str, object]]:
         if line.group != group:
             group = line.group
             yield {"method": group}
-        yield _row(line, _cell, HEADINGS)
-
-
-def _cell(of: Statistics) -> html.Cell | None:
-    if of.n == 0:
-        return None
-    return html.Cell(of.mean, f"{html.figure(of.low)} … {html.figure(of.high)}\nmedian {html.figure(of.median)}")
+        yield _row(line, lambda of: cell(of, of.mean, f"median {html.figure(of.median)}"), HEADINGS)
 
 
 def _photograph(table: Table1, image: str) -> html.Cell:

@@ -12,7 +12,7 @@ from .annotations import AnnotatedObject
 from .conditions import CONDITIONS
 from .pose_methods import POSE_METHODS, Table2Settings
 from .table2 import NO_POSE, WITHIN, Line, Table2
-from .tables import RESAMPLES, Statistics, failures_section
+from .tables import RESAMPLES, Statistics, cell, failures_section, how_many_failed
 
 LEAD = (
     "In each image the pose of one object was estimated from the similarity of its HOG descriptors to those of "
@@ -79,14 +79,14 @@ def terminal_conditions(table: Table2) -> list[dict[str, object]]:
     ]
 
 
-def _under(condition: str, line: Line, cell: Callable[[Statistics], object]) -> dict[str, object]:
-    """What the terminal and the page show of a method under a condition; ``cell`` shows an accuracy."""
+def _under(condition: str, line: Line, shown: Callable[[Statistics], object]) -> dict[str, object]:
+    """What the terminal and the page show of a method under a condition; ``shown`` makes the cell of an accuracy."""
     return {
         "condition": condition,
         "method": line.method,
         "objects": line.error.n,
-        **{f"{views} views": cell(line.accuracy["interval", views]) for views in VIEWS},
-        f"< {360 / VIEWS[-1]:g}°": cell(line.accuracy["threshold", VIEWS[-1]]),
+        **{f"{views} views": shown(line.accuracy["interval", views]) for views in VIEWS},
+        f"< {360 / VIEWS[-1]:g}°": shown(line.accuracy["threshold", VIEWS[-1]]),
     }
 
 
@@ -96,13 +96,12 @@ def _percent(of: Statistics) -> html.Shown | None:
 
 def page(table: Table2, settings: Table2Settings) -> str:
     """The page."""
-    failed = f" {len(table.failures)} failed, see below." if table.failures else ""
     lines = table.lines()
     text = "Where a method failed it counts as wrong above. A further run of the same settings tries it again."
     failures = failures_section(table.failures, "object", text)
     return html.page(
         "Table 2: poses from HOG descriptors",
-        f"{LEAD} {table.examples.origin}{failed}",
+        f"{LEAD} {table.examples.origin}{how_many_failed(table.failures)}",
         [_row(line) for line in lines],
         [failures, _rotations(lines), *_conditions(table), _pictures(table)],
         {**DEFINITIONS, **{name: CONDITIONS[name].about for name in table.conditions}},
@@ -116,13 +115,11 @@ def _row(line: Line) -> Mapping[str, object]:
         row[f"{views} views"] = _cell(line.accuracy["interval", views])
         row[f"{views}\xa0views\npaper"] = line.paper.get(views)
         row[f"< {360 / views:g}°"] = _cell(line.accuracy["threshold", views])
-    return {**row, "median error": _cell(line.error, median=True), "seconds": line.seconds}
+    return {**row, "median error": cell(line.error, line.error.median), "seconds": line.seconds}
 
 
-def _cell(of: Statistics, *, median: bool = False) -> html.Cell | None:
-    """The mean, or the median, above its interval."""
-    value = of.median if median else of.mean
-    return None if of.n == 0 else html.Cell(value, f"{html.figure(of.low)} … {html.figure(of.high)}")
+def _cell(of: Statistics) -> html.Cell | None:
+    return cell(of, of.mean)
 
 
 def _rotations(lines: Sequence[Line]) -> html.Section:
@@ -130,7 +127,7 @@ def _rotations(lines: Sequence[Line]) -> html.Section:
         {
             "method": line.method,
             **{f"≤ {angle:g}°, %": _cell(line.within[angle]) for angle in WITHIN},
-            "median error": _cell(line.rotation, median=True),
+            "median error": cell(line.rotation, line.rotation.median),
         }
         for line in lines
         if line.rotation.n
@@ -146,7 +143,7 @@ def _conditions(table: Table2) -> list[html.Section]:
         for line in table.under(name).ran():
             row = _under(name, line, _cell)
             row[f"rotation ≤ {WITHIN[0]:g}°, %"] = _cell(line.within[WITHIN[0]])
-            rows.append({**row, "median error": _cell(line.error, median=True), "seconds": line.seconds})
+            rows.append({**row, "median error": cell(line.error, line.error.median), "seconds": line.seconds})
     text = (
         "Fewer objects of the same kind, each time with something that makes them harder; what it is, is said at the "
         "end. Scenes have exact boxes but for what a condition changes. Figures are those of the first table."

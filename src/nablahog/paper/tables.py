@@ -16,7 +16,7 @@ from ..io.files import write_text
 from ..jobs.resume import do_all
 from ..jobs.store import Job
 from ..runtime.text import printable
-from ..viz.html import Section
+from ..viz.html import Cell, Section, figure
 
 RESAMPLES = 10_000
 _FORMULAS = ("=", "+", "-", "@", "＝", "＋", "－", "＠")  # the last are full-width
@@ -136,6 +136,16 @@ def _cell(value: object) -> object:
         return value
     text = printable(value)
     return f"'{text}" if text.startswith(_FORMULAS) else text
+
+
+def cell(of: Statistics, value: float | None, *more: str) -> Cell | None:
+    """A figure of a page above its interval and further remarks; None if there are no values."""
+    return None if of.n == 0 else Cell(value, "\n".join([f"{figure(of.low)} … {figure(of.high)}", *more]))
+
+
+def how_many_failed(failures: Sequence[Failure]) -> str:
+    """The end of the lead of a page; empty if nothing failed."""
+    return f" {len(failures)} failed, see below." if failures else ""
 
 
 def failures_section(failures: Sequence[Failure], image: str, text: str) -> Section:

@@ -91,14 +91,6 @@ def read_annotation(path: Path) -> list[VOCObject]:
     Raises:
         FileNotFoundError: there is no such file.
         ValueError: it is no such annotation, is damaged, has a document type, or is larger than :data:`MAX_BYTES`.
-
-    >>> from pathlib import Path
-    >>> box = "<xmin>1</xmin><ymin>1</ymin><xmax>50</xmax><ymax>40</ymax>"
-    >>> text = f"<annotation><object><name>chair</name><bndbox>{box}</bndbox></object></annotation>"
-    >>> _ = Path("2008_000003.xml").write_text(text)
-    >>> (one,) = nablahog.paper.voc.read_annotation(Path("2008_000003.xml"))
-    >>> one.category, tuple(one.box), one.occluded
-    ('chair', (0.0, 0.0, 50.0, 40.0), False)
     """
     check_file(path, "an annotation of PASCAL VOC")
     with open(path, "rb") as file:

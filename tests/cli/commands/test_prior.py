@@ -116,7 +116,7 @@ def test_an_installation_without_priors(
     assert _inverted(photo, tmp_path / "missing", "--preset", "paper") == without
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("Inverting without a learned prior: this installation of nablahog has no unsigned.npz")
-    message = "dalal-learned needs --unsigned-prior FILE, see `nablahog learn prior --signs unsigned`"
+    message = "dalal-learned needs a file of unsigned-prior, see `nablahog learn prior --signs unsigned`"
     command = ["table1", "--images", images, "-o", str(tmp_path / "out"), "--methods"]
     refused(*command, "dalal-learned", message=message)
 
@@ -190,7 +190,7 @@ def test_the_table_asked_for_it_without_a_prior(
 ) -> None:
     monkeypatch.setattr("nablahog.invert.learned.FOLDER", tmp_path)
     options = ["--methods", "uoctti-single,uoctti-learned"]
-    message = "uoctti-learned needs --prior FILE, see `nablahog learn prior`"
+    message = "uoctti-learned needs a file of prior, see `nablahog learn prior`"
     refused("table1", "--images", images, "-o", str(tmp_path / "out"), *options, message=message)
 
 

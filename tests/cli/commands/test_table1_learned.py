@@ -58,7 +58,7 @@ def test_files_of_another_kind(
     refused(*table, "--hoggles", bovw, message=f"{bovw}: expected a dictionary pair, but the archive lacks ")
     refused(*table, "--bovw", photo, message=f"{photo}: expected a BoVW model (.npz), but it cannot be read")
     refused(*table, "--hoggles", f"{hoggles}x", message=f"{hoggles}x: no such file")
-    refused(*table, "--methods", "hoggles", "--bovw", bovw, message="uses --bovw; these do: bovw")
+    refused(*table, "--methods", "hoggles", "--bovw", bovw, message="uses a file of bovw; these do: bovw")
 
 
 def test_other_cells(tmp_path: Path, images: str, refused: Callable[..., None]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -100,39 +99,14 @@ def test_words_that_nothing_is_are_left_out() -> None:
     assert len(model.database.unique()) == len(model.vocabulary)
 
 
-def test_images_of_parts_of_cells() -> None:
-    images = {name: image[:42, :55] for name, image in _images().items()}
-    model = _learned(images, patch=18)
-    assert model.grid == (7, 10)
-    result = model.reconstruct(model.histogram(images["camera"][None, None]))
-    assert result.image.shape == (1, 1, 42, 55)
-
-
-def test_progress(learned: BoVW) -> None:
-    seen: list[tuple[int, int]] = []
-    _learned(progress=lambda done, total, what: seen.append((done, total)))
-    assert [done for done, _ in seen] == list(range(seen[0][1] + 1))
-    assert len({total for _, total in seen}) == 1
-    calls: list[tuple[int, int]] = []
-    learned.reconstruct(learned.histogram(_stack()[:2]), progress=lambda *call: calls.append(call))
-    assert calls == [(0, 2), (1, 2), (2, 2)]
-
-
 def test_what_cannot_be_learned_from() -> None:
     camera = photograph(64)[0, 0]
     wrong: list[tuple[dict[str, Any], str]] = [
-        ({"images": {}}, "expected images to learn from, got none"),
         ({"images": {"a": camera[:18, :16]}}, r"at least two windows of 16x16 pixels, 4 apart, got 18x16"),
         ({"images": {"a": camera, "b": camera[1:]}}, "of one size, but a has 64x64 pixels, b 63x64"),
         ({"images": {"a": camera * 255}}, "a: expected an image"),
-        ({"images": {"a": camera.double()}}, "a: expected an image"),
-        ({"images": {"a": camera * torch.nan}}, "a: expected an image"),
-        ({"images": {"a": camera[None]}}, "a: expected an image"),
         ({"images": {"a": camera[:20, :20]}}, r"at least 39 windows with contrast to find 40 words, got 8"),
         ({"words": 1}, "words must be 2 … 32767, got 1"),
-        ({"words": 40_000}, "words must be 2 … 32767, got 40000"),
-        ({"cell": 0}, "a cell must have at least 1 pixel, got 0"),
-        ({"patch": 15}, "a patch must be 16 pixels wide, or an even number more, got 15"),
         ({"patch": 17}, "a patch must be 16 pixels wide, or an even number more, got 17"),
     ]
     for changed, message in wrong:
@@ -194,29 +168,12 @@ def test_a_batch_is_each_of_it(learned: BoVW) -> None:
         assert alone.evaluations[0] == together.evaluations[k]
 
 
-def test_seeds_of_the_search(learned: BoVW) -> None:
-    histogram = learned.histogram(_stack()[:4])
-    first, second, other = (learned.reconstruct(histogram, seed=seed) for seed in (0, 0, 1))
-    assert torch.equal(first.image, second.image)
-    assert not torch.equal(first.image, other.image)
-
-
 def test_bad_histograms(learned: BoVW) -> None:
     histogram = learned.histogram(_stack()[:1])
     words = len(learned.vocabulary)
-    for wrong, got in (
-        (histogram.long(), "torch.int64"),
-        (histogram.numpy(), "ndarray"),
-        (histogram.half(), "float16"),
-    ):
-        with pytest.raises(TypeError, match=f"must be a float32 or float64 tensor, got .*{got}"):
-            learned.reconstruct(wrong)  # type: ignore[arg-type]
     cases = [
-        (histogram[0], rf"must have shape \(B, {words}\), B at least 1, got \({words},\)"),
-        (histogram[:0], rf"got \(0, {words}\)"),
         (histogram[:, 1:], rf"got \(1, {words - 1}\)"),
         (histogram / 0, "must be finite, got NaN or Inf"),
-        (histogram / 2, "must hold counts, whole numbers of at least 0"),
         (-histogram, "must hold counts, whole numbers of at least 0"),
         (histogram * 2, "one word for each of the 169 places, got 338"),
     ]
@@ -227,48 +184,17 @@ def test_bad_histograms(learned: BoVW) -> None:
         learned.reconstruct(histogram, (64, 32))
 
 
-def test_bad_images(learned: BoVW) -> None:
-    images = _stack()
-    for wrong in (images.half(), (images * 255).byte(), images.numpy()):
-        with pytest.raises(TypeError, match="the images must be a float32 or float64 tensor, got"):
-            learned.histogram(wrong)  # type: ignore[arg-type]
-    for wrong, message in [
-        (images[:, 0], r"must have shape \('B', 1, 64, 64\), B at least 1, got \(5, 64, 64\)"),
-        (images[:0], "B at least 1"),
-        (images[..., 1:], r"got \(5, 1, 64, 63\)"),
-        (images / 0, r"must lie in 0…1, got NaN or other values"),
-        (images + 1, r"must lie in 0…1, got NaN or other values"),
-    ]:
-        with pytest.raises(ValueError, match=message):
-            learned.histogram(wrong)
-
-
 # --- files
 
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "NaN": ({"vocabulary": np.full((3, 128), np.nan, np.float32)}, r"the vocabulary must lie in 0…1, got NaN"),
-    "too long a word": ({"vocabulary": np.full((3, 128), 2, np.float32)}, r"the vocabulary must lie in 0…1"),
-    "no descriptors": (
-        {"vocabulary": np.zeros((3, 64), np.float32)},
-        r"of shape \(3, 128\), got float32 of \(3, 64",
-    ),
     "no words": ({"vocabulary": np.zeros((0, 128), np.float32)}, r"the vocabulary must be float32"),
-    "a lone number": ({"vocabulary": np.zeros((), np.float32)}, r"the vocabulary must be float32"),
-    "doubles": ({"vocabulary": np.zeros((3, 128))}, "the vocabulary must be float32, got float64"),
-    "integers": ({"patches": np.zeros((3, 16, 16), np.int16)}, "the patches must be float32, got int16"),
     "bright patches": ({"patches": np.full((3, 16, 16), 1.5, np.float32)}, "the patches must lie in 0…1"),
     "small patches": ({"patches": np.zeros((3, 14, 14), np.float32)}, "a patch must be 16 pixels wide"),
-    "another grid": (
-        {"database": np.zeros((2, 2, 2), np.int16)},
-        r"the database must be int16 of shape \(2, 1, 2",
-    ),
     "unknown words": ({"database": np.full((2, 1, 2), 3, np.int16)}, "the database must lie in 0…2"),
     "words of nothing": ({"database": np.zeros((2, 1, 2), np.int16)}, "each word of the vocabulary must be somewhere"),
     "another size": ({"image_size": np.array([16, 24])}, r"the database must be int16 of shape \(2, 1, 3"),
-    "too small": ({"image_size": np.array([16, 16])}, "expected images of at least two windows"),
-    "three sides": ({"image_size": np.array([16, 20, 3])}, "image_size must hold 2 integers"),
-    "half a cell": ({"cell": np.array(4.5)}, "cell must be one integer, got float64"),
     "no cell": ({"cell": np.array(0)}, "a cell must have at least 1 pixel, got 0"),
 }
 
@@ -282,5 +208,3 @@ def test_the_smallest_vocabulary() -> None:
     model = tiny_models.bovw()
     result = model.reconstruct(torch.tensor([[1.0, 0, 1]]))
     torch.testing.assert_close(result.image, torch.full((1, 1, 16, 20), 0.5))
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        model.cell = 5  # type: ignore[misc]

@@ -35,14 +35,7 @@ def _images(*names: str) -> dict[str, Tensor]:
 
 @cache
 def _learned() -> PairedDictionary:
-    return learn_hoggles(_images(), SPEC, atoms=40, iterations=8)
-
-
-def test_windows_of_mean_0_and_length_1() -> None:
-    windows = unit(torch.cat([torch.rand(4, 800), torch.full((1, 800), 0.7), torch.zeros(1, 800)]))
-    torch.testing.assert_close(windows[:4].norm(dim=1), torch.ones(4))
-    assert windows.mean(1).abs().max() < 1e-7
-    assert windows[4:].abs().max() < 1e-6
+    return learn_hoggles(_images(), SPEC, atoms=40, iterations=4)
 
 
 # --- codes
@@ -203,17 +196,11 @@ def test_fast_atoms_are_windows_with_their_patches() -> None:
 
 def test_the_seed_decides() -> None:
     first = _learned()
-    second = learn_hoggles(dict(reversed(_images().items())), SPEC, atoms=40, iterations=8)
+    second = learn_hoggles(dict(reversed(_images().items())), SPEC, atoms=40, iterations=4)
     assert torch.equal(first.gray, second.gray)
     assert torch.equal(first.hog, second.hog)
     assert first.learning == second.learning
-    assert not torch.equal(learn_hoggles(_images(), SPEC, atoms=40, iterations=8, seed=1).hog, first.hog)
-
-
-def test_images_of_several_sizes() -> None:
-    camera = photograph(64)[0, 0]
-    images = {"a": camera[:28, :28], "b": camera[:39, :50], "c": camera}
-    assert learn_hoggles(images, SPEC, atoms=20, fast=True).learning.windows == 1 + 3 * 6 + 10 * 10
+    assert not torch.equal(learn_hoggles(_images(), SPEC, atoms=40, iterations=4, seed=1).hog, first.hog)
 
 
 def test_what_cannot_be_learned_from() -> None:

@@ -1,20 +1,19 @@
 """BoVW: an image from the histogram of its visual words alone, as a jigsaw puzzle.
 
 Kato and Harada, *Image Reconstruction from Bag-of-Visual-Words* (CVPR 2014): local descriptors on a regular grid of one
-scale are quantised to visual words, and the histogram of these words is all that is known of an image.  The words are
-arranged by two costs, of a word at a place and of two words as neighbours, which are estimated from a database of
-images.  An exact minimum is out of reach, a heuristic finds a local one.  :func:`.bovw_learning.learn_bovw` makes the
-vocabulary and the database.
+scale are quantised to visual words, and only the histogram of these words is known of an image.  A database of images
+tells the cost of a word at a place and of two words as neighbours.  A heuristic finds an arrangement of low cost.
+:func:`.bovw_learning.learn_bovw` makes the vocabulary and the database.
 
-We know this much from the abstracts.  The rest is ours:
+This much is in the abstracts.  The rest is ours:
 
-* The descriptor is SIFT in windows of 4x4 cells of 8 pixels, one at each cell (:mod:`.dense_sift`).  All windows
-  without contrast are one word.
-* The costs are negative logarithms of smoothed frequencies.  The place of a word is predicted by a regression on the
-  whole histogram, pairs are counted over the whole database (:mod:`.bovw_arrangement`).
-* The search starts from the best arrangement by places alone, and swaps words as long as that lowers the cost.
-* The patch of a word is the mean, in absolute gray, of all patches of the database with this word.  Overlapping patches
-  are averaged, each pixel weighed by its distance to the patch's border.
+* The descriptor is SIFT in windows of 4x4 cells of 8 pixels, one at each cell (:mod:`.dense_sift`).  Windows without
+  contrast are one word.
+* The costs are negative logarithms of smoothed frequencies.  A regression on the whole histogram predicts the places of
+  a word; pairs are counted over the whole database (:mod:`.bovw_arrangement`).
+* The search starts from the best arrangement by places alone, and swaps two words as long as that lowers the cost.
+* The patch of a word is the mean of all patches of the database with this word, in absolute gray.  Overlapping patches
+  are averaged with weights that fall towards the patch's border.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ from .bovw_arrangement import Costs, arrange
 from .dense_sift import CELLS, LENGTH, dense_sift, sift_grid
 
 LARGEST = 1 + 1e-5  # entry of a word, whose length is at most 1, up to rounding
-BATCH = 16  # images whose patches, or whose descriptors' distances to all words, are in memory at a time
+BATCH = 16  # images that are described or rendered at a time
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,7 +68,7 @@ class BoVW(LearnedModel):
         learning: how it was learned.
 
     Raises:
-        ValueError: these contradict each other, or hold NaN, Inf or what no descriptor or picture holds.
+        ValueError: these contradict each other, or hold NaN, Inf or values out of range.
     """
 
     KIND = "BoVW model"

@@ -1,7 +1,7 @@
 """The cost of an arrangement of visual words, estimated from a database, and the search for a cheap arrangement.
 
 A word at a place costs -log(r + s), and so does a pair of neighbours.  r is the frequency of the word at the place, or
-of the pair, relative to chance.  s > 0 keeps the cost finite for what the database happens not to contain.
+of the pair, relative to chance.  s > 0 keeps the cost finite where the database has none.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ def _total(placed: Words, at: Array, right: Array, below: Array) -> float:
 
 
 class _Grid:
-    """Words on a grid with a border of the last word, and what each word would cost at each place.
+    """Words on a grid with a border of the last word, and the cost of each word at each place.
 
     Args:
         placed: (n,), the words, row by row, changed in place.
@@ -146,7 +146,7 @@ class _Grid:
 
     def __init__(self, placed: Words, stride: int, at: Array, right: Array, below: Array) -> None:
         self._placed, self._stride, self._at, self._right, self._below = placed, stride, at, right, below
-        # If two neighbours change places, the costs of each are by the old word of the other.  This corrects them.
+        # If two neighbours are swapped, each is costed beside the old word of the other; this corrects that
         self._corrections = {
             apart: pair + pair.T - np.diag(pair) - np.diag(pair)[:, np.newaxis]
             for apart, pair in ((1, right), (stride, below))

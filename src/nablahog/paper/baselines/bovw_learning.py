@@ -40,8 +40,8 @@ def learn_bovw(
     The codebook is that of k-means on windows with contrast, drawn at random; all without contrast are one more word.
     Words that no window belongs to are left out.
 
-    The result depends on the images, the numbers and the seed, and on nothing else as long as PyTorch, SciPy, their
-    number of threads and the processor stay the same; where they do not, on rounding, which k-means may amplify.
+    The result depends on the images, the numbers and the seed alone; on another processor or with another number of
+    threads also on rounding, which k-means may amplify.
 
     Args:
         images: (H, W) each, float32 in 0…1, all of one size, by name.
@@ -50,7 +50,7 @@ def learn_bovw(
         patch: pixels of a patch's side: that of a window, or an even number more.
         seed: of everything random.
         progress: called with the steps done, their number and what is being done.
-        map_function: as ``map``, of one or two arguments: perhaps in other processes.
+        map_function: as ``map``, of one or two iterables; may run in other processes.
 
     Raises:
         ValueError: there are no images, they differ in size, or one is too small or holds other values; fewer windows
@@ -115,7 +115,7 @@ def _kmeans(windows: NDArray[np.float32], words: int, progress: Callable[[int], 
     for done in range(ROUNDS):
         progress(done)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a mean without windows does not move; its word is left out in the end
+            warnings.simplefilter("ignore")  # a mean without windows stays; its word is left out in the end
             means, _ = kmeans2(windows, means, iter=1, minit="matrix")
     return means.astype(np.float32)
 

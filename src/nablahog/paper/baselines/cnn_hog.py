@@ -1,8 +1,8 @@
 """CNN-HOG and CNN-HOGb: HOG as a convolutional network, inverted by gradient descent under natural-image priors.
 
-Mahendran and Vedaldi, *Understanding Deep Image Representations by Inverting Them* (CVPR 2015).  The network's
-descriptor is VLFeat's UoCTTI HOG in the interior, without its texture channels.  Its derivative is an approximation,
-and beyond the border the image is zero, which is middle gray.
+Mahendran and Vedaldi, *Understanding Deep Image Representations by Inverting Them* (CVPR 2015).  In the interior the
+network's descriptor is VLFeat's UoCTTI HOG without texture channels.  Its derivative is an approximation.  Beyond the
+border the image is zero, which is middle gray.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ ITERATIONS = 200  # at each rate
 MOMENTUM = 0.9
 NORM_POWER = 6  # α of the prior Σxᵅ
 NORM_WEIGHT = 8e-10  # λ_α
-SMOOTHNESS = 1.0  # λ of total variation, the one of their quantitative experiments
+SMOOTHNESS = 1.0  # λ of total variation, as in their quantitative experiments; 10 and 100 are published, too
 NOISE = 27098.1 / math.sqrt(227 * 227 * 3)
 """Root mean square of the initial noise, in gray levels of 255.
 
@@ -46,24 +46,20 @@ class CNNHOG:
         orientations: undirected ones, n.
         bilinear: whether a gradient votes for the two nearest orientations by its angle to them (CNN-HOGb), or for the
             nearest one, and the derivative is that of its magnitude alone (CNN-HOG).
-        smoothness: weight of the total variation; 1, 10 and 100 are published, 1 is that of the figures.
 
     Raises:
-        ValueError: the cell size is odd or less than 2, there is no orientation, or the smoothness is negative.
+        ValueError: the cell size is odd or less than 2, or there is no orientation.
     """
 
     cell_size: int = 8
     orientations: int = 9
     bilinear: bool = False
-    smoothness: float = SMOOTHNESS
 
     def __post_init__(self) -> None:
         if self.cell_size < 2 or self.cell_size % 2:
             raise ValueError(f"the cell size must be an even number of pixels, got {self.cell_size}")
         if self.orientations < 1:
             raise ValueError(f"there must be at least one orientation, got {self.orientations}")
-        if not 0 <= self.smoothness < math.inf:
-            raise ValueError(f"smoothness must be a finite number of at least 0, got {self.smoothness}")
 
     @property
     def channels(self) -> int:
@@ -104,8 +100,7 @@ class CNNHOG:
         """Images with nearly this descriptor, by 800 steps of gradient descent with momentum.
 
         Args:
-            descriptor: (B, rows, cols, 3n), float32 or float64, of :meth:`descriptor`; VLFeat's texture channels after
-                these are ignored.
+            descriptor: (B, rows, cols, 3n), float32 or float64, of :meth:`descriptor`.
             image_size: (height, width), whole cells; by default what the descriptor has.
             seed: of the initial noise, the same for every image of the batch.
             progress: called with the steps done and all of them.
@@ -119,7 +114,7 @@ class CNNHOG:
         """
         began = time.perf_counter()
         height, width = self._check_descriptor(descriptor, image_size)
-        target = descriptor.detach()[..., : self.channels].permute(0, 3, 1, 2)
+        target = descriptor.detach().permute(0, 3, 1, 2)
         scale = target.flatten(1).norm(dim=1)
         if not (scale > 0).all():
             raise ValueError("the descriptor must not be zero: that of a constant image says nothing")
@@ -160,7 +155,7 @@ class CNNHOG:
         norm_gradient = NORM_WEIGHT / 2 * NORM_POWER * x ** (NORM_POWER - 1)
         return (
             squares.detach().sqrt() / scale,
-            norm**2 * data_gradient + self.smoothness / 2 * _total_variation_gradient(x) + norm_gradient,
+            norm**2 * data_gradient + SMOOTHNESS / 2 * _total_variation_gradient(x) + norm_gradient,
         )
 
     def _network(self, x: Tensor) -> Tensor:
@@ -192,11 +187,10 @@ class CNNHOG:
 
     def _check_descriptor(self, descriptor: Tensor, image_size: tuple[int, int] | None) -> tuple[int, int]:
         check_floats("the descriptor", descriptor)
-        allowed = (self.channels, self.channels + 4)
-        if descriptor.dim() != 4 or not len(descriptor) or descriptor.shape[3] not in allowed:
+        if descriptor.dim() != 4 or not len(descriptor) or descriptor.shape[3] != self.channels:
             raise ValueError(
-                f"the descriptor must have shape (B, rows, cols, {self.channels}), or {self.channels + 4} channels "
-                f"with texture, B at least 1, got {tuple(descriptor.shape)}"
+                f"the descriptor must have shape (B, rows, cols, {self.channels}), B at least 1, "
+                f"got {tuple(descriptor.shape)}"
             )
         size = (descriptor.shape[1] * self.cell_size, descriptor.shape[2] * self.cell_size)
         if image_size is not None and tuple(image_size) != size:

@@ -5,8 +5,8 @@ computed by this package's operator.  Each cell is weighed by a Gaussian at its 
 its flat window.  The 128 numbers are normalised to length 1, clipped at 0.2 and normalised again (D. Lowe,
 *Distinctive Image Features from Scale-Invariant Keypoints*, IJCV 2004).
 
-It is no :class:`.HOGSpec` as a whole: no normaliser weighs the cells of a block by a Gaussian, or gives 0 for a window
-with too little contrast.
+No :class:`.HOGSpec` describes it: no normaliser weighs the cells of a block by a Gaussian, or gives 0 for a window of
+too little contrast.
 """
 
 from __future__ import annotations

@@ -42,6 +42,7 @@ SPARSITY = 0.02
 ITERATIONS = 1000
 BATCH = 400  # windows
 WINDOWS = 1_000_000
+SWEEPS = 10  # of coordinate descent for the codes of a batch; with 1,000 the objective is as low
 REPORTED = 100  # iterations between two reports of the objective
 
 
@@ -62,9 +63,8 @@ def learn_hoggles(
     Windows of 5x5 cells are taken at every cell whose patch of 7x7 cells lies in the image.  Images, descriptors and
     one batch are in memory; the windows of a batch are cut out when it is needed.
 
-    The result depends on the images, the spec, the numbers and the seed alone, as long as PyTorch, its number of
-    threads and the processor stay the same.  Otherwise it depends on rounding, too, which a thousand iterations
-    amplify.
+    The result depends on the images, the spec, the numbers and the seed alone; on another processor or with another
+    number of threads also on rounding, which a thousand iterations amplify.
 
     Args:
         images: (H, W) each, float32 in 0…1, by name.
@@ -137,6 +137,7 @@ def _learner(atoms: Tensor, sparsity: float, rng: np.random.Generator) -> Any:
         alpha=sparsity,
         batch_size=BATCH,
         fit_algorithm="cd",
+        transform_max_iter=SWEEPS,
         dict_init=atoms.numpy(),
         positive_code=True,
         random_state=int(rng.integers(2**31)),
