@@ -83,7 +83,7 @@ def _objects(arguments: Namespace) -> tuple[list[ListedObject], list[Path]]:
     """What is known of the objects, and their photographs."""
     photo = Path(arguments.photo)
     if arguments.annotations is None:
-        boxes = [Box.of(sides) for sides in arguments.box or ()] or [None]
+        boxes: list[Box | None] = [Box.of(sides) for sides in arguments.box or ()] or [None]
         if arguments.mask is not None and len(boxes) > 1:
             raise ValueError("--mask is for one object: expected one --box, or none")
         objects = [ListedObject(k, photo.name, box, arguments.init) for k, box in enumerate(boxes, 1)]

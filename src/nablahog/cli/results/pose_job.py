@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from torch import Tensor
 
-from ...io.images import Picture, as_array, read_image
+from ...io.images import as_array, read_image
 from ...jobs.job_files import local_path
 from ...jobs.store import JobResult, digest, key_of
 from ...paper.object_lists import ListedObject
@@ -126,7 +127,7 @@ class ObjectJob:
         return JobResult([figures], _picture(photograph, estimate, mesh)[None], seconds)
 
 
-def _picture(photograph: Picture, estimate: PoseEstimate, mesh: Mesh) -> NDArray[np.uint8]:
+def _picture(photograph: Tensor, estimate: PoseEstimate, mesh: Mesh) -> NDArray[np.uint8]:
     """The object with the model's outline, (3, SIDE, SIDE)."""
     known = estimate.camera.focal, estimate.principal_point
     close = crop_object(photograph, estimate.box, SIDE, _FILL * SIDE, *known)
