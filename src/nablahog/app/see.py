@@ -59,7 +59,7 @@ def see(request: HogRequest, store: Store) -> dict[str, Any]:
 
 
 def cell(of: DescriptorEntry, row: int, col: int) -> dict[str, Any]:
-    """What a descriptor says of a cell of the image: its histogram, its block, and their entries by name."""
+    """A cell of the image in a descriptor: its histogram, its block, and their entries by name."""
     descriptor, spec, size = of.source.descriptor, of.source.spec, of.source.image_size
     votes, angles = edge_votes(descriptor, spec)
     rows, cols, _ = votes.shape

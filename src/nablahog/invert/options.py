@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, TypeAlias
+from typing import NamedTuple
 
 from ..hog.checks import check_choice
 from ..optimize import Minimiser
+from .choices import InversionMethod, QualityName
 from .priors import Prior
-
-QualityName: TypeAlias = Literal["best", "fast"]
-InversionMethod: TypeAlias = Literal["default", "paper"]
 
 
 class Quality(NamedTuple):
