@@ -58,7 +58,7 @@ class Timed:
 
 def efficiency(run: Runner, seconds: float, workers: int, length: float, asleep: bool = False) -> tuple[float, int]:
     """Of jobs of so many seconds, for about ``length`` seconds; and how many jobs there were."""
-    count = max(20, round(length * workers / seconds))
+    count = max(workers if asleep else 20, round(length * workers / seconds))
     jobs: list[Work[JobResult]] = [Timed(seconds, number, asleep) for number in range(count)]
     figures = [outcome.figures[0] for _, outcome in run(jobs)]
     elapsed: float = max(each["ended"] for each in figures) - min(each["began"] for each in figures)

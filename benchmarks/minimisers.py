@@ -35,7 +35,7 @@ from preimages import photographs
 SIDE, CELL = 128, 8
 EVALUATIONS = (50, 100, 200, 400)
 MOST = 600  # so that no method that is faster than L-BFGS is cut short at equal time
-NAMES: tuple[Minimiser, ...] = ("lbfgs", "dogleg", "momentum", "adam")  # L-BFGS first: its times are the others' limits
+NAMES: tuple[Minimiser, ...] = ("lbfgs", "dogleg")  # L-BFGS first: its times are the others' limits
 
 
 def search(

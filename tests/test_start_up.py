@@ -17,7 +17,6 @@ from nablahog.cli.main import _COMMANDS
 HEAVY = ("torch", "numpy", "scipy", "skimage", "PIL", "matplotlib", "rich", "trimesh", "platformdirs")
 LAZY = (
     "nablahog",
-    "nablahog.paper",
     "nablahog.hog",
     "nablahog.invert",
     "nablahog.io",
@@ -59,7 +58,7 @@ def test_help_and_refusals_are_light() -> None:
     wrong = [
         [],
         ["hog"],
-        ["hog", "a.png", "-o", "b.npz", "--device", "tpu"],
+        ["invert", "a.png", "-o", "b", "--device", "tpu"],
         ["table1", "-o", "b", "--methods", "best"],
     ]
     program = f"""
@@ -114,7 +113,7 @@ def test_its_modules_are_reached_all_the_same(program: str, name: str) -> None:
 
 
 def test_modules_can_be_reached_without_being_imported() -> None:
-    assert show("import nablahog\nprint(nablahog.invert.options.QualityName.__name__)") == "Literal\n"
+    assert show("import nablahog\nprint(nablahog.invert.choices.QualityName.__name__)") == "Literal\n"
 
 
 def test_the_version_is_that_of_the_installed_package() -> None:

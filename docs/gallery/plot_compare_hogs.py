@@ -50,8 +50,8 @@ plt.show()
 # %%
 # Why they differ
 # ---------------
-# A spec names its conventions. Those of OpenCV are exchanged for those of scikit-image, one after another. Each step shows
-# what a convention contributes. What remains, such as ties of colours, is too small to see.
+# A spec names its conventions. Those of OpenCV are exchanged for those of scikit-image, one after another. Each step
+# shows what a convention contributes. What remains, such as ties of colours, is too small to see.
 
 spec = opencv
 print(f"as they are          distance {np.linalg.norm(ours - theirs):.3f}; 0: equal, 1.41: nothing in common")

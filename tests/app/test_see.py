@@ -49,10 +49,11 @@ def test_a_descriptor(
         expected = hog(read_image(path)[None], spec)[0]
     votes, angles = glyph_votes(expected, spec)
     assert said["shape"] == list(expected.shape)
-    assert (said["glyph_rows"], said["glyph_cols"], len(said["angles"])) == votes.shape
-    shown = np.frombuffer(base64.b64decode(said["votes"]), np.uint8).reshape(votes.shape)
+    drawn = said["glyphs"]
+    assert (drawn["rows"], drawn["cols"], drawn["n"]) == votes.shape
+    shown = np.frombuffer(base64.b64decode(drawn["votes"]), np.uint8).reshape(votes.shape)
     assert np.abs(shown / 255 - votes).max() < 0.01
-    np.testing.assert_allclose(said["angles"], angles)
+    np.testing.assert_allclose(drawn["angles"], angles)
     path.write_bytes(client.get(f"/api/hog/{said['key']}/file").content)
     stored = load_descriptor(path)
     assert stored.spec == spec

@@ -55,7 +55,7 @@ def test_a_descriptor_file(client: TestClient, tmp_path: Path) -> None:
         False,
     )
     seen = client.post("/api/hog", json={"descriptor": said["id"]}).json()
-    assert (seen["glyph_rows"], seen["glyph_cols"]) == (8, 6)
+    assert (seen["glyphs"]["rows"], seen["glyphs"]["cols"]) == (8, 6)
 
 
 def _npy(array: np.ndarray) -> bytes:  # type: ignore[type-arg]

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from skimage import data
 
-SMALL = ["--max-evaluations", "3", "--size", "48"]
-FAST = [*SMALL, "--descriptor", "paper"]  # inverting UoCTTI starts with a search for the histograms
+SMALL = ["--quality", "fast", "--size", "40"]
+FAST = [*SMALL, "--preset", "paper", "--prior", "none"]
 CHELSEA = data.chelsea()[40:280:4, 60:380:4]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from PIL import Image
 from nablahog.cli import terminal
 from nablahog.cli.arguments.learn import KINDS
 from nablahog.cli.main import main
+from nablahog.cli.results import inversion
 from nablahog.jobs import resume
 from nablahog.jobs.store import Job, JobResult
 from nablahog.jobs.worker import attempt
@@ -67,6 +69,12 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def two_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The paper's search ends after two iterations."""
+    monkeypatch.setattr(inversion, "AsPublished", partial(inversion.AsPublished, iterations=2))
+
+
+@pytest.fixture
 def refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Callable[..., None]:
     """Runs the command and checks that it says one line, ending in failure, and leaves nothing on disk."""
 
@@ -76,8 +84,7 @@ def refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Callable[...,
         assert main(argv) == status
         printed = capsys.readouterr()
         assert printed.out == ""
-        kinds = {("learn", kind) for kind in (*KINDS, "exemplars")}
-        command = " ".join(argv[:2]) if argv[:2] in kinds else argv[0]
+        command = " ".join(argv[:2]) if argv[:2] in {("learn", kind) for kind in KINDS} else argv[0]
         assert printed.err.startswith(f"nablahog {command}: error: ")
         assert printed.err.count("\n") == 1
         assert message in printed.err

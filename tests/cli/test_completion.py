@@ -17,7 +17,7 @@ pytest.importorskip("argcomplete")
 @pytest.mark.parametrize(
     ("line", "expected"),
     [
-        ("nablahog inv", {"invert", "invert-template"}),
+        ("nablahog inv", {"invert"}),
         ("nablahog hog --preset op", {"opencv"}),
         ("nablahog learn p", {"prior"}),
         ("nablahog invert a.png --quality ", {"best", "fast"}),

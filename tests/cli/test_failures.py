@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import torch
 from PIL import Image
 
 from nablahog.cli.commands import invert
@@ -29,7 +28,6 @@ from .common import CHELSEA, FAST, names
         (KeyboardInterrupt(), 130, "interrupted"),
         (MemoryError(), 1, "not enough memory"),
         (RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried"), 1, "not enough memory"),
-        (torch.OutOfMemoryError("CUDA out of memory"), 1, "not enough memory"),
         (OSError(28, "No space left on device"), 1, "No space left on device"),
         (ValueError("the descriptor\nmust not be zero"), 1, "cat.png: the descriptor must not be zero"),
     ],
@@ -75,40 +73,17 @@ def test_a_bug_is_not_hidden(tmp_path: Path, photo: str, monkeypatch: pytest.Mon
         main(["invert", photo, "-o", str(tmp_path / "out")])
 
 
-def test_as_a_process(tmp_path: Path, photo: str) -> None:
-    command = [sys.executable, "-m", "nablahog"]
+def test_names_that_the_terminal_cannot_show(tmp_path: Path, photo: str) -> None:
     odd = tmp_path / "in" / "[red] é\n.png"
     os.rename(photo, odd)
-    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    command = [sys.executable, "-m", "nablahog", "hog", str(odd), f"{odd}x", "-o", str(tmp_path / "d")]
     run = subprocess.run(
-        [*command, "hog", str(odd), "-o", str(tmp_path / "d")], capture_output=True, text=True, env=environment
+        command, capture_output=True, text=True, env={**os.environ, "PYTHONIOENCODING": "ascii"}, check=False
     )
-    assert (run.returncode, run.stderr) == (0, "")
+    assert run.returncode == 3
     assert "[red]" in run.stdout
-    run = subprocess.run([*command, "hog", f"{odd}x", "-o", str(tmp_path / "e")], capture_output=True, env=environment)
-    assert run.returncode == 1
-    assert run.stderr.count(b"\n") == 1
-    assert b"Traceback" not in run.stderr
-    assert names(tmp_path) == ["d", "in"]
-
-
-@pytest.mark.parametrize("module", ["argparse", "nablahog.cli.arguments.options", "torch", "rich.console"])
-def test_interrupted_while_modules_are_imported(tmp_path: Path, photo: str, module: str) -> None:
-    program = f"""
-import sys
-class Interrupt:
-    def find_spec(self, name, path=None, target=None):
-        if name == {module!r}:
-            raise KeyboardInterrupt
-sys.modules.pop({module!r}, None)
-sys.meta_path.insert(0, Interrupt())
-sys.argv[1:] = ["hog", {photo!r}, "-o", {str(tmp_path / "d.npz")!r}]
-from nablahog.__main__ import main
-sys.exit(main())"""
-    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    assert ended.returncode == 130
-    assert ended.stderr in ("nablahog: error: interrupted\n", "nablahog hog: error: interrupted\n")
-    assert ended.stdout == ""
+    assert run.stderr.count("\n") == 1
+    assert "Traceback" not in run.stderr
 
 
 def test_interrupted_as_a_process(tmp_path: Path, photo: str) -> None:
@@ -117,7 +92,7 @@ def test_interrupted_as_a_process(tmp_path: Path, photo: str) -> None:
     program = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); " + (
         "from nablahog.cli.main import main; sys.exit(main())"
     )
-    command = [sys.executable, "-c", program, "invert", photo, "-o", str(out), "--max-evaluations", "1000000"]
+    command = [sys.executable, "-c", program, "invert", photo, "-o", str(out), "--method", "paper"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         try:
             while not out.exists() and process.poll() is None:  # made when all inputs are read, just before the work

@@ -35,27 +35,16 @@ def mixed(images: str) -> Path:
 def test_a_folder_is_all_its_images(tmp_path: Path, mixed: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["hog", str(mixed), "-o", str(tmp_path / "out")]) == 3
     assert names(tmp_path / "out") == ["0.npz", "1.npz", "2.npz"]
-    bad = mixed / "1a.png"
-    expected = f"nablahog hog: skipped: {bad}: expected an image, got a file of no format that Pillow reads\n"
-    assert capsys.readouterr().err == expected
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"nablahog hog: skipped: {mixed / '1a.png'}: expected an image")
 
 
-@pytest.mark.parametrize(("pattern", "expected"), [("*.png", [0, 1, 2]), ("[12].png", [1, 2]), ("?.p*", [0, 1, 2])])
-def test_patterns(tmp_path: Path, mixed: Path, pattern: str, expected: list[int]) -> None:
-    (mixed / "1a.png").unlink()
-    assert main(["hog", str(mixed / pattern), "-o", str(tmp_path / "out"), "--quiet"]) == 0
-    assert names(tmp_path / "out") == [f"{k}.npz" for k in expected]
-
-
-def test_a_file_may_be_called_like_a_pattern(tmp_path: Path, photo: str) -> None:
-    os.rename(photo, odd := Path(photo).with_name("[a]*.png"))
-    assert main(["hog", str(odd), "-o", str(tmp_path / "out")]) == 0
-    assert (tmp_path / "out").is_file()
-
-
-def test_one_image_of_a_folder_goes_to_a_folder(tmp_path: Path, photo: str) -> None:
-    assert main(["hog", str(Path(photo).parent), "-o", str(tmp_path / "out")]) == 0
-    assert names(tmp_path / "out") == ["cat.npz"]
+def test_patterns(tmp_path: Path, mixed: Path, photo: str) -> None:
+    assert main(["hog", str(mixed / "[12].png"), "-o", str(tmp_path / "out"), "--quiet"]) == 0
+    assert names(tmp_path / "out") == ["1.npz", "2.npz"]
+    os.rename(photo, odd := Path(photo).with_name("[a]*.png"))  # a file may be called like a pattern
+    assert main(["hog", str(odd), "-o", str(tmp_path / "d")]) == 0
+    assert (tmp_path / "d").is_file()
 
 
 def test_results_say_what_was_skipped_and_why(
@@ -70,27 +59,15 @@ def test_results_say_what_was_skipped_and_why(
 
     monkeypatch.setattr(invert, "invert_batch", second_fails)  # in a batch with the others
     out, missing = tmp_path / "out", str(tmp_path / "missing.png")
-    assert main(["invert", str(mixed), missing, "-o", str(out), "--json", *FAST]) == 3
-    printed = capsys.readouterr()
+    assert main(["invert", str(mixed), missing, "-o", str(out), *FAST]) == 3
     results = json.loads((out / "results.json").read_text())
-    assert json.loads(printed.out) == results
-    assert [Path(each["input"]).name for each in results] == [
-        "0.png",
-        "2.png",
-        "1a.png",
-        "missing.png",
-        "1.png",
-    ]
+    inputs = [Path(each["input"]).name for each in results]
+    assert inputs == ["0.png", "2.png", "1a.png", "missing.png", "1.png"]
     assert all("error" not in each and each["cc"] is not None for each in results[:2])
-    assert [each["error"] for each in results[2:]] == [
-        "expected an image, got a file of no format that Pillow reads",
-        "no such file",
-        "it cannot be inverted",
-    ]
-    assert printed.err.count("nablahog invert: skipped: ") == 3
-    page = (out / "index.html").read_text()
-    assert "1a.png" in page
-    assert "0_preimage.png" in names(out)
+    assert all(each["error"] for each in results[2:])
+    assert results[-1]["error"] == "it cannot be inverted"
+    assert capsys.readouterr().err.count("nablahog invert: skipped: ") == 3
+    assert "1a.png" in (out / "index.html").read_text()
 
 
 def test_nothing_can_be_done(
@@ -99,29 +76,21 @@ def test_nothing_can_be_done(
     to = ["-o", str(tmp_path / "out")]
     refused("hog", str(mixed / "1a.png"), *to, message="1a.png: expected an image")
     refused("hog", str(mixed / "*.jpg"), *to, message="*.jpg: no file matches this pattern")
-    (tmp_path / "empty").mkdir()
-    refused("hog", str(tmp_path / "empty"), *to, message="expected a file, or a folder of files of these kinds: ")
     refused("hog", str(mixed), "-o", str(mixed), message="would be its inputs next time")
     assert main(["hog", str(mixed / "1a.png"), str(mixed / "no.png"), *to]) == 1
-    skipped = capsys.readouterr().err.splitlines()
-    assert [line.split(": ")[1] for line in skipped] == ["skipped", "skipped", "error"]
-    assert skipped[-1] == "nablahog hog: error: none of the 2 inputs can be used"
+    assert capsys.readouterr().err.endswith("nablahog hog: error: none of the 2 inputs can be used\n")
     assert not (tmp_path / "out").exists()
 
 
 def test_photographs_are_shrunk_alike_and_it_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    Image.fromarray(CHELSEA).resize((400, 300)).save(tmp_path / "large.png")
-    for command, name in (("hog", "d.npz"), ("glyph", "g.png")):
-        assert main([command, str(tmp_path / "large.png"), "-o", str(tmp_path / name)]) == 0
-        said = capsys.readouterr().err
-        assert said == "the photograph is shrunk to 256 pixels; --size 0 takes it as it is\n"
-    assert main(["hog", *[str(tmp_path / "large.png")] * 2, "-o", str(tmp_path / "both")]) == 0
-    said = capsys.readouterr().err
-    assert said == "2 photographs are shrunk to 256 pixels; --size 0 takes them as they are\n"
-    assert load_descriptor(tmp_path / "d.npz").image_size == (192, 256)
-    assert main(["hog", str(tmp_path / "large.png"), "-o", str(tmp_path / "d.npz"), "--size", "0"]) == 0
+    large, stored = str(tmp_path / "large.png"), tmp_path / "d.npz"
+    Image.fromarray(CHELSEA).resize((400, 300)).save(large)
+    assert main(["hog", large, "-o", str(stored)]) == 0
+    assert "shrunk to 256 pixels" in capsys.readouterr().err
+    assert load_descriptor(stored).image_size == (192, 256)
+    assert main(["hog", large, "-o", str(stored), "--size", "0"]) == 0
     assert capsys.readouterr().err == ""
-    assert load_descriptor(tmp_path / "d.npz").image_size == (300, 400)
+    assert load_descriptor(stored).image_size == (300, 400)
 
 
 def test_quiet(tmp_path: Path, photo: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -143,7 +112,6 @@ def test_stdin_and_stdout(tmp_path: Path, photo: str) -> None:
     assert main(["hog", photo, "-o", str(tmp_path / "named.npz")]) == 0
     one, other = (load_descriptor(tmp_path / f"{name}.npz") for name in ("piped", "named"))
     assert one.descriptor.equal(other.descriptor)
-    assert one.spec == other.spec
     drawn = subprocess.run([*command, "glyph", "-", "-o", "-"], input=piped.stdout, capture_output=True, check=True)
     with Image.open(io.BytesIO(drawn.stdout)) as glyphs:
         assert glyphs.size == (160, 128)
@@ -157,17 +125,14 @@ class _Stdin(io.TextIOWrapper):
 
 
 def test_stdin_as_it_should_not_be(
-    tmp_path: Path, refused: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, photo: str, refused: Callable[..., None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     to = ["-o", str(tmp_path / "out")]
-    for content, message in ((b"", "-: expected a file of 1 … "), (b"hello", "-: expected an image, got a file of no")):
+    for content, message in ((b"", "-: expected a file of 1 … "), (b"hello", "-: expected an image")):
         monkeypatch.setattr(sys, "stdin", _Stdin(io.BytesIO(content)))
         refused("hog", "-", *to, message=message)
     monkeypatch.setattr(_Stdin, "terminal", True)
     refused("hog", "-", *to, message="-: expected a file on stdin, got a terminal")
     refused("hog", "-", "-", *to, message="stdin can be read once")
-
-
-def test_stdout_takes_one_result(photo: str, refused: Callable[..., None]) -> None:
     refused("hog", photo, photo, "-o", "-", message="several inputs need a folder: expected -o DIR, got stdout")
     refused("hog", photo, "-o", "-", "--json", message="-o - and --json would both write to stdout")

@@ -8,13 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.testing import assert_array_equal
 from skimage import data
 
-import nablahog
 from nablahog.compat.opencv import HOGDescriptor
 
 cv2 = pytest.importorskip("cv2")
@@ -73,17 +70,6 @@ def test_attributes(arguments: tuple[Any, ...]) -> None:
     assert ours.getDescriptorSize() == theirs.getDescriptorSize()
 
 
-def test_keywords_are_opencvs() -> None:
-    named = {f"_{name}": value for name, value in zip(NAMES, (*SMALL, 1, -1, 0, 0.2, True, 64, True), strict=True)}
-    ours, theirs = HOGDescriptor(**named), cv2.HOGDescriptor(**named)
-    assert [getattr(ours, name) for name in NAMES] == [getattr(theirs, name) for name in NAMES]
-
-
-def test_gamma_is_on_by_default_only_without_arguments() -> None:
-    assert HOGDescriptor().gammaCorrection
-    assert not HOGDescriptor(*FIVE).gammaCorrection
-
-
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_five_arguments_or_none(count: int) -> None:
     with pytest.raises(TypeError, match=r"got None|there is no _nbins"):
@@ -100,14 +86,6 @@ def test_sizes_suit_each_other(arguments: tuple[Any, ...]) -> None:
         HOGDescriptor(*arguments)
     with pytest.raises(cv2.error):
         cv2.HOGDescriptor(*arguments).getDescriptorSize()
-
-
-def test_the_spec_describes_one_window() -> None:
-    image = crop(0, 24, 16, colour=True)
-    descriptor = HOGDescriptor(*SMALL)
-    pixels = torch.from_numpy(image).permute(2, 0, 1).unsqueeze(0)
-    result = nablahog.hog(pixels, descriptor.spec, layout="native")[0]
-    assert np.abs(result.numpy() - descriptor.compute(image)).max() <= TOLERANCE
 
 
 # --- descriptors -----------------------------------------------------------------------------------------------------
@@ -180,22 +158,6 @@ def test_tiny_images_are_mirrored_as_often_as_it_takes(size: tuple[int, int]) ->
         assert_same(SMALL, crop(2, *size, colour=colour), (4, 8), (40, 56))
 
 
-def test_images_may_be_views() -> None:
-    image = crop(3, 80, 120, colour=True)
-    for view in (image[::-1, ::-2], image[..., 1], image[:, :, ::-1], image[..., :1], image.transpose(1, 0, 2)):
-        assert_same(SMALL, view)
-    read_only = image.copy()
-    read_only.flags.writeable = False
-    assert_array_equal(HOGDescriptor(*SMALL).compute(read_only), HOGDescriptor(*SMALL).compute(image))
-
-
-def test_a_window_is_the_same_whatever_the_others_are() -> None:
-    image = crop(4, 60, 70, colour=True)
-    every = HOGDescriptor(*SMALL).compute(image, (1, 1)).reshape(60 - 23, 70 - 15, -1)
-    assert_array_equal(HOGDescriptor(*SMALL).compute(image, (4, 8)), every[::8, ::4].ravel())
-    assert_array_equal(HOGDescriptor(*SMALL).compute(image, locations=[(7, 30)]), every[30, 7])
-
-
 @pytest.mark.parametrize("padding", [(), ((3, 4), (5, 6)), ((0, 9), None)])
 @pytest.mark.parametrize("colour", [False, True])
 def test_gradients_of_pixels(padding: tuple[Any, ...], colour: bool) -> None:
@@ -233,12 +195,8 @@ sys.stdout.buffer.write(cv2.HOGDescriptor(*{arguments!r}).compute(image).tobytes
     [
         (None, TypeError, "got NoneType"),
         (np.zeros((128, 64)), TypeError, "uint8, got float64"),
-        (np.zeros((128, 64), bool), TypeError, "uint8, got bool"),
-        (np.zeros((128, 64, 2), np.uint8), ValueError, "1 or 3 channels"),
         (np.zeros((128, 64, 4), np.uint8), ValueError, "1 or 3 channels"),
-        (np.zeros((0, 64), np.uint8), ValueError, "1 or 3 channels"),
         (np.zeros((128, 63), np.uint8), ValueError, "a window of 64x128 pixels .width x height., got 63x128"),
-        (np.zeros((20, 20), np.uint8), ValueError, "got 20x20"),
     ],
 )
 def test_images_are_refused(image: Any, error: type[Exception], words: str) -> None:
@@ -251,12 +209,9 @@ def test_images_are_refused(image: Any, error: type[Exception], words: str) -> N
     ("options", "error", "words"),
     [
         ({"winStride": (8, 0)}, ValueError, "winStride must be at least 1"),
-        ({"winStride": (-8, 8)}, ValueError, "winStride must be at least 1"),
         ({"winStride": 8}, TypeError, "winStride must be a pair"),
         ({"padding": (8.0, 8)}, TypeError, "padding must be a pair"),
-        ({"padding": (8, 8, 8)}, TypeError, "padding must be a pair"),
         ({"locations": [(0.5, 0)]}, TypeError, "locations must be pairs"),
-        ({"locations": [0, 0]}, TypeError, "locations must be pairs"),
     ],
 )
 def test_options_are_refused(options: dict[str, Any], error: type[Exception], words: str) -> None:

@@ -80,7 +80,7 @@ def check(case: Case) -> str:
     in_colour = case.colour and case.spec.colour != "gray"
     try:
         if in_colour:
-            result = reconstruct_colour(descriptor, case.spec, size, search=search, colour_evaluations=8)
+            result = reconstruct_colour(descriptor, case.spec, size, search=search, quality="fast")
         else:
             result = reconstruct(descriptor, case.spec, size, search=search)
     except ValueError as error:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from nablahog.hog import BlockCells, BlockNorm, HOGSpec, hog, presets
 from nablahog.hog.box import Box
-from nablahog.hog.coordinates import cell_box, cell_centres, pixel_box
+from nablahog.hog.coordinates import cell_centres, pixel_box
 
 from .zoo import spec
 
@@ -77,26 +77,6 @@ def test_blocks_and_boxes_see_their_own_pixels(name: str, size: tuple[int, int],
     assert np.array_equal(found_at(s, size, row, col), expected)
 
 
-@given(name=st.sampled_from(sorted(CELLS | BLOCKS)), size=sizes, data=st.data())
-@settings(max_examples=60)
-def test_there_and_back(name: str, size: tuple[int, int], data: st.DataObject) -> None:
-    s = (CELLS | BLOCKS)[name]
-    rows, cols = s.grid(*size)
-    x0, y0 = data.draw(st.integers(0, cols - 1)), data.draw(st.integers(0, rows - 1))
-    cells = Box(x0, y0, data.draw(st.integers(x0 + 1, cols)), data.draw(st.integers(y0 + 1, rows)))
-    pixels = pixel_box(s, size, cells)
-    assert pixels.x0 >= 0
-    assert pixels.y0 >= 0
-    assert pixels.x1 <= size[1]
-    assert pixels.y1 <= size[0]
-    assert cell_box(s, size, pixels) == cells
-    # one pixel less on a side, and its cells do not fit
-    assert cell_box(s, size, pixels._replace(y0=pixels.y0 + 1)).y0 == cells.y0 + 1
-    assert cell_box(s, size, pixels._replace(x1=pixels.x1 - 1)).x1 < cells.x1
-    # everything fits into what is larger than the image
-    assert cell_box(s, size, Box(-9, -9, size[1] + 9, size[0] + 9)) == (0, 0, cols, rows)
-
-
 @pytest.mark.parametrize("name", CELLS | BLOCKS)
 def test_centres_are_those_of_the_boxes(name: str) -> None:
     s, size = (CELLS | BLOCKS)[name], (60, 60)
@@ -121,18 +101,7 @@ def test_in_numbers() -> None:
     assert pixel_box(presets.opencv(), (128, 64), Box(0, 0, 7, 15)) == (0, 0, 64, 128)
 
 
-def test_boxes_that_hold_no_cell() -> None:
-    for pixels in [Box(1, 1, 8, 8), Box(9, 9, 3, 3), Box(-5, -5, 0, 0), Box(90, 90, 99, 99)]:
-        cells = cell_box(presets.vlfeat(), (40, 40), pixels)
-        assert (cells.width, cells.height) == (0, 0)
-
-
 @pytest.mark.parametrize("cells", [Box(0, 0, 1, 0), Box(0, 0, 6, 1), Box(0, -1, 1, 1), Box(0, 3, 1, 2)])
 def test_windows_are_within_the_descriptor(cells: Box) -> None:
     with pytest.raises(ValueError, match="some of the descriptor's 5 rows and 5 columns"):
         pixel_box(presets.vlfeat(), (40, 40), cells)
-
-
-def test_images_without_a_descriptor() -> None:
-    with pytest.raises(ValueError, match="too few for a dpm descriptor"):
-        cell_centres(presets.dpm(), (16, 40))

@@ -63,13 +63,6 @@ def test_second_derivatives(name: str) -> None:
     assert gradgradcheck(lambda z: hog(z, s), (x,), fast_mode=True, check_fwd_over_rev=True)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", OWN)
-def test_second_derivatives_in_full(name: str) -> None:
-    x = noise(1, 3, 8, 8, seed=4).requires_grad_()
-    assert gradgradcheck(lambda z: hog(z, SPECS[name]), (x,), check_fwd_over_rev=True, check_rev_over_rev=True)
-
-
 @pytest.mark.parametrize("form", ["printed", "robust"])
 def test_bytes_gray_central_differences_agree_at_all_kinks(form: GlobalForm) -> None:
     """Unsigned linear votes have only kinks whose one-sided derivatives average to what the operator returns."""

@@ -68,10 +68,3 @@ def test_cells_side_by_side_count_every_vote_once() -> None:
         result = CellAlignment(spec, SIZE, cells)(cells).sum(dim=1)[0, 2:-2, 2:-2]
         step = 2 * spec.value_range / (SIZE[1] - 1) * (4 if spec.mask == "sobel" else 1)
         torch.testing.assert_close(result, torch.full_like(result, 16 * step), rtol=0.02, atol=0)
-
-
-@pytest.mark.parametrize("name", SPECS)
-def test_the_image_of_whole_cells_has_this_grid(name: str) -> None:
-    spec = SPECS[name]
-    for grid in ((3, 5), (7, 4)):
-        assert spec.grid(*spec.image_size(*grid)) == grid

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,9 +17,7 @@ from nablahog import (
     convert_channels,
     from_layout,
     hog,
-    load_descriptor,
     presets,
-    save_descriptor,
     to_layout,
 )
 
@@ -55,13 +52,6 @@ def test_arrays_have_their_channels_last(shape: tuple[int, ...], dtype: Any) -> 
     np.testing.assert_array_equal(HOG(SPEC)(array), descriptor)
 
 
-@pytest.mark.parametrize("layout", ["cells", "native"])
-def test_other_layouts_lose_their_batch_axis_too(layout: Any) -> None:
-    spec, array = presets.opencv(win_size=(64, 64)), photograph((64, 64, 3))
-    expected = hog(channels_first(array), spec, layout=layout)[0].numpy()
-    np.testing.assert_array_equal(hog(array, spec, layout=layout), expected)
-
-
 @pytest.mark.parametrize("shape", [(16, 24), (16, 24, 3)])
 def test_pil_images_are_arrays_of_their_pixels(shape: tuple[int, ...]) -> None:
     array = photograph(shape, np.uint8)
@@ -84,47 +74,26 @@ def test_any_array_in_memory_will_do(view: Any) -> None:
     np.testing.assert_array_equal(hog(array, SPEC), hog(np.array(array, np.float32, order="C"), SPEC))
 
 
-def test_fields_of_records_will_do() -> None:
-    records = np.zeros((16, 24), [("value", "f4"), ("rest", "u1")])
-    records["value"] = photograph((16, 24))
-    np.testing.assert_array_equal(hog(records["value"], SPEC), hog(photograph((16, 24)), SPEC))
-
-
 @pytest.mark.parametrize(
     ("shape", "advice"),
     [
         ((3, 16, 24), r"move the channels last, np\.moveaxis\(array, -3, -1\)"),
-        ((1, 16, 24), r"move the channels last, np\.moveaxis\(array, -3, -1\)"),
         ((5, 3, 16, 24), r"move the channels last, np\.moveaxis\(array, -3, -1\)"),
         ((5, 16, 24), r"write array\[\.\.\., None\] for a batch of gray images"),
-        ((16, 24, 4), r"write array\[\.\.\., None\]"),
         ((5, 16, 24, 4), r"pass a tensor \(B, C, H, W\)"),
-        ((16,), r"pass a tensor"),
-        ((1, 1, 16, 24, 3), r"pass a tensor"),
     ],
 )
 def test_other_axes_are_refused_with_advice(shape: tuple[int, ...], advice: str) -> None:
-    with pytest.raises(ValueError, match=rf"^images as an array must be \(H, W\), .*: {advice}") as error:
+    with pytest.raises(ValueError, match=rf"^images as an array must be \(H, W\), .*: {advice}"):
         hog(photograph(shape), SPEC)
-    assert str(shape) in str(error.value)
 
 
-def test_other_kinds_of_pil_images_are_refused() -> None:
-    image = Image.new("RGBA", (24, 16))
-    with pytest.raises(
-        TypeError, match=r"^images as a PIL image must have the mode L or RGB, got RGBA: image\.convert"
-    ):
-        hog(image, SPEC)
-
-
-@pytest.mark.parametrize("dtype", ["i8", "u2", "?", "c8", "U1", "O"])
-def test_other_numbers_are_refused(dtype: str) -> None:
-    with pytest.raises(TypeError, match=r"^images must (be floats in 0…1|hold real numbers)"):
-        hog(np.zeros((16, 24), dtype), SPEC)
-
-
-def test_it_follows_no_derivatives() -> None:
-    assert not torch.from_numpy(hog(photograph((16, 24)), SPEC)).requires_grad
+def test_other_images_are_refused() -> None:
+    with pytest.raises(TypeError, match=r"the mode L or RGB, got RGBA: image\.convert"):
+        hog(Image.new("RGBA", (24, 16)), SPEC)
+    for dtype in ("i8", "u2", "?", "c8", "O"):
+        with pytest.raises(TypeError, match=r"^images must (be floats in 0…1|hold real numbers)"):
+            hog(np.zeros((16, 24), dtype), SPEC)
 
 
 @pytest.mark.parametrize("batch", [None, 2])
@@ -143,17 +112,6 @@ def test_channels_of_arrays() -> None:
     descriptor = photograph((4, 4, source.channels))
     expected = convert_channels(torch.from_numpy(descriptor), source, target).numpy()
     np.testing.assert_array_equal(convert_channels(descriptor, source, target), expected)
-
-
-def test_files_of_arrays(tmp_path: Path) -> None:
-    descriptor = hog(photograph((16, 24)), SPEC)
-    save_descriptor(tmp_path / "hog.npz", descriptor, SPEC, (16, 24))
-    np.testing.assert_array_equal(load_descriptor(tmp_path / "hog.npz").descriptor.numpy(), descriptor)
-
-
-def test_lists_of_numbers_are_no_descriptors() -> None:
-    with pytest.raises(TypeError, match=r"^the descriptor must be a torch tensor or a NumPy array, got list$"):
-        to_layout([[[0.0]]], SPEC)  # type: ignore[type-var]
 
 
 def test_lists_are_tuples() -> None:

@@ -97,15 +97,6 @@ def test_the_default_window(gamma: bool, levels: int, colours: int) -> None:
     np.testing.assert_allclose(ours(image, sizes, 9, -1.0, gamma, False), expected, rtol=0, atol=1e-6)
 
 
-def test_the_default_descriptor() -> None:
-    """Without any argument OpenCV's has gamma correction, and so has the preset."""
-    image = picture(4, (128, 64), 3, 256)
-    expected = cv2.HOGDescriptor().compute(image).ravel()
-    tensor = torch.from_numpy(image).permute(2, 0, 1).unsqueeze(0)
-    result = hog(tensor, presets.opencv(), layout="native")[0].numpy()
-    np.testing.assert_allclose(result, expected, rtol=0, atol=1e-6)
-
-
 @pytest.mark.parametrize("width", range(16, 24))
 def test_ties_of_colours_in_the_last_columns(width: int) -> None:
     """Two levels: most pixels tie, and the last width % 4 columns choose another channel."""

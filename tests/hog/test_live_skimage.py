@@ -148,23 +148,6 @@ def test_equals_skimage(
     assert largest_difference(image, p) < TOLERANCE
 
 
-@pytest.mark.parametrize("orientations", range(3, 19))
-def test_whole_number_gradients_are_in_the_same_bins(orientations: int) -> None:
-    """All that bytes can have, boundaries at multiples of 45° among them; of each pixel a cell of its own."""
-    p = Parameters(orientations, (1, 1), (1, 1), "L2")
-    for seed, levels in enumerate((3, 4, 6, 16, 256)):
-        assert largest_difference(picture(seed, (40, 40), 1, levels, False), p) < TOLERANCE
-
-
-@pytest.mark.parametrize("orientations", [6, 8, 9])
-@pytest.mark.parametrize("colours", [1, 3])
-def test_roots_are_rarely_undecided_in_photographs(orientations: int, colours: int) -> None:
-    photograph = data.astronaut()[:256, 100:356] if colours == 3 else data.camera()[:256, 100:356, np.newaxis]
-    p = Parameters(orientations, (8, 8), (2, 2), root=True)
-    assert undecided(photograph, p).mean() < 3e-3
-    assert largest_difference(photograph, p) < TOLERANCE
-
-
 @pytest.mark.parametrize("norm", ["L1", "L1-sqrt", "L2", "L2-Hys"])
 def test_photographs(norm: BlockForm) -> None:
     for photograph in (data.camera()[:301, :299, np.newaxis], data.astronaut()[:200, :210], data.chelsea()):
@@ -176,12 +159,3 @@ def test_floating_point_images(p: Parameters, colours: int, seed: int) -> None:
     """As they are, in 0…1: without ties, nothing hangs on rounding."""
     image = np.random.default_rng(seed).random((p.cell[0] * p.block[0] + 11, p.cell[1] * p.block[1] + 12, colours))
     np.testing.assert_allclose(ours(image, p, 1.0), theirs(image, p), rtol=0, atol=TOLERANCE)
-
-
-def test_feature_vector() -> None:
-    image = picture(0, (40, 50), 1, 256, False)
-    expected = skimage_hog(image[..., 0], 7, (6, 5), (2, 3))
-    tensor = torch.from_numpy(image).permute(2, 0, 1).unsqueeze(0).double() / 255
-    result = hog(tensor, presets.skimage(7, (6, 5), (2, 3)), layout="native")[0].numpy()
-    assert result.shape == expected.shape
-    np.testing.assert_allclose(result, expected, rtol=0, atol=TOLERANCE)

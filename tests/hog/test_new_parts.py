@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -13,7 +13,6 @@ from torch.testing import assert_close
 
 from nablahog import hog, reconstruct, stream
 from nablahog.hog import BilinearCells, GlobalNorm, HOGSpec
-from nablahog.hog.channels import mirrored_channels
 from nablahog.hog.descriptor import histograms
 from nablahog.hog.kernels import supports
 from nablahog.hog.normalizers import NORMALIZERS, Footprint, Normalizer, PerCell
@@ -45,9 +44,6 @@ class Pairs(Normalizer):
         around = votes + torch.cat([votes[..., :1, :], votes[..., :-1, :]], dim=-2)
         pairs = torch.cat([histograms[..., :-1], histograms[..., 1:]], dim=1)
         return pairs / (around[..., :-1] + around[..., 1:] + self.epsilon)
-
-    def mirrored_channels(self, bins: list[int], axes: list[int]) -> list[int]:
-        return [len(bins) + k for k in bins] + bins
 
     def channel_names(self, bins: list[str], axes: list[str]) -> list[str]:
         return [f"{side}: {each}" for side in ("left", "right") for each in bins]
@@ -120,14 +116,6 @@ def test_streamed(new: HOGSpec) -> None:
     assert_close(got, expected, rtol=1e-6, atol=1e-6)
 
 
-def test_mirrored(new: HOGSpec) -> None:
-    images = noise(2, 1, 16, 24)
-    order = mirrored_channels(new)
-    assert order is not None
-    assert sorted(order) == list(range(new.channels))
-    assert_close(hog(images, new).flip(2)[..., list(order)], hog(images.flip(3), new), rtol=0, atol=1e-12)
-
-
 def test_reconstructed(new: HOGSpec) -> None:
     y, x = torch.meshgrid(torch.linspace(-1, 1, 40), torch.linspace(-1, 1, 32), indexing="ij")
     image = torch.sigmoid(15 * (0.6 - torch.hypot(x, y)))[None, None]
@@ -138,43 +126,6 @@ def test_reconstructed(new: HOGSpec) -> None:
 
 
 # --- what is left out ------------------------------------------------------------------------------------------------
-
-PIECES = [
-    "channels",
-    "footprint",
-    "reach",
-    "normalize",
-    "mirrored_channels",
-    "channel_names",
-    "cell_entries",
-    "fixes_contrast",
-]
-
-
-@pytest.mark.parametrize("piece", PIECES)
-def test_a_normalizer_without_a_piece_is_refused(piece: str) -> None:
-    written: dict[str, Any] = {name: value for name, value in vars(Pairs).items() if name in (*PIECES, "kind")}
-    del written[piece]
-    with pytest.raises(TypeError, match=f"abstract method '?{piece}'?"):
-        type("Unfinished", (Normalizer,), written)()
-
-
-@pytest.mark.parametrize("piece", ["weights", "reach"])
-def test_a_pooling_without_a_piece_is_refused(piece: str) -> None:
-    written = {name: value for name, value in vars(WideCells).items() if name in ("weights", "reach")}
-    del written[piece]
-    with pytest.raises(TypeError, match=f"abstract method '?{piece}'?"):
-        type("Unfinished", (Pooling,), written)()
-
-
-@pytest.mark.parametrize("field", ["normalizer", "pooling"])
-def test_parts_that_are_not_listed_are_refused(field: str) -> None:
-    part: Any = Pairs() if field == "normalizer" else WideCells()
-    with pytest.raises(ValueError, match=rf"^{field} must be one of \w+, .*, got {type(part).__name__}\("):
-        spec(**{field: part})
-    for value in (None, "global", GlobalNorm):
-        with pytest.raises(ValueError, match=rf"^{field} must be one of "):
-            spec(**{field: value})
 
 
 def test_one_factor_for_an_image_must_be_said(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,16 +17,12 @@ from nablahog.hog import (
     BlockCells,
     BlockNorm,
     BoxCells,
-    FourBlockNorm,
-    GlobalNorm,
     HOGSpec,
     hog,
-    presets,
 )
 from nablahog.hog.descriptor import histograms
 from nablahog.hog.orientation import votes
 from nablahog.hog.spec import Border
-from nablahog.hog.steps import normalize_reference
 
 from . import reference
 from .zoo import DOUBLE, SPECS, fits, integers, noise, rounding, spec
@@ -79,23 +75,6 @@ def test_images_of_few_rows(border: str, shape: tuple[int, int]) -> None:
     assert_equals_reference(noise(2, 2, *shape), spec(border=border, cell_size=(1, 4), partial_cells="ceil"))
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (3, 2), (4, 4)])
-@pytest.mark.parametrize("vote", ["linear", "hard"])
-def test_uoctti_of_few_rows(shape: tuple[int, int], vote: str) -> None:
-    assert_equals_reference(noise(1, 3, *shape), presets.uoctti(1, vote=vote))
-
-
-@pytest.mark.parametrize(("height", "width"), [(4, 4), (5, 4), (6, 6), (7, 9), (8, 8)])
-def test_cells_larger_than_the_rest(height: int, width: int) -> None:
-    """One cell, and every remainder that rounds up or down."""
-    for rule, make in itertools.product(("floor", "round", "ceil"), (spec, _four_block)):
-        assert_equals_reference(noise(1, 1, height, width), make(partial_cells=rule))
-
-
-def _four_block(partial_cells: str) -> HOGSpec:
-    return spec(signed=True, bins=8, partial_cells=partial_cells, normalizer=FourBlockNorm())
-
-
 POOLINGS = {
     "vote": BilinearCells("vote", 0.5),
     "drop": BilinearCells("drop"),
@@ -130,12 +109,6 @@ def test_blocks_at_any_step(border: str, block: tuple[int, int], step: tuple[int
     )
     for size in ((6, 9), (9, 10), (11, 13)):
         assert_equals_reference(noise(1, 1, *size), s)
-
-
-@pytest.mark.parametrize("border", BORDERS)
-@pytest.mark.parametrize("shape", [(1, 1), (1, 5), (4, 1), (2, 2), (2, 5), (3, 3), (5, 4)])
-def test_sobel_masks_of_few_rows(border: str, shape: tuple[int, int]) -> None:
-    assert_equals_reference(noise(1, 1, *shape), spec(mask="sobel", border=border, cell_size=(1, 1)))
 
 
 @pytest.mark.parametrize("ties", ["first", "opencv", "dlib"])
@@ -220,17 +193,3 @@ def test_upper_bins_on_bin_boundaries(bins: int, signed: bool, bin_offset: float
         counterclockwise=counterclockwise,
     )
     np.testing.assert_allclose(*votes_of(*whole_numbers(), s), rtol=1e-15, atol=0)
-
-
-@pytest.mark.parametrize("nbins", [3, 4, 6, 7, 8, 9, 12, 16])
-def test_maskfeats_bins_on_bin_boundaries(nbins: int) -> None:
-    """Which begin at the vertical, so that diagonals begin a bin if there are four, eight or sixteen."""
-    np.testing.assert_allclose(*votes_of(*whole_numbers(), presets.maskfeat(nbins=nbins)), rtol=1e-15, atol=0)
-
-
-@pytest.mark.parametrize("scheme", [GlobalNorm(0.5), GlobalNorm(0.5, "robust")])
-@pytest.mark.parametrize("scale", [0.0, 1e-9, 1.0, 1e6])
-def test_global_norm_at_any_scale(scheme: GlobalNorm, scale: float) -> None:
-    v = scale * noise(2, 9, 3, 2)
-    expected = np.stack([reference.global_norm(one.numpy(), scheme) for one in v])
-    np.testing.assert_allclose(normalize_reference(v, spec(normalizer=scheme)).numpy(), expected, rtol=1e-13, atol=0)

@@ -28,7 +28,7 @@ SPEC, UOCTTI = presets.paper(8), presets.uoctti(8)
 IMAGES = torch.cat([photograph(32), photograph(32, "coins"), torch.full((1, 1, 32, 32), 0.7)]).double()
 DESCRIPTORS = hog(IMAGES, SPEC)
 VOTES = recover_histograms(DESCRIPTORS, SPEC)
-every_minimiser = pytest.mark.parametrize("minimiser", ["lbfgs", "dogleg", "momentum", "adam"])
+every_minimiser = pytest.mark.parametrize("minimiser", ["lbfgs", "dogleg"])
 
 
 def account(
@@ -159,10 +159,9 @@ def test_priors_and_smoothness_make_neighbours_agree(minimiser: Minimiser) -> No
 # --- on a device: rounds that wait for nothing, results that are those of a CPU
 
 
-@pytest.mark.parametrize("minimiser", ["lbfgs", "momentum", "adam"])
-def test_results_on_a_device_are_those_on_a_cpu(minimiser: Minimiser, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_results_on_a_device_are_those_on_a_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
     def run() -> tuple[PreimageSearch, Tensor]:
-        made = account(budget=60, minimiser=minimiser)
+        made = account(budget=60)
         mean = made.match(starts(2), VOTES, 18).mean(dim=1)
         return made, made.match(mean.unsqueeze(1), None, made.left(), mean, 1.0)
 

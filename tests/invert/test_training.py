@@ -255,6 +255,18 @@ def test_windows_are_enlarged_only_from_photographs_that_are_too_small() -> None
     assert training._window(torch.rand(300, 40), (4, 6), rng).shape == (1, 1, 32, 48)
 
 
+def test_the_loss_of_a_signed_network_is_zero_for_the_window_itself(images: dict[str, Tensor]) -> None:
+    """The mean image costs 1 and its lost structure, the negative 4 and more."""
+    training = SignedTraining(list(images.values()), 0)
+    batch = next(training.batches(0))
+    windows = batch.windows - batch.windows.mean(dim=(2, 3), keepdim=True)
+    unit = windows / windows.std(dim=(2, 3), keepdim=True, correction=0)
+    own, mean, negative = (float(training.loss(lambda cells, integral, k=k: k * unit, batch)) for k in (1, 0, -1))
+    assert own == pytest.approx(0, abs=1e-5)
+    assert 1 < mean < 1.5
+    assert 4.2 < negative < 5
+
+
 def test_the_loss_prefers_the_right_regions_and_the_right_polarity() -> None:
     """The negative of the right regions costs less than other ones, but more than the right ones."""
     training, made = UnsignedTraining(patches(4), 0), network()

@@ -9,13 +9,11 @@ import torch
 from torch import Tensor
 
 from nablahog.optimize import Minimiser, StopReason, minimise
+from nablahog.optimize.minimisers import MINIMISERS
 
 from .problems import CASES, SumOfSquares, mixed, only
 
-ALL: tuple[Minimiser, ...] = ("lbfgs", "dogleg", "momentum", "adam")
-FAST = ("lbfgs", "dogleg")  # methods that learn the curvature
-
-all_minimisers = pytest.mark.parametrize("name", ALL)
+all_minimisers = pytest.mark.parametrize("name", MINIMISERS)
 
 
 @all_minimisers
@@ -23,10 +21,10 @@ all_minimisers = pytest.mark.parametrize("name", ALL)
 def test_reaches_the_known_minimum(name: Minimiser, case: str) -> None:
     problem, start, minimum = CASES[case].problem(), CASES[case].points(), CASES[case].minimum
     result = minimise(name, problem, start, max_evaluations=400)
-    assert result.value < (1e-8 if name in FAST else 1e-3)
+    assert result.value < 1e-8
     far = (result.x[0] - torch.tensor(minimum, dtype=torch.float64)).abs().max()
     flat = case == "powell"  # whose valley is quartic
-    assert far < ((1e-3 if flat else 1e-4) if name in FAST else 0.05)
+    assert far < (1e-3 if flat else 1e-4)
 
 
 @all_minimisers
@@ -44,7 +42,7 @@ def test_mixed_problems_do_not_influence_each_other(name: Minimiser) -> None:
 
 
 @all_minimisers
-@pytest.mark.parametrize("budget", [1, 2, 3, 4, 7, 30])
+@pytest.mark.parametrize("budget", [1, 3, 7, 30])
 def test_budget_and_watch(name: Minimiser, budget: int) -> None:
     problem, start = mixed()
     seen: list[tuple[list[int], list[int]]] = []
@@ -138,7 +136,7 @@ def test_float32(name: Minimiser, case: str) -> None:
     result = minimise(name, problem, start, max_evaluations=400)
     assert result.x.dtype == result.value.dtype == result.history.dtype == torch.float32
     assert torch.isfinite(result.x).all()
-    assert result.value < (1e-6 if name in FAST else 2e-3)
+    assert result.value < 1e-6
 
 
 @all_minimisers
@@ -150,35 +148,5 @@ def test_the_start_is_not_changed(name: Minimiser) -> None:
 
 
 def test_unknown_names_are_refused() -> None:
-    with pytest.raises(ValueError, match="one of 'lbfgs', 'dogleg', 'momentum', 'adam', got 'newton'"):
+    with pytest.raises(ValueError, match="one of 'lbfgs', 'dogleg', got 'newton'"):
         minimise("newton", CASES["beale"].problem(), CASES["beale"].points())  # type: ignore[arg-type]
-
-
-def test_momentum_is_the_heavy_ball() -> None:
-    # x² from 1 with steps that never rise: v ← 0.9·v - g, x ← x + step·v, and 5 % more step after each new lowest point
-    result = minimise(
-        "momentum", SumOfSquares(lambda x, index: x), torch.ones(1, 1).double(), max_evaluations=6, first_step=0.02
-    )
-    x, v, step, values = 1.0, 0.0, 0.01, [1.0]
-    for _ in range(5):
-        v = 0.9 * v - 2 * x
-        x += step * v
-        step *= 1.05
-        values.append(x * x)
-    torch.testing.assert_close(result.history[:, 0], torch.tensor(values).double(), rtol=1e-6, atol=0)
-
-
-def test_adam_is_adam() -> None:
-    start = torch.tensor([[3.0, -2.0]], dtype=torch.float64)
-    residuals = CASES["beale"].residuals
-    result = minimise(
-        "adam", SumOfSquares(lambda x, index: residuals(x)), start, max_evaluations=12, first_step=2**0.5 * 1e-3
-    )
-    x = start.clone().requires_grad_()
-    reference = torch.optim.Adam([x], lr=1e-3, eps=1e-30)
-    for _ in range(11):
-        reference.zero_grad()
-        residuals(x).square().sum().backward()
-        reference.step()
-        reference.param_groups[0]["lr"] *= 1.05
-    torch.testing.assert_close(result.x, x.detach())

@@ -1,4 +1,4 @@
-"""What the page can offer: presets and their parameters, samples, limits."""
+"""The choices that the page offers: presets and their parameters, samples, limits."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from importlib.metadata import version
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
-from ..cli.arguments.preset_parameters import DEFAULT_DESCRIPTOR, PRESETS, as_text, defaults_of, parameters_of
+from ..cli.arguments.preset_parameters import DEFAULT_PRESET, PRESETS, as_text, defaults_of, parameters_of
 from ..hog import HOGSpec
 from ..hog.presets import BY_NAME
 from ..invert.histograms import searchable
@@ -21,7 +21,7 @@ RANGES = {
     **dict.fromkeys(("cell_size", "pixels_per_cell"), (2, 32)),
     **dict.fromkeys(("bins", "orientations", "nbins"), (3, 36)),
 }
-"""Of sliders; other values can be typed."""
+"""Ranges of sliders; other values can be typed."""
 
 
 def about(store: Store) -> dict[str, Any]:
@@ -29,7 +29,7 @@ def about(store: Store) -> dict[str, Any]:
     shipped = shipped_files()
     return {
         "version": version("nablahog"),
-        "default_preset": DEFAULT_DESCRIPTOR,
+        "default_preset": DEFAULT_PRESET,
         "presets": [_preset(name, BY_NAME[name]) for name in PRESETS],
         "samples": [
             {"id": key, "name": each.name, "width": each.size[1], "height": each.size[0], "box": each.box}

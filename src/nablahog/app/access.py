@@ -17,7 +17,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from .errors import RequestError
 
-MOST_BYTES = 64 * 2**20  # of an upload
+MOST_BYTES = 64 * 2**20  # in an upload
 MOST_JSON = 2**16
 UPLOADS = ("/api/photos", "/api/descriptors", "/api/meshes")
 HEADERS: Mapping[str, str] = {
@@ -33,7 +33,7 @@ HEADERS: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class AccessRules:
-    """Which requests are accepted.
+    """The rules by which requests are accepted.
 
     Attributes:
         hosts: accepted values of the header Host; all, if there is a token.
@@ -108,7 +108,7 @@ def _most_bytes(scope: Scope) -> int:
 
 
 def _too_large(scope: Scope) -> tuple[int, str] | None:
-    """If the request says itself that its body is too large."""
+    """The refusal of a request whose header says that its body is too large, or None."""
     length, most = Headers(scope=scope).get("content-length", "0"), _most_bytes(scope)
     if not length.isascii() or not length.isdigit() or int(length[:20]) > most:
         return 413, _at_most(most)
@@ -121,12 +121,12 @@ def _at_most(most: int) -> str:
 
 async def _reject(scope: Scope, receive: Receive, send: Send, status: int, sentence: str) -> None:
     if scope["type"] == "websocket":
-        await receive()  # its connect
+        await receive()  # the message that it connects
         await send({"type": "websocket.close", "code": 1008, "reason": sentence[:100]})
         return
     body = json.dumps({"error": sentence}).encode()
     headers = [(name.encode(), value.encode()) for name, value in HEADERS.items()]
     headers += [(b"content-type", b"application/json"), (b"content-length", str(len(body)).encode())]
-    headers += [(b"connection", b"close")]  # what is left of the body is not read
+    headers += [(b"connection", b"close")]  # the rest of the body is not read
     await send({"type": "http.response.start", "status": status, "headers": headers})
     await send({"type": "http.response.body", "body": body})

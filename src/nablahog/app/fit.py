@@ -29,11 +29,11 @@ from .requests import Fit, Open, PoseRequest
 from .store import MeshEntry, Photograph, Store
 from .work_queue import CancelToken
 
-SPEC: HOGSpec = presets.uoctti(8)  # of the glyphs that are shown
-SUPERSAMPLING = 2  # of renderings and similarities that are shown
-AZIMUTHS = 180  # of the curve
-AT_ONCE = 36  # of these in a message
-LEAST_DISTANCE, MOST_DISTANCE = 1.0, 100.0  # diagonals of the model
+SPEC: HOGSpec = presets.uoctti(8)  # of the glyphs on the page
+SUPERSAMPLING = 2  # of renderings and similarities on the page
+AZIMUTHS = 180  # points of the curve
+AT_ONCE = 36  # points in a message
+LEAST_DISTANCE, MOST_DISTANCE = 1.0, 100.0  # in diagonals of the model
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class Scene:
 
     @classmethod
     def of(cls, request: Open | PoseRequest, store: Store) -> Scene:
-        """What a request names.
+        """The scene that a request names.
 
         Raises:
             RequestError: it is not there, or the box is none.
@@ -77,7 +77,7 @@ class Scene:
         return self.prepared.similarity(template, supersampling=SUPERSAMPLING)
 
     def ready(self) -> dict[str, Any]:
-        """What the page needs before a pose is shown."""
+        """The message that the page needs before a pose is shown."""
         _ = self.similarity  # prepared here, where a moment's wait is expected
         crop = self.crop
         return {

@@ -31,8 +31,8 @@ from .store import Photograph, Store
 from .work_queue import CancelToken
 
 PAUSE = 0.07  # seconds between frames, at least
-FIRST = 20  # evaluations for the first frame of a signed descriptor
-POINTS = 200  # of the curve of distances
+FIRST = 20  # evaluations before the first frame of a signed descriptor
+POINTS = 200  # on the curve of distances
 Send = Callable[[str, dict[str, Any]], None]
 
 
@@ -178,6 +178,6 @@ def _measures(
 
 
 def _thinned(distances: Tensor) -> list[float]:
-    """At most :data:`POINTS` of them, the last one included."""
+    """At most :data:`POINTS` of the distances, the last one included."""
     steps = torch.linspace(0, len(distances) - 1, min(POINTS, len(distances))).round().long()
     return [round(value, 5) for value in distances[steps].tolist()]

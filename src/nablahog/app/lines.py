@@ -7,7 +7,7 @@ import shlex
 
 from ..cli.inputs.sources import Source
 from ..cli.inputs.spec import SpecOptions
-from ..invert.options import QualityName
+from ..invert.choices import QualityName
 from .requests import HogRequest, InvertRequest, PoseRequest, spec_options
 
 PHOTO = "photo.png"
@@ -15,7 +15,7 @@ DESCRIPTOR = "descriptor.npz"
 
 
 def of_hog(request: HogRequest, source: Source) -> dict[str, str]:
-    """Of a descriptor."""
+    """The lines for a descriptor."""
     if source.photo is None:
         return {"command": _command("glyph", DESCRIPTOR, "-o", "glyphs.png"), "python": "\n".join(_stored())}
     command = _command("hog", PHOTO, "-o", DESCRIPTOR, *_options(request), "--size", str(request.size))
@@ -23,11 +23,11 @@ def of_hog(request: HogRequest, source: Source) -> dict[str, str]:
 
 
 def of_inversion(request: InvertRequest, source: Source) -> dict[str, str]:
-    """Of a pre-image."""
+    """The lines for a pre-image."""
     own = request.photo is not None
     options = [*(_options(request) if own else []), *(["--size", str(request.size)] if own else [])]
     options += ["--quality", request.quality] if request.quality != "best" else []
-    options += {"prior": [], "no-prior": ["--no-prior"], "paper": ["--method", "paper"]}[request.method]
+    options += {"prior": [], "no-prior": ["--prior", "none"], "paper": ["--method", "paper"]}[request.method]
     options += ["--seed", str(request.seed)] if request.seed else []
     arguments = [f"seed={request.seed}", *_keywords(request.method, request.quality)]
     described = [*_described(request), "size = photo.height, photo.width"] if own else _stored()
@@ -40,7 +40,7 @@ def of_inversion(request: InvertRequest, source: Source) -> dict[str, str]:
 
 
 def of_pose(request: PoseRequest, mesh: str) -> dict[str, str]:
-    """Of a fit."""
+    """The lines for a fit."""
     chair = re.fullmatch(r"chair-([a-z]+-\d+)", request.mesh)
     box = [] if request.box is None else ["--box", ",".join(f"{side:g}" for side in request.box)]
     initial = [] if request.initial is None else [f"--init={','.join(f'{angle:g}' for angle in request.initial)}"]

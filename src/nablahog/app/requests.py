@@ -1,4 +1,4 @@
-"""What the page asks for, as JSON: the fields, their types and ranges, checked when a request is decoded."""
+"""The page's requests, as JSON: their fields, types and ranges, checked when a request is decoded."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from msgspec import Meta, Struct, field
 
 from ..cli.inputs.spec import SpecOptions
 from ..hog import HOGSpec
-from ..invert.options import QualityName
+from ..invert.choices import QualityName
 from ..pose.options import SearchMethod
 from .errors import RequestError, as_request_error
 
-SEE_SIZE, INVERT_SIZE = 1024, 512  # pixels of the longer side of photographs that are described, and inverted
+SEE_SIZE, INVERT_SIZE = 1024, 512  # the longer side of photographs to describe, and to invert, in pixels
 Name = Annotated[str, Meta(max_length=64)]
 Text = Annotated[str, Meta(max_length=200)]
 Id = Annotated[str, Meta(min_length=1, max_length=64)]

@@ -45,26 +45,21 @@ def see(request: HogRequest, store: Store) -> dict[str, Any]:
     source, asked = of.source, (request.photo or request.descriptor or "", request.preset, str(request.settings))
     with as_request_error():
         drawn = glyphs(source.descriptor, source.spec)
-    shape = list(source.descriptor.shape)
     return {
         "key": store.add(of, *(each.encode() for each in (*asked, str(request.size)))),
         "name": source.spec.name,
-        "shape": shape,
+        "shape": list(source.descriptor.shape),
         "numbers": source.descriptor.numel(),
         "signed": source.spec.signed,
         "image_size": list(source.image_size),
-        "rows": shape[0],
-        "cols": shape[1],
-        "glyph_rows": drawn["rows"],
-        "glyph_cols": drawn["cols"],
-        **{name: drawn[name] for name in ("cell", "angles", "votes")},
+        "glyphs": drawn,
         "lines": lines.of_hog(request, source),
         "milliseconds": round(1000 * (time.perf_counter() - began), 2),
     }
 
 
 def cell(of: DescriptorEntry, row: int, col: int) -> dict[str, Any]:
-    """What a descriptor says of a cell of the image: its histogram, its block, and their entries by name."""
+    """A cell of the image in a descriptor: its histogram, its block, and their entries by name."""
     descriptor, spec, size = of.source.descriptor, of.source.spec, of.source.image_size
     votes, angles = edge_votes(descriptor, spec)
     rows, cols, _ = votes.shape

@@ -37,13 +37,13 @@ TYPES = {".html": "text/html; charset=utf-8", ".css": "text/css", ".js": "text/j
 CHAIRS = ("wooden-0", "windsor-0", "tubular-0", "office-0", "shell-0", "club-0")  # of the sample chairs
 VIEWPOINT = (35.0, 20.0, 0.0)  # azimuth, elevation and theta of the chair that is shown, degrees
 QUICK, LONG = 64, 32  # computations that may wait in each queue
-UPLOADS_AT_ONCE, PATIENCE = 4, 60.0  # the latter: seconds
-FRAMES = 3  # of an inversion, that may wait for a slow page; further ones are left out
+UPLOADS_AT_ONCE, PATIENCE = 4, 60.0  # the second in seconds
+FRAMES = 3  # of an inversion that may wait for a slow page; more are dropped
 Answer = TypeVar("Answer")
 
 
 class Server:
-    """What the routes share.
+    """The state that the routes share.
 
     Args:
         photographs: given on the command line, by name.
@@ -79,7 +79,7 @@ class Server:
         return about(self.store)
 
     def routes(self) -> list[Route | WebSocketRoute]:
-        """All of them."""
+        """All routes."""
         files = {path.name: (path.read_bytes(), TYPES[path.suffix]) for path in sorted(STATIC.iterdir())}
 
         async def page(_: Request) -> Response:
@@ -108,7 +108,7 @@ class Server:
         return JSONResponse(await self.ready())
 
     async def ready(self) -> dict[str, Any]:
-        """What there is, once the samples are read."""
+        """The answer of ``/api/about``, once the samples are read."""
         return await asyncio.shield(self._about)
 
     async def _upload_photograph(self, request: Request) -> Response:
@@ -163,7 +163,7 @@ class Server:
 
     async def _invert(self, request: Request) -> Response:
         asked: InvertRequest = decoded(await request.body(), InvertRequest)
-        see.requested_descriptor(asked, self.store)  # refused here, it has a status
+        see.requested_descriptor(asked, self.store)  # a refusal here has a status of HTTP
         return StreamingResponse(self._frames(asked), media_type="text/event-stream")
 
     async def _frames(self, asked: InvertRequest) -> AsyncIterator[bytes]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from threading import Lock
 from typing import Any, TypeVar
 
-import torch
 from torch import Tensor
 
 from ..cli.inputs.sources import Source, from_photo
@@ -19,7 +18,7 @@ from .errors import GONE, RequestError
 from .requests import SEE_SIZE
 
 MOST_BYTES = 2**29
-SMALLER = 4  # sizes of a photograph that are kept beside it
+SMALLER = 4  # smaller sizes of a photograph that are kept
 
 
 @dataclass(eq=False)
@@ -49,7 +48,7 @@ class Photograph:
         return 4 * (self.image.numel() + SMALLER * smaller)
 
     def shrunk(self, size: int) -> Tensor:
-        """At most ``size`` pixels on the longer side."""
+        """The photograph with at most ``size`` pixels on its longer side."""
         if size >= max(self.size):
             return self.image
         if size not in self._shrunk:
@@ -100,7 +99,7 @@ Kept = TypeVar("Kept", Photograph, DescriptorEntry, MeshEntry)
 
 
 class Store:
-    """What was uploaded, by an id that is made of its content and a secret of this process.
+    """Uploads, by ids that are made of their content and a secret of this process.
 
     Args:
         secret: so that ids cannot be guessed.
@@ -123,7 +122,7 @@ class Store:
         self._pinned[key] = kept
 
     def pinned(self, kind: type[Kept]) -> dict[str, Kept]:
-        """What is always there of a kind, by id."""
+        """The pinned objects of a kind, by id."""
         return {key: each for key, each in self._pinned.items() if isinstance(each, kind)}
 
     def add(self, kept: Photograph | DescriptorEntry | MeshEntry, *content: bytes) -> str:
@@ -148,7 +147,7 @@ class Store:
         return key
 
     def get(self, key: str, kind: type[Kept]) -> Kept:
-        """What has this id.
+        """The object of a kind that has this id.
 
         Raises:
             RequestError: there is nothing of this kind under it, or no longer.
@@ -165,4 +164,4 @@ class Store:
 def describe_photograph(photograph: Photograph, spec: HOGSpec, size: int) -> DescriptorEntry:
     """The descriptor of a photograph that is shrunk to at most ``size`` pixels, as the command line has it."""
     photo = photograph.shrunk(size)
-    return DescriptorEntry(from_photo(photograph.name, "photo", photo, spec, size=0, device=torch.device("cpu")))
+    return DescriptorEntry(from_photo(photograph.name, "photo", photo, spec, size=0))

@@ -1,4 +1,4 @@
-"""What is dropped on the page: photographs, descriptors of files, templates of detectors, and meshes.
+"""Uploads: photographs, files of descriptors, templates of detectors, and meshes.
 
 A file is written under a name of our own into a temporary folder, read by the same functions as the command line's, and
 removed; nothing else of a request becomes a path.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import re
-import shlex
 import tempfile
 import warnings
 from collections.abc import Iterator, Mapping
@@ -18,10 +17,11 @@ from typing import Any
 
 from PIL import Image
 
+from ..cli.arguments.preset_parameters import as_text
 from ..cli.inputs.arrays import ArrayOptions
 from ..cli.inputs.sources import Source
 from ..cli.inputs.spec import SpecOptions
-from ..cli.inputs.suggestions import presets_that_fit
+from ..cli.inputs.suggestions import FittingPreset, presets_that_fit
 from ..cli.inputs.templates import read_templates
 from ..io.arrays import is_raw, read_array
 from ..io.descriptor_file import load_descriptor
@@ -31,9 +31,9 @@ from .errors import RequestError, named
 from .requests import Settings, decoded, spec_options
 from .store import DescriptorEntry, MeshEntry, Photograph, Store
 
-MOST_PIXELS = 24_000_000  # of a photograph
-MOST_NUMBERS = 2**24  # of a descriptor
-MOST_CELLS = 2**14  # of a descriptor: what the page can draw
+MOST_PIXELS = 24_000_000  # in a photograph
+MOST_NUMBERS = 2**24  # in a descriptor
+MOST_CELLS = 2**14  # in a descriptor, that the page can draw
 ARRAYS, MESHES = (".npy", ".npz", ".mat"), (".off", ".obj", ".ply", ".stl", ".glb")
 AXES = {"", *(f"{sign}{axis}" for sign in ("", "-", "+") for axis in "xyz")}
 
@@ -54,7 +54,7 @@ def _check_pixels(data: bytes, name: str) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             width, height = Image.open(io.BytesIO(data)).size
-    except Exception:  # whoever decodes it says what is wrong
+    except Exception:  # decoding it will say what is wrong
         return
     if width * height > MOST_PIXELS:
         raise RequestError(413, f"{name}: expected at most {MOST_PIXELS:,} pixels, got {width * height:,}")
@@ -116,37 +116,28 @@ def _templates(path: Path, name: str, options: SpecOptions, arrays: ArrayOptions
 
 
 def _question(path: Path, arrays: ArrayOptions) -> dict[str, Any]:
-    """What the command line would be told by options, and what would fit."""
+    """The options that the command line would need, and values that would fit."""
     shape: tuple[int, ...] | None = None
     keys: list[str] | None = None
     try:
         shape = read_array(path, arrays.key).shape
     except (ValueError, OSError) as error:
         keys = re.findall(r"(\w+) \(", str(error).partition("holds")[2]) or None
-    fitting = [] if shape is None else presets_that_fit(shape, None, arrays.image_size)
+    fitting = [] if shape is None else presets_that_fit(shape, arrays.image_size)
     return {
         "as": True,
         "preset": True,
         "image_size": True,
         "key": keys is not None,
         "keys": keys,
-        "suggestions": [_suggestion(options) for options in fitting],
+        "suggestions": [_suggestion(each) for each in fitting],
     }
 
 
-def _suggestion(options: str) -> dict[str, Any]:
-    """Options of the command line as the fields of a form."""
-    words = iter(shlex.split(options))
-    made: dict[str, Any] = {"text": options, "preset": "", "settings": {}, "image_size": ""}
-    for option, value in zip(words, words, strict=True):
-        if option == "--preset":
-            made["preset"] = value
-        elif option == "--image-size":
-            made["image_size"] = value
-        elif option == "--set":
-            key, _, text = value.partition("=")
-            made["settings"][key] = text
-    return made
+def _suggestion(fitting: FittingPreset) -> dict[str, Any]:
+    """A preset that fits as the fields of a form."""
+    size = "" if fitting.image_size is None else as_text(fitting.image_size)
+    return {"text": fitting.options, "preset": fitting.name, "settings": {}, "image_size": size}
 
 
 def mesh(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict[str, Any]:

@@ -22,7 +22,7 @@ class UserError(Exception):
 
 @contextmanager
 def as_user_error(prefix: str = "") -> Iterator[None]:
-    """Turns a ValueError of the block into a UserError with a prefix."""
+    """Turns a ValueError in the block into a UserError with a prefix."""
     try:
         yield
     except ValueError as error:
@@ -30,7 +30,7 @@ def as_user_error(prefix: str = "") -> Iterator[None]:
 
 
 def tell(command: str, message: str) -> None:
-    """Prints a line on stderr; ``command`` is without ``nablahog``."""
+    """Prints a line on stderr; ``command`` is its name without ``nablahog``."""
     print(f"nablahog {command}: {one_line(message, MOST_CHARACTERS)}", file=sys.stderr)
 
 
@@ -43,14 +43,14 @@ class Skipped:
 
 
 class Skipping:
-    """Passes over inputs that cannot be used: each is named on stderr at once, and the others are done.
+    """Skips inputs that cannot be used, with a line on stderr for each.
 
     Attributes:
-        skipped: so far.
+        skipped: the inputs skipped so far.
     """
 
     def __init__(self, command: str, count: int) -> None:
-        """Of ``count`` inputs of the command; a single one is an error as any other."""
+        """For a command with ``count`` inputs; a single input is not skipped: its error ends the command."""
         self.command, self.count = command, count
         self.skipped: list[Skipped] = []
 
@@ -77,7 +77,7 @@ class Skipping:
         return SOME_SKIPPED if self.skipped else 0
 
     def figures(self) -> list[dict[str, str]]:
-        """What ``results.json`` says of the skipped inputs."""
+        """The skipped inputs, ready for JSON."""
         return [{"input": each.input, "error": each.reason} for each in self.skipped]
 
 

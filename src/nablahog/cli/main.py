@@ -19,17 +19,15 @@ _COMMANDS = {
     "hog": "hog.hog",
     "glyph": "hog.glyph",
     "invert": "invert.invert",
-    "invert-template": "invert_template.invert_template",
     "demo": "demo.demo",
     "table1": "table1.table1",
     "table2": "table2.table2",
     "pose": "pose.pose",
     **{f"learn {kind}": "learn.learn" for kind in KINDS},
-    "learn exemplars": "learn_exemplars.learn_exemplars",
 }
 """Module and function of each command; a module is imported when its command is run, as most import PyTorch."""
 _ABOVE = {"app": "..app.command"}
-"""Modules of commands that are built of this room, and so cannot be in it."""
+"""Commands in rooms above this one."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -78,14 +76,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 class _ToStderr(logging.Handler):
-    """Prints to the stream of the moment, which progress bars replace."""
+    """Prints to the present sys.stderr, which progress bars replace."""
 
     def emit(self, record: logging.LogRecord) -> None:
         print(f"nablahog: {one_line(record.getMessage(), MOST_CHARACTERS)}", file=sys.stderr)
 
 
 def _show_log() -> None:
-    """Shows what the package logs, such as where a cluster's dashboard is."""
+    """Shows what the package logs, such as the address of a cluster's dashboard."""
     logger = logging.getLogger(__package__.partition(".")[0])
     if not logger.handlers:
         logger.addHandler(_ToStderr())

@@ -27,26 +27,9 @@ _quiet = False
 
 
 def be_quiet(quiet: bool) -> None:
-    """Whether everything below is silent from now on; errors and ``--json`` are not."""
+    """Silences tables, lines and progress, or no longer; errors and ``--json`` are always printed."""
     global _quiet
     _quiet = quiet
-
-
-@contextmanager
-def progress_bars() -> Iterator[Callable[[str], Callable[[int, int], None]]]:
-    """Progress bars on a terminal: a function that starts a bar and returns the function that moves it."""
-    console = Console(stderr=True)
-    if _quiet or not console.is_terminal:  # rich's own switch leaves an empty line
-        yield lambda description: lambda done, total: None
-        return
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as bars:
-
-        def start(description: str) -> Callable[[int, int], None]:
-            task = bars.add_task(printable(description), total=None)
-            return lambda done, total: bars.update(task, completed=done, total=total)
-
-        yield start
 
 
 @contextmanager
@@ -98,7 +81,7 @@ def say(text: str) -> None:
 
 
 def inform(text: str) -> None:
-    """Prints a line on stderr that is no error; stdout is free for what others read."""
+    """Prints a line on stderr that is not an error."""
     if not _quiet:
         print(one_line(text, LONGEST), file=sys.stderr)
 
@@ -118,8 +101,8 @@ def print_definitions(definitions: Mapping[str, str]) -> None:
 def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
     """Prints a table with one line for each of ``rows``, which all have the keys of the first.
 
-    Numbers and short names are never broken; texts are, so that the table fits the terminal: those of a single column
-    at hyphens and blanks.
+    Texts are broken so that the table fits the terminal, at hyphens and blanks if one column is enough.  Numbers and
+    short names stay whole.
     """
     if _quiet:
         return

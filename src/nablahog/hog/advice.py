@@ -1,4 +1,4 @@
-"""Images that are computed, but may not be what was meant: said in a warning, with the line to write."""
+"""Warnings about images that are valid, but are seldom meant, with what to write instead."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ from torch.nn import Parameter
 
 from .spec import COLOURS, HOGSpec
 
-STEP = 8  # of the rows and columns looked at: 8 bits as floats show in any few pixels
-BEYOND = 1.0  # how far beyond 0…1: what filters overshoot is less
+STEP = 8  # every eighth row and column is looked at: values in 0…255 show in any few pixels
+BEYOND = 1.0  # above white; filters overshoot by less
 _CALLER = 5  # frames up: this file's two, the two of the operator, and the line that called it
 
 
 def advise(images: Tensor, spec: HOGSpec) -> None:
-    """Warns of images (B, C, H, W) whose range or channels are seldom meant; of each line of a program once.
+    """Warns of images (B, C, H, W) whose range or channels are seldom meant; by Python's default filter once a line.
 
-    Python's default filter sees to the latter.  Graphs and fake tensors have no values; those on other devices than the
-    CPU are not waited for.
+    Traced and fake tensors have no values, and other devices than the CPU are not waited for.
     """
     if torch.compiler.is_compiling() or type(images) not in (Tensor, Parameter):
         return
@@ -49,7 +48,7 @@ def _is_beyond(images: Tensor) -> bool:
         return False
     if not values.size:
         return False
-    # what is not finite says nothing of a range; of what is centred, half is above 0
+    # images that are not finite have no range; of centred ones half is above 0
     return 1 + BEYOND < float(np.maximum.reduce(values, axis=None)) < math.inf
 
 

@@ -129,84 +129,51 @@ class _Run(Function):
         return (output.unflatten(0, mapped.shape[:2]), saved.unflatten(0, mapped.shape[:2])), (0, 0)
 
 
-class _Derivative(Function):
-    """Base of :class:`_Vjp` and :class:`_Jvp`, which are linear in the last of three tensors, ``direction``."""
+def _derivative(name: str, reference: Callable[[Step, HOGSpec], Callable[[Tensor, Tensor], Tensor]]) -> type[Function]:
+    """The function of PyTorch for ``Step.vjp`` or ``Step.jvp``; ``reference`` computes the same by the reference step.
 
-    @staticmethod
-    def setup_context(ctx: Any, inputs: tuple[Tensor, Tensor, Tensor, Step, HOGSpec], output: Tensor) -> None:
-        x, _kept, direction, ctx.step, ctx.spec = inputs
-        ctx.save_for_backward(x, direction)
-        ctx.save_for_forward(x, direction)
+    It is linear in the last of its three tensors, ``direction``.
+    """
 
-    @staticmethod
-    def reference(step: Step, spec: HOGSpec) -> Callable[[Tensor, Tensor], Tensor]:
-        """The same function of the first and the last tensor, by the reference step."""
-        raise NotImplementedError
+    class Derivative(Function):
+        @staticmethod
+        def forward(x: Tensor, saved: Tensor, direction: Tensor, step: Step, spec: HOGSpec) -> Tensor:
+            output: Tensor = getattr(step, name)(x.detach(), saved.detach(), direction.detach(), spec)
+            return output
 
-    @classmethod
-    def second_vjp(cls, ctx: Any, grad_output: Tensor) -> tuple[Tensor | None, ...]:
-        vjp = torch.func.vjp(cls.reference(ctx.step, ctx.spec), *ctx.saved_tensors)[1]
-        grad_x, grad_direction = vjp(grad_output)
-        return grad_x, None, grad_direction, None, None
+        @staticmethod
+        def setup_context(ctx: Any, inputs: tuple[Tensor, Tensor, Tensor, Step, HOGSpec], output: Tensor) -> None:
+            x, _, direction, ctx.step, ctx.spec = inputs
+            ctx.save_for_backward(x, direction)
+            ctx.save_for_forward(x, direction)
 
-    @classmethod
-    def second_jvp(
-        cls, ctx: Any, tangent_x: Tensor | None, _: Tensor | None, tangent: Tensor | None, *__: None
-    ) -> Tensor:
-        x, direction = ctx.saved_tensors
-        tangents = (torch.zeros_like(of) if t is None else t for of, t in ((x, tangent_x), (direction, tangent)))
-        return jvp_by_vjp(cls.reference(ctx.step, ctx.spec), (x, direction), tuple(tangents))
+        @staticmethod
+        def backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor | None, ...]:
+            grad_x, grad_direction = torch.func.vjp(reference(ctx.step, ctx.spec), *ctx.saved_tensors)[1](grad_output)
+            return grad_x, None, grad_direction, None, None
 
-    @classmethod
-    def mapped(cls, info: Any, in_dims: Any, *inputs: Any) -> tuple[Tensor, int]:
-        size, (*tensors, step, spec) = info.batch_size, inputs
-        parts = [_first(x, dim, size) for x, dim in zip(tensors, in_dims, strict=False)]
-        output = _applied(cls, *(part.flatten(0, 1) for part in parts), step, spec)
-        return output.unflatten(0, parts[0].shape[:2]), 0
+        @staticmethod
+        def jvp(ctx: Any, tangent_x: Tensor | None, _: Tensor | None, tangent: Tensor | None, *__: None) -> Tensor:
+            given = zip(ctx.saved_tensors, (tangent_x, tangent), strict=True)
+            tangents = tuple(torch.zeros_like(of) if each is None else each for of, each in given)
+            return jvp_by_vjp(reference(ctx.step, ctx.spec), ctx.saved_tensors, tangents)
 
+        @staticmethod
+        def vmap(info: Any, in_dims: Any, *inputs: Any) -> tuple[Tensor, int]:
+            size, (*tensors, step, spec) = info.batch_size, inputs
+            parts = [_first(x, dim, size) for x, dim in zip(tensors, in_dims, strict=False)]
+            output = _applied(Derivative, *(part.flatten(0, 1) for part in parts), step, spec)
+            return output.unflatten(0, parts[0].shape[:2]), 0
 
-class _Vjp(_Derivative):
-    @staticmethod
-    def forward(x: Tensor, saved: Tensor, grad_output: Tensor, step: Step, spec: HOGSpec) -> Tensor:
-        return step.vjp(x.detach(), saved.detach(), grad_output.detach(), spec)
-
-    @staticmethod
-    def reference(step: Step, spec: HOGSpec) -> Callable[[Tensor, Tensor], Tensor]:
-        return lambda x, grad_output: torch.func.vjp(lambda of: step.reference(of, spec), x)[1](grad_output)[0]
-
-    @staticmethod
-    def backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor | None, ...]:
-        return _Vjp.second_vjp(ctx, grad_output)
-
-    @staticmethod
-    def jvp(ctx: Any, *tangents: Any) -> Tensor:
-        return _Vjp.second_jvp(ctx, *tangents)
-
-    @staticmethod
-    def vmap(info: Any, in_dims: Any, *inputs: Any) -> tuple[Tensor, int]:
-        return _Vjp.mapped(info, in_dims, *inputs)
+    return Derivative
 
 
-class _Jvp(_Derivative):
-    @staticmethod
-    def forward(x: Tensor, saved: Tensor, tangent: Tensor, step: Step, spec: HOGSpec) -> Tensor:
-        return step.jvp(x.detach(), saved.detach(), tangent.detach(), spec)
-
-    @staticmethod
-    def reference(step: Step, spec: HOGSpec) -> Callable[[Tensor, Tensor], Tensor]:
-        return lambda x, tangent: jvp_by_vjp(lambda of: step.reference(of, spec), (x,), (tangent,))
-
-    @staticmethod
-    def backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor | None, ...]:
-        return _Jvp.second_vjp(ctx, grad_output)
-
-    @staticmethod
-    def jvp(ctx: Any, *tangents: Any) -> Tensor:
-        return _Jvp.second_jvp(ctx, *tangents)
-
-    @staticmethod
-    def vmap(info: Any, in_dims: Any, *inputs: Any) -> tuple[Tensor, int]:
-        return _Jvp.mapped(info, in_dims, *inputs)
+_Vjp = _derivative(
+    "vjp", lambda step, spec: lambda x, grad: torch.func.vjp(lambda of: step.reference(of, spec), x)[1](grad)[0]
+)
+_Jvp = _derivative(
+    "jvp", lambda step, spec: lambda x, tangent: jvp_by_vjp(lambda of: step.reference(of, spec), (x,), (tangent,))
+)
 
 
 def in_graph(x: Tensor) -> bool:

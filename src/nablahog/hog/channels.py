@@ -9,45 +9,13 @@ from torch import Tensor
 
 from .inputs import Descriptors, descriptor_tensor, to_array
 from .normalizers import PARTS, FourBlockNorm, Part
-from .normalizers.four_block import VLFEAT_TEXTURE, four_block
+from .normalizers.four_block import VLFEAT_TEXTURE
 from .orientation import bin_angles
 from .presets import as_spec
 from .spec import HOGSpec
 
 # what says where gradients are counted and what an entry is; other fields matter at borders, at ties, or through ε
 _SAME = ("colour", "bin_offset", "counterclockwise", "cell_size", "vote", "gamma", "mask")
-
-
-def mirrored_channels(spec: HOGSpec) -> tuple[int, ...] | None:
-    """The permutation of channels for the image flipped from left to right.
-
-    VLFeat's ``vl_hog_get_permutation`` for any dialect.  With ``order`` the result,
-
-        ``hog(images.flip(3), spec)`` is ``hog(images, spec).flip(2)[..., order]``
-
-    up to rounding, if the dialect treats left and right alike.  This needs cells, blocks at their step, and tiles of a
-    window that cover the width exactly, and no ties, which are broken alike in both images: between channels of an
-    image, or between two bins of a hard vote (scikit-image and MaskFeat have these in the first and last row, which
-    have no derivative across the border).  OpenCV's blocks are never quite alike: their Gaussian is centred half a
-    pixel to the right of the block's centre.
-
-    Args:
-        spec: the dialect.
-
-    Returns:
-        As many different indices as there are channels; its own inverse.  None if bins are not mirrored onto bins: an
-        orientation θ becomes π - θ.
-    """
-    target = spec.bins / (2 if spec.signed else 1) - 2 * spec.bin_offset
-    if target != int(target):
-        return None
-    bins, axes = (_mirrored_bins(int(target), count) for count in (spec.bins, _axes(spec)))
-    of_colour = spec.normalizer.mirrored_channels(bins, axes)
-    return tuple(colour * len(of_colour) + k for colour in range(spec.colours) for k in of_colour)
-
-
-def _mirrored_bins(target: int, bins: int) -> list[int]:
-    return [(target - k) % bins for k in range(bins)]
 
 
 def channel_names(spec: HOGSpec | str) -> tuple[str, ...]:
@@ -71,30 +39,6 @@ def channel_names(spec: HOGSpec | str) -> tuple[str, ...]:
     names = spec.normalizer.channel_names(bins, bins[: _axes(spec)])
     colours = [""] if spec.colours == 1 else ["red, ", "green, ", "blue, "]
     return tuple(f"{colour}{name}" for colour in colours for name in names)
-
-
-def reorder_texture(descriptor: Tensor, spec: HOGSpec) -> Tensor:
-    """A four-block descriptor with its texture channels in the order of the other library.
-
-    VLFeat's go by the blocks up-left, up-right, down-left, down-right, DPM's (and dlib's and Piotr Dollár's) by
-    down-right, up-right, down-left, up-left.  Their values stay what they are: VLFeat sums undirected histograms, the
-    others directed ones, and neither can be made of the other.
-
-    Args:
-        descriptor: (..., channels).
-        spec: its dialect, in which the texture is in the spec's own order or, if this function made it, the other.
-
-    Returns:
-        The same shape.
-
-    Raises:
-        ValueError: the dialect has no texture, or the shape is not its own.
-    """
-    parts = _split(descriptor, spec)
-    if "texture" not in parts:
-        raise ValueError(f"{spec.named} descriptor has no texture channels that could be put in another order")
-    parts["texture"] = parts["texture"][..., [3, 1, 2, 0]]
-    return torch.cat(list(parts.values()), dim=-1).flatten(-2)
 
 
 def convert_channels(descriptor: Descriptors, source: HOGSpec | str, target: HOGSpec | str) -> Descriptors:
@@ -169,12 +113,11 @@ def _split(descriptor: Tensor, spec: HOGSpec) -> dict[Part, Tensor]:
 
 
 def _four_block(spec: HOGSpec) -> FourBlockNorm:
-    normalizer = four_block(spec.normalizer)
-    if normalizer is None:
+    if not isinstance(spec.normalizer, FourBlockNorm):
         raise ValueError(
             f"the channels of {spec.name} are no {', '.join(PARTS)}: only a four-block normaliser makes these"
         )
-    return normalizer
+    return spec.normalizer
 
 
 def _axes(spec: HOGSpec) -> int:

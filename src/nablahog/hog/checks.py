@@ -8,16 +8,14 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from ..runtime.text import one_line
 
-LEAST, MOST = 1e-12, 1e12  # of constants: squares and cubes of them are numbers in float32
-LONGEST_SIDE = 1_000_000  # of a side, in pixels or cells
+LEAST, MOST = 1e-12, 1e12  # constants: their cubes are finite in float32
+LONGEST_SIDE = 1_000_000  # in pixels or cells
 _CHECKS: dict[type, dict[str, tuple[Any, Callable[[str, object], None] | None]]] = {}
 """Of each class by field: its type and its check, read once, since torch.compile cannot trace how types are read."""
 
 
 def check_fields(part: object, *others: str) -> None:
-    """The fields of a frozen dataclass are what their types say; tuples may be given as lists, as JSON has them.
-
-    Integers that stand for floats become floats, so that equal parts have one JSON.
+    """Checks the fields of a frozen dataclass by their types; lists become tuples, and integers floats.
 
     A float lies in 1e-12 … 1e12, a pair of integers in 1 … 1,000,000.  Fields of other types than these, literals
     and truth values are left to the class, and so are the ``others``.
@@ -71,6 +69,11 @@ def check_pair(field: str, value: object) -> None:
 
 def _is_side(value: object) -> bool:
     return type(value) is int and 1 <= value <= LONGEST_SIDE
+
+
+def pair(size: int | tuple[int, int]) -> tuple[int, int]:
+    """One number for both sides, or (height, width)."""
+    return (size, size) if isinstance(size, int) else size
 
 
 def shortened(value: object) -> str:

@@ -59,28 +59,6 @@ def pixel_box(spec: HOGSpec, image_size: tuple[int, int], cells: Sequence[float]
     return Box(x0, y0, x1, y1)
 
 
-def cell_box(spec: HOGSpec, image_size: tuple[int, int], pixels: Sequence[float]) -> Box:
-    """The rows and columns of a descriptor whose own pixels all lie in a box: the inverse of :func:`pixel_box`.
-
-    Args:
-        spec: the dialect.
-        image_size: (height, width) of the image.
-        pixels: the box, which may reach beyond the image.
-
-    Returns:
-        The window of rows and columns; of no rows, or no columns, if no cell, or block, fits in.
-
-    Raises:
-        ValueError: the image has no descriptor.
-    """
-    spans = []
-    for begins, ends, (first, last) in zip(*_edges(spec, image_size), _sides(pixels), strict=True):
-        start = int(np.searchsorted(begins, first))
-        spans.append((start, max(start, int((ends <= last).sum()))))
-    (y0, y1), (x0, x1) = spans
-    return Box(x0, y0, x1, y1)
-
-
 def _sides(box: Sequence[float]) -> tuple[tuple[float, float], tuple[float, float]]:
     """First and last row, first and last column; the last are excluded."""
     x0, y0, x1, y1 = Box.of(box)

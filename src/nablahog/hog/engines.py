@@ -52,7 +52,7 @@ def histograms(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> T
 
 def describe(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> Tensor:
     """:func:`.hog` of images as it takes them, float32, float64 or uint8, without its checks and warnings."""
-    if _on_cpu(images, spec, backend) and kernels.has_norm(spec):
+    if _on_cpu(images, spec, backend) and spec.normalizer.has_loops:
         if not in_graph(images):
             return kernels.describe(images, spec)
         from . import operators
@@ -75,7 +75,7 @@ def _norm(of_cells: Tensor, spec: HOGSpec) -> Tensor:
 def steps(device: torch.device, spec: HOGSpec) -> tuple[Step, Step]:
     """The fastest ``histograms`` of images on the device, and ``normalize``, of the dialect."""
     native = device.type == "cpu" and kernels.supports(spec)
-    norm = _norm if native and kernels.has_norm(spec) else normalize_reference
+    norm = _norm if native and spec.normalizer.has_loops else normalize_reference
     return (histograms if native or gpu.chosen(device, spec) else histograms_reference), norm
 
 

@@ -9,10 +9,10 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from .spec import COLOURS, Border, HOGSpec, Mask
+from .spec import COLOURS, Border, HOGSpec
 
 GRAY_WEIGHTS = (0.299, 0.587, 0.114)  # Eq. 1
-BLACK = 1e-9  # at most: the derivatives of a root below would be beyond a float32, two at a time
+BLACK = 1e-9  # up to this a value is black: second derivatives of smaller roots overflow a float32
 _GROUP = 8  # columns that dlib computes at a time
 
 
@@ -29,17 +29,6 @@ class BorderRule:
     beyond: float | None = None
 
 
-@dataclass(frozen=True)
-class MaskRule:
-    """The filter of a derivative.
-
-    Attributes:
-        smooths: whether [-1, 0, 1] is averaged over three lines with 1, 2, 1.
-    """
-
-    smooths: bool
-
-
 # "ignore": the ring is left out when votes are pooled
 BORDERS: dict[Border, BorderRule] = {
     "reflect": BorderRule(),
@@ -48,10 +37,6 @@ BORDERS: dict[Border, BorderRule] = {
     "extrapolate": BorderRule(2),
     "zero": BorderRule(1, 0.0),
     "gray": BorderRule(1, 128 / 255),
-}
-MASKS: dict[Mask, MaskRule] = {
-    "central": MaskRule(smooths=False),
-    "sobel": MaskRule(smooths=True),
 }
 
 
@@ -151,7 +136,7 @@ def gradient(image: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     if spec.colour == "gray":
         image = gray(image)
     gx, gy = _difference(image, -1, spec), _difference(image, -2, spec)
-    if MASKS[spec.mask].smooths:
+    if spec.mask == "sobel":
         gx, gy = _smoothed(gx, -2), _smoothed(gy, -1)
     if spec.colour == "separate":
         shape = (image.shape[0], COLOURS, *image.shape[2:])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from torch import Tensor
 
@@ -13,25 +14,47 @@ from .spec import COLOURS, HOGSpec
 PATCH = 2  # cells of the side of a transformer's patch
 
 
+class _Arrangement(NamedTuple):
+    """How a layout arises from (rows, cols, channels), without B.
+
+    Attributes:
+        sizes: of the axes into which rows, columns and channels are split.
+        order: of these axes in the layout.
+        shape: of the layout, in which some of them are one.
+    """
+
+    sizes: tuple[int, ...]
+    order: tuple[int, ...]
+    shape: tuple[int, ...]
+
+
+def _arrangement(spec: HOGSpec, rows: int, cols: int) -> _Arrangement:
+    channels = spec.channels
+    if spec.layout == "cells":
+        return _Arrangement((rows, cols, channels), (0, 1, 2), (rows, cols, channels))
+    if spec.layout == "planes":
+        return _Arrangement((rows, cols, channels), (2, 0, 1), (channels, rows, cols))
+    if spec.layout == "colour-planes":
+        each = channels // COLOURS
+        return _Arrangement((rows, cols, COLOURS, each), (2, 3, 0, 1), (COLOURS, each, rows, cols))
+    if spec.layout == "tokens":
+        if rows % PATCH or cols % PATCH:
+            raise ValueError(f"the layout 'tokens' needs even numbers of rows and columns of cells, got {rows}x{cols}")
+        sizes = rows // PATCH, PATCH, cols // PATCH, PATCH, channels
+        return _Arrangement(sizes, (0, 2, 4, 1, 3), (rows * cols // PATCH**2, channels * PATCH**2))
+    assert spec.normalizer.layout_block is not None  # HOGSpec sees to it
+    sizes = rows, cols, *spec.normalizer.layout_block, spec.bins
+    order = (1, 0, 3, 2, 4) if spec.layout == "opencv-vector" else (0, 1, 2, 3, 4)
+    return _Arrangement(sizes, order, sizes if spec.layout == "blocks" else (rows * cols * channels,))
+
+
 def native_shape(spec: HOGSpec, image_size: tuple[int, int]) -> tuple[int, ...]:
     """The library's own shape of the descriptor of an image of (height, width) pixels.
 
     Raises:
         ValueError: the image is smaller than a cell, or in the layout of tokens has no whole number of these.
     """
-    rows, cols = spec.grid(*image_size)
-    if spec.layout == "cells":
-        return rows, cols, spec.channels
-    if spec.layout == "planes":
-        return spec.channels, rows, cols
-    if spec.layout == "colour-planes":
-        return COLOURS, spec.channels // COLOURS, rows, cols
-    if spec.layout == "tokens":
-        _check_tokens(rows, cols)
-        return rows * cols // PATCH**2, spec.channels * PATCH**2
-    if spec.layout == "blocks":
-        return rows, cols, *_block(spec)
-    return (rows * cols * spec.channels,)
+    return _arrangement(spec, *spec.grid(*image_size)).shape
 
 
 def to_layout(descriptor: Descriptors, spec: HOGSpec | str) -> Descriptors:
@@ -64,20 +87,9 @@ def to_layout(descriptor: Descriptors, spec: HOGSpec | str) -> Descriptors:
         tensor = descriptor_tensor("the descriptor", descriptor)
         single = tensor.dim() == 3
         return to_array(to_layout(tensor[None] if single else tensor, spec), single)
-    batch, rows, cols, channels = descriptor.shape
-    if spec.layout == "cells":
-        return descriptor
-    if spec.layout in ("planes", "colour-planes"):
-        planes = descriptor.permute(0, 3, 1, 2)
-        return planes if spec.layout == "planes" else planes.reshape(batch, COLOURS, channels // COLOURS, rows, cols)
-    if spec.layout == "tokens":
-        _check_tokens(rows, cols)
-        cells = descriptor.reshape(batch, rows // PATCH, PATCH, cols // PATCH, PATCH, channels)
-        return cells.permute(0, 1, 3, 5, 2, 4).flatten(3).flatten(1, 2)
-    blocks = descriptor.reshape(batch, rows, cols, *_block(spec))
-    if spec.layout == "blocks":
-        return blocks
-    return (blocks if spec.layout == "block-vector" else blocks.permute(0, 2, 1, 4, 3, 5)).flatten(1)
+    sizes, order, shape = _arrangement(spec, *descriptor.shape[1:3])
+    split = descriptor.reshape(len(descriptor), *sizes)
+    return split.permute(0, *(1 + axis for axis in order)).reshape(len(descriptor), *shape)
 
 
 def from_layout(native: Descriptors, spec: HOGSpec | str, image_size: tuple[int, int]) -> Descriptors:
@@ -101,7 +113,7 @@ def from_layout(native: Descriptors, spec: HOGSpec | str, image_size: tuple[int,
     """
     spec = as_spec(spec)
     rows, cols = spec.grid(*image_size)
-    expected = native_shape(spec, image_size)
+    sizes, order, expected = _arrangement(spec, rows, cols)
     if not isinstance(native, Tensor):
         tensor = descriptor_tensor("the descriptor", native)
         single = tuple(tensor.shape) in (expected, (math.prod(expected),))
@@ -111,23 +123,7 @@ def from_layout(native: Descriptors, spec: HOGSpec | str, image_size: tuple[int,
             f"{spec.named} descriptor of an image of {image_size[0]}x{image_size[1]} pixels (height x width) has the "
             f"shape {expected}, got {tuple(native.shape[1:])}"
         )
-    batch = len(native)
-    if spec.layout in ("planes", "colour-planes"):
-        return native.reshape(batch, spec.channels, rows, cols).permute(0, 2, 3, 1)
-    if spec.layout == "tokens":
-        patches = native.reshape(batch, rows // PATCH, cols // PATCH, spec.channels, PATCH, PATCH)
-        native = patches.permute(0, 1, 4, 2, 5, 3)
-    if spec.layout == "opencv-vector":
-        high, wide, bins = _block(spec)
-        native = native.reshape(batch, cols, rows, wide, high, bins).permute(0, 2, 1, 4, 3, 5)
-    return native.reshape(batch, rows, cols, spec.channels)
-
-
-def _check_tokens(rows: int, cols: int) -> None:
-    if rows % PATCH or cols % PATCH:
-        raise ValueError(f"the layout 'tokens' needs even numbers of rows and columns of cells, got {rows}x{cols}")
-
-
-def _block(spec: HOGSpec) -> tuple[int, int, int]:
-    assert spec.normalizer.layout_block is not None  # HOGSpec sees to it
-    return *spec.normalizer.layout_block, spec.bins
+    split = native.reshape(len(native), *(sizes[axis] for axis in order))
+    return split.permute(0, *(1 + order.index(axis) for axis in range(len(order)))).reshape(
+        len(native), rows, cols, spec.channels
+    )

@@ -6,13 +6,14 @@ Their dialect is a string, its JSON.  They are differentiable once, in reverse m
 from __future__ import annotations
 
 from functools import lru_cache
+from types import ModuleType
 from typing import Any
 
 import torch
 from torch import Tensor
+from torch.library import CustomOpDef
 
-from .colours import merge_colours, separate_colours, separate_colours_vjp, split_colours
-from .kernels import loops
+from . import kernels
 from .spec import HOGSpec
 
 
@@ -22,47 +23,47 @@ def _spec_of(text: str) -> HOGSpec:
     return HOGSpec.from_json(text)
 
 
-@lru_cache(maxsize=64)
-def _of_one_colour(text: str) -> HOGSpec:
-    return _spec_of(text).of_one_colour()
+def _engine(images: Tensor) -> ModuleType:
+    """The loops of a CPU, or the kernels of a GPU: a graph may be loaded where nothing has asked for Triton yet."""
+    if not images.is_cuda:
+        return kernels
+    from .triton import steps
+
+    return steps
+
+
+@torch.library.custom_op("nablahog::cells", mutates_args=())
+def cells(images: Tensor, spec: str) -> Tensor:
+    """Eq. 1-6: images (B, C, H, W) to cells (B, rows, cols, colours · bins)."""
+    each: Tensor = _engine(images).cells(images.detach(), _spec_of(spec))
+    return each
+
+
+@torch.library.custom_op("nablahog::cells_vjp", mutates_args=())
+def cells_vjp(images: Tensor, grad_output: Tensor, spec: str) -> Tensor:
+    """Gradients with respect to the images from those with respect to the cells."""
+    grad: Tensor = _engine(images).cells_vjp(images.detach(), grad_output.detach(), _spec_of(spec))
+    return grad
+
+
+@torch.library.custom_op("nablahog::describe", mutates_args=())
+def describe(images: Tensor, spec: str) -> Tensor:
+    """Images (B, C, H, W) to descriptors (B, rows, cols, channels)."""
+    descriptors: Tensor = _engine(images).describe(images.detach(), _spec_of(spec))
+    return descriptors.contiguous()
+
+
+@torch.library.custom_op("nablahog::describe_vjp", mutates_args=())
+def describe_vjp(images: Tensor, grad_output: Tensor, spec: str) -> Tensor:
+    """Gradients with respect to the images from those with respect to the descriptors."""
+    grad: Tensor = _engine(images).describe_vjp(images.detach(), grad_output.detach(), _spec_of(spec))
+    return grad
 
 
 def _empty(images: Tensor, *shape: int) -> Tensor:
     dtype = torch.get_default_dtype() if images.dtype == torch.uint8 else images.dtype
     real = torch.float32 if dtype in (torch.float16, torch.bfloat16) else dtype  # which kernels of a GPU read
     return images.new_empty(images.shape[0], *shape, dtype=real)
-
-
-@torch.library.custom_op("nablahog::cells", mutates_args=())
-def cells(images: Tensor, spec: str) -> Tensor:
-    """Eq. 1-6: images (B, C, H, W) to cells (B, rows, cols, colours · bins)."""
-    each = loops.cells(separate_colours(images.detach(), _spec_of(spec)), _of_one_colour(spec))
-    return merge_colours(each, _spec_of(spec)).contiguous()
-
-
-@torch.library.custom_op("nablahog::cells_vjp", mutates_args=())
-def cells_vjp(images: Tensor, grad_output: Tensor, spec: str) -> Tensor:
-    """Gradients with respect to the images from those with respect to the cells."""
-    dialect, each = _spec_of(spec), separate_colours(images.detach(), _spec_of(spec))
-    grad_images = loops.cells_vjp(each, split_colours(grad_output.detach(), dialect), _of_one_colour(spec))
-    return separate_colours_vjp(grad_images, images.shape[1], dialect).contiguous()
-
-
-@torch.library.custom_op("nablahog::describe", mutates_args=())
-def describe(images: Tensor, spec: str) -> Tensor:
-    """Images (B, C, H, W) to descriptors (B, rows, cols, channels)."""
-    one = _of_one_colour(spec)
-    each = loops.describe(separate_colours(images.detach(), _spec_of(spec)), one)[0]
-    return merge_colours(each, _spec_of(spec)).contiguous()
-
-
-@torch.library.custom_op("nablahog::describe_vjp", mutates_args=())
-def describe_vjp(images: Tensor, grad_output: Tensor, spec: str) -> Tensor:
-    """Gradients with respect to the images from those with respect to the descriptors."""
-    dialect, one, each = _spec_of(spec), _of_one_colour(spec), separate_colours(images.detach(), _spec_of(spec))
-    cells = loops.cells(each, one)
-    grad_images = loops.describe_vjp(each, cells, split_colours(grad_output.detach(), dialect), one)
-    return separate_colours_vjp(grad_images, images.shape[1], dialect).contiguous()
 
 
 @cells.register_fake
@@ -90,46 +91,12 @@ def _save(ctx: Any, inputs: tuple[Tensor, str], output: Tensor) -> None:
     ctx.save_for_backward(x)
 
 
-def _cells_backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor, None]:
-    return torch.ops.nablahog.cells_vjp(*ctx.saved_tensors, grad_output, ctx.spec), None
+def _register_gradient(operator: CustomOpDef, vjp: CustomOpDef) -> None:
+    def backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor, None]:
+        return vjp(*ctx.saved_tensors, grad_output, ctx.spec), None
+
+    operator.register_autograd(backward, setup_context=_save)
 
 
-def _describe_backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor, None]:
-    return torch.ops.nablahog.describe_vjp(*ctx.saved_tensors, grad_output, ctx.spec), None
-
-
-cells.register_autograd(_cells_backward, setup_context=_save)
-describe.register_autograd(_describe_backward, setup_context=_save)
-
-
-# on a GPU; a graph with these operators may be loaded where nothing has asked for Triton yet
-
-
-@cells.register_kernel("cuda")
-def _(images: Tensor, spec: str) -> Tensor:
-    from .triton import steps
-
-    return steps.cells(images.detach(), _spec_of(spec))
-
-
-@cells_vjp.register_kernel("cuda")
-def _(images: Tensor, grad_output: Tensor, spec: str) -> Tensor:
-    from .triton import steps
-
-    return steps.cells_vjp(images.detach(), grad_output.detach(), _spec_of(spec))
-
-
-@describe.register_kernel("cuda")
-def _(images: Tensor, spec: str) -> Tensor:
-    from .triton import steps
-
-    return steps.describe(images.detach(), _spec_of(spec))
-
-
-@describe_vjp.register_kernel("cuda")
-def _(images: Tensor, grad_output: Tensor, spec: str) -> Tensor:
-    from .triton import steps
-
-    with torch.enable_grad():
-        x = images.detach().requires_grad_()
-        return torch.autograd.grad(steps.describe(x, _spec_of(spec)), x, grad_output.detach())[0]
+_register_gradient(cells, cells_vjp)
+_register_gradient(describe, describe_vjp)

@@ -30,9 +30,9 @@ Directions: TypeAlias = Literal["float32", "four-decimals"]
 Derivative: TypeAlias = Literal["own", "linear"]
 Boundary: TypeAlias = Literal["first", "upper"]
 Layout: TypeAlias = Literal["cells", "planes", "colour-planes", "tokens", "blocks", "block-vector", "opencv-vector"]
-COLOURS = 3  # that a spec with separate colours has
+COLOURS = 3  # of a spec with separate colours
 NAMED: dict[str, HOGSpec] = {}
-"""Specs that others are compared with when they are shown: :mod:`.presets` are put in."""
+"""The presets: the repr of a spec names the nearest one."""
 MOST_BINS = 1000
 
 

@@ -63,7 +63,7 @@ def stream(image: Rows | Image, spec: HOGSpec | str, *, memory: int = MEMORY) ->
 
     The rows equal those of ``hog`` of the whole image bit by bit: ``np.concatenate([strip.descriptor for strip
     in stream(image, spec)])`` is ``hog(whole, spec)``.  Without native loops for the dialect they are equal up to
-    rounding.  A pixel that is not finite makes the strips NaN that it is read for; ``hog`` makes all rows NaN.
+    rounding.  A pixel that is not finite makes NaN of the strips that read it, where ``hog`` makes all rows NaN.
 
     Neighbouring strips share some rows of the image, as cells share pixels and blocks cells; these are read for both.
     Where one number normalises a whole descriptor, as in Eq. 7, the image is read twice.
@@ -208,11 +208,9 @@ class _Energy:
         """More numbers (n,)."""
         values = values if self._rest is None else np.concatenate([self._rest, values])
         whole = len(values) // _SUMMED * _SUMMED
-        for first in range(0, whole, _SUMMED):
-            part = values[first : first + _SUMMED]
-            self._total += kernels.energy(part)
+        self._total = kernels.add_energy(values[:whole], self._total)
         self._rest = values[whole:].copy()
 
     def total(self) -> float:
         """Of all that came."""
-        return self._total if self._rest is None else self._total + kernels.energy(self._rest)
+        return self._total if self._rest is None else kernels.add_energy(self._rest, self._total)

@@ -16,7 +16,7 @@ LARGEST_ENTRY = 1e6  # far above any descriptor of an image, and small enough th
 
 
 def descriptors_as_tensor(descriptor: Tensor | NDArray[Any]) -> Tensor:
-    """Descriptors (B, rows, cols, channels), of an array (rows, cols, channels) one.
+    """Descriptors (B, rows, cols, channels); an array (rows, cols, channels) is a batch of one.
 
     Raises:
         TypeError: it is neither a tensor nor an array.

@@ -1,8 +1,8 @@
-"""Pre-images in colour, of descriptors that read colour.
+"""Pre-images in colour, for descriptors of colour images.
 
-A descriptor that takes the channel of largest gradient at each pixel does not say which one that was, so that what is
-red and what is blue is anybody's guess.  But where two areas differ in colour alone, no gray image has their edge where
-the descriptor has it; one in colour does.  A descriptor of each channel tells their colours, too.
+A descriptor that takes the channel of largest gradient at each pixel does not tell which one that was: the hues are a
+guess.  But where two areas differ only in colour, a gray image cannot have their edge, and one in colour can.  A
+descriptor of each channel determines the colours, too.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ from ..hog.descriptor import hog
 from ..hog.spec import COLOURS, HOGSpec
 from ..optimize import lbfgs
 from .checks import check_descriptor
+from .choices import QualityName
 from .cosine import CosineBasis
 from .histograms import searchable
 from .objective import squared_norm
-from .options import Objective, QualityName, Search, quality_of
+from .options import Objective, Search, quality_of
 from .preimage import reconstruct
 from .priors import RelativeSmoothness
 from .reconstruction import Reconstruction, relative_distance, to_unit_range
@@ -29,7 +30,7 @@ from .search import EXPONENT
 from .start import noise
 
 SMOOTHNESS = 0.02  # ξ of Eq. 9, of the mean over channels
-SATURATION = 0.3  # weight of the channels' mean square difference from gray, relative to its own variance
+SATURATION = 0.3  # weight of the channels' mean square difference from gray, relative to the variance of the gray
 
 
 def reconstruct_colour(
@@ -41,12 +42,11 @@ def reconstruct_colour(
     seed: int = 0,
     search: Search = Search(),
     objective: Objective = Objective(),
-    colour_evaluations: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Reconstruction:
     """Images of three channels whose HOG is the given descriptor.
 
-    A gray one is searched first (:func:`.preimage.reconstruct`); then its channels may go apart where that brings the
+    A gray image is searched first (:func:`.preimage.reconstruct`); then its channels may differ where that brings the
     descriptor closer, but as little as possible.
 
     Args:
@@ -56,8 +56,6 @@ def reconstruct_colour(
         quality: of the gray image and of its colours, as :func:`.preimage.reconstruct` has it.
         seed: of the noise that the searches start from.
         search, objective: of the gray image.
-        colour_evaluations: operator evaluations that an image may spend on its colours, at least 2, instead of the
-            quality's 300 or 60.
         progress: called with the evaluations done and the most there can be, of the gray image.
 
     Returns:
@@ -69,10 +67,6 @@ def reconstruct_colour(
     """
     if spec.colour == "gray":
         raise ValueError(f"{spec.named} descriptor is of gray images, and has no pre-image in colour")
-    if colour_evaluations is None:
-        colour_evaluations = quality_of(quality).on_colours
-    if colour_evaluations < 2:
-        raise ValueError(f"colour_evaluations must be at least 2, got {colour_evaluations}")
     began = time.perf_counter()
     size = check_descriptor(descriptor, spec, image_size)
     gray = reconstruct(
@@ -81,7 +75,9 @@ def reconstruct_colour(
     descriptor, model = descriptor.detach(), searchable(spec)
     rooted = spec.gamma == "sqrt"
     colours = _Colours(descriptor, model, gray.image.sqrt() if rooted else gray.image)
-    minimum = lbfgs(colours, colours.start(seed), max_evaluations=colour_evaluations, progress_tolerance=1e-3)
+    minimum = lbfgs(
+        colours, colours.start(seed), max_evaluations=quality_of(quality).on_colours, progress_tolerance=1e-3
+    )
     image = to_unit_range(colours.images(minimum.x), model)
     if rooted:
         image = image.square()

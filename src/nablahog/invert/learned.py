@@ -283,6 +283,6 @@ def _load(file: Path) -> LearnedPrior:
     if not file.exists():
         raise FileNotFoundError(
             f"this installation of nablahog has no {file.name}, the prior for {file.stem} descriptors: install a wheel "
-            "that has it, learn one (nablahog learn prior), or do without (prior=None, --no-prior)"
+            "that has it, learn one (nablahog learn prior), or do without (prior=None, --prior none)"
         )
     return LearnedPrior.load(file)

@@ -22,9 +22,10 @@ from ..hog.inputs import Descriptors
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from .checks import check_descriptor, check_images, descriptors_as_tensor
+from .choices import InversionMethod
 from .histograms import recover_histograms, searchable
 from .learned import PriorChoice, Priors, as_priors
-from .options import AsPublished, InversionMethod, Objective, Search, as_published, quality_of
+from .options import AsPublished, Objective, Search, as_published, quality_of
 from .priors import CoarserDescriptor
 from .published import reconstruct_as_published, smoothness_for
 from .reconstruction import Reconstruction, Values, of_the_kind, relative_distance
@@ -71,7 +72,7 @@ def level_spec(spec: HOGSpec, scale: int, image_size: tuple[int, int]) -> tuple[
 
 
 def scale_descriptors(image: Tensor, spec: HOGSpec | str, scales: Sequence[int] = SCALES) -> list[Tensor]:
-    """What multi-scale-more is given: the descriptors (B, rows, cols, channels) of ``image`` at each scale.
+    """The input of multi-scale-more: the descriptors (B, rows, cols, channels) of ``image`` at each scale.
 
     Args:
         image: (B, C, H, W) in 0…1.  A pixel of a level is the mean of those it covers.
@@ -112,8 +113,9 @@ def reconstruct_multiscale(
     """Pre-images at every scale, the smallest first; the last is the answer.
 
     For a signed spec, each level begins with the enlarged image of the previous level, and draws its own samples.  For
-    an unsigned one, the mean of samples that differ in the signs of regions has no meaning: the first level is a single
-    image, and each later level has the image of the previous one as its expected image, and adds finer details.
+    an unsigned one, samples would differ in the signs of regions, and their mean would be meaningless.  So the first
+    level is a single image, and each later level has the image of the previous one as its expected image and adds finer
+    details.  The last level decides the polarity of all levels.
 
     Args:
         descriptors: (B, rows, cols, channels), matched at every level (multi-scale), or one for each scale
@@ -128,9 +130,8 @@ def reconstruct_multiscale(
             level.  For an unsigned one it predicts that of the first level, if all levels match one descriptor, and
             the details and the polarity of the last level.
         search: as :func:`.preimage.reconstruct`.  Its evaluations are those of the last level; each other level has a
-            quarter of them and at most 120, "few iterations".  Its samples are used for signed descriptors only.  Its
-            polarity is decided at the last level, for all levels.
-        objective: as :func:`.preimage.reconstruct`; closeness is that to the expected image of a level.
+            quarter of them and at most 120, "few iterations".  Samples are drawn for signed descriptors only.
+        objective: as :func:`.preimage.reconstruct`; λ weights the distance to the expected image of a level.
         progress: called with the number of evaluations so far and the largest possible number, over all levels.
 
     Returns:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, TypeAlias
+from typing import NamedTuple
 
 from ..hog.checks import check_choice
 from ..optimize import Minimiser
+from .choices import InversionMethod, QualityName
 from .priors import Prior
-
-QualityName: TypeAlias = Literal["best", "fast"]
-InversionMethod: TypeAlias = Literal["default", "paper"]
 
 
 class Quality(NamedTuple):
@@ -53,7 +51,7 @@ class Search:
     """How a pre-image is searched.
 
     Attributes:
-        minimiser: ``"lbfgs"``, ``"dogleg"``, ``"momentum"`` or ``"adam"``.
+        minimiser: ``"lbfgs"`` or ``"dogleg"`` (the paper's).
         max_evaluations: operator evaluations per image, at least 2; by default those of the quality: 660 where several
             samples are drawn, else 480; or 80.
         samples: images whose mean is the expected image, at least 1; by default those of the quality, 4 or 2.  They are

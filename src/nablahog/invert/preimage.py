@@ -13,8 +13,9 @@ from ..hog.inputs import ArrayImage, Descriptors
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from .checks import check_descriptor, check_images, descriptors_as_tensor
+from .choices import InversionMethod, QualityName
 from .learned import PriorChoice, as_priors
-from .options import AsPublished, InversionMethod, Objective, QualityName, Search, as_published
+from .options import AsPublished, Objective, Search, as_published
 from .published import reconstruct_as_published
 from .reconstruction import Reconstruction, Watch, at_start, of_the_kind
 from .single_scale import search_preimages

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 from torch import Tensor, nn
 from torch.nn.functional import gelu
@@ -41,18 +41,6 @@ class Architecture:
                 raise ValueError(f"{name} must be integers of {least} … {most}, got {numbers}")
 
 
-class Prediction(NamedTuple):
-    """A network's prediction for descriptors.
-
-    Attributes:
-        images: (B, 1, H, W), of any brightness and contrast.
-        votes: (B, colours · bins, rows, cols), the histograms recovered from the descriptors.
-    """
-
-    images: Tensor
-    votes: Tensor
-
-
 class PriorNetwork(nn.Module, ABC):
     """A network from descriptors to images, made from an :class:`Architecture`.
 
@@ -76,8 +64,8 @@ class PriorNetwork(nn.Module, ABC):
             raise ValueError(f"a prior for {cls.KIND} descriptors has {resolutions} widths, got {architecture.widths}")
 
     @abstractmethod
-    def predict(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Prediction:
-        """From descriptors (B, rows, cols, channels), float32, of images of a size (height, width)."""
+    def predict(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
+        """Images (B, 1, H, W) of any contrast, and the histograms recovered from the descriptors, in float32."""
 
 
 class ResidualBlock(nn.Module):

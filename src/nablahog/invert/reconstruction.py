@@ -43,9 +43,9 @@ class Reconstruction(Generic[Values]):
             Jacobian or its transpose with a vector is half of one.
         seconds: wall time for the whole batch.
         iterates: (iterations + 1, B, 1, H, W) in 0…1, the image after each iteration, from the start on; None unless
-            :class:`.method.AsPublished` asks for them.
-        polarity_confidence: (B,) in 0…1, how likely it is that the image is no negative, by a learned prior for
-            unsigned descriptors; None without one.
+            :class:`.options.AsPublished` asks for them.
+        polarity_confidence: (B,) in 0…1, the probability that the image is no negative, by a learned prior for unsigned
+            descriptors; None without one.
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> descriptor = nablahog.hog(torch.rand(2, 1, 16, 16), spec)
@@ -93,7 +93,7 @@ def to_unit_range(image: Tensor, spec: HOGSpec) -> Tensor:
 
     HOG fixes no brightness, and except for Eq. 7 as printed no contrast.  An image whose contrast is known keeps it
     and is shifted, its range centred on 0.5; any other is stretched so that 0.5 % of its pixels fall on 0 and 0.5 % on
-    1.  What still exceeds 0…1 is clipped.
+    1.  The rest is clipped.
     """
     pixels = image.flatten(1)
     clipped = round(TAILS * (pixels.shape[1] - 1))
@@ -107,7 +107,7 @@ def to_unit_range(image: Tensor, spec: HOGSpec) -> Tensor:
 
 
 def as_returned(image: Tensor, spec: HOGSpec) -> Tensor:
-    """Images (B, 1, H, W) as searched, of arbitrary brightness and of roots where the dialect takes these, in 0…1."""
+    """Images (B, 1, H, W) of arbitrary brightness, or their roots where the dialect describes these, in 0…1."""
     image = to_unit_range(image, spec)
     return image.square() if spec.gamma == "sqrt" else image
 
@@ -138,10 +138,10 @@ def of_the_kind(result: Reconstruction, descriptor: Descriptors) -> Reconstructi
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Iterate:
-    """The images that a search evaluated last, of some descriptors of a batch.
+    """The images that a search evaluated last, for a part of a batch.
 
     Attributes:
-        descriptors: which ones of the batch.
+        descriptors: the indices of the part.
         evaluations: (b,), operator evaluations spent on each so far.
         distance: (b,), ‖φ(image) - descriptor‖ / ‖descriptor‖; of several samples for a descriptor, the mean of theirs.
         candidates: (b, K, 1, H, W), the samples for each, or its one image; of any brightness and contrast.  They are
@@ -157,25 +157,19 @@ class Iterate:
 
     @property
     def image(self) -> Tensor:
-        """(b, 1, H, W) in 0…1, a copy; of several samples their mean, which is what they know of the image."""
+        """(b, 1, H, W) in 0…1, a copy; the mean of several samples."""
         return as_returned(self.candidates.mean(dim=1), self.spec)
 
 
 def at_start(images: Tensor, descriptor: Tensor, spec: HOGSpec) -> Iterate:
-    """The images (B, 1, H, W) that a search begins with, before its first evaluation.
-
-    Args:
-        images: of any brightness and contrast; roots, where the dialect takes these.
-        descriptor: (B, rows, cols, channels), that is searched for.
-        spec: its dialect.
-    """
+    """The state before a search: images (B, 1, H, W), roots where the dialect describes these, and their distance."""
     none = torch.zeros(len(images), dtype=torch.long, device=images.device)
     distance = relative_distance(as_returned(images, spec), descriptor, spec)
     return Iterate(slice(None), none, distance, images.unsqueeze(1), spec)
 
 
 Watch: TypeAlias = Callable[[Iterate], None]
-"""Called after each round of evaluations; what it raises ends the search."""
+"""Called after each round of evaluations; an exception that it raises ends the search."""
 
 
 def share_of(progress: Callable[[int, int], None] | None, number: int, count: int) -> Callable[[int, int], None] | None:

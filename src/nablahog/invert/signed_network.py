@@ -8,7 +8,6 @@ variance, and enlarged or shrunk to cells of :data:`CELL` pixels: the statistics
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
@@ -18,7 +17,7 @@ from ..hog import presets
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
 from .histograms import at_nominal_contrast, cells_in_bins, recover_histograms, searchable
-from .prior_network import HISTOGRAM_EVALUATIONS, Architecture, Prediction, PriorNetwork, ResidualBlock, set_to_zero
+from .prior_network import HISTOGRAM_EVALUATIONS, Architecture, PriorNetwork, ResidualBlock, set_to_zero
 from .start import integrate, mean_gradient
 
 CELL = 8  # pixels of a cell in the network's images, along each axis
@@ -30,27 +29,19 @@ _DESCRIPTOR, _VOTES = 5.0, 3.84  # factors of descriptor entries and of votes pe
 _CHANNELS = BINS + SPEC.channels + CELL**2
 
 
-@dataclass(frozen=True)
-class Inputs:
-    """Inputs of the network for images of R x C cells.
-
-    Attributes:
-        cells: (B, 18 + 31 + 64, R, C), the histograms, their descriptor, and the pixels of ``integral``.
-        integral: (B, 1, 8R, 8C), the image of the histograms, with zero mean and unit variance.
-    """
-
-    cells: Tensor
-    integral: Tensor
-
-
 def cell_votes(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
     """Histograms (B, colours · bins, rows, cols) of images (height, width) in 18 bins, centred at 0°, 20°, …"""
     return cells_in_bins(votes, spec, size, BINS, 0.0, 2 * math.pi)
 
 
 @torch.no_grad()
-def network_inputs(votes: Tensor) -> Inputs:
-    """Inputs for histograms (B, 18, R, C) as of :func:`cell_votes`, of any scale."""
+def network_inputs(votes: Tensor) -> tuple[Tensor, Tensor]:
+    """The network's inputs for histograms (B, 18, R, C) as of :func:`cell_votes`, of any scale.
+
+    Returns:
+        Cells (B, 18 + 31 + 64, R, C): the histograms, their descriptor, and the pixels of the integral; and the
+        integral (B, 1, 8R, 8C), the image of the histograms, with zero mean and unit variance.
+    """
     size = CELL * votes.shape[2], CELL * votes.shape[3]
     votes = at_nominal_contrast(votes, SPEC, size)
     integral = integrate(*mean_gradient(votes, SPEC, *size))
@@ -58,7 +49,7 @@ def network_inputs(votes: Tensor) -> Inputs:
     integral = (integral - integral.mean(dim=(2, 3), keepdim=True)) / contrast
     of_pixels = torch.asinh(votes / contrast * (_VOTES / CELL**2))
     entries = normalize_reference(votes, SPEC) * _DESCRIPTOR
-    return Inputs(torch.cat([of_pixels, entries, pixel_unshuffle(integral, CELL)], dim=1), integral)
+    return torch.cat([of_pixels, entries, pixel_unshuffle(integral, CELL)], dim=1), integral
 
 
 def mirrored_votes(votes: Tensor) -> Tensor:
@@ -68,7 +59,7 @@ def mirrored_votes(votes: Tensor) -> Tensor:
 
 
 class SignedNetwork(PriorNetwork):
-    """From :class:`Inputs` to images (B, 1, 8R, 8C); before training, the integrals.
+    """From :func:`network_inputs` to images (B, 1, 8R, 8C); before training, the integrals.
 
     Residual blocks at the resolution of cells, and after each of two doublings, 1x1 convolutions from one pixel to
     four; a last doubling gives pixels.  2.2 million weights by default.
@@ -91,17 +82,16 @@ class SignedNetwork(PriorNetwork):
         self.out = nn.Conv2d(widths[-1], FINER**2, 3, padding=1)
         set_to_zero(self.out)
 
-    def predict(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Prediction:
+    def predict(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
         """The mean of the predictions for the image and for its mirror image."""
         spec = searchable(spec)
         votes = recover_histograms(descriptor, spec, size, max_evaluations=HISTOGRAM_EVALUATIONS)
         cells = cell_votes(votes, spec, size)
         images = (self._image(cells) + self._image(mirrored_votes(cells)).flip(3)) / 2
-        return Prediction(_resized(images, spec.cell_size, size), votes)
+        return _resized(images, spec.cell_size, size), votes
 
     def _image(self, votes: Tensor) -> Tensor:
-        inputs = network_inputs(votes)
-        image: Tensor = self(inputs.cells, inputs.integral)
+        image: Tensor = self(*network_inputs(votes))
         return image
 
     def forward(self, cells: Tensor, integral: Tensor) -> Tensor:

@@ -56,8 +56,7 @@ class SignedTraining(WindowTraining):
         specs = rng.choice(DIALECTS)
         windows = torch.cat([self._window(image, grid, rng) for image in images])
         cells = [_cells(part, spec) for part, spec in zip(windows.chunk(len(specs)), specs, strict=False)]
-        inputs = network_inputs(torch.cat(cells))
-        return _Batch(inputs.cells, inputs.integral, windows)
+        return _Batch(*network_inputs(torch.cat(cells)), windows)
 
     def _scale(self, largest: float, rng: random.Random) -> float:
         """Windows are enlarged only if the photograph is smaller: enlarged windows have no details."""

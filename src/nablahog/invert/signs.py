@@ -99,7 +99,7 @@ def _centred(images: Tensor) -> Tensor:
 
 
 def dominant_gradient(votes: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
-    """Length and angle, each (B, rows, cols), of the votes' resultant; opposite directions count as one."""
+    """Length and angle, each (B, rows, cols), of the votes' resultant, with opposite directions taken as the same."""
     doubled = 2 * torch.from_numpy(bin_angles(spec)).to(votes)
     x, y = (torch.einsum("bkrc,k->brc", votes, f(doubled)) for f in (torch.cos, torch.sin))
     return torch.hypot(x, y), torch.atan2(y, x) / 2
@@ -199,18 +199,14 @@ def brightness_cues(image: Tensor) -> Tensor:
     return torch.stack(cues, dim=1)
 
 
-def looks_negative(image: Tensor) -> Tensor:
-    """Images (B, 1, H, W) in 0…1 to (B,): whether the negative of each looks more like a photograph."""
-    return brightness_cues(image) @ torch.tensor(WEIGHTS, dtype=image.dtype, device=image.device) < 0
-
-
 def negatives(image: Tensor, confidence: Tensor | None = None) -> tuple[Tensor, Tensor | None]:
     """Which images (B, 1, H, W) in 0…1 are probably negatives, (B,), and the confidence (B,) after negating these.
 
     A learned prior's ``confidence`` decides, the probability that an image is no negative; without one, the cues do.
     """
     if confidence is None:
-        return looks_negative(image), None
+        weights = torch.tensor(WEIGHTS, dtype=image.dtype, device=image.device)
+        return brightness_cues(image) @ weights < 0, None
     return confidence < 0.5, torch.maximum(confidence, 1 - confidence)
 
 
@@ -220,7 +216,7 @@ def negated(image: Tensor, which: Tensor) -> Tensor:
 
 
 def _flat_is_bright(flat: Tensor, brightness: Tensor) -> Tensor:
-    """Correlation (B,) of being flat with brightness over patches; 0 if hardly any is flat."""
+    """Correlation (B,) over patches of flatness with brightness; 0 if hardly any patch is flat."""
     mask = flat.to(brightness)
     correlation = _correlation(brightness, mask, torch.ones_like(mask))
     return torch.where(mask.mean(dim=(1, 2, 3)) > LEAST_SHARE, correlation, 0)

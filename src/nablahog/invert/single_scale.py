@@ -15,10 +15,11 @@ from ..hog.descriptor import hog
 from ..hog.presets import uoctti
 from ..hog.spec import HOGSpec
 from ..runtime.memory import memory_for
+from .choices import QualityName
 from .cosine import low_pass
 from .histograms import recover_histograms, searchable
 from .learned import LearnedPrior, Priors
-from .options import Objective, QualityName, Search, quality_of
+from .options import Objective, Search, quality_of
 from .priors import Prior, Range, RelativeSmoothness
 from .reconstruction import Reconstruction, Watch, relative_distance, share_of, to_unit_range
 from .search import PreimageSearch
@@ -122,10 +123,10 @@ def _plan(
     max_evaluations = search.max_evaluations
     if max_evaluations is None:
         max_evaluations = effort.evaluations if samples > 1 else effort.without_samples
-    closeness = to_details = objective.closeness
-    if closeness is None or to_details is None:
-        of_signed = BY_PRIOR if has_prior else CLOSENESS
-        closeness, to_details = of_signed if spec.signed else UNCERTAIN, CLOSENESS
+    of_signed = BY_PRIOR if has_prior else CLOSENESS
+    closeness, to_details = of_signed if spec.signed else UNCERTAIN, CLOSENESS
+    if objective.closeness is not None:
+        closeness = to_details = objective.closeness
     smoothness = (RelativeSmoothness(objective.smoothness),) if objective.smoothness else ()
     gray_values = (Range(RANGE_WEIGHT),) if spec.normalizer.fixes_contrast else ()
     priors = (*smoothness, *gray_values, *objective.priors)

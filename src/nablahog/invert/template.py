@@ -1,8 +1,8 @@
-"""What a linear detector looks for: from its weights to a descriptor that an image can have.
+"""Pre-images of a linear detector's template: its weights become a descriptor that an image can have.
 
-A template is no descriptor.  Its weights have both signs, and their size says how much a cell matters, not how strong
-its edges are.  But an image whose histograms are a template's positive weights has edges where the detector wants them,
-in the direction in which it wants them, the stronger the more they matter; and that image has a descriptor.
+A template is no descriptor.  Its weights have both signs, and their size is the importance of a cell, not the strength
+of its edges.  But an image whose histograms are the template's positive weights has edges where the detector scores
+them, in the same directions, the stronger the more important they are; and that image has a descriptor.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from ..hog.entries import CellAlignment, mean_over_colours, with_margin
-from ..hog.inputs import Descriptors, descriptor_tensor, to_array
+from ..hog.inputs import Descriptors, to_array
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
@@ -21,20 +21,20 @@ from .checks import check_finite, descriptors_as_tensor
 from .histograms import at_nominal_contrast, searchable
 from .options import Objective, Search
 from .preimage import reconstruct
-from .reconstruction import Reconstruction, of_the_kind, relative_distance, to_unit_range
+from .reconstruction import Reconstruction, of_the_kind, relative_distance, share_of, to_unit_range
 
-EMPHASIS = 2.0  # power of the weights: a few strong ones make the shape, and many weak ones only noise
-SAMPLES = 6  # pre-images of an unsigned template, whose mean is shown
-SMOOTHNESS = 0.3  # ξ: no image has a template, and less would only explain its noise
+EMPHASIS = 2.0  # power of the weights: the few strong ones make the shape, the many weak ones are noise
+SAMPLES = 6  # pre-images of an unsigned template, which are averaged
+SMOOTHNESS = 0.3  # ξ: no image fits a template exactly, and with less the image would fit its noise
 
 
 def template_descriptor(
     weights: Descriptors, spec: HOGSpec | str, image_size: tuple[int, int] | None = None, *, negative: bool = False
 ) -> Descriptors:
-    """Descriptors of images whose histograms are the squares of templates' positive weights, or negative ones.
+    """Descriptors of images whose histograms are the squares of templates' positive weights, or of the negative ones.
 
-    The weights of a cell are its means over the blocks that it is part of, and over directed and undirected channels.
-    Weights of texture say nothing of edges, and are left out.
+    The weights of a cell are averaged over the blocks that contain it, and over directed and undirected channels.
+    Texture weights have no direction and are ignored.
 
     Args:
         weights: (B, rows, cols, channels), float32 or float64, of the detector's scores over descriptors; an array also
@@ -55,32 +55,24 @@ def template_descriptor(
     >>> nablahog.reconstruct(descriptor, spec, quality="fast").image.shape
     torch.Size([1, 1, 32, 32])
     """
-    spec = as_spec(spec)
-    if not isinstance(weights, Tensor):
-        tensor = descriptor_tensor("the template", weights)
-        single = tensor.dim() == 3
-        return to_array(_template_descriptor(tensor[None] if single else tensor, spec, image_size, negative), single)
-    return _template_descriptor(weights, spec, image_size, negative)
-
-
-def _template_descriptor(weights: Tensor, spec: HOGSpec, image_size: tuple[int, int] | None, negative: bool) -> Tensor:
-    size = image_size or spec.image_size(*weights.shape[1:3])
+    spec, tensor = as_spec(spec), descriptors_as_tensor(weights)
+    size = image_size or spec.image_size(*tensor.shape[1:3])
     expected = (*spec.grid(*size), spec.channels)
-    if tuple(weights.shape[1:]) != expected:
+    if tuple(tensor.shape[1:]) != expected:
         raise ValueError(
             f"a template for {spec.name} descriptors of images of {size[0]}x{size[1]} pixels must have shape "
-            f"{expected} (rows, cols, channels), got {tuple(weights.shape[1:])}"
+            f"{expected} (rows, cols, channels), got {tuple(tensor.shape[1:])}"
         )
-    check_finite("the weights", weights)
-    of_bins = spec.normalizer.bin_weights(mean_over_colours(weights.permute(0, 3, 1, 2), spec), spec.bins, spec.signed)
+    check_finite("the weights", tensor)
+    of_bins = spec.normalizer.bin_weights(mean_over_colours(tensor.permute(0, 3, 1, 2), spec), spec.bins, spec.signed)
     histograms = (of_bins * (-1 if negative else 1)).clamp(min=0) ** EMPHASIS
     if not histograms.flatten(1).any(dim=1).all():
         raise ValueError(f"a template has no {'negative' if negative else 'positive'} weights of edges")
-    histograms = with_margin(histograms, spec)  # the cells that are left out have no weights
+    histograms = with_margin(histograms, spec)  # cells that the descriptor leaves out have no weights
     alignment = CellAlignment(spec, size, histograms)
     histograms = alignment.restore(alignment(histograms)).repeat(1, spec.colours, 1, 1)
-    descriptor = normalize_reference(at_nominal_contrast(histograms, spec, size), spec)
-    return descriptor.permute(0, 2, 3, 1).contiguous()
+    descriptor = normalize_reference(at_nominal_contrast(histograms, spec, size), spec).permute(0, 2, 3, 1).contiguous()
+    return descriptor if isinstance(weights, Tensor) else to_array(descriptor, weights.ndim == 3)
 
 
 def reconstruct_template(
@@ -93,11 +85,11 @@ def reconstruct_template(
     max_evaluations: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Reconstruction[Descriptors]:
-    """What templates look for: pre-images of :func:`template_descriptor`.
+    """Pre-images of templates, by :func:`template_descriptor`.
 
-    No image has a template, so that each search ends with a grain of its own.  Of unsigned dialects, whose searches
-    draw no samples, the mean of several pre-images is taken, which leaves it out.  No learned prior takes part: it
-    knows photographs, and takes apart what the weights hold together.
+    No image fits a template exactly, so each search ends with grain of its own.  For unsigned dialects, whose searches
+    draw no samples, several pre-images are averaged to remove it.  Learned priors are not used: they are trained on
+    photographs, and make images of templates worse.
 
     Args:
         weights, spec, image_size, negative: as of :func:`template_descriptor`.
@@ -106,7 +98,7 @@ def reconstruct_template(
         progress: called with the evaluations done, and the most there can be.
 
     Returns:
-        Its distances are those of exactly its images; of an unsigned dialect these may as well be the negatives.
+        For an unsigned dialect, an image may be a negative.
 
     Raises:
         ValueError: as :func:`template_descriptor`.
@@ -119,10 +111,6 @@ def reconstruct_template(
     descriptor = descriptors_as_tensor(template_descriptor(weights, spec, image_size, negative=negative))
     signed = searchable(spec).signed
     count = 1 if signed else SAMPLES
-
-    def share(number: int) -> Callable[[int, int], None] | None:
-        return None if progress is None else lambda done, most: progress(number * most + done, count * most)
-
     results = [
         reconstruct(
             descriptor,
@@ -132,7 +120,7 @@ def reconstruct_template(
             seed=seed + number,
             search=Search(max_evaluations=max_evaluations),
             objective=Objective(smoothness=SMOOTHNESS),
-            progress=share(number),
+            progress=share_of(progress, number, count),
         )
         for number in range(count)
     ]
@@ -140,7 +128,7 @@ def reconstruct_template(
 
 
 def _mean(results: Sequence[Reconstruction], descriptor: Tensor, spec: HOGSpec) -> Reconstruction:
-    """The mean of pre-images of the same unsigned descriptors, some of which are negatives of others."""
+    """The mean of pre-images of the same unsigned descriptors, where they may be negatives of each other."""
     images = torch.stack([result.image - result.image.mean(dim=(2, 3), keepdim=True) for result in results])
     alike = (images * images[:1]).sum(dim=(2, 3, 4), keepdim=True)
     image = to_unit_range(torch.where(alike < 0, -images, images).mean(dim=0), spec)

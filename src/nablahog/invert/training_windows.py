@@ -1,4 +1,4 @@
-"""Windows of photographs, which the networks of priors are trained with."""
+"""Windows of photographs, to train the networks of priors on."""
 
 from __future__ import annotations
 

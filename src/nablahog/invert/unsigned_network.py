@@ -23,7 +23,7 @@ from torch.nn.functional import adaptive_avg_pool2d, gelu, interpolate, pixel_sh
 from ..hog.spec import HOGSpec
 from ..runtime.seeds import seeded
 from .histograms import cells_in_bins, recover_histograms, searchable
-from .prior_network import HISTOGRAM_EVALUATIONS, Architecture, Prediction, PriorNetwork, ResidualBlock, set_to_zero
+from .prior_network import HISTOGRAM_EVALUATIONS, Architecture, PriorNetwork, ResidualBlock, set_to_zero
 
 BINS = 9  # of 20° each
 FINER = 2  # pixels of the prediction per cell, along each axis
@@ -186,18 +186,20 @@ class UnsignedNetwork(PriorNetwork):
         super().__init__(architecture)
         self.regions, self.polarity = _Regions(architecture), _Polarity()
 
-    def predict(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Prediction:
+    def predict(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
         """The mean of the predictions for the image and for its mirror image; the likelier of it and its negative."""
         votes, inputs = _votes_and_inputs(descriptor, spec, size)
         regions = self.regions_of(inputs)
         images = torch.where(self.log_odds(inputs, regions, regions).reshape(-1, 1, 1, 1) < 0, -regions, regions)
-        return Prediction(interpolate(images, size=size, mode="bicubic", align_corners=False), votes)
+        return interpolate(images, size=size, mode="bicubic", align_corners=False), votes
 
-    def draws(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], count: int, seed: int) -> Prediction:
-        """Random possible images for descriptors (B, rows, cols, channels), (B · count, 1, H, W)."""
+    def draws(
+        self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], count: int, seed: int
+    ) -> tuple[Tensor, Tensor]:
+        """Random possible images (B · count, 1, H, W) for descriptors, and histograms, as :meth:`predict`."""
         votes, inputs = _votes_and_inputs(descriptor, spec, size)
         images = [self._drawn(one.unsqueeze(0), count, seed) for one in inputs]
-        return Prediction(interpolate(torch.cat(images), size=size, mode="bicubic", align_corners=False), votes)
+        return interpolate(torch.cat(images), size=size, mode="bicubic", align_corners=False), votes
 
     def _drawn(self, inputs: Tensor, count: int, seed: int) -> Tensor:
         """Images (count, 1, 2R, 2C) for the votes (1, 9, R, C) of one descriptor, each with other channels dropped."""

@@ -80,7 +80,7 @@ def _stored(path: Path, shape: tuple[int, ...]) -> NDArray[np.float32] | None:
     with suppress(OSError, ValueError):
         if path.stat().st_size != _DIGEST + 4 * int(np.prod(shape)):
             return None
-        # a private copy of what is written to, as PyTorch takes no memory that is read only
+        # copy on write, since PyTorch takes no read-only memory
         array = np.memmap(path, np.float32, "c", _DIGEST, shape)
         with open(path, "rb") as file:
             digest = file.read(_DIGEST)

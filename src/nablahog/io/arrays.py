@@ -23,7 +23,7 @@ def is_raw(path: str | os.PathLike[str]) -> bool:
         return True
     try:
         return is_descriptor_file(path) and "spec" not in names_in(path, "descriptor file")
-    except (OSError, ValueError):  # damaged: who reads it as a descriptor file says so
+    except (OSError, ValueError):  # damaged; reading it as a descriptor file will say so
         return False
 
 
@@ -74,7 +74,7 @@ def _npy(path: str | os.PathLike[str]) -> NDArray[Any]:
     try:
         # mapped, since a damaged header may claim any size
         array = np.lib.format.open_memmap(path, mode="r")
-        return np.array(array) if array.dtype.kind == "f" else array  # to copy 10¹² things of 0 bytes takes forever
+        return np.array(array) if array.dtype.kind == "f" else array  # copying 10¹² items of 0 bytes takes forever
     except Exception as error:  # a damaged header fails in many ways
         if "Python objects" in str(error):
             raise ValueError(f"{path}: the file holds pickled objects, which are never loaded") from None

@@ -41,7 +41,7 @@ SCHEMA = pa.schema(
 )
 """``height`` and ``width`` are of the image that is described; the descriptor is row by row, cell by cell."""
 KEY = b"nablahog"
-CACHED = 4  # shards whose rows are kept
+CACHED = 4  # shards that are kept in memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ def write_shard(url: str, rows: Sequence[Row], spec: HOGSpec, key: str) -> None:
     about = {KEY: json.dumps({"format": FORMAT, "spec": spec.to_json(), "key": key}).encode()}
     table = pa.table(columns, schema=SCHEMA.with_metadata(about))
     file = io.BytesIO()
-    # smaller and faster than with a dictionary of values, which floats do not repeat
+    # smaller and faster than a dictionary, as floats rarely repeat
     split = {"descriptor.list.element": "BYTE_STREAM_SPLIT"}
     pq.write_table(table, file, compression="zstd", use_dictionary=False, column_encoding=split)
     system, path = fsspec.core.url_to_fs(url)
@@ -94,7 +94,7 @@ def write_shard(url: str, rows: Sequence[Row], spec: HOGSpec, key: str) -> None:
         with replacing(path) as local:
             local.write(file.getbuffer())
         return
-    with system.open(path, "wb") as remote:  # stores of objects show one when it is whole
+    with system.open(path, "wb") as remote:  # object stores show a file only when it is whole
         remote.write(file.getbuffer())
 
 
@@ -182,8 +182,8 @@ class DescriptorDataset(Sequence[Row]):
         return table
 
     def _read(self, file: str, columns: list[str] | None = None) -> pa.Table:
-        # in this thread alone: what threads of Arrow read ahead are Python's buffers, and where one is returned while
-        # the interpreter ends, the process aborts
+        # in this thread alone: Arrow's threads read ahead into buffers of Python, and abort the process if the
+        # interpreter ends meanwhile
         with self._system.open(file, "rb") as opened, pq.ParquetFile(opened, pre_buffer=False) as shard:
             return shard.read(columns, use_threads=False)
 

@@ -15,10 +15,10 @@ from ..runtime.text import one_line
 from .matfile import read_mat
 
 CHANNELS = 32
-MOST_CELLS = 1000  # of a filter's side: none is larger than a photograph
-MOST_NUMBERS = 2**24  # of all filters: published models have some hundred thousand
-MOST = 10**6  # of an index, a place, or pixels of a cell
-_ROOT, _PARTS = 0, 1  # octaves by which their cells are smaller than the root's
+MOST_CELLS = 1000  # along a filter's side
+MOST_NUMBERS = 2**24  # weights of all filters; published models have some hundred thousand
+MOST = 10**6  # the largest index, place or size of a cell
+_ROOT, _PARTS = 0, 1  # octaves between their cells and the root's
 
 
 @dataclass(frozen=True)

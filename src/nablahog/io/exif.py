@@ -12,9 +12,9 @@ from PIL import ExifTags, Image
 from .images import register_heif
 
 DIAGONAL = math.hypot(36, 24)  # millimetres of 35 mm film, to which equivalent focal lengths refer (CIPA DCG-001)
-_MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # in a unit of the focal plane's resolution
+_MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # by the unit of the focal plane's resolution
 _CUT = 0.01  # relative difference of proportions above which a photograph counts as cropped
-_SHORTEST, _LONGEST = 0.1, 100.0  # of the photograph's diagonal: no lens is beyond
+_SHORTEST, _LONGEST = 0.1, 100.0  # focal lengths of real lenses, in diagonals of the photograph
 
 
 def exif_focal(image: Image.Image) -> float | None:

@@ -12,9 +12,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-MAX_STEM_BYTES = 180  # file systems allow 255 a name; the endings of our files need some of them
+MAX_STEM_BYTES = 180  # file systems allow 255 for a name; endings need some of them
 PART = ".part"
-ABANDONED = 86_400  # seconds: longer than any host stalls, and than the clocks of two hosts differ
+ABANDONED = 86_400  # seconds: longer than a host stalls or two hosts' clocks differ
 
 
 @contextmanager
@@ -30,7 +30,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     path = Path(os.path.realpath(path))  # a link keeps its target
     if path.exists() and not path.is_file():
         raise FileExistsError(f"{path} cannot be written: it is no regular file")
-    # a random name: process numbers come again, in containers and on other hosts of a network share
+    # a random name: in containers and on other hosts, process numbers repeat
     part = path.with_name(f".nablahog-{secrets.token_hex(8)}{PART}")
     try:
         part.touch(exist_ok=False)  # not mkstemp, whose files only their owner may read
@@ -39,7 +39,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
                 yield file
             os.replace(part, path)
         except BaseException:
-            with suppress(OSError):  # the first error counts
+            with suppress(OSError):  # the first error is the one to report
                 part.unlink(missing_ok=True)
             raise
     except OSError as error:
@@ -140,7 +140,7 @@ def output_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise NotADirectoryError(f"the output folder {path} cannot be made: {existing} is not a folder")
     try:
         path.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=path).close()  # permission bits say less than a try
+        tempfile.TemporaryFile(dir=path).close()  # permission bits tell less than a try
     except OSError as error:
         _remove_empty(missing)
         raise PermissionError(f"the output folder {path} cannot be written: {error.strerror}") from None
@@ -153,7 +153,7 @@ def output_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def _remove_empty(folders: Sequence[Path]) -> None:
-    with suppress(OSError):  # stops at the first one that holds something
+    with suppress(OSError):  # stops at the first folder that is not empty
         for folder in folders:
             folder.rmdir()
 

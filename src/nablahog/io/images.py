@@ -22,8 +22,8 @@ from .files import check_file, replacing
 
 Picture: TypeAlias = Tensor | NDArray[np.floating]
 
-MAX_BYTES = 2**30  # of a file: more than the largest images need that are read
-STRIP = 256  # rows
+MAX_BYTES = 2**30  # of a file; the largest images that are read have fewer
+STRIP = 256  # rows that are converted at once
 
 _GRAY_MODES = ("1", "L", "LA", "La")
 
@@ -71,7 +71,7 @@ def read_image(path: str | os.PathLike[str]) -> Tensor:
     path = Path(path)
     check_file(path, "an image file")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # remarks on odd metadata
+        warnings.simplefilter("ignore")  # about odd metadata
         warnings.simplefilter("error", Image.DecompressionBombWarning)
         try:
             levels = _levels(_decoded(path))
@@ -96,13 +96,13 @@ def _decoded(path: Path) -> Image.Image:
     register_heif()
     if path.stat().st_size > MAX_BYTES:
         raise ValueError(f"it has more than {MAX_BYTES:,} bytes")
-    # from memory: some decoders ask for as many bytes as a damaged file promises, and a file allocates them
+    # from memory: some decoders allocate as many bytes as a damaged file promises
     with Image.open(io.BytesIO(path.read_bytes())) as image:
         if image.format == "EPS":
             raise ValueError("PostScript is a program, which is never run; convert it to PNG first")
         image.load()
         with suppress(Exception):  # damaged EXIF data says nothing about the pixels
-            ImageOps.exif_transpose(image, in_place=True)  # else a copy of what may be large
+            ImageOps.exif_transpose(image, in_place=True)  # without a copy, which may be large
     return image
 
 

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 from .files import check_file
 
-MAX_BYTES = 2**26  # what a file may unpack to, far above any record of a photograph
-MAX_ARRAY_BYTES = 2**29  # what its arrays of numbers may take, which it stores in fewer bytes if they are small
-MAX_ELEMENTS = 300_000  # arrays and parts of these, each an object here, though it may have no bytes in the file
-MAX_DEPTH = 16  # of structures in structures
+MAX_BYTES = 2**26  # that a file may unpack to; records of photographs have far fewer
+MAX_ARRAY_BYTES = 2**29  # that its arrays may take: small numbers are stored in fewer bytes than they take
+MAX_ELEMENTS = 300_000  # arrays and their parts: each becomes an object, even if it has no bytes in the file
+MAX_DEPTH = 16  # of nested structures
 
 _ORDERS = {b"IM": "<", b"MI": ">"}
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
@@ -85,7 +85,7 @@ def _naming(path: str | os.PathLike[str]) -> Iterator[bytes]:
 
 
 class _Damaged(Exception):
-    """What is wrong with the file, the end of a sentence."""
+    """Says what is wrong with the file, as the end of a sentence."""
 
 
 class _Element(NamedTuple):
@@ -116,7 +116,7 @@ def _arrays(data: bytes) -> dict[str, NDArray[np.generic]]:
             taken += values.size * np.dtype(code).itemsize
             if taken > MAX_ARRAY_BYTES:
                 raise _Damaged(f"its arrays take more than {MAX_ARRAY_BYTES:,} bytes")
-            with np.errstate(all="ignore"):  # of a damaged file numbers need not fit their class
+            with np.errstate(all="ignore"):  # numbers of a damaged file may not fit their class
                 arrays[name] = values.astype(code, copy=False)
     return arrays
 

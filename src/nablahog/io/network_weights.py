@@ -17,7 +17,7 @@ Network = TypeVar("Network", bound=nn.Module)
 
 
 def flat(tensors: Iterable[Tensor]) -> Tensor:
-    """All their entries in order, (n,), on the CPU."""
+    """All entries of the tensors in order, (n,), on the CPU."""
     return torch.cat([tensor.detach().flatten() for tensor in tensors]).cpu()
 
 

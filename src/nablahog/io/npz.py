@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
     Account = TypeVar("Account", bound=DataclassInstance)
 
-MAX_BYTES = 2**28  # what an archive may unpack to: a descriptor of 138 megapixels at 31 channels and cells of 8
+MAX_BYTES = 2**28  # that an archive may unpack to: a descriptor of 138 megapixels with 31 channels and cells of 8
 VARIABLE = "NABLAHOG_MAX_BYTES"
-MAX_CHARACTERS = 2**22  # of a text: as JSON, it may take thirty times as much
+MAX_CHARACTERS = 2**22  # of a text; parsed JSON may take thirty times as many bytes
 
 
 def max_bytes() -> int:
-    """What an array or an archive may unpack to: the environment variable ``NABLAHOG_MAX_BYTES``, or MAX_BYTES.
+    """The bytes that an archive may unpack to: the environment variable ``NABLAHOG_MAX_BYTES``, or MAX_BYTES.
 
     Raises:
         ValueError: the variable is no positive number.
@@ -67,7 +67,7 @@ def read_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -
     if missing:
         raise ValueError(f"{path}: expected a {kind}, but the archive lacks {', '.join(missing)}")
     for name, array in arrays.items():
-        if not isinstance(array, np.ndarray):  # of a member that is no .npy file, its bytes
+        if not isinstance(array, np.ndarray):  # a member that is no .npy file is read as bytes
             raise ValueError(f"{path}: expected a {kind}, but {name} in the archive is no array (.npy)")
     return arrays
 
@@ -100,7 +100,7 @@ def _unless_pickled(archive: np.lib.npyio.NpzFile, name: str) -> NDArray[np.gene
         if "allow_pickle" in str(error):
             return None
         raise
-    return array if isinstance(array, np.ndarray) else None  # of a file that is none, its bytes
+    return array if isinstance(array, np.ndarray) else None  # a member that is no .npy file is read as bytes
 
 
 @contextmanager

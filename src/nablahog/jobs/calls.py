@@ -25,7 +25,7 @@ class Call(Generic[R]):
 
 
 def map_on(cluster: str) -> Callable[..., Iterator[Any]]:
-    """What ``map`` does, on a cluster: the results in order.
+    """``map`` on a cluster: yields the results in order.
 
     Args:
         cluster: as :func:`.cluster.run_on_cluster` names it.

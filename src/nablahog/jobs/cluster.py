@@ -94,7 +94,7 @@ def run_on_cluster(
             except Empty:
                 _check_workers(client, cluster)
                 continue
-            if future.status == "lost":  # with its worker, before it was read; Dask has it computed again
+            if future.status == "lost":  # with its worker, before it was read; Dask computes it again
                 future.add_done_callback(ended.put)
                 continue
             index = at_work.pop(future.key)
@@ -107,7 +107,7 @@ def run_on_cluster(
                 answer = DIED
             except (*LOST, ChildProcessError):
                 raise
-            except Exception as error:  # no job's: perhaps workers have another version, and cannot read it
+            except Exception as error:  # not of the job: perhaps workers have another version
                 answer = f"{type(error).__name__}: {' '.join(str(error).split())}"
             yield index, answer
 
@@ -127,14 +127,14 @@ def _check_workers(client: Client, cluster: str) -> None:
 
 
 class _Threads:
-    """Those of all workers, counted every :data:`RECOUNT` seconds."""
+    """The threads of all workers, counted every :data:`RECOUNT` seconds."""
 
     def __init__(self, client: Client) -> None:
         self._client, self._until = client, 0.0
         self._count = 1
 
     def count(self) -> int:
-        """At least 1."""
+        """The number of threads, at least 1."""
         if time.monotonic() > self._until:
             self._count = max(1, sum(self._client.nthreads().values()))
             self._until = time.monotonic() + RECOUNT
@@ -145,7 +145,7 @@ class _Threads:
 def _connected(cluster: str) -> Iterator[Client]:
     """A client of the cluster; one of this machine's own processes ends with the block."""
     match = re.fullmatch(r"local(?::(\d{1,4}))?", cluster)
-    failures = {"distributed.scheduler.allowed-failures": 0}  # of processes of this machine: who died is tried alone
+    failures = {"distributed.scheduler.allowed-failures": 0}  # for own processes: a job that died is tried alone
     with dask.config.set(failures), silence_logging_cmgr(logging.CRITICAL):
         if match is None:
             try:

@@ -37,7 +37,7 @@ class ShardJob:
 
     @property
     def key(self) -> str:
-        """What the shard is of."""
+        """A hash of the shard's contents."""
         return shard_key(self.paths, self.spec, self.size)
 
     def run(self) -> JobResult:

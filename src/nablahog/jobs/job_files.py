@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 _COPIES: dict[str, Path] = {}
-_FOLDERS: list[Path] = []  # of a worker of a cluster, at most one
+_FOLDERS: list[Path] = []  # at most one, on a worker of a cluster
 
 
 def local_path(path: Path) -> Path:

@@ -11,18 +11,23 @@ class BlockNorm final : public Normalizer<T> {
   using V = Vec<T>;
 
   BlockNorm(const nablahog_plan& plan, Workspace& work)
-      : constants_(*static_cast<const nablahog_block_norm*>(plan.constants)),
-        epsilon_(T(constants_.epsilon)),
-        epsilon_again_(T(constants_.epsilon_again)),
-        clip_(T(constants_.clip)),
-        squares_(constants_.form == NABLAHOG_L2 || constants_.form == NABLAHOG_L2_HYS),
+      : high_(int64_t(plan.constants[0])),
+        wide_(int64_t(plan.constants[1])),
+        down_(int64_t(plan.constants[2])),
+        across_(int64_t(plan.constants[3])),
+        epsilon_(T(plan.constants[4])),
+        epsilon_again_(T(plan.constants[5])),
+        clip_(T(plan.constants[6])),
+        form_(Form(int(plan.constants[7]))),
+        outside_root_(plan.constants[8]),
+        squares_(form_ == L2 || form_ == L2_HYS),
         bins_(plan.bins),
         rows_(plan.out_rows),
         cols_(plan.out_cols),
         cells_(plan.rows.cells * plan.cols.cells),
         cells_across_(plan.cols.cells),
-        row_(constants_.block[1] * bins_),
-        size_(constants_.block[0] * row_),
+        row_(wide_ * bins_),
+        size_(high_ * row_),
         line_(round_up(size_, lanes<T>)),
         x_{work.zeros<T>(line_), work.zeros<T>(line_)},
         grad_(work.zeros<T>(line_)),
@@ -39,7 +44,7 @@ class BlockNorm final : public Normalizer<T> {
       gather(cells + at, cells_across_ * bins_, x_.value);
       gather(grad_out + block * size_, row_, grad_);
       block_vjp(sum_block(sums_.value, row, col));
-      for (int64_t k = 0; k < constants_.block[0]; ++k) {
+      for (int64_t k = 0; k < high_; ++k) {
         T* __restrict to = grad_cells + at + k * cells_across_ * bins_;
         for (int64_t j = 0; j < row_; ++j) to[j] += grad_[k * row_ + j];
       }
@@ -47,11 +52,13 @@ class BlockNorm final : public Normalizer<T> {
   }
 
  private:
+  enum Form { L1, L1_SQRT, L2, L2_HYS };
+
   template <class F>
   void each_block(F body) const {
     for (int64_t row = 0; row < rows_; ++row) {
       for (int64_t col = 0; col < cols_; ++col) {
-        body(row * constants_.step[0], col * constants_.step[1], row * cols_ + col);
+        body(row * down_, col * across_, row * cols_ + col);
       }
     }
   }
@@ -70,7 +77,7 @@ class BlockNorm final : public Normalizer<T> {
   [[gnu::always_inline]] S normalize_block(L x, S total) const {
     const S factor = first_factor(total);
     const auto by = spread(factor);
-    if (constants_.form == NABLAHOG_L2_HYS) {
+    if (form_ == L2_HYS) {
       typename Pointee<L>::Vector squares{};
       for (int64_t k = 0; k < line_; k += lanes<T>) {
         const auto entries = clipped(load_vector(x + k) * by, clip_);
@@ -79,8 +86,8 @@ class BlockNorm final : public Normalizer<T> {
       }
       return inverse_length(sum(squares), epsilon_again_);
     }
-    if (constants_.form == NABLAHOG_L1_SQRT) {
-      for (int64_t k = 0; k < line_; k += lanes<T>) store_vector(x + k, roots(load_vector(x + k) * by));
+    if (form_ == L1_SQRT) {
+      for (int64_t k = 0; k < line_; k += lanes<T>) store_vector(x + k, root(load_vector(x + k) * by));
       return constant<S>(T(1));
     }
     return factor;
@@ -91,12 +98,12 @@ class BlockNorm final : public Normalizer<T> {
     const T factor = first_factor(total);
     T* x = x_.value;
     V products{};
-    if (constants_.form == NABLAHOG_L2_HYS) {
+    if (form_ == L2_HYS) {
       products = clip_vjp(x, factor);
     } else {
       for (int64_t k = 0; k < line_; k += lanes<T>) {
         V grad = load<V>(grad_ + k);
-        if (constants_.form == NABLAHOG_L1_SQRT) {
+        if (form_ == L1_SQRT) {
           const V root = sqrt(load<V>(x + k) * factor);
           grad = root > T(0) ? grad * T(0.5) / root : V{};
           store(grad_ + k, grad);
@@ -138,19 +145,19 @@ class BlockNorm final : public Normalizer<T> {
   }
   template <class S>
   S inverse_length(S energy, T epsilon) const {
-    return reciprocal(constants_.epsilon_outside_root ? root(energy) + constant<S>(epsilon)
-                                                      : root(energy + constant<S>(epsilon * epsilon)));
+    return reciprocal(outside_root_ ? root(energy) + constant<S>(epsilon)
+                                    : root(energy + constant<S>(epsilon * epsilon)));
   }
   // The coefficient s of the vjp x̄ = f · ȳ - s · x, with product = ⟨x, ȳ⟩
   T slope(T energy, T factor, T product) const {
-    if (!constants_.epsilon_outside_root) return factor * factor * factor * product;
+    if (!outside_root_) return factor * factor * factor * product;
     return energy > 0 ? factor * factor * product / std::sqrt(energy) : T(0);
   }
 
   // The rows of a block, `stride` apart, one after the other
   template <class T2>
   void gather(const T2* from, int64_t stride, T2* to) const {
-    for (int64_t k = 0; k < constants_.block[0]; ++k) {
+    for (int64_t k = 0; k < high_; ++k) {
       for (int64_t j = 0; j < row_; ++j) to[k * row_ + j] = from[k * stride + j];
     }
     for (int64_t k = size_; k < line_; ++k) to[k] = 0;  // where NaN may have been left
@@ -176,15 +183,16 @@ class BlockNorm final : public Normalizer<T> {
   template <class L>
   auto sum_block(L sums, int64_t row, int64_t col) const {
     typename Pointee<L>::Scalar total{};
-    for (int64_t y = row; y < row + constants_.block[0]; ++y) {
-      for (int64_t x = col; x < col + constants_.block[1]; ++x) total += get(sums, y * cells_across_ + x);
+    for (int64_t y = row; y < row + high_; ++y) {
+      for (int64_t x = col; x < col + wide_; ++x) total += get(sums, y * cells_across_ + x);
     }
     return total;
   }
 
-  const nablahog_block_norm& constants_;
+  const int64_t high_, wide_, down_, across_;  // cells of a block, and from one to the next
   const T epsilon_, epsilon_again_, clip_;
-  const bool squares_;
+  const Form form_;
+  const bool outside_root_, squares_;  // whether ε is added to the root; whether the norm sums squares
   const int64_t bins_, rows_, cols_, cells_, cells_across_, row_, size_, line_;
   const DualPointer<T> x_;  // line: of a block
   T* grad_;                 // line

@@ -9,9 +9,7 @@ template <class T>
 class CellNorm final : public Normalizer<T> {
  public:
   CellNorm(const nablahog_plan& plan, Workspace&)
-      : epsilon_(T(static_cast<const nablahog_cell_norm*>(plan.constants)->epsilon)),
-        bins_(plan.bins),
-        cells_(plan.rows.cells * plan.cols.cells) {}
+      : epsilon_(T(plan.constants[0])), bins_(plan.bins), cells_(plan.rows.cells * plan.cols.cells) {}
 
   void forward(const T* cells, T* out) override { normalize(cells, out); }
   void jvp(DualPointer<const T> cells, DualPointer<T> out) override { normalize(cells, out); }

@@ -65,6 +65,16 @@ template <class T>
   to.tangent[k] = x.tangent;
 }
 
+// Without tangents
+template <class T>
+T* values_of(T* numbers) {
+  return numbers;
+}
+template <class T>
+T* values_of(DualPointer<T> numbers) {
+  return numbers.value;
+}
+
 template <class T>
 [[gnu::always_inline]] inline Vec<T> load_vector(const T* from) {
   return load<Vec<T>>(from);
@@ -143,23 +153,19 @@ template <class N, class S>
   return {x.value * factor, x.tangent * factor};
 }
 
-template <class T>
-inline T root(T x) {
-  return std::sqrt(x);
+// Of numbers and vectors
+template <class N>
+[[gnu::always_inline]] inline N root(N x) {
+  if constexpr (std::is_arithmetic_v<N>) {
+    return std::sqrt(x);
+  } else {
+    return sqrt(x);
+  }
 }
-template <class T>
-inline Dual<T> root(Dual<T> x) {
-  const T value = std::sqrt(x.value);
-  return {value, value > 0 ? T(0.5) * x.tangent / value : T(0)};
-}
-template <class V>
-[[gnu::always_inline]] inline V roots(V x) {
-  return sqrt(x);
-}
-template <class V>
-[[gnu::always_inline]] inline Dual<V> roots(Dual<V> x) {
-  const V value = sqrt(x.value);
-  return {value, value > V{} ? Element<V>(0.5) * x.tangent / value : V{}};
+template <class N>
+[[gnu::always_inline]] inline Dual<N> root(Dual<N> x) {
+  const N value = root(x.value);
+  return {value, value > N{} ? x.tangent / (value + value) : N{}};
 }
 
 template <class T>

@@ -13,7 +13,7 @@ class FourBlockNorm final : public Normalizer<T> {
   using V = Vec<T>;
 
   FourBlockNorm(const nablahog_plan& plan, Workspace& work)
-      : constants_(*static_cast<const nablahog_four_block_norm*>(plan.constants)),
+      : constants_(plan.constants),
         epsilon_(T(constants_.epsilon)),
         clip_(T(constants_.clip)),
         texture_(T(constants_.texture)),
@@ -61,6 +61,34 @@ class FourBlockNorm final : public Normalizer<T> {
   }
 
  private:
+  // Channels are parts; one that is left out begins at -1.
+  struct Constants {
+    explicit Constants(const double* from)
+        : epsilon(from[0]),
+          clip(from[1]),
+          texture(from[2]),
+          texture_order{int64_t(from[3]), int64_t(from[4]), int64_t(from[5]), int64_t(from[6])},
+          directed_at(int64_t(from[7])),
+          undirected_at(int64_t(from[8])),
+          texture_at(int64_t(from[9])),
+          blocks_at(int64_t(from[10])),
+          zero_at(int64_t(from[11])),
+          dropped(int64_t(from[12])),
+          floor(from[13]),
+          missing(from[14]),
+          is_signed(from[15]),
+          directed_texture(from[16]) {}
+
+    double epsilon, clip, texture;  // the last one is the factor of texture channels
+    int64_t texture_order[4];       // the texture channel of the block up-left, up-right, down-left, down-right
+    int64_t directed_at, undirected_at, texture_at, blocks_at, zero_at;
+    int64_t dropped;  // outermost rings of cells that are not described
+    bool floor;       // √energy is at least ε; else ε is added to the energy
+    bool missing;     // blocks that reach beyond the grid add nothing
+    bool is_signed;
+    bool directed_texture;  // texture sums directed histograms
+  };
+
   // What the blocks up-left, up-right, down-left, down-right of a cell have
   template <class N>
   struct Blocks {
@@ -199,7 +227,7 @@ class FourBlockNorm final : public Normalizer<T> {
   // Gradients with respect to each block's total
   Blocks<T> grad_totals(const T* grad, bool directed) const {
     Blocks<T> of_totals{};
-    if (constants_.texture_at < 0 || bool(constants_.directed_texture) != directed) return of_totals;
+    if (constants_.texture_at < 0 || constants_.directed_texture != directed) return of_totals;
     for (int block = 0; block < 4; ++block) {
       of_totals.of[block] = texture_ * grad[constants_.texture_at + constants_.texture_order[block]];
     }
@@ -255,7 +283,7 @@ class FourBlockNorm final : public Normalizer<T> {
     for (int64_t k = 0; k < axes_ && constants_.is_signed; ++k) to[axes_ + k] += grad_[k];
   }
 
-  const nablahog_four_block_norm& constants_;
+  const Constants constants_;
   const T epsilon_, clip_, texture_;
   const int64_t bins_, axes_, rows_, cols_, channels_;
   const DualPointer<T> energies_, factors_;

@@ -9,8 +9,7 @@ template <class T>
 class GlobalNorm final : public Normalizer<T> {
  public:
   GlobalNorm(const nablahog_plan& plan, Workspace&)
-      : constants_(*static_cast<const nablahog_global_norm*>(plan.constants)),
-        size_(plan.rows.cells * plan.cols.cells * plan.bins) {}
+      : epsilon_(plan.constants[0]), robust_(plan.constants[1]), size_(plan.rows.cells * plan.cols.cells * plan.bins) {}
 
   void forward(const T* cells, T* out) override { normalize(cells, out); }
   void jvp(DualPointer<const T> cells, DualPointer<T> out) override { normalize(cells, out); }
@@ -19,7 +18,7 @@ class GlobalNorm final : public Normalizer<T> {
   void vjp(const T* __restrict cells, const T* __restrict grad_out, T* __restrict grad_cells) override {
     const double energy = long_energy(cells, size_), product = long_dot(cells, grad_out, size_);
     const double length = std::sqrt(energy), f = factor(energy), cubed = f * f * f * product;
-    const double slope = constants_.robust ? -cubed : length > 0 ? -0.5 * cubed / length : 0.0;
+    const double slope = robust_ ? -cubed : length > 0 ? -0.5 * cubed / length : 0.0;
     const T by_grad = T(f), by_cells = T(slope);
     for (int64_t k = 0; k < size_; ++k) grad_cells[k] = grad_out[k] * by_grad + cells[k] * by_cells;
   }
@@ -27,9 +26,7 @@ class GlobalNorm final : public Normalizer<T> {
  private:
   template <class N>
   N factor(N energy) const {
-    const double epsilon = constants_.epsilon;
-    return reciprocal(
-        root(constants_.robust ? energy + constant<N>(epsilon * epsilon) : root(energy) + constant<N>(epsilon)));
+    return reciprocal(root(robust_ ? energy + constant<N>(epsilon_ * epsilon_) : root(energy) + constant<N>(epsilon_)));
   }
 
   template <class P, class Q>
@@ -42,7 +39,8 @@ class GlobalNorm final : public Normalizer<T> {
     }
   }
 
-  const nablahog_global_norm& constants_;
+  const double epsilon_;
+  const bool robust_;
   const int64_t size_;
 };
 

@@ -1,4 +1,4 @@
-// Eq. 1-2, a row of pixels at a time: stored values to gradients (Gx, Gy), and the vjp.
+// Eq. 1-2, a row of pixels at a time: stored values to gradients (Gx, Gy).
 //
 // A *line* holds a row of one channel, scaled, with a pixel more at either end: a *ghost*, the value beyond the border.
 // Behind it are zeros up to whole vectors.  A ring buffer holds the last three lines of each channel.
@@ -14,6 +14,20 @@ struct Images {
   const void* pixels;  // of the dtype in the plan
   int64_t strides[4];  // in elements: from image to image, channel, row, column
 };
+
+// Calls body(the first pixel of a row) with a pointer to the dtype in the plan.
+template <class F>
+void with_row(const nablahog_plan& plan, const Images& images, int64_t image, int64_t channel, int64_t y, F body) {
+  const int64_t at = image * images.strides[0] + channel * images.strides[1] + y * images.strides[2];
+  switch (plan.pixels) {
+    case NABLAHOG_UINT8:
+      return body(static_cast<const uint8_t*>(images.pixels) + at);
+    case NABLAHOG_FLOAT32:
+      return body(static_cast<const float*>(images.pixels) + at);
+    default:
+      return body(static_cast<const double*>(images.pixels) + at);
+  }
+}
 
 // Elements from line to line: a vector in front, whose last element is the ghost of the first pixel, and one behind
 template <class T>
@@ -161,17 +175,7 @@ class Reader {
 
   void read(int64_t y) {
     for (int64_t channel = 0; channel < plan_.channels; ++channel) {
-      const int64_t from = image_ * images_.strides[0] + channel * images_.strides[1] + y * images_.strides[2];
-      switch (plan_.pixels) {
-        case NABLAHOG_UINT8:
-          read_channel(static_cast<const uint8_t*>(images_.pixels) + from, y, channel);
-          break;
-        case NABLAHOG_FLOAT32:
-          read_channel(static_cast<const float*>(images_.pixels) + from, y, channel);
-          break;
-        default:
-          read_channel(static_cast<const double*>(images_.pixels) + from, y, channel);
-      }
+      with_row(plan_, images_, image_, channel, y, [&](const auto* from) { read_channel(from, y, channel); });
     }
     for (int64_t channel = 0; channel < channels; ++channel) finish(line(channel, y));
   }
@@ -180,13 +184,10 @@ class Reader {
   void read_channel(const Stored* from, int64_t y, int64_t channel) {
     const P to = line(plan_.averaged ? 0 : channel, y);
     const int64_t step = images_.strides[3];
-    T* values;
+    T* values = values_of(to);
     if constexpr (dual) {
-      values = to.value;
       const T* tangents = tangents_ + ((image_ * plan_.channels + channel) * plan_.height + y) * plan_.width;
       convert_tangents(from, step, tangents, to.tangent, channel);
-    } else {
-      values = to;
     }
     if (step == 1) {
       convert(from, std::integral_constant<int64_t, 1>(), values, channel);
@@ -231,12 +232,7 @@ class Reader {
   // Fills in the ghosts, and looks for values that are not finite
   void finish(P to) {
     const int64_t width = plan_.width, last = width - 1;
-    T* values;
-    if constexpr (dual) {
-      values = to.value;
-    } else {
-      values = to;
-    }
+    const T* values = values_of(to);
     using Scalar = typename Pointee<P>::Scalar;
     const bool mirror = plan_.border == NABLAHOG_MIRROR || width == 1, repeat = plan_.border == NABLAHOG_REPEAT;
     const Scalar beyond = constant<Scalar>(border_value());
@@ -258,152 +254,6 @@ class Reader {
   T row_factor_ = 1;
   int64_t image_ = 0, last_read_ = -1;
   Vec<T> broken_{};
-};
-
-// The vjp: gradients with respect to Gx and Gy, a row at a time from above, to those of the pixels of the row above.
-template <class T>
-class Writer {
- public:
-  using V = Vec<T>;
-  using I = Vec<Int<T>>;
-
-  Writer(const nablahog_plan& plan, const Images& images, Workspace& work)
-      : plan_(plan),
-        images_(images),
-        channels_(plan.averaged ? 1 : plan.channels),
-        size_(line_size<T>(plan.width)),
-        grad_x_(work.zeros<T>(channels_ * 3 * size_) + lanes<T>),
-        grad_y_(work.zeros<T>(channels_ * 3 * size_) + lanes<T>),
-        values_(work.zeros<T>(size_)) {}
-
-  void begin(int64_t image) {
-    image_ = image;
-    std::memset(grad_x_ - lanes<T>, 0, channels_ * 3 * size_ * sizeof(T));
-    std::memset(grad_y_ - lanes<T>, 0, channels_ * 3 * size_ * sizeof(T));
-  }
-
-  // A row that does not vote
-  void clear_row(int64_t y) {
-    for (int64_t channel = 0; channel < channels_; ++channel) {
-      std::memset(x_line(channel, y), 0, plan_.width * sizeof(T));
-      std::memset(y_line(channel, y), 0, plan_.width * sizeof(T));
-    }
-  }
-
-  // Takes gradients with respect to Gx and Gy of a vector of pixels of row y, from column x on
-  [[gnu::always_inline]] void put(int64_t y, int64_t x, V gx, V gy, I winner) {
-    if (channels_ == 1) {
-      store(x_line(0, y) + x, gx);
-      store(y_line(0, y) + x, gy);
-      return;
-    }
-    for (int64_t channel = 0; channel < channels_; ++channel) {
-      const auto own = winner == splat<I>(Int<T>(channel));
-      store(x_line(channel, y) + x, own ? gx : V{});
-      store(y_line(channel, y) + x, own ? gy : V{});
-    }
-  }
-
-  // Once a row is complete: nothing is beyond its end, and differences across the border have their factor
-  void finish_row(int64_t y) {
-    const int64_t width = plan_.width, height = plan_.height;
-    const T factor = plan_.border == NABLAHOG_MIRROR ? T(0) : plan_.border_doubled ? T(2) : T(1);
-    for (int64_t channel = 0; channel < channels_; ++channel) {
-      T *gx = x_line(channel, y), *gy = y_line(channel, y);
-      store(gx + width, V{});
-      store(gy + width, V{});
-      gx[0] = width > 1 ? gx[0] * factor : 0;
-      if (width > 1) gx[width - 1] *= factor;
-      if (y == 0 || y == height - 1) {
-        for (int64_t x = 0; x < width; ++x) gy[x] = height > 1 ? gy[x] * factor : 0;
-      }
-    }
-  }
-
-  // Gradients of row y of all channels, to `out` (channels, height, width), from the rows above, at and below it
-  void write_row(int64_t y, T* out) {
-    for (int64_t channel = 0; channel < plan_.channels; ++channel) {
-      T* to = out + (channel * plan_.height + y) * plan_.width;
-      const T slope = T(plan_.channel_weights[channel]) * T(plan_.scale);
-      if (!plan_.averaged && !plan_.sobel && !plan_.square_root) {
-        differences_vjp(channel, y, slope, to);
-        continue;
-      }
-      if (channel == 0 || !plan_.averaged) {
-        if (plan_.sobel) {
-          sobel_vjp(channel, y, values_);
-        } else {
-          differences_vjp(channel, y, T(1), values_);
-        }
-      }
-      if (plan_.square_root) {
-        roots_vjp(channel, y, to);
-      } else {
-        for (int64_t x = 0; x < plan_.width; ++x) to[x] = slope * values_[x];
-      }
-    }
-  }
-
- private:
-  T* x_line(int64_t channel, int64_t y) const { return grad_x_ + (channel * 3 + y % 3) * size_; }
-  T* y_line(int64_t channel, int64_t y) const { return grad_y_ + (channel * 3 + y % 3) * size_; }
-
-  void differences_vjp(int64_t channel, int64_t y, T slope, T* __restrict to) const {
-    const int64_t width = plan_.width;
-    const T *here = x_line(channel, y), *above = y_line(channel, y + 2), *below = y_line(channel, y + 1);
-    for (int64_t x = 0; x < width; ++x) to[x] = slope * (here[x - 1] - here[x + 1] + above[x] - below[x]);
-    if (plan_.border != NABLAHOG_REPEAT) return;  // beyond the border is the outermost pixel itself
-    const T* own = y_line(channel, y);
-    to[0] -= slope * here[0];
-    to[width - 1] += slope * here[width - 1];
-    for (int64_t x = 0; x < width && y == 0; ++x) to[x] -= slope * own[x];
-    for (int64_t x = 0; x < width && y == plan_.height - 1; ++x) to[x] += slope * own[x];
-  }
-
-  // Of smoothed differences of a mirrored image: the outermost rows and columns have one neighbour twice
-  void sobel_vjp(int64_t channel, int64_t y, T* __restrict to) const {
-    const int64_t width = plan_.width, height = plan_.height;
-    const T *x_here = x_line(channel, y), *x_above = x_line(channel, y + 2), *x_below = x_line(channel, y + 1);
-    const T *y_above = y_line(channel, y + 2), *y_below = y_line(channel, y + 1);
-    const T of_here = height == 1 ? 4 : 2, of_above = y == 1 ? 2 : 1, of_below = y == height - 2 ? 2 : 1;
-    const auto across = [](const T* line, int64_t x) { return line[x - 1] - line[x + 1]; };
-    const auto down = [=](int64_t x) { return y_above[x] - y_below[x]; };
-    for (int64_t x = 0; x < width; ++x) {
-      to[x] = of_here * across(x_here, x) + of_above * across(x_above, x) + of_below * across(x_below, x) +
-              (down(x - 1) + 2 * down(x) + down(x + 1));
-    }
-    if (width == 1) {
-      to[0] += 2 * down(0);
-    } else {
-      to[1] += down(0);
-      to[width - 2] += down(width - 1);
-    }
-  }
-
-  void roots_vjp(int64_t channel, int64_t y, T* to) const {
-    const int64_t* strides = images_.strides;
-    const int64_t from = image_ * strides[0] + channel * strides[1] + y * strides[2];
-    const T weight = T(plan_.channel_weights[channel]);
-    const auto each = [&](const auto* stored) {
-      for (int64_t x = 0; x < plan_.width; ++x) {
-        to[x] = weight * root_slope(plan_, T(stored[from + x * strides[3]])) * values_[x];
-      }
-    };
-    switch (plan_.pixels) {
-      case NABLAHOG_UINT8:
-        return each(static_cast<const uint8_t*>(images_.pixels));
-      case NABLAHOG_FLOAT32:
-        return each(static_cast<const float*>(images_.pixels));
-      default:
-        return each(static_cast<const double*>(images_.pixels));
-    }
-  }
-
-  const nablahog_plan& plan_;
-  const Images& images_;
-  const int64_t channels_, size_;
-  T *grad_x_, *grad_y_, *values_;
-  int64_t image_ = 0;
 };
 
 }  // namespace nablahog

@@ -1,10 +1,13 @@
 // The interface of the operator's loops.  Pointers to T are double* for double pixels, else float*.
+#include "forward.h"
 #include "interface.h"
-#include "operator.h"
+#include "jvp.h"
+#include "vjp.h"
 
 namespace {
 
 using nablahog::Images;
+using nablahog::Normalizer;
 using nablahog::Range;
 
 bool is_double(const nablahog_plan& plan) { return plan.pixels == NABLAHOG_FLOAT64; }
@@ -29,6 +32,22 @@ void with_types(const nablahog_plan& plan, Body body) {
       default:
         return body.template operator()<T, nablahog::Begun<T>>();
     }
+  });
+}
+
+// Calls body(normaliser, where an image's cells and its descriptor begin, memory for one) for images in a range.
+template <class Body>
+int each_descriptor(const nablahog_plan& plan, Range range, Body body) {
+  return nablahog::guarded([&] {
+    nablahog::with_real(is_double(plan), [&]<class T>() {
+      thread_local nablahog::Workspace work;
+      work.clear();
+      const auto norm = nablahog::make_normalizer<T>(plan, work);
+      T* values = work.zeros<T>(nablahog::out_size(plan));
+      for (int64_t image = range.first; image < range.last; ++image) {
+        body(*norm, image * nablahog::cells_size(plan), image * nablahog::out_size(plan), values);
+      }
+    });
   });
 }
 
@@ -107,36 +126,31 @@ NABLAHOG_API int nablahog_hog_jvp(const nablahog_plan* plan, const void* pixels,
 // The normaliser: cells (images, rows, cols, bins) to descriptors, its vjp and its jvp
 NABLAHOG_API int nablahog_normalize(const nablahog_plan* plan, int64_t first, int64_t last, const void* cells,
                                     void* out) {
-  return nablahog::guarded([&] {
-    nablahog::with_real(is_double(*plan), [&]<class T>() {
-      nablahog::normalize(*plan, Range{first, last}, static_cast<const T*>(cells), static_cast<T*>(out));
-    });
+  return each_descriptor(*plan, {first, last}, [&]<class T>(Normalizer<T>& norm, int64_t cell, int64_t at, T*) {
+    norm.forward(static_cast<const T*>(cells) + cell, static_cast<T*>(out) + at);
   });
 }
 
 NABLAHOG_API int nablahog_normalize_vjp(const nablahog_plan* plan, int64_t first, int64_t last, const void* cells,
                                         const void* grad_out, void* grad_cells) {
-  return nablahog::guarded([&] {
-    nablahog::with_real(is_double(*plan), [&]<class T>() {
-      nablahog::normalize_vjp(*plan, Range{first, last}, static_cast<const T*>(cells), static_cast<const T*>(grad_out),
-                              static_cast<T*>(grad_cells));
-    });
+  return each_descriptor(*plan, {first, last}, [&]<class T>(Normalizer<T>& norm, int64_t cell, int64_t at, T*) {
+    norm.vjp(static_cast<const T*>(cells) + cell, static_cast<const T*>(grad_out) + at,
+             static_cast<T*>(grad_cells) + cell);
   });
 }
 
 NABLAHOG_API int nablahog_normalize_jvp(const nablahog_plan* plan, int64_t first, int64_t last, const void* cells,
                                         const void* tangents, void* out) {
-  return nablahog::guarded([&] {
-    nablahog::with_real(is_double(*plan), [&]<class T>() {
-      nablahog::normalize_jvp(*plan, Range{first, last}, static_cast<const T*>(cells), static_cast<const T*>(tangents),
-                              static_cast<T*>(out));
-    });
+  return each_descriptor(*plan, {first, last}, [&]<class T>(Normalizer<T>& norm, int64_t cell, int64_t at, T* values) {
+    norm.jvp({static_cast<const T*>(cells) + cell, static_cast<const T*>(tangents) + cell},
+             {values, static_cast<T*>(out) + at});
   });
 }
 
-// The sum of squares as the global normaliser has it, for images that are read in strips
-NABLAHOG_API int nablahog_long_energy(int32_t double_precision, const void* x, int64_t count, double* out) {
-  nablahog::with_real(double_precision,
-                      [&]<class T>() { *out = nablahog::long_energy(static_cast<const T*>(x), count); });
+// Adds the sum of squares as the global normaliser has it, for images that are read in strips.
+NABLAHOG_API int nablahog_long_energy(int32_t double_precision, const void* x, int64_t count, double* total) {
+  nablahog::with_real(double_precision, [&]<class T>() {
+    *total = nablahog::long_dot(static_cast<const T*>(x), static_cast<const T*>(x), count, *total);
+  });
   return 0;
 }

@@ -1,4 +1,4 @@
-// Numbers the fields of the structs that Python fills in, in the order of plan.h: a test reads them in its own order.
+// Numbers the fields of the struct that Python fills in, in the order of plan.h: a test reads them in its own order.
 #include <type_traits>
 
 #include "interface.h"
@@ -30,8 +30,7 @@ void number_axis(nablahog_axis& a) {
 
 }  // namespace
 
-NABLAHOG_API int nablahog_number_fields(nablahog_plan* p, nablahog_global_norm* global, nablahog_cell_norm* cell,
-                                        nablahog_block_norm* block, nablahog_four_block_norm* four) {
+NABLAHOG_API int nablahog_number_fields(nablahog_plan* p) {
   next = 0;
   number_all(p->channels, p->height, p->width, p->pixels, p->averaged, p->square_root, p->sobel, p->border,
              p->border_doubled, p->scale, p->black, p->border_value, p->channel_weights, p->last_wins, p->votes,
@@ -40,17 +39,5 @@ NABLAHOG_API int nablahog_number_fields(nablahog_plan* p, nablahog_global_norm* 
   number_axis(p->rows);
   number_axis(p->cols);
   number_all(p->normalizer, p->out_rows, p->out_cols, p->out_channels, p->constants);
-  next = 0;
-  number_all(global->epsilon, global->robust);
-  next = 0;
-  number_all(cell->epsilon);
-  next = 0;
-  number_all(block->block[0], block->block[1], block->step[0], block->step[1], block->epsilon, block->epsilon_again,
-             block->clip, block->form, block->epsilon_outside_root);
-  next = 0;
-  number_all(four->epsilon, four->clip, four->texture, four->texture_order[0], four->texture_order[1],
-             four->texture_order[2], four->texture_order[3], four->directed_at, four->undirected_at, four->texture_at,
-             four->blocks_at, four->zero_at, four->floor, four->missing, four->dropped, four->is_signed,
-             four->directed_texture);
   return 0;
 }

@@ -30,8 +30,7 @@ template <class P>
 
 // In double precision, of long vectors: one sum in float32 would lose digits.
 template <class T>
-double long_dot(const T* left, const T* right, int64_t count) {
-  double total = 0;
+double long_dot(const T* left, const T* right, int64_t count, double total = 0) {
   for (int64_t k = 0; k < count; k += 256) total += dot(left + k, right + k, count - k < 256 ? count - k : 256);
   return total;
 }

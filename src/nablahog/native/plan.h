@@ -8,8 +8,6 @@ enum nablahog_pixels { NABLAHOG_UINT8, NABLAHOG_FLOAT32, NABLAHOG_FLOAT64 };
 // Values beyond the border: mirrored at the outermost pixels, these pixels again, or a constant.
 enum nablahog_border { NABLAHOG_MIRROR, NABLAHOG_REPEAT, NABLAHOG_CONSTANT };
 enum nablahog_votes { NABLAHOG_LINEAR, NABLAHOG_OPENCV, NABLAHOG_VLFEAT, NABLAHOG_NEAREST, NABLAHOG_BEGUN };
-enum nablahog_normalizer { NABLAHOG_NO_NORM, NABLAHOG_GLOBAL, NABLAHOG_CELL, NABLAHOG_BLOCK, NABLAHOG_FOUR_BLOCK };
-enum nablahog_block_form { NABLAHOG_L1, NABLAHOG_L1_SQRT, NABLAHOG_L2, NABLAHOG_L2_HYS };
 
 // Eq. 5-6 along one axis.  A stretch is neighbouring pixels that vote into the same `extent` neighbouring cells.
 struct nablahog_axis {
@@ -57,36 +55,7 @@ struct nablahog_plan {
   struct nablahog_axis rows, cols;
 
   // Eq. 7: histograms to the descriptor
-  int32_t normalizer;  // nablahog_normalizer
+  const char* normalizer;  // its kind, or null
   int64_t out_rows, out_cols, out_channels;
-  const void* constants;  // of the normaliser, see below
-};
-
-struct nablahog_global_norm {
-  double epsilon;
-  int32_t robust;
-};
-
-struct nablahog_cell_norm {
-  double epsilon;
-};
-
-struct nablahog_block_norm {
-  int64_t block[2], step[2];  // in cells: rows, columns
-  double epsilon, epsilon_again, clip;
-  int32_t form;  // nablahog_block_form
-  int32_t epsilon_outside_root;
-};
-
-// Channels are parts; a part that is left out begins at -1.
-struct nablahog_four_block_norm {
-  double epsilon, clip;
-  double texture;            // factor of texture channels
-  int64_t texture_order[4];  // the texture channel of the block up-left, up-right, down-left, down-right
-  int64_t directed_at, undirected_at, texture_at, blocks_at, zero_at;
-  int32_t floor;    // √energy is at least ε; else ε is added to the energy
-  int32_t missing;  // blocks that reach beyond the grid add nothing
-  int32_t dropped;  // outermost rings of cells that are not described
-  int32_t is_signed;
-  int32_t directed_texture;  // texture sums directed histograms
+  const double* constants;  // of the normaliser, in the order of its header
 };

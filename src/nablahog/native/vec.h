@@ -85,49 +85,14 @@ template <class V>
   return iota<Mask<V>>() < splat<Mask<V>>(Int<Element<V>>(count));
 }
 
-// √x, rounded as IEEE 754 says
+// √x and ⌊x⌋: compilers make one instruction of either loop, without traps and errno.
 template <class V>
 [[gnu::always_inline]] inline V sqrt(V x) {
-#if defined(__x86_64__)
-  if constexpr (std::is_same_v<V, Vec<float, 4>>) return (V)_mm_sqrt_ps((__m128)x);
-  if constexpr (std::is_same_v<V, Vec<double, 2>>) return (V)_mm_sqrt_pd((__m128d)x);
-#endif
-#if defined(__AVX2__)
-  if constexpr (std::is_same_v<V, Vec<float, 8>>) return (V)_mm256_sqrt_ps((__m256)x);
-  if constexpr (std::is_same_v<V, Vec<double, 4>>) return (V)_mm256_sqrt_pd((__m256d)x);
-#endif
-#if defined(__AVX512F__)
-  if constexpr (std::is_same_v<V, Vec<float, 16>>) return (V)_mm512_sqrt_ps((__m512)x);
-  if constexpr (std::is_same_v<V, Vec<double, 8>>) return (V)_mm512_sqrt_pd((__m512d)x);
-#endif
-#if defined(__aarch64__)
-  if constexpr (std::is_same_v<V, Vec<float, 4>>) return (V)vsqrtq_f32((float32x4_t)x);
-  if constexpr (std::is_same_v<V, Vec<double, 2>>) return (V)vsqrtq_f64((float64x2_t)x);
-#endif
   for (int k = 0; k < size<V>; ++k) x[k] = std::sqrt(x[k]);
   return x;
 }
-
-// ⌊x⌋
 template <class V>
 [[gnu::always_inline]] inline V floor(V x) {
-#if defined(__x86_64__)
-  constexpr int down = _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC;
-  if constexpr (std::is_same_v<V, Vec<float, 4>>) return (V)_mm_round_ps((__m128)x, down);
-  if constexpr (std::is_same_v<V, Vec<double, 2>>) return (V)_mm_round_pd((__m128d)x, down);
-#endif
-#if defined(__AVX2__)
-  if constexpr (std::is_same_v<V, Vec<float, 8>>) return (V)_mm256_round_ps((__m256)x, down);
-  if constexpr (std::is_same_v<V, Vec<double, 4>>) return (V)_mm256_round_pd((__m256d)x, down);
-#endif
-#if defined(__AVX512F__)
-  if constexpr (std::is_same_v<V, Vec<float, 16>>) return (V)_mm512_roundscale_ps((__m512)x, down);
-  if constexpr (std::is_same_v<V, Vec<double, 8>>) return (V)_mm512_roundscale_pd((__m512d)x, down);
-#endif
-#if defined(__aarch64__)
-  if constexpr (std::is_same_v<V, Vec<float, 4>>) return (V)vrndmq_f32((float32x4_t)x);
-  if constexpr (std::is_same_v<V, Vec<double, 2>>) return (V)vrndmq_f64((float64x2_t)x);
-#endif
   for (int k = 0; k < size<V>; ++k) x[k] = std::floor(x[k]);
   return x;
 }

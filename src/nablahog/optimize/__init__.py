@@ -1,10 +1,8 @@
 """Minimisers over batches: each row of the unknowns is a problem of its own, with its own steps and its own stop."""
 
-from .adam import adam
 from .dogleg import dogleg
 from .lbfgs import lbfgs
 from .minimisers import Minimiser, minimise
-from .momentum import momentum
 from .result import (
     Accepted,
     History,
@@ -28,9 +26,7 @@ __all__ = [
     "ObjectiveFunction",
     "StopReason",
     "Watch",
-    "adam",
     "dogleg",
     "lbfgs",
     "minimise",
-    "momentum",
 ]

@@ -7,14 +7,12 @@ from typing import Any, Literal, TypeAlias
 
 from torch import Tensor
 
-from .adam import adam
 from .dogleg import dogleg
 from .lbfgs import lbfgs
-from .momentum import momentum
 from .result import LeastSquares, Minimum, ObjectiveFunction
 
-Minimiser: TypeAlias = Literal["lbfgs", "dogleg", "momentum", "adam"]
-MINIMISERS: dict[str, Callable[..., Minimum]] = {"lbfgs": lbfgs, "dogleg": dogleg, "momentum": momentum, "adam": adam}
+Minimiser: TypeAlias = Literal["lbfgs", "dogleg"]
+MINIMISERS: dict[str, Callable[..., Minimum]] = {"lbfgs": lbfgs, "dogleg": dogleg}
 
 
 def minimise(
@@ -25,11 +23,10 @@ def minimise(
     max_evaluations: int = 300,
     **options: Any,
 ) -> Minimum:
-    """Minimise a batch of problems by the method called ``name``.
+    """Minimises a batch of problems by the method called ``name``.
 
     Args:
-        name: ``"lbfgs"``, ``"dogleg"`` (for which the problem must be a :class:`LeastSquares`), ``"momentum"`` or
-            ``"adam"``.
+        name: ``"lbfgs"``, or ``"dogleg"``, for which the problem must be a :class:`LeastSquares`.
         problem: called with the running problems' points and indices only.  Problems must not influence each other.
         start: (B, N), float32 or float64.
         max_evaluations: budget of each problem.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, Protocol, TypeAlias, TypedDict, runtime_checkable
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import torch
 from torch import Tensor
@@ -85,23 +85,6 @@ class StopReason(str, Enum):
 
     def __str__(self) -> str:
         return self.value
-
-
-class Stopping(TypedDict, total=False):
-    """When a search stops, and who watches it.
-
-    Attributes:
-        max_evaluations: budget of each problem; by default 300.
-        gradient_tolerance: stop a problem whose lowest point has no larger absolute gradient entry; by default 0.
-        progress_tolerance: stop a problem whose lowest value fell by less than this share of itself in 20 evaluations;
-            by default 0.
-        watch: see :data:`Watch`.
-    """
-
-    max_evaluations: int
-    gradient_tolerance: float
-    progress_tolerance: float
-    watch: Watch | None
 
 
 @dataclass(frozen=True)

@@ -50,7 +50,7 @@ class Crossings(NamedTuple):
     part: Tensor
 
     def select(self, index: Tensor) -> Crossings:
-        """Those at an index or in a mask."""
+        """The crossings at an index or in a mask."""
         return Crossings(*(field[index] for field in self))
 
 
@@ -199,7 +199,7 @@ def _move_edges(image: Tensor, links: _Links, crossings: Crossings, motion: Tens
     image = image.index_put(pixel, (0.5 - one.at) * difference * share, accumulate=True)
     ends = motion[one.batch[:, None], edges.ends[one.edge]]
     moved = torch.lerp(ends[:, 0], ends[:, 1], one.part[:, None])
-    # samples along the link that the edge moves: this part of a sample changes sides
+    # by which the edge moves along the link: this share of a sample changes sides
     advance = moved[:, 1 - axis] - one.slope * moved[:, axis]
     return image.index_put(pixel, -difference.detach() * share * advance, accumulate=True)
 

@@ -13,21 +13,21 @@ from typing import Any
 
 import numpy as np
 
-MAX_BYTES = 2**30  # a text file of MAX_FACES has fewer
+MAX_BYTES = 2**30  # more than a text file of MAX_FACES has
 MAX_FACES = 5_000_000
-MAX_MATERIALS = 10_000  # of an OBJ, each a mesh of its own
+MAX_MATERIALS = 10_000  # in an OBJ; each becomes a mesh of its own
 MAX_PLY_HEADER = 2**20  # bytes
 MAX_PLY_ROWS = 4 * MAX_FACES  # vertices, faces and edges
-MAX_NODES = 10_000  # of a GLB
-MAX_GLB_HEADER = 2**24  # bytes: Python's objects take some thirty times as much
-SPARE_BYTES = 2**26  # by which a GLB may unpack to more than its own size
-MAX_LEVELS = 20 * MAX_NODES  # nodes above each node, in all
-MAX_DEPTH = 100  # of a GLB's tree of nodes: each node's place is multiplied together from all above it
+MAX_NODES = 10_000  # in a GLB
+MAX_GLB_HEADER = 2**24  # bytes; Python's objects take about thirty times as many
+SPARE_BYTES = 2**26  # that a GLB may unpack to beyond its own size
+MAX_LEVELS = 20 * MAX_NODES  # the number of ancestors, summed over all nodes
+MAX_DEPTH = 100  # of a GLB's tree of nodes: a node's place is the product of the matrices of all its ancestors
 
 # these change what accessors mean; without a decoder, trimesh fills in zeros or raw integers
 _ENCODED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression", "KHR_mesh_quantization")
 # what the geometry and its brightness are made of; names, for instance, are not, which trimesh repeats
-_GLB_PARTS: dict[str, tuple[str, ...] | None] = {  # of its header, and of each of their entries; None: all
+_GLB_PARTS: dict[str, tuple[str, ...] | None] = {  # keys of the header, and of each of their entries (None: all keys)
     **dict.fromkeys(("asset", "scene", "accessors", "buffers", "bufferViews", "images", "textures")),
     "scenes": ("nodes",),
     "nodes": ("children", "mesh", "matrix", "translation", "rotation", "scale"),
@@ -36,7 +36,7 @@ _GLB_PARTS: dict[str, tuple[str, ...] | None] = {  # of its header, and of each 
 _PRIMITIVE = ("attributes", "indices", "material", "mode")
 _COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 _COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-_STRIP = 5  # the mode of primitives each of whose indices but two makes a triangle
+_STRIP = 5  # mode of triangle strips: each index but the first two makes a triangle
 _PLY_TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4"},
     **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4"},
@@ -102,7 +102,7 @@ def _off(data: bytes) -> bytes:
     vertices, lines = off_lines(text)
     if any(int(line.split(maxsplit=1)[0]) > 4 for line in lines[vertices:]):
         corners = [(int(count), others) for count, *others in map(str.split, lines[vertices:])]
-        # as numbers, since a text of any length would be repeated for each triangle
+        # as numbers: a long text would be repeated for each triangle
         polygons = [[np.int64(corner) for corner in others[:count]] for count, others in corners if count >= 3]
         lines[vertices:] = [f"3 {first} {b} {c}" for first, *others in polygons for b, c in pairwise(others)]
     keyword = "COFF" if is_coff(text) else "OFF"

@@ -23,18 +23,18 @@ if TYPE_CHECKING:  # slow to import
 Floats = NDArray[np.float64]
 
 BRIGHTNESS = 0.8
-"""Of a mesh without colours."""
-MAX_BYTES_BESIDE = 2**29  # of the files that an OBJ or a PLY names; what is beyond is ignored
-LONGEST_NAME = 1000  # characters
-MAX_TEXELS = 2**28  # of all textures, which take seconds to decode
-TEXTURE = 64  # a texture is shrunk to so many texels a side: vertices are further apart than its details
+"""The brightness of a mesh without colours."""
+MAX_BYTES_BESIDE = 2**29  # of all files that an OBJ or a PLY names; further ones are ignored
+LONGEST_NAME = 1000  # characters of the name of such a file
+MAX_TEXELS = 2**28  # of all textures of a file: more take too long to decode
+TEXTURE = 64  # side that textures are shrunk to, in texels: vertices are farther apart than finer details
 
 _FORMATS = {".off": "OFF", ".obj": "OBJ", ".ply": "PLY", ".stl": "STL", ".glb": "GLB"}
 ENDINGS = tuple(_FORMATS)
 _GRAY = (0.299, 0.587, 0.114)
-_SHRUNK = (0, 0)  # the key of a texture's small version, which no file can name
+_SHRUNK = (0, 0)  # the key of a texture's small version; no file can have it
 
-logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else its remarks go to the terminal
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # trimesh's remarks would go to the terminal
 
 
 class Soup(NamedTuple):
@@ -60,7 +60,7 @@ def read_soup(path: Path) -> Soup:
     if path.stat().st_size > MAX_BYTES:
         raise ValueError(f"{path}: a mesh file of more than {MAX_BYTES:,} bytes is refused")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # remarks on odd numbers
+        warnings.simplefilter("ignore")  # about odd numbers
         warnings.simplefilter("error", Image.DecompressionBombWarning)  # such a texture counts as unreadable
         try:
             return _joined(list(_pieces(path, kind)))
@@ -87,7 +87,7 @@ def _pieces(path: Path, kind: str) -> Iterator[Soup]:
     texels = sum(texture.width * texture.height for texture in textures.values())
     if texels > MAX_TEXELS:
         raise ValueError(f"at most {MAX_TEXELS:,} texels are allowed, got {texels:,}")
-    brightness: dict[int, Floats] = {}  # by geometry
+    brightness: dict[int, Floats] = {}  # by id of the geometry
     for matrix, geometry in placed:
         if kind == "PLY":
             _check_ply(geometry)
@@ -155,7 +155,7 @@ def _brightness(geometry: trimesh.Trimesh) -> Floats:
 
 
 def _texture(geometry: trimesh.Trimesh) -> Image.Image | None:
-    """Of its colour, if it has one."""
+    """The texture of its colour, if it has one."""
     material = getattr(geometry.visual, "material", None)
     names = ("baseColorTexture", "image")  # of GLB, and of MTL and PLY
     texture: Image.Image | None = next((getattr(material, name) for name in names if hasattr(material, name)), None)

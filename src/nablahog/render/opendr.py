@@ -40,7 +40,7 @@ def draw_silhouettes(crossings: Crossings, silhouette: Tensor, *images: Tensor) 
     row, col = torch.where(nearer, row2, row1), torch.where(nearer, col2, col1)
     after = crossings.at >= 0.5
     to_row, to_col = torch.where(after, row2, row1), torch.where(after, col2, col1)
-    # of several silhouettes through one sample the nearest is visible
+    # where several silhouettes meet in a sample, the nearest is visible
     sample = (batch * inverse.shape[1] + to_row) * inverse.shape[2] + to_col
     best = argmax_at(sample, inverse[batch, row, col], inverse.numel())
     source = batch[best], row[best], col[best]

@@ -155,7 +155,7 @@ def render_torch(
             return edge_gradient.antialias(samples, ids, inverse, crossings, screen, motion, edges, faces, step)
         return opendr.resolve(samples, ids, drawn, screen, motion, faces, step)
 
-    image = moved_by(screen - screen.detach())  # by 0; only the derivative matters
+    image = moved_by(screen - screen.detach())  # the motion is 0; only its derivative matters
     if not by_motion:
         return image[:, None]
     w = screen[..., 2:]
@@ -173,5 +173,5 @@ def _shade(ids: Tensor, screen: Tensor, faces: Tensor, brightness: Tensor, backg
     weights = barycentric(at, faces[face], place[2] + 0.5, place[1] + 0.5) * at[..., 2]
     weights = normalize_weights(weights.clamp(min=0))[:, 1:]
     bright = brightness[face].to(samples)
-    first = bright[:, :1]  # so that a face of one brightness is exactly of one brightness
+    first = bright[:, :1]  # keeps a face of one brightness exactly so
     return samples.index_put(place, (first + (weights * (bright[:, 1:] - first)).sum(1, keepdim=True)).squeeze(1))

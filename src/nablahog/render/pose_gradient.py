@@ -74,5 +74,5 @@ def pose_vjp(grad_image: Tensor, screen_gradient: Tensor, poses: Tensor, camera:
             double, images, gradients, numbers, len(numbers), camera.focal, camera.height, camera.width, grad_poses
         )
         return grad_poses.to(screen_gradient)
-    jacobian = pose_jacobian(screen_gradient, poses, camera).double()
+    jacobian = pose_jacobian(screen_gradient.double(), poses, camera)
     return torch.einsum("bkhw,bhw->bk", jacobian, grad_image.double()).to(screen_gradient)

@@ -20,7 +20,7 @@ from .topology import Edges, mesh_edges, smoothing_groups
 Method: TypeAlias = Literal["edges", "opendr"]
 SUPERSAMPLING = 4
 LIGHT = Light()
-_ROUNDING = 1e-5  # by how much a background may leave 0…1
+_ROUNDING = 1e-5  # that a background may leave 0…1 by
 
 
 class Renderer:
@@ -107,7 +107,7 @@ class Renderer:
         """
         check_poses(poses)
         behind, mesh = self._background(background, poses), self.mesh
-        # of a mesh that is differentiated by, brightness is computed each time: an optimiser may have changed it
+        # an optimiser may have changed the mesh since the last call: compute its brightness anew
         shape = any(part.requires_grad or is_differentiated(part) for part in (mesh.vertices, mesh.brightness))
         in_torch = behind.dtype == torch.float64 or mesh.vertices.device.type != "cpu"
         if shape or in_torch or (isinstance(background, Tensor) and is_differentiated(background)):
@@ -241,5 +241,5 @@ class _PoseRendering(torch.autograd.Function):
 
     @staticmethod
     def vmap(info: Any, in_dims: Any, *inputs: Any) -> tuple[tuple[Tensor, Tensor], tuple[None, None]]:
-        # poses themselves cannot be mapped over, since their numbers are read: tangents are, by jacfwd
+        # jacfwd maps over tangents; poses cannot be mapped over, because their numbers are read
         return _PoseRendering.apply(*inputs), (None, None)  # type: ignore[no-untyped-call]

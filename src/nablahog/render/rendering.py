@@ -63,7 +63,7 @@ class RigidObject:
                 )
             return Rendering(images[:, 0].clone(), images[:, 1:].clone())
         shape = len(poses), camera.height, camera.width
-        # NumPy fills arrays: PyTorch would wake its own threads, which then wait for more with busy processors
+        # filled by NumPy: PyTorch would wake its own threads, which keep processors busy while they wait
         image = np.broadcast_to(background.detach().numpy(), shape).astype(np.float32, order="C")
         screen_gradient = np.zeros((len(poses), 4 * derivative, *shape[1:]), np.float32)
         numbers, pointer = poses.detach().contiguous(), screen_gradient.ctypes.data if derivative else None

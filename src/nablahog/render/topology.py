@@ -15,7 +15,7 @@ from .mesh import Mesh, distinct
 CREASE_ANGLE = 30.0
 """Degrees between two faces above which their edge is a crease; below, the faces approximate a smooth surface."""
 _CREASE_COSINE = math.cos(math.radians(CREASE_ANGLE)) - 1e-9  # the sides of a twelve-gon meet at 30 degrees exactly
-_MAX_FACES = 64  # at a vertex; with more, as at the tip of a fan, there is no smoothing: the pairs grow quadratically
+_MAX_FACES = 64  # at a vertex, to be smoothed: the number of pairs grows quadratically
 
 SMOOTH, BOUNDARY, CREASE = 0, 1, 2
 """Kinds of edges: between two faces of a smooth surface; of one face, or of more than two; a crease."""
@@ -44,7 +44,7 @@ def _values(tensor: Tensor) -> NDArray[Any]:
 
 
 def weld_vertices(places: NDArray[np.float64]) -> NDArray[np.int64]:
-    """For each vertex (V, 3) the first one at the same place: colours split vertices, but not the surface."""
+    """The first vertex at the same place, for each of (V, 3): colours split vertices, but not the surface."""
     first, which = distinct(places)
     return first[which]
 
@@ -83,7 +83,7 @@ def mesh_edges(mesh: Mesh) -> Edges:
 
 
 class SmoothingGroups(NamedTuple):
-    """Which faces' normals add up at each corner.
+    """The faces whose normals add up at each corner.
 
     Entry k adds ``sign[k]`` times the normal of ``face[k]`` to ``corner[k]``.  There are 3 F corners: 3 f + i is the
     i-th corner of face f.

@@ -1,4 +1,4 @@
-"""How much memory work may take on a device."""
+"""The memory that work may take on a device."""
 
 from __future__ import annotations
 

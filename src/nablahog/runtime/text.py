@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-MOST_CHARACTERS = 800  # of what a message quotes: with a path, a message has at most 1000
+MOST_CHARACTERS = 800  # of a quoted text: with a path, a message has at most 1000
 ELLIPSIS = " … "
 
 

@@ -52,7 +52,7 @@ def _pool(threads: int) -> ThreadPoolExecutor:
     pool = ThreadPoolExecutor(threads, "nablahog", initializer=_one_thread)
     started = threading.Barrier(threads)
     list(pool.map(lambda _: started.wait(), range(threads)))
-    torch.set_num_threads(threads)  # which the pool's threads have changed: a part of the setting is global
+    torch.set_num_threads(threads)  # the pool's threads have changed the part of the setting that is global
     return pool
 
 

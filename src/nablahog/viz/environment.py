@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 @cache
 def environment() -> jinja2.Environment:
     """Escapes all that is inserted, and knows no undefined name."""
-    import jinja2  # needed where something is written, not by all commands
+    import jinja2  # few commands need it
 
     loader, undefined = jinja2.PackageLoader("nablahog.viz"), jinja2.StrictUndefined
     return jinja2.Environment(loader=loader, undefined=undefined, autoescape=True, trim_blocks=True)

@@ -18,8 +18,8 @@ from .svg import Drawing
 if TYPE_CHECKING:
     import jinja2
 
-LONG = 40  # characters of a text in a table, from which on it is not squeezed into a narrow column
-GRID = 6.8  # width of the columns of a table of pictures, in the page's rem: ten fit
+LONG = 40  # characters above which a text in a table gets a wide column
+GRID = 6.8  # rem, the width of a column of pictures: ten fit on the page
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ from ..hog.orientation import bin_angles
 from ..hog.presets import as_spec
 from ..io.images import Picture, as_array, to_pil
 
-CELL_PIXELS = 16  # height of a cell in pictures of glyphs
-STRIP_PIXELS = 2**21  # of a strip of glyphs, which is drawn in float64
+CELL_PIXELS = 16  # height of a cell of glyphs
+STRIP_PIXELS = 2**21  # that are drawn at once, in float64
 RED = (1.0, 0.15, 0.1)
 
 
@@ -133,7 +133,7 @@ def _drawn(votes: NDArray[np.float64], strokes: NDArray[np.float64]) -> NDArray[
     rows, cols, _ = votes.shape
     _, down, across = strokes.shape
     picture = np.zeros((rows, down, cols, across))
-    for k, stroke in enumerate(strokes):  # one bin at a time: n times less memory
+    for k, stroke in enumerate(strokes):  # one bin at a time, to save memory
         np.maximum(picture, np.einsum("rc,hw->rhcw", votes[..., k], stroke), out=picture)
     return picture.reshape(rows * down, cols * across)
 

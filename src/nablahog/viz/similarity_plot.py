@@ -124,7 +124,7 @@ class _Axes:
         """A line through azimuths of any turn: it leaves on one side and comes back on the other."""
         along, upwards = np.asarray(azimuths, dtype=np.float64), np.asarray(values, dtype=np.float64)
         number = np.arange(len(along))
-        # one point more where it leaves and comes back
+        # with points where the line leaves and comes back
         at = np.concatenate([number, *(_crossings(along, 360 * turn) for turn in _turns(along))])
         along, upwards = (np.interp(np.sort(at), number, of) for of in (along, upwards))
         for turn in _turns(along):

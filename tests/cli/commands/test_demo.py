@@ -15,7 +15,7 @@ from ..common import names
 
 def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(demo, "SIZE", 64)
-    assert main(["demo", "-o", str(tmp_path / "demo"), "--max-evaluations", "2"]) == 0
+    assert main(["demo", "-o", str(tmp_path / "demo")]) == 0
     assert f"Look at {tmp_path / 'demo' / 'index.html'}" in capsys.readouterr().out
     parts = ("difference", "glyphs", "preimage", "thumbnails")
     pictures = [f"{name}_{part}.png" for name in ("paper", "uoctti") for part in parts]

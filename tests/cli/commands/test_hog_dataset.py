@@ -1,4 +1,4 @@
-"""`nablahog hog … -o NAME.parquet`: all images, once each, whatever ends in between."""
+"""`nablahog hog … -o NAME.parquet`: all images, once each, even if a run is interrupted."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import torch
 from PIL import Image
 
 from nablahog import hog, presets
+from nablahog.cli.commands import hog_dataset
 from nablahog.cli.main import main
 from nablahog.io.descriptor_dataset import DescriptorDataset
 from nablahog.io.images import read_image
@@ -24,7 +25,9 @@ from ..common import names
 
 @pytest.fixture(autouse=True)
 def _in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three images a file."""
     monkeypatch.setattr(resume, "run_jobs", here)
+    monkeypatch.setattr(hog_dataset, "SHARD", 3)
 
 
 @pytest.fixture
@@ -41,7 +44,7 @@ def photos(tmp_path: Path) -> Path:
 
 def test_all_images(photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out.parquet"
-    assert main(["hog", str(photos), "-o", str(out), "--shard", "3", "--preset", "dpm", "--json"]) == 3
+    assert main(["hog", str(photos), "-o", str(out), "--preset", "dpm", "--json"]) == 3
     printed = capsys.readouterr()
     assert json.loads(printed.out.partition("}")[0] + "}") == {
         "output": str(out),
@@ -60,7 +63,7 @@ def test_all_images(photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
 
 def test_what_is_done_is_kept(photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "out.parquet"
-    command = ["hog", str(photos), "-o", str(out), "--shard", "3", "--quiet"]
+    command = ["hog", str(photos), "-o", str(out), "--quiet"]
     main(command)
     whole = [(out / name).read_bytes() for name in names(out)]
     (out / names(out)[1]).unlink()
@@ -83,54 +86,19 @@ def test_lists_patterns_and_urls(photos: Path, tmp_path: Path) -> None:
 
 
 def test_what_it_refuses(photos: Path, tmp_path: Path, refused: Callable[..., None]) -> None:
-    out = str(tmp_path / "o.parquet")
-    assert main(["hog", str(photos / "0.png"), "-o", out, "--quiet"]) == 0
-    refused(
-        "hog",
-        str(photos / "1.png"),
-        "-o",
-        out,
-        message="is of other images, or of another descriptor: expected another -o",
+    one, other, bad, out = (
+        str(tmp_path / name) for name in ("photos/0.png", "photos/1.png", "photos/x.png", "o.parquet")
     )
-    refused("hog", str(photos / "0.png"), "-o", out, "--preset", "dpm", message="expected another -o")
-    assert (
-        main(
-            [
-                "hog",
-                str(photos / "0.png"),
-                str(photos / "1.png"),
-                "-o",
-                str(tmp_path / "p.parquet"),
-                "--shard",
-                "1",
-                "--quiet",
-            ]
-        )
-        == 0
-    )
-    refused(
-        "hog",
-        str(photos / "0.png"),
-        "-o",
-        str(tmp_path / "p.parquet"),
-        message="holds 1 more shards than these images make",
-    )
-    refused(
-        "hog", str(photos / "x.png"), "-o", str(tmp_path / "q.parquet"), message="none of the 1 images has a descriptor"
-    )
-    refused(
-        "hog", "@nothing", "-o", str(tmp_path / "r.parquet"), message="nothing: expected a list of images, one a line"
-    )
+    assert main(["hog", *[one] * 4, "-o", out, "--quiet"]) == 0
+    refused("hog", *[other] * 4, "-o", out, message="is of other images, or of another descriptor")
+    refused("hog", *[one] * 4, "-o", out, "--preset", "dpm", message="expected another -o")
+    refused("hog", one, "-o", out, message="holds 1 more shards than these images make")
+    refused("hog", bad, "-o", str(tmp_path / "q.parquet"), message="none of the 1 images has a descriptor")
+    refused("hog", "@nothing", "-o", str(tmp_path / "r.parquet"), message="nothing: expected a list of images")
     (tmp_path / "s.parquet").write_bytes(b"x")
-    refused("hog", str(photos), "-o", str(tmp_path / "s.parquet"), message="is a file: a data set is a folder of files")
-
-
-def test_options_of_data_sets_alone(photos: Path, tmp_path: Path, refused: Callable[..., None]) -> None:
-    for options in (["--shard", "3"], ["--workers", "2"], ["--cluster", "local"]):
-        message = f"{options[0]} goes with a data set: expected -o NAME.parquet"
-        refused("hog", str(photos / "0.png"), "-o", str(tmp_path / "a.npz"), *options, message=message)
-    no_store = "nostore://x.parquet"
-    refused("hog", str(photos / "0.png"), "-o", no_store, message=f"{no_store}: Protocol not known")
+    refused("hog", one, "-o", str(tmp_path / "s.parquet"), message="is a file: a data set is a folder of files")
+    refused("hog", one, "-o", "nostore://x.parquet", message="nostore://x.parquet: Protocol not known")
+    refused("hog", one, "-o", str(tmp_path / "a.npz"), "--workers", "2", message="--workers goes with a data set")
 
 
 def test_a_cluster_without_dask(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -21,7 +22,7 @@ def test_invert(tmp_path: Path, photo: str, descriptor: str, capsys: pytest.Capt
     assert main(["invert", photo, descriptor, photo, "-o", str(tmp_path / "out"), *SMALL]) == 0
     printed = capsys.readouterr()
     assert printed.err == ""
-    assert f"Look at {tmp_path / 'out' / 'index.html'}, which also says what the figures mean" in printed.out
+    assert f"Look at {tmp_path / 'out' / 'index.html'}" in printed.out
     page = (tmp_path / "out" / "index.html").read_text()
     assert "Pearson correlation" in page
     assert page.count("data:image/png;base64,") == 2 + 4 + 2 + 4  # the slider, and all of each input
@@ -30,29 +31,19 @@ def test_invert(tmp_path: Path, photo: str, descriptor: str, capsys: pytest.Capt
     results = json.loads((tmp_path / "out" / "results.json").read_text())
     assert [result["input"] for result in results] == [photo, descriptor, photo]
     for result in results:
-        assert {"input", "descriptor", "cc", "mi", "ssim", "psnr", "distance", "seconds"} <= set(result)
         assert result["descriptor"] == "uoctti"
-        assert result["image_size"] == [36, 48]
         assert 0 < result["distance"] < 1
-        assert read_image(tmp_path / "out" / result["preimage"]).shape == (1, 36, 48)
+        assert read_image(tmp_path / "out" / result["preimage"]).shape[1:] == tuple(result["image_size"])
     known, unknown, _ = results
     assert all(isinstance(known[name], float) for name in ("cc", "mi", "ssim", "psnr"))
     assert unknown["cc"] is unknown["mi"] is unknown["ssim"] is unknown["psnr"] is None
-    assert "<dt>PSNR</dt>" in page
-    assert "<dt>normalised error</dt>" not in page  # of which there is none without a set
-    assert "PSNR" not in printed.out  # nor room for it in 80 columns
-
-
-def test_invert_prints_the_list_it_writes(tmp_path: Path, photo: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["invert", photo, "-o", str(tmp_path / "out"), "--json", *FAST]) == 0
-    assert json.loads(capsys.readouterr().out) == json.loads((tmp_path / "out" / "results.json").read_text())
 
 
 def test_the_seed_decides(tmp_path: Path, photo: str) -> None:
     """Of a search that begins with noise."""
     made = []
     for seed in ("0", "0", "1"):
-        assert main(["invert", photo, "-o", str(tmp_path / "out"), "--seed", seed, "--no-prior", *FAST]) == 0
+        assert main(["invert", photo, "-o", str(tmp_path / "out"), "--seed", seed, *FAST]) == 0
         made.append((tmp_path / "out" / "cat_preimage.png").read_bytes())
     assert made[0] == made[1] != made[2]
 
@@ -61,41 +52,38 @@ def test_a_flat_photograph(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     """Its descriptor is zero, to which no distance is relative: either a result without NaN, or one clear sentence."""
     Image.new("L", (32, 32), 128).save(tmp_path / "flat.png")
     for kind in ("paper", "uoctti"):
-        status = main(["invert", str(tmp_path / "flat.png"), "-o", str(tmp_path / "out"), "--descriptor", kind, *SMALL])
+        status = main(["invert", str(tmp_path / "flat.png"), "-o", str(tmp_path / "out"), "--preset", kind, *SMALL])
         if status == 0:
             assert "NaN" not in (tmp_path / "out" / "results.json").read_text()
         else:
             assert capsys.readouterr().err.count("\n") == 1
 
 
-def test_invert_fast(tmp_path: Path, photo: str) -> None:
+@pytest.mark.parametrize("quality", ["best", "fast"])
+def test_quality(tmp_path: Path, photo: str, quality: str) -> None:
     spec, descriptor = presets.uoctti(8), nablahog.hog(read_image(photo)[None], presets.uoctti(8))
-    expected = nablahog.reconstruct(descriptor, spec, (60, 80), prior="default", quality="fast")
-    assert main(["invert", photo, "--quality", "fast", "-o", str(tmp_path / "out")]) == 0
+    expected = nablahog.reconstruct(descriptor, spec, (60, 80), prior="default", quality=quality)  # type: ignore[arg-type]
+    assert main(["invert", photo, "--quality", quality, "-o", str(tmp_path / "out")]) == 0
     figures = json.loads((tmp_path / "out" / "results.json").read_text())
     assert figures[0]["distance"] == pytest.approx(float(expected.distance))
-    assert main(["invert", photo, "--quality", "good", "-o", str(tmp_path / "out")]) == 2
 
 
+@pytest.mark.usefixtures("two_iterations")
 def test_the_papers_search(tmp_path: Path, photo: str, descriptor: str) -> None:
     out = tmp_path / "out"
-    assert main(["invert", photo, descriptor, "-o", str(out), "--method", "paper", "--iterations", *SMALL]) == 0
+    assert main(["invert", photo, descriptor, "-o", str(out), "--method", "paper", "--size", "32"]) == 0
     assert {"cat_iterations.png", "stored_iterations.png", "cat_preimage.png"} <= {*names(out)}
     with Image.open(out / "cat_iterations.png") as sheet, Image.open(out / "stored_iterations.png") as unknown:
         assert sheet.width > unknown.width  # the photograph is shown where it is known
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--iterations"], "--iterations needs --method paper"),
-        (["--method", "paper", "--quality", "fast"], "--method paper and --quality fast exclude each other"),
-        (["--method", "paper", "--colour"], "--method paper and --colour exclude each other"),
-    ],
-)
-def test_options_that_the_papers_search_does_not_take(
-    options: list[str], message: str, tmp_path: Path, photo: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["invert", photo, "-o", str(tmp_path / "out"), *options]) != 0
-    assert message in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
+def test_colour(tmp_path: Path, photo: str) -> None:
+    command = ["invert", photo, "--preset", "maskfeat", *SMALL, "-o"]
+    assert main([*command, str(tmp_path / "colour"), "--colour"]) == 0
+    assert main([*command, str(tmp_path / "gray")]) == 0
+    with Image.open(tmp_path / "colour" / "cat_preimage.png") as picture:
+        assert picture.mode == "RGB"
+        assert np.ptp(np.asarray(picture, float), axis=2).max() > 1
+    coloured, plain = (json.loads((tmp_path / name / "results.json").read_text())[0] for name in ("colour", "gray"))
+    assert coloured["distance"] < plain["distance"]
+    assert coloured["cc"] is not None

@@ -48,54 +48,37 @@ def test_the_command(tmp_path: Path, images: str, here: None, capsys: pytest.Cap
     assert printed.err == ""
     for text in ("dalal-single", "hoggles", "0.170", "Ran: ", f"Look at {out / 'index.html'}"):
         assert text in printed.out
-    assert "Failed: x.png, all methods: expected an image, got a file of no format that Pillow reads" in printed.out
+    assert printed.out.index("dalal-multi-scale ") < printed.out.index("\n  @1/64 ")
+    assert "Failed: x.png, all methods: expected an image" in printed.out
     assert names(out) == [*TABLES, "work"]
     html = (out / "index.html").read_text()
-    assert "6 images of the folder images." in html
-    assert "x.png" in html
-    assert "Pearson correlation" in html
+    for text in ("6 images of the folder images.", "x.png", "Pearson correlation"):
+        assert text in html
     with open(out / "per_image.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["method"] for row in rows[:6]] == ["dalal-single"] * 5 + ["dalal-multi-scale"]  # in the table's order
 
 
-def test_without_a_folder(tmp_path: Path, here: None, capsys: pytest.CaptureFixture[str]) -> None:
-    options = ["--limit", "2", "--methods", "dalal-multi-scale", "--max-evaluations", "8", "--size", "32"]
+def test_without_a_folder(tmp_path: Path, here: None) -> None:
+    options = ["--limit", "2", "--methods", "cnn-hogb", "--max-evaluations", "8", "--size", "32"]
     assert main(["table1", "-o", str(tmp_path / "out"), *options]) == 0
-    out = capsys.readouterr().out
-    assert out.index("dalal-multi-scale ") < out.index("\n  @1/64 ")
     html = (tmp_path / "out" / "index.html").read_text()
     assert "2 photographs that come with scikit-image" in html
     assert "astronaut" in html
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--methods", "dalal-single,hog"], "expected methods of bovw, hoggles, cnn-hog"),
-        (["--methods", ""], "got ''"),
-        (["--limit", "0"], "at least 1, got '0'"),
-        (["--workers", "0"], "at least 1, got '0'"),
-    ],
-)
-def test_bad_options(tmp_path: Path, refused: Callable[..., None], options: list[str], message: str) -> None:
-    refused("table1", "-o", str(tmp_path / "out"), *options, message=message, status=2)
-
-
-def test_bad_inputs(tmp_path: Path, images: str, refused: Callable[..., None]) -> None:
+def test_what_it_refuses(tmp_path: Path, images: str, refused: Callable[..., None]) -> None:
     (tmp_path / "empty").mkdir()
     (tmp_path / "empty" / "notes.txt").touch()
-    to = ["-o", str(tmp_path / "out")]
-    refused("table1", "--images", f"{images}x", *to, message=f"{images}x: no such folder")
-    refused("table1", "--images", f"{images}/0.png", *to, message="expected a folder of images, got a file")
-    refused(
-        "table1", "--images", str(tmp_path / "empty"), *to, message="expected a folder of images, but it holds none"
-    )
+    to = ["table1", "-o", str(tmp_path / "out")]
+    refused(*to, "--methods", "dalal-single,hog", message="expected methods of bovw, hoggles, cnn-hog", status=2)
+    refused(*to, "--learned", "prior", message="expected KIND=FILE", status=2)
+    refused(*to, "--images", f"{images}x", message=f"{images}x: no such folder")
+    refused(*to, "--images", str(tmp_path / "empty"), message="expected a folder of images, but it holds none")
     refused("table1", "--images", images, "-o", f"{images}/0.png/out", message="is not a folder")
-    refused("table1", "--images", images, *to, "--prior", f"{images}/no", message="no such file")
-    refused("table1", "--images", images, *to, "--prior", images, message="expected a learned prior (.npz)")
-    options = ["--prior", f"{images}/0.png", "--methods", "dalal-single"]
-    refused("table1", "--images", images, *to, *options, message="these do: uoctti-learned")
+    refused(*to, "--images", images, "--learned", f"prior={images}/no", message="no such file")
+    options = ["--learned", f"prior={images}/0.png", "--methods", "dalal-single"]
+    refused(*to, "--images", images, *options, message="these do: uoctti-learned")
 
 
 def test_no_result_at_all(tmp_path: Path, images: str, here: None, refused: Callable[..., None]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import os
 import subprocess
@@ -17,10 +16,9 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.hog import BilinearCells, BlockCells, BlockNorm, BoxCells, FourBlockNorm, HOGSpec, hog, presets
-from nablahog.hog.descriptor import Backend, histograms
+from nablahog.hog.descriptor import Backend
 from nablahog.hog.engines import steps
 from nablahog.hog.kernels import supports
-from nablahog.hog.normalizers import PARTS
 from nablahog.hog.poolings import Pooling
 from nablahog.hog.steps import histograms_reference, normalize_reference
 
@@ -108,13 +106,6 @@ def test_of_bytes_every_vote_is_the_same(name: str) -> None:
 def test_diagonals_that_are_bin_centres(bins: int, dtype: torch.dtype) -> None:
     s = spec(signed=True, bins=bins, bin_offset=0.0)
     assert_same(fast(s)[0], histograms_reference, integers(2, 1, 16, 16, levels=2, dtype=dtype), s)
-
-
-@pytest.mark.parametrize("bins", [8, 16])
-def test_diagonals_of_bytes_that_are_bin_centres(bins: int) -> None:
-    """Whole numbers in units of the spec: equal components are equal to the last bit."""
-    s = spec(signed=True, bins=bins, bin_offset=0.0, value_range=255.0)
-    assert_same(fast(s)[0], histograms_reference, integers(2, 1, 16, 16, levels=16), s)
 
 
 @dtypes
@@ -205,17 +196,6 @@ def test_any_size(
 
 
 @dtypes
-@pytest.mark.parametrize(("rows", "cols"), [(1, 1), (1, 5), (4, 1), (6, 7)])
-def test_four_blocks(rows: int, cols: int, dtype: torch.dtype) -> None:
-    x = noise(3, 12, rows, cols, dtype=dtype)
-    x[:, :, 0] = 0
-    for parts in (PARTS[:3], PARTS[:1], PARTS[1:2], PARTS[:2], PARTS[1:3], PARTS[:3:2]):
-        for scheme in (FourBlockNorm(parts=parts), FourBlockNorm(epsilon=0.5, clip=0.1, parts=parts)):
-            s = spec(signed=True, bins=12, normalizer=scheme)
-            assert_same(fast(s)[1], normalize_reference, x, s)
-
-
-@dtypes
 @specs
 def test_normalisers_are_those_of_the_reference(name: str, dtype: torch.dtype) -> None:
     s = SPECS[name]
@@ -242,22 +222,6 @@ def test_constant_images_have_no_derivative(name: str) -> None:
         assert not with_derivatives(fast(s)[0], x, s)[1].any()
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, 1e30])
-@dtypes
-@specs
-def test_nan_and_infinity_spread_and_harm_no_memory(name: str, dtype: torch.dtype, value: float) -> None:
-    s, x = SPECS[name], noise(1, 1, 16, 16, dtype=dtype)
-    x[0, 0, 7, 7] = value
-    of_cells, norm = fast(s)
-    cells = of_cells(x, s)
-    value_read = torch.tensor(value, dtype=dtype).sqrt() if s.gamma == "sqrt" else torch.tensor(value, dtype=dtype)
-    if not math.isfinite(float(value_read.square())):
-        assert not torch.isfinite(cells).all()
-    descriptor = norm(torch.full_like(cells, math.nan), s)
-    if "zero" not in getattr(s.normalizer, "parts", ()):
-        assert descriptor.isnan().all()
-
-
 @specs
 def test_any_strides(name: str) -> None:
     """Channels last, a window of a larger image, and one turned and expanded: without a copy, or with."""
@@ -271,11 +235,6 @@ def test_any_strides(name: str) -> None:
         assert_close(with_derivatives(hog, same, s)[1], expected[1], rtol=0, atol=1e-12)
     gray = noise(1, 1, 18, 21).expand(2, 3, 18, 21)
     assert torch.equal(hog(gray, s), hog(gray.contiguous(), s))
-
-
-def test_cells_of_any_strides() -> None:
-    s = SPECS["uoctti"]
-    assert_same(fast(s)[1], normalize_reference, noise(2, 5, 4, 18).permute(0, 3, 1, 2), s)
 
 
 def test_reference_steps_on_other_devices_and_for_other_dialects() -> None:
@@ -293,12 +252,6 @@ def test_backends_differ_by_rounding() -> None:
         hog(x, presets.paper(), backend="cpu")  # type: ignore[arg-type]
 
 
-def test_pooling_weights_of_one_spec_are_not_those_of_another() -> None:
-    x = noise(1, 1, 12, 12)
-    for s in (spec(cell_size=(4, 4)), spec(cell_size=(3, 3)), spec(cell_size=(4, 4), border="ignore")):
-        assert_same(fast(s)[0], histograms_reference, x, s)
-
-
 @pytest.mark.parametrize("signed", [False, True])
 def test_right_angles_are_kinks_of_any_number_of_bins(signed: bool) -> None:
     """Bin centres at 0° and 90°, where a derivative is the mean of both sides."""
@@ -307,24 +260,6 @@ def test_right_angles_are_kinks_of_any_number_of_bins(signed: bool) -> None:
     for bins in range(3, 41):
         s = spec(bins=bins, signed=signed, bin_offset=0.0, cell_size=(4, 4))
         assert_same(fast(s)[0], histograms_reference, images, s)
-
-
-def test_linear_votes_by_a_library_angle_have_one_derivative() -> None:
-    """``derivative`` is of hard votes; it changes nothing of linear ones."""
-    s, x = presets.opencv((32, 32), (16, 16), (8, 8), (8, 8), 9), noise(1, 1, 32, 32)
-    assert s.angle == "opencv"
-    linear = dataclasses.replace(s, derivative="linear")
-    for one, other in zip(with_derivatives(hog, x, s), with_derivatives(hog, x, linear), strict=True):
-        assert torch.equal(one, other)
-
-
-@pytest.mark.parametrize("orientations", [6, 10])
-def test_diagonals_of_bytes_between_two_bins(orientations: int) -> None:
-    """Rounding decides on which side they are: in both backends in the same way."""
-    s = presets.piotr(8, orientations=orientations)
-    images = torch.randint(8, (1, 1, 64, 64), generator=torch.Generator().manual_seed(1)).mul(36).byte()
-    compiled_cells = histograms(images, s)
-    assert_close(compiled_cells, histograms(images, s, backend="torch"), rtol=1e-5, atol=1e-6)
 
 
 def test_huge_gradients_of_empty_bins_cancel_nowhere() -> None:

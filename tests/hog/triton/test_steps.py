@@ -14,9 +14,9 @@ from packaging.version import Version
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.hog import HOGSpec, hog, presets
+from nablahog.hog import HOGSpec, hog
 from nablahog.hog.steps import histograms_reference
-from nablahog.hog.triton import launch, steps, supports
+from nablahog.hog.triton import steps, supports
 
 from ...golden import PEERS, Case, cases
 from ...golden.specs import dtype_of, spec_of, stored
@@ -175,17 +175,6 @@ def test_cells_wider_than_what_a_lane_reads_at_once(size: tuple[int, int]) -> No
     assert_close(result, plain, rtol=0, atol=1e-12 * float(plain.max()))
 
 
-@pytest.mark.parametrize("name", ["uoctti", "opencv"])
-def test_how_cells_are_shared_out_does_not_matter(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Strips of one row of cells, and long ones."""
-    s, x = SPECS[name], noise(2, 1, 19, 21, dtype=torch.float32).to(DEVICE)
-    results = []
-    for schedulers in (1, 10**6):
-        monkeypatch.setattr(launch, "schedulers", lambda _, schedulers=schedulers: schedulers)
-        results.append(steps.CELLS.run(x, s)[0])
-    assert torch.equal(*results)
-
-
 def test_planes_that_are_far_apart() -> None:
     """More than 2³¹ numbers from the first channel to the last: places take 64 bits.  Most of it is never touched."""
     apart, s = 1_100_000_000, SPECS["uoctti"]
@@ -243,20 +232,3 @@ def test_transforms_and_second_derivatives() -> None:
         return torch.autograd.grad((grad * waves(x, 30)).sum(), z)[0]
 
     assert_close(product("triton"), product("torch"), rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize("name", ["uoctti", "cells-separate"])
-def test_operators_are_the_steps(name: str) -> None:
-    s, x = SPECS[name], noise(2, 3, 12, 13).to(DEVICE)
-    result, saved = steps.CELLS.run(x, s)
-    assert torch.equal(steps.cells(x, s), result)
-    assert torch.equal(steps.cells_vjp(x, waves(result, 40), s), steps.CELLS.vjp(x, saved, waves(result, 40), s))
-
-
-def test_jvps_are_those_of_the_reference() -> None:
-    s, x = presets.paper(4), noise(1, 1, 12, 12).to(DEVICE)
-    changes = waves(x, 30)
-    got, plain = (
-        torch.func.jvp(lambda z, by=by: hog(z, s, backend=by), (x,), (changes,))[1] for by in ("triton", "torch")
-    )
-    assert_close(got, plain, rtol=0, atol=1e-12)

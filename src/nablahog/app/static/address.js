@@ -53,11 +53,6 @@ export class Address extends EventTarget {
     return values?.length === count && values.every(Number.isFinite) ? values : null;
   }
 
-  /** @param {string} prefix */
-  starting(prefix) {
-    return [...this.#values.keys()].filter((key) => key.startsWith(prefix));
-  }
-
   /** @param {{[key: string]: string | number | null}} values null removes */
   set(values) {
     for (const [key, value] of Object.entries(values)) {

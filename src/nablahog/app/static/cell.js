@@ -1,4 +1,4 @@
-/** What a cell holds: its histogram as a rose, its block, and the entries of the descriptor. */
+/** A cell: its histogram as a rose, its block, and the entries of the descriptor. */
 
 import { draw, element, figure, make, scrolling, debounce, table } from "./dom.js";
 

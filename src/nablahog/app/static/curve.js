@@ -13,8 +13,6 @@ export class Curve {
   #chart = new Chart("curve", { x: "azimuth, degrees", y: "similarity", across: [0, 360] });
   /** @type {Map<number, number>} */
   #points = new Map();
-  /** @type {unknown} */
-  #id = null;
   /** What the curve was asked for: all of the pose but the azimuth. */
   #asked = "";
   #old = false;
@@ -54,15 +52,11 @@ export class Curve {
   }
 
   /**
-   * @param {{id?: unknown, azimuths: number[], similarities: number[], done: boolean}} message
+   * @param {{azimuths: number[], similarities: number[], done: boolean}} message
    * @returns {boolean} whether it was the last
    */
   add(message) {
-    // a sweep begins at 0
-    if (message.id !== this.#id || message.azimuths[0] === 0) {
-      this.#points.clear();
-      this.#id = message.id;
-    }
+    if (message.azimuths[0] === 0) this.#points.clear(); // a sweep begins there
     message.azimuths.forEach((azimuth, i) => this.#points.set(round360(azimuth), message.similarities[i] ?? NaN));
     this.#old = false;
     this.#draw();

@@ -186,7 +186,7 @@ export class Fit {
     }
   }
 
-  /** @param {{crop: {side: number}, photo_votes: import("./types.js").SceneVotes, image: string}} message */
+  /** @param {{crop: {side: number}, photo_votes: import("./types.js").Votes, image: string}} message */
   async #opened(message) {
     this.#end("open");
     this.#ready = true;
@@ -197,7 +197,7 @@ export class Fit {
       room.scrollIntoView({ block: "nearest" });
     }
     element("fit-result", HTMLElement).hidden = true;
-    drawGlyphs(element("photo-glyphs", HTMLCanvasElement), scene(message.photo_votes), 400);
+    drawGlyphs(element("photo-glyphs", HTMLCanvasElement), message.photo_votes, 400);
     await this.#scene.setCrop(message.image, message.crop.side);
     this.#turn(this.#controls.value, this.app.address.get("pose") === null);
   }
@@ -229,7 +229,7 @@ export class Fit {
 
   /**
    * @param {{n: number, pose: Pose, similarity: number, derivative: number[], image: string,
-   *   votes: import("./types.js").SceneVotes, milliseconds: number}} message
+   *   votes: import("./types.js").Votes, milliseconds: number}} message
    */
   async #view(message) {
     if (message.n < this.#drawn) return;
@@ -247,7 +247,7 @@ export class Fit {
     element("similarity", HTMLElement).replaceChildren(make("strong", {}, `Similarity ${figure(message.similarity, 4)}`),
       make("br"), `Derivative per degree: azimuth ${figure(message.derivative[0], 4)}, elevation ${figure(message.derivative[1], 4)}`,
       make("br"), make("small", { class: "note" }, `${figure(message.milliseconds, 0)} ms`));
-    drawGlyphs(element("render-glyphs", HTMLCanvasElement), scene(message.votes), 400);
+    drawGlyphs(element("render-glyphs", HTMLCanvasElement), message.votes, 400);
     this.#curve.here(message.pose, { similarity: message.similarity, slope: message.derivative[0] ?? 0 });
     if (!this.#waits.fit) {
       this.#curve.want(message.pose);
@@ -285,10 +285,10 @@ export class Fit {
     this.#stop.disabled = !now;
   }
 
-  /** @param {{pose: Pose, similarity: number, stage?: string}} message */
+  /** @param {{pose: Pose, similarity: number}} message */
   #step(message) {
     this.#curve.step(message.pose, message.similarity);
-    this.#waits.fit?.say(`${message.stage ?? "Searches the pose"}: similarity ${figure(message.similarity)}`);
+    this.#waits.fit?.say(`Searches the pose: similarity ${figure(message.similarity)}`);
     const now = performance.now();
     if (this.#waits.view || now - this.#lastStep < (prefersReducedMotion() ? 500 : 50)) return;
     this.#lastStep = now;
@@ -317,12 +317,4 @@ export class Fit {
     showLines(element("fit-lines", HTMLElement), message.lines);
     element("fit-result", HTMLElement).hidden = false;
   }
-}
-
-/**
- * @param {import("./types.js").SceneVotes} votes
- * @returns {import("./types.js").Votes}
- */
-function scene(votes) {
-  return { ...votes, cell: typeof votes.cell === "number" ? [votes.cell, votes.cell] : votes.cell };
 }

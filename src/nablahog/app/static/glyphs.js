@@ -69,10 +69,3 @@ export function drawGlyphs(canvas, glyphs, wide = 900) {
   for (let i = 0; i < pixels.length; i++) pixels[i] = 0xff000000 | (/** @type {number} */ (gray[i]) * 0x010101);
   context.putImageData(picture, 0, 0);
 }
-
-/**
- * @param {import("./types.js").Hog} hog
- * @returns {import("./types.js").Votes}
- */
-export const votesOf = (hog) => ({ rows: hog.glyph_rows, cols: hog.glyph_cols, cell: hog.cell, votes: hog.votes,
-  angles: hog.angles });

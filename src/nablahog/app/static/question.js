@@ -1,4 +1,4 @@
-/** What the command line would ask by flags about an array, as a form. */
+/** A form that asks about an array what the command line takes as options. */
 
 import { element, fill, make } from "./dom.js";
 

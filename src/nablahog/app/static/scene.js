@@ -8,7 +8,7 @@ import { proper } from "./pose.js";
 
 const DEGREES_PER_PIXEL = 0.5;
 const DEGREES_PER_KEY = 2;
-/** Of the similarity per degree, at which the arrow has half its length. */
+/** Slope of the similarity per degree at which the arrow has half its length. */
 const HALF = 0.1;
 
 export class Scene {

@@ -4,7 +4,7 @@ import { getBlob, getJson, postJson } from "./api.js";
 import { showCell } from "./cell.js";
 import { element, numberOf } from "./dom.js";
 import { paint, save, stem } from "./files.js";
-import { drawGlyphs, votesOf } from "./glyphs.js";
+import { drawGlyphs } from "./glyphs.js";
 import { showLines } from "./lines.js";
 import { clearError, LatestRequest, debounceBusy, waiting } from "./progress.js";
 import { Stage } from "./stage.js";
@@ -90,26 +90,26 @@ export class See {
     this.#hog = hog;
     this.#cells.clear();
     const [height, width] = hog.image_size;
-    const [tall, wide] = [hog.glyph_rows * hog.cell[0], hog.glyph_cols * hog.cell[1]];
+    const [tall, wide] = [hog.glyphs.rows * hog.glyphs.cell[0], hog.glyphs.cols * hog.glyphs.cell[1]];
     element("picture-figure", HTMLElement).hidden = !picture;
     if (picture) {
       paint(this.#picture.canvas, picture);
       this.#picture.fit(width, height, Math.max(width, wide), Math.max(height, tall));
       this.#picture.canvas.setAttribute("aria-label", `The photograph ${source.name}, ${width} by ${height} pixels`);
     }
-    drawGlyphs(this.#glyphs.canvas, votesOf(hog));
+    drawGlyphs(this.#glyphs.canvas, hog.glyphs);
     this.#glyphs.fit(wide, tall, picture ? Math.max(width, wide) : wide, picture ? Math.max(height, tall) : tall);
     this.#glyphs.canvas.setAttribute("aria-label",
-      `Glyphs of ${source.name}: ${hog.glyph_rows} rows and ${hog.glyph_cols} columns of cells`);
+      `Glyphs of ${source.name}: ${hog.glyphs.rows} rows and ${hog.glyphs.cols} columns of cells`);
     element("picture-caption", HTMLElement).textContent = `Photograph, ${width} × ${height} pixels`;
-    element("glyphs-caption", HTMLElement).textContent = `Glyphs, ${hog.glyph_rows} × ${hog.glyph_cols} cells`;
+    element("glyphs-caption", HTMLElement).textContent = `Glyphs, ${hog.glyphs.rows} × ${hog.glyphs.cols} cells`;
     element("shape", HTMLElement).textContent = `Descriptor ${hog.name}: ${hog.shape.join(" × ")}, ` +
       `${hog.numbers.toLocaleString("en")} numbers, ${hog.signed ? "signed" : "unsigned"} directions, ` +
       `${hog.milliseconds.toFixed(hog.milliseconds < 10 ? 1 : 0)} ms`;
     element("see-download", HTMLButtonElement).disabled = false;
     showLines(element("see-lines", HTMLElement), hog.lines);
     this.#glyphs.canvas.dataset.key = hog.key;
-    if (this.#at) this.#mark(Math.min(this.#at[0], hog.glyph_rows - 1), Math.min(this.#at[1], hog.glyph_cols - 1));
+    if (this.#at) this.#mark(Math.min(this.#at[0], hog.glyphs.rows - 1), Math.min(this.#at[1], hog.glyphs.cols - 1));
   }
 
   /**
@@ -134,8 +134,8 @@ export class See {
   /** @param {[number, number]} point in pixels of the image */
   #lookAt([x, y]) {
     if (!this.#hog) return;
-    const row = Math.floor(y / this.#hog.cell[0]), col = Math.floor(x / this.#hog.cell[1]);
-    if (row < 0 || col < 0 || row >= this.#hog.glyph_rows || col >= this.#hog.glyph_cols) return;
+    const row = Math.floor(y / this.#hog.glyphs.cell[0]), col = Math.floor(x / this.#hog.glyphs.cell[1]);
+    if (row < 0 || col < 0 || row >= this.#hog.glyphs.rows || col >= this.#hog.glyphs.cols) return;
     if (row !== this.#at?.[0] || col !== this.#at?.[1]) this.#mark(row, col);
   }
 
@@ -145,9 +145,9 @@ export class See {
     const step = { ArrowLeft: [0, -1], ArrowRight: [0, 1], ArrowUp: [-1, 0], ArrowDown: [1, 0] }[event.key];
     if (!hog || !step || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();
-    const [row, col] = this.#at ?? [Math.floor(hog.glyph_rows / 2), Math.floor(hog.glyph_cols / 2)];
+    const [row, col] = this.#at ?? [Math.floor(hog.glyphs.rows / 2), Math.floor(hog.glyphs.cols / 2)];
     const [down = 0, right = 0] = this.#at ? step : [];
-    this.#mark(Math.min(hog.glyph_rows - 1, Math.max(0, row + down)), Math.min(hog.glyph_cols - 1, Math.max(0, col + right)));
+    this.#mark(Math.min(hog.glyphs.rows - 1, Math.max(0, row + down)), Math.min(hog.glyphs.cols - 1, Math.max(0, col + right)));
   }
 
   /**
@@ -157,7 +157,7 @@ export class See {
   #mark(row, col) {
     if (!this.#hog) return;
     this.#at = [row, col];
-    const [height, width] = this.#hog.cell;
+    const [height, width] = this.#hog.glyphs.cell;
     this.#marks([col * width, row * height, (col + 1) * width, (row + 1) * height]);
     if (this.#cells.has(`${row},${col}`)) void this.#readCell();
     else this.#askCell();

@@ -23,9 +23,8 @@
  *   suggestions: Suggestion[] | null}} Question
  *
  * @typedef {{rows: number, cols: number, cell: [number, number], votes: string, angles: number[]}} Votes
- * @typedef {{key: string, name: string, shape: number[], numbers: number, signed: boolean, cell: [number, number],
- *   image_size: [number, number], rows: number, cols: number, angles: number[], votes: string, glyph_rows: number,
- *   glyph_cols: number, milliseconds: number, lines: Lines}} Hog
+ * @typedef {{key: string, name: string, shape: number[], numbers: number, signed: boolean, image_size: [number, number],
+ *   glyphs: Votes, milliseconds: number, lines: Lines}} Hog
  * @typedef {{row: number, col: number, box: Box, angles: number[], histogram: number[] | null,
  *   block: {row: number, col: number, box: Box} | null, entries: {index: number, name: string, value: number}[]}} Cell
  *
@@ -37,7 +36,5 @@
  *   seconds: number, history: number[], lines: Lines, definitions: {[name: string]: string}}} InvertDone
  *
  * @typedef {number[]} Pose azimuth, elevation, distance, theta, x, y
- * @typedef {{rows: number, cols: number, n: number, cell: number | [number, number], votes: string,
- *   angles: number[]}} SceneVotes
  */
 export {};

@@ -31,8 +31,8 @@ def app(commands: argparse._SubParsersAction[Parser]) -> None:
     command.add_argument(
         "--host",
         default="127.0.0.1",
-        help="address to listen at (default: %(default)s, this machine alone); at any other one the page's address has "
-        "a token, which who opens it must know",
+        help="address to listen at (default: %(default)s, this machine alone); at any other, the page's address has a "
+        "secret token",
     )
     command.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
     command.set_defaults(command="app")

@@ -1,11 +1,11 @@
-"""The arguments of ``nablahog hog``, ``glyph``, ``invert``, ``invert-template`` and ``demo``."""
+"""The arguments of ``nablahog hog``, ``glyph``, ``invert`` and ``demo``."""
 
 from __future__ import annotations
 
 import argparse
 from typing import get_args
 
-from ...invert.options import InversionMethod, QualityName
+from ...invert.choices import InversionMethod, QualityName
 from . import options
 from .options import SEVERAL, Parser
 
@@ -16,9 +16,10 @@ def hog(commands: argparse._SubParsersAction[Parser]) -> None:
     """Adds ``nablahog hog``."""
     command = commands.add_parser(
         "hog",
+        usage="%(prog)s PHOTO … -o FILE [options]",
         help="compute the descriptors of photographs",
         description="Computes the HOG descriptor of each photograph and saves it with its spec; with -o NAME.parquet, "
-        "those of any number of photographs as one data set, in all processes or on a cluster, resumed when repeated.",
+        "those of any number of photographs as one data set, in parallel, resumed when repeated.",
     )
     command.add_argument(
         "inputs",
@@ -28,11 +29,15 @@ def hog(commands: argparse._SubParsersAction[Parser]) -> None:
         help=f"an image of any format that Pillow reads; {SEVERAL}; for a data set also a URL or pattern of fsspec, "
         "such as s3://bucket/*.jpg, and @FILE with one of these a line",
     )
-    text = "descriptor file (.npz) of one photograph, - for stdout; of several, a folder for one file each"
-    data = "; or a data set, NAME.parquet, also a URL"
-    options.output(command, "FILE", text + data, stdout=True)
-    options.common(command)
-    options.number(command, "--shard", "images of each file of a data set (default: 1000)")
+    options.output(
+        command,
+        "FILE",
+        "descriptor file (.npz) of one photograph, - for stdout; a folder for several; or a data set, NAME.parquet",
+        stdout=True,
+    )
+    options.preset(command)
+    options.size(command)
+    command.add_argument("--json", action="store_true", help="print the results as JSON instead of a table")
     options.workers(command)
     options.cluster(command)
 
@@ -41,88 +46,65 @@ def glyph(commands: argparse._SubParsersAction[Parser]) -> None:
     """Adds ``nablahog glyph``."""
     command = commands.add_parser(
         "glyph",
+        usage="%(prog)s INPUT … -o FILE [options]",
         help="draw descriptors",
         description="Draws each descriptor as glyphs: in each cell, strokes along its edges.",
     )
     options.inputs(command)
-    text = "PNG file for one input, - for stdout; any other name is a folder for one file each"
-    options.output(command, "FILE", text, stdout=True)
-    options.common(command)
-    options.memory(command)
+    options.output(command, "FILE", "PNG file of one input, - for stdout; a folder for several", stdout=True)
+    options.preset(command)
+    options.size(command)
 
 
 def invert(commands: argparse._SubParsersAction[Parser]) -> None:
     """Adds ``nablahog invert``."""
     command = commands.add_parser(
         "invert",
-        help="find images that have given descriptors",
-        description="Finds an image for each descriptor and compares it with the photograph if there is one. "
-        "Writes <stem>_preimage.png, _glyphs.png, _thumbnails.png, the page index.html and results.json, which also "
-        "says which inputs were skipped, and why.",
+        usage="%(prog)s INPUT … -o DIR [options]",
+        help="find images that have given descriptors, or see what a detector looks for",
+        description="Finds an image for each descriptor and compares it with the photograph, if there is one. Writes "
+        "pictures, results.json and the page index.html.",
     )
-    options.inputs(command, "; a data set of `nablahog hog -o NAME.parquet`, also a URL")
+    options.inputs(command, "; a data set NAME.parquet")
     options.output(command, "DIR", "folder for the results, made if missing")
-    options.common(command)
-    options.memory(command)
-    options.minimiser(command)
-    options.cluster(command)
+    options.preset(command)
+    options.size(command)
     command.add_argument(
-        "--method",
-        choices=get_args(InversionMethod),
-        default="default",
-        help="paper searches as the paper does, from noise over gray values by Powell's dogleg, in some twenty times "
-        "the time (default: default)",
-    )
-    command.add_argument(
-        "--iterations",
+        "--template",
         action="store_true",
-        help="with --method paper: write <stem>_iterations.png, too, the image after 0, 1, 2 and all iterations",
+        help="inputs are the weights of linear detectors, in arrays or DPM models (.mat): show what they look for",
     )
     command.add_argument(
         "--quality",
         choices=get_args(QualityName),
         default="best",
-        help="fast finds coarser images in about a sixth of the time (default: best)",
+        metavar="NAME",
+        help="best (default) or fast: coarser, a sixth of the time",
     )
-    options.prior(command)
+    command.add_argument(
+        "--method",
+        choices=get_args(InversionMethod),
+        default="default",
+        metavar="NAME",
+        help="default, or paper: the paper's own search and its iterations, in some twenty times the time",
+    )
+    command.add_argument(
+        "--prior",
+        type=options.path,
+        metavar="FILE",
+        help="what `nablahog learn prior` wrote; none for no prior (default: the prior that comes with nablahog)",
+    )
     options.number(
         command,
         "--samples",
-        "of unsigned descriptors, write <stem>_samples.png, too: so many further answers that the prior thinks "
-        "possible, in so many times the time; where they differ, the descriptor does not tell",
+        "of unsigned descriptors, find N further answers; where they differ, the descriptor does not tell",
         least=2,
         most=MOST_SAMPLES,
     )
-    command.add_argument(
-        "--colour",
-        action="store_true",
-        help="find images in colour, for descriptors of colour images; the hues are a guess: no descriptor fixes them",
-    )
-
-
-def invert_template(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Adds ``nablahog invert-template``."""
-    command = commands.add_parser(
-        "invert-template",
-        help="show what a linear detector looks for",
-        description="Shows what the positive and the negative weights of linear templates see: of DPM models "
-        "(voc-release5 .mat), root and parts of each component; of arrays of weights, such as an SVM's. Writes "
-        "<stem>_positive.png, <stem>_negative.png and, with glyphs, <stem>_templates.png, and a page, index.html.",
-    )
-    command.add_argument(
-        "inputs",
-        nargs="+",
-        type=options.path,
-        metavar="FILE",
-        help="a model of voc-release5 (.mat), or an array of weights (.npy, .npz, .mat), with or without a bias at its "
-        "end; an array needs --preset, except for OpenCV's people detectors",
-    )
-    options.output(command, "DIR", "folder for the results, made if missing")
-    options.of_arrays(command)
-    options.dialect(command, "type of descriptor that an array is for")
-    options.device_option(command)
-    options.memory(command)
-    options.minimiser(command)
+    command.add_argument("--colour", action="store_true", help="find images in colour; hues are a guess")
+    command.add_argument("--device", type=options.device, default="cpu", help="cpu, cuda or cuda:N (default: cpu)")
+    options.cluster(command)
+    options.seed(command)
 
 
 def demo(commands: argparse._SubParsersAction[Parser]) -> None:
@@ -133,5 +115,4 @@ def demo(commands: argparse._SubParsersAction[Parser]) -> None:
         description="Inverts both descriptors of one photograph and writes pictures, figures and a page to look at.",
     )
     options.output(command, "DIR", "folder for the results, made if missing")
-    options.device_option(command)
-    options.minimiser(command)
+    options.seed(command)

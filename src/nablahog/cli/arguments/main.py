@@ -6,7 +6,7 @@ import argparse
 from typing import NoReturn
 
 from .app import app
-from .invert import demo, glyph, hog, invert, invert_template
+from .invert import demo, glyph, hog, invert
 from .learn import learn
 from .options import Parser
 from .pose import pose
@@ -36,6 +36,6 @@ def parser() -> argparse.ArgumentParser:
         "--version", action=_Version, nargs=0, default=argparse.SUPPRESS, help="show program's version number and exit"
     )
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=Parser)
-    for add in (hog, glyph, invert, invert_template, demo, table1, pose, table2, learn, app):
+    for add in (hog, glyph, invert, demo, table1, pose, table2, learn, app):
         add(commands)
     return top

@@ -1,4 +1,4 @@
-"""The arguments of ``nablahog pose`` and ``nablahog learn exemplars``."""
+"""The arguments of ``nablahog pose``."""
 
 from __future__ import annotations
 
@@ -195,31 +195,3 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
     )
     options.seed(command)
     command.add_argument("--json", action="store_true", help="print the results as JSON instead of a table")
-
-
-def exemplars(kinds: argparse._SubParsersAction[Parser]) -> None:
-    """Adds ``nablahog learn exemplars``."""
-    command = kinds.add_parser(
-        "exemplars",
-        help="exemplars of CAD models, for the baseline of Table 2",
-        description="Renders each model from 62 viewpoints and finds the discriminative elements of each rendering, as "
-        "Aubry et al. do. Each model has a file of its own, so an interrupted run is resumed when it is repeated.",
-    )
-    command.set_defaults(command="learn exemplars")
-    command.add_argument(
-        "--models",
-        required=True,
-        type=options.path,
-        metavar="DIR",
-        help="folder of CAD models, as for `nablahog pose --mesh`",
-    )
-    options.output(command, "DIR", "folder for the exemplars, made if missing")
-    command.add_argument(
-        "--background",
-        type=options.path,
-        metavar="FILE",
-        help="a file that `nablahog learn background --cell 5` wrote (default: learned from the photographs in "
-        "scikit-image)",
-    )
-    options.workers(command)
-    options.cluster(command)

@@ -13,7 +13,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 from ...hog import HOGSpec, presets
 
 PRESETS: dict[str, Callable[..., HOGSpec]] = {name: getattr(presets, name) for name in presets.__all__}
-DEFAULT_DESCRIPTOR = "uoctti"
+DEFAULT_PRESET = "uoctti"
 _OTHER_DEFAULTS: dict[str, dict[str, Any]] = {"aubry": {"cell_size": 8}}  # not the 5 of the preset
 _EXPECTED = {
     int: "an integer of at most six digits",
@@ -37,7 +37,7 @@ def defaults_of(name: str) -> dict[str, Any]:
 
 
 def window_of(name: str, parameters: Mapping[str, Any]) -> tuple[int, int] | None:
-    """(height, width) of OpenCV's window, which is an image size; None for other presets."""
+    """(height, width) of OpenCV's window, the size of its images; None for other presets."""
     window = {**defaults_of(name), **parameters}.get("win_size")
     return None if window is None else (window[1], window[0])
 
@@ -50,10 +50,10 @@ def as_text(value: object) -> str:
 
 
 def parsed(text: str, hint: Any) -> Any:
-    """The value of type ``hint`` that ``text`` is: :func:`as_text` backwards.
+    """The value of type ``hint`` that ``text`` stands for, the inverse of :func:`as_text`.
 
     Raises:
-        ValueError: it is none; the message says what was expected.
+        ValueError: ``text`` is no such value; the message says what was expected.
     """
     # Python 3.10 reads a parameter `int | None = None` as Optional
     kinds = get_args(hint) if get_origin(hint) in (UnionType, Union) else (hint,)
@@ -68,7 +68,7 @@ def parsed(text: str, hint: Any) -> Any:
 
 
 def _value(text: str, kind: Any) -> Any:
-    """Raises ValueError, without a message, if ``text`` is none of this kind."""
+    """Raises ValueError, without a message, if ``text`` is not of this kind."""
     if get_origin(kind) is tuple:
         sides = re.split("[x×]", text)
         if len(sides) > 2:

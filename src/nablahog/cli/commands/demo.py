@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from argparse import Namespace
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -18,7 +19,7 @@ from ..inputs.prior import PriorOptions
 from ..inputs.sources import from_photo
 from ..results import inversion_page
 from ..results.inversion import Inversion, InversionOptions, invert_batch
-from ..terminal import print_table, progress_bars, say_page
+from ..terminal import counter, print_table, say_page
 
 SIZE = 256
 DESCRIPTORS = ("uoctti", "paper")  # both of the paper; the one that keeps more comes first
@@ -42,20 +43,17 @@ def demo(arguments: Namespace) -> None:
     Raises:
         OSError: the folder or a file cannot be written.
     """
-    prior = PriorOptions(None, default=True)
-    device, photo = torch.device(arguments.device), limit_size(sample_photograph("astronaut"), SIZE)
-    with output_folder(arguments.output) as folder, progress_bars() as progress:
-        bars = {name: progress(name) for name in DESCRIPTORS}
+    prior, photo = PriorOptions(None, default=True), limit_size(sample_photograph("astronaut"), SIZE)
+    with output_folder(arguments.output) as folder, counter("nablahog demo") as progress:
         inversions = []
-        for name, bar in bars.items():
-            source = from_photo("astronaut", name, photo, PRESETS[name](), size=0, device=device)
-            limit = arguments.max_evaluations
+        for name in DESCRIPTORS:
+            source = from_photo("astronaut", name, photo, PRESETS[name](), size=0)
             inversions += invert_batch(
                 [source],
-                device=device,
-                options=InversionOptions(seed=arguments.seed, max_evaluations=limit),
+                device=torch.device("cpu"),
+                options=InversionOptions(seed=arguments.seed),
                 prior=prior.for_spec(source.spec),
-                progress=bar,
+                progress=partial(progress, what=name),
             )
         _write(folder, photo, inversions)
     print_table([inversion.terminal_row() for inversion in inversions])

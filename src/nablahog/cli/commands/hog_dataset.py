@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 
 LIST = "@"
 SHARD = 1000  # images of a file
-SHOWN = 3  # images without a descriptor, on stderr; the data set has all
+SHOWN = 3  # images without a descriptor that are named on stderr; the data set names all
 
 
 def hog_dataset(arguments: Namespace) -> int:
-    """Describes all images, some thousand to a file; what an earlier run has done is kept.  Returns the exit status.
+    """Describes all images, :data:`SHARD` to a file; keeps what an earlier run has done; returns the exit status.
 
     Raises:
         UserError: no input can be used, an option is wrong, or the output holds something else.
@@ -41,14 +41,11 @@ def hog_dataset(arguments: Namespace) -> int:
         from ...jobs.describing import ShardJob
     except ModuleNotFoundError as error:
         raise UserError(NEEDS.format(error.name)) from None
-    if arguments.device != "cpu":
-        raise UserError(f"a data set is computed on processors: expected --device cpu, got {arguments.device}")
     with as_user_error():
         spec = SpecOptions.of(arguments).spec()
     paths, target = _paths(arguments), arguments.output.rstrip("/")
     size = SIZE if arguments.size is None else arguments.size
-    shard = arguments.shard or SHARD
-    parts = [tuple(paths[start : start + shard]) for start in range(0, len(paths), shard)]
+    parts = [tuple(paths[start : start + SHARD]) for start in range(0, len(paths), SHARD)]
     jobs = [ShardJob(part, spec, size, f"{target}/{shard_name(number)}") for number, part in enumerate(parts)]
     _check_empty(target, [job.target for job in jobs])
     keys = [key_of_shard(job.target) for job in jobs]
@@ -57,11 +54,11 @@ def hog_dataset(arguments: Namespace) -> int:
             raise UserError(f"{job.target} is of other images, or of another descriptor: expected another -o")
     missing = [job for job, key in zip(jobs, keys, strict=True) if key is None]
     failed = _do(missing, len(paths) - sum(len(job.paths) for job in missing), len(paths), arguments)
-    return _said(arguments, spec, target, failed)
+    return _report(arguments, spec, target, failed)
 
 
 def _do(jobs: Sequence[ShardJob], done: int, total: int, arguments: Namespace) -> list[str]:
-    """Why shards could not be written."""
+    """Writes the shards; returns why some could not be written."""
     reasons = []
     with counter("nablahog hog") as progress, as_user_error():
         progress(done, total, "")
@@ -111,7 +108,7 @@ def _urls(name: str) -> list[str]:
 
 
 def _check_empty(target: str, own: Sequence[str]) -> None:
-    """Refuses an output that holds shards beyond its own: they would become a part of the data set."""
+    """Raises UserError if the output holds other shards, which would become a part of the data set."""
     import fsspec
 
     try:
@@ -126,7 +123,8 @@ def _check_empty(target: str, own: Sequence[str]) -> None:
         raise UserError(f"{target} holds {len(others)} more shards than these images make: expected another -o")
 
 
-def _said(arguments: Namespace, spec: HOGSpec, target: str, reasons: Sequence[str]) -> int:
+def _report(arguments: Namespace, spec: HOGSpec, target: str, reasons: Sequence[str]) -> int:
+    """Prints what was done; returns the exit status."""
     from ...io.descriptor_dataset import DescriptorDataset
 
     if reasons:

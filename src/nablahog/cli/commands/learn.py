@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -20,8 +21,7 @@ from ..inputs.spec import SpecOptions
 from ..results.failures import say_ignored
 from ..terminal import counter, say
 
-# of the command that are arguments of a learner
-OPTIONS = ("seed", "epochs", "device", "precision", "fast", "order")
+SIZE = 512  # photographs are shrunk to so many pixels on the longer side
 
 
 def learn(arguments: Namespace) -> None:
@@ -31,21 +31,15 @@ def learn(arguments: Namespace) -> None:
         UserError: an input is unusable.
         OSError: a file or folder is missing or cannot be written.
     """
-    learner, output = _learner(arguments), Path(arguments.output)
+    learner, output = _learner(arguments.kind), Path(arguments.output)
     noun = learner.model.NOUN
     if output.suffix.lower() != ".npz" or output.is_dir():
         raise UserError(f"a {noun} is one file: expected -o FILE.npz, got {output}")
-    if getattr(arguments, "threads", None) is not None:
-        torch.set_num_threads(arguments.threads)
     with as_user_error():
         spec = _spec(arguments)
         learner.check(spec)  # before any image is read
         photographs = _photographs(arguments, learner, spec)
-        options = {name: getattr(arguments, name) for name in OPTIONS if name in arguments}
-        if getattr(arguments, "start", None) is not None:
-            options["start"] = _prior(arguments.start, spec)
-        if getattr(arguments, "cluster", None) is not None:
-            options["map_function"] = map_on(arguments.cluster)
+        options = _options(arguments, spec)
     with output_folder(output.parent), as_user_error():
         for name, reason in photographs.failed.items():
             say(f"Passed over: {name}: {reason}")
@@ -55,32 +49,39 @@ def learn(arguments: Namespace) -> None:
     say(f"{noun.capitalize()} in {output}: {model.summary}")
 
 
-def _learner(arguments: Namespace) -> Learner:
-    if arguments.kind == "background":
-        return Learner(Background, learn_background, check_spec, lambda spec: least_size(spec, arguments.order))
-    return LEARNED[arguments.kind]
+def _learner(kind: str) -> Learner:
+    if kind == "background":
+        return Learner(Background, learn_background, check_spec, least_size)
+    return LEARNED[kind]
+
+
+def _options(arguments: Namespace, spec: HOGSpec) -> dict[str, Any]:
+    """The arguments of the learner.
+
+    Raises:
+        ValueError, OSError: the prior to start from is not for descriptors of ``spec``, or cannot be read.
+    """
+    options = {name: getattr(arguments, name) for name in ("seed", "epochs") if name in arguments}
+    if arguments.kind == "prior":
+        options["device"] = "cuda" if torch.cuda.is_available() else "cpu"
+        if arguments.start is not None:
+            start = default_prior(spec) if arguments.start == "default" else LearnedPrior.load(arguments.start)
+            start.check(spec)
+            options["start"] = start
+    if getattr(arguments, "cluster", None) is not None:
+        options["map_function"] = map_on(arguments.cluster)
+    return options
 
 
 def _spec(arguments: Namespace) -> HOGSpec:
-    """The dialect to learn for; of a prior, one of those that it is for.
+    """The spec to learn for; of a prior, one of those that it is for.
 
     Raises:
-        ValueError, UserError: there is no such one.
+        ValueError: there is no such spec.
     """
-    if "descriptor" in arguments:
+    if "preset" in arguments:
         return SpecOptions.of(arguments).spec()
     return presets.paper() if getattr(arguments, "signs", None) == "unsigned" else SPEC
-
-
-def _prior(file: str, spec: HOGSpec) -> LearnedPrior:
-    """The prior in a file, or, for ``"default"``, the one that comes with the package.
-
-    Raises:
-        ValueError, OSError: there is none, or it is not for descriptors of ``spec``.
-    """
-    prior = default_prior(spec) if file == "default" else LearnedPrior.load(file)
-    prior.check(spec)
-    return prior
 
 
 def _photographs(arguments: Namespace, learner: Learner, spec: HOGSpec) -> Photographs:
@@ -93,7 +94,7 @@ def _photographs(arguments: Namespace, learner: Learner, spec: HOGSpec) -> Photo
         FileNotFoundError, NotADirectoryError: there is no such folder.
         ValueError: it holds no image, or none to learn from.
     """
-    folder, size = arguments.images, arguments.size
+    folder, size = arguments.images, getattr(arguments, "size", SIZE)
     if folder is None and learner.tile is not None:
         return Photographs(sample_training_photographs(arguments.kind))
     if folder is None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from ...io.files import output_folder, write_text
 from ...jobs.runner import cores
 from ...paper import table1_page
-from ...paper.learned import LEARNED, learned_from_samples, load, shipped_files
+from ...paper.learned import learned_from_samples, load, shipped_files
 from ...paper.methods import Method, Table1Settings, choose
 from ...paper.photographs import Photographs, read_folder, sample_photographs
 from ...paper.table1 import run_table1, write_table1
@@ -26,7 +26,7 @@ def table1(arguments: Namespace) -> None:
         OSError: a file or folder is missing or cannot be written.
     """
     with as_user_error():
-        files = {kind: Path(getattr(arguments, kind)).resolve() for kind in LEARNED if getattr(arguments, kind)}
+        files = {kind: Path(file).resolve() for kind, file in arguments.learned or ()}
         shipped = shipped_files()
         methods, left_out = choose(arguments.methods, files, shipped)
     _check_files(files, methods)

@@ -13,7 +13,7 @@ from ...io.layouts import Fit, fit, is_row, shapes, stored
 from ...io.npz import naming
 from ..arguments.preset_parameters import as_text, window_of
 from .spec import SpecOptions
-from .suggestions import parameters_that_fit, presets_that_fit
+from .suggestions import presets_that_fit
 
 
 @dataclass(frozen=True)
@@ -46,23 +46,22 @@ class ArrayOptions:
 
         Raises:
             FileNotFoundError: there is no such file.
-            ValueError: it holds no such array, or one that is no descriptor of the dialect; the message suggests
-                parameters that fit.
+            ValueError: it holds no such array, or one that is no descriptor of the preset; the message names presets
+                that fit.
         """
         array = read_array(path, self.key)
         with naming(path):
             return stored(array, *self.fitting(array.shape, options))
 
     def fitting(self, shape: tuple[int, ...], options: SpecOptions) -> tuple[HOGSpec, Fit]:
-        """How an array of this shape is a descriptor of the dialect in ``options``.
+        """How an array of this shape is a descriptor of the preset in ``options``.
 
         Raises:
-            ValueError: it is none, or there is no ``--preset``; the message suggests options.
+            ValueError: it is none, or there is no ``--preset``; the message names presets that fit.
         """
-        if options.descriptor is None:
-            others = presets_that_fit(shape, None, self.image_size)
+        if options.preset is None:
             raise ValueError(
-                f"an array does not say of which library it is: expected --preset NAME{_suggested(others)}"
+                f"an array does not say of which library it is: expected --preset NAME{self._suggested(shape)}"
             )
         parameters, spec = options.parameters(), options.spec()
         window = window_of(options.name, parameters)
@@ -77,10 +76,7 @@ class ArrayOptions:
                 return spec, how
         if len(shape) > 1 and shape[0] > 1 and fit(shape[1:], spec, self.image_size or window) is not None:
             raise ValueError(f"expected one descriptor in a file, got {shape[0]} of them")
-        reason = self._mismatch(shape, spec, window)
-        own = parameters_that_fit(shape, options.name, parameters, self.image_size)
-        others = presets_that_fit(shape, options.name, self.image_size)
-        raise ValueError(f"{reason}{_suggested(own + others)}")
+        raise ValueError(f"{self._mismatch(shape, spec, window)}{self._suggested(shape)}")
 
     def _mismatch(self, shape: tuple[int, ...], spec: HOGSpec, window: tuple[int, int] | None) -> str:
         size = (self.image_size or window) if is_row(shape) else self.image_size
@@ -91,6 +87,6 @@ class ArrayOptions:
         of = "" if size is None else f" of an image of {as_text(size)} pixels (height x width)"
         return f"the {spec.name} descriptor{of} has the shape {shapes(spec, size)}, got {shape}"
 
-
-def _suggested(fitting: list[str]) -> str:
-    return f"; this fits {', or '.join(fitting)}" if fitting else "; no parameters were found that fit"
+    def _suggested(self, shape: tuple[int, ...]) -> str:
+        fitting = presets_that_fit(shape, self.image_size)
+        return f"; this fits {', or '.join(preset.options for preset in fitting)}" if fitting else ""

@@ -1,4 +1,4 @@
-"""Inputs by name: files, folders, patterns that the shell has left as they are, and ``-`` for stdin."""
+"""Inputs by name: files, folders, patterns that the shell did not expand, and ``-`` for stdin."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Expanded:
 
     Attributes:
         paths: of files, in order; :data:`STDIN` is one.
-        skipping: of folders and patterns without a file, and of the files that turn out to be unusable.
+        skipping: has the folders and patterns without a file, and later the files that are unusable.
         many: whether results go to a folder: there are several inputs, or a folder or a pattern, even of one file.
     """
 
@@ -38,8 +38,8 @@ def expand(arguments: Namespace, endings: Collection[str]) -> Expanded:
 
     Args:
         arguments: of the command.  A folder stands for the files in it with one of the ``endings``, sorted by name,
-            without hidden ones and those further down; a pattern (``*``, ``?``, ``[…]``, ``**``) that is no file's
-            name for the files that match.
+            without hidden files and subfolders; a pattern (``*``, ``?``, ``[…]``, ``**``) for the files that match,
+            unless it is the name of a file.
         endings: such as ".png".
 
     Raises:

@@ -24,7 +24,7 @@ VIEWPOINTS = 10_000  # of our own distribution, of which each scene has one
 
 @dataclass(frozen=True)
 class Objects:
-    """All that a run is about.
+    """The objects of a run.
 
     Attributes:
         examples: of the table.
@@ -43,28 +43,23 @@ def objects(arguments: Namespace) -> Objects:
     Raises:
         ValueError, FileNotFoundError, NotADirectoryError: an input is unusable, or options contradict each other.
     """
-    published = [path for path in (arguments.voc, arguments.pascal3d) if path is not None]
-    own = [path for path in (arguments.photos, arguments.annotations) if path is not None]
-    if len(published) == 1:
-        raise ValueError("--voc and --pascal3d need each other: the one has the photographs, the other the viewpoints")
-    if len(own) == 1:
-        raise ValueError("--photos and --annotations need each other: the one has the images, the other the viewpoints")
-    if published and own:
-        raise ValueError("--photos and --pascal3d are two sets of objects; one at a time")
-    if (published or own) and arguments.viewpoints is not None:
+    if arguments.pascal3d is not None and arguments.annotations is not None:
+        raise ValueError("--pascal3d and annotated photographs are two sets of objects; one at a time")
+    if arguments.viewpoints is not None and (arguments.pascal3d or arguments.annotations) is not None:
         raise ValueError("--viewpoints is for scenes that are rendered; photographs have theirs")
-    if published:
+    if arguments.pascal3d is not None:
         return _published(arguments)
-    return _photographs(arguments) if own else _scenes(arguments)
+    return _scenes(arguments) if arguments.annotations is None else _photographs(arguments)
 
 
 def _published(arguments: Namespace) -> Objects:
     if arguments.conditions:
-        raise ValueError("--conditions needs scenes or --photos: objects of --pascal3d are cut out along their boxes")
-    pascal3d = Path(arguments.pascal3d)
-    folder = arguments.models
-    models, passed_over = models_in(pascal3d / "CAD" / "chair" if folder is None else Path(folder))
-    selection = read_pascal3d(Path(arguments.voc), pascal3d)
+        raise ValueError(
+            "--conditions needs scenes or annotations: objects of --pascal3d are cut out along their boxes"
+        )
+    voc, pascal3d = map(Path, arguments.pascal3d)
+    models, passed_over = models_in(Path(arguments.models or pascal3d / "CAD" / "chair"))
+    selection = read_pascal3d(voc, pascal3d)
     if arguments.objects is not None:
         selection = replace(selection, objects=selection.objects[: arguments.objects])
     examples = photographed(
@@ -80,12 +75,12 @@ def _published(arguments: Namespace) -> Objects:
 
 def _photographs(arguments: Namespace) -> Objects:
     models, passed_over = (chair_library(), {}) if arguments.models is None else models_in(Path(arguments.models))
-    known = {model.name for model in models}
-    read = read_annotations(arguments.annotations, arguments.photos, known, arguments.objects)
+    folder = Path(arguments.annotations).resolve().parent
+    read = read_annotations(arguments.annotations, folder, {model.name for model in models}, arguments.objects)
     made = partial(
         photographed,
         models=models,
-        origin=f"{len(read)} objects of the photographs of the folder {Path(arguments.photos).resolve().name}.",
+        origin=f"{len(read)} objects of the photographs of the folder {folder.name}.",
         unknown_model=arguments.unknown_model,
         seed=arguments.seed,
     )
@@ -95,8 +90,7 @@ def _photographs(arguments: Namespace) -> Objects:
     for name in names:
         if not CONDITIONS[name].of_photographs:
             raise ValueError(f"the condition {name} is of scenes that are rendered, which photographs are not")
-    harder = read[: _fewer(arguments, len(read))]
-    return Objects(made(read), {name: made(harder, condition=name) for name in names}, passed_over)
+    return Objects(made(read), {name: made(read[:HARDER], condition=name) for name in names}, passed_over)
 
 
 def _scenes(arguments: Namespace) -> Objects:
@@ -123,10 +117,5 @@ def _scenes(arguments: Namespace) -> Objects:
     )
     count = arguments.objects or SCENES
     names = CONDITIONS if arguments.conditions is None else arguments.conditions
-    harder = {name: made(_fewer(arguments, count), condition=name) for name in names}
+    harder = {name: made(min(HARDER, count), condition=name) for name in names}
     return Objects(made(count), harder, passed_over)
-
-
-def _fewer(arguments: Namespace, count: int) -> int:
-    """How many objects a condition has, of which the table has ``count``."""
-    return arguments.condition_objects or min(HARDER, count)

@@ -1,4 +1,4 @@
-"""The learned prior that the options ``--prior`` and ``--no-prior`` choose."""
+"""The learned prior that the option ``--prior`` chooses."""
 
 from __future__ import annotations
 
@@ -12,14 +12,16 @@ from ...paper.learned import load
 from ..errors import as_user_error
 from ..terminal import inform
 
+NO_PRIOR = "none"
+
 
 @dataclass
 class PriorOptions:
     """Which prior descriptors are inverted with.
 
     Attributes:
-        given: the prior of ``--prior``, for all descriptors; None if there is none.
-        default: whether the priors that come with the package are used, for the descriptors that there is one for.
+        given: the prior in the file of ``--prior``; None without a file.
+        default: whether the priors that come with the package are used.
     """
 
     given: LearnedPrior | None
@@ -27,23 +29,23 @@ class PriorOptions:
 
     @classmethod
     def of(cls, arguments: Namespace) -> PriorOptions:
-        """Those of a command.
+        """By the option ``--prior``.
 
         Raises:
-            UserError: the file of ``--prior`` cannot be used.
+            UserError: its file cannot be used.
         """
-        if arguments.prior is None:
-            return cls(None, not arguments.no_prior)
+        if arguments.prior in (None, NO_PRIOR):
+            return cls(None, arguments.prior is None)
         with as_user_error():
             return cls(load("prior", Path(arguments.prior)), False)
 
     def check(self, spec: HOGSpec) -> None:
-        """Raises ValueError if the prior of ``--prior`` is not for descriptors of ``spec``."""
+        """Raises ValueError if the prior in the file is not for descriptors of ``spec``."""
         if self.given is not None:
             self.given.check(spec)
 
     def for_spec(self, spec: HOGSpec) -> PriorChoice:
-        """The priors for descriptors of ``spec``, if there are any; says so where they were not installed."""
+        """The priors for descriptors of ``spec``; a line on stderr if the package's were not installed."""
         if not self.default or default_prior_file(spec) is None:
             return self.given
         try:

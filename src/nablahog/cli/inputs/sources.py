@@ -41,11 +41,12 @@ class Source:
 
     Attributes:
         path: as the user gave it.
-        stem: for the names of result files; no two sources have the same.
+        stem: begins the names of its result files; no two sources have the same.
         descriptor: (rows, cols, channels), float32, on the CPU.
-        spec: its dialect.
+        spec: of the descriptor.
         image_size: (height, width) of the image the descriptor was computed from.
         photo: that image, (C, H, W) float32 in 0…1, or None for a descriptor file.
+        part: which one of several in the file, for captions.
     """
 
     path: str
@@ -54,11 +55,13 @@ class Source:
     spec: HOGSpec
     image_size: tuple[int, int]
     photo: Tensor | None
+    part: str = ""
 
     @property
     def name(self) -> str:
-        """Of the file, without its folders, printable."""
-        return os.fsencode(Path(self.path).name).decode(errors="backslashreplace") if self.path != STDIN else "stdin"
+        """The name of the file without its folders, printable, and the part."""
+        file = os.fsencode(Path(self.path).name).decode(errors="backslashreplace") if self.path != STDIN else "stdin"
+        return f"{file}, {self.part}" if self.part else file
 
     @property
     def gray_photo(self) -> Tensor | None:
@@ -72,7 +75,7 @@ class Inputs:
 
     Attributes:
         sources: of files.
-        skipping: has those that cannot be used.
+        skipping: has the inputs that cannot be used.
         paths: of all files among the inputs.
         many: whether results go to a folder, see :class:`~.expand.Expanded`.
         datasets: of descriptors, whose rows are read when they are needed.
@@ -88,7 +91,7 @@ class Inputs:
         """The sources of files, then those of data sets, :data:`ROWS` at a time.
 
         Args:
-            check: of those of data sets, as of :func:`read_inputs`.
+            check: called with each source of a data set, see :func:`read_inputs`.
         """
         if self.sources:
             yield self.sources
@@ -118,9 +121,8 @@ def read_inputs(
 
     Args:
         arguments: ``inputs``: photographs of any format that Pillow reads, descriptor files, arrays of other libraries,
-            folders and patterns of these, - for stdin; the options of their dialect; ``size``: photographs are shrunk
-            to at most so many pixels on the longer side, 0 for never, None for :data:`SIZE`, with a line on stderr;
-            ``device``: computes the descriptors.
+            folders and patterns of these, - for stdin; the options of their preset; ``size``: photographs are shrunk
+            to at most so many pixels on the longer side, 0 for never, None for :data:`SIZE`, with a line on stderr.
         arrays: whether inputs may be descriptors: files of this program, and arrays of other libraries.
         keep_photos: whether the photographs are needed afterwards.
         check: raises ValueError or UserError for sources that cannot be used.
@@ -147,11 +149,8 @@ def read_inputs(
             sources.append(source if keep_photos else replace(source, photo=None))
     expanded.skipping.check()
     if reader.shrunk:
-        one = len(expanded.paths) == 1
-        which, them = (
-            ("the photograph is", "it as it is") if one else (f"{reader.shrunk} photographs are", "them as they are")
-        )
-        inform(f"{which} shrunk to {SIZE} pixels; --size 0 takes {them}")
+        which = "the photograph is" if len(expanded.paths) == 1 else f"{reader.shrunk} photographs are"
+        inform(f"{which} shrunk to {SIZE} pixels; --size 0 keeps the full size")
     if array_options is not None and not reader.arrays:
         with as_user_error():
             array_options.check_unused()
@@ -182,8 +181,8 @@ class _Reader:
     """Reads inputs with the same options.
 
     Attributes:
-        arrays: how many of them were arrays of other libraries.
-        shrunk: how many were photographs that were shrunk without having been asked to.
+        arrays: the number of arrays of other libraries read so far.
+        shrunk: the number of photographs that were shrunk without ``--size``.
     """
 
     arguments: Namespace
@@ -205,9 +204,7 @@ class _Reader:
         if is_descriptor_file(path):
             return _from_descriptor_file(path, stem, self.spec_options)
         photo, size = read_image(path), self.arguments.size
-        device = torch.device(self.arguments.device)
-        limit = SIZE if size is None else size
-        source = from_photo(path, stem, photo, self.spec_options.spec(), size=limit, device=device)
+        source = from_photo(path, stem, photo, self.spec_options.spec(), size=SIZE if size is None else size)
         self.shrunk += size is None and source.image_size != photo.shape[1:]
         return source
 
@@ -228,7 +225,7 @@ def _from_stored(path: str, stem: str, of_file: StoredDescriptor) -> Source:
     return Source(path, stem, descriptor, of_file.spec, of_file.image_size, None)
 
 
-def from_photo(path: str, stem: str, photo: Tensor, spec: HOGSpec, *, size: int, device: torch.device) -> Source:
+def from_photo(path: str, stem: str, photo: Tensor, spec: HOGSpec, *, size: int) -> Source:
     """Computes the descriptor of a photograph (C, H, W) in 0…1, shrunk as in :func:`read_inputs`.
 
     Raises:
@@ -241,5 +238,4 @@ def from_photo(path: str, stem: str, photo: Tensor, spec: HOGSpec, *, size: int,
     except ValueError as error:
         shrunk = "" if small is photo else f" after shrinking it to {size} pixels"
         raise ValueError(f"{path}: {error}{shrunk}") from None
-    descriptor = describe(small[None].to(device), spec)[0].cpu()
-    return Source(path, stem, descriptor, spec, (height, width), small)
+    return Source(path, stem, describe(small[None], spec)[0], spec, (height, width), small)

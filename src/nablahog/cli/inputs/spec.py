@@ -1,4 +1,4 @@
-"""The options ``--preset``, ``--set``, ``--cell`` and ``--vote``: the dialect of the inputs."""
+"""The options ``--preset`` and ``--set``: the spec of the inputs."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...hog import HOGSpec
-from ...hog.spec import Vote
 from ..arguments.did_you_mean import did_you_mean
-from ..arguments.preset_parameters import DEFAULT_DESCRIPTOR, PRESETS, as_text, defaults_of, parameters_of, parsed
+from ..arguments.preset_parameters import DEFAULT_PRESET, PRESETS, as_text, defaults_of, parameters_of, parsed
 
-CELLS = ("cell_size", "pixels_per_cell")  # what presets call --cell
-_VOTES = ("vote", "bilinear_orientations", "bilinear")  # and --vote; the last two are whether votes are linear
-_WIDTH_FIRST = ("opencv",)  # whose sizes are (width, height)
-_FREE = ("name", "layout", "derivative")  # of a descriptor file: these decide none of its values
+_ONLY_IF_SET = {
+    "cell_size": ("cell_size", "pixels_per_cell"),
+    "vote": ("vote", "bilinear_orientations", "bilinear"),
+}
+"""Fields of a descriptor file that need not be the preset's default, and the parameters that ask for a value."""
+_FREE = ("name", "layout", "derivative")  # fields that decide none of the values in a descriptor file
 
 
 def make_spec(name: str, parameters: Mapping[str, Any]) -> HOGSpec:
@@ -34,27 +35,23 @@ def make_spec(name: str, parameters: Mapping[str, Any]) -> HOGSpec:
 
 @dataclass(frozen=True)
 class SpecOptions:
-    """The options that choose a dialect; None where an option is not set.
+    """The options that choose a spec.
 
     Attributes:
-        descriptor: a key of :data:`~nablahog.cli.arguments.preset_parameters.PRESETS`.
-        cell: (height, width) of a cell in pixels.
-        vote: orientation votes, for presets that leave them open.
+        preset: a key of :data:`~nablahog.cli.arguments.preset_parameters.PRESETS`; None if it was not chosen.
         settings: parameters of the preset, (name, value) as texts; the last of a name counts.
 
     Raises:
-        ValueError: the preset has no such parameter or cannot have such a value, or two options contradict each other.
+        ValueError: the preset has no such parameter or cannot have such a value.
     """
 
-    descriptor: str | None = None
-    cell: tuple[int, int] | None = None
-    vote: Vote | None = None
+    preset: str | None = None
     settings: tuple[tuple[str, str], ...] = ()
 
     @classmethod
     def of(cls, arguments: Namespace) -> SpecOptions:
-        """By the options ``--preset``, ``--cell``, ``--vote`` and ``--set``."""
-        return cls(arguments.descriptor, arguments.cell, arguments.vote, tuple(arguments.settings or ()))
+        """By the options ``--preset`` and ``--set``."""
+        return cls(arguments.preset, tuple(arguments.settings or ()))
 
     def __post_init__(self) -> None:
         self.spec()
@@ -62,7 +59,7 @@ class SpecOptions:
     @property
     def name(self) -> str:
         """The preset."""
-        return self.descriptor or DEFAULT_DESCRIPTOR
+        return self.preset or DEFAULT_PRESET
 
     def parameters(self) -> dict[str, Any]:
         """The parameters of the preset that options set.
@@ -79,10 +76,6 @@ class SpecOptions:
                 parameters[key] = parsed(text, hints[key])
             except ValueError as error:
                 raise ValueError(f"--set {key}: {error}") from None
-        for option, more in (("--cell", self._cell(hints)), ("--vote", self._vote(hints))):
-            for key in more.keys() & parameters.keys():
-                raise ValueError(f"{option} and --set {key} say the same: expected one of them")
-            parameters |= more
         return parameters
 
     def spec(self) -> HOGSpec:
@@ -91,45 +84,18 @@ class SpecOptions:
 
     def check(self, spec: HOGSpec) -> None:
         """Raises ValueError if ``spec``, of a descriptor file, contradicts the options."""
-        separate = {"cell_size": self.cell, "vote": self.vote}
-        expected = {}
-        if self.descriptor or self.settings:
-            keys = dict(self.settings)
-            named = {"cell_size": CELLS, "vote": _VOTES}  # compared only if they are set
-            whole = self.spec()
-            expected = {
-                field.name: getattr(whole, field.name)
-                for field in dataclasses.fields(whole)
-                if field.name not in separate or any(key in keys for key in named[field.name])
-            }
-        expected |= {field: value for field, value in separate.items() if value}
-        differing = [field for field, value in expected.items() if getattr(spec, field) != value]
-        if any(field not in _FREE for field in differing):  # but the name, if it differs, says it best
-            field = differing[0]
+        if self.preset is None and not self.settings:
+            return
+        expected, set_ones = self.spec(), dict(self.settings)
+        compared = [
+            field.name
+            for field in dataclasses.fields(expected)
+            if field.name not in _ONLY_IF_SET or not {*_ONLY_IF_SET[field.name]}.isdisjoint(set_ones)
+        ]
+        differing = [name for name in compared if getattr(spec, name) != getattr(expected, name)]
+        if set(differing) - {*_FREE}:
+            field = differing[0]  # the name, if it differs, says it best
             raise ValueError(
                 f"a descriptor of another spec than asked for: its {field} is {getattr(spec, field)!r}, "
-                f"not {expected[field]!r}"
+                f"not {getattr(expected, field)!r}"
             )
-
-    def _cell(self, hints: Mapping[str, Any]) -> dict[str, Any]:
-        if self.cell is None:
-            return {}
-        height, width = self.cell
-        (key,) = (key for key in CELLS if key in hints)
-        if hints[key] is int:
-            if height != width:
-                raise ValueError(f"cells of {self.name} are square: expected --cell N, got {height}x{width}")
-            return {key: height}
-        return {key: (width, height) if self.name in _WIDTH_FIRST else (height, width)}
-
-    def _vote(self, hints: Mapping[str, Any]) -> dict[str, Any]:
-        if self.vote is None:
-            return {}
-        for key in _VOTES:
-            if key in hints:
-                return {key: self.vote == "linear" if hints[key] is bool else self.vote}
-        votes = make_spec(self.name, {}).vote
-        if votes != self.vote:
-            able = ", ".join(name for name in PRESETS if set(_VOTES) & set(parameters_of(name)))
-            raise ValueError(f"the {self.name} descriptor has {votes} votes: --vote {self.vote} goes with {able}")
-        return {}

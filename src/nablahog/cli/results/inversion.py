@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,10 +15,11 @@ from torch import Tensor
 
 from ... import metrics
 from ...hog.gradient import gray
-from ...invert import AsPublished, Search, reconstruct, reconstruct_samples
+from ...invert import AsPublished, reconstruct, reconstruct_samples
+from ...invert.choices import InversionMethod, QualityName
 from ...invert.colour import reconstruct_colour
 from ...invert.learned import PriorChoice
-from ...invert.options import QualityName
+from ...invert.template import reconstruct_template
 from ...io.images import write_image
 from ...viz.pictures import Panel, contact_sheet, difference, glyphs
 from ..inputs.sources import Source
@@ -39,19 +40,21 @@ class InversionOptions:
 
     Attributes:
         seed: of the starting images.
-        quality: as :func:`nablahog.reconstruct` has it.
-        max_evaluations: of the objective; None for those of the quality.
-        published: the paper's search, instead of the default one.
-        samples: further answers to unsigned descriptors, by their prior; None for none.
+        quality, method: as :func:`nablahog.reconstruct` has them.
+        samples: number of further answers to unsigned descriptors, drawn from the prior; None for none.
         colour: whether to find images in colour, without a prior.
     """
 
     seed: int
     quality: QualityName = "best"
-    max_evaluations: int | None = None
-    published: AsPublished | None = None
+    method: InversionMethod = "default"
     samples: int | None = None
     colour: bool = False
+
+    @property
+    def more_pictures(self) -> list[str]:
+        """The pictures that :meth:`Inversion.write` leaves only with these options."""
+        return ["iterations"] * (self.method == "paper") + ["samples"] * (self.samples is not None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,16 +65,15 @@ class Inversion:
         source: the input.
         preimage: (H, W), or (3, H, W) in colour, float32 in 0…1, on the CPU.
         reference: the gray photograph (Eq. 1) it is compared with, (H, W) in 0…1; None if it is not known.
-        measures: CC, MI, SSIM and PSNR of the gray pre-image, and the distance, as
-            :data:`nablahog.metrics.DEFINITIONS` has them; None where the reference is not known, or the measure not
-            defined or not finite.
+        measures: CC, MI, SSIM and PSNR of the gray pre-image, and the distance, see
+            :data:`nablahog.metrics.DEFINITIONS`; None where the reference is not known or the measure is not finite.
         seconds: the source's share of the time of its batch.
         stop_reason: why the minimiser stopped.
-        iterates: (iterations + 1, H, W) in 0…1, from the start to the pre-image, if they were asked for.
-        polarity: the learned prior's probability that the pre-image is no negative; None of signed descriptors, which
-            tell, and without a prior.
+        iterates: by their number, (H, W) in 0…1: the images after 0, 1, 2 and all iterations of the paper's search.
+        polarity: the learned prior's probability that the pre-image is no negative, 0.5 of templates; None of signed
+            descriptors, and without a prior.
         samples: (K, H, W) in 0…1, further answers that the prior thinks possible, if they were asked for.
-        agreement: of the samples, as :class:`nablahog.invert.Samples` has it.
+        agreement: of the samples, see :class:`nablahog.invert.Samples`.
     """
 
     source: Source
@@ -80,13 +82,13 @@ class Inversion:
     measures: dict[str, float | None]
     seconds: float
     stop_reason: str
-    iterates: Tensor | None = None
+    iterates: Mapping[int, Tensor] = field(default_factory=dict)
     polarity: float | None = None
     samples: Tensor | None = None
     agreement: float | None = None
 
     def figures(self) -> dict[str, Any]:
-        """What ``results.json`` says of this input, ready for JSON."""
+        """The figures of ``results.json``, ready for JSON."""
         return {
             "input": self.source.path,
             "descriptor": self.source.spec.name,
@@ -101,9 +103,9 @@ class Inversion:
         }
 
     def row(self) -> dict[str, object]:
-        """The figures for a table, under the names of :data:`nablahog.metrics.DEFINITIONS`."""
+        """The figures for a table, with the names of :data:`nablahog.metrics.DEFINITIONS`."""
         return {
-            "input": self.source.path,
+            "input": f"{self.source.path}, {self.source.part}" if self.source.part else self.source.path,
             "descriptor": self.source.spec.name,
             "size": "x".join(map(str, self.source.image_size)),
             **self.measures,
@@ -117,7 +119,7 @@ class Inversion:
 
     @property
     def unsure(self) -> bool:
-        """Whether it may well be a negative."""
+        """Whether the pre-image may as well be a negative."""
         return self.polarity is not None and self.polarity < SURE
 
     def panels(self) -> list[Panel]:
@@ -149,9 +151,9 @@ class Inversion:
         return [Panel(self.preimage, "pre-image", f"The image found from the HOG of {self.source.name} alone"), *drawn]
 
     def without_pictures(self) -> Inversion:
-        """The same with its figures alone, which take little memory."""
+        """A copy with the figures alone, which takes little memory."""
         source = replace(self.source, descriptor=self.source.descriptor[:0], photo=None)
-        return replace(self, source=source, preimage=self.preimage[:0], reference=None, iterates=None, samples=None)
+        return replace(self, source=source, preimage=self.preimage[:0], reference=None, iterates={}, samples=None)
 
     def pair(self) -> tuple[Panel, Panel] | None:
         """The gray photograph, where it is known, and the pre-image."""
@@ -163,8 +165,8 @@ class Inversion:
 
     @cached_property
     def glyphs(self) -> NDArray[Any]:
-        """The glyphs of the input descriptor, as :func:`nablahog.viz.pictures.glyphs` draws them."""
-        return glyphs(self.source.descriptor, self.source.spec)
+        """The glyphs of the input descriptor, or of the positive weights of a template."""
+        return glyphs(self.source.descriptor.clamp(min=0), self.source.spec)
 
     def write(self, folder: Path) -> None:
         """Writes ``<stem>_preimage.png``, ``_glyphs.png``, ``_thumbnails.png``; ``_iterations.png``, ``_samples.png``.
@@ -184,22 +186,20 @@ class Inversion:
             write_image(name, sheet)
 
     def _first_and_last(self) -> list[Panel]:
-        """The photograph, if it is known, and the iterates 0, 1, 2 and the last, as the paper shows them."""
-        if self.iterates is None:
+        """The photograph, if it is known, and the iterates, as the paper shows them."""
+        if not self.iterates:
             return []
-        last = len(self.iterates) - 1
-        shown = [Panel(self.iterates[k], f"iteration {k}") for k in range(min(3, last))]
         photo = [] if self.source.photo is None else [Panel(self.source.photo, "photograph")]
-        return [*photo, *shown, Panel(self.iterates[last], f"iteration {last}")]
+        return [*photo, *(Panel(image, f"iteration {k}") for k, image in self.iterates.items())]
 
 
 def result_names(source: Source, more: Sequence[str] = ()) -> list[str]:
-    """The names of the files that :meth:`Inversion.write` leaves, with ``more`` of them than are always there."""
+    """The names of the files that :meth:`Inversion.write` leaves, of which ``more`` are not always there."""
     return [f"{source.stem}_{what}.png" for what in ("preimage", "glyphs", "thumbnails", *more)]
 
 
 def batches(sources: Sequence[Source]) -> list[list[int]]:
-    """Indices of sources of one spec and image size together, at most ``BATCH_PIXELS`` pixels in a batch."""
+    """Groups indices of sources by spec and image size, with at most ``BATCH_PIXELS`` pixels in a batch."""
     groups: dict[object, list[int]] = {}
     for index, source in enumerate(sources):
         groups.setdefault((source.spec, source.image_size), []).append(index)
@@ -224,8 +224,8 @@ def invert_batch(
         sources: at least one.
         device: where to compute.
         options: of the search.
-        prior: as :func:`nablahog.reconstruct` has it.
-        progress: called with the evaluations done and their largest number.
+        prior: see :func:`nablahog.reconstruct`.
+        progress: called with the number of evaluations done and the most there can be.
 
     Returns:
         One inversion for each source, in order.
@@ -237,9 +237,9 @@ def invert_batch(
     descriptors = torch.stack([source.descriptor for source in sources]).to(device)
     spec, image_size = sources[0].spec, sources[0].image_size
     every: dict[str, Any] = {"seed": options.seed, "progress": progress}
-    ours = {**every, "quality": options.quality, "search": Search(max_evaluations=options.max_evaluations)}
-    if options.published is not None:
-        result = reconstruct(descriptors, spec, image_size, method=options.published, **every)
+    ours = {**every, "quality": options.quality}
+    if options.method == "paper":
+        result = reconstruct(descriptors, spec, image_size, method=AsPublished(keep_iterates=True), **every)
     elif options.colour:
         result = reconstruct_colour(descriptors, spec, image_size, **ours)
     else:
@@ -254,7 +254,8 @@ def invert_batch(
         reference = source.gray_photo
         measures = _measures(_gray(preimage), reference, float(result.distance[index]))
         seconds, stop_reason = result.seconds / len(sources), str(result.stop_reason[index])
-        iterates = None if result.iterates is None else result.iterates[:, index, 0].detach().float().cpu()
+        kept = () if result.iterates is None else result.iterates[:, index, 0]
+        iterates = {k: kept[k].detach().float().cpu() for k in sorted({0, 1, 2, len(kept) - 1}) if 0 <= k < len(kept)}
         polarity = None if result.polarity_confidence is None else _rounded(result.polarity_confidence[index])
         further = None if drawn is None else drawn.image[index, :, 0].float().cpu()
         agreement = None if drawn is None else _rounded(drawn.agreement[index])
@@ -273,6 +274,22 @@ def invert_batch(
             )
         )
     return inversions
+
+
+def invert_template(
+    source: Source, *, device: torch.device, seed: int, progress: Callable[[int, int], None] | None = None
+) -> Inversion:
+    """What the positive weights of a template look for; ``source`` has the weights in place of a descriptor.
+
+    Raises:
+        ValueError: as :func:`nablahog.invert.reconstruct_template`.
+    """
+    weights, spec = source.descriptor[None].to(device), source.spec
+    result = reconstruct_template(weights, spec, source.image_size, seed=seed, progress=progress)
+    preimage = result.image[0, 0].float().cpu()
+    measures = _measures(preimage, None, float(result.distance[0]))
+    polarity = None if spec.signed else 0.5
+    return Inversion(source, preimage, None, measures, result.seconds, str(result.stop_reason[0]), polarity=polarity)
 
 
 def _rounded(value: Tensor) -> float:

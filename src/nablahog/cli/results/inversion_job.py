@@ -1,4 +1,4 @@
-"""Inversions on a cluster: a source each, as a job whose result is stored."""
+"""The inversion of a descriptor on a cluster, as a job whose result is stored."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class InversionJob:
 
     @property
     def name(self) -> str:
-        """That of its folder of stored results."""
+        """The name of its folder of stored results."""
         return "inversions"
 
     def key(self) -> str:
@@ -56,39 +56,40 @@ class InversionJob:
         return key_of(facts, source.descriptor.numpy())
 
     def files(self) -> list[Path]:
-        """That of the prior."""
+        """The file of the prior, if there is one."""
         return [] if self.prior is None else [self.prior]
 
     def run(self) -> JobResult:
-        """Inverts it: pictures are the pre-image, the iterates and the samples, float32.
+        """Inverts the descriptor: the pictures are the pre-image, the iterates and the samples, float32.
 
         Raises:
             ValueError: as :func:`.inversion.invert_batch`.
         """
-        [found] = invert_batch([self.source], device=torch.device("cpu"), prior=self._prior(), options=self.options)
-        more = [each.numpy() for each in (found.iterates, found.samples) if each is not None]
+        [result] = invert_batch([self.source], device=torch.device("cpu"), prior=self._prior(), options=self.options)
+        samples = [] if result.samples is None else list(result.samples)
+        pictures = np.stack([each.numpy() for each in (result.preimage, *result.iterates.values(), *samples)])
         figures = {
-            "measures": found.measures,
-            "stop_reason": found.stop_reason,
-            "polarity": found.polarity,
-            "agreement": found.agreement,
-            "iterates": 0 if found.iterates is None else len(found.iterates),
-            "samples": 0 if found.samples is None else len(found.samples),
+            "measures": result.measures,
+            "stop_reason": result.stop_reason,
+            "polarity": result.polarity,
+            "agreement": result.agreement,
+            "iterates": list(result.iterates),
+            "samples": len(samples),
         }
-        return JobResult([figures], np.concatenate([found.preimage[None].numpy(), *more]), found.seconds)
+        return JobResult([figures], pictures, result.seconds)
 
     def fits(self, result: JobResult) -> bool:
-        """Whether there are pictures of the image's size, as many as the figures say."""
+        """Whether there are as many pictures as the figures say, of the image's size."""
         figures, pictures = result.figures[0], result.pictures
-        count = 1 + figures["iterates"] + figures["samples"]
+        count = 1 + len(figures["iterates"]) + figures["samples"]
         whole = len(pictures) == count and pictures.shape[-2:] == self.source.image_size
         return bool(whole and pictures.dtype == np.float32)
 
     def inversion(self, result: JobResult) -> Inversion:
-        """What :meth:`run` has computed."""
+        """The inversion that :meth:`run` has computed."""
         figures, pictures = result.figures[0], torch.from_numpy(result.pictures)
-        samples_from = 1 + figures["iterates"]
-        iterates, samples = pictures[1:samples_from], pictures[samples_from:]
+        samples_from = 1 + len(figures["iterates"])
+        samples = pictures[samples_from:]
         return Inversion(
             self.source,
             pictures[0],
@@ -96,7 +97,7 @@ class InversionJob:
             figures["measures"],
             result.seconds,
             figures["stop_reason"],
-            iterates if len(iterates) else None,
+            dict(zip(figures["iterates"], pictures[1:samples_from], strict=True)),
             figures["polarity"],
             samples if len(samples) else None,
             figures["agreement"],

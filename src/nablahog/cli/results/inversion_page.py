@@ -12,17 +12,23 @@ from .inversion import Inversion
 SHOWN = 24  # inputs with pictures, which are inlined: a page of hundreds would not open
 TITLE = "Images from HOG descriptors"
 LEAD = (
-    "Each image was found from a HOG descriptor alone. A photograph is no input of the inversion; where there is one, "
-    "it is shown for comparison. HOG contains neither colour nor brightness, so the pre-image is gray, unless --colour "
-    "guesses hues, and is compared with the gray photograph. In the difference, middle gray means equal. Of all images "
-    "with a descriptor, it is one near what a learned prior expects of photographs, unless --no-prior was given."
+    "Each image was found from a HOG descriptor alone. A photograph is not an input of the inversion; where there is "
+    "one, it is shown for comparison. HOG contains neither colour nor brightness, so the pre-image is gray, unless "
+    "--colour guesses hues, and is compared with the gray photograph. In the difference, middle gray means equal. Many "
+    "images have nearly the same descriptor; a learned prior chooses one that looks like a photograph, unless --prior "
+    "none was given."
+)
+TEMPLATES = (
+    "The positive weights of a linear detector over a HOG descriptor say which edges speak for a detection, and the "
+    "negative ones which speak against it. Each image was found from the weights of one sign alone: its histograms are "
+    "their squares, so that the larger a weight, the stronger its edge."
 )
 POLARITY = (
-    "Probability that the pre-image is no negative, by the learned prior; none of descriptors that tell bright from "
-    "dark, and without a prior."
+    "Probability, by the learned prior, that the pre-image is not a negative; of templates, which leave it open, 0.5. "
+    "There is none without a prior, and for descriptors that tell bright from dark."
 )
 SAMPLES = "Samples agree by the mean magnitude of the correlations of two of them"
-SECONDS = "Wall time of the search; where one search is for several inputs, an equal share of it."
+SECONDS = "Wall time of the search; if one search was for several inputs, an equal share of it."
 
 
 def page(

@@ -63,7 +63,7 @@ def _inside_another(k: int, means: Rectangles, members: NDArray[np.int64], many:
     margin = np.rint(means[:, 2:] * _EPSILON).astype(np.int64)
     corner, opposite = means[:, :2], means[:, :2] + means[:, 2:]
     within = (corner[k] >= corner - margin).all(axis=1) & (opposite[k] <= opposite + margin).all(axis=1)
-    larger = (members > max(3, members[k])) | (members[k] < 3)
+    larger = (members > members[k]) | (members[k] < 3)
     others = many & (np.arange(len(means)) != k)
     return bool((within & larger & others).any())
 

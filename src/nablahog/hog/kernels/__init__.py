@@ -15,13 +15,23 @@ from torch import Tensor
 
 from ... import native
 from ..autograd import Step, apply, cells_reference, describe_reference, norm_reference
-from ..colours import merge_colours, separate_colours, split_colours
+from ..colours import merge_colours, separate_colours, separate_colours_vjp, split_colours
 from ..orientation import vote_rule
 from ..spec import HOGSpec
 from . import loops
-from .plan import VOTES, has_norm
+from .plan import VOTES
 
-__all__ = ["describe", "energy", "has_norm", "histograms", "histograms_jvp", "norm", "supports"]
+__all__ = [
+    "add_energy",
+    "cells",
+    "cells_vjp",
+    "describe",
+    "describe_vjp",
+    "histograms",
+    "histograms_jvp",
+    "norm",
+    "supports",
+]
 
 
 def _nothing(x: Tensor) -> Tensor:
@@ -44,7 +54,7 @@ _DESCRIBE = Step(loops.describe, loops.describe_vjp, loops.describe_jvp, describ
 
 
 def supports(spec: HOGSpec) -> bool:
-    """Whether these loops have all that the dialect needs but, perhaps, its normaliser: see :func:`.has_norm`."""
+    """Whether these loops have all that the dialect needs but, perhaps, its normaliser."""
     smoothed_border = spec.mask == "sobel" and spec.border not in ("reflect", "ignore")
     return not smoothed_border and vote_rule(spec).name in VOTES and native.available()
 
@@ -65,6 +75,25 @@ def histograms(images: Tensor, spec: HOGSpec) -> Tensor:
     return merge_colours(each, spec).permute(0, 3, 1, 2)
 
 
+def cells(images: Tensor, spec: HOGSpec) -> Tensor:
+    """:func:`histograms` as cells (B, rows, cols, colours · bins), in one piece."""
+    return merge_colours(loops.cells(separate_colours(images, spec), _of_one_colour(spec)), spec).contiguous()
+
+
+def cells_vjp(images: Tensor, grad_cells: Tensor, spec: HOGSpec) -> Tensor:
+    """Gradients of images from those of :func:`cells`."""
+    each, grad = separate_colours(images, spec), split_colours(grad_cells, spec)
+    grad_images = loops.cells_vjp(each, grad, _of_one_colour(spec))
+    return separate_colours_vjp(grad_images, images.shape[1], spec).contiguous()
+
+
+def describe_vjp(images: Tensor, grad_output: Tensor, spec: HOGSpec) -> Tensor:
+    """Gradients of images from those of :func:`describe`."""
+    each, one = separate_colours(images, spec), _of_one_colour(spec)
+    grad_cells = loops.norm_vjp(loops.cells(each, one), split_colours(grad_output, spec), one)
+    return separate_colours_vjp(loops.cells_vjp(each, grad_cells, one), images.shape[1], spec).contiguous()
+
+
 def histograms_jvp(images: Tensor, tangents: Tensor, spec: HOGSpec) -> Tensor:
     """Tangents of the cells (B, colours · bins, rows, cols) from those of the images (B, C, H, W)."""
     pixels, directions = (separate_colours(each.detach(), spec) for each in (images, tangents))
@@ -77,6 +106,8 @@ def norm(of_cells: Tensor, spec: HOGSpec) -> Tensor:
     return merge_colours(apply(_NORM, each, _of_one_colour(spec)), spec).permute(0, 3, 1, 2)
 
 
-def energy(values: NDArray[Any]) -> float:
-    """The sum of squares of numbers (n,), float32 or float64, rounded as in the native global normaliser."""
-    return loops.energy(values) if native.available() else float(np.square(values, dtype=np.float64).sum())
+def add_energy(values: NDArray[Any], total: float) -> float:
+    """``total`` plus the sum of squares of numbers (n,), rounded as by the native global normaliser after whole 256."""
+    if native.available():
+        return loops.add_energy(values, total)
+    return total + float(np.square(values, dtype=np.float64).sum())

@@ -98,30 +98,34 @@ def _of(images: Tensor, spec: HOGSpec) -> tuple[_Operator, tuple[int, int]]:
     return operator, (images.data_ptr(), _strides(*images.stride())[1])
 
 
+def _run(loop: Any, plan: NormPlan, count: int, *tensors: Tensor | None, pixels: tuple[int, ...] = ()) -> None:
+    """Runs a loop for all of ``count`` images, shared out to threads."""
+    at = plan.address, *pixels
+    addresses = [None if tensor is None else tensor.data_ptr() for tensor in tensors]
+    share_out(lambda first, last: loop(*at, first, last, *addresses), count)
+
+
 def cells(images: Tensor, spec: HOGSpec) -> Tensor:
     """Eq. 1-6: images (B, C, H, W), C = 1 if colours are separate, to cells (B, rows, cols, bins)."""
     operator, pixels = _of(images, spec)
-    batch = len(images)
-    out = operator.plan.empty(batch, *operator.plan.cells)
-    if operator.in_rows(batch):
+    out = operator.plan.empty(len(images), *operator.plan.cells)
+    if operator.in_rows(len(images)):
         operator.cells_in_bands(pixels, out)
     else:
-        plan, to = operator.plan.address, out.data_ptr()
-        share_out(lambda first, last: _hog(plan, *pixels, first, last, to, None), batch)
+        _run(_hog, operator.plan, len(images), out, None, pixels=pixels)
     return out
 
 
 def describe(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     """Eq. 1-7: descriptors (B, rows, cols, channels) and, for their derivatives, cells (B, rows, cols, bins)."""
     operator, pixels = _of(images, spec)
-    batch, plan = len(images), operator.plan.address
-    cells, out = operator.plan.empty(batch, *operator.plan.cells), operator.plan.empty(batch, *operator.plan.grid)
+    batch, plan = len(images), operator.plan
+    cells, out = plan.empty(batch, *plan.cells), plan.empty(batch, *plan.grid)
     if operator.in_rows(batch):
         operator.cells_in_bands(pixels, cells)
-        _normalize(plan, 0, 1, cells.data_ptr(), out.data_ptr())
+        _run(_normalize, plan, 1, cells, out)
     else:
-        to_cells, to = cells.data_ptr(), out.data_ptr()
-        share_out(lambda first, last: _hog(plan, *pixels, first, last, to_cells, to), batch)
+        _run(_hog, plan, batch, cells, out, pixels=pixels)
     return out, cells
 
 
@@ -143,10 +147,8 @@ def _vjp(images: Tensor, cells: Tensor | None, grad_output: Tensor, spec: HOGSpe
     if operator.in_rows(batch):
         grad_cells = grad_output if cells is None else norm_vjp(cells, grad_output, spec)
         operator.vjp_in_rows(pixels, grad_cells, grad_images)
-        return grad_images
-    plan, grad, to = operator.plan.address, grad_output.data_ptr(), grad_images.data_ptr()
-    of_cells = None if cells is None else cells.data_ptr()
-    share_out(lambda first, last: _hog_vjp(plan, *pixels, first, last, of_cells, grad, to), batch)
+    else:
+        _run(_hog_vjp, operator.plan, batch, cells, grad_output, grad_images, pixels=pixels)
     return grad_images
 
 
@@ -162,12 +164,9 @@ def describe_jvp(images: Tensor, cells: Tensor, tangents: Tensor, spec: HOGSpec)
 
 def _jvp(images: Tensor, tangents: Tensor, cells: Tensor | None, spec: HOGSpec) -> Tensor:
     operator, pixels = _of(images, spec)
-    operator = operator.for_derivatives
-    batch, tangents = len(images), tangents.contiguous()
-    out = operator.plan.empty(batch, *(operator.plan.cells if cells is None else operator.plan.grid))
-    plan, changes, to = operator.plan.address, tangents.data_ptr(), out.data_ptr()
-    of_cells = None if cells is None else cells.data_ptr()
-    share_out(lambda first, last: _hog_jvp(plan, *pixels, first, last, changes, of_cells, to), batch)
+    plan = operator.for_derivatives.plan
+    out = plan.empty(len(images), *(plan.cells if cells is None else plan.grid))
+    _run(_hog_jvp, plan, len(images), tangents.contiguous(), cells, out, pixels=pixels)
     return out
 
 
@@ -183,33 +182,29 @@ def _of_cells(cells: Tensor, spec: HOGSpec) -> NormPlan:
 
 def norm(cells: Tensor, spec: HOGSpec) -> Tensor:
     """The normaliser: cells (B, rows, cols, bins) to descriptors (B, rows, cols, channels) of one colour."""
-    plan, cells = _of_cells(cells, spec), cells.contiguous()
+    plan = _of_cells(cells, spec)
     out = plan.empty(len(cells), *plan.grid)
-    at, of_cells, to = plan.address, cells.data_ptr(), out.data_ptr()
-    share_out(lambda first, last: _normalize(at, first, last, of_cells, to), len(cells))
+    _run(_normalize, plan, len(cells), cells.contiguous(), out)
     return out
 
 
 def norm_vjp(cells: Tensor, grad_output: Tensor, spec: HOGSpec) -> Tensor:
     """Gradients of the cells from ``grad_output`` (B, rows, cols, channels)."""
-    plan, cells, grad_output = _of_cells(cells, spec), cells.contiguous(), grad_output.contiguous()
-    out = torch.empty_like(cells)
-    at, of_cells, grad, to = plan.address, cells.data_ptr(), grad_output.data_ptr(), out.data_ptr()
-    share_out(lambda first, last: _normalize_vjp(at, first, last, of_cells, grad, to), len(cells))
+    out = torch.empty_like(cells, memory_format=torch.contiguous_format)
+    _run(_normalize_vjp, _of_cells(cells, spec), len(cells), cells.contiguous(), grad_output.contiguous(), out)
     return out
 
 
 def norm_jvp(cells: Tensor, tangents: Tensor, spec: HOGSpec) -> Tensor:
     """Tangents of the descriptors from those of the cells."""
-    plan, cells, tangents = _of_cells(cells, spec), cells.contiguous(), tangents.contiguous()
+    plan = _of_cells(cells, spec)
     out = plan.empty(len(cells), *plan.grid)
-    at, of_cells, changes, to = plan.address, cells.data_ptr(), tangents.data_ptr(), out.data_ptr()
-    share_out(lambda first, last: _normalize_jvp(at, first, last, of_cells, changes, to), len(cells))
+    _run(_normalize_jvp, plan, len(cells), cells.contiguous(), tangents.contiguous(), out)
     return out
 
 
-def energy(values: NDArray[Any]) -> float:
-    """The sum of squares of numbers (n,), float32 or float64, in double precision."""
-    total = c_double()
-    _energy(values.dtype == np.float64, values.ctypes.data, len(values), ctypes.byref(total))
-    return total.value
+def add_energy(values: NDArray[Any], total: float) -> float:
+    """``total`` plus the sum of squares of numbers (n,), float32 or float64, in double precision."""
+    out = c_double(total)
+    _energy(values.dtype == np.float64, values.ctypes.data, len(values), ctypes.byref(out))
+    return out.value

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,17 +11,13 @@ import numpy.typing as npt
 import torch
 
 from .. import library_angles, tables
-from ..gradient import BLACK, BORDERS, MASKS, last_of_equals
-from ..normalizers import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm, Normalizer
-from ..normalizers.four_block import DPM_ORDER, DPM_TEXTURE, PARTS, VLFEAT_TEXTURE
+from ..gradient import BLACK, BORDERS, last_of_equals
 from ..orientation import beginnings, vanishing, vote_rule
 from ..spec import HOGSpec
 
 PIXELS = {torch.uint8: 0, torch.float32: 1, torch.float64: 2}
 MIRROR, REPEAT, CONSTANT = range(3)
 VOTES = {"linear": 0, "opencv": 1, "vlfeat": 2, "nearest": 3, "begun": 4}
-NO_NORM, GLOBAL, CELL, BLOCK, FOUR_BLOCK = range(5)
-BLOCK_FORMS = {"L1": 0, "L1-sqrt": 1, "L2": 2, "L2-Hys": 3}
 PADDING = 16  # numbers of the widest vector: tables of columns are rounded up to these, and have as many more
 
 _int32, _int64, _double, _pointer = ctypes.c_int32, ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
@@ -55,95 +50,10 @@ class PlanStruct(ctypes.Structure):
         *_fields(_pointer, "directions arctangent"),
         *_fields(_double, "arccosine_least arccosine_unit"),
         *_fields(AxisStruct, "rows cols"),
-        *_fields(_int32, "normalizer"),
+        *_fields(ctypes.c_char_p, "normalizer"),
         *_fields(_int64, "out_rows out_cols out_channels"),
         *_fields(_pointer, "constants"),
     ]
-
-
-class GlobalNormStruct(ctypes.Structure):
-    """``nablahog_global_norm``."""
-
-    _fields_ = [*_fields(_double, "epsilon"), *_fields(_int32, "robust")]
-
-
-class CellNormStruct(ctypes.Structure):
-    """``nablahog_cell_norm``."""
-
-    _fields_ = _fields(_double, "epsilon")
-
-
-class BlockNormStruct(ctypes.Structure):
-    """``nablahog_block_norm``."""
-
-    _fields_ = [
-        *_fields(_int64 * 2, "block step"),
-        *_fields(_double, "epsilon epsilon_again clip"),
-        *_fields(_int32, "form epsilon_outside_root"),
-    ]
-
-
-class FourBlockNormStruct(ctypes.Structure):
-    """``nablahog_four_block_norm``."""
-
-    _fields_ = [
-        *_fields(_double, "epsilon clip texture"),
-        *_fields(_int64 * 4, "texture_order"),
-        *_fields(_int64, "directed_at undirected_at texture_at blocks_at zero_at"),
-        *_fields(_int32, "floor missing dropped is_signed directed_texture"),
-    ]
-
-
-def _global(norm: GlobalNorm, spec: HOGSpec) -> tuple[int, ctypes.Structure]:
-    return GLOBAL, GlobalNormStruct(norm.epsilon, norm.form == "robust")
-
-
-def _cell(norm: CellNorm, spec: HOGSpec) -> tuple[int, ctypes.Structure]:
-    return CELL, CellNormStruct(norm.epsilon)
-
-
-def _block(norm: BlockNorm, spec: HOGSpec) -> tuple[int, ctypes.Structure]:
-    return BLOCK, BlockNormStruct(
-        block=norm.block,
-        step=norm.step,
-        epsilon=norm.epsilon,
-        epsilon_again=norm.epsilon_again,
-        clip=norm.clip,
-        form=BLOCK_FORMS[norm.form],
-        epsilon_outside_root=norm.epsilon_outside_root,
-    )
-
-
-def _four_block(norm: FourBlockNorm, spec: HOGSpec) -> tuple[int, ctypes.Structure]:
-    counts = [norm.channels_of(part, spec.bins, spec.signed) for part in PARTS]
-    first = {f"{part}_at": sum(counts[:k]) if counts[k] else -1 for k, part in enumerate(PARTS)}
-    dpm = norm.texture == "dpm"
-    return FOUR_BLOCK, FourBlockNormStruct(
-        epsilon=norm.epsilon,
-        clip=norm.clip,
-        texture=DPM_TEXTURE if dpm else VLFEAT_TEXTURE,
-        texture_order=(_int64 * 4)(*(np.argsort(DPM_ORDER) if dpm else range(4))),
-        floor=norm.floor,
-        missing=norm.outside == "missing",
-        dropped=norm.outside == "drop",
-        is_signed=spec.signed,
-        directed_texture=dpm and "texture" in norm.parts,
-        **first,
-    )
-
-
-_CONSTANTS: dict[type[Normalizer], Callable[[Any, HOGSpec], tuple[int, ctypes.Structure]]] = {
-    GlobalNorm: _global,
-    CellNorm: _cell,
-    BlockNorm: _block,
-    FourBlockNorm: _four_block,
-}
-"""The normalisers that have native loops: what each one's kind and constants are."""
-
-
-def has_norm(spec: HOGSpec) -> bool:
-    """Whether there are native loops of the dialect's normaliser."""
-    return type(spec.normalizer) in _CONSTANTS
 
 
 class NormPlan:
@@ -165,20 +75,25 @@ class NormPlan:
         norm = spec.normalizer
         self.dtype, self.cells = dtype, (rows, cols, spec.bins)
         self.grid = norm.footprint(0).count(rows), norm.footprint(1).count(cols), spec.channels
-        kind, constants = _CONSTANTS[type(norm)](norm, spec) if has_norm(spec) else (NO_NORM, None)
-        self._alive: list[Any] = [constants]
+        self._alive: list[Any] = []
         self.struct = PlanStruct(
             pixels=PIXELS[dtype],
             bins=spec.bins,
             rows=AxisStruct(cells=rows),
             cols=AxisStruct(cells=cols),
-            normalizer=kind,
+            normalizer=norm.kind.encode() if norm.has_loops else None,
             out_rows=self.grid[0],
             out_cols=self.grid[1],
             out_channels=self.grid[2],
-            constants=ctypes.addressof(constants) if constants else None,
+            constants=self._address(norm.native_constants(spec.bins, spec.signed), np.float64),
         )
         self.address = ctypes.addressof(self.struct)
+
+    def _address(self, values: npt.ArrayLike, dtype: Any) -> int:
+        """Of an array that lives as long as the plan."""
+        array = np.ascontiguousarray(values, dtype)
+        self._alive.append(array)
+        return int(array.ctypes.data)
 
     def empty(self, batch: int, *shape: int) -> torch.Tensor:
         """Memory for a result of the loops."""
@@ -218,12 +133,6 @@ class Plan(NormPlan):
         for name, value in fields.items():
             setattr(self.struct, name, value)
 
-    def _address(self, values: npt.ArrayLike, dtype: Any) -> int:
-        """Of an array that lives as long as the plan."""
-        array = np.ascontiguousarray(values, dtype)
-        self._alive.append(array)
-        return int(array.ctypes.data)
-
     def _set_gradients(self, spec: HOGSpec, channels: int, height: int, width: int, stored: torch.dtype) -> None:
         averaged, weights = tables.channel_weights(spec, channels)
         border = BORDERS[spec.border]
@@ -232,7 +141,7 @@ class Plan(NormPlan):
         self._set(
             averaged=averaged,
             square_root=spec.gamma == "sqrt",
-            sobel=MASKS[spec.mask].smooths,
+            sobel=spec.mask == "sobel",
             border=MIRROR if border.times == 0 else REPEAT if border.beyond is None else CONSTANT,
             border_doubled=border.times == 2,
             scale=spec.value_range / 255 if stored == torch.uint8 else spec.value_range,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from .base import Footprint, Normalizer, PerCell
 from .block import BlockForm, BlockNorm
 from .cell import CellNorm
-from .four_block import HISTOGRAMS, PARTS, FourBlockNorm, Outside, Part, Texture
+from .four_block import PARTS, FourBlockNorm, Outside, Part, Texture
 from .global_norm import GlobalForm, GlobalNorm
 from .window import WindowNorm
 
@@ -14,7 +14,6 @@ NORMALIZERS: dict[str, type[Normalizer]] = {
 }
 
 __all__ = [
-    "HISTOGRAMS",
     "NORMALIZERS",
     "PARTS",
     "BlockForm",

@@ -10,7 +10,6 @@ from ..checks import check_fields
 
 if TYPE_CHECKING:
     from torch import Tensor
-    from typing_extensions import Self
 
 
 class Footprint(NamedTuple):
@@ -51,23 +50,21 @@ class Normalizer(ABC):
     * :meth:`channels`, :meth:`footprint` and :meth:`reach`: the shape of the descriptor, and which cells matter.
       Grids, sizes of images, coordinates and strips follow from them;
     * :meth:`normalize`, of which PyTorch finds all derivatives;
-    * :meth:`mirrored_channels`, for the descriptor of the mirrored image, and :meth:`channel_names`, for readers;
+    * :meth:`channel_names`, for readers;
     * :meth:`cell_entries` and :attr:`fixes_contrast`, for inversion.
 
     Of one that makes a vector as long as its histogram of each cell, :class:`PerCell` has most of these.
 
     It may have: :meth:`check`, if it does not go with all bins; :meth:`image_factor`, if one number normalises all of
-    an image; :meth:`invert`, if histograms can be computed back in closed form; native loops, which know it
-    (``hog/kernels/plan.py``), and without which native cells are followed by :meth:`normalize`.  The rest has defaults
-    that hold unless channels are left out, or have a meaning beside the bins of cells.  Fields are checked by their
-    types, see :func:`.checks.check_fields`.
+    an image; :meth:`invert`, if histograms can be computed back in closed form; :attr:`has_loops` and
+    :meth:`native_constants`, for a header in ``native``, without which native cells are followed by :meth:`normalize`.
+    The rest has defaults that hold unless channels are left out, or have a meaning beside the bins of cells.  Fields
+    are checked by their types, see :func:`.checks.check_fields`.
     """
 
     kind: ClassVar[str]
-    bounded: ClassVar[bool] = False
-    """Whether entries are of one size in all images, because they are clipped."""
-    conventions: ClassVar[tuple[dict[str, str], ...]] = ()
-    """Groups of its fields, each with what a reader calls it, if they can be exchanged one after the other."""
+    has_loops: ClassVar[bool] = False
+    """Whether there are native loops, which ``native/operator.h`` lists by ``kind``."""
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -92,15 +89,6 @@ class Normalizer(ABC):
         """Histograms (B, bins, rows, cols) to (B, channels, descriptor rows, columns): operations of PyTorch."""
 
     @abstractmethod
-    def mirrored_channels(self, bins: list[int], axes: list[int]) -> list[int]:
-        """Which channel each channel of the image flipped from left to right is.
-
-        Args:
-            bins: the same of the bins.
-            axes: the same of the undirected orientations; bins that are not signed are these.
-        """
-
-    @abstractmethod
     def channel_names(self, bins: list[str], axes: list[str]) -> list[str]:
         """What each channel of one colour is, for readers.
 
@@ -122,9 +110,9 @@ class Normalizer(ABC):
         """Whether the descriptor determines the contrast of the image."""
 
     def image_factor(self, energy: float) -> float:
-        """What all histograms of an image are multiplied with whose squares sum to ``energy``, if that is all it does.
+        """The one factor of all histograms of an image, from the sum of their squares.
 
-        Asked only of normalisers whose entries depend on the whole image.
+        Called only if entries depend on the whole image.
         """
         raise NotImplementedError(
             f"the {self.kind} normaliser needs the whole image: without {type(self).__name__}.image_factor its "
@@ -134,6 +122,10 @@ class Normalizer(ABC):
     def invert(self, channels: Tensor) -> Tensor | None:
         """Histograms (B, bins, rows, cols) of descriptors (B, channels, rows, cols) in closed form, if there is one."""
         return None
+
+    def native_constants(self, bins: int, signed: bool) -> tuple[float, ...]:
+        """The numbers that its native loops read, in the order of its header in ``native``."""
+        return ()
 
     @property
     def layout_block(self) -> tuple[int, int] | None:
@@ -161,14 +153,6 @@ class Normalizer(ABC):
         """
         return self.cell_entries(channels, bins, signed)
 
-    def of_all_cells(self) -> Self:
-        """The same, with entries for the cells in the margin too; all others stay what they are."""
-        return self
-
-    def of_orientations(self) -> Self:
-        """The same, with no more channels than tell the orientations of edges."""
-        return self
-
 
 class PerCell(Normalizer):
     """A normaliser that makes of each cell's histogram a vector of as many numbers, one for each bin."""
@@ -181,10 +165,6 @@ class PerCell(Normalizer):
         """Each cell."""
         return Footprint()
 
-    def mirrored_channels(self, bins: list[int], axes: list[int]) -> list[int]:
-        """As bins are."""
-        return bins
-
     def channel_names(self, bins: list[str], axes: list[str]) -> list[str]:
         """As bins are."""
         return bins
@@ -192,3 +172,14 @@ class PerCell(Normalizer):
     def cell_entries(self, channels: Tensor, bins: int, signed: bool) -> Tensor:
         """All of it."""
         return channels
+
+
+def root(values: Tensor) -> Tensor:
+    """√ of each value, with derivative 0 at 0."""
+    zero = values == 0
+    return values.masked_fill(zero, 1.0).sqrt().masked_fill(zero, 0.0)
+
+
+def clipped(entries: Tensor, clip: float) -> Tensor:
+    """At most ``clip``; where equal, with the mean of the one-sided derivatives, which ``clamp`` has not."""
+    return entries.minimum(entries.new_tensor(clip))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias
+from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias, get_args
 
-from .base import Footprint, Normalizer
+from .base import Footprint, Normalizer, clipped, root
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -44,6 +44,7 @@ class BlockNorm(Normalizer):
     epsilon_outside_root: bool = False
     clip: float = 0.2
     kind: ClassVar[str] = "block"
+    has_loops: ClassVar[bool] = True
     fixes_contrast = False
     """Blocks have one length."""
 
@@ -62,8 +63,6 @@ class BlockNorm(Normalizer):
     def normalize(self, histograms: Tensor, signed: bool) -> Tensor:
         """Histograms (B, bins, rows, cols) to (B, channels, rows of blocks, columns of blocks)."""
         import torch
-
-        from .reference import clipped, root
 
         (high, wide), (down, across) = self.block, self.step
         counts = (self.footprint(axis).count(histograms.shape[2 + axis]) for axis in (0, 1))
@@ -84,17 +83,10 @@ class BlockNorm(Normalizer):
         return self._unit(clipped(blocks, self.clip), self.epsilon_again)
 
     def _unit(self, blocks: Tensor, epsilon: float) -> Tensor:
-        from .reference import root
-
         energy = blocks.square().sum(dim=1, keepdim=True)
         if self.epsilon_outside_root:
             return blocks / (root(energy) + epsilon)
         return blocks * (energy + epsilon**2).rsqrt()
-
-    def mirrored_channels(self, bins: list[int], axes: list[int]) -> list[int]:
-        """The cells of each row in reverse."""
-        cells = [row * self.block[1] + col for row in range(self.block[0]) for col in reversed(range(self.block[1]))]
-        return [cell * len(bins) + k for cell in cells for k in bins]
 
     def channel_names(self, bins: list[str], axes: list[str]) -> list[str]:
         """The bins of each cell of the block, row by row."""
@@ -114,6 +106,12 @@ class BlockNorm(Normalizer):
         blocks = channels.reshape(batch, of_block, bins, rows * cols).transpose(1, 2).flatten(1, 2)
         counts = fold(torch.ones_like(blocks[:1, :of_block]), size, self.block, stride=self.step).clamp(min=1)
         return fold(blocks, size, self.block, stride=self.step) / counts
+
+    def native_constants(self, bins: int, signed: bool) -> tuple[float, ...]:
+        """All fields; the form by its number."""
+        form = get_args(BlockForm).index(self.form)
+        numbers = self.epsilon, self.epsilon_again, self.clip, form, self.epsilon_outside_root
+        return *self.block, *self.step, *numbers
 
     @property
     def layout_block(self) -> tuple[int, int] | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from .base import PerCell
+from .base import PerCell, root
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -27,6 +27,7 @@ class CellNorm(PerCell):
 
     epsilon: float = 1e-12
     kind: ClassVar[str] = "cell"
+    has_loops: ClassVar[bool] = True
     fixes_contrast = False
     """Each cell has length 1."""
 
@@ -38,10 +39,12 @@ class CellNorm(PerCell):
         """(B, bins, rows, cols) to the same shape."""
         import torch
 
-        from .reference import root
-
         length = root(histograms.square().sum(dim=1, keepdim=True))
         return histograms / torch.maximum(length, length.new_tensor(self.epsilon))
+
+    def native_constants(self, bins: int, signed: bool) -> tuple[float, ...]:
+        """ε."""
+        return (self.epsilon,)
 
     def invert(self, channels: Tensor) -> Tensor | None:
         """The entries: nothing tells one cell's level from another's."""

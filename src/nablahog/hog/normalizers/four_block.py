@@ -5,14 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias, get_args
 
-from .base import Footprint, Normalizer
+from .base import Footprint, Normalizer, clipped, root
 
 if TYPE_CHECKING:
     from torch import Tensor
-    from typing_extensions import Self
 
 Part: TypeAlias = Literal["directed", "undirected", "texture", "blocks", "zero"]
 Texture: TypeAlias = Literal["vlfeat", "dpm"]
@@ -23,8 +22,6 @@ VLFEAT_TEXTURE = 1 / math.sqrt(18)  # made for 18 directions; VLFeat keeps it fo
 DPM_TEXTURE = 0.2357  # the same, to four decimals
 BLOCKS = ("up-left", "up-right", "down-left", "down-right")
 DPM_ORDER = [3, 1, 2, 0]  # of the blocks
-# the texture channel, in either order, of which left and right are exchanged
-_MIRRORED: dict[Texture, list[int]] = {"vlfeat": [1, 0, 3, 2], "dpm": [2, 3, 0, 1]}
 
 
 @dataclass(frozen=True)
@@ -62,17 +59,9 @@ class FourBlockNorm(Normalizer):
     outside: Outside = "repeat"
     floor: bool = False
     kind: ClassVar[str] = "four-block"
+    has_loops: ClassVar[bool] = True
     fixes_contrast = False
     """Blocks have one energy."""
-    bounded: ClassVar[bool] = True
-    """By the clip."""
-    conventions: ClassVar[tuple[dict[str, str], ...]] = (
-        {"epsilon": "ε", "floor": "ε"},
-        {"clip": "clip"},
-        {"texture": "texture"},
-        {"outside": "outermost blocks"},
-        {"parts": "channels"},
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -122,8 +111,6 @@ class FourBlockNorm(Normalizer):
         """Histograms (B, bins, rows, cols) to (B, channels, rows, cols), as in VLFeat ``vl/hog.c``."""
         import torch
 
-        from .reference import clipped
-
         n = histograms.shape[1] // 2
         undirected = histograms[:, :n] + histograms[:, n:] if signed else histograms
         factors = self._block_factors(undirected)
@@ -150,8 +137,6 @@ class FourBlockNorm(Normalizer):
         """What the blocks up-left, up-right, down-left, down-right of each cell multiply it with: (B, 4, 1, r, c)."""
         import torch
 
-        from .reference import root
-
         def repeat_edge(x: Tensor, dim: int) -> Tensor:
             return torch.cat([x.narrow(dim, 0, 1), x, x.narrow(dim, -1, 1)], dim)
 
@@ -170,20 +155,6 @@ class FourBlockNorm(Normalizer):
             factor = factor * inner
         top, bottom = factor[..., :-1, :], factor[..., 1:, :]
         return torch.stack([top[..., :-1], top[..., 1:], bottom[..., :-1], bottom[..., 1:]], dim=1)
-
-    def mirrored_channels(self, bins: list[int], axes: list[int]) -> list[int]:
-        """Left and right blocks exchange their texture, and their histograms."""
-        of_parts: dict[Part, list[int]] = {
-            "directed": bins,
-            "undirected": axes,
-            "texture": _MIRRORED[self.texture],
-            "blocks": [block * len(axes) + k for block in (1, 0, 3, 2) for k in axes],
-            "zero": [0],
-        }
-        order: list[int] = []
-        for part in self.parts:
-            order += [len(order) + k for k in of_parts[part]]
-        return order
 
     def channel_names(self, bins: list[str], axes: list[str]) -> list[str]:
         """Part by part."""
@@ -239,16 +210,12 @@ class FourBlockNorm(Normalizer):
             return self._undirected(channels, bins, signed)
         return channels[:, : bins if signed else 2 * bins]
 
-    def of_all_cells(self) -> Self:
-        """Blocks beyond the grid repeat its edge, if there was no entry for the outermost cells."""
-        return replace(self, outside="repeat") if self.outside == "drop" else self
-
-    def of_orientations(self) -> Self:
-        """One part only: undirected, directed or blocks."""
-        part: Part = next(part for part in ("undirected", "directed", "blocks") if part in self.parts)
-        return replace(self, parts=(part,), texture="vlfeat")
-
-
-def four_block(normalizer: Normalizer) -> FourBlockNorm | None:
-    """The normaliser if its channels are parts, for what is about these alone."""
-    return normalizer if isinstance(normalizer, FourBlockNorm) else None
+    def native_constants(self, bins: int, signed: bool) -> tuple[float, ...]:
+        """ε, the clip, the texture and its order, where parts begin (-1 if left out), and what changes at the edge."""
+        counts = [self.channels_of(part, bins, signed) for part in PARTS]
+        begins = [sum(counts[:k]) if count else -1 for k, count in enumerate(counts)]
+        dpm = self.texture == "dpm"
+        order = [DPM_ORDER.index(block) if dpm else block for block in range(4)]
+        numbers = self.epsilon, self.clip, DPM_TEXTURE if dpm else VLFEAT_TEXTURE, *order, *begins
+        flags = self.outside == "drop", self.floor, self.outside == "missing", signed, dpm and "texture" in self.parts
+        return *numbers, *flags

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias
 
-from .base import PerCell
+from .base import PerCell, root
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -33,6 +33,7 @@ class GlobalNorm(PerCell):
     epsilon: float = 1e-5
     form: GlobalForm = "printed"
     kind: ClassVar[str] = "global"
+    has_loops: ClassVar[bool] = True
 
     def reach(self) -> int | None:
         """The whole image."""
@@ -40,8 +41,6 @@ class GlobalNorm(PerCell):
 
     def normalize(self, histograms: Tensor, signed: bool) -> Tensor:
         """Eq. 7: v / √(‖v‖ + ε), or v / √(‖v‖² + ε²), with v all cells and bins of one image."""
-        from .reference import root
-
         energy = histograms.square().sum(dim=(1, 2, 3), keepdim=True)
         if self.form == "robust":
             return histograms * (energy + self.epsilon**2).rsqrt()
@@ -52,6 +51,10 @@ class GlobalNorm(PerCell):
         """1 / √(‖v‖ + ε) or 1 / √(‖v‖² + ε²), rounded as in the compiled loops."""
         length = energy + self.epsilon**2 if self.form == "robust" else math.sqrt(energy) + self.epsilon
         return 1 / math.sqrt(length)
+
+    def native_constants(self, bins: int, signed: bool) -> tuple[float, ...]:
+        """ε and the form."""
+        return self.epsilon, self.form == "robust"
 
     @property
     def fixes_contrast(self) -> bool:

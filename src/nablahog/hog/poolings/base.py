@@ -79,7 +79,7 @@ class Pooling(ABC):
 
     @abstractmethod
     def reach(self, cell: int, axis: int) -> tuple[int, int]:
-        """The pixels that vote into cells: from how many before the first of :class:`Spacing` to how many after it."""
+        """How many pixels before, and after, the first pixel of a :class:`Spacing` vote into its cells."""
 
     @property
     def tile(self) -> int:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ..normalizers.base import Footprint
 from .base import PartialCells, Pooling, Spacing
+from .bilinear import triangles
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -56,8 +57,6 @@ class BlockCells(Pooling):
     def weights(self, pixels: int, cells: int, cell: int, axis: int, ring: bool, like: Tensor) -> Tensor:
         """Of each block in turn its cells, by rows."""
         import torch
-
-        from .triangles import triangles
 
         block, step = self.block[axis], self.step[axis]
         inside = torch.arange(block, dtype=like.dtype, device=like.device)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Literal, TypeAlias
 
+from ..checks import pair
 from ..normalizers import BlockForm, BlockNorm, CellNorm, WindowNorm
 from ..poolings import BilinearCells, BlockCells, BoxCells
 from ..spec import HOGSpec
-from ._pairs import pair
 
 Norm: TypeAlias = Literal["L2-Hys", "L2", "L1-sqrt", "L1", "window"]
 

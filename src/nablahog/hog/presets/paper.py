@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from ..checks import pair
 from ..normalizers import GlobalForm, GlobalNorm
 from ..poolings import PartialCells
 from ..spec import Border, HOGSpec
-from ._pairs import pair
 
 
 def paper(

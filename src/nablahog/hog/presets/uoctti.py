@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Literal, TypeAlias
 
-from ..checks import check_choice
+from ..checks import check_choice, pair
 from ..normalizers import FourBlockNorm, Part
 from ..poolings import BilinearCells
 from ..spec import Colour, HOGSpec, Vote
-from ._pairs import pair
 
 Variant: TypeAlias = Literal["uoctti", "dalaltriggs"]
 

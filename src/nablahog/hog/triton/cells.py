@@ -67,7 +67,7 @@ def _around(above, row, below, d: tl.constexpr, READING: tl.constexpr):
 
 @triton.jit
 def _spoilt(row, so_far, READING: tl.constexpr):
-    """NaN where a value is not finite, but for the outermost two."""
+    """NaN once a value, but for the outermost two columns, is not finite."""
     count: tl.constexpr = len(row[0])
     described: tl.constexpr = READING.channels
     for k in tl.static_range(described):
@@ -169,8 +169,6 @@ def cells_kernel(
     seen,
     last_wins,
     channels,
-    out_stride,
-    flag_stride,
     VOTES: tl.constexpr,
     READING: tl.constexpr,
     VOTING: tl.constexpr,
@@ -181,7 +179,7 @@ def cells_kernel(
     CLAMPED: tl.constexpr,
     CHECKED: tl.constexpr,
 ):
-    """Cells (images, rows, cols, bins), ``out_stride`` from image to image, of images.
+    """Cells (images, rows, cols, bins) of images.
 
     A program has ``strips[1]`` strips of ``of_strip`` rows of cells, each of ``of_chunk`` columns of cells.  Bands vote
     into HIGH x WIDE cells; a lane reads AT_ONCE of its columns at a time; CLAMPED if some are beyond the image.  Sets
@@ -254,7 +252,7 @@ def cells_kernel(
         # the upmost row of cells that this band voted into is complete
         i = strip * of_strip + step - (HIGH - 1)
         complete = owned & (step >= HIGH - 1) & (i < grid[0])
-        to = out + image * out_stride + (i * grid[1] + j) * bins
+        to = out + image * (grid[0] * grid[1] * bins) + (i * grid[1] + j) * bins
         moved = ()
         for k in tl.static_range(bins):
             of_cell = sums[k][(WIDE - 1) * HIGH]
@@ -272,5 +270,5 @@ def cells_kernel(
         any_spoilt = tl.max((spoilt != spoilt).to(tl.int32), 0) > 0
         first_colour = image // COLOURS * COLOURS
         for colour in tl.static_range(COLOURS):  # all of an image
-            to_flag = flags + (first_colour + colour) * flag_stride
+            to_flag = flags + (first_colour + colour)
             tl.store(to_flag, tl.full([], 1, flags.dtype.element_ty), mask=any_spoilt)

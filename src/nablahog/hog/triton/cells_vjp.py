@@ -44,7 +44,6 @@ def cells_vjp_kernel(
     grid,
     chunks,
     last_wins,
-    flag_stride,
     VOTES: tl.constexpr,
     READING: tl.constexpr,
     VOTING: tl.constexpr,
@@ -63,7 +62,7 @@ def cells_vjp_kernel(
     row, part = chunk % chunks[0], tl.program_id(0) % chunks[1]
     image = (chunk // chunks[0]).to(tl.int64)
     pixels = of_image(images, image, stride, strides, COLOURS)
-    spoilt = tl.load(flags + image * flag_stride) != 0
+    spoilt = tl.load(flags + image) != 0
     y = row * (TILE_Y - 2) - 1 + tl.arange(0, TILE_Y)[:, None]
     x = part * (TILE_X - 2) - 1 + tl.arange(0, TILE_X)[None, :]
     inside = (y >= 0) & (y < size[0]) & (x >= 0) & (x < size[1])

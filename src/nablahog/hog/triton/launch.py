@@ -6,6 +6,7 @@ of a dialect and an image size are on the device, that is after a first call.
 
 from __future__ import annotations
 
+import math
 from contextlib import AbstractContextManager, nullcontext
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -37,32 +38,6 @@ _MOST_ROWS = 16  # of cells in a strip
 _SCHEDULERS = 4  # of a multiprocessor
 _ALONE = 1.5  # how much longer a warp takes, in a guess, that waits for memory without another one beside it
 _START = 0.1  # of a program, in bands of rows of a strip
-_PADDING = 4  # numbers behind the cells of an image, of which the first is its flag
-
-
-class Cells(NamedTuple):
-    """Histograms of N images, or colours of images.
-
-    Attributes:
-        values: (N, stride), the first rows · cols · bins of each.
-        flags: (N,), any stride: not 0 for images with a pixel that is not finite, of which all results are NaN.
-        shape: rows, cols, bins.
-    """
-
-    values: Tensor
-    flags: Tensor
-    shape: tuple[int, int, int]
-
-    @property
-    def numbers(self) -> int:
-        """Of an image."""
-        rows, cols, bins = self.shape
-        return rows * cols * bins
-
-    def histograms(self) -> Tensor:
-        """(N, rows, cols, bins), NaN where flagged."""
-        each = self.values[:, : self.numbers].reshape(-1, *self.shape)
-        return torch.where(self.flags.reshape(-1, 1, 1, 1) != 0, torch.nan, each)
 
 
 def on(device: torch.device) -> AbstractContextManager[Any]:
@@ -96,26 +71,6 @@ def _reading(known: Plan, *images: Tensor) -> Reading:
         sum((n - 1) * abs(step) for n, step in zip(each.shape[1:], each.stride()[1:], strict=True)) for each in images
     )
     return known.reading._replace(wide=True) if span >= 2**31 else known.reading
-
-
-def cells_buffer(images: Tensor, spec: HOGSpec) -> Cells:
-    """Room for the cells of images, with flags of 0."""
-    rows, cols = spec.cells(*images.shape[2:])
-    numbers = rows * cols * spec.bins
-    if numbers >= 2**31:
-        raise ValueError(
-            f"the backend 'triton' counts an image's cells with 32 bits, got {rows}x{cols} of {spec.bins} bins"
-        )
-    each = -(-(numbers + _PADDING) // 16) * 16  # aligned
-    values = torch.empty(len(images) * spec.colours, each, dtype=real_dtype(images), device=images.device)
-    values[:, numbers:] = 0
-    return cells_of(values, (rows, cols, spec.bins))
-
-
-def cells_of(values: Tensor, shape: tuple[int, int, int]) -> Cells:
-    """Those in a buffer of :func:`cells_buffer`."""
-    rows, cols, bins = shape
-    return Cells(values, values[:, rows * cols * bins], shape)
 
 
 def _plan(images: Tensor, spec: HOGSpec) -> Plan:
@@ -158,21 +113,32 @@ def work(images: int, cells: tuple[int, int], reach: tuple[int, int], schedulers
     return Work(chunks, of_chunk, (-(-rows // of_strip), side_by_side), of_strip)
 
 
-def cells(images: Tensor, spec: HOGSpec) -> Cells:
-    """Eq. 1-6: of images (B, C, H, W), as stored, any strides; N is B · colours."""
-    known, out = _plan(images, spec), cells_buffer(images, spec)
+def cells(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
+    """Eq. 1-6: of images (B, C, H, W), as stored, any strides, with N = B · colours.
+
+    Returns:
+        Histograms (N, rows, cols, bins), and (N,) not 0 where they are arbitrary: a pixel is not finite.
+    """
+    known = _plan(images, spec)
     rows, cols = known.rows, known.cols
+    shape, count = (rows.cells, cols.cells, spec.bins), len(images) * spec.colours
+    if math.prod(shape) >= 2**31:
+        raise ValueError(
+            f"the backend 'triton' counts an image's cells with 32 bits, got {shape[0]}x{shape[1]} of {shape[2]} bins"
+        )
+    out = torch.empty(count, *shape, dtype=real_dtype(images), device=images.device)
+    flags = out.new_zeros(count)
+    if not count:
+        return out, flags
     stride, strides = _strides(images, spec)
-    if not len(out.values):
-        return out
     reach = rows.bands.reach, cols.bands.reach
-    share = work(len(out.values), (rows.cells, cols.cells), reach, schedulers(images.device))
-    registers = known.reading.channels * (out.values.itemsize // 4)
+    share = work(count, (rows.cells, cols.cells), reach, schedulers(images.device))
+    registers = known.reading.channels * (out.itemsize // 4)
     with on(images.device):
-        cells_kernel[(len(out.values) * share.groups * share.chunks,)](
+        cells_kernel[(count * share.groups * share.chunks,)](
             images,
-            out.values,
-            out.flags,
+            out,
+            flags,
             rows.bands.first,
             rows.bands.weights,
             cols.bands.first,
@@ -189,8 +155,6 @@ def cells(images: Tensor, spec: HOGSpec) -> Cells:
             (*rows.voting, *cols.voting),
             known.last_wins,
             images.shape[1],
-            out.values.stride(0),
-            out.flags.stride(0),
             VOTES=RULES[known.rule],
             READING=_reading(known, images),
             VOTING=known.voting,
@@ -203,7 +167,7 @@ def cells(images: Tensor, spec: HOGSpec) -> Cells:
             num_warps=1,
             **EXACT,
         )
-    return out
+    return out, flags
 
 
 def _with_derivative(spec: HOGSpec) -> HOGSpec:
@@ -240,7 +204,6 @@ def cells_vjp(images: Tensor, flags: Tensor, grad_cells: Tensor, spec: HOGSpec) 
                 (known.rows.cells, known.cols.cells),
                 chunks,
                 known.last_wins,
-                flags.stride(0),
                 VOTES=RULES[known.rule],
                 READING=_reading(known, images, out),
                 VOTING=known.voting,

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from .. import library_angles
-from ..gradient import BORDERS, MASKS, last_of_equals
+from ..gradient import BORDERS, last_of_equals
 from ..orientation import beginnings, vote_rule
 from ..pooling import pooling_matrices
 from ..spec import HOGSpec
@@ -76,7 +76,7 @@ def reading(spec: HOGSpec, channels: int, stored: torch.dtype) -> Reading:
         stored=channels,
         channels=1 if averaged else channels,
         sqrt=spec.gamma == "sqrt",
-        sobel=MASKS[spec.mask].smooths,
+        sobel=spec.mask == "sobel",
         border_factor=float(border.times),
         border_is_own=border.beyond is None,
         border_value=float((border.beyond or 0) * spec.value_range),
@@ -148,11 +148,6 @@ def _reach(matrix: npt.NDArray[Any]) -> int:
     """The most neighbouring cells that a pixel votes into."""
     first, last = _extents(matrix.T)
     return max(int((last - first).max()), 1)
-
-
-def power_of_two(count: int) -> int:
-    """The smallest that is not below the count."""
-    return 1 << max(count - 1, 0).bit_length()
 
 
 def _limits(matrix: npt.NDArray[Any], reach: int, longest: int) -> list[list[int]] | None:

@@ -14,8 +14,9 @@ from . import launch
 
 def _cells(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     """Cells (B, rows, cols, colours · bins), and which of the images (B, colours) are not finite."""
-    cells = launch.cells(images, spec)
-    return merge_colours(cells.histograms(), spec), cells.flags.reshape(-1, spec.colours).clone()
+    cells, flags = launch.cells(images, spec)
+    finite = torch.where(flags.reshape(-1, 1, 1, 1) != 0, torch.nan, cells)
+    return merge_colours(finite, spec), flags.reshape(-1, spec.colours)
 
 
 def _cells_vjp(images: Tensor, flags: Tensor, grad_output: Tensor, spec: HOGSpec) -> Tensor:
@@ -51,3 +52,10 @@ def cells(images: Tensor, spec: HOGSpec) -> Tensor:
 def cells_vjp(images: Tensor, grad_output: Tensor, spec: HOGSpec) -> Tensor:
     """Gradients with respect to the images from those with respect to the cells."""
     return _cells_vjp(images, _cells(images, spec)[1], grad_output, spec).contiguous()
+
+
+def describe_vjp(images: Tensor, grad_output: Tensor, spec: HOGSpec) -> Tensor:
+    """Gradients with respect to the images from those with respect to the descriptors."""
+    with torch.enable_grad():
+        x = images.requires_grad_()
+        return torch.autograd.grad(describe(x, spec), x, grad_output)[0]
