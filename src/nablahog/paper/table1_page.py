@@ -42,8 +42,8 @@ DEFINITIONS = {
     "with a fixed seed.",
     "paper": "The mean that the paper prints, over the 101 images of its own, by measures of the same names that it "
     "does not define; a dash where it prints none.",
-    "multi-scale": "Begins with an image of 1/64 of the pixels, with cells of 1/8 of the sides, and enlarges it step by "
-    "step.",
+    "multi-scale": "Begins with an image of 1/64 of the pixels, with cells of 1/8 of the sides, and enlarges it in "
+    "steps.",
     "multi-scale-more": "The same, but each level has the descriptor of the image shrunk to that level. That is "
     "more than the input of other methods, so, as the paper says, its figures are not comparable with theirs.",
     "learned": "Starts from, and stays close to, the image that a network expects for the descriptor. The network "
