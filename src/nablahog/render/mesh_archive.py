@@ -1,4 +1,4 @@
-"""Chairs that come with the package, in one archive of many meshes."""
+"""Archives of many meshes, and the chairs that come with the package in one."""
 
 from __future__ import annotations
 
