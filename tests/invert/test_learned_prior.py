@@ -159,7 +159,7 @@ def test_confidences_of_an_image_and_its_negative_sum_to_one() -> None:
 
 
 def test_the_packages_priors_expect_photographs_and_no_negatives() -> None:
-    """Measured: correlations of 0.97 for the signed prior, 0.72 and 0.57 for the unsigned one, confidences 0.70, 0.67."""
+    """Measured: correlations of 0.97 (signed), 0.72 and 0.57 (unsigned), and confidences of 0.70 and 0.67."""
     images = torch.cat([photograph(128, name) for name in ("camera", "coffee")])
     for spec, least in ((UOCTTI, 0.96), (PAPER, 0.55)):
         expected = default_prior(spec).expected(hog(images, spec), spec, (128, 128))
