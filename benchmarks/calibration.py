@@ -36,7 +36,7 @@ from timing import table
 
 BATCH = 16
 SMALLEST = 100  # pixels of a side of a box without the object
-CONDITIONS = ("as-table2", "sides-10", "photograph-cut-30", "no-box-no-pose", "tilted")
+CONDITIONS = ("", "sides-10", "cut-30", "no-box", "tilted")  # the first is none
 Floats = NDArray[np.float64]
 
 
@@ -107,15 +107,14 @@ def poses(options: argparse.Namespace) -> None:
             right = min(float(azimuth_error(each, example.azimuth)) for each in azimuths) <= WITHIN
             seen.append((result.confidence, right))
     examples = objects_of(options)
-    meshes = {model.name: model.mesh() for example in examples for model in example.models}
-    some = dict(sorted(meshes.items())[:: 1 if options.unknown_model else len(meshes)])
     for index in range(options.unrelated):
         generator = np.random.default_rng([options.seed, index, 2])
         image = sample_photograph(SAMPLE_NAMES[index % len(SAMPLE_NAMES)])
         side = min(image.shape[1:])
         first, last = (int(each) for each in np.sort(generator.integers(0, side - SMALLEST + 1, 2)))
         box = (first, first, SMALLEST + last, SMALLEST + last) if index % 2 else None
-        result = estimate_pose(image, some, box=box)
+        models = {model.name: model.mesh() for model in examples[index % len(examples)].candidates}
+        result = estimate_pose(image, models, box=box)
         assert result.confidence is not None
         seen.append((result.confidence, False))
     sure, right = np.array(seen, dtype=float).T

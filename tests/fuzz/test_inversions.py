@@ -24,7 +24,7 @@ from .harness import check_sentence, examine, parts
 from .specs import Shape, shapes, specs
 
 ENTRIES = ("image", "image", "image", "noise", "gaussian", "constant", "zero", "not finite", "huge", "tiny")
-MINIMISERS = ("lbfgs", "lbfgs", "lbfgs", "dogleg", "adam", "momentum")
+MINIMISERS = ("lbfgs", "lbfgs", "dogleg")
 LARGEST = 24  # pixels a side
 LONGEST = 30.0  # seconds
 

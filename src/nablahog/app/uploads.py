@@ -137,7 +137,7 @@ def _question(path: Path, arrays: ArrayOptions) -> dict[str, Any]:
 def _suggestion(fitting: FittingPreset) -> dict[str, Any]:
     """A preset that fits as the fields of a form."""
     size = "" if fitting.image_size is None else as_text(fitting.image_size)
-    return {"text": fitting.options, "preset": fitting.name, "settings": {}, "image_size": size}
+    return {"text": fitting.options, "preset": fitting.name, "image_size": size}
 
 
 def mesh(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict[str, Any]:

@@ -10,16 +10,13 @@ from typing import Any
 
 import pytest
 import torch
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.hog import BilinearCells, BlockCells, BlockNorm, BoxCells, FourBlockNorm, HOGSpec, hog, presets
+from nablahog.hog import BlockCells, BlockNorm, FourBlockNorm, HOGSpec, hog, presets
 from nablahog.hog.descriptor import Backend
 from nablahog.hog.engines import steps
 from nablahog.hog.kernels import supports
-from nablahog.hog.poolings import Pooling
 from nablahog.hog.steps import histograms_reference, normalize_reference
 
 from ..zoo import SPECS, integers, noise, spec
@@ -132,67 +129,6 @@ def test_an_empty_batch() -> None:
     descriptors = hog(x, SPECS["uoctti"])
     assert descriptors.shape == (0, 4, 4, 31)
     assert torch.autograd.grad(descriptors.sum(), x)[0].shape == x.shape
-
-
-@settings(max_examples=60)
-@given(
-    height=st.integers(1, 40),
-    width=st.integers(1, 40),
-    cell=st.tuples(st.integers(1, 9), st.integers(1, 9)),
-    bins=st.integers(3, 20),
-    offset=st.floats(0, 0.99),
-    border=st.sampled_from(["reflect", "replicate", "extrapolate", "zero", "gray", "ignore"]),
-    partial=st.sampled_from(["round", "ceil", "floor"]),
-    pooling=st.sampled_from(
-        [
-            BilinearCells(),
-            BilinearCells("drop", 1.5),
-            BilinearCells("repeat"),
-            BoxCells(),
-            BoxCells(window=3),
-            BlockCells((1, 1), (1, 2), 3.0),
-        ]
-    ),
-    signed=st.booleans(),
-    colours=st.sampled_from([1, 2, 3]),
-    colour=st.sampled_from(["gray", "largest"]),
-    seed=st.integers(0, 99),
-)
-def test_any_size(
-    height: int,
-    width: int,
-    cell: tuple[int, int],
-    bins: int,
-    offset: float,
-    border: str,
-    partial: str,
-    pooling: Pooling,
-    signed: bool,
-    colours: int,
-    colour: str,
-    seed: int,
-) -> None:
-    changes: dict[str, Any] = {}
-    if isinstance(pooling, BlockCells):  # of two by three cells
-        pooling = BlockCells((2 * cell[0], 3 * cell[1]), (max(cell[0] - 1, 1), 2 * cell[1]), 3.0)
-        changes["normalizer"] = BlockNorm((2, 3), (2, 3))
-    s = spec(
-        cell_size=cell,
-        bins=bins,
-        bin_offset=offset,
-        border=border,
-        partial_cells=partial,
-        pooling=pooling,
-        signed=signed,
-        colour=colour,
-        value_range=9.0,
-        **changes,
-    )
-    try:
-        s.grid(height, width)
-    except ValueError:
-        assume(False)  # no cell in it
-    assert_same(fast(s)[0], histograms_reference, noise(2, colours, height, width, seed=seed), s)
 
 
 @dtypes

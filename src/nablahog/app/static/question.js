@@ -2,7 +2,7 @@
 
 import { element, fill, make } from "./dom.js";
 
-/** @typedef {{as: string, preset: string, settings: string, image_size: string, key: string}} Answers */
+/** @typedef {{as: string, preset: string, image_size: string, key: string}} Answers */
 
 /**
  * @param {string} sentence what the server said
@@ -31,7 +31,6 @@ export function ask(sentence, question, before, about, send) {
       const suggestion = question.suggestions?.[Number(select.value)];
       if (select.value === "" || !suggestion) return;
       answers.preset = suggestion.preset;
-      answers.settings = JSON.stringify(suggestion.settings);
       if (suggestion.image_size) answers.image_size = suggestion.image_size;
     });
     // a suggestion also says the preset, which must then not be asked

@@ -18,7 +18,7 @@
  *
  * @typedef {{id: string, name: string, template: boolean, parts: Named[], shape: number[], preset: string,
  *   image_size: [number, number] | null}} DescriptorInfo
- * @typedef {{preset: string, settings: Settings, image_size?: string, text: string}} Suggestion
+ * @typedef {{preset: string, image_size?: string, text: string}} Suggestion
  * @typedef {{as: boolean, preset: boolean, image_size: boolean, key: boolean, keys: string[] | null,
  *   suggestions: Suggestion[] | null}} Question
  *
