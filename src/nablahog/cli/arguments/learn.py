@@ -70,7 +70,7 @@ KINDS = {
         _prior,
     ),
     "background": Kind(
-        "mean and covariance of descriptors, for `nablahog pose --background`",
+        "mean and covariance of descriptors, for estimate_pose(background=…)",
         "Learns the mean of a descriptor and the covariance of its cells at each offset, over all photographs and "
         "their scales: the background from which the elements of an object stand out.",
         "the background",
