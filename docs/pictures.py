@@ -3,24 +3,20 @@
 preimages.png: eight photographs of 128x128, their UoCTTI glyphs, pre-images and differences.
 scales.png: the multi-scale variants of the paper's descriptor, level by level.
 readme.png: one photograph of 256x256.
-pose.png, pose-similarity.svg: a procedural chair in front of one, with the pose found, and similarity by azimuth.
+pose.png, pose-similarity.svg: a chair in front of one, with the pose found, and similarity by azimuth.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from shutil import copyfile
-from tempfile import TemporaryDirectory
 
 import numpy as np
 import torch
-from PIL import Image
 from skimage import data
 from torch import Tensor
 
 from nablahog import hog, metrics, presets, reconstruct
-from nablahog.cli.results.pose_page import write
-from nablahog.cli.results.pose_result import PoseResult
+from nablahog.cli.results.pose_page import HEIGHT, overlay, similarity_by_azimuth
 from nablahog.hog.gradient import gray
 from nablahog.invert import reconstruct_multiscale, scale_descriptors
 from nablahog.io.images import limit_size
@@ -30,7 +26,7 @@ from nablahog.paper.models import scene_chairs
 from nablahog.paper.viewpoints import sample_viewpoints
 from nablahog.pose import estimate_pose
 from nablahog.pose.crop import crop_object
-from nablahog.pose.prepared import PreparedPhotograph
+from nablahog.pose.photograph import PreparedPhotograph
 from nablahog.viz.pictures import Panel, contact_sheet, difference, glyphs
 
 HERE = Path(__file__).parent
@@ -76,28 +72,11 @@ def pose() -> None:
     one = scenes[-1]
     meshes = {model.name: model.mesh() for model in one.models}
     estimate = estimate_pose(one.image, meshes, box=one.box, initial=one.initial)
-    result = PoseResult(
-        photo=one.name,
-        photograph=one.image,
-        box=estimate.box,
-        matched=PreparedPhotograph(crop_object(one.image, one.box)),
-        estimate=estimate,
-        mesh=meshes[estimate.model],
-        models="procedural chairs",
-        candidates=list(meshes),
-        passed_over={},
-        seconds=0,
-        method="best",
-        initial=one.initial,
-        seed=0,
-        background=None,
-        viewpoint_prior=None,
-    )
+    mesh = meshes[estimate.model]
     print(f"pose.png: azimuth {estimate.azimuth:.1f} for {one.azimuth:.1f}")
-    with TemporaryDirectory() as folder:
-        write(Path(folder), result)
-        Image.open(Path(folder) / f"{one.name}_overlay.png").save(HERE / "pose.png", optimize=True)
-        copyfile(Path(folder) / f"{one.name}_similarity.svg", HERE / "pose-similarity.svg")
+    contact_sheet([overlay(one.image, estimate, mesh)], HEIGHT).save(HERE / "pose.png", optimize=True)
+    section = similarity_by_azimuth(PreparedPhotograph(crop_object(one.image, estimate.box)), estimate, mesh)
+    (HERE / "pose-similarity.svg").write_text(section.drawings[0].svg(), encoding="utf-8")
 
 
 def main() -> None:

@@ -2,8 +2,7 @@
 
 ``python examples/viewpoints/learn_viewpoints.py --images DIR -o chairs.npz`` renders procedural chairs in front of the
 photographs of a folder, best without chairs, and trains a network to tell azimuths from descriptors.  30,000 scenes
-take half an hour on one core.  ``nablahog pose --viewpoint-prior chairs.npz`` uses the result, and so does
-``estimate_pose(..., viewpoints=ViewpointPrior.load("chairs.npz"))``.
+take half an hour on one core.  ``estimate_pose(..., viewpoints=ViewpointPrior.load("chairs.npz"))`` uses the result.
 
 The prior that comes with the package was learned by this program, see ``docs/default_viewpoints.md``.
 """
@@ -26,12 +25,11 @@ from nablahog.invert.provenance import digest_of_images
 from nablahog.io.network_weights import flat, fold_statistics
 from nablahog.paper.photographs import read_folder
 from nablahog.paper.scenes import Scene, SceneSettings, scene
+from nablahog.pose.background import coarse_background
 from nablahog.pose.crop import crop_object
-from nablahog.pose.placement import equidistant_azimuths
-from nablahog.pose.prepared import coarse_background
+from nablahog.pose.fit_box import VIEW_COUNT, equidistant_azimuths
 from nablahog.pose.similarity import describe
-from nablahog.pose.viewpoint_network import WIDTH, ViewpointLearning, ViewpointNetwork, ViewpointPrior, mirrored
-from nablahog.pose.views import VIEW_COUNT
+from nablahog.pose.viewpoint_prior import WIDTH, ViewpointLearning, ViewpointNetwork, ViewpointPrior, mirrored
 from nablahog.runtime.seeds import seeded
 
 CHAIRS = 1000

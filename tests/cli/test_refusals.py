@@ -66,7 +66,6 @@ def _nan(path: Path) -> None:
 
 BAD_DESCRIPTORS: dict[str, tuple[Callable[[Path], Any], str]] = {
     "truncated": (_truncated, "expected a descriptor file"),
-    "no archive": (lambda path: path.write_text("hello"), "expected a descriptor file"),
     "NaN": (_nan, "must be finite, got NaN or Inf"),
     "another spec": (lambda path: _arrays(path, spec=np.array(presets.paper().to_json())), "a paper descriptor of"),
     "another shape": (lambda path: _arrays(path, descriptor=np.zeros((6, 5, 31), np.float32)), "got (6, 5, 31)"),

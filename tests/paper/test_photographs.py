@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from pathlib import Path
 
@@ -56,21 +55,6 @@ def test_as_they_are(folder: Path) -> None:
     expected = COLOURS.astype(np.float32) / 255 @ np.array([0.299, 0.587, 0.114], dtype=np.float32)
     assert result.dtype == torch.float32
     torch.testing.assert_close(result, torch.from_numpy(expected))
-
-
-def test_a_limit(folder: Path) -> None:
-    read = read_folder(folder, size=0, limit=3)
-    assert (list(read.images), list(read.failed)) == (["a.BMP", "b.png"], ["c.jpg"])
-
-
-def test_names_of_any_bytes(tmp_path: Path) -> None:
-    Image.fromarray(COLOURS).save(tmp_path / "a.png")
-    try:
-        os.rename(tmp_path / "a.png", os.fsencode(tmp_path) + b"/\xff.png")
-    except OSError:
-        pytest.skip("this file system takes no such name")
-    (name,) = read_folder(tmp_path, size=0).images
-    assert name == "\\xff.png"
 
 
 @pytest.mark.parametrize(

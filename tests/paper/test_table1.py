@@ -92,18 +92,6 @@ def test_psnr_and_normalised_error(tmp_path: Path, calls: list[str]) -> None:
     assert (summary["exact", "psnr"]["mean"], summary["exact", "psnr"]["n"]) == ("", "0")
 
 
-def test_sets_without_a_normalised_error(tmp_path: Path, calls: list[str]) -> None:
-    single, sizes, equal = photographs(1), photographs(3), photographs(1)
-    sizes.images["0.png"] = sizes.images["0.png"][:30].contiguous()
-    equal.images["copy.png"] = equal.images["0.png"]
-    for some in (single, sizes, equal):
-        table = made(tmp_path, some, DARK)
-        write_table1(tmp_path, table)
-        rows = _rows(tmp_path / "per_image.csv")
-        assert len(rows) == len(some.images)
-        assert all(row["normalised_error"] == "" and float(row["psnr"]) > 0 for row in rows)
-
-
 def test_failures(tmp_path: Path, calls: list[str]) -> None:
     some = photographs(2)
     some.images["0.png"] = some.images["0.png"][:30].contiguous()

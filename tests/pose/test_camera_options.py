@@ -39,13 +39,6 @@ def test_with_the_focal_length_the_distance_is_the_true_one(scene: tuple[Tensor,
     assert abs(longer.distance - 5.6) < 0.3
 
 
-@pytest.mark.parametrize("method", ["best", "exhaustive"])
-def test_other_methods_take_it_too(scene: tuple[Tensor, Box], method: str) -> None:
-    image, box = scene
-    estimate = estimate_pose(image, model(), box=box, initial=(0, 15), focal=300.0, method=method)  # type: ignore[arg-type]
-    assert abs(estimate.distance - 2.8) < 0.3
-
-
 @pytest.mark.parametrize("boxed", [True, False])
 def test_azimuths_near_the_initial_one_alone_are_searched(scene: tuple[Tensor, Box], boxed: bool) -> None:
     image, box = scene
@@ -62,12 +55,9 @@ def test_azimuths_near_the_initial_one_alone_are_searched(scene: tuple[Tensor, B
     ("changes", "message"),
     [
         ({"within": 0}, "within must be above 0 and at most 180"),
-        ({"within": float("nan")}, "within must be above 0"),
         ({"principal_point": (3, 4)}, "principal_point says something only of a camera of known focal length"),
         ({"focal": 300, "principal_point": (3, math.nan)}, "principal_point must be two finite numbers of pixels"),
         ({"focal": "far"}, "focal must be a finite number of pixels above 0, or 'exif', got 'far'"),
-        ({"focal": 0}, "focal must be a finite number of pixels above 0"),
-        ({"focal": float("inf")}, "focal must be a finite number of pixels above 0"),
     ],
 )
 def test_refuses(scene: tuple[Tensor, Box], changes: dict[str, Any], message: str) -> None:

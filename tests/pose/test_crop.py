@@ -9,10 +9,15 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
+from nablahog.hog.box import Box
 from nablahog.hog.gradient import gray
-from nablahog.pose.crop import FILL, SIDE, crop_object
+from nablahog.pose import PoseEstimate, estimate_pose
+from nablahog.pose.crop import FILL, SIDE, crop_object, masked
 from nablahog.pose.similarity import downsampled_poses
 from nablahog.render.camera import to_camera, to_screen
+from nablahog.render.rigid import pose_matrix, turn_to
+
+from .common import degrees_between, model, photographed
 
 
 def screen(points: Tensor, pose: Tensor, camera: object) -> Tensor:
@@ -35,12 +40,6 @@ def test_beyond_the_photograph_its_border_repeats() -> None:
     assert_close(crop.image[0, 0, 8:120, -beside:], photograph[0, :, -1:].expand(-1, beside), rtol=0, atol=1e-4)
     assert_close(crop.image[0, 0, :8], crop.image[0, 0, 8:9].expand(8, -1), rtol=0, atol=1e-4)
     assert crop.valid == (beside, 8, SIDE - beside, 120)
-
-
-def test_the_part_that_is_the_photograph() -> None:
-    crop = crop_object(torch.rand(3, 200, 220), (50.0, 30.0, 50 + 2 * FILL, 110.0))
-    assert crop.zoom == 0.5
-    assert crop.valid == pytest.approx((64 - 81, 64 - 35, 64 + 110 - 81, 64 + 100 - 35))
 
 
 @pytest.mark.parametrize("box", [(10.0, 20.0, 38.0, 60.0), (33.5, 1.25, 90.0, 57.75), (-9.0, 40.0, 300.0, 600.0)])
@@ -75,20 +74,6 @@ def test_what_is_shrunk_is_smoothed_first() -> None:
     assert (crop.image - 0.5).abs().max() < 0.05
 
 
-def test_gray_is_that_of_eq_1() -> None:
-    photograph = torch.rand(3, 60, 60)
-    box = (3.0, 5.0, 50.0, 55.0)
-    assert torch.equal(crop_object(photograph, list(box)).image, crop_object(gray(photograph[None])[0], box).image)
-    assert crop_object(photograph.double(), box).image.dtype == torch.float32
-
-
-def test_one_camera_sees_all() -> None:
-    cameras = {
-        crop_object(torch.zeros(1, 90, 80), box).camera for box in ((0.0, 0.0, 80.0, 90.0), (5.0, 9.0, 20.0, 70.0))
-    }
-    assert len(cameras) == 1
-
-
 def test_smaller_sees_the_same() -> None:
     crop = crop_object(torch.rand(3, 375, 500), (282.0, 236.0, 365.0, 348.0))
     small = crop.downsampled(2)
@@ -102,34 +87,108 @@ def test_smaller_sees_the_same() -> None:
     )
 
 
-def test_a_pose_in_the_crop_projects_to_the_same_points_of_the_photograph() -> None:
-    crop = crop_object(torch.rand(3, 375, 500), (282.0, 236.0, 365.0, 348.0))
-    points = torch.rand(20, 3, dtype=torch.float64) - 0.5
+def test_a_pose_in_the_crop_of_a_known_camera_projects_to_the_same_points_of_the_photograph() -> None:
+    """Crop, photograph and 4x4 matrix draw the same mesh, with the optical axis far off the middle, and tilted.
+
+    A crop's pixel (x, y) is the ray that its camera, turned to the crop's middle, sends through it; the same ray of
+    the camera that looks along the axis meets the photograph at intrinsics times it.
+    """
+    height, width, axis, focal = 375, 500, (90.0, 310.0), 400.0
+    crop = crop_object(torch.rand(3, height, width), (282.0, 36.0, 365.0, 148.0), focal=focal, axis=axis)
+    pose = torch.tensor([40.0, 20.0, 2.7, -6.0, 13.5, -18.25], dtype=torch.float64)
+    moved, camera = crop.in_photograph(pose, height, width)
+    mesh = model()
+    estimate = PoseEstimate(
+        *moved.tolist(),
+        camera,
+        "",
+        0.0,
+        "calibrated",
+        pose,
+        1,
+        Box(0, 0, 9, 9),
+        principal_point=axis,
+        from_original=mesh.from_original,
+    )
+    inverse = torch.linalg.inv(mesh.from_original)
+    points = mesh.vertices @ inverse[:3, :3].T + inverse[:3, 3]
+    matrix, intrinsics = estimate.matrix(), estimate.intrinsics
+    seen = (points @ matrix[:3, :3].T + matrix[:3, 3]) @ intrinsics.T
+    by_matrix = seen[:, :2] / seen[:, 2:]
+    drawn, at, render_camera = estimate.render_arguments(mesh)
+    assert_close(screen(drawn.vertices, at[0], render_camera), by_matrix)
+    # by hand: the object in the frame of the crop's camera, whose principal point is x, y beside the object's ray
+    x, y = float(pose[4]) / crop.camera.focal, float(pose[5]) / crop.camera.focal
+    to_object = turn_to(torch.tensor([x, y, 1.0], dtype=torch.float64))
+    middle = torch.tensor([*crop.middle, focal], dtype=torch.float64)
+    to_crop = turn_to(middle - torch.tensor([*axis, 0.0], dtype=torch.float64))
+    motion = pose_matrix(pose)
+    in_camera = (mesh.vertices @ motion[:3, :3].T + motion[:3, 3]) @ to_object @ to_crop
+    by_hand = (in_camera / in_camera[:, 2:] * focal)[:, :2] + torch.tensor(axis)
+    assert_close(by_matrix, by_hand, rtol=0, atol=1e-3)
+    back = crop.converted(pose, crop)
+    assert_close(back, pose, rtol=0, atol=1e-3)
+
+
+def test_a_pose_is_converted_between_crops_of_a_known_camera() -> None:
+    photograph, axis = torch.rand(1, 375, 500), (90.0, 310.0)
+    one, other = (
+        crop_object(photograph, box, focal=400.0, axis=axis)
+        for box in ((282.0, 36.0, 365.0, 148.0), (200.0, 100.0, 400.0, 180.0))
+    )
     pose = torch.tensor([40.0, 20.0, 2.7, -6.0, 3.5, -8.25], dtype=torch.float64)
-    moved, camera = crop.in_photograph(pose, 375, 500)
-    assert (camera.height, camera.width) == (375, 500)
-    assert torch.equal(moved[:4], pose[:4])
-    in_crop = screen(points, pose, crop.camera)
-    expected = (in_crop - SIDE / 2) / crop.zoom + torch.tensor(crop.middle)
-    assert_close(screen(points, moved, camera), expected)
+    converted = one.converted(pose, other)
+    assert_close(other.in_photograph(converted, 375, 500)[0], one.in_photograph(pose, 375, 500)[0], rtol=0, atol=1e-3)
+    assert abs(float(converted[3] - pose[3])) > 0.5  # degrees: the two cameras are turned differently
 
 
 @pytest.mark.parametrize(
     ("photograph", "box", "message"),
     [
         (torch.zeros(90, 80), (0, 0, 80, 90), r"must be a floating point tensor \(1 or 3, H, W\), got"),
-        (torch.zeros(2, 90, 80), (0, 0, 80, 90), r"got torch.float32 of shape \(2, 90, 80\)"),
         (torch.zeros(1, 90, 80).byte(), (0, 0, 80, 90), "got torch.uint8"),
-        (torch.full((1, 90, 80), math.nan), (0, 0, 80, 90), "must be finite"),
         (torch.tensor([[[1.0, math.inf], [-math.inf, 1.0]]]).repeat(1, 45, 40), (0, 0, 80, 90), "must be finite"),
         (torch.zeros(1, 90, 80), (0, 0, 7, 90), "sides of at least 8 pixels"),
         (torch.zeros(1, 90, 80), (50, 10, 20, 60), "sides of at least 8 pixels"),
-        (torch.zeros(1, 90, 80), (0, 0, math.inf, 90), "sides of at least 8 pixels"),
         (torch.zeros(1, 90, 80), (math.nan, 0, 80, 90), "sides of at least 8 pixels"),
         (torch.zeros(1, 90, 80), (80, 0, 120, 90), "must lie in the image of 90x80 pixels"),
-        (torch.zeros(1, 90, 80), (0, -40, 40, 0), "must lie in the image of 90x80 pixels"),
     ],
 )
-def test_refuses(photograph: Tensor, box: tuple[float, ...], message: str) -> None:
+def test_refuses_photographs_and_boxes(photograph: Tensor, box: tuple[float, ...], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         crop_object(photograph, box)
+
+
+def test_what_is_around_does_not_count() -> None:
+    clean, box = photographed(model(), 325, 12)
+    mask = clean[0] < 0.999
+    poses = []
+    for behind in ("coffee", "cat"):
+        image, _ = photographed(model(), 325, 12, behind=behind)
+        inside, own = masked(torch.where(mask, clean, image), mask)
+        assert max(abs(one - other) for one, other in zip(own, box, strict=True)) <= 1
+        assert torch.equal(inside[:, mask], clean[:, mask])
+        assert len(inside[:, ~mask].unique()) == 1
+        estimate = estimate_pose(image, model(), mask=mask.numpy())
+        assert degrees_between(estimate.azimuth, 325) < 2
+        poses.append(estimate.pose)
+    assert float((poses[0] - poses[1]).abs().max()) < 1.5
+
+
+def test_a_box_may_be_given_too() -> None:
+    _, box = masked(torch.rand(1, 20, 30), torch.ones(20, 30, dtype=torch.bool), (1, 2, 25, 18))
+    assert box == Box(1, 2, 25, 18)
+
+
+@pytest.mark.parametrize(
+    ("mask", "message"),
+    [
+        (torch.zeros(150, 180, dtype=torch.bool), "must be true where the object is, but it is nowhere"),
+        (torch.ones(150, 180), r"must be bool of the photograph's shape \(150, 180\), got float32"),
+        (torch.ones(180, 150, dtype=torch.bool), r"got bool of shape \(180, 150\)"),
+    ],
+)
+def test_refuses_masks(mask: torch.Tensor, message: str) -> None:
+    image, _ = photographed(model(), 40, 15)
+    with pytest.raises(ValueError, match=message):
+        estimate_pose(image, model(), mask=mask)

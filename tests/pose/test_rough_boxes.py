@@ -36,8 +36,8 @@ def right(estimate: PoseEstimate, box: Box) -> bool:
 
 @pytest.mark.parametrize(
     "moved",
-    [(-0.2, -0.2, 0.2, 0.2), (0.1, -0.1, 0.1, -0.1), (0.3, 0, 0, 0), (0, 0, 0, -0.3)],
-    ids=["larger", "shifted", "narrower", "lower"],
+    [(-0.2, -0.2, 0.2, 0.2), (0.1, -0.1, 0.1, -0.1), (0, 0, 0, -0.3)],
+    ids=["larger", "shifted", "lower"],
 )
 def test_a_rough_box(moved: tuple[float, float, float, float]) -> None:
     image, box = photographed(model(), AZIMUTH, 12, behind="coffee")

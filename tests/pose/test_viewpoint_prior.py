@@ -14,14 +14,23 @@ from torch import Tensor
 from nablahog import HOGSpec, presets
 from nablahog.paper.scenes import Scene, SceneSettings, scene
 from nablahog.pose import estimate_pose
+from nablahog.pose.background import coarse_background
+from nablahog.pose.best_search import BestSearch
 from nablahog.pose.crop import crop_object, typical_camera
-from nablahog.pose.hypothesis import Hypothesis
-from nablahog.pose.prepared import PreparedModel, PreparedPhotograph, coarse_background, prepared_model
+from nablahog.pose.evidence import at_azimuths, azimuth_evidence, knows
+from nablahog.pose.model import prepared_model
+from nablahog.pose.photograph import PreparedPhotograph
 from nablahog.pose.problem import PoseProblem
-from nablahog.pose.search import Search
 from nablahog.pose.similarity import describe
-from nablahog.pose.viewpoint_evidence import FILE, at_azimuths, azimuth_evidence, default_viewpoints, knows
-from nablahog.pose.viewpoint_network import ViewpointLearning, ViewpointNetwork, ViewpointPrior, mirrored
+from nablahog.pose.viewpoint_prior import (
+    FILE,
+    ViewpointLearning,
+    ViewpointNetwork,
+    ViewpointPrior,
+    default_viewpoints,
+    mirrored,
+)
+from nablahog.pose.vote import Hypothesis
 from nablahog.render import Mesh, render
 
 from ..chairs import chair
@@ -142,30 +151,26 @@ def test_the_file_says_how_it_was_learned() -> None:
     assert len(learning.losses) == learning.epochs
 
 
-def _problem(
-    image: Tensor, photograph: PreparedPhotograph, models: dict[str, PreparedModel], prior: ViewpointPrior | None
-) -> PoseProblem:
-    view, generator = (0.0, 15.0), torch.Generator()
-    return PoseProblem(image, photograph, models, None, view, 180.0, None, "quadratic", prior, generator, print)
-
-
 def test_a_pose_with_a_crop_of_its_own_is_judged_in_the_box_that_was_given() -> None:
     made = _scene(0, {"a": chair(1)}, [torch.rand(200, 200, generator=torch.Generator().manual_seed(3))])
     given, other = (PreparedPhotograph(crop_object(made.image, box)) for box in (made.box, (20, 20, 90, 110)))
     models = {"a": prepared_model(chair(1), typical_camera()), "b": prepared_model(chair(2), typical_camera())}
-    problem = _problem(made.image, given, models, default_viewpoints())
+    problem = PoseProblem(
+        made.image, given, made.box, None, models, initial=(0.0, 15.0), viewpoints=default_viewpoints()
+    )
     pose = torch.tensor([200.0, 15, 3, 0, 0, 0], dtype=torch.float64)
     own, elsewhere = (Hypothesis(5.0, "a", pose, crop, given) for crop in (given, other))
-    evidence = Search(problem).azimuth_evidence([own, elsewhere])
+    evidence = BestSearch(problem).azimuth_evidence([own, elsewhere])
     assert evidence[0] == evidence[1] < 0
 
 
 def test_views_alone_say_from_which_side_an_object_is_seen() -> None:
-    models = {str(seed): prepared_model(chair(seed), typical_camera()) for seed in range(4)}
+    models = [prepared_model(chair(seed), typical_camera()) for seed in range(4)]
     pose = torch.tensor([[140.0, 15, 3, 0, 0, 0]])
     image = render(chair(0), pose, typical_camera())[0]
     photograph = PreparedPhotograph(crop_object(image, (8, 8, 120, 120)))
-    problem = _problem(image, photograph, models, None)
-    evidence = azimuth_evidence(problem, None, [photograph])
+    evidence = azimuth_evidence(models, [photograph], {15.0: 0.0}, None)
     torch.testing.assert_close(evidence.exp().sum(1), torch.ones(1, dtype=torch.float64))
     assert abs(7.5 * int(evidence[0].argmax()) - 140) <= 15
+    steep = azimuth_evidence(models, [photograph], {15.0: 0.0, 60.0: 1000.0}, None)
+    torch.testing.assert_close(steep, evidence)

@@ -1,4 +1,4 @@
-"""The background model: exactly the averages it should be, and whitening that whitens."""
+"""The background model: exactly the averages it should be, whitening that whitens, and Σ⁻¹ by Fourier transform."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.hog import FourBlockNorm, HOGSpec, hog, presets
+from nablahog import native
+from nablahog.hog import HOGSpec, hog, presets
 from nablahog.io.images import limit_size
 from nablahog.pose import background as learning
-from nablahog.pose.background import default_background, learn_background, least_size
-from nablahog.pose.whitening import Background
+from nablahog.pose import whitening
+from nablahog.pose.background import default_background, learn_background
+from nablahog.pose.whitening import Background, Whitener
 
 from ..io.archives import check_refused
 
@@ -55,7 +57,7 @@ def inner_cells(of: dict[str, Tensor], spec: HOGSpec, order: int) -> list[Tensor
     return result
 
 
-# --- what is learned -------------------------------------------------------------------------------------------------
+# --- what is learned --------------------------------------------------------------------------------------------------
 
 
 def test_mean_and_covariance_are_the_averages_over_all_cells_and_pairs(background: Background) -> None:
@@ -74,17 +76,6 @@ def test_mean_and_covariance_are_the_averages_over_all_cells_and_pairs(backgroun
         assert_close(background.covariance[dy, ORDER + dx], expected, rtol=0, atol=1e-6)
 
 
-def test_it_knows_its_images(background: Background) -> None:
-    assert background.images == ("0", "1", "2")
-    assert background.order == ORDER
-
-
-def test_progress() -> None:
-    calls = []
-    learn_background(images(2), SPEC, order=1, progress=lambda *call: calls.append(call))
-    assert calls == [(0, 2, ""), (1, 2, "0"), (2, 2, "1")]
-
-
 def test_the_default_is_learned_once() -> None:
     background = default_background(presets.aubry(8), 5)
     assert background is default_background(presets.aubry(8), 5)
@@ -98,7 +89,6 @@ def test_the_default_is_learned_once() -> None:
         ({"order": -1}, "order must be at least 0, got -1"),
         ({"spec": presets.paper(4)}, "locally normalised descriptors only"),
         ({"images": {"low": torch.zeros(19, 50)}}, "low: expected a gray image of at least 20x20 pixels, got 19x50"),
-        ({"images": {"rgb": torch.zeros(3, 50, 50)}}, "rgb: expected a gray image of .*, got 3x50x50"),
         ({"images": {"nan": torch.full((30, 30), torch.nan)}}, "nan: the image must be finite"),
     ],
 )
@@ -107,15 +97,7 @@ def test_what_cannot_be_learned_from(changes: dict[str, Any], message: str) -> N
         learn_background(**{"images": images(), "spec": SPEC, "order": ORDER} | changes)
 
 
-def test_the_smallest_image() -> None:
-    spec = presets.aubry((4, 5))
-    height, width = least_size(spec, 3)
-    learn_background({"": torch.rand(height, width)}, spec, order=3)
-    with pytest.raises(ValueError, match="at least 24x30 pixels"):
-        learn_background({"": torch.rand(height, width - 1)}, spec, order=3)
-
-
-# --- templates -------------------------------------------------------------------------------------------------------
+# --- templates --------------------------------------------------------------------------------------------------------
 
 
 def test_covariance_of_a_template_has_that_of_each_pair_of_its_entries(background: Background) -> None:
@@ -125,14 +107,6 @@ def test_covariance_of_a_template_has_that_of_each_pair_of_its_entries(backgroun
         dy, dx = v - y, u - x
         expected = background.covariance[abs(dy), ORDER + (dx if dy >= 0 else -dx)]
         assert torch.equal(sigma[y, x, :, v, u], expected if dy >= 0 else expected.T)
-
-
-def test_stationary(photographs: Background) -> None:
-    sigma = photographs.template_covariance(3, 4)
-    assert torch.equal(sigma, sigma.T)
-    blocks = sigma.view(3, 4, 9, 3, 4, 9)
-    assert torch.equal(blocks[:2, :3, :, :2, :3], blocks[1:, 1:, :, 1:, 1:])  # moved by a cell in both directions
-    assert torch.equal(photographs.template_covariance(2, 3).view(2, 3, 9, 2, 3, 9), blocks[:2, :3, :, :2, :3])
 
 
 @pytest.mark.parametrize("size", [(1, 1), (2, 5), (6, 6)])
@@ -181,61 +155,30 @@ def test_whitening_solves_for_sigma(photographs: Background) -> None:
     assert not photographs.whiten(photographs.template_mean(3, 4)[None]).any()
 
 
-def test_dtype_and_gradient(photographs: Background) -> None:
-    q = torch.rand(2, 3, 3, 9)
-    for method in (photographs.whiten, photographs.decorrelate, photographs.discriminability, photographs.deviation):
-        single = method(q)
-        assert single.dtype == torch.float32
-        assert_close(single, method(q.double()).float(), rtol=1e-5, atol=1e-5)
-        assert len(method(q[:0])) == 0
-    small = torch.rand(2, 1, 2, 9, dtype=torch.float64).requires_grad_()
-    assert torch.autograd.gradcheck(photographs.discriminability, small)
-
-
-def test_contrast_insensitive_photographs_are_less_unlike_than_noise(photographs: Background) -> None:
-    """The model says something: patches of a photograph are nearer to it than the same numbers in disorder."""
-    from skimage import data
-
-    image = torch.from_numpy(data.camera()).float()[None, None] / 255
-    patches = hog(image, presets.aubry(8))[0].unfold(0, 4, 4).unfold(1, 4, 4).flatten(0, 1).permute(0, 2, 3, 1)
-    shuffled = patches.flatten(1)[:, torch.randperm(144, generator=torch.Generator().manual_seed(0))].view_as(patches)
-    own, other = photographs.discriminability(patches), photographs.discriminability(shuffled)
-    assert own.mean() < 0.9 * other.mean()
-
-
-@pytest.mark.parametrize("size", [(0, 1), (7, 1), (1, 7)])
+@pytest.mark.parametrize("size", [(0, 1), (1, 7)])
 def test_templates_it_knows_nothing_of(photographs: Background, size: tuple[int, int]) -> None:
     with pytest.raises(ValueError, match=r"must have 1…6 rows and columns of cells here, got \dx\d"):
         photographs.template_covariance(*size)
 
 
-@pytest.mark.parametrize("templates", [torch.rand(3, 3, 9), torch.rand(1, 3, 3, 8), torch.zeros(1, 3, 3, 9).long()])
+@pytest.mark.parametrize("templates", [torch.rand(1, 3, 3, 8), torch.zeros(1, 3, 3, 9).long()])
 def test_no_templates(photographs: Background, templates: Tensor) -> None:
     with pytest.raises(ValueError, match=r"templates must be floating-point tensors \(N, rows, cols, 9\), got "):
         photographs.whiten(templates)
 
 
-# --- the model itself ------------------------------------------------------------------------------------------------
-
-
-def test_check(background: Background) -> None:
-    background.check(dataclasses.replace(SPEC, name="other"))
-    with pytest.raises(ValueError, match=r"its cell_size is \(4, 4\), the aubry descriptor's \(5, 5\)"):
-        background.check(presets.aubry(5, orientations=3))
+# --- the model itself -------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"spec": presets.paper(4)}, "locally normalised descriptors only"),
-        ({"spec": presets.aubry(4)}, r"mean must be float64 of shape \(9,\), got float64 of \(3,\)"),
-        ({"mean": torch.zeros(3)}, r"mean must be float64 of shape \(3,\), got float32"),
         ({"mean": torch.full((3,), torch.nan, dtype=torch.float64)}, r"mean must lie within ±1e\+06, got NaN"),
         ({"covariance": torch.zeros(3, 4, 3, 3, dtype=torch.float64)}, r"covariance must be float64 of shape \(3, 5,"),
         ({"covariance": torch.full((1, 1, 3, 3), torch.inf, dtype=torch.float64)}, "got NaN, Inf or more"),
         ({"covariance": torch.rand(1, 3, 3, 3, dtype=torch.float64)[:, :1]}, "must not depend on which of them"),
         ({"regularization": 0.0}, "regularization must lie in 1e-9…1e"),
-        ({"regularization": float("nan")}, "regularization must lie in"),
     ],
 )
 def test_refuses(background: Background, changes: dict[str, Any], message: str) -> None:
@@ -247,14 +190,8 @@ def test_refuses(background: Background, changes: dict[str, Any], message: str) 
     ("changes", "message"),
     [
         ({"spec": np.array(presets.aubry(4).to_json())}, "mean must be float64 of shape"),
-        ({"mean": np.zeros(3, np.float32)}, "mean must be float64, got float32"),
-        ({"mean": np.zeros(())}, "mean must be float64 of shape"),
         ({"covariance": np.zeros(3)}, "covariance must be float64 of shape"),
-        ({"covariance": np.zeros((0, 1, 3, 3))}, "covariance"),
         ({"images": np.array("{")}, "Expecting property name"),
-        ({"images": np.array("3")}, "not iterable"),
-        ({"images": np.array(3)}, "images must be one string"),
-        ({"regularization": np.zeros(3)}, "regularization must be one float64"),
         ({"regularization": np.array(-1.0)}, "regularization must lie in"),
     ],
 )
@@ -262,7 +199,93 @@ def test_what_is_no_background(tmp_path: Path, background: Background, changes: 
     check_refused(background, tmp_path / "b.npz", changes, message)
 
 
-def test_other_four_block_parts() -> None:
-    spec = dataclasses.replace(SPEC, normalizer=FourBlockNorm(parts=("undirected", "texture")))
-    background = learn_background(images(1), spec, order=1)
-    assert background.whiten(torch.rand(1, 2, 2, 7)).isfinite().all()
+# --- by Fourier transform ---------------------------------------------------------------------------------------------
+
+
+def correlated(correlation: float, order: int = 7, *, turn: float = 0.6) -> Background:
+    """Cells whose correlation falls by ``correlation`` from one to the next, and more across than down.
+
+    The channels depend on each other, and differently to the left than to the right if ``turn`` is not 0.
+    """
+    dy = torch.arange(order + 1, dtype=torch.float64)[:, None]
+    dx = torch.arange(-order, order + 1, dtype=torch.float64)
+    covariance = (correlation**dy * (correlation / 2) ** dx.abs())[:, :, None, None] * torch.eye(2, dtype=torch.float64)
+    # of a small moving average more: the second channel repeats a part of the first's left neighbour
+    cross = torch.zeros_like(covariance)
+    cross[0, order + 1, 1, 0] = cross[0, order - 1, 0, 1] = 0.2 * turn
+    mean = torch.tensor([0.1, 0.3], dtype=torch.float64)
+    return Background(presets.aubry(8, orientations=2), mean, covariance + cross, ("made up",), 0.05)
+
+
+def windowed(of: Background) -> Background:
+    """With the window that the filter puts on the autocovariance."""
+    fade = 1 - torch.arange(-of.order, of.order + 1, dtype=torch.float64).abs() / (of.order + 1)
+    window = (fade[of.order :, None] * fade)[:, :, None, None]
+    return Background(of.spec, of.mean, of.covariance * window, of.images, of.regularization)
+
+
+def matrix(whitener: Whitener) -> Tensor:
+    """(rows · cols · C, rows · cols · C), flattened as templates are."""
+    rows, cols = whitener.rows, whitener.cols
+    basis = torch.eye(rows * cols * 2).view(-1, rows, cols, 2).permute(0, 3, 1, 2)
+    return whitener(basis).permute(0, 2, 3, 1).flatten(1)
+
+
+@pytest.mark.parametrize("correlation", [0.2, 0.5])
+def test_inside_it_is_the_exact_inverse(correlation: float) -> None:
+    size = 8
+    of = correlated(correlation)
+    covariance = windowed(of).template_covariance(size, size)
+    exact = torch.linalg.inv(covariance + 0.05 * torch.eye(len(covariance), dtype=torch.float64))
+    result = matrix(Whitener(of, size, size)).double()
+    # rows of the matrices for the middle cells; columns for all cells but the outermost two rings
+    inside = torch.zeros(size, size, 2, dtype=torch.bool)
+    inside[2:-2, 2:-2] = True
+    middle = torch.zeros_like(inside)
+    middle[3:-3, 3:-3] = True
+    error = (result - exact)[middle.flatten()][:, inside.flatten()]
+    assert error.norm() < 0.02 * exact[middle.flatten()][:, inside.flatten()].norm()
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(5, 9), (1, 1)])
+def test_it_is_symmetric_and_positive_definite(rows: int, cols: int) -> None:
+    result = matrix(Whitener(correlated(0.6), rows, cols)).double()
+    assert_close(result, result.mT, rtol=0, atol=1e-4)
+    values = torch.linalg.eigvalsh((result + result.mT) / 2)
+    assert values[0] > 0
+    assert values[-1] <= 1 / 0.05 * (1 + 1e-4)
+
+
+def test_of_white_noise_it_is_a_division() -> None:
+    white = correlated(0.0, turn=0)
+    descriptors = torch.randn(3, 2, 6, 10)
+    assert_close(Whitener(white, 6, 10)(descriptors), descriptors / (1 + 0.05))
+    assert_close(Whitener(white, 6, 10, 3.0)(descriptors), descriptors / 4)
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(5, 12), (1, 1)])
+def test_energies_are_products_with_the_whitened(rows: int, cols: int) -> None:
+    whitener = Whitener(correlated(0.5), rows, cols)
+    q = torch.rand(3, 2, rows, cols)
+    assert_close(whitener.energies(q), (q * whitener(q)).sum((1, 2, 3)), rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize(("rows", "cols", "batch"), [(5, 12, 3), (1, 1, 4)])
+def test_compiled_loops_are_the_plain_sums(rows: int, cols: int, batch: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    whitener = Whitener(correlated(0.5), rows, cols)
+    q = torch.randn(batch, 2, rows, cols)
+    results = whitener(q), whitener.energies(q)
+    monkeypatch.setattr(native, "available", lambda: False)
+    for result, plain in zip(results, (whitener(q), whitener.energies(q)), strict=True):
+        assert_close(result, plain, rtol=1e-5, atol=1e-5)
+
+
+def test_on_large_windows_it_is_that_of_smaller_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The inverse decays over cells, so that frequencies of a large window need not be inverted one by one."""
+    of, rows, cols = correlated(0.6), 60, 70
+    quick = Whitener(of, rows, cols)
+    monkeypatch.setattr(whitening, "_REACH", 1000)
+    exact = Whitener(of, rows, cols)
+    descriptors = torch.rand(2, 2, rows, cols, generator=torch.Generator().manual_seed(0))
+    assert_close(quick(descriptors), exact(descriptors), atol=0.01, rtol=0)
+    assert_close(quick.energies(descriptors), exact.energies(descriptors), atol=0, rtol=1e-3)

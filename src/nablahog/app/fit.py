@@ -11,14 +11,15 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..cli.results.pose_result import PoseResult
+from ..cli.results.pose_figures import pose_figures, warning
 from ..hog import HOGSpec, presets
 from ..hog.box import Box
 from ..hog.engines import describe
 from ..pose import PoseEstimate, estimate_pose
 from ..pose.crop import SIDE, ObjectCrop, checked_box, crop_object
-from ..pose.placement import azimuth_sweep, fit_to_box
-from ..pose.prepared import PreparedModel, PreparedPhotograph, prepared_model
+from ..pose.fit_box import azimuth_sweep, fit_to_box
+from ..pose.model import PreparedModel, prepared_model
+from ..pose.photograph import PreparedPhotograph
 from ..pose.similarity import Similarity
 from ..render import silhouette
 from ..viz.pictures import outlined
@@ -37,7 +38,7 @@ LEAST_DISTANCE, MOST_DISTANCE = 1.0, 100.0  # in diagonals of the model
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Fitting:
     """A photograph's object and a model.
 
     Attributes:
@@ -53,8 +54,8 @@ class Scene:
     crop: ObjectCrop
 
     @classmethod
-    def of(cls, request: Open | PoseRequest, store: Store) -> Scene:
-        """The scene that a request names.
+    def of(cls, request: Open | PoseRequest, store: Store) -> Fitting:
+        """The photograph's object and the model that a request names.
 
         Raises:
             RequestError: it is not there, or the box is none.
@@ -142,9 +143,8 @@ class Scene:
         send: Callable[[dict[str, Any]], None],
         cancel: CancelToken,
         initial: tuple[float, float] | None,
-    ) -> PoseResult:
+    ) -> PoseEstimate:
         """The pose that the search finds; poses on the way are sent as they come."""
-        began = time.perf_counter()
 
         def watch(model: str, pose: Tensor) -> None:
             cancel.check()
@@ -156,7 +156,7 @@ class Scene:
             send({"type": "progress", "done": done, "total": total, "what": what})
 
         with as_request_error():
-            estimate = estimate_pose(
+            return estimate_pose(
                 self.photograph.image,
                 {self.model.name: self.model.mesh},
                 box=self.box,
@@ -166,43 +166,32 @@ class Scene:
                 progress=progress,
                 watch=watch,
             )
-        return PoseResult(
-            photo=self.photograph.name,
-            photograph=self.photograph.image,
-            box=self.box,
-            matched=PreparedPhotograph(self.crop),
-            estimate=estimate,
-            mesh=self.model.mesh,
-            models=self.model.name,
-            candidates=[self.model.name],
-            passed_over={},
-            seconds=time.perf_counter() - began,
-            method=request.method,
-            initial=initial,
-            seed=request.seed,
-            background=None,
-            viewpoint_prior=None,
-        )
 
-    def fitted(self, result: PoseResult, photo: str, mesh: str) -> dict[str, Any]:
+    def figures(self, estimate: PoseEstimate, request: Fit | PoseRequest) -> dict[str, Any]:
+        """The figures of a pose, with what was asked for."""
+        settings = {"mesh": self.model.name, "method": request.method, "seed": request.seed}
+        return {"photograph": self.photograph.name, **pose_figures(estimate), "settings": settings}
+
+    def fitted(
+        self, estimate: PoseEstimate, request: Fit, initial: tuple[float, float] | None, photo: str, mesh: str
+    ) -> dict[str, Any]:
         """The message that ends a search."""
-        estimate = result.estimate
-        request = PoseRequest(
+        same = PoseRequest(
             photo=photo,
             mesh=mesh,
             box=list(self.box),
-            method=result.method,
-            initial=None if result.initial is None else list(result.initial),
-            seed=result.seed,
+            method=request.method,
+            initial=None if initial is None else list(initial),
+            seed=request.seed,
         )
         return {
             "type": "fitted",
             "pose": _rounded(estimate.crop_pose),
             "similarity": float(self.similarity.values(estimate.crop_pose[None])),
-            "result": result.figures(),
+            "result": self.figures(estimate, request),
             "overlay": encoded(png(self._overlay(estimate))),
-            "warning": result.warning,
-            "lines": lines.of_pose(request, self.model.name),
+            "warning": warning(estimate),
+            "lines": lines.of_pose(same, self.model.name),
         }
 
     def _overlay(self, estimate: PoseEstimate) -> Any:

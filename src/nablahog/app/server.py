@@ -24,7 +24,7 @@ from . import see, uploads
 from .about import about
 from .access import AccessMiddleware, AccessRules
 from .errors import RequestError, internal_error
-from .fit import Scene
+from .fit import Fitting
 from .invert import invert
 from .pictures import png
 from .requests import SEE_SIZE, HogRequest, InvertRequest, PoseRequest, decoded
@@ -157,7 +157,8 @@ class Server:
 
         def fitted(cancel: CancelToken) -> dict[str, Any]:
             initial = None if asked.initial is None else (asked.initial[0], asked.initial[1])
-            return Scene.of(asked, self.store).fit(asked, lambda message: None, cancel, initial).figures()
+            fitting = Fitting.of(asked, self.store)
+            return fitting.figures(fitting.fit(asked, lambda message: None, cancel, initial), asked)
 
         return await self._json(request, self.long, fitted)
 

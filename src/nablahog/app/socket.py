@@ -11,7 +11,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from torch import Tensor
 
 from .errors import RequestError, internal_error
-from .fit import Scene
+from .fit import Fitting
 from .requests import Curve, Fit, FitMessage, Open, Stop, Turn, decoded
 from .store import Store
 from .work_queue import Cancelled, CancelToken, WorkQueue
@@ -30,7 +30,7 @@ class FitSocket:
 
     def __init__(self, socket: WebSocket, store: Store, quick: WorkQueue, long: WorkQueue) -> None:
         self.socket, self.store, self.quick, self.long = socket, store, quick, long
-        self.scene: Scene | None = None
+        self.scene: Fitting | None = None
         self.names = "", ""
         self._turn: Turn | None = None
         self._turning: asyncio.Task[None] | None = None
@@ -64,7 +64,7 @@ class FitSocket:
     async def _do(self, message: FitMessage) -> None:
         if isinstance(message, Open):
             await self._stop()
-            self.scene = await self.quick.run(lambda _: Scene.of(message, self.store))
+            self.scene = await self.quick.run(lambda _: Fitting.of(message, self.store))
             self.names = message.photo, message.mesh
             await self._send(await self.long.run(lambda _: self._opened().ready()))
         elif isinstance(message, Turn):
@@ -81,7 +81,7 @@ class FitSocket:
             work = self._curve(message) if isinstance(message, Curve) else self._fit(message)
             self._work = asyncio.create_task(self._with_errors(work))
 
-    def _opened(self) -> Scene:
+    def _opened(self) -> Fitting:
         if self.scene is None:
             raise RequestError(422, "expected a photograph and a model first")
         return self.scene
@@ -96,7 +96,7 @@ class FitSocket:
         while self._turn is not None:
             turn, self._turn, scene = self._turn, None, self._opened()
 
-            def view(_: CancelToken, turn: Turn = turn, scene: Scene = scene) -> dict[str, Any]:
+            def view(_: CancelToken, turn: Turn = turn, scene: Fitting = scene) -> dict[str, Any]:
                 return scene.view(turn.n, turn.pose, turn.place)
 
             async def answer(work: Any = view) -> None:
@@ -125,7 +125,7 @@ class FitSocket:
             loop.call_soon_threadsafe(answers.put_nowait, answer)
 
         def work(cancel: CancelToken) -> None:
-            send(scene.fitted(scene.fit(message, send, cancel, initial), *self.names))
+            send(scene.fitted(scene.fit(message, send, cancel, initial), message, initial, *self.names))
 
         async def worked() -> None:
             try:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from textwrap import fill
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -32,12 +32,15 @@ def be_quiet(quiet: bool) -> None:
     _quiet = quiet
 
 
-@contextmanager
-def counter(name: str) -> Iterator[Callable[[int, int, str], None]]:
-    """Progress of many items: a function to call with the number done, the total, and the item at work.
+class Counter(Protocol):
+    """To be called with the number of items done, their total, and the item at work."""
 
-    A bar on a terminal, a line every minute elsewhere.
-    """
+    def __call__(self, done: int, total: int, what: str) -> None: ...
+
+
+@contextmanager
+def counter(name: str) -> Iterator[Counter]:
+    """Shows the progress of many items: a bar on a terminal, a line every minute elsewhere."""
     console = Console(stderr=True)
     if _quiet:
         yield lambda done, total, what: None

@@ -11,7 +11,6 @@ from torch import Tensor
 from torch.nn import functional
 
 from ..hog.box import Box
-from ..io.files import check_folder
 from ..io.images import read_image
 from ..runtime.text import one_line
 from .models import Model
@@ -50,19 +49,15 @@ class AnnotatedObject:
 
 
 def read_annotations(
-    path: str | os.PathLike[str],
-    photographs: str | os.PathLike[str] | None = None,
-    models: Collection[str] | None = None,
-    limit: int | None = None,
+    path: str | os.PathLike[str], models: Collection[str] | None = None, limit: int | None = None
 ) -> list[AnnotatedObject]:
     """Reads the objects in a CSV file.
 
     Args:
-        path: the file, as :func:`.rows.read_csv` takes it, with the columns ``image``, a file in the folder of
-            photographs; ``x0``, ``y0``, ``x1``, ``y1``, the box in pixels from the upper left corner, half open;
+        path: the file, as :func:`.rows.read_csv` takes it, with the columns ``image``, a file relative to the folder
+            of this one; ``x0``, ``y0``, ``x1``, ``y1``, the box in pixels from the upper left corner, half open;
             ``azimuth``, ``elevation`` and ``theta``, degrees, as PASCAL3D+ has them; and perhaps ``model``, the name of
             the object's CAD model, which may be empty.
-        photographs: the folder; by default that of the CSV file.
         models: the names that a model may have; None for any.
         limit: only the first so many objects.
 
@@ -71,7 +66,7 @@ def read_annotations(
         "a.jpg#2".  Images are shrunk so that the longer side of the box has at most :data:`LONGEST` pixels.
 
     Raises:
-        FileNotFoundError, NotADirectoryError: there is no such file or folder.
+        FileNotFoundError: there is no such file.
         ValueError: a column is missing, there is no object, or a value is wrong; the message names the line and the
             column.
 
@@ -85,8 +80,6 @@ def read_annotations(
     ('a.png#1', torch.Size([1, 120, 160]), (10.0, 0.0, 110.0, 120.0), 317.5, None)
     """
     rows = read_csv(path, ("image", *SIDES, *ANGLES))[:limit]
-    folder = Path(path).parent if photographs is None else Path(photographs)
-    check_folder(folder, "photographs")
     objects: list[AnnotatedObject] = []
     opened: dict[str, Tensor] = {}
     for number, row in enumerate(rows, 1):
@@ -95,7 +88,7 @@ def read_annotations(
             some = ", ".join([*sorted(models)[:5], *(["…"] if len(models) > 5 else [])])
             raise row.error("model", f"expected one of {some}, got {one_line(repr(model), 60)}")
         if name not in opened:  # the row before is often of the same photograph
-            opened = {name: _image(row, folder)}
+            opened = {name: _image(row, Path(path).parent)}
         objects.append(_object(row, f"{name}#{number}", opened[name], model))
     return objects
 

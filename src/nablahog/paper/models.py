@@ -13,8 +13,8 @@ from ..io.files import check_folder
 from ..jobs.job_files import local_path
 from ..jobs.store import digest
 from ..render.mesh import Mesh, load_mesh
+from ..render.mesh_archive import FILE, load_meshes, sample_chairs
 from ..render.mesh_file import ENDINGS
-from ..render.sample_chairs import FILE, load_meshes, sample_chairs
 
 SCENE_CHAIRS = Path(__file__).with_name("chairs.npz")  # the chairs in the scenes of Table 2
 CACHED = 256  # meshes: reading one takes longer than many a search

@@ -108,8 +108,10 @@ def _record(fields: dict[str, Any]) -> Record:
     cad = _number(fields, "cad_index")
     if not isinstance(category, str) or not isinstance(box, np.ndarray) or box.size != 4 or not np.isfinite(box).all():
         raise ValueError("an object has no class or no bbox")
-    annotated = isinstance(viewpoint, list) and len(viewpoint) == 1 and isinstance(viewpoint[0], dict)
-    angles, coarse = _viewpoint(viewpoint[0]) if annotated else (None, False)
+    angles: tuple[float, float, float] | None = None
+    coarse = False
+    if isinstance(viewpoint, list) and len(viewpoint) == 1 and isinstance(viewpoint[0], dict):
+        angles, coarse = _viewpoint(viewpoint[0])
     whole = int(cad) if cad is not None and cad >= 1 else None
     return Record(category, half_open(*map(float, box.flat)), angles, coarse, whole)
 

@@ -14,12 +14,12 @@ from ..hog.box import Box
 from ..jobs.job_files import local_folder
 from ..pose import default_background, estimate_pose
 from ..pose.crop import crop_object
-from ..pose.exemplar import Detection, detect
-from ..pose.exemplar_views import SPEC, ExemplarLibrary, ExemplarViews
+from ..pose.fit_box import fit_to_box, level_poses
+from ..pose.model import prepared_model
 from ..pose.options import SearchMethod
-from ..pose.placement import fit_to_box, level_poses
-from ..pose.prepared import prepared_model
 from ..render import Camera, Mesh, silhouette
+from .exemplar import Detection, detect
+from .exemplar_views import SPEC, ExemplarLibrary, ExemplarViews
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,12 +42,12 @@ DEFINITIONS = {
     "with a fixed seed.",
     "paper": "The mean that the paper prints, over the 101 images of its own, by measures of the same names that it "
     "does not define; a dash where it prints none.",
-    "multi-scale": "Begins with an image of a 64th of the pixels, in whose descriptor cells have an 8th of the sides, "
-    "and enlarges it step by step.",
+    "multi-scale": "Begins with an image of 1/64 of the pixels, with cells of 1/8 of the sides, and enlarges it in "
+    "steps.",
     "multi-scale-more": "The same, but each level has the descriptor of the image shrunk to that level. That is "
     "more than the input of other methods, so, as the paper says, its figures are not comparable with theirs.",
     "learned": "Starts from, and stays close to, the image that a network expects for the descriptor. The network "
-    "has learned from photographs; the one that comes with nablahog, if no other is given.",
+    "has learned from photographs; it is the one that comes with nablahog unless another is given.",
     "bovw": "The input is a histogram of visual words. The words are arranged like a jigsaw puzzle, by the positions "
     "and neighbours that they have in photographs (after Kato and Harada; many details are our own choice).",
     "hoggles": "Window by window by a pair of dictionaries of descriptors and patches (Vondrick et al.); from all "
@@ -66,8 +66,8 @@ DEFINITIONS = {
 
 LEAD = (
     "Each image was described by its HOG descriptor, and an image with this descriptor was sought from the descriptor "
-    "alone. The figures say how alike the two are, in the mean over all images, beside those of Table 1 of See the "
-    "Difference (ICCV 2015)."
+    "alone. The figures say how alike the two are on average, beside those of Table 1 of See the Difference (ICCV "
+    "2015)."
 )
 
 

@@ -9,8 +9,7 @@ if TYPE_CHECKING:
     from .elements import Elements, elements
     from .estimate import estimate_pose
     from .pose_estimate import PoseEstimate
-    from .viewpoint_evidence import default_viewpoints
-    from .viewpoint_network import ViewpointPrior
+    from .viewpoint_prior import ViewpointPrior, default_viewpoints
     from .whitening import Background
 
 __all__ = [
@@ -31,7 +30,6 @@ names_when_used(
     elements=("Elements", "elements"),
     estimate=("estimate_pose",),
     pose_estimate=("PoseEstimate",),
-    viewpoint_evidence=("default_viewpoints",),
-    viewpoint_network=("ViewpointPrior",),
+    viewpoint_prior=("ViewpointPrior", "default_viewpoints"),
     whitening=("Background",),
 )

@@ -1,8 +1,8 @@
-"""Ascents: by quadratic fits to samples, to a fraction of a degree, and along single derivatives, for comparison.
+"""Ascent by quadratic fits to samples, to a fraction of a degree.
 
-Similarity is jagged below a degree: each sample that an edge passes moves the descriptor, so that even its true
-derivative points uphill only in the mean.  Ascent along single derivatives gets stuck.  A quadratic fitted to many
-values and derivatives at once follows the smooth function under the jags.
+Similarity is jagged below a degree: the descriptor jumps a little whenever an edge passes a sample of a pixel, so that
+even the true derivative points uphill only on average, and ascent along single derivatives gets stuck.  A quadratic
+fitted to many values and derivatives at once follows the smooth function under the jags.
 """
 
 from __future__ import annotations
@@ -16,23 +16,22 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from ..optimize import lbfgs
 from ..render import PARAMETERS
 from .similarity import Similarity
 
 UNITS = torch.tensor([3.0, 3.0, 0.06, 3.0, 1.5, 1.5], dtype=torch.float64)
-"""Steps of the parameters that change a picture of a hundred pixels about as much: 3°, 3°, 2 % of the distance, …"""
+"""Steps of the parameters that change a picture of 100 pixels about equally: 3°, 3°, 2 % of the distance, …"""
 
 # A quadratic c + bᵀu + ½ uᵀAu is a sum over pairs of the numbers (1, u); its coefficients are c, b and A's upper half.
 _FIRST, _SECOND = np.triu_indices(1 + len(PARAMETERS))
 _FACTORS = np.where((_FIRST == _SECOND) & (_FIRST > 0), 0.5, 1.0)
 _UNIT = np.eye(1 + len(PARAMETERS))
 _DERIVATIVES = _FACTORS * (_UNIT[:, None, _FIRST] * _UNIT[1:, _SECOND] + _UNIT[:, None, _SECOND] * _UNIT[1:, _FIRST])
-_OF_VALUES = 8.0  # weight of a value against that of a derivative: jags are steep, but not high
-_OF_SLOPES = 1 / np.square([0.94, 0.93, 0.64, 1.5, 1.15, 1.0])  # of derivatives: how far off each is, in UNITS
-_STIFFNESS = 0.05  # of second derivatives towards 0, against one derivative each
-_FLATTEST = 0.15  # of the steepest curvature: the least that is believed
-_REACH = 2.0  # of the spread: how far from its samples the quadratic is believed
+_OF_VALUES = 8.0  # weight of a value relative to that of a derivative: jags are steep, but not high
+_OF_SLOPES = 1 / np.square([0.94, 0.93, 0.64, 1.5, 1.15, 1.0])  # weights of derivatives, by their errors in UNITS
+_STIFFNESS = 0.05  # weight of a prior of 0 on second derivatives, relative to that of a derivative
+_FLATTEST = 0.15  # smallest curvature along an axis, as part of the largest
+_REACH = 2.0  # longest step, in spreads
 
 
 class Round(NamedTuple):
@@ -56,7 +55,7 @@ SCHEDULE = (
     Round(12, 0.6, slopes=False),
     Round(12, 0.6, slopes=False),
 )
-"""Slopes show early how the quadratic is bent; values locate its maximum better in the end."""
+"""Slopes show the curvature early; values locate the maximum better in the end."""
 
 
 def quadratic_ascent(
@@ -68,9 +67,9 @@ def quadratic_ascent(
 ) -> Tensor:
     """The maximum of a quadratic that is fitted again after each round of samples.
 
-    Samples come in pairs on both sides of the pose, so that value and slope there are fitted independently, and along
-    orthogonal directions, so that few samples cover all parameters.  Samples of earlier rounds weigh less the farther
-    they are from the present pose.
+    Samples come in pairs on both sides of the pose, which fits value and slope there independently, and along
+    orthogonal directions, which covers all parameters with few samples.  Samples of earlier rounds have less weight
+    the farther they are from the present pose.
 
     Args:
         similarity: to be maximised.
@@ -127,7 +126,7 @@ def _maximum(offsets: Tensor, values: Tensor, slopes: Tensor, weights: Tensor) -
     at = functional.pad(offsets, (1, 0), value=1.0).numpy()  # (1, u)
     known = ~np.isnan(slopes[:, 0].numpy())
     known_slopes, every = slopes.numpy()[known], weights.numpy()
-    # which makes the weights of values and slopes comparable
+    # makes the weights of values and slopes comparable
     scale = max(np.sqrt(np.square(known_slopes).mean()), 1e-12) if known.any() else 1.0
     of_slopes = (at[known] @ _DERIVATIVES.reshape(len(_UNIT), -1)).reshape(-1, len(_FIRST))
     terms = np.concatenate([_FACTORS * at[:, _FIRST] * at[:, _SECOND], of_slopes])
@@ -141,65 +140,3 @@ def _maximum(offsets: Tensor, values: Tensor, slopes: Tensor, weights: Tensor) -
     bends = np.minimum(bends, -_FLATTEST * max(np.abs(bends).max(), 1e-9))
     step = -axes @ ((axes.T @ gradient) / bends)
     return torch.from_numpy(step * (_REACH / max(float(np.linalg.norm(step)), _REACH)))
-
-
-def momentum_ascent(
-    similarity: Similarity,
-    poses: Tensor,
-    *,
-    steps: int = 50,
-    learning_rate: float = 5.0,
-    momentum: float = 0.9,
-    distance_every: int = 4,
-    visit: Callable[[Tensor], None] = lambda pose: None,
-) -> tuple[Tensor, Tensor, Tensor]:
-    """The paper's search: gradient ascent with momentum over azimuth, every few steps over the distance, too.
-
-    The paper gives no rates.  Here the similarity is divided by that of each start, so that one rate serves all images,
-    and the derivatives are taken in :data:`UNITS`.
-
-    Args:
-        similarity: to be maximised.
-        poses: (B, 6), the starts, all in one batch; angles in degrees.
-        steps: gradient steps.
-        learning_rate: of the steps.
-        momentum: share of the velocity that remains after a step.
-        distance_every: steps from one that moves the distance to the next.
-        visit: called with the most similar pose (6,) of each step.
-
-    Returns:
-        The best pose of each path (B, 6), its similarity (B,), and azimuths and similarities along the paths
-        (steps + 1, B, 2).
-    """
-    poses = poses.clone()
-    velocity = torch.zeros_like(poses)
-    scale = torch.ones(len(poses), 1, dtype=poses.dtype)
-    best, best_value = poses.clone(), torch.full((len(poses),), -torch.inf, dtype=poses.dtype)
-    path = []
-    for step in range(steps + 1):
-        values, slopes = similarity.derivatives(poses)
-        if step == 0:
-            scale = values.abs().clamp(min=1e-9)[:, None]
-        better = values > best_value
-        best[better], best_value[better] = poses[better], values[better]
-        path.append(torch.stack([poses[:, 0], values], dim=1))
-        visit(poses[values.argmax()])
-        free = torch.zeros(len(PARAMETERS), dtype=poses.dtype)
-        free[0] = 1
-        if step % distance_every == distance_every - 1:
-            free[2] = 1
-        velocity = torch.where(free > 0, momentum * velocity + learning_rate * slopes * UNITS / scale, velocity)
-        poses = poses + free * velocity * UNITS
-        poses[:, 2] = poses[:, 2].clamp(min=1.0)
-    return best, best_value, torch.stack(path)
-
-
-def lbfgs_ascent(similarity: Similarity, pose: Tensor, evaluations: int) -> Tensor:
-    """The best pose (6,) of L-BFGS over all parameters from ``pose`` (6,) on."""
-
-    def objective(points: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
-        values, slopes = similarity.derivatives(pose + points * UNITS)
-        return -values, -slopes * UNITS
-
-    minimum = lbfgs(objective, torch.zeros_like(pose)[None], max_evaluations=evaluations, first_step=0.3)
-    return pose + minimum.x[0] * UNITS

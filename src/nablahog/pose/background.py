@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..hog.engines import steps
 from ..hog.gradient import gray
-from ..hog.presets import as_spec
+from ..hog.presets import as_spec, aubry
 from ..hog.spec import HOGSpec
 from ..io.images import limit_size
 from ..io.sample_photographs import SAMPLE_NAMES, sample_photograph
@@ -19,7 +19,9 @@ from .options import ORDER
 from .whitening import Background, check_spec
 
 STEP = 2**-0.5  # between two scales of a photograph
-RING = 1  # of cells next to the border of an image, which are unlike all others
+RING = 1  # cells next to the border of an image, which are unlike all others
+COARSE, FINE = 8, 4  # pixels of a cell: poses are told apart that are half as far from each other
+_SHRINK = 2  # of the crop in the coarse search, which finds as many poses in less time
 
 
 def least_size(spec: HOGSpec, order: int = ORDER) -> tuple[int, int]:
@@ -39,8 +41,8 @@ def learn_background(
 ) -> Background:
     """Mean and autocovariance of the descriptor over photographs and all their scales.
 
-    Each image is shrunk by √2 until it is smaller than :func:`least_size`; the outermost cells of each do not count.
-    Both are exact averages over all cells, or all pairs of cells at an offset, that there are.
+    Each image is shrunk by √2 until it is smaller than :func:`least_size`.  The averages are exact, over all cells and
+    all pairs of cells at an offset, without the outermost cells.
 
     Args:
         images: (H, W) each, float32 in 0…1, by name.
@@ -73,12 +75,12 @@ def learn_background(
     for done, (name, of_image) in enumerate(zip(images, of_images, strict=True), start=1):
         sums = sums + of_image
         progress(done, len(images), name)
-    # of both cells of a pair: their products, the sums of either over all pairs, and the number of pairs
+    # over all pairs of cells: sums of products, of the first, of the second, and the number of pairs
     products, first, second, pairs = sums[..., :-1, :-1], sums[..., :-1, -1:], sums[..., -1:, :-1], sums[..., -1:, -1:]
     mean = first[order, order, :, 0] / pairs[order, order, 0, 0]
     a, b = mean[:, None], mean[None, :]
     covariance = (products - b * first - a * second) / pairs + a * b
-    covariance = (covariance + covariance.flip(0, 1).mT) / 2  # equal already, but for rounding
+    covariance = (covariance + covariance.flip(0, 1).mT) / 2  # equal but for rounding
     return Background(spec, mean, covariance[order:].contiguous(), tuple(images), regularization)
 
 
@@ -87,7 +89,7 @@ def default_background(spec: HOGSpec | str, order: int = ORDER) -> Background:
     """The background of the photographs that come with scikit-image, learned at the first call for ``spec``.
 
     Args:
-        spec, order: as of :func:`learn_background`.
+        spec, order: as for :func:`learn_background`.
 
     Raises:
         ValueError: as :func:`learn_background`.
@@ -99,6 +101,17 @@ def default_background(spec: HOGSpec | str, order: int = ORDER) -> Background:
     return learn_background(
         {name: gray(sample_photograph(name)[None])[0, 0] for name in SAMPLE_NAMES}, spec, order=order
     )
+
+
+@lru_cache(maxsize=4)
+def pose_spec(cell_size: int = COARSE) -> HOGSpec:
+    """The descriptor of poses by default: Aubry et al.'s nine contrast-insensitive channels, of gray images."""
+    return aubry(cell_size, colour="gray")
+
+
+def coarse_background(own: Background | None = None) -> tuple[Background, int]:
+    """The background of the coarse search, by default that of :func:`pose_spec`, and how much the crop is shrunk."""
+    return (own, 1) if own is not None else (default_background(pose_spec(COARSE // _SHRINK)), _SHRINK)
 
 
 def _check(name: str, image: Tensor, least: tuple[int, int]) -> None:
@@ -122,7 +135,7 @@ def _pyramid(image: Tensor, spec: HOGSpec, order: int) -> Iterator[Tensor]:
 
 
 def _sums(image: Tensor, *, spec: HOGSpec, order: int) -> Tensor:
-    """(2 · order + 1, 2 · order + 1, C + 1, C + 1), float64: those of :func:`_add_products` over all scales."""
+    """The sums of :func:`_add_products` over all scales of an image, float64."""
     channels = spec.channels + 1
     sums = torch.zeros(2 * order + 1, 2 * order + 1, channels, channels, dtype=torch.float64)
     for cells in _pyramid(image, spec, order):
@@ -133,7 +146,7 @@ def _sums(image: Tensor, *, spec: HOGSpec, order: int) -> Tensor:
 def _add_products(cells: Tensor, sums: Tensor) -> None:
     """Adds, for each offset (dy, dx) and channels a and b, Σ a(y, x) · b(y + dy, x + dx) over all pairs of cells.
 
-    One more channel, of ones, makes sums over pairs, and their number, of the same form.
+    A further channel of ones gives the sums over pairs, and their number.
 
     Args:
         cells: (C, rows, cols).
@@ -141,7 +154,7 @@ def _add_products(cells: Tensor, sums: Tensor) -> None:
     """
     order = len(sums) // 2
     channels = torch.cat([cells, torch.ones_like(cells[:1])])
-    padded = [n + order for n in cells.shape[1:]]  # zeros that keep opposite sides apart
+    padded = [n + order for n in cells.shape[1:]]  # by zeros, so that opposite sides do not meet
     spectra = torch.fft.rfft2(channels, s=padded)
     offsets = torch.arange(-order, order + 1)
     for a in range(len(channels)):

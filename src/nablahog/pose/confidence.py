@@ -12,22 +12,8 @@ from typing import NamedTuple
 RIGHT = 15.0  # degrees of azimuth within which a pose counts as right
 
 
-class Evidence(NamedTuple):
-    """What tells right poses from wrong ones.
-
-    Attributes:
-        similarity: calibrated, of the best pose.
-        rival: similarity of the best pose from another side, or the votes for it, as part of that; 0 if there is none.
-        agreement: share of the votes of several models' poses that are for the same side; 1 for a single model.
-    """
-
-    similarity: float
-    rival: float
-    agreement: float
-
-
 class Weights(NamedTuple):
-    """Of the logistic regression: the constant and those of log(1 + similarity), the rival and the agreement."""
+    """The constant of the logistic regression, and its weights of log(1 + similarity), rival and agreement."""
 
     constant: float
     similarity: float
@@ -39,17 +25,23 @@ KNOWN = Weights(-8.76, 5.88, -3.31, 0.0)  # of a single model
 UNKNOWN = Weights(-5.86, 1.28, 0.84, 6.08)  # of several, none of which need be the object's own
 
 
-def confidence(evidence: Evidence, *, known_model: bool) -> float:
+def confidence(similarity: float, rival: float, agreement: float, *, known_model: bool) -> float:
     """The probability that the azimuth is within :data:`RIGHT` degrees, or one from which the model looks the same.
 
     Fitted to scenes of chairs with boxes of all kinds and to photographs without any, by ``benchmarks/confidence.py``
     of revision 6cd399d; ``benchmarks/calibration.py`` says how well it holds.
+
+    Args:
+        similarity: calibrated, of the best pose.
+        rival: share of the best runner-up, see :class:`.pose_estimate.PoseEstimate`; 0 if there is none.
+        agreement: share of the votes of several models' poses that are for the same side; 1 for a single model.
+        known_model: whether there is a single model.
     """
     weights = KNOWN if known_model else UNKNOWN
     logit = (
         weights.constant
-        + weights.similarity * math.log1p(max(evidence.similarity, 0.0))
-        + weights.rival * evidence.rival
-        + weights.agreement * evidence.agreement
+        + weights.similarity * math.log1p(max(similarity, 0.0))
+        + weights.rival * rival
+        + weights.agreement * agreement
     )
     return 1 / (1 + math.exp(-logit))

@@ -1,10 +1,16 @@
-"""The object cut out of its photograph: a small gray square around its box, the same size for every object."""
+"""The object cut out of its photograph: a small gray square around its box, the same size for every object.
+
+A camera of known focal length and principal point is turned in place until it looks at the middle of the crop: beside
+the optical axis a photograph stretches objects, and such a crop shows them as they are rendered.  If nothing is known
+of the camera, the crop is cut out as it is.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -13,13 +19,72 @@ from torch.nn import functional
 from ..hog.box import Box
 from ..hog.gradient import gray
 from ..render import Camera
-from .crop_view import CropView
+from ..render.rigid import turn_to
 
 SIDE = 128  # pixels of the square
 FILL = 112.0  # pixels of the box's longer side in it
 DISTANCE = 3.0
 """From the camera to the object where nothing is known, in diagonals of its bounding box: as people stand."""
 _TYPICAL_EXTENT = 0.85  # longer side of a typical view, in diagonals; the fit to the box corrects the rest
+_LEAST_DEPTH = 1e-3  # of rays whose length is 1 at the image plane
+
+
+@dataclass(frozen=True)
+class CropView:
+    """The map from a crop's pixels to its photograph's.
+
+    Attributes:
+        middle: x, y of the crop's middle in the photograph, pixels.
+        zoom: pixels of the crop for one of the photograph, in its middle.
+        focal: of the photograph's camera, pixels.
+        axis: x, y where the optical axis meets the photograph, pixels; None if that, or the focal length, is unknown.
+    """
+
+    middle: tuple[float, float]
+    zoom: float
+    focal: float
+    axis: tuple[float, float] | None = None
+
+    @cached_property
+    def turn(self) -> Tensor:
+        """(3, 3): from the frame of the photograph's camera to that of one that looks at the crop's middle."""
+        return turn_to(self._ray(*self.middle))
+
+    def to_photograph(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+        """x and y in the photograph of points that are x and y from the middle of the crop, pixels."""
+        if self.axis is None:
+            return x / self.zoom + self.middle[0], y / self.zoom + self.middle[1]
+        scale = self.zoom * self.focal
+        one = torch.ones_like(x + y)
+        rays = torch.stack([x / scale * one, y / scale * one, one], -1).double() @ self.turn
+        along = rays[..., :2] * (self.focal / rays[..., 2:].clamp(min=_LEAST_DEPTH))
+        return (along[..., 0] + self.axis[0]).to(x), (along[..., 1] + self.axis[1]).to(x)
+
+    def from_photograph(self, x: float, y: float) -> tuple[float, float]:
+        """x and y from the middle of the crop of a point of the photograph, pixels."""
+        if self.axis is None:
+            return (x - self.middle[0]) * self.zoom, (y - self.middle[1]) * self.zoom
+        right, down, forward = (self.turn @ self._ray(x, y)).tolist()
+        scale = self.zoom * self.focal / max(forward, _LEAST_DEPTH)
+        return right * scale, down * scale
+
+    def twist(self, x: float, y: float) -> float:
+        """Degrees by which theta is larger in the photograph than in the crop, for an object x, y from its middle.
+
+        Turning the camera to the object directly, or to the crop's middle first, differs by a rotation of the image.
+        """
+        if self.axis is None:
+            return 0.0
+        scale = self.zoom * self.focal
+        there = turn_to(torch.tensor([x / scale, y / scale, 1.0], dtype=torch.float64)) @ self.turn
+        at_once = turn_to(there[2]) @ there.T
+        return math.degrees(math.atan2(float(at_once[0, 1]), float(at_once[0, 0])))
+
+    def _ray(self, x: float, y: float) -> Tensor:
+        """(3,), float64: the ray of a point of the photograph in its camera's frame, of depth 1."""
+        assert self.axis is not None
+        ray = [(x - self.axis[0]) / self.focal, (y - self.axis[1]) / self.focal, 1.0]
+        return torch.tensor(ray, dtype=torch.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +115,7 @@ class ObjectCrop:
         return CropView(self.middle, self.zoom, self.focal, self.axis)
 
     def downsampled(self, factor: int) -> ObjectCrop:
-        """The same with pixels that are means of ``factor`` x ``factor``."""
+        """The crop shrunk by averaging ``factor`` x ``factor`` pixels."""
         width, height = self.size
         return ObjectCrop(
             functional.avg_pool2d(self.image, factor),
@@ -64,27 +129,14 @@ class ObjectCrop:
 
     def converted(self, pose: Tensor, other: ObjectCrop) -> Tensor:
         """A pose (6,) for this crop as one for another of the same photograph, by the same camera."""
-        place = self._place(pose)
         moved = pose.clone()
-        moved[4], moved[5] = other.view.from_photograph(*place)
+        moved[4], moved[5] = other.view.from_photograph(*map(float, self.view.to_photograph(pose[4], pose[5])))
         if self.axis is not None:
             moved[3] += self.view.twist(float(pose[4]), float(pose[5])) - other.view.twist(*moved[4:].tolist())
         return moved
 
-    def of_photograph(self, pose: Tensor, height: int, width: int) -> Tensor:
-        """A pose (6,) for the whole photograph of ``height`` x ``width`` as one for this crop."""
-        moved = pose.clone()
-        moved[4], moved[5] = self.view.from_photograph(float(pose[4]) + width / 2, float(pose[5]) + height / 2)
-        moved[3] -= self.view.twist(*moved[4:].tolist())
-        return moved
-
-    def _place(self, pose: Tensor) -> tuple[float, float]:
-        """x, y in the photograph of the object's origin at a pose (6,) for the crop, pixels."""
-        x, y = self.view.to_photograph(pose[4], pose[5])
-        return float(x), float(y)
-
     def box_in_photograph(self, box: Tensor) -> Box:
-        """A box (4,) around the crop's middle as one of the photograph: around the middles of its sides."""
+        """The photograph's box through the middles of the sides of a box (4,) relative to the crop's middle."""
         x0, y0, x1, y1 = box
         middle = (x0 + x1) / 2, (y0 + y1) / 2
         across, down = self.view.to_photograph(
@@ -106,7 +158,7 @@ class ObjectCrop:
     def in_photograph(self, pose: Tensor, height: int, width: int) -> tuple[Tensor, Camera]:
         """A pose (6,) for this crop as one for the whole photograph of ``height`` x ``width``, with its camera."""
         moved = pose.clone()
-        x, y = self._place(pose)
+        x, y = map(float, self.view.to_photograph(pose[4], pose[5]))
         moved[3] += self.view.twist(float(pose[4]), float(pose[5]))
         moved[4], moved[5] = x - width / 2, y - height / 2
         return moved, Camera(self.focal, height, width)
@@ -166,7 +218,7 @@ def crop_object(
     middle = (object_box.x0 + object_box.x1) / 2, (object_box.y0 + object_box.y1) / 2
     camera = typical_camera(side, fill) if focal is None else Camera(focal * zoom, side, side)
     view = CropView(middle, zoom, camera.focal / zoom, axis)
-    if axis is not None:  # what is turned to the front is a little smaller
+    if axis is not None:  # seen straight, the box is a little smaller
         (x0, x1), (y0, y1) = _across(view, object_box)
         zoom *= fill / max(x1 - x0, y1 - y0)
         camera = Camera(view.focal * zoom, side, side)
@@ -181,7 +233,7 @@ def crop_object(
 
 
 def _across(view: CropView, box: Box) -> tuple[tuple[float, float], tuple[float, float]]:
-    """x0, x1 and y0, y1 of a box of the photograph, from the crop's middle on straight to the sides."""
+    """x0, x1 and y0, y1 in the crop, from its middle, of a box of the photograph, along lines through the middle."""
     x, y = view.middle
     left, right = (view.from_photograph(side, y)[0] for side in (box.x0, box.x1))
     upper, lower = (view.from_photograph(x, side)[1] for side in (box.y0, box.y1))
@@ -195,7 +247,7 @@ def check_photograph(photograph: Tensor) -> None:
             f"the photograph must be a floating point tensor (1 or 3, H, W), "
             f"got {photograph.dtype} of shape {tuple(photograph.shape)}"
         )
-    # the sum of finite numbers is hardly ever infinite, and takes a tenth of the time
+    # the sum takes a tenth of the time, and is infinite for hardly any finite photograph
     if not math.isfinite(photograph.sum()) and not torch.isfinite(photograph).all():
         raise ValueError("the photograph must be finite, got NaN or Inf")
 
@@ -208,7 +260,7 @@ def resampled(photograph: Tensor, view: CropView, side: int) -> Tensor:
     x, y = view.to_photograph(at[None, :], at[:, None])
     if view.axis is None:
         reach = side / view.zoom / 2
-    else:  # beyond the border, all is alike
+    else:  # beyond the border nothing changes
         x, y = x.clamp(-3 * sigma, width + 3 * sigma), y.clamp(-3 * sigma, height + 3 * sigma)
         reach = max(float((each - m).abs().max()) for each, m in zip((x, y), view.middle, strict=True))
     around = math.ceil(reach + 3 * sigma) + 2
@@ -231,3 +283,29 @@ def blurred(image: Tensor, sigma: float) -> Tensor:
     taps = taps / taps.sum()
     padded = functional.pad(image, (reach,) * 4, mode="replicate")
     return functional.conv2d(functional.conv2d(padded, taps.view(1, 1, 1, -1)), taps.view(1, 1, -1, 1))
+
+
+def masked(photograph: Tensor, mask: Tensor, box: Sequence[float] | None = None) -> tuple[Tensor, Box]:
+    """The photograph with nothing around the object, and the object's box.
+
+    Pixels around the object get the photograph's mean, so that no edge is left there but the object's own outline.
+
+    Args:
+        photograph: (C, H, W), floating point.
+        mask: (H, W), bool, true where the object is.
+        box: the object's; by default that of the mask.
+
+    Raises:
+        ValueError: the mask has another shape or type, or is nowhere true.
+    """
+    if mask.dtype != torch.bool or mask.shape != photograph.shape[1:]:
+        raise ValueError(
+            f"the mask must be bool of the photograph's shape {tuple(photograph.shape[1:])}, "
+            f"got {str(mask.dtype).removeprefix('torch.')} of shape {tuple(mask.shape)}"
+        )
+    if not bool(mask.any()):
+        raise ValueError("the mask must be true where the object is, but it is nowhere")
+    if box is None:
+        rows, cols = mask.any(1).nonzero(), mask.any(0).nonzero()
+        box = Box(float(cols.min()), float(rows.min()), float(cols.max()) + 1, float(rows.max()) + 1)
+    return torch.where(mask, photograph, photograph.mean()), Box.of(box)

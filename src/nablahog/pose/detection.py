@@ -3,49 +3,35 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
+from ..hog.box import Box
 from ..hog.gradient import gray
+from .background import coarse_background
 from .crop import FILL, SIDE
 from .elements import suppress_overlaps
-from .placement import bounding_boxes, equidistant_azimuths, fit_to_box, level_poses
-from .prepared import PreparedModel, whitener_of
-from .problem import SMALL, unlikely_view
-from .pyramid import places, turned
+from .fit_box import VIEW_COUNT, bounding_boxes, equidistant_azimuths, fit_to_box, level_poses
+from .model import PreparedModel, view_descriptors
+from .problem import SMALL, allowed_azimuths, view_penalty
 from .similarity import describe
-from .views import VIEW_COUNT, view_descriptors
-from .whitening import Background
+from .surroundings import places, turned
+from .whitening import Background, whitener_of
 
 LEVELS = 4  # of the pyramid, from one size of the object to the double
-SMALLEST = 8  # times smaller than the photograph's longer side: objects that are looked for
-BORDER = 4  # cells that an object may reach beyond the photograph
-EVERY = 2  # how many views around are passed over to the next
-_PEAKS = 200  # places of which those that overlap are left out
+SMALLEST = 8  # ratio of the photograph's longer side to the smallest object that is looked for
+BORDER = 4  # cells that an object may extend beyond the photograph
+EVERY = 2  # every second view around a model is compared
+PLACES, PLACES_OF_SEVERAL = 6, 2  # that are looked at closely, of one model or of several
+DETECTORS = 8  # models, at most, whose views are compared with the whole photograph; more add time, hardly places
+ELEVATIONS = (0.0, 20.0, 40.0, 65.0)  # degrees, where nothing is known of the pose
+TILTS = (-30.0, 0.0, 30.0)  # degrees, where nothing is known of the pose
+_PEAKS = 200  # best places, before overlapping ones are suppressed
 _OVERLAP = 0.5  # of two boxes, at most: intersection in the box around both
-
-
-@dataclass(frozen=True, eq=False)
-class Places:
-    """Where views fit best.
-
-    Attributes:
-        similarities: (K,), of the best view there, less what is unlikely of it, the highest first.
-        models: the models' names.
-        poses: (K, 6) for a crop whose middle is the photograph's, and of which the longer side of an upright view fills
-            :data:`.crop.FILL` of :data:`.crop.SIDE` pixels, still to be placed: azimuth, elevation and tilt are those
-            of the view.
-        boxes: (K, 4), x0, y0, x1, y1 around the view in the photograph, pixels.
-    """
-
-    similarities: Tensor
-    models: tuple[str, ...]
-    poses: Tensor
-    boxes: Tensor
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,44 +53,42 @@ class _Level:
     tilt: float
 
 
-def find_places(
+def find_boxes(
     image: Tensor,
-    models: Iterable[tuple[str, PreparedModel]],
-    elevations: Sequence[float],
-    tilts: Sequence[float],
-    background: Background,
-    shrink: int,
-    allowed: Tensor,
-    count: int,
-) -> Places:
-    """The places where views of models are most similar to the photograph, without those that overlap a better one.
+    models: Sequence[PreparedModel],
+    initial: tuple[float, float] | None,
+    within: float,
+    own: Background | None,
+) -> list[Box]:
+    """Boxes around the views that are most similar to the photograph, the best first, none overlapping a better one.
 
     Args:
         image: (C, H, W), the photograph, in 0…1.
-        models: by name.
-        elevations, tilts: of the views, degrees.
-        background: of the coarse descriptor.
-        shrink: factor by which a crop is made smaller before it is described.
-        allowed: (VIEW_COUNT / EVERY,), bool: which azimuths.
-        count: the most to return.
+        models: the candidates.
+        initial: azimuth and elevation to begin at, degrees; None if unknown.
+        within: degrees of azimuth on both sides of the initial one.
+        own: background of the coarse descriptor; None for the default one.
+
+    Returns:
+        At most :data:`PLACES` boxes, or :data:`PLACES_OF_SEVERAL` of several models, pixels of the photograph.
     """
-    models = list(models)
-    rows, cols = background.spec.grid(SIDE // shrink, SIDE // shrink)
-    whitener = whitener_of(background, rows, cols)
-    of_models = [
-        torch.cat([view_descriptors(model, background.spec, whitener, shrink, each)[::EVERY] for each in elevations])
-        for _, model in models
-    ]
-    searched = allowed.repeat(len(models) * len(elevations)).nonzero()[:, 0]
-    views = torch.cat(of_models)[searched]
-    of_views = torch.tensor(elevations).repeat_interleave(VIEW_COUNT // EVERY).repeat(len(models))[searched]
-    views = views.reshape(len(views), -1, rows, cols)
+    count = PLACES if len(models) == 1 else PLACES_OF_SEVERAL
+    models = models[:: math.ceil(len(models) / DETECTORS)]
+    background, shrink = coarse_background(own)
+    elevations, tilts = (ELEVATIONS, TILTS) if initial is None else ((initial[1],), (0.0,))
+    azimuths = equidistant_azimuths(VIEW_COUNT)[::EVERY]
+    azimuth_of = azimuths.repeat(len(models) * len(elevations))
+    elevation_of = torch.tensor(elevations, dtype=torch.float64).repeat_interleave(len(azimuths)).repeat(len(models))
+    model_of = torch.arange(len(models)).repeat_interleave(len(elevations) * len(azimuths))
+    searched = allowed_azimuths(azimuth_of, initial, within).nonzero()[:, 0]
+    views = torch.cat([view_descriptors(model, each, own)[::EVERY] for model in models for each in elevations])
+    views = views[searched]
     peaks: list[Tensor] = []  # similarity, view, x, y, zoom, tilt of each
-    for level in _levels(image, background, (rows, cols), shrink, tilts):
-        lost = torch.tensor(SMALL * math.log2(max(image.shape[1:]) * shrink * level.zoom / FILL))
-        if len(elevations) > 1:  # nothing is known of the pose
-            lost = lost + unlikely_view(of_views, torch.tensor([level.tilt]))
-        values, view = (_correlations(level.weights, views) - lost).max(2)
+    for level in _levels(image, background, shrink, tilts):
+        penalty = torch.tensor(SMALL * math.log2(max(image.shape[1:]) * shrink * level.zoom / FILL))
+        if initial is None:
+            penalty = penalty + view_penalty(elevation_of[searched].float(), torch.tensor([level.tilt]))
+        values, view = (_correlations(level.weights, views) - penalty).max(2)
         values = torch.where(level.inside, values, -torch.inf)
         around = functional.max_pool2d(values[None, None], 3, stride=1, padding=1)[0, 0]
         peak = (values >= around) & level.inside
@@ -113,33 +97,32 @@ def find_places(
         peaks.append(torch.cat([found, level.middles[peak], where], 1))
     best = torch.cat(peaks)
     best = best[best[:, 0].argsort(descending=True)[:_PEAKS]]
-    view, zoom = best[:, 1].long(), best[:, 4]
-    each = len(elevations) * VIEW_COUNT // EVERY
-    poses = level_poses(equidistant_azimuths(VIEW_COUNT)[::EVERY].repeat(len(elevations) * len(models))[view], 0)
-    of_elevation = torch.tensor(elevations, dtype=torch.float64).repeat_interleave(VIEW_COUNT // EVERY)
-    poses[:, 1] = of_elevation.repeat(len(models))[view]
+    view = best[:, 1].long()
+    poses = level_poses(azimuth_of[view], 0)
+    poses[:, 1] = elevation_of[view]
     boxes = torch.empty(len(best), 4, dtype=torch.float64)
-    for k, (_, model) in enumerate(models):
-        mine = (view // each == k).nonzero()[:, 0]
+    for k, model in enumerate(models):
+        mine = (model_of[view] == k).nonzero()[:, 0]
         if len(mine):
-            upright = fit_to_box(poses[mine], model.hull, model.camera, FILL)
-            upright[:, 3] = best[mine, 5]
-            angle = torch.deg2rad(upright[:, 3])
-            x, y = upright[:, 4].clone(), upright[:, 5].clone()
-            upright[:, 4], upright[:, 5] = angle.cos() * x + angle.sin() * y, angle.cos() * y - angle.sin() * x
-            poses[mine] = upright
-            boxes[mine] = bounding_boxes(upright, model.hull, model.camera)
-    boxes = boxes / (shrink * zoom)[:, None] + best[:, [2, 3, 2, 3]]
-    kept = suppress_overlaps(boxes, count, _OVERLAP)
-    names = tuple(models[k][0] for k in (view[kept] // each).tolist())
-    return Places(best[kept, 0], names, poses[kept], boxes[kept])
+            boxes[mine] = _boxes(model, poses[mine], best[mine, 5])
+    boxes = boxes / (shrink * best[:, 4])[:, None] + best[:, [2, 3, 2, 3]]
+    return [Box.of(sides) for sides in boxes[suppress_overlaps(boxes, count, _OVERLAP)].tolist()]
 
 
-def _levels(
-    image: Tensor, background: Background, size: tuple[int, int], shrink: int, tilts: Sequence[float]
-) -> Iterator[_Level]:
+def _boxes(model: PreparedModel, poses: Tensor, tilts: Tensor) -> Tensor:
+    """Boxes (K, 4) from the crop's middle around level poses (K, 6) that fill it, turned by tilts (K,), degrees."""
+    upright = fit_to_box(poses, model.hull, model.camera, FILL)
+    angle = torch.deg2rad(tilts)
+    x, y = upright[:, 4].clone(), upright[:, 5].clone()
+    upright[:, 3] = tilts
+    upright[:, 4], upright[:, 5] = angle.cos() * x + angle.sin() * y, angle.cos() * y - angle.sin() * x
+    return bounding_boxes(upright, model.hull, model.camera)
+
+
+def _levels(image: Tensor, background: Background, shrink: int, tilts: Sequence[float]) -> Iterator[_Level]:
     """The photograph at all scales and tilts, from the finest on."""
     spec = background.spec
+    size = spec.grid(SIDE // shrink, SIDE // shrink)
     height, width = image.shape[1:]
     fill = FILL / shrink
     largest = float(max(height, width))
@@ -155,21 +138,22 @@ def _levels(
             sine, cosine = abs(math.sin(angle)), math.cos(angle)
             needed = shape[0] * cosine + shape[1] * sine, shape[0] * sine + shape[1] * cosine
             cells = [max(math.ceil(side / cell) + 2 * BORDER, least) for side, least in zip(needed, size, strict=True)]
-            sides = spec.image_size(*cells)
-            canvas = turned(photograph[0, 0], [tilt], 1.0, sides)
+            canvas = turned(photograph[0, 0], [tilt], 1.0, spec.image_size(*cells))
             descriptor = describe(canvas[:, None], spec)
             whitener = whitener_of(background, *descriptor.shape[2:])
-            at = [(torch.arange(n, dtype=torch.float64) - (n - 1) / 2) * cell for n in descriptor.shape[2:]]
-            one, turn = torch.ones(1, dtype=torch.float64), torch.tensor([tilt], dtype=torch.float64)
-            x, y = places(at, one, turn)
-            valid = (x.abs() <= shape[1] / 2) & (y.abs() <= shape[0] / 2)
-            weights = whitener(whitener.centred(descriptor) * valid[:, None])[0]
-            down, across = (n - least + 1 for n, least in zip(weights.shape[1:], size, strict=True))
-            at = [(torch.arange(n, dtype=torch.float64) - (n - 1) / 2) * cell for n in (down, across)]
-            x, y = (part[0] for part in places(at, one, turn))
-            inside = (x.abs() <= shape[1] / 2) & (y.abs() <= shape[0] / 2)
-            middles = torch.stack([x / zoom + width / 2, y / zoom + height / 2], 2)
+            _, valid = _cell_places(descriptor.shape[2:], cell, tilt, shape)
+            weights = whitener(whitener.centred(descriptor) * valid)[0]
+            windows = [n - least + 1 for n, least in zip(weights.shape[1:], size, strict=True)]
+            at, inside = _cell_places(windows, cell, tilt, shape)
+            middles = at / zoom + torch.tensor([width / 2, height / 2], dtype=torch.float64)
             yield _Level(weights, middles, inside, zoom, tilt)
+
+
+def _cell_places(counts: Sequence[int], cell: int, tilt: float, shape: tuple[int, int]) -> tuple[Tensor, Tensor]:
+    """x, y from the middle (rows, cols, 2) of a grid of cells on a turned image, and whether they are in the image."""
+    grid = [(torch.arange(count, dtype=torch.float64) - (count - 1) / 2) * cell for count in counts]
+    x, y = (part[0] for part in places(grid, torch.ones(1, dtype=torch.float64), torch.tensor([tilt]).double()))
+    return torch.stack([x, y], 2), (x.abs() <= shape[1] / 2) & (y.abs() <= shape[0] / 2)
 
 
 def _correlations(weights: Tensor, views: Tensor) -> Tensor:

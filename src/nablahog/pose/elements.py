@@ -1,7 +1,7 @@
 """Discriminative visual elements (Section 3.2): the patches of a descriptor that are least like other photographs.
 
-As by Aubry et al. ("Seeing 3D chairs", released code): every patch is whitened by the background, the norm says
-how discriminative it is, overlapping ones are left out, and the scores of the rest are brought to one scale.
+As by Aubry et al. ("Seeing 3D chairs", released code): every patch is whitened by the background, its norm says how
+discriminative it is, and of overlapping patches the most discriminative is kept.
 """
 
 from __future__ import annotations
@@ -13,13 +13,7 @@ from torch import Tensor
 
 from .whitening import Background
 
-EMPTY = 0.01  # a cell whose entries sum up to no more is background of a rendering, and says nothing
-FALSE_POSITIVES = 3.15
-"""The score that one of 10,000 patches of photographs reaches, in standard deviations √(wᵀΣw) of the model.
-
-Measured on the photographs that come with scikit-image: 2.9…3.4 for elements of 5x5 and 10x10 cells.  Were scores
-normally distributed with the variance of photographs, it would be 2.6; with that of the model, which has λ in it, 3.7.
-"""
+EMPTY = 0.01  # sum of a cell's entries up to which it is the plain background of a rendering
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -31,16 +25,12 @@ class Elements:
         patches: (N, r, c, C), q.
         weights: (N, r, c, C), w = Σ⁻¹(q − μ), 0 in empty cells: wᵀx is how much x looks like the element.
         discriminability: (N,), ‖Σ^-½(q − μ)‖.
-        scale, offset: (N,), a and b: a·wᵀx + b is −1 for the mean of photographs, and 0 for the patch that is the best
-            of 10,000.
     """
 
     positions: Tensor
     patches: Tensor
     weights: Tensor
     discriminability: Tensor
-    scale: Tensor
-    offset: Tensor
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -49,28 +39,6 @@ class Elements:
         """Number and size, not the patches."""
         rows, cols, channels = self.patches.shape[1:]
         return f"<Elements: {len(self)} of {rows}x{cols} cells with {channels} channels>"
-
-    def gather(self, descriptors: Tensor) -> Tensor:
-        """The same regions of other descriptors: (B, rows, cols, C) to (B, N, r, c, C), differentiable."""
-        rows, cols = self._cells()
-        return descriptors[:, rows, cols]
-
-    def scatter(self, values: Tensor, rows: int, cols: int) -> Tensor:
-        """Values of the elements (N, r, c, C), added at their places in a descriptor: (rows, cols, C).
-
-        The adjoint of :meth:`gather`: Σ ⟨values, gather(x)⟩ is ⟨scatter(values), x⟩, one product for each descriptor.
-        """
-        out = values.new_zeros(rows, cols, values.shape[-1])
-        return out.index_put_(self._cells(), values, accumulate=True)
-
-    def _cells(self) -> tuple[Tensor, Tensor]:
-        """Rows (N, r, 1) and columns (N, 1, c) of the cells."""
-        height, width = self.patches.shape[1:3]
-        row, col = self.positions[:, 0], self.positions[:, 1]
-        return (
-            (row[:, None] + torch.arange(height, device=row.device))[:, :, None],
-            (col[:, None] + torch.arange(width, device=col.device))[:, None, :],
-        )
 
 
 def all_patches(descriptor: Tensor, size: tuple[int, int]) -> Tensor:
@@ -100,7 +68,7 @@ def elements(
         threshold: the least discriminability, in that of an empty patch, √(μᵀΣ⁻¹μ).
 
     Returns:
-        At most ``count``, possibly none: a descriptor smaller than ``size``, or an empty one, has no element.
+        At most ``count``; none of an empty descriptor, or of one smaller than ``size``.
 
     Raises:
         ValueError: the descriptor is of another shape or type, an option is out of range, or the background knows no
@@ -136,9 +104,7 @@ def elements(
     kept = suppress_overlaps(corners, count, overlap)
     chosen = order[kept]
     best = flat[chosen]
-    weights = element_weights(best, background)
-    scale, offset = calibration(weights, background)
-    return Elements(positions[kept], best, weights, discriminability[chosen], scale, offset)
+    return Elements(positions[kept], best, element_weights(best, background), discriminability[chosen])
 
 
 def most_discriminative(patches: Tensor, background: Background, threshold: float) -> tuple[Tensor, Tensor]:
@@ -155,13 +121,6 @@ def most_discriminative(patches: Tensor, background: Background, threshold: floa
 def element_weights(patches: Tensor, background: Background) -> Tensor:
     """w of :class:`Elements` for patches (N, r, c, C)."""
     return background.whiten(patches) * (patches.abs().sum(dim=3, keepdim=True) > EMPTY)
-
-
-def calibration(weights: Tensor, background: Background) -> tuple[Tensor, Tensor]:
-    """a and b of :class:`Elements`, each (N,), for weights (N, r, c, C)."""
-    of_mean = (weights * background.template_mean(*weights.shape[1:3]).to(weights)).sum(dim=(1, 2, 3))
-    scale = 1 / (FALSE_POSITIVES * background.deviation(weights))
-    return scale, -scale * of_mean - 1
 
 
 def suppress_overlaps(corners: Tensor, count: int | None, overlap: float) -> Tensor:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, get_args
 
 import numpy as np
 import torch
@@ -19,32 +19,24 @@ from ..hog.box import Box
 from ..hog.inputs import ArrayImage, image_batch, is_pil
 from ..io.exif import exif_focal
 from ..render import Mesh
-from ..render.renderer import Method
-from .ascent import momentum_ascent
-from .coarse_to_fine import coarse_to_fine
-from .confidence import confidence
-from .crop import check_photograph, crop_object, typical_camera
-from .detection import EVERY, find_places
-from .mask import masked
-from .options import Ascent, FocalSource, SearchMethod, SimilarityKind
-from .placement import equidistant_azimuths
-from .pose_estimate import PoseEstimate, estimate_at
-from .prepared import DETAIL, PreparedModel, PreparedPhotograph, coarse_background, prepared_model
-from .problem import ELEVATIONS, PoseProblem, RunnerUp, SearchResult, SearchTrace, allowed_azimuths
-from .viewpoint_evidence import ViewpointChoice, chosen_viewpoints
-from .views import VIEW_COUNT
+from .best_search import best_search
+from .crop import check_photograph, crop_object, masked, typical_camera
+from .detection import find_boxes
+from .model import prepared_model
+from .options import FocalSource, Lens, SearchMethod, SimilarityKind
+from .paper_search import exhaustive_search, paper_search
+from .photograph import PreparedPhotograph
+from .pose_estimate import PoseEstimate
+from .problem import PoseProblem
+from .viewpoint_prior import ViewpointChoice, chosen_viewpoints
 from .whitening import Background
 
-EVERY_DEGREE = 360
-PLACES, PLACES_OF_SEVERAL = 6, 2  # of an object without a box, that are looked at closely: of one model, of several
-DETECTORS = 8  # models, at most, whose views are compared with the whole photograph; more add time, hardly places
-DETECTED_FROM = (0.0, 20.0, 40.0, 65.0)  # degrees of elevation, where nothing is known of it
-DETECTED_TILTS = (-30.0, 0.0, 30.0)  # degrees, likewise
-UPRIGHT = (0.0,)
-PAPER_STARTS = 8  # azimuths all around, beside the initial one
-LEARNING_RATE = 2.0  # of the paper's methods
-PAPER_RENDERERS: dict[SearchMethod, tuple[Method, int]] = {"paper": ("opendr", 1), "paper-edges": ("edges", 2)}
-"""How the paper's methods differentiate renderings, and with how many samples along the side of a pixel."""
+SEARCHES: dict[SearchMethod, Callable[[PoseProblem], PoseEstimate]] = {
+    "best": best_search,
+    "paper": partial(paper_search, method="paper"),
+    "paper-edges": partial(paper_search, method="paper-edges"),
+    "exhaustive": exhaustive_search,
+}
 
 
 def estimate_pose(
@@ -59,7 +51,6 @@ def estimate_pose(
     principal_point: Sequence[float] | None = None,
     method: SearchMethod = "best",
     similarity: SimilarityKind | None = None,
-    ascent: Ascent = "quadratic",
     background: Background | None = None,
     viewpoints: ViewpointChoice = "default",
     seed: int = 0,
@@ -79,10 +70,10 @@ def estimate_pose(
         box: x0, y0, x1, y1 of the object, pixels.  It may be rough, or cut off, for ``"best"`` with the calibrated
             similarity, which searches around it, and by default anywhere in the photograph; all others take it as it
             is, by default as the whole photograph.
-        mask: (H, W), bool, true where the object is: what is elsewhere does not count.  The box may be left out.
+        mask: (H, W), bool, true where the object is; the rest of the photograph is ignored.  The box may be left out.
         initial: azimuth and elevation to begin at, degrees; by default unknown.  The object is upright then, or nearly.
-        within: degrees of azimuth on both sides of the initial one that ``"best"`` searches; by default all, so that
-            the initial azimuth says nothing.
+        within: degrees of azimuth on both sides of the initial one that ``"best"`` searches; by default all: the
+            initial azimuth has no influence.
         focal: focal length of the photograph's camera, pixels, so that the distance is the true one; ``"exif"``: what
             the EXIF data of a PIL image says, as :func:`nablahog.io.exif.read_exif_focal`; by default such that an
             object that fills its box is seen from three of its diagonals.
@@ -93,23 +84,21 @@ def estimate_pose(
             photograph's visual elements, OpenDR's derivatives, momentum over azimuth and every few steps over distance,
             from the initial pose and 8 azimuths around.  ``"paper-edges"``: the same with the renderer's derivative of
             the area that edges cover.  ``"exhaustive"``: every degree of azimuth at the initial elevation.
-        similarity: ``"patches"``, ``"whitened"`` or ``"calibrated"``, see :mod:`.similarity`; by default ``"patches"``
+        similarity: ``"patches"`` or ``"calibrated"``, see :mod:`.similarity`; by default ``"patches"``
             for the paper's methods and ``"calibrated"`` for the others.
-        ascent: of ``"best"``: ``"quadratic"``, fits of a quadratic to samples, see :mod:`.ascent`;
-            ``"momentum"`` and ``"lbfgs"`` follow single derivatives.
         background: of the coarse descriptor, which also says which descriptor that is; by default that of
-            :func:`.prepared.pose_spec`, learned from photographs that come with scikit-image.
+            :func:`.background.pose_spec`, learned from photographs that come with scikit-image.
         viewpoints: a prior that says from which side an object is seen, for ``"best"`` among several models, see
-            :mod:`.viewpoint_evidence`; it counts only where it knows the class that the models are of.  By default
+            :mod:`.evidence`; it counts only where it knows the class that the models are of.  By default
             that of chairs that comes with the package; None for none.
-        seed: of what is sampled.
+        seed: of random samples.
         progress: called with the models done, their number and the name of the one at work.
         watch: called with the name of a model and each pose (6,) that the search comes to, for the object's crop, see
             :func:`.crop.crop_object`.  An exception that it raises ends the search.
 
     Returns:
-        The pose for the photograph, with the camera it is meant for.  Its distance goes with that camera's lens: how
-        strong the perspective was, a photograph of one object hardly tells.
+        The pose for the photograph, with its camera.  The distance depends on the camera's focal length, which a
+        photograph of one object hardly tells.
 
     Raises:
         ValueError: the photograph, the box, the models or an option is none of the above.
@@ -125,72 +114,39 @@ def estimate_pose(
     meshes = {"": models} if isinstance(models, Mesh) else dict(models)
     if not meshes:
         raise ValueError("expected at least one model, got none")
-    _check_options(method=(method, SearchMethod), ascent=(ascent, Ascent))
+    _check_option("method", method, SearchMethod)
     if similarity is not None:
-        _check_options(similarity=(similarity, SimilarityKind))
-    image = one_image(photograph)
-    view = _checked_view(initial)
+        _check_option("similarity", similarity, SimilarityKind)
     if not 0 < within <= 180:
         raise ValueError(f"within must be above 0 and at most 180 degrees, got {within!r}")
+    image, view = one_image(photograph), _checked_view(initial)
     lens = known_lens(photograph, focal, principal_point, image)
+    check_photograph(image)
     if mask is not None:
-        check_photograph(image)
         image, box = masked(image, torch.as_tensor(mask), box)
+    whole = Box(0.0, 0.0, float(image.shape[2]), float(image.shape[1]))
     prepared = {name: prepared_model(mesh, typical_camera()) for name, mesh in meshes.items()}
     others: tuple[Box, ...] | None = None
     if box is None and method == "best" and similarity in (None, "calibrated"):
-        check_photograph(image)
-        box, *rest = _boxes(image, prepared, view, within, background)
+        box, *rest = *find_boxes(image, list(prepared.values()), view, within, background), whole
         others = tuple(rest)
-    elif box is None:
-        check_photograph(image)
-        box = (0.0, 0.0, float(image.shape[2]), float(image.shape[1]))
-    crop = crop_object(image, box, focal=lens.focal, axis=lens.axis)
+    crop = crop_object(image, whole if box is None else box, focal=lens.focal, axis=lens.principal_point)
     problem = PoseProblem(
         image,
         PreparedPhotograph(crop, background),
-        prepared,
-        others,
-        view,
-        within,
-        similarity,
-        ascent,
-        chosen_viewpoints(viewpoints),
-        torch.Generator().manual_seed(seed),
-        progress,
-        watch,
-    )
-    result = SEARCHES[method](problem)
-    evidence = result.evidence
-    pose, camera = crop.in_photograph(result.pose, *image.shape[1:])
-    return estimate_at(
-        pose,
-        camera,
-        model=result.model,
-        similarity=result.similarity,
-        similarity_kind=result.kind,
-        crop_pose=result.pose,
-        renderings=result.renderings,
-        box=Box.of(map(float, box)),
-        confidence=None if evidence is None else confidence(evidence, known_model=len(meshes) == 1),
-        equivalent_azimuths=result.same_view,
-        runners_up=tuple(
-            RunnerUp(name, crop.in_photograph(other, *image.shape[1:])[0], share)
-            for name, other, share in result.runners_up
-        ),
-        traces=result.traces,
+        box=whole if box is None else Box.of(map(float, box)),
+        other_boxes=others,
+        models=prepared,
+        initial=view,
+        within=within,
+        similarity=similarity,
+        viewpoints=chosen_viewpoints(viewpoints),
         focal_from=lens.source,
-        principal_point=lens.axis,
-        from_original=meshes[result.model].from_original,
+        generator=torch.Generator().manual_seed(seed),
+        progress=progress,
+        watch=watch,
     )
-
-
-class Lens(NamedTuple):
-    """What is known of the photograph's camera: focal length and x, y of the optical axis, pixels, or neither."""
-
-    focal: float | None
-    axis: tuple[float, float] | None
-    source: FocalSource
+    return SEARCHES[method](problem)
 
 
 def known_lens(photograph: object, focal: object, principal_point: Sequence[float] | None, image: Tensor) -> Lens:
@@ -217,23 +173,6 @@ def known_lens(photograph: object, focal: object, principal_point: Sequence[floa
     return Lens(float(focal), (float(principal_point[0]), float(principal_point[1])), source)
 
 
-def _boxes(
-    image: Tensor,
-    models: Mapping[str, PreparedModel],
-    initial: tuple[float, float] | None,
-    within: float,
-    background: Background | None,
-) -> list[Box]:
-    """Where the object may be, the likeliest first."""
-    elevations, tilts = (DETECTED_FROM, DETECTED_TILTS) if initial is None else ((initial[1],), UPRIGHT)
-    allowed = allowed_azimuths(equidistant_azimuths(VIEW_COUNT // EVERY), initial, within)
-    some = list(models.items())[:: math.ceil(len(models) / DETECTORS)]
-    places = PLACES if len(models) == 1 else PLACES_OF_SEVERAL
-    found = find_places(image, some, elevations, tilts, *coarse_background(background), allowed, places)
-    whole = Box(0.0, 0.0, float(image.shape[2]), float(image.shape[1]))
-    return [*(Box.of(sides) for sides in found.boxes.tolist()), whole]
-
-
 def one_image(photograph: Tensor | ArrayImage) -> Tensor:
     """(C, H, W) of a photograph, in 0…1 unless it is a tensor, which stays as it is."""
     if isinstance(photograph, Tensor):
@@ -244,10 +183,9 @@ def one_image(photograph: Tensor | ArrayImage) -> Tensor:
     return images[0] / 255 if images.dtype == torch.uint8 else images[0]
 
 
-def _check_options(**options: tuple[str, object]) -> None:
-    for name, (value, literal) in options.items():
-        if value not in get_args(literal):
-            raise ValueError(f"{name} must be one of {', '.join(map(repr, get_args(literal)))}, got {value!r}")
+def _check_option(name: str, value: object, literal: object) -> None:
+    if value not in get_args(literal):
+        raise ValueError(f"{name} must be one of {', '.join(map(repr, get_args(literal)))}, got {value!r}")
 
 
 def _checked_view(initial: Sequence[float] | None) -> tuple[float, float] | None:
@@ -256,48 +194,3 @@ def _checked_view(initial: Sequence[float] | None) -> tuple[float, float] | None
     if len(initial) != 2 or not all(map(math.isfinite, initial)) or not -90 <= initial[1] <= 90:
         raise ValueError(f"initial must be a finite azimuth and an elevation in -90…90, got {initial}")
     return initial[0], initial[1]
-
-
-def _paper(problem: PoseProblem, *, method: SearchMethod) -> SearchResult:
-    """Momentum from the initial pose and azimuths around, with the renderer of one of the paper's methods."""
-    kind = problem.similarity or "patches"
-    template = problem.photograph.template(kind)
-    azimuth, elevation = problem.initial or (0.0, ELEVATIONS[1])
-    azimuths = torch.cat([equidistant_azimuths(1, azimuth), equidistant_azimuths(PAPER_STARTS)])
-    best, traces, renderings = [], [], 0
-    for name, model in problem.each_model():
-        similarity = model.similarity(template, *PAPER_RENDERERS[method], camera=problem.photograph.crop.camera)
-        starts = problem.level_views(model, azimuths, elevation)
-        poses, values, path = momentum_ascent(
-            similarity, starts, learning_rate=LEARNING_RATE, visit=partial(problem.watch, name)
-        )
-        top = int(values.argmax())
-        best.append((float(values[top]), name, poses[top]))
-        traces += [SearchTrace(name, tuple(one[:, 0].tolist()), tuple(one[:, 1].tolist())) for one in path.unbind(1)]
-        renderings += similarity.renderings
-    value, name, pose = max(best, key=lambda one: one[0])
-    return SearchResult(name, pose, value, kind, renderings, tuple(traces))
-
-
-def _exhaustive(problem: PoseProblem) -> SearchResult:
-    kind = problem.similarity or "calibrated"
-    template = problem.photograph.template(kind)
-    best, renderings = [], 0
-    for name, model in problem.each_model():
-        similarity = model.similarity(template, detail=DETAIL, camera=problem.photograph.crop.camera)
-        for elevation in problem.elevations:
-            poses = problem.level_views(model, equidistant_azimuths(EVERY_DEGREE), elevation)
-            values = similarity.values(poses)
-            top = int(values.argmax())
-            best.append((float(values[top]), name, poses[top]))
-        renderings += similarity.renderings
-    value, name, pose = max(best, key=lambda one: one[0])
-    return SearchResult(name, pose, value, kind, renderings)
-
-
-SEARCHES: dict[SearchMethod, Callable[[PoseProblem], SearchResult]] = {
-    "best": coarse_to_fine,
-    "paper": partial(_paper, method="paper"),
-    "paper-edges": partial(_paper, method="paper-edges"),
-    "exhaustive": _exhaustive,
-}

@@ -2,10 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
-SimilarityKind: TypeAlias = Literal["patches", "whitened", "calibrated"]
+SimilarityKind: TypeAlias = Literal["patches", "calibrated"]
 SearchMethod: TypeAlias = Literal["best", "paper", "paper-edges", "exhaustive"]
-Ascent: TypeAlias = Literal["quadratic", "momentum", "lbfgs"]
 FocalSource: TypeAlias = Literal["given", "exif", "assumed"]
 ORDER = 9  # the largest offset in cells of a background: for templates of up to 10x10
+
+
+class Lens(NamedTuple):
+    """What is known of a photograph's camera.
+
+    Attributes:
+        focal: focal length, pixels; None if unknown.
+        principal_point: x, y where the optical axis meets the photograph, pixels; None if unknown, or its middle.
+        source: where the focal length is from.
+    """
+
+    focal: float | None
+    principal_point: tuple[float, float] | None
+    source: FocalSource

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -11,11 +10,25 @@ from torch import Tensor
 from ..hog.box import Box
 from ..render import Camera, Mesh
 from ..render.rigid import MatrixConvention, in_convention, moved_before, pose_matrix, turn_to
+from .fit_box import VIEW_COUNT
 from .options import FocalSource, SimilarityKind
-from .problem import RunnerUp, SearchTrace
-from .views import VIEW_COUNT
 
-_NEIGHBOURS = 8  # views next to one of 48 that may look otherwise, and yet all do
+_NEIGHBOURS = 8  # of 48 views that may differ although a model looks the same all around
+
+
+@dataclass(frozen=True, eq=False)
+class SearchTrace:
+    """The poses that a search from one start went through.
+
+    Attributes:
+        model: the model's name.
+        azimuths: degrees, in order, of any turn.
+        similarities: at these poses.
+    """
+
+    model: str
+    azimuths: tuple[float, ...]
+    similarities: tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -32,15 +45,18 @@ class PoseEstimate:
         x, y: pixels of the photograph, to the right and down from its middle to the image of the object's origin.
         camera: that these are meant for; it sees the whole photograph, and looks straight at the object.
         model: the name of the best model; "" for a single mesh.
-        similarity: of its rendering to the photograph.
-        similarity_kind: ``"patches"``, ``"whitened"`` or ``"calibrated"``, see :mod:`.similarity`; a calibrated one is
-            in standard deviations over photographs of anything, the others have no unit.
+        similarity: of its rendering to the photograph; of a runner-up that of the coarse descriptor, if the search came
+            no closer.
+        similarity_kind: ``"patches"`` or ``"calibrated"``, see :mod:`.similarity`; a calibrated one is in standard
+            deviations over photographs of anything, one of patches has no unit.
         crop_pose: (6,), float64: the same pose for the object's crop, see :func:`.crop.crop_object`.
         box: of the object, pixels: the one given, or the one where it was found.
         confidence: probability that the azimuth is within 15°, in 0…1, see :mod:`.confidence`; None for similarities
             other than ``"calibrated"`` and methods other than ``"best"``.
         equivalent_azimuths: others from which the model looks the same, degrees; see :attr:`any_azimuth`.
-        runners_up: the best poses from other sides, as those of ``camera``, the best first.
+        runners_up: the best poses from other sides, the best first.
+        share: of a runner-up, its part of the best pose's similarity; among several models, of the votes for the best
+            one's side.  1 for the best pose itself.
         renderings: compared with the photograph, cached views included.
         traces: of the searches from all starts; empty for ``"exhaustive"``.
         focal_from: where the focal length is from: ``"given"``, ``"exif"``, or ``"assumed"``; then the distance is no
@@ -76,7 +92,8 @@ class PoseEstimate:
     traces: tuple[SearchTrace, ...] = ()
     confidence: float | None = None
     equivalent_azimuths: tuple[float, ...] = ()
-    runners_up: tuple[RunnerUp, ...] = ()
+    runners_up: tuple[PoseEstimate, ...] = ()
+    share: float = 1.0
     focal_from: FocalSource = "assumed"
     principal_point: tuple[float, float] | None = None
     from_original: Tensor = field(default_factory=lambda: torch.eye(4, dtype=torch.float64))
@@ -168,9 +185,3 @@ class PoseEstimate:
             ]
             motion[:3] = turn_to(torch.tensor([*aside, 1.0], dtype=torch.float64)).T @ motion[:3]
         return motion
-
-
-def estimate_at(pose: Tensor, camera: Camera, **others: Any) -> PoseEstimate:
-    """The estimate of a pose (6,) for a camera that sees the whole photograph, and all other attributes."""
-    azimuth, elevation, distance, theta, x, y = pose.tolist()
-    return PoseEstimate(azimuth % 360, elevation, distance, theta, x, y, camera, **others)

@@ -1,36 +1,36 @@
 """How much a rendering's HOG is like the photograph's (Section 3.2), with its derivative by the pose.
 
-* ``patches``, the paper's: Σ ⟨φ(P_I), φ(P_f)⟩ over the visual elements P_I of the photograph, φ of each patch as an
-  image of its own, see :mod:`.patches`;
-* ``whitened``: Σ ⟨Σ⁻¹(φ(P_I) − μ), φ(P_f)⟩ over the same elements, in Aubry et al.'s descriptor of the whole crop: what
-  photographs have everywhere does not count;
-* ``calibrated``: the same over the whole window at once, divided by √(φ(P_f)ᵀ Σ⁻¹ φ(P_f)).  That is the score of the
-  rendering's own linear discriminant Σ⁻¹ φ(P_f) on the photograph, in its standard deviations over photographs of
-  anything: comparable between poses and models, however many edges they show.
+* ``patches``, the paper's: Σ ⟨φ(P_I), φ(P_f)⟩ over the visual elements P_I of the photograph.  φ is ∇HOG, Eq. 1-7, of
+  a patch of pixels as an image of its own, so that each patch has its own normaliser, Eq. 7; P_f is the patch of the
+  rendering in the same region as P_I;
+* ``calibrated``: ⟨Σ⁻¹(φ(I) − μ), φ(f)⟩ / √(φ(f)ᵀ Σ⁻¹ φ(f)) over the whole window: the score on the photograph of the
+  rendering's linear discriminant Σ⁻¹ φ(f), in its standard deviations over photographs of anything.  Poses and models
+  can be compared by it, however many edges they show.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 import torch
 from torch import Tensor
 
+from ..hog import hog
+from ..hog.box import Box
 from ..hog.engines import steps
 from ..hog.spec import HOGSpec
 from ..render import Camera, Renderer
 from ..render.pose_gradient import pose_vjp
 from ..runtime.threads import in_threads
 from .crop import ObjectCrop
-from .elements import Elements
-from .whitener import Whitener
+from .whitening import Whitener
 
 T = TypeVar("T")
 
-_BATCH = 32  # renderings at a time: small ones stay in the processor's cache
+_BATCH = 32  # renderings at a time, few enough for the processor's cache
 
 
 def describe(images: Tensor, spec: HOGSpec) -> Tensor:
@@ -55,19 +55,19 @@ class Template(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class ElementTemplate:
-    """Weights of a photograph's visual elements, or of its whole crop, that renderings are compared with.
+class CalibratedTemplate:
+    """The whitened descriptor of a whole crop, with which those of renderings are compared.
 
     Attributes:
         spec: of both descriptors.
-        weights: w, (C, rows, cols), float32.
-        whitener: of the ``calibrated`` similarity, else None.
+        weights: w = Σ⁻¹(φ(I) − μ), (C, rows, cols), float32.
+        whitener: Σ⁻¹.
         shrink: factor by which the crop is made smaller before it is described.
     """
 
     spec: HOGSpec
     weights: Tensor
-    whitener: Whitener | None = None
+    whitener: Whitener
     shrink: int = 1
 
     def similarities(self, images: Tensor) -> Tensor:
@@ -86,13 +86,11 @@ class ElementTemplate:
     def values(self, descriptors: Tensor) -> Tensor:
         """Similarities (B,) of descriptors (B, C, rows, cols)."""
         values = descriptors.flatten(1) @ self.weights.flatten()
-        return values if self.whitener is None else values / deviations(self.whitener.energies(descriptors))
+        return values / deviations(self.whitener.energies(descriptors))
 
     def values_and_gradients(self, descriptors: Tensor) -> tuple[Tensor, Tensor]:
         """Similarities (B,) of descriptors (B, C, rows, cols), and their gradients with respect to these."""
         values = descriptors.flatten(1) @ self.weights.flatten()
-        if self.whitener is None:
-            return values, self.weights.expand_as(descriptors)
         whitened = self.whitener(descriptors)
         spread = deviations((descriptors * whitened).sum(dim=(1, 2, 3)))
         values = values / spread
@@ -101,12 +99,12 @@ class ElementTemplate:
 
 
 def deviations(squared: Tensor) -> Tensor:
-    """√ of φᵀ Σ⁻¹ φ; infinite for an empty rendering, so that its similarity and gradient are 0."""
+    """√(φᵀ Σ⁻¹ φ) from its square; infinite for an empty rendering, whose similarity and gradient become 0."""
     return torch.where(squared > 1e-9, squared, torch.inf).sqrt()
 
 
-def calibrated_template(crop: ObjectCrop, spec: HOGSpec, whitener: Whitener, shrink: int = 1) -> ElementTemplate:
-    """The template Σ⁻¹(φ − μ) of a whole crop, whose cells beyond the photograph are taken for the mean μ.
+def calibrated_template(crop: ObjectCrop, spec: HOGSpec, whitener: Whitener, shrink: int = 1) -> CalibratedTemplate:
+    """The template Σ⁻¹(φ − μ) of a whole crop, whose cells beyond the photograph are replaced by the mean μ.
 
     Args:
         crop: already ``shrink`` times smaller than the one that poses are meant for.
@@ -120,16 +118,63 @@ def calibrated_template(crop: ObjectCrop, spec: HOGSpec, whitener: Whitener, shr
         (torch.arange(cells) + 0.5) * cell for cells, cell in zip(descriptor.shape[2:], spec.cell_size, strict=True)
     )
     valid = ((y >= y0) & (y <= y1))[:, None] & (x >= x0) & (x <= x1)
-    return ElementTemplate(spec, whitener(descriptor * valid)[0], whitener, shrink)
+    return CalibratedTemplate(spec, whitener(descriptor * valid)[0], whitener, shrink)
 
 
-def whitened_template(elements: Elements, spec: HOGSpec, rows: int, cols: int) -> ElementTemplate:
-    """The template of a photograph's whitened elements, of a descriptor of ``rows`` x ``cols`` cells."""
-    return ElementTemplate(spec, elements.scatter(elements.weights, rows, cols).permute(2, 0, 1).float().contiguous())
+@dataclass(frozen=True, eq=False)
+class PatchTemplate:
+    """The patches of a photograph's visual elements, with which the same patches of renderings are compared.
+
+    Attributes:
+        spec: of φ.
+        regions: of the N patches in the crop, whole pixels, all of one size, h x w.
+        descriptors: φ(P_I), (N, rows, cols, C).
+        shrink: 1, the crop is described as it is.
+    """
+
+    spec: HOGSpec
+    regions: tuple[Box, ...]
+    descriptors: Tensor
+    shrink: int = 1
+
+    def similarities(self, images: Tensor) -> Tensor:
+        """Σ ⟨φ(P_I), φ(P_f)⟩, (B,), of images (B, 1, H, W)."""
+        return self._products(cut_out(images, self.regions))
+
+    def similarities_and_gradients(self, images: Tensor) -> tuple[Tensor, Tensor]:
+        """Similarities (B,) of images (B, 1, H, W), and their gradients with respect to these."""
+        patches = cut_out(images, self.regions).requires_grad_(True)
+        with torch.enable_grad():
+            similarities = self._products(patches)
+        (grad_patches,) = torch.autograd.grad(similarities.sum(), patches)
+        grad_images = torch.zeros_like(images)
+        for (rows, cols), grad in zip(_slices(self.regions), grad_patches.unbind(1), strict=True):
+            grad_images[:, :, rows, cols] += grad  # regions may overlap
+        return similarities.detach(), grad_images
+
+    def _products(self, patches: Tensor) -> Tensor:
+        """The similarities (B,) of the patches P_f, (B, N, 1, h, w), all described at once."""
+        descriptors = hog(patches.flatten(0, 1), self.spec).reshape(len(patches), -1)
+        return descriptors @ self.descriptors.flatten()
+
+
+def patch_template(image: Tensor, regions: Sequence[Box], spec: HOGSpec) -> PatchTemplate:
+    """The template of the regions of one image (1, 1, H, W)."""
+    descriptors = hog(cut_out(image, regions)[0], spec)
+    return PatchTemplate(spec, tuple(regions), descriptors)
+
+
+def cut_out(images: Tensor, regions: Sequence[Box]) -> Tensor:
+    """Patches (B, N, 1, h, w) of images (B, 1, H, W) in N regions of one size."""
+    return torch.stack([images[:, :, rows, cols] for rows, cols in _slices(regions)], dim=1)
+
+
+def _slices(regions: Sequence[Box]) -> list[tuple[slice, slice]]:
+    return [(region.rows, region.cols) for region in regions]
 
 
 def white_background(camera: Camera) -> Tensor:
-    """What renderings have behind them, (1, H, W)."""
+    """The white background of renderings, (1, H, W)."""
     return torch.ones(1, camera.height, camera.width)
 
 
@@ -141,7 +186,7 @@ def downsampled_poses(poses: Tensor, factor: int) -> Tensor:
 def in_batches(work: Callable[[Tensor], T], poses: Tensor) -> list[T]:
     """Results of ``work`` on some poses (B, 6) at a time, in as many threads as PyTorch takes."""
     threads = torch.get_num_threads()
-    rounds = math.ceil(len(poses) / (_BATCH * threads))  # each of which has a part for every thread
+    rounds = math.ceil(len(poses) / (_BATCH * threads))  # each gives every thread a part
     parts = torch.split(poses, math.ceil(len(poses) / (rounds * threads)))
     return in_threads(lambda k: work(parts[k]), len(parts))
 

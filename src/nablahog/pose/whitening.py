@@ -1,4 +1,4 @@
-"""The background of exemplar LDA: what HOG templates are like anywhere in photographs, and how unlike that one is.
+"""Whitening (exemplar LDA): mean and covariance of HOG templates over photographs of anything, and its inverse.
 
 After Hariharan, Malik and Ramanan ("Discriminative decorrelation for clustering and classification"): the descriptor of
 photographs is taken to be stationary, so that one mean and one covariance per offset between two cells give the mean μ
@@ -7,18 +7,33 @@ and the covariance Σ of templates of any size, Σ as a block-Toeplitz matrix.
 
 from __future__ import annotations
 
+import hashlib
 import math
+from ctypes import c_int64
 from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
 from typing import ClassVar
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
+from scipy.fft import irfft2, next_fast_len, rfft2
 from torch import Tensor
+from torch.nn.functional import pad
 
+from .. import native
 from ..hog.spec import HOGSpec
 from ..io.learned_model import NUMBER, SPEC, TEXTS, LearnedModel, check_tensor, tensor
 
 LARGEST = 1e6  # entry of a mean or covariance: those of descriptors are far below 1
+_REACH = 48  # cells of a torus on which the inverse of Σ decays; windows of objects have fewer
+_MARGIN = 4  # cells between a descriptor and its copy around the torus
+_BLOCK = 16  # frequencies that are adjacent in the compiled loops' memory
+_REGULARIZATION = {8: 0.003, 4: 0.03}  # λ by the pixels of a cell, for whole windows
+
+_COMPLEX, _FLOATS = native.array(np.complex64), native.array(np.float32)
+_whiten = native.function("whiten", *[c_int64] * 3, _FLOATS, _COMPLEX, _COMPLEX)
+_energies = native.function("energies", *[c_int64] * 3, _FLOATS, _COMPLEX, _FLOATS, _FLOATS)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -26,7 +41,7 @@ class Background(LearnedModel):
     """Mean and autocovariance of a stationary descriptor, learned by :func:`.background.learn_background`.
 
     Templates are (N, rows, cols, C), float32 or float64, on any device, with at most ``order`` + 1 rows and columns.
-    What methods return has their dtype and device and is computed in float64; it is differentiable in them.
+    Results have their dtype and device, are computed in float64, and are differentiable in the templates.
 
     Attributes:
         spec: the dialect, with C channels; not globally normalised.
@@ -116,7 +131,7 @@ class Background(LearnedModel):
         return _templates(torch.linalg.solve_triangular(factor, centred, upper=False), templates)
 
     def whiten(self, templates: Tensor) -> Tensor:
-        """Σ⁻¹(q − μ), (N, rows, cols, C): the weights that tell q from the background best, by linear discriminant."""
+        """Σ⁻¹(q − μ), (N, rows, cols, C): the weights of the linear discriminant between q and the background."""
         centred, factor = self._centred(templates)
         return _templates(torch.cholesky_solve(centred, factor), templates)
 
@@ -149,7 +164,7 @@ class Background(LearnedModel):
 
 
 def check_spec(spec: HOGSpec) -> None:
-    """Raises ValueError unless a cell's descriptor depends on its neighbourhood only."""
+    """Raises ValueError if the descriptor of a cell depends on the whole image."""
     if spec.normalizer.reach() is None:
         raise ValueError(
             f"there is a background of locally normalised descriptors only: one factor for a whole image, as in "
@@ -162,14 +177,139 @@ def _templates(columns: Tensor, like: Tensor) -> Tensor:
 
 
 def _cholesky(covariance: Tensor, regularization: float) -> Tensor:
-    """Of ``covariance`` with ``regularization`` added to its diagonal as often as it takes."""
+    """The factor of ``covariance`` with λ added to its diagonal as often as it takes to be positive definite."""
     eye = torch.eye(len(covariance), dtype=covariance.dtype)
     factor: Tensor
     factor, failed = torch.linalg.cholesky_ex(covariance + regularization * eye)
     times = 1
     while failed:
-        if times == 1:  # as often as it must be, not to try in between
+        if times == 1:  # the smallest eigenvalue says how often
             times = math.floor(-float(torch.linalg.eigvalsh(covariance)[0]) / regularization)
         times = max(times, 1) + 1
         factor, failed = torch.linalg.cholesky_ex(covariance + times * regularization * eye)
     return factor
+
+
+class Whitener:
+    """Applies Σ⁻¹ to descriptors of one size, of hundreds of cells.
+
+    Σ of a stationary background is a convolution over cells, and so is its inverse far from the border.  On a torus a
+    little larger than the descriptor, the Fourier transform turns both into one C x C matrix for each frequency.
+
+    The autocovariance is known for offsets up to the background's order only: a triangular window fades it out, and λ
+    is added to the eigenvalues of each frequency's matrix.
+
+    Args:
+        background: μ and Σ.
+        rows, cols: of the descriptors, in cells.
+        regularization: λ, by default the background's.
+    """
+
+    def __init__(self, background: Background, rows: int, cols: int, regularization: float | None = None) -> None:
+        least = background.regularization if regularization is None else regularization
+        self.rows, self.cols, self.mean = rows, cols, background.mean.to(torch.float32)
+        self.size = next_fast_len(rows + _MARGIN, real=True), next_fast_len(cols + _MARGIN, real=True)
+        inverse = _inverse_spectrum(background, self.size, least)
+        self.inverse = inverse.to(torch.complex64).flatten(0, 1).permute(1, 2, 0).contiguous()  # (C, C, frequencies)
+        # half of a real signal's spectrum is stored: all but the first and the middle column count twice
+        across = np.arange(self.size[1] // 2 + 1)
+        shares = np.where(2 * across % self.size[1] == 0, 1, 2) / math.prod(self.size)
+        self._shares = _whole_blocks(torch.from_numpy(np.tile(shares.astype(np.float32), self.size[0])))
+        blocks = torch.view_as_real(torch.unflatten(_whole_blocks(self.inverse), 2, (-1, _BLOCK)))
+        self._blocks = blocks.permute(2, 0, 1, 4, 3).contiguous()  # (blocks, C, C, 2, frequencies of a block)
+
+    @cached_property
+    def digest(self) -> str:
+        """A hash of Σ⁻¹."""
+        return hashlib.sha256(repr(self.size).encode() + self.inverse.numpy().tobytes()).hexdigest()
+
+    def __call__(self, descriptors: Tensor) -> Tensor:
+        """Σ⁻¹ q: (B, C, rows, cols) to the same, float32; zeros are assumed beyond the border."""
+        spectrum = self._spectrum(descriptors)
+        if native.available():
+            whitened = np.empty_like(spectrum)
+            _whiten(*spectrum.shape, self._blocks, spectrum, whitened)
+        else:
+            whitened = torch.einsum("acf,bcf->baf", self.inverse, torch.from_numpy(spectrum)).numpy()
+        half = whitened.reshape(*whitened.shape[:2], self.size[0], -1)
+        return torch.from_numpy(irfft2(half, s=self.size, overwrite_x=True)[..., : self.rows, : self.cols])
+
+    def energies(self, descriptors: Tensor) -> Tensor:
+        """qᵀ Σ⁻¹ q of descriptors (B, C, rows, cols), (B,): by Parseval's theorem, without an inverse transform."""
+        if not native.available():
+            return (descriptors * self(descriptors)).sum(dim=(1, 2, 3))
+        spectrum = self._spectrum(descriptors)
+        energies = np.empty(len(spectrum), np.float32)
+        _energies(*spectrum.shape, self._blocks, spectrum, self._shares, energies)
+        return torch.from_numpy(energies)
+
+    def _spectrum(self, descriptors: Tensor) -> NDArray[np.complex64]:
+        """The Fourier transform of descriptors (B, C, rows, cols), (B, C, frequencies)."""
+        # PyTorch is slower at small transforms
+        spectrum = rfft2(descriptors.float().numpy(force=True), s=self.size)
+        half: NDArray[np.complex64] = spectrum.reshape(*spectrum.shape[:2], -1)
+        return half
+
+    def centred(self, descriptors: Tensor) -> Tensor:
+        """q − μ of descriptors (B, C, rows, cols)."""
+        return descriptors - self.mean[:, None, None]
+
+
+def _whole_blocks(values: Tensor) -> Tensor:
+    """Values (…, frequencies), padded with zeros to whole blocks of frequencies."""
+    return pad(values, (0, -values.shape[-1] % _BLOCK))
+
+
+def _inverse_spectrum(background: Background, size: tuple[int, int], least: float) -> Tensor:
+    """(Σ + λ)⁻¹ at the frequencies of a torus, (rows, cols / 2 + 1, C, C), complex.
+
+    It decays over cells: on a large torus it is that of a smaller one, padded with zeros.
+    """
+    if min(size) <= _REACH:
+        return _inverted(background, size, least)
+    cells = _inverse_cells(background, least)
+    torus = cells.new_zeros(*size, *cells.shape[2:])
+    half = _REACH // 2
+    for rows in (slice(None, half), slice(-half, None)):
+        for cols in (slice(None, half), slice(-half, None)):
+            torus[rows, cols] = cells[rows, cols]
+    spectrum: Tensor = torch.fft.rfft2(torus, dim=(0, 1))
+    return spectrum
+
+
+@lru_cache(maxsize=8)
+def _inverse_cells(background: Background, least: float) -> Tensor:
+    """(Σ + λ)⁻¹ by the offset between two cells, (_REACH, _REACH, C, C)."""
+    size = _REACH, _REACH
+    cells: Tensor = torch.fft.irfft2(_inverted(background, size, least), s=size, dim=(0, 1))
+    return cells
+
+
+def _inverted(background: Background, size: tuple[int, int], least: float) -> Tensor:
+    """(Σ + λ)⁻¹ at the frequencies of a torus, one by one."""
+    # entry [dy, dx, a, b] is E a(y) b(y + d): Σ maps b to a by correlation, the conjugate of convolution
+    spectrum = torch.fft.rfft2(_on_torus(background, size), dim=(0, 1)).conj()
+    spectrum = (spectrum + spectrum.mH) / 2
+    values, vectors = torch.linalg.eigh(spectrum)
+    inverse: Tensor = (vectors / (values.clamp(min=0) + least)[..., None, :]) @ vectors.mH
+    return inverse
+
+
+def _on_torus(background: Background, size: tuple[int, int]) -> Tensor:
+    """The autocovariance at all offsets on a torus, (rows, cols, C, C), faded out at the background's order."""
+    order = background.order
+    above = background.covariance[1:].flip(0, 1).mT
+    offsets = torch.cat([above, background.covariance])  # (2 · order + 1, 2 · order + 1, C, C)
+    fade = 1 - torch.arange(-order, order + 1, dtype=torch.float64).abs() / (order + 1)
+    offsets = offsets * (fade[:, None] * fade)[:, :, None, None]
+    torus = offsets.new_zeros((*size, *offsets.shape[2:]))
+    dy, dx = (torch.arange(-order, order + 1) % side for side in size)
+    # offsets beyond half the torus coincide with others: both are added
+    torus.index_put_((dy[:, None], dx[None, :]), offsets, accumulate=True)
+    return torus
+
+
+@lru_cache(maxsize=64)
+def whitener_of(background: Background, rows: int, cols: int) -> Whitener:
+    """The whitener of descriptors of a size, made once."""
+    return Whitener(background, rows, cols, _REGULARIZATION.get(background.spec.cell_size[0]))

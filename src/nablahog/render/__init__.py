@@ -10,9 +10,9 @@ from .conventions import (
 )
 from .gbuffer import depth_and_normals, silhouette
 from .mesh import Mesh, load_mesh
+from .mesh_archive import sample_chairs
 from .pose_gradient import pose_jacobian, pose_vjp
 from .renderer import Renderer, render
-from .sample_chairs import sample_chairs
 from .shading import Light
 
 __all__ = [

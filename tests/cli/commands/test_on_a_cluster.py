@@ -25,7 +25,7 @@ from nablahog.jobs.worker import attempt
 from nablahog.paper.baselines.bovw import BoVW
 from nablahog.paper.baselines.bovw_learning import learn_bovw
 from nablahog.paper.learned import LEARNED
-from nablahog.pose.background import Background
+from nablahog.pose.whitening import Background
 
 from ..common import FAST, SMALL, names
 

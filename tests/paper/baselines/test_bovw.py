@@ -202,9 +202,3 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
 @pytest.mark.parametrize("what", WRONG)
 def test_wrong_contents(tmp_path: Path, what: str) -> None:
     check_refused(tiny_models.bovw(), tmp_path / "w.npz", *WRONG[what])
-
-
-def test_the_smallest_vocabulary() -> None:
-    model = tiny_models.bovw()
-    result = model.reconstruct(torch.tensor([[1.0, 0, 1]]))
-    torch.testing.assert_close(result.image, torch.full((1, 1, 16, 20), 0.5))

@@ -5,27 +5,20 @@ from __future__ import annotations
 import argparse
 import math
 import re
-from collections.abc import Callable
 from typing import get_args
 
-from ...pose.options import SearchMethod, SimilarityKind
+from ...pose.options import SearchMethod
 from . import options
 from .options import Parser, numbers
 
 LEAST_CONFIDENCE = 0.3
 
 
-def _positive(most: float) -> Callable[[str], float]:
-    """Parses one number above 0, and at most ``most``."""
-
-    def parse(text: str) -> float:
-        (number,) = numbers("NUMBER")(text)
-        if not 0 < number <= most:
-            limit = f" and at most {most:g}" if most < math.inf else ""
-            raise argparse.ArgumentTypeError(f"expected a number above 0{limit}, got {text!r}")
-        return number
-
-    return parse
+def _degrees(text: str) -> float:
+    (number,) = numbers("DEGREES")(text)
+    if not 0 < number <= 180:
+        raise argparse.ArgumentTypeError(f"expected a number above 0 and at most 180, got {text!r}")
+    return number
 
 
 def _view(text: str) -> tuple[float, ...]:
@@ -49,43 +42,36 @@ def _probability(text: str) -> float:
 
 
 def _focal(text: str) -> float | str:
-    return text if text in ("exif", "unknown") else _positive(math.inf)(text)
+    if text in ("exif", "unknown"):
+        return text
+    (number,) = numbers("PIXELS")(text)
+    if not 0 < number < math.inf:
+        raise argparse.ArgumentTypeError(f"expected a number above 0, exif or unknown, got {text!r}")
+    return number
 
 
-def camera(command: argparse.ArgumentParser) -> None:
-    """Adds the options that say what is known of the camera."""
-    lens = command.add_mutually_exclusive_group()
-    lens.add_argument(
-        "--focal",
-        type=_focal,
-        metavar="PIXELS|exif|unknown",
-        help="focal length of the camera, in pixels of the photograph; exif: as the file says, an error if it does "
-        "not; unknown: such that an object that fills its box is 3 of its diagonals away (default: as the file says, "
-        "if it does, else unknown)",
-    )
-    lens.add_argument(
-        "--field-of-view",
-        type=_positive(179),
-        metavar="DEGREES",
-        help="of the camera from the upper to the lower border of the photograph, instead of --focal",
+def pose(commands: argparse._SubParsersAction[Parser]) -> None:
+    """Adds ``nablahog pose``."""
+    command = commands.add_parser(
+        "pose",
+        help="find the pose of objects from CAD models",
+        description="Finds the viewpoint of objects in photographs: the pose at which the HOG of a rendering of a CAD "
+        "model is most similar to the photograph's. Of several models it takes the one that fits best. Without --mesh "
+        "these are chairs that come with nablahog, of all common kinds. Writes poses.csv, poses.json and the page "
+        "index.html.",
     )
     command.add_argument(
-        "--principal-point",
-        type=numbers("x,y"),
-        metavar="x,y",
-        help="where the optical axis meets the photograph, in pixels from the upper left corner, if the focal length "
-        "is known (default: the middle)",
+        "photo",
+        type=options.path,
+        metavar="PHOTO",
+        help="an image of any format that Pillow reads; with --annotations the folder of the photographs",
     )
-
-
-def models(command: argparse.ArgumentParser, several: str, *, required: bool = False) -> None:
-    """Adds the options for CAD models; ``several`` says what a folder means."""
     command.add_argument(
         "--mesh",
-        required=required,
         type=options.path,
         metavar="FILE_or_DIR",
-        help=f"a CAD model (OFF, PLY or STL: z up, front at -y; OBJ or GLB: y up, front at +z){several}",
+        help="a CAD model (OFF, PLY or STL: z up, front at -y; OBJ or GLB: y up, front at +z), or a folder of them "
+        "(default: the chairs of nablahog.sample_chairs)",
     )
     command.add_argument(
         "--up",
@@ -100,27 +86,6 @@ def models(command: argparse.ArgumentParser, several: str, *, required: bool = F
         metavar="AXIS",
         help="which axis the front of the models looks along, likewise (default: -y with z up, +z with y up)",
     )
-
-
-def pose(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Adds ``nablahog pose``."""
-    command = commands.add_parser(
-        "pose",
-        help="find the pose of an object from CAD models",
-        description="Finds the viewpoint of an object in a photograph: the pose at which the HOG of a rendering of a "
-        "CAD model is most similar to the photograph's. Of several models it takes the one that fits best. Without "
-        "--mesh these are chairs that come with nablahog, of all common kinds. Writes "
-        "<stem>_overlay.png, _elements.png, _similarity.svg, _pose.json and the page index.html; of several objects "
-        "poses.csv and poses.json.",
-    )
-    command.add_argument(
-        "photo",
-        nargs="?",
-        type=options.path,
-        metavar="PHOTO",
-        help="an image of any format that Pillow reads; with --annotations there is none",
-    )
-    models(command, ", or a folder of them (default: the chairs of nablahog.sample_chairs)")
     options.output(command, "DIR", "folder for the results, made if missing")
     command.add_argument(
         "--box",
@@ -134,18 +99,14 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         "--mask",
         type=options.path,
         metavar="FILE",
-        help="an image of the photograph's size, white where the object is, black elsewhere: what is elsewhere does "
-        "not count, and the box is that of the white part",
+        help="of a single object: an image of the photograph's size, white where the object is, black elsewhere",
     )
     command.add_argument(
         "--annotations",
         type=options.path,
         metavar="FILE",
-        help="a list of objects instead of PHOTO: .csv with the column image and perhaps x0, y0, x1, y1, azimuth and "
-        "elevation, or .json like COCO's; writes poses.csv and poses.json, and resumes an interrupted run",
-    )
-    command.add_argument(
-        "--photos", type=options.path, metavar="DIR", help="folder of the photographs that --annotations names"
+        help="a list of objects: .csv with the column image and perhaps x0, y0, x1, y1, azimuth and elevation, or "
+        ".json like COCO's; an interrupted run is resumed",
     )
     options.workers(command)
     command.add_argument(
@@ -157,33 +118,28 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
     )
     command.add_argument(
         "--within",
-        type=_positive(180),
+        type=_degrees,
         default=180.0,
         metavar="DEGREES",
         help="of azimuth on both sides of the initial one that the method best searches (default: 180, which is all)",
     )
-    camera(command)
+    command.add_argument(
+        "--focal",
+        type=_focal,
+        metavar="PIXELS|exif|unknown",
+        help="focal length of the camera, in pixels of the photograph; exif: as the file says, an error if it does "
+        "not; unknown: such that an object that fills its box is 3 of its diagonals away (default: as the file says, "
+        "if it does, else unknown)",
+    )
+    command.add_argument(
+        "--principal-point",
+        type=numbers("x,y"),
+        metavar="x,y",
+        help="where the optical axis meets the photograph, in pixels from the upper left corner, if the focal length "
+        "is known (default: the middle)",
+    )
     command.add_argument(
         "--method", choices=get_args(SearchMethod), default="best", help="how to search (default: best)"
-    )
-    command.add_argument(
-        "--similarity",
-        choices=get_args(SimilarityKind),
-        help="of descriptors (default: patches for the paper's methods, calibrated for the others)",
-    )
-    command.add_argument(
-        "--background",
-        type=options.path,
-        metavar="FILE",
-        help="a file that `nablahog learn background` wrote; it also says which descriptor to use "
-        "(default: aubry, gray, cells of 8, learned from the photographs in scikit-image)",
-    )
-    command.add_argument(
-        "--viewpoint-prior",
-        type=options.path,
-        metavar="FILE",
-        help="a file that `nablahog learn viewpoints` wrote: from which side an object is seen, which counts among "
-        "several models of a class that it knows; 'none' for none (default: that of chairs that comes with nablahog)",
     )
     command.add_argument(
         "--least-confidence",
@@ -194,4 +150,9 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         f"results have been written (default: {LEAST_CONFIDENCE:g})",
     )
     options.seed(command)
+    command.add_argument(
+        "--page",
+        action="store_true",
+        help="write a page for each object, too: overlays, the similarity by azimuth, and the visual elements",
+    )
     command.add_argument("--json", action="store_true", help="print the results as JSON instead of a table")

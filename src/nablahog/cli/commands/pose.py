@@ -1,119 +1,118 @@
-"""``nablahog pose``: the pose of one object in a photograph."""
+"""``nablahog pose``: the poses of objects in photographs."""
 
 from __future__ import annotations
 
 import json
-import time
 from argparse import Namespace
-from dataclasses import replace
 from pathlib import Path
 
-from ...io.files import output_folder
-from ...io.images import read_image
-from ...pose.crop import FILL, SIDE, checked_box, crop_object
-from ...pose.estimate import estimate_pose
-from ...pose.mask import masked
-from ...pose.prepared import ELEMENT, PreparedPhotograph
-from ...pose.whitening import Background
-from ..errors import REFUSED, UserError, as_user_error, forbid_overwrite
-from ..inputs.lens import LensOptions
+from ...hog.box import Box
+from ...io.files import check_folder, output_folder
+from ...jobs.resume import do_all
+from ...jobs.runner import cores
+from ...jobs.store import JobResult
+from ...paper.object_lists import ListedObject, read_objects
+from ..errors import REFUSED, SOME_SKIPPED, UserError, as_user_error, forbid_overwrite, tell
 from ..inputs.models import find_models, read_meshes
-from ..inputs.viewpoint_prior import viewpoint_choice
-from ..results.pose_page import result_names, write
-from ..results.pose_result import PoseResult
+from ..results.pose_files import PosedObject, as_json, names, rows, write
+from ..results.pose_job import ObjectJob, PoseOptions
 from ..terminal import counter, inform, print_table, say_page
-from .pose_list import pose_list
 
 
 def pose(arguments: Namespace) -> int:
-    """Finds the pose of an object; writes its figures, pictures and page.
-
-    Several objects, of ``arguments.box`` or ``annotations``, are those of :func:`.pose_list.pose_list`.
+    """Finds the poses of all objects; a run of many objects that was interrupted goes on where it ended.
 
     Returns:
-        The exit status: 0, or :data:`~nablahog.cli.errors.REFUSED` if the confidence is below what was asked for.
+        The exit status: 0; 3 if some objects have no pose, each with a line on stderr; 4 if some are less sure than was
+        asked for.
 
     Raises:
-        UserError: an input is unusable.
+        UserError: an input is unusable, or no object has a pose.
         OSError: a file or folder is missing or cannot be written.
     """
-    if arguments.photo is None and arguments.annotations is None:
-        raise UserError("expected a photograph, or a list of objects: --annotations")
-    if arguments.annotations is not None or len(arguments.box or ()) > 1:
-        return pose_list(arguments)
     with as_user_error():
-        photograph = read_image(arguments.photo)
-        height, width = photograph.shape[1:]
-        box = None if arguments.box is None else checked_box(arguments.box[0], height, width)
-        if arguments.mask is not None:
-            photograph, box = masked(photograph, read_image(arguments.mask).mean(0) > 0.5, box)
-        lens = LensOptions.of(arguments).lens(arguments.photo, height, width)
-        background = None if arguments.background is None else _background(Path(arguments.background))
-        viewpoints = viewpoint_choice(arguments.viewpoint_prior and Path(arguments.viewpoint_prior))
+        objects, photos = _objects(arguments)
         models = find_models(arguments)
     folder = Path(arguments.output)
-    files = arguments.background, arguments.viewpoint_prior, arguments.mask
-    inputs = [arguments.photo, *filter(None, files), *models.paths.values()]
-    forbid_overwrite(inputs, [folder / name for name in result_names(arguments.photo)])
+    inputs = [*photos, *filter(None, (arguments.annotations, arguments.mask)), *models.paths.values()]
+    forbid_overwrite(inputs, [folder / name for name in names(objects, arguments.page)])
     with output_folder(folder), as_user_error():
         meshes = read_meshes(models, arguments)
-        with counter("nablahog pose") as progress:
-            began = time.perf_counter()
-            estimate = estimate_pose(
-                photograph,
-                meshes,
-                box=box,
-                initial=arguments.init,
-                within=arguments.within,
-                focal=lens.focal,
-                principal_point=lens.principal_point,
-                method=arguments.method,
-                similarity=arguments.similarity,
-                background=background,
-                viewpoints=viewpoints,
-                seed=arguments.seed,
-                progress=progress,
-            )
-        estimate = replace(estimate, focal_from=lens.source)
-        known = estimate.camera.focal, estimate.principal_point
-        result = PoseResult(
-            photo=arguments.photo,
-            photograph=photograph,
-            box=estimate.box,
-            matched=PreparedPhotograph(crop_object(photograph, estimate.box, SIDE, FILL, *known), background),
-            estimate=estimate,
-            mesh=meshes[estimate.model],
-            models=arguments.mesh,
-            candidates=list(meshes),
-            passed_over=models.failed,
-            seconds=time.perf_counter() - began,
-            method=arguments.method,
-            initial=arguments.init,
-            seed=arguments.seed,
-            background=arguments.background,
-            viewpoint_prior=arguments.viewpoint_prior,
-            least_confidence=arguments.least_confidence,
+        options = PoseOptions(
+            tuple((name, models.paths[name].absolute()) for name in meshes if models.paths),
+            arguments.up,
+            arguments.front,
+            arguments.focal,
+            arguments.principal_point,
+            arguments.within,
+            arguments.method,
+            arguments.seed,
+            arguments.page,
         )
-        write(folder, result)
-    if result.warning is not None:
-        inform(f"nablahog pose: warning: {result.warning}")
+        mask = None if arguments.mask is None else Path(arguments.mask)
+        jobs = [ObjectJob(one, photo, mask, options) for one, photo in zip(objects, photos, strict=True)]
+        results = _run(folder, jobs, arguments)
+        posed = [PosedObject.of(one, result) for one, result in zip(objects, results, strict=True)]
+        failed = [one for one in posed if one.figures is None]
+        if len(failed) == len(posed):
+            raise UserError(f"there is no pose of any object; the first: {_named(failed[0])}")
+        for each in failed:
+            tell("pose", f"skipped: {_named(each)}")
+        write(folder, posed, arguments.least_confidence)
     if arguments.json:
-        print(json.dumps(result.figures(), indent=2, allow_nan=False))
+        print(json.dumps(as_json(posed, arguments.least_confidence), indent=1, allow_nan=False))
     else:
-        print_table([result.row()])
+        print_table(rows(posed))
         say_page(folder / "index.html")
-    if result.refusal is not None:
-        inform(f"nablahog pose: refused: {result.refusal}")
-    return 0 if result.refusal is None else REFUSED
+    return _status(posed, arguments.least_confidence)
 
 
-def _background(path: Path) -> Background:
-    background = Background.load(path)
-    rows, cols = background.spec.grid(SIDE, SIDE)
-    if background.order + 1 < max(ELEMENT) or rows < ELEMENT[0] or cols < ELEMENT[1]:
-        raise ValueError(
-            f"{path}: expected a background that knows visual elements of {ELEMENT[0]}x{ELEMENT[1]} cells in pictures "
-            f"of {SIDE}x{SIDE} pixels, got one of order {background.order} with cells of "
-            f"{background.spec.cell_size[0]}x{background.spec.cell_size[1]}"
+def _run(folder: Path, jobs: list[ObjectJob], arguments: Namespace) -> list[JobResult | str]:
+    """The result of each job, or why there is none; a single one is done in this process, and is not stored."""
+    with counter("nablahog pose") as progress:
+        if len(jobs) == 1:
+            return [jobs[0].run(progress)]
+        missing = {k: f"{job.photo}: no such file" for k, job in enumerate(jobs) if not job.photo.is_file()}
+        there = {k: job for k, job in enumerate(jobs) if k not in missing}
+        workers = min(arguments.workers or cores(), max(len(there), 1))
+        done = dict(do_all(folder, there, workers=workers, progress=progress))
+        return [missing[k] if k in missing else done[k] for k in range(len(jobs))]
+
+
+def _objects(arguments: Namespace) -> tuple[list[ListedObject], list[Path]]:
+    """What is known of the objects, and their photographs."""
+    photo = Path(arguments.photo)
+    if arguments.annotations is None:
+        boxes: list[Box | None] = [Box.of(sides) for sides in arguments.box or ()] or [None]
+        if arguments.mask is not None and len(boxes) > 1:
+            raise ValueError("--mask is for one object: expected one --box, or none")
+        objects = [ListedObject(k, photo.name, box, arguments.init) for k, box in enumerate(boxes, 1)]
+        return objects, [photo] * len(objects)
+    if arguments.box or arguments.init is not None or arguments.mask is not None:
+        raise ValueError("--annotations says which boxes and initial poses: expected no --box, --init or --mask")
+    check_folder(photo, "the photographs of --annotations")
+    objects = read_objects(arguments.annotations)
+    return objects, [photo / one.image for one in objects]
+
+
+def _status(posed: list[PosedObject], least_confidence: float) -> int:
+    """The exit status; says how many poses may mean nothing, and how many are refused."""
+    warned = [one for one in posed if one.figures is not None and one.figures["warning"] is not None]
+    if warned:
+        first = warned[0].figures["warning"] if warned[0].figures else ""
+        of_all = "" if len(posed) == 1 else f"{len(warned)} of {len(posed)} objects; the first: "
+        inform(f"nablahog pose: warning: {of_all}{first}")
+    refused = sum(one.refused(least_confidence) for one in posed)
+    if refused:
+        inform(
+            f"nablahog pose: refused: {refused} of {len(posed)} have their azimuth within 15 degrees of the true one "
+            f"with a probability below {least_confidence:g}: the object may not be there, or be unlike the model"
         )
-    return background
+    if any(one.figures is None for one in posed):
+        return SOME_SKIPPED
+    return REFUSED if refused else 0
+
+
+def _named(one: PosedObject) -> str:
+    image, reason = one.listed.image, one.failure
+    return f"object {one.listed.id}: {reason if image in reason else f'{image}: {reason}'}"

@@ -1,58 +1,29 @@
-"""What is known of the camera of a photograph: the options of a command, and its file."""
+"""What is known of the camera of a photograph: by the options of a command, and by its file."""
 
 from __future__ import annotations
 
-from argparse import Namespace
-from dataclasses import dataclass
-from typing import NamedTuple
-
 from ...io.exif import read_exif_focal
-from ...pose.options import FocalSource
-from ...render import Camera
+from ...pose.options import Lens
 
 
-class Lens(NamedTuple):
-    """Focal length and principal point x, y, pixels, None where unknown, and where the focal length is from."""
+def read_lens(path: str, focal: float | str | None, principal_point: tuple[float, float] | None) -> Lens:
+    """The lens of the photograph in a file.
 
-    focal: float | None
-    principal_point: tuple[float, float] | None
-    source: FocalSource
+    Args:
+        path: of the photograph.
+        focal: pixels, "exif" or "unknown"; None: as the file says, if it does.
+        principal_point: x, y, pixels; None for the middle.
 
-
-@dataclass(frozen=True)
-class LensOptions:
-    """What a command says of the camera.
-
-    Attributes:
-        focal: pixels, "exif" or "unknown"; None: as the photograph's file says, if it does.
-        field_of_view: degrees from the upper to the lower border, instead of ``focal``.
-        principal_point: x, y, pixels.
+    Raises:
+        ValueError: the file's EXIF data was asked for and has no focal length, or a principal point was given without.
     """
-
-    focal: float | str | None = None
-    field_of_view: float | None = None
-    principal_point: tuple[float, float] | None = None
-
-    @classmethod
-    def of(cls, arguments: Namespace) -> LensOptions:
-        return cls(arguments.focal, arguments.field_of_view, arguments.principal_point)
-
-    def lens(self, path: str, height: int, width: int) -> Lens:
-        """That of the photograph in the file ``path``.
-
-        Raises:
-            ValueError: its EXIF data was asked for and has no focal length, or a principal point was given without any.
-        """
-        given = self.focal
-        if self.field_of_view is not None:
-            given = Camera.from_field_of_view(self.field_of_view, height, width).focal
-        if isinstance(given, float):
-            return Lens(given, self.principal_point, "given")
-        focal = None if given == "unknown" else read_exif_focal(path)
-        if focal is not None:
-            return Lens(focal, self.principal_point, "exif")
-        if given == "exif":
-            raise ValueError(f"{path}: its EXIF data has no focal length, or the photograph was cut: expected --focal")
-        if self.principal_point is not None:
-            raise ValueError(f"{path}: --principal-point needs a known focal length: expected --focal")
-        return Lens(None, None, "assumed")
+    if isinstance(focal, float):
+        return Lens(focal, principal_point, "given")
+    pixels = None if focal == "unknown" else read_exif_focal(path)
+    if pixels is not None:
+        return Lens(pixels, principal_point, "exif")
+    if focal == "exif":
+        raise ValueError(f"{path}: its EXIF data has no focal length, or the photograph was cut: expected --focal")
+    if principal_point is not None:
+        raise ValueError(f"{path}: --principal-point needs a known focal length: expected --focal")
+    return Lens(None, None, "assumed")

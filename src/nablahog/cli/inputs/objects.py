@@ -76,7 +76,7 @@ def _published(arguments: Namespace) -> Objects:
 def _photographs(arguments: Namespace) -> Objects:
     models, passed_over = (chair_library(), {}) if arguments.models is None else models_in(Path(arguments.models))
     folder = Path(arguments.annotations).resolve().parent
-    read = read_annotations(arguments.annotations, folder, {model.name for model in models}, arguments.objects)
+    read = read_annotations(arguments.annotations, {model.name for model in models}, arguments.objects)
     made = partial(
         photographed,
         models=models,

@@ -1,9 +1,9 @@
-"""Pictures and the page of a pose estimate."""
+"""The page of a pose estimate: overlays, the similarity by azimuth, and the visual elements."""
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
+import os
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,22 +12,30 @@ from torch.nn.functional import interpolate
 
 from ...hog import HOGSpec
 from ...hog.box import Box
-from ...io.files import distinct_stems, write_text
-from ...io.images import Picture, as_array, write_image
-from ...pose.crop import FILL, crop_object
-from ...pose.prepared import ELEMENT
-from ...pose.similarity import describe
+from ...io.images import Picture, as_array
+from ...pose import PoseEstimate
+from ...pose.crop import FILL, SIDE, crop_object
+from ...pose.fit_box import azimuth_sweep
+from ...pose.model import prepared_model
+from ...pose.options import SearchMethod
+from ...pose.photograph import ELEMENT, PreparedPhotograph
+from ...pose.similarity import Similarity, describe
 from ...render import Camera, Mesh, render, silhouette
+from ...render.renderer import Method
 from ...viz import html
-from ...viz.pictures import Panel, contact_sheet, glyphs, outlined
+from ...viz.pictures import Panel, glyphs, outlined
 from ...viz.similarity_plot import boxed, by_azimuth
 from ...viz.svg import Drawing
-from .pose_result import SAMPLES, STEP, PoseResult
+from .pose_figures import DEFINITIONS, warning
 
 HEIGHT = 320  # of the pictures of the overlay
 WIDEST = 1280  # a photograph there
 VIEWS = 8  # below the figure
+AZIMUTHS = 180  # at which similarity is computed
+SAMPLES = 4  # of a pixel along a side there: with fewer, even the derivative of covered areas is off
+STEP = 0.1  # degrees to either side, of central differences: similarity is jagged below a degree
 _CLOSE = 0.6  # of the close-up's side, the longer side of the box
+_FIGURES = ("model", "azimuth", "elevation", "theta", "distance", "similarity", "confidence", "renderings")
 
 LEAD = (
     "The pose at which a rendering of a CAD model has the HOG most like that of an object in a photograph, after "
@@ -35,46 +43,78 @@ LEAD = (
 )
 
 
-def result_names(path: str) -> list[str]:
-    """The names of the files that :func:`write` leaves for the photograph ``path``."""
-    (stem,) = distinct_stems([Path(path)])
-    endings = ("overlay.png", "elements.png", "similarity.svg", "pose.json")
-    return [*(f"{stem}_{ending}" for ending in endings), "index.html"]
+def pose_page(
+    name: str, photograph: Tensor, estimate: PoseEstimate, mesh: Mesh, candidates: Sequence[str], method: SearchMethod
+) -> str:
+    """The page as HTML.
 
-
-def write(folder: Path, result: PoseResult) -> None:
-    """Writes the files of :func:`result_names` into ``folder``; all are made before the first is written.
-
-    Raises:
-        OSError: a file cannot be written.
+    Args:
+        name: of the photograph.
+        photograph: (C, H, W) in 0…1.
+        estimate: the pose.
+        mesh: of the best model.
+        candidates: the names of all models.
+        method: of the search.
     """
-    names = [folder / name for name in result_names(result.photo)]
-    overlay, turned, drawn = _overlay(result), _around(result), _glyphs(result)
-    sheets = [contact_sheet([panels], HEIGHT) for panels in (overlay, drawn)]
-    figures = json.dumps(result.figures(), indent=2, allow_nan=False) + "\n"
-    html = _page(result, overlay, turned, drawn)
-    for path, picture in zip(names, sheets, strict=False):
-        write_image(path, picture)
-    for path, text in zip(names[2:], (turned.svg(), figures, html), strict=True):
-        write_text(path, text)
+    known = estimate.camera.focal, estimate.principal_point
+    matched = PreparedPhotograph(crop_object(photograph, estimate.box, SIDE, FILL, *known))
+    spec = matched.background.spec
+    settings = {
+        "method": method,
+        "similarity": estimate.similarity_kind,
+        "box": ", ".join(f"{side:g}" for side in estimate.box),
+        "descriptor": _named(matched.patches.spec if estimate.similarity_kind == "patches" else spec),
+        "visual elements by": _named(spec),
+        "candidates": ", ".join(candidates),
+    }
+    sections = [
+        html.Section(
+            "Overlay",
+            "The outline of the model at the estimated pose, and its rendering.",
+            overlay(photograph, estimate, mesh),
+        ),
+        similarity_by_azimuth(matched, estimate, mesh),
+        html.Section(
+            "Visual elements",
+            "In red, the most discriminative patches of the object, and the same regions of the rendering. The "
+            "calibrated similarity compares the whole window instead.",
+            _glyphs(matched, estimate, mesh),
+        ),
+        html.Section(
+            "Settings",
+            "What was compared.",
+            table=[{"setting": key, "value": value} for key, value in settings.items()],
+        ),
+    ]
+    shown = os.fsencode(name).decode(errors="backslashreplace")
+    row = {"photograph": shown, **{key: getattr(estimate, key) for key in _FIGURES}}
+    row |= {"azimuth": "any"} if estimate.any_azimuth else {}
+    mind = warning(estimate)
+    return html.page(
+        f"Pose of {shown}",
+        LEAD if mind is None else f"{LEAD} Mind that {mind}.",
+        [row],
+        sections,
+        {key: text for key, text in DEFINITIONS.items() if key in row},
+        html.footer("poses.json beside this page"),
+    )
 
 
-def _overlay(result: PoseResult) -> list[Panel]:
+def overlay(photograph: Tensor, estimate: PoseEstimate, mesh: Mesh) -> list[Panel]:
     """The photograph with the object's box and the model's outline, and closer, without and with the rendering."""
-    estimate, mesh = result.estimate, result.mesh
-    height, width = result.photograph.shape[1:]
+    height, width = photograph.shape[1:]
     zoom = min(HEIGHT / height, WIDEST / width)
     size = max(1, round(height * zoom)), max(1, round(width * zoom))
-    whole = interpolate(result.photograph[None], size, mode="bilinear", antialias=True)[0]
+    whole = interpolate(photograph[None], size, mode="bilinear", antialias=True)[0]
     drawn, pose, camera = estimate.render_arguments(mesh)
     whole_outlined = _outlined(whole, drawn, _scaled(pose[0], zoom), Camera(camera.focal * zoom, *size))
     known = estimate.camera.focal, estimate.principal_point
-    close = crop_object(result.photograph, result.box, HEIGHT, fill := _CLOSE * HEIGHT, *known)
+    close = crop_object(photograph, estimate.box, HEIGHT, fill := _CLOSE * HEIGHT, *known)
     pose = _scaled(estimate.crop_pose, fill / FILL)
     pasted = render(mesh, pose, close.camera, background=close.image)
     return [
         Panel(
-            boxed(whole_outlined, [[side * zoom for side in result.box]]),
+            boxed(whole_outlined, [[side * zoom for side in estimate.box]]),
             "the photograph",
             f"The photograph with the object's box and the outline of {estimate.model}",
         ),
@@ -103,28 +143,57 @@ def _scaled(pose: Tensor, zoom: float) -> Tensor:
     return scaled[None]
 
 
-def _around(result: PoseResult) -> Drawing:
-    """The paper's figure."""
-    estimate, around = result.estimate, result.around
-    return by_azimuth(
-        around.similarities,
-        around.derivatives,
-        around.differences,
+def similarity_by_azimuth(matched: PreparedPhotograph, estimate: PoseEstimate, mesh: Mesh) -> html.Section:
+    """The paper's figure: similarities and their derivatives at the other parameters of the estimate."""
+    start = estimate.crop_pose.clone()
+    start[0] = 0
+    poses, template = azimuth_sweep(start, AZIMUTHS), matched.template(estimate.similarity_kind)
+
+    def similarity(derivative: Method, samples: int) -> Similarity:
+        return prepared_model(mesh, matched.crop.camera).similarity(template, derivative, samples)
+
+    fine = similarity("edges", SAMPLES)
+    values, slopes = fine.derivatives(poses)
+    step = poses.new_tensor([STEP, 0, 0, 0, 0, 0])
+    differences = as_array((fine.values(poses + step) - fine.values(poses - step)) / (2 * STEP))
+    derivatives, opendr = as_array(slopes[:, 0]), as_array(similarity("opendr", 1).derivatives(poses)[1][:, 0])
+    cosine = _cosine(derivatives, differences)
+    traces = [trace for trace in estimate.traces if trace.model == estimate.model]
+    drawing: Drawing = by_azimuth(
+        as_array(values),
+        derivatives,
+        differences,
         what=estimate.similarity_kind,
-        how=f"gray: central differences over ±{STEP:g}°; cosine {around.cosine:.2f}",
+        how=f"gray: central differences over ±{STEP:g}°; cosine {cosine:.2f}",
         azimuth=estimate.azimuth,
-        traces=[(trace.azimuths, trace.similarities) for trace in result.traces],
-        views=list(render(result.mesh, result.turned(VIEWS), result.matched.crop.camera)),
+        traces=[(trace.azimuths, trace.similarities) for trace in traces],
+        views=list(render(mesh, azimuth_sweep(start, VIEWS), matched.crop.camera)),
+    )
+    paths = (
+        " In orange, the paths of the search from its starts; their poses differ in more than the azimuth, so they do "
+        "not lie on the curve."
+    )
+    return html.Section(
+        "Similarity by azimuth",
+        f"Only the azimuth changes. Below: renderings at the azimuths above them. Pixels have {SAMPLES}x{SAMPLES} "
+        f"samples, and the derivative is that of the area that edges cover: its cosine with central differences of the "
+        f"curve over ±{STEP:g}° is {cosine:.2f}. That of OpenDR's derivative with one sample a pixel is "
+        f"{_cosine(opendr, differences):.2f}." + (paths if traces else ""),
+        drawings=[drawing],
     )
 
 
-def _glyphs(result: PoseResult) -> list[Panel]:
+def _cosine(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    return float(one @ other) / max(float(np.linalg.norm(one) * np.linalg.norm(other)), 1e-30)
+
+
+def _glyphs(matched: PreparedPhotograph, estimate: PoseEstimate, mesh: Mesh) -> list[Panel]:
     """The visual elements of the photograph, and the same regions of the rendering."""
-    crop, spec = result.matched.crop, result.matched.background.spec
-    rendering = render(result.mesh, result.estimate.crop_pose[None], crop.camera)
-    _, elements = result.matched.elements
+    crop, spec = matched.crop, matched.background.spec
+    rendering = render(mesh, estimate.crop_pose[None], crop.camera)
+    _, elements = matched.elements
     panels = []
-    for image, what in ((crop.image, "the object"), (rendering, f"the rendering of {result.estimate.model}")):
+    for image, what in ((crop.image, "the object"), (rendering, f"the rendering of {estimate.model}")):
         (descriptor,) = describe(image, spec).permute(0, 2, 3, 1)
         drawn = glyphs(descriptor, spec, cell_pixels=24)
         down, across = (drawn.shape[axis] / descriptor.shape[axis] for axis in range(2))
@@ -139,57 +208,3 @@ def _glyphs(result: PoseResult) -> list[Panel]:
 
 def _named(spec: HOGSpec) -> str:
     return f"{spec.name}, cells of {spec.cell_size[0]}x{spec.cell_size[1]} pixels"
-
-
-def _page(result: PoseResult, overlay: list[Panel], turned: Drawing, drawn: list[Panel]) -> str:
-    spec = result.matched.background.spec
-    initial = "unknown" if result.initial is None else "azimuth {:g}°, elevation {:g}°".format(*result.initial)
-    phi = spec if result.estimate.similarity_kind != "patches" else result.matched.patches.spec
-    settings_shown = {
-        "method": result.method,
-        "similarity": result.estimate.similarity_kind,
-        "initial pose": initial,
-        "box": ", ".join(f"{side:g}" for side in result.box),
-        "descriptor": _named(phi),
-        "visual elements by": _named(spec),
-        "models": result.models or "chairs that come with nablahog",
-        "candidates": ", ".join(result.candidates),
-        **{f"passed over: {name}": reason for name, reason in result.passed_over.items()},
-    }
-    paths = (
-        " In orange, the paths of the search from its starts; their poses differ in more than the azimuth, so they do "
-        "not lie on the curve."
-    )
-    sections = [
-        html.Section("Overlay", "The outline of the model at the estimated pose, and its rendering.", overlay),
-        html.Section(
-            "Similarity by azimuth",
-            "Only the azimuth changes. Below: renderings at the azimuths above them. "
-            f"The cells have {spec.cell_size[0]} pixels of the {result.matched.crop.image.shape[-1]} that the object "
-            f"is scaled to. Pixels have {SAMPLES}x{SAMPLES} samples, and the derivative is that of the area that edges "
-            f"cover: its cosine with central differences of the curve over ±{STEP:g}° is {result.around.cosine:.2f}. "
-            f"That of OpenDR's derivative with one sample a pixel is {result.around.opendr_cosine:.2f}."
-            + (paths if result.traces else ""),
-            drawings=[turned],
-        ),
-        html.Section(
-            "Visual elements",
-            "In red, the most discriminative patches of the object, and the same regions of the rendering. The "
-            "calibrated similarity compares the whole window instead.",
-            drawn,
-        ),
-        html.Section(
-            "Settings",
-            "What was asked for, and what was compared.",
-            table=[{"setting": key, "value": value} for key, value in settings_shown.items()],
-        ),
-    ]
-    row = result.row()
-    return html.page(
-        f"Pose of {row['photograph']}",
-        LEAD if result.warning is None else f"{LEAD} Mind that {result.warning}.",
-        [row],
-        sections,
-        result.definitions(),
-        html.footer(f"{result_names(result.photo)[3]} beside this page", f", seed {result.seed}"),
-    )

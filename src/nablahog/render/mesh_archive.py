@@ -1,4 +1,4 @@
-"""Chairs that come with the package, in one archive of many meshes."""
+"""Archives of many meshes, and the chairs that come with the package in one."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from ..io.npz import check_format, naming, read_arrays, text, write_arrays
 from .mesh import Mesh
@@ -55,8 +56,8 @@ def load_meshes(path: Path) -> dict[str, Mesh]:
         return dict(zip(json.loads(text(arrays, "names")), meshes, strict=True))
 
 
-def save_meshes(path: str | os.PathLike[str], meshes: Mapping[str, Mesh]) -> None:
-    """Writes meshes to an .npz archive: vertices and brightness in float32, faces in 16 bits.
+def save_meshes(path: str | os.PathLike[str], meshes: Mapping[str, Mesh], dtype: DTypeLike = np.float32) -> None:
+    """Writes meshes to an .npz archive: vertices and brightness in ``dtype``, faces in 16 bits.
 
     Raises:
         OSError: the file cannot be written.
@@ -65,8 +66,8 @@ def save_meshes(path: str | os.PathLike[str], meshes: Mapping[str, Mesh]) -> Non
     each = [(mesh.vertices.numpy(), mesh.faces.numpy(), mesh.brightness.numpy()) for mesh in meshes.values()]
     if any(len(vertices) > 2**16 for vertices, _, _ in each):
         raise OverflowError("expected meshes of at most 65,536 vertices")
-    dtypes = (np.float32, np.uint16, np.float32)
-    whole = [np.concatenate(parts).astype(dtype) for parts, dtype in zip(zip(*each, strict=True), dtypes, strict=True)]
+    dtypes = (dtype, np.uint16, dtype)
+    whole = [np.concatenate(parts).astype(of) for parts, of in zip(zip(*each, strict=True), dtypes, strict=True)]
     ends = np.cumsum([[len(part) for part in parts] for parts in each], axis=0)
     arrays = {"names": json.dumps(list(meshes)), "ends": ends, **dict(zip(_ARRAYS[3:], whole, strict=True))}
     write_arrays(path, _FORMAT, arrays, compressed=True)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from itertools import pairwise
-from typing import ClassVar
+from pathlib import Path
+from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 import torch
@@ -14,9 +15,10 @@ from torch import Tensor, nn
 from ..hog.spec import HOGSpec
 from ..io.learned_model import INTEGER, SPEC, LearnedModel, account, tensor
 from ..io.network_weights import check_weights, with_weights
-from .prepared import coarse_background
-from .views import VIEW_COUNT
+from .background import coarse_background
+from .fit_box import VIEW_COUNT
 
+FILE = Path(__file__).with_name("default_viewpoints") / "chairs.npz"
 CELLS = 16  # of the descriptor, along each side
 WIDTH = 48  # channels of the first layers; the later ones have twice as many
 _HIDDEN = 128
@@ -28,7 +30,7 @@ class ViewpointNetwork(nn.Module):
     """From descriptors (B, C, 16, 16) to logits (B, 48) of azimuths 0°, 7.5°, ….
 
     Four 3x3 convolutions, two of which halve the resolution, and two linear layers.  Descriptors are divided by their
-    root mean square first, so that contrast does not count.
+    root mean square first: contrast has no influence.
     """
 
     def __init__(self, channels: int, width: int = WIDTH) -> None:
@@ -53,7 +55,7 @@ class ViewpointNetwork(nn.Module):
 
 
 def mirrored(descriptors: Tensor) -> Tensor:
-    """Those (B, C, rows, cols) of the images flipped from left to right, of unsigned bins: θ becomes π − θ."""
+    """Descriptors (B, C, rows, cols), of unsigned bins, of the images flipped from left to right: θ becomes π − θ."""
     bins = descriptors.shape[1]
     return descriptors[:, [-k % bins for k in range(bins)]].flip(3)
 
@@ -150,3 +152,32 @@ class ViewpointPrior(LearnedModel):
         own, other = (self._network(each).log_softmax(1) for each in (descriptors, mirrored(descriptors)))
         both: Tensor = (own + other.flip(1).roll(1, 1)).div(2).log_softmax(1)
         return both
+
+
+ViewpointChoice: TypeAlias = ViewpointPrior | Literal["default"] | None
+
+
+@lru_cache(maxsize=1)
+def default_viewpoints() -> ViewpointPrior:
+    """The viewpoint prior that comes with the package, of chairs: see ``default_viewpoints/README.md``.
+
+    Raises:
+        FileNotFoundError: the package was installed without it.
+
+    >>> nablahog.pose.default_viewpoints().learning.scenes
+    30000
+    """
+    return ViewpointPrior.load(FILE)
+
+
+def chosen_viewpoints(choice: ViewpointChoice) -> ViewpointPrior | None:
+    """The prior of a choice; for ``"default"`` none where the package was installed without it.
+
+    Raises:
+        ValueError: it is no such choice.
+    """
+    if choice == "default":
+        return default_viewpoints() if FILE.exists() else None
+    if choice is not None and not isinstance(choice, ViewpointPrior):
+        raise ValueError(f"viewpoints must be a ViewpointPrior, 'default' or None, got {choice!r}")
+    return choice

@@ -1,7 +1,8 @@
-"""The surroundings of an object's box at several scales and in-plane rotations, described and whitened.
+"""Views of a model around an object's box, at several scales, places and in-plane rotations.
 
-Views of a model that fill a crop are compared with it at every scale, tilt and place by one product of matrices. It is
-the photograph that is turned, not the model: that serves all models and views at once.
+The surroundings of the box are described and whitened at every scale and rotation; views of a model, which fill a crop,
+are compared with all their windows by one product of matrices.  The photograph is turned instead of the model: that
+serves all models and views at once.
 """
 
 from __future__ import annotations
@@ -15,19 +16,23 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.nn.functional import grid_sample
+from torch.nn import functional
 
-from .crop import blurred, resampled
-from .prepared import PreparedPhotograph, coarse_background, whitener_of
+from .background import coarse_background
+from .crop import FILL, blurred, resampled
+from .fit_box import VIEW_COUNT, equidistant_azimuths, fit_to_box, level_poses
+from .model import PreparedModel, view_descriptors
+from .photograph import PreparedPhotograph
 from .similarity import describe
+from .whitening import whitener_of
 
 
 class Range(NamedTuple):
     """How far the object may be from its box.
 
     Attributes:
-        octaves: quarters of an octave that it may be larger or smaller; between two is a cell's motion of its border.
-        cells: of the coarse descriptor that it may be off, to each side.
+        octaves: quarters of an octave that it may be larger or smaller; one moves its border by about a cell.
+        cells: of the coarse descriptor that it may be off in each direction.
     """
 
     octaves: int
@@ -42,17 +47,18 @@ class Range(NamedTuple):
 ROUGH = Range(2, 3)  # of a box that someone gave
 FOUND = Range(1, 2)  # of one that :mod:`.detection` found
 TURNED = math.sqrt(2)  # side of the square that holds a turned square of side 1
+_OFF = 0.05  # penalty, as part of the similarity, of a view of twice the box's size, or half a side beside it
 
 
 @dataclass(frozen=True, eq=False)
-class Pyramid:
+class Surroundings:
     """Windows of the photograph's whitened descriptor, each as large as that of a view.
 
     Attributes:
         windows: (P, N), of all levels and places.
         scales: (P,), float64: size of an object that fills the window, as part of the box's longer side.
-        tilts: (P,), float64: degrees that the photograph was turned clockwise, so that an object that is turned by as
-            much counter-clockwise is upright.
+        tilts: (P,), float64: degrees that the photograph was turned clockwise; an object with this in-plane rotation is
+            upright in the window.
         centres: (P, 2), float64: x, y of the window's middle in the crop, from the middle of that, pixels.
     """
 
@@ -62,7 +68,7 @@ class Pyramid:
     centres: Tensor
 
 
-def pyramid(photograph: PreparedPhotograph, image: Tensor, tilts: Sequence[float], reach: Range) -> Pyramid:
+def surroundings(photograph: PreparedPhotograph, image: Tensor, tilts: Sequence[float], reach: Range) -> Surroundings:
     """The windows around an object's box.
 
     Args:
@@ -77,7 +83,7 @@ def pyramid(photograph: PreparedPhotograph, image: Tensor, tilts: Sequence[float
     rows, cols = spec.grid(*(side // shrink for side in crop.image.shape[2:]))
     side = spec.image_size(rows + 2 * reach.cells, cols + 2 * reach.cells)[0]
     scales = reach.scales
-    # a base with the finest level's pixels, of which each level takes every so many
+    # a base image of the finest level's resolution, which the other levels subsample
     zoom = crop.zoom / shrink / float(scales.min())
     steps = scales / scales.min()
     widened = TURNED if any(tilts) else 1.0
@@ -91,7 +97,7 @@ def pyramid(photograph: PreparedPhotograph, image: Tensor, tilts: Sequence[float
     grid = descriptors.shape[2:]
     whitener = whitener_of(background, *grid)
     cells = spec.cell_size[0]
-    # the middles of cells, on the turned photograph
+    # the centres of cells on the turned photograph
     at = [(torch.arange(count, dtype=torch.float64) - (count - 1) / 2) * cells for count in grid]
     level_scales, level_tilts = (
         part.flatten()
@@ -107,7 +113,7 @@ def pyramid(photograph: PreparedPhotograph, image: Tensor, tilts: Sequence[float
     shift = [(torch.arange(count, dtype=torch.float64) - (count - 1) / 2) * cells for count in (down, across)]
     x, y = places(shift, level_scales * shrink, level_tilts)
     each = down * across
-    return Pyramid(
+    return Surroundings(
         windows.permute(0, 2, 3, 1, 4, 5).reshape(len(weights) * each, -1),
         level_scales.repeat_interleave(each),
         level_tilts.repeat_interleave(each),
@@ -115,8 +121,68 @@ def pyramid(photograph: PreparedPhotograph, image: Tensor, tilts: Sequence[float
     )
 
 
+def views_around(
+    model: PreparedModel,
+    photograph: PreparedPhotograph,
+    around: Surroundings,
+    elevations: Sequence[float],
+    allowed: Tensor,
+    count: int,
+) -> tuple[Tensor, Tensor]:
+    """The views that are more similar than those at neighbouring azimuths, elevations and tilts.
+
+    Args:
+        model: whose views.
+        photograph: the object's crop.
+        around: its surroundings.
+        elevations: of the views, degrees.
+        allowed: (VIEW_COUNT,), bool: which azimuths.
+        count: the most to return.
+
+    Returns:
+        Poses (K, 6) for the crop, angles in degrees, and their similarities (K,), the highest first.
+    """
+    own = photograph.own_background
+    views = torch.stack([view_descriptors(model, each, own).flatten(1) for each in elevations])
+    off = around.scales.log2().square() + 4 * (around.centres / FILL).square().sum(1)
+    similarities = (views @ around.windows.T).double() * (1 - _OFF * off)  # (E, VIEW_COUNT, P)
+    tilts, which = torch.unique(around.tilts, return_inverse=True)
+    best = similarities.new_full((len(elevations), VIEW_COUNT, len(tilts)), -torch.inf)
+    at = torch.zeros_like(best, dtype=torch.int64)
+    for k in range(len(tilts)):
+        places = (which == k).nonzero()[:, 0]
+        values, index = similarities[:, :, places].max(2)
+        best[:, :, k], at[:, :, k] = values, places[index]
+    best[:, ~allowed] = -torch.inf
+    beside = functional.pad(best.permute(1, 0, 2)[None, None], (1, 1, 1, 1, 0, 0), value=-torch.inf)
+    beside = torch.cat([beside[:, :, -1:], beside, beside[:, :, :1]], 2)
+    highest = best >= functional.max_pool3d(beside, 3, stride=1)[0, 0].permute(1, 0, 2)
+    chosen = (highest & best.isfinite()).flatten().nonzero()[:, 0]
+    values, order = best.flatten()[chosen].sort(descending=True)
+    chosen = chosen[order[:count]]
+    elevation, azimuth = chosen // (VIEW_COUNT * len(tilts)), chosen // len(tilts) % VIEW_COUNT
+    window = at.flatten()[chosen]
+    poses = level_poses(equidistant_azimuths(VIEW_COUNT)[azimuth], 0)
+    poses[:, 1] = torch.tensor(elevations, dtype=torch.float64)[elevation]
+    return _placed(poses, model, photograph, around, window), values[:count]
+
+
+def _placed(
+    poses: Tensor, model: PreparedModel, photograph: PreparedPhotograph, around: Surroundings, windows: Tensor
+) -> Tensor:
+    """Level poses (K, 6) at the scales, tilts and places of windows (K,) of the surroundings."""
+    scales, tilts, centres = (part[windows] for part in (around.scales, around.tilts, around.centres))
+    poses = fit_to_box(poses, model.hull, photograph.crop.camera, FILL * scales)
+    angle = torch.deg2rad(tilts)
+    x, y = poses[:, 4].clone(), poses[:, 5].clone()
+    poses[:, 3] = tilts
+    poses[:, 4] = angle.cos() * x + angle.sin() * y + centres[:, 0]
+    poses[:, 5] = angle.cos() * y - angle.sin() * x + centres[:, 1]
+    return poses
+
+
 def places(grid: Sequence[Tensor], scales: Tensor, tilts: Tensor) -> tuple[Tensor, Tensor]:
-    """Where the points of a grid on L scaled and tilted copies of a photograph are in that, each (L, rows, cols).
+    """Places in a photograph of the points of a grid on L scaled and tilted copies of it, each (L, rows, cols).
 
     Args:
         grid: y (rows,) and x (cols,) on the copies, from the middle.
@@ -142,4 +208,4 @@ def turned(image: Tensor, tilts: Sequence[float], step: float, size: tuple[int, 
     height, width = image.shape
     at = torch.stack([x * (2 / width), y * (2 / height)], dim=-1)  # coordinates are -1 and 1 at the borders
     images = image.expand(len(tilts), 1, -1, -1)
-    return grid_sample(images, at, padding_mode="border", align_corners=False)[:, 0]
+    return functional.grid_sample(images, at, padding_mode="border", align_corners=False)[:, 0]

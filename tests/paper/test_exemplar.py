@@ -13,11 +13,11 @@ from torch import Tensor
 
 from nablahog.hog.box import Box
 from nablahog.io.sample_photographs import sample_photograph
-from nablahog.pose import exemplar
+from nablahog.paper import exemplar
+from nablahog.paper.exemplar import detect
+from nablahog.paper.exemplar_views import SPEC, ExemplarViews, ViewSampling, learn_views
+from nablahog.paper.star_matching import NOTHING, UNLIKE, Layout, Pyramid, star_match
 from nablahog.pose.background import default_background
-from nablahog.pose.exemplar import detect
-from nablahog.pose.exemplar_views import SPEC, ExemplarViews, ViewSampling, learn_views
-from nablahog.pose.star_matching import NOTHING, UNLIKE, Layout, Pyramid, star_match
 from nablahog.render import Camera, Mesh, render
 
 from ..chairs import chair

@@ -1,4 +1,4 @@
-"""Poses to compare: azimuths all around, in degrees, and the distance and shift at which an outline fills a box."""
+"""Poses all around a model, and the distance and shift at which its outline fills a box."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from .crop import DISTANCE
 
 Doubles = NDArray[np.float64]
 
-_ROUNDS = 3  # perspective makes the size no exact inverse of the distance; twice is within a tenth of a pixel
+VIEW_COUNT = 48  # azimuths around an object, at which the coarse search looks at models
+_ROUNDS = 3  # with perspective the size is not quite the inverse of the distance; twice is within a tenth of a pixel
 
 
 def equidistant_azimuths(count: int, first: float = 0.0) -> Tensor:
@@ -34,6 +35,11 @@ def azimuth_distance(one: float, other: float) -> float:
     return abs((one - other + 180) % 360 - 180)
 
 
+def signed_angles(angles: Tensor) -> Tensor:
+    """The same angles in -180…180 degrees."""
+    return (angles + 180) % 360 - 180
+
+
 def local_maxima(values: Tensor, count: int) -> Tensor:
     """Indices of the at most ``count`` highest local maxima on a circle of values (N,), the highest first."""
     highest = (values >= values.roll(1)) & (values >= values.roll(-1))
@@ -43,7 +49,7 @@ def local_maxima(values: Tensor, count: int) -> Tensor:
 
 
 def hull(mesh: Mesh) -> Tensor:
-    """The vertices (N, 3) of the convex hull, which alone decide the box around any view of a mesh."""
+    """The vertices (N, 3) of the convex hull: they determine the box around any view of a mesh."""
     points = mesh.vertices.detach().cpu().numpy()
     try:
         return torch.from_numpy(points[ConvexHull(points).vertices])
@@ -63,7 +69,7 @@ def fit_to_box(poses: Tensor, points: Tensor, camera: Camera, size: tuple[float,
 
     Args:
         poses: (B, 6), angles in degrees, see :data:`nablahog.render.PARAMETERS`.
-        points: (N, 3), of the model, as of :func:`hull`.
+        points: (N, 3), of the model, see :func:`hull`.
         camera: of the image.
         size: width and height of a box of the same area, or the length of the longer side, perhaps (B,), pixels.
     """

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..hog.box import Box
-from .crop import ObjectCrop, crop_object
-from .elements import all_patches
+from ..pose.crop import ObjectCrop, crop_object
+from ..pose.elements import all_patches
 from .exemplar_views import CELL, LEVELS, ExemplarViews, concatenate_views, pyramid
 from .star_matching import NOTHING, Layout, Pyramid, star_match
 

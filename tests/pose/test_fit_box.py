@@ -1,4 +1,4 @@
-"""Placing: the projected object has the box's area and middle, whatever side it shows."""
+"""The circle of azimuths, and poses whose projection has the box's area and middle, whatever side it shows."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.pose.placement import fit_to_box, hull, level_poses
+from nablahog.pose.fit_box import azimuth_distance, azimuth_sweep, fit_to_box, hull, level_poses, local_maxima
 from nablahog.render import Camera, Mesh
 from nablahog.render.camera import to_camera, to_screen
 
 from ..chairs import chair
+from .quadratics import START
 
 CAMERA = Camera(400.0, 128, 160)
 
@@ -77,3 +78,29 @@ def test_of_flat_meshes_all_corners_count(corners: int) -> None:
     assert_close(hull(flat), torch.tensor([[-half, 0, -half], [-half, 0, half], [half, 0, -half]]).double())
     edge_on = torch.tensor([[90.0, 0, 3, 0, 0, 0]], dtype=torch.float64)
     assert torch.isfinite(fit_to_box(edge_on, hull(flat), CAMERA, (100.0, 50.0))).all()
+
+
+def test_distances_go_round() -> None:
+    assert azimuth_distance(350, 20) == azimuth_distance(20, 350) == azimuth_distance(380, -10) == 30
+    assert azimuth_distance(0, 180) == 180
+
+
+def test_azimuth_sweep() -> None:
+    poses = azimuth_sweep(START, 4)
+    assert poses[:, 0].tolist() == [100, 190, 280, 370]
+    assert (poses[:, 1:] == START[1:]).all()
+    assert START[0] == 100
+
+
+@pytest.mark.parametrize(
+    ("values", "count", "expected"),
+    [
+        ([1, 5, 2, 3, 9, 0, 4, 3], 9, [4, 1, 6]),
+        ([1, 5, 2, 3, 9, 0, 4, 3], 2, [4, 1]),
+        ([9, 5, 2, 3, 1, 8], 3, [0, 3]),  # the last is beside the first
+        ([0, 1, 2, 3], 3, [3]),
+        ([4], 3, [0]),
+    ],
+)
+def test_local_maxima(values: list[float], count: int, expected: list[int]) -> None:
+    assert local_maxima(torch.tensor(values).double(), count).tolist() == expected

@@ -1,4 +1,4 @@
-"""Poses of many objects as files: CSV, JSON like COCO's, and a page."""
+"""Poses of objects as files: CSV, JSON like COCO's, and pages."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ...io.files import write_text
+from ...jobs.store import JobResult
 from ...paper.object_lists import ListedObject
 from ...viz import html
 from ...viz.pictures import Panel
-from .pose_result import DEFINITIONS
+from .pose_figures import DEFINITIONS
 
-NAMES = ("poses.csv", "poses.json", "index.html")
 SHOWN = 200  # objects with a picture on the page
 LEAD = "The poses at which renderings of CAD models have the HOG most like that of objects in photographs."
 _POSE = ("azimuth", "elevation", "theta", "distance", "distance_in_file_units", "x", "y")
@@ -30,20 +30,30 @@ _MATRIX = [(row, col) for row in range(3) for col in range(4)]
 
 
 @dataclass(frozen=True, eq=False)
-class ObjectPose:
+class PosedObject:
     """An object with its pose.
 
     Attributes:
-        annotation: as it was listed.
-        figures: of :class:`.pose_job.PoseJob`; None where there is none.
+        listed: what was known of it.
+        figures: of :func:`.pose_figures.pose_figures`; None where there is no pose.
         picture: (3, H, W), uint8.
+        page: HTML, if pages were asked for.
         failure: one sentence why there is no pose.
     """
 
-    annotation: ListedObject
+    listed: ListedObject
     figures: Mapping[str, Any] | None
     picture: NDArray[Any] | None = None
+    page: str | None = None
     failure: str = ""
+
+    @classmethod
+    def of(cls, listed: ListedObject, result: JobResult | str) -> PosedObject:
+        """That of an object and the result of its :class:`.pose_job.ObjectJob`."""
+        if isinstance(result, str):
+            return cls(listed, None, failure=result)
+        figures = dict(result.figures[0])
+        return cls(listed, figures, result.pictures[0], figures.pop("page", None))
 
     def refused(self, least_confidence: float) -> bool:
         """Whether the pose is less sure than was asked for."""
@@ -51,22 +61,32 @@ class ObjectPose:
         return sure is not None and sure < least_confidence
 
 
-def write(folder: Path, objects: Sequence[ObjectPose], least_confidence: float) -> None:
-    """Writes the files :data:`NAMES`; all are made before the first is written.
+def names(objects: Sequence[ListedObject], pages: bool) -> list[str]:
+    """The names of the files that :func:`write` leaves."""
+    return ["poses.csv", "poses.json", "index.html", *(_page_name(one) for one in objects if pages)]
+
+
+def _page_name(one: ListedObject) -> str:
+    return f"object_{one.id}.html"
+
+
+def write(folder: Path, objects: Sequence[PosedObject], least_confidence: float) -> None:
+    """Writes the files of :func:`names`; all are made before the first is written.
 
     Raises:
         OSError: a file cannot be written.
     """
-    texts = [
-        as_csv(objects, least_confidence),
-        json.dumps(as_json(objects, least_confidence), indent=1, allow_nan=False) + "\n",
-        _page(objects, least_confidence),
-    ]
-    for name, text in zip(NAMES, texts, strict=True):
+    texts = {
+        "poses.csv": as_csv(objects, least_confidence),
+        "poses.json": json.dumps(as_json(objects, least_confidence), indent=1, allow_nan=False) + "\n",
+        "index.html": _page(objects, least_confidence),
+        **{_page_name(one.listed): one.page for one in objects if one.page is not None},
+    }
+    for name, text in texts.items():
         write_text(folder / name, text)
 
 
-def as_csv(objects: Sequence[ObjectPose], least_confidence: float) -> str:
+def as_csv(objects: Sequence[PosedObject], least_confidence: float) -> str:
     """A line for each object, which :func:`nablahog.paper.object_lists.read_objects` reads again.
 
     m00 … m23 are the upper three rows of the matrix, row by row.
@@ -89,8 +109,8 @@ def as_csv(objects: Sequence[ObjectPose], least_confidence: float) -> str:
     writer = csv.DictWriter(out, columns, lineterminator="\n", restval="")
     writer.writeheader()
     for one in objects:
-        row: dict[str, Any] = {"image": one.annotation.image, "id": one.annotation.id, "error": one.failure}
-        box = one.annotation.box
+        row: dict[str, Any] = {"image": one.listed.image, "id": one.listed.id, "error": one.failure}
+        box = one.listed.box
         if one.figures is not None:
             figures = one.figures
             row |= {name: figures[name] for name in ("model", *_POSE, *_CAMERA, "similarity", "confidence")}
@@ -102,11 +122,11 @@ def as_csv(objects: Sequence[ObjectPose], least_confidence: float) -> str:
     return out.getvalue()
 
 
-def as_json(objects: Sequence[ObjectPose], least_confidence: float) -> dict[str, Any]:
+def as_json(objects: Sequence[PosedObject], least_confidence: float) -> dict[str, Any]:
     """All figures, ready for JSON, in COCO's form: images, categories, which are models, and annotations."""
     posed = [one for one in objects if one.figures is not None]
-    images = {name: k for k, name in enumerate(dict.fromkeys(one.annotation.image for one in objects), 1)}
-    sizes = {one.annotation.image: one.figures["image_size"] for one in posed if one.figures is not None}
+    images = {name: k for k, name in enumerate(dict.fromkeys(one.listed.image for one in objects), 1)}
+    sizes = {one.listed.image: one.figures["image_size"] for one in posed if one.figures is not None}
     models = {name: k for k, name in enumerate(sorted({one.figures["model"] for one in posed if one.figures}), 1)}
     annotations = []
     for one in posed:
@@ -115,8 +135,8 @@ def as_json(objects: Sequence[ObjectPose], least_confidence: float) -> dict[str,
         x0, y0, x1, y1 = one.figures["box"]
         annotations.append(
             {
-                "id": one.annotation.id,
-                "image_id": images[one.annotation.image],
+                "id": one.listed.id,
+                "image_id": images[one.listed.image],
                 "category_id": models[one.figures["model"]],
                 "bbox": [x0, y0, x1 - x0, y1 - y0],
                 "area": (x1 - x0) * (y1 - y0),
@@ -134,7 +154,7 @@ def as_json(objects: Sequence[ObjectPose], least_confidence: float) -> dict[str,
         "categories": [{"id": k, "name": name} for name, k in models.items()],
         "annotations": annotations,
         "failed": [
-            {"id": one.annotation.id, "file_name": one.annotation.image, "error": one.failure}
+            {"id": one.listed.id, "file_name": one.listed.image, "error": one.failure}
             for one in objects
             if one.figures is None
         ],
@@ -142,13 +162,13 @@ def as_json(objects: Sequence[ObjectPose], least_confidence: float) -> dict[str,
     }
 
 
-def rows(objects: Sequence[ObjectPose]) -> list[dict[str, object]]:
+def rows(objects: Sequence[PosedObject]) -> list[dict[str, object]]:
     """The most important figures, for a table."""
     shown = ("model", "azimuth", "elevation", "theta", "distance", "similarity", "confidence")
     return [
         {
-            "photograph": os.fsencode(one.annotation.image).decode(errors="backslashreplace"),
-            "object": one.annotation.id,
+            "photograph": os.fsencode(one.listed.image).decode(errors="backslashreplace"),
+            "object": one.listed.id,
             **{name: None if one.figures is None else one.figures[name] for name in shown},
             **({"azimuth": "any"} if one.figures is not None and one.figures["any_azimuth"] else {}),
         }
@@ -156,13 +176,13 @@ def rows(objects: Sequence[ObjectPose]) -> list[dict[str, object]]:
     ]
 
 
-def _page(objects: Sequence[ObjectPose], least_confidence: float) -> str:
+def _page(objects: Sequence[PosedObject], least_confidence: float) -> str:
     panels = []
     for one in objects[:SHOWN]:
         if one.figures is not None and one.picture is not None:
-            name = f"{one.annotation.image}, {one.annotation.id}"
+            name = f"{one.listed.image}, {one.listed.id}"
             panels.append(Panel(one.picture / 255, name, f"The object with the outline of {one.figures['model']}"))
-    failed = [{"photograph": one.annotation.image, "why": one.failure} for one in objects if one.figures is None]
+    failed = [{"photograph": one.listed.image, "why": one.failure} for one in objects if one.figures is None]
     first = "" if len(objects) <= SHOWN else f" Of the first {SHOWN}."
     sections = [html.Section("Outlines", f"Each object with the outline of the model that fits best.{first}", panels)]
     if failed:

@@ -1,12 +1,13 @@
-"""The paper's momentum by hand, and L-BFGS."""
+"""The paper's gradient ascent with momentum, step by step."""
 
 from __future__ import annotations
 
 import torch
 from torch.testing import assert_close
 
-from nablahog.pose.ascent import UNITS, lbfgs_ascent, momentum_ascent
-from nablahog.pose.placement import azimuth_distance, azimuth_sweep
+from nablahog.pose.ascent import UNITS
+from nablahog.pose.fit_box import azimuth_distance, azimuth_sweep
+from nablahog.pose.paper_search import momentum_ascent
 
 from .quadratics import START, quadratic
 
@@ -39,7 +40,7 @@ def test_momentums_first_steps_by_hand() -> None:
 def test_momentum_ascends_and_keeps_the_best() -> None:
     _, similarity = quadratic(START + torch.tensor([4.0, 0, 0, 0, 0, 0]).double() * UNITS)
     starts = azimuth_sweep(START, 36)[[0, 1, 2]]
-    best, values, path = momentum_ascent(similarity, starts, learning_rate=2.0)
+    best, values, path = momentum_ascent(similarity, starts)
     assert (values >= path[0, :, 1]).all()
     assert_close(values, path[..., 1].amax(0))
     assert_close(similarity.derivatives(best)[0], values)
@@ -52,9 +53,3 @@ def test_momentum_keeps_its_distance() -> None:
     _, similarity = quadratic(START - torch.tensor([0, 0, 200.0, 0, 0, 0]).double() * UNITS)
     best, _, _ = momentum_ascent(similarity, START[None], distance_every=1)
     assert best[0, 2] >= 1
-
-
-def test_lbfgs_ascends_to_the_maximum() -> None:
-    maximum = START + torch.tensor([1.0, -0.5, 0.5, 0.2, -1, 0.3]).double() * UNITS
-    _, similarity = quadratic(maximum)
-    assert_close((lbfgs_ascent(similarity, START, 30) - maximum) / UNITS, torch.zeros(6).double(), rtol=0, atol=0.05)

@@ -8,7 +8,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.pose import ascent
-from nablahog.pose.ascent import SCHEDULE, UNITS, Round, quadratic_ascent
+from nablahog.pose.ascent import UNITS, Round, quadratic_ascent
 
 from .quadratics import START, Quadratic, quadratic
 
@@ -89,7 +89,3 @@ def test_ascent_on_a_jagged_quadratic() -> None:
     assert ((result - START) / UNITS - away).norm() < 0.35 * away.norm()
     again = quadratic_ascent(similarity, START, rounds, torch.Generator().manual_seed(3))
     assert torch.equal(again, result)
-
-
-def test_rounds_are_of_pairs() -> None:
-    assert all(round_.samples % 2 == 0 for round_ in SCHEDULE)

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from torch.nn.functional import conv2d
 from torch.testing import assert_close
 
-from nablahog.pose import exemplar_views as learning
-from nablahog.pose.background import default_background
-from nablahog.pose.elements import EMPTY, calibration
-from nablahog.pose.exemplar_views import (
+from nablahog.hog import hog
+from nablahog.io.sample_photographs import sample_photograph
+from nablahog.paper import exemplar_views as learning
+from nablahog.paper.exemplar_views import (
     CELL,
     FOCAL,
     LEVELS,
@@ -25,9 +26,12 @@ from nablahog.pose.exemplar_views import (
     ExemplarLibrary,
     ExemplarViews,
     ViewSampling,
+    calibration,
     learn_views,
     pyramid,
 )
+from nablahog.pose.background import default_background
+from nablahog.pose.elements import EMPTY
 from nablahog.pose.whitening import Background
 from nablahog.render import Camera, Mesh, Renderer
 
@@ -215,3 +219,16 @@ def test_a_model_that_is_not_seen(background: Background) -> None:
     assert len(views.scale) == 0
     assert views.weights.shape == (0, 10, 10, 9)
     assert views.first.tolist() == [0, 0, 0]
+
+
+def test_one_of_ten_thousand_patches_of_photographs_scores_0(background: Background, views: ExemplarViews) -> None:
+    """The mean of photographs scores -1."""
+    weights = views.weights[:8]
+    scale, offset = calibration(weights, background)
+    assert_close((weights * background.mean.float()).sum((1, 2, 3)) * scale + offset, -torch.ones(8), atol=1e-4, rtol=0)
+    samples = [sample_photograph(name)[None] for name in ("astronaut", "camera", "coffee", "rocket")]
+    maps = [conv2d(hog(each, SPEC).permute(0, 3, 1, 2), weights.permute(0, 3, 1, 2))[0].flatten(1) for each in samples]
+    scores = scale[:, None] * torch.cat(maps, dim=1) + offset[:, None]
+    assert scores.shape[1] > 9000
+    assert abs(scores.mean() + 1) < 0.1
+    assert abs(scores.quantile(0.9999, dim=1).mean()) < 0.3

@@ -1,0 +1,283 @@
+"""The default search: views all around, the best of them tilted, and an ascent from the best of these."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cached_property, partial
+from threading import Lock
+
+import torch
+from torch import Tensor
+
+from ..hog.box import Box
+from ..runtime.threads import in_threads
+from .ascent import SCHEDULE, Round, quadratic_ascent
+from .confidence import confidence
+from .evidence import at_azimuths, azimuth_evidence
+from .fit_box import VIEW_COUNT, bounding_boxes, equidistant_azimuths, local_maxima
+from .model import DETAIL, PreparedModel, equivalent_azimuths, view_descriptors
+from .photograph import PreparedPhotograph
+from .pose_estimate import PoseEstimate
+from .problem import PoseProblem
+from .similarity import Similarity
+from .surroundings import FOUND, ROUGH, Surroundings, surroundings, views_around
+from .vote import Hypothesis, by_score, mean_viewpoint, more_starts, runners_up, shares_of_best, vote, with_rival
+
+VOTERS = 36  # views of several models that are tilted and ascended from, inside the box and again around it
+VOTING_SCHEDULE = SCHEDULE[:2]  # rounds of their ascents, enough to tell which side of the object they see
+_SIDES = 4  # that are voted for: the best one and the runners-up
+_SAME_BOX = 0.85  # intersection over union from which on a view fills the box that was given
+_STARTS = 4  # local maxima of a model's views, at most, that are tilted
+_NEARLY = 0.75  # of the best view's similarity: views above it may still turn out to be the best
+_TURNS, _TILTS = (-5.0, 0.0, 5.0), (-10.0, -5.0, 0.0, 5.0, 10.0)  # degrees of azimuth and in the image plane
+_SURE = 6.5  # coarse similarity of views that fill the given box, from which on no other boxes are searched
+_SURE_AT_LAST = 8.0  # fine similarity from which on no other ascents are tried
+_MOST_OF_A_SIDE = 8  # poses of the side with most votes whose mean viewpoint is taken
+
+
+def best_search(problem: PoseProblem) -> PoseEstimate:
+    """Searches views coarsely, tilts the best of them, and ascends over all parameters from the best of these.
+
+    The calibrated similarity has smaller cells in the last step.  Of several models, poses vote for a side of the
+    object first: a single wrong model may fit any side.
+    """
+    search = BestSearch(problem)
+    tilted = search.tilt_each(search.promising(search.look_around()))
+    if search.calibrated and max(one.similarity for one in tilted) < _SURE:
+        tilted += search.tilt_each(search.promising(search.look_elsewhere()))
+    return search.of_several(tilted) if search.voting else search.of_one(tilted)
+
+
+class BestSearch:
+    """The steps of the search, their templates, and the number of renderings."""
+
+    def __init__(self, problem: PoseProblem) -> None:
+        self.problem = problem
+        self.kind = problem.similarity or "calibrated"
+        self.calibrated = self.kind == "calibrated"  # only then can poses be compared whatever box they fill
+        self.voting = len(problem.models) > 1 and self.calibrated
+        self.renderings = 0
+        self._lock = Lock()
+
+    def of_one(self, tilted: Sequence[Hypothesis]) -> PoseEstimate:
+        """The best pose of a single model, or of a similarity for which there is no vote."""
+        chosen = with_rival(tilted)
+        refined = self.ascend_each(chosen)
+        if self.calibrated:
+            for hypothesis in more_starts(tilted, chosen):
+                if max(one.similarity for one in refined) >= _SURE_AT_LAST:
+                    break
+                chosen.append(hypothesis)
+                refined += self.ascend_each([hypothesis])
+        best = max(refined, key=lambda one: one.score)
+        traced = [*refined, *(one for one in tilted if one not in chosen)]
+        return self._estimate(best, traced, shares_of_best(best, refined, tilted), agreement=1.0)
+
+    def of_several(self, tilted: Sequence[Hypothesis]) -> PoseEstimate:
+        """The side on which poses of several models agree, and the best of these."""
+        voters = self.ascend_each(tilted, VOTING_SCHEDULE)
+        (on_side, share), *others = vote(voters, _SIDES, self.azimuth_evidence(voters))
+        chosen = on_side[:_MOST_OF_A_SIDE]
+        ascended = self.ascend_each(chosen)
+        agreeing = by_score(ascended)
+        best = self.seen_from(mean_viewpoint(agreeing), agreeing[0])
+        traced = [*ascended, *(one for one in voters if one not in chosen)]
+        return self._estimate(best, traced, [(each / share, poses[0]) for poses, each in others], agreement=share)
+
+    def look_around(self) -> list[Hypothesis]:
+        """The best views of all models at all elevations, the best of all first, as many as are looked at closely."""
+        azimuths, penalties = equidistant_azimuths(VIEW_COUNT), self._level_penalties
+        seen: list[tuple[float, float, str, float, Tensor]] = []
+        for name, model in self.problem.each_model():
+            for elevation in self.problem.elevations:
+                values = self._view_similarities(model, elevation)
+                values[~self._allowed] = -torch.inf
+                best = local_maxima(values, _STARTS)
+                for value, azimuth in zip(values[best].tolist(), azimuths[best], strict=True):
+                    seen.append((value - penalties[elevation], value, name, elevation, azimuth))
+                self.renderings += VIEW_COUNT
+        seen = sorted((one for one in seen if math.isfinite(one[0])), key=lambda one: -one[0])
+        return [self._level_view(*one[1:]) for one in seen[: self._most_views]]
+
+    def look_elsewhere(self) -> list[Hypothesis]:
+        """The best views that fill another box, or are tilted, the best of all first."""
+        seen = []
+        for name, model in self.problem.models.items():
+            for place, around in self._surroundings:
+                views = views_around(model, place, around, self.problem.elevations, self._allowed, _STARTS)
+                for pose, value in zip(views[0], views[1].tolist(), strict=True):
+                    seen.append((value - float(self.problem.penalty(pose[None], place)), value, name, place, pose))
+        best = sorted(seen, key=lambda one: -one[0])[: self._most_views]
+        views_elsewhere = (self._reframed(*one[1:]) for one in best)
+        return [view for view in views_elsewhere if view is not None]
+
+    def promising(self, views: Sequence[Hypothesis]) -> Sequence[Hypothesis]:
+        """Of ``views``, the best first, those that are nearly as good as the best; for a vote all."""
+        if self.voting or not views:
+            return views
+        least = views[0].score - (1 - _NEARLY) * abs(views[0].score)
+        return [view for view in views if view.score >= least]
+
+    def tilt_each(self, views: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """The best of small turns of azimuth and in the image plane, of each view.
+
+        The two are hard to tell apart: seen from above, either moves the top of an object across its foot.
+        """
+        similarities = [self._similarity(view, fine=False) for view in views]  # made before threads ask for them
+        return in_threads(lambda k: self._tilt(views[k], similarities[k]), len(views))
+
+    def ascend_each(self, starts: Sequence[Hypothesis], rounds: Sequence[Round] = SCHEDULE) -> list[Hypothesis]:
+        """The highest similarity near each start.
+
+        Args:
+            starts: of any models.
+            rounds: of quadratic ascents.
+        """
+        similarities = [self._similarity(start, fine=True) for start in starts]
+        seeds = torch.randint(2**62, (len(starts),), generator=self.problem.generator).tolist()
+        return in_threads(lambda k: self._ascend(starts[k], similarities[k], rounds, seeds[k]), len(starts))
+
+    def azimuth_evidence(self, poses: Sequence[Hypothesis]) -> Tensor:
+        """Logarithms of the probabilities of their azimuths whatever the model, (N,)."""
+        places = list(dict.fromkeys(one.place for one in poses))  # in a crop of its own a pose would confirm itself
+        models = list(self.problem.models.values())
+        evidence = azimuth_evidence(models, places, self._level_penalties, self.problem.viewpoints)
+        rows = torch.tensor([places.index(one.place) for one in poses])
+        return at_azimuths(evidence[rows], torch.tensor([one.azimuth for one in poses], dtype=torch.float64))
+
+    def seen_from(self, viewpoint: Tensor, of: Hypothesis) -> Hypothesis:
+        """A pose at another azimuth, elevation and in-plane rotation, (3,), degrees."""
+        pose = of.pose.clone()
+        pose[[0, 1, 3]] = viewpoint
+        return of.moved(pose, self._value(of, pose, fine=True), self._value(of, pose, fine=False))
+
+    def _estimate(
+        self,
+        best: Hypothesis,
+        traced: Sequence[Hypothesis],
+        shares: Sequence[tuple[float, Hypothesis]],
+        *,
+        agreement: float,
+    ) -> PoseEstimate:
+        """The best pose, with the runners-up of others and the confidence."""
+        elevation = min(self.problem.elevations, key=lambda each: abs(each - float(best.pose[1])))  # one with views
+        same_view = equivalent_azimuths(self.problem.models[best.model], best.azimuth, elevation)
+        others = tuple(self._as_estimate(one, share=share) for one, share in runners_up(shares, best, same_view))
+        rival = others[0].share if others else 0.0
+        known = len(self.problem.models) == 1
+        return self._as_estimate(
+            best,
+            traces=tuple(one.search_trace() for one in traced),
+            runners_up=others,
+            equivalent_azimuths=same_view,
+            confidence=confidence(best.similarity, rival, agreement, known_model=known) if self.calibrated else None,
+        )
+
+    def _as_estimate(self, one: Hypothesis, **others: object) -> PoseEstimate:
+        pose = one.photograph.crop.converted(one.pose, self.problem.photograph.crop)
+        return self.problem.estimate(
+            one.model,
+            pose,
+            similarity=one.similarity,
+            similarity_kind=self.kind,
+            renderings=self.renderings,
+            **others,
+        )
+
+    @property
+    def _most_views(self) -> int:
+        """How many views are looked at closely, at most."""
+        return VOTERS if self.voting else _STARTS
+
+    @cached_property
+    def _allowed(self) -> Tensor:
+        """Which of the views around a model are searched, (VIEW_COUNT,)."""
+        return self.problem.allowed(equidistant_azimuths(VIEW_COUNT))
+
+    @cached_property
+    def _level_penalties(self) -> dict[float, float]:
+        return self.problem.level_penalties()
+
+    @cached_property
+    def _surroundings(self) -> list[tuple[PreparedPhotograph, Surroundings]]:
+        """The crops of all boxes with their surroundings."""
+        problem = self.problem
+        photographs = [problem.photograph, *map(problem.cropped, problem.other_boxes or ())]
+        reach = ROUGH if problem.other_boxes is None else FOUND
+        return [(one, surroundings(one, problem.image, problem.tilts, reach)) for one in photographs]
+
+    def _view_similarities(self, model: PreparedModel, elevation: float) -> Tensor:
+        """Similarities (VIEW_COUNT,) of views all around."""
+        photograph = self.problem.photograph
+        if self.calibrated:
+            views = view_descriptors(model, elevation, photograph.own_background)
+            return (views.flatten(1) @ photograph.calibrated.weights.flatten()).double()
+        # without calibration the similarity depends on the size of the object
+        poses = self.problem.level_views(model, equidistant_azimuths(VIEW_COUNT), elevation)
+        return self._similarity_of(model, photograph, fine=False).values(poses)
+
+    def _level_view(self, value: float, name: str, elevation: float, azimuth: Tensor) -> Hypothesis:
+        (pose,) = self.problem.level_views(self.problem.models[name], azimuth[None], elevation)
+        return self._hypothesis(value, name, pose, self.problem.photograph, self.problem.photograph)
+
+    def _reframed(self, value: float, name: str, place: PreparedPhotograph, pose: Tensor) -> Hypothesis | None:
+        """A view with the crop around it; None for level views that fill the given box, which are there already."""
+        model, crop = self.problem.models[name], place.crop
+        (box,) = bounding_boxes(pose[None], model.hull, crop.camera)
+        if Box.of(box.tolist()).iou(crop.centred_box) >= _SAME_BOX:
+            if pose[3] == 0 and place is self.problem.photograph:
+                return None
+            (pose,) = self.problem.fit(model, pose[None], place)
+            return self._hypothesis(value, name, pose, place, place)
+        other = self.problem.cropped(crop.box_in_photograph(box))
+        return self._hypothesis(value, name, crop.converted(pose, other.crop), other, place)
+
+    def _hypothesis(
+        self, value: float, name: str, pose: Tensor, photograph: PreparedPhotograph, place: PreparedPhotograph
+    ) -> Hypothesis:
+        penalty = float(self.problem.penalty(pose[None], photograph))
+        hypothesis = Hypothesis(value, name, pose, photograph, place, ((float(pose[0]), value),), penalty)
+        self._watch(hypothesis, pose)
+        return hypothesis
+
+    def _tilt(self, view: Hypothesis, coarse: Similarity) -> Hypothesis:
+        poses = view.pose.repeat(len(_TILTS) * len(_TURNS), 1)
+        poses[:, [0, 3]] += torch.cartesian_prod(torch.tensor(_TURNS), torch.tensor(_TILTS))
+        poses = self.problem.fit(self.problem.models[view.model], poses, view.photograph)
+        values = coarse.values(poses)
+        self._count(len(poses))
+        penalties = self.problem.penalty(poses, view.photograph)
+        best = int((values - penalties).argmax())
+        pose, value = poses[best], float(values[best])
+        self._watch(view, pose)
+        return view.moved(pose, value, value, float(penalties[best]))
+
+    def _ascend(self, start: Hypothesis, fine: Similarity, rounds: Sequence[Round], seed: int) -> Hypothesis:
+        generator = torch.Generator().manual_seed(seed)
+        pose = quadratic_ascent(fine, start.pose, rounds, generator, partial(self._watch, start))
+        value = float(fine.values(pose[None]))
+        self._count(fine.renderings)
+        penalty = float(self.problem.penalty(pose[None], start.photograph))
+        return start.moved(pose, value, self._value(start, pose, fine=False), penalty)
+
+    def _watch(self, hypothesis: Hypothesis, pose: Tensor) -> None:
+        given = self.problem.photograph.crop
+        with self._lock:
+            self.problem.watch(hypothesis.model, hypothesis.photograph.crop.converted(pose, given))
+
+    def _value(self, of: Hypothesis, pose: Tensor, *, fine: bool) -> float:
+        self._count(1)
+        return float(self._similarity(of, fine=fine).values(pose[None]))
+
+    def _count(self, renderings: int) -> None:
+        with self._lock:
+            self.renderings += renderings
+
+    def _similarity(self, of: Hypothesis, *, fine: bool) -> Similarity:
+        return self._similarity_of(self.problem.models[of.model], of.photograph, fine=fine)
+
+    def _similarity_of(self, model: PreparedModel, photograph: PreparedPhotograph, *, fine: bool) -> Similarity:
+        """To a crop; of the kinds only the calibrated one has smaller cells in the last steps."""
+        template = photograph.fine if fine and self.calibrated else photograph.template(self.kind)
+        return model.similarity(template, detail=DETAIL, camera=photograph.crop.camera)

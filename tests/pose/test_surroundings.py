@@ -1,0 +1,90 @@
+"""The surroundings of a box, at several scales and in-plane rotations, and the views that fit there."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+import torch
+from torch.testing import assert_close
+
+from nablahog.pose.crop import FILL, crop_object
+from nablahog.pose.fit_box import VIEW_COUNT, bounding_boxes
+from nablahog.pose.model import prepared_model, view_descriptors
+from nablahog.pose.photograph import PreparedPhotograph
+from nablahog.pose.surroundings import FOUND, ROUGH, places, surroundings, turned, views_around
+from nablahog.render import Camera, pose, render
+
+from .common import degrees_between, model, photographed
+
+
+def test_what_is_turned_counter_clockwise_is_upright_again() -> None:
+    camera = Camera(300.0, 100, 100)
+    upright, tilted = (render(model(), pose(40, 15, 4.0, theta), camera)[0, 0] for theta in (0, 30))
+    (again,) = turned(tilted, [30], 1.0, (100, 100))
+    assert float((again - upright).abs().mean()) < 0.015
+    assert float((again - tilted).abs().mean()) > 0.05
+    assert_close(turned(tilted, [0], 1.0, (100, 100))[0], tilted, atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 25.0, -90.0])
+def test_samples_of_a_turned_ramp_are_those_at_their_places(tilt: float) -> None:
+    """Brightness 2x + 3y, from the middle, where the turned grid lies."""
+    y, x = (torch.arange(n) - (n - 1) / 2 for n in (30, 50))
+    (samples,) = turned(2 * x + 3 * y[:, None], [tilt], 1.5, (9, 12))
+    grid = [torch.arange(n, dtype=torch.float64) - (n - 1) / 2 for n in (9, 12)]
+    at_x, at_y = (part[0] for part in places(grid, torch.tensor([1.5]).double(), torch.tensor([tilt]).double()))
+    cosine, sine = math.cos(math.radians(tilt)), math.sin(math.radians(tilt))
+    down, across = 1.5 * grid[0][:, None], 1.5 * grid[1]
+    assert_close((at_x, at_y), (cosine * across + sine * down, cosine * down - sine * across))
+    assert_close(samples.double(), 2 * at_x + 3 * at_y, rtol=0, atol=1e-4)
+
+
+def test_the_window_of_the_box_is_the_template() -> None:
+    image, box = photographed(model(), 40, 15, behind="coffee")
+    photograph = PreparedPhotograph(crop_object(image, box))
+    windows = surroundings(photograph, image, [0], FOUND)
+    (same,) = ((windows.scales == 1) & (windows.centres == 0).all(1)).nonzero()
+    template = photograph.calibrated.weights.flatten()
+    assert float(torch.corrcoef(torch.stack([windows.windows[same[0]], template]))[0, 1]) > 0.8
+
+
+def test_the_best_view_is_where_the_object_is() -> None:
+    """A box that is too large, and beside the object."""
+    image, box = photographed(model(), 40, 15, behind="coffee")
+    rough = box.x0 - 0.3 * box.width, box.y0 - 0.2 * box.height, box.x1 + 0.05 * box.width, box.y1 + 0.15 * box.height
+    photograph = PreparedPhotograph(crop_object(image, rough))
+    crop = photograph.crop
+    one = prepared_model(model(), crop.camera)
+    everywhere = torch.ones(VIEW_COUNT, dtype=torch.bool)
+    around = surroundings(photograph, image, [-15, 0, 15], ROUGH)
+    poses, similarities = views_around(one, photograph, around, [0, 15, 30], everywhere, 4)
+    assert degrees_between(float(poses[0, 0]), 40) <= 7.5
+    assert poses[0, 3] == 0
+    assert list(similarities) == sorted(similarities, reverse=True)
+    sides = bounding_boxes(poses[:1], one.hull, crop.camera)[0]
+    expected = [(side - middle) * crop.zoom for side, middle in zip(box, crop.middle * 2, strict=True)]
+    assert max(abs(float(side) - of) for side, of in zip(sides, expected, strict=True)) < 0.1 * FILL
+
+
+def test_a_view_off_the_box_loses_a_known_part_of_its_similarity() -> None:
+    """The same windows said to be of twice the size, or half a side away: 5 % less each, 10 % for both."""
+    image, box = photographed(model(), 40, 15, behind="coffee")
+    photograph = PreparedPhotograph(crop_object(image, box))
+    one, everywhere = prepared_model(model(), photograph.crop.camera), torch.ones(VIEW_COUNT, dtype=torch.bool)
+    windows = torch.stack([view_descriptors(one, 15)[5].flatten()] * 4)
+    scales, centres = torch.tensor([1.0, 2.0, 1.0, 0.5]), torch.tensor([[0, 0], [0, 0], [0, FILL / 2], [FILL / 2, 0]])
+    found = []
+    for k in range(4):
+        around = surroundings(photograph, image, [0], FOUND)
+        around = dataclasses.replace(
+            around,
+            windows=windows[k : k + 1],
+            scales=scales[k : k + 1].double(),
+            tilts=torch.zeros(1).double(),
+            centres=centres[k : k + 1].double(),
+        )
+        found.append(float(views_around(one, photograph, around, [15.0], everywhere, 1)[1][0]))
+    assert found[0] > 0
+    assert [value / found[0] for value in found] == pytest.approx([1, 0.95, 0.95, 0.9])

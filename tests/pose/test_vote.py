@@ -1,0 +1,139 @@
+"""Rivals of a pose, and the side on which poses of several models agree."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import pytest
+import torch
+
+from nablahog.pose import estimate_pose
+from nablahog.pose.photograph import PreparedPhotograph
+from nablahog.pose.vote import (
+    Hypothesis,
+    consensus,
+    mean_viewpoint,
+    more_starts,
+    runners_up,
+    shares_of_best,
+    vote,
+    with_rival,
+)
+
+from .common import SWIVEL, degrees_between, model, photographed
+
+Sides = list[tuple[list[Hypothesis], float]]
+
+
+def poses(
+    azimuths: list[float], coarse: list[float], fine: list[float] | None = None, penalty: list[float] | None = None
+) -> list[Hypothesis]:
+    """Hypotheses with these similarities, of models a, b, c, …; their elevation is a tenth of the azimuth."""
+    photograph = cast(PreparedPhotograph, None)
+    return [
+        Hypothesis(
+            (fine or coarse)[k],
+            chr(97 + k),
+            torch.tensor([at, at / 10, 3.0, 0, 0, 0], dtype=torch.float64),
+            photograph,
+            photograph,
+            ((at, coarse[k]),),
+            penalty[k] if penalty else 0.0,
+        )
+        for k, at in enumerate(azimuths)
+    ]
+
+
+def voted(voters: list[Hypothesis], count: int) -> Sides:
+    """The sides where nothing else says which azimuths are likely."""
+    return vote(voters, count, torch.zeros(len(voters), dtype=torch.float64))
+
+
+def models_of(side: tuple[list[Hypothesis], float]) -> str:
+    return "".join(one.model for one in side[0])
+
+
+def test_a_side_that_is_likely_in_itself_needs_fewer_votes() -> None:
+    voters = poses([0.0, 5.0, 180.0], [5.0, 5.0, 5.0])
+    assert models_of(voted(voters, 1)[0]) == "ab"
+    likely = torch.tensor([0.0, 0.0, 3.0], dtype=torch.float64)
+    assert models_of(vote(voters, 1, likely)[0]) == "c"
+    assert vote(voters, 1, likely + 100)[0][1] == pytest.approx(vote(voters, 1, likely)[0][1])
+
+
+def test_many_good_poses_outvote_the_best_one() -> None:
+    azimuths, similarities = [200.0, 355, 361, 3, 90, 95, 180], [9.0, 8.7, 8.6, 8.7, 5.0, 5.0, 1.0]
+    first, second, *_ = voted(poses(azimuths, similarities), 4)
+    assert (sorted(models_of(first)), models_of(second)) == (["b", "c", "d"], "a")
+    first, *_ = voted(poses(azimuths, [14.0, *similarities[1:]]), 4)
+    assert models_of(first) == "a"
+
+
+def test_a_vote_is_the_exponential_of_the_similarity_without_the_penalty() -> None:
+    """Shares of two sides with known weights: exp((0.7 coarse + 0.3 fine - penalty) / 0.8)."""
+    (first, share), (second, other) = voted(poses([0.0, 180.0], [5.0, 5.0], [6.0, 5.0], [0.0, 0.5]), 2)
+    assert (first[0].model, second[0].model) == ("a", "b")
+    assert share / other == pytest.approx(torch.tensor((0.3 + 0.5) / 0.8).exp().item(), rel=1e-5)
+    assert share + other == pytest.approx(1)
+    (first, _), _ = voted(poses([0.0, 180.0], [5.0, 5.0], None, [0.5, 0.0]), 2)
+    assert first[0].model == "b"
+
+
+def test_shares_add_up_and_every_pose_is_on_one_side() -> None:
+    generator = torch.Generator().manual_seed(1)
+    azimuths = (torch.rand(36, generator=generator) * 720).tolist()
+    sides = voted(poses(azimuths, torch.rand(36, generator=generator).tolist()), 36)
+    assert sum(share for _, share in sides) == pytest.approx(1)
+    assert sorted(one.azimuth for side, _ in sides for one in side) == sorted(azimuths)
+
+
+def test_the_viewpoint_is_the_mean_of_the_side_across_0() -> None:
+    azimuth, elevation, theta = mean_viewpoint(poses([358.0, 4.0], [5.0, 5.0])).tolist()
+    assert degrees_between(azimuth, 1.0) < 1e-3
+    assert elevation == pytest.approx(18.1, abs=1e-3)
+    assert theta == 0
+
+
+def test_a_pose_that_fits_better_counts_more() -> None:
+    ((side, _),) = voted(poses([0.0, 10.0], [5.0, 5.0], [8.0, 5.0]), 1)
+    assert side[0].model == "a"
+    assert degrees_between(float(mean_viewpoint(side)[0]), 0) < 0.5
+
+
+def test_votes_of_a_pose_alone_are_its_weight() -> None:
+    azimuths = torch.tensor([0.0, 100, 200], dtype=torch.float64)
+    weights = torch.tensor([1.0, 0.5, 0.25], dtype=torch.float64)
+    assert torch.allclose(consensus(azimuths, weights), weights)
+
+
+def test_the_rival_looks_from_elsewhere_and_is_nearly_as_good() -> None:
+    assert [one.azimuth for one in with_rival(poses([0, 10, 90, 180], [5.0, 4.9, 4.3, 4.5]))] == [0, 180]
+    assert [one.azimuth for one in with_rival(poses([0, 350, 180], [5.0, 4.9, 3.9]))] == [0]
+    penalised = poses([0, 180], [5.0, 4.9], penalty=[0.5, 0.0])
+    assert [one.azimuth for one in with_rival(penalised)] == [180, 0]
+
+
+def test_more_starts_look_from_elsewhere() -> None:
+    views = poses([0, 100, 110, 5, 200], [3.0, 2.0, 1.9, 2.5, 1.0])
+    assert [one.azimuth for one in more_starts(views, views[:1])] == [100, 200]
+
+
+def test_runners_up_are_no_symmetric_views() -> None:
+    views = poses([0, 90, 180, 270], [4.0, 3.0, 3.5, 2.0])
+    best = views[0].moved(views[0].pose, 6.0, 5.0)
+    others = runners_up(shares_of_best(best, [best], views), best, (180.0,))
+    assert [(one.azimuth, share) for one, share in others] == [(90, 0.75), (270, 0.5)]
+
+
+def test_threads_do_not_change_the_pose_and_count_all_renderings() -> None:
+    image, box = photographed(model(), 30, 15)
+    others = {"swivel": model(SWIVEL), "wooden": model(6)}
+    before, found = torch.get_num_threads(), []
+    try:
+        for threads in (1, 2):
+            torch.set_num_threads(threads)
+            found.append(estimate_pose(image, others, box=box, initial=(0, 15)))
+    finally:
+        torch.set_num_threads(before)
+    assert torch.equal(found[0].pose, found[1].pose)
+    assert (found[0].model, found[0].renderings) == (found[1].model, found[1].renderings)
