@@ -152,7 +152,7 @@ class Command:
             Image.fromarray(levels).resize((32, 32), Image.Resampling.BICUBIC).save(images / f"{k:03d}.png")
         self.arguments = {
             "table1": ["--images", str(images), "--methods", "dalal-single,uoctti-single", "--max-evaluations", "3"],
-            "table2": ["--objects", "24", "--methods", "exhaustive,best"],
+            "table2": ["--objects", "24", "--methods", "exhaustive,best", "--conditions", "none"],
             "hog": [str(images), "--shard", "10", "--preset", "dpm"],
         }[name]
         self.run(folder / "undisturbed", "--workers", "2").wait()
