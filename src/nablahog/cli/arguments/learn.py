@@ -79,7 +79,7 @@ KINDS = {
     "hoggles": Kind(
         "the paired dictionaries of HOGgles, for Table 1",
         "Learns a dictionary of windows of descriptors together with one of their gray patches, as Vondrick et al. do. "
-        "This takes about a quarter of an hour.",
+        "This takes about half an hour on one core.",
         "the dictionaries",
         _hoggles,
     ),
