@@ -12,11 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import torch
 from PIL import Image
 
+from nablahog import HOGSpec, presets
 from nablahog.cli.commands import invert
 from nablahog.cli.inputs.sources import Source
 from nablahog.cli.main import main
+from nablahog.cli.results import inversion
 from nablahog.io.descriptor_file import load_descriptor
 
 from .common import CHELSEA, FAST, names
@@ -117,22 +120,25 @@ def test_stdin_and_stdout(tmp_path: Path, photo: str) -> None:
         assert glyphs.size == (160, 128)
 
 
-class _Stdin(io.TextIOWrapper):
-    terminal = False
-
-    def isatty(self) -> bool:
-        return self.terminal
-
-
 def test_stdin_as_it_should_not_be(
     tmp_path: Path, photo: str, refused: Callable[..., None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     to = ["-o", str(tmp_path / "out")]
     for content, message in ((b"", "-: expected a file of 1 … "), (b"hello", "-: expected an image")):
-        monkeypatch.setattr(sys, "stdin", _Stdin(io.BytesIO(content)))
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(content)))
         refused("hog", "-", *to, message=message)
-    monkeypatch.setattr(_Stdin, "terminal", True)
-    refused("hog", "-", *to, message="-: expected a file on stdin, got a terminal")
     refused("hog", "-", "-", *to, message="stdin can be read once")
     refused("hog", photo, photo, "-o", "-", message="several inputs need a folder: expected -o DIR, got stdout")
     refused("hog", photo, "-o", "-", "--json", message="-o - and --json would both write to stdout")
+
+
+def test_batches_hold_one_spec_and_size_and_not_too_much(monkeypatch: pytest.MonkeyPatch) -> None:
+    def source(rows: int, spec: HOGSpec) -> Source:
+        size = (8 * rows, 8)
+        return Source("p", "p", torch.zeros(rows, 1, spec.channels), spec, size, None)
+
+    one, other = presets.paper(), presets.uoctti()
+    sources = [source(1, one), source(2, one), source(1, other), source(1, one), source(1, one)]
+    assert inversion.batches(sources) == [[0, 3, 4], [1], [2]]
+    monkeypatch.setattr(inversion, "BATCH_PIXELS", 130)
+    assert inversion.batches(sources) == [[0, 3], [4], [1], [2]]

@@ -48,10 +48,8 @@ def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     [
         (["invrt", "a.png"], "'invert'"),
         (["learn", "priors", "-o", "p.npz"], "'prior'"),
-        (["hog", "a.png", "-o", "d", "--preset", "OpenCV"], "'opencv'"),
         (["invert", "a.png", "-o", "d", "--qualty", "fast"], "'--quality'"),
         (["table1", "-o", "t", "--methods", "uocti-single"], "'uoctti-single'"),
-        (["table2", "-o", "t", "--conditions", "tiltd"], "'tilted'"),
         (["hog", "a.png", "-o", "d", "--set", "orientation=8", "--preset", "skimage"], "'orientations'"),
     ],
 )

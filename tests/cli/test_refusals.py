@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,31 +14,14 @@ from PIL import Image
 
 from nablahog import presets
 from nablahog.cli.main import main
-from nablahog.io.descriptor_file import load_descriptor
 
 from .common import CHELSEA, FAST
-
-
-def _truncated(path: Path) -> None:
-    whole = path.read_bytes()
-    path.write_bytes(whole[: len(whole) // 2])
-
-
-def _bomb(path: Path) -> None:
-    Image.new("1", (1, 1)).save(path, "BMP")
-    header = bytearray(path.read_bytes())
-    header[18:26] = (12_000).to_bytes(4, "little") + (9_000).to_bytes(4, "little")  # the size that it claims
-    path.write_bytes(header)
-
 
 BAD_PHOTOS: dict[str, tuple[Callable[[Path], Any], str]] = {
     "missing": (lambda path: path.unlink(), "no such file"),
     "an empty folder": (lambda path: (path.unlink(), path.mkdir()), "expected a file, or a folder of files"),
     "no image": (lambda path: path.write_text("hello"), "expected an image, got a file of no format that Pillow reads"),
-    "truncated": (_truncated, "the image cannot be read"),
-    "a bomb": (_bomb, "more than 89,478,485 pixels"),
     "smaller than a cell": (lambda path: Image.fromarray(CHELSEA[:3]).save(path), "at least one cell of 8x8 pixels"),
-    "a pipe": (lambda path: (path.unlink(), os.mkfifo(path)), "got a special file"),
 }
 
 
@@ -58,17 +40,9 @@ def _arrays(path: Path, **changed: Any) -> None:
     np.savez(path, **arrays)
 
 
-def _nan(path: Path) -> None:
-    descriptor = load_descriptor(path).descriptor.numpy()
-    descriptor[0, 0, 0] = np.nan
-    _arrays(path, descriptor=descriptor)
-
-
 BAD_DESCRIPTORS: dict[str, tuple[Callable[[Path], Any], str]] = {
-    "truncated": (_truncated, "expected a descriptor file"),
-    "NaN": (_nan, "must be finite, got NaN or Inf"),
+    "truncated": (lambda path: path.write_bytes(path.read_bytes()[:2000]), "expected a descriptor file"),
     "another spec": (lambda path: _arrays(path, spec=np.array(presets.paper().to_json())), "a paper descriptor of"),
-    "another shape": (lambda path: _arrays(path, descriptor=np.zeros((6, 5, 31), np.float32)), "got (6, 5, 31)"),
     "pickled": (lambda path: _arrays(path, spec=np.array([{}], dtype=object)), "pickled objects, which are never"),
 }
 
@@ -132,7 +106,6 @@ def test_errors_are_one_short_printable_line(
     ("options", "status"),
     [
         (["--size", "-1"], 2),
-        (["--seed", "many"], 2),
         (["--device", "tpu"], 2),
         (["--preset", "sift"], 2),
         (["--set", "orientations"], 2),
@@ -140,7 +113,6 @@ def test_errors_are_one_short_printable_line(
         (["--wat"], 2),
         (["--set", "nbins=8"], 1),
         (["--preset", "opencv", "--set", "cell_size=6"], 1),
-        (["--preset", "dlib", "--set", "cell_size=32"], 1),
         (["--size", "4"], 1),
         (["--method", "paper", "--quality", "fast"], 1),
         (["--method", "paper", "--colour"], 1),

@@ -26,13 +26,6 @@ def test_progress_without_a_terminal(capsys: pytest.CaptureFixture[str], monkeyp
     ]
 
 
-def test_lines_are_bounded(capsys: pytest.CaptureFixture[str]) -> None:
-    terminal.say("Passed over: " + ", ".join(f"{number}.txt" for number in range(20_000)))
-    line = capsys.readouterr().out
-    assert len(line) <= terminal.LONGEST + 1
-    assert line.endswith("19999.txt\n")
-
-
 def test_names_do_not_command_the_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     terminal.say(f"Passed over: {NAME}")
     terminal.print_table([{"input": NAME, "size": [1, 2]}])
@@ -60,10 +53,3 @@ def test_wide_tables_fit_a_narrow_terminal(capsys: pytest.CaptureFixture[str], m
     names = [line[:11].rstrip() for line in lines]
     at = names.index("paper-")
     assert names[at : at + 4] == ["paper-", "dalal-", "multi-", "scale-more"]
-
-
-def test_tables(capsys: pytest.CaptureFixture[str]) -> None:
-    terminal.print_table([{"name": "[red]", "x": None, "size": [1, 2]}, {"name": "b", "x": 0.12345, "size": [3, 4]}])
-    printed = capsys.readouterr().out
-    for text in ("[red]", "–", "0.123", "1x2"):
-        assert text in printed

@@ -18,7 +18,7 @@ import torch
 from hypothesis import strategies as st
 from PIL import Image
 
-from nablahog.cli.commands import hog, learn, table1, table2  # noqa: F401, loaded once
+from nablahog.cli.commands import hog, learn, tables  # noqa: F401, loaded once
 from nablahog.cli.main import main
 from nablahog.hog import kernels  # noqa: F401, loaded once
 

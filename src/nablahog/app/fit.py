@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..cli.results.pose_figures import pose_figures, warning
+from ..cli.results.pose_files import pose_figures, warning
 from ..hog import HOGSpec, presets
 from ..hog.box import Box
 from ..hog.engines import describe

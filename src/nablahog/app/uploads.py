@@ -18,10 +18,9 @@ from typing import Any
 from PIL import Image
 
 from ..cli.arguments.preset_parameters import as_text
-from ..cli.inputs.arrays import ArrayOptions
+from ..cli.inputs.arrays import ArrayOptions, FittingPreset, presets_that_fit
 from ..cli.inputs.sources import Source
 from ..cli.inputs.spec import SpecOptions
-from ..cli.inputs.suggestions import FittingPreset, presets_that_fit
 from ..cli.inputs.templates import read_templates
 from ..io.arrays import is_raw, read_array
 from ..io.descriptor_file import load_descriptor
@@ -110,7 +109,7 @@ def _source(path: Path, name: str, options: SpecOptions, arrays: ArrayOptions) -
 
 def _templates(path: Path, name: str, options: SpecOptions, arrays: ArrayOptions) -> list[Source]:
     return [
-        Source(each.name or name, "template", each.weights, each.spec, each.image_size, None)
+        Source(each.part or name, "template", each.descriptor, each.spec, each.image_size, None)
         for each in read_templates(str(path), options, arrays)
     ]
 

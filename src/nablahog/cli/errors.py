@@ -6,7 +6,6 @@ import os
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 from ..runtime.text import one_line
@@ -34,25 +33,17 @@ def tell(command: str, message: str) -> None:
     print(f"nablahog {command}: {one_line(message, MOST_CHARACTERS)}", file=sys.stderr)
 
 
-@dataclass(frozen=True)
-class Skipped:
-    """An input that cannot be used, and why."""
-
-    input: str
-    reason: str
-
-
 class Skipping:
     """Skips inputs that cannot be used, with a line on stderr for each.
 
     Attributes:
-        skipped: the inputs skipped so far.
+        skipped: input and error of those skipped so far, ready for JSON.
     """
 
     def __init__(self, command: str, count: int) -> None:
         """For a command with ``count`` inputs; a single input is not skipped: its error ends the command."""
         self.command, self.count = command, count
-        self.skipped: list[Skipped] = []
+        self.skipped: list[dict[str, str]] = []
 
     @contextmanager
     def each(self, path: str) -> Iterator[None]:
@@ -63,7 +54,7 @@ class Skipping:
             message = str(error) if path in str(error) else f"{path}: {error}"
             if self.count == 1:
                 raise UserError(message) from None
-            self.skipped.append(Skipped(path, message.removeprefix(f"{path}: ")))
+            self.skipped.append({"input": path, "error": message.removeprefix(f"{path}: ")})
             tell(self.command, f"skipped: {message}")
 
     def check(self) -> None:
@@ -75,10 +66,6 @@ class Skipping:
     def status(self) -> int:
         """The exit status."""
         return SOME_SKIPPED if self.skipped else 0
-
-    def figures(self) -> list[dict[str, str]]:
-        """The skipped inputs, ready for JSON."""
-        return [{"input": each.input, "error": each.reason} for each in self.skipped]
 
 
 def forbid_overwrite(inputs: Iterable[str | os.PathLike[str]], targets: Iterable[Path]) -> None:

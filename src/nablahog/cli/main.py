@@ -16,18 +16,17 @@ from .errors import MOST_CHARACTERS, UserError, tell
 
 INTERRUPTED = 130  # what shells report of a command ended by Ctrl-C
 _COMMANDS = {
-    "hog": "hog.hog",
-    "glyph": "hog.glyph",
-    "invert": "invert.invert",
-    "demo": "demo.demo",
-    "table1": "table1.table1",
-    "table2": "table2.table2",
-    "pose": "pose.pose",
-    **{f"learn {kind}": "learn.learn" for kind in KINDS},
+    "hog": ".commands.hog",
+    "glyph": ".commands.hog",
+    "invert": ".commands.invert",
+    "demo": ".commands.demo",
+    "table1": ".commands.tables",
+    "table2": ".commands.tables",
+    "pose": ".commands.pose",
+    **{f"learn {kind}": ".commands.learn" for kind in KINDS},
+    "app": "..app.command",
 }
-"""Module and function of each command; a module is imported when its command is run, as most import PyTorch."""
-_ABOVE = {"app": "..app.command"}
-"""Commands in rooms above this one."""
+"""The module of each command, imported when it is run, as most import PyTorch; it has a function of its name."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -54,11 +53,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     if sys.stderr.isatty() and not arguments.quiet:
         _show_log()
     try:
-        module, function = _COMMANDS[command].split(".") if command in _COMMANDS else (command, command)
         from .terminal import be_quiet  # loads rich
 
         be_quiet(arguments.quiet)
-        status = getattr(import_module(_ABOVE.get(command, f".commands.{module}"), __package__), function)(arguments)
+        run = getattr(import_module(_COMMANDS[command], __package__), command.split()[0])
+        status = run(arguments)
         sys.stdout.flush()  # a closed pipe should fail here, not at exit
     except KeyboardInterrupt:
         return _failed(command, "interrupted", INTERRUPTED)

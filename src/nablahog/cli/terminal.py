@@ -94,6 +94,12 @@ def say_page(page: Path) -> None:
     say(f"Look at {page}, which also says what the figures mean")
 
 
+def say_ignored(ignored: Sequence[str]) -> None:
+    """Names the files of a folder that are no images, if any."""
+    if ignored:
+        say(f"Passed over, as no images by their endings: {', '.join(ignored)}")
+
+
 def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
     """Prints a table with one line for each of ``rows``, which all have the keys of the first.
 

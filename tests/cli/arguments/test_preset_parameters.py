@@ -20,7 +20,6 @@ PAIR = tuple[int, int]
         ("2e-3", float, 2e-3),
         ("False", bool, False),
         ("8×16", PAIR, (8, 16)),
-        ("8", PAIR, (8, 8)),
         ("8x6", int | PAIR, (8, 6)),
         ("none", int | None, None),
         ("2", Optional[int], 2),  # noqa: UP045, as Python 3.10 has it
@@ -36,9 +35,7 @@ def test_parsed(text: str, hint: Any, value: Any) -> None:
 @pytest.mark.parametrize(
     ("text", "hint", "expected"),
     [
-        ("8.5", int, "an integer"),
         ("٣", int, "an integer"),
-        ("1000000", int, "at most six digits"),
         ("nan", float, "a number"),
         ("yes", bool, "true or false"),
         ("8x8x8", PAIR, "two integers"),

@@ -13,8 +13,6 @@ from pathlib import Path
 
 import pytest
 
-from nablahog.cli.main import main
-
 
 def test_it_serves_until_it_is_interrupted(photo: str) -> None:
     command = [sys.executable, "-m", "nablahog", "app", "--port", "0", photo]
@@ -44,8 +42,3 @@ def test_what_it_refuses(refused: Callable[..., None], tmp_path: Path) -> None:
     refused("app", "--port", "70000", message="expected an integer of at most 65535, got '70000'", status=2)
     (tmp_path / "x.png").write_bytes(b"x")
     refused("app", str(tmp_path / "x.png"), message="expected an image, got a file of no format that Pillow reads")
-
-
-def test_help(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["app", "--help"]) == 0
-    assert "Nothing leaves the machine" in " ".join(capsys.readouterr().out.split())

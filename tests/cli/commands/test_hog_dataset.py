@@ -94,7 +94,6 @@ def test_what_it_refuses(photos: Path, tmp_path: Path, refused: Callable[..., No
     refused("hog", *[one] * 4, "-o", out, "--preset", "dpm", message="expected another -o")
     refused("hog", one, "-o", out, message="holds 1 more shards than these images make")
     refused("hog", bad, "-o", str(tmp_path / "q.parquet"), message="none of the 1 images has a descriptor")
-    refused("hog", "@nothing", "-o", str(tmp_path / "r.parquet"), message="nothing: expected a list of images")
     (tmp_path / "s.parquet").write_bytes(b"x")
     refused("hog", one, "-o", str(tmp_path / "s.parquet"), message="is a file: a data set is a folder of files")
     refused("hog", one, "-o", "nostore://x.parquet", message="nostore://x.parquet: Protocol not known")

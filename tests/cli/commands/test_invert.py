@@ -48,17 +48,6 @@ def test_the_seed_decides(tmp_path: Path, photo: str) -> None:
     assert made[0] == made[1] != made[2]
 
 
-def test_a_flat_photograph(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Its descriptor is zero, to which no distance is relative: either a result without NaN, or one clear sentence."""
-    Image.new("L", (32, 32), 128).save(tmp_path / "flat.png")
-    for kind in ("paper", "uoctti"):
-        status = main(["invert", str(tmp_path / "flat.png"), "-o", str(tmp_path / "out"), "--preset", kind, *SMALL])
-        if status == 0:
-            assert "NaN" not in (tmp_path / "out" / "results.json").read_text()
-        else:
-            assert capsys.readouterr().err.count("\n") == 1
-
-
 @pytest.mark.parametrize("quality", ["best", "fast"])
 def test_quality(tmp_path: Path, photo: str, quality: str) -> None:
     spec, descriptor = presets.uoctti(8), nablahog.hog(read_image(photo)[None], presets.uoctti(8))

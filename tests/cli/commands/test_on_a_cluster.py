@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import pickle
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ import pytest
 import torch
 from PIL import Image
 
-from nablahog import presets
 from nablahog.cli.commands import hog_dataset
 from nablahog.cli.main import main
 from nablahog.io.descriptor_dataset import DescriptorDataset
@@ -22,9 +20,6 @@ from nablahog.io.images import read_image
 from nablahog.jobs import calls, resume
 from nablahog.jobs.store import Work
 from nablahog.jobs.worker import attempt
-from nablahog.paper.baselines.bovw import BoVW
-from nablahog.paper.baselines.bovw_learning import learn_bovw
-from nablahog.paper.learned import LEARNED
 from nablahog.pose.whitening import Background
 
 from ..common import FAST, SMALL, names
@@ -38,15 +33,11 @@ def sent(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     jobs_sent: list[Any] = []
 
     def run(
-        jobs: Sequence[Work[Any]],
-        workers: int,
-        cluster: str | None,
-        started: Callable[[int], None] | None = None,
+        jobs: Sequence[Work[Any]], workers: int, cluster: str | None, started: Callable[[int], None] | None = None
     ) -> Iterator[tuple[int, Any]]:
         assert cluster == OTHER[1]
         for index in reversed(range(len(jobs))):
-            if started is not None:
-                started(index)
+            started(index)
             jobs_sent.append(jobs[index])
             yield index, pickle.loads(pickle.dumps(attempt(pickle.loads(pickle.dumps(jobs[index])))))
 
@@ -105,11 +96,6 @@ def test_a_real_one(tmp_path: Path, photo: str) -> None:
     assert len(names(tmp_path / "out" / "work" / "inversions")) == 1
 
 
-def test_what_does_not_go_together(photo: str, tmp_path: Path, refused: Callable[..., None]) -> None:
-    out = ["-o", str(tmp_path / "out")]
-    refused("invert", photo, *out, *FAST, "--cluster", "local:0", message="at least one process, got 'local:0'")
-
-
 @pytest.fixture
 def dataset(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """The descriptors of four images, and of one that is none, in files of two."""
@@ -146,22 +132,11 @@ def test_data_sets_that_cannot_be_inverted(tmp_path: Path, dataset: str, refused
     refused("invert", str(tmp_path / "no.parquet"), *out, message="no.parquet: no such data set of descriptors")
 
 
-def test_learning(tmp_path: Path, sent: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    """A background and visual words, as without a cluster."""
-    few = replace(LEARNED["bovw"], learn=lambda images, spec, **options: learn_bovw(images, words=20, **options))
-    monkeypatch.setitem(LEARNED, "bovw", few)
-    folder = tmp_path / "images"
-    folder.mkdir()
-    for k in range(3):
-        levels = np.random.default_rng(k).integers(0, 256, (64, 64), dtype=np.uint8)
-        Image.fromarray(levels).save(folder / f"{k}.png")
-    for kind, options in (("background", ["--set", "cell_size=3"]), ("bovw", ["--size", "64"])):
-        command = ["learn", kind, "--images", str(folder), *options, "-o"]
-        assert main([*command, str(tmp_path / f"one-{kind}.npz")]) == 0
-        assert main([*command, str(tmp_path / f"other-{kind}.npz"), *OTHER]) == 0
-    assert len(sent) == 3 + 2
-    one, other = (Background.load(tmp_path / f"{name}-background.npz") for name in ("one", "other"))
-    assert one.spec == presets.aubry(3)
+def test_learning(tmp_path: Path, images: str, sent: list[Any]) -> None:
+    """A background, as without a cluster."""
+    command = ["learn", "background", "--images", images, "--set", "cell_size=2", "-o"]
+    assert main([*command, str(tmp_path / "one.npz")]) == 0
+    assert main([*command, str(tmp_path / "other.npz"), *OTHER]) == 0
+    assert len(sent) == 3
+    one, other = (Background.load(tmp_path / f"{name}.npz") for name in ("one", "other"))
     torch.testing.assert_close(one.covariance, other.covariance, rtol=1e-12, atol=1e-12)
-    words, others = (BoVW.load(tmp_path / f"{name}-bovw.npz") for name in ("one", "other"))
-    torch.testing.assert_close(words.patches, others.patches)

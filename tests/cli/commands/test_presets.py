@@ -16,7 +16,7 @@ from nablahog.cli.arguments.preset_parameters import PRESETS
 from nablahog.cli.inputs.spec import make_spec
 from nablahog.cli.main import main
 from nablahog.invert.learned import PriorChoice, default_prior_file
-from nablahog.io.descriptor_file import load_descriptor, save_descriptor
+from nablahog.io.descriptor_file import load_descriptor
 from nablahog.io.images import Picture, read_image, to_pil
 from nablahog.viz.pictures import glyphs
 
@@ -66,16 +66,3 @@ def test_there_and_back(tmp_path: Path, square: str, name: str) -> None:
 
 def _levels(picture: Path | Picture) -> bytes:
     return (Image.open(picture) if isinstance(picture, Path) else to_pil(picture)).tobytes()
-
-
-def test_photographs_descriptor_files_and_arrays_together(tmp_path: Path, square: str) -> None:
-    spec, out = presets.dlib(), tmp_path / "out"
-    image = read_image(square)[None]
-    np.save(tmp_path / "array.npy", nablahog.hog(image, spec, layout="native").numpy())
-    save_descriptor(tmp_path / "stored.npz", nablahog.hog(image, spec)[0], spec, SIZE)
-    inputs = [square, str(tmp_path / "array.npy"), str(tmp_path / "stored.npz")]
-    assert main(["invert", *inputs, "-o", str(out), "--preset", "dlib", "--quality", "fast"]) == 0
-    results = json.loads((out / "results.json").read_text())
-    assert [each["input"] for each in results] == inputs
-    assert len({round(each["distance"], 3) for each in results}) == 1
-    assert [each["cc"] is None for each in results] == [False, True, True]

@@ -6,7 +6,6 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 from PIL import Image
 
@@ -15,22 +14,11 @@ from nablahog.cli.main import main
 from ..common import CHELSEA, SMALL, names
 
 
-def _photographs(folder: Path) -> str:
-    folder.mkdir()
-    for k in range(3):
-        Image.fromarray(CHELSEA[5 * k : 5 * k + 36, 8 * k : 8 * k + 40]).save(folder / f"{k}.png")
-    return str(folder)
-
-
-@pytest.fixture
-def images(tmp_path: Path) -> str:
-    """Three small photographs."""
-    return _photographs(tmp_path / "images")
-
-
 def _prior(folder: Path, *options: str) -> str:
     path = str(folder / "prior.npz")
-    command = ["learn", "prior", "--images", _photographs(folder / "images"), "-o", path, "--epochs", "1"]
+    for k in range(3):
+        Image.fromarray(CHELSEA[5 * k : 5 * k + 40, 8 * k : 8 * k + 48]).save(folder / f"{k}.png")
+    command = ["learn", "prior", "--images", str(folder), "-o", path, "--epochs", "1"]
     assert main([*command, *options]) == 0
     return path
 
@@ -133,11 +121,7 @@ def test_damaged_priors(tmp_path: Path, images: str, photo: str, prior: str, ref
     whole, bad = Path(prior).read_bytes(), tmp_path / "bad.npz"
     inversion = ["invert", photo, "-o", str(tmp_path / "out"), "--prior", str(bad)]
     table = ["table1", "--images", images, "-o", str(tmp_path / "out"), "--learned", f"prior={bad}"]
-    for content in (None, whole[: len(whole) // 2], whole[:10_000] + b"\xff" * 100 + whole[10_100:], b"hello"):
-        if content is not None:
-            bad.write_bytes(content)
-        message = f"{bad}: no such file" if content is None else f"{bad}: "
-        refused(*inversion, message=message)
-        refused(*table, message=message)
-    np.savez(bad, format=np.array([{}], dtype=object))
-    refused(*inversion, message="expected a learned prior, but the archive lacks")
+    refused(*inversion, message=f"{bad}: no such file")
+    bad.write_bytes(whole[: len(whole) // 2])
+    refused(*inversion, message=f"{bad}: ")
+    refused(*table, message=f"{bad}: ")

@@ -36,17 +36,12 @@ def test_files_of_models(tmp_path: Path, images: str, learned_files: dict[str, s
 def test_files_of_another_kind(
     tmp_path: Path, images: str, photo: str, learned_files: dict[str, str], refused: Callable[..., None]
 ) -> None:
-    hoggles, words, four = learned_files["hoggles"], learned_files["bovw"], str(tmp_path / "four.npz")
+    hoggles, words = learned_files["hoggles"], learned_files["bovw"]
     table = ["table1", "--images", images, "-o", str(tmp_path / "out")]
     refused(*table, "--learned", f"hoggles={words}", message=f"{words}: expected a ")
     refused(*table, "--learned", f"bovw={photo}", message=f"{photo}: expected a BoVW model (.npz)")
     refused(*table, "--learned", f"bovw={words}x", message=f"{words}x: no such file")
     refused(*table, "--methods", "bovw", "--learned", f"hoggles={hoggles}", message="these do: hoggles")
-    few = replace(LEARNED["hoggles"], learn=partial(LEARNED["hoggles"].learn, atoms=8, iterations=1))
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setitem(LEARNED, "hoggles", few)
-        assert main(["learn", "hoggles", "--images", images, "-o", four, "--set", "cell_size=4"]) == 0
-    refused(*table, "--learned", f"hoggles={four}", message="was learned for another spec: its cell_size is (4, 4)")
 
 
 @pytest.mark.usefixtures("here")

@@ -15,7 +15,8 @@ from scipy import io
 
 import nablahog
 from nablahog import presets
-from nablahog.cli.inputs.arrays import ArrayOptions
+from nablahog.cli.arguments.main import parser
+from nablahog.cli.inputs.arrays import MOST, ArrayOptions, presets_that_fit
 from nablahog.cli.inputs.spec import SpecOptions
 from nablahog.cli.main import main
 from nablahog.io.images import read_image
@@ -32,13 +33,14 @@ def array() -> NDArray[np.float32]:
     return nablahog.hog(image, SPEC, layout="native")[0].numpy()
 
 
-@pytest.mark.parametrize("kind", ["float16", ">f4", "float64"])
-@pytest.mark.parametrize("ending", ["npy", "npz", "mat", "npy-batch", "npy-ours"])
+@pytest.mark.parametrize(
+    ("ending", "kind"),
+    [("npy", ">f4"), ("npz", "float64"), ("mat", "float64"), ("npy-batch", "float16"), ("npy-ours", "float64")],
+)
 def test_files(tmp_path: Path, array: NDArray[np.float32], kind: str, ending: str) -> None:
     values, path = array.astype(kind), tmp_path / "d.dat"
     if ending == "mat":
-        native = values.astype(values.dtype.newbyteorder("=") if kind != "float16" else np.float32)
-        io.savemat(path, {"hog": native, "sbin": 8.0, "name": "cat"}, appendmat=False)
+        io.savemat(path, {"hog": values, "sbin": 8.0, "name": "cat"}, appendmat=False)
     else:
         with open(path, "wb") as file:
             if ending == "npz":
@@ -67,19 +69,11 @@ class _Bomb:
         return os.mkdir, ("gone off",)
 
 
-def _one_value(value: float) -> NDArray[np.float32]:
-    values = np.zeros((31, 6, 8), np.float32)
-    values[3, 2, 1] = value
-    return values
-
-
 BAD: dict[str, tuple[Callable[[Path], Any], str]] = {
-    "missing": (lambda path: None, "no such file"),
     "pickled": (
         lambda path: np.save(path, np.array([_Bomb()], dtype=object), allow_pickle=True),
         "pickled objects, which are never loaded",
     ),
-    "NaN": (lambda path: np.save(path, _one_value(np.nan)), "must be finite"),
     "too large": (lambda path: np.save(path, np.full((31, 6, 8), 1e300)), "must fit float32"),
     "another shape": (lambda path: np.save(path, np.zeros((6, 8, 32))), "this fits --preset dpm, or --preset piotr"),
 }
@@ -106,3 +100,41 @@ def test_options(tmp_path: Path, array: NDArray[np.float32], photo: str, refused
     refused("invert", path, *out, *preset, "--image-size", "64x48", message="(31, 8, 6) or (8, 6, 31), got (31, 6, 8)")
     refused("invert", photo, *out, "--key", "hog", message="--key goes with arrays of other libraries")
     refused("hog", path, *out, message="expected an image, got a file of no")
+
+
+@pytest.mark.parametrize(
+    ("shape", "size", "options"),
+    [
+        ((3780,), (128, 64), "--preset opencv"),
+        ((3780,), None, "--preset opencv --image-size 128x64"),
+        ((6804,), None, "--preset skimage --image-size 128x64"),
+        ((1764,), None, "--preset opencv --image-size 64x64"),
+        ((16, 16, 32), None, "--preset dpm"),
+        ((16, 16, 31), (64, 64), "--preset dlib --image-size 144x144"),
+        ((31, 8, 8), None, "--preset vlfeat"),
+    ],
+)
+def test_what_fits(shape: tuple[int, ...], size: tuple[int, int] | None, options: str) -> None:
+    fitting = presets_that_fit(shape, size)
+    assert options in [preset.options for preset in fitting]
+    assert len(fitting) <= MOST
+    for preset in fitting:  # each works as it stands
+        arguments = parser().parse_args(["glyph", "hog.npy", "-o", "out", *preset.options.split()])
+        known = ArrayOptions(arguments.image_size or size)
+        _, how = known.fitting(shape, SpecOptions.of(arguments))
+        assert how.shape == shape
+    for nothing in ((), (0,), (5, 0, 31), (100_003,)):
+        assert presets_that_fit(nothing, None) == []
+
+
+@pytest.mark.parametrize(
+    ("shape", "spec", "arrays", "message"),
+    [
+        ((7936,), SpecOptions("vlfeat"), ArrayOptions(), "do not say how large their image was"),
+        ((5, 3780), SpecOptions("opencv"), ArrayOptions(), "expected one descriptor in a file, got 5"),
+        ((3780,), SpecOptions("opencv", (("win_size", "64x128"),)), ArrayOptions((64, 64)), "contradict each other"),
+    ],
+)
+def test_what_is_refused(shape: tuple[int, ...], spec: SpecOptions, arrays: ArrayOptions, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        arrays.fitting(shape, spec)

@@ -17,7 +17,6 @@ from nablahog.hog import HOGSpec
         (SpecOptions("aubry"), presets.aubry(8)),
         (SpecOptions("paper", (("cell_size", "8x6"),)), presets.paper((8, 6))),
         (SpecOptions("vlfeat", (("bilinear_orientations", "true"),)), presets.vlfeat(bilinear_orientations=True)),
-        (SpecOptions("opencv", (("cell_size", "8x4"),)), presets.opencv(cell_size=(8, 4))),
         (SpecOptions("maskfeat", (("nbins", "6"), ("nbins", "7"))), presets.maskfeat(nbins=7)),
         (SpecOptions(settings=(("orientations", "6"),)), presets.uoctti(orientations=6)),
     ],
@@ -49,7 +48,6 @@ def test_any_small_value_is_a_spec_or_a_sentence(name: str) -> None:
         (SpecOptions("skimage"), presets.skimage(pixels_per_cell=(6, 6)), None),  # not asked for
         (SpecOptions("skimage", (("pixels_per_cell", "8"),)), presets.skimage(pixels_per_cell=(6, 6)), "cell_size"),
         (SpecOptions("uoctti", (("vote", "hard"),)), presets.uoctti(), "vote"),
-        (SpecOptions(settings=(("orientations", "6"),)), presets.uoctti(), "bins"),
         (SpecOptions("dlib"), presets.dpm(), "name"),
         (SpecOptions("paper"), presets.paper(bins=6), "bins"),
     ],

@@ -37,7 +37,7 @@ def hog(commands: argparse._SubParsersAction[Parser]) -> None:
     )
     options.preset(command)
     options.size(command)
-    command.add_argument("--json", action="store_true", help="print the results as JSON instead of a table")
+    options.as_json(command)
     options.workers(command)
     options.cluster(command)
 
@@ -74,26 +74,11 @@ def invert(commands: argparse._SubParsersAction[Parser]) -> None:
         action="store_true",
         help="inputs are the weights of linear detectors, in arrays or DPM models (.mat): show what they look for",
     )
-    command.add_argument(
-        "--quality",
-        choices=get_args(QualityName),
-        default="best",
-        metavar="NAME",
-        help="best (default) or fast: coarser, a sixth of the time",
-    )
-    command.add_argument(
-        "--method",
-        choices=get_args(InversionMethod),
-        default="default",
-        metavar="NAME",
-        help="default, or paper: the paper's own search and its iterations, in some twenty times the time",
-    )
-    command.add_argument(
-        "--prior",
-        type=options.path,
-        metavar="FILE",
-        help="what `nablahog learn prior` wrote; none for no prior (default: the prior that comes with nablahog)",
-    )
+    options.choice(command, "--quality", get_args(QualityName), "best, or fast: coarser, a sixth of the time")
+    method = "default, or paper: the paper's own, in some twenty times the time"
+    options.choice(command, "--method", get_args(InversionMethod), method)
+    prior = "what `nablahog learn prior` wrote; none for no prior (default: the prior that comes with nablahog)"
+    options.file(command, "--prior", "FILE", prior)
     options.number(
         command,
         "--samples",

@@ -5,15 +5,23 @@ from __future__ import annotations
 import argparse
 import math
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any, NoReturn
 
 from ...runtime.text import one_line
-from .did_you_mean import did_you_mean
 from .preset_parameters import DEFAULT_PRESET, PRESETS
 
 SIZE = 256  # pixels of the longer side: the pre-image of such a photograph takes seconds
 SEVERAL = "a folder or a quoted pattern for all such files; - for stdin"
+
+
+def did_you_mean(word: str, choices: Iterable[str]) -> str:
+    """``"; did you mean X?"`` of the most similar choice, or ``""`` if none is similar."""
+    import difflib  # slower than all else that --help loads
+
+    names = {choice.casefold(): choice for choice in choices}
+    near = difflib.get_close_matches(word.casefold(), names, n=1, cutoff=0.65)
+    return f"; did you mean {names[near[0]]!r}?" if near else ""
 
 
 class Parser(argparse.ArgumentParser):
@@ -79,13 +87,7 @@ def numbers(names: str) -> Callable[[str], tuple[float, ...]]:
 
 
 def chosen(kind: str, choices: Collection[str], sets: Mapping[str, Collection[str]]) -> Callable[[str], list[str]]:
-    """Parses names separated by commas.
-
-    Args:
-        kind: what the names are, for messages.
-        choices: all names.
-        sets: names that stand for several.
-    """
+    """Parses names separated by commas, of ``choices`` or of ``sets`` of them; ``kind`` says what they name."""
 
     def parse(text: str) -> list[str]:
         names = [name for part in text.split(",") for name in sets.get(part, [part])]
@@ -135,6 +137,11 @@ def number(
     command.add_argument(name, type=parse, default=default, metavar="N", help=text)
 
 
+def file(command: argparse.ArgumentParser, name: str, metavar: str, text: str) -> None:
+    """Adds an option for the name of a file or folder."""
+    command.add_argument(name, type=path, metavar=metavar, help=text)
+
+
 def inputs(command: argparse.ArgumentParser, more: str = "") -> None:
     """Adds the inputs of a command, and the options for arrays; ``more`` says what else the inputs may be."""
     command.add_argument(
@@ -163,18 +170,22 @@ def output(command: argparse.ArgumentParser, metavar: str, text: str, *, stdout:
         return path(value)
 
     command.add_argument("-o", "--output", required=True, type=parse, metavar=metavar, help=text)
-    quiet(command)
+    command.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors and --json")
     command.set_defaults(parser=command)
 
 
-def quiet(command: argparse.ArgumentParser) -> None:
-    command.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors and --json")
+def choice(command: argparse.ArgumentParser, name: str, choices: Collection[str], text: str) -> None:
+    """Adds an option for one of the ``choices``, by default the first."""
+    default = next(iter(choices))
+    command.add_argument(name, choices=choices, default=default, metavar="NAME", help=f"{text} (default: {default})")
+
+
+def as_json(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--json", action="store_true", help="print the results as JSON instead of a table")
 
 
 def images(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "--images", type=path, metavar="DIR", help="folder of photographs (default: those of scikit-image)"
-    )
+    file(command, "--images", "DIR", "folder of photographs (default: those of scikit-image)")
 
 
 def preset(command: argparse.ArgumentParser, default: str | None = None) -> None:

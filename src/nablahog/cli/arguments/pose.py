@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import math
 import re
+from collections.abc import Callable
 from typing import get_args
 
 from ...pose.options import SearchMethod
@@ -14,11 +14,25 @@ from .options import Parser, numbers
 LEAST_CONFIDENCE = 0.3
 
 
-def _degrees(text: str) -> float:
-    (number,) = numbers("DEGREES")(text)
-    if not 0 < number <= 180:
-        raise argparse.ArgumentTypeError(f"expected a number above 0 and at most 180, got {text!r}")
-    return number
+def _number(name: str, holds: Callable[[float], bool], expected: str) -> Callable[[str], float]:
+    """Parses a number of which ``holds`` is true."""
+
+    def parse(text: str) -> float:
+        (number,) = numbers(name)(text)
+        if not holds(number):
+            raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
+        return number
+
+    return parse
+
+
+_degrees = _number("DEGREES", lambda degrees: 0 < degrees <= 180, "a number above 0 and at most 180")
+_probability = _number("P", lambda probability: 0 <= probability <= 1, "a probability in 0…1")
+_pixels = _number("PIXELS", lambda pixels: pixels > 0, "a number above 0, exif or unknown")
+
+
+def _focal(text: str) -> float | str:
+    return text if text in ("exif", "unknown") else _pixels(text)
 
 
 def _view(text: str) -> tuple[float, ...]:
@@ -34,22 +48,6 @@ def _axis(text: str) -> str:
     return text
 
 
-def _probability(text: str) -> float:
-    (probability,) = numbers("P")(text)
-    if not 0 <= probability <= 1:
-        raise argparse.ArgumentTypeError(f"expected a probability in 0…1, got {text!r}")
-    return probability
-
-
-def _focal(text: str) -> float | str:
-    if text in ("exif", "unknown"):
-        return text
-    (number,) = numbers("PIXELS")(text)
-    if not 0 < number < math.inf:
-        raise argparse.ArgumentTypeError(f"expected a number above 0, exif or unknown, got {text!r}")
-    return number
-
-
 def pose(commands: argparse._SubParsersAction[Parser]) -> None:
     """Adds ``nablahog pose``."""
     command = commands.add_parser(
@@ -59,18 +57,12 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         description="Finds the viewpoint of objects in a photograph: the pose at which the HOG of a rendering of a CAD "
         "model is most similar to the photograph's. Writes poses.csv, poses.json and the page index.html.",
     )
-    command.add_argument(
-        "photo",
-        type=options.path,
-        metavar="PHOTO",
-        help="an image; with --annotations the folder of images",
-    )
-    command.add_argument(
+    options.file(command, "photo", "PHOTO", "an image; with --annotations the folder of images")
+    options.file(
+        command,
         "--mesh",
-        type=options.path,
-        metavar="FILE_or_DIR",
-        help="a CAD model: OFF, PLY, STL, OBJ, GLB, or a folder of them (default: the chairs of "
-        "nablahog.sample_chairs)",
+        "FILE_or_DIR",
+        "a CAD model: OFF, PLY, STL, OBJ, GLB, or a folder of them (default: the chairs of nablahog.sample_chairs)",
     )
     command.add_argument(
         "--up",
@@ -92,26 +84,15 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         metavar="x0,y0,x1,y1",
         help="roughly around the object, in pixels; repeated for several objects (default: anywhere)",
     )
-    command.add_argument(
-        "--mask",
-        type=options.path,
-        metavar="FILE",
-        help="an image, white at the one object, black elsewhere",
-    )
-    command.add_argument(
+    options.file(command, "--mask", "FILE", "an image, white at the one object, black elsewhere")
+    options.file(
+        command,
         "--annotations",
-        type=options.path,
-        metavar="FILE",
-        help="objects: .csv with the column image, and x0, y0, x1, y1, azimuth, elevation if known, or .json like "
-        "COCO's",
+        "FILE",
+        "objects: .csv with the column image, and x0, y0, x1, y1, azimuth, elevation if known, or .json like COCO's",
     )
     options.workers(command)
-    command.add_argument(
-        "--init",
-        type=_view,
-        metavar="az,el",
-        help="degrees to begin at, such as --init=-30,10",
-    )
+    command.add_argument("--init", type=_view, metavar="az,el", help="degrees to begin at, such as --init=-30,10")
     command.add_argument(
         "--within",
         type=_degrees,
@@ -131,13 +112,7 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         metavar="x,y",
         help="of the optical axis, in pixels (default: the middle)",
     )
-    command.add_argument(
-        "--method",
-        choices=get_args(SearchMethod),
-        default="best",
-        metavar="NAME",
-        help=f"how to search: {', '.join(get_args(SearchMethod))} (default: best)",
-    )
+    options.choice(command, "--method", get_args(SearchMethod), f"how to search: {', '.join(get_args(SearchMethod))}")
     command.add_argument(
         "--least-confidence",
         type=_probability,
@@ -147,9 +122,5 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         f"(default: {LEAST_CONFIDENCE:g})",
     )
     options.seed(command)
-    command.add_argument(
-        "--page",
-        action="store_true",
-        help="write a page of pictures for each object, too",
-    )
-    command.add_argument("--json", action="store_true", help="print the results as JSON instead of a table")
+    command.add_argument("--page", action="store_true", help="write a page of pictures for each object, too")
+    options.as_json(command)

@@ -5,15 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Collection, Mapping
 
-from ...paper.names import (
-    AS_PUBLISHED,
-    CONDITIONS,
-    DIALECTS,
-    LEARNED_DIALECTS,
-    PRIORS,
-    TABLE1,
-    TABLE2,
-)
+from ...paper.names import AS_PUBLISHED, CONDITIONS, DIALECTS, LEARNED_DIALECTS, PRIORS, TABLE1, TABLE2
 from . import options
 from .learn import KINDS
 from .options import Parser
@@ -71,9 +63,7 @@ def table2(commands: argparse._SubParsersAction[Parser]) -> None:
     )
     _table(command, TABLE2, {})
     options.number(command, "--objects", f"how many (default: {SCENES} scenes, or all photographs)")
-    command.add_argument(
-        "--models", type=options.path, metavar="DIR", help="folder of CAD models (default: procedural chairs)"
-    )
+    options.file(command, "--models", "DIR", "folder of CAD models (default: procedural chairs)")
     command.add_argument("--unknown-model", action="store_true", help="search among all models except the object's own")
     command.add_argument(
         "--conditions",
@@ -81,11 +71,8 @@ def table2(commands: argparse._SubParsersAction[Parser]) -> None:
         metavar="NAME,…",
         help=f"of the second table: none, all (default), or some of {', '.join(CONDITIONS)}",
     )
-    command.add_argument(
-        "--viewpoints",
-        type=options.path,
-        metavar="CSV",
-        help="viewpoints of the scenes: columns azimuth, elevation, and theta if known",
+    options.file(
+        command, "--viewpoints", "CSV", "viewpoints of the scenes: columns azimuth, elevation, and theta if known"
     )
     command.add_argument(
         "--pascal3d",

@@ -38,11 +38,7 @@ REMARK = (
 
 
 def demo(arguments: Namespace) -> None:
-    """Inverts a photograph from both descriptors; writes pictures, ``figures.json`` and ``index.html``.
-
-    Raises:
-        OSError: the folder or a file cannot be written.
-    """
+    """Inverts a photograph from both descriptors; writes pictures, ``figures.json`` and ``index.html``."""
     prior, photo = PriorOptions(None, default=True), limit_size(sample_photograph("astronaut"), SIZE)
     with output_folder(arguments.output) as folder, counter("nablahog demo") as progress:
         inversions = []

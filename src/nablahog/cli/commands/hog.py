@@ -25,12 +25,7 @@ STDOUT = "-"
 
 
 def hog(arguments: Namespace) -> int:
-    """Saves the descriptor of each photograph with its spec, or all as one data set; returns the exit status.
-
-    Raises:
-        UserError: no input can be used, or an option is wrong.
-        OSError: a folder is missing or cannot be written.
-    """
+    """Saves the descriptor of each photograph with its spec, or all as one data set; returns the exit status."""
 
     if arguments.output.rstrip("/").lower().endswith(DATASET):
         return hog_dataset(arguments)
@@ -48,19 +43,14 @@ def hog(arguments: Namespace) -> int:
     inputs = read_inputs(arguments, arrays=False)
     rows = _write_each(arguments.output, inputs, ".npz", write, is_file=is_file)
     if arguments.json:
-        print(json.dumps([*rows, *inputs.skipping.figures()], indent=2))
+        print(json.dumps([*rows, *inputs.skipping.skipped], indent=2))
     elif rows:
         print_table(rows)
     return inputs.skipping.status
 
 
 def glyph(arguments: Namespace) -> int:
-    """Draws each descriptor; returns the exit status.
-
-    Raises:
-        UserError: no input can be used, or an option is wrong.
-        OSError: a folder is missing or cannot be written.
-    """
+    """Draws each descriptor; returns the exit status."""
 
     def write(path: Path, source: Source) -> None:
         write_image(path, glyph_image(source.descriptor, source.spec))
@@ -86,8 +76,7 @@ def _write_each(
 ) -> list[dict[str, object]]:
     """Writes one result for each input: to stdout, the file ``name`` if one input and ``is_file``, or a folder.
 
-    Returns:
-        What was written, for a table; nothing of stdout.
+    Returns what was written, for a table; nothing of stdout.
     """
     output, sources = Path(name), inputs.sources
     to_stdout = name == STDOUT

@@ -7,7 +7,7 @@ from argparse import Namespace
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ...hog import HOGSpec
 from ...io.images import image_endings
@@ -17,7 +17,7 @@ from ...jobs.store import JobResult
 from ..arguments.options import SIZE
 from ..errors import SOME_SKIPPED, UserError, as_user_error
 from ..inputs.expand import expand
-from ..inputs.sources import DATASET, NEEDS
+from ..inputs.sources import DATASET, dataset_extra
 from ..inputs.spec import SpecOptions
 from ..terminal import counter, inform, say
 
@@ -30,17 +30,10 @@ SHOWN = 3  # images without a descriptor that are named on stderr; the data set 
 
 
 def hog_dataset(arguments: Namespace) -> int:
-    """Describes all images, :data:`SHARD` to a file; keeps what an earlier run has done; returns the exit status.
-
-    Raises:
-        UserError: no input can be used, an option is wrong, or the output holds something else.
-        OSError: it cannot be written.
-    """
-    try:
+    """Describes all images, :data:`SHARD` to a file; keeps what an earlier run has done; returns the exit status."""
+    with dataset_extra():
         from ...io.descriptor_dataset import key_of_shard, shard_name
         from ...jobs.describing import ShardJob
-    except ModuleNotFoundError as error:
-        raise UserError(NEEDS.format(error.name)) from None
     with as_user_error():
         spec = SpecOptions.of(arguments).spec()
     paths, target = _paths(arguments), arguments.output.rstrip("/")
@@ -91,30 +84,32 @@ def _paths(arguments: Namespace) -> list[str]:
 
 
 def _urls(name: str) -> list[str]:
-    import fsspec
-
-    try:
-        system, path = fsspec.core.url_to_fs(name)
+    system, path = _storage(name)
+    with as_user_error(f"{name}: "):
         if any(letter in path for letter in "*?["):
             urls = sorted(map(str, system.glob(path)))
         elif system.isdir(path):
             urls = sorted(str(each) for each in system.ls(path, detail=False))
         else:
-            urls = [str(path)]
-    except (ValueError, ImportError, OSError) as error:
-        raise UserError(f"{name}: {' '.join(str(error).split())}") from None
+            urls = [path]
     endings = image_endings()
     return [system.unstrip_protocol(each) for each in urls if Path(each).suffix.lower() in endings]
 
 
-def _check_empty(target: str, own: Sequence[str]) -> None:
-    """Raises UserError if the output holds other shards, which would become a part of the data set."""
+def _storage(name: str) -> tuple[Any, str]:
+    """The file system of fsspec that a URL or path is on, and its path there."""
     import fsspec
 
     try:
-        system, path = fsspec.core.url_to_fs(target)
-    except (ValueError, ImportError) as error:
-        raise UserError(f"{target}: {' '.join(str(error).split())}") from None
+        system, path = fsspec.core.url_to_fs(name)
+    except (ValueError, ImportError, OSError) as error:
+        raise UserError(f"{name}: {error}") from None
+    return system, str(path)
+
+
+def _check_empty(target: str, own: Sequence[str]) -> None:
+    """Raises UserError if the output holds other shards, which would become a part of the data set."""
+    system, path = _storage(target)
     if system.exists(path) and not system.isdir(path):
         raise UserError(f"{target} is a file: a data set is a folder of files")
     there = {Path(str(each)).name for each in system.glob(f"{path}/part-*{DATASET}")}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from argparse import Namespace
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -19,7 +19,7 @@ from ..inputs.prior import NO_PRIOR, PriorOptions
 from ..inputs.sources import Source, read_inputs
 from ..inputs.templates import read_template_inputs
 from ..results import inversion_page
-from ..results.inversion import Inversion, InversionOptions, batches, invert_batch, invert_template, result_names
+from ..results.inversion import PICTURES, Inversion, InversionOptions, batches, invert_batch, picture_name
 from ..results.inversion_job import InversionJob
 from ..terminal import counter, print_table, say, say_page
 
@@ -36,25 +36,12 @@ _EXCLUDED = {
 }
 """Options that exclude each other."""
 
-Invert = Callable[[Sequence[Source]], Iterator[tuple[int, Inversion]]]  # yields the index of the source, too
-
 
 def invert(arguments: Namespace) -> int:
-    """Finds an image for each descriptor, or what each detector looks for; returns the exit status.
-
-    Raises:
-        UserError: no input can be used, or an option is wrong.
-        OSError: a folder is missing or cannot be written.
-    """
+    """Finds an image for each descriptor, or what each detector looks for; returns the exit status."""
     _check_options(arguments)
-    options = InversionOptions(
-        quality=arguments.quality,
-        seed=arguments.seed,
-        method=arguments.method,
-        samples=arguments.samples,
-        colour=arguments.colour,
-    )
-    without = arguments.colour or arguments.method == "paper"
+    options = InversionOptions.of(arguments)
+    without = arguments.template or arguments.colour or arguments.method == "paper"
     prior = PriorOptions(None, default=False) if without else PriorOptions.of(arguments)
 
     def check(source: Source) -> None:
@@ -65,19 +52,15 @@ def invert(arguments: Namespace) -> int:
     else:
         inputs = read_inputs(arguments, keep_photos=True, check=check, datasets=True)
     folder = Path(arguments.output)
-    names = [name for source in inputs.sources for name in result_names(source, options.more_pictures)]
+    names = [picture_name(source, what) for source in inputs.sources for what in PICTURES]
     forbid_overwrite(inputs.paths, [folder / name for name in (*names, "results.json", "index.html")])
+    search = _in_batches if arguments.cluster is None else _on_cluster
     with output_folder(folder):
-        if arguments.template:
-            run = _templates(arguments)
-        else:
-            search = _in_batches if arguments.cluster is None else _on_cluster
-            run = search(arguments, options, prior, inputs.skipping)
         written = _Results(folder, inputs.skipping)
         try:
             before = 0
             for sources in inputs.parts(check):
-                for index, inversion in run(sources):
+                for index, inversion in search(sources, arguments, options, prior, inputs.skipping):
                     written.add(before + index, inversion)
                 inputs.skipping.check()
                 before += len(sources)
@@ -114,63 +97,48 @@ def _check_options(arguments: Namespace) -> None:
                 raise UserError(f"{one} and {other} exclude each other")
 
 
-def _in_batches(arguments: Namespace, options: InversionOptions, prior: PriorOptions, skipping: Skipping) -> Invert:
-    """Inverts sources of one spec and image size together, in this process."""
+def _in_batches(
+    sources: Sequence[Source], arguments: Namespace, options: InversionOptions, prior: PriorOptions, skipping: Skipping
+) -> Iterator[tuple[int, Inversion]]:
+    """Inverts sources of one spec and image size together, in this process; templates one by one."""
 
-    def run(batch: Sequence[Source], about: str) -> list[Inversion]:
+    def run(indices: Sequence[int], about: str) -> Iterator[tuple[int, Inversion]]:
+        batch = [sources[index] for index in indices]
         with counter("nablahog invert") as progress:
-            return invert_batch(
+            inversions = invert_batch(
                 batch,
                 device=torch.device(arguments.device),
                 prior=prior.for_spec(batch[0].spec),
                 options=options,
                 progress=partial(progress, what=about),
             )
+        yield from zip(indices, inversions, strict=True)
 
-    def inverted(sources: Sequence[Source]) -> Iterator[tuple[int, Inversion]]:
-        groups = batches(sources)
-        for number, indices in enumerate(groups, start=1):
-            batch = [sources[index] for index in indices]
-            about = f"batch {number} of {len(groups)}, {len(batch)} x {batch[0].spec.name}"
-            try:
-                yield from zip(indices, run(batch, about), strict=True)
-            except ValueError:  # one of them cannot be inverted: find out which
-                for index in indices:
-                    with skipping.each(sources[index].path):
-                        yield from zip([index], run([sources[index]], about), strict=True)
-            skipping.check()
-
-    return inverted
+    groups = [[index] for index in range(len(sources))] if options.template else batches(sources)
+    for number, indices in enumerate(groups, start=1):
+        about = f"batch {number} of {len(groups)}, {len(indices)} x {sources[indices[0]].spec.name}"
+        try:
+            yield from run(indices, about)
+        except ValueError:  # one of them cannot be inverted: find out which
+            for index in indices:
+                with skipping.each(sources[index].path):
+                    yield from run([index], about)
+        skipping.check()
 
 
-def _on_cluster(arguments: Namespace, options: InversionOptions, prior: PriorOptions, skipping: Skipping) -> Invert:
+def _on_cluster(
+    sources: Sequence[Source], arguments: Namespace, options: InversionOptions, prior: PriorOptions, skipping: Skipping
+) -> Iterator[tuple[int, Inversion]]:
     """Inverts sources one by one, on a cluster; reads the results that an earlier run stored."""
     file = None if prior.given is None else Path(arguments.prior)
-
-    def inverted(sources: Sequence[Source]) -> Iterator[tuple[int, Inversion]]:
-        jobs = {index: InversionJob(source, options, file, prior.default) for index, source in enumerate(sources)}
-        with counter("nablahog invert") as progress, as_user_error():
-            outcomes = do_all(Path(arguments.output), jobs, workers=1, cluster=arguments.cluster, progress=progress)
-            for index, outcome in outcomes:
-                with skipping.each(sources[index].path):
-                    if isinstance(outcome, str):
-                        raise ValueError(outcome)
-                    yield index, jobs[index].inversion(outcome)
-
-    return inverted
-
-
-def _templates(arguments: Namespace) -> Invert:
-    """Finds what templates look for, one by one, in this process."""
-
-    def inverted(sources: Sequence[Source]) -> Iterator[tuple[int, Inversion]]:
-        device = torch.device(arguments.device)
-        for index, source in enumerate(sources):
-            with counter("nablahog invert") as progress, as_user_error(f"{source.path}: "):
-                shown = partial(progress, what=source.name)
-                yield index, invert_template(source, device=device, seed=arguments.seed, progress=shown)
-
-    return inverted
+    jobs = {index: InversionJob(source, options, file, prior.default) for index, source in enumerate(sources)}
+    with counter("nablahog invert") as progress, as_user_error():
+        outcomes = do_all(Path(arguments.output), jobs, workers=1, cluster=arguments.cluster, progress=progress)
+        for index, outcome in outcomes:
+            with skipping.each(sources[index].path):
+                if isinstance(outcome, str):
+                    raise ValueError(outcome)
+                yield index, jobs[index].inversion(outcome)
 
 
 @dataclass
@@ -199,7 +167,7 @@ class _Results:
 
     def write(self) -> None:
         """Writes ``results.json``."""
-        figures = [*(inversion.figures() for inversion in self.in_order()), *self.skipping.figures()]
+        figures = [*(inversion.figures() for inversion in self.in_order()), *self.skipping.skipped]
         write_text(self.folder / "results.json", f"{json.dumps(figures, indent=2, allow_nan=False)}\n")
         self.written = time.monotonic()
 

@@ -18,19 +18,13 @@ from ...pose.background import learn_background, least_size
 from ...pose.whitening import Background, check_spec
 from ..errors import UserError, as_user_error
 from ..inputs.spec import SpecOptions
-from ..results.failures import say_ignored
-from ..terminal import counter, say
+from ..terminal import counter, say, say_ignored
 
 SIZE = 512  # photographs are shrunk to so many pixels on the longer side
 
 
 def learn(arguments: Namespace) -> None:
-    """Learns a model of ``arguments.kind``; an interrupted run is resumed where the model has a checkpoint.
-
-    Raises:
-        UserError: an input is unusable.
-        OSError: a file or folder is missing or cannot be written.
-    """
+    """Learns a model of ``arguments.kind``; an interrupted run is resumed where the model has a checkpoint."""
     learner, output = _learner(arguments.kind), Path(arguments.output)
     noun = learner.model.NOUN
     if output.suffix.lower() != ".npz" or output.is_dir():
@@ -43,7 +37,7 @@ def learn(arguments: Namespace) -> None:
     with output_folder(output.parent), as_user_error():
         for name, reason in photographs.failed.items():
             say(f"Passed over: {name}: {reason}")
-        say_ignored(photographs)
+        say_ignored(photographs.ignored)
         with counter(f"nablahog {arguments.command}") as progress:
             model = learner.learn_to(output, photographs.images, spec, progress, **options)
     say(f"{noun.capitalize()} in {output}: {model.summary}")
@@ -56,11 +50,7 @@ def _learner(kind: str) -> Learner:
 
 
 def _options(arguments: Namespace, spec: HOGSpec) -> dict[str, Any]:
-    """The arguments of the learner.
-
-    Raises:
-        ValueError, OSError: the prior to start from is not for descriptors of ``spec``, or cannot be read.
-    """
+    """The arguments of the learner."""
     options = {name: getattr(arguments, name) for name in ("seed", "epochs") if name in arguments}
     if arguments.kind == "prior":
         options["device"] = "cuda" if torch.cuda.is_available() else "cpu"
@@ -74,11 +64,7 @@ def _options(arguments: Namespace, spec: HOGSpec) -> dict[str, Any]:
 
 
 def _spec(arguments: Namespace) -> HOGSpec:
-    """The spec to learn for; of a prior, one of those that it is for.
-
-    Raises:
-        ValueError: there is no such spec.
-    """
+    """The spec to learn for; of a prior, one of those that it is for."""
     if "preset" in arguments:
         return SpecOptions.of(arguments).spec()
     return presets.paper() if getattr(arguments, "signs", None) == "unsigned" else SPEC
@@ -89,10 +75,6 @@ def _photographs(arguments: Namespace, learner: Learner, spec: HOGSpec) -> Photo
 
     Returns:
         At least one image; ``failed`` has the files that cannot be read and the images that are too small.
-
-    Raises:
-        FileNotFoundError, NotADirectoryError: there is no such folder.
-        ValueError: it holds no image, or none to learn from.
     """
     folder, size = arguments.images, getattr(arguments, "size", SIZE)
     if folder is None and learner.tile is not None:

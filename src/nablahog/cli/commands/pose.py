@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from argparse import Namespace
 from pathlib import Path
 
@@ -11,9 +12,10 @@ from ...io.files import check_folder, output_folder
 from ...jobs.resume import do_all
 from ...jobs.runner import cores
 from ...jobs.store import JobResult
+from ...paper.models import Models, read_models
 from ...paper.object_lists import ListedObject, read_objects
+from ...render.axes import axes
 from ..errors import REFUSED, SOME_SKIPPED, UserError, as_user_error, forbid_overwrite, tell
-from ..inputs.models import find_models, read_meshes
 from ..results.pose_files import PosedObject, as_json, names, rows, write
 from ..results.pose_job import ObjectJob, PoseOptions
 from ..terminal import counter, inform, print_table, say_page
@@ -25,46 +27,32 @@ def pose(arguments: Namespace) -> int:
     Returns:
         The exit status: 0; 3 if some objects have no pose, each with a line on stderr; 4 if some are less sure than was
         asked for.
-
-    Raises:
-        UserError: an input is unusable, or no object has a pose.
-        OSError: a file or folder is missing or cannot be written.
     """
     with as_user_error():
         objects, photos = _objects(arguments)
-        models = find_models(arguments)
+        models = _models(arguments)
     folder = Path(arguments.output)
     inputs = [*photos, *filter(None, (arguments.annotations, arguments.mask)), *models.paths.values()]
     forbid_overwrite(inputs, [folder / name for name in names(objects, arguments.page)])
     with output_folder(folder), as_user_error():
-        meshes = read_meshes(models, arguments)
-        options = PoseOptions(
-            tuple((name, models.paths[name].absolute()) for name in meshes if models.paths),
-            arguments.up,
-            arguments.front,
-            arguments.focal,
-            arguments.principal_point,
-            arguments.within,
-            arguments.method,
-            arguments.seed,
-            arguments.page,
-        )
+        options = PoseOptions.of(arguments, _readable(models, arguments))
         mask = None if arguments.mask is None else Path(arguments.mask)
         jobs = [ObjectJob(one, photo, mask, options) for one, photo in zip(objects, photos, strict=True)]
         results = _run(folder, jobs, arguments)
-        posed = [PosedObject.of(one, result) for one, result in zip(objects, results, strict=True)]
-        failed = [one for one in posed if one.figures is None]
+        least = arguments.least_confidence
+        posed = [PosedObject.of(one, result, least) for one, result in zip(objects, results, strict=True)]
+        failed = [one for one in posed if not one.figures]
         if len(failed) == len(posed):
             raise UserError(f"there is no pose of any object; the first: {_named(failed[0])}")
         for each in failed:
             tell("pose", f"skipped: {_named(each)}")
-        write(folder, posed, arguments.least_confidence)
+        write(folder, posed, least)
     if arguments.json:
-        print(json.dumps(as_json(posed, arguments.least_confidence), indent=1, allow_nan=False))
+        print(json.dumps(as_json(posed), indent=1, allow_nan=False))
     else:
         print_table(rows(posed))
         say_page(folder / "index.html")
-    return _status(posed, arguments.least_confidence)
+    return _status(posed, least)
 
 
 def _run(folder: Path, jobs: list[ObjectJob], arguments: Namespace) -> list[JobResult | str]:
@@ -95,20 +83,49 @@ def _objects(arguments: Namespace) -> tuple[list[ListedObject], list[Path]]:
     return objects, [photo / one.image for one in objects]
 
 
+def _models(arguments: Namespace) -> Models:
+    """The models in the folder or file ``arguments.mesh``, not read yet; none for those of the package."""
+    if arguments.mesh is None:
+        if arguments.up or arguments.front:
+            raise ValueError("--up and --front say how the files of --mesh lie; the chairs of nablahog need neither")
+        return Models({}, [])
+    if arguments.up is not None:
+        axes(arguments.up, arguments.front)
+    path = Path(arguments.mesh)
+    if path.is_dir():
+        return read_models(path)
+    return Models({os.fsencode(path.stem).decode(errors="backslashreplace"): path}, [])
+
+
+def _readable(models: Models, arguments: Namespace) -> dict[str, Path]:
+    """The models that can be read, with progress; a line on stderr for each other, or ValueError if there is none."""
+    readable = {}
+    with counter("nablahog pose") as progress:
+        for model, _ in models.meshes(arguments.up, arguments.front):
+            readable[model] = models.paths[model]
+            progress(len(readable) + len(models.failed), len(models.paths), f"reading {model}")
+    if models.failed and not readable:
+        model, reason = next(iter(models.failed.items()))
+        first = "no model can be read; the first: " if len(models.paths) > 1 else ""
+        raise ValueError(f"{first}{models.paths[model]}: {reason}")
+    for model, reason in (*models.failed.items(), *((other, "no model by its ending") for other in models.ignored)):
+        inform(f"nablahog pose: skipped: {model}: {reason}")
+    return readable
+
+
 def _status(posed: list[PosedObject], least_confidence: float) -> int:
     """The exit status; says how many poses may mean nothing, and how many are refused."""
-    warned = [one for one in posed if one.figures is not None and one.figures["warning"] is not None]
-    if warned:
-        first = warned[0].figures["warning"] if warned[0].figures else ""
-        of_all = "" if len(posed) == 1 else f"{len(warned)} of {len(posed)} objects; the first: "
-        inform(f"nablahog pose: warning: {of_all}{first}")
-    refused = sum(one.refused(least_confidence) for one in posed)
+    warnings = [one.figures["warning"] for one in posed if one.figures.get("warning") is not None]
+    if warnings:
+        of_all = "" if len(posed) == 1 else f"{len(warnings)} of {len(posed)} objects; the first: "
+        inform(f"nablahog pose: warning: {of_all}{warnings[0]}")
+    refused = sum(one.refused for one in posed)
     if refused:
         inform(
             f"nablahog pose: refused: {refused} of {len(posed)} have their azimuth within 15 degrees of the true one "
             f"with a probability below {least_confidence:g}: the object may not be there, or be unlike the model"
         )
-    if any(one.figures is None for one in posed):
+    if not all(one.figures for one in posed):
         return SOME_SKIPPED
     return REFUSED if refused else 0
 

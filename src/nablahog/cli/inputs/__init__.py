@@ -1,1 +1,5 @@
-"""From arguments to images, descriptors, specs, templates and priors."""
+"""What the arguments of a command name, read and checked.
+
+An input that is unusable raises ValueError or OSError, of a sentence for the user; where none is left, or an option is
+wrong, UserError.
+"""

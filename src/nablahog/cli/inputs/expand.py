@@ -36,14 +36,8 @@ class Expanded:
 def expand(arguments: Namespace, endings: Collection[str]) -> Expanded:
     """The files that ``arguments.inputs`` stand for.
 
-    Args:
-        arguments: of the command.  A folder stands for the files in it with one of the ``endings``, sorted by name,
-            without hidden files and subfolders; a pattern (``*``, ``?``, ``[…]``, ``**``) for the files that match,
-            unless it is the name of a file.
-        endings: such as ".png".
-
-    Raises:
-        UserError: nothing is left; results would be written into a folder that is read; stdin is named twice.
+    A folder stands for the files in it with one of the ``endings``, sorted by name, without hidden files and
+    subfolders; a pattern (``*``, ``?``, ``[…]``, ``**``) for the files that match, unless it is the name of a file.
     """
     paths: list[str] = []
     empty: list[tuple[str, str]] = []
@@ -81,11 +75,7 @@ def _files(entries: Iterator[os.DirEntry[str]], endings: Collection[str]) -> lis
 
 @contextmanager
 def stdin_as_file() -> Iterator[str]:
-    """The name of a temporary file that holds all of stdin; errors of the block name stdin instead.
-
-    Raises:
-        ValueError: stdin is a terminal, empty, or larger than any file that is read; or as the block.
-    """
+    """The name of a temporary file that holds all of stdin; errors of the block name stdin instead."""
     if sys.stdin.isatty():
         raise ValueError("-: expected a file on stdin, got a terminal")
     with tempfile.NamedTemporaryFile(prefix="nablahog-stdin-") as file:

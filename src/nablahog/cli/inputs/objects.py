@@ -38,11 +38,7 @@ class Objects:
 
 
 def objects(arguments: Namespace) -> Objects:
-    """The objects that the arguments ask for.
-
-    Raises:
-        ValueError, FileNotFoundError, NotADirectoryError: an input is unusable, or options contradict each other.
-    """
+    """The objects that the arguments ask for."""
     if arguments.pascal3d is not None and arguments.annotations is not None:
         raise ValueError("--pascal3d and annotated photographs are two sets of objects; one at a time")
     if arguments.viewpoints is not None and (arguments.pascal3d or arguments.annotations) is not None:

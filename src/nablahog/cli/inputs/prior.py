@@ -29,11 +29,7 @@ class PriorOptions:
 
     @classmethod
     def of(cls, arguments: Namespace) -> PriorOptions:
-        """By the option ``--prior``.
-
-        Raises:
-            UserError: its file cannot be used.
-        """
+        """By the option ``--prior``."""
         if arguments.prior in (None, NO_PRIOR):
             return cls(None, arguments.prior is None)
         with as_user_error():

@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 from argparse import Namespace
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,17 +23,16 @@ from ...io.files import distinct_stems
 from ...io.images import image_endings, limit_size, read_image
 from ...io.npz import naming
 from ..arguments.options import SIZE
-from ..errors import Skipping, UserError, as_user_error
+from ..errors import UserError, as_user_error
 from ..terminal import inform
 from .arrays import ArrayOptions
-from .expand import STDIN, expand, stdin_as_file
+from .expand import STDIN, Expanded, expand, stdin_as_file
 from .spec import SpecOptions
 
 if TYPE_CHECKING:
     from ...io.descriptor_dataset import DescriptorDataset
 
 DATASET = ".parquet"
-NEEDS = "a data set of descriptors needs {}: pip install 'nablahog[dataset]'"
 ROWS = 1000  # of a data set, in memory at a time
 
 
@@ -63,36 +64,26 @@ class Source:
         file = os.fsencode(Path(self.path).name).decode(errors="backslashreplace") if self.path != STDIN else "stdin"
         return f"{file}, {self.part}" if self.part else file
 
-    @property
+    @cached_property
     def gray_photo(self) -> Tensor | None:
         """The photograph in gray (Eq. 1), (H, W), if it is known."""
         return None if self.photo is None else gray(self.photo[None])[0, 0]
 
 
 @dataclass(frozen=True)
-class Inputs:
+class Inputs(Expanded):
     """The inputs of a command that can be used.
 
     Attributes:
         sources: of files.
-        skipping: has the inputs that cannot be used.
-        paths: of all files among the inputs.
-        many: whether results go to a folder, see :class:`~.expand.Expanded`.
         datasets: of descriptors, whose rows are read when they are needed.
     """
 
     sources: list[Source]
-    skipping: Skipping
-    paths: list[str]
-    many: bool
     datasets: list[DescriptorDataset] = field(default_factory=list)
 
     def parts(self, check: Callable[[Source], None]) -> Iterator[list[Source]]:
-        """The sources of files, then those of data sets, :data:`ROWS` at a time.
-
-        Args:
-            check: called with each source of a data set, see :func:`read_inputs`.
-        """
+        """The sources of files, then those of data sets that ``check`` allows, :data:`ROWS` at a time."""
         if self.sources:
             yield self.sources
         for data in self.datasets:
@@ -127,9 +118,6 @@ def read_inputs(
         keep_photos: whether the photographs are needed afterwards.
         check: raises ValueError or UserError for sources that cannot be used.
         datasets: whether inputs may be data sets of descriptors.
-
-    Raises:
-        UserError: an option is wrong, or no input can be used.
     """
     with as_user_error():
         spec_options = SpecOptions.of(arguments)
@@ -139,40 +127,51 @@ def read_inputs(
     files = Namespace(**{**vars(arguments), "inputs": [name for name in arguments.inputs if name not in sets]})
     expanded = expand(files, {*image_endings(), *([".npz"] if arrays else [])})
     expanded.skipping.count += sum(map(len, data))
-    stems = distinct_stems([Path("stdin" if path == STDIN else path) for path in expanded.paths])
     reader = _Reader(arguments, spec_options, array_options)
-    sources = []
-    for path, stem in zip(expanded.paths, stems, strict=True):
-        with expanded.skipping.each(path):
-            source = reader.read(path, stem)
-            check(source)
-            sources.append(source if keep_photos else replace(source, photo=None))
-    expanded.skipping.check()
+
+    def read(path: str, stem: str) -> list[Source]:
+        source = reader.read(path, stem)
+        check(source)
+        return [source if keep_photos else replace(source, photo=None)]
+
+    sources = read_each(expanded, read)
     if reader.shrunk:
         which = "the photograph is" if len(expanded.paths) == 1 else f"{reader.shrunk} photographs are"
         inform(f"{which} shrunk to {SIZE} pixels; --size 0 keeps the full size")
     if array_options is not None and not reader.arrays:
         with as_user_error():
             array_options.check_unused()
-    return Inputs(sources, expanded.skipping, expanded.paths, expanded.many or bool(data), data)
+    return Inputs(expanded.paths, expanded.skipping, expanded.many or bool(data), sources, data)
+
+
+def read_each(expanded: Expanded, read: Callable[[str, str], list[Source]]) -> list[Source]:
+    """The sources of all files by ``read``, called with each path and its stem; skips files that it cannot read."""
+    stems = distinct_stems([Path("stdin" if path == STDIN else path) for path in expanded.paths])
+    sources = []
+    for path, stem in zip(expanded.paths, stems, strict=True):
+        with expanded.skipping.each(path):
+            sources += read(path, stem)
+    expanded.skipping.check()
+    return sources
+
+
+@contextmanager
+def dataset_extra() -> Iterator[None]:
+    """Turns a failed import in the block into a UserError that names the extra for data sets."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise UserError(f"a data set of descriptors needs {error.name}: pip install 'nablahog[dataset]'") from None
 
 
 def _dataset(name: str, options: SpecOptions) -> DescriptorDataset:
-    """A data set of descriptors, whose spec agrees with the options.
-
-    Raises:
-        UserError: there is none, or its spec is another.
-    """
-    try:
+    """A data set of descriptors; raises UserError if there is none, or its spec contradicts the options."""
+    with dataset_extra():
         from ...io.descriptor_dataset import DescriptorDataset
-    except ModuleNotFoundError as error:
-        raise UserError(NEEDS.format(error.name)) from None
-    try:
+    with as_user_error():
         data = DescriptorDataset(name)
         with naming(Path(name)):
             options.check(data.spec)
-    except (ValueError, OSError) as error:
-        raise UserError(str(error)) from None
     return data
 
 
@@ -202,18 +201,14 @@ class _Reader:
             self.arrays += 1
             return _from_stored(path, stem, self.array_options.read(path, self.spec_options))
         if is_descriptor_file(path):
-            return _from_descriptor_file(path, stem, self.spec_options)
+            of_file = load_descriptor(path)
+            with naming(path):
+                self.spec_options.check(of_file.spec)
+            return _from_stored(path, stem, of_file)
         photo, size = read_image(path), self.arguments.size
         source = from_photo(path, stem, photo, self.spec_options.spec(), size=SIZE if size is None else size)
         self.shrunk += size is None and source.image_size != photo.shape[1:]
         return source
-
-
-def _from_descriptor_file(path: str, stem: str, options: SpecOptions) -> Source:
-    of_file = load_descriptor(path)
-    with naming(path):
-        options.check(of_file.spec)
-    return _from_stored(path, stem, of_file)
 
 
 def _from_stored(path: str, stem: str, of_file: StoredDescriptor) -> Source:
@@ -226,11 +221,7 @@ def _from_stored(path: str, stem: str, of_file: StoredDescriptor) -> Source:
 
 
 def from_photo(path: str, stem: str, photo: Tensor, spec: HOGSpec, *, size: int) -> Source:
-    """Computes the descriptor of a photograph (C, H, W) in 0…1, shrunk as in :func:`read_inputs`.
-
-    Raises:
-        ValueError: the shrunk photograph is smaller than a cell; the message begins with ``path``.
-    """
+    """Computes the descriptor of a photograph (C, H, W) in 0…1, shrunk as in :func:`read_inputs`."""
     small = limit_size(photo, size) if size else photo
     height, width = small.shape[-2:]
     try:

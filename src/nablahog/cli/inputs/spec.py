@@ -9,23 +9,16 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...hog import HOGSpec
-from ..arguments.did_you_mean import did_you_mean
+from ..arguments.options import did_you_mean
 from ..arguments.preset_parameters import DEFAULT_PRESET, PRESETS, as_text, defaults_of, parameters_of, parsed
 
-_ONLY_IF_SET = {
-    "cell_size": ("cell_size", "pixels_per_cell"),
-    "vote": ("vote", "bilinear_orientations", "bilinear"),
-}
+_ONLY_IF_SET = {"cell_size": ("cell_size", "pixels_per_cell"), "vote": ("vote", "bilinear_orientations", "bilinear")}
 """Fields of a descriptor file that need not be the preset's default, and the parameters that ask for a value."""
 _FREE = ("name", "layout", "derivative")  # fields that decide none of the values in a descriptor file
 
 
 def make_spec(name: str, parameters: Mapping[str, Any]) -> HOGSpec:
-    """The spec of a preset with these parameters, and the defaults of the command line for the others.
-
-    Raises:
-        ValueError: they are out of their range, or do not go together.
-    """
+    """The spec of a preset with these parameters, and the defaults of the command line for the others."""
     try:
         return PRESETS[name](**{**defaults_of(name), **parameters})
     except ValueError as error:
@@ -40,9 +33,6 @@ class SpecOptions:
     Attributes:
         preset: a key of :data:`~nablahog.cli.arguments.preset_parameters.PRESETS`; None if it was not chosen.
         settings: parameters of the preset, (name, value) as texts; the last of a name counts.
-
-    Raises:
-        ValueError: the preset has no such parameter or cannot have such a value.
     """
 
     preset: str | None = None
@@ -62,11 +52,7 @@ class SpecOptions:
         return self.preset or DEFAULT_PRESET
 
     def parameters(self) -> dict[str, Any]:
-        """The parameters of the preset that options set.
-
-        Raises:
-            ValueError: as the class.
-        """
+        """The parameters of the preset that options set."""
         hints, parameters = parameters_of(self.name), {}
         for key, text in self.settings:
             if key not in hints:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from argparse import Namespace
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,7 @@ MEASURES = {
     "SSIM": metrics.ssim,
     "PSNR": metrics.psnr,
 }
+PICTURES = ("preimage", "glyphs", "thumbnails", "iterations", "samples")
 SURE = 0.8  # confidence in the polarity, below which the negative is shown, too
 BATCH_PIXELS = 2**21  # 32 images of 256x256: results are written after each batch
 
@@ -43,6 +45,7 @@ class InversionOptions:
         quality, method: as :func:`nablahog.reconstruct` has them.
         samples: number of further answers to unsigned descriptors, drawn from the prior; None for none.
         colour: whether to find images in colour, without a prior.
+        template: whether sources have a template's weights in place of a descriptor.
     """
 
     seed: int
@@ -50,11 +53,12 @@ class InversionOptions:
     method: InversionMethod = "default"
     samples: int | None = None
     colour: bool = False
+    template: bool = False
 
-    @property
-    def more_pictures(self) -> list[str]:
-        """The pictures that :meth:`Inversion.write` leaves only with these options."""
-        return ["iterations"] * (self.method == "paper") + ["samples"] * (self.samples is not None)
+    @classmethod
+    def of(cls, arguments: Namespace) -> InversionOptions:
+        """By the options of the command of the same names."""
+        return cls(**{each.name: getattr(arguments, each.name) for each in fields(cls)})
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +68,8 @@ class Inversion:
     Attributes:
         source: the input.
         preimage: (H, W), or (3, H, W) in colour, float32 in 0…1, on the CPU.
-        reference: the gray photograph (Eq. 1) it is compared with, (H, W) in 0…1; None if it is not known.
         measures: CC, MI, SSIM and PSNR of the gray pre-image, and the distance, see
-            :data:`nablahog.metrics.DEFINITIONS`; None where the reference is not known or the measure is not finite.
+            :data:`nablahog.metrics.DEFINITIONS`; None where the photograph is not known or the measure is not finite.
         seconds: the source's share of the time of its batch.
         stop_reason: why the minimiser stopped.
         iterates: by their number, (H, W) in 0…1: the images after 0, 1, 2 and all iterations of the paper's search.
@@ -78,7 +81,6 @@ class Inversion:
 
     source: Source
     preimage: Tensor
-    reference: Tensor | None
     measures: dict[str, float | None]
     seconds: float
     stop_reason: str
@@ -99,7 +101,7 @@ class Inversion:
             "stop_reason": self.stop_reason,
             "image_size": list(self.source.image_size),
             "cell_size": list(self.source.spec.cell_size),
-            "preimage": result_names(self.source)[0],
+            "preimage": picture_name(self.source, "preimage"),
         }
 
     def row(self) -> dict[str, object]:
@@ -124,7 +126,7 @@ class Inversion:
 
     def panels(self) -> list[Panel]:
         """The pictures to show side by side: photograph and difference only where the photograph is known."""
-        of, spec = self.source.name, self.source.spec
+        of, spec, photo = self.source.name, self.source.spec, self.source.photo
         drawn = [
             Panel(self.glyphs, f"glyphs, {spec.name}", f"Strokes along the edges of {of}, cell by cell, of its HOG"),
             Panel(self.preimage, "pre-image", f"The image found from the {spec.name} HOG of {of} alone"),
@@ -132,12 +134,12 @@ class Inversion:
         if self.polarity is not None and self.unsure:
             negative = f"The negative of the image found from the HOG of {of}, which has the same HOG"
             drawn.append(Panel(1 - self.preimage, f"or its negative, {1 - self.polarity:.0%}", negative))
-        if self.source.photo is None or self.reference is None:
+        if photo is None or self.source.gray_photo is None:
             return drawn
-        apart = difference(_gray(self.preimage), self.reference)
+        apart = difference(_gray(self.preimage), self.source.gray_photo)
         seen = "Gray where pre-image and photograph agree, bright where the pre-image is brighter"
         return [
-            Panel(self.source.photo, "photograph", f"The photograph {of}"),
+            Panel(photo, "photograph", f"The photograph {of}"),
             *drawn,
             Panel(apart, "pre-image - photograph", f"{of}: {seen}"),
         ]
@@ -148,20 +150,17 @@ class Inversion:
             return []
         about = f"A further image with about the HOG of {self.source.name}, that the prior thinks possible"
         drawn = [Panel(sample, f"sample {k}", about) for k, sample in enumerate(self.samples, start=1)]
-        return [Panel(self.preimage, "pre-image", f"The image found from the HOG of {self.source.name} alone"), *drawn]
+        return [self.panel, *drawn]
 
     def without_pictures(self) -> Inversion:
         """A copy with the figures alone, which takes little memory."""
         source = replace(self.source, descriptor=self.source.descriptor[:0], photo=None)
-        return replace(self, source=source, preimage=self.preimage[:0], reference=None, iterates={}, samples=None)
+        return replace(self, source=source, preimage=self.preimage[:0], iterates={}, samples=None)
 
-    def pair(self) -> tuple[Panel, Panel] | None:
-        """The gray photograph, where it is known, and the pre-image."""
-        if self.reference is None:
-            return None
-        of = self.source.name
-        preimage = Panel(self.preimage, "pre-image", f"The image found from the HOG of {of} alone")
-        return Panel(self.reference, "photograph", f"The photograph {of} in gray"), preimage
+    @property
+    def panel(self) -> Panel:
+        """The pre-image."""
+        return Panel(self.preimage, "pre-image", f"The image found from the HOG of {self.source.name} alone")
 
     @cached_property
     def glyphs(self) -> NDArray[Any]:
@@ -169,21 +168,12 @@ class Inversion:
         return glyphs(self.source.descriptor.clamp(min=0), self.source.spec)
 
     def write(self, folder: Path) -> None:
-        """Writes ``<stem>_preimage.png``, ``_glyphs.png``, ``_thumbnails.png``; ``_iterations.png``, ``_samples.png``.
-
-        The last two if there are iterates, and samples.
-
-        Raises:
-            OSError: a file cannot be written.
-        """
-        further = {"iterations": self._first_and_last(), "samples": self.sampled()}
-        more = {name: panels for name, panels in further.items() if panels}
-        sheets = [contact_sheet([panels]) for panels in (self.panels(), *more.values())]  # all, before any is written
-        preimage, glyph_picture, *names = (folder / name for name in result_names(self.source, list(more)))
-        write_image(preimage, self.preimage)
-        write_image(glyph_picture, self.glyphs)
-        for name, sheet in zip(names, sheets, strict=True):
-            write_image(name, sheet)
+        """Writes a picture for each of :data:`PICTURES`; the last two only if there are iterates, and samples."""
+        # all are drawn before any is written
+        rows = {"thumbnails": self.panels(), "iterations": self._first_and_last(), "samples": self.sampled()}
+        sheets = {what: contact_sheet([panels]) for what, panels in rows.items() if panels}
+        for what, picture in {"preimage": self.preimage, "glyphs": self.glyphs, **sheets}.items():
+            write_image(folder / picture_name(self.source, what), picture)
 
     def _first_and_last(self) -> list[Panel]:
         """The photograph, if it is known, and the iterates, as the paper shows them."""
@@ -193,13 +183,13 @@ class Inversion:
         return [*photo, *(Panel(image, f"iteration {k}") for k, image in self.iterates.items())]
 
 
-def result_names(source: Source, more: Sequence[str] = ()) -> list[str]:
-    """The names of the files that :meth:`Inversion.write` leaves, of which ``more`` are not always there."""
-    return [f"{source.stem}_{what}.png" for what in ("preimage", "glyphs", "thumbnails", *more)]
+def picture_name(source: Source, what: str) -> str:
+    """The name of the file that :meth:`Inversion.write` writes for one of :data:`PICTURES`."""
+    return f"{source.stem}_{what}.png"
 
 
 def batches(sources: Sequence[Source]) -> list[list[int]]:
-    """Groups indices of sources by spec and image size, with at most ``BATCH_PIXELS`` pixels in a batch."""
+    """Groups indices of sources by spec and image size, with at most :data:`BATCH_PIXELS` pixels in a batch."""
     groups: dict[object, list[int]] = {}
     for index, source in enumerate(sources):
         groups.setdefault((source.spec, source.image_size), []).append(index)
@@ -221,7 +211,7 @@ def invert_batch(
     """Inverts sources of one spec and image size together.
 
     Args:
-        sources: at least one.
+        sources: at least one; of templates, one.
         device: where to compute.
         options: of the search.
         prior: see :func:`nablahog.reconstruct`.
@@ -229,16 +219,14 @@ def invert_batch(
 
     Returns:
         One inversion for each source, in order.
-
-    Raises:
-        ValueError: as :func:`nablahog.reconstruct`; the prior was learned for another spec; colour with a spec of
-            gray images.
     """
     descriptors = torch.stack([source.descriptor for source in sources]).to(device)
     spec, image_size = sources[0].spec, sources[0].image_size
     every: dict[str, Any] = {"seed": options.seed, "progress": progress}
     ours = {**every, "quality": options.quality}
-    if options.method == "paper":
+    if options.template:
+        result = reconstruct_template(descriptors, spec, image_size, **every)
+    elif options.method == "paper":
         result = reconstruct(descriptors, spec, image_size, method=AsPublished(keep_iterates=True), **every)
     elif options.colour:
         result = reconstruct_colour(descriptors, spec, image_size, **ours)
@@ -247,49 +235,27 @@ def invert_batch(
     drawn = None
     if options.samples is not None and prior is not None and result.polarity_confidence is not None:
         drawn = reconstruct_samples(descriptors, spec, image_size, count=options.samples, prior=prior, **ours)
+    polarity = result.polarity_confidence
+    if options.template and not spec.signed:
+        polarity = torch.full((len(sources),), 0.5)
     inversions = []
     for index, source in enumerate(sources):
-        preimage = result.image[index].detach().float().cpu()
-        preimage = preimage if options.colour else preimage[0]
-        reference = source.gray_photo
-        measures = _measures(_gray(preimage), reference, float(result.distance[index]))
-        seconds, stop_reason = result.seconds / len(sources), str(result.stop_reason[index])
-        kept = () if result.iterates is None else result.iterates[:, index, 0]
-        iterates = {k: kept[k].detach().float().cpu() for k in sorted({0, 1, 2, len(kept) - 1}) if 0 <= k < len(kept)}
-        polarity = None if result.polarity_confidence is None else _rounded(result.polarity_confidence[index])
-        further = None if drawn is None else drawn.image[index, :, 0].float().cpu()
-        agreement = None if drawn is None else _rounded(drawn.agreement[index])
-        inversions.append(
-            Inversion(
-                source,
-                preimage,
-                reference,
-                measures,
-                seconds,
-                stop_reason,
-                iterates,
-                polarity,
-                further,
-                agreement,
-            )
+        preimage = result.image[index] if options.colour else result.image[index, 0]
+        preimage = preimage.detach().float().cpu()
+        kept = () if result.iterates is None else result.iterates[:, index, 0].detach().float().cpu()
+        inversion = Inversion(
+            source,
+            preimage,
+            _measures(_gray(preimage), source.gray_photo, float(result.distance[index])),
+            result.seconds / len(sources),
+            str(result.stop_reason[index]),
+            {k: kept[k] for k in sorted({0, 1, 2, len(kept) - 1}) if 0 <= k < len(kept)},
+            None if polarity is None else _rounded(polarity[index]),
+            None if drawn is None else drawn.image[index, :, 0].float().cpu(),
+            None if drawn is None else _rounded(drawn.agreement[index]),
         )
+        inversions.append(inversion)
     return inversions
-
-
-def invert_template(
-    source: Source, *, device: torch.device, seed: int, progress: Callable[[int, int], None] | None = None
-) -> Inversion:
-    """What the positive weights of a template look for; ``source`` has the weights in place of a descriptor.
-
-    Raises:
-        ValueError: as :func:`nablahog.invert.reconstruct_template`.
-    """
-    weights, spec = source.descriptor[None].to(device), source.spec
-    result = reconstruct_template(weights, spec, source.image_size, seed=seed, progress=progress)
-    preimage = result.image[0, 0].float().cpu()
-    measures = _measures(preimage, None, float(result.distance[0]))
-    polarity = None if spec.signed else 0.5
-    return Inversion(source, preimage, None, measures, result.seconds, str(result.stop_reason[0]), polarity=polarity)
 
 
 def _rounded(value: Tensor) -> float:

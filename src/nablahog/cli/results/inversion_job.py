@@ -19,6 +19,8 @@ from ..inputs.prior import PriorOptions
 from ..inputs.sources import Source
 from .inversion import Inversion, InversionOptions, invert_batch
 
+_STORED = ("measures", "stop_reason", "polarity", "agreement")  # fields of an inversion that are no pictures
+
 
 @dataclass(frozen=True, eq=False)
 class InversionJob:
@@ -60,22 +62,12 @@ class InversionJob:
         return [] if self.prior is None else [self.prior]
 
     def run(self) -> JobResult:
-        """Inverts the descriptor: the pictures are the pre-image, the iterates and the samples, float32.
-
-        Raises:
-            ValueError: as :func:`.inversion.invert_batch`.
-        """
+        """Inverts the descriptor: the pictures are the pre-image, the iterates and the samples, float32."""
         [result] = invert_batch([self.source], device=torch.device("cpu"), prior=self._prior(), options=self.options)
         samples = [] if result.samples is None else list(result.samples)
         pictures = np.stack([each.numpy() for each in (result.preimage, *result.iterates.values(), *samples)])
-        figures = {
-            "measures": result.measures,
-            "stop_reason": result.stop_reason,
-            "polarity": result.polarity,
-            "agreement": result.agreement,
-            "iterates": list(result.iterates),
-            "samples": len(samples),
-        }
+        figures = {name: getattr(result, name) for name in _STORED}
+        figures |= {"iterates": list(result.iterates), "samples": len(samples)}
         return JobResult([figures], pictures, result.seconds)
 
     def fits(self, result: JobResult) -> bool:
@@ -93,14 +85,10 @@ class InversionJob:
         return Inversion(
             self.source,
             pictures[0],
-            self.source.gray_photo,
-            figures["measures"],
-            result.seconds,
-            figures["stop_reason"],
-            dict(zip(figures["iterates"], pictures[1:samples_from], strict=True)),
-            figures["polarity"],
-            samples if len(samples) else None,
-            figures["agreement"],
+            seconds=result.seconds,
+            iterates=dict(zip(figures["iterates"], pictures[1:samples_from], strict=True)),
+            samples=samples if len(samples) else None,
+            **{name: figures[name] for name in _STORED},
         )
 
     def _prior(self) -> PriorChoice:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from ...metrics import DEFINITIONS
 from ...viz import html
-from ..errors import Skipped
+from ...viz.pictures import Panel
 from .inversion import Inversion
 
 SHOWN = 24  # inputs with pictures, which are inlined: a page of hundreds would not open
@@ -33,20 +33,13 @@ SECONDS = "Wall time of the search; if one search was for several inputs, an equ
 
 def page(
     inversions: Sequence[Inversion],
-    skipped: Sequence[Skipped] = (),
+    skipped: Sequence[Mapping[str, str]] = (),
     *,
     title: str = TITLE,
     lead: str = LEAD,
     remark: str = "All figures, with their full precision, are in results.json beside this page.",
 ) -> str:
-    """The page: for each of the first inversions a section with its pictures, below a table of all.
-
-    Args:
-        inversions: at least one, in the order to show.
-        skipped: inputs without a result.
-        title, lead: of the page.
-        remark: the last sentence.
-    """
+    """The page: for each of the first inversions a section with its pictures, below a table of all."""
     shown = inversions[:SHOWN]
     rows = [{**inversion.row(), "input": inversion.source.name} for inversion in inversions]
     definitions = {name: DEFINITIONS[name] for name in inversions[0].measures}
@@ -59,26 +52,21 @@ def page(
         title,
         f"{lead}{more}",
         rows,
-        [*map(_section, shown), skipped_section(skipped)],
+        [*map(_section, shown), html.Section("Skipped inputs", "These files could not be used.", table=skipped)],
         {**definitions, "seconds": SECONDS},
         f"{html.made()} {remark}",
         first=_first(shown),
     )
 
 
-def skipped_section(skipped: Sequence[Skipped]) -> html.Section:
-    """Which inputs have no result, and why."""
-    table = [{"input": each.input, "reason": each.reason} for each in skipped]
-    return html.Section("Skipped inputs", "These files could not be used.", table=table)
-
-
 def _first(inversions: Sequence[Inversion]) -> html.Section | None:
     """The first photograph that is known, to wipe to its pre-image."""
     for inversion in inversions:
-        pair = inversion.pair()
-        if pair is not None:
-            text = f"{inversion.source.name}: drag to see the photograph, or the image found from its HOG."
-            return html.Section("", text, compared=pair)
+        photo, name = inversion.source.gray_photo, inversion.source.name
+        if photo is not None:
+            compared = Panel(photo, "photograph", f"The photograph {name} in gray"), inversion.panel
+            text = f"{name}: drag to see the photograph, or the image found from its HOG."
+            return html.Section("", text, compared=compared)
     return None
 
 

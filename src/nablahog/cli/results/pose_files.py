@@ -1,4 +1,4 @@
-"""Poses of objects as files: CSV, JSON like COCO's, and pages."""
+"""The figures of poses, and what they mean; poses of objects as files: CSV, JSON like COCO's, and a page."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import io
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import version
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -17,16 +18,85 @@ from numpy.typing import NDArray
 from ...io.files import write_text
 from ...jobs.store import JobResult
 from ...paper.object_lists import ListedObject
+from ...pose import PoseEstimate
+from ...render import PARAMETERS
 from ...viz import html
 from ...viz.pictures import Panel
-from .pose_figures import DEFINITIONS
 
 SHOWN = 200  # objects with a picture on the page
 LEAD = "The poses at which renderings of CAD models have the HOG most like that of objects in photographs."
 _POSE = ("azimuth", "elevation", "theta", "distance", "distance_in_file_units", "x", "y")
 _CAMERA = ("focal_length", "focal_length_from")
 _SIDES = ("x0", "y0", "x1", "y1")
-_MATRIX = [(row, col) for row in range(3) for col in range(4)]
+
+DEFINITIONS = {
+    "model": "The model that fits best, of all candidates. Without --mesh they are those of nablahog.sample_chairs().",
+    "azimuth": "Degrees that the camera is turned about the object's vertical axis: 0 sees the front, 90 the side that "
+    "is on the object's left, which is the viewer's right.",
+    "elevation": "Degrees that the camera is above the object.",
+    "theta": "Degrees that the picture is turned counter-clockwise.",
+    "distance": "From the camera to the middle of the object, in diagonals of its bounding box. It "
+    "depends on the focal length: one photograph hardly determines both.",
+    "distance_in_file_units": "The same in the units of the model's file.",
+    "x, y": "Pixels to the right and down from the middle of the photograph to the middle of the object.",
+    "focal_length": "Of the camera of the pose, in pixels of the photograph.",
+    "focal_length_from": "given: by an option; exif: by the photograph's file; assumed: such that an object that fills "
+    "its box is 3 of its diagonals away, so that distances are no true ones.",
+    "matrix, intrinsics": "A point X of the model's file, (x, y, z, 1), is seen at intrinsics (3x3) times the upper "
+    "three rows of matrix (4x4) times X, divided by the last coordinate: OpenCV's convention. Where the focal length "
+    "is assumed, the principal point is that of a camera that looks straight at the object.",
+    "similarity": "calibrated: the score of the rendering's linear discriminant on the window of the photograph, in "
+    "standard deviations over arbitrary photographs; patches: the sum over the photograph's visual elements of the dot "
+    "products of the ∇HOG descriptors of their patches with those of the rendering, as in the paper.",
+    "confidence": "The probability that the azimuth is within 15° of the true one, or of one from which the model "
+    "looks the same, as measured on rendered scenes and photographs.",
+    "runners_up": "The best poses from other sides; share: of the best pose's similarity, or of its side's votes.",
+    "renderings": "How many the search has compared, of all candidates.",
+    "seconds": "Wall time of the search; the first in a process takes longer, while code is loaded.",
+}
+"""What the figures mean."""
+
+LEAST = 5.0
+"""A calibrated similarity below which a pose may mean nothing: 9 of 10 boxes of photographs without any chair stay
+below it (48 boxes, 24 models), and none of 48 scenes with one of the models."""
+
+
+def pose_figures(estimate: PoseEstimate) -> dict[str, Any]:
+    """All figures, ready for JSON."""
+    return {
+        "image_size": [estimate.camera.height, estimate.camera.width],
+        "box": list(estimate.box),
+        "model": estimate.model,
+        **_parameters(estimate),
+        "distance_in_file_units": estimate.distance_in_file_units,
+        "focal_length": estimate.camera.focal,
+        "focal_length_from": estimate.focal_from,
+        "principal_point": estimate.principal_point,
+        "intrinsics": estimate.intrinsics.tolist(),
+        "matrix": estimate.matrix().tolist(),
+        "any_azimuth": estimate.any_azimuth,
+        "equivalent_azimuths": list(estimate.equivalent_azimuths),
+        "similarity": estimate.similarity,
+        "similarity_kind": estimate.similarity_kind,
+        "confidence": estimate.confidence,
+        "warning": warning(estimate),
+        "runners_up": [{"model": one.model, **_parameters(one), "share": one.share} for one in estimate.runners_up],
+        "renderings": estimate.renderings,
+    }
+
+
+def _parameters(estimate: PoseEstimate) -> dict[str, float]:
+    return dict(zip(PARAMETERS, estimate.pose[0].tolist(), strict=True))
+
+
+def warning(estimate: PoseEstimate) -> str | None:
+    """A sentence if the similarity is no larger than in photographs of something else."""
+    if estimate.similarity_kind != "calibrated" or estimate.similarity >= LEAST:
+        return None
+    return (
+        f"the similarity, {estimate.similarity:.1f}, is below {LEAST:g}, as models mostly have it in photographs of "
+        "something else: this pose may mean nothing"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,30 +105,29 @@ class PosedObject:
 
     Attributes:
         listed: what was known of it.
-        figures: of :func:`.pose_figures.pose_figures`; None where there is no pose.
+        figures: of :func:`pose_figures`; none where there is no pose.
         picture: (3, H, W), uint8.
         page: HTML, if pages were asked for.
         failure: one sentence why there is no pose.
+        refused: whether the pose is less sure than was asked for.
     """
 
     listed: ListedObject
-    figures: Mapping[str, Any] | None
+    figures: Mapping[str, Any] = field(default_factory=dict)
     picture: NDArray[Any] | None = None
     page: str | None = None
     failure: str = ""
+    refused: bool = False
 
     @classmethod
-    def of(cls, listed: ListedObject, result: JobResult | str) -> PosedObject:
+    def of(cls, listed: ListedObject, result: JobResult | str, least_confidence: float) -> PosedObject:
         """That of an object and the result of its :class:`.pose_job.ObjectJob`."""
         if isinstance(result, str):
-            return cls(listed, None, failure=result)
+            return cls(listed, failure=result)
         figures = dict(result.figures[0])
-        return cls(listed, figures, result.pictures[0], figures.pop("page", None))
-
-    def refused(self, least_confidence: float) -> bool:
-        """Whether the pose is less sure than was asked for."""
-        sure = None if self.figures is None else self.figures["confidence"]
-        return sure is not None and sure < least_confidence
+        page, confidence = figures.pop("page", None), figures["confidence"]
+        refused = confidence is not None and confidence < least_confidence
+        return cls(listed, figures, result.pictures[0], page, refused=refused)
 
 
 def names(objects: Sequence[ListedObject], pages: bool) -> list[str]:
@@ -71,14 +140,10 @@ def _page_name(one: ListedObject) -> str:
 
 
 def write(folder: Path, objects: Sequence[PosedObject], least_confidence: float) -> None:
-    """Writes the files of :func:`names`; all are made before the first is written.
-
-    Raises:
-        OSError: a file cannot be written.
-    """
+    """Writes the files of :func:`names`; all are made before the first is written."""
     texts = {
-        "poses.csv": as_csv(objects, least_confidence),
-        "poses.json": json.dumps(as_json(objects, least_confidence), indent=1, allow_nan=False) + "\n",
+        "poses.csv": as_csv(objects),
+        "poses.json": json.dumps(as_json(objects), indent=1, allow_nan=False) + "\n",
         "index.html": _page(objects, least_confidence),
         **{_page_name(one.listed): one.page for one in objects if one.page is not None},
     }
@@ -86,65 +151,48 @@ def write(folder: Path, objects: Sequence[PosedObject], least_confidence: float)
         write_text(folder / name, text)
 
 
-def as_csv(objects: Sequence[PosedObject], least_confidence: float) -> str:
+def as_csv(objects: Sequence[PosedObject]) -> str:
     """A line for each object, which :func:`nablahog.paper.object_lists.read_objects` reads again.
 
     m00 … m23 are the upper three rows of the matrix, row by row.
     """
     out = io.StringIO()
-    matrix = [f"m{row}{col}" for row, col in _MATRIX]
-    columns = [
-        "image",
-        "id",
-        *_SIDES,
-        "model",
-        *_POSE,
-        *_CAMERA,
-        "similarity",
-        "confidence",
-        "refused",
-        *matrix,
-        "error",
-    ]
+    figures = ("model", *_POSE, *_CAMERA, "similarity", "confidence")
+    matrix = [f"m{row}{col}" for row in range(3) for col in range(4)]
+    columns = ["image", "id", *_SIDES, *figures, "refused", *matrix, "error"]
     writer = csv.DictWriter(out, columns, lineterminator="\n", restval="")
     writer.writeheader()
     for one in objects:
         row: dict[str, Any] = {"image": one.listed.image, "id": one.listed.id, "error": one.failure}
-        box = one.listed.box
-        if one.figures is not None:
-            figures = one.figures
-            row |= {name: figures[name] for name in ("model", *_POSE, *_CAMERA, "similarity", "confidence")}
-            row |= {name: figures["matrix"][at[0]][at[1]] for name, at in zip(matrix, _MATRIX, strict=True)}
-            row["refused"] = one.refused(least_confidence)
-            box = figures["box"]
-        row |= {} if box is None else dict(zip(_SIDES, box, strict=True))
+        row |= dict(zip(_SIDES, one.figures.get("box", one.listed.box) or (), strict=False))
+        if one.figures:
+            row |= {name: one.figures[name] for name in figures}
+            row |= dict(zip(matrix, chain(*one.figures["matrix"][:3]), strict=True))
+            row["refused"] = one.refused
         writer.writerow(row)
     return out.getvalue()
 
 
-def as_json(objects: Sequence[PosedObject], least_confidence: float) -> dict[str, Any]:
+def as_json(objects: Sequence[PosedObject]) -> dict[str, Any]:
     """All figures, ready for JSON, in COCO's form: images, categories, which are models, and annotations."""
-    posed = [one for one in objects if one.figures is not None]
+    posed = [one for one in objects if one.figures]
     images = {name: k for k, name in enumerate(dict.fromkeys(one.listed.image for one in objects), 1)}
-    sizes = {one.listed.image: one.figures["image_size"] for one in posed if one.figures is not None}
-    models = {name: k for k, name in enumerate(sorted({one.figures["model"] for one in posed if one.figures}), 1)}
+    sizes = {one.listed.image: one.figures["image_size"] for one in posed}
+    models = {name: k for k, name in enumerate(sorted({one.figures["model"] for one in posed}), 1)}
     annotations = []
     for one in posed:
-        assert one.figures is not None
-        figures = {name: value for name, value in one.figures.items() if name not in ("image_size", "box")}
         x0, y0, x1, y1 = one.figures["box"]
-        annotations.append(
-            {
-                "id": one.listed.id,
-                "image_id": images[one.listed.image],
-                "category_id": models[one.figures["model"]],
-                "bbox": [x0, y0, x1 - x0, y1 - y0],
-                "area": (x1 - x0) * (y1 - y0),
-                "iscrowd": 0,
-                **figures,
-                "refused": one.refused(least_confidence),
-            }
-        )
+        annotation = {
+            "id": one.listed.id,
+            "image_id": images[one.listed.image],
+            "category_id": models[one.figures["model"]],
+            "bbox": [x0, y0, x1 - x0, y1 - y0],
+            "area": (x1 - x0) * (y1 - y0),
+            "iscrowd": 0,
+            **{name: value for name, value in one.figures.items() if name not in ("image_size", "box")},
+            "refused": one.refused,
+        }
+        annotations.append(annotation)
     return {
         "info": {"description": LEAD, "version": version("nablahog")},
         "images": [
@@ -156,7 +204,7 @@ def as_json(objects: Sequence[PosedObject], least_confidence: float) -> dict[str
         "failed": [
             {"id": one.listed.id, "file_name": one.listed.image, "error": one.failure}
             for one in objects
-            if one.figures is None
+            if not one.figures
         ],
         "definitions": DEFINITIONS,
     }
@@ -169,8 +217,8 @@ def rows(objects: Sequence[PosedObject]) -> list[dict[str, object]]:
         {
             "photograph": os.fsencode(one.listed.image).decode(errors="backslashreplace"),
             "object": one.listed.id,
-            **{name: None if one.figures is None else one.figures[name] for name in shown},
-            **({"azimuth": "any"} if one.figures is not None and one.figures["any_azimuth"] else {}),
+            **{name: one.figures.get(name) for name in shown},
+            **({"azimuth": "any"} if one.figures.get("any_azimuth") else {}),
         }
         for one in objects
     ]
@@ -179,15 +227,16 @@ def rows(objects: Sequence[PosedObject]) -> list[dict[str, object]]:
 def _page(objects: Sequence[PosedObject], least_confidence: float) -> str:
     panels = []
     for one in objects[:SHOWN]:
-        if one.figures is not None and one.picture is not None:
+        if one.picture is not None:
             name = f"{one.listed.image}, {one.listed.id}"
             panels.append(Panel(one.picture / 255, name, f"The object with the outline of {one.figures['model']}"))
-    failed = [{"photograph": one.listed.image, "why": one.failure} for one in objects if one.figures is None]
+    failed = [{"photograph": one.listed.image, "why": one.failure} for one in objects if not one.figures]
     first = "" if len(objects) <= SHOWN else f" Of the first {SHOWN}."
-    sections = [html.Section("Outlines", f"Each object with the outline of the model that fits best.{first}", panels)]
-    if failed:
-        sections.append(html.Section("No pose", "Objects without a pose, and why.", table=failed))
-    refused = sum(one.refused(least_confidence) for one in objects)
+    sections = [
+        html.Section("Outlines", f"Each object with the outline of the model that fits best.{first}", panels),
+        html.Section("No pose", "Objects without a pose, and why.", table=failed),
+    ]
+    refused = sum(one.refused for one in objects)
     lead = f"{LEAD} {refused} of {len(objects)} have a confidence below {least_confidence:g}."
     definitions = {name: text for name, text in DEFINITIONS.items() if name in rows(objects[:1])[0]}
     return html.page("Poses", lead, rows(objects), sections, definitions, html.footer("poses.json and poses.csv"))

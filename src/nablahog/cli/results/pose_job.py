@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from torch import Tensor
 
-from ...io.images import as_array, read_image
+from ...io.exif import read_exif_focal
+from ...io.images import read_image
 from ...jobs.job_files import local_path
 from ...jobs.store import JobResult, digest, key_of
 from ...paper.object_lists import ListedObject
-from ...pose import PoseEstimate, estimate_pose
-from ...pose.crop import FILL, crop_object, masked
-from ...pose.options import SearchMethod
-from ...render import Mesh, load_mesh, sample_chairs, silhouette
+from ...pose import estimate_pose
+from ...pose.crop import masked
+from ...pose.options import Lens, SearchMethod
+from ...render import Mesh, load_mesh, sample_chairs
 from ...runtime.source import code_key
-from ...viz.pictures import outlined
-from ..inputs.lens import read_lens
-from .pose_figures import pose_figures
-from .pose_page import pose_page
+from .pose_files import pose_figures
+from .pose_page import close_up, pose_page
 
 SIDE = 160  # pixels of the picture of an object
 _FILL = 0.8  # of that, the longer side of the box
@@ -51,7 +49,13 @@ class PoseOptions:
     within: float
     method: SearchMethod
     seed: int
-    page: bool = False
+    page: bool
+
+    @classmethod
+    def of(cls, arguments: Namespace, models: Mapping[str, Path]) -> PoseOptions:
+        """By the options of the command of the same names."""
+        options = {each.name: getattr(arguments, each.name) for each in fields(cls) if each.name != "models"}
+        return cls(tuple((name, path.absolute()) for name, path in models.items()), **options)
 
 
 @dataclass(frozen=True)
@@ -95,16 +99,12 @@ class ObjectJob:
         return len(result.figures) == 1 and result.pictures.shape == (1, 3, SIDE, SIDE)
 
     def run(self, progress: Callable[[int, int, str], None] = lambda done, total, what: None) -> JobResult:
-        """Finds the pose: its figures, with the page if there is one, and a picture of the object with the outline.
-
-        Raises:
-            ValueError, OSError: an input is unusable.
-        """
+        """Finds the pose: its figures, with the page if there is one, and a picture of the object with the outline."""
         options, photo = self.options, local_path(self.photo)
         photograph, box = read_image(photo), self.listed.box
         if self.mask is not None:
             photograph, box = masked(photograph, read_image(local_path(self.mask)).mean(0) > 0.5, box)
-        lens = read_lens(str(photo), options.focal, options.principal_point)
+        lens = read_lens(photo, options.focal, options.principal_point)
         meshes = _meshes(options.models, options.up, options.front)
         began = perf_counter()
         estimate = estimate_pose(
@@ -124,17 +124,22 @@ class ObjectJob:
         figures: dict[str, Any] = {**pose_figures(estimate), "seconds": round(seconds, 4)}
         if options.page:
             figures["page"] = pose_page(self.listed.image, photograph, estimate, mesh, list(meshes), options.method)
-        return JobResult([figures], _picture(photograph, estimate, mesh)[None], seconds)
+        _, _, picture = close_up(photograph, estimate, mesh, SIDE, _FILL * SIDE)
+        return JobResult([figures], np.rint(255 * picture[None]).astype(np.uint8), seconds)
 
 
-def _picture(photograph: Tensor, estimate: PoseEstimate, mesh: Mesh) -> NDArray[np.uint8]:
-    """The object with the model's outline, (3, SIDE, SIDE)."""
-    known = estimate.camera.focal, estimate.principal_point
-    close = crop_object(photograph, estimate.box, SIDE, _FILL * SIDE, *known)
-    pose = estimate.crop_pose.clone()
-    pose[4:] *= _FILL * SIDE / FILL
-    inside = as_array(silhouette(mesh, pose[None], close.camera)[0, 0]) >= 0.5
-    return np.rint(255 * outlined(close.image[0], inside)).astype(np.uint8)
+def read_lens(photo: Path, focal: float | str | None, principal_point: tuple[float, float] | None) -> Lens:
+    """What the options and the photograph's file say of its camera."""
+    if isinstance(focal, float):
+        return Lens(focal, principal_point, "given")
+    pixels = None if focal == "unknown" else read_exif_focal(photo)
+    if pixels is not None:
+        return Lens(pixels, principal_point, "exif")
+    if focal == "exif":
+        raise ValueError(f"{photo}: its EXIF data has no focal length, or the photograph was cut: expected --focal")
+    if principal_point is not None:
+        raise ValueError(f"{photo}: --principal-point needs a known focal length: expected --focal")
+    return Lens(None, None, "assumed")
 
 
 @lru_cache(maxsize=2)

@@ -14,7 +14,7 @@ from ...hog import HOGSpec
 from ...hog.box import Box
 from ...io.images import Picture, as_array
 from ...pose import PoseEstimate
-from ...pose.crop import FILL, SIDE, crop_object
+from ...pose.crop import FILL, SIDE, ObjectCrop, crop_object
 from ...pose.fit_box import azimuth_sweep
 from ...pose.model import prepared_model
 from ...pose.options import SearchMethod
@@ -26,7 +26,7 @@ from ...viz import html
 from ...viz.pictures import Panel, glyphs, outlined
 from ...viz.similarity_plot import boxed, by_azimuth
 from ...viz.svg import Drawing
-from .pose_figures import DEFINITIONS, warning
+from .pose_files import DEFINITIONS, warning
 
 HEIGHT = 320  # of the pictures of the overlay
 WIDEST = 1280  # a photograph there
@@ -46,16 +46,7 @@ LEAD = (
 def pose_page(
     name: str, photograph: Tensor, estimate: PoseEstimate, mesh: Mesh, candidates: Sequence[str], method: SearchMethod
 ) -> str:
-    """The page as HTML.
-
-    Args:
-        name: of the photograph.
-        photograph: (C, H, W) in 0…1.
-        estimate: the pose.
-        mesh: of the best model.
-        candidates: the names of all models.
-        method: of the search.
-    """
+    """The page as HTML; the photograph is (C, H, W) in 0…1, the mesh that of the best of the candidates."""
     known = estimate.camera.focal, estimate.principal_point
     matched = PreparedPhotograph(crop_object(photograph, estimate.box, SIDE, FILL, *known))
     spec = matched.background.spec
@@ -108,9 +99,7 @@ def overlay(photograph: Tensor, estimate: PoseEstimate, mesh: Mesh) -> list[Pane
     whole = interpolate(photograph[None], size, mode="bilinear", antialias=True)[0]
     drawn, pose, camera = estimate.render_arguments(mesh)
     whole_outlined = _outlined(whole, drawn, _scaled(pose[0], zoom), Camera(camera.focal * zoom, *size))
-    known = estimate.camera.focal, estimate.principal_point
-    close = crop_object(photograph, estimate.box, HEIGHT, fill := _CLOSE * HEIGHT, *known)
-    pose = _scaled(estimate.crop_pose, fill / FILL)
+    close, pose, close_outlined = close_up(photograph, estimate, mesh, HEIGHT, _CLOSE * HEIGHT)
     pasted = render(mesh, pose, close.camera, background=close.image)
     return [
         Panel(
@@ -120,7 +109,7 @@ def overlay(photograph: Tensor, estimate: PoseEstimate, mesh: Mesh) -> list[Pane
         ),
         Panel(close.image[0], "the object", "The object in gray, closer"),
         Panel(
-            _outlined(close.image[0], mesh, pose, close.camera),
+            close_outlined,
             f"outline of {estimate.model}",
             f"The same with the outline of {estimate.model} at the pose found",
         ),
@@ -130,6 +119,15 @@ def overlay(photograph: Tensor, estimate: PoseEstimate, mesh: Mesh) -> list[Pane
             f"A rendering of {estimate.model} at the pose found, in the object's place",
         ),
     ]
+
+
+def close_up(
+    photograph: Tensor, estimate: PoseEstimate, mesh: Mesh, side: int, fill: float
+) -> tuple[ObjectCrop, Tensor, NDArray[np.float64]]:
+    """A crop of ``side`` pixels, ``fill`` of them the box's longer side; the pose in it; the model's outline on it."""
+    known = estimate.camera.focal, estimate.principal_point
+    crop, pose = crop_object(photograph, estimate.box, side, fill, *known), _scaled(estimate.crop_pose, fill / FILL)
+    return crop, pose, _outlined(crop.image[0], mesh, pose, crop.camera)
 
 
 def _outlined(picture: Picture, mesh: Mesh, pose: Tensor, camera: Camera) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""``nablahog table1``: the table of pre-images."""
+"""``nablahog table1`` and ``nablahog table2``: the tables of pre-images and of poses."""
 
 from __future__ import annotations
 
@@ -8,23 +8,21 @@ from pathlib import Path
 
 from ...io.files import output_folder, write_text
 from ...jobs.runner import cores
-from ...paper import table1_page
+from ...paper import table1_page, table2_page
 from ...paper.learned import learned_from_samples, load, shipped_files
 from ...paper.methods import Method, Table1Settings, choose
 from ...paper.photographs import Photographs, read_folder, sample_photographs
+from ...paper.pose_methods import POSE_METHODS, PoseMethod, Table2Settings
 from ...paper.table1 import run_table1, write_table1
+from ...paper.table2 import run_table2, write_table2
+from ...paper.tables import Results
 from ..errors import UserError, as_user_error
-from ..results.failures import say_failures, say_ignored
-from ..terminal import counter, print_table, say, say_page
+from ..inputs.objects import objects
+from ..terminal import counter, print_table, say, say_ignored, say_page
 
 
 def table1(arguments: Namespace) -> None:
-    """Makes the table of ``arguments.methods`` on ``arguments.images``.
-
-    Raises:
-        UserError: an input is unusable, or there is no result for any image.
-        OSError: a file or folder is missing or cannot be written.
-    """
+    """Makes the table of ``arguments.methods`` on ``arguments.images``."""
     with as_user_error():
         files = {kind: Path(file).resolve() for kind, file in arguments.learned or ()}
         shipped = shipped_files()
@@ -46,12 +44,54 @@ def table1(arguments: Namespace) -> None:
         write_table1(folder, table)
         write_text(folder / "index.html", table1_page.page(table, settings, origin, remarks))
     print_table(table1_page.terminal_rows(table))
-    say(f"Ran: {', '.join(method.name for method in methods)}")
-    say_failures(table)
-    say_ignored(photographs)
+    _say_ran(methods, table)
+    say_ignored(photographs.ignored)
     for remark in remarks:
         say(remark)
     say_page(folder / "index.html")
+
+
+def table2(arguments: Namespace) -> None:
+    """Makes the table of ``arguments.methods``."""
+    methods = [method for name, method in POSE_METHODS.items() if name in (arguments.methods or POSE_METHODS)]
+    with as_user_error():
+        of = objects(arguments)
+    with output_folder(arguments.output) as folder:
+        settings = Table2Settings(arguments.seed, folder / "exemplars")
+        if arguments.cluster is not None:
+            (folder / "exemplars").mkdir(exist_ok=True)  # so that workers see that they share the folder
+        with counter("nablahog table2") as progress, as_user_error():
+            table = run_table2(
+                folder,
+                of.examples,
+                methods,
+                settings,
+                of.conditions,
+                workers=arguments.workers or cores(),
+                cluster=arguments.cluster,
+                progress=progress,
+            )
+        if not any(table.seconds.values()):
+            first = next(failure for failure in table.failures if failure.method is not None)
+            raise UserError(f"there is no pose of any object; the first: {first.image}: {first.reason}")
+        write_table2(folder, table)
+        write_text(folder / "index.html", table2_page.page(table, settings))
+    say(table.examples.origin)
+    print_table(table2_page.terminal_rows(table))
+    print_table(table2_page.terminal_rotations(table))
+    if table.conditions:
+        print_table(table2_page.terminal_conditions(table))
+    _say_ran(methods, table)
+    for name, reason in of.passed_over.items():
+        say(f"Passed over: {name}: {reason}")
+    say_page(folder / "index.html")
+
+
+def _say_ran(methods: Sequence[Method | PoseMethod], results: Results) -> None:
+    """Names the methods, and each result that is missing from the table."""
+    say(f"Ran: {', '.join(method.name for method in methods)}")
+    for failure in results.failures:
+        say(f"Failed: {failure.image}, {failure.method or 'all methods'}: {failure.reason}")
 
 
 def _check_files(files: Mapping[str, Path], methods: Sequence[Method]) -> None:
