@@ -11,7 +11,6 @@ from nablahog.pose import estimate_pose
 from nablahog.pose.photograph import PreparedPhotograph
 from nablahog.pose.vote import (
     Hypothesis,
-    consensus,
     mean_viewpoint,
     more_starts,
     runners_up,
@@ -98,12 +97,6 @@ def test_a_pose_that_fits_better_counts_more() -> None:
     ((side, _),) = voted(poses([0.0, 10.0], [5.0, 5.0], [8.0, 5.0]), 1)
     assert side[0].model == "a"
     assert degrees_between(float(mean_viewpoint(side)[0]), 0) < 0.5
-
-
-def test_votes_of_a_pose_alone_are_its_weight() -> None:
-    azimuths = torch.tensor([0.0, 100, 200], dtype=torch.float64)
-    weights = torch.tensor([1.0, 0.5, 0.25], dtype=torch.float64)
-    assert torch.allclose(consensus(azimuths, weights), weights)
 
 
 def test_the_rival_looks_from_elsewhere_and_is_nearly_as_good() -> None:

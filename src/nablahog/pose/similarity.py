@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import TypeAlias, TypeVar
 
 import torch
 from torch import Tensor
@@ -37,21 +37,6 @@ def describe(images: Tensor, spec: HOGSpec) -> Tensor:
     """φ: gray images (B, 1, H, W) to descriptors (B, C, rows, cols)."""
     histograms, normalize = steps(images.device, spec)
     return normalize(histograms(images, spec), spec)
-
-
-class Template(Protocol):
-    """What renderings are compared with: a photograph's crop, made ``shrink`` times smaller."""
-
-    @property
-    def shrink(self) -> int: ...
-
-    def similarities(self, images: Tensor) -> Tensor:
-        """(B,) of images (B, 1, H, W)."""
-        ...
-
-    def similarities_and_gradients(self, images: Tensor) -> tuple[Tensor, Tensor]:
-        """Similarities (B,) of images (B, 1, H, W), and their gradients with respect to these."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,6 +141,10 @@ class PatchTemplate:
         """The similarities (B,) of the patches P_f, (B, N, 1, h, w), all described at once."""
         descriptors = hog(patches.flatten(0, 1), self.spec).reshape(len(patches), -1)
         return descriptors @ self.descriptors.flatten()
+
+
+Template: TypeAlias = CalibratedTemplate | PatchTemplate
+"""What renderings are compared with: a photograph's crop, made ``shrink`` times smaller."""
 
 
 def patch_template(image: Tensor, regions: Sequence[Box], spec: HOGSpec) -> PatchTemplate:

@@ -83,7 +83,8 @@ def vote(poses: Sequence[Hypothesis], count: int, evidence: Tensor) -> list[tupl
     azimuths = torch.tensor([one.azimuth for one in poses], dtype=torch.float64)
     similarities = [_COARSE * one.coarse + (1 - _COARSE) * one.similarity - one.penalty for one in poses]
     weights = _weights(torch.tensor(similarities).double() + _AGREED * evidence)
-    votes, total = consensus(azimuths, weights), float(weights.sum())
+    apart = signed_angles(azimuths[:, None] - azimuths)
+    votes, total = torch.exp(-0.5 * (apart / _BLUR) ** 2) @ weights, float(weights.sum())
     sides: list[tuple[list[Hypothesis], float]] = []
     while len(sides) < count and votes.isfinite().any():
         near = signed_angles(azimuths - azimuths[votes.argmax()]).abs() <= SAME_SIDE
@@ -92,12 +93,6 @@ def vote(poses: Sequence[Hypothesis], count: int, evidence: Tensor) -> list[tupl
         sides.append((by_score(on_side), float(weights[here].sum()) / total))
         votes[near] = -torch.inf
     return sides
-
-
-def consensus(azimuths: Tensor, weights: Tensor) -> Tensor:
-    """Votes (N,) for the azimuths (N,), degrees: the weights (N,) of the poses near each."""
-    apart = signed_angles(azimuths[:, None] - azimuths)
-    return torch.exp(-0.5 * (apart / _BLUR) ** 2) @ weights
 
 
 def mean_viewpoint(poses: Sequence[Hypothesis]) -> Tensor:

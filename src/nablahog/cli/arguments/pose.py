@@ -54,37 +54,35 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
     """Adds ``nablahog pose``."""
     command = commands.add_parser(
         "pose",
+        usage="%(prog)s PHOTO -o DIR [options]",
         help="find the pose of objects from CAD models",
-        description="Finds the viewpoint of objects in photographs: the pose at which the HOG of a rendering of a CAD "
-        "model is most similar to the photograph's. Of several models it takes the one that fits best. Without --mesh "
-        "these are chairs that come with nablahog, of all common kinds. Writes poses.csv, poses.json and the page "
-        "index.html.",
+        description="Finds the viewpoint of objects in a photograph: the pose at which the HOG of a rendering of a CAD "
+        "model is most similar to the photograph's. Writes poses.csv, poses.json and the page index.html.",
     )
     command.add_argument(
         "photo",
         type=options.path,
         metavar="PHOTO",
-        help="an image of any format that Pillow reads; with --annotations the folder of the photographs",
+        help="an image; with --annotations the folder of images",
     )
     command.add_argument(
         "--mesh",
         type=options.path,
         metavar="FILE_or_DIR",
-        help="a CAD model (OFF, PLY or STL: z up, front at -y; OBJ or GLB: y up, front at +z), or a folder of them "
-        "(default: the chairs of nablahog.sample_chairs)",
+        help="a CAD model: OFF, PLY, STL, OBJ, GLB, or a folder of them (default: the chairs of "
+        "nablahog.sample_chairs)",
     )
     command.add_argument(
         "--up",
         type=_axis,
         metavar="AXIS",
-        help="which axis of the models' files points up: x, y or z, with a sign or without (default: by format, see "
-        "--mesh); write --up=-z if negative",
+        help="which axis of the models points up, as --up=-z (default: y of OBJ and GLB, else z)",
     )
     command.add_argument(
         "--front",
         type=_axis,
         metavar="AXIS",
-        help="which axis the front of the models looks along, likewise (default: -y with z up, +z with y up)",
+        help="which axis their front looks along (default: -y with z up, +z with y up)",
     )
     options.output(command, "DIR", "folder for the results, made if missing")
     command.add_argument(
@@ -92,67 +90,66 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         action="append",
         type=numbers("x0,y0,x1,y1"),
         metavar="x0,y0,x1,y1",
-        help="around the object, in pixels from the upper left corner, roughly (default: anywhere in the photograph; "
-        "the whole photograph for methods other than best); may be repeated, for several objects",
+        help="roughly around the object, in pixels; repeated for several objects (default: anywhere)",
     )
     command.add_argument(
         "--mask",
         type=options.path,
         metavar="FILE",
-        help="of a single object: an image of the photograph's size, white where the object is, black elsewhere",
+        help="an image, white at the one object, black elsewhere",
     )
     command.add_argument(
         "--annotations",
         type=options.path,
         metavar="FILE",
-        help="a list of objects: .csv with the column image and perhaps x0, y0, x1, y1, azimuth and elevation, or "
-        ".json like COCO's; an interrupted run is resumed",
+        help="objects: .csv with the column image, and x0, y0, x1, y1, azimuth, elevation if known, or .json like "
+        "COCO's",
     )
     options.workers(command)
     command.add_argument(
         "--init",
         type=_view,
         metavar="az,el",
-        help="initial azimuth and elevation in degrees; write --init=-30,10 if negative (default: unknown). The method "
-        "best searches all azimuths all the same, unless there is --within",
+        help="degrees to begin at, such as --init=-30,10",
     )
     command.add_argument(
         "--within",
         type=_degrees,
         default=180.0,
         metavar="DEGREES",
-        help="of azimuth on both sides of the initial one that the method best searches (default: 180, which is all)",
+        help="of azimuth on both sides of --init (default: 180)",
     )
     command.add_argument(
         "--focal",
         type=_focal,
-        metavar="PIXELS|exif|unknown",
-        help="focal length of the camera, in pixels of the photograph; exif: as the file says, an error if it does "
-        "not; unknown: such that an object that fills its box is 3 of its diagonals away (default: as the file says, "
-        "if it does, else unknown)",
+        metavar="PIXELS",
+        help="focal length in pixels, exif for that of the file, or unknown (default: exif if there, else unknown)",
     )
     command.add_argument(
         "--principal-point",
         type=numbers("x,y"),
         metavar="x,y",
-        help="where the optical axis meets the photograph, in pixels from the upper left corner, if the focal length "
-        "is known (default: the middle)",
+        help="of the optical axis, in pixels (default: the middle)",
     )
     command.add_argument(
-        "--method", choices=get_args(SearchMethod), default="best", help="how to search (default: best)"
+        "--method",
+        choices=get_args(SearchMethod),
+        default="best",
+        metavar="NAME",
+        help=f"how to search: {', '.join(get_args(SearchMethod))} (default: best)",
     )
     command.add_argument(
         "--least-confidence",
         type=_probability,
         default=LEAST_CONFIDENCE,
         metavar="P",
-        help="refuse a pose whose azimuth is within 15 degrees with a lower probability: exit status 4, after the "
-        f"results have been written (default: {LEAST_CONFIDENCE:g})",
+        help="exit with status 4 if the azimuth is within 15 degrees with a lower probability "
+        f"(default: {LEAST_CONFIDENCE:g})",
     )
     options.seed(command)
     command.add_argument(
         "--page",
         action="store_true",
-        help="write a page for each object, too: overlays, the similarity by azimuth, and the visual elements",
+        help="write a page of pictures for each object, too",
     )
     command.add_argument("--json", action="store_true", help="print the results as JSON instead of a table")
