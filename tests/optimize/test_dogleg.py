@@ -40,7 +40,7 @@ def compare(problem: SumOfSquares, start: Tensor, iterations: int, radius: float
 
     tried, accepted = chumpy.dogleg(
         lambda p: function(torch.from_numpy(p)).numpy(),
-        lambda p: torch.autograd.functional.jacobian(function, torch.from_numpy(p), vectorize=True).numpy(),
+        lambda p: torch.autograd.functional.jacobian(function, torch.from_numpy(p)).numpy(),
         start[0].numpy(),
         iterations,
         radius,
