@@ -3,7 +3,7 @@
 preimages.png: eight photographs of 128x128, their UoCTTI glyphs, pre-images and differences.
 scales.png: the multi-scale variants of the paper's descriptor, level by level.
 readme.png: one photograph of 256x256.
-pose.png, pose-similarity.svg: a procedural chair in front of one, with the pose found, and similarity by azimuth.
+pose.png, pose-similarity.svg: a chair in front of one, with the pose found, and similarity by azimuth.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ for name in names:
 # The table
 # ---------
 # The command runs as in a shell. Without ``--workers`` it uses a process for each core. Without ``--methods`` there are
-# more methods, and the baselines are learned first, which takes about a quarter of an hour, once. ``--size`` and
+# more methods, and the baselines are learned first, which takes about half an hour, once. ``--size`` and
 # ``--max-evaluations`` make it fast here; pre-images are better without them.
 
 METHODS = "uoctti-single,uoctti-learned,dalal-single,dalal-learned"

@@ -93,4 +93,4 @@ def requests(client: TestClient, photo_file: bytes, count: int) -> None:
 
 
 def test_garbage(client: TestClient, photo_file: bytes) -> None:
-    requests(client, photo_file, 100)
+    requests(client, photo_file, 60)

@@ -34,7 +34,7 @@ def test_colour_comes_closer(name: str) -> None:
     """Or stays gray: what OpenCV's largest channel jumps to and fro helps in half of all cases only."""
     spec = SPECS[name]
     descriptor = hog(two_colours().clamp(0, 1), spec)
-    options: dict[str, Any] = {"quality": "fast", "seed": 1, "search": Search(max_evaluations=100)}
+    options: dict[str, Any] = {"seed": 1, "search": Search(max_evaluations=100)}
     plain = reconstruct(descriptor, spec, (40, 40), **options)
     result = reconstruct_colour(descriptor, spec, (40, 40), **options)
     assert result.image.shape == (1, 3, 40, 40)

@@ -71,7 +71,7 @@ def test_derivatives_are_central_differences(prior: Prior) -> None:
 
 
 @all_priors
-@pytest.mark.parametrize("size", [(1, 1), (1, 6), (5, 1), (8, 8)])
+@pytest.mark.parametrize("size", [(1, 6), (5, 1), (8, 8)])
 def test_constant_images_have_finite_derivatives(prior: Prior, size: tuple[int, int]) -> None:
     image = torch.full((1, 1, *size), 0.3).requires_grad_()
     (gradient,) = torch.autograd.grad(prior(image).sum(), image)

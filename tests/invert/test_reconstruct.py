@@ -283,7 +283,9 @@ def test_options_out_of_range(group: type[Any], options: dict[str, Any], says: s
 METHODS: dict[str, dict[str, Any]] = {"default": {"quality": "fast"}, "paper": {"method": AsPublished(iterations=3)}}
 
 
-@pytest.mark.parametrize("spec", [UOCTTI, presets.opencv(win_size=(32, 32))], ids=lambda spec: spec.name)
+@pytest.mark.parametrize(
+    "spec", [UOCTTI, presets.opencv(win_size=(32, 32), nbins=18, signed=True)], ids=["uoctti", "roots of images"]
+)
 @pytest.mark.parametrize("method", METHODS)
 def test_watching_changes_nothing(spec: HOGSpec, method: str) -> None:
     seen: list[tuple[Tensor, Tensor]] = []

@@ -94,13 +94,6 @@ def say_page(page: Path) -> None:
     say(f"Look at {page}, which also says what the figures mean")
 
 
-def print_definitions(definitions: Mapping[str, str]) -> None:
-    """Prints what the figures of a table mean, for commands that make no page."""
-    if not _quiet:
-        for name, definition in definitions.items():
-            _console().print(Text(printable(f"{name}: {definition}"), style="dim"))
-
-
 def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
     """Prints a table with one line for each of ``rows``, which all have the keys of the first.
 

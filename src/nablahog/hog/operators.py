@@ -11,7 +11,6 @@ from typing import Any
 
 import torch
 from torch import Tensor
-from torch.library import CustomOpDef
 
 from . import kernels
 from .spec import HOGSpec
@@ -85,13 +84,13 @@ def _(images: Tensor, grad_output: Tensor, spec: str) -> Tensor:
     return images.new_empty(images.shape, dtype=dtype)
 
 
-# ``ctx`` is torch's own object, without a type
+# ``ctx`` and operators are torch's own objects, without types
 def _save(ctx: Any, inputs: tuple[Tensor, str], output: Tensor) -> None:
     x, ctx.spec = inputs
     ctx.save_for_backward(x)
 
 
-def _register_gradient(operator: CustomOpDef, vjp: CustomOpDef) -> None:
+def _register_gradient(operator: Any, vjp: Any) -> None:
     def backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor, None]:
         return vjp(*ctx.saved_tensors, grad_output, ctx.spec), None
 

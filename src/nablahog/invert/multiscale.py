@@ -234,7 +234,7 @@ def _plan(
         most = best.evaluations if spec.signed else best.without_samples
     # the grid is the same at each level
     size = (image_size[0], image_size[1]) if image_size else check_descriptor(descriptors[-1], spec, None)
-    steps = []
+    steps: list[_Step] = []
     for scale, descriptor in zip(scales, descriptors, strict=True):
         small, small_size = level_spec(spec, scale, size)
         check_descriptor(descriptor, *((spec, size) if one else (small, small_size)))

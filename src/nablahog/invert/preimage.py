@@ -104,6 +104,8 @@ def reconstruct(
     )
     start = check_images("start", start, targets, size, spec)
     targets = targets.detach()
+    if watch is not None:
+        watch = _in_dialect(watch, spec)
     if published is not None:
         result = reconstruct_as_published(
             targets, spec, size, published, seed=seed, start=start, progress=progress, watch=watch
@@ -132,6 +134,11 @@ def reconstruct(
         watch=watch,
     )
     return of_the_kind(replace(result, seconds=time.perf_counter() - began), descriptor)
+
+
+def _in_dialect(watch: Watch, spec: HOGSpec) -> Watch:
+    """``watch`` with images of ``spec``, not of the dialect that is searched with (:func:`.histograms.searchable`)."""
+    return lambda now: watch(replace(now, spec=spec))
 
 
 @dataclass(frozen=True, eq=False)

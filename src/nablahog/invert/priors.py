@@ -151,7 +151,7 @@ class TotalVariation(Prior):
     def terms(self, image: Tensor) -> Tensor:
         dx = torch.diff(image, dim=-1, append=image[..., -1:])
         dy = torch.diff(image, dim=-2, append=image[..., -1:, :])
-        power = 1 if self.beta == 2 else (dx.square() + dy.square() + EPSILON**2).pow((self.beta - 2) / 4)
+        power = (dx.square() + dy.square() + EPSILON**2).pow((self.beta - 2) / 4)
         return torch.cat([(d * power).flatten(1) for d in (dx, dy)], dim=1)
 
 

@@ -18,8 +18,8 @@ from ..pose.fit_box import fit_to_box, level_poses
 from ..pose.model import prepared_model
 from ..pose.options import SearchMethod
 from ..render import Camera, Mesh, silhouette
-from .exemplar import Detection, detect
-from .exemplar_views import SPEC, ExemplarLibrary, ExemplarViews
+from .baselines.exemplar import Detection, detect
+from .baselines.exemplar_views import SPEC, ExemplarLibrary, ExemplarViews
 
 
 @dataclass(frozen=True, eq=False)

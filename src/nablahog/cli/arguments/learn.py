@@ -70,7 +70,7 @@ KINDS = {
         _prior,
     ),
     "background": Kind(
-        "mean and covariance of descriptors, for `nablahog pose --background`",
+        "mean and covariance of descriptors, for estimate_pose(background=…)",
         "Learns the mean of a descriptor and the covariance of its cells at each offset, over all photographs and "
         "their scales: the background from which the elements of an object stand out.",
         "the background",
@@ -79,7 +79,7 @@ KINDS = {
     "hoggles": Kind(
         "the paired dictionaries of HOGgles, for Table 1",
         "Learns a dictionary of windows of descriptors together with one of their gray patches, as Vondrick et al. do. "
-        "This takes about a quarter of an hour.",
+        "This takes about half an hour on one core.",
         "the dictionaries",
         _hoggles,
     ),

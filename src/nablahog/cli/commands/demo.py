@@ -1,4 +1,4 @@
-"""``nablahog demo``: both descriptors of the paper of one photograph, inverted, and a page that shows them."""
+"""``nablahog demo``: a photograph, inverted from both descriptors of the paper, and a page that shows it."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ REMARK = (
 
 
 def demo(arguments: Namespace) -> None:
-    """Inverts both descriptors of the paper of one photograph; writes pictures, ``figures.json`` and ``index.html``.
+    """Inverts a photograph from both descriptors; writes pictures, ``figures.json`` and ``index.html``.
 
     Raises:
         OSError: the folder or a file cannot be written.

@@ -134,7 +134,7 @@ def _in_batches(arguments: Namespace, options: InversionOptions, prior: PriorOpt
             about = f"batch {number} of {len(groups)}, {len(batch)} x {batch[0].spec.name}"
             try:
                 yield from zip(indices, run(batch, about), strict=True)
-            except ValueError:  # one of them cannot be inverted: it is found one by one
+            except ValueError:  # one of them cannot be inverted: find out which
                 for index in indices:
                     with skipping.each(sources[index].path):
                         yield from zip([index], run([sources[index]], about), strict=True)

@@ -66,7 +66,7 @@ def _check_files(files: Mapping[str, Path], methods: Sequence[Method]) -> None:
 
 
 def _learn_missing(files: Mapping[str, Path], methods: Sequence[Method]) -> dict[str, Path]:
-    """Learns the files that methods need and that no option names, from bundled photographs."""
+    """Learns, from bundled photographs, the files that methods need and no option gives."""
     learned = {}
     for kind in dict.fromkeys(kind for method in methods for kind in method.needs if kind not in files):
         with counter(f"nablahog table1, learning {kind}") as progress:

@@ -28,7 +28,7 @@ def table2(arguments: Namespace) -> None:
     with output_folder(arguments.output) as folder:
         settings = Table2Settings(arguments.seed, folder / "exemplars")
         if arguments.cluster is not None:
-            (folder / "exemplars").mkdir(exist_ok=True)  # by which workers know that they share the folder
+            (folder / "exemplars").mkdir(exist_ok=True)  # so that workers see that they share the folder
         with counter("nablahog table2") as progress, as_user_error():
             table = run_table2(
                 folder,

@@ -34,7 +34,7 @@ class ArrayOptions:
         return cls(arguments.image_size, arguments.key)
 
     def check_unused(self) -> None:
-        """Raises ValueError if an option is set, for commands none of whose inputs is an array."""
+        """Raises ValueError if an option is set; for commands whose inputs are no arrays."""
         for option, value in (("--image-size", self.image_size), ("--key", self.key)):
             if value is not None:
                 raise ValueError(

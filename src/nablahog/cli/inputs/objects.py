@@ -19,7 +19,7 @@ from ...paper.pascal3d import read_pascal3d
 from ...paper.viewpoints import read_viewpoints, sample_viewpoints
 from ..arguments.tables import HARDER, SCENES
 
-VIEWPOINTS = 10_000  # of our own distribution, of which each scene has one
+VIEWPOINTS = 10_000  # sampled from our own distribution; each scene has one of them
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,1 @@
-"""The methods that the paper compares with in Table 1, each in one file."""
+"""The methods that the paper compares with: BoVW, HOGgles and CNN-HOG in Table 1, exemplars in Table 2."""

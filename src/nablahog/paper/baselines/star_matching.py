@@ -11,8 +11,8 @@ Floats = NDArray[np.floating]
 Integers = NDArray[np.int64]
 
 NOTHING = -1e9  # what an element scores where it cannot be
-UNLIKE = 1e6  # taken off a detection whose box is not the object's: it is the best only where there is no other
-AT_ONCE = 10_000  # roots whose views' elements are looked up together
+UNLIKE = 1e6  # penalty of a detection whose box is not the object's: it wins only where there is no other
+AT_ONCE = 10_000  # roots that are looked up together
 AROUND = [(row, col) for row in (-1, 0, 1) for col in (-1, 0, 1)]  # of a cell, itself in the middle
 
 

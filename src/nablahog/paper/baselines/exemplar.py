@@ -15,16 +15,16 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..hog.box import Box
-from ..pose.crop import ObjectCrop, crop_object
-from ..pose.elements import all_patches
+from ...hog.box import Box
+from ...pose.crop import ObjectCrop, crop_object
+from ...pose.elements import all_patches
 from .exemplar_views import CELL, LEVELS, ExemplarViews, concatenate_views, pyramid
 from .star_matching import NOTHING, Layout, Pyramid, star_match
 
 FILL = 150.0  # pixels of the longer side of the object's box: no less than in renderings, so that all levels exist
 SIDE = 200  # of the square that is searched: half an element around the box
-AT_ONCE = 4096  # elements to score: 32 MiB of scores where an image has 2000 places
-MARGIN = 10.0  # pixels around the box that the middle of an element may lie in
+AT_ONCE = 4096  # elements that are scored together: 32 MiB of scores for an image of 2000 places
+MARGIN = 10.0  # pixels by which the middle of an element may lie outside the box
 
 
 @dataclass(frozen=True)

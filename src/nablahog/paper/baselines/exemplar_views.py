@@ -19,13 +19,13 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from ..hog.engines import steps
-from ..hog.presets import aubry
-from ..io.learned_model import Arrays, Codec, LearnedModel
-from ..pose.elements import all_patches, element_weights, most_discriminative, suppress_overlaps
-from ..pose.whitening import Background
-from ..render import Camera, Light, Mesh, Renderer, silhouette
-from ..runtime.source import code_key
+from ...hog.engines import steps
+from ...hog.presets import aubry
+from ...io.learned_model import Arrays, Codec, LearnedModel
+from ...pose.elements import all_patches, element_weights, most_discriminative, suppress_overlaps
+from ...pose.whitening import Background
+from ...render import Camera, Light, Mesh, Renderer, silhouette
+from ...runtime.source import code_key
 
 CELL = 5  # pixels of a cell
 SPEC = aubry(CELL)
