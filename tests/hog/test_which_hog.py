@@ -18,6 +18,7 @@ from nablahog.hog.layout import native_shape
 
 TEXT = (Path(__file__).parents[2] / "docs" / "which_hog.md").read_text(encoding="utf-8")
 SPECS = {name: getattr(presets, name)() for name in presets.__all__}
+SPECS |= {"seeing3d": presets.seeing3d(8), "aubry": presets.aubry(8)}  # cells of 8 pixels, as of the others
 TWO_BY_TWO = presets.skimage(cells_per_block=(2, 2))
 
 

@@ -6,11 +6,13 @@ import pytest
 import torch
 
 from nablahog.hog.box import Box
+from nablahog.pose import best_search
 from nablahog.pose.best_search import BestSearch
 from nablahog.pose.crop import crop_object, typical_camera
 from nablahog.pose.model import prepared_model
 from nablahog.pose.photograph import PreparedPhotograph
 from nablahog.pose.problem import SMALL, STEEP, TURNED, PoseProblem, view_penalty
+from nablahog.pose.similarity import Similarity
 
 from .common import model
 
@@ -58,3 +60,12 @@ def test_the_best_view_is_searched_however_bad_it_is() -> None:
 def test_there_may_be_no_views_elsewhere() -> None:
     search = BestSearch(problem(initial=(0.0, 10.0)))
     assert search.tilt_each(search.promising([])) == []
+
+
+def test_of_equally_similar_views_those_without_a_penalty_are_preferred(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(best_search, "view_descriptors", lambda *_: torch.zeros(48, 9, 16, 16))
+    monkeypatch.setattr(Similarity, "values", lambda self, poses: torch.zeros(len(poses), dtype=torch.float64))
+    search = BestSearch(problem())
+    views = search.look_around()
+    assert {float(view.pose[1]) for view in views} <= {0.0, 15.0, 30.0}
+    assert all(view.pose[3] == 0 for view in search.tilt_each(views))

@@ -9,6 +9,9 @@ from nablahog.hog.box import Box
 from nablahog.hog.gradient import gray
 from nablahog.io.sample_photographs import sample_photograph
 from nablahog.pose import PoseEstimate, estimate_pose
+from nablahog.pose.crop import typical_camera
+from nablahog.pose.detection import find_boxes
+from nablahog.pose.model import prepared_model
 from nablahog.render import Camera, pose, render, silhouette
 
 from .common import degrees_between, model, photographed
@@ -81,3 +84,10 @@ def test_the_pose_of_a_crop_is_that_of_the_given_box() -> None:
     rough = changed(box, -0.3, -0.2, 0.1, 0.2)
     estimate = estimate_pose(image, model(), box=rough, initial=(0, 12), watch=lambda _, each: seen.append(each))
     assert min(float((each - estimate.crop_pose).abs().max()) for each in seen) < 1e-6
+
+
+def test_where_there_is_nothing_to_see_the_largest_box_is_the_likeliest() -> None:
+    (box, *_) = find_boxes(
+        torch.full((1, 300, 360), 0.5), [prepared_model(model(), typical_camera())], None, 180.0, None
+    )
+    assert max(box.width, box.height) > 250

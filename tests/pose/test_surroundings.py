@@ -15,6 +15,7 @@ from nablahog.pose.model import prepared_model, view_descriptors
 from nablahog.pose.photograph import PreparedPhotograph
 from nablahog.pose.surroundings import FOUND, ROUGH, places, surroundings, turned, views_around
 from nablahog.render import Camera, pose, render
+from nablahog.render.camera import to_camera, to_screen
 
 from .common import degrees_between, model, photographed
 
@@ -88,3 +89,26 @@ def test_a_view_off_the_box_loses_a_known_part_of_its_similarity() -> None:
         found.append(float(views_around(one, photograph, around, [15.0], everywhere, 1)[1][0]))
     assert found[0] > 0
     assert [value / found[0] for value in found] == pytest.approx([1, 0.95, 0.95, 0.9])
+
+
+def test_a_tilted_view_is_the_upright_one_turned_about_the_window() -> None:
+    image, box = photographed(model(), 40, 15, behind="coffee")
+    photograph = PreparedPhotograph(crop_object(image, box))
+    one, everywhere = prepared_model(model(), photograph.crop.camera), torch.ones(VIEW_COUNT, dtype=torch.bool)
+    scale, tilt, centre = 1.25, 25.0, torch.tensor([6.0, -9.0]).double()
+    around = dataclasses.replace(
+        surroundings(photograph, image, [0], FOUND),
+        windows=view_descriptors(one, 15)[5].flatten()[None],
+        scales=torch.tensor([scale]).double(),
+        tilts=torch.tensor([tilt]).double(),
+        centres=centre[None],
+    )
+    poses, _ = views_around(one, photograph, around, [15.0], everywhere, 1)
+    assert float(poses[0, 3]) == tilt
+    camera = photograph.crop.camera
+    seen = to_screen(to_camera(one.hull, poses), poses, camera)[0, :, :2] - camera.width / 2 - centre
+    cosine, sine = math.cos(math.radians(tilt)), math.sin(math.radians(tilt))
+    upright = torch.stack([cosine * seen[:, 0] - sine * seen[:, 1], sine * seen[:, 0] + cosine * seen[:, 1]], 1)
+    low, high = upright.amin(0), upright.amax(0)
+    assert_close(low + high, torch.zeros(2).double(), rtol=0, atol=1e-3)
+    assert float((high - low).max()) == pytest.approx(scale * FILL, abs=0.1)

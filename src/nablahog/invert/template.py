@@ -55,25 +55,28 @@ def template_descriptor(
     >>> nablahog.reconstruct(descriptor, spec, quality="fast").image.shape
     torch.Size([1, 1, 32, 32])
     """
-    spec = as_spec(spec)
-    tensor = descriptors_as_tensor(weights)
-    size = image_size or spec.image_size(*tensor.shape[1:3])
+    descriptor = _template_descriptor(descriptors_as_tensor(weights), as_spec(spec), image_size, negative)
+    return descriptor if isinstance(weights, Tensor) else to_array(descriptor, weights.ndim == 3)
+
+
+def _template_descriptor(weights: Tensor, spec: HOGSpec, image_size: tuple[int, int] | None, negative: bool) -> Tensor:
+    size = image_size or spec.image_size(*weights.shape[1:3])
     expected = (*spec.grid(*size), spec.channels)
-    if tuple(tensor.shape[1:]) != expected:
+    if tuple(weights.shape[1:]) != expected:
         raise ValueError(
             f"a template for {spec.name} descriptors of images of {size[0]}x{size[1]} pixels must have shape "
-            f"{expected} (rows, cols, channels), got {tuple(tensor.shape[1:])}"
+            f"{expected} (rows, cols, channels), got {tuple(weights.shape[1:])}"
         )
-    check_finite("the weights", tensor)
-    of_bins = spec.normalizer.bin_weights(mean_over_colours(tensor.permute(0, 3, 1, 2), spec), spec.bins, spec.signed)
+    check_finite("the weights", weights)
+    of_bins = spec.normalizer.bin_weights(mean_over_colours(weights.permute(0, 3, 1, 2), spec), spec.bins, spec.signed)
     histograms = (of_bins * (-1 if negative else 1)).clamp(min=0) ** EMPHASIS
     if not histograms.flatten(1).any(dim=1).all():
         raise ValueError(f"a template has no {'negative' if negative else 'positive'} weights of edges")
     histograms = with_margin(histograms, spec)  # cells that the descriptor leaves out have no weights
     alignment = CellAlignment(spec, size, histograms)
     histograms = alignment.restore(alignment(histograms)).repeat(1, spec.colours, 1, 1)
-    descriptor = normalize_reference(at_nominal_contrast(histograms, spec, size), spec).permute(0, 2, 3, 1).contiguous()
-    return descriptor if isinstance(weights, Tensor) else to_array(descriptor, weights.ndim == 3)
+    descriptor = normalize_reference(at_nominal_contrast(histograms, spec, size), spec)
+    return descriptor.permute(0, 2, 3, 1).contiguous()
 
 
 def reconstruct_template(

@@ -15,7 +15,7 @@ from ..hog.gradient import gray
 from .background import coarse_background
 from .crop import FILL, SIDE
 from .elements import suppress_overlaps
-from .fit_box import VIEW_COUNT, bounding_boxes, equidistant_azimuths, fit_to_box, level_poses
+from .fit_box import VIEW_COUNT, bounding_boxes, equidistant_azimuths, fit_to_box, level_poses, tilt_views
 from .model import PreparedModel, view_descriptors
 from .problem import SMALL, allowed_azimuths, view_penalty
 from .similarity import describe
@@ -104,19 +104,10 @@ def find_boxes(
     for k, model in enumerate(models):
         mine = (model_of[view] == k).nonzero()[:, 0]
         if len(mine):
-            boxes[mine] = _boxes(model, poses[mine], best[mine, 5])
+            placed = tilt_views(fit_to_box(poses[mine], model.hull, model.camera, FILL), best[mine, 5])
+            boxes[mine] = bounding_boxes(placed, model.hull, model.camera)
     boxes = boxes / (shrink * best[:, 4])[:, None] + best[:, [2, 3, 2, 3]]
     return [Box.of(sides) for sides in boxes[suppress_overlaps(boxes, count, _OVERLAP)].tolist()]
-
-
-def _boxes(model: PreparedModel, poses: Tensor, tilts: Tensor) -> Tensor:
-    """Boxes (K, 4) from the crop's middle around level poses (K, 6) that fill it, turned by tilts (K,), degrees."""
-    upright = fit_to_box(poses, model.hull, model.camera, FILL)
-    angle = torch.deg2rad(tilts)
-    x, y = upright[:, 4].clone(), upright[:, 5].clone()
-    upright[:, 3] = tilts
-    upright[:, 4], upright[:, 5] = angle.cos() * x + angle.sin() * y, angle.cos() * y - angle.sin() * x
-    return bounding_boxes(upright, model.hull, model.camera)
 
 
 def _levels(image: Tensor, background: Background, shrink: int, tilts: Sequence[float]) -> Iterator[_Level]:

@@ -89,6 +89,14 @@ def fit_to_box(poses: Tensor, points: Tensor, camera: Camera, size: tuple[float,
     return torch.from_numpy(placed).to(poses.dtype)
 
 
+def tilt_views(poses: Tensor, tilts: Tensor) -> Tensor:
+    """Level poses (B, 6) turned by tilts (B,), degrees counter-clockwise, about the middle of the image."""
+    angle = torch.deg2rad(tilts)
+    x, y = poses[:, 4], poses[:, 5]
+    across, down = angle.cos() * x + angle.sin() * y, angle.cos() * y - angle.sin() * x
+    return torch.cat([poses[:, :3], torch.stack([tilts, across, down], 1)], 1)
+
+
 def bounding_boxes(poses: Tensor, points: Tensor, camera: Camera) -> Tensor:
     """The boxes x0, y0, x1, y1 around points (N, 3) at poses (B, 6), (B, 4), pixels from the middle of the image."""
     of_poses = poses.double().numpy()

@@ -20,7 +20,7 @@ from torch.nn import functional
 
 from .background import coarse_background
 from .crop import FILL, blurred, resampled
-from .fit_box import VIEW_COUNT, equidistant_azimuths, fit_to_box, level_poses
+from .fit_box import VIEW_COUNT, equidistant_azimuths, fit_to_box, level_poses, tilt_views
 from .model import PreparedModel, view_descriptors
 from .photograph import PreparedPhotograph
 from .similarity import describe
@@ -172,12 +172,8 @@ def _placed(
 ) -> Tensor:
     """Level poses (K, 6) at the scales, tilts and places of windows (K,) of the surroundings."""
     scales, tilts, centres = (part[windows] for part in (around.scales, around.tilts, around.centres))
-    poses = fit_to_box(poses, model.hull, photograph.crop.camera, FILL * scales)
-    angle = torch.deg2rad(tilts)
-    x, y = poses[:, 4].clone(), poses[:, 5].clone()
-    poses[:, 3] = tilts
-    poses[:, 4] = angle.cos() * x + angle.sin() * y + centres[:, 0]
-    poses[:, 5] = angle.cos() * y - angle.sin() * x + centres[:, 1]
+    poses = tilt_views(fit_to_box(poses, model.hull, photograph.crop.camera, FILL * scales), tilts)
+    poses[:, 4:] += centres
     return poses
 
 
