@@ -37,7 +37,8 @@ def sent(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     ) -> Iterator[tuple[int, Any]]:
         assert cluster == OTHER[1]
         for index in reversed(range(len(jobs))):
-            started(index)
+            if started is not None:
+                started(index)
             jobs_sent.append(jobs[index])
             yield index, pickle.loads(pickle.dumps(attempt(pickle.loads(pickle.dumps(jobs[index])))))
 

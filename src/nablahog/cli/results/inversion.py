@@ -12,6 +12,7 @@ from typing import Any
 
 import torch
 from numpy.typing import NDArray
+from PIL import Image
 from torch import Tensor
 
 from ... import metrics
@@ -21,7 +22,7 @@ from ...invert.choices import InversionMethod, QualityName
 from ...invert.colour import reconstruct_colour
 from ...invert.learned import PriorChoice
 from ...invert.template import reconstruct_template
-from ...io.images import write_image
+from ...io.images import Picture, write_image
 from ...viz.pictures import Panel, contact_sheet, difference, glyphs
 from ..inputs.sources import Source
 
@@ -172,7 +173,8 @@ class Inversion:
         # all are drawn before any is written
         rows = {"thumbnails": self.panels(), "iterations": self._first_and_last(), "samples": self.sampled()}
         sheets = {what: contact_sheet([panels]) for what, panels in rows.items() if panels}
-        for what, picture in {"preimage": self.preimage, "glyphs": self.glyphs, **sheets}.items():
+        pictures: dict[str, Picture | Image.Image] = {"preimage": self.preimage, "glyphs": self.glyphs, **sheets}
+        for what, picture in pictures.items():
             write_image(folder / picture_name(self.source, what), picture)
 
     def _first_and_last(self) -> list[Panel]:
