@@ -112,14 +112,12 @@ def test_of_bytes_every_vote_is_the_same(name: str) -> None:
 
 
 def _golden() -> Iterator[ParameterSet]:
-    """All; of each program and set of parameters, all but the smallest image are slow."""
-    seen: set[str] = set()
+    """All; of each program, all but the smallest image are slow."""
     for peer in PEERS:
-        for case in sorted(cases(peer), key=lambda case: case.image.numel()):
-            parameters = {name: value for name, value in case.parameters.items() if name != "winSize_wh"}
-            of = f"{peer} {parameters}"
-            yield pytest.param(case, id=str(case), marks=[pytest.mark.slow] if of in seen else [])
-            seen.add(of)
+        smallest, *others = sorted(cases(peer), key=lambda case: case.image.numel())
+        yield pytest.param(smallest, id=str(smallest))
+        for case in others:
+            yield pytest.param(case, id=str(case), marks=pytest.mark.slow)
 
 
 @pytest.mark.parametrize("case", list(_golden()))
