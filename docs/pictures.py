@@ -70,7 +70,7 @@ def pose() -> None:
     clutter = [sample_photograph(name) for name in SAMPLE_NAMES]
     scenes = rendered(6, models, viewpoints, clutter, origin="", unknown_model=False, seed=0).objects
     one = scenes[-1]
-    meshes = {model.name: model.mesh() for model in one.models}
+    meshes = {model.name: model.mesh() for model in one.candidates}
     estimate = estimate_pose(one.image, meshes, box=one.box, initial=one.initial)
     mesh = meshes[estimate.model]
     print(f"pose.png: azimuth {estimate.azimuth:.1f} for {one.azimuth:.1f}")

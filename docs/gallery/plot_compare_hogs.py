@@ -22,7 +22,7 @@ opencv, skimage = nablahog.presets.opencv(), nablahog.presets.skimage(cells_per_
 def drawn(spec: nablahog.HOGSpec) -> np.ndarray:
     """The glyphs of the photograph, scaled to length 1."""
     glyphs = nablahog.glyphs(nablahog.hog(photograph, spec), spec, 16)
-    return glyphs / np.linalg.norm(glyphs)
+    return np.asarray(glyphs / np.linalg.norm(glyphs))
 
 
 # %%

@@ -48,11 +48,13 @@ def nesterov(
         history.append(value)
         lower = value < lowest
         lowest = torch.where(lower, value, lowest)
-        best, of_best = (torch.where(lower[:, None], *pair) for pair in ((x, best), (gradient, of_best)))
+        best = torch.where(lower[:, None], x, best)
+        of_best = torch.where(lower[:, None], gradient, of_best)
         waited = torch.where(lower, 0, waited + 1) % 5
         restart = ~lower & (waited == 0)
         step = torch.where(lower, 1.05 * step, torch.where(restart, step / 2, step))
-        x, gradient = (torch.where(restart[:, None], *pair) for pair in ((best, x), (of_best, gradient)))
+        x = torch.where(restart[:, None], best, x)
+        gradient = torch.where(restart[:, None], of_best, gradient)
         velocity = torch.where(restart[:, None], 0, velocity)
     evaluations = torch.full_like(index, max_evaluations)
     return Minimum(best, lowest, evaluations, [StopReason.BUDGET] * len(start), torch.stack(history))

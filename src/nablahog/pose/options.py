@@ -1,7 +1,8 @@
-"""What a search for a pose can be asked for, by name."""
+"""What a search for a pose is asked for, by name, and what it went through."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal, NamedTuple, TypeAlias
 
 SimilarityKind: TypeAlias = Literal["patches", "calibrated"]
@@ -22,3 +23,18 @@ class Lens(NamedTuple):
     focal: float | None
     principal_point: tuple[float, float] | None
     source: FocalSource
+
+
+@dataclass(frozen=True, eq=False)
+class SearchTrace:
+    """The poses that a search from one start went through.
+
+    Attributes:
+        model: the model's name.
+        azimuths: degrees, in order, of any turn.
+        similarities: at these poses.
+    """
+
+    model: str
+    azimuths: tuple[float, ...]
+    similarities: tuple[float, ...]

@@ -13,8 +13,8 @@ from ..render.renderer import Method
 from .ascent import UNITS
 from .fit_box import equidistant_azimuths
 from .model import DETAIL
-from .options import SearchMethod
-from .pose_estimate import PoseEstimate, SearchTrace
+from .options import SearchMethod, SearchTrace
+from .pose_estimate import PoseEstimate
 from .problem import ELEVATIONS, PoseProblem
 from .similarity import Similarity
 

@@ -11,24 +11,9 @@ from ..hog.box import Box
 from ..render import Camera, Mesh
 from ..render.rigid import MatrixConvention, in_convention, moved_before, pose_matrix, turn_to
 from .fit_box import VIEW_COUNT
-from .options import FocalSource, SimilarityKind
+from .options import FocalSource, SearchTrace, SimilarityKind
 
 _NEIGHBOURS = 8  # of 48 views that may differ although a model looks the same all around
-
-
-@dataclass(frozen=True, eq=False)
-class SearchTrace:
-    """The poses that a search from one start went through.
-
-    Attributes:
-        model: the model's name.
-        azimuths: degrees, in order, of any turn.
-        similarities: at these poses.
-    """
-
-    model: str
-    azimuths: tuple[float, ...]
-    similarities: tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -12,8 +12,8 @@ import torch
 from torch import Tensor
 
 from .fit_box import azimuth_distance, signed_angles
+from .options import SearchTrace
 from .photograph import PreparedPhotograph
-from .pose_estimate import SearchTrace
 
 SAME_SIDE = 15.0  # degrees: poses whose azimuths are closer look at the object from the same side
 _COARSE = 0.7  # weight in a vote of the coarse similarity, which tells sides apart; the fine one tells models apart
