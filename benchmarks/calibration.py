@@ -69,7 +69,7 @@ def correlations(made: Tensor, images: Tensor) -> Floats:
 
 def polarity(options: argparse.Namespace) -> None:
     specs = {"paper": presets.paper(), "skimage": presets.skimage(), "opencv": presets.opencv()}
-    found: dict[str, list[tuple[Floats, Floats]]] = {}
+    pairs: dict[str, list[tuple[Floats, Floats]]] = {}
     agreements, magnitudes = [], []
     for folder in options.images or [None]:
         for images in photographs(folder)[:: options.every].split(BATCH):
@@ -84,11 +84,11 @@ def polarity(options: argparse.Namespace) -> None:
             for name, result in results.items():
                 assert result.polarity_confidence is not None
                 right = (correlations(result.image, images) > 0).astype(np.float64)
-                found.setdefault(name, []).append((result.polarity_confidence.double().numpy(), right))
+                pairs.setdefault(name, []).append((result.polarity_confidence.double().numpy(), right))
             samples = reconstruct_samples(hog(images, paper), paper, size, prior="default", quality="fast")
             agreements.append(samples.agreement)
             magnitudes.append(abs(correlations(results["paper"].image, images)))
-    columns = {name: tuple(map(np.concatenate, zip(*parts, strict=True))) for name, parts in found.items()}
+    columns = {name: tuple(map(np.concatenate, zip(*parts, strict=True))) for name, parts in pairs.items()}
     rows = [[name, f"{sure.mean():.3f}", f"{right.mean():.3f}"] for name, (sure, right) in columns.items()]
     print(table(["inverted from", "sure", "right"], rows), end="\n\n")
     sure, right = (np.concatenate(part) for part in zip(*columns.values(), strict=True))

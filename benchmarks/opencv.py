@@ -47,7 +47,7 @@ def calls(make: Any) -> dict[str, Call]:
 
 def people(program: str, module: Any, image: str) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
     """Rectangles and weights that a program finds with the ``HOGDescriptor`` of a module, and the pictures it shows."""
-    made, found, shown = module.HOGDescriptor, [], []
+    made, detections, shown = module.HOGDescriptor, [], []
 
     class Recorded:
         """Hands everything on; no subclass, on which OpenCV's own class crashes."""
@@ -59,8 +59,8 @@ def people(program: str, module: Any, image: str) -> tuple[np.ndarray, np.ndarra
             return getattr(self._descriptor, name)
 
         def detectMultiScale(self, *arguments: Any, **named: Any) -> Any:
-            found.append(self._descriptor.detectMultiScale(*arguments, **named))
-            return found[-1]
+            detections.append(self._descriptor.detectMultiScale(*arguments, **named))
+            return detections[-1]
 
     with contextlib.ExitStack() as stack:
         stack.enter_context(mock.patch.object(cv2, "imshow", lambda name, image: shown.append(image.copy())))
@@ -70,7 +70,7 @@ def people(program: str, module: Any, image: str) -> tuple[np.ndarray, np.ndarra
         stack.enter_context(mock.patch.object(sys, "argv", ["sample", image]))
         stack.enter_context(contextlib.redirect_stdout(stack.enter_context(open(os.devnull, "w"))))
         exec(compile(program, "sample", "exec"), {"__name__": "__main__"})
-    rectangles, weights = found[0] if found else ((), ())
+    rectangles, weights = detections[0] if detections else ((), ())
     return np.reshape(rectangles, (-1, 4)), np.ravel(weights), shown
 
 

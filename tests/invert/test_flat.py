@@ -1,4 +1,4 @@
-"""Exactly flat regions: found from the descriptor, made constant by a projection, on any device."""
+"""Exactly flat regions: recovered from the descriptor, made constant by a projection, on any device."""
 
 from __future__ import annotations
 
@@ -49,11 +49,11 @@ def test_flat_regions_are_levelled_by_a_projection(compiled: bool, monkeypatch: 
     with torch.no_grad():
         assert torch.equal(regions.level(pixels.clone(), index), levelled)
         torch.testing.assert_close(regions(levelled, index), levelled)
-    given = torch.rand_like(pixels)
-    (result,) = torch.autograd.grad(levelled, pixels, given)
-    torch.testing.assert_close(result, regions(given, index))  # its own adjoint
-    tangent = torch.func.jvp(lambda x: regions(x, index), (pixels.detach(),), (given,))[1]
-    torch.testing.assert_close(tangent, regions(given, index))
+    direction = torch.rand_like(pixels)
+    (result,) = torch.autograd.grad(levelled, pixels, direction)
+    torch.testing.assert_close(result, regions(direction, index))  # its own adjoint
+    tangent = torch.func.jvp(lambda x: regions(x, index), (pixels.detach(),), (direction,))[1]
+    torch.testing.assert_close(tangent, regions(direction, index))
 
 
 def test_a_textured_image_is_left_alone() -> None:

@@ -97,13 +97,13 @@ def test_history_begins_with_the_starts_distance_and_counts_one_image_after_the_
 @pytest.mark.parametrize("minimiser", ["lbfgs", "dogleg"])
 def test_images_do_not_influence_each_other(on_votes: bool, minimiser: Minimiser) -> None:
     begin, votes = starts(2), VOTES if on_votes else None
-    given: dict[str, Any] = {"expected": IMAGES.flip(0), "closeness": 0.1}
+    prior: dict[str, Any] = {"expected": IMAGES.flip(0), "closeness": 0.1}
     together = account(minimiser=minimiser)
-    result = together.match(begin, votes, 12, **given)
+    result = together.match(begin, votes, 12, **prior)
     spent = torch.zeros(3, dtype=torch.long)
     for k in range(2):  # of a descriptor
         one = account(minimiser=minimiser)
-        torch.testing.assert_close(one.match(begin[:, k : k + 1], votes, 12, **given)[:, 0], result[:, k])
+        torch.testing.assert_close(one.match(begin[:, k : k + 1], votes, 12, **prior)[:, 0], result[:, k])
         spent += one.evaluations
     assert torch.equal(spent, together.evaluations)
     one = account(DESCRIPTORS[:1], minimiser=minimiser)  # of a batch
@@ -214,8 +214,8 @@ def test_rounds_of_a_search_ask_for_no_number(monkeypatch: pytest.MonkeyPatch) -
         seen.append,
     )
     start = torch.rand(2, 2, 1, 32, 32, device="meta")
-    found = made.match(start, votes.to("meta"), 25, start.mean(dim=1), 0.3)
-    assert found.shape == start.shape
+    images = made.match(start, votes.to("meta"), 25, start.mean(dim=1), 0.3)
+    assert images.shape == start.shape
     assert len(seen) == 4
     assert not reports  # the first would be after ten
 

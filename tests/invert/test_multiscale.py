@@ -82,8 +82,8 @@ def test_scale_descriptors_are_those_of_averaged_images() -> None:
 @pytest.mark.parametrize(("preset", "more"), [(presets.uoctti, True), (presets.uoctti, False), (presets.paper, True)])
 def test_levels_grow_and_report_their_own_distance(preset: Any, more: bool) -> None:
     spec, size = preset((8, 16)), (32, 48)
-    given = descriptors(photograph(64, "coins")[..., :32, -48:], spec, more)
-    levels = reconstruct_multiscale(given, spec, search=FEW)
+    inputs = descriptors(photograph(64, "coins")[..., :32, -48:], spec, more)
+    levels = reconstruct_multiscale(inputs, spec, search=FEW)
     assert [level.scale for level in levels] == [64, 16, 4, 1]
     for i, (level, factor) in enumerate(zip(levels, (8, 4, 2, 1), strict=True)):
         result = level.reconstruction
@@ -91,8 +91,8 @@ def test_levels_grow_and_report_their_own_distance(preset: Any, more: bool) -> N
         assert level.spec.cell_size == (8 // factor, 16 // factor)
         assert 0 <= result.image.min() <= result.image.max() <= 1
         assert result.evaluations.max() <= (16 if factor == 1 else 4)
-        if isinstance(given, list):
-            torch.testing.assert_close(result.distance, distance(level, given[i]))
+        if isinstance(inputs, list):
+            torch.testing.assert_close(result.distance, distance(level, inputs[i]))
     assert levels[-1].spec == spec
     assert (levels[-1].reconstruction.distance < 0.8).all()
 
@@ -118,10 +118,10 @@ def test_the_printed_normalisers_scale_is_that_of_a_smooth_image() -> None:
 @both_variants
 def test_a_photograph_comes_back(spec: HOGSpec, more: bool) -> None:
     image = photograph(64)
-    given = descriptors(image, spec, more, (16, 4, 1))
+    inputs = descriptors(image, spec, more, (16, 4, 1))
     calls: list[tuple[int, int]] = []
     levels = reconstruct_multiscale(
-        given, spec, scales=(16, 4, 1), search=Search(max_evaluations=60), progress=lambda *call: calls.append(call)
+        inputs, spec, scales=(16, 4, 1), search=Search(max_evaluations=60), progress=lambda *call: calls.append(call)
     )
     assert levels[-1].reconstruction.distance[0] < 0.35
     if spec.signed:
@@ -151,13 +151,13 @@ def test_a_level_without_texture_does_not_end_those_after_it() -> None:
 
 def test_the_last_level_has_the_descriptors_of_all(monkeypatch: pytest.MonkeyPatch) -> None:
     spec, scales = presets.uoctti(8), (16, 4, 1)
-    given = scale_descriptors(photograph(64), spec, scales)
+    inputs = scale_descriptors(photograph(64), spec, scales)
     apart = []
     for weight in (0.0, 0.1):
         monkeypatch.setattr(multiscale, "COARSER_WEIGHT", weight)
-        levels = reconstruct_multiscale(given, spec, scales=scales, search=Search(max_evaluations=60))
-        found = scale_descriptors(levels[-1].reconstruction.image, spec, scales)
-        apart.append(sum(float((a - b).norm() / b.norm()) for a, b in zip(found[:-1], given[:-1], strict=True)))
+        levels = reconstruct_multiscale(inputs, spec, scales=scales, search=Search(max_evaluations=60))
+        result = scale_descriptors(levels[-1].reconstruction.image, spec, scales)
+        apart.append(sum(float((a - b).norm() / b.norm()) for a, b in zip(result[:-1], inputs[:-1], strict=True)))
     assert apart[1] < 0.8 * apart[0]
 
 
@@ -189,9 +189,9 @@ def test_the_last_level_decides_the_polarity_of_all(monkeypatch: pytest.MonkeyPa
         chosen = [each.reconstruction.image for each in reconstruct_multiscale(descriptor, PAPER, search=FEW)]
         with monkeypatch.context() as context:
             context.setattr(multiscale, "negatives", lambda image, confidence: (torch.tensor([False]), confidence))
-            found = [each.reconstruction.image for each in reconstruct_multiscale(descriptor, PAPER, search=FEW)]
-        turned = negatives(found[-1])[0]
-        assert all(torch.equal(b, negated(a, turned)) for a, b in zip(found, chosen, strict=True))
+            images = [each.reconstruction.image for each in reconstruct_multiscale(descriptor, PAPER, search=FEW)]
+        turned = negatives(images[-1])[0]
+        assert all(torch.equal(b, negated(a, turned)) for a, b in zip(images, chosen, strict=True))
 
 
 def test_closeness_keeps_levels_together() -> None:
@@ -206,7 +206,7 @@ def test_closeness_keeps_levels_together() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "options", "says"),
+    ("inputs", "options", "says"),
     [
         (torch.zeros(1, 4, 4, 9), {"scales": ()}, "scales must fall"),
         (torch.zeros(1, 4, 4, 9), {"scales": (4, 4)}, "scales must fall"),
@@ -216,6 +216,6 @@ def test_closeness_keeps_levels_together() -> None:
         (torch.full((1, 4, 4, 9), torch.nan), {}, "finite"),
     ],
 )
-def test_refused_input(given: Any, options: dict[str, Any], says: str) -> None:
+def test_refused_input(inputs: Any, options: dict[str, Any], says: str) -> None:
     with pytest.raises(ValueError, match=says):
-        reconstruct_multiscale(given, PAPER, **options)
+        reconstruct_multiscale(inputs, PAPER, **options)

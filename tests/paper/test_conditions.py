@@ -91,7 +91,7 @@ def test_photographs() -> None:
     """What changes only the box is there for photographs, too."""
     suited = {name for name, condition in CONDITIONS.items() if condition.of_photographs}
     assert suited == {"exact", "sides-5", "sides-10", "larger-20", "cut-15", "cut-30", "no-box"}
-    given = AnnotatedObject("a", torch.rand(1, 100, 120), Box(20.0, 10.0, 80.0, 90.0), 0, 0, 0, None, (10.0, 5.0))
-    one, same, other = (CONDITIONS["sides-10"].applied(given, 0, index) for index in (0, 0, 1))
+    original = AnnotatedObject("a", torch.rand(1, 100, 120), Box(20.0, 10.0, 80.0, 90.0), 0, 0, 0, None, (10.0, 5.0))
+    one, same, other = (CONDITIONS["sides-10"].applied(original, 0, index) for index in (0, 0, 1))
     assert one.box == same.box != other.box
-    assert one.image is given.image
+    assert one.image is original.image

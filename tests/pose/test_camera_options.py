@@ -90,9 +90,9 @@ def test_a_pose_beside_the_optical_axis_is_that_of_the_camera() -> None:
     box = Box(float(cols.min()), float(rows.min()), float(cols.max() + 1), float(rows.max() + 1))
     estimate = estimate_pose(image, model(), box=box, focal=focal, principal_point=axis)
     assert_close(estimate.intrinsics, intrinsics)
-    found = (estimate.matrix() @ torch.linalg.inv(estimate.from_original)) / torch.tensor(
+    result = (estimate.matrix() @ torch.linalg.inv(estimate.from_original)) / torch.tensor(
         [model().unit] * 3 + [1], dtype=torch.float64
     )[:, None]
-    cosine = (float((found[:3, :3] @ matrix[:3, :3].T).trace()) - 1) / 2
+    cosine = (float((result[:3, :3] @ matrix[:3, :3].T).trace()) - 1) / 2
     assert math.degrees(math.acos(cosine)) < 2.5
-    assert float((found[:3, 3] - matrix[:3, 3]).norm()) < 0.08
+    assert float((result[:3, 3] - matrix[:3, 3]).norm()) < 0.08

@@ -76,7 +76,7 @@ def test_a_view_off_the_box_loses_a_known_part_of_its_similarity() -> None:
     one, everywhere = prepared_model(model(), photograph.crop.camera), torch.ones(VIEW_COUNT, dtype=torch.bool)
     windows = torch.stack([view_descriptors(one, 15)[5].flatten()] * 4)
     scales, centres = torch.tensor([1.0, 2.0, 1.0, 0.5]), torch.tensor([[0, 0], [0, 0], [0, FILL / 2], [FILL / 2, 0]])
-    found = []
+    scores = []
     for k in range(4):
         around = surroundings(photograph, image, [0], FOUND)
         around = dataclasses.replace(
@@ -86,9 +86,9 @@ def test_a_view_off_the_box_loses_a_known_part_of_its_similarity() -> None:
             tilts=torch.zeros(1).double(),
             centres=centres[k : k + 1].double(),
         )
-        found.append(float(views_around(one, photograph, around, [15.0], everywhere, 1)[1][0]))
-    assert found[0] > 0
-    assert [value / found[0] for value in found] == pytest.approx([1, 0.95, 0.95, 0.9])
+        scores.append(float(views_around(one, photograph, around, [15.0], everywhere, 1)[1][0]))
+    assert scores[0] > 0
+    assert [value / scores[0] for value in scores] == pytest.approx([1, 0.95, 0.95, 0.9])
 
 
 def test_a_tilted_view_is_the_upright_one_turned_about_the_window() -> None:

@@ -22,6 +22,6 @@ def test_an_object_is_followed() -> None:
     spec.loader.exec_module(example)
     camera = nablahog.Camera.from_field_of_view(30, 240, 320)
     true = torch.tensor([[40.0 + 6 * k, 15, 3, 0, 4 * k, 0] for k in range(3)])
-    found = list(example.track(nablahog.render(chair(3), true, camera), chair(3), camera.focal))
-    assert max(abs(one.azimuth - float(pose[0])) for one, pose in zip(found, true, strict=True)) < 2
-    assert max(abs(one.x - float(pose[4])) for one, pose in zip(found, true, strict=True)) < 3
+    estimates = list(example.track(nablahog.render(chair(3), true, camera), chair(3), camera.focal))
+    assert max(abs(one.azimuth - float(pose[0])) for one, pose in zip(estimates, true, strict=True)) < 2
+    assert max(abs(one.x - float(pose[4])) for one, pose in zip(estimates, true, strict=True)) < 3

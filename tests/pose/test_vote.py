@@ -121,12 +121,12 @@ def test_runners_up_are_no_symmetric_views() -> None:
 def test_threads_do_not_change_the_pose_and_count_all_renderings() -> None:
     image, box = photographed(model(), 30, 15)
     others = {"swivel": model(SWIVEL), "wooden": model(6)}
-    before, found = torch.get_num_threads(), []
+    before, estimates = torch.get_num_threads(), []
     try:
         for threads in (1, 2):
             torch.set_num_threads(threads)
-            found.append(estimate_pose(image, others, box=box, initial=(0, 15)))
+            estimates.append(estimate_pose(image, others, box=box, initial=(0, 15)))
     finally:
         torch.set_num_threads(before)
-    assert torch.equal(found[0].pose, found[1].pose)
-    assert (found[0].model, found[0].renderings) == (found[1].model, found[1].renderings)
+    assert torch.equal(estimates[0].pose, estimates[1].pose)
+    assert (estimates[0].model, estimates[0].renderings) == (estimates[1].model, estimates[1].renderings)

@@ -154,8 +154,8 @@ def _derivative(name: str, reference: Callable[[Step, HOGSpec], Callable[[Tensor
 
         @staticmethod
         def jvp(ctx: Any, tangent_x: Tensor | None, _: Tensor | None, tangent: Tensor | None, *__: None) -> Tensor:
-            given = zip(ctx.saved_tensors, (tangent_x, tangent), strict=True)
-            tangents = tuple(torch.zeros_like(of) if each is None else each for of, each in given)
+            pairs = zip(ctx.saved_tensors, (tangent_x, tangent), strict=True)
+            tangents = tuple(torch.zeros_like(of) if each is None else each for of, each in pairs)
             return jvp_by_vjp(reference(ctx.step, ctx.spec), ctx.saved_tensors, tangents)
 
         @staticmethod

@@ -156,12 +156,12 @@ class AsPublished:
             raise ValueError(f"max_evaluations must be at least 2, got {self.max_evaluations}")
 
 
-def as_published(method: InversionMethod | AsPublished, **given: tuple[object, object]) -> AsPublished | None:
+def as_published(method: InversionMethod | AsPublished, **options: tuple[object, object]) -> AsPublished | None:
     """The options of the paper's search; None for the default method.
 
     Args:
         method: of the reconstruction.
-        given: options that only the default method takes, each with its default.
+        options: those that only the default method takes: each value with its default.
 
     Raises:
         ValueError: there is no such method, or the paper's search is given an option of the default method.
@@ -171,7 +171,7 @@ def as_published(method: InversionMethod | AsPublished, **given: tuple[object, o
         if method == "default":
             return None
         method = AsPublished()
-    for name, (value, default) in given.items():
+    for name, (value, default) in options.items():
         if value is not default and value != default:
             raise ValueError(f"{name} is an option of the default method, the paper's search does not take it")
     return method

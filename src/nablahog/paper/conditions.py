@@ -34,9 +34,9 @@ class Condition:
 
     Attributes:
         about: what is hard, a sentence.
-        change: of what a search is given.
+        change: to the box or the initial pose.
         viewpoint: makes another viewpoint of azimuth, elevation and theta, (3,); None for the scene's own.
-        given: whether a search is given an initial pose.
+        has_initial: whether a search gets an initial pose.
         settings: of the scenes.
 
     >>> from nablahog.hog.box import Box
@@ -50,7 +50,7 @@ class Condition:
     about: str
     change: Change = _unchanged
     viewpoint: Callable[[Floats, Generator], Floats] | None = None
-    given: bool = True
+    has_initial: bool = True
     settings: SceneSettings = _EXACT
 
     @property
@@ -82,7 +82,7 @@ class Condition:
         return self._changed(made.annotated(f"{index:04d}"), generator)
 
     def _changed(self, one: AnnotatedObject, generator: Generator) -> AnnotatedObject:
-        return self.change(one if self.given else replace(one, initial=None), generator)
+        return self.change(one if self.has_initial else replace(one, initial=None), generator)
 
 
 def _generator(seed: int, index: int) -> Generator:
@@ -145,11 +145,13 @@ CONDITIONS: Mapping[str, Condition] = {
     "cut-15": Condition("One side of the box is 15 % too far inside.", _cut(0.15)),
     "cut-30": Condition("One side of the box is 30 % too far inside.", _cut(0.3)),
     "no-box": Condition("There is no box; methods without a search for it take the whole photograph.", _no_box),
-    "tilted": Condition("In-plane rotations of 12 to 45°; no initial pose is given.", viewpoint=_tilted, given=False),
+    "tilted": Condition(
+        "In-plane rotations of 12 to 45°; no initial pose is given.", viewpoint=_tilted, has_initial=False
+    ),
     "steep": Condition(
         "Elevations of −20 to 75°: higher up, azimuth and in-plane rotation are one; no initial pose is given.",
         viewpoint=_steep,
-        given=False,
+        has_initial=False,
     ),
     "renderer": Condition(
         "The look of another renderer: cast shadows, highlights, and JPEG of quality 20 to 50.",

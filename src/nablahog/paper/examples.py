@@ -70,8 +70,8 @@ def photographed(
             one = replace(CONDITIONS[condition].applied(one, seed, index), name=f"{condition}/{one.name}")
         examples.append(one)
     among = f"{len(models)} models{' but its own, or the one most like it' if unknown_model else ''}"
-    given = f"from a random azimuth and {PHOTOGRAPHED_FROM:g}° of elevation"
-    return Examples(examples, f"{origin} Each is looked for by all of {among}, {given}.", failed or {})
+    start = f"from a random azimuth and {PHOTOGRAPHED_FROM:g}° of elevation"
+    return Examples(examples, f"{origin} Each is looked for by all of {among}, {start}.", failed or {})
 
 
 def rendered(
@@ -112,8 +112,8 @@ def rendered(
         name = f"{condition}/{one.name}" if condition else one.name
         objects.append(replace(one, name=name, candidates=candidates))
     by = "all models but its own" if unknown_model else "its own model"
-    given = "from a random azimuth and an elevation near the true one"
-    return Examples(objects, f"{count} scenes of {origin}. Each object is looked for by {by}, {given}.")
+    start = "from a random azimuth and an elevation near the true one"
+    return Examples(objects, f"{count} scenes of {origin}. Each object is looked for by {by}, {start}.")
 
 
 def random_azimuth(seed: int, name: str) -> float:

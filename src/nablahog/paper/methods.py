@@ -84,7 +84,7 @@ class Method:
 
 
 Scales: TypeAlias = Literal["one descriptor", "one each"]
-"""What a multi-scale method is given: the descriptor of the image, or one for each level (multi-scale-more)."""
+"""The input of a multi-scale method: the descriptor of the image, or one for each level (multi-scale-more)."""
 
 
 def _searched(
@@ -200,7 +200,7 @@ METHODS = {
 
 
 def choose(
-    names: Sequence[str] | None, given: Collection[str], shipped: Collection[str] = ()
+    names: Sequence[str] | None, files: Collection[str], shipped: Collection[str] = ()
 ) -> tuple[list[Method], list[Method]]:
     """Chooses the methods to run, and lists those left out for want of a file; both in the order of the table.
 
@@ -208,14 +208,14 @@ def choose(
 
     Args:
         names: of the methods to run; None for all that can run, except those that run only if asked for by name.
-        given: names of :data:`.LEARNED` that files were given of.
+        files: names of :data:`.LEARNED` for which the user has a file.
         shipped: those that the package was installed with files of.
 
     Raises:
-        ValueError: a method in ``names`` lacks a file, or no method uses one of the files given.
+        ValueError: a method in ``names`` lacks a file, or no method uses one of the files.
     """
     methods = [m for name, m in METHODS.items() if (name in names if names is not None else not m.asked)]
-    for kind in given:
+    for kind in files:
         if not any(kind in method.needs for method in methods):
             of = ", ".join(method.name for method in METHODS.values() if kind in method.needs)
             raise ValueError(f"none of the methods asked for uses a file of {kind}; these do: {of}")
@@ -223,7 +223,7 @@ def choose(
         method.name: kind
         for method in methods
         for kind in reversed(method.needs)
-        if kind in PRIORS and kind not in (*given, *shipped)
+        if kind in PRIORS and kind not in (*files, *shipped)
     }
     if names is not None and lacking:
         name, kind = next(iter(lacking.items()))

@@ -262,9 +262,9 @@ class BestSearch:
         return start.moved(pose, value, self._value(start, pose, fine=False), penalty)
 
     def _watch(self, hypothesis: Hypothesis, pose: Tensor) -> None:
-        given = self.problem.photograph.crop
+        crop = self.problem.photograph.crop
         with self._lock:
-            self.problem.watch(hypothesis.model, hypothesis.photograph.crop.converted(pose, given))
+            self.problem.watch(hypothesis.model, hypothesis.photograph.crop.converted(pose, crop))
 
     def _value(self, of: Hypothesis, pose: Tensor, *, fine: bool) -> float:
         self._count(1)

@@ -171,8 +171,8 @@ def test_bad_inputs(tmp_path: Path, scene: list[str], refused: Callable[..., Non
     to = ["-o", str(tmp_path / "out")]
 
     def check(message: str, status: int = 1, **changes: Any) -> None:
-        given: dict[str, Any] = {"mesh": Path(folder, "wooden.off"), "box": box} | changes
-        argv = [str(part) for key, value in given.items() for part in (f"--{key}={value}",)]
+        options: dict[str, Any] = {"mesh": Path(folder, "wooden.off"), "box": box} | changes
+        argv = [str(part) for key, value in options.items() for part in (f"--{key}={value}",)]
         refused("pose", photograph, *argv, *to, message=message, status=status)
 
     check("the box must lie in the image of 150x180 pixels", box="200,0,300,100")
@@ -229,7 +229,7 @@ def test_the_lens_and_the_initial_azimuth_are_taken(
     Image.open(photo).save(photo, exif=exif)
     common = ["pose", photo, "--mesh", f"{folder}/wooden.off", "--box", box, f"--init={AZIMUTH + 20},{ELEVATION}"]
     common += ["-o", str(tmp_path / "out"), "--json"]
-    found = []
+    poses = []
     for more in (
         ["--within", "40", "--focal", "300"],
         ["--focal", "exif", "--principal-point", "80,70", "--method", "exhaustive"],
@@ -237,15 +237,15 @@ def test_the_lens_and_the_initial_azimuth_are_taken(
         ["--method", "exhaustive"],
     ):
         assert main([*common, *more]) == 0
-        found += json.loads(capsys.readouterr().out)["annotations"]
-    assert degrees_between(found[0]["azimuth"], AZIMUTH) < 3
-    assert found[0]["distance"] == pytest.approx(2.8, abs=0.15)
-    assert found[0]["intrinsics"] == [[300, 0, 90], [0, 300, 75], [0, 0, 1]]
-    assert [each["focal_length_from"] for each in found] == ["given", "exif", "assumed", "exif"]
-    assert found[1]["focal_length"] == pytest.approx(50 / np.hypot(36, 24) * np.hypot(150, 180))
-    assert [each["principal_point"] for each in found] == [[90, 75], [80, 70], None, [90, 75]]
+        poses += json.loads(capsys.readouterr().out)["annotations"]
+    assert degrees_between(poses[0]["azimuth"], AZIMUTH) < 3
+    assert poses[0]["distance"] == pytest.approx(2.8, abs=0.15)
+    assert poses[0]["intrinsics"] == [[300, 0, 90], [0, 300, 75], [0, 0, 1]]
+    assert [each["focal_length_from"] for each in poses] == ["given", "exif", "assumed", "exif"]
+    assert poses[1]["focal_length"] == pytest.approx(50 / np.hypot(36, 24) * np.hypot(150, 180))
+    assert [each["principal_point"] for each in poses] == [[90, 75], [80, 70], None, [90, 75]]
     extent = np.ptp(model().vertices.numpy(), axis=0)  # the file has them as they are
-    assert found[0]["distance_in_file_units"] == pytest.approx(found[0]["distance"] * np.linalg.norm(extent))
+    assert poses[0]["distance_in_file_units"] == pytest.approx(poses[0]["distance"] * np.linalg.norm(extent))
 
 
 def test_a_mask_takes_the_place_of_the_box(scene: list[str], tmp_path: Path) -> None:

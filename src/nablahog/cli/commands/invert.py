@@ -130,7 +130,7 @@ def _on_cluster(
     sources: Sequence[Source], arguments: Namespace, options: InversionOptions, prior: PriorOptions, skipping: Skipping
 ) -> Iterator[tuple[int, Inversion]]:
     """Inverts sources one by one, on a cluster; reads the results that an earlier run stored."""
-    file = None if prior.given is None else Path(arguments.prior)
+    file = None if prior.learned is None else Path(arguments.prior)
     jobs = {index: InversionJob(source, options, file, prior.default) for index, source in enumerate(sources)}
     with counter("nablahog invert") as progress, as_user_error():
         outcomes = do_all(Path(arguments.output), jobs, workers=1, cluster=arguments.cluster, progress=progress)

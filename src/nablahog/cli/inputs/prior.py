@@ -20,11 +20,11 @@ class PriorOptions:
     """Which prior descriptors are inverted with.
 
     Attributes:
-        given: the prior in the file of ``--prior``; None without a file.
+        learned: the prior in the file of ``--prior``; None without a file.
         default: whether the priors that come with the package are used.
     """
 
-    given: LearnedPrior | None
+    learned: LearnedPrior | None
     default: bool
 
     @classmethod
@@ -37,13 +37,13 @@ class PriorOptions:
 
     def check(self, spec: HOGSpec) -> None:
         """Raises ValueError if the prior in the file is not for descriptors of ``spec``."""
-        if self.given is not None:
-            self.given.check(spec)
+        if self.learned is not None:
+            self.learned.check(spec)
 
     def for_spec(self, spec: HOGSpec) -> PriorChoice:
         """The priors for descriptors of ``spec``; a line on stderr if the package's were not installed."""
         if not self.default or default_prior_file(spec) is None:
-            return self.given
+            return self.learned
         try:
             return default_priors(spec)
         except FileNotFoundError as error:
