@@ -115,11 +115,8 @@ def test_errors_are_one_short_printable_line(
         (["--preset", "opencv", "--set", "cell_size=6"], 1),
         (["--size", "4"], 1),
         (["--method", "paper", "--quality", "fast"], 1),
-        (["--method", "paper", "--colour"], 1),
         (["--template", "--samples", "2"], 1),
         (["--samples", "2", "--prior", "none"], 1),
-        (["--colour", "--prior", "p.npz"], 1),
-        (["--preset", "paper", "--colour"], 1),
     ],
 )
 def test_bad_options(tmp_path: Path, photo: str, refused: Callable[..., None], options: list[str], status: int) -> None:

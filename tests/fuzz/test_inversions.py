@@ -16,7 +16,6 @@ from torch.testing import assert_close
 
 from nablahog.hog import HOGSpec, from_layout, hog, to_layout
 from nablahog.invert import Search, reconstruct
-from nablahog.invert.colour import reconstruct_colour
 from nablahog.invert.reconstruction import relative_distance
 
 from .corpus import stored_cases
@@ -38,7 +37,6 @@ class Case(NamedTuple):
     dtype: str
     minimiser: str
     native: bool
-    colour: bool
     seed: int
 
 
@@ -46,8 +44,7 @@ class Case(NamedTuple):
 def cases(draw: st.DrawFn) -> Case:
     spec = draw(specs())
     choices = (draw(st.sampled_from(each)) for each in (ENTRIES, ("float32", "float64"), MINIMISERS))
-    native, colour = draw(st.booleans()), draw(st.integers(0, 4)) == 0
-    return Case(spec, draw(shapes(spec, LARGEST)), *choices, native, colour, draw(st.integers(0, 2**31)))
+    return Case(spec, draw(shapes(spec, LARGEST)), *choices, draw(st.booleans()), draw(st.integers(0, 2**31)))
 
 
 def descriptor_of(case: Case) -> Tensor:
@@ -77,18 +74,14 @@ def check(case: Case) -> str:
         back = from_layout(to_layout(descriptor, case.spec), case.spec, size)
         assert torch.equal(back.nan_to_num(7), descriptor.nan_to_num(7))
     search = Search(minimiser=case.minimiser, max_evaluations=30)  # type: ignore[arg-type]
-    in_colour = case.colour and case.spec.colour != "gray"
     try:
-        if in_colour:
-            result = reconstruct_colour(descriptor, case.spec, size, search=search, quality="fast")
-        else:
-            result = reconstruct(descriptor, case.spec, size, search=search)
+        result = reconstruct(descriptor, case.spec, size, search=search)
     except ValueError as error:
         check_sentence(str(error))
         return "refused"
     assert case.entries != "not finite"
     image = result.image
-    assert image.shape == (len(descriptor), 3 if in_colour else 1, *size)
+    assert image.shape == (len(descriptor), 1, *size)
     assert image.isfinite().all()
     assert 0 <= image.min() <= image.max() <= 1
     assert result.seconds <= LONGEST

@@ -20,19 +20,17 @@ class Quality(NamedTuple):
         without_samples: of the operator, where none are drawn.
         samples: images with the same histograms, whose mean is the expected image.
         on_histograms: evaluations of the normaliser alone, to invert it; they cost time per cell, not per pixel.
-        on_colours: evaluations of the operator to colour a gray image.
     """
 
     evaluations: int
     without_samples: int
     samples: int
     on_histograms: int
-    on_colours: int
 
 
 QUALITIES: dict[QualityName, Quality] = {
-    "best": Quality(evaluations=660, without_samples=480, samples=4, on_histograms=200, on_colours=300),
-    "fast": Quality(evaluations=80, without_samples=80, samples=2, on_histograms=60, on_colours=60),
+    "best": Quality(evaluations=660, without_samples=480, samples=4, on_histograms=200),
+    "fast": Quality(evaluations=80, without_samples=80, samples=2, on_histograms=60),
 }
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 from PIL import Image
 
@@ -64,15 +63,3 @@ def test_the_papers_search(tmp_path: Path, photo: str, descriptor: str) -> None:
     assert {"cat_iterations.png", "stored_iterations.png", "cat_preimage.png"} <= {*names(out)}
     with Image.open(out / "cat_iterations.png") as sheet, Image.open(out / "stored_iterations.png") as unknown:
         assert sheet.width > unknown.width  # the photograph is shown where it is known
-
-
-def test_colour(tmp_path: Path, photo: str) -> None:
-    command = ["invert", photo, "--preset", "maskfeat", *SMALL, "-o"]
-    assert main([*command, str(tmp_path / "colour"), "--colour"]) == 0
-    assert main([*command, str(tmp_path / "gray")]) == 0
-    with Image.open(tmp_path / "colour" / "cat_preimage.png") as picture:
-        assert picture.mode == "RGB"
-        assert np.ptp(np.asarray(picture, float), axis=2).max() > 1
-    coloured, plain = (json.loads((tmp_path / name / "results.json").read_text())[0] for name in ("colour", "gray"))
-    assert coloured["distance"] < plain["distance"]
-    assert coloured["cc"] is not None

@@ -81,7 +81,6 @@ def test_invert(tmp_path: Path, photo: str, descriptor: str, sent: list[Any]) ->
     [
         ["--method", "paper", "--preset", "paper", "--size", "24"],
         ["--samples", "2", "--preset", "paper", *SMALL],
-        ["--colour", "--preset", "dpm", *SMALL],
     ],
 )
 def test_all_pictures_travel(tmp_path: Path, photo: str, sent: list[Any], options: list[str]) -> None:

@@ -86,7 +86,6 @@ def invert(commands: argparse._SubParsersAction[Parser]) -> None:
         least=2,
         most=MOST_SAMPLES,
     )
-    command.add_argument("--colour", action="store_true", help="find images in colour; hues are a guess")
     command.add_argument("--device", type=options.device, default="cpu", help="cpu, cuda or cuda:N (default: cpu)")
     options.cluster(command)
     options.seed(command)

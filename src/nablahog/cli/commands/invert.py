@@ -28,9 +28,8 @@ LINES = 100  # of the table on the terminal
 EVERY = 10.0  # seconds after which results.json is written again
 
 _EXCLUDED = {
-    "--template": ("--quality fast", "--method paper", "--prior", "--samples", "--colour", "--cluster"),
-    "--method paper": ("--quality fast", "--prior", "--samples", "--colour"),
-    "--colour": ("--prior", "--samples"),
+    "--template": ("--quality fast", "--method paper", "--prior", "--samples", "--cluster"),
+    "--method paper": ("--quality fast", "--prior", "--samples"),
     "--samples": ("--prior none",),
     "--cluster": ("--device",),
 }
@@ -41,7 +40,7 @@ def invert(arguments: Namespace) -> int:
     """Finds an image for each descriptor, or what each detector looks for; returns the exit status."""
     _check_options(arguments)
     options = InversionOptions.of(arguments)
-    without = arguments.template or arguments.colour or arguments.method == "paper"
+    without = arguments.template or arguments.method == "paper"
     prior = PriorOptions(None, default=False) if without else PriorOptions.of(arguments)
 
     def check(source: Source) -> None:
@@ -87,7 +86,6 @@ def _check_options(arguments: Namespace) -> None:
         "--prior": arguments.prior not in (None, NO_PRIOR),
         "--prior none": arguments.prior == NO_PRIOR,
         "--samples": arguments.samples,
-        "--colour": arguments.colour,
         "--cluster": arguments.cluster,
         "--device": arguments.device != "cpu",
     }

@@ -16,10 +16,8 @@ from PIL import Image
 from torch import Tensor
 
 from ... import metrics
-from ...hog.gradient import gray
 from ...invert import AsPublished, reconstruct, reconstruct_samples
 from ...invert.choices import InversionMethod, QualityName
-from ...invert.colour import reconstruct_colour
 from ...invert.learned import PriorChoice
 from ...invert.template import reconstruct_template
 from ...io.images import Picture, write_image
@@ -45,7 +43,6 @@ class InversionOptions:
         seed: of the starting images.
         quality, method: as :func:`nablahog.reconstruct` has them.
         samples: number of further answers to unsigned descriptors, drawn from the prior; None for none.
-        colour: whether to find images in colour, without a prior.
         template: whether sources have a template's weights in place of a descriptor.
     """
 
@@ -53,7 +50,6 @@ class InversionOptions:
     quality: QualityName = "best"
     method: InversionMethod = "default"
     samples: int | None = None
-    colour: bool = False
     template: bool = False
 
     @classmethod
@@ -68,7 +64,7 @@ class Inversion:
 
     Attributes:
         source: the input.
-        preimage: (H, W), or (3, H, W) in colour, float32 in 0…1, on the CPU.
+        preimage: (H, W), float32 in 0…1, on the CPU.
         measures: CC, MI, SSIM and PSNR of the gray pre-image, and the distance, see
             :data:`nablahog.metrics.DEFINITIONS`; None where the photograph is not known or the measure is not finite.
         seconds: the source's share of the time of its batch.
@@ -137,7 +133,7 @@ class Inversion:
             drawn.append(Panel(1 - self.preimage, f"or its negative, {1 - self.polarity:.0%}", negative))
         if photo is None or self.source.gray_photo is None:
             return drawn
-        apart = difference(_gray(self.preimage), self.source.gray_photo)
+        apart = difference(self.preimage, self.source.gray_photo)
         seen = "Gray where pre-image and photograph agree, bright where the pre-image is brighter"
         return [
             Panel(photo, "photograph", f"The photograph {of}"),
@@ -230,8 +226,6 @@ def invert_batch(
         result = reconstruct_template(descriptors, spec, image_size, **every)
     elif options.method == "paper":
         result = reconstruct(descriptors, spec, image_size, method=AsPublished(keep_iterates=True), **every)
-    elif options.colour:
-        result = reconstruct_colour(descriptors, spec, image_size, **ours)
     else:
         result = reconstruct(descriptors, spec, image_size, prior=prior, **ours)
     drawn = None
@@ -242,13 +236,12 @@ def invert_batch(
         polarity = torch.full((len(sources),), 0.5)
     inversions = []
     for index, source in enumerate(sources):
-        preimage = result.image[index] if options.colour else result.image[index, 0]
-        preimage = preimage.detach().float().cpu()
+        preimage = result.image[index, 0].detach().float().cpu()
         kept = () if result.iterates is None else result.iterates[:, index, 0].detach().float().cpu()
         inversion = Inversion(
             source,
             preimage,
-            _measures(_gray(preimage), source.gray_photo, float(result.distance[index])),
+            _measures(preimage, source.gray_photo, float(result.distance[index])),
             result.seconds / len(sources),
             str(result.stop_reason[index]),
             {k: kept[k] for k in sorted({0, 1, 2, len(kept) - 1}) if 0 <= k < len(kept)},
@@ -262,11 +255,6 @@ def invert_batch(
 
 def _rounded(value: Tensor) -> float:
     return round(float(value), 4)
-
-
-def _gray(preimage: Tensor) -> Tensor:
-    """(H, W), by Eq. 1, of an image (H, W) or (3, H, W)."""
-    return preimage if preimage.dim() == 2 else gray(preimage[None])[0, 0].clamp(0, 1)
 
 
 def _measures(preimage: Tensor, reference: Tensor | None, distance: float) -> dict[str, float | None]:

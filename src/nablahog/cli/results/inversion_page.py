@@ -13,10 +13,9 @@ SHOWN = 24  # inputs with pictures, which are inlined: a page of hundreds would 
 TITLE = "Images from HOG descriptors"
 LEAD = (
     "Each image was found from a HOG descriptor alone. A photograph is not an input of the inversion; where there is "
-    "one, it is shown for comparison. HOG contains neither colour nor brightness, so the pre-image is gray, unless "
-    "--colour guesses hues, and is compared with the gray photograph. In the difference, middle gray means equal. Many "
-    "images have nearly the same descriptor; a learned prior chooses one that looks like a photograph, unless --prior "
-    "none was given."
+    "one, it is shown for comparison. HOG contains neither colour nor brightness, so the pre-image is gray, and is "
+    "compared with the gray photograph. In the difference, middle gray means equal. Many images have nearly the same "
+    "descriptor; a learned prior chooses one that looks like a photograph, unless --prior none was given."
 )
 TEMPLATES = (
     "The positive weights of a linear detector over a HOG descriptor say which edges speak for a detection, and the "
