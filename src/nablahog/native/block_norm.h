@@ -45,8 +45,10 @@ class BlockNorm final : public Normalizer<T> {
       gather(grad_out + block * size_, row_, grad_);
       block_vjp(sum_block(sums_.value, row, col));
       for (int64_t k = 0; k < high_; ++k) {
-        T* __restrict to = grad_cells + at + k * cells_across_ * bins_;
-        for (int64_t j = 0; j < row_; ++j) to[j] += grad_[k * row_ + j];
+        T* to = grad_cells + at + k * cells_across_ * bins_;
+        for (int64_t j = 0; j < row_; j += lanes<T>) {
+          store_first(to + j, load_first(to + j, row_ - j) + load<V>(grad_ + k * row_ + j), row_ - j);
+        }
       }
     });
   }
@@ -154,13 +156,12 @@ class BlockNorm final : public Normalizer<T> {
     return energy > 0 ? factor * factor * product / std::sqrt(energy) : T(0);
   }
 
-  // The rows of a block, `stride` apart, one after the other
-  template <class T2>
-  void gather(const T2* from, int64_t stride, T2* to) const {
-    for (int64_t k = 0; k < high_; ++k) {
-      for (int64_t j = 0; j < row_; ++j) to[k * row_ + j] = from[k * stride + j];
+  // The rows of a block, `stride` apart, one after the other, then zeros
+  void gather(const T* from, int64_t stride, T* to) const {
+    store(to + line_ - lanes<T>, V{});
+    for (int64_t k = 0; k < high_; ++k, from += stride, to += row_) {
+      for (int64_t j = 0; j < row_; j += lanes<T>) store(to + j, load_first(from + j, row_ - j));
     }
-    for (int64_t k = size_; k < line_; ++k) to[k] = 0;  // where NaN may have been left
   }
   void gather(DualPointer<const T> from, int64_t stride, DualPointer<T> to) const {
     gather(from.value, stride, to.value);

@@ -116,6 +116,21 @@ template <class T>
   return Dual<Vec<N>>{load_first<N>(from.value, count), load_first<N>(from.tangent, count)};
 }
 
+// Stores the first `count` numbers, or all if there are not so many
+template <class T>
+[[gnu::always_inline]] inline void store_first(T* to, Vec<T> x, int64_t count) {
+  if (count >= lanes<T>) return store(to, x);
+#if defined(__AVX512F__)
+  if constexpr (sizeof(T) == 4) return _mm512_mask_storeu_ps(to, __mmask16((1u << count) - 1), (__m512)x);
+  if constexpr (sizeof(T) == 8) return _mm512_mask_storeu_pd(to, __mmask8((1u << count) - 1), (__m512d)x);
+#elif defined(__AVX2__)
+  const auto mask = first_lanes<Vec<T>>(count);
+  if constexpr (sizeof(T) == 4) return _mm256_maskstore_ps(to, (__m256i)mask, (__m256)x);
+  if constexpr (sizeof(T) == 8) return _mm256_maskstore_pd(to, (__m256i)mask, (__m256d)x);
+#endif
+  for (int64_t k = 0; k < count; ++k) to[k] = x[k];
+}
+
 template <class N>
 [[gnu::always_inline]] inline N value_of(N x) {
   return x;

@@ -52,7 +52,9 @@ template <class P, class Q, class S>
   if constexpr (is_dual<S>) {
     for (int64_t k = 0; k < count; ++k) put(to, k, get(from, k) * factor);
   } else {
-    for (int64_t k = 0; k < count; ++k) to[k] = from[k] * factor;
+    using N = std::remove_cvref_t<decltype(*to)>;
+    for (int64_t k = 0; k < count; k += lanes<N>)
+      store_first(to + k, load_first(from + k, count - k) * factor, count - k);
   }
 }
 
