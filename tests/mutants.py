@@ -4,7 +4,7 @@
 
 Operators, comparisons, signs, numbers and returned values are changed in a copy of this checkout.  For each change run
 the tests of the room that it is in, those that name the file first, and with ``--dependants`` those of the rooms above
-it.  Results are added to a file; the same command goes on where it was stopped.
+it.  Results are added to a file; the same command goes on where it was stopped, by Ctrl-C or else.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .test_layers import MAY_IMPORT
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = Path("src", "nablahog")
-LIMIT = 600  # seconds of the tests of a folder; tests that take longer have noticed an endless loop
+LIMIT = 400  # seconds of the tests of a folder; tests that take longer have noticed an endless loop
 OPERATORS: dict[type, type] = {
     **{ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Mult},
     **{ast.Pow: ast.Mult, ast.Mod: ast.FloorDiv, ast.And: ast.Or, ast.Or: ast.And, ast.BitAnd: ast.BitOr},
@@ -69,10 +69,12 @@ def changed(node: ast.AST) -> ast.AST | None:
 
 
 def breakable(node: ast.AST) -> Iterator[ast.AST]:
-    """What can be changed in a node: no type, decorator, docstring or message."""
+    """What can be changed in a node: no type, overload, decorator, docstring or message."""
     skipped: list[ast.AST | None] = []
     match node:
         case ast.Raise() | ast.Assert() | ast.JoinedStr() | ast.If(ast.Name("TYPE_CHECKING")):
+            return
+        case ast.FunctionDef(decorator_list=[ast.Name("overload")]):
             return
         case ast.FunctionDef(decorator_list=decorators, returns=returns):
             skipped = [*decorators, returns]
@@ -129,17 +131,22 @@ def runs(file: Path, dependants: bool) -> Iterator[list[str]]:
             yield [each, *(f"--ignore={test}" for test in named)]
 
 
+def tested(tree: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Runs pytest in a copy of the checkout."""
+    environment = {**os.environ, "PYTHONPATH": f"{tree / 'src'}{os.pathsep}{tree}", "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *arguments]
+    return subprocess.run(command, cwd=tree, env=environment, capture_output=True, text=True, timeout=LIMIT)
+
+
 def noticed(mutant: Mutant, tree: Path, dependants: bool) -> str:
     """The first test that fails with the mutant in a copy of the checkout; empty for a survivor."""
     path = tree / PACKAGE / mutant.file
     source = path.read_bytes()
-    environment = {**os.environ, "PYTHONPATH": f"{tree / 'src'}{os.pathsep}{tree}", "PYTHONDONTWRITEBYTECODE": "1"}
     try:
         path.write_bytes(source[: mutant.start] + mutant.new.encode() + source[mutant.end :])
         for tests in runs(mutant.file, dependants):
-            command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
             try:
-                done = subprocess.run(command, cwd=tree, env=environment, capture_output=True, text=True, timeout=LIMIT)
+                done = tested(tree, *tests)
             except subprocess.TimeoutExpired:
                 return "too slow"
             if done.returncode not in (0, 5):  # 5: no tests
@@ -161,10 +168,12 @@ def main() -> None:
     options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.touch()
     done = dict(line.split("\t", 1) for line in options.out.read_text().splitlines())
-    ignored = shutil.ignore_patterns(".*", "out", "build", "dist", "docs", "benchmarks", "__pycache__")
+    ignored = shutil.ignore_patterns(".*", "out", "build", "dist", "__pycache__")
     with tempfile.TemporaryDirectory() as folder, options.out.open("a") as file:
         tree = Path(folder, "nablahog")
         shutil.copytree(ROOT, tree, ignore=ignored)
+        whole = tested(tree, "--collect-only")
+        assert whole.returncode == 0, whole.stdout[-1000:]  # what cannot be loaded would notice every mutant
         for mutant in drawn(options.under, options.count, options.seed):
             old = (ROOT / PACKAGE / mutant.file).read_bytes()[mutant.start : mutant.end].decode()
             name = " ".join(f"{mutant.file}:{mutant.line}: {old} -> {mutant.new}".split())

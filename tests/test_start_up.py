@@ -15,14 +15,7 @@ from nablahog import HOG, presets
 from nablahog.cli.main import _COMMANDS
 
 HEAVY = ("torch", "numpy", "scipy", "skimage", "PIL", "matplotlib", "rich", "trimesh", "platformdirs")
-LAZY = (
-    "nablahog",
-    "nablahog.hog",
-    "nablahog.invert",
-    "nablahog.io",
-    "nablahog.pose",
-    "nablahog.viz",
-)
+LAZY = ("nablahog", "nablahog.hog", "nablahog.invert", "nablahog.io", "nablahog.pose", "nablahog.viz")
 
 
 def run(program: str) -> subprocess.CompletedProcess[str]:
@@ -55,12 +48,7 @@ def test_importing_is_light() -> None:
 
 def test_help_and_refusals_are_light() -> None:
     asked = [["--help"], ["--version"], ["learn", "--help"], *([*command.split(), "--help"] for command in _COMMANDS)]
-    wrong = [
-        [],
-        ["hog"],
-        ["invert", "a.png", "-o", "b", "--device", "tpu"],
-        ["table1", "-o", "b", "--methods", "best"],
-    ]
+    wrong = [[], ["hog"], ["invert", "a.png", "-o", "b", "--device", "tpu"], ["table1", "-o", "b", "--methods", "best"]]
     program = f"""
 from nablahog.cli.main import main
 for argv in {asked}: assert main(argv) == 0, argv

@@ -37,8 +37,7 @@ def picture(text: str) -> Image.Image:
 
 
 @pytest.mark.parametrize(
-    ("preset", "method"),
-    [("paper", "paper"), ("paper", "prior"), ("uoctti", "prior"), ("uoctti", "no-prior")],
+    ("preset", "method"), [("paper", "paper"), ("paper", "prior"), ("uoctti", "prior"), ("uoctti", "no-prior")]
 )
 def test_it_grows(client: TestClient, photo: str, preset: str, method: str) -> None:
     made = events(client, photo=photo, preset=preset, method=method)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import sys
 import time
 import traceback
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import cache
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -26,7 +29,7 @@ from .harness import examine, parts
 
 WORKERS_END = 2.0  # seconds after their parent
 VARYING = {"index.html", "times.csv", "work"}  # hold seconds
-TABLE1 = ["--images", "images", "--methods", "dalal-single", "--max-evaluations", "40", "--size", "32"]
+TABLE1 = ["--images", "images", "--methods", "dalal-single", "--max-evaluations", "60", "--size", "32"]
 TABLE2 = ["--objects", "3", "--methods", "exhaustive", "--conditions", "none"]
 COMMANDS: dict[str, list[str]] = {
     "hog": ["hog", *(f"images/{k}.png" for k in range(6)), "-o", "out/"],
@@ -46,6 +49,7 @@ def run(folder: Path, command: Sequence[str]) -> None:
     """A command in a folder, in a process of its own."""
     os.chdir(folder)
     torch.set_num_threads(1)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # processes in the background may ignore it
     output = os.open("printed", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(output, 1)
     os.dup2(output, 2)
@@ -99,8 +103,7 @@ def results(folder: Path) -> dict[str, bytes]:
 
 @cache
 def undisturbed(command: str) -> tuple[float, dict[str, bytes]]:
-    """Seconds and results of a run that nothing disturbs: the second one, which finds all files in memory."""
-    finish(new_folder(), command)
+    """Seconds and results of a run that nothing disturbs."""
     folder = new_folder()
     return finish(folder, command), results(folder)
 
@@ -113,19 +116,30 @@ def check(case: tuple[str, list[float]]) -> str:
         process = forking.Process(target=run, args=(folder, COMMANDS[command]))
         process.start()
         process.join(moment * seconds)
-        workers = children(process.pid)
-        process.kill()
-        process.join()
-        end = time.monotonic() + WORKERS_END
-        while any(map(running, workers)):
-            assert time.monotonic() < end, "workers live on"
-            time.sleep(0.01)
+        end(process, signal.SIGKILL)
     for part in folder.rglob("*.part"):  # of another process as far as anybody knows, which may still write it
         os.utime(part, (0, 0))
     finish(folder, command)
     assert results(folder) == expected
     assert not [path.name for path in folder.rglob("*") if path.suffix in (".part", ".checkpoint", ".damaged")]
     return command
+
+
+def end(process: BaseProcess, by: signal.Signals) -> None:
+    """Ends a command by a signal; its workers end, too."""
+    workers = children(process.pid)
+    with suppress(ProcessLookupError):
+        os.kill(process.pid or 0, by)
+    process.join()
+    latest = time.monotonic() + WORKERS_END
+    while any(map(running, workers)):
+        assert time.monotonic() < latest, "workers live on"
+        time.sleep(0.01)
+
+
+def stored(folder: Path) -> dict[str, int]:
+    """Results of a table that are done, with the times they were written."""
+    return {path.name: path.stat().st_mtime_ns for path in folder.glob("out/work/*/*.npz")}
 
 
 def children(process: int | None) -> list[int]:
@@ -142,9 +156,30 @@ def running(process: int) -> bool:
         return False
 
 
-@pytest.mark.parametrize("case", [("hog", [0.3]), ("hog", [0.6, 0.9]), ("prior", [0.5, 0.8])])
+@pytest.mark.parametrize("case", [("hog", [0.3, 0.8]), ("prior", [0.7])])
 def test_killed_commands(case: tuple[str, list[float]]) -> None:
     check(case)
+
+
+def test_a_table_that_is_interrupted_and_then_killed() -> None:
+    """Once some results are done: nothing is done twice, and in the end the tables are those of an undisturbed run."""
+    folder, done = new_folder(), dict[str, int]()
+    for by, status in ((signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)):
+        process = forking.Process(target=run, args=(folder, COMMANDS["table1"]))
+        process.start()
+        while len(stored(folder)) == len(done) and process.is_alive():
+            time.sleep(0.005)
+        end(process, by)
+        assert process.exitcode == status
+        if by == signal.SIGINT:
+            assert (folder / "printed").read_text() == "nablahog table1: error: interrupted\n"
+        assert done.items() < stored(folder).items()
+        done = stored(folder)
+        assert len(done) < 6
+        assert os.listdir(folder / "out") == ["work"]
+    finish(folder, "table1")
+    assert done.items() < stored(folder).items()
+    assert results(folder) == undisturbed("table1")[1]
 
 
 @pytest.mark.slow

@@ -1,18 +1,15 @@
-"""Channels of mirrored images and of other dialects, against the operator itself; and the order of OpenCV's vector."""
+"""Channels by name, and of other dialects, against the operator itself."""
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import torch
 from torch.testing import assert_close
 
 from nablahog.hog import FourBlockNorm, HOGSpec, hog, presets
 from nablahog.hog.channels import channel_names, convert_channels
-from nablahog.hog.layout import from_layout
 from nablahog.hog.normalizers import PARTS
 
 from .zoo import noise
@@ -109,32 +106,3 @@ def test_wrong_shapes_are_refused() -> None:
     for shape in [(2, 30), ()]:
         with pytest.raises(ValueError, match="has 31 channels in its last dimension"):
             convert_channels(torch.zeros(shape), presets.vlfeat(), presets.vlfeat())
-
-
-# --- OpenCV's vector -------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("row", "col"), [(4, 4), (20, 12), (60, 40), (123, 59), (76, 4)])
-def test_where_opencvs_entries_are(row: int, col: int) -> None:
-    """A bright pixel: gradients to the right and left of it in bins 0 and 8, above and below it in bin 4."""
-    cv2 = pytest.importorskip("cv2")
-    if not hasattr(cv2, "HOGDescriptor"):
-        pytest.skip("OpenCV 5 has no HOG in its main package")
-    image = np.zeros((128, 64), np.uint8)
-    image[row, col] = 200
-    vector = cv2.HOGDescriptor().compute(image)
-    result = from_layout(torch.from_numpy(vector).unsqueeze(0), presets.opencv(), (128, 64))
-    blocks = result.reshape(15, 7, 2, 2, 9)  # rows and columns of blocks, of cells in a block, bins
-
-    expected = np.zeros((15, 7, 2, 2, 9), bool)
-    votes = [(row, col - 1, (0, 8)), (row, col + 1, (0, 8)), (row - 1, col, (4,)), (row + 1, col, (4,))]
-    for (y, x, bins), (i, j, k, m) in itertools.product(votes, np.ndindex(15, 7, 2, 2)):
-        inside = 0 <= y - 8 * i < 16 and 0 <= x - 8 * j < 16
-        near = abs(y - (8 * i + 8 * k + 3.5)) < 8 and abs(x - (8 * j + 8 * m + 3.5)) < 8
-        if inside and near:
-            expected[i, j, k, m, list(bins)] = True
-    assert np.array_equal(blocks.numpy() > 1e-6, expected)
-
-    for i, j, k, m, b in np.ndindex(blocks.shape):
-        index = ((j * 15 + i) * 4 + m * 2 + k) * 9 + b  # blocks and cells column by column
-        assert vector[index] == blocks[i, j, k, m, b]

@@ -11,15 +11,7 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image
 
-from nablahog import (
-    HOG,
-    HOGSpec,
-    convert_channels,
-    from_layout,
-    hog,
-    presets,
-    to_layout,
-)
+from nablahog import HOG, HOGSpec, convert_channels, from_layout, hog, presets, to_layout
 
 SPEC = presets.uoctti(cell_size=8)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 import torch
 from hypothesis import given
@@ -43,47 +42,6 @@ def test_there_and_back(name: str, rows: int, cols: int, batch: int) -> None:
     assert torch.equal(from_layout(native, s, size), descriptor)
     assert torch.equal(from_layout(native.flatten(1), s, size), descriptor)
     assert torch.equal(to_layout(from_layout(native, s, size), s), native)
-
-
-def test_planes() -> None:
-    """VLFeat and dlib: the channel first."""
-    for s in (presets.vlfeat(), presets.dlib(), presets.cnn_hog()):
-        descriptor = numbered(s, (40, 56))
-        native = to_layout(descriptor, s)
-        assert native.shape[1] == s.channels
-        for row, col, channel in ((0, 0, 0), (1, 2, 5), (2, 1, 20)):
-            assert native[1, channel, row, col] == descriptor[1, row, col, channel]
-
-
-def test_colour_planes() -> None:
-    """MaskFeat: colour, bin, row, column."""
-    s = presets.maskfeat(nbins=7)
-    descriptor = numbered(s, (24, 32))
-    native = to_layout(descriptor, s)
-    assert native.shape == (2, 3, 7, 3, 4)
-    for colour, bin_, row, col in ((0, 0, 0, 0), (1, 3, 2, 1), (2, 6, 0, 3)):
-        assert native[1, colour, bin_, row, col] == descriptor[1, row, col, 7 * colour + bin_]
-
-
-def test_blocks_of_skimage() -> None:
-    """Block row, block column, cell row, cell column, bin; in one row if a feature vector is asked for."""
-    s = presets.skimage(5, (8, 6), (2, 3), feature_vector=False)
-    descriptor = numbered(s, (32, 36))
-    native = to_layout(descriptor, s)
-    assert native.shape == (2, 3, 4, 2, 3, 5)
-    for row, col, y, x, bin_ in ((0, 0, 0, 0, 0), (2, 1, 1, 0, 4), (1, 3, 0, 2, 1)):
-        assert native[1, row, col, y, x, bin_] == descriptor[1, row, col, (3 * y + x) * 5 + bin_]
-    vector = to_layout(descriptor, presets.skimage(5, (8, 6), (2, 3), feature_vector=True))
-    assert np.array_equal(vector[1].numpy(), native[1].numpy().ravel())
-
-
-def test_vectors_of_opencv() -> None:
-    """Column by column of blocks, in a block column by column of cells."""
-    s = presets.opencv((64, 48), (16, 24), (8, 8), (8, 8), 5)
-    descriptor = numbered(s, (48, 64))
-    native = to_layout(descriptor, s).reshape(2, 7, 4, 2, 3, 5)
-    for col, row, x, y, bin_ in ((0, 0, 0, 0, 0), (6, 1, 1, 2, 4), (3, 3, 0, 1, 2)):
-        assert native[1, col, row, x, y, bin_] == descriptor[1, row, col, (2 * y + x) * 5 + bin_]
 
 
 def test_patches_of_maskfeat() -> None:

@@ -86,17 +86,6 @@ def test_equals_opencv(
     np.testing.assert_allclose(result, expected, rtol=0, atol=TOLERANCE)
 
 
-@pytest.mark.parametrize("colours", [1, 3])
-@pytest.mark.parametrize("levels", [3, 256])
-@pytest.mark.parametrize("gamma", [False, True])
-def test_the_default_window(gamma: bool, levels: int, colours: int) -> None:
-    """Of Dalal and Triggs, 64x128 pixels to 3780 numbers, of real size and so of real rounding."""
-    image, sizes = picture(3, (128, 64), colours, levels), ((64, 128), (16, 16), (8, 8), (8, 8))
-    expected = theirs(image, sizes, 9, -1.0, gamma, False)
-    assert expected.shape == (3780,)
-    np.testing.assert_allclose(ours(image, sizes, 9, -1.0, gamma, False), expected, rtol=0, atol=1e-6)
-
-
 @pytest.mark.parametrize("width", range(16, 24))
 def test_ties_of_colours_in_the_last_columns(width: int) -> None:
     """Two levels: most pixels tie, and the last width % 4 columns choose another channel."""
@@ -105,15 +94,3 @@ def test_ties_of_colours_in_the_last_columns(width: int) -> None:
         sizes = ((width, 16), (width, 16), (8, 8), (width, 16))
         expected = theirs(image, sizes, 9, -1.0, False, True)
         np.testing.assert_allclose(ours(image, sizes, 9, -1.0, False, True), expected, rtol=0, atol=TOLERANCE)
-
-
-def test_photographs() -> None:
-    """Of sizes that whole blocks and strides fill, gray and in colour."""
-    from skimage import data
-
-    for photograph in (data.camera()[:256, 100:388], data.astronaut()[:200, 120:312], data.chelsea()[:296, 40:280]):
-        image = np.ascontiguousarray(np.atleast_3d(photograph))
-        sizes = (image.shape[1::-1], (16, 16), (8, 8), (8, 8))
-        for gamma, signed, bins in ((True, False, 9), (False, True, 18)):
-            expected = theirs(image, sizes, bins, -1.0, gamma, signed)
-            np.testing.assert_allclose(ours(image, sizes, bins, -1.0, gamma, signed), expected, rtol=0, atol=2e-6)

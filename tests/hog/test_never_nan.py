@@ -155,20 +155,3 @@ def test_pixel_that_is_not_finite_makes_its_image_nan(name: str, backend: Backen
     for spoilt, intact in zip(of_x, of_clean, strict=True):
         assert spoilt[:3].isnan().all()
         assert_close(spoilt[3], intact[3], rtol=0, atol=0)
-
-
-@pytest.mark.parametrize("name", ["paper", "uoctti", "skimage", "opencv"])
-def test_nan_stays_in_its_image(name: str) -> None:
-    """Loops that go on to the next image leave nothing of the last one behind."""
-    s = SPECS[name]
-    for height, width in ((40, 46), (71, 93)):
-        clean = noise(3, 1, height, width, dtype=torch.float32)
-        spoilt = clean.clone()
-        spoilt[1, 0, 3, 3] = math.nan
-        result = []
-        for images in (clean, spoilt):
-            images.requires_grad_()
-            descriptor = hog(images, s)
-            result.append((descriptor, *torch.autograd.grad(descriptor.sum(), images)))
-        for one, other in zip(*result, strict=True):
-            assert torch.equal(one[[0, 2]], other[[0, 2]])

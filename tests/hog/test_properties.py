@@ -10,16 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch.testing import assert_close
 
-from nablahog.hog import (
-    BilinearCells,
-    BlockNorm,
-    BoxCells,
-    FourBlockNorm,
-    GlobalNorm,
-    HOGSpec,
-    hog,
-    presets,
-)
+from nablahog.hog import BilinearCells, BlockNorm, BoxCells, FourBlockNorm, GlobalNorm, HOGSpec, hog, presets
 
 from .zoo import PRESETS, SPECS, integers, noise, spec
 
@@ -149,25 +140,6 @@ def test_contrast(seed: int, contrast: float) -> None:
     for name, exponent in exponents.items():
         s = PRESETS[name](4)
         assert_close(hog(contrast * image, s), contrast**exponent * hog(image, s), rtol=1e-4, atol=1e-6)
-
-
-@given(seed=seeds)
-def test_epsilon_bounds_flat_images(seed: int) -> None:
-    """Far below ε the descriptor vanishes with the contrast instead of being blown up to unit length."""
-    image = 0.5 + 1e-9 * noise(1, 1, 12, 12, seed=seed)
-    for name in (
-        "paper",
-        "paper-robust",
-        "uoctti",
-        "uoctti-hard",
-        "aubry",
-        "dpm",
-        "dlib",
-        "piotr",
-        "seeing3d",
-        "opencv",
-    ):
-        assert hog(image, PRESETS[name](4)).abs().max() < 1e-3
 
 
 @pytest.mark.parametrize("name", [name for name, s in SPECS.items() if s.gamma == "none"])

@@ -12,14 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from nablahog.hog import (
-    BilinearCells,
-    BlockCells,
-    BlockNorm,
-    BoxCells,
-    HOGSpec,
-    hog,
-)
+from nablahog.hog import BilinearCells, BlockCells, BlockNorm, BoxCells, HOGSpec, hog
 from nablahog.hog.descriptor import histograms
 from nablahog.hog.orientation import votes
 from nablahog.hog.spec import Border

@@ -18,12 +18,7 @@ from PIL import Image
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.hog import (
-    HOGSpec,
-    hog,
-    presets,
-    stream,
-)
+from nablahog.hog import HOGSpec, hog, presets, stream
 from nablahog.hog.kernels import supports
 
 from .zoo import SPECS, fits

@@ -93,26 +93,6 @@ def test_history_begins_with_the_starts_distance_and_counts_one_image_after_the_
     torch.testing.assert_close(history[-1, :2], other.history()[-1, :2])
 
 
-@pytest.mark.parametrize("on_votes", [True, False])
-@pytest.mark.parametrize("minimiser", ["lbfgs", "dogleg"])
-def test_images_do_not_influence_each_other(on_votes: bool, minimiser: Minimiser) -> None:
-    begin, votes = starts(2), VOTES if on_votes else None
-    prior: dict[str, Any] = {"expected": IMAGES.flip(0), "closeness": 0.1}
-    together = account(minimiser=minimiser)
-    result = together.match(begin, votes, 12, **prior)
-    spent = torch.zeros(3, dtype=torch.long)
-    for k in range(2):  # of a descriptor
-        one = account(minimiser=minimiser)
-        torch.testing.assert_close(one.match(begin[:, k : k + 1], votes, 12, **prior)[:, 0], result[:, k])
-        spent += one.evaluations
-    assert torch.equal(spent, together.evaluations)
-    one = account(DESCRIPTORS[:1], minimiser=minimiser)  # of a batch
-    of_one = None if votes is None else votes[:1]
-    alone = one.match(begin[:1], of_one, 12, IMAGES.flip(0)[:1], 0.1)
-    torch.testing.assert_close(alone[0], result[0])
-    torch.testing.assert_close(one.history()[:, 0], together.history()[: int(one.evaluations), 0])
-
-
 def test_the_result_is_closer_than_the_start_and_not_far_from_the_expected_image() -> None:
     begin = starts(1)
     free = account().match(begin, None, 30)

@@ -18,7 +18,7 @@ from .photographs import photograph
 
 SIZE = 24, 16
 SPECS = presets.uoctti(), presets.paper(), presets.opencv(gamma=False)
-QUICK = AsPublished(iterations=4)
+QUICK = AsPublished(iterations=3)
 SPEC = presets.uoctti()
 
 
@@ -85,23 +85,23 @@ def test_the_preconditioner_is_the_laplacian_plus_a_share_of_the_diagonal() -> N
 
 
 def test_finds_an_image_from_noise_and_keeps_the_iterates() -> None:
-    image = photographs(1, 48)
+    image = photographs(1, 40)
     descriptor = hog(image, SPEC)
     result = reconstruct(descriptor, SPEC, method=AsPublished(iterations=25, keep_iterates=True))
     assert result.distance < 0.25
     assert result.iterates is not None
     distances = (hog(result.iterates[:, 0], SPEC) - descriptor).flatten(1).norm(dim=1) / descriptor.norm()
     assert distances[0] > 0.5 > 2 * distances[-1]
-    assert result.iterates.shape == (26, 1, 1, 48, 48)
+    assert result.iterates.shape == (26, 1, 1, 40, 40)
     assert torch.equal(result.iterates[-1], result.image)
     assert result.history.shape == (int(result.evaluations.max()), 1)
     few = AsPublished(iterations=2, keep_iterates=True)
     array = reconstruct(descriptor[0].numpy(), SPEC, method=few)
-    assert (array.image.shape, array.iterates.shape) == ((48, 48), (3, 48, 48))
+    assert (array.image.shape, array.iterates.shape) == ((40, 40), (3, 40, 40))
 
 
 def test_the_seed_and_the_start_decide() -> None:
-    image = photographs(1, 32)
+    image = photographs(1, 24)
     descriptor = hog(image, SPEC)
     one, again, other = (reconstruct(descriptor, SPEC, method=QUICK, seed=seed) for seed in (0, 0, 1))
     assert torch.equal(one.image, again.image)

@@ -106,19 +106,6 @@ def test_pickles_are_never_loaded(tmp_path: Path) -> None:
     assert (tmp_path / "gone off").exists()
 
 
-def test_damaged_bytes(tmp_path: Path) -> None:
-    save_descriptor(tmp_path / "d.npz", _descriptor(presets.uoctti()), presets.uoctti(), SIZE)
-    whole = (tmp_path / "d.npz").read_bytes()
-    refused = 0
-    for place in range(0, len(whole), max(1, len(whole) // 200)):
-        (tmp_path / "d.npz").write_bytes(whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :])
-        try:
-            load_descriptor(tmp_path / "d.npz")  # some bytes, such as times, matter to nobody
-        except ValueError:
-            refused += 1
-    assert refused > 100
-
-
 def test_archives_that_swell(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "d.npz", "w", zipfile.ZIP_DEFLATED) as archive:
         with archive.open("descriptor.npy", "w", force_zip64=True) as member:

@@ -10,14 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nablahog.io.files import (
-    ABANDONED,
-    checkpoint_for,
-    distinct_stems,
-    output_folder,
-    remove_parts,
-    replacing,
-)
+from nablahog.io.files import ABANDONED, checkpoint_for, distinct_stems, output_folder, remove_parts, replacing
 from nablahog.io.npz import write_arrays
 
 

@@ -134,10 +134,7 @@ def test_postscript_is_not_run(tmp_path: Path) -> None:
         read_image(tmp_path / "program.eps")
 
 
-@pytest.mark.parametrize(
-    ("shape", "size", "expected"),
-    [((100, 50), 20, (20, 10)), ((1000, 1), 10, (10, 1))],
-)
+@pytest.mark.parametrize(("shape", "size", "expected"), [((100, 50), 20, (20, 10)), ((1000, 1), 10, (10, 1))])
 def test_limit_size(shape: tuple[int, int], size: int, expected: tuple[int, int]) -> None:
     image = torch.rand(3, *shape)
     small = limit_size(image, size)

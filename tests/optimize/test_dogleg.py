@@ -75,7 +75,7 @@ class Pixels:
     """Gray values as unknowns, which vmap can map, unlike the cosine transform."""
 
     def image(self, unknowns: Tensor) -> Tensor:
-        return unknowns.reshape(-1, 1, 16, 16).clone()
+        return unknowns.reshape(-1, 1, 12, 12).clone()
 
     def adjoint(self, grad_image: Tensor) -> Tensor:
         return grad_image.flatten(1)
@@ -84,14 +84,14 @@ class Pixels:
 def test_steps_of_an_inversion_are_those_of_chumpy() -> None:
     spec = presets.paper(4)
     generator = torch.Generator().manual_seed(0)
-    image, noise = (torch.rand(1, 1, 16, 16, generator=generator, dtype=torch.float64) for _ in range(2))
+    image, noise = (torch.rand(1, 1, 12, 12, generator=generator, dtype=torch.float64) for _ in range(2))
     descriptor = hog(image, spec)
     objective = PreimageObjective(
         descriptor,
         None,
         spec,
         Pixels(),  # type: ignore[arg-type]
-        FlatRegions(descriptor, spec, 16, 16),
+        FlatRegions(descriptor, spec, 12, 12),
         [RelativeSmoothness(0.02)],
         image.flip(3),
         0.1,

@@ -11,8 +11,10 @@ from torch import Tensor
 
 from nablahog import native
 from nablahog.optimize import Minimum, ObjectiveFunction, StopReason, lbfgs
-from nablahog.optimize.lbfgs_decisions import ARMIJO, CURVATURE, Decisions, SearchState, decide
+from nablahog.optimize.lbfgs_decisions import Decisions, SearchState, decide
 from nablahog.optimize.lbfgs_vectors import NativeVectors, Vectors
+
+ARMIJO, CURVATURE = 1e-4, 0.9  # Nocedal & Wright, p. 62
 
 
 def problem(function: Callable[[Tensor], Tensor]) -> ObjectiveFunction:

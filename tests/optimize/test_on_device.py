@@ -57,11 +57,7 @@ def starts(batch: int, n: int) -> Tensor:
 def problems() -> dict[str, tuple[Any, Tensor]]:
     not_finite = 1.3 + starts(5, 3).abs()
     not_finite[4] = 0.5
-    return {
-        "mixed": mixed(),
-        "rosenbrocks": (many_rosenbrocks, starts(12, 2)),
-        "walls": (walls, not_finite),
-    }
+    return {"mixed": mixed(), "rosenbrocks": (many_rosenbrocks, starts(12, 2)), "walls": (walls, not_finite)}
 
 
 PROBLEMS = tuple(problems())

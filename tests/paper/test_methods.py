@@ -13,16 +13,7 @@ from nablahog import hog
 from nablahog.invert.learned import default_prior_file
 from nablahog.paper.learned import SPEC, load, shipped_files
 from nablahog.paper.methods import METHODS, Method, Table1Settings, choose
-from nablahog.paper.names import (
-    BASELINES,
-    DIALECTS,
-    LEARNED_DIALECTS,
-    LIBRARIES,
-    PRIORS,
-    PUBLISHED,
-    TABLE1,
-    TABLE2,
-)
+from nablahog.paper.names import BASELINES, DIALECTS, LEARNED_DIALECTS, LIBRARIES, PRIORS, PUBLISHED, TABLE1, TABLE2
 from nablahog.paper.pose_methods import POSE_METHODS
 
 from .common import image, photographs, write_prior

@@ -92,7 +92,7 @@ def test_files(tmp_path: Path, calls: list[str]) -> None:
     first = rows[3]
     assert float(first["azimuth"]) == table.figures["paper"]["0"]["azimuth"]  # to the last bit
     assert [first[name] for name in ("true_azimuth", "true_theta", "elevation", "model", "found_model")] == [
-        *("0", "1.0", "15.0", "chair-01", "chair-02"),
+        *("0", "1.0", "15.0", "chair-01", "chair-02")
     ]
     turn = Rotation.from_euler("ZXZ", [[0, 105, -8], [-1, 110, 0]], degrees=True)
     expected = np.degrees((turn[0] * turn[1].inv()).magnitude())

@@ -22,10 +22,7 @@ AZIMUTH = 325.0
 def changed(box: Box, left: float, top: float, right: float, bottom: float) -> Box:
     """A box whose sides are moved by shares of its width and height."""
     return Box(
-        box.x0 + left * box.width,
-        box.y0 + top * box.height,
-        box.x1 + right * box.width,
-        box.y1 + bottom * box.height,
+        box.x0 + left * box.width, box.y0 + top * box.height, box.x1 + right * box.width, box.y1 + bottom * box.height
     )
 
 
@@ -38,9 +35,7 @@ def right(estimate: PoseEstimate, box: Box) -> bool:
 
 
 @pytest.mark.parametrize(
-    "moved",
-    [(-0.2, -0.2, 0.2, 0.2), (0.1, -0.1, 0.1, -0.1), (0, 0, 0, -0.3)],
-    ids=["larger", "shifted", "lower"],
+    "moved", [(-0.2, -0.2, 0.2, 0.2), (0.1, -0.1, 0.1, -0.1), (0, 0, 0, -0.3)], ids=["larger", "shifted", "lower"]
 )
 def test_a_rough_box(moved: tuple[float, float, float, float]) -> None:
     image, box = photographed(model(), AZIMUTH, 12, behind="coffee")

@@ -15,13 +15,7 @@ from nablahog.pose.background import default_background
 from nablahog.pose.crop import ObjectCrop, crop_object, downsampled
 from nablahog.pose.options import SimilarityKind
 from nablahog.pose.photograph import ELEMENT, PreparedPhotograph, patch_spec
-from nablahog.pose.similarity import (
-    PatchTemplate,
-    Similarity,
-    describe,
-    downsampled_poses,
-    patch_template,
-)
+from nablahog.pose.similarity import PatchTemplate, Similarity, describe, downsampled_poses, patch_template
 from nablahog.render import Renderer
 
 from .common import columns, model, photographed

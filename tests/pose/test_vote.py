@@ -9,15 +9,7 @@ import torch
 
 from nablahog.pose import estimate_pose
 from nablahog.pose.photograph import PreparedPhotograph
-from nablahog.pose.vote import (
-    Hypothesis,
-    mean_viewpoint,
-    more_starts,
-    runners_up,
-    shares_of_best,
-    vote,
-    with_rival,
-)
+from nablahog.pose.vote import Hypothesis, mean_viewpoint, more_starts, runners_up, shares_of_best, vote, with_rival
 
 from .common import SWIVEL, degrees_between, model, photographed
 

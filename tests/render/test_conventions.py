@@ -13,15 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.render import (
-    Camera,
-    Pascal3D,
-    from_pascal3d,
-    from_pytorch3d,
-    pose,
-    to_pascal3d,
-    to_pytorch3d,
-)
+from nablahog.render import Camera, Pascal3D, from_pascal3d, from_pytorch3d, pose, to_pascal3d, to_pytorch3d
 from nablahog.render.camera import to_camera, to_screen
 
 Floats = NDArray[np.float64]

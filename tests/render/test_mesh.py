@@ -170,11 +170,7 @@ def test_axes(up: str, front: str | None, rows: tuple[tuple[int, ...], ...]) -> 
 
 @pytest.mark.parametrize(
     ("up", "front", "message"),
-    [
-        ("-y", None, "no usual front"),
-        ("w", None, "up must be one of x, y and z"),
-        ("y", "y", "must be two axes"),
-    ],
+    [("-y", None, "no usual front"), ("w", None, "up must be one of x, y and z"), ("y", "y", "must be two axes")],
 )
 def test_axes_that_are_none(up: str, front: str | None, message: str) -> None:
     with pytest.raises(ValueError, match=message):

@@ -23,6 +23,13 @@ from nablahog.viz.pictures import glyphs
 from ..common import CHELSEA
 
 SIZE = (56, 64)
+QUICK = (
+    "paper",
+    "dpm",
+    "skimage",
+    "maskfeat",
+    "opencv-set",
+)  # one of each layout; of all, the layouts are tested alone
 OPTIONS: dict[str, tuple[list[str], HOGSpec]] = {
     **{name: (["--preset", name], make_spec(name, {})) for name in PRESETS},
     "opencv-set": (
@@ -40,7 +47,9 @@ def square(tmp_path: Path) -> str:
     return str(tmp_path / "in" / "photo.png")
 
 
-@pytest.mark.parametrize("name", OPTIONS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.slow]) for name in OPTIONS]
+)
 def test_there_and_back(tmp_path: Path, square: str, name: str) -> None:
     options, spec = OPTIONS[name]
     stored, array, out = tmp_path / "d.npz", tmp_path / "d.npy", tmp_path / "out"

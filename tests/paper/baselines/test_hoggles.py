@@ -95,8 +95,7 @@ def _reference(pair: PairedDictionary, descriptor: NDArray[Any], size: tuple[int
 
 
 @pytest.mark.parametrize(
-    ("spec", "size"),
-    [(SPEC, (24, 32)), (presets.uoctti((4, 6)), (27, 28)), (presets.paper(4), (31, 25))],
+    ("spec", "size"), [(SPEC, (24, 32)), (presets.uoctti((4, 6)), (27, 28)), (presets.paper(4), (31, 25))]
 )
 def test_the_published_rule(spec: HOGSpec, size: tuple[int, int]) -> None:
     pair = learn_hoggles(_images(), spec, atoms=25, fast=True, sparsity=0.05)
