@@ -7,16 +7,12 @@ import math
 import numpy as np
 import pytest
 import torch
-from numpy.typing import NDArray
 from skimage import data
 from skimage.metrics import peak_signal_noise_ratio
 
 from nablahog.metrics import (
     cross_correlation,
-    euclidean_distance,
-    mean_distance,
     mutual_information,
-    normalised_error,
     psnr,
     ssim,
 )
@@ -72,7 +68,7 @@ def test_constant_images_correlate_with_nothing(level: float) -> None:
 
 def test_bytes_and_lists() -> None:
     levels = data.camera()[::8, ::8]
-    for measure in (cross_correlation, mutual_information, ssim, psnr, euclidean_distance):
+    for measure in (cross_correlation, mutual_information, ssim, psnr):
         expected = measure(levels / 255.0, 1 - levels / 255.0)
         assert measure(levels, 255 - levels) == pytest.approx(expected)
         assert measure(torch.from_numpy(levels), (1 - levels / 255.0).tolist()) == pytest.approx(expected)
@@ -90,62 +86,7 @@ def test_psnr_is_that_of_scikit_image(noise: float, random: np.random.Generator)
     assert psnr(CAMERA, other) == psnr(other, CAMERA) == pytest.approx(expected, rel=1e-12)
 
 
-def test_euclidean_distance(random: np.random.Generator) -> None:
-    a, b = random.random((2, 3, 5))
-    squares = [(a[i, j] - b[i, j]) ** 2 for i, j in np.ndindex(a.shape)]
-    assert euclidean_distance(a, b) == pytest.approx(math.sqrt(sum(squares)))
-    assert euclidean_distance(a, a) == 0
-    assert psnr(a, b) == pytest.approx(-20 * math.log10(euclidean_distance(a, b) / math.sqrt(a.size)))
-
-
-@pytest.mark.parametrize("count", [2, 3, 7])
-def test_the_mean_distance_is_over_all_pairs(count: int, random: np.random.Generator) -> None:
-    images = random.random((count, 6, 5))
-    total = 0.0
-    for i in range(count):
-        for j in range(count):
-            total += math.sqrt(float(((images[i] - images[j]) ** 2).sum()))
-    assert mean_distance(images) == pytest.approx(total / (count * (count - 1)), rel=1e-12)
-    assert mean_distance(reversed(images)) == pytest.approx(mean_distance(images), rel=1e-12)
-
-
-def test_sets_without_a_mean_distance() -> None:
-    assert math.isnan(mean_distance([]))
-    assert math.isnan(mean_distance([CAMERA]))
-    assert math.isnan(mean_distance([CAMERA, CAMERA, CAMERA[:-1]]))
-    assert math.isnan(mean_distance([CAMERA[:8, :16], CAMERA[:16, :8]]))  # as many pixels
-    assert mean_distance([CAMERA, CAMERA]) == 0
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        (np.zeros((1, 8, 8)), r"expected an image \(H, W\), got \(1, 8, 8\)"),
-        (np.zeros((0, 8)), r"got \(0, 8\)"),
-        (np.full((8, 8), 2.0), "images in 0…1, got values in 2 … 2"),
-        (np.full((8, 8), np.nan), "nan"),
-    ],
-)
-def test_the_mean_distance_of_wrong_images(wrong: NDArray[np.float64], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        mean_distance([np.zeros((8, 8)), wrong])
-
-
-def test_the_normalised_error(random: np.random.Generator) -> None:
-    images = random.random((4, 6, 5))
-    n = mean_distance(images)
-    assert normalised_error(images[0], images[1], n) == euclidean_distance(images[0], images[1]) / n
-    assert normalised_error(images[0], images[0], n) == 0
-    # an answer that is another photograph of the set has an error of 1 in the mean
-    errors = [normalised_error(a, b, n) for i, a in enumerate(images) for j, b in enumerate(images) if i != j]
-    assert np.mean(errors) == pytest.approx(1)
-    # it does not depend on the scale of gray values
-    assert normalised_error(images[0] / 2, images[1] / 2, mean_distance(images / 2)) == pytest.approx(
-        normalised_error(images[0], images[1], n)
-    )
-
-
-@pytest.mark.parametrize("measure", [cross_correlation, mutual_information, ssim, psnr, euclidean_distance])
+@pytest.mark.parametrize("measure", [cross_correlation, mutual_information, ssim, psnr])
 def test_wrong_images(measure: object) -> None:
     assert callable(measure)
     with pytest.raises(ValueError, match=r"one shape \(H, W\), got \(8, 8\) and \(8, 9\)"):

@@ -1,8 +1,7 @@
-"""Similarity of two images (CC, MI, SSIM, PSNR, normalised error), and errors of viewpoints.
+"""Similarity of two images (CC, MI, SSIM, PSNR), and errors of viewpoints.
 
 The paper names CC, MI and SSIM but does not define them; the definitions here are ours, and :data:`DEFINITIONS` is
-printed with every table.  PSNR is that of the field, the normalised error that of Dosovitskiy and Brox; the paper has
-neither.  The criteria for azimuths are those of the code published with PASCAL3D+, the error of
+printed with every table.  The criteria for azimuths are those of the code published with PASCAL3D+, the error of
 rotations that of Tulsiani and Malik.
 
 Images are NumPy arrays, tensors on any device, or nested lists, (H, W), in 0…1 or uint8 in 0…255.
@@ -11,7 +10,6 @@ Images are NumPy arrays, tensors on any device, or nested lists, (H, W), in 0…
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from typing import TypeAlias
 
 import numpy as np
@@ -31,9 +29,6 @@ DEFINITIONS = {
     "SSIM": "Mean structural similarity as in scikit-image, data range 1: 7x7 uniform window, sample covariances; none "
     "for images narrower than 7 pixels.",
     "PSNR": "Peak signal-to-noise ratio in dB, −10 log10 of the mean squared error, peak 1; none for equal images.",
-    "normalised error": "‖x − x̂‖ / N, x̂ the pre-image of the photograph x, N the mean Euclidean distance between two "
-    "photographs of the set (Dosovitskiy and Brox, CVPR 2016), so compare it within one set only; none for photographs "
-    "of several sizes.",
     "distance": "‖φ(x) − d‖ / ‖d‖, d the given descriptor and φ(x) that of the pre-image x before it is rounded to 8 "
     "bits.",
 }
@@ -172,85 +167,6 @@ def psnr(a: Image, b: Image) -> float:
     first, second = _pair(a, b)
     error = float(np.square(first - second).mean())
     return 10 * math.log10(1 / error) if error > 0 else math.inf
-
-
-def euclidean_distance(a: Image, b: Image) -> float:
-    """‖a - b‖, the root of the sum of the squared differences of all pixels.
-
-    Args:
-        a, b: (H, W), in 0…1 or uint8.
-
-    Returns:
-        In 0…√(H · W).
-
-    Raises:
-        ValueError: the shapes differ or are not (H, W), or a value is not in 0…1.
-
-    >>> from nablahog.metrics import euclidean_distance
-    >>> euclidean_distance([[0.0, 0.5, 0.5]], [[1.0, 0.5, 0.5]])
-    1.0
-    """
-    first, second = _pair(a, b)
-    return float(np.linalg.norm(first - second))
-
-
-def mean_distance(images: Iterable[Image]) -> float:
-    """N of :func:`normalised_error`: the mean of ‖a - b‖ over all pairs of two images of a set.
-
-    All images are held in memory as float64, and the time grows with the square of their number.
-
-    Args:
-        images: each (H, W), in 0…1 or uint8.
-
-    Returns:
-        At least 0; NaN for fewer than two images, and for images of several sizes.
-
-    Raises:
-        ValueError: an image is not (H, W), or a value is not in 0…1.
-
-    >>> from nablahog.metrics import mean_distance
-    >>> mean_distance([[[0.0, 0.0]], [[1.0, 0.0]], [[0.5, 0.0]]])  # distances of 1, 0.5 and 0.5
-    0.6666666666666666
-    """
-    from scipy.spatial.distance import pdist  # slow to import, and most uses need none of it
-
-    pixels = [_pixels(image) for image in images]
-    if len(pixels) < 2 or len({image.shape for image in pixels}) > 1:
-        return math.nan
-    return float(pdist(np.stack([image.ravel() for image in pixels])).mean())
-
-
-def _pixels(image: Image) -> NDArray[np.float64]:
-    """One image, (H, W) in 0…1."""
-    values = _values(image)
-    if values.ndim != 2 or values.size == 0:
-        raise ValueError(f"expected an image (H, W), got {values.shape}")
-    return _clipped(values)
-
-
-def normalised_error(image: Image, reference: Image, mean_distance: float) -> float:
-    """Normalised reconstruction error ‖reference - image‖ / N: 0 for equal images, about 1 for unrelated ones.
-
-    Args:
-        image: the pre-image, (H, W), in 0…1 or uint8.
-        reference: the photograph, as ``image``.
-        mean_distance: N, that of :func:`mean_distance` of all photographs of the set.
-
-    Returns:
-        At least 0; NaN where N is not above 0, that is where it is NaN or all photographs are equal.
-
-    Raises:
-        ValueError: the shapes differ or are not (H, W), or a value is not in 0…1.
-
-    Source: Dosovitskiy and Brox, Inverting Visual Representations with Convolutional Networks (CVPR 2016).
-
-    >>> from nablahog.metrics import mean_distance, normalised_error
-    >>> photographs = [[[0.0, 0.0]], [[1.0, 0.0]]]
-    >>> normalised_error([[0.75, 0.0]], photographs[1], mean_distance(photographs))
-    0.25
-    """
-    error = euclidean_distance(image, reference)
-    return error / mean_distance if mean_distance > 0 else math.nan
 
 
 def azimuth_error(estimate: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:

@@ -68,27 +68,22 @@ def test_order_and_groups(tmp_path: Path, calls: list[str]) -> None:
     assert by_row["undefined"].statistics["cc"].n == 1
 
 
-def test_psnr_and_normalised_error(tmp_path: Path, calls: list[str]) -> None:
-    """In the files as by definition, the error normalised by all photographs of the run."""
+def test_psnr(tmp_path: Path, calls: list[str]) -> None:
     some = photographs()
     table = made(tmp_path, some, DARK, EXACT)
     write_table1(tmp_path, table)
     images = {name: image.numpy() for name, image in some.images.items()}
-    n = metrics.mean_distance(images.values())
-    assert table.mean_distance == n > 0
 
     rows = {(row["method"], row["image"]): row for row in _rows(tmp_path / "per_image.csv")}
     for name, image in images.items():
         dark = (image - np.float32(0.25)).clip(0, 1)
         assert float(rows["dark", name]["psnr"]) == metrics.psnr(dark, image)
-        assert float(rows["dark", name]["normalised_error"]) == metrics.normalised_error(dark, image, n)
-        assert (rows["exact", name]["psnr"], rows["exact", name]["normalised_error"]) == ("", "0.0")
+        assert rows["exact", name]["psnr"] == ""
 
     summary = {(row["method"], row["metric"]): row for row in _rows(tmp_path / "summary.csv")}
-    for metric in ("psnr", "normalised_error"):
-        values = [float(rows["dark", name][metric]) for name in images]
-        line = summary["dark", metric]
-        assert (float(line["mean"]), line["paper"], line["n"]) == (pytest.approx(np.mean(values)), "", "3")
+    line = summary["dark", "psnr"]
+    mean = np.mean([float(rows["dark", name]["psnr"]) for name in images])
+    assert (float(line["mean"]), line["paper"], line["n"]) == (pytest.approx(mean), "", "3")
     assert (summary["exact", "psnr"]["mean"], summary["exact", "psnr"]["n"]) == ("", "0")
 
 

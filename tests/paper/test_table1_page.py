@@ -97,4 +97,4 @@ def test_terminal(table: Table1) -> None:
     assert rows["dalal-multi-scale"]["SSIM\npaper"] == 0.293
     assert [*rows][-5:] == ["dalal-multi-scale", "  @1/64", "  @1/16", "  @1/4", "  @1/1"]
     (columns,) = {tuple(row) for row in rows.values()}
-    assert {"PSNR", "normalised error"}.isdisjoint(columns)  # of which the page has room
+    assert "PSNR" not in columns  # of which the page has room

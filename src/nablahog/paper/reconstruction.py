@@ -82,7 +82,6 @@ def _figures(output: MethodOutput, reference: NDArray[np.float32]) -> Figures:
         "mi": metrics.mutual_information(*pair),
         "ssim": metrics.ssim(*pair),
         "psnr": metrics.psnr(*pair),
-        "euclidean_distance": metrics.euclidean_distance(*pair),  # normalised in the table, by its photographs
         "distance": output.distance,
     }
     # JSON knows no NaN and no infinity

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .. import metrics
 from .methods import Method, Table1Settings
 from .names import BASELINES, GROUPS, PUBLISHED
 from .photographs import Photographs
 from .reconstruction import ReconstructionJob
 from .tables import Results, Statistics, evenly_spread, run, statistics, write_csv
 
-METRICS = ("cc", "abs_cc", "mi", "ssim", "psnr", "normalised_error", "distance")
+METRICS = ("cc", "abs_cc", "mi", "ssim", "psnr", "distance")
 SHOWN = 6  # images on the page
 
 
@@ -44,12 +43,10 @@ class Table1(Results):
     Attributes:
         methods: that ran.
         photographs: that they ran on.
-        mean_distance: between two photographs, N of the normalised error; NaN where it is not defined.
     """
 
     methods: Sequence[Method]
     photographs: Photographs
-    mean_distance: float
 
     def lines(self) -> list[Line]:
         """The table, group by group: the paper's baselines that did not run, then the methods that did."""
@@ -98,20 +95,7 @@ def run_table1(
     rows = {method.name: method.rows for method in methods}
     shown = evenly_spread(list(photographs.images), SHOWN)
     results = run(folder, jobs, rows, photographs.failed, shown, **options)
-    mean_distance = metrics.mean_distance(photographs.images.values())
-    results = _with_normalised_errors(results, mean_distance)
-    return Table1(**vars(results), methods=methods, photographs=photographs, mean_distance=mean_distance)
-
-
-def _with_normalised_errors(results: Results, mean_distance: float) -> Results:
-    """The results with the figure that depends on the set, and so is not stored with the job of one image."""
-
-    def complete(figures: Mapping[str, Any]) -> Mapping[str, Any]:
-        error = figures["euclidean_distance"] / mean_distance if mean_distance > 0 else None
-        return {**figures, "normalised_error": error}
-
-    figures = {row: {image: complete(of) for image, of in images.items()} for row, images in results.figures.items()}
-    return replace(results, figures=figures)
+    return Table1(**vars(results), methods=methods, photographs=photographs)
 
 
 def write_table1(folder: Path, table: Table1) -> None:

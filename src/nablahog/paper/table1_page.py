@@ -27,10 +27,9 @@ HEADINGS = {
     "mi": "MI",
     "ssim": "SSIM",
     "psnr": "PSNR",
-    "normalised_error": "normalised error",
     "distance": "distance",
 }
-TERMINAL = {metric: name for metric, name in HEADINGS.items() if metric not in ("psnr", "normalised_error")}  # fits 80
+TERMINAL = {metric: name for metric, name in HEADINGS.items() if metric != "psnr"}  # fits 80
 LEVEL_IMAGES = 2  # for each method in the figure of the levels
 
 DEFINITIONS = {
@@ -124,19 +123,11 @@ def page(table: Table1, settings: Table1Settings, origin: str, remarks: Sequence
         " ".join([f"{LEAD} {origin}{how_many_failed(table.failures)}{passed_over}", *remarks]),
         list(_table(table.lines())),
         [failures, _pictures(table), _levels(table)],
-        _definitions(table),
+        DEFINITIONS,
         html.footer(
             "summary.csv and per_image.csv beside this page, the times in times.csv", f", seed {settings.seed}{limit}"
         ),
     )
-
-
-def _definitions(table: Table1) -> dict[str, str]:
-    """:data:`DEFINITIONS`, with N of the run's own photographs."""
-    here = "Not defined for these photographs: it takes at least two that differ, all of one size."
-    if table.mean_distance > 0:
-        here = f"N of these {len(table.photographs.images)} photographs is {table.mean_distance:.3f}."
-    return {**DEFINITIONS, "normalised error": f"{DEFINITIONS['normalised error']} {here}"}
 
 
 def _table(lines: Sequence[Line]) -> Iterator[Mapping[str, object]]:

@@ -64,8 +64,9 @@ class CalibratedTemplate:
         images = images.requires_grad_(True)
         with torch.enable_grad():
             descriptors = describe(images, self.spec)
-        values, grad_descriptors = self.values_and_gradients(descriptors.detach())
-        (grad_images,) = torch.autograd.grad(descriptors, images, grad_descriptors)
+            values, grad_descriptors = self.values_and_gradients(descriptors.detach())
+            product = (descriptors * grad_descriptors).sum()  # of a scalar: else PyTorch imports SymPy, for half a second
+        (grad_images,) = torch.autograd.grad(product, images)
         return values, grad_images
 
     def values(self, descriptors: Tensor) -> Tensor:
