@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from . import engines
-from .advice import advise
 from .checks import check_choice
 from .engines import Backend
-from .inputs import ArrayImage, image_batch, to_array
+from .inputs import ArrayImage, advise, image_batch, to_array
 from .layout import to_layout
 from .presets import as_spec
 from .spec import HOGSpec
