@@ -13,7 +13,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from ..hog.engines import steps
+from ..hog.descriptor import steps
 from ..hog.entries import CellAlignment, cell_entries, mean_over_colours, of_nearest_cells
 from ..hog.orientation import bin_angles
 from ..hog.spec import HOGSpec

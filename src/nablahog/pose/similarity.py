@@ -20,7 +20,7 @@ from torch import Tensor
 
 from ..hog import hog
 from ..hog.box import Box
-from ..hog.engines import steps
+from ..hog.descriptor import steps
 from ..hog.spec import HOGSpec
 from ..render import Camera, Renderer
 from ..render.pose_gradient import pose_vjp
