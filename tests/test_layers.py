@@ -112,7 +112,7 @@ def test_there_is_no_circle_inside_a_room() -> None:
 
 @pytest.mark.parametrize(("inner", "entrance"), [("hog/kernels", ""), ("hog/triton", ""), ("cli/commands", "")])
 def test_inner_rooms_belong_to_one_room(inner: str, entrance: str) -> None:
-    """Native loops and kernels are called through ``hog.engines``, and commands are run by name."""
+    """Native loops and kernels are called through ``hog.descriptor``, and commands are run by name."""
     wrong = [
         f"src/nablahog/{source}:{line} imports {target}: only {room(target)}/ may, other rooms {entrance or 'never'}"
         for source, line, target in ARROWS

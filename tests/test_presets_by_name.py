@@ -42,7 +42,6 @@ CALLS: dict[str, Callable[[Any, Path], object]] = {
     "stream": lambda spec, _: [strip.descriptor for strip in nablahog.stream(IMAGE.numpy(), spec)],
     "to_layout": lambda spec, _: nablahog.to_layout(DESCRIPTOR, spec),
     "from_layout": lambda spec, _: nablahog.from_layout(DESCRIPTOR, spec, (64, 48)),
-    "convert_channels": lambda spec, _: nablahog.convert_channels(DESCRIPTOR, spec, spec),
     "glyphs": lambda spec, _: nablahog.glyphs(DESCRIPTOR, spec),
     "save_descriptor": _saved,
     "reconstruct": lambda spec, _: nablahog.reconstruct(DESCRIPTOR, spec, search=FEW).image,

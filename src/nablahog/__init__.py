@@ -6,7 +6,7 @@ Invert descriptors   ``reconstruct``, ``reconstruct_multiscale``, ``Reconstructi
 Render objects       ``render``, ``Renderer``, ``Mesh``, ``load_mesh``, ``Camera``, ``sample_chairs``
 Find their poses     ``estimate_pose``, ``PoseEstimate``
 Look and measure     ``glyphs``, ``metrics``
-Files and layouts    ``load_descriptor``, ``save_descriptor``, ``convert_channels``, ``to_layout``, ``from_layout``
+Files and layouts    ``load_descriptor``, ``save_descriptor``, ``to_layout``, ``from_layout``
 
 Axes, ranges, angles and boxes: ``docs/conventions.md``.
 """
@@ -17,7 +17,7 @@ from .runtime.lazy import names_when_used
 
 if TYPE_CHECKING:
     from . import compat, metrics
-    from .hog import HOG, HOGSpec, convert_channels, from_layout, hog, presets, stream, to_layout
+    from .hog import HOG, HOGSpec, from_layout, hog, presets, stream, to_layout
     from .invert import (
         LearnedPrior,
         Reconstruction,
@@ -44,7 +44,6 @@ __all__ = [
     "Renderer",
     "__version__",
     "compat",
-    "convert_channels",
     "estimate_pose",
     "from_layout",
     "glyphs",
@@ -67,7 +66,7 @@ __all__ = [
 # each name is looked up in its room when it is first used: PyTorch takes two seconds to load
 names_when_used(
     __name__,
-    hog=("HOG", "HOGSpec", "convert_channels", "from_layout", "hog", "presets", "stream", "to_layout"),
+    hog=("HOG", "HOGSpec", "from_layout", "hog", "presets", "stream", "to_layout"),
     invert=(
         "LearnedPrior",
         "Reconstruction",

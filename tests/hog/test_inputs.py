@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image
 
-from nablahog import HOG, HOGSpec, convert_channels, from_layout, hog, presets, to_layout
+from nablahog import HOG, HOGSpec, from_layout, hog, presets, to_layout
 
 SPEC = presets.uoctti(cell_size=8)
 
@@ -97,13 +97,6 @@ def test_layouts_of_arrays(spec: HOGSpec, batch: int | None) -> None:
     np.testing.assert_array_equal(native, expected if batch else expected[0])
     np.testing.assert_array_equal(from_layout(native, spec, (64, 64)), cells)
     np.testing.assert_array_equal(from_layout(native.reshape(*cells.shape[:-3], -1), spec, (64, 64)), cells)
-
-
-def test_channels_of_arrays() -> None:
-    source, target = presets.dlib(), presets.dpm()
-    descriptor = photograph((4, 4, source.channels))
-    expected = convert_channels(torch.from_numpy(descriptor), source, target).numpy()
-    np.testing.assert_array_equal(convert_channels(descriptor, source, target), expected)
 
 
 def test_lists_are_tuples() -> None:

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from nablahog.hog import presets
-from nablahog.hog.pooling import pooling_matrices
+from nablahog.hog.steps import pooling_matrices
 
 SINGLE, DOUBLE = torch.empty(0), torch.empty(0, dtype=torch.float64)
 

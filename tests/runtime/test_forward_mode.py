@@ -8,7 +8,7 @@ import sys
 PROGRAM = """
 import warnings, torch, nablahog
 from dataclasses import replace
-from nablahog.hog.engines import histograms_jvp
+from nablahog.hog.descriptor import histograms_jvp
 images, spec = torch.rand(1, 1, 16, 16), replace(nablahog.presets.paper(), mask="sobel", border="zero")
 warnings.simplefilter("error")
 histograms_jvp(images, images, spec)

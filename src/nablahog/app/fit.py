@@ -14,7 +14,7 @@ from torch import Tensor
 from ..cli.results.pose_files import pose_figures, warning
 from ..hog import HOGSpec, presets
 from ..hog.box import Box
-from ..hog.engines import describe
+from ..hog.descriptor import describe
 from ..pose import PoseEstimate, estimate_pose
 from ..pose.crop import SIDE, ObjectCrop, checked_box, crop_object
 from ..pose.fit_box import azimuth_sweep, fit_to_box

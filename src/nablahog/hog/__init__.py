@@ -9,7 +9,6 @@ from .poolings import BilinearCells, BlockCells, BoxCells
 from .spec import HOGSpec
 
 if TYPE_CHECKING:
-    from .channels import convert_channels
     from .descriptor import HOG, hog
     from .layout import from_layout, to_layout
     from .steps import histograms_reference, normalize_reference
@@ -27,7 +26,6 @@ __all__ = [
     "GlobalNorm",
     "HOGSpec",
     "WindowNorm",
-    "convert_channels",
     "from_layout",
     "histograms_reference",
     "hog",
@@ -39,7 +37,6 @@ __all__ = [
 
 names_when_used(
     __name__,
-    channels=("convert_channels",),
     descriptor=("HOG", "hog"),
     layout=("from_layout", "to_layout"),
     steps=("histograms_reference", "normalize_reference"),

@@ -24,11 +24,11 @@ def cell_centres(spec: HOGSpec, image_size: tuple[int, int]) -> tuple[NDArray[np
     Raises:
         ValueError: the image has no descriptor.
     """
-    rows, cols = spec.grid(*image_size)
-    y, x = (
-        first + step * np.arange(n, dtype=np.float64) + (side - 1) / 2
-        for n, (first, step, side) in zip((rows, cols), _spacing(spec), strict=True)
-    )
+    centres = []
+    for axis, count in enumerate(spec.grid(*image_size)):
+        first, step, side = _spacing(spec, axis)
+        centres.append(first + step * np.arange(count, dtype=np.float64) + (side - 1) / 2)
+    y, x = centres
     return y, x
 
 
@@ -49,39 +49,22 @@ def pixel_box(spec: HOGSpec, image_size: tuple[int, int], cells: Sequence[float]
     Raises:
         ValueError: the window is empty or not within the descriptor.
     """
+    rows, cols = spec.grid(*image_size)
+    x0, y0, x1, y1 = Box.of(cells)
     spans = []
-    for begins, ends, (first, last) in zip(*_edges(spec, image_size), _sides(cells), strict=True):
-        if not 0 <= first < last <= len(begins):
-            rows, cols = spec.grid(*image_size)
+    for axis, (count, begin, end) in enumerate(((rows, y0, y1), (cols, x0, x1))):
+        if not 0 <= begin < end <= count:
             raise ValueError(f"a window must hold some of the descriptor's {rows} rows and {cols} columns, got {cells}")
-        spans.append((int(begins[int(first)]), int(ends[int(last) - 1])))
-    (y0, y1), (x0, x1) = spans
-    return Box(x0, y0, x1, y1)
+        first, step, side = _spacing(spec, axis)
+        spans.append((first + step * int(begin), min(first + step * (int(end) - 1) + side, image_size[axis])))
+    (top, bottom), (left, right) = spans
+    return Box(left, top, right, bottom)
 
 
-def _sides(box: Sequence[float]) -> tuple[tuple[float, float], tuple[float, float]]:
-    """First and last row, first and last column; the last are excluded."""
-    x0, y0, x1, y1 = Box.of(box)
-    return (y0, y1), (x0, x1)
-
-
-def _spacing(spec: HOGSpec) -> list[tuple[int, int, int]]:
-    """Of rows and of columns: the first pixel of the first, pixels from one to the next, pixels of each."""
-    return [_along(spec, axis) for axis in (0, 1)]
-
-
-def _along(spec: HOGSpec, axis: int) -> tuple[int, int, int]:
+def _spacing(spec: HOGSpec, axis: int) -> tuple[int, int, int]:
+    """Of rows (axis 0) or columns: the first pixel of the first, pixels from one to the next, pixels of each."""
     cell, (step, extent, margin) = spec.cell_size[axis], spec.normalizer.footprint(axis)
     first, following, last = (
         spec.pooling.first_pixel(index, cell, axis) for index in (margin, margin + step, margin + extent - 1)
     )
     return first, following - first, last + cell - first
-
-
-def _edges(spec: HOGSpec, image_size: tuple[int, int]) -> tuple[list[NDArray[np.int64]], list[NDArray[np.int64]]]:
-    """Where each row, and each column, begins and ends, cut by the image."""
-    begins, ends = [], []
-    for n, pixels, (first, step, side) in zip(spec.grid(*image_size), image_size, _spacing(spec), strict=True):
-        begins.append(first + step * np.arange(n))
-        ends.append(np.minimum(begins[-1] + side, pixels))
-    return begins, ends

@@ -1,51 +1,30 @@
-"""The operator ∇HOG: the four steps of Section 2 in a row."""
+"""The operator ∇HOG: the four steps of Section 2 in a row, by native loops on a CPU, Triton on a GPU, or PyTorch."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Literal, TypeAlias, overload
 
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
+from torch.autograd import forward_ad
 
-from . import engines
-from .advice import advise
+from ..runtime.forward_mode import load_forward_mode
+from . import kernels
+from . import triton as gpu
+from .autograd import in_graph
 from .checks import check_choice
-from .engines import Backend
-from .inputs import ArrayImage, image_batch, to_array
+from .inputs import ArrayImage, advise, image_batch, to_array
 from .layout import to_layout
 from .presets import as_spec
 from .spec import HOGSpec
+from .steps import histograms_reference, normalize_reference, spread_nan
 
+Backend: TypeAlias = Literal["auto", "torch", "triton"]
 ResultLayout: TypeAlias = Literal["cells", "native"]
+Step: TypeAlias = Callable[[Tensor, HOGSpec], Tensor]
 HALVES = (torch.float16, torch.bfloat16)
-
-
-def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
-    if not isinstance(images, Tensor):
-        raise TypeError(f"images must be a torch tensor (B, C, H, W), got {type(images).__name__}")
-    if images.dim() != 4 or images.shape[1] < 1:
-        advice = {2: "images[None, None]", 3: "images[None] for one image (C, H, W), images[:, None] for gray ones"}
-        write = f": write {advice[images.dim()]}" if images.dim() in advice else ""
-        raise ValueError(
-            f"images must have shape (B, C, H, W) with at least one channel, got {tuple(images.shape)}{write}"
-        )
-    spec.check_channels(images.shape[1])
-    if images.dtype not in (torch.uint8, torch.float32, torch.float64) and not (
-        images.is_cuda and images.dtype in HALVES
-    ):
-        raise TypeError(f"images must be floats in 0…1, or uint8 in 0…255, got {images.dtype}")
-    if backend != "auto":
-        check_choice("backend", backend, Backend)
-
-
-def histograms(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> Tensor:
-    """Cell histograms before normalisation, Eq. 1-6: images as for :func:`hog` to (B, colours · bins, rows, cols).
-
-    Entries are votes, gradient magnitudes in units of the spec's ``value_range``, 0 or more.
-    """
-    _check(images, spec, backend)
-    return engines.histograms(images, spec, backend=backend)
 
 
 @overload
@@ -113,12 +92,30 @@ def hog(
     return to_array(_hog(batch, spec, layout, backend), single)
 
 
+def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
+    if not isinstance(images, Tensor):
+        raise TypeError(f"images must be a torch tensor (B, C, H, W), got {type(images).__name__}")
+    if images.dim() != 4 or images.shape[1] < 1:
+        advice = {2: "images[None, None]", 3: "images[None] for one image (C, H, W), images[:, None] for gray ones"}
+        write = f": write {advice[images.dim()]}" if images.dim() in advice else ""
+        raise ValueError(
+            f"images must have shape (B, C, H, W) with at least one channel, got {tuple(images.shape)}{write}"
+        )
+    spec.check_channels(images.shape[1])
+    if images.dtype not in (torch.uint8, torch.float32, torch.float64) and not (
+        images.is_cuda and images.dtype in HALVES
+    ):
+        raise TypeError(f"images must be floats in 0…1, or uint8 in 0…255, got {images.dtype}")
+    if backend != "auto":
+        check_choice("backend", backend, Backend)
+
+
 def _hog(images: Tensor, spec: HOGSpec, layout: ResultLayout, backend: Backend) -> Tensor:
     halves = isinstance(images, Tensor) and images.dtype in HALVES
-    values = images.float() if halves and not (images.is_cuda and engines.on_gpu(images, spec, backend)) else images
+    values = images.float() if halves and not (images.is_cuda and _on_gpu(images, spec, backend)) else images
     _check(values, spec, backend)
     advise(values, spec)
-    descriptor = engines.describe(values, spec, backend=backend)
+    descriptor = describe(values, spec, backend=backend)
     if layout != "cells":
         check_choice("layout", layout, ResultLayout)
         descriptor = to_layout(descriptor, spec)
@@ -152,3 +149,76 @@ class HOG(nn.Module):
 
     def extra_repr(self) -> str:
         return repr(self.spec) + ("" if self.layout == "cells" else f", layout={self.layout!r}")
+
+
+def _on_gpu(images: Tensor, spec: HOGSpec, backend: Backend) -> bool:
+    """Whether Triton's kernels are to compute it.  Raises if they were asked for and cannot."""
+    if backend == "triton":
+        gpu.check(images.device, spec)
+    return backend == "triton" or (backend == "auto" and gpu.chosen(images.device, spec))
+
+
+def _on_cpu(images: Tensor, spec: HOGSpec, backend: Backend) -> bool:
+    return backend == "auto" and images.is_cpu and kernels.supports(spec)
+
+
+def histograms(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> Tensor:
+    """Cell histograms before normalisation, Eq. 1-6: images as for :func:`hog` to (B, colours · bins, rows, cols).
+
+    Entries are votes, gradient magnitudes in units of the spec's ``value_range``, 0 or more.  Images are not checked.
+    """
+    native = _on_cpu(images, spec, backend)
+    triton = not native and _on_gpu(images, spec, backend)
+    if (native or (triton and images.is_cuda)) and in_graph(images):
+        from . import operators
+
+        spec.grid(*images.shape[2:])
+        cells: Tensor = operators.cells(images, spec.to_json())
+        return cells.permute(0, 3, 1, 2)
+    if native:
+        return kernels.histograms(images, spec)
+    if triton:
+        from .triton import steps
+
+        return steps.histograms(images, spec)
+    spec.grid(*images.shape[-2:])  # or it is too small; the engines check this with their cached tables
+    return histograms_reference(images, spec)
+
+
+def describe(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> Tensor:
+    """Descriptors (B, rows, cols, channels) of images as :func:`hog` takes them, without its checks and warnings."""
+    if _on_cpu(images, spec, backend) and spec.normalizer.has_loops:
+        if not in_graph(images):
+            return kernels.describe(images, spec)
+        from . import operators
+
+        spec.grid(*images.shape[2:])
+        descriptors: Tensor = operators.describe(images, spec.to_json())
+        return descriptors
+    if images.is_meta:  # a graph, but no values
+        shape = len(images), *spec.grid(*images.shape[-2:]), spec.channels
+        dtype = images.dtype if images.is_floating_point() else torch.get_default_dtype()
+        return images.to(dtype).sum((1, 2, 3)).reshape(-1, 1, 1, 1).expand(shape).contiguous()
+    descriptor = normalize_reference(histograms(images, spec, backend=backend), spec)  # Eq. 7
+    return spread_nan(descriptor, images).permute(0, 2, 3, 1).contiguous()
+
+
+def _norm(of_cells: Tensor, spec: HOGSpec) -> Tensor:
+    return normalize_reference(of_cells, spec) if in_graph(of_cells) else kernels.norm(of_cells, spec)
+
+
+def steps(device: torch.device, spec: HOGSpec) -> tuple[Step, Step]:
+    """The fastest ``histograms`` of images on the device, and ``normalize``, of the dialect."""
+    native = device.type == "cpu" and kernels.supports(spec)
+    norm = _norm if native and spec.normalizer.has_loops else normalize_reference
+    return (histograms if native or gpu.chosen(device, spec) else histograms_reference), norm
+
+
+def histograms_jvp(images: Tensor, tangents: Tensor, spec: HOGSpec) -> Tensor:
+    """Tangents of the cells (B, colours · bins, rows, cols) from those of the images (B, C, H, W)."""
+    if images.is_cpu and kernels.supports(spec):
+        return kernels.histograms_jvp(images, tangents, spec)
+    load_forward_mode()
+    with forward_ad.dual_level():
+        dual = forward_ad.make_dual(images.detach(), tangents)  # type: ignore[no-untyped-call]
+        return forward_ad.unpack_dual(histograms_reference(dual, spec)).tangent  # type: ignore[no-any-return, no-untyped-call]

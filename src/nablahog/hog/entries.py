@@ -6,8 +6,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from .pooling import pooling_matrices
 from .spec import HOGSpec
+from .steps import pooling_matrices
 
 
 def mean_over_colours(planes: Tensor, spec: HOGSpec) -> Tensor:

@@ -1,19 +1,24 @@
-"""NumPy arrays and PIL images where tensors are expected: one rule for their axes (``docs/conventions.md``).
+"""NumPy arrays and PIL images where tensors are expected, and warnings about images that are seldom meant.
 
 Tensors have the axes of PyTorch, images (B, C, H, W).  Arrays have those of the libraries they come from, channels
 last: (H, W), (H, W, C) or (B, H, W, C), where C is 1 or 3.  Descriptors are (B, rows, cols, channels) in both.  An
-array without the axis B gives a result without it.
+array without the axis B gives a result without it (``docs/conventions.md``).
 """
 
 from __future__ import annotations
 
+import math
 import sys
+import warnings
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+from torch.nn import Parameter
+
+from .spec import COLOURS, HOGSpec
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -22,6 +27,10 @@ ArrayImage: TypeAlias = "NDArray[Any] | Image"
 """An image, or a batch of them, that is no tensor."""
 Descriptors = TypeVar("Descriptors", Tensor, NDArray[Any])
 """Descriptors as tensors or arrays: a function that takes one kind returns the same."""
+
+STEP = 8  # every eighth row and column is looked at: values in 0…255 show in any few pixels
+BEYOND = 1.0  # above white; filters overshoot by less
+_CALLER = 5  # frames up: this file's two, the two of the operator, and the line that called it
 
 
 def image_batch(name: str, images: object) -> tuple[Tensor, bool]:
@@ -106,3 +115,42 @@ def _advice(shape: tuple[int, ...]) -> str:
     if len(shape) == 3:
         return "write array[..., None] for a batch of gray images, or pass a tensor (B, C, H, W) of any C"
     return "pass a tensor (B, C, H, W) of any C"
+
+
+def advise(images: Tensor, spec: HOGSpec) -> None:
+    """Warns of images (B, C, H, W) whose range or channels are seldom meant; by Python's default filter once a line.
+
+    Traced and fake tensors have no values, and other devices than the CPU are not waited for.
+    """
+    if torch.compiler.is_compiling() or type(images) not in (Tensor, Parameter):
+        return
+    channels = images.shape[1]
+    if channels == COLOURS + 1:
+        _warn(
+            "images have 4 channels, and each of them is described; of RGBA images drop the last: write images[:, :3] "
+            "for tensors, image.convert('RGB') for PIL"
+        )
+    if channels == COLOURS and spec.colour == "gray" and spec.layout in ("blocks", "block-vector"):
+        _warn(
+            "images have 3 channels, which this spec makes gray (Eq. 1); scikit-image refuses them, or takes the "
+            "channel of largest gradient: write presets.skimage(channel_axis=-1) for that"
+        )
+    if images.is_cpu and images.is_floating_point() and _is_beyond(images):
+        _warn(
+            "images of floats have values far beyond 0…1, where 1 is white: divide those in 0…255 by 255, or pass uint8"
+        )
+
+
+def _is_beyond(images: Tensor) -> bool:
+    try:
+        values = images.detach().numpy()[..., ::STEP, ::STEP]  # a microsecond, where slices of tensors take four
+    except RuntimeError:  # of a transform of torch.func, a dual number, without storage
+        return False
+    if not values.size:
+        return False
+    # images that are not finite have no range; of centred ones half is above 0
+    return 1 + BEYOND < float(np.maximum.reduce(values, axis=None)) < math.inf
+
+
+def _warn(text: str) -> None:
+    warnings.warn(text, UserWarning, stacklevel=_CALLER)

@@ -1,4 +1,4 @@
-"""Shapes and orders in which libraries return descriptors: conversions to and from these."""
+"""Shapes and orders in which libraries return descriptors, and what their channels are."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import NamedTuple
 from torch import Tensor
 
 from .inputs import Descriptors, descriptor_tensor, to_array
+from .orientation import bin_angles
 from .presets import as_spec
 from .spec import COLOURS, HOGSpec
 
@@ -127,3 +128,26 @@ def from_layout(native: Descriptors, spec: HOGSpec | str, image_size: tuple[int,
     return split.permute(0, *(1 + order.index(axis) for axis in range(len(order)))).reshape(
         len(native), rows, cols, spec.channels
     )
+
+
+def channel_names(spec: HOGSpec | str) -> tuple[str, ...]:
+    """What each channel of a descriptor is, for readers, in the order of channels.
+
+    Orientations are directions of gradients in degrees, from +x towards +y, down.
+
+    Args:
+        spec: the dialect, or the name of a preset with its defaults.
+
+    Raises:
+        ValueError: there is no such preset.
+
+    >>> from nablahog.hog.layout import channel_names
+    >>> names = channel_names("uoctti")
+    >>> names[0], names[18], names[27]
+    ('directed: 0°', 'undirected: 0°', 'texture: block up-left')
+    """
+    spec = as_spec(spec)
+    bins = [f"{round(math.degrees(angle) % (360 if spec.signed else 180), 1):g}°" for angle in bin_angles(spec)]
+    names = spec.normalizer.channel_names(bins, bins[: spec.bins // 2 if spec.signed else spec.bins])
+    colours = [""] if spec.colours == 1 else ["red, ", "green, ", "blue, "]
+    return tuple(f"{colour}{name}" for colour in colours for name in names)

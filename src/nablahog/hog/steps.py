@@ -10,8 +10,7 @@ from torch import Tensor
 
 from .gradient import gradient
 from .orientation import votes
-from .pooling import pool
-from .spec import HOGSpec
+from .spec import COLOURS, HOGSpec
 
 
 def _scaled(images: Tensor, spec: HOGSpec) -> Tensor:
@@ -30,6 +29,25 @@ def spread_nan(x: Tensor, images: Tensor) -> Tensor:
     return x * one_or_nan.to(x.dtype).reshape(-1, *(1,) * (x.dim() - 1))
 
 
+def pooling_matrices(spec: HOGSpec, height: int, width: int, like: Tensor) -> tuple[Tensor, Tensor]:
+    """Weights (rows, height) and (cols, width) of pixels in cells along either axis, dtype and device of ``like``."""
+    ring = spec.border == "ignore"
+    by_row, by_col = (
+        spec.pooling.weights(pixels, cells, cell, axis, ring, like)
+        for axis, (pixels, cells, cell) in enumerate(
+            zip((height, width), spec.cells(height, width), spec.cell_size, strict=True)
+        )
+    )
+    return by_row, by_col
+
+
+def pool(votes: Tensor, spec: HOGSpec) -> Tensor:
+    """F^s of Eq. 5-6: votes (B, bins, H, W) to cell histograms (B, bins, rows, cols).  Linear."""
+    height, width = votes.shape[-2:]
+    by_row, by_col = pooling_matrices(spec, height, width, votes)
+    return by_row @ (votes @ by_col.T)
+
+
 def histograms_reference(images: Tensor, spec: HOGSpec) -> Tensor:
     """Eq. 1-6: images (B, C, H, W) to cells (B, colours · bins, rows, cols)."""
     with torch.autocast(images.device.type, enabled=False):  # its half precision would show in every library's parity
@@ -44,3 +62,39 @@ def normalize_reference(histograms: Tensor, spec: HOGSpec) -> Tensor:
     with torch.autocast(histograms.device.type, enabled=False):
         descriptor = spec.normalizer.normalize(each, spec.signed)
     return descriptor.reshape(-1, spec.channels, *descriptor.shape[2:])
+
+
+def separate_colours(images: Tensor, spec: HOGSpec) -> Tensor:
+    """Images (B, C, H, W), or if colours are described separately, (B · colours, 1, H, W).
+
+    There, a pixel that is not finite makes all colours of its image NaN.
+    """
+    if images.dtype == torch.uint8 and torch.get_default_dtype() == torch.float64:
+        images = images.double() / 255
+    if spec.colours == 1:
+        return images
+    return spread_nan(images, images).expand(-1, COLOURS, -1, -1).reshape(-1, 1, *images.shape[2:])
+
+
+def merge_colours(descriptors: Tensor, spec: HOGSpec) -> Tensor:
+    """From (B · colours, rows, cols, channels) to (B, rows, cols, colours · channels)."""
+    if spec.colours == 1:
+        return descriptors
+    return descriptors.reshape(-1, spec.colours, *descriptors.shape[1:]).movedim(1, 3).flatten(3)
+
+
+def split_colours(descriptors: Tensor, spec: HOGSpec) -> Tensor:
+    """The inverse of :func:`merge_colours`, and its vjp."""
+    if spec.colours == 1:
+        return descriptors
+    batch, rows, cols, channels = descriptors.shape
+    each = descriptors.reshape(batch, rows, cols, spec.colours, channels // spec.colours)
+    return each.movedim(3, 1).flatten(0, 1)
+
+
+def separate_colours_vjp(grad_output: Tensor, channels: int, spec: HOGSpec) -> Tensor:
+    """The vjp of :func:`separate_colours`, of images of so many channels."""
+    if spec.colours == 1:
+        return grad_output
+    each = grad_output.reshape(-1, spec.colours, *grad_output.shape[2:])
+    return each if channels == COLOURS else each.sum(dim=1, keepdim=True)

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from . import kernels
-from .engines import steps
+from .descriptor import steps
 from .inputs import is_pil, pil_pixels
 from .presets import as_spec
 from .spec import HOGSpec

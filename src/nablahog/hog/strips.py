@@ -19,7 +19,6 @@ from typing import NamedTuple
 import torch
 
 from .kernels import supports
-from .poolings import Spacing
 from .spec import HOGSpec
 from .tables import pooling_axes
 
@@ -77,25 +76,21 @@ class Strips:
 
     def __init__(self, spec: HOGSpec, height: int, width: int, dtype: torch.dtype) -> None:
         self.total = spec.grid(height, width)[0]
-        self._spec, self._height, self._cells = spec, height, spec.cells(height, width)[0]
+        self._height, self._cells = height, spec.cells(height, width)[0]
         self._footprint = spec.normalizer.footprint(0)
         self._reach = spec.normalizer.reach() or 0  # or what needs the whole image is computed before
-        self._step, self._at_once = _spacing(spec, 0)
-        self._before: int
-        self._after: int
-        self._before, self._after = _reach(spec, 0)
+        pooling, (down, across) = spec.pooling, spec.cell_size
+        self._step, self._at_once = pooling.spacing(down, 0)
+        self._before, self._after = pooling.reach(down, 0)
         # wide enough for some pixel to vote into as many columns as one ever does
-        self._bands: _Bands = _bands(spec, min(width, 2 * _reach(spec, 1)[1] + _spacing(spec, 1).step), dtype)
-        self._unit = math.lcm(self._bands.period, spec.pooling.tile)
+        wide = 2 * pooling.reach(across, 1)[1] + pooling.spacing(across, 1).step
+        self._bands: _Bands = _bands(spec, min(width, wide), dtype)
+        self._below = self._bands.longest + self._after + 1  # the last row that votes: a band, a row for its gradient
+        self._unit = math.lcm(self._bands.period, pooling.tile)
         self.apart = self._footprint.step // self._at_once * self._step
         cells = self._footprint.extent + 2 * max(self._reach, 1)
         most = cells * self._step + self._before + self._after + self._unit
         self.margin = most + self._bands.settled + self._below
-
-    @property
-    def _below(self) -> int:
-        """Rows of pixels to spare below the last that votes: a band, and one row for its gradient."""
-        return self._bands.longest + self._after + 1
 
     def of(self, rows: int) -> Iterator[Strip]:
         """All strips from the top, of about ``rows`` rows, at least 1; rounded so that most crops are of one size."""
@@ -106,14 +101,11 @@ class Strips:
     def _strip(self, rows: Span) -> Strip:
         cells, before = self._needed(rows)
         steps = Span(cells.start // self._at_once, -(-cells.stop // self._at_once))
-        start = self._aligned(steps.start * self._step - self._before - self._bands.settled)
+        start = max(steps.start * self._step - self._before - self._bands.settled, 0) // self._unit * self._unit
         stop = (steps.stop - 1) * self._step + self._after + self._below
         stop = min(-(-stop // self._step) * self._step, self._height)
         first = start // self._step * self._at_once
         return Strip(rows, Span(start, stop), Span(cells.start - first, cells.stop - first), before)
-
-    def _aligned(self, row: int) -> int:
-        return max(row, 0) // self._unit * self._unit
 
     def _needed(self, rows: Span) -> tuple[Span, int]:
         """The rows of cells that rows of the descriptor depend on, and how many of its rows precede these there."""
@@ -124,20 +116,11 @@ class Strips:
         return Span((rows.start - before) * step, min(stop, self._cells)), before
 
 
-def _spacing(spec: HOGSpec, axis: int) -> Spacing:
-    """Pixels after which weights repeat, except a window's, and the cells in these."""
-    return spec.pooling.spacing(spec.cell_size[axis], axis)
-
-
-def _reach(spec: HOGSpec, axis: int) -> tuple[int, int]:
-    """The pixels that vote into a cell or block: so many before its first, to so many after it."""
-    return spec.pooling.reach(spec.cell_size[axis], axis)
-
-
 @lru_cache(maxsize=64)
 def _bands(spec: HOGSpec, width: int, dtype: torch.dtype) -> _Bands:
     """The bands of tall images that are at least so wide."""
-    step, reach = _spacing(spec, 0).step, _reach(spec, 0)[1]
+    cell = spec.cell_size[0]
+    step, reach = spec.pooling.spacing(cell, 0).step, spec.pooling.reach(cell, 0)[1]
     if not supports(spec):
         return _Bands(step, 1, 1)  # plain steps have no bands
     height = _STEPS * step + 16 * reach

@@ -11,8 +11,8 @@ import torch
 from . import library_angles
 from .gradient import GRAY_WEIGHTS
 from .orientation import beginnings, hard_directions, vote_rule
-from .pooling import pooling_matrices
 from .spec import HOGSpec
+from .steps import pooling_matrices
 
 
 def channel_weights(spec: HOGSpec, channels: int) -> tuple[bool, tuple[float, ...]]:

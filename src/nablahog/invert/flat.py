@@ -18,8 +18,8 @@ from torch import Tensor
 
 from .. import native
 from ..hog.entries import cell_entries, covered_cells, of_nearest_cells
-from ..hog.pooling import pooling_matrices
 from ..hog.spec import HOGSpec
+from ..hog.steps import pooling_matrices
 
 _INTEGERS, _REALS = native.array(np.int64), native.array(np.float32, np.float64)
 _level = native.function(

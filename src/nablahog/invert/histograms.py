@@ -13,12 +13,11 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from ..hog.colours import split_colours
-from ..hog.engines import steps
+from ..hog.descriptor import steps
 from ..hog.entries import CellAlignment, cell_entries, mean_over_colours, of_nearest_cells
 from ..hog.orientation import bin_angles
-from ..hog.pooling import pooling_matrices
 from ..hog.spec import HOGSpec
+from ..hog.steps import pooling_matrices, split_colours
 from ..optimize import lbfgs
 from .cosine import CosineBasis
 from .objective import squared_norm

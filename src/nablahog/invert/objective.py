@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from ..hog.descriptor import histograms
-from ..hog.engines import steps
+from ..hog.descriptor import histograms, steps
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
 from ..runtime.memory import memory_for

@@ -18,8 +18,7 @@ from torch.autograd.function import once_differentiable
 from torch.nn.functional import avg_pool2d
 
 from .. import native
-from ..hog.descriptor import histograms
-from ..hog.engines import steps
+from ..hog.descriptor import histograms, steps
 from ..hog.orientation import magnitude, vanishing
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference

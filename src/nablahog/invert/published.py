@@ -16,7 +16,7 @@ from functools import partial
 import torch
 from torch import Tensor
 
-from ..hog.engines import histograms_jvp, steps
+from ..hog.descriptor import histograms_jvp, steps
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
 from ..optimize import History, StopReason, dogleg

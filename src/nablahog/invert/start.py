@@ -19,8 +19,8 @@ from torch.nn.functional import interpolate, pad
 from ..hog.descriptor import histograms
 from ..hog.entries import mean_over_colours
 from ..hog.orientation import bin_angles
-from ..hog.pooling import pooling_matrices
 from ..hog.spec import HOGSpec
+from ..hog.steps import pooling_matrices
 from .cosine import from_cosines, to_cosines
 from .histograms import of_one_colour
 from .signs import expected_cells

@@ -12,7 +12,7 @@ import numpy as np
 from torch import Tensor
 
 from ..hog import HOGSpec
-from ..hog.engines import describe
+from ..hog.descriptor import describe
 from ..io.descriptor_dataset import Row, shard_key, write_shard
 from ..io.descriptor_file import StoredDescriptor
 from ..io.images import limit_size, read_image

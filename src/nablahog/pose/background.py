@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..hog.engines import steps
+from ..hog.descriptor import steps
 from ..hog.gradient import gray
 from ..hog.presets import as_spec, aubry
 from ..hog.spec import HOGSpec

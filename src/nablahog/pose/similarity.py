@@ -20,7 +20,7 @@ from torch import Tensor
 
 from ..hog import hog
 from ..hog.box import Box
-from ..hog.engines import steps
+from ..hog.descriptor import steps
 from ..hog.spec import HOGSpec
 from ..render import Camera, Renderer
 from ..render.pose_gradient import pose_vjp
@@ -65,7 +65,9 @@ class CalibratedTemplate:
         with torch.enable_grad():
             descriptors = describe(images, self.spec)
             values, grad_descriptors = self.values_and_gradients(descriptors.detach())
-            product = (descriptors * grad_descriptors).sum()  # of a scalar: else PyTorch imports SymPy, for half a second
+            product = (
+                descriptors * grad_descriptors
+            ).sum()  # of a scalar: else PyTorch imports SymPy, for half a second
         (grad_images,) = torch.autograd.grad(product, images)
         return values, grad_images
 

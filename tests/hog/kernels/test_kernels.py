@@ -14,8 +14,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.hog import BlockCells, BlockNorm, FourBlockNorm, HOGSpec, hog, presets
-from nablahog.hog.descriptor import Backend
-from nablahog.hog.engines import steps
+from nablahog.hog.descriptor import Backend, steps
 from nablahog.hog.kernels import supports
 from nablahog.hog.steps import histograms_reference, normalize_reference
 

@@ -40,7 +40,7 @@ def test_every_vote_rule_has_a_function() -> None:
 def test_auto_takes_triton_on_a_gpu(forgetful: None, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "get_device_capability", lambda _: (8, 0))
-    of_hog = importlib.import_module("nablahog.hog.engines")
+    of_hog = importlib.import_module("nablahog.hog.descriptor")
     assert of_hog.steps(CUDA, presets.paper()) == (of_hog.histograms, normalize_reference)
     assert not kernels.chosen(torch.device("cpu"), presets.paper())
 
@@ -55,7 +55,7 @@ def test_without_it_the_plain_steps_compute_and_say_so_once(
     monkeypatch.setattr(torch.cuda, "get_device_capability", lambda _: (6, 1))
     if "installed" in reason:
         monkeypatch.setattr(kernels, "find_spec", lambda _: None)
-    of_hog = importlib.import_module("nablahog.hog.engines")
+    of_hog = importlib.import_module("nablahog.hog.descriptor")
     for _ in range(2):
         assert of_hog.steps(CUDA, presets.paper()) == (histograms_reference, normalize_reference)
     (said,) = [str(each.message) for each in recwarn]

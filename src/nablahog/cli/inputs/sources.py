@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from ...hog import HOGSpec
-from ...hog.engines import describe
+from ...hog.descriptor import describe
 from ...hog.gradient import gray
 from ...io.arrays import is_raw
 from ...io.descriptor_file import StoredDescriptor, is_descriptor_file, load_descriptor

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ...hog import HOGSpec, library_angles
 from ...hog.layout import to_layout
-from ...hog.pooling import pool
 from ...hog.poolings import BlockCells
+from ...hog.steps import pool
 from .padded import Padded
 
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ...hog import BlockNorm, HOGSpec
 from ...hog.library_angles import opencv_table
-from ...hog.pooling import pooling_matrices
 from ...hog.poolings import BlockCells
+from ...hog.steps import pooling_matrices
 from .arguments import Size
 
 _INTEGERS = (

@@ -15,9 +15,9 @@ from torch import Tensor
 
 from ... import native
 from ..autograd import Step, apply, cells_reference, describe_reference, norm_reference
-from ..colours import merge_colours, separate_colours, separate_colours_vjp, split_colours
 from ..orientation import vote_rule
 from ..spec import HOGSpec
+from ..steps import merge_colours, separate_colours, separate_colours_vjp, split_colours
 from . import loops
 from .plan import VOTES
 

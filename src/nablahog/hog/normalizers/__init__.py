@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from .base import Footprint, Normalizer, PerCell
+from .base import Footprint, Normalizer
 from .block import BlockForm, BlockNorm
-from .cell import CellNorm
 from .four_block import PARTS, FourBlockNorm, Outside, Part, Texture
-from .global_norm import GlobalForm, GlobalNorm
-from .window import WindowNorm
+from .per_cell import CellNorm, GlobalForm, GlobalNorm, PerCell, WindowNorm
 
 NORMALIZERS: dict[str, type[Normalizer]] = {
     each.kind: each for each in (GlobalNorm, FourBlockNorm, BlockNorm, CellNorm, WindowNorm)

@@ -154,26 +154,6 @@ class Normalizer(ABC):
         return self.cell_entries(channels, bins, signed)
 
 
-class PerCell(Normalizer):
-    """A normaliser that makes of each cell's histogram a vector of as many numbers, one for each bin."""
-
-    def channels(self, bins: int, signed: bool) -> int:
-        """As many as bins."""
-        return bins
-
-    def footprint(self, axis: int) -> Footprint:
-        """Each cell."""
-        return Footprint()
-
-    def channel_names(self, bins: list[str], axes: list[str]) -> list[str]:
-        """As bins are."""
-        return bins
-
-    def cell_entries(self, channels: Tensor, bins: int, signed: bool) -> Tensor:
-        """All of it."""
-        return channels
-
-
 def root(values: Tensor) -> Tensor:
     """√ of each value, with derivative 0 at 0."""
     zero = values == 0

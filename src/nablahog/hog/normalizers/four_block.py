@@ -167,10 +167,10 @@ class FourBlockNorm(Normalizer):
         }
         return [name for part in self.parts for name in of_parts[part]]
 
-    def split(self, channels: Tensor, bins: int, signed: bool, dim: int = 1) -> dict[Part, Tensor]:
-        """Channels in a dimension by their parts."""
+    def split(self, channels: Tensor, bins: int, signed: bool) -> dict[Part, Tensor]:
+        """Channels (B, channels, rows, cols) by their parts."""
         lengths = [self.channels_of(part, bins, signed) for part in self.parts]
-        return dict(zip(self.parts, channels.split_with_sizes(lengths, dim=dim), strict=True))
+        return dict(zip(self.parts, channels.split_with_sizes(lengths, dim=1), strict=True))
 
     def cell_entries(self, channels: Tensor, bins: int, signed: bool) -> Tensor:
         """The directed entries, or for want of them each undirected one twice."""

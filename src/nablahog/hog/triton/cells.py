@@ -234,7 +234,7 @@ def cells_kernel(
                 for d in tl.static_range(AT_ONCE):
                     x = first_column + start + d
                     arounds = _around(above, row, below, d, READING)
-                    gx, gy, _ = gradients(arounds, y, x, size, last_wins, READING, REAL)
+                    gx, gy, _winner = gradients(arounds, y, x, size, last_wins, READING, REAL)
                     votes = votes + (_votes(gx, gy, VOTES, VOTING),)
                 above, row, below = row, below, ahead
                 by_row = ()

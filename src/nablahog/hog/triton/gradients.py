@@ -137,42 +137,23 @@ def gradients(arounds, y, x, size, last_wins, READING: tl.constexpr, REAL: tl.co
 
 
 @triton.jit
-def _value_beside(
-    pixels,
-    y,
-    x,
-    size,
-    strides,
-    down: tl.constexpr,
-    right: tl.constexpr,
-    channel: tl.constexpr,
-    READING: tl.constexpr,
-    REAL: tl.constexpr,
-):
-    """Values of neighbours of the pixels."""
-    y, x = neighbour(y + down, size[0], READING), neighbour(x + right, size[1], READING)
-    return value(places(pixels, y, x, strides, READING), strides, channel, READING, REAL)
-
-
-@triton.jit
 def around(pixels, y, x, size, strides, READING: tl.constexpr, REAL: tl.constexpr):
     """What :func:`gradients` takes of a tile of pixels; of those beyond the image it is that of the nearest inside."""
     described: tl.constexpr = READING.channels
     y, x = tl.minimum(tl.maximum(y, 0), size[0] - 1), tl.minimum(tl.maximum(x, 0), size[1] - 1)
+    unread = tl.zeros((y + x).shape, REAL)
     arounds = ()
     for k in tl.static_range(described):
-        up = _value_beside(pixels, y, x, size, strides, -1, 0, k, READING, REAL)
-        before = _value_beside(pixels, y, x, size, strides, 0, -1, k, READING, REAL)
-        after = _value_beside(pixels, y, x, size, strides, 0, 1, k, READING, REAL)
-        down = _value_beside(pixels, y, x, size, strides, 1, 0, k, READING, REAL)
-        if READING.sobel:
-            up_before = _value_beside(pixels, y, x, size, strides, -1, -1, k, READING, REAL)
-            up_after = _value_beside(pixels, y, x, size, strides, -1, 1, k, READING, REAL)
-            down_before = _value_beside(pixels, y, x, size, strides, 1, -1, k, READING, REAL)
-            down_after = _value_beside(pixels, y, x, size, strides, 1, 1, k, READING, REAL)
-            arounds = arounds + ((up_before, up, up_after, before, up, after, down_before, down, down_after),)
-        else:
-            arounds = arounds + ((up, up, up, before, up, after, down, down, down),)  # corners do not count
+        values = ()
+        for place in tl.static_range(9):
+            if place % 2 == 1 or (READING.sobel and place != 4):
+                beside_y = neighbour(y + (place // 3 - 1), size[0], READING)
+                beside_x = neighbour(x + (place % 3 - 1), size[1], READING)
+                at = places(pixels, beside_y, beside_x, strides, READING)
+                values = values + (value(at, strides, k, READING, REAL),)
+            else:
+                values = values + (unread,)
+        arounds = arounds + (values,)
     return arounds
 
 

@@ -18,8 +18,8 @@ from torch import Tensor
 from .. import library_angles
 from ..gradient import BORDERS, last_of_equals
 from ..orientation import beginnings, vote_rule
-from ..pooling import pooling_matrices
 from ..spec import HOGSpec
+from ..steps import pooling_matrices
 from ..tables import channel_weights, vote_directions
 
 _MOST_REGISTERS = 160  # of a thread, for sums

@@ -6,9 +6,8 @@ import torch
 from torch import Tensor
 
 from ..autograd import Step, apply, cells_reference, jvp_by_vjp
-from ..colours import merge_colours, split_colours
 from ..spec import HOGSpec
-from ..steps import normalize_reference, spread_nan
+from ..steps import merge_colours, normalize_reference, split_colours, spread_nan
 from . import launch
 
 

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from ...hog.engines import steps
+from ...hog.descriptor import steps
 from ...hog.normalizers import GlobalNorm
 from ...hog.spec import HOGSpec
 

@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from ...hog.engines import steps
+from ...hog.descriptor import steps
 from ...hog.presets import aubry
 from ...io.learned_model import Arrays, Codec, LearnedModel
 from ...pose.elements import all_patches, element_weights, most_discriminative, suppress_overlaps
