@@ -170,10 +170,10 @@ def histograms(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> T
     native = _on_cpu(images, spec, backend)
     triton = not native and _on_gpu(images, spec, backend)
     if (native or (triton and images.is_cuda)) and in_graph(images):
-        from . import operators
+        from .operators import cells as cells_operator  # a graph of PyTorch 2.10 takes no package from an import
 
         spec.grid(*images.shape[2:])
-        cells: Tensor = operators.cells(images, spec.to_json())
+        cells: Tensor = cells_operator(images, spec.to_json())
         return cells.permute(0, 3, 1, 2)
     if native:
         return kernels.histograms(images, spec)
@@ -190,10 +190,10 @@ def describe(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> Ten
     if _on_cpu(images, spec, backend) and spec.normalizer.has_loops:
         if not in_graph(images):
             return kernels.describe(images, spec)
-        from . import operators
+        from .operators import describe as describe_operator
 
         spec.grid(*images.shape[2:])
-        descriptors: Tensor = operators.describe(images, spec.to_json())
+        descriptors: Tensor = describe_operator(images, spec.to_json())
         return descriptors
     if images.is_meta:  # a graph, but no values
         shape = len(images), *spec.grid(*images.shape[-2:]), spec.channels
