@@ -25,7 +25,7 @@ from .test_layers import MAY_IMPORT
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = Path("src", "nablahog")
-LIMIT = 400  # seconds of the tests of a folder; tests that take longer have noticed an endless loop
+LIMIT = 600  # seconds of the tests of a folder; tests that take longer have noticed an endless loop
 OPERATORS: dict[type, type] = {
     **{ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Mult},
     **{ast.Pow: ast.Mult, ast.Mod: ast.FloorDiv, ast.And: ast.Or, ast.Or: ast.And, ast.BitAnd: ast.BitOr},

@@ -8,7 +8,7 @@ import itertools
 import pytest
 import torch
 from torch import Tensor
-from torch.autograd import gradgradcheck
+from torch.autograd import gradcheck, gradgradcheck
 from torch.testing import assert_close
 
 from nablahog.hog import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm, hog, presets
@@ -46,6 +46,14 @@ def test_derivatives_of_another_angle_or_bin(name: str) -> None:
     assert_close(result, exact, rtol=0, atol=tolerance * exact.abs().max().item())
     if s.vote == "hard":
         assert torch.equal(histograms(x, s), histograms(x, dataclasses.replace(s, derivative="own")))
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_gradcheck(name: str) -> None:
+    """PyTorch's own check, which takes each column of the Jacobian in a call of its own."""
+    s = SMALL[name]
+    x = noise(1, 1, *s.image_size(1, 2), seed=2).requires_grad_()
+    assert gradcheck(lambda z: hog(z, s), (x,), atol=1e-6, rtol=1e-6, check_forward_ad=True)
 
 
 @pytest.mark.parametrize("name", SMALL)

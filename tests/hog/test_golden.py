@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 
 import pytest
@@ -66,3 +67,22 @@ def test_exact_linear_votes_are_as_near_as_the_stored_arccosine_allows(case: Cas
     for image in (case.image, case.image.double() / 255):
         descriptor = hog(image, spec).float()
         assert_close(descriptor, expected, rtol=0, atol=1e-4 if vote == "linear" else TOLERANCE)
+
+
+@vlfeat_cases
+def test_aubrys_channels_are_vlfeats_undirected_ones_but_for_epsilon(case: Case) -> None:
+    p, n = case.parameters, case.parameters["numOrientations"]
+    vote = "linear" if p["bilinearOrientations"] else "hard"
+    nine = presets.aubry(p["cellSize"], vote=vote, orientations=n)
+    normalizer = dataclasses.replace(nine.normalizer, epsilon=1e-4)
+    descriptor = hog(case.image, dataclasses.replace(nine, value_range=255.0, normalizer=normalizer))
+    expected = torch.from_numpy(case.output[2 * n : 3 * n]).permute(1, 2, 0).unsqueeze(0)
+    assert_close(descriptor, expected, rtol=0, atol=1e-4 if vote == "linear" else TOLERANCE)
+
+
+@pytest.mark.parametrize("case", cases("voc_dpm"), ids=str)
+def test_seeing_3d_channels_are_dpms_undirected_ones_but_for_epsilon(case: Case) -> None:
+    nine = presets.seeing3d(case.parameters["sbin"])
+    normalizer = dataclasses.replace(nine.normalizer, epsilon=1e-4)
+    descriptor = hog(case.image, dataclasses.replace(nine, value_range=255.0, normalizer=normalizer))
+    assert_close(descriptor[0], torch.from_numpy(case.output[..., 18:27]), rtol=0, atol=TOLERANCE)

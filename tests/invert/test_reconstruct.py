@@ -192,6 +192,13 @@ def test_of_an_unsigned_image_and_its_negative_the_likelier_is_returned() -> Non
         assert (correlation(*results) < 0) == (name == "signed-global")
 
 
+def test_the_descriptor_carries_no_gradient_and_is_not_changed() -> None:
+    descriptor = hog(photograph(32), UOCTTI).requires_grad_()
+    before = descriptor.detach().clone()
+    assert not reconstruct(descriptor, UOCTTI, search=Search(max_evaluations=5)).image.requires_grad
+    assert torch.equal(descriptor, before)
+
+
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
 def test_cpu_and_cuda_start_alike() -> None:
     descriptor, few = hog(photograph(64), UOCTTI).double(), Search(max_evaluations=15)

@@ -13,8 +13,12 @@ from torch.testing import assert_close
 
 from nablahog.hog.box import Box
 from nablahog.pose import PoseEstimate
-from nablahog.render import Camera, Mesh, load_mesh
+from nablahog.pose.crop import crop_object
+from nablahog.render import Camera, Mesh, load_mesh, pose, render
 from nablahog.render.camera import to_camera, to_screen
+from nablahog.render.rigid import moved_before, pose_matrix
+
+from .common import model
 
 CAMERA = Camera(250.0, 120, 160)
 TETRAHEDRON = np.array([[10.0, 20, 30], [310, 20, 30], [10, 420, 30], [10, 20, 1230]])  # millimetres
@@ -98,3 +102,26 @@ def test_opengls_frame_is_opencvs_turned_about_x(mesh: Mesh) -> None:
 def test_the_intrinsics_are_those_of_the_camera(mesh: Mesh) -> None:
     assert estimate(mesh, (75, 61)).intrinsics.tolist() == [[250, 0, 75], [0, 250, 61], [0, 0, 1]]
     assert estimate(mesh).intrinsics.tolist() == [[250, 0, 80 + 31], [0, 250, 60 - 22.5], [0, 0, 1]]
+
+
+def test_the_crop_of_a_known_camera_shows_the_object_as_it_is_rendered() -> None:
+    """An object 23° beside the optical axis of a wide lens, by a rigid motion; its crop's pose is drawn straight."""
+    matrix = pose_matrix(pose(35, 18, 2.6, 3)[0])
+    matrix[:3, 3] += matrix.new_tensor([1.1, -0.35, 0])
+    axis, focal = (325.0, 236.0), 420.0
+    intrinsics = torch.tensor([[focal, 0, axis[0]], [0, focal, axis[1]], [0, 0, 1]], dtype=torch.float64)
+    photograph = render(*moved_before(model(), matrix, intrinsics, 480, 640))[0]
+    rows, cols = (photograph[0] < 1).nonzero().unbind(1)
+    box = Box(float(cols.min()), float(rows.min()), float(cols.max() + 1), float(rows.max() + 1))
+    crop = crop_object(photograph, box, focal=focal, axis=axis)
+    # what the camera sees that is turned to the object's origin
+    turned = crop.view.turn @ matrix[:3, :3]
+    place = crop.view.turn @ matrix[:3, 3]
+    seen = torch.eye(4, dtype=torch.float64)
+    seen[:3, :3], seen[:3, 3] = turned, place
+    of_crop = torch.tensor([[crop.camera.focal, 0, 64], [0, crop.camera.focal, 64], [0, 0, 1]], dtype=torch.float64)
+    expected = render(*moved_before(model(), seen, of_crop, 128, 128))[0]
+    assert float((crop.image[0] - expected).abs().mean()) < 0.012
+    assert max(crop.size) == pytest.approx(112)
+    plain = crop_object(photograph, box, focal=focal)
+    assert float((plain.image[0] - expected).abs().mean()) > 0.03

@@ -116,7 +116,7 @@ template <class T>
   return Dual<Vec<N>>{load_first<N>(from.value, count), load_first<N>(from.tangent, count)};
 }
 
-// Stores the first `count` numbers, or all if there are not so many
+// Stores the first `count` numbers of a vector, all if `count` is larger; nothing beyond them is written.
 template <class T>
 [[gnu::always_inline]] inline void store_first(T* to, Vec<T> x, int64_t count) {
   if (count >= lanes<T>) return store(to, x);

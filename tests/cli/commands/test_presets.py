@@ -23,13 +23,8 @@ from nablahog.viz.pictures import glyphs
 from ..common import CHELSEA
 
 SIZE = (56, 64)
-QUICK = (
-    "paper",
-    "dpm",
-    "skimage",
-    "maskfeat",
-    "opencv-set",
-)  # one of each layout; of all, the layouts are tested alone
+QUICK = ("paper", "dpm", "skimage", "maskfeat", "opencv-set")
+"""One of each layout; the others are slow tests."""
 OPTIONS: dict[str, tuple[list[str], HOGSpec]] = {
     **{name: (["--preset", name], make_spec(name, {})) for name in PRESETS},
     "opencv-set": (
