@@ -1,10 +1,12 @@
 """Breaks the package one line at a time, and lists the lines whose breaking no test notices: ``make mutants``.
 
-    python -m tests.mutants [--count 200] [--seed 0] [--under hog pose/crop.py] [--dependants] [--out out/mutants.tsv]
+    python -m tests.mutants [--count 200] [--seed 0] [--under hog pose/crop.py] [--out out/mutants.tsv]
 
 Operators, comparisons, signs, numbers and returned values are changed in a copy of this checkout.  For each change run
-the tests of the room that it is in, those that name the file first, and with ``--dependants`` those of the rooms above
-it.  Results are added to a file; the same command goes on where it was stopped, by Ctrl-C or else.
+the tests that execute the line, as coverage.py has recorded it in one run of the whole suite, the quickest first; for a
+line that runs when its module is imported, those that enter any function of the file.  Tests that start processes of
+their own are run last, with those of the same folder.  The record and the results are files; the same command goes on
+where it was stopped, by Ctrl-C or else.
 """
 
 from __future__ import annotations
@@ -17,15 +19,19 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from .test_layers import MAY_IMPORT
+from coverage import CoverageData
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = Path("src", "nablahog")
-LIMIT = 600  # seconds of the tests of a folder; tests that take longer have noticed an endless loop
+LIMIT = 600  # seconds of the tests of a mutant; those that take longer have noticed an endless loop
+QUICK = 2.0  # seconds of a test that is run among the first
+MOST = 400  # tests of a run
+STARTING_PROCESSES = ("cli", "app", "jobs")  # rooms whose lines are executed in processes that coverage.py does not see
 OPERATORS: dict[type, type] = {
     **{ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Mult},
     **{ast.Pow: ast.Mult, ast.Mod: ast.FloorDiv, ast.And: ast.Or, ast.Or: ast.And, ast.BitAnd: ast.BitOr},
@@ -119,34 +125,66 @@ def drawn(under: list[str], count: int, seed: int) -> list[Mutant]:
     return [random.Random(f"{seed} {line}").choice(lines[line]) for line in order[:count]]
 
 
-def runs(file: Path, dependants: bool) -> Iterator[list[str]]:
-    """Tests to run, the likeliest to fail first: those that name the module, of its room, and of rooms above."""
-    room = file.parts[0].removesuffix(".py")
-    above = [other for other, below in MAY_IMPORT.items() if room in below] if dependants else []
-    tests = [test for test in sorted((ROOT / "tests").rglob("test_*.py")) if room in test.relative_to(ROOT).parts]
-    named = [str(test.relative_to(ROOT)) for test in tests if file.stem.strip("_") in test.read_text()]
-    yield from ([named] if named else [])
-    for each in (f"tests/{name}" for other in (room, *above) for name in (other, f"test_{other}.py")):
-        if (ROOT / each).exists():
-            yield [each, *(f"--ignore={test}" for test in named)]
+class Record:
+    """Which tests execute which lines, and how long they take: of a run of the suite in a copy of the checkout."""
+
+    def __init__(self, folder: Path, tree: Path) -> None:
+        data, report = folder / "coverage", folder / "tests.xml"
+        if not report.exists():
+            wanted = ["--cov=nablahog", "--cov-context=test", "--cov-report=", f"--junitxml={report}"]
+            tested(tree, *wanted, "-n", "2", "--maxfail=20", limit=None, COVERAGE_FILE=str(data))
+        self.seconds: dict[str, float] = {}
+        for case in ElementTree.parse(report).iter("testcase"):
+            if case.find("failure") is None and case.find("error") is None:  # what fails anyhow notices every mutant
+                module = case.get("classname", "").replace(".", "/")
+                self.seconds[f"{module}.py::{case.get('name')}"] = float(case.get("time", 0))
+        self.data = CoverageData(str(data))
+        self.data.read()
+        self.files = {Path(file.rpartition("/src/nablahog/")[2]): file for file in self.data.measured_files()}
+
+    def tests(self, file: Path, line: int) -> list[str]:
+        """Those that execute a line, or else any line of the file after it was imported; the quickest first."""
+        if file not in self.files:
+            return []
+        of_lines = self.data.contexts_by_lineno(self.files[file])
+        contexts = of_lines.get(line, [])
+        if not any(contexts):  # executed by an import alone
+            contexts = [context for each in of_lines.values() for context in each]
+        names = {context.split("|")[0] for context in contexts} & self.seconds.keys()
+        return sorted(names, key=self.seconds.__getitem__)
 
 
-def tested(tree: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+def runs(mutant: Mutant, record: Record) -> Iterator[list[str]]:
+    """Tests to run: those that execute the line, then the folder of the room, whose tests may start processes."""
+    recorded = record.tests(mutant.file, mutant.line)
+    quick = [name for name in recorded if record.seconds[name] < QUICK][:MOST]
+    yield from ([quick] if quick else [])
+    slow = [name for name in recorded if name not in quick][:MOST]
+    yield from ([slow] if slow else [])
+    room = mutant.file.parts[0].removesuffix(".py")
+    folder = next((each for each in (f"tests/{room}", f"tests/test_{room}.py") if (ROOT / each).exists()), None)
+    if folder is not None and (room in STARTING_PROCESSES or not recorded):
+        yield [folder]
+
+
+def tested(tree: Path, *arguments: str, limit: float | None, **variables: str) -> subprocess.CompletedProcess[str]:
     """Runs pytest in a copy of the checkout."""
-    environment = {**os.environ, "PYTHONPATH": f"{tree / 'src'}{os.pathsep}{tree}", "PYTHONDONTWRITEBYTECODE": "1"}
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *arguments]
-    return subprocess.run(command, cwd=tree, env=environment, capture_output=True, text=True, timeout=LIMIT)
+    paths = {"PYTHONPATH": f"{tree / 'src'}{os.pathsep}{tree}", "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments]
+    environment = {**os.environ, **paths, **variables}
+    return subprocess.run(command, cwd=tree, env=environment, capture_output=True, text=True, timeout=limit)
 
 
-def noticed(mutant: Mutant, tree: Path, dependants: bool) -> str:
+def noticed(mutant: Mutant, tree: Path, record: Record) -> str:
     """The first test that fails with the mutant in a copy of the checkout; empty for a survivor."""
     path = tree / PACKAGE / mutant.file
-    source = path.read_bytes()
+    source, names = path.read_bytes(), tree / "tests.txt"
     try:
         path.write_bytes(source[: mutant.start] + mutant.new.encode() + source[mutant.end :])
-        for tests in runs(mutant.file, dependants):
+        for tests in runs(mutant, record):
+            names.write_text("\n".join(tests))
             try:
-                done = tested(tree, *tests)
+                done = tested(tree, "-x", f"@{names}", limit=LIMIT)
             except subprocess.TimeoutExpired:
                 return "too slow"
             if done.returncode not in (0, 5):  # 5: no tests
@@ -162,7 +200,6 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--under", nargs="*", default=[], metavar="ROOM", help="folders or files of src/nablahog")
-    parser.add_argument("--dependants", action="store_true", help="run the tests of rooms above a survivor's, too")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "mutants.tsv")
     options = parser.parse_args()
     options.out.parent.mkdir(parents=True, exist_ok=True)
@@ -172,13 +209,12 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder, options.out.open("a") as file:
         tree = Path(folder, "nablahog")
         shutil.copytree(ROOT, tree, ignore=ignored)
-        whole = tested(tree, "--collect-only")
-        assert whole.returncode == 0, whole.stdout[-1000:]  # what cannot be loaded would notice every mutant
+        record = Record(options.out.parent, tree)
         for mutant in drawn(options.under, options.count, options.seed):
             old = (ROOT / PACKAGE / mutant.file).read_bytes()[mutant.start : mutant.end].decode()
             name = " ".join(f"{mutant.file}:{mutant.line}: {old} -> {mutant.new}".split())
             if name not in done:
-                done[name] = noticed(mutant, tree, options.dependants)
+                done[name] = noticed(mutant, tree, record)
                 print(f"{name}\t{done[name]}", file=file, flush=True)
             print(f"{'noticed ' if done[name] else 'SURVIVED'} {name}", flush=True)
     survivors = [name for name, test in done.items() if not test]
