@@ -30,7 +30,7 @@ from nablahog.pose.crop import crop_object
 from nablahog.pose.fit_box import VIEW_COUNT, equidistant_azimuths
 from nablahog.pose.similarity import describe
 from nablahog.pose.viewpoint_prior import WIDTH, ViewpointLearning, ViewpointNetwork, ViewpointPrior, mirrored
-from nablahog.runtime.seeds import seeded
+from nablahog.runtime.pytorch import seeded
 
 CHAIRS = 1000
 FIRST_SEED = 10_000  # far from the seeds of the chairs that come with the package

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.cache_folder import cache_folder
+from ..runtime.cache import cache_folder
 from .files import remove_parts, replacing
 
 VARIABLE = "NABLAHOG_CACHE_SIZE"

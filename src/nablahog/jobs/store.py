@@ -57,7 +57,7 @@ class Job(Work[JobResult], Protocol):
         """The name of the method."""
 
     def key(self) -> str:
-        """A hash of everything the result depends on, including its code (:func:`nablahog.runtime.source.code_key`)."""
+        """A hash of everything the result depends on, including its code (:func:`nablahog.runtime.cache.code_key`)."""
 
     def fits(self, result: JobResult) -> bool:
         """Whether a stored result has the rows and shapes of this job; damaged files do not."""

@@ -18,8 +18,7 @@ from ..invert.training import least_side
 from ..io.files import checkpoint_for
 from ..io.images import limit_size
 from ..io.learned_model import LearnedModel
-from ..runtime.cache_folder import cache_folder
-from ..runtime.source import code_key
+from ..runtime.cache import cache_folder, code_key
 from .baselines.bovw import BoVW
 from .baselines.bovw_learning import learn_bovw
 from .baselines.hoggles import PairedDictionary, check_cells, patch_size
@@ -112,7 +111,7 @@ def _load(kind: str, path: Path, changed: int | None, size: int | None) -> Learn
 def learned_from_samples(kind: str, progress: Progress) -> Path:
     """The file of the model that is learned from the sample photographs, once for all runs.
 
-    It is stored in the folder for caches (:func:`.cache_folder.cache_folder`).
+    It is stored in the folder for caches (:func:`.cache_folder`).
 
     Raises:
         OSError: it cannot be stored.

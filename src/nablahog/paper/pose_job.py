@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..hog.box import Box
 from ..io.images import as_array
 from ..jobs.store import JobResult, key_of
-from ..runtime.source import code_key
+from ..runtime.cache import code_key
 from .models import Model
 from .pose_methods import PoseInput, PoseMethod, PoseOutcome, Table2Settings, coverage
 

@@ -15,7 +15,7 @@ from torch import Tensor
 from .. import metrics
 from ..io.images import as_array
 from ..jobs.store import JobResult, digest, key_of
-from ..runtime.source import code_key
+from ..runtime.cache import code_key
 from .methods import Method, MethodOutput, Table1Settings
 
 Figures: TypeAlias = dict[str, float | None]  # by metric; None where one is not defined

@@ -21,7 +21,7 @@ from ...pose import estimate_pose
 from ...pose.crop import masked
 from ...pose.options import Lens, SearchMethod
 from ...render import Mesh, load_mesh, sample_chairs
-from ...runtime.source import code_key
+from ...runtime.cache import code_key
 from .pose_files import pose_figures
 from .pose_page import close_up, pose_page
 

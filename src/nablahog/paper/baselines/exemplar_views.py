@@ -25,7 +25,7 @@ from ...io.learned_model import Arrays, Codec, LearnedModel
 from ...pose.elements import all_patches, element_weights, most_discriminative, suppress_overlaps
 from ...pose.whitening import Background
 from ...render import Camera, Light, Mesh, Renderer, silhouette
-from ...runtime.source import code_key
+from ...runtime.cache import code_key
 
 CELL = 5  # pixels of a cell
 SPEC = aubry(CELL)
