@@ -23,7 +23,7 @@ import numpy as np
 import torch
 
 from nablahog import PoseEstimate, estimate_pose
-from nablahog.io.sample_photographs import SAMPLE_NAMES, sample_photograph
+from nablahog.io.images import SAMPLE_NAMES, sample_photograph
 from nablahog.metrics import VIEWS, azimuth_error, same_view
 from nablahog.paper.annotations import AnnotatedObject
 from nablahog.paper.examples import rendered

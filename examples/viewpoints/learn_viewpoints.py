@@ -22,7 +22,7 @@ from torch import Tensor
 
 from nablahog import Mesh
 from nablahog.invert.provenance import digest_of_images
-from nablahog.io.network_weights import flat, fold_statistics
+from nablahog.io.learned_model import flat, fold_statistics
 from nablahog.paper.photographs import read_folder
 from nablahog.paper.scenes import Scene, SceneSettings, scene
 from nablahog.pose.background import coarse_background

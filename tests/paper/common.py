@@ -13,7 +13,7 @@ from nablahog import HOGSpec, LearnedPrior
 from nablahog.invert.learned import network_class
 from nablahog.invert.prior_network import Architecture
 from nablahog.invert.provenance import NetworkLearning
-from nablahog.io.network_weights import count
+from nablahog.io.learned_model import count
 from nablahog.jobs.store import Job, JobResult
 from nablahog.jobs.worker import attempt
 from nablahog.paper.methods import Method, Table1Settings

@@ -14,8 +14,7 @@ from torch import Tensor
 
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
-from ..io.learned_model import SPEC, LearnedModel, account, integers, tensor
-from ..io.network_weights import check_weights, with_weights
+from ..io.learned_model import SPEC, LearnedModel, account, check_weights, integers, tensor, with_weights
 from .checks import check_descriptor
 from .histograms import searchable
 from .prior_network import Architecture, PriorNetwork

@@ -11,8 +11,7 @@ from torch import Tensor
 
 from ..hog.gradient import gray
 from ..io.files import check_folder
-from ..io.images import image_endings, limit_size, read_image
-from ..io.sample_photographs import SAMPLE_NAMES, sample_photograph
+from ..io.images import SAMPLE_NAMES, image_endings, limit_size, read_image, sample_photograph
 
 
 @dataclass

@@ -13,8 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from ..hog.spec import HOGSpec
-from ..io.learned_model import INTEGER, SPEC, LearnedModel, account, tensor
-from ..io.network_weights import check_weights, with_weights
+from ..io.learned_model import INTEGER, SPEC, LearnedModel, account, check_weights, tensor, with_weights
 from .background import coarse_background
 from .fit_box import VIEW_COUNT
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from nablahog.hog.box import Box
-from nablahog.io.sample_photographs import sample_photograph
+from nablahog.io.images import sample_photograph
 from nablahog.paper.baselines import exemplar
 from nablahog.paper.baselines.exemplar import detect
 from nablahog.paper.baselines.exemplar_views import SPEC, ExemplarViews, ViewSampling, learn_views

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...io.sample_photographs import SAMPLE_NAMES, sample_photograph
+from ...io.images import SAMPLE_NAMES, sample_photograph
 from ...paper.annotations import read_annotations
 from ...paper.conditions import CONDITIONS
 from ...paper.examples import Examples, photographed, rendered

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...io.exif import read_exif_focal
-from ...io.images import read_image
+from ...io.images import read_exif_focal, read_image
 from ...jobs.job_files import local_path
 from ...jobs.store import JobResult, digest, key_of
 from ...paper.object_lists import ListedObject
