@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import re
 import time
 from collections import deque
@@ -26,10 +27,7 @@ from distributed.comm.core import CommClosedError
 from distributed.scheduler import KilledWorker
 from distributed.utils import silence_logging_cmgr
 
-from .job_files import store_files
-from .runner import DIED, cores, one_thread
-from .store import Work
-from .worker import attempt
+from .worker import DIED, Work, attempt, cores, one_thread, store_files
 
 R = TypeVar("R")
 
@@ -75,7 +73,7 @@ def run_on_cluster(
         tried_alone: set[int] = set()
         at_work: dict[Any, int] = {}
         ended = SimpleQueue[Any]()
-        threads = _Threads(client)
+        threads, counted = 1, -math.inf
 
         def send(index: int) -> None:
             started(index)
@@ -87,7 +85,9 @@ def run_on_cluster(
             if not queue and not at_work:  # Dask blames tasks, too, that only waited for a worker that died
                 tried_alone.add(suspects[0])
                 send(suspects.popleft())
-            while queue and len(at_work) < AHEAD * threads.count():
+            if time.monotonic() > counted + RECOUNT:
+                threads, counted = max(1, sum(client.nthreads().values())), time.monotonic()
+            while queue and len(at_work) < AHEAD * threads:
                 send(queue.popleft())
             try:
                 future = ended.get(timeout=PATIENCE)
@@ -124,21 +124,6 @@ def _result(future: Any, client: Client, cluster: str) -> Any:
 def _check_workers(client: Client, cluster: str) -> None:
     if not client.nthreads():
         raise ChildProcessError(f"the cluster {cluster} has no workers any more")
-
-
-class _Threads:
-    """The threads of all workers, counted every :data:`RECOUNT` seconds."""
-
-    def __init__(self, client: Client) -> None:
-        self._client, self._until = client, 0.0
-        self._count = 1
-
-    def count(self) -> int:
-        """The number of threads, at least 1."""
-        if time.monotonic() > self._until:
-            self._count = max(1, sum(self._client.nthreads().values()))
-            self._until = time.monotonic() + RECOUNT
-        return self._count
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from ..invert import AsPublished, Reconstruction, Search, reconstruct, reconstru
 from ..invert.histograms import searchable
 from ..invert.multiscale import SCALES, level_spec
 from ..invert.start import enlarge
-from ..jobs.job_files import local_path
+from ..jobs.worker import local_path
 from .baselines.cnn_hog import CNNHOG
 from .learned import SPEC, load
 from .names import DALAL, DIALECTS, LIBRARIES, NO_HOG, PRIORS, UOCTTI

@@ -10,8 +10,8 @@ from functools import lru_cache
 from pathlib import Path
 
 from ..io.files import check_folder
-from ..jobs.job_files import local_path
 from ..jobs.store import digest
+from ..jobs.worker import local_path
 from ..render.mesh import Mesh, load_mesh
 from ..render.mesh_archive import FILE, load_meshes, sample_chairs
 from ..render.mesh_file import ENDINGS

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ..hog.box import Box
-from ..jobs.job_files import local_folder
+from ..jobs.worker import local_folder
 from ..pose import default_background, estimate_pose
 from ..pose.crop import crop_object
 from ..pose.fit_box import fit_to_box, level_poses

@@ -74,7 +74,7 @@ class Table1(Results):
 def run_table1(
     folder: Path, photographs: Photographs, methods: Sequence[Method], settings: Table1Settings, **options: Any
 ) -> Table1:
-    """Runs the jobs without a stored result, as :func:`nablahog.jobs.resume.do_all`, and collects all results.
+    """Runs the jobs without a stored result, as :func:`nablahog.jobs.store.do_all`, and collects all results.
 
     Args:
         folder: for the results, which exists.

@@ -149,7 +149,7 @@ def run_table2(
     conditions: Mapping[str, Examples] | None = None,
     **options: Any,
 ) -> Table2:
-    """Runs what has no stored result yet, see :func:`nablahog.jobs.resume.do_all`, and collects all results.
+    """Runs what has no stored result yet, see :func:`nablahog.jobs.store.do_all`, and collects all results.
 
     Args:
         folder: for the results, which exists.

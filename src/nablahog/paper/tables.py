@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..io.files import write_text
-from ..jobs.resume import do_all
-from ..jobs.store import Job
+from ..jobs.store import Job, do_all
 from ..runtime.text import printable
 from ..viz.html import Cell, Section, figure
 
@@ -89,7 +88,7 @@ def run(
     shown: Collection[str],
     **options: Any,
 ) -> Results:
-    """Runs the jobs without a stored result, as :func:`nablahog.jobs.resume.do_all`, and collects all results.
+    """Runs the jobs without a stored result, as :func:`nablahog.jobs.store.do_all`, and collects all results.
 
     Args:
         folder, options: as there.

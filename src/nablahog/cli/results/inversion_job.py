@@ -11,8 +11,8 @@ import torch
 
 from ...invert import LearnedPrior
 from ...invert.learned import PriorChoice
-from ...jobs.job_files import local_path
 from ...jobs.store import JobResult, digest, key_of
+from ...jobs.worker import local_path
 from ...paper.learned import load
 from ...runtime.cache import code_key
 from ..inputs.prior import PriorOptions

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from ...io.images import read_exif_focal, read_image
-from ...jobs.job_files import local_path
 from ...jobs.store import JobResult, digest, key_of
+from ...jobs.worker import local_path
 from ...paper.object_lists import ListedObject
 from ...pose import estimate_pose
 from ...pose.crop import masked
