@@ -43,7 +43,7 @@ def test_figures() -> None:
     ("method", "reason"),
     [
         (HUNGRY, "not enough memory"),
-        (SILENT, "TypeError at reconstruction.py:"),
+        (SILENT, "TypeError at table1.py:"),
         (MISTAKEN, "KeyError at fakes.py:"),
     ],
 )

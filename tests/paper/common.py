@@ -18,8 +18,7 @@ from nablahog.jobs.store import Job, JobResult
 from nablahog.jobs.worker import attempt
 from nablahog.paper.methods import Method, Table1Settings
 from nablahog.paper.photographs import Photographs
-from nablahog.paper.reconstruction import ReconstructionJob
-from nablahog.paper.table1 import Table1, run_table1
+from nablahog.paper.table1 import ReconstructionJob, Table1, run_table1
 
 
 def photographs(count: int = 3, size: int = 32) -> Photographs:

@@ -9,7 +9,7 @@ import torch
 from nablahog.hog.box import Box
 from nablahog.paper import names
 from nablahog.paper.annotations import AnnotatedObject
-from nablahog.paper.conditions import CONDITIONS, PLAIN
+from nablahog.paper.examples import CONDITIONS, PLAIN
 from nablahog.paper.scenes import scene
 
 from .test_scenes import MODELS, NOISE, RAMP, VIEWS

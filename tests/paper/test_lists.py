@@ -11,10 +11,9 @@ import pytest
 from PIL import Image
 
 from nablahog.hog.box import Box
-from nablahog.paper.annotations import LONGEST, read_annotations
+from nablahog.paper.annotations import LONGEST, read_annotations, read_viewpoints, sample_viewpoints
 from nablahog.paper.object_lists import ListedObject, read_objects
 from nablahog.paper.rows import read_csv
-from nablahog.paper.viewpoints import read_viewpoints, sample_viewpoints
 
 
 def _csv(folder: Path, text: str, encoding: str = "utf-8") -> Path:

@@ -11,10 +11,10 @@ import pytest
 from nablahog.jobs import store
 from nablahog.jobs.store import JobResult
 from nablahog.jobs.worker import attempt
-from nablahog.paper import pose_job
+from nablahog.paper import table2
 from nablahog.paper.models import Model
-from nablahog.paper.pose_job import PoseJob
 from nablahog.paper.pose_methods import PoseMethod, Table2Settings
+from nablahog.paper.table2 import PoseJob
 
 from .pose_fakes import ENDLESS, FAR, MODELS, NEAR, OTHER, examples
 
@@ -80,5 +80,5 @@ def test_keys_tell_work_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert _job().key() == base.key()
     files[0].write_text("OFF 33")
     assert jobs[-3].key() not in keys
-    monkeypatch.setattr(pose_job, "code_key", lambda *definitions: "other code")
+    monkeypatch.setattr(table2, "code_key", lambda *definitions: "other code")
     assert base.key() not in keys

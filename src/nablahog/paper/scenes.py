@@ -143,7 +143,7 @@ def scene(
     Args:
         index: number of the scene, at least 0.
         models: normalised meshes by name, of which one is drawn.
-        viewpoints: (N, 3) azimuth, elevation, theta, as :func:`~nablahog.paper.viewpoints.read_viewpoints`, of which
+        viewpoints: (N, 3) azimuth, elevation, theta, as :func:`~nablahog.paper.annotations.read_viewpoints`, of which
             one is drawn.
         photographs: clutter: gray (H, W) or (1, H, W), or R, G, B (3, H, W), in 0…1.
         seed: of the benchmark, at least 0.

@@ -9,7 +9,7 @@ from ..viz import html
 from ..viz.pictures import Panel, outlined
 from ..viz.similarity_plot import boxed
 from .annotations import AnnotatedObject
-from .conditions import CONDITIONS
+from .examples import CONDITIONS
 from .pose_methods import POSE_METHODS, Table2Settings
 from .table2 import NO_POSE, WITHIN, Line, Table2
 from .tables import RESAMPLES, Statistics, cell, failures_section, how_many_failed

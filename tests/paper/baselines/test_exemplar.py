@@ -14,9 +14,8 @@ from torch import Tensor
 from nablahog.hog.box import Box
 from nablahog.io.images import sample_photograph
 from nablahog.paper.baselines import exemplar
-from nablahog.paper.baselines.exemplar import detect
+from nablahog.paper.baselines.exemplar import NOTHING, UNLIKE, Layout, Pyramid, detect, star_match
 from nablahog.paper.baselines.exemplar_views import SPEC, ExemplarViews, ViewSampling, learn_views
-from nablahog.paper.baselines.star_matching import NOTHING, UNLIKE, Layout, Pyramid, star_match
 from nablahog.pose.background import default_background
 from nablahog.render import Camera, Mesh, render
 
