@@ -19,8 +19,7 @@ from ..io.files import checkpoint_for
 from ..io.images import limit_size
 from ..io.learned_model import LearnedModel
 from ..runtime.cache import cache_folder, code_key
-from .baselines.bovw import BoVW
-from .baselines.bovw_learning import learn_bovw
+from .baselines.bovw import BoVW, learn_bovw
 from .baselines.hoggles import PairedDictionary, check_cells, patch_size
 from .baselines.hoggles_learning import learn_hoggles
 from .names import PRIORS

@@ -138,7 +138,7 @@ def _needed(kind: str, settings: Table1Settings) -> Any:
 
 def _bovw(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
     bovw = _needed("bovw", settings)
-    return [_output(bovw.reconstruct(bovw.histogram(image), (image.shape[2], image.shape[3]), seed=settings.seed))]
+    return [_output(bovw.reconstruct(bovw.histogram(image), seed=settings.seed))]
 
 
 def _hoggles(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:

@@ -53,7 +53,6 @@ def learn_hoggles(
     atoms: int = ATOMS,
     sparsity: float = SPARSITY,
     iterations: int = ITERATIONS,
-    windows: int = WINDOWS,
     fast: bool = False,
     seed: int = 0,
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
@@ -72,26 +71,23 @@ def learn_hoggles(
         atoms: K, of each dictionary.
         sparsity: λ of ½‖x - Dα‖² + λ‖α‖₁, in learning as in inversion.
         iterations: batches of 400 windows; all windows come once before one comes again.
-        windows: the most to learn from; of more, so many are drawn at random.
         fast: whether the atoms are random windows, and no dictionary is learned.
         seed: of everything random.
         progress: called with the iterations done, their number and the last objective.
 
     Raises:
-        ValueError: there are no images, or one is too small or holds other values; fewer windows than atoms have
-            contrast; a number is out of range; the spec has no row of channels for each cell
-            (:func:`.hoggles.check_cells`); scikit-learn is not installed.
+        ValueError: images, numbers or the spec (:func:`.check_cells`) are not as above; fewer windows than atoms have
+            contrast; scikit-learn is not installed.
     """
-    for name, number in (("atoms", atoms), ("iterations", iterations), ("windows", windows)):
+    for name, number in (("atoms", atoms), ("iterations", iterations)):
         if number < 1:
             raise ValueError(f"{name} must be at least 1, got {number}")
     check_sparsity(sparsity)
     check_cells(spec)
     names = check_images(images, patch_size(spec))
     rng = np.random.default_rng(seed)
-    digest = digest_of_images(images)
     progress(0, iterations, "describing the images")
-    pairs = _Pairs([images[name] for name in names], spec, windows, rng)
+    pairs = _Pairs([images[name] for name in names], spec, rng)
     dictionary = pairs.with_contrast(atoms, rng)
     objective: list[float] = []
     if not fast:
@@ -110,7 +106,7 @@ def learn_hoggles(
     pixels = math.prod(patch_size(spec))
     learning = HogglesLearning(
         images=tuple(names),
-        sha256=digest,
+        sha256=digest_of_images(images),
         seed=seed,
         windows=len(pairs),
         iterations=0 if fast else iterations,
@@ -156,21 +152,14 @@ def _report(objective: Sequence[float]) -> str:
 
 
 class _Pairs:
-    """The windows of images with their patches, in a random order, cut out when needed.
+    """The windows of images (H, W) with their patches, in a random order, a million at most, cut out when needed."""
 
-    Args:
-        images: (H, W) each.
-        spec: the dialect.
-        most: windows; of more, so many are drawn at random.
-        rng: of their order.
-    """
-
-    def __init__(self, images: Sequence[Tensor], spec: HOGSpec, most: int, rng: np.random.Generator) -> None:
+    def __init__(self, images: Sequence[Tensor], spec: HOGSpec, rng: np.random.Generator) -> None:
         self.images, self.spec = images, spec
         self.descriptors = [hog(image[None, None], spec) for image in images]
         self.grids = [_grid(image, spec) for image in images]
         self.ends = np.cumsum([rows * cols for rows, cols in self.grids])
-        self.order = rng.permutation(self.ends[-1])[:most]
+        self.order = rng.permutation(self.ends[-1])[:WINDOWS]
 
     def __len__(self) -> int:
         return len(self.order)
