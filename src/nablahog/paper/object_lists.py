@@ -12,7 +12,7 @@ from typing import Any
 from ..hog.box import Box
 from ..io.files import check_file
 from ..runtime.text import one_line
-from .rows import MAX_BYTES, Row, read_csv
+from .rows import Row, read_csv, read_list
 
 _SIDES = ("x0", "y0", "x1", "y1")
 _VIEW = ("azimuth", "elevation")
@@ -76,11 +76,9 @@ def _of_csv(path: Path) -> list[ListedObject]:
 
 
 def _of_json(path: Path) -> list[ListedObject]:
-    check_file(path, "a JSON file")
-    if path.stat().st_size > MAX_BYTES:
-        raise ValueError(f"{path}: a list of more than {MAX_BYTES:,} bytes is refused")
+    data = read_list(path, "a JSON file")
     try:
-        whole = json.loads(path.read_bytes())
+        whole = json.loads(data)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path}: expected JSON, but it cannot be read: {one_line(error)}") from None
     images, annotations = (whole.get(key) if isinstance(whole, dict) else None for key in ("images", "annotations"))

@@ -66,6 +66,18 @@ class Row:
         return [self.number(column, unit) for column in columns]
 
 
+def read_list(path: Path, expected: str) -> bytes:
+    """The bytes of a file, at most :data:`MAX_BYTES`.
+
+    Raises:
+        FileNotFoundError, ValueError: there is no such file, it is none, or it has more.
+    """
+    check_file(path, expected)
+    if path.stat().st_size > MAX_BYTES:
+        raise ValueError(f"{path}: a list of more than {MAX_BYTES:,} bytes is refused")
+    return path.read_bytes()
+
+
 def read_csv(path: str | os.PathLike[str], required: Sequence[str]) -> list[Row]:
     """The rows below the line of column names, empty ones left out.
 
@@ -79,12 +91,9 @@ def read_csv(path: str | os.PathLike[str], required: Sequence[str]) -> list[Row]
         ValueError: it has more than :data:`MAX_BYTES`, is no such file, lacks a column, or has no row.
     """
     path = Path(path)
-    check_file(path, "a CSV file")
-    if path.stat().st_size > MAX_BYTES:
-        raise ValueError(f"{path}: a list of more than {MAX_BYTES:,} bytes is refused")
-    line = 1
+    line, data = 1, read_list(path, "a CSV file")
     try:
-        written = path.read_text(encoding="utf-8-sig")
+        written = io.TextIOWrapper(io.BytesIO(data), "utf-8-sig").read()
         heads = written.partition("\n")[0]
         semicolons = heads.count(";") > heads.count(",")
         reader = csv.DictReader(io.StringIO(written), delimiter=";" if semicolons else ",", skipinitialspace=True)

@@ -54,24 +54,15 @@ class Detection:
 def detect(
     photograph: Tensor, box: Sequence[float], models: Mapping[str, ExemplarViews], *, agreement: float = 0.5
 ) -> Detection:
-    """The most confident detection of any view of any model.
+    """The most confident detection of any view of any model, by name, in a photograph (C, H, W) with an object's box.
 
-    Args:
-        photograph: (C, H, W), float32 or float64 in 0…1, one channel or R, G, B.
-        box: x0, y0, x1, y1 of the object, pixels.
-        models: their views by name, at least one.
-        agreement: detections whose box has less than this intersection over union with ``box`` come after all others.
-            Aubry et al. know no box, which is 0; with PASCAL's criterion for a right detection, 0.5, their method is
-            the stronger.
+    Detections whose box has less than ``agreement``, an intersection over union, with this one come after all others.
+    Aubry et al. know no box, which is 0; with PASCAL's criterion for a right detection, 0.5, their method is the
+    stronger.
 
     Raises:
-        ValueError: the photograph or the box is not as above, there are no models, or no element of any view scores
-            above 0.
+        ValueError: the photograph or the box is unusable, or no element of any view scores above 0.
     """
-    if not models:
-        raise ValueError("expected models to detect, got none")
-    if not 0 <= agreement <= 1:
-        raise ValueError(f"agreement must lie in 0…1, got {agreement!r}")
     crop = crop_object(photograph, box, SIDE, FILL)
     images: dict[tuple[int, int], _Image] = {}
     best: tuple[float, str, list[float], list[float]] | None = None
@@ -171,7 +162,7 @@ class Roots(NamedTuple):
 
 
 def star_match(scores: Floats, pyramid: Pyramid, layout: Layout, expected: Floats, agreement: float) -> Floats:
-    """The best detection of each view.
+    """The best detection of each view, (V, 7): rank, confidence, number of elements above 0, x0, y0, x1, y1.
 
     Each element in turn is the root.  At each level, its local maxima above 0 say where the rendering lies in the
     image, and in what size; no two maxima are within a cell of each other.  Every other element of the view then has a
@@ -179,14 +170,9 @@ def star_match(scores: Floats, pyramid: Pyramid, layout: Layout, expected: Float
 
     Args:
         scores: (E, P), calibrated scores of elements at all positions of all levels; NOTHING where not computed.
-        pyramid: of the image.
-        layout: of the views' elements.
+        pyramid, layout: of the image, and of the views' elements.
         expected: (4,): x0, y0, x1, y1 of the object, pixels of the image.
-        agreement: the least intersection over union of its box with that of a detection.
-
-    Returns:
-        (V, 7): rank, confidence, number of elements that score above 0, and the detection's x0, y0, x1, y1; -inf if no
-        element scores above 0 anywhere.
+        agreement: as for :func:`detect`.
     """
     detections = np.full((len(layout.first) - 1, 7), -np.inf)
     roots = _local_maxima(scores, pyramid)
