@@ -39,9 +39,9 @@ class Learner:
         learn: from gray photographs (H, W), float32 in 0…1, by name, and a spec, to a model.  Its keyword arguments are
             ``progress``, ``checkpoint`` if it can be resumed, and its own.
         check: raises ValueError for a spec that it cannot be learned for.
-        least: (height, width) of the smallest image that can be learned from.
+        least: (height, width) of the smallest image.
         resumes: whether an interrupted learning is resumed from its checkpoint.
-        tile: pixels of the side of all images to learn from; None if their size is free.
+        tile: pixels of the side of all images; None if it is free.
     """
 
     model: type[LearnedModel]
@@ -69,11 +69,7 @@ class Learner:
 
 
 _PRIOR = Learner(
-    LearnedPrior,
-    train_prior,
-    network_class,
-    lambda spec: (least_side(spec.cell_size[0]),) * 2,
-    resumes=True,
+    LearnedPrior, train_prior, network_class, lambda spec: (least_side(spec.cell_size[0]),) * 2, resumes=True
 )
 LEARNED = {
     "prior": _PRIOR,
@@ -108,9 +104,7 @@ def _load(kind: str, path: Path, changed: int | None, size: int | None) -> Learn
 
 
 def learned_from_samples(kind: str, progress: Progress) -> Path:
-    """The file of the model that is learned from the sample photographs, once for all runs.
-
-    It is stored in the folder for caches (:func:`.cache_folder`).
+    """The file of the model that is learned from the sample photographs, once for all runs, in the folder for caches.
 
     Raises:
         OSError: it cannot be stored.

@@ -95,6 +95,10 @@ class PairedDictionary(LearnedModel):
     def summary(self) -> str:
         return f"{len(self.gray)} pairs of atoms, {len(self.learning.images)} images"
 
+    def check(self, spec: HOGSpec) -> None:
+        """Raises ValueError if descriptors of ``spec`` are not what it was learned for."""
+        self.spec.check_same(spec, f"the {self.NOUN}")
+
     @torch.no_grad()
     def reconstruct(
         self, descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int] | None = None
@@ -108,7 +112,7 @@ class PairedDictionary(LearnedModel):
             TypeError, ValueError: as there; the spec is not the model's; scikit-learn is not installed.
         """
         began = time.perf_counter()
-        self.spec.check_same(spec, f"the {self.NOUN}")
+        self.check(spec)
         size = check_descriptor(descriptor, spec, image_size)
         count, rows, cols = descriptor.shape[:3]
         batch = max(1, BATCH // math.prod(side + 2 * PADDING - CELLS + 1 for side in (rows, cols)))
