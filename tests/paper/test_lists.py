@@ -11,10 +11,9 @@ import pytest
 from PIL import Image
 
 from nablahog.hog.box import Box
-from nablahog.paper import rows
+from nablahog.paper import lists
 from nablahog.paper.annotations import LONGEST, read_annotations, read_viewpoints, sample_viewpoints
-from nablahog.paper.object_lists import ListedObject, read_objects
-from nablahog.paper.rows import read_csv
+from nablahog.paper.lists import ListedObject, read_csv, read_objects
 
 
 def _csv(folder: Path, text: str, encoding: str = "utf-8") -> Path:
@@ -64,9 +63,9 @@ def test_rows_that_are_refused(tmp_path: Path, text: str, message: str) -> None:
 def test_lists_have_a_largest_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, text in (("a.csv", "image\na.jpg\n"), ("a.json", json.dumps(COCO))):
         (tmp_path / name).write_text(text)
-        monkeypatch.setattr(rows, "MAX_BYTES", len(text))
+        monkeypatch.setattr(lists, "MAX_BYTES", len(text))
         assert read_objects(tmp_path / name)
-        monkeypatch.setattr(rows, "MAX_BYTES", len(text) - 1)
+        monkeypatch.setattr(lists, "MAX_BYTES", len(text) - 1)
         with pytest.raises(ValueError, match=rf"{name}: a list of more than {len(text) - 1} bytes is refused"):
             read_objects(tmp_path / name)
 

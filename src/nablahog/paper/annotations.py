@@ -15,11 +15,10 @@ from torch.nn import functional
 from ..hog.box import Box
 from ..io.images import read_image
 from ..runtime.text import one_line
+from .lists import SIDES, Row, read_csv
 from .models import Model
-from .rows import Row, read_csv
 
 Floats = NDArray[np.float64]
-SIDES = ("x0", "y0", "x1", "y1")
 ANGLES = ("azimuth", "elevation", "theta")
 LEAST = 8  # pixels of a side of a box
 LONGEST = 256  # pixels of the longer side of a box: twice what a search looks at
@@ -57,7 +56,7 @@ def read_annotations(
     """Reads the objects in a CSV file.
 
     Args:
-        path: the file, as :func:`.rows.read_csv` takes it, with the columns ``image``, a file relative to the folder
+        path: the file, as :func:`.lists.read_csv` takes it, with the columns ``image``, a file relative to the folder
             of this one; ``x0``, ``y0``, ``x1``, ``y1``, the box in pixels from the upper left corner, half open;
             ``azimuth``, ``elevation`` and ``theta``, degrees, as PASCAL3D+ has them; and perhaps ``model``, the name of
             the object's CAD model, which may be empty.
@@ -141,7 +140,7 @@ def read_viewpoints(path: str | os.PathLike[str]) -> Floats:
     """Reads the viewpoints in a CSV file.
 
     Args:
-        path: the file, as :func:`.rows.read_csv` takes it, with the columns ``azimuth``, ``elevation`` and perhaps
+        path: the file, as :func:`.lists.read_csv` takes it, with the columns ``azimuth``, ``elevation`` and perhaps
             ``theta``, in degrees as :data:`~nablahog.render.camera.PARAMETERS` says.
 
     Returns:

@@ -144,12 +144,9 @@ class Meshes(Mapping[str, Mesh]):
 
 
 def models_in(folder: Path) -> tuple[list[Model], dict[str, str]]:
-    """The models of a folder, by the names that :func:`read_models` gives them.
+    """The models that :func:`read_models` finds in a folder, and why others could not be read, by their names.
 
     All are read once, so that a damaged one is reported before the work.
-
-    Returns:
-        The models, and why the others could not be read, by their names.
 
     Raises:
         FileNotFoundError, NotADirectoryError: as there.

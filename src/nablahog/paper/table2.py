@@ -148,28 +148,16 @@ class Table2(Results):
         """The rows of the methods that ran."""
         return [self._line(method.name) for method in self.methods]
 
-    def errors(self, method: str) -> NDArray[np.float64]:
-        """The errors of a method's azimuths in degrees, :data:`NO_POSE` where it has none, in the order of objects."""
-        figures = self.figures[method]
-        return np.array([error_of_azimuth(figures.get(each.name), each) for each in self.examples.objects])
-
-    def rotation_errors(self, method: str) -> NDArray[np.float64]:
-        """The errors of a method's rotations, as :meth:`errors`."""
-        figures = self.figures[method]
-        return np.array([error_of_rotation(figures.get(each.name), each) for each in self.examples.objects])
-
     def _line(self, name: str) -> Line:
         figures, clocks = self.figures.get(name, {}), self.seconds.get(name, {})
         objects = self.examples.objects if name in self.figures else []
+        poses = [(figures.get(each.name), each) for each in objects]
         accuracy = {
-            (criterion, views): statistics(
-                [100.0 * _right(criterion, views, figures.get(each.name), each) for each in objects]
-            )
+            (criterion, views): statistics([100.0 * _right(criterion, views, *each) for each in poses])
             for criterion in CRITERIA
             for views in VIEWS
         }
-        none: NDArray[np.float64] = np.empty(0)
-        errors, rotations = (self.errors(name), self.rotation_errors(name)) if objects else (none, none)
+        errors, rotations = ([error(*each) for each in poses] for error in (error_of_azimuth, error_of_rotation))
         within = {angle: statistics([100.0 * float(error <= angle) for error in rotations]) for angle in WITHIN}
         seconds = [clocks[each.name] for each in objects if each.name in clocks]
         return Line(

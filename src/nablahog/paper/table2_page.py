@@ -110,7 +110,7 @@ def page(table: Table2, settings: Table2Settings) -> str:
 
 
 def _row(line: Line) -> Mapping[str, object]:
-    row: dict[str, object] = {"method": line.method, "objects": line.accuracy["interval", VIEWS[0]].n}
+    row: dict[str, object] = {"method": line.method, "objects": line.error.n}
     for views in VIEWS:
         row[f"{views} views"] = _cell(line.accuracy["interval", views])
         row[f"{views}\xa0views\npaper"] = line.paper.get(views)

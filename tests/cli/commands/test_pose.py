@@ -19,7 +19,7 @@ from nablahog.cli.main import main
 from nablahog.cli.results import pose_job
 from nablahog.io.images import write_image
 from nablahog.jobs import runner
-from nablahog.paper.object_lists import read_objects
+from nablahog.paper.lists import read_objects
 from nablahog.render import Mesh, load_mesh
 from tests.pose.common import SWIVEL, WOODEN, degrees_between, model, photographed
 

@@ -15,7 +15,7 @@ import numpy as np
 from ...io.images import read_exif_focal, read_image
 from ...jobs.store import JobResult, digest, key_of
 from ...jobs.worker import local_path
-from ...paper.object_lists import ListedObject
+from ...paper.lists import ListedObject
 from ...pose import estimate_pose
 from ...pose.crop import masked
 from ...pose.options import Lens, SearchMethod

@@ -6,7 +6,7 @@ vectors is learned and then cut in two.  It is learned online, batch by batch, b
 2009), where the published code uses SPAMS.
 
 Two more things differ from the published code: it never sees the last window of a row and of a column of an image, and
-it starts every hundred batches with the same windows again, so that it learns from 40,000 of a million.
+every hundred batches it starts with the same windows again, so that it learns from 40,000 of a million.
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ def learn_hoggles(
     Windows of 5x5 cells are taken at every cell whose patch of 7x7 cells lies in the image.  Images, descriptors and
     one batch are in memory; the windows of a batch are cut out when it is needed.
 
-    The result depends on the images, the spec, the numbers and the seed alone; on another processor or with another
-    number of threads also on rounding, which a thousand iterations amplify.
+    On another processor, or with another number of threads, the result also depends on rounding, which a thousand
+    iterations amplify.
 
     Args:
         images: (H, W) each, float32 in 0…1, by name.
@@ -94,7 +94,7 @@ def learn_hoggles(
         dictionary = dictionary / math.sqrt(2)
         learner = _learner(dictionary, sparsity, rng)
         for done in range(iterations):
-            progress(done, iterations, _report(objective))
+            progress(done, iterations, f"objective {objective[-1]:.4f}" if objective else "")
             batch = pairs.batch(done)
             if done % REPORTED == 0:
                 objective.append(_objective(dictionary, batch, sparsity))
@@ -102,7 +102,7 @@ def learn_hoggles(
                 warnings.simplefilter("ignore")  # a few codes of a batch need not be the best
                 learner.partial_fit(batch.numpy())
             dictionary = torch.from_numpy(learner.components_)
-    progress(iterations, iterations, _report(objective))
+    progress(iterations, iterations, f"objective {objective[-1]:.4f}" if objective else "")
     pixels = math.prod(patch_size(spec))
     learning = HogglesLearning(
         images=tuple(names),
@@ -147,22 +147,24 @@ def _objective(atoms: Tensor, windows: Tensor, sparsity: float) -> float:
     return float(residual.square().sum() / 2 + sparsity * codes.sum()) / len(windows)
 
 
-def _report(objective: Sequence[float]) -> str:
-    return f"objective {objective[-1]:.4f}" if objective else ""
-
-
 class _Pairs:
     """The windows of images (H, W) with their patches, in a random order, a million at most, cut out when needed."""
 
     def __init__(self, images: Sequence[Tensor], spec: HOGSpec, rng: np.random.Generator) -> None:
         self.images, self.spec = images, spec
         self.descriptors = [hog(image[None, None], spec) for image in images]
-        self.grids = [_grid(image, spec) for image in images]
+        self.grids = [self._grid(image) for image in images]
         self.ends = np.cumsum([rows * cols for rows, cols in self.grids])
         self.order = rng.permutation(self.ends[-1])[:WINDOWS]
 
     def __len__(self) -> int:
         return len(self.order)
+
+    def _grid(self, image: Tensor) -> tuple[int, int]:
+        """Rows and columns of the windows whose patch lies in an image."""
+        sides = zip(image.shape, self.spec.cell_size, self.spec.grid(*image.shape), strict=True)
+        rows, cols = (min(pixels // cell, cells) - PATCH + 1 for pixels, cell, cells in sides)
+        return rows, cols
 
     def batch(self, number: int) -> Tensor:
         """The windows of the batch ``number``, (N, n): patch and descriptor, each of length 1."""
@@ -197,14 +199,3 @@ class _Pairs:
             y, x = row + MARGIN, col + MARGIN
             windows.append(self.descriptors[which][0, y : y + CELLS, x : x + CELLS].flatten())
         return torch.cat([unit(torch.stack(patches)), unit(torch.stack(windows))], dim=1)
-
-
-def _grid(image: Tensor, spec: HOGSpec) -> tuple[int, int]:
-    """Rows and columns of the windows whose patch lies in an image."""
-    height, width = image.shape
-    grid = spec.grid(height, width)
-    rows, cols = (
-        min(pixels // cell, cells) - PATCH + 1
-        for pixels, cell, cells in zip((height, width), spec.cell_size, grid, strict=True)
-    )
-    return rows, cols
