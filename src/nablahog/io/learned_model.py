@@ -13,9 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, asdict, fields
 from typing import Any, ClassVar, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
-import numpy as np
 import torch
-from numpy.typing import DTypeLike
 from torch import Tensor, nn
 from torch.nn.utils import vector_to_parameters
 
@@ -44,8 +42,7 @@ class LearnedModel(ABC):
     """A model with a file.  A subclass is a dataclass, without a ``repr``, whose checks are in ``__post_init__``.
 
     Attributes:
-        KIND: what a file of it is, for messages.
-        NOUN: one word for the model, for messages.
+        KIND, NOUN: what a file of it is, and one word for the model, for messages.
         ARRAYS: how each array of its file is stored.
         FORMAT: version of the file.
         COMPRESSED: whether the file is compressed.
@@ -101,18 +98,6 @@ class LearnedModel(ABC):
         return cls(**values)
 
 
-def tensor(dtype: DTypeLike) -> Codec:
-    """Stores a tensor of one dtype."""
-
-    def decode(arrays: Arrays, name: str) -> Tensor:
-        array = arrays[name]
-        if array.dtype != dtype:
-            raise ValueError(f"the {name} must be {np.dtype(dtype)}, got {array.dtype}")
-        return torch.from_numpy(array)
-
-    return Codec(lambda value: value.cpu().numpy(), decode)
-
-
 def integers(count: int | None = None) -> Codec:
     """Stores a tuple of ``count`` integers, or of any number of them."""
 
@@ -155,6 +140,7 @@ def _scalar(what: str, kinds: str) -> Codec:
     return Codec(lambda value: value, decode)
 
 
+TENSOR = Codec(lambda value: value.cpu().numpy(), lambda arrays, name: torch.from_numpy(arrays[name]))
 INTEGER = _scalar("integer", "iu")
 NUMBER = _scalar("float64", "f")
 TEXTS = Codec(json.dumps, lambda arrays, name: tuple(map(str, json.loads(text(arrays, name)))))

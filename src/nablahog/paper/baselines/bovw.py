@@ -32,7 +32,7 @@ from torch.nn.functional import fold
 
 from ...invert.provenance import Learning, check_images, digest_of_images
 from ...invert.reconstruction import Reconstruction
-from ...io.learned_model import INTEGER, LearnedModel, account, check_tensor, integers, tensor
+from ...io.learned_model import INTEGER, TENSOR, LearnedModel, account, check_tensor, integers
 from .bovw_arrangement import Costs, arrange
 from .dense_sift import CELLS, LENGTH, dense_sift, sift_grid
 
@@ -70,9 +70,9 @@ class BoVW(LearnedModel):
     KIND = "BoVW model"
     NOUN = "vocabulary"
     ARRAYS: ClassVar = {
-        "vocabulary": tensor(np.float32),
-        "patches": tensor(np.float32),
-        "database": tensor(np.int16),
+        "vocabulary": TENSOR,
+        "patches": TENSOR,
+        "database": TENSOR,
         "image_size": integers(2),
         "cell": INTEGER,
         "learning": account(BoVWLearning),

@@ -21,7 +21,7 @@ from torch.nn import functional
 
 from ...hog.descriptor import steps
 from ...hog.presets import aubry
-from ...io.learned_model import Arrays, Codec, LearnedModel
+from ...io.learned_model import TENSOR, Codec, LearnedModel
 from ...pose.elements import all_patches, element_weights, most_discriminative, suppress_overlaps
 from ...pose.whitening import Background
 from ...render import Camera, Light, Mesh, Renderer, silhouette
@@ -67,13 +67,7 @@ class ViewSampling:
 VIEW_SAMPLING = ViewSampling()
 
 
-def _stored(arrays: Arrays, name: str) -> Tensor:
-    array = arrays[name]
-    return torch.from_numpy(array.astype(np.float32) if array.dtype == np.float16 else array)
-
-
-_TENSOR = Codec(Tensor.numpy, _stored)
-_HALVES = Codec(lambda value: value.numpy().astype(np.float16), _stored)
+_HALVES = Codec(lambda value: value.half().numpy(), lambda arrays, name: TENSOR.decode(arrays, name).float())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -95,7 +89,7 @@ class ExemplarViews(LearnedModel):
     FORMAT = 2
     ARRAYS: ClassVar = {
         "weights": _HALVES,
-        **dict.fromkeys(("scale", "offset", "level", "positions", "first", "boxes", "viewpoints"), _TENSOR),
+        **dict.fromkeys(("scale", "offset", "level", "positions", "first", "boxes", "viewpoints"), TENSOR),
     }
 
     weights: Tensor

@@ -27,7 +27,7 @@ from ...hog.spec import HOGSpec
 from ...invert.checks import check_descriptor
 from ...invert.provenance import Learning
 from ...invert.reconstruction import Reconstruction, relative_distance
-from ...io.learned_model import NUMBER, SPEC, LearnedModel, account, check_tensor, tensor
+from ...io.learned_model import NUMBER, SPEC, TENSOR, LearnedModel, account, check_tensor
 
 CELLS = 5  # of a window's side
 MARGIN = 1  # cells on each side by which a patch is larger
@@ -72,8 +72,8 @@ class PairedDictionary(LearnedModel):
     NOUN = "dictionary"
     ARRAYS: ClassVar = {
         "spec": SPEC,
-        "gray": tensor(np.float32),
-        "hog": tensor(np.float32),
+        "gray": TENSOR,
+        "hog": TENSOR,
         "sparsity": NUMBER,
         "learning": account(HogglesLearning),
     }
