@@ -23,10 +23,6 @@ def _levels(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
     return [MethodOutput(image[0, 0] * k / 4, k / 4) for k in (4, 1, 2, 3, 4)]
 
 
-def _exact(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
-    return [MethodOutput(image[0, 0], 0.0)]
-
-
 def _undefined(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
     return [MethodOutput(image[0, 0], float("inf"))]
 
@@ -59,7 +55,6 @@ def _killed_once(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
 DARK = Method("dark", UOCTTI, partial(_shifted, by=-0.25))
 BRIGHT = Method("uoctti-single", UOCTTI, partial(_shifted, by=0.25))
 LEVELS = Method("dalal-multi-scale", DALAL, _levels, multiscale=True)
-EXACT = Method("exact", DALAL, _exact)
 UNDEFINED = Method("undefined", DALAL, _undefined)
 MISTAKEN = Method("mistaken", DALAL, _mistaken)
 HUNGRY = Method("hungry", DALAL, _hungry)
