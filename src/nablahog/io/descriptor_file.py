@@ -156,13 +156,7 @@ def _checked(arrays: dict[str, NDArray[np.generic]]) -> StoredDescriptor:
 
 @dataclass(frozen=True)
 class Fit:
-    """The layout in which an array is a descriptor of a spec.
-
-    Attributes:
-        layout: its layout.
-        shape: its shape, without the axis of a batch of one.
-        image_size: (height, width) of the image in pixels.
-    """
+    """The layout in which an array is a descriptor, its shape without an axis of a batch, and its image's size."""
 
     layout: Layout
     shape: tuple[int, ...]
@@ -172,12 +166,9 @@ class Fit:
 def fit(shape: tuple[int, ...], spec: HOGSpec, image_size: tuple[int, int] | None) -> Fit | None:
     """The layout in which an array of this shape is a descriptor of ``spec``; None if there is none.
 
-    Tries the layout of the library, the same in one row, and (rows, cols, channels); the first that fits counts.
-
-    Args:
-        shape: of the array, perhaps with an axis of a batch of one in front.
-        spec: the dialect.
-        image_size: (height, width) of the image; None for one of whole cells, if the array has rows and columns.
+    Tries the layout of the library, the same in one row, and (rows, cols, channels), each also with an axis of a batch
+    of one in front; the first that fits counts.  Without an image size the image has whole cells, if the array has rows
+    and columns.
     """
     for layout in layouts(spec):
         laid_out = replace(spec, layout=layout)
@@ -199,11 +190,7 @@ def layouts(spec: HOGSpec) -> tuple[Layout, ...]:
 
 
 def shapes(spec: HOGSpec, image_size: tuple[int, int] | None) -> str:
-    """Describes the shapes of such arrays, for error messages.
-
-    Raises:
-        ValueError: the image is too small for ``spec``.
-    """
+    """Describes the shapes of such arrays, for messages; ValueError if the image is too small for ``spec``."""
     descriptions = []
     for layout in layouts(spec):
         laid_out = replace(spec, layout=layout)

@@ -20,11 +20,7 @@ R = TypeVar("R")
 def run_anywhere(
     jobs: Sequence[Work[R]], workers: int, cluster: str | None, started: Callable[[int], None] = lambda index: None
 ) -> Generator[tuple[int, R | str], None, None]:
-    """As :func:`run_jobs`, or, if ``cluster`` names one, :func:`.cluster.run_on_cluster`.
-
-    Raises:
-        ValueError: Dask is not installed.
-    """
+    """As :func:`run_jobs`, or, if ``cluster`` names one, :func:`.cluster.run_on_cluster`; ValueError without Dask."""
     if cluster is None:
         return run_jobs(jobs, workers=workers, started=started)
     try:
@@ -47,14 +43,7 @@ class Call(Generic[R]):
 
 
 def map_on(cluster: str) -> Callable[..., Iterator[Any]]:
-    """``map`` on a cluster: yields the results in order.
-
-    Args:
-        cluster: as :func:`.cluster.run_on_cluster` names it.
-
-    Returns:
-        A function, which raises ValueError where a call fails, and whatever :func:`run_anywhere` does.
-    """
+    """A ``map`` that works on a cluster; it raises ValueError where a call fails, and what :func:`run_anywhere` does."""
 
     def mapped(function: Callable[..., R], *arguments: Iterable[Any]) -> Iterator[R]:
         calls = [Call(function, each) for each in zip(*arguments, strict=True)]
@@ -77,14 +66,9 @@ def run_jobs(
 ) -> Generator[tuple[int, R | str], None, None]:
     """Does all jobs, ``workers`` at a time, each in a process that computes in one thread.
 
-    A result depends on nothing but its job.  When a process dies, all jobs at work are tried again in the end, one by
-    one: perhaps for want of memory that is free then.  The processes end with this generator; close it
-    (``contextlib.closing``) to stop early.
-
-    Args:
-        jobs: started in this order.
-        workers: processes, at least 1.
-        started: called with the index of a job when it is started.
+    Jobs are started in their order, and ``started`` is called with the index.  When a process dies, all jobs at work
+    are tried again in the end, one by one: perhaps for want of memory that is free then.  The processes end with this
+    generator; close it (``contextlib.closing``) to stop early.
 
     Yields:
         The index of each finished job, with its result or one sentence why it failed.
@@ -144,11 +128,7 @@ def _no_interrupts() -> Iterator[None]:
 
 @contextmanager
 def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Processes, at least one of which has started.  They hold nothing that must be saved, and are killed in the end.
-
-    Raises:
-        ChildProcessError: they do not start.
-    """
+    """Processes, at least one of which has started.  They hold nothing that must be saved, and are killed."""
     pool = ProcessPoolExecutor(workers, get_context("spawn"), begin)  # a forked PyTorch may hang
     try:
         with one_thread(), _no_interrupts():

@@ -24,12 +24,9 @@ Name = TypeVar("Name", bound=Hashable)
 
 @dataclass(frozen=True)
 class JobResult:
-    """The outcome of a job.
+    """The outcome of a job: for each row of its method figures, ready for JSON (no NaN), and a picture, (rows, …).
 
-    Attributes:
-        figures: one mapping for each row of its method, ready for JSON: no NaN.
-        pictures: one for each row, (rows, ...), uint8 in a table.
-        seconds: wall time of the method.
+    Pictures of tables are uint8.  Seconds are the wall time of the method.
     """
 
     figures: Sequence[Mapping[str, Any]]
@@ -96,24 +93,14 @@ def do_all(
     cluster: str | None = None,
     progress: Callable[[int, int, str], None] = lambda done, total, at_work: None,
 ) -> Iterator[tuple[Name, JobResult | str]]:
-    """Does the jobs that have no stored result, then yields the results of all.
+    """Does the jobs that have no stored result, then yields the results of all, or one sentence why there is none.
 
     Each result is stored in ``folder/work`` at once, under a hash of everything it depends on.  An interrupted run is
-    resumed; a run with other settings starts anew in the same folder.
-
-    Args:
-        folder: for the results, which exists.
-        jobs: by names of any type.
-        workers: processes to work in.
-        cluster: a Dask cluster to work on instead, as :func:`.cluster.run_on_cluster` names it.
-        progress: called with the number of jobs done, their total, and the names of the methods at work.
-
-    Yields:
-        In the order of ``jobs``, each name with its result or one sentence why there is none.
+    resumed; a run with other settings starts anew in the same folder.  ``progress`` is called with the number of jobs
+    done, their total, and the names of the methods at work.  Further arguments and errors are those of
+    :func:`.runner.run_anywhere`.
 
     Raises:
-        ValueError: ``cluster`` is no name of a cluster.
-        ChildProcessError: worker processes do not start, or the cluster cannot be reached.
         OSError: a result cannot be stored.
     """
     work = folder / "work"
