@@ -43,7 +43,7 @@ class Call(Generic[R]):
 
 
 def map_on(cluster: str) -> Callable[..., Iterator[Any]]:
-    """A ``map`` that works on a cluster; it raises ValueError where a call fails, and what :func:`run_anywhere` does."""
+    """A ``map`` that works on a cluster; it raises ValueError where a call fails, else as :func:`run_anywhere`."""
 
     def mapped(function: Callable[..., R], *arguments: Iterable[Any]) -> Iterator[R]:
         calls = [Call(function, each) for each in zip(*arguments, strict=True)]

@@ -157,12 +157,13 @@ def _search(
     return Method(name, group, run, spec, scales is not None, priors, asked)
 
 
-def _three(prefix: str, group: str, spec: HOGSpec, **options: bool) -> list[Method]:
+def _three(prefix: str, group: str, spec: HOGSpec, *, published: bool = False) -> list[Method]:
     """Single-scale, multi-scale and multi-scale-more."""
+    search = partial(_search, group=group, spec=spec, published=published, asked=published)
     return [
-        _search(f"{prefix}-single", group, spec, **options),
-        _search(f"{prefix}-multi-scale", group, spec, "one descriptor", **options),
-        _search(f"{prefix}-multi-scale-more", group, spec, "one each", **options),
+        search(f"{prefix}-single"),
+        search(f"{prefix}-multi-scale", scales="one descriptor"),
+        search(f"{prefix}-multi-scale-more", scales="one each"),
     ]
 
 
@@ -177,7 +178,7 @@ METHODS = {
         _search("paper-uoctti-single", UOCTTI, SPEC, published=True, asked=True),
         *_three("uoctti", UOCTTI, SPEC),
         _search("uoctti-learned", UOCTTI, SPEC, learned=True),
-        *_three("paper-dalal", DALAL, _DALAL, published=True, asked=True),
+        *_three("paper-dalal", DALAL, _DALAL, published=True),
         *_three("dalal", DALAL, _DALAL),
         _search("dalal-learned", DALAL, _DALAL, learned=True),
         _search("dalal-multi-scale-more-learned", DALAL, _DALAL, "one each", learned=True),

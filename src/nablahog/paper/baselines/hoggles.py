@@ -116,7 +116,7 @@ class PairedDictionary(LearnedModel):
         size = check_descriptor(descriptor, spec, image_size)
         count, rows, cols = descriptor.shape[:3]
         batch = max(1, BATCH // math.prod(side + 2 * PADDING - CELLS + 1 for side in (rows, cols)))
-        image = torch.cat([self._invert(some.float(), size) for some in descriptor.split(batch)])
+        image = torch.cat([self._invert(some.float(), size) for some in torch.split(descriptor, batch)])
         return Reconstruction(
             image,
             relative_distance(image, descriptor.float(), spec),
