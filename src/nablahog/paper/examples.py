@@ -157,13 +157,7 @@ PHOTOGRAPHED_FROM = 15.0  # degrees of elevation: about the median of the chairs
 
 @dataclass
 class Examples:
-    """Objects to estimate the pose of.
-
-    Attributes:
-        objects: in order.
-        origin: where they are from, whole sentences.
-        failed: why an image could not be read, by its name.
-    """
+    """Objects to estimate the pose of; where they are from, in whole sentences; why images failed, by their names."""
 
     objects: list[AnnotatedObject]
     origin: str
@@ -188,11 +182,10 @@ def photographed(
     Args:
         objects: with the name of their own model or of the one most like them.
         models: the candidates.
-        origin: where the objects are from, whole sentences.
+        origin, failed: as :class:`Examples` has them.
         unknown_model: whether to leave an object's own model out.
         seed: of the initial azimuths, and of the condition.
         condition: one of :data:`CONDITIONS` that photographs can have; none if empty.
-        failed: why an image could not be read, by its name.
 
     Raises:
         ValueError: an object has no candidate.

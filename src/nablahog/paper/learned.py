@@ -54,12 +54,7 @@ class Learner:
     def learn_to(
         self, output: Path, images: Mapping[str, Tensor], spec: HOGSpec, progress: Progress, **options: Any
     ) -> LearnedModel:
-        """Learns a model and saves it in the file ``output``, with a checkpoint beside it meanwhile.
-
-        Raises:
-            ValueError: an image, the spec, an option or the checkpoint is unusable.
-            OSError: a file cannot be written.
-        """
+        """Learns a model and saves it in the file ``output``, with a checkpoint beside it meanwhile."""
         with checkpoint_for(output) if self.resumes else nullcontext() as checkpoint:
             if self.resumes:
                 options["checkpoint"] = checkpoint
@@ -89,11 +84,7 @@ def shipped_files() -> dict[str, Path]:
 
 
 def load(kind: str, path: Path) -> Any:
-    """The model of a kind in a file, which is read once however many images it is used for.
-
-    Raises:
-        OSError, ValueError: it cannot be read.
-    """
+    """The model of a kind in a file, which is read once however many images it is used for."""
     state = path.stat() if path.exists() else None
     return _load(kind, path, state and state.st_mtime_ns, state and state.st_size)
 

@@ -59,11 +59,7 @@ class ReconstructionJob:
         return [self.settings.learned[kind] for kind in self.method.needs if kind in self.settings.learned]
 
     def run(self) -> JobResult:
-        """Runs the method and compares its outputs with the image: figures and a picture for each of its rows.
-
-        Raises:
-            ValueError: the method cannot take the image.
-        """
+        """Runs the method and compares its outputs with the image: figures and a picture for each of its rows."""
         began = time.perf_counter()
         outputs = self.method.run(torch.from_numpy(self.image)[None, None], self.settings)
         seconds = time.perf_counter() - began

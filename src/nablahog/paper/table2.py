@@ -64,11 +64,7 @@ class PoseJob:
         return [model.file for model in self.models if model.file is not None]
 
     def run(self) -> JobResult:
-        """Runs the method: the pose as figures, its silhouette as the picture; the time is without preparation.
-
-        Raises:
-            ValueError, OSError: there is no pose, or a model cannot be read.
-        """
+        """Runs the method: the pose as figures, its silhouette as the picture; the time is without preparation."""
         meshes = {model.name: model.mesh() for model in self.models}
         problem = PoseInput(torch.from_numpy(self.image), self.box, meshes, self.initial)
         if self.method.prepare is not None:
