@@ -38,11 +38,8 @@ def cache_folder() -> Path:
 def code_key(*definitions: Callable[..., Any]) -> str:
     """A hash of the code of this package, and of the files that define functions or classes elsewhere.
 
-    Of the package, rooms that only show results count where they define something named.  Of compiled loops the
-    sources count, or, where these are not installed, the library.
-
-    Args:
-        definitions: functions, ``functools.partial`` of functions, or classes, of any module.
+    Definitions may be a ``functools.partial`` of a function, too.  Rooms of the package that only show results count
+    where they define one.  Of compiled loops the sources count, or, where these are not installed, the library.
     """
     return _key(frozenset(map(_file, definitions)))
 

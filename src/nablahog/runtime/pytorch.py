@@ -75,14 +75,9 @@ if hasattr(os, "register_at_fork"):
 
 
 def memory_for(device: torch.device, on_cpu: int, share: float) -> int:
-    """Bytes that one part of a batch may take.
+    """Bytes that one part of a batch may take: a share, 0…1, of what is free on a CUDA device, or of others ``on_cpu``.
 
-    Asked once for a batch, not in a loop: the driver is slow to answer.
-
-    Args:
-        device: where it is to be.
-        on_cpu: bytes on anything but a CUDA device: more would leave the caches without a gain.
-        share: 0…1, of what is free on a CUDA device; what PyTorch keeps there without use counts as free.
+    What PyTorch keeps without use counts as free.  Asked once for a batch: the driver is slow to answer.
     """
     if device.type != "cuda":
         return on_cpu
