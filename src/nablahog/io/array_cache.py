@@ -29,17 +29,10 @@ def cached_array(
 ) -> NDArray[np.float32]:
     """An array (float32) that an earlier process has stored, or else is made and stored now.
 
-    The environment variable :data:`VARIABLE` says how many megabytes the arrays of a kind may have, by default
-    :data:`LARGEST`; with 0 there is no cache.  Where the folder cannot be written, arrays are made each time.
-
-    Args:
-        kind: name of the folder in the user's caches.
-        key: a hash of everything that the array depends on, including the code.
-        shape: of the array.
-        make: makes it.
-
-    Returns:
-        The array, which can be written to; stored ones are mapped to memory, of which the system frees what it needs.
+    It lies in the folder ``kind`` of the user's caches; the key is a hash of everything that it depends on, including
+    the code.  The environment variable :data:`VARIABLE` says how many megabytes the arrays of a kind may have, by
+    default :data:`LARGEST`; with 0 there is no cache.  Where the folder cannot be written, arrays are made each time.
+    The result can be written to; stored arrays are mapped to memory, of which the system frees what it needs.
     """
     largest = 1e6 * LARGEST
     with suppress(ValueError):

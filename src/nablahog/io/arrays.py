@@ -27,12 +27,7 @@ Arrays = dict[str, NDArray[Any]]
 
 
 def read_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -> Arrays:
-    """The arrays ``names`` of the archive ``path``; others are not read.
-
-    Args:
-        path: the file.
-        kind: what it is expected to be, such as "descriptor file", for the messages.
-        names: of the arrays that it must have.
+    """The arrays ``names`` of the archive ``path``, a "descriptor file", say; others are not read.
 
     Raises:
         FileNotFoundError: there is no such file.
@@ -53,11 +48,7 @@ def read_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -
 def write_arrays(
     path: str | os.PathLike[str], version: int, arrays: Mapping[str, object], *, compressed: bool = False
 ) -> None:
-    """Writes an archive of ``arrays`` and, as ``format``, its version.  The file is replaced whole or not at all.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """Writes an archive of ``arrays`` and, as ``format``, its version.  The file is replaced whole or not at all."""
     with replacing(path) as file:
         named = {name: np.asarray(array) for name, array in {"format": version, **arrays}.items()}
         (np.savez_compressed if compressed else np.savez)(file, **named)  # type: ignore[arg-type]
@@ -108,11 +99,7 @@ def is_raw(path: str | os.PathLike[str]) -> bool:
 
 
 def read_array(path: str | os.PathLike[str], key: str | None) -> NDArray[np.floating]:
-    """The array of a .npy, .npz or .mat file.
-
-    Args:
-        path: the file.
-        key: which of several arrays; None for the only one of more than one number.
+    """The array of a .npy, .npz or .mat file: of several, that named ``key``, or the only one of more than one number.
 
     Raises:
         FileNotFoundError: there is no such file.

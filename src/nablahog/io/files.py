@@ -79,11 +79,7 @@ def check_folder(folder: Path, expected: str) -> None:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Writes a text file in UTF-8, whole or not at all; characters that UTF-8 lacks are written as escapes.
-
-    Raises:
-        OSError: as :func:`replacing`.
-    """
+    """Writes a text file in UTF-8, whole or not at all; characters that UTF-8 lacks are written as escapes."""
     with replacing(path) as file:
         file.write(text.encode(errors="backslashreplace"))
 

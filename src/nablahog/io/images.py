@@ -147,18 +147,7 @@ def _scaled(values: NDArray[np.generic], largest: int) -> NDArray[np.float32]:
 
 
 def limit_size(image: Tensor, size: int) -> Tensor:
-    """``image`` shrunk, antialiased, so that its longer side has at most ``size`` pixels; never enlarged.
-
-    Args:
-        image: (C, H, W), floating point in 0…1.
-        size: pixels, at least 1.
-
-    Returns:
-        (C, h, w) of nearly the same proportions, in 0…1, each side at least 1.
-
-    Raises:
-        ValueError: ``size`` is below 1.
-    """
+    """An image (C, H, W) in 0…1 with at most ``size`` pixels, at least 1, on its longer side: shrunk, antialiased."""
     if size < 1:
         raise ValueError(f"size must be at least 1 pixel, got {size}")
     height, width = image.shape[-2:]
@@ -187,12 +176,7 @@ def to_pil(picture: Picture) -> Image.Image:
 
 
 def write_image(path: str | os.PathLike[str], picture: Picture | Image.Image) -> None:
-    """Writes ``picture``, as :func:`to_pil` takes it or made by it, as a PNG; ``path`` is replaced whole or not at all.
-
-    Raises:
-        ValueError: as :func:`to_pil`.
-        OSError: the file cannot be written.
-    """
+    """Writes ``picture``, as :func:`to_pil` takes or makes it, as a PNG; ``path`` is replaced whole or not at all."""
     image = picture if isinstance(picture, Image.Image) else to_pil(picture)
     with replacing(path) as file:
         image.save(file, format="PNG")
