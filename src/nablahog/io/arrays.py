@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from ..runtime.text import one_line
 from .files import check_file, replacing, starts_as
-from .matfile import read_mat_arrays
 
 MAX_BYTES = 2**28  # that an archive may unpack to: a descriptor of 138 megapixels with 31 channels and cells of 8
 VARIABLE = "NABLAHOG_MAX_BYTES"
@@ -116,7 +115,12 @@ def _chosen(path: str | os.PathLike[str], key: str | None) -> NDArray[Any]:
         if key is not None:
             raise ValueError(f"{path}: --key goes with .npz and .mat files, a .npy file holds one array")
         return _npy(path)
-    arrays = read_mat_arrays(path) if _is_mat(path) else numbers_in(path)
+    if _is_mat(path):
+        from .matfile import read_mat_arrays  # which models and descriptor files do not need
+
+        arrays = read_mat_arrays(path)
+    else:
+        arrays = numbers_in(path)
     if key is not None and key in arrays:
         return arrays[key]
     listed = "the file holds no array of numbers"
