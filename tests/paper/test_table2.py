@@ -20,7 +20,7 @@ from nablahog.paper.pose_methods import POSE_METHODS, PoseMethod, Table2Settings
 from nablahog.paper.table2 import PoseJob, Table2, error_of_azimuth, error_of_rotation, run_table2, write_table2
 from nablahog.paper.tables import Failure
 
-from .pose_fakes import ENDLESS, FAR, MODELS, NEAR, OTHER, examples
+from .fakes import ENDLESS, FAR, MODELS, NEAR, OTHER, examples
 
 AZIMUTHS = [0, 90, 40, 350]
 FILES = ["failures.csv", "per_object.csv", "summary.csv"]
