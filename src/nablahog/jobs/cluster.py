@@ -74,7 +74,7 @@ def run_on_cluster(
             if not queue and not at_work:  # Dask blames tasks, too, that only waited for a worker that died
                 tried_alone.add(suspects[0])
                 send(suspects.popleft())
-            if time.monotonic() > counted + RECOUNT:
+            if queue and time.monotonic() > counted + RECOUNT:
                 threads, counted = max(1, sum(client.nthreads().values())), time.monotonic()
             while queue and len(at_work) < AHEAD * threads:
                 send(queue.popleft())
