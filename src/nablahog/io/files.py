@@ -49,7 +49,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
 
 def check_file(path: Path, expected: str) -> None:
-    """Raises FileNotFoundError or ValueError unless ``path`` is a regular file, ``expected`` "an image file", say."""
+    """Raises FileNotFoundError or ValueError unless there is a regular file, ``expected`` to be "an image file", say."""
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file")
     if not path.is_file():
@@ -71,7 +71,7 @@ def starts_as(path: str | os.PathLike[str], ending: str, start: bytes) -> bool:
 
 
 def check_folder(folder: Path, expected: str) -> None:
-    """Raises FileNotFoundError or NotADirectoryError unless there is a folder, ``expected`` of "images", say."""
+    """Raises FileNotFoundError or NotADirectoryError unless there is a folder, ``expected`` to hold "images", say."""
     if not folder.exists():
         raise FileNotFoundError(f"{folder}: no such folder")
     if not folder.is_dir():
