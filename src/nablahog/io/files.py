@@ -49,7 +49,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
 
 def check_file(path: Path, expected: str) -> None:
-    """Raises FileNotFoundError or ValueError unless there is a regular file, ``expected`` to be "an image file", say."""
+    """Raises FileNotFoundError or ValueError unless it is a regular file, ``expected`` to be "an image file", say."""
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file")
     if not path.is_file():
