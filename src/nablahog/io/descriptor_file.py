@@ -91,13 +91,12 @@ def save_descriptor(
 ) -> None:
     """Writes a descriptor (rows, cols, channels) of an image of ``image_size`` (height, width) to the file ``path``.
 
-    The descriptor is a tensor or an array, the spec its dialect, or the name of a preset with its defaults.  The file
-    is a compressed .npz archive of the arrays ``descriptor``, ``spec`` (its JSON), ``image_size`` and ``format`` (1),
-    for any ending of its name.  It is replaced whole or not at all.
+    The file is a compressed .npz archive of the arrays ``descriptor``, ``spec`` (its JSON), ``image_size`` and
+    ``format`` (1).  It is replaced whole or not at all.
 
     Args:
         path: of the file, with any ending.
-        descriptor: (rows, cols, channels), float32 or float64, finite; of a tensor its values.
+        descriptor: (rows, cols, channels), a tensor or an array, float32 or float64, finite; of a tensor its values.
         spec: the dialect, or the name of a preset with its defaults.
         image_size: (height, width) in pixels.
 
